@@ -1,0 +1,38 @@
+"""Errors that users see: one sentence each, with the place and the mend."""
+
+from __future__ import annotations
+
+
+class DataError(ValueError):
+    """A run that cannot be used as it is.
+
+    Parameters
+    ----------
+    message : str
+        One sentence that names the place, what was expected, and the mend.
+    code : str
+        Stable name of the fault, e.g. ``"time_backwards"``.
+    file, column : str, optional
+        Where it is.
+    row : int, optional
+        0-based data row.
+    """
+
+    def __init__(
+        self,
+        message: str,
+        *,
+        code: str = "bad_data",
+        file: str | None = None,
+        column: str | None = None,
+        row: int | None = None,
+    ) -> None:
+        super().__init__(message)
+        self.code = code
+        self.file = file
+        self.column = column
+        self.row = row
+
+
+class RankDeficientError(ValueError):
+    """The data does not determine the parameters that were asked for."""

@@ -1,0 +1,159 @@
+//! One state in, one torque per term out: no allocation, no panic, a finite answer always.
+
+use std::sync::Arc;
+
+use crate::dynamics::{check_length, inverse_dynamics_into, Workspace};
+use crate::error::CoreError;
+use crate::model::TorqueModel;
+use crate::state::State;
+
+/// What was unusual about a step, as bits. Zero is a good step.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+pub struct Status(u32);
+
+impl Status {
+    /// Nothing unusual.
+    pub const OK: Self = Self(0);
+    /// The state held a NaN or an infinity, or the torque overflowed; the last good torque is repeated.
+    pub const NON_FINITE: Self = Self(1);
+    /// The state is outside the box that the model was trained on.
+    pub const OUTSIDE_DOMAIN: Self = Self(2);
+    /// The mixture was asked far from its data; its torque was faded out.
+    pub const RESIDUAL_FADED: Self = Self(4);
+
+    /// The bits.
+    #[must_use]
+    pub fn bits(self) -> u32 {
+        self.0
+    }
+
+    /// True if every bit of `other` is set.
+    #[must_use]
+    pub fn contains(self, other: Self) -> bool {
+        self.0 & other.0 == other.0
+    }
+
+    fn set(&mut self, other: Self, on: bool) {
+        if on {
+            self.0 |= other.0;
+        }
+    }
+}
+
+/// A term beyond this is an overflow, not a torque; sums of terms below it stay finite. A NaN compares false.
+const OVERFLOW: f64 = 1e300;
+
+/// Owns the memory; the model is shared.
+#[derive(Clone, Debug)]
+pub struct TorqueEstimator {
+    model: Arc<TorqueModel>,
+    workspace: Workspace,
+    /// Terms of this step, `n_terms` rows of `n_joints`.
+    scratch: Vec<f64>,
+    /// Terms of the last good step.
+    terms: Vec<f64>,
+    total: Vec<f64>,
+}
+
+impl TorqueEstimator {
+    /// The last allocation.
+    #[must_use]
+    pub fn new(model: Arc<TorqueModel>) -> Self {
+        let n = model.robot().n_joints();
+        let n_terms = model.term_names().len();
+        Self {
+            workspace: Workspace::new(model.robot()),
+            scratch: vec![0.0; n * n_terms],
+            terms: vec![0.0; n * n_terms],
+            total: vec![0.0; n],
+            model,
+        }
+    }
+
+    /// The model.
+    #[must_use]
+    pub fn model(&self) -> &TorqueModel {
+        &self.model
+    }
+
+    /// Torque of every term at the last step, `n_terms` rows of `n_joints`, row-major, in the order of
+    /// [`TorqueModel::term_names`] \[torque unit\].
+    #[must_use]
+    pub fn terms(&self) -> &[f64] {
+        &self.terms
+    }
+
+    /// Sum of the terms (Eq. 26), written to `tau` (n values).
+    ///
+    /// Output is finite whatever comes in: a NaN, an infinity or an overflow repeats the last good torque (zeros
+    /// before the first) and says so in the status.
+    ///
+    /// # Errors
+    /// [`CoreError::Length`] if a slice has the wrong length; nothing is written then.
+    pub fn estimate_into(
+        &mut self,
+        state: &State<'_>,
+        tau: &mut [f64],
+    ) -> Result<Status, CoreError> {
+        let n = self.model.robot().n_joints();
+        state.check(n)?;
+        check_length("tau", tau, n)?;
+        let mut status = Status::OK;
+        let usable = state.is_finite() && {
+            let faded = self.evaluate(state)?;
+            status.set(Status::RESIDUAL_FADED, faded);
+            self.scratch.iter().all(|x| x.abs() < OVERFLOW)
+        };
+        if usable {
+            status.set(Status::OUTSIDE_DOMAIN, !self.inside_domain(state));
+            self.terms.copy_from_slice(&self.scratch);
+            self.total.fill(0.0);
+            for term in self.terms.chunks_exact(n) {
+                for (total, term) in self.total.iter_mut().zip(term) {
+                    *total += term;
+                }
+            }
+        } else {
+            status = Status::NON_FINITE;
+        }
+        tau.copy_from_slice(&self.total);
+        Ok(status)
+    }
+
+    /// Every term into `scratch`; true if the mixture was faded.
+    fn evaluate(&mut self, state: &State<'_>) -> Result<bool, CoreError> {
+        let n = self.model.robot().n_joints();
+        let (rigid_body, rest) = self.scratch.split_at_mut(n);
+        inverse_dynamics_into(
+            self.model.robot(),
+            &mut self.workspace,
+            state.q,
+            state.dq,
+            state.ddq,
+            self.model.phi(),
+            rigid_body,
+        )?;
+        let mut rows = rest.chunks_exact_mut(n);
+        for (term, row) in self.model.effects().iter().zip(rows.by_ref()) {
+            term.torque_into(state, row);
+        }
+        match (self.model.residual(), rows.next()) {
+            (Some(residual), Some(row)) => {
+                Ok(residual.torque_into(state, self.model.encoder_delay(), row))
+            }
+            _ => Ok(false),
+        }
+    }
+
+    fn inside_domain(&self, state: &State<'_>) -> bool {
+        let domain = self.model.domain();
+        let q = domain
+            .q
+            .iter()
+            .zip(state.q)
+            .all(|([low, high], q)| low <= q && q <= high);
+        let dq = domain.dq.iter().zip(state.dq).all(|(most, dq)| dq.abs() <= *most);
+        let ddq = domain.ddq.iter().zip(state.ddq).all(|(most, ddq)| ddq.abs() <= *most);
+        q && dq && ddq
+    }
+}

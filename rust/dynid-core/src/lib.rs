@@ -1,0 +1,32 @@
+//! Every formula of a torque model that runs in real time.
+//!
+//! ```text
+//! tau = rigid body(q, dq, ddq; phi)  +  sum of effects(state)  +  residual(state)
+//! ```
+//!
+//! Nothing in this crate opens a file, starts a thread or knows Python; nothing allocates after `new`.
+
+#![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::print_stdout)]
+
+pub mod dynamics;
+pub mod effects;
+pub mod error;
+pub mod estimator;
+pub mod kernel;
+pub mod link_params;
+pub mod mixture;
+pub mod model;
+pub mod residual;
+pub mod robot;
+pub mod state;
+
+pub use dynamics::{inverse_dynamics_into, joint_torque_regressor_into, Workspace};
+pub use effects::{Effect, EffectTerm};
+pub use error::CoreError;
+pub use estimator::{Status, TorqueEstimator};
+pub use link_params::LinkParams;
+pub use mixture::GaussianMixtureRegression;
+pub use model::{Domain, TorqueModel};
+pub use residual::{Residual, ResidualInputs};
+pub use robot::{Joint, JointKind, JointLimits, RobotModel};
+pub use state::State;

@@ -1,0 +1,172 @@
+//! A torque model: facts only, immutable, shared.
+
+use crate::dynamics::check_length;
+use crate::effects::EffectTerm;
+use crate::error::CoreError;
+use crate::link_params::N_LINK_PARAMS;
+use crate::residual::Residual;
+use crate::robot::RobotModel;
+
+/// The box of states that the model was trained on; outside of it the answer is an extrapolation.
+#[derive(Clone, Debug, PartialEq, Default)]
+pub struct Domain {
+    /// Least and greatest position per joint \[rad\].
+    pub q: Vec<[f64; 2]>,
+    /// Greatest speed per joint \[rad/s\].
+    pub dq: Vec<f64>,
+    /// Greatest acceleration per joint \[rad/s²\].
+    pub ddq: Vec<f64>,
+}
+
+/// `tau = rigid body + effects + residual`, every number that evaluation needs.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TorqueModel {
+    robot: RobotModel,
+    phi: Vec<f64>,
+    effects: Vec<EffectTerm>,
+    residual: Option<Residual>,
+    encoder_delay: Vec<f64>,
+    noise_std: Vec<f64>,
+    domain: Domain,
+    torque_unit: String,
+}
+
+/// What a [`TorqueModel`] is made of; see its accessors for the meaning of each part.
+#[derive(Clone, Debug)]
+pub struct TorqueModelParts {
+    /// Kinematics and gravity.
+    pub robot: RobotModel,
+    /// Ten parameters per link (lifted base parameters), `10 n` values.
+    pub phi: Vec<f64>,
+    /// Effects, summed in this order.
+    pub effects: Vec<EffectTerm>,
+    /// Third loop, if it paid.
+    pub residual: Option<Residual>,
+    /// Delay of the link channel behind the motor channel per joint \[s\]; zeros with one encoder.
+    pub encoder_delay: Vec<f64>,
+    /// Standard deviation of what the model leaves, per joint \[torque unit\].
+    pub noise_std: Vec<f64>,
+    /// States that were trained on.
+    pub domain: Domain,
+    /// `"N*m"`, or `"A"` where currents were identified without a drive gain.
+    pub torque_unit: String,
+}
+
+impl TorqueModel {
+    /// Checks every length and every number.
+    ///
+    /// # Errors
+    /// [`CoreError`] naming what does not fit.
+    pub fn new(parts: TorqueModelParts) -> Result<Self, CoreError> {
+        let n = parts.robot.n_joints();
+        check_length("phi", &parts.phi, N_LINK_PARAMS * n)?;
+        check_length("encoder_delay", &parts.encoder_delay, n)?;
+        check_length("noise_std", &parts.noise_std, n)?;
+        check_length("domain.dq", &parts.domain.dq, n)?;
+        check_length("domain.ddq", &parts.domain.ddq, n)?;
+        let lengths = [
+            ("domain.q", parts.domain.q.len()),
+            ("residual.joints", parts.residual.as_ref().map_or(n, |r| r.joints().len())),
+        ];
+        for (what, actual) in lengths {
+            if actual != n {
+                return Err(CoreError::Length { what, expected: n, actual });
+            }
+        }
+        for term in &parts.effects {
+            term.effect().check(n)?;
+            check_length("coefficients", term.coefficients(), n * term.effect().n_columns())?;
+        }
+        let numbers = parts
+            .phi
+            .iter()
+            .chain(&parts.encoder_delay)
+            .chain(&parts.noise_std)
+            .chain(parts.domain.q.iter().flatten())
+            .chain(&parts.domain.dq)
+            .chain(&parts.domain.ddq);
+        if !numbers.into_iter().all(|x| x.is_finite()) {
+            return Err(CoreError::NonFiniteParameter);
+        }
+        if parts.noise_std.iter().any(|x| *x < 0.0) {
+            return Err(CoreError::Range { what: "noise_std" });
+        }
+        let TorqueModelParts {
+            robot,
+            phi,
+            effects,
+            residual,
+            encoder_delay,
+            noise_std,
+            domain,
+            torque_unit,
+        } = parts;
+        Ok(Self {
+            robot,
+            phi,
+            effects,
+            residual,
+            encoder_delay,
+            noise_std,
+            domain,
+            torque_unit,
+        })
+    }
+
+    /// Kinematics and gravity.
+    #[must_use]
+    pub fn robot(&self) -> &RobotModel {
+        &self.robot
+    }
+
+    /// Ten parameters per link; exact for torque, not necessarily a physical inertia.
+    #[must_use]
+    pub fn phi(&self) -> &[f64] {
+        &self.phi
+    }
+
+    /// Effects in order of summation.
+    #[must_use]
+    pub fn effects(&self) -> &[EffectTerm] {
+        &self.effects
+    }
+
+    /// Third loop, if it paid.
+    #[must_use]
+    pub fn residual(&self) -> Option<&Residual> {
+        self.residual.as_ref()
+    }
+
+    /// Delay of the link channel behind the motor channel \[s\].
+    #[must_use]
+    pub fn encoder_delay(&self) -> &[f64] {
+        &self.encoder_delay
+    }
+
+    /// Standard deviation of what the model leaves \[torque unit\].
+    #[must_use]
+    pub fn noise_std(&self) -> &[f64] {
+        &self.noise_std
+    }
+
+    /// States that were trained on.
+    #[must_use]
+    pub fn domain(&self) -> &Domain {
+        &self.domain
+    }
+
+    /// `"N*m"` or `"A"`.
+    #[must_use]
+    pub fn torque_unit(&self) -> &str {
+        &self.torque_unit
+    }
+
+    /// Names of the terms in order of summation: `rigid_body`, the effects, `residual`.
+    #[must_use]
+    pub fn term_names(&self) -> Vec<&'static str> {
+        let mut names = vec!["rigid_body"];
+        names.extend(self.effects.iter().map(|term| term.effect().kind()));
+        names.extend(self.residual.as_ref().map(|_| "residual"));
+        names
+    }
+}

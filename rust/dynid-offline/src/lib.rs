@@ -1,0 +1,20 @@
+//! Offline algebra between the formulas and the statistics: one pass over a run, then small triangles.
+//!
+//! ```text
+//! states -> columns of all terms -> the same zero-phase low-pass on every column and on the torque -> decimated rows
+//!        -> triangular factor R per joint and run -> merged in a fixed tree
+//! ```
+//!
+//! Every result is the same to the last bit for any number of threads.
+
+pub mod base;
+pub mod error;
+pub mod factor;
+pub mod filter;
+pub mod observation;
+
+pub use base::{base_parameters, BaseParameters};
+pub use error::OfflineError;
+pub use factor::{merge, triangular_factor};
+pub use filter::ZeroPhase;
+pub use observation::{observe, Observation, RunStates, Sampling};
