@@ -133,6 +133,9 @@ impl TorqueEstimator {
             self.model.phi(),
             rigid_body,
         )?;
+        for (tau, scale) in rigid_body.iter_mut().zip(self.model.torque_scale()) {
+            *tau *= scale;
+        }
         let mut rows = rest.chunks_exact_mut(n);
         for (term, row) in self.model.effects().iter().zip(rows.by_ref()) {
             term.torque_into(state, row);

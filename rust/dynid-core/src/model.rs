@@ -23,6 +23,7 @@ pub struct Domain {
 pub struct TorqueModel {
     robot: RobotModel,
     phi: Vec<f64>,
+    torque_scale: Vec<f64>,
     effects: Vec<EffectTerm>,
     residual: Option<Residual>,
     encoder_delay: Vec<f64>,
@@ -38,6 +39,9 @@ pub struct TorqueModelParts {
     pub robot: RobotModel,
     /// Ten parameters per link (lifted base parameters), `10 n` values.
     pub phi: Vec<f64>,
+    /// What the torque channel shows per unit of link torque, per joint, positive: ones for torques; for currents the
+    /// reciprocal drive gains, relative to the first joint's. Multiplies the rigid-body term.
+    pub torque_scale: Vec<f64>,
     /// Effects, summed in this order.
     pub effects: Vec<EffectTerm>,
     /// Third loop, if it paid.
@@ -60,6 +64,7 @@ impl TorqueModel {
     pub fn new(parts: TorqueModelParts) -> Result<Self, CoreError> {
         let n = parts.robot.n_joints();
         check_length("phi", &parts.phi, N_LINK_PARAMS * n)?;
+        check_length("torque_scale", &parts.torque_scale, n)?;
         check_length("encoder_delay", &parts.encoder_delay, n)?;
         check_length("noise_std", &parts.noise_std, n)?;
         check_length("domain.dq", &parts.domain.dq, n)?;
@@ -80,6 +85,7 @@ impl TorqueModel {
         let numbers = parts
             .phi
             .iter()
+            .chain(&parts.torque_scale)
             .chain(&parts.encoder_delay)
             .chain(&parts.noise_std)
             .chain(parts.domain.q.iter().flatten())
@@ -88,12 +94,18 @@ impl TorqueModel {
         if !numbers.into_iter().all(|x| x.is_finite()) {
             return Err(CoreError::NonFiniteParameter);
         }
+        if parts.torque_scale.iter().any(|x| *x <= 0.0) {
+            return Err(CoreError::Range {
+                what: "torque_scale",
+            });
+        }
         if parts.noise_std.iter().any(|x| *x < 0.0) {
             return Err(CoreError::Range { what: "noise_std" });
         }
         let TorqueModelParts {
             robot,
             phi,
+            torque_scale,
             effects,
             residual,
             encoder_delay,
@@ -104,6 +116,7 @@ impl TorqueModel {
         Ok(Self {
             robot,
             phi,
+            torque_scale,
             effects,
             residual,
             encoder_delay,
@@ -123,6 +136,12 @@ impl TorqueModel {
     #[must_use]
     pub fn phi(&self) -> &[f64] {
         &self.phi
+    }
+
+    /// Torque channel per unit of link torque, per joint.
+    #[must_use]
+    pub fn torque_scale(&self) -> &[f64] {
+        &self.torque_scale
     }
 
     /// Effects in order of summation.

@@ -1,1 +1,10 @@
-//! stub
+//! Files in and out: a URDF becomes a [`dynid_core::RobotModel`], a `model.json` a [`dynid_core::TorqueModel`] and back.
+//!
+//! Nothing read from a file can execute, recurse or allocate without bound, and no input ends in a panic.
+
+#![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::print_stdout)]
+
+pub mod model_file;
+pub mod urdf;
+
+pub use model_file::{load, parse, save, ModelFileError};

@@ -1,6 +1,6 @@
 //! Base parameters by column-pivoted QR: which of the ten-per-link parameters the torque can tell apart.
 
-use dynid_core::{joint_torque_regressor_into, RobotModel, Workspace};
+use dynid_core::{JointKind, RobotModel};
 use faer::linalg::solvers::{ColPivQr, SolveLstsqCore};
 use faer::{Mat, MatRef};
 
@@ -22,48 +22,61 @@ pub struct BaseParameters {
     pub spread: f64,
 }
 
-/// Finds the base parameters from the regressor at probing states.
+/// Probing states per joint: enough for the rank of any chain to show.
+const PROBES: usize = 60;
+
+/// Finds the base parameters from the regressor at random probing states drawn from `seed`.
 ///
-/// `q, dq, ddq`: row-major, `n_samples` × n, random and well spread; a column counts as dependent where its diagonal
-/// entry of R falls below `rtol` times the first one (relative, so units and scale do not decide).
+/// A column counts as dependent where its diagonal entry of R falls below `rtol` times the first one (relative, so units
+/// and scale do not decide).
 ///
 /// # Errors
-/// [`OfflineError`] if lengths disagree or there are too few states.
+/// [`OfflineError`] from the regressor or the factor; none for a valid robot.
 pub fn base_parameters(
     robot: &RobotModel,
-    q: &[f64],
-    dq: &[f64],
-    ddq: &[f64],
+    seed: u64,
     rtol: f64,
 ) -> Result<BaseParameters, OfflineError> {
     let n = robot.n_joints();
     let width = 10 * n;
-    let needed = width.div_ceil(n) + 10;
-    let n_samples = q.len() / n;
-    if n_samples < needed {
-        return Err(OfflineError::TooFewSamples {
-            actual: n_samples,
-            needed,
-        });
-    }
-    if dq.len() != q.len() || ddq.len() != q.len() || q.len() % n != 0 {
-        return Err(OfflineError::Shape { what: "states" });
-    }
-    let mut workspace = Workspace::new(robot);
-    let mut rows = vec![0.0; n_samples * n * width];
-    for (k, out) in rows.chunks_exact_mut(n * width).enumerate() {
-        let at = k * n..(k + 1) * n;
-        joint_torque_regressor_into(
-            robot,
-            &mut workspace,
-            &q[at.clone()],
-            &dq[at.clone()],
-            &ddq[at],
-            out,
-        )?;
-    }
+    let (q, dq, ddq) = probing_states(robot, PROBES, seed);
+    let mut rows = vec![0.0; PROBES * n * width];
+    crate::batch::joint_torque_regressor(robot, &q, &dq, &ddq, &mut rows)?;
     let r = triangular_factor(&rows, width)?;
     Ok(select_columns(&r, width, rtol))
+}
+
+/// Random states, row-major: positions within pi (1 m for prismatic joints), speeds and accelerations of order one.
+/// Which columns are independent is a property of the geometry, so position limits are not asked.
+#[must_use]
+pub fn probing_states(
+    robot: &RobotModel,
+    n_samples: usize,
+    seed: u64,
+) -> (Vec<f64>, Vec<f64>, Vec<f64>) {
+    let mut state = seed;
+    let mut uniform = move || {
+        // SplitMix64 (Steele, Lea and Flood 2014): a counter and a finaliser, the same on every machine.
+        state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = state;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+    };
+    let reach: Vec<f64> = robot
+        .joints()
+        .iter()
+        .map(|joint| match joint.kind {
+            JointKind::Revolute => std::f64::consts::PI,
+            JointKind::Prismatic => 1.0,
+        })
+        .collect();
+    let mut draw = |scale: &dyn Fn(usize) -> f64| -> Vec<f64> {
+        (0..n_samples * reach.len())
+            .map(|k| scale(k % reach.len()) * uniform())
+            .collect()
+    };
+    (draw(&|j| reach[j]), draw(&|_| 2.0), draw(&|_| 5.0))
 }
 
 fn select_columns(r: &[f64], width: usize, rtol: f64) -> BaseParameters {

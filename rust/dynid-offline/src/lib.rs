@@ -8,6 +8,7 @@
 //! Every result is the same to the last bit for any number of threads.
 
 pub mod base;
+pub mod batch;
 pub mod error;
 pub mod factor;
 pub mod filter;

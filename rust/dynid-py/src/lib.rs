@@ -1,1 +1,35 @@
-//! stub
+//! The Python face: arrays in, arrays out, errors mapped. No formula lives here.
+
+mod arrays;
+mod base;
+mod effects;
+mod errors;
+mod mixture;
+mod model;
+mod offline;
+mod robot;
+
+use pyo3::prelude::*;
+
+/// Compiled part of `dynid_rs`.
+#[pymodule]
+fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
+    let py = m.py();
+    m.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    m.add("UrdfError", py.get_type::<errors::UrdfError>())?;
+    m.add("FormatError", py.get_type::<errors::FormatError>())?;
+    m.add("LINK_PARAMETER_NAMES", dynid_core::link_params::NAMES.to_vec())?;
+    m.add("FRICTION_NAMES", dynid_core::effects::FRICTION_NAMES.to_vec())?;
+    m.add_class::<robot::PyRobotModel>()?;
+    m.add_class::<base::PyBaseParameters>()?;
+    m.add_class::<effects::PyEffect>()?;
+    m.add_class::<mixture::PyGaussianMixtureRegression>()?;
+    m.add_class::<model::PyTorqueModel>()?;
+    m.add_function(wrap_pyfunction!(effects::friction_basis, m)?)?;
+    m.add_function(wrap_pyfunction!(model::residual_inputs, m)?)?;
+    m.add_function(wrap_pyfunction!(offline::observe, m)?)?;
+    m.add_function(wrap_pyfunction!(offline::filtered_friction_basis, m)?)?;
+    m.add_function(wrap_pyfunction!(offline::triangular_factor, m)?)?;
+    m.add_function(wrap_pyfunction!(offline::merge_factors, m)?)?;
+    Ok(())
+}

@@ -1,0 +1,39 @@
+"""Maturin, with the Rust binary `dynid-estimator` built first and put where maturin packs scripts from."""
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import maturin
+from maturin import (  # noqa: F401  (hooks that need nothing more)
+    build_sdist,
+    get_requires_for_build_editable,
+    get_requires_for_build_sdist,
+    get_requires_for_build_wheel,
+    prepare_metadata_for_build_editable,
+    prepare_metadata_for_build_wheel,
+)
+
+ROOT = Path(__file__).resolve().parent.parent
+SCRIPTS = ROOT / "rust/dynid-py/dynid_rs.data/scripts"
+
+
+def build_estimator() -> None:
+    """Build the binary and copy it into the wheel's script folder."""
+    cargo = os.environ.get("CARGO", "cargo")
+    subprocess.run([cargo, "build", "--release", "--package", "dynid-estimator"], cwd=ROOT, check=True)
+    target = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target"))
+    name = "dynid-estimator.exe" if os.name == "nt" else "dynid-estimator"
+    SCRIPTS.mkdir(parents=True, exist_ok=True)
+    shutil.copy2(target / "release" / name, SCRIPTS / name)
+
+
+def build_wheel(wheel_directory, config_settings=None, metadata_directory=None):
+    build_estimator()
+    return maturin.build_wheel(wheel_directory, config_settings, metadata_directory)
+
+
+def build_editable(wheel_directory, config_settings=None, metadata_directory=None):
+    build_estimator()
+    return maturin.build_editable(wheel_directory, config_settings, metadata_directory)

@@ -1,0 +1,1 @@
+"""Torque models of robot arms from measured runs."""

@@ -1,0 +1,125 @@
+"""How `dynid inspect` looks on a terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from dynid_rs.checks import relative_jitter
+from dynid_rs.findings import Finding
+from dynid_rs.readers import Run
+from dynid_rs.readers.table import shown, shown_names
+from dynid_rs.recording import gaps
+
+if TYPE_CHECKING:
+    from dynid_rs.commands.inspect import Inspection
+
+_WIDTH = 120
+_STYLES = {"error": "bold red", "warning": "yellow", "info": "cyan"}
+
+
+def console() -> Console:
+    """Terminal output: coloured and as wide as the terminal; plain and of fixed width elsewhere."""
+    plain = Console(highlight=False, color_system=None, width=_WIDTH)
+    terminal = Console(highlight=False)
+    return terminal if terminal.file.isatty() else plain
+
+
+def show(inspections: Sequence[Inspection]) -> None:
+    """Write what was found in each readable file."""
+    out = console()
+    for inspection in inspections:
+        if inspection.run is None:
+            out.print(Text(f"{inspection.path}: not readable"), style="bold red", soft_wrap=True)
+            continue
+        _show_run(out, inspection.run)
+        _show_findings(out, inspection.findings)
+
+
+def _show_run(out: Console, run: Run) -> None:
+    rec, columns = run.recording, run.columns
+    n_gaps = len(gaps(rec.t))
+    encoders = "motor and link encoders" if rec.has_motor_encoder else "one encoder per joint"
+    out.print(Text(shown(rec.name, 100)), style="bold", soft_wrap=True)
+    lines = [
+        f"{run.kind}, {rec.n_samples} rows, {rec.duration:.4g} s at {rec.rate:.4g} Hz, jitter "
+        f"{100 * relative_jitter(rec):.0f} %, {n_gaps or 'no'} gap{'' if n_gaps == 1 else 's'}",
+        f"{rec.n_joints} joints, {encoders}, torque in {rec.torque_unit}",
+        "read: " + ", ".join([shown(columns.time), *(_span(names) for names in columns.signals.values())]),
+    ]
+    if columns.ignored:
+        lines.append(f"ignored: {shown_names(_collapse(columns.ignored))}")
+    for line in lines:
+        out.print(Text("  " + line), soft_wrap=True)
+    out.print(_joints(run))
+
+
+def _collapse(names: Sequence[str]) -> list[str]:
+    """``q_0, q_1, q_2`` becomes ``q_0 ... q_2``: one entry per signal."""
+    signals: dict[str, list[str]] = {}
+    for name in names:
+        signals.setdefault(name.rstrip("0123456789"), []).append(name)
+    return [_span(group) for group in signals.values()]
+
+
+def _span(names: Sequence[str]) -> str:
+    """``q_0 ... q_5``: the first and the last column of a signal."""
+    return shown(names[0]) if len(names) == 1 else f"{shown(names[0])} ... {shown(names[-1])}"
+
+
+def _joints(run: Run) -> Table:
+    rec = run.recording
+    table = Table(box=SIMPLE_HEAD, pad_edge=True)
+    table.add_column("joint", no_wrap=True)
+    unit = rec.torque_unit
+    titles = {
+        "q min": "rad",
+        "q max": "rad",
+        "speed": "rad/s",
+        "tau min": unit,
+        "tau max": unit,
+        "tau std": unit,
+    }
+    if rec.has_motor_encoder:
+        titles["motor - link"] = "rad"
+    for title, of in titles.items():
+        table.add_column(f"{title}\n{of}", justify="right", no_wrap=True)
+    for joint, name in enumerate(rec.joints):
+        q, tau = rec.q[:, joint], rec.tau[:, joint]
+        dq = rec.dq[:, joint] if rec.dq is not None else np.gradient(q, rec.t)
+        cells = [q.min(), q.max(), np.percentile(np.abs(dq), 99), tau.min(), tau.max(), tau.std()]
+        if rec.q_motor is not None:
+            cells.append(np.max(np.abs(rec.q_motor[:, joint] - q)))
+        table.add_row(Text(shown(name)), *(f"{cell:.4g}" for cell in cells))
+    return table
+
+
+def _show_findings(out: Console, findings: Sequence[Finding]) -> None:
+    if not findings:
+        out.print("  nothing wrong found\n")
+        return
+    table = Table(box=None, show_header=False, pad_edge=True)
+    table.add_column(no_wrap=True)
+    table.add_column(no_wrap=True)
+    table.add_column(ratio=1)
+    for group in _by_code(findings):
+        first = group[0]
+        also = ", ".join(finding.column for finding in group[1:] if finding.column)
+        text = f"{first.message} (also {also})" if also else first.message
+        table.add_row(Text(first.severity, style=_STYLES[first.severity]), Text(first.code), Text(text))
+    out.print(table)
+    out.print()
+
+
+def _by_code(findings: Sequence[Finding]) -> list[list[Finding]]:
+    """Group findings, so that the same fact about several joints is told once."""
+    groups: dict[tuple[str, str], list[Finding]] = {}
+    for finding in findings:
+        groups.setdefault((finding.severity, finding.code), []).append(finding)
+    return list(groups.values())

@@ -1,0 +1,56 @@
+"""A finding: one fact about a run that its owner should know."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+Severity = Literal["info", "warning", "error"]
+SEVERITIES: tuple[Severity, ...] = ("info", "warning", "error")
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One fact about a run, with its place and its size.
+
+    Parameters
+    ----------
+    code : str
+        Stable name of the fact, e.g. ``"gap"``.
+    severity : {"info", "warning", "error"}
+        ``"error"`` means that a model learned from this run would be wrong.
+    message : str
+        One sentence for a person.
+    file, column : str, optional
+        Where it is; columns by signal and 0-based joint, e.g. ``"tau_2"``.
+    rows : tuple of int, optional
+        Half-open range of 0-based data rows.
+    value : float, optional
+        Size of the fact, in `unit`.
+    unit : str, optional
+        Unit of `value`.
+    """
+
+    code: str
+    severity: Severity
+    message: str
+    file: str | None = None
+    column: str | None = None
+    rows: tuple[int, int] | None = None
+    value: float | None = None
+    unit: str | None = None
+
+    def to_json(self) -> dict[str, object]:
+        """Fields that are known, ready for `json.dumps`."""
+        fields: dict[str, object] = {"code": self.code, "severity": self.severity, "message": self.message}
+        if self.file is not None:
+            fields["file"] = self.file
+        if self.column is not None:
+            fields["column"] = self.column
+        if self.rows is not None:
+            fields["rows"] = list(self.rows)
+        if self.value is not None:
+            fields["value"] = self.value
+        if self.unit is not None:
+            fields["unit"] = self.unit
+        return fields

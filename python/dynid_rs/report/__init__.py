@@ -1,0 +1,40 @@
+"""The report: one HTML file that opens offline, made from ``result.json`` and ``residuals.parquet``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+REPORT_FILE = "report.html"
+
+
+def write_report(directory: Path) -> Path:
+    """Write ``report.html`` into the folder that ``dynid identify`` filled, whole or not at all.
+
+    Parameters
+    ----------
+    directory : Path
+        Holds ``result.json`` and ``residuals.parquet``.
+
+    Returns
+    -------
+    Path
+        The report.
+
+    Raises
+    ------
+    FileNotFoundError, OSError
+        The folder or a file in it is missing, or cannot be read or written.
+    DataError
+        A file is damaged or not what it should be; the sentence names the place.
+    """
+    from dynid_rs.files import atomic_path
+    from dynid_rs.report.page import build_page
+    from dynid_rs.report.source import read_source
+
+    directory = Path(directory)
+    page = build_page(read_source(directory))
+    path = directory / REPORT_FILE
+    with atomic_path(path) as temporary:
+        # A lone surrogate in a name must not cost the user the report.
+        temporary.write_bytes(page.encode("utf-8", errors="replace"))
+    return path

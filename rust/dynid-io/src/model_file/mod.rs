@@ -1,0 +1,188 @@
+//! `model.json`: one schema, one writer, one reader.
+//!
+//! The file carries a SHA-256 over all of its own bytes (its own digits counted as zeros), so a file that was cut or
+//! changed anywhere is refused rather than believed.
+
+mod schema;
+
+use std::fs;
+use std::io::Write;
+use std::path::Path;
+
+use dynid_core::TorqueModel;
+use serde::Deserialize;
+use sha2::{Digest, Sha256};
+
+use schema::ModelFile;
+
+/// Name in the `format` field.
+pub const FORMAT: &str = "dynid-model";
+/// Version of the schema that this reader understands.
+pub const VERSION: u32 = 1;
+/// Larger files are refused before memory is taken \[bytes\].
+pub const MAX_BYTES: u64 = 64 << 20;
+
+const CHECKSUM_PREFIX: &str = "sha256:";
+const N_DIGITS: usize = 64;
+
+/// Why a model file could not be read or written.
+#[derive(Debug, thiserror::Error)]
+pub enum ModelFileError {
+    /// The operating system refused.
+    #[error("{path}: {source}")]
+    Io {
+        /// File.
+        path: String,
+        /// Reason.
+        source: std::io::Error,
+    },
+    /// The content is not a model.
+    #[error("{path}: {message}")]
+    Invalid {
+        /// File.
+        path: String,
+        /// One sentence.
+        message: String,
+    },
+}
+
+/// Reads a model.
+///
+/// # Errors
+/// [`ModelFileError`], with one sentence that names the file and the mend.
+pub fn load(path: &Path) -> Result<TorqueModel, ModelFileError> {
+    let name = path.display().to_string();
+    let io = |source| ModelFileError::Io {
+        path: name.clone(),
+        source,
+    };
+    let size = fs::metadata(path).map_err(io)?.len();
+    if size > MAX_BYTES {
+        return Err(ModelFileError::Invalid {
+            path: name,
+            message: format!("{size} bytes are too many for a model (at most {MAX_BYTES})"),
+        });
+    }
+    let bytes = fs::read(path).map_err(io)?;
+    parse(&bytes, &name)
+}
+
+/// Reads a model from bytes; `name` is used in messages.
+///
+/// # Errors
+/// [`ModelFileError::Invalid`].
+pub fn parse(bytes: &[u8], name: &str) -> Result<TorqueModel, ModelFileError> {
+    let invalid = |message: String| ModelFileError::Invalid {
+        path: name.to_owned(),
+        message,
+    };
+    let text = std::str::from_utf8(bytes)
+        .map_err(|_| invalid("not a text file; expected a model.json".into()))?;
+    check_header(text).map_err(invalid)?;
+    let file: ModelFile = serde_json::from_str(text).map_err(|e| invalid(json_message(&e)))?;
+    file.into_model()
+        .map_err(|message| invalid(format!("{message}; save the model again")))
+}
+
+/// Writes a model: to a temporary file beside `path`, then renamed, so that a reader never sees half of it.
+///
+/// # Errors
+/// [`ModelFileError::Io`] if the folder cannot be written.
+pub fn save(model: &TorqueModel, path: &Path) -> Result<(), ModelFileError> {
+    let text = to_text(model).map_err(|error| ModelFileError::Invalid {
+        path: path.display().to_string(),
+        message: error.to_string(),
+    })?;
+    write_atomically(path, text.as_bytes()).map_err(|source| ModelFileError::Io {
+        path: path.display().to_string(),
+        source,
+    })
+}
+
+fn write_atomically(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
+    let folder = match path.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => folder,
+        _ => Path::new("."),
+    };
+    let mut builder = tempfile::Builder::new();
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        builder.permissions(fs::Permissions::from_mode(0o644));
+    }
+    let mut file = builder.prefix(".model-").tempfile_in(folder)?;
+    file.write_all(bytes)?;
+    file.as_file().sync_all()?;
+    file.persist(path)?;
+    Ok(())
+}
+
+/// The file's text, checksum included.
+///
+/// # Errors
+/// `serde_json::Error` if the model cannot be written as JSON.
+pub(crate) fn to_text(model: &TorqueModel) -> Result<String, serde_json::Error> {
+    let blank = format!("{CHECKSUM_PREFIX}{}", "0".repeat(N_DIGITS));
+    let file = ModelFile::from_model(model, FORMAT, VERSION, blank.clone());
+    let mut text = serde_json::to_string_pretty(&file)?;
+    text.push('\n');
+    let sum = format!("{CHECKSUM_PREFIX}{}", digest(&text));
+    Ok(text.replacen(&blank, &sum, 1))
+}
+
+fn digest(text: &str) -> String {
+    Sha256::digest(text.as_bytes())
+        .iter()
+        .map(|byte| format!("{byte:02x}"))
+        .collect()
+}
+
+#[derive(Deserialize)]
+struct Header {
+    format: Option<String>,
+    version: Option<u32>,
+    checksum: Option<String>,
+}
+
+/// Format, version and checksum, before anything else is believed.
+fn check_header(text: &str) -> Result<(), String> {
+    let header: Header = serde_json::from_str(text).map_err(|e| json_message(&e))?;
+    if header.format.as_deref() != Some(FORMAT) {
+        return Err(format!(
+            "not a torque model (expected \"format\": \"{FORMAT}\"); give the model.json that `dynid identify` wrote"
+        ));
+    }
+    match header.version {
+        Some(VERSION) => {}
+        Some(version) if version > VERSION => {
+            return Err(format!(
+                "written by a newer program (version {version}, this one reads {VERSION}); update dynid-rs"
+            ));
+        }
+        _ => return Err(format!("no usable version (expected {VERSION})")),
+    }
+    let stated = header.checksum.unwrap_or_default();
+    let blank = format!("{CHECKSUM_PREFIX}{}", "0".repeat(N_DIGITS));
+    if stated.len() != blank.len()
+        || format!("{CHECKSUM_PREFIX}{}", digest(&text.replacen(&stated, &blank, 1))) != stated
+    {
+        return Err(
+            "the checksum does not match: the file was cut or changed after it was written; save the model again".into(),
+        );
+    }
+    Ok(())
+}
+
+fn json_message(error: &serde_json::Error) -> String {
+    if error.is_eof() {
+        format!(
+            "the file ends too early (line {}); it was cut, copy or save it again",
+            error.line()
+        )
+    } else {
+        format!("not a readable model: {error}; save the model again")
+    }
+}
+
+#[cfg(test)]
+mod tests;

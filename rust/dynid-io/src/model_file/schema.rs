@@ -1,0 +1,323 @@
+//! The shape of `model.json`, and the way between it and a [`TorqueModel`].
+//!
+//! Primary facts only. Unknown fields are refused; infinite limits are written as null; everything else is finite.
+
+use dynid_core::effects::{Friction, RotorInertia, TorqueOffset};
+use dynid_core::model::TorqueModelParts;
+use dynid_core::{
+    Domain, Effect, EffectTerm, GaussianMixtureRegression, Joint, JointKind, JointLimits, Residual,
+    ResidualInputs, RobotModel, TorqueModel,
+};
+use nalgebra::{Matrix3, Vector3};
+use serde::{Deserialize, Serialize};
+
+/// The whole file.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ModelFile {
+    format: String,
+    version: u32,
+    checksum: String,
+    torque_unit: String,
+    robot: RobotPart,
+    phi: Vec<[f64; 10]>,
+    torque_scale: Vec<f64>,
+    effects: Vec<EffectPart>,
+    residual: Option<ResidualPart>,
+    encoder_delay: Vec<f64>,
+    noise_std: Vec<f64>,
+    domain: DomainPart,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RobotPart {
+    name: String,
+    gravity: [f64; 3],
+    joints: Vec<JointPart>,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct JointPart {
+    name: String,
+    link: String,
+    kind: KindPart,
+    rotation: [[f64; 3]; 3],
+    translation: [f64; 3],
+    axis: [f64; 3],
+    lower: Option<f64>,
+    upper: Option<f64>,
+    velocity: Option<f64>,
+    effort: Option<f64>,
+    rotor_inertia: f64,
+    phi: [f64; 10],
+}
+
+#[derive(Clone, Copy, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum KindPart {
+    Revolute,
+    Prismatic,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
+enum EffectPart {
+    RotorInertia {
+        coefficients: Vec<Vec<f64>>,
+    },
+    TorqueOffset {
+        coefficients: Vec<Vec<f64>>,
+    },
+    Friction {
+        velocity_threshold: Vec<f64>,
+        transition_width: Vec<f64>,
+        coefficients: Vec<Vec<f64>>,
+    },
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct ResidualPart {
+    inputs: InputsPart,
+    joints: Vec<Option<MixturePart>>,
+}
+
+#[derive(Clone, Copy, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum InputsPart {
+    Deflection,
+    JointState,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct MixturePart {
+    weights: Vec<f64>,
+    means: Vec<[f64; 3]>,
+    covariances: Vec<[[f64; 3]; 3]>,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct DomainPart {
+    q: Vec<[f64; 2]>,
+    dq: Vec<f64>,
+    ddq: Vec<f64>,
+}
+
+impl ModelFile {
+    /// What is written for `model`.
+    pub fn from_model(model: &TorqueModel, format: &str, version: u32, checksum: String) -> Self {
+        let robot = model.robot();
+        Self {
+            format: format.to_owned(),
+            version,
+            checksum,
+            torque_unit: model.torque_unit().to_owned(),
+            robot: RobotPart {
+                name: robot.name().to_owned(),
+                gravity: (*robot.gravity()).into(),
+                joints: robot.joints().iter().map(JointPart::from_joint).collect(),
+            },
+            phi: tens(model.phi()),
+            torque_scale: model.torque_scale().to_vec(),
+            effects: model.effects().iter().map(EffectPart::from_term).collect(),
+            residual: model.residual().map(ResidualPart::from_residual),
+            encoder_delay: model.encoder_delay().to_vec(),
+            noise_std: model.noise_std().to_vec(),
+            domain: DomainPart {
+                q: model.domain().q.clone(),
+                dq: model.domain().dq.clone(),
+                ddq: model.domain().ddq.clone(),
+            },
+        }
+    }
+
+    /// The model, every length and number checked.
+    pub fn into_model(self) -> Result<TorqueModel, String> {
+        let joints: Vec<Joint> = self.robot.joints.into_iter().map(JointPart::into_joint).collect();
+        let robot = RobotModel::new(self.robot.name, joints, Vector3::from(self.robot.gravity))
+            .map_err(|e| format!("robot: {e}"))?;
+        let n = robot.n_joints();
+        let effects = self
+            .effects
+            .into_iter()
+            .map(|effect| effect.into_term(n))
+            .collect::<Result<_, _>>()?;
+        let residual = self.residual.map(ResidualPart::into_residual).transpose()?;
+        TorqueModel::new(TorqueModelParts {
+            robot,
+            phi: self.phi.into_iter().flatten().collect(),
+            torque_scale: self.torque_scale,
+            effects,
+            residual,
+            encoder_delay: self.encoder_delay,
+            noise_std: self.noise_std,
+            domain: Domain {
+                q: self.domain.q,
+                dq: self.domain.dq,
+                ddq: self.domain.ddq,
+            },
+            torque_unit: self.torque_unit,
+        })
+        .map_err(|e| e.to_string())
+    }
+}
+
+fn tens(phi: &[f64]) -> Vec<[f64; 10]> {
+    phi.as_chunks::<10>().0.to_vec()
+}
+
+fn finite(x: f64) -> Option<f64> {
+    x.is_finite().then_some(x)
+}
+
+impl JointPart {
+    fn from_joint(joint: &Joint) -> Self {
+        Self {
+            name: joint.name.clone(),
+            link: joint.link.clone(),
+            kind: match joint.kind {
+                JointKind::Revolute => KindPart::Revolute,
+                JointKind::Prismatic => KindPart::Prismatic,
+            },
+            rotation: joint.rotation.transpose().into(), // rows in the file
+            translation: joint.translation.into(),
+            axis: joint.axis.into(),
+            lower: finite(joint.limits.lower),
+            upper: finite(joint.limits.upper),
+            velocity: finite(joint.limits.velocity),
+            effort: finite(joint.limits.effort),
+            rotor_inertia: joint.rotor_inertia,
+            phi: joint.phi,
+        }
+    }
+
+    fn into_joint(self) -> Joint {
+        Joint {
+            name: self.name,
+            link: self.link,
+            kind: match self.kind {
+                KindPart::Revolute => JointKind::Revolute,
+                KindPart::Prismatic => JointKind::Prismatic,
+            },
+            rotation: Matrix3::from(self.rotation).transpose(),
+            translation: Vector3::from(self.translation),
+            axis: Vector3::from(self.axis),
+            limits: JointLimits {
+                lower: self.lower.unwrap_or(f64::NEG_INFINITY),
+                upper: self.upper.unwrap_or(f64::INFINITY),
+                velocity: self.velocity.unwrap_or(f64::INFINITY),
+                effort: self.effort.unwrap_or(f64::INFINITY),
+            },
+            rotor_inertia: self.rotor_inertia,
+            phi: self.phi,
+        }
+    }
+}
+
+impl EffectPart {
+    fn from_term(term: &EffectTerm) -> Self {
+        let coefficients = term
+            .coefficients()
+            .chunks_exact(term.effect().n_columns())
+            .map(<[f64]>::to_vec)
+            .collect();
+        match term.effect() {
+            Effect::RotorInertia(_) => Self::RotorInertia { coefficients },
+            Effect::TorqueOffset(_) => Self::TorqueOffset { coefficients },
+            Effect::Friction(shape) => Self::Friction {
+                velocity_threshold: shape.velocity_threshold.clone(),
+                transition_width: shape.transition_width.clone(),
+                coefficients,
+            },
+        }
+    }
+
+    fn into_term(self, n_joints: usize) -> Result<EffectTerm, String> {
+        let (effect, rows) = match self {
+            Self::RotorInertia { coefficients } => {
+                (Effect::RotorInertia(RotorInertia), coefficients)
+            }
+            Self::TorqueOffset { coefficients } => {
+                (Effect::TorqueOffset(TorqueOffset), coefficients)
+            }
+            Self::Friction {
+                velocity_threshold,
+                transition_width,
+                coefficients,
+            } => (
+                Effect::Friction(Friction {
+                    velocity_threshold,
+                    transition_width,
+                }),
+                coefficients,
+            ),
+        };
+        let kind = effect.kind();
+        if rows.len() != n_joints || rows.iter().any(|row| row.len() != effect.n_columns()) {
+            return Err(format!(
+                "{kind}: coefficients are not {n_joints} rows of {}",
+                effect.n_columns()
+            ));
+        }
+        EffectTerm::new(effect, rows.concat(), n_joints).map_err(|e| format!("{kind}: {e}"))
+    }
+}
+
+impl ResidualPart {
+    fn from_residual(residual: &Residual) -> Self {
+        Self {
+            inputs: match residual.inputs() {
+                ResidualInputs::Deflection => InputsPart::Deflection,
+                ResidualInputs::JointState => InputsPart::JointState,
+            },
+            joints: residual
+                .joints()
+                .iter()
+                .map(|mixture| mixture.as_ref().map(MixturePart::from_mixture))
+                .collect(),
+        }
+    }
+
+    fn into_residual(self) -> Result<Residual, String> {
+        let joints = self
+            .joints
+            .into_iter()
+            .map(|mixture| mixture.map(MixturePart::into_mixture).transpose())
+            .collect::<Result<_, _>>()?;
+        let inputs = match self.inputs {
+            InputsPart::Deflection => ResidualInputs::Deflection,
+            InputsPart::JointState => ResidualInputs::JointState,
+        };
+        Residual::new(inputs, joints).map_err(|e| format!("residual: {e}"))
+    }
+}
+
+impl MixturePart {
+    fn from_mixture(mixture: &GaussianMixtureRegression) -> Self {
+        Self {
+            weights: mixture.weights().to_vec(),
+            means: mixture.means().as_chunks::<3>().0.to_vec(),
+            covariances: mixture
+                .covariances()
+                .as_chunks::<9>()
+                .0
+                .iter()
+                .map(|c| [[c[0], c[1], c[2]], [c[3], c[4], c[5]], [c[6], c[7], c[8]]])
+                .collect(),
+        }
+    }
+
+    fn into_mixture(self) -> Result<GaussianMixtureRegression, String> {
+        GaussianMixtureRegression::new(
+            2,
+            self.weights,
+            self.means.concat(),
+            self.covariances.iter().flatten().flatten().copied().collect(),
+        )
+        .map_err(|e| format!("residual: {e}"))
+    }
+}

@@ -1,0 +1,152 @@
+use dynid_core::effects::{Friction, RotorInertia, TorqueOffset};
+use dynid_core::model::TorqueModelParts;
+use dynid_core::{
+    Domain, Effect, EffectTerm, GaussianMixtureRegression, Joint, JointKind, JointLimits, Residual,
+    ResidualInputs, RobotModel,
+};
+use nalgebra::{Matrix3, Rotation3, Vector3};
+use proptest::prelude::*;
+
+use super::*;
+
+fn joint(name: &str, kind: JointKind) -> Joint {
+    Joint {
+        name: name.into(),
+        link: format!("{name}_link"),
+        kind,
+        rotation: Rotation3::from_euler_angles(0.1, 0.2, 0.3).into_inner(),
+        translation: Vector3::new(0.1, -0.2, 1.0 / 3.0),
+        axis: Vector3::new(0.6, 0.0, 0.8),
+        limits: JointLimits {
+            effort: 100.0,
+            ..JointLimits::default()
+        },
+        rotor_inertia: 0.25,
+        phi: [1.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9],
+    }
+}
+
+fn model() -> TorqueModel {
+    let joints = vec![joint("a", JointKind::Revolute), joint("b", JointKind::Prismatic)];
+    let robot = RobotModel::new("arm".into(), joints, Vector3::new(0.0, 0.0, -9.81)).unwrap();
+    let friction = Effect::Friction(Friction {
+        velocity_threshold: vec![0.0, 0.05],
+        transition_width: vec![0.01, 0.02],
+    });
+    let covariance = (Matrix3::identity() * 0.5).as_slice().to_vec();
+    let mixture =
+        GaussianMixtureRegression::new(2, vec![1.0], vec![0.1, 0.2, 0.3], covariance).unwrap();
+    TorqueModel::new(TorqueModelParts {
+        robot,
+        phi: (0..20).map(|k| f64::from(k) / 7.0).collect(),
+        torque_scale: vec![1.0, 0.8],
+        effects: vec![
+            EffectTerm::new(Effect::RotorInertia(RotorInertia), vec![0.1, 0.2], 2).unwrap(),
+            EffectTerm::new(Effect::TorqueOffset(TorqueOffset), vec![-0.1, 0.2], 2).unwrap(),
+            EffectTerm::new(friction, (0..16).map(f64::from).collect(), 2).unwrap(),
+        ],
+        residual: Some(Residual::new(ResidualInputs::Deflection, vec![Some(mixture), None]).unwrap()),
+        encoder_delay: vec![0.003, 0.0],
+        noise_std: vec![0.5, 0.6],
+        domain: Domain {
+            q: vec![[-1.0, 1.0]; 2],
+            dq: vec![2.0; 2],
+            ddq: vec![3.0; 2],
+        },
+        torque_unit: "N*m".into(),
+    })
+    .unwrap()
+}
+
+fn message(bytes: &[u8]) -> String {
+    parse(bytes, "model.json").unwrap_err().to_string()
+}
+
+#[test]
+fn a_model_survives_the_file_exactly() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("model.json");
+    save(&model(), &path).unwrap();
+    assert_eq!(load(&path).unwrap(), model());
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1, "no temporary file stays");
+}
+
+#[test]
+fn a_file_cut_anywhere_is_refused() {
+    let text = to_text(&model()).unwrap();
+    for end in 0..text.len() {
+        assert!(parse(&text.as_bytes()[..end], "model.json").is_err(), "cut at {end}");
+    }
+    assert!(message(&text.as_bytes()[..text.len() / 2]).contains("ends too early"));
+}
+
+#[test]
+fn every_single_byte_counts() {
+    let text = to_text(&model()).unwrap();
+    for at in 0..text.len() {
+        for other in [b'0', b'7', b' ', b'"', b'x', 0xff] {
+            let mut bytes = text.clone().into_bytes();
+            if bytes[at] != other {
+                bytes[at] = other;
+                assert!(parse(&bytes, "model.json").is_err(), "byte {at} changed to {other}");
+            }
+        }
+    }
+}
+
+#[test]
+fn other_files_are_told_apart() {
+    assert!(message(b"{}").contains("not a torque model"));
+    assert!(message(b"\xff\xfe").contains("not a text file"));
+    assert!(message(b"{\"format\": \"dynid-model\", \"version\": 99}").contains("newer"));
+    assert!(message(b"{\"format\": \"dynid-model\", \"version\": 1}").contains("checksum"));
+    assert!(message("[".repeat(1_000_000).as_bytes()).contains("not a readable model"));
+    assert!(matches!(load(Path::new("/nowhere/model.json")), Err(ModelFileError::Io { .. })));
+}
+
+/// A file that was edited by someone who also knows how to write the checksum still has to make sense.
+#[test]
+fn a_resigned_file_is_checked_for_sense() {
+    let resign = |text: &str| {
+        let start = text.find(CHECKSUM_PREFIX).unwrap();
+        let stated = &text[start..start + CHECKSUM_PREFIX.len() + N_DIGITS];
+        let blank = format!("{CHECKSUM_PREFIX}{}", "0".repeat(N_DIGITS));
+        let blanked = text.replacen(stated, &blank, 1);
+        let sum = format!("{CHECKSUM_PREFIX}{}", digest(&blanked));
+        blanked.replacen(&blank, &sum, 1)
+    };
+    let text = to_text(&model()).unwrap();
+    assert!(parse(resign(&text).as_bytes(), "model.json").is_ok());
+    for (old, new) in [
+        ("\"torque_unit\": \"N*m\",", "\"torque_unit\": \"N*m\", \"more\": 1,"),
+        ("\"kind\": \"revolute\"", "\"kind\": \"screw\""),
+        ("\"rotor_inertia\": 0.25", "\"rotor_inertia\": 1e999"),
+        ("\"noise_std\": [", "\"noise_std\": [ 1.0, "),
+        ("\"transition_width\": [", "\"transition_width\": [ 0.0,"),
+        ("\"deflection\"", "\"measured_torque\""),
+    ] {
+        assert!(text.contains(old), "{old}");
+        assert!(parse(resign(&text.replacen(old, new, 1)).as_bytes(), "model.json").is_err(), "{new}");
+    }
+}
+
+proptest! {
+    #[test]
+    fn numbers_survive_to_the_last_bit(bits in proptest::collection::vec(any::<u64>(), 20)) {
+        let phi: Vec<f64> = bits.iter().map(|b| f64::from_bits(*b)).map(|x| if x.is_finite() { x } else { 0.5 }).collect();
+        let base = model();
+        let changed = TorqueModel::new(TorqueModelParts {
+            robot: base.robot().clone(),
+            phi,
+            torque_scale: vec![1.0; 2],
+            effects: base.effects().to_vec(),
+            residual: None,
+            encoder_delay: base.encoder_delay().to_vec(),
+            noise_std: base.noise_std().to_vec(),
+            domain: base.domain().clone(),
+            torque_unit: "A".into(),
+        }).unwrap();
+        let text = to_text(&changed).unwrap();
+        prop_assert_eq!(parse(text.as_bytes(), "x").unwrap(), changed);
+    }
+}

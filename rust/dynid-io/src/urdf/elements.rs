@@ -1,0 +1,192 @@
+//! The attributes of each kinematic element, checked one by one.
+
+use super::document::{Motion, Reference};
+use super::numbers::{moderate, not_negative, one, three};
+use super::source::shorten;
+use super::xml::{Attribute, Tag};
+
+/// Longest name of a link or joint \[bytes\].
+const MAX_NAME: usize = 256;
+/// Shorter axes are zero \[-\].
+const MIN_AXIS: f64 = 1e-6;
+
+/// A sentence about a place; the guard adds the element.
+pub(super) struct Fault {
+    pub(super) at: usize,
+    pub(super) message: String,
+}
+
+/// A fault at an attribute.
+fn at<T>(attribute: &Attribute, result: Result<T, String>) -> Result<T, Fault> {
+    result.map_err(|message| Fault { at: attribute.at, message })
+}
+
+fn required<'t, 'a>(tag: &'t Tag<'a>, name: &str, mend: &str) -> Result<&'t Attribute<'a>, Fault> {
+    tag.get(name).ok_or_else(|| {
+        let message = format!("the attribute {name} is missing; write {mend}");
+        Fault { at: tag.at, message }
+    })
+}
+
+/// Refuses attributes beyond `known`: a misspelt one would silently count as its default.
+fn only(tag: &Tag, known: &[&str]) -> Result<(), Fault> {
+    let unknown = tag.attributes.iter().find(|a| !known.contains(&a.name) && !a.name.contains(':'));
+    unknown.map_or(Ok(()), |attribute| {
+        let name = shorten(attribute.name);
+        let message = format!("the attribute {name} is not read here, expected {}; rename or delete it", known.join(", "));
+        Err(Fault { at: attribute.at, message })
+    })
+}
+
+/// The `name` of a link or joint.
+pub(super) fn name(tag: &Tag) -> Result<String, Fault> {
+    let attribute = required(tag, "name", "name=\"...\"")?;
+    at(attribute, checked_name(attribute))
+}
+
+fn checked_name(attribute: &Attribute) -> Result<String, String> {
+    let value = &*attribute.value;
+    if value.trim().is_empty() {
+        return Err(format!("{} is empty, expected a name", attribute.name));
+    }
+    if value.len() > MAX_NAME || value.chars().any(char::is_control) {
+        let found = shorten(value).escape_debug().to_string();
+        let expected = format!("expected at most {MAX_NAME} bytes on one line");
+        return Err(format!("{} is no name: \"{found}\", {expected}", attribute.name));
+    }
+    Ok(value.to_owned())
+}
+
+/// The `type` of a joint.
+pub(super) fn motion(tag: &Tag) -> Result<Motion, Fault> {
+    let mend = "type=\"revolute\", continuous, prismatic or fixed";
+    let attribute = required(tag, "type", mend)?;
+    let found = attribute.value.trim();
+    let unknown = || format!("the type \"{}\" is unknown; write {mend}", shorten(found));
+    at(attribute, Motion::from_name(found).ok_or_else(unknown))
+}
+
+/// The `link` of `<parent>` and `<child>`.
+pub(super) fn reference(tag: &Tag) -> Result<Reference, Fault> {
+    let attribute = required(tag, "link", "link=\"name of a link\"")?;
+    let link = at(attribute, checked_name(attribute))?;
+    Ok(Reference { link, at: attribute.at })
+}
+
+/// A placement: translation \[m\] and fixed-axis roll, pitch, yaw \[rad\].
+#[derive(Clone, Copy, Default)]
+pub(super) struct Pose {
+    pub(super) xyz: [f64; 3],
+    pub(super) rpy: [f64; 3],
+}
+
+/// `<origin>`; an absent attribute is zero.
+pub(super) fn pose(tag: &Tag) -> Result<Pose, Fault> {
+    if let Some(quaternion) = tag.get("quat_xyzw") {
+        let message = "quat_xyzw is not read; write the rotation as rpy=\"roll pitch yaw\" in radians".to_owned();
+        return Err(Fault { at: quaternion.at, message });
+    }
+    only(tag, &["xyz", "rpy"])?;
+    let read = |name, mend| tag.get(name).map_or(Ok([0.0; 3]), |a| at(a, three(a, mend)));
+    Ok(Pose {
+        xyz: read("xyz", "xyz=\"x y z\" in metres")?,
+        rpy: read("rpy", "rpy=\"roll pitch yaw\" in radians")?,
+    })
+}
+
+/// `<axis>`, brought to unit length; the flag says whether it was of another length.
+pub(super) fn axis(tag: &Tag) -> Result<([f64; 3], bool), Fault> {
+    only(tag, &["xyz"])?;
+    let mend = "xyz=\"x y z\", a direction in the joint frame";
+    let attribute = required(tag, "xyz", mend)?;
+    let [x, y, z] = at(attribute, three(attribute, mend))?;
+    let length = (x * x + y * y + z * z).sqrt();
+    if length < MIN_AXIS {
+        let message = "the axis has no length, expected a direction; write e.g. xyz=\"0 0 1\"".to_owned();
+        return Err(Fault { at: attribute.at, message });
+    }
+    Ok(([x / length, y / length, z / length], (length - 1.0).abs() > 1e-6))
+}
+
+/// `<mass>` \[kg\].
+pub(super) fn mass(tag: &Tag) -> Result<f64, Fault> {
+    let mend = "value=\"mass\" in kg";
+    let attribute = required(tag, "value", mend)?;
+    let mass = at(attribute, one("value", &attribute.value, mend))?;
+    at(attribute, moderate("value", mass).and_then(|m| not_negative("value", m, "a mass in kg")))
+}
+
+/// Names of the six entries of `<inertia>`, in the order of [`inertia`]'s result.
+pub(super) const INERTIA: [&str; 6] = ["ixx", "ixy", "ixz", "iyy", "iyz", "izz"];
+
+/// `<inertia>` \[kg·m²\]: see [`INERTIA`].
+pub(super) fn inertia(tag: &Tag) -> Result<[f64; 6], Fault> {
+    let mut entries = [0.0; 6];
+    for (entry, name) in entries.iter_mut().zip(INERTIA) {
+        let mend = format!("{name}=\"inertia\" in kg m^2");
+        let attribute = required(tag, name, &mend)?;
+        let number = one(name, &attribute.value, &mend).and_then(|number| moderate(name, number));
+        *entry = at(attribute, number)?;
+    }
+    Ok(entries)
+}
+
+/// `<limit>`; infinite where nothing is declared.
+#[derive(Clone, Copy)]
+pub(super) struct Limit {
+    pub(super) lower: f64,
+    pub(super) upper: f64,
+    pub(super) velocity: f64,
+    pub(super) effort: f64,
+}
+
+impl Default for Limit {
+    fn default() -> Self {
+        Self {
+            lower: f64::NEG_INFINITY,
+            upper: f64::INFINITY,
+            velocity: f64::INFINITY,
+            effort: f64::INFINITY,
+        }
+    }
+}
+
+/// `<limit>`, and a remark where a reader may be surprised.
+///
+/// Of `lower` and `upper` one alone leaves the other at zero, as the URDF specification has it; both absent mean no limit.
+pub(super) fn limit(tag: &Tag, motion: Motion) -> Result<(Limit, Option<&'static str>), Fault> {
+    let read = |name: &str| {
+        let mend = format!("{name}=\"number\", or leave it out for no limit");
+        tag.get(name).map(|a| at(a, one(name, &a.value, &mend)).map(|number| (a, number))).transpose()
+    };
+    let (lower, upper) = (read("lower")?, read("upper")?);
+    let positive = |name: &str, meaning| match read(name)? {
+        None => Ok(f64::INFINITY),
+        Some((a, number)) => at(a, not_negative(name, number, meaning)),
+    };
+    let mut limit = Limit {
+        velocity: positive("velocity", "a greatest speed")?,
+        effort: positive("effort", "a greatest torque or force")?,
+        ..Limit::default()
+    };
+    if motion == Motion::Continuous {
+        let remark = (lower.is_some() || upper.is_some()).then_some("lower and upper of a continuous joint do not count");
+        return Ok((limit, remark));
+    }
+    let mut remark = None;
+    if let (Some(_), None) | (None, Some(_)) = (&lower, &upper) {
+        remark = Some("only one of lower and upper is given; the other is zero, as the URDF specification has it");
+    }
+    if let Some((attribute, _)) = lower.as_ref().or(upper.as_ref()) {
+        let value = |bound: &Option<(_, f64)>| bound.as_ref().map_or(0.0, |&(_, number)| number);
+        (limit.lower, limit.upper) = (value(&lower), value(&upper));
+        if limit.lower > limit.upper {
+            let message = format!("lower is {}, above upper, {}; swap or correct them", limit.lower, limit.upper);
+            return Err(Fault { at: attribute.at, message });
+        }
+    }
+    if limit.velocity == 0.0 || limit.effort == 0.0 || limit.lower == limit.upper {
+        remark = remark.or(Some("a range of zero is taken literally; leave the attribute out if no limit is meant"));
+    }
+    Ok((limit, remark))
+}

@@ -1,0 +1,111 @@
+//! Arrays are checked once, at this edge: float64, C order, the right shape, finite.
+
+use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
+use pyo3::exceptions::{PyTypeError, PyValueError};
+use pyo3::prelude::*;
+use pyo3::types::IntoPyDict;
+
+/// `numpy.ascontiguousarray(value, dtype=float)`; anything that is no array of numbers is a `TypeError` naming it.
+fn contiguous<'py>(value: &Bound<'py, PyAny>, name: &str) -> PyResult<Bound<'py, PyAny>> {
+    let py = value.py();
+    let options = [("dtype", "float64")].into_py_dict(py)?;
+    py.import("numpy")?
+        .call_method("ascontiguousarray", (value,), Some(&options))
+        .map_err(|_| PyTypeError::new_err(format!("{name} is not an array of numbers")))
+}
+
+fn shape_of(value: &Bound<'_, PyAny>) -> String {
+    value
+        .getattr("shape")
+        .map_or_else(|_| "?".to_owned(), |shape| shape.to_string())
+}
+
+/// `(n_samples, n_columns)` array named `name`.
+///
+/// # Errors
+/// `ValueError` with the shape that came and the one that was expected, or the place of a NaN.
+pub fn matrix<'py>(value: &Bound<'py, PyAny>, name: &str, n_columns: usize) -> PyResult<PyReadonlyArray2<'py, f64>> {
+    let array = contiguous(value, name)?;
+    let matrix = array
+        .cast::<PyArray2<f64>>()
+        .ok()
+        .filter(|matrix| matrix.shape()[1] == n_columns)
+        .ok_or_else(|| {
+            let actual = shape_of(value);
+            PyValueError::new_err(format!(
+                "{name} has shape {actual}, expected (n_samples, {n_columns})"
+            ))
+        })?
+        .readonly();
+    finite(matrix.as_slice()?, name, n_columns)?;
+    Ok(matrix)
+}
+
+/// Several matrices with the same number of rows.
+///
+/// # Errors
+/// As [`matrix`]; `ValueError` if the numbers of rows differ.
+pub fn samples<'py, const K: usize>(
+    signals: [(&str, &Bound<'py, PyAny>); K],
+    n_columns: usize,
+) -> PyResult<[PyReadonlyArray2<'py, f64>; K]> {
+    let mut arrays = Vec::with_capacity(K);
+    for (name, value) in signals {
+        let array = matrix(value, name, n_columns)?;
+        if let Some(first) = arrays.first().map(|a: &PyReadonlyArray2<'py, f64>| a.shape()[0]) {
+            if array.shape()[0] != first {
+                let (other, n) = (signals[0].0, array.shape()[0]);
+                return Err(PyValueError::new_err(format!(
+                    "{name} has {n} samples, but {other} has {first}"
+                )));
+            }
+        }
+        arrays.push(array);
+    }
+    arrays
+        .try_into()
+        .map_err(|_| PyValueError::new_err("signals do not match"))
+}
+
+/// Vector of `n` numbers named `name`; any length if `n` is `None`.
+///
+/// # Errors
+/// `ValueError` naming what is wrong.
+pub fn vector<'py>(value: &Bound<'py, PyAny>, name: &str, n: Option<usize>) -> PyResult<PyReadonlyArray1<'py, f64>> {
+    let array = contiguous(value, name)?;
+    let vector = array
+        .cast::<PyArray1<f64>>()
+        .ok()
+        .filter(|vector| n.is_none_or(|n| vector.len() == n))
+        .ok_or_else(|| {
+            let actual = shape_of(value);
+            let expected = n.map_or_else(|| "n".to_owned(), |n| n.to_string());
+            PyValueError::new_err(format!("{name} has shape {actual}, expected ({expected},)"))
+        })?
+        .readonly();
+    finite(vector.as_slice()?, name, 1)?;
+    Ok(vector)
+}
+
+fn finite(values: &[f64], name: &str, n_columns: usize) -> PyResult<()> {
+    match values.iter().position(|x| !x.is_finite()) {
+        None => Ok(()),
+        Some(at) => Err(PyValueError::new_err(format!(
+            "{name} holds {} at row {}, column {}; every value must be finite",
+            values[at],
+            at / n_columns,
+            at % n_columns
+        ))),
+    }
+}
+
+/// Hands a row-major buffer to numpy as a 2-D array, without a copy.
+pub fn to_matrix(py: Python<'_>, values: Vec<f64>, n_columns: usize) -> PyResult<Bound<'_, PyArray2<f64>>> {
+    let rows = values.len().checked_div(n_columns).unwrap_or(0);
+    PyArray1::from_vec(py, values).reshape([rows, n_columns])
+}
+
+/// Hands a row-major buffer to numpy as a 3-D array, without a copy.
+pub fn to_cube(py: Python<'_>, values: Vec<f64>, shape: [usize; 3]) -> PyResult<Bound<'_, PyArray3<f64>>> {
+    PyArray1::from_vec(py, values).reshape(shape)
+}

@@ -1,0 +1,58 @@
+//! Rust errors become Python exceptions here and nowhere else.
+
+use std::io;
+
+use dynid_core::CoreError;
+use dynid_io::urdf::UrdfError as RustUrdfError;
+use dynid_io::ModelFileError;
+use dynid_offline::OfflineError;
+use pyo3::create_exception;
+use pyo3::exceptions::{PyOSError, PyValueError};
+use pyo3::prelude::*;
+
+create_exception!(
+    dynid_rs,
+    UrdfError,
+    PyValueError,
+    "A robot file that is broken, hostile or not a serial chain."
+);
+create_exception!(
+    dynid_rs,
+    FormatError,
+    PyValueError,
+    "A model file that is not one, or was cut or changed."
+);
+
+pub fn core(error: CoreError) -> PyErr {
+    PyValueError::new_err(error.to_string())
+}
+
+pub fn offline(error: OfflineError) -> PyErr {
+    PyValueError::new_err(error.to_string())
+}
+
+pub fn urdf(error: RustUrdfError) -> PyErr {
+    match &error {
+        RustUrdfError::Io { path, source } => os_error(source, &path.display().to_string()),
+        _ => UrdfError::new_err(error.to_string()),
+    }
+}
+
+pub fn model_file(error: ModelFileError) -> PyErr {
+    match &error {
+        ModelFileError::Io { path, source } => os_error(source, path),
+        ModelFileError::Invalid { .. } => FormatError::new_err(error.to_string()),
+    }
+}
+
+/// `OSError(errno, text, path)` picks `FileNotFoundError`, `PermissionError` and so on by itself.
+fn os_error(source: &io::Error, path: &str) -> PyErr {
+    match source.raw_os_error() {
+        Some(code) => {
+            let text = source.to_string();
+            let text = text.split(" (os error").next().unwrap_or_default().to_owned();
+            PyOSError::new_err((code, text, path.to_owned()))
+        }
+        None => PyOSError::new_err(format!("{path}: {source}")),
+    }
+}

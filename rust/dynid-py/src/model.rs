@@ -1,0 +1,265 @@
+//! `TorqueModel` in Python: built once, saved, loaded, evaluated in batches.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use dynid_core::model::TorqueModelParts;
+use dynid_core::{Domain, EffectTerm, Residual, ResidualInputs, State, TorqueEstimator, TorqueModel};
+use dynid_offline::batch;
+use dynid_offline::observation::slice_state;
+use numpy::{PyArray1, PyArray2, PyArray3, PyUntypedArrayMethods};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+
+use crate::effects::PyEffect;
+use crate::mixture::PyGaussianMixtureRegression;
+use crate::robot::PyRobotModel;
+use crate::{arrays, errors};
+
+/// A torque model: rigid body, effects, residual. Owned by Rust, immutable.
+#[pyclass(name = "TorqueModel", module = "dynid_rs", frozen)]
+pub struct PyTorqueModel(Arc<TorqueModel>);
+
+type Mixtures = Vec<Option<PyGaussianMixtureRegression>>;
+type Evaluation<'py> = (
+    Bound<'py, PyArray2<f64>>,
+    Bound<'py, PyArray3<f64>>,
+    Bound<'py, PyArray1<u32>>,
+);
+
+fn inputs_named(name: &str) -> PyResult<ResidualInputs> {
+    [ResidualInputs::Deflection, ResidualInputs::JointState]
+        .into_iter()
+        .find(|inputs| inputs.name() == name)
+        .ok_or_else(|| {
+            PyValueError::new_err(format!(
+                "inputs must be \"deflection\" or \"joint_state\", found {name:?}"
+            ))
+        })
+}
+
+#[pymethods]
+impl PyTorqueModel {
+    #[new]
+    #[pyo3(signature = (robot, phi, effects, *, residual=None, torque_scale=None, encoder_delay, noise_std, domain, torque_unit="N*m"))]
+    #[expect(clippy::too_many_arguments, reason = "a keyword constructor; the parts are the model")]
+    fn new(
+        robot: &PyRobotModel,
+        phi: &Bound<'_, PyAny>,
+        effects: Vec<(PyEffect, Bound<'_, PyAny>)>,
+        residual: Option<(String, Mixtures)>,
+        torque_scale: Option<Vec<f64>>,
+        encoder_delay: Vec<f64>,
+        noise_std: Vec<f64>,
+        domain: (Vec<[f64; 2]>, Vec<f64>, Vec<f64>),
+        torque_unit: &str,
+    ) -> PyResult<Self> {
+        let n = robot.0.n_joints();
+        let effects = effects
+            .into_iter()
+            .map(|(effect, coefficients)| {
+                let columns = effect.0.n_columns();
+                let matrix = arrays::matrix(&coefficients, "coefficients", columns)?;
+                EffectTerm::new(effect.0, matrix.as_slice()?.to_vec(), n).map_err(errors::core)
+            })
+            .collect::<PyResult<Vec<_>>>()?;
+        let residual = residual
+            .map(|(inputs, joints)| {
+                let joints = joints.into_iter().map(|joint| joint.map(|m| m.0)).collect();
+                Residual::new(inputs_named(&inputs)?, joints).map_err(errors::core)
+            })
+            .transpose()?;
+        let (q, dq, ddq) = domain;
+        TorqueModel::new(TorqueModelParts {
+            robot: (*robot.0).clone(),
+            phi: arrays::vector(phi, "phi", Some(10 * n))?.as_slice()?.to_vec(),
+            torque_scale: torque_scale.unwrap_or_else(|| vec![1.0; n]),
+            effects,
+            residual,
+            encoder_delay,
+            noise_std,
+            domain: Domain { q, dq, ddq },
+            torque_unit: torque_unit.to_owned(),
+        })
+        .map(|model| Self(Arc::new(model)))
+        .map_err(errors::core)
+    }
+
+    #[staticmethod]
+    fn load(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
+        let model = py.detach(|| dynid_io::load(&path)).map_err(errors::model_file)?;
+        Ok(Self(Arc::new(model)))
+    }
+
+    fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
+        py.detach(|| dynid_io::save(&self.0, &path)).map_err(errors::model_file)
+    }
+
+    /// Total (n_samples, n), terms (n_samples, n_terms, n) and status bits (n_samples,) by the estimator that runs online.
+    #[pyo3(signature = (q, dq, ddq, q_motor=None, dq_motor=None, ddq_motor=None))]
+    #[expect(clippy::too_many_arguments, reason = "the six signals of a state")]
+    fn evaluate<'py>(
+        &self,
+        py: Python<'py>,
+        q: &Bound<'py, PyAny>,
+        dq: &Bound<'py, PyAny>,
+        ddq: &Bound<'py, PyAny>,
+        q_motor: Option<&Bound<'py, PyAny>>,
+        dq_motor: Option<&Bound<'py, PyAny>>,
+        ddq_motor: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<Evaluation<'py>> {
+        let n = self.0.robot().n_joints();
+        let signals = arrays::samples(
+            [
+                ("q", q),
+                ("dq", dq),
+                ("ddq", ddq),
+                ("q_motor", q_motor.unwrap_or(q)),
+                ("dq_motor", dq_motor.unwrap_or(dq)),
+                ("ddq_motor", ddq_motor.unwrap_or(ddq)),
+            ],
+            n,
+        )?;
+        let [q, dq, ddq, q_motor, dq_motor, ddq_motor] = &signals;
+        let states = State {
+            q: q.as_slice()?,
+            dq: dq.as_slice()?,
+            ddq: ddq.as_slice()?,
+            q_motor: q_motor.as_slice()?,
+            dq_motor: dq_motor.as_slice()?,
+            ddq_motor: ddq_motor.as_slice()?,
+        };
+        let n_samples = q.shape()[0];
+        let mut estimator = TorqueEstimator::new(Arc::clone(&self.0));
+        let n_terms = estimator.terms().len() / n;
+        let mut terms = vec![0.0; n_samples * n_terms * n];
+        let mut total = vec![0.0; n_samples * n];
+        let mut status = vec![0; n_samples];
+        py.detach(|| batch::estimate(&mut estimator, &states, &mut terms, &mut total, &mut status))
+            .map_err(errors::core)?;
+        Ok((
+            arrays::to_matrix(py, total, n)?,
+            arrays::to_cube(py, terms, [n_samples, n_terms, n])?,
+            PyArray1::from_vec(py, status),
+        ))
+    }
+
+    #[getter]
+    fn robot(&self) -> PyRobotModel {
+        PyRobotModel(Arc::new(self.0.robot().clone()))
+    }
+
+    #[getter]
+    fn term_names(&self) -> Vec<&'static str> {
+        self.0.term_names()
+    }
+
+    #[getter]
+    fn phi<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_slice(py, self.0.phi())
+    }
+
+    /// Effects with their coefficients (n_joints, n_columns), in order of summation.
+    #[getter]
+    fn effects<'py>(&self, py: Python<'py>) -> PyResult<Vec<(PyEffect, Bound<'py, PyArray2<f64>>)>> {
+        self.0
+            .effects()
+            .iter()
+            .map(|term| {
+                let coefficients = arrays::to_matrix(py, term.coefficients().to_vec(), term.effect().n_columns())?;
+                Ok((PyEffect(term.effect().clone()), coefficients))
+            })
+            .collect()
+    }
+
+    /// `(inputs, mixtures)`, one mixture or None per joint; None without a third loop.
+    #[getter]
+    fn residual(&self) -> Option<(&'static str, Mixtures)> {
+        self.0.residual().map(|residual| {
+            let mixtures = residual.joints().iter();
+            let mixtures = mixtures.map(|m| m.clone().map(PyGaussianMixtureRegression)).collect();
+            (residual.inputs().name(), mixtures)
+        })
+    }
+
+    #[getter]
+    fn torque_scale<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_slice(py, self.0.torque_scale())
+    }
+
+    #[getter]
+    fn encoder_delay<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_slice(py, self.0.encoder_delay())
+    }
+
+    #[getter]
+    fn noise_std<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_slice(py, self.0.noise_std())
+    }
+
+    /// `(q, dq, ddq)`: least and greatest position, greatest speed and acceleration per joint.
+    #[getter]
+    fn domain(&self) -> (Vec<[f64; 2]>, Vec<f64>, Vec<f64>) {
+        let domain = self.0.domain();
+        (domain.q.clone(), domain.dq.clone(), domain.ddq.clone())
+    }
+
+    #[getter]
+    fn torque_unit(&self) -> &str {
+        self.0.torque_unit()
+    }
+
+    fn __repr__(&self) -> String {
+        format!(
+            "TorqueModel({:?}, n_joints={}, terms={:?})",
+            self.0.robot().name(),
+            self.0.robot().n_joints(),
+            self.0.term_names()
+        )
+    }
+}
+
+/// What a mixture of the third loop sees: (n_samples, n_joints, 2).
+#[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "the six signals of a state")]
+pub fn residual_inputs<'py>(
+    py: Python<'py>,
+    inputs: &str,
+    q: &Bound<'py, PyAny>,
+    dq: &Bound<'py, PyAny>,
+    q_motor: &Bound<'py, PyAny>,
+    dq_motor: &Bound<'py, PyAny>,
+    ddq_motor: &Bound<'py, PyAny>,
+    encoder_delay: Vec<f64>,
+) -> PyResult<Bound<'py, PyArray3<f64>>> {
+    let inputs = inputs_named(inputs)?;
+    let n = encoder_delay.len();
+    let signals = arrays::samples(
+        [
+            ("q", q),
+            ("dq", dq),
+            ("q_motor", q_motor),
+            ("dq_motor", dq_motor),
+            ("ddq_motor", ddq_motor),
+        ],
+        n,
+    )?;
+    let [q, dq, q_motor, dq_motor, ddq_motor] = &signals;
+    let states = State {
+        q: q.as_slice()?,
+        dq: dq.as_slice()?,
+        ddq: dq.as_slice()?, // not an input of either kind
+        q_motor: q_motor.as_slice()?,
+        dq_motor: dq_motor.as_slice()?,
+        ddq_motor: ddq_motor.as_slice()?,
+    };
+    let n_samples = q.shape()[0];
+    let mut out = Vec::with_capacity(n_samples * n * 2);
+    for k in 0..n_samples {
+        let state = slice_state(&states, k * n..(k + 1) * n);
+        for (j, &delay) in encoder_delay.iter().enumerate() {
+            out.extend(Residual::inputs_at(inputs, j, &state, delay));
+        }
+    }
+    arrays::to_cube(py, out, [n_samples, n, 2])
+}

@@ -1,0 +1,143 @@
+//! Rows and factors in Python.
+
+use dynid_core::effects::{friction_columns, N_FRICTION};
+use dynid_core::State;
+use dynid_offline::filter::LANES;
+use dynid_offline::{RunStates, Sampling, ZeroPhase};
+use numpy::{PyArray2, PyArrayMethods, PyReadonlyArray2, PyUntypedArrayMethods};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+
+use crate::effects::{check_shape, PyEffect};
+use crate::robot::PyRobotModel;
+use crate::{arrays, errors};
+
+/// `(sections, steady state, padding)` as `scipy.signal.butter` and `sosfilt_zi` give them; `None` filters nothing.
+type FilterParts<'py> = Option<(PyReadonlyArray2<'py, f64>, PyReadonlyArray2<'py, f64>, usize)>;
+
+fn sampling(filter: FilterParts<'_>, kept: Vec<usize>) -> PyResult<Sampling> {
+    let filter = match filter {
+        None => ZeroPhase::default(),
+        Some((sections, steady, pad)) => {
+            if sections.shape()[1] != 6 || steady.shape()[1] != 2 {
+                return Err(PyValueError::new_err("filter sections need 6 columns, their steady state 2"));
+            }
+            let sections = sections.to_vec()?;
+            let steady = steady.to_vec()?;
+            ZeroPhase::new(sections.as_chunks::<6>().0, steady.as_chunks::<2>().0, pad).map_err(errors::offline)?
+        }
+    };
+    Ok(Sampling { filter, kept })
+}
+
+/// Filtered, decimated rows of every joint: a list of (n_rows, n_columns) arrays.
+#[pyfunction]
+#[pyo3(signature = (robot, effects, pivots, q, dq, ddq, q_motor, dq_motor, ddq_motor, tau, *, filter=None, kept))]
+#[expect(clippy::too_many_arguments, reason = "a run's seven signals and the plan")]
+pub fn observe<'py>(
+    py: Python<'py>,
+    robot: &PyRobotModel,
+    effects: Vec<PyEffect>,
+    pivots: Vec<usize>,
+    q: &Bound<'py, PyAny>,
+    dq: &Bound<'py, PyAny>,
+    ddq: &Bound<'py, PyAny>,
+    q_motor: &Bound<'py, PyAny>,
+    dq_motor: &Bound<'py, PyAny>,
+    ddq_motor: &Bound<'py, PyAny>,
+    tau: &Bound<'py, PyAny>,
+    filter: FilterParts<'py>,
+    kept: Vec<usize>,
+) -> PyResult<Vec<Bound<'py, PyArray2<f64>>>> {
+    let n = robot.0.n_joints();
+    let signals = arrays::samples(
+        [
+            ("q", q),
+            ("dq", dq),
+            ("ddq", ddq),
+            ("q_motor", q_motor),
+            ("dq_motor", dq_motor),
+            ("ddq_motor", ddq_motor),
+            ("tau", tau),
+        ],
+        n,
+    )?;
+    let [q, dq, ddq, q_motor, dq_motor, ddq_motor, tau] = &signals;
+    let run = RunStates {
+        state: State {
+            q: q.as_slice()?,
+            dq: dq.as_slice()?,
+            ddq: ddq.as_slice()?,
+            q_motor: q_motor.as_slice()?,
+            dq_motor: dq_motor.as_slice()?,
+            ddq_motor: ddq_motor.as_slice()?,
+        },
+        tau: tau.as_slice()?,
+    };
+    let effects: Vec<_> = effects.into_iter().map(|effect| effect.0).collect();
+    let sampling = sampling(filter, kept)?;
+    let observation = py
+        .detach(|| dynid_offline::observe(&robot.0, &effects, &pivots, &run, &sampling))
+        .map_err(errors::offline)?;
+    observation
+        .joints
+        .into_iter()
+        .map(|joint| arrays::to_matrix(py, joint.rows, joint.width))
+        .collect()
+}
+
+/// Friction basis at speeds `dq` of one joint, filtered and decimated like everything else: (n_kept, 8).
+#[pyfunction]
+#[pyo3(signature = (dq, velocity_threshold, transition_width, *, filter=None, kept))]
+pub fn filtered_friction_basis<'py>(
+    py: Python<'py>,
+    dq: &Bound<'py, PyAny>,
+    velocity_threshold: f64,
+    transition_width: f64,
+    filter: FilterParts<'py>,
+    kept: Vec<usize>,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    const { assert!(N_FRICTION == LANES) }
+    let dq = arrays::vector(dq, "dq", None)?;
+    check_shape(velocity_threshold, transition_width)?;
+    let dq = dq.as_slice()?;
+    let sampling = sampling(filter, kept)?;
+    if dq.len() < sampling.filter.min_samples() || sampling.kept.iter().any(|&k| k >= dq.len()) {
+        return Err(PyValueError::new_err("dq is too short for the filter or for the kept samples"));
+    }
+    let rows = py.detach(|| {
+        let mut columns: Vec<_> = dq
+            .iter()
+            .map(|&dq| friction_columns(dq, velocity_threshold, transition_width))
+            .collect();
+        sampling.filter.apply(&mut columns, &mut Vec::new());
+        sampling.kept.iter().flat_map(|&k| columns[k]).collect()
+    });
+    arrays::to_matrix(py, rows, N_FRICTION)
+}
+
+/// R with `R.T @ R == A.T @ A`, (width, width), upper triangular, non-negative diagonal.
+#[pyfunction]
+pub fn triangular_factor<'py>(py: Python<'py>, rows: PyReadonlyArray2<'py, f64>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let width = rows.shape()[1];
+    let rows = rows.to_vec()?;
+    let factor = py
+        .detach(|| dynid_offline::triangular_factor(&rows, width))
+        .map_err(errors::offline)?;
+    arrays::to_matrix(py, factor, width)
+}
+
+/// R of several factors stacked, merged in a fixed tree.
+#[pyfunction]
+pub fn merge_factors<'py>(py: Python<'py>, factors: Vec<PyReadonlyArray2<'py, f64>>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let width = factors
+        .first()
+        .map(|f| f.shape()[1])
+        .ok_or_else(|| PyValueError::new_err("no factor to merge"))?;
+    let parts = factors.iter().map(|f| f.to_vec()).collect::<Result<Vec<_>, _>>()?;
+    let slices: Vec<&[f64]> = parts.iter().map(Vec::as_slice).collect();
+    let factor = py
+        .detach(|| dynid_offline::merge(&slices, width))
+        .map_err(errors::offline)?;
+    arrays::to_matrix(py, factor, width)
+}

@@ -1,0 +1,214 @@
+//! `RobotModel` in Python.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use dynid_core::{Joint, JointKind, RobotModel};
+use dynid_io::urdf::{self, UrdfOptions};
+use dynid_offline::batch;
+use numpy::{PyArray1, PyArray2, PyArray3, PyUntypedArrayMethods};
+use pyo3::prelude::*;
+
+use crate::base::PyBaseParameters;
+use crate::{arrays, errors};
+
+/// A serial robot: kinematics, gravity and declared inertial parameters. Immutable.
+#[pyclass(name = "RobotModel", module = "dynid_rs", frozen)]
+#[derive(Clone)]
+pub struct PyRobotModel(pub Arc<RobotModel>);
+
+impl PyRobotModel {
+    fn per_joint<'py>(&self, py: Python<'py>, value: impl Fn(&Joint) -> f64) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_iter(py, self.0.joints().iter().map(value))
+    }
+}
+
+fn options(
+    base: Option<String>,
+    tip: Option<String>,
+    gravity: [f64; 3],
+    rotor_inertia: Option<Vec<f64>>,
+) -> UrdfOptions {
+    UrdfOptions {
+        base,
+        tip,
+        gravity,
+        rotor_inertia,
+    }
+}
+
+#[pymethods]
+impl PyRobotModel {
+    #[staticmethod]
+    #[pyo3(signature = (path, *, base=None, tip=None, gravity=[0.0, 0.0, -9.81], rotor_inertia=None))]
+    fn from_urdf(
+        py: Python<'_>,
+        path: PathBuf,
+        base: Option<String>,
+        tip: Option<String>,
+        gravity: [f64; 3],
+        rotor_inertia: Option<Vec<f64>>,
+    ) -> PyResult<Self> {
+        let options = options(base, tip, gravity, rotor_inertia);
+        let robot = py.detach(|| urdf::load(&path, &options)).map_err(errors::urdf)?;
+        Ok(Self(Arc::new(robot)))
+    }
+
+    #[staticmethod]
+    #[pyo3(signature = (text, *, source_name="<string>", base=None, tip=None, gravity=[0.0, 0.0, -9.81], rotor_inertia=None))]
+    fn from_urdf_string(
+        py: Python<'_>,
+        text: &str,
+        source_name: &str,
+        base: Option<String>,
+        tip: Option<String>,
+        gravity: [f64; 3],
+        rotor_inertia: Option<Vec<f64>>,
+    ) -> PyResult<Self> {
+        let options = options(base, tip, gravity, rotor_inertia);
+        let robot = py
+            .detach(|| urdf::parse(text, source_name, &options))
+            .map_err(errors::urdf)?;
+        Ok(Self(Arc::new(robot)))
+    }
+
+    #[getter]
+    fn name(&self) -> &str {
+        self.0.name()
+    }
+
+    #[getter]
+    fn n_joints(&self) -> usize {
+        self.0.n_joints()
+    }
+
+    #[getter]
+    fn n_links(&self) -> usize {
+        self.0.n_joints()
+    }
+
+    #[getter]
+    fn joint_names(&self) -> Vec<String> {
+        self.0.joints().iter().map(|j| j.name.clone()).collect()
+    }
+
+    #[getter]
+    fn link_names(&self) -> Vec<String> {
+        self.0.joints().iter().map(|j| j.link.clone()).collect()
+    }
+
+    #[getter]
+    fn joint_kinds(&self) -> Vec<&'static str> {
+        self.0
+            .joints()
+            .iter()
+            .map(|j| match j.kind {
+                JointKind::Revolute => "revolute",
+                JointKind::Prismatic => "prismatic",
+            })
+            .collect()
+    }
+
+    #[getter]
+    fn gravity<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_slice(py, self.0.gravity().as_slice())
+    }
+
+    #[getter]
+    fn phi<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_vec(py, self.0.phi())
+    }
+
+    #[getter]
+    fn rotor_inertia<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        self.per_joint(py, |j| j.rotor_inertia)
+    }
+
+    #[getter]
+    fn lower<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        self.per_joint(py, |j| j.limits.lower)
+    }
+
+    #[getter]
+    fn upper<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        self.per_joint(py, |j| j.limits.upper)
+    }
+
+    #[getter]
+    fn velocity_limits<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        self.per_joint(py, |j| j.limits.velocity)
+    }
+
+    #[getter]
+    fn effort_limits<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        self.per_joint(py, |j| j.limits.effort)
+    }
+
+    fn with_gravity(&self, gravity: [f64; 3]) -> PyResult<Self> {
+        let robot = self.0.with_gravity(gravity.into()).map_err(errors::core)?;
+        Ok(Self(Arc::new(robot)))
+    }
+
+    #[pyo3(signature = (q, dq, ddq, phi=None))]
+    fn inverse_dynamics<'py>(
+        &self,
+        py: Python<'py>,
+        q: &Bound<'py, PyAny>,
+        dq: &Bound<'py, PyAny>,
+        ddq: &Bound<'py, PyAny>,
+        phi: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let n = self.0.n_joints();
+        let [q, dq, ddq] = arrays::samples([("q", q), ("dq", dq), ("ddq", ddq)], n)?;
+        let phi = match phi {
+            Some(phi) => arrays::vector(phi, "phi", Some(10 * n))?.as_slice()?.to_vec(),
+            None => self.0.phi(),
+        };
+        let mut tau = vec![0.0; q.len()];
+        let (q, dq, ddq) = (q.as_slice()?, dq.as_slice()?, ddq.as_slice()?);
+        py.detach(|| batch::inverse_dynamics(&self.0, q, dq, ddq, &phi, &mut tau))
+            .map_err(errors::core)?;
+        arrays::to_matrix(py, tau, n)
+    }
+
+    #[pyo3(signature = (q, dq, ddq, phi=None))]
+    fn rnea<'py>(
+        &self,
+        py: Python<'py>,
+        q: &Bound<'py, PyAny>,
+        dq: &Bound<'py, PyAny>,
+        ddq: &Bound<'py, PyAny>,
+        phi: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        self.inverse_dynamics(py, q, dq, ddq, phi)
+    }
+
+    fn joint_torque_regressor<'py>(
+        &self,
+        py: Python<'py>,
+        q: &Bound<'py, PyAny>,
+        dq: &Bound<'py, PyAny>,
+        ddq: &Bound<'py, PyAny>,
+    ) -> PyResult<Bound<'py, PyArray3<f64>>> {
+        let n = self.0.n_joints();
+        let [q, dq, ddq] = arrays::samples([("q", q), ("dq", dq), ("ddq", ddq)], n)?;
+        let n_samples = q.shape()[0];
+        let mut regressor = vec![0.0; n_samples * n * 10 * n];
+        let (q, dq, ddq) = (q.as_slice()?, dq.as_slice()?, ddq.as_slice()?);
+        py.detach(|| batch::joint_torque_regressor(&self.0, q, dq, ddq, &mut regressor))
+            .map_err(errors::core)?;
+        arrays::to_cube(py, regressor, [n_samples, n, 10 * n])
+    }
+
+    #[pyo3(signature = (random_state=0, rtol=1e-9))]
+    fn base_parameters(&self, py: Python<'_>, random_state: u64, rtol: f64) -> PyResult<PyBaseParameters> {
+        let base = py
+            .detach(|| dynid_offline::base_parameters(&self.0, random_state, rtol))
+            .map_err(errors::offline)?;
+        Ok(PyBaseParameters::new(base, &self.0))
+    }
+
+    fn __repr__(&self) -> String {
+        format!("RobotModel({:?}, n_joints={})", self.0.name(), self.0.n_joints())
+    }
+}
