@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
+import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -72,3 +75,20 @@ WRITERS = {".parquet": write_parquet, ".csv": write_csv, ".npz": write_npz}
 def write(path: Path, columns: Columns) -> Path:
     """Write by suffix."""
     return WRITERS[path.suffix](path, columns)
+
+
+@contextlib.contextmanager
+def folder_of_another_user(mode):
+    """A folder with these rights, seen by somebody whom they bind: root may do everything."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        user = os.geteuid()
+        write_csv(folder / "run.csv", valid_columns()).chmod(0)
+        folder.chmod(mode)
+        if user == 0:
+            os.seteuid(65534)
+        try:
+            yield folder
+        finally:
+            os.seteuid(user)
+            folder.chmod(0o700)

@@ -1,1 +1,65 @@
-"""Torque models of robot arms from measured runs."""
+"""Torque models of robot arms from measured runs: identified in Python, evaluated in Rust.
+
+A torque model is a sum of terms; Rust knows what each term is, Python finds out how big it is.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from ._core import BaseParameters, Effect, FormatError, RobotModel, TorqueModel, UrdfError, __version__
+from .errors import DataError, RankDeficientError
+from .recording import Recording
+
+if TYPE_CHECKING:
+    from .friction import FrictionIdentifier
+    from .identification import ThreeLoopIdentifier
+    from .links import LinkDynamicsIdentifier
+    from .mixture import GaussianMixtureRegressor
+    from .readers import read_recording
+    from .residual import ResidualCompensator
+
+# scikit-learn takes a second to import; nobody who only evaluates a model should wait for it.
+_LATE = {
+    "FrictionIdentifier": "friction",
+    "GaussianMixtureRegressor": "mixture",
+    "LinkDynamicsIdentifier": "links",
+    "ResidualCompensator": "residual",
+    "ThreeLoopIdentifier": "identification",
+    "read_recording": "readers",
+}
+
+__all__ = [
+    "BaseParameters",
+    "DataError",
+    "Effect",
+    "FormatError",
+    "FrictionIdentifier",
+    "GaussianMixtureRegressor",
+    "LinkDynamicsIdentifier",
+    "RankDeficientError",
+    "Recording",
+    "ResidualCompensator",
+    "RobotModel",
+    "ThreeLoopIdentifier",
+    "TorqueModel",
+    "UrdfError",
+    "__version__",
+    "read_recording",
+    "rmse",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name in _LATE:
+        from importlib import import_module
+
+        return getattr(import_module(f".{_LATE[name]}", __name__), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def rmse(measured: Any, predicted: Any) -> Any:
+    """Root mean square of measured minus predicted, (n_samples, n_joints) each: (n_joints,)."""
+    import numpy as np
+
+    return np.sqrt(np.mean((np.asarray(measured) - np.asarray(predicted)) ** 2, axis=0))

@@ -175,4 +175,4 @@ def write_table(path: str | os.PathLike[str], columns: Mapping[str, np.ndarray[A
         raise ValueError(f"columns of one table must be (n,) of one length, got {shapes}")
     table = pa.table({name: pa.array(np.asarray(column)) for name, column in columns.items()})
     with atomic_path(path) as temporary:
-        pq.write_table(table, temporary, compression="zstd")
+        pq.write_table(table, temporary, compression="zstd", write_page_checksum=True)

@@ -28,7 +28,7 @@ MIN_STEP = 1e-9
 _MATRICES = ("q", "tau", "dq", "ddq", "q_motor", "dq_motor", "temperature")
 _REQUIRED = ("q", "tau")
 
-Optional = Literal["dq", "ddq", "q_motor", "dq_motor", "temperature"]
+OptionalSignal = Literal["dq", "ddq", "q_motor", "dq_motor", "temperature"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +153,7 @@ class Recording:
             cut[name] = None if value is None else value[rows]
         return replace(self, **cut)
 
-    def without(self, *signals: Optional) -> Recording:
+    def without(self, *signals: OptionalSignal) -> Recording:
         """Return the same run without optional signals, e.g. a `dq` that contradicts q."""
         optional = {field.name for field in fields(self)} & (set(_MATRICES) - set(_REQUIRED))
         unknown = set(signals) - optional
@@ -165,6 +165,8 @@ class Recording:
 
 def _as_floats(values: ArrayLike, name: str) -> FloatArray:
     try:
+        if values is None:
+            raise TypeError
         return np.ascontiguousarray(values, dtype=np.float64)
     except (TypeError, ValueError):
         raise ValueError(f"{name} must be an array of numbers, got {type(values).__name__}") from None
@@ -248,8 +250,8 @@ def check_time(
         raise fault(
             "long_gap",
             longest + 1,
-            f"a gap of {dt[longest]:.4g} s before this row ({dt[longest] / median:.0f} median steps of "
-            f"{median:.4g} s) cannot be bridged; split the run there",
+            f"a gap of {dt[longest]:.4g} s before this row ({float(dt[longest]) / median:.0f} median "
+            f"steps of {median:.4g} s) cannot be bridged; split the run there",
         )
 
 

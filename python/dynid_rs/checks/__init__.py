@@ -12,11 +12,11 @@ from dynid_rs.checks.limits import Limited, check_limits, check_magnitudes
 from dynid_rs.checks.motion import moving_joints
 from dynid_rs.checks.timing import check_timing, relative_jitter
 from dynid_rs.findings import SEVERITIES, Finding
-from dynid_rs.recording import Optional, Recording
+from dynid_rs.recording import OptionalSignal, Recording
 
 __all__ = ["check_recording", "moving_joints", "refused_sources", "relative_jitter"]
 
-_SOURCES: tuple[Optional, ...] = ("dq", "ddq", "dq_motor")
+_SOURCES: tuple[OptionalSignal, ...] = ("dq", "ddq", "dq_motor")
 
 
 def check_recording(rec: Recording, robot: Limited | None = None) -> list[Finding]:
@@ -64,7 +64,7 @@ def check_recording(rec: Recording, robot: Limited | None = None) -> list[Findin
     return sorted(findings, key=lambda finding: -SEVERITIES.index(finding.severity))
 
 
-def refused_sources(findings: Iterable[Finding]) -> tuple[Optional, ...]:
+def refused_sources(findings: Iterable[Finding]) -> tuple[OptionalSignal, ...]:
     """Signals that contradict the position they belong to; for `Recording.without`."""
     codes = {finding.code for finding in findings}
     return tuple(signal for signal in _SOURCES if f"{signal}_disagrees" in codes)

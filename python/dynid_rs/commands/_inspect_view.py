@@ -24,10 +24,18 @@ _WIDTH = 120
 _STYLES = {"error": "bold red", "warning": "yellow", "info": "cyan"}
 
 
+class _Console(Console):
+    """Rich ends the process when the reader of a pipe leaves; here `run_command` decides."""
+
+    def on_broken_pipe(self) -> None:
+        """Pass the error on."""
+        raise
+
+
 def console() -> Console:
     """Terminal output: coloured and as wide as the terminal; plain and of fixed width elsewhere."""
-    plain = Console(highlight=False, color_system=None, width=_WIDTH)
-    terminal = Console(highlight=False)
+    plain = _Console(highlight=False, color_system=None, width=_WIDTH)
+    terminal = _Console(highlight=False)
     return terminal if terminal.file.isatty() else plain
 
 
@@ -75,8 +83,8 @@ def _span(names: Sequence[str]) -> str:
 
 def _joints(run: Run) -> Table:
     rec = run.recording
-    table = Table(box=SIMPLE_HEAD, pad_edge=True)
-    table.add_column("joint", no_wrap=True)
+    table = Table(box=SIMPLE_HEAD, collapse_padding=True)
+    table.add_column("joint", overflow="fold")  # on narrow terminals names break, numbers never
     unit = rec.torque_unit
     titles = {
         "q min": "rad",

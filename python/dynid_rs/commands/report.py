@@ -12,9 +12,14 @@ from dynid_rs.commands._run import print_json
 
 def report(
     directory: Annotated[
-        Path, typer.Argument(metavar="DIR", help="Folder with result.json and residuals.parquet.", show_default=False)
+        Path,
+        typer.Argument(
+            metavar="DIR", help="Folder with result.json and residuals.parquet.", show_default=False
+        ),
     ],
-    json_output: Annotated[bool, typer.Option("--json", help="The answer as JSON on standard output.")] = False,
+    json_output: Annotated[
+        bool, typer.Option("--json", help="The answer as JSON on standard output.")
+    ] = False,
 ) -> None:
     """Write DIR/report.html again, from DIR/result.json and DIR/residuals.parquet."""
     from dynid_rs.report import write_report

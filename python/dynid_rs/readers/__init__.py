@@ -9,10 +9,11 @@ from typing import Protocol, runtime_checkable
 
 from dynid_rs.errors import DataError
 from dynid_rs.files import check_readable
-from dynid_rs.readers.columns import ColumnMap, infer_joints, match_columns
+from dynid_rs.readers.columns import ColumnMap, match_columns
 from dynid_rs.readers.config import Config, read_config
 from dynid_rs.readers.convert import to_recording
 from dynid_rs.readers.csv import open_csv
+from dynid_rs.readers.joints import infer_joints
 from dynid_rs.readers.npz import open_npz
 from dynid_rs.readers.parquet import open_parquet
 from dynid_rs.readers.table import Table

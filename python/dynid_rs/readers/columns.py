@@ -52,15 +52,19 @@ class ColumnMap:
 
 
 @dataclass(frozen=True)
-class _File:
+class FileColumns:
+    """Columns and rules of one file, and the words to refuse them."""
+
     file: str
     names: tuple[str, ...]
     config: Config
 
     def fault(self, code: str, text: str, column: str | None = None) -> DataError:
+        """Return the error that refuses this file."""
         return DataError(f"{self.file}: {text}", code=code, file=self.file, column=column)
 
     def has(self) -> str:
+        """Say what the file has."""
         return f"the file has {shown_names(self.names)}"
 
 
@@ -83,7 +87,7 @@ def match_columns(names: Sequence[str], joints: Sequence[str], config: Config, f
     DataError
         A signal is missing, incomplete, or there twice under different names; the file has more joints.
     """
-    source = _File(file, tuple(names), config)
+    source = FileColumns(file, tuple(names), config)
     found = {signal: _one_signal(source, signal, joints) for signal in _PER_JOINT}
     notes = []
     if found["tau"] is not None and found["current"] is not None:
@@ -92,60 +96,21 @@ def match_columns(names: Sequence[str], joints: Sequence[str], config: Config, f
         )
         found["current"] = None
     if found["q"] is None:
-        raise _missing(source, "q", joints)
+        raise missing_column(source, "q", joints)
     if found["tau"] is None and found["current"] is None:
-        raise _missing(source, "tau", joints)
+        raise missing_column(source, "tau", joints)
     signals = {signal: columns for signal, columns in found.items() if columns is not None}
     time = _time(source)
     used = {time, *(name for columns in signals.values() for name in columns)}
     return ColumnMap(time, signals, tuple(name for name in names if name not in used), tuple(notes))
 
 
-def infer_joints(names: Sequence[str], config: Config, file: str) -> tuple[str, ...]:
-    """Joints of a file whose robot is not known: ``q_0``, ``q_1``, ..., else names shared by q and torque.
-
-    Joints without a name are called by their index: ``"0"``, ``"1"``, ...
-
-    Raises
-    ------
-    DataError
-        No joint is recognised.
-    """
-    source = _File(file, tuple(names), config)
-    rule = config.columns.get("q")
-    if isinstance(rule, tuple):
-        return tuple(map(str, range(len(rule))))
-    templates = (rule,) if isinstance(rule, str) else tuple(f"{alias}_{{i}}" for alias in ALIASES["q"])
-    if rule is not None and "{joint}" in str(rule):
-        head, _, tail = str(rule).partition("{joint}")
-        listed = tuple(
-            n[len(head) : len(n) - len(tail)] for n in names if n.startswith(head) and n.endswith(tail)
-        )
-        if listed and all(listed):
-            return listed
-    count = 0
-    while any(_fill(template, count, "") in source.names for template in templates):
-        count += 1
-    if count:
-        return tuple(map(str, range(count)))
-    suffixes = {
-        name.removeprefix(f"{alias}_")
-        for signal in ("tau", "current")
-        for alias in ALIASES[signal]
-        for name in names
-        if name.startswith(f"{alias}_")
-    }
-    shared = tuple(name[2:] for name in names if name.startswith("q_") and name[2:] in suffixes)
-    if shared and rule is None and not any(suffix.isdigit() for suffix in shared):
-        return shared
-    raise _missing(source, "q", ("0",))
-
-
-def _fill(template: str, index: int, joint: str) -> str:
+def fill(template: str, index: int, joint: str) -> str:
+    """Column name of one joint by a template of `dynid.toml`."""
     return template.format(i=index, n=index + 1, joint=joint)
 
 
-def _time(source: _File) -> str:
+def _time(source: FileColumns) -> str:
     rule = source.config.columns.get("t")
     wanted = (rule,) if isinstance(rule, str) else ALIASES["t"]
     present = [name for name in wanted if name in source.names]
@@ -166,7 +131,7 @@ def _time(source: _File) -> str:
     return present[0]
 
 
-def _one_signal(source: _File, signal: str, joints: Sequence[str]) -> tuple[str, ...] | None:
+def _one_signal(source: FileColumns, signal: str, joints: Sequence[str]) -> tuple[str, ...] | None:
     """Columns of one signal in chain order; None when the file has none of them."""
     columns = source.config.columns
     if signal in columns and columns[signal] is None:
@@ -192,12 +157,12 @@ def _one_signal(source: _File, signal: str, joints: Sequence[str]) -> tuple[str,
         return tuple(name for name in chosen if name is not None)
     if rule is None and not any(chosen):
         return None
-    raise _missing(source, signal, joints, expected, chosen)
+    raise missing_column(source, signal, joints, expected, chosen)
 
 
 def _candidates(rule: str | None, signal: str, index: int, joint: str) -> Iterator[str]:
     if rule is not None:
-        yield _fill(rule, index, joint)
+        yield fill(rule, index, joint)
         return
     for alias in ALIASES[signal]:
         yield f"{alias}_{index}"
@@ -205,7 +170,7 @@ def _candidates(rule: str | None, signal: str, index: int, joint: str) -> Iterat
             yield f"{alias}_{joint}"
 
 
-def _refuse_unclear(source: _File, expected: Sequence[tuple[str, ...]], joints: Sequence[str]) -> None:
+def _refuse_unclear(source: FileColumns, expected: Sequence[tuple[str, ...]], joints: Sequence[str]) -> None:
     """Robots whose joints are called "1", "2", ...: the column q_1 then has two meanings."""
     owner: dict[str, str] = {}
     for names, joint in zip(expected, joints, strict=True):
@@ -222,7 +187,7 @@ def _refuse_unclear(source: _File, expected: Sequence[tuple[str, ...]], joints: 
                 )
 
 
-def _choose(source: _File, signal: str, names: Sequence[str], joint: str) -> str | None:
+def _choose(source: FileColumns, signal: str, names: Sequence[str], joint: str) -> str | None:
     present = [name for name in names if name in source.names]
     if len(present) > 1:
         raise source.fault(
@@ -235,7 +200,9 @@ def _choose(source: _File, signal: str, names: Sequence[str], joint: str) -> str
     return present[0] if present else None
 
 
-def _listed(source: _File, signal: str, rule: tuple[str, ...], joints: Sequence[str]) -> tuple[str, ...]:
+def _listed(
+    source: FileColumns, signal: str, rule: tuple[str, ...], joints: Sequence[str]
+) -> tuple[str, ...]:
     if len(rule) != len(joints):
         raise source.fault(
             "bad_config",
@@ -257,21 +224,21 @@ def _listed(source: _File, signal: str, rule: tuple[str, ...], joints: Sequence[
     return rule
 
 
-def _beyond(source: _File, signal: str, rule: str | None, n_joints: int) -> str | None:
+def _beyond(source: FileColumns, signal: str, rule: str | None, n_joints: int) -> str | None:
     """First column that continues the count of joints where the robot has no more."""
     templates = (rule,) if rule is not None else tuple(f"{alias}_{{i}}" for alias in ALIASES[signal])
     for template in templates:
         if "{joint}" in template or ("{i" not in template and "{n" not in template):
             continue
-        name = _fill(template, n_joints, "")
-        # With joints counted from 1, q_6 is the last of six and q_0 is missing: told as such by `_missing`.
-        if name in source.names and _fill(template, 0, "") in source.names:
+        name = fill(template, n_joints, "")
+        # With joints counted from 1, q_6 is the last of six and q_0 is missing: `missing_column` says so.
+        if name in source.names and fill(template, 0, "") in source.names:
             return name
     return None
 
 
-def _missing(
-    source: _File,
+def missing_column(
+    source: FileColumns,
     signal: str,
     joints: Sequence[str],
     expected: Sequence[tuple[str, ...]] | None = None,
@@ -309,7 +276,7 @@ def _missing(
     )
 
 
-def _counts_from_one(source: _File, signal: str, n_joints: int) -> bool:
+def _counts_from_one(source: FileColumns, signal: str, n_joints: int) -> bool:
     return any(
         f"{alias}_0" not in source.names
         and f"{alias}_1" in source.names

@@ -116,6 +116,13 @@ def _layout(place: Path, file: str) -> _Layout:
         )
     if not all(name.isprintable() for name in names):
         raise _not_text(file, "its first line has control characters")
+    if len(names) == 1 and len(header.split()) > 1:
+        raise DataError(
+            f"{file}, line {lines_before}: the cells seem to be separated by spaces; "
+            "separate them by commas, semicolons or tabs",
+            code="no_delimiter",
+            file=file,
+        )
     return _Layout(file, place, delimiter, names, body_offset, lines_before)
 
 

@@ -71,7 +71,7 @@ def open_parquet(path: str | Path) -> Table:
     def load(wanted: Sequence[str]) -> Columns:
         refuse_too_large(8 * n_rows * len(wanted), file)
         try:
-            with pq.ParquetFile(place) as parquet:
+            with pq.ParquetFile(place, page_checksum_verification=True) as parquet:
                 table = parquet.read(columns=list(wanted))
                 arrays = {name: _to_numpy(table.column(name)) for name in wanted}
         except Exception as error:

@@ -76,7 +76,7 @@
     for (const trace of traces) if (trace.meta) trace.visible = !off.has(trace.meta);
     // A list of buttons, not a list of removals: plotly's own default offers to send the data away.
     const config = {
-      responsive: true, displaylogo: false, displayModeBar: hover && !touch ? "hover" : false,
+      displaylogo: false, displayModeBar: hover && !touch ? "hover" : false,
       showSendToCloud: false, plotlyServerURL: "", modeBarButtons: [["toImage", "zoom2d", "pan2d", "resetScale2d"]],
     };
     const layout = layoutOf(figure, color);
@@ -85,8 +85,17 @@
     const first = !drawn.has(element);
     if (first) drawn.set(element, null);
     Plotly.react(element, traces, layout, config);
+    if (first) resized.observe(element);
     if (first && figure.kind === "time") element.on("plotly_relayout", (change) => follow(element, change));
   }
+
+  // Plotly's own `responsive` hears the window only; a column also changes with its neighbours.
+  const resized = new ResizeObserver((entries) => {
+    for (const { target, contentRect } of entries) {
+      const shown = contentRect.width > 0 && !drawn.get(target);
+      if (shown && Math.abs(contentRect.width - target.querySelector(".main-svg").width.baseVal.value) >= 1) Plotly.Plots.resize(target);
+    }
+  });
 
   // One zoom in time moves the time axis of every joint.
   function follow(source, change) {

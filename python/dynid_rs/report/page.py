@@ -9,9 +9,11 @@ from __future__ import annotations
 import base64
 import hashlib
 from importlib.resources import files
+from importlib.util import find_spec
+from pathlib import Path
 
-from dynid_rs.report import sections
-from dynid_rs.report.plots import Figures
+from dynid_rs.report import explanations, sections
+from dynid_rs.report.figures import Figures
 from dynid_rs.report.source import Source
 from dynid_rs.report.text import esc
 
@@ -22,13 +24,17 @@ def build_page(source: Source) -> str:
     figures = Figures()
     parts = [
         ("errors", "Errors", sections.errors(result)),
-        ("effects", "Effects found" if result.get("effects") else "Not explained yet", sections.effects(result)),
+        (
+            "effects",
+            "Effects found" if result.get("effects") else "Not explained yet",
+            sections.effects(result),
+        ),
         ("torque", "Torque over time", sections.torque(figures, source)),
         ("velocity", "Friction and residual", sections.velocity(figures, source)),
-        ("parameters", "Parameters", sections.parameters(figures, result)),
-        ("loops", "What the loops did", sections.loops(figures, result)),
-        ("data", "Data", sections.data(result)),
-        ("provenance", "Where this comes from", sections.provenance(source)),
+        ("parameters", "Parameters", explanations.parameters(figures, result)),
+        ("loops", "What the loops did", explanations.loops(figures, result)),
+        ("data", "Data", explanations.data(result)),
+        ("provenance", "Where this comes from", explanations.provenance(source)),
     ]
     shown = [(key, title, body) for key, title, body in parts if body]
     links = "".join(f'<a href="#{key}">{title}</a>' for key, title, _ in shown)
@@ -42,7 +48,7 @@ def build_page(source: Source) -> str:
 
 def _shell(*, title: str, body: str, figures: Figures) -> str:
     here = files("dynid_rs.report")
-    plotly = _script_text(files("plotly").joinpath("package_data", "plotly.min.js").read_text(encoding="utf-8"))
+    plotly = _script_text(_plotly_path().read_text(encoding="utf-8"))
     runtime = _script_text(here.joinpath("page.js").read_text(encoding="utf-8"))
     style = here.joinpath("page.css").read_text(encoding="utf-8")
     policy = (
@@ -53,15 +59,27 @@ def _shell(*, title: str, body: str, figures: Figures) -> str:
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         f'<meta http-equiv="Content-Security-Policy" content="{policy}">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f'<title>{esc(title)}</title>\n<link rel="icon" href="data:,">\n<style>\n{style}</style>\n</head>\n<body>\n'
+        f'<title>{esc(title)}</title>\n<link rel="icon" '
+        f'href="data:,">\n<style>\n{style}</style>\n</head>\n<body>\n'
         f"{body}<noscript><p>The plots need JavaScript; all tables are complete without it.</p></noscript>\n"
         f'<script type="application/json" id="report-data">{figures.to_json()}</script>\n'
         f"<script>{plotly}</script>\n<script>{runtime}</script>\n</body>\n</html>\n"
     )
 
 
+def _plotly_path() -> Path:
+    """Return the place of plotly.min.js without importing the package, which costs more than the page."""
+    spec = find_spec("plotly")
+    places = (spec.submodule_search_locations if spec else None) or []
+    for place in places:
+        path = Path(place) / "package_data" / "plotly.min.js"
+        if path.is_file():
+            return path
+    raise FileNotFoundError("plotly.min.js is missing; install it with `pip install plotly`")
+
+
 def _script_text(code: str) -> str:
-    """Code as the browser hashes it: line ends as the HTML parser leaves them, and nothing that ends the element."""
+    """Code as the browser will hash it: its line ends, and nothing that ends the element."""
     code = code.replace("\r\n", "\n").replace("\r", "\n")
     return code.replace("</script", "<\\/script").replace("<!--", "<\\!--")
 

@@ -1,30 +1,19 @@
-"""The figures of the report, as plain plotly traces and layouts.
-
-They are built as dictionaries: importing ``plotly.graph_objects`` costs more than the whole report. Colours are
-names that start with ``$`` and are looked up in the style sheet by ``page.js``, so that they follow the
-light or dark scheme; arrays are names that start with ``@`` and stand once, as base64, in a pool.
-Texts from files may only stand under ``text`` and ``name``, which ``page.js`` never looks up.
-"""
+"""Figures from the samples: torque over time, friction over velocity, and whether the residual is noise."""
 
 from __future__ import annotations
 
-import base64
-import json
 import statistics
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid_rs.report.figures import Array, Figure, Figures
 from dynid_rs.report.series import autocorrelation, binned_mean, envelope, thin
 from dynid_rs.report.source import Signals, Source
-from dynid_rs.report.tables import holds_zero
-from dynid_rs.report.text import esc, significant, unit_text, with_unit, words
-
-Array = NDArray[np.float64]
-Figure = dict[str, Any]
+from dynid_rs.report.text import esc, unit_text, words
 
 # Bytes of base64 that all time plots together, and all clouds together, may take.
 _TIME_BUDGET = 2_000_000
@@ -44,28 +33,6 @@ _TERM_COLORS = {
 }
 _SPARE_COLORS = ("$yellow", "$green", "$purple", "$sky", "$orange", "$brown")
 _TERM_WORDS = {"rigid_body": "rigid body", "residual_term": "residual term (third loop)"}
-
-
-@dataclass
-class Figures:
-    """Figures of the page, and the arrays they share."""
-
-    figures: dict[str, Figure] = field(default_factory=dict)
-    arrays: dict[str, str] = field(default_factory=dict)
-
-    def array(self, key: str, values: Array) -> str:
-        """Put `values` into the pool as little-endian float32 and return their name."""
-        self.arrays[key] = base64.b64encode(np.asarray(values, dtype="<f4").tobytes()).decode("ascii")
-        return "@" + key
-
-    def add(self, key: str, traces: list[Figure], layout: Figure, kind: str = "") -> None:
-        """Add one figure; `kind` ``"time"`` links its zoom with the others of that kind."""
-        self.figures[key] = {"traces": traces, "layout": layout, "kind": kind}
-
-    def to_json(self) -> str:
-        """JSON that cannot end the script element it stands in."""
-        text = json.dumps({"figures": self.figures, "arrays": self.arrays}, allow_nan=False, separators=(",", ":"))
-        return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
 
 
 @dataclass(frozen=True)
@@ -102,7 +69,7 @@ def term_colors(terms: Sequence[str]) -> dict[str, str]:
 
 
 def shown_rows(signals: Signals) -> NDArray[np.bool_]:
-    """Samples of the test runs; all samples where there is no test run."""
+    """Pick the samples of the test runs; all samples where there is no test run."""
     return signals.is_test if signals.is_test.any() else np.ones_like(signals.is_test)
 
 
@@ -137,8 +104,12 @@ def add_time_plots(figures: Figures, source: Source) -> TimePlots:
     colors = term_colors(terms)
     for j in range(len(joints)):
         shown = [term for term in terms if f"{term}_{j}" in signals.columns]
-        figures.add(f"time-{j}", _time_traces(j, shown, colors), _time_layout(source.result["torque_unit"]), "time")
-    return TimePlots(tuple(signals.run_names[run] for run in runs[:n_shown]), len(runs), terms, max_points, shortened)
+        figures.add(
+            f"time-{j}", _time_traces(j, shown, colors), _time_layout(source.result["torque_unit"]), "time"
+        )
+    return TimePlots(
+        tuple(signals.run_names[run] for run in runs[:n_shown]), len(runs), terms, max_points, shortened
+    )
 
 
 def _time_traces(j: int, terms: Sequence[str], colors: Mapping[str, str]) -> list[Figure]:
@@ -147,17 +118,33 @@ def _time_traces(j: int, terms: Sequence[str], colors: Mapping[str, str]) -> lis
     looks += [("predicted", "predicted", {"color": "$blue", "width": 1.3}, "y", True)]
     looks += [("residual", "residual", {"color": "$red", "width": 1.1}, "y2", True)]
     return [
-        {"type": "scatter", "mode": "lines", "x": "@{run}/t", "y": f"@{{run}}/{j}/{key}", "meta": key, "text": "",
-         "name": esc(name), "line": line, "yaxis": axis, "visible": visible, "hovertemplate": "%{y:.4~g}"}
+        {
+            "type": "scatter",
+            "mode": "lines",
+            "x": "@{run}/t",
+            "y": f"@{{run}}/{j}/{key}",
+            "meta": key,
+            "text": "",
+            "name": esc(name),
+            "line": line,
+            "yaxis": axis,
+            "visible": visible,
+            "hovertemplate": "%{y:.4~g}",
+        }
         for key, name, line, axis, visible in looks
-    ]  # fmt: skip
+    ]
 
 
 def _time_layout(torque_unit: str) -> Figure:
     unit = esc(unit_text(torque_unit))
     return {
         "hovermode": "x unified",
-        "xaxis": {"anchor": "y2", "title": {"text": "time [s]"}, "hoverformat": ".2f", "unifiedhovertitle": {"text": "%{x} s"}},
+        "xaxis": {
+            "anchor": "y2",
+            "title": {"text": "time [s]"},
+            "hoverformat": ".2f",
+            "unifiedhovertitle": {"text": "%{x} s"},
+        },
         "yaxis": {"domain": [0.36, 1.0], "title": {"text": f"torque [{unit}]"}},
         "yaxis2": {"domain": [0.0, 0.27], "title": {"text": f"residual [{unit}]"}, "nticks": 4},
     }
@@ -175,8 +162,13 @@ def add_velocity_plots(figures: Figures, source: Source) -> tuple[int, int]:
         friction = signals.columns.get(f"friction_{j}", np.zeros_like(signals.columns["t"]))[picked]
         few = thin(picked.size, residual, max_points)
         x = figures.array(f"v/{j}/dq", dq[few])
-        cloud = {"type": "scatter", "mode": "markers", "x": x, "hoverinfo": "skip",
-                 "marker": {"size": 3, "color": "$measured", "opacity": 0.55}}  # fmt: skip
+        cloud = {
+            "type": "scatter",
+            "mode": "markers",
+            "x": x,
+            "hoverinfo": "skip",
+            "marker": {"size": 3, "color": "$measured", "opacity": 0.55},
+        }
         speed = f"{esc(unit_text(velocity_unit(result, joint)))}"
         hover = "%{y:.3~g} " + unit + " at %{x:.3~g} " + speed + "<extra></extra>"
         traces: list[Figure] = [
@@ -196,8 +188,14 @@ def add_velocity_plots(figures: Figures, source: Source) -> tuple[int, int]:
 
 def _mean_line(figures: Figures, key: str, x: Array, y: Array, color: str, hover: str) -> Figure:
     centre, mean = binned_mean(x, y, _N_BINS)
-    return {"type": "scatter", "mode": "lines", "x": figures.array(key + "/x", centre), "hovertemplate": hover,
-            "y": figures.array(key + "/y", mean), "line": {"color": color, "width": 2}}  # fmt: skip
+    return {
+        "type": "scatter",
+        "mode": "lines",
+        "x": figures.array(key + "/x", centre),
+        "hovertemplate": hover,
+        "y": figures.array(key + "/y", mean),
+        "line": {"color": color, "width": 2},
+    }
 
 
 def add_noise_plots(figures: Figures, source: Source) -> None:
@@ -215,15 +213,27 @@ def add_noise_plots(figures: Figures, source: Source) -> None:
         correlation = autocorrelation([residual[run] for run in runs], n_lags)
         values = residual[rows]
         traces = [
-            {"type": "scatter", "mode": "lines", "x": figures.array("lag", np.arange(n_lags) * step), "fill": "tozeroy",
-             "y": figures.array(f"n/{j}/acf", correlation), "line": {"color": "$red", "width": 1.5},
-             "fillcolor": "$red-soft", "hovertemplate": "%{y:.2f} after %{x:.2f} s<extra></extra>"},
+            {
+                "type": "scatter",
+                "mode": "lines",
+                "x": figures.array("lag", np.arange(n_lags) * step),
+                "fill": "tozeroy",
+                "y": figures.array(f"n/{j}/acf", correlation),
+                "line": {"color": "$red", "width": 1.5},
+                "fillcolor": "$red-soft",
+                "hovertemplate": "%{y:.2f} after %{x:.2f} s<extra></extra>",
+            },
             *_distribution(figures, j, values, unit),
-        ]  # fmt: skip
+        ]
         layout = {
             "xaxis": {"domain": [0.0, 0.46], "title": {"text": "lag [s]"}, "nticks": 4},
             "yaxis": {"range": [-1.05, 1.05], "title": {"text": "autocorrelation"}, "zeroline": True},
-            "xaxis2": {"domain": [0.58, 1.0], "anchor": "y2", "title": {"text": f"residual [{unit}]"}, "nticks": 4},
+            "xaxis2": {
+                "domain": [0.58, 1.0],
+                "anchor": "y2",
+                "title": {"text": f"residual [{unit}]"},
+                "nticks": 4,
+            },
             "yaxis2": {"anchor": "x2", "showticklabels": False, "rangemode": "tozero", "title": {"text": ""}},
             "bargap": 0.0,
         }
@@ -241,81 +251,23 @@ def _distribution(figures: Figures, j: int, values: Array, unit: str) -> list[Fi
     smooth = np.linspace(edges[0], edges[-1], 61)
     bell = np.asarray([normal.pdf(float(x)) for x in smooth])
     return [
-        {"type": "bar", "x": figures.array(f"n/{j}/bin", 0.5 * (edges[1:] + edges[:-1])), "xaxis": "x2", "yaxis": "y2",
-         "y": figures.array(f"n/{j}/density", density), "marker": {"color": "$red-soft", "line": {"width": 0}},
-         "hovertemplate": "around %{x:.3~g} " + unit + "<extra></extra>"},
-        {"type": "scatter", "mode": "lines", "x": figures.array(f"n/{j}/bell/x", smooth), "xaxis": "x2", "yaxis": "y2",
-         "y": figures.array(f"n/{j}/bell/y", bell), "line": {"color": "$ink", "width": 1.2, "dash": "dot"},
-         "hoverinfo": "skip"},
-    ]  # fmt: skip
-
-
-def add_parameter_plot(figures: Figures, key: str, parameters: Sequence[Mapping[str, Any]], group_key: str) -> bool:
-    """Dot and whisker of each parameter relative to its value, grouped by link or joint; False where none has one."""
-    known = [p for p in parameters if p.get("interval") and p["value"] != 0.0]
-    if not known:
-        return False
-    traces = []
-    for unsure in (False, True):
-        at = [k for k, p in enumerate(known) if holds_zero(p) == unsure]
-        ends = [sorted(100.0 * bound / known[k]["value"] for bound in known[k]["interval"]) for k in at]
-        color = "$faint" if unsure else "$blue"
-        traces.append(
-            {"type": "scatter", "mode": "markers", "x": at, "y": [100] * len(at), "hovertemplate": "%{text}<extra></extra>",
-             "text": [_parameter_hover(known[k], group_key) for k in at],
-             "marker": {"color": color, "size": 6, "symbol": "circle-open" if unsure else "circle"},
-             "error_y": {"type": "data", "symmetric": False, "array": [high - 100 for _, high in ends],
-                         "arrayminus": [100 - low for low, _ in ends], "color": color, "thickness": 1.6, "width": 3}}
-        )  # fmt: skip
-    groups = [str(p.get(group_key) or "") for p in known]
-    starts = [k for k, group in enumerate(groups) if k == 0 or group != groups[k - 1]]
-    middles = [(a + b - 1) / 2 for a, b in zip(starts, [*starts[1:], len(groups)], strict=True)]
-    layout = {
-        "xaxis": {"tickvals": middles, "ticktext": {"text": [esc(_short(groups[k])) for k in starts]}, "range": [-0.8, len(known) - 0.2],
-                  "showgrid": False},
-        "yaxis": {"range": [-55, 255], "title": {"text": "% of the estimate"}, "zeroline": True, "tickvals": [0, 50, 100, 150, 200]},
-        "shapes": [{"type": "line", "x0": k - 0.5, "x1": k - 0.5, "yref": "paper", "y0": 0, "y1": 1,
-                    "line": {"color": "$grid", "width": 1}} for k in starts[1:]],
-    }  # fmt: skip
-    figures.add(key, traces, layout)
-    return True
-
-
-def _short(name: str) -> str:
-    return name if len(name) <= 22 else name[:21] + "\u2026"
-
-
-def _parameter_hover(p: Mapping[str, Any], group_key: str) -> str:
-    low, high = p["interval"]
-    name = p["name"] if len(p["name"]) <= 60 else p["name"][:58] + "\u2026"
-    group = f"{esc(p[group_key])}<br>" if p.get(group_key) else ""
-    value = with_unit(significant(p["value"], 4), p.get("unit"))
-    return f"{group}<b>{esc(name)}</b><br>{esc(value)}<br>{significant(low)} to {significant(high)}"
-
-
-def add_history_plot(figures: Figures, result: Mapping[str, Any]) -> bool:
-    """Training error over the passes of the loops, relative to the first; False where there is no way to show."""
-    history = [step for step in result.get("history") or [] if step.get("rmse_train")]
-    if len(history) < 2:
-        return False
-    colors = ("$blue", "$orange", "$green", "$purple", "$red", "$sky", "$brown")
-    passes = [step.get("iteration") or k for k, step in enumerate(history, 1)]
-    traces = []
-    for j, joint in enumerate(result["joints"]):
-        errors = [step["rmse_train"][j] for step in history]
-        if not errors[0] or None in errors:
-            continue
-        traces.append(
-            {"type": "scatter", "mode": "lines+markers", "x": passes, "y": [100.0 * error / errors[0] for error in errors],
-             "name": esc(_short(joint)), "showlegend": True, "marker": {"size": 5},
-             "line": {"color": colors[j % len(colors)], "width": 1.5, "dash": ("solid", "dash")[j // len(colors) % 2]},
-             "hovertemplate": "%{y:.1f} %"}
-        )  # fmt: skip
-    layout = {
-        "hovermode": "x unified",
-        "showlegend": True,
-        "xaxis": {"title": {"text": "pass through the loops"}, "dtick": max(1, len(passes) // 10)},
-        "yaxis": {"title": {"text": "training error [% of first pass]"}},
-    }
-    figures.add("history", traces, layout)
-    return bool(traces)
+        {
+            "type": "bar",
+            "x": figures.array(f"n/{j}/bin", 0.5 * (edges[1:] + edges[:-1])),
+            "xaxis": "x2",
+            "yaxis": "y2",
+            "y": figures.array(f"n/{j}/density", density),
+            "marker": {"color": "$red-soft", "line": {"width": 0}},
+            "hovertemplate": "around %{x:.3~g} " + unit + "<extra></extra>",
+        },
+        {
+            "type": "scatter",
+            "mode": "lines",
+            "x": figures.array(f"n/{j}/bell/x", smooth),
+            "xaxis": "x2",
+            "yaxis": "y2",
+            "y": figures.array(f"n/{j}/bell/y", bell),
+            "line": {"color": "$ink", "width": 1.2, "dash": "dot"},
+            "hoverinfo": "skip",
+        },
+    ]

@@ -22,7 +22,6 @@ from dynid_rs.report.text import (
 
 Result = Mapping[str, Any]
 _LONG_NAME = 44
-_STRIP_WIDTH, _STRIP_HEIGHT, _STRIP_MARGIN = 200, 24, 6
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]], *, caption: str = "", kind: str = "") -> str:
@@ -42,132 +41,28 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]], *, caption: str = 
 def _cells(row: Sequence[str]) -> str:
     first, *rest = row
     head = first if first.startswith(("<td", "<th")) else f'<th scope="row">{first}</th>'
-    return head + "".join(cell if cell.startswith("<td") else f"<td>{cell}</td>" for cell in rest)
+    return head + "".join(html if html.startswith("<td") else f"<td>{html}</td>" for html in rest)
 
 
-def error_table(result: Result) -> str:
-    """Errors on the test runs per joint: baseline, three loops, effects where there are any, floor."""
-    test, unit, joints = result["rmse"]["test"], result["torque_unit"], result["joints"]
-    n = len(joints)
-    stds, floors = test["torque_std"], test.get("floor") or [None] * n
-    intervals = test.get("after_interval") or [None] * n
-    with_effects = has_effects(result)
-    scale = _strip_scale(result)
-    said_unit = f"<small>{esc(unit_text(unit))}</small>"
-    head = ["Joint", f"Torque std {said_unit}", f"Weighted least squares {said_unit}", f"Three loops {said_unit}"]
-    head += [f"With effects {said_unit}"] if with_effects else []
-    head += [f"95 % interval {said_unit}", f"Floor {said_unit}", "Against least squares", "Above the floor",
-             '<th scope="col" class="strip-head">Error in % of torque std' + _strip_axis(scale) + "</th>"]
-    rows = []
-    for j, joint in enumerate(joints):
-        std, wls, before, after = stds[j], test["wls"][j], test["before"][j], test["after"][j]
-        row = [esc(joint), f'<td class="num">{significant(std)}</td>', _error_cell(wls, std)]
-        row += [_error_cell(before, std)] if with_effects else []
-        row += [_error_cell(after, std, "main"), f'<td class="num soft">{interval(intervals[j])}</td>']
-        row += [_error_cell(floors[j], std), _change_cell(after, wls), _floor_cell(after, intervals[j], floors[j])]
-        row += [f'<td class="strip">{_strip(std, wls, after, intervals[j], floors[j], scale)}</td>']
-        rows.append(row)
-    return table(head, rows, kind="errors")
+def cell(html: str, kind: str = "num") -> str:
+    """Table cell from HTML; `kind` names its style."""
+    return f'<td class="{kind}">{html}</td>'
 
 
-def has_effects(result: Result) -> bool:
-    """Whether the model after differs from the three loops."""
-    test = result["rmse"]["test"]
-    return bool(result.get("effects")) or test["after"] != test["before"]
-
-
-def at_floor(after: float | None, bounds: Sequence[float] | None, floor: float | None) -> bool | None:
-    """Whether the floor lies within the interval of the error; None where that is not known."""
-    if after is None or floor is None:
-        return None
-    return (bounds[0] if bounds else after) <= floor
-
-
-def _error_cell(value: float | None, std: float | None, kind: str = "") -> str:
-    return (
-        f'<td class="num {kind}"><span class="pair"><span>{significant(value)}</span>'
-        f'<span class="soft">{percent(ratio(value, std))}</span></span></td>'
-    )
-
-
-def _change_cell(after: float | None, wls: float | None) -> str:
+def change_cell(after: float | None, wls: float | None) -> str:
+    """Table cell: by how much the error fell or rose, in a word, a sign and a colour."""
     share = ratio(after, wls)
     if share is None:
-        return f'<td class="num">{DASH}</td>'
+        return cell(DASH)
     kind, sign, word = ("better", "\u25bc", "less") if share < 1.0 else ("worse", "\u25b2", "more")
     if abs(share - 1.0) < 0.005:
-        return '<td class="num soft">same</td>'
-    return f'<td class="num {kind}"><span aria-hidden="true">{sign}</span> {percent(abs(share - 1.0))} {word}</td>'
-
-
-def _floor_cell(after: float | None, bounds: Sequence[float] | None, floor: float | None) -> str:
-    reached = at_floor(after, bounds, floor)
-    if reached is None or after is None or floor is None:
-        return f'<td class="num">{DASH}</td>'
-    if reached:
-        return '<td class="num better"><span aria-hidden="true">\u25cf</span> at the floor</td>'
-    excess = ratio(after - floor, floor)
-    return f'<td class="num">{DASH if excess is None else percent(excess, signed=True)}</td>'
-
-
-def _strip_scale(result: Result) -> float:
-    """Right end of the strips, a ratio: the largest error shown, rounded up to a readable number."""
-    test = result["rmse"]["test"]
-    shown = [
-        share
-        for key in ("wls", "after")
-        for value, std in zip(test[key], test["torque_std"], strict=True)
-        if (share := ratio(value, std)) is not None
-    ]
-    top = max(shown, default=0.1)
-    steps = (0.01, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.75, 1.0, 1.5, 2.0)
-    return next((step for step in steps if step >= top), top)
-
-
-def _strip_axis(scale: float) -> str:
-    return (
-        f'<span class="strip-axis" aria-hidden="true"><span>0</span><span>{percent(scale / 2)}</span>'
-        f"<span>{percent(scale)}</span></span>"
-    )
-
-
-def _strip(
-    std: float | None,
-    wls: float | None,
-    after: float | None,
-    bounds: Sequence[float] | None,
-    floor: float | None,
-    scale: float,
-) -> str:
-    """Draw one row's errors on a line: floor as a filled band, baseline hollow, model filled, interval as a bar."""
-
-    def x(value: float) -> float:
-        share = min(1.0, max(0.0, value / (std or 1.0) / scale))
-        return round(_STRIP_MARGIN + share * (_STRIP_WIDTH - 2 * _STRIP_MARGIN), 1)
-
-    if std is None or std <= 0.0:
-        return ""
-    zero, middle = x(0.0), _STRIP_HEIGHT / 2
-    marks = [f'<line class="rule" x1="{zero}" x2="{x(scale * std)}" y1="{middle}" y2="{middle}"/>']
-    if floor is not None:
-        marks.append(f'<rect class="floor" x="{zero}" y="4" width="{round(x(floor) - zero, 1)}" height="16"/>')
-    if wls is not None and after is not None:
-        marks.append(f'<line class="link" x1="{x(wls)}" x2="{x(after)}" y1="{middle}" y2="{middle}"/>')
-    if bounds is not None:
-        marks.append(f'<line class="bar" x1="{x(bounds[0])}" x2="{x(bounds[1])}" y1="{middle}" y2="{middle}"/>')
-    if wls is not None:
-        marks.append(f'<circle class="baseline" cx="{x(wls)}" cy="{middle}" r="4"/>')
-    if after is not None:
-        marks.append(f'<circle class="model" cx="{x(after)}" cy="{middle}" r="4.5"/>')
-    return (
-        f'<svg viewBox="0 0 {_STRIP_WIDTH} {_STRIP_HEIGHT}" width="{_STRIP_WIDTH}" height="{_STRIP_HEIGHT}" '
-        f'role="img" aria-label="least squares {percent(ratio(wls, std))}, model {percent(ratio(after, std))}, '
-        f'floor {percent(ratio(floor, std))}">{"".join(marks)}</svg>'
-    )
+        return cell("same", "num soft")
+    change = f"{percent(abs(share - 1.0))} {word}"
+    return cell(f'<span aria-hidden="true">{sign}</span> {change}', f"num {kind}")
 
 
 def effects_table(result: Result) -> str:
-    """What was found beyond the declared model."""
+    """List what was found beyond the declared model."""
     unit = result["torque_unit"]
     rows = []
     for rank, effect in enumerate(result["effects"], 1):
@@ -181,30 +76,51 @@ def effects_table(result: Result) -> str:
             for tie in effect.get("ties") or []
         )
         rows.append(
-            [esc(words(effect["kind"])), esc(", ".join(effect["joints"])), parameters or DASH,
-             _before_after(effect, result["joints"]), significant(effect.get("p_value"), 2), ties or DASH,
-             f'<td class="num">{significant(effect.get("rank") or rank, 1)}</td>']
-        )  # fmt: skip
+            [
+                esc(words(effect["kind"])),
+                esc(", ".join(effect["joints"])),
+                parameters or DASH,
+                _before_after(effect, result["joints"]),
+                significant(effect.get("p_value"), 2),
+                ties or DASH,
+                cell(significant(effect.get("rank") or rank, 1)),
+            ]
+        )
     said = f"<small>{esc(unit_text(unit))}</small>"
-    return table(["Effect", "Joints", "Parameters (95 % interval)", f"Test error {said}", "p", "Cannot be told from", "Rank"],
-                 rows)  # fmt: skip
+    return table(
+        [
+            "Effect",
+            "Joints",
+            "Parameters (95 % interval)",
+            f"Test error {said}",
+            "p",
+            "Cannot be told from",
+            "Rank",
+        ],
+        rows,
+    )
 
 
 def _before_after(effect: Result, all_joints: Sequence[str]) -> str:
     """Before and after per joint of the effect; the arrays follow either all joints or the effect's own."""
     before, after = effect.get("rmse_test_before") or [], effect.get("rmse_test_after") or []
     names = all_joints if len(before) == len(all_joints) else effect["joints"]
-    return "<br>".join(
-        f'<span class="soft">{esc(joint)}</span> {significant(old)} \u2192 <b>{significant(new)}</b>'
-        for joint, old, new in zip(names, before, after, strict=False)
-        if joint in effect["joints"]
-    ) or DASH
+    return (
+        "<br>".join(
+            f'<span class="soft">{esc(joint)}</span> {significant(old)} \u2192 <b>{significant(new)}</b>'
+            for joint, old, new in zip(names, before, after, strict=False)
+            if joint in effect["joints"]
+        )
+        or DASH
+    )
 
 
 def parameter_table(parameters: Sequence[Result], group_key: str, group_title: str) -> str:
     """Value, error and interval of each parameter; sortable, grey where the interval holds zero."""
-    head = [f'<th scope="col"><button type="button">{title}</button></th>'
-            for title in ("Parameter", group_title, "Value", "Unit", "Std error", "95 % interval", "Rel. error")]  # fmt: skip
+    head = [
+        f'<th scope="col"><button type="button">{title}</button></th>'
+        for title in ("Parameter", group_title, "Value", "Unit", "Std error", "95 % interval", "Rel. error")
+    ]
     rows = []
     for p in parameters:
         value, error = value_with_error(p["value"], p.get("std_error"))
@@ -212,12 +128,18 @@ def parameter_table(parameters: Sequence[Result], group_key: str, group_title: s
         kind = "unsure" if holds_zero(p) else ""
         bounds = p.get("interval")
         rows.append(
-            [f'<th scope="row" class="{kind}">{_name(p["name"])}</th>', f'<td class="{kind}">{esc(p.get(group_key) or DASH)}</td>',
-             _sortable(value, p["value"], kind), f'<td class="{kind}">{esc(unit_text(p.get("unit")))}</td>',
-             _sortable(PLUS_MINUS + error if p.get("std_error") is not None else DASH, p.get("std_error"), kind),
-             _sortable(interval(bounds), bounds[0] if bounds else None, kind),
-             _sortable(percent(relative), relative, kind)]
-        )  # fmt: skip
+            [
+                f'<th scope="row" class="{kind}">{_name(p["name"])}</th>',
+                cell(esc(p.get(group_key) or DASH), kind),
+                _sortable(value, p["value"], kind),
+                cell(esc(unit_text(p.get("unit"))), kind),
+                _sortable(
+                    PLUS_MINUS + error if p.get("std_error") is not None else DASH, p.get("std_error"), kind
+                ),
+                _sortable(interval(bounds), bounds[0] if bounds else None, kind),
+                _sortable(percent(relative), relative, kind),
+            ]
+        )
     return table(head, rows, kind="sortable")
 
 
@@ -228,7 +150,7 @@ def holds_zero(parameter: Result) -> bool:
 
 
 def _name(name: str) -> str:
-    """Sums of many link parameters are shown by their first terms and unfold on a click."""
+    """Show sums of many link parameters by their first terms; they unfold on a click."""
     if len(name) <= _LONG_NAME:
         return esc(name)
     head = name[:_LONG_NAME].rpartition(" ")[0] or name[:_LONG_NAME]
@@ -242,7 +164,7 @@ def _sortable(text: str, value: float | None, kind: str) -> str:
 
 
 def findings_table(findings: Sequence[Result]) -> str:
-    """What is known about the data, the worst first."""
+    """List what is known about the data, the worst first."""
     order = {"error": 0, "warning": 1, "info": 2}
     signs = {"error": "\u2716 error", "warning": "\u25b2 warning", "info": "\u2139 info"}
     rows = []
@@ -254,11 +176,14 @@ def findings_table(findings: Sequence[Result]) -> str:
             place.append(f"rows {count(span[0])} to {count(span[1])}")
         size = "" if f.get("value") is None else with_unit(significant(f["value"]), f.get("unit"))
         rows.append(
-            [f'<th scope="row" class="badge {severity}">{signs[severity]}</th>',
-             f'<td class="text">{esc(f["message"])}</td>',
-             f'<td class="place">{"<br>".join(esc(part) for part in place if part)}</td>',
-             f'<td class="num">{esc(size)}</td>', f'<td class="soft">{esc(words(f.get("code") or ""))}</td>']
-        )  # fmt: skip
+            [
+                f'<th scope="row" class="badge {severity}">{signs[severity]}</th>',
+                cell(esc(f["message"]), "text"),
+                cell("<br>".join(esc(part) for part in place if part), "place"),
+                cell(esc(size)),
+                cell(esc(words(f.get("code") or "")), "soft"),
+            ]
+        )
     return table(["Severity", "What", "Where", "Size", "Kind"], rows)
 
 
@@ -270,11 +195,16 @@ def residual_table(result: Result, residual: Result, kept: Sequence[bool]) -> st
     components = residual.get("n_components") or unknown
     said = f"<small>{esc(unit_text(unit))}</small>"
     rows = [
-        [esc(joint), f'<td class="num">{significant(without[j])}</td>', f'<td class="num">{significant(used[j])}</td>',
-         _change_cell(used[j], without[j]), f'<td class="num">{count(components[j])}</td>',
-         '<td class="better word">\u25cf kept</td>' if kept[j] else '<td class="soft word">\u25cb left out</td>']
+        [
+            esc(joint),
+            cell(significant(without[j])),
+            cell(significant(used[j])),
+            change_cell(used[j], without[j]),
+            cell(count(components[j])),
+            cell("\u25cf kept", "better word") if kept[j] else cell("\u25cb left out", "soft word"),
+        ]
         for j, joint in enumerate(joints)
-    ]  # fmt: skip
+    ]
     return table(["Joint", f"Without {said}", f"With {said}", "Change", "Components", "Decision"], rows)
 
 
@@ -283,10 +213,13 @@ def delay_table(result: Result, delay: Result) -> str:
     factor, unit = (1e3, "ms") if delay.get("unit", "s") == "s" else (1.0, delay["unit"])
     bounds = delay.get("interval") or [None] * len(result["joints"])
     rows = [
-        [esc(joint), f'<td class="num">{significant(None if value is None else factor * value)}</td>',
-         f'<td class="num soft">{interval(pair and [factor * bound for bound in pair])}</td>']
+        [
+            esc(joint),
+            cell(significant(None if value is None else factor * value)),
+            cell(interval(pair and [factor * bound for bound in pair]), "num soft"),
+        ]
         for joint, value, pair in zip(result["joints"], delay["value"], bounds, strict=True)
-    ]  # fmt: skip
+    ]
     said = f"<small>{esc(unit_text(unit))}</small>"
     return table(["Joint", f"Delay {said}", f"95 % interval {said}"], rows)
 
@@ -294,23 +227,34 @@ def delay_table(result: Result, delay: Result) -> str:
 def shape_table(shapes: Sequence[Result]) -> str:
     """Where friction turns from one direction to the other."""
     rows = [
-        [esc(s["joint"]), f'<td class="num">{significant(s.get("velocity_threshold"))}</td>',
-         f'<td class="num">{significant(s.get("transition_width"))}</td>', esc(unit_text(s.get("unit")))]
+        [
+            esc(s["joint"]),
+            cell(significant(s.get("velocity_threshold"))),
+            cell(significant(s.get("transition_width"))),
+            esc(unit_text(s.get("unit"))),
+        ]
         for s in shapes
-    ]  # fmt: skip
+    ]
     return table(["Joint", "Velocity threshold", "Transition width", "Unit"], rows)
 
 
 def unexplained_table(result: Result) -> str:
-    """What the model leaves, and the signals it depends on."""
+    """List what the model leaves, and the signals it depends on."""
     rows = [
-        [esc(u["joint"]), f'<td class="num">{percent(u.get("share"))}</td>',
-         f'<td class="text">{"; ".join(_dependence(d) for d in u.get("depends_on") or []) or "no single signal"}</td>']
+        [
+            esc(u["joint"]),
+            cell(percent(u.get("share"))),
+            cell("; ".join(_dependence(d) for d in u.get("depends_on") or []) or "no single signal", "text"),
+        ]
         for u in result["unexplained"]
-    ]  # fmt: skip
+    ]
     return table(["Joint", "Share of the error", "Depends on"], rows)
 
 
 def _dependence(depends: Result) -> str:
-    strength = "" if depends.get("strength") is None else f' <span class="soft">({significant(depends["strength"], 2)})</span>'
+    strength = (
+        ""
+        if depends.get("strength") is None
+        else f' <span class="soft">({significant(depends["strength"], 2)})</span>'
+    )
     return f"{esc(depends['signal'])}{strength}"

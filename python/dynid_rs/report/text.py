@@ -12,13 +12,21 @@ MINUS = "\u2212"
 NBSP = "\u00a0"
 PLUS_MINUS = "\u00b1"
 
-_SUPERSCRIPTS = str.maketrans("-0123456789", "\u207b\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079")
+_SUPERSCRIPTS = str.maketrans(
+    "-0123456789", "\u207b\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079"
+)
 _MAX_DECIMALS = 9
+_ABSURD = 1e3
 
 
 def esc(value: object) -> str:
     """HTML-escaped text, safe in element content and in quoted attributes."""
     return html.escape(str(value), quote=True)
+
+
+def breakable(name: str) -> str:
+    """Escaped name that may break after an underscore or a slash."""
+    return re.sub(r"([_/])", r"\1<wbr>", esc(name))
 
 
 def significant(value: float | None, digits: int = 3) -> str:
@@ -49,6 +57,8 @@ def percent(ratio: float | None, *, signed: bool = False) -> str:
     """`ratio` = 0.049 as 4.9 %, two significant digits (whole numbers from 10 % on)."""
     if ratio is None:
         return DASH
+    if abs(ratio) >= _ABSURD:
+        return f"over{NBSP}{count(100.0 * _ABSURD)}{NBSP}%"
     number = 100.0 * ratio
     decimals = 0 if abs(number) >= 9.95 else 1 if abs(number) >= 0.095 else 2
     text = f"{number:+.{decimals}f}" if signed else f"{number:.{decimals}f}"
@@ -76,12 +86,14 @@ def unit_text(unit: str | None) -> str:
     """``N*m*s^2/rad^2`` as people write it; nothing for the unit ``1``."""
     if not unit or unit == "1":
         return ""
-    dotted = re.sub(r"\^(-?\d+)", lambda power: power[1].translate(_SUPERSCRIPTS), unit).replace("*", "\u00b7")
+    dotted = re.sub(r"\^(-?\d+)", lambda power: power[1].translate(_SUPERSCRIPTS), unit).replace(
+        "*", "\u00b7"
+    )
     return {"degC": "\u00b0C"}.get(dotted, dotted)
 
 
 def with_unit(text: str, unit: str | None) -> str:
-    """Number and unit, kept on one line."""
+    """Join number and unit so that they stay on one line."""
     return f"{text}{NBSP}{unit_text(unit)}".rstrip(NBSP)
 
 
@@ -90,8 +102,13 @@ def words(identifier: str) -> str:
     return identifier.replace("_", " ")
 
 
+def file_names(names: Sequence[str]) -> str:
+    """HTML: names of files as code, or `none`."""
+    return ", ".join(f"<code>{esc(name)}</code>" for name in names) or "none"
+
+
 def join_words(items: Sequence[str]) -> str:
-    """`a, b and c`."""
+    """Join as in `a, b and c`."""
     return items[0] if len(items) == 1 else ", ".join(items[:-1]) + " and " + items[-1] if items else ""
 
 
@@ -106,7 +123,10 @@ def median(values: Sequence[float | None]) -> float | None:
 
 def ratio(value: float | None, reference: float | None) -> float | None:
     """`value / reference`; None where that means nothing."""
-    return None if value is None or reference is None or reference <= 0.0 else value / reference
+    if value is None or reference is None or reference <= 0.0:
+        return None
+    share = value / reference
+    return share if math.isfinite(share) else None
 
 
 def _signed(text: str) -> str:

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use crate::dynamics::{check_length, inverse_dynamics_into, Workspace};
 use crate::error::CoreError;
 use crate::model::TorqueModel;
-use crate::state::State;
+use crate::state::{align_link_side, State};
 
 /// What was unusual about a step, as bits. Zero is a good step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
@@ -48,6 +48,9 @@ const OVERFLOW: f64 = 1e300;
 pub struct TorqueEstimator {
     model: Arc<TorqueModel>,
     workspace: Workspace,
+    /// Link-side position and velocity on the motor channel's clock.
+    q: Vec<f64>,
+    dq: Vec<f64>,
     /// Terms of this step, `n_terms` rows of `n_joints`.
     scratch: Vec<f64>,
     /// Terms of the last good step.
@@ -63,6 +66,8 @@ impl TorqueEstimator {
         let n_terms = model.term_names().len();
         Self {
             workspace: Workspace::new(model.robot()),
+            q: vec![0.0; n],
+            dq: vec![0.0; n],
             scratch: vec![0.0; n * n_terms],
             terms: vec![0.0; n * n_terms],
             total: vec![0.0; n],
@@ -123,6 +128,15 @@ impl TorqueEstimator {
     /// Every term into `scratch`; true if the mixture was faded.
     fn evaluate(&mut self, state: &State<'_>) -> Result<bool, CoreError> {
         let n = self.model.robot().n_joints();
+        for (j, delay) in self.model.encoder_delay().iter().enumerate() {
+            [self.q[j], self.dq[j]] =
+                align_link_side(state.q[j], state.dq[j], state.ddq[j], *delay);
+        }
+        let state = &State {
+            q: &self.q,
+            dq: &self.dq,
+            ..*state
+        };
         let (rigid_body, rest) = self.scratch.split_at_mut(n);
         inverse_dynamics_into(
             self.model.robot(),
@@ -142,7 +156,7 @@ impl TorqueEstimator {
         }
         match (self.model.residual(), rows.next()) {
             (Some(residual), Some(row)) => {
-                Ok(residual.torque_into(state, self.model.encoder_delay(), row))
+                Ok(residual.torque_into(state, row))
             }
             _ => Ok(false),
         }

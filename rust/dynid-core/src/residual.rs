@@ -66,20 +66,20 @@ impl Residual {
 
     /// The two inputs of joint `j` at a state.
     #[must_use]
-    pub fn inputs_at(inputs: ResidualInputs, j: usize, state: &State<'_>, delay: f64) -> [f64; 2] {
+    pub fn inputs_at(inputs: ResidualInputs, j: usize, state: &State<'_>) -> [f64; 2] {
         match inputs {
-            ResidualInputs::Deflection => state.deflection(j, delay),
+            ResidualInputs::Deflection => state.deflection(j),
             ResidualInputs::JointState => [state.q_motor[j], state.dq_motor[j]],
         }
     }
 
     /// Torque of every joint \[N·m\] into `tau`; true if some joint was so far from the data that its torque was faded.
-    pub fn torque_into(&self, state: &State<'_>, delay: &[f64], tau: &mut [f64]) -> bool {
+    pub fn torque_into(&self, state: &State<'_>, tau: &mut [f64]) -> bool {
         let mut faded = false;
         for (j, (mixture, tau)) in self.joints.iter().zip(tau).enumerate() {
             *tau = 0.0;
             let Some(mixture) = mixture else { continue };
-            let u = Self::inputs_at(self.inputs, j, state, delay[j]);
+            let u = Self::inputs_at(self.inputs, j, state);
             let prediction = mixture.predict(&u);
             let distance = prediction.distance_squared.sqrt();
             let (near, far) = TRUSTED;

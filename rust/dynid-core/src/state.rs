@@ -63,15 +63,25 @@ impl<'a> State<'a> {
             .all(|(_, signal)| signal.iter().all(|x| x.is_finite()))
     }
 
-    /// Deflection of joint `j`: motor minus link, after the delay between the two channels is taken out to first order,
-    /// `(q_motor - delay dq_motor - q, dq_motor - delay ddq_motor - dq)` \[rad, rad/s\].
-    ///
-    /// `delay` \[s\]: how much later the link channel shows a position than the motor channel.
+    /// Deflection of joint `j` and its rate: motor minus link \[rad, rad/s\]. The channels must be on one clock
+    /// ([`align_link_side`]).
     #[must_use]
-    pub fn deflection(&self, j: usize, delay: f64) -> [f64; 2] {
+    pub fn deflection(&self, j: usize) -> [f64; 2] {
         [
-            self.q_motor[j] - delay * self.dq_motor[j] - self.q[j],
-            self.dq_motor[j] - delay * self.ddq_motor[j] - self.dq[j],
+            self.q_motor[j] - self.q[j],
+            self.dq_motor[j] - self.dq[j],
         ]
     }
+}
+
+/// Brings one joint's link channel to the motor channel's clock: `(q + d dq + d^2/2 ddq, dq + d ddq)` \[rad, rad/s\].
+///
+/// `delay` d \[s\]: how much later the link channel shows a position than the motor channel. Taylor's series holds because
+/// d (milliseconds) is short against the motion; the acceleration is left as it is.
+#[must_use]
+pub fn align_link_side(q: f64, dq: f64, ddq: f64, delay: f64) -> [f64; 2] {
+    [
+        q + delay * dq + 0.5 * delay * delay * ddq,
+        dq + delay * ddq,
+    ]
 }

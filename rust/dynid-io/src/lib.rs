@@ -2,7 +2,12 @@
 //!
 //! Nothing read from a file can execute, recurse or allocate without bound, and no input ends in a panic.
 
-#![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::print_stdout)]
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::print_stdout
+)]
 
 pub mod model_file;
 pub mod urdf;

@@ -14,7 +14,11 @@ fn arm() -> RobotModel {
 }
 
 fn options(base: Option<&str>, tip: Option<&str>) -> UrdfOptions {
-    UrdfOptions { base: base.map(str::to_owned), tip: tip.map(str::to_owned), ..UrdfOptions::default() }
+    UrdfOptions {
+        base: base.map(str::to_owned),
+        tip: tip.map(str::to_owned),
+        ..UrdfOptions::default()
+    }
 }
 
 /// A link of 1 kg at its own origin.
@@ -48,7 +52,11 @@ fn robot(joints: &[&str]) -> String {
 
 fn chain(joints: &[&str], options: &UrdfOptions) -> Result<Vec<String>, String> {
     let robot = parse(robot(joints), "made", options).map_err(|error| error.to_string())?;
-    Ok(robot.joints().iter().map(|joint| joint.name.clone()).collect())
+    Ok(robot
+        .joints()
+        .iter()
+        .map(|joint| joint.name.clone())
+        .collect())
 }
 
 #[test]
@@ -56,7 +64,11 @@ fn names_kinds_and_limits() {
     let arm = arm();
     assert_eq!(arm.name(), "mini");
     assert_eq!(*arm.gravity(), Vector3::new(0.0, 0.0, -9.81));
-    let named: Vec<_> = arm.joints().iter().map(|j| (j.name.as_str(), j.link.as_str(), j.kind)).collect();
+    let named: Vec<_> = arm
+        .joints()
+        .iter()
+        .map(|j| (j.name.as_str(), j.link.as_str(), j.kind))
+        .collect();
     let expected = [
         ("shoulder", "upper", JointKind::Revolute),
         ("rail", "slider", JointKind::Prismatic),
@@ -64,8 +76,24 @@ fn names_kinds_and_limits() {
     ];
     assert_eq!(named, expected);
     let limits: Vec<_> = arm.joints().iter().map(|j| j.limits).collect();
-    assert_eq!(limits[0], JointLimits { lower: -2.0, upper: 2.5, velocity: 3.0, effort: 80.0 });
-    assert_eq!(limits[1], JointLimits { lower: 0.0, upper: 0.4, velocity: 0.5, effort: 200.0 });
+    assert_eq!(
+        limits[0],
+        JointLimits {
+            lower: -2.0,
+            upper: 2.5,
+            velocity: 3.0,
+            effort: 80.0
+        }
+    );
+    assert_eq!(
+        limits[1],
+        JointLimits {
+            lower: 0.0,
+            upper: 0.4,
+            velocity: 0.5,
+            effort: 200.0
+        }
+    );
     assert_eq!(limits[2], JointLimits::default());
     let axes: Vec<_> = arm.joints().iter().map(|j| j.axis).collect();
     assert_eq!(axes, [Vector3::z(), Vector3::y(), Vector3::x()]);
@@ -75,23 +103,63 @@ fn names_kinds_and_limits() {
 fn limits_that_are_not_declared_are_infinite() {
     let with = |kind: &str, limit: &str| {
         let text = robot(&[&format!("a>b {kind}")]).replace("<origin", &format!("{limit}<origin"));
-        parse(text, "f", &UrdfOptions::default()).expect("sound").joints()[0].limits
+        parse(text, "f", &UrdfOptions::default())
+            .expect("sound")
+            .joints()[0]
+            .limits
     };
     let open = JointLimits::default();
     assert_eq!(with("revolute", ""), open);
     assert_eq!(with("prismatic", "<limit/>"), open);
-    assert_eq!(with("revolute", "<limit velocity='2'/>"), JointLimits { velocity: 2.0, ..open });
-    assert_eq!(with("revolute", "<limit effort='2'/>"), JointLimits { effort: 2.0, ..open });
-    assert_eq!(with("prismatic", "<limit upper='0.3'/>"), JointLimits { lower: 0.0, upper: 0.3, ..open });
-    assert_eq!(with("prismatic", "<limit lower='-0.3'/>"), JointLimits { lower: -0.3, upper: 0.0, ..open });
-    assert_eq!(with("continuous", "<limit lower='-1' upper='1' effort='5'/>"), JointLimits { effort: 5.0, ..open });
-    assert_eq!(with("revolute", "<limit lower='-1.7e308' upper='1e300'/>").upper, 1e300);
+    assert_eq!(
+        with("revolute", "<limit velocity='2'/>"),
+        JointLimits {
+            velocity: 2.0,
+            ..open
+        }
+    );
+    assert_eq!(
+        with("revolute", "<limit effort='2'/>"),
+        JointLimits {
+            effort: 2.0,
+            ..open
+        }
+    );
+    assert_eq!(
+        with("prismatic", "<limit upper='0.3'/>"),
+        JointLimits {
+            lower: 0.0,
+            upper: 0.3,
+            ..open
+        }
+    );
+    assert_eq!(
+        with("prismatic", "<limit lower='-0.3'/>"),
+        JointLimits {
+            lower: -0.3,
+            upper: 0.0,
+            ..open
+        }
+    );
+    assert_eq!(
+        with("continuous", "<limit lower='-1' upper='1' effort='5'/>"),
+        JointLimits {
+            effort: 5.0,
+            ..open
+        }
+    );
+    assert_eq!(
+        with("revolute", "<limit lower='-1.7e308' upper='1e300'/>").upper,
+        1e300
+    );
 }
 
 #[test]
 fn rpy_turns_about_fixed_axes() {
     let about = |axis, angle| Rotation3::from_axis_angle(&axis, angle).into_inner();
-    let expected = about(Vector3::z_axis(), 0.3) * about(Vector3::y_axis(), 0.2) * about(Vector3::x_axis(), 0.1);
+    let expected = about(Vector3::z_axis(), 0.3)
+        * about(Vector3::y_axis(), 0.2)
+        * about(Vector3::x_axis(), 0.1);
     let arm = arm();
     let shoulder = &arm.joints()[0];
     assert!((shoulder.rotation - expected).amax() < ALGEBRAIC);
@@ -105,10 +173,29 @@ fn a_fixed_tool_is_lumped_into_the_wrist() {
     // By hand: 0.4 kg at (0, 0.1, 0.05) of the wrist; the quarter turn about z leaves the sphere's inertia as it is.
     let com = Vector3::new(0.0, 0.1, 0.05);
     let m = 0.4;
-    let (ixx, iyy, izz) = (0.001 + m * (0.01 + 0.0025), 0.001 + m * 0.0025, 0.001 + m * 0.01);
-    let expected = [m, 0.0, m * com.y, m * com.z, ixx, 0.0, iyy, 0.0, -m * com.y * com.z, izz];
+    let (ixx, iyy, izz) = (
+        0.001 + m * (0.01 + 0.0025),
+        0.001 + m * 0.0025,
+        0.001 + m * 0.01,
+    );
+    let expected = [
+        m,
+        0.0,
+        m * com.y,
+        m * com.z,
+        ixx,
+        0.0,
+        iyy,
+        0.0,
+        -m * com.y * com.z,
+        izz,
+    ];
     for (a, b) in arm().joints()[2].phi.iter().zip(expected) {
-        assert!((a - b).abs() < ALGEBRAIC, "{:?}\n{expected:?}", arm().joints()[2].phi);
+        assert!(
+            (a - b).abs() < ALGEBRAIC,
+            "{:?}\n{expected:?}",
+            arm().joints()[2].phi
+        );
     }
 }
 
@@ -127,13 +214,34 @@ fn inertia_is_moved_from_the_centre_to_the_link_origin() {
 
 #[test]
 fn fixed_joints_before_and_between_are_composed() {
-    let text = robot(&["world>a fixed", "a>b fixed", "b>c revolute", "c>d fixed", "d>e revolute", "e>f fixed"]);
-    let text = text.replace("name='d' type='fixed'><", "name='d' type='fixed'><origin xyz='0 0 0' rpy='0 0 1.5707963267948966'/><")
-        .replacen("<child link='d'/><origin xyz='1 0 0'/>", "<child link='d'/>", 1);
+    let text = robot(&[
+        "world>a fixed",
+        "a>b fixed",
+        "b>c revolute",
+        "c>d fixed",
+        "d>e revolute",
+        "e>f fixed",
+    ]);
+    let text = text
+        .replace(
+            "name='d' type='fixed'><",
+            "name='d' type='fixed'><origin xyz='0 0 0' rpy='0 0 1.5707963267948966'/><",
+        )
+        .replacen(
+            "<child link='d'/><origin xyz='1 0 0'/>",
+            "<child link='d'/>",
+            1,
+        );
     let robot = parse(text, "f", &UrdfOptions::default()).expect("sound");
-    let [first, second] = robot.joints() else { panic!("two joints") };
+    let [first, second] = robot.joints() else {
+        panic!("two joints")
+    };
     assert_eq!(first.translation, Vector3::new(3.0, 0.0, 0.0));
-    assert!((second.translation - Vector3::y()).amax() < ALGEBRAIC, "{}", second.translation);
+    assert!(
+        (second.translation - Vector3::y()).amax() < ALGEBRAIC,
+        "{}",
+        second.translation
+    );
     // c and d, d at c's origin; e and f, f one metre along x.
     assert_eq!(first.phi[..4], [2.0, 0.0, 0.0, 0.0]);
     assert_eq!(second.phi[..4], [2.0, 1.0, 0.0, 0.0]);
@@ -141,43 +249,109 @@ fn fixed_joints_before_and_between_are_composed() {
 
 #[test]
 fn long_products_of_rotations_stay_orthonormal() {
-    let names: Vec<String> = (0..3000).map(|i| format!("l{i}>l{} fixed", i + 1)).chain(["l3000>end revolute".to_owned()]).collect();
-    let text = robot(&names.iter().map(String::as_str).collect::<Vec<_>>()).replace("xyz='1 0 0'", "xyz='0 0 0' rpy='1 2 3'");
-    let rotation = parse(text, "f", &UrdfOptions::default()).expect("sound").joints()[0].rotation;
+    let names: Vec<String> = (0..1900)
+        .map(|i| format!("l{i}>l{} fixed", i + 1))
+        .chain(["l1900>end revolute".to_owned()])
+        .collect();
+    let text = robot(&names.iter().map(String::as_str).collect::<Vec<_>>())
+        .replace("xyz='1 0 0'", "xyz='0 0 0' rpy='1 2 3'");
+    let rotation = parse(text, "f", &UrdfOptions::default())
+        .expect("sound")
+        .joints()[0]
+        .rotation;
     assert!((rotation * rotation.transpose() - Matrix3::identity()).amax() < 1e-15);
 }
 
 #[test]
 fn rotor_inertia_is_reflected() {
     let rotors = |text: &str, options: &UrdfOptions| -> Vec<f64> {
-        parse(text, "f", options).expect("sound").joints().iter().map(|j| j.rotor_inertia).collect()
+        parse(text, "f", options)
+            .expect("sound")
+            .joints()
+            .iter()
+            .map(|j| j.rotor_inertia)
+            .collect()
     };
     let declared = rotors(ARM, &UrdfOptions::default());
-    assert!((declared[0] - 0.2).abs() < 1e-15 && declared[1..] == [0.0, 0.0], "{declared:?}");
+    assert!(
+        (declared[0] - 0.2).abs() < 1e-15 && declared[1..] == [0.0, 0.0],
+        "{declared:?}"
+    );
     let ratio = "<mechanicalReduction>100</mechanicalReduction>";
     let drake = ARM.replace(ratio, "<drake:gear_ratio value='-50'/>");
     assert!((rotors(&drake, &UrdfOptions::default())[0] - 0.05).abs() < 1e-15);
-    assert_eq!(rotors(&ARM.replace(ratio, ""), &UrdfOptions::default())[0], 2e-5);
-    let own = UrdfOptions { rotor_inertia: Some(vec![1.0, 0.0, 3.0]), ..UrdfOptions::default() };
+    assert_eq!(
+        rotors(&ARM.replace(ratio, ""), &UrdfOptions::default())[0],
+        2e-5
+    );
+    let own = UrdfOptions {
+        rotor_inertia: Some(vec![1.0, 0.0, 3.0]),
+        ..UrdfOptions::default()
+    };
     assert_eq!(rotors(ARM, &own), [1.0, 0.0, 3.0]);
     // Without a rotor inertia a transmission never matters.
-    let idle = ARM.replace("<drake:rotor_inertia value=\"2e-5\"/>", "").replace(">100<", ">n/a<");
+    let idle = ARM
+        .replace("<drake:rotor_inertia value=\"2e-5\"/>", "")
+        .replace(">100<", ">n/a<");
     assert_eq!(rotors(&idle, &UrdfOptions::default()), [0.0; 3]);
 }
 
 #[test]
 fn options_that_do_not_fit() {
     for (options, option, says) in [
-        (options(Some("bse"), None), "base", "no link is named \"bse\"; the links are \"base\", \"upper\""),
-        (options(None, Some("hand")), "tip", "no link is named \"hand\""),
-        (options(Some("slider"), Some("upper")), "tip", "does not hang on the base"),
-        (UrdfOptions { gravity: [0.0, f64::NAN, 0.0], ..options(None, None) }, "gravity", "three finite numbers"),
-        (UrdfOptions { rotor_inertia: Some(vec![1.0]), ..options(None, None) }, "rotor_inertia", "has 1 values, expected 3"),
-        (UrdfOptions { rotor_inertia: Some(vec![0.0, -1.0, 0.0]), ..options(None, None) }, "rotor_inertia", "holds -1"),
-        (UrdfOptions { rotor_inertia: Some(vec![0.0, f64::INFINITY, 0.0]), ..options(None, None) }, "rotor_inertia", "holds inf"),
+        (
+            options(Some("bse"), None),
+            "base",
+            "no link is named \"bse\"; the links are \"base\", \"upper\"",
+        ),
+        (
+            options(None, Some("hand")),
+            "tip",
+            "no link is named \"hand\"",
+        ),
+        (
+            options(Some("slider"), Some("upper")),
+            "tip",
+            "does not hang on the base",
+        ),
+        (
+            UrdfOptions {
+                gravity: [0.0, f64::NAN, 0.0],
+                ..options(None, None)
+            },
+            "gravity",
+            "three finite numbers",
+        ),
+        (
+            UrdfOptions {
+                rotor_inertia: Some(vec![1.0]),
+                ..options(None, None)
+            },
+            "rotor_inertia",
+            "has 1 values, expected 3",
+        ),
+        (
+            UrdfOptions {
+                rotor_inertia: Some(vec![0.0, -1.0, 0.0]),
+                ..options(None, None)
+            },
+            "rotor_inertia",
+            "holds -1",
+        ),
+        (
+            UrdfOptions {
+                rotor_inertia: Some(vec![0.0, f64::INFINITY, 0.0]),
+                ..options(None, None)
+            },
+            "rotor_inertia",
+            "holds inf",
+        ),
     ] {
         let error = parse(ARM, "arm", &options).expect_err(says);
-        assert!(matches!(&error, UrdfError::Option { option: o, .. } if *o == option), "{error}");
+        assert!(
+            matches!(&error, UrdfError::Option { option: o, .. } if *o == option),
+            "{error}"
+        );
         assert!(error.to_string().contains(says), "{error}");
     }
 }
@@ -185,43 +359,96 @@ fn options_that_do_not_fit() {
 #[test]
 fn base_and_tip_cut_the_chain() {
     let none = UrdfOptions::default();
-    let two_arms = ["world>l1 revolute", "l1>l2 revolute", "world>r1 revolute", "r1>r2 revolute", "r2>rt fixed"];
-    assert_eq!(chain(&two_arms, &options(None, Some("rt"))).as_deref(), Ok(&["r1".to_owned(), "r2".to_owned()][..]));
-    assert_eq!(chain(&two_arms, &options(None, Some("l2"))).expect("left"), ["l1", "l2"]);
-    assert_eq!(chain(&two_arms, &options(Some("r1"), None)).expect("below"), ["r2"]);
+    let two_arms = [
+        "world>l1 revolute",
+        "l1>l2 revolute",
+        "world>r1 revolute",
+        "r1>r2 revolute",
+        "r2>rt fixed",
+    ];
+    assert_eq!(
+        chain(&two_arms, &options(None, Some("rt"))).as_deref(),
+        Ok(&["r1".to_owned(), "r2".to_owned()][..])
+    );
+    assert_eq!(
+        chain(&two_arms, &options(None, Some("l2"))).expect("left"),
+        ["l1", "l2"]
+    );
+    assert_eq!(
+        chain(&two_arms, &options(Some("r1"), None)).expect("below"),
+        ["r2"]
+    );
     let error = chain(&two_arms, &none).expect_err("two ends");
-    assert!(error.contains("joint \"r1\"") && error.contains("choose tip= one of \"l2\", \"rt\""), "{error}");
+    assert!(
+        error.contains("joint \"r1\"") && error.contains("choose tip= one of \"l2\", \"rt\""),
+        "{error}"
+    );
     // Fixed frames are no branches, wherever they hang.
-    let frames = ["b>x fixed", "b>l1 revolute", "l1>cam fixed", "cam>lens fixed", "l1>l2 revolute", "l2>tool0 fixed", "l2>ft fixed"];
+    let frames = [
+        "b>x fixed",
+        "b>l1 revolute",
+        "l1>cam fixed",
+        "cam>lens fixed",
+        "l1>l2 revolute",
+        "l2>tool0 fixed",
+        "l2>ft fixed",
+    ];
     assert_eq!(chain(&frames, &none).expect("one way"), ["l1", "l2"]);
-    assert_eq!(chain(&frames, &options(None, Some("ft"))).expect("one way"), ["l1", "l2"]);
+    assert_eq!(
+        chain(&frames, &options(None, Some("ft"))).expect("one way"),
+        ["l1", "l2"]
+    );
     // A gripper that moves.
     let gripper = ["b>l1 revolute", "l1>f1 prismatic", "l1>f2 prismatic"];
     let error = chain(&gripper, &none).expect_err("fingers");
-    assert!(error.contains("\"f1\", \"f2\", and write type=\"fixed\""), "{error}");
+    assert!(
+        error.contains("\"f1\", \"f2\", and write type=\"fixed\""),
+        "{error}"
+    );
     for tip in ["f1", "l1"] {
         let error = chain(&gripper, &options(None, Some(tip))).expect_err("finger beside the way");
-        assert!(error.contains("its weight would depend on its position"), "{error}");
+        assert!(
+            error.contains("its weight would depend on its position"),
+            "{error}"
+        );
     }
     let held = ["b>l1 revolute", "l1>f1 fixed", "l1>f2 fixed"];
     assert_eq!(chain(&held, &none).expect("held"), ["l1"]);
     // A mobile platform.
     let mobile = ["odom>cart floating", "cart>l1 revolute"];
-    assert!(chain(&mobile, &none).expect_err("floats").contains("choose base=\"cart\""));
-    assert_eq!(chain(&mobile, &options(Some("cart"), None)).expect("stands"), ["l1"]);
+    assert!(chain(&mobile, &none)
+        .expect_err("floats")
+        .contains("choose base=\"cart\""));
+    assert_eq!(
+        chain(&mobile, &options(Some("cart"), None)).expect("stands"),
+        ["l1"]
+    );
 }
 
 #[test]
 fn up_to_256_joints() {
-    let joints = |n: usize| (0..n).map(|i| format!("l{i}>l{} revolute", i + 1)).collect::<Vec<_>>();
-    let count = |n: usize| chain(&joints(n).iter().map(String::as_str).collect::<Vec<_>>(), &UrdfOptions::default());
+    let joints = |n: usize| {
+        (0..n)
+            .map(|i| format!("l{i}>l{} revolute", i + 1))
+            .collect::<Vec<_>>()
+    };
+    let count = |n: usize| {
+        chain(
+            &joints(n).iter().map(String::as_str).collect::<Vec<_>>(),
+            &UrdfOptions::default(),
+        )
+    };
     assert_eq!(count(256).expect("256").len(), 256);
-    assert!(count(257).expect_err("257").contains("257 joints move, expected at most 256"));
+    assert!(count(257)
+        .expect_err("257")
+        .contains("257 joints move, expected at most 256"));
 }
 
 #[test]
 fn notes_say_what_was_passed_over() {
-    let notes = parse_with_notes(ARM, "arm.urdf", &UrdfOptions::default()).expect("sound").notes;
+    let notes = parse_with_notes(ARM, "arm.urdf", &UrdfOptions::default())
+        .expect("sound")
+        .notes;
     let all = notes.join("\n");
     for says in [
         "arm.urdf:44:5: <axis> of joint \"rail\": brought to unit length",
@@ -234,18 +461,41 @@ fn notes_say_what_was_passed_over() {
     }
     assert_eq!(notes.len(), 3, "{all}");
     for (from, to, says) in [
-        ("ixx=\"0.02\"", "ixx=\"2\"", "<inertia> of link \"upper\" belongs to no body"),
-        ("ixx=\"0.02\"", "ixx=\"-0.02\"", "<inertia> of link \"upper\" belongs to no body"),
-        ("ixy=\"0.001\"", "ixy=\"0.1\"", "<inertia> of link \"upper\" belongs to no body"),
+        (
+            "ixx=\"0.02\"",
+            "ixx=\"2\"",
+            "<inertia> of link \"upper\" belongs to no body",
+        ),
+        (
+            "ixx=\"0.02\"",
+            "ixx=\"-0.02\"",
+            "<inertia> of link \"upper\" belongs to no body",
+        ),
+        (
+            "ixy=\"0.001\"",
+            "ixy=\"0.1\"",
+            "<inertia> of link \"upper\" belongs to no body",
+        ),
         ("value=\"2.5\"", "value=\"0\"", "has an inertia and no mass"),
         ("rpy=\"0.1 0.2 0.3\"", "rpy=\"0 90 0\"", "read in radians"),
-        ("velocity=\"3\"", "velocity=\"0\"", "range of zero is taken literally"),
+        (
+            "velocity=\"3\"",
+            "velocity=\"0\"",
+            "range of zero is taken literally",
+        ),
         ("lower=\"-2\"", "", "only one of lower and upper"),
-        ("<link name=\"wrist\"/>", "<link name=\"wrist\"/>>", "text between elements does not count: \">\""),
+        (
+            "<link name=\"wrist\"/>",
+            "<link name=\"wrist\"/>>",
+            "text between elements does not count: \">\"",
+        ),
         ("<robot name=\"mini\">", "<robot>", "the robot has no name"),
     ] {
         let text = ARM.replace(from, to);
-        let notes = parse_with_notes(text, "f", &UrdfOptions::default()).expect(to).notes.join("\n");
+        let notes = parse_with_notes(text, "f", &UrdfOptions::default())
+            .expect(to)
+            .notes
+            .join("\n");
         assert!(notes.contains(says), "{notes}");
     }
 }
@@ -253,14 +503,29 @@ fn notes_say_what_was_passed_over() {
 #[test]
 fn a_second_origin_counts_only_where_it_changes_no_torque() {
     let text = |rpy: &str| {
-        robot(&["world>base fixed", "base>l1 revolute"])
-            .replacen("<origin xyz='1 0 0'/>", &format!("<origin xyz='1 0 0'/><origin xyz='9 0 0' {rpy}/>"), 1)
+        robot(&["world>base fixed", "base>l1 revolute"]).replacen(
+            "<origin xyz='1 0 0'/>",
+            &format!("<origin xyz='1 0 0'/><origin xyz='9 0 0' {rpy}/>"),
+            1,
+        )
     };
     let loaded = parse_with_notes(text(""), "f", &UrdfOptions::default()).expect("placement only");
     assert_eq!(loaded.robot.joints()[0].translation.x, 2.0);
-    assert!(loaded.notes.iter().any(|note| note.contains("the first one counts, as in ROS")), "{:?}", loaded.notes);
-    let error = parse(text("rpy='1 0 0'"), "f", &UrdfOptions::default()).expect_err("gravity").to_string();
-    assert!(error.contains("readers differ in which one counts"), "{error}");
+    assert!(
+        loaded
+            .notes
+            .iter()
+            .any(|note| note.contains("the first one counts, as in ROS")),
+        "{:?}",
+        loaded.notes
+    );
+    let error = parse(text("rpy='1 0 0'"), "f", &UrdfOptions::default())
+        .expect_err("gravity")
+        .to_string();
+    assert!(
+        error.contains("readers differ in which one counts"),
+        "{error}"
+    );
 }
 
 #[test]
@@ -269,7 +534,14 @@ fn odd_but_sound_spellings() {
                 <joint type=' revolute ' name='j\"1'><child link='é'/><parent link='L &lt;1&gt;'/>\
                 <origin rpy=' 0\n0\t+1e-1 ' xyz='.5 5. -0'/></joint>\n<!-- end --></robot>\n<?end?>\n";
     let robot = parse(text, "f", &UrdfOptions::default()).expect("sound");
-    assert_eq!((robot.name(), robot.joints()[0].name.as_str(), robot.joints()[0].link.as_str()), ("a&b", "j\"1", "é"));
+    assert_eq!(
+        (
+            robot.name(),
+            robot.joints()[0].name.as_str(),
+            robot.joints()[0].link.as_str()
+        ),
+        ("a&b", "j\"1", "é")
+    );
     assert_eq!(robot.joints()[0].translation, Vector3::new(0.5, 5.0, 0.0));
     assert_eq!(robot.joints()[0].phi, [0.0; 10]);
 }
@@ -278,19 +550,42 @@ fn odd_but_sound_spellings() {
 fn file_errors_keep_their_kind() {
     let options = UrdfOptions::default();
     let missing = load("no/such/robot.urdf".as_ref(), &options).expect_err("missing");
-    assert!(matches!(&missing, UrdfError::Io { source, .. } if source.kind() == std::io::ErrorKind::NotFound), "{missing}");
-    assert!(missing.to_string().starts_with("no/such/robot.urdf: cannot be read"), "{missing}");
-    assert!(matches!(load(".".as_ref(), &options), Err(UrdfError::Io { .. })));
+    assert!(
+        matches!(&missing, UrdfError::Io { source, .. } if source.kind() == std::io::ErrorKind::NotFound),
+        "{missing}"
+    );
+    assert!(
+        missing
+            .to_string()
+            .starts_with("no/such/robot.urdf: cannot be read"),
+        "{missing}"
+    );
+    assert!(matches!(
+        load(".".as_ref(), &options),
+        Err(UrdfError::Io { .. })
+    ));
 }
 
 /// Robots of measured data sets, where they are at hand.
 #[test]
 fn measured_robots_load() {
-    let root = std::env::var("DYNID_DATA").unwrap_or_else(|_| concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data").to_owned());
-    let Ok(folders) = std::fs::read_dir(root) else { return };
-    let files = folders.flatten().map(|folder| folder.path().join("robot.urdf")).filter(|path| path.is_file());
+    let root = std::env::var("DYNID_DATA").unwrap_or_else(|_| {
+        concat!(env!("CARGO_MANIFEST_DIR"), "/../../../shared/data").to_owned()
+    });
+    let Ok(folders) = std::fs::read_dir(root) else {
+        return;
+    };
+    let files = folders
+        .flatten()
+        .map(|folder| folder.path().join("robot.urdf"))
+        .filter(|path| path.is_file());
     for path in files {
         let robot = load(&path, &UrdfOptions::default()).unwrap_or_else(|error| panic!("{error}"));
-        assert!(matches!(robot.n_joints(), 6 | 7), "{}: {}", path.display(), robot.n_joints());
+        assert!(
+            matches!(robot.n_joints(), 6 | 7),
+            "{}: {}",
+            path.display(),
+            robot.n_joints()
+        );
     }
 }

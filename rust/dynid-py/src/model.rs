@@ -219,9 +219,8 @@ impl PyTorqueModel {
     }
 }
 
-/// What a mixture of the third loop sees: (n_samples, n_joints, 2).
+/// What a mixture of the third loop sees: (n_samples, n_joints, 2). The channels must be on one clock.
 #[pyfunction]
-#[expect(clippy::too_many_arguments, reason = "the six signals of a state")]
 pub fn residual_inputs<'py>(
     py: Python<'py>,
     inputs: &str,
@@ -229,37 +228,54 @@ pub fn residual_inputs<'py>(
     dq: &Bound<'py, PyAny>,
     q_motor: &Bound<'py, PyAny>,
     dq_motor: &Bound<'py, PyAny>,
-    ddq_motor: &Bound<'py, PyAny>,
-    encoder_delay: Vec<f64>,
 ) -> PyResult<Bound<'py, PyArray3<f64>>> {
     let inputs = inputs_named(inputs)?;
-    let n = encoder_delay.len();
+    let n = q.getattr("shape")?.get_item(1)?.extract::<usize>()?;
     let signals = arrays::samples(
-        [
-            ("q", q),
-            ("dq", dq),
-            ("q_motor", q_motor),
-            ("dq_motor", dq_motor),
-            ("ddq_motor", ddq_motor),
-        ],
+        [("q", q), ("dq", dq), ("q_motor", q_motor), ("dq_motor", dq_motor)],
         n,
     )?;
-    let [q, dq, q_motor, dq_motor, ddq_motor] = &signals;
+    let [q, dq, q_motor, dq_motor] = &signals;
     let states = State {
         q: q.as_slice()?,
         dq: dq.as_slice()?,
-        ddq: dq.as_slice()?, // not an input of either kind
+        ddq: dq.as_slice()?, // accelerations are no input of either kind
         q_motor: q_motor.as_slice()?,
         dq_motor: dq_motor.as_slice()?,
-        ddq_motor: ddq_motor.as_slice()?,
+        ddq_motor: dq.as_slice()?,
     };
     let n_samples = q.shape()[0];
     let mut out = Vec::with_capacity(n_samples * n * 2);
     for k in 0..n_samples {
         let state = slice_state(&states, k * n..(k + 1) * n);
-        for (j, &delay) in encoder_delay.iter().enumerate() {
-            out.extend(Residual::inputs_at(inputs, j, &state, delay));
+        for j in 0..n {
+            out.extend(Residual::inputs_at(inputs, j, &state));
         }
     }
     arrays::to_cube(py, out, [n_samples, n, 2])
+}
+
+type Aligned<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>);
+
+/// Link-side position and velocity on the motor channel's clock, each (n_samples, n_joints).
+#[pyfunction]
+pub fn align_link_side<'py>(
+    py: Python<'py>,
+    q: &Bound<'py, PyAny>,
+    dq: &Bound<'py, PyAny>,
+    ddq: &Bound<'py, PyAny>,
+    encoder_delay: &Bound<'py, PyAny>,
+) -> PyResult<Aligned<'py>> {
+    let delay = arrays::vector(encoder_delay, "encoder_delay", None)?;
+    let delay = delay.as_slice()?;
+    let n = delay.len();
+    let signals = arrays::samples([("q", q), ("dq", dq), ("ddq", ddq)], n)?;
+    let [q, dq, ddq] = &signals;
+    let (q, dq, ddq) = (q.as_slice()?, dq.as_slice()?, ddq.as_slice()?);
+    let (mut q_aligned, mut dq_aligned) = (q.to_vec(), dq.to_vec());
+    for k in 0..q.len() {
+        [q_aligned[k], dq_aligned[k]] =
+            dynid_core::state::align_link_side(q[k], dq[k], ddq[k], delay[k % n]);
+    }
+    Ok((arrays::to_matrix(py, q_aligned, n)?, arrays::to_matrix(py, dq_aligned, n)?))
 }

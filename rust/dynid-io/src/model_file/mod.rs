@@ -164,7 +164,10 @@ fn check_header(text: &str) -> Result<(), String> {
     let stated = header.checksum.unwrap_or_default();
     let blank = format!("{CHECKSUM_PREFIX}{}", "0".repeat(N_DIGITS));
     if stated.len() != blank.len()
-        || format!("{CHECKSUM_PREFIX}{}", digest(&text.replacen(&stated, &blank, 1))) != stated
+        || format!(
+            "{CHECKSUM_PREFIX}{}",
+            digest(&text.replacen(&stated, &blank, 1))
+        ) != stated
     {
         return Err(
             "the checksum does not match: the file was cut or changed after it was written; save the model again".into(),

@@ -137,7 +137,12 @@ impl ModelFile {
 
     /// The model, every length and number checked.
     pub fn into_model(self) -> Result<TorqueModel, String> {
-        let joints: Vec<Joint> = self.robot.joints.into_iter().map(JointPart::into_joint).collect();
+        let joints: Vec<Joint> = self
+            .robot
+            .joints
+            .into_iter()
+            .map(JointPart::into_joint)
+            .collect();
         let robot = RobotModel::new(self.robot.name, joints, Vector3::from(self.robot.gravity))
             .map_err(|e| format!("robot: {e}"))?;
         let n = robot.n_joints();
@@ -316,7 +321,12 @@ impl MixturePart {
             2,
             self.weights,
             self.means.concat(),
-            self.covariances.iter().flatten().flatten().copied().collect(),
+            self.covariances
+                .iter()
+                .flatten()
+                .flatten()
+                .copied()
+                .collect(),
         )
         .map_err(|e| format!("residual: {e}"))
     }

@@ -27,7 +27,10 @@ fn joint(name: &str, kind: JointKind) -> Joint {
 }
 
 fn model() -> TorqueModel {
-    let joints = vec![joint("a", JointKind::Revolute), joint("b", JointKind::Prismatic)];
+    let joints = vec![
+        joint("a", JointKind::Revolute),
+        joint("b", JointKind::Prismatic),
+    ];
     let robot = RobotModel::new("arm".into(), joints, Vector3::new(0.0, 0.0, -9.81)).unwrap();
     let friction = Effect::Friction(Friction {
         velocity_threshold: vec![0.0, 0.05],
@@ -45,7 +48,9 @@ fn model() -> TorqueModel {
             EffectTerm::new(Effect::TorqueOffset(TorqueOffset), vec![-0.1, 0.2], 2).unwrap(),
             EffectTerm::new(friction, (0..16).map(f64::from).collect(), 2).unwrap(),
         ],
-        residual: Some(Residual::new(ResidualInputs::Deflection, vec![Some(mixture), None]).unwrap()),
+        residual: Some(
+            Residual::new(ResidualInputs::Deflection, vec![Some(mixture), None]).unwrap(),
+        ),
         encoder_delay: vec![0.003, 0.0],
         noise_std: vec![0.5, 0.6],
         domain: Domain {
@@ -68,14 +73,21 @@ fn a_model_survives_the_file_exactly() {
     let path = folder.path().join("model.json");
     save(&model(), &path).unwrap();
     assert_eq!(load(&path).unwrap(), model());
-    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1, "no temporary file stays");
+    assert_eq!(
+        fs::read_dir(folder.path()).unwrap().count(),
+        1,
+        "no temporary file stays"
+    );
 }
 
 #[test]
 fn a_file_cut_anywhere_is_refused() {
     let text = to_text(&model()).unwrap();
     for end in 0..text.len() {
-        assert!(parse(&text.as_bytes()[..end], "model.json").is_err(), "cut at {end}");
+        assert!(
+            parse(&text.as_bytes()[..end], "model.json").is_err(),
+            "cut at {end}"
+        );
     }
     assert!(message(&text.as_bytes()[..text.len() / 2]).contains("ends too early"));
 }
@@ -88,7 +100,10 @@ fn every_single_byte_counts() {
             let mut bytes = text.clone().into_bytes();
             if bytes[at] != other {
                 bytes[at] = other;
-                assert!(parse(&bytes, "model.json").is_err(), "byte {at} changed to {other}");
+                assert!(
+                    parse(&bytes, "model.json").is_err(),
+                    "byte {at} changed to {other}"
+                );
             }
         }
     }
@@ -101,7 +116,10 @@ fn other_files_are_told_apart() {
     assert!(message(b"{\"format\": \"dynid-model\", \"version\": 99}").contains("newer"));
     assert!(message(b"{\"format\": \"dynid-model\", \"version\": 1}").contains("checksum"));
     assert!(message("[".repeat(1_000_000).as_bytes()).contains("not a readable model"));
-    assert!(matches!(load(Path::new("/nowhere/model.json")), Err(ModelFileError::Io { .. })));
+    assert!(matches!(
+        load(Path::new("/nowhere/model.json")),
+        Err(ModelFileError::Io { .. })
+    ));
 }
 
 /// A file that was edited by someone who also knows how to write the checksum still has to make sense.
@@ -118,7 +136,10 @@ fn a_resigned_file_is_checked_for_sense() {
     let text = to_text(&model()).unwrap();
     assert!(parse(resign(&text).as_bytes(), "model.json").is_ok());
     for (old, new) in [
-        ("\"torque_unit\": \"N*m\",", "\"torque_unit\": \"N*m\", \"more\": 1,"),
+        (
+            "\"torque_unit\": \"N*m\",",
+            "\"torque_unit\": \"N*m\", \"more\": 1,",
+        ),
         ("\"kind\": \"revolute\"", "\"kind\": \"screw\""),
         ("\"rotor_inertia\": 0.25", "\"rotor_inertia\": 1e999"),
         ("\"noise_std\": [", "\"noise_std\": [ 1.0, "),
@@ -126,7 +147,10 @@ fn a_resigned_file_is_checked_for_sense() {
         ("\"deflection\"", "\"measured_torque\""),
     ] {
         assert!(text.contains(old), "{old}");
-        assert!(parse(resign(&text.replacen(old, new, 1)).as_bytes(), "model.json").is_err(), "{new}");
+        assert!(
+            parse(resign(&text.replacen(old, new, 1)).as_bytes(), "model.json").is_err(),
+            "{new}"
+        );
     }
 }
 

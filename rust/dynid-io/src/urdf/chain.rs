@@ -1,5 +1,7 @@
 //! The serial chain inside the tree: which joints move, and which links each of them carries rigidly.
 
+use dynid_core::robot::MAX_JOINTS;
+
 use super::document::Motion;
 use super::error::UrdfError;
 use super::source::{Notes, Source};
@@ -41,15 +43,27 @@ pub(super) fn find(
             tree.find(name).ok_or_else(|| {
                 let links = list(tree.document.links.iter().map(|link| link.name.as_str()));
                 let message = format!("no link is named \"{name}\"; the links are {links}");
-                UrdfError::Option { file: source.file.to_owned(), option, message }
+                UrdfError::Option {
+                    file: source.file.to_owned(),
+                    option,
+                    message,
+                }
             })
         };
         name.as_ref().map(find).transpose()
     };
     let base = named("base", &options.base)?.unwrap_or(tree.root);
     let tip = named("tip", &options.tip)?;
-    let mut finder = Finder { tree, source, notes, base, route: None };
-    finder.route = tip.map(|tip| Ok::<_, UrdfError>((tip, finder.route(tip)?))).transpose()?;
+    let mut finder = Finder {
+        tree,
+        source,
+        notes,
+        base,
+        route: None,
+    };
+    finder.route = tip
+        .map(|tip| Ok::<_, UrdfError>((tip, finder.route(tip)?)))
+        .transpose()?;
     finder.bodies()
 }
 
@@ -62,7 +76,11 @@ impl Finder<'_, '_, '_> {
             let Some(joint) = self.tree.above[link] else {
                 let (tip, base) = (self.tree.link_name(tip), self.tree.link_name(self.base));
                 let message = format!("the link \"{tip}\" does not hang on the base, \"{base}\"; choose another tip or base");
-                return Err(UrdfError::Option { file: self.source.file.to_owned(), option: "tip", message });
+                return Err(UrdfError::Option {
+                    file: self.source.file.to_owned(),
+                    option: "tip",
+                    message,
+                });
             };
             on_route[joint] = true;
             link = self.tree.edges[joint].parent;
@@ -81,20 +99,36 @@ impl Finder<'_, '_, '_> {
             next = joint.map(|joint| (Some(joint), self.tree.edges[joint].child));
             bodies.push(body);
         }
-        if bodies.len() > 1 {
+        let n_joints = bodies.len().saturating_sub(1); // The first body is the base.
+        if n_joints > MAX_JOINTS {
+            let message =
+                format!("{n_joints} joints move, expected at most {MAX_JOINTS}; choose a tip");
+            return Err(self
+                .source
+                .refuse(self.tree.document.root_at, "<robot>", message));
+        }
+        if n_joints > 0 {
             return Ok(bodies);
         }
-        let end = self.route.as_ref().map_or(String::new(), |(tip, _)| format!(" and \"{}\"", self.tree.link_name(*tip)));
+        let end = self.route.as_ref().map_or(String::new(), |(tip, _)| {
+            format!(" and \"{}\"", self.tree.link_name(*tip))
+        });
         let message = format!(
             "no joint moves between \"{}\"{end}; a model needs a revolute, continuous or prismatic joint",
             self.tree.link_name(self.base)
         );
-        Err(self.source.refuse(self.tree.document.root_at, "<robot>", message))
+        Err(self
+            .source
+            .refuse(self.tree.document.root_at, "<robot>", message))
     }
 
     /// The body of a link, and the joints that leave it.
     fn body(&self, joint: Option<usize>, link: usize) -> (Body, Vec<usize>) {
-        let mut body = Body { joint, link, fixed: Vec::new() };
+        let mut body = Body {
+            joint,
+            link,
+            fixed: Vec::new(),
+        };
         let mut leaving = Vec::new();
         let mut todo = vec![link];
         while let Some(link) = todo.pop() {
@@ -128,7 +162,10 @@ impl Finder<'_, '_, '_> {
                 );
                 return Err(self.refuse(joint, message));
             }
-            let sentence = format!("joint \"{}\" hangs on the base; what it carries does not count", facts.name);
+            let sentence = format!(
+                "joint \"{}\" hangs on the base; what it carries does not count",
+                facts.name
+            );
             self.notes.at(self.source, facts.at, sentence);
         }
         next.map_or(Ok(()), |joint| self.check_moving(joint))?;
@@ -157,7 +194,8 @@ impl Finder<'_, '_, '_> {
 
     fn refuse(&self, joint: usize, message: String) -> UrdfError {
         let facts = &self.tree.document.joints[joint];
-        self.source.refuse(facts.at, format!("joint \"{}\"", facts.name), message)
+        self.source
+            .refuse(facts.at, format!("joint \"{}\"", facts.name), message)
     }
 
     fn branching(&self, body: &Body, first: usize, second: usize) -> UrdfError {
@@ -168,10 +206,19 @@ impl Finder<'_, '_, '_> {
             if tree.below[link].is_empty() {
                 leaves.push(tree.link_name(link));
             }
-            todo.extend(tree.below[link].iter().rev().map(|&joint| tree.edges[joint].child));
+            todo.extend(
+                tree.below[link]
+                    .iter()
+                    .rev()
+                    .map(|&joint| tree.edges[joint].child),
+            );
         }
         let joints = &tree.document.joints;
-        let also = if body.joint.is_some() { ", and write type=\"fixed\" at the joints of the other branches" } else { "" };
+        let also = if body.joint.is_some() {
+            ", and write type=\"fixed\" at the joints of the other branches"
+        } else {
+            ""
+        };
         let message = format!(
             "moves, and so does joint \"{}\" on the same link \"{}\", expected one serial chain; choose tip= one of {}{also}",
             joints[first].name,
@@ -187,7 +234,10 @@ impl Finder<'_, '_, '_> {
             let facts = &self.tree.document.joints[joint];
             match facts.second_origin {
                 Some(second) if body.joint.is_none() && second.same_rotation => {
-                    let sentence = format!("joint \"{}\" has a second <origin>; the first one counts, as in ROS", facts.name);
+                    let sentence = format!(
+                        "joint \"{}\" has a second <origin>; the first one counts, as in ROS",
+                        facts.name
+                    );
                     self.notes.at(self.source, second.at, sentence);
                 }
                 _ => self.refuse_second_origin(joint)?,
@@ -200,17 +250,26 @@ impl Finder<'_, '_, '_> {
         let facts = &self.tree.document.joints[joint];
         facts.second_origin.map_or(Ok(()), |second| {
             let element = format!("<origin> of joint \"{}\"", facts.name);
-            let message = "stands here a second time, and readers differ in which one counts; keep one";
+            let message =
+                "stands here a second time, and readers differ in which one counts; keep one";
             Err(self.source.refuse(second.at, element, message))
         })
     }
 
     fn note_lumped(&mut self, body: &Body) {
         if let (Some(_), Some(&first)) = (body.joint, body.fixed.first()) {
-            let names: Vec<&str> = body.fixed.iter().map(|&j| self.tree.link_name(self.tree.edges[j].child)).collect();
+            let names: Vec<&str> = body
+                .fixed
+                .iter()
+                .map(|&j| self.tree.link_name(self.tree.edges[j].child))
+                .collect();
             let onto = self.tree.link_name(body.link);
-            let sentence = format!("fixed links count as part of \"{onto}\": {}", list(names.into_iter()));
-            self.notes.at(self.source, self.tree.document.joints[first].at, sentence);
+            let sentence = format!(
+                "fixed links count as part of \"{onto}\": {}",
+                list(names.into_iter())
+            );
+            self.notes
+                .at(self.source, self.tree.document.joints[first].at, sentence);
         }
     }
 }

@@ -22,7 +22,11 @@ fn triple([x, y, z]: [f64; 3]) -> String {
 }
 
 fn origin(pose: &Pose) -> String {
-    format!("<origin xyz=\"{}\" rpy=\"{}\"/>", triple(pose.xyz), triple(pose.rpy))
+    format!(
+        "<origin xyz=\"{}\" rpy=\"{}\"/>",
+        triple(pose.xyz),
+        triple(pose.rpy)
+    )
 }
 
 /// Appends a `<link>`.
@@ -34,7 +38,11 @@ pub(super) fn link(text: &mut String, name: &str, inertial: Option<&Inertial>) {
             let _ = write!(entries, " {name}=\"{entry:?}\"");
         }
         let place = origin(&inertial.origin);
-        let _ = write!(text, "<inertial>{place}<mass value=\"{:?}\"/><inertia{entries}/></inertial>", inertial.mass);
+        let _ = write!(
+            text,
+            "<inertial>{place}<mass value=\"{:?}\"/><inertia{entries}/></inertial>",
+            inertial.mass
+        );
     }
     text.push_str("</link>\n");
 }

@@ -23,11 +23,17 @@ impl Motion {
     ];
 
     pub(super) fn from_name(name: &str) -> Option<Self> {
-        Self::NAMES.iter().find(|(known, _)| *known == name).map(|&(_, motion)| motion)
+        Self::NAMES
+            .iter()
+            .find(|(known, _)| *known == name)
+            .map(|&(_, motion)| motion)
     }
 
     pub(super) fn name(self) -> &'static str {
-        Self::NAMES.iter().find(|(_, motion)| *motion == self).map_or("", |(name, _)| name)
+        Self::NAMES
+            .iter()
+            .find(|(_, motion)| *motion == self)
+            .map_or("", |(name, _)| name)
     }
 
     /// One degree of freedom along or about `<axis>`.

@@ -3,7 +3,7 @@
 use super::document::{Motion, Reference};
 use super::numbers::{moderate, not_negative, one, three};
 use super::source::shorten;
-use super::xml::{Attribute, Tag};
+use super::tag::{Attribute, Tag};
 
 /// Longest name of a link or joint \[bytes\].
 const MAX_NAME: usize = 256;
@@ -18,23 +18,38 @@ pub(super) struct Fault {
 
 /// A fault at an attribute.
 fn at<T>(attribute: &Attribute, result: Result<T, String>) -> Result<T, Fault> {
-    result.map_err(|message| Fault { at: attribute.at, message })
+    result.map_err(|message| Fault {
+        at: attribute.at,
+        message,
+    })
 }
 
 fn required<'t, 'a>(tag: &'t Tag<'a>, name: &str, mend: &str) -> Result<&'t Attribute<'a>, Fault> {
     tag.get(name).ok_or_else(|| {
         let message = format!("the attribute {name} is missing; write {mend}");
-        Fault { at: tag.at, message }
+        Fault {
+            at: tag.at,
+            message,
+        }
     })
 }
 
 /// Refuses attributes beyond `known`: a misspelt one would silently count as its default.
 fn only(tag: &Tag, known: &[&str]) -> Result<(), Fault> {
-    let unknown = tag.attributes.iter().find(|a| !known.contains(&a.name) && !a.name.contains(':'));
+    let unknown = tag
+        .attributes
+        .iter()
+        .find(|a| !known.contains(&a.name) && !a.name.contains(':'));
     unknown.map_or(Ok(()), |attribute| {
         let name = shorten(attribute.name);
-        let message = format!("the attribute {name} is not read here, expected {}; rename or delete it", known.join(", "));
-        Err(Fault { at: attribute.at, message })
+        let message = format!(
+            "the attribute {name} is not read here, expected {}; rename or delete it",
+            known.join(", ")
+        );
+        Err(Fault {
+            at: attribute.at,
+            message,
+        })
     })
 }
 
@@ -52,7 +67,10 @@ fn checked_name(attribute: &Attribute) -> Result<String, String> {
     if value.len() > MAX_NAME || value.chars().any(char::is_control) {
         let found = shorten(value).escape_debug().to_string();
         let expected = format!("expected at most {MAX_NAME} bytes on one line");
-        return Err(format!("{} is no name: \"{found}\", {expected}", attribute.name));
+        return Err(format!(
+            "{} is no name: \"{found}\", {expected}",
+            attribute.name
+        ));
     }
     Ok(value.to_owned())
 }
@@ -70,7 +88,10 @@ pub(super) fn motion(tag: &Tag) -> Result<Motion, Fault> {
 pub(super) fn reference(tag: &Tag) -> Result<Reference, Fault> {
     let attribute = required(tag, "link", "link=\"name of a link\"")?;
     let link = at(attribute, checked_name(attribute))?;
-    Ok(Reference { link, at: attribute.at })
+    Ok(Reference {
+        link,
+        at: attribute.at,
+    })
 }
 
 /// A placement: translation \[m\] and fixed-axis roll, pitch, yaw \[rad\].
@@ -83,11 +104,19 @@ pub(super) struct Pose {
 /// `<origin>`; an absent attribute is zero.
 pub(super) fn pose(tag: &Tag) -> Result<Pose, Fault> {
     if let Some(quaternion) = tag.get("quat_xyzw") {
-        let message = "quat_xyzw is not read; write the rotation as rpy=\"roll pitch yaw\" in radians".to_owned();
-        return Err(Fault { at: quaternion.at, message });
+        let message =
+            "quat_xyzw is not read; write the rotation as rpy=\"roll pitch yaw\" in radians"
+                .to_owned();
+        return Err(Fault {
+            at: quaternion.at,
+            message,
+        });
     }
     only(tag, &["xyz", "rpy"])?;
-    let read = |name, mend| tag.get(name).map_or(Ok([0.0; 3]), |a| at(a, three(a, mend)));
+    let read = |name, mend| {
+        tag.get(name)
+            .map_or(Ok([0.0; 3]), |a| at(a, three(a, mend)))
+    };
     Ok(Pose {
         xyz: read("xyz", "xyz=\"x y z\" in metres")?,
         rpy: read("rpy", "rpy=\"roll pitch yaw\" in radians")?,
@@ -102,10 +131,17 @@ pub(super) fn axis(tag: &Tag) -> Result<([f64; 3], bool), Fault> {
     let [x, y, z] = at(attribute, three(attribute, mend))?;
     let length = (x * x + y * y + z * z).sqrt();
     if length < MIN_AXIS {
-        let message = "the axis has no length, expected a direction; write e.g. xyz=\"0 0 1\"".to_owned();
-        return Err(Fault { at: attribute.at, message });
+        let message =
+            "the axis has no length, expected a direction; write e.g. xyz=\"0 0 1\"".to_owned();
+        return Err(Fault {
+            at: attribute.at,
+            message,
+        });
     }
-    Ok(([x / length, y / length, z / length], (length - 1.0).abs() > 1e-6))
+    Ok((
+        [x / length, y / length, z / length],
+        (length - 1.0).abs() > 1e-6,
+    ))
 }
 
 /// `<mass>` \[kg\].
@@ -113,7 +149,10 @@ pub(super) fn mass(tag: &Tag) -> Result<f64, Fault> {
     let mend = "value=\"mass\" in kg";
     let attribute = required(tag, "value", mend)?;
     let mass = at(attribute, one("value", &attribute.value, mend))?;
-    at(attribute, moderate("value", mass).and_then(|m| not_negative("value", m, "a mass in kg")))
+    at(
+        attribute,
+        moderate("value", mass).and_then(|m| not_negative("value", m, "a mass in kg")),
+    )
 }
 
 /// Names of the six entries of `<inertia>`, in the order of [`inertia`]'s result.
@@ -157,7 +196,9 @@ impl Default for Limit {
 pub(super) fn limit(tag: &Tag, motion: Motion) -> Result<(Limit, Option<&'static str>), Fault> {
     let read = |name: &str| {
         let mend = format!("{name}=\"number\", or leave it out for no limit");
-        tag.get(name).map(|a| at(a, one(name, &a.value, &mend)).map(|number| (a, number))).transpose()
+        tag.get(name)
+            .map(|a| at(a, one(name, &a.value, &mend)).map(|number| (a, number)))
+            .transpose()
     };
     let (lower, upper) = (read("lower")?, read("upper")?);
     let positive = |name: &str, meaning| match read(name)? {
@@ -170,7 +211,8 @@ pub(super) fn limit(tag: &Tag, motion: Motion) -> Result<(Limit, Option<&'static
         ..Limit::default()
     };
     if motion == Motion::Continuous {
-        let remark = (lower.is_some() || upper.is_some()).then_some("lower and upper of a continuous joint do not count");
+        let remark = (lower.is_some() || upper.is_some())
+            .then_some("lower and upper of a continuous joint do not count");
         return Ok((limit, remark));
     }
     let mut remark = None;
@@ -181,12 +223,20 @@ pub(super) fn limit(tag: &Tag, motion: Motion) -> Result<(Limit, Option<&'static
         let value = |bound: &Option<(_, f64)>| bound.as_ref().map_or(0.0, |&(_, number)| number);
         (limit.lower, limit.upper) = (value(&lower), value(&upper));
         if limit.lower > limit.upper {
-            let message = format!("lower is {}, above upper, {}; swap or correct them", limit.lower, limit.upper);
-            return Err(Fault { at: attribute.at, message });
+            let message = format!(
+                "lower is {}, above upper, {}; swap or correct them",
+                limit.lower, limit.upper
+            );
+            return Err(Fault {
+                at: attribute.at,
+                message,
+            });
         }
     }
     if limit.velocity == 0.0 || limit.effort == 0.0 || limit.lower == limit.upper {
-        remark = remark.or(Some("a range of zero is taken literally; leave the attribute out if no limit is meant"));
+        remark = remark.or(Some(
+            "a range of zero is taken literally; leave the attribute out if no limit is meant",
+        ));
     }
     Ok((limit, remark))
 }

@@ -8,11 +8,12 @@ use super::error::UrdfError;
 use super::parts::{OpenJoint, OpenLink, Taken};
 use super::places::{Meaning, Place};
 use super::source::{shorten, Notes, Source};
+use super::tag::Tag;
 use super::transmission::OpenTransmission;
-use super::xml::{Node, Tag, Walker};
+use super::xml::{Node, Walker};
 
-/// Most links and most joints of a file; keeps every later step short.
-const MAX_ELEMENTS: usize = 10_000;
+/// Most links and most joints of a file; keeps every later step short, urdf-rs above all.
+const MAX_ELEMENTS: usize = 2_000;
 /// Kinds of ignored elements that are listed.
 const MAX_KINDS: usize = 24;
 const XACRO: &str = "the file is a xacro source; expand it first: xacro in.xacro > out.urdf";
@@ -66,12 +67,19 @@ pub(super) fn read(source: &Source, notes: &mut Notes) -> Result<Document, UrdfE
 
 impl Guard<'_, '_> {
     fn refuse(&self, element: &str, fault: Fault) -> UrdfError {
-        self.source.refuse(fault.at, self.describe(element), fault.message)
+        self.source
+            .refuse(fault.at, self.describe(element), fault.message)
     }
 
     fn refuse_tag(&self, tag: &Tag, message: impl Into<String>) -> UrdfError {
         let message = message.into();
-        self.refuse(tag.name, Fault { at: tag.at, message })
+        self.refuse(
+            tag.name,
+            Fault {
+                at: tag.at,
+                message,
+            },
+        )
     }
 
     /// `<origin> of joint "elbow"`.
@@ -100,11 +108,15 @@ impl Guard<'_, '_> {
                 Place::Skip
             }
             Meaning::Misplaced => {
-                let message = "does not count at this place; move it, or close the element around it";
+                let message =
+                    "does not count at this place; move it, or close the element around it";
                 return Err(self.refuse_tag(tag, message));
             }
             Meaning::Misspelt(known) => {
-                return Err(self.refuse_tag(tag, format!("is no element of URDF here; is <{known}> meant?")));
+                return Err(self.refuse_tag(
+                    tag,
+                    format!("is no element of URDF here; is <{known}> meant?"),
+                ));
             }
         };
         self.places.push(place);
@@ -134,16 +146,34 @@ impl Guard<'_, '_> {
             "html" => "this is a web page; download the raw file",
             _ => "this is no URDF",
         };
-        Err(self.refuse_tag(tag, format!("the root element is <{}>, expected <robot>; {other}", tag.name)))
+        Err(self.refuse_tag(
+            tag,
+            format!(
+                "the root element is <{}>, expected <robot>; {other}",
+                tag.name
+            ),
+        ))
     }
 
     fn read(&mut self, parent: Place, tag: &Tag) -> Result<Place, UrdfError> {
         let unexpanded = |value: &str| value.contains("${") || value.contains("$(");
         if let Some(attribute) = tag.attributes.iter().find(|a| unexpanded(&a.value)) {
-            let message = format!("{} is \"{}\"; {XACRO}", attribute.name, shorten(&attribute.value));
-            return Err(self.refuse(tag.name, Fault { at: attribute.at, message }));
+            let message = format!(
+                "{} is \"{}\"; {XACRO}",
+                attribute.name,
+                shorten(&attribute.value)
+            );
+            return Err(self.refuse(
+                tag.name,
+                Fault {
+                    at: attribute.at,
+                    message,
+                },
+            ));
         }
-        let taken = self.element(parent, tag).map_err(|fault| self.refuse(tag.name, fault))?;
+        let taken = self
+            .element(parent, tag)
+            .map_err(|fault| self.refuse(tag.name, fault))?;
         if let Some(remark) = taken.remark {
             let sentence = format!("{}: {remark}", self.describe(tag.name));
             self.notes.at(self.source, tag.at, sentence);
@@ -177,18 +207,36 @@ impl Guard<'_, '_> {
                 _ => Place::Skip,
             },
         };
-        Ok(Taken { place, remark: None })
+        Ok(Taken {
+            place,
+            remark: None,
+        })
     }
 
     /// Refuses a name that is taken, and a file with too many links or joints.
-    fn claim(&mut self, kind: &'static str, name: &str, tag: &Tag, count: usize) -> Result<(), Fault> {
-        let fault = |message| Err(Fault { at: tag.at, message });
+    fn claim(
+        &mut self,
+        kind: &'static str,
+        name: &str,
+        tag: &Tag,
+        count: usize,
+    ) -> Result<(), Fault> {
+        let fault = |message| {
+            Err(Fault {
+                at: tag.at,
+                message,
+            })
+        };
         if count >= MAX_ELEMENTS {
-            return fault(format!("more than {MAX_ELEMENTS} {kind}s; a robot has fewer"));
+            return fault(format!(
+                "more than {MAX_ELEMENTS} {kind}s; a robot has fewer"
+            ));
         }
         if let Some(first) = self.taken.insert((kind, name.to_owned()), tag.at) {
             let (line, _) = self.source.position(first);
-            return fault(format!("the name \"{name}\" is taken by the {kind} on line {line}; rename or delete one"));
+            return fault(format!(
+                "the name \"{name}\" is taken by the {kind} on line {line}; rename or delete one"
+            ));
         }
         Ok(())
     }
@@ -201,7 +249,10 @@ impl Guard<'_, '_> {
                 }
             }
             Some(place) if place.is_kinematic() => {
-                let sentence = format!("text between elements does not count: \"{}\"", shorten(text.trim()));
+                let sentence = format!(
+                    "text between elements does not count: \"{}\"",
+                    shorten(text.trim())
+                );
                 self.notes.at(self.source, at, sentence);
             }
             _ => {}
@@ -221,7 +272,10 @@ impl Guard<'_, '_> {
                 finished.map_err(|fault| self.source.refuse(fault.at, name, fault.message))
             }),
             Some(Place::Transmission) => {
-                let rotor = self.transmission.take().map_or(Ok(None), OpenTransmission::finish);
+                let rotor = self
+                    .transmission
+                    .take()
+                    .map_or(Ok(None), OpenTransmission::finish);
                 let rotor = rotor.map_err(|fault| self.refuse("transmission", fault))?;
                 self.document.rotors.extend(rotor);
                 Ok(())
@@ -233,7 +287,11 @@ impl Guard<'_, '_> {
     fn finish(mut self) -> Document {
         self.document.clean.push_str("</robot>\n");
         if !self.ignored.is_empty() {
-            let kinds: Vec<String> = self.ignored.iter().map(|(kind, n)| format!("<{kind}> ({n})")).collect();
+            let kinds: Vec<String> = self
+                .ignored
+                .iter()
+                .map(|(kind, n)| format!("<{kind}> ({n})"))
+                .collect();
             let sentence = format!("elements that do not count here: {}", kinds.join(", "));
             self.notes.at(self.source, self.document.root_at, sentence);
         }

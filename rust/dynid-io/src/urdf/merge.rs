@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 
 use dynid_core::link_params::{from_centre, transform, LinkParams};
-use dynid_core::robot::{Joint, JointKind, JointLimits, RobotModel, MAX_JOINTS};
+use dynid_core::robot::{Joint, JointKind, JointLimits, RobotModel};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
 use super::chain::Body;
@@ -22,7 +22,10 @@ struct Frame {
 
 impl Frame {
     fn identity() -> Self {
-        Self { rotation: Matrix3::identity(), translation: Vector3::zeros() }
+        Self {
+            rotation: Matrix3::identity(),
+            translation: Vector3::zeros(),
+        }
     }
 
     /// Fixed-axis roll, pitch, yaw: `R = Rz(yaw) Ry(pitch) Rx(roll)`.
@@ -38,14 +41,17 @@ impl Frame {
     fn compose(&self, inner: &Self) -> Self {
         let product = self.rotation * inner.rotation;
         let rotation = product * (Matrix3::identity() * 3.0 - product.transpose() * product) * 0.5;
-        Self { rotation, translation: self.rotation * inner.translation + self.translation }
+        Self {
+            rotation,
+            translation: self.rotation * inner.translation + self.translation,
+        }
     }
 }
 
 /// Builds the model.
 ///
 /// # Errors
-/// [`UrdfError::Invalid`] for too many joints or a rotor of no joint; [`UrdfError::Option`] for a `rotor_inertia` that
+/// [`UrdfError::Invalid`] for a rotor of no joint; [`UrdfError::Option`] for a `rotor_inertia` that
 /// does not fit.
 pub(super) fn robot_model(
     tree: &Tree,
@@ -58,20 +64,23 @@ pub(super) fn robot_model(
     let n_joints = bodies.iter().filter(|body| body.joint.is_some()).count();
     let document = tree.document;
     let refuse = |message: String| source.refuse(document.root_at, "<robot>", message);
-    if n_joints > MAX_JOINTS {
-        return Err(refuse(format!("{n_joints} joints move, expected at most {MAX_JOINTS}; choose a tip")));
-    }
     let declared = rotors(tree, source)?;
     let overriding = overriding_rotors(n_joints, source, options)?;
     let mut frames = vec![Frame::identity(); document.links.len()];
     let mut joints = Vec::with_capacity(n_joints);
     for body in bodies {
         // The frame of the link that carries this body is known by now.
-        let placed = body.joint.map(|j| (j, frames[tree.edges[j].parent].compose(&Frame::from_pose(&urdf.joints[j].origin))));
+        let placed = body.joint.map(|j| {
+            (
+                j,
+                frames[tree.edges[j].parent].compose(&Frame::from_pose(&urdf.joints[j].origin)),
+            )
+        });
         frames[body.link] = Frame::identity();
         for &fixed in &body.fixed {
             let edge = tree.edges[fixed];
-            frames[edge.child] = frames[edge.parent].compose(&Frame::from_pose(&urdf.joints[fixed].origin));
+            frames[edge.child] =
+                frames[edge.parent].compose(&Frame::from_pose(&urdf.joints[fixed].origin));
         }
         let Some((index, placement)) = placed else {
             continue;
@@ -81,7 +90,11 @@ pub(super) fn robot_model(
         for link in std::iter::once(body.link).chain(links) {
             doubt_inertia(tree, link, &urdf.links[link], source, notes);
             let frame = &frames[link];
-            let part = transform(&declared_params(&urdf.links[link].inertial), &frame.rotation, &frame.translation);
+            let part = transform(
+                &declared_params(&urdf.links[link].inertial),
+                &frame.rotation,
+                &frame.translation,
+            );
             for (sum, term) in phi.iter_mut().zip(part) {
                 *sum += term;
             }
@@ -94,7 +107,11 @@ pub(super) fn robot_model(
         joints.push(Joint {
             name: facts.name.clone(),
             link: tree.link_name(body.link).to_owned(),
-            kind: if facts.motion == Motion::Prismatic { JointKind::Prismatic } else { JointKind::Revolute },
+            kind: if facts.motion == Motion::Prismatic {
+                JointKind::Prismatic
+            } else {
+                JointKind::Revolute
+            },
             rotation: placement.rotation,
             translation: placement.translation,
             axis: Vector3::from(urdf.joints[index].axis.xyz.0).normalize(),
@@ -103,15 +120,27 @@ pub(super) fn robot_model(
             phi,
         });
     }
-    RobotModel::new(document.name.clone(), joints, Vector3::from(options.gravity)).map_err(|error| refuse(error.to_string()))
+    RobotModel::new(
+        document.name.clone(),
+        joints,
+        Vector3::from(options.gravity),
+    )
+    .map_err(|error| refuse(error.to_string()))
 }
 
 fn limits(limit: &urdf_rs::JointLimit) -> JointLimits {
-    JointLimits { lower: limit.lower, upper: limit.upper, velocity: limit.velocity, effort: limit.effort }
+    JointLimits {
+        lower: limit.lower,
+        upper: limit.upper,
+        velocity: limit.velocity,
+        effort: limit.effort,
+    }
 }
 
 fn inertia_matrix(i: &urdf_rs::Inertia) -> Matrix3<f64> {
-    Matrix3::new(i.ixx, i.ixy, i.ixz, i.ixy, i.iyy, i.iyz, i.ixz, i.iyz, i.izz)
+    Matrix3::new(
+        i.ixx, i.ixy, i.ixz, i.ixy, i.iyy, i.iyz, i.ixz, i.iyz, i.izz,
+    )
 }
 
 /// Parameters of a link about its own origin; URDF gives the inertia about the centre, in the inertial frame.
@@ -124,7 +153,13 @@ fn declared_params(inertial: &urdf_rs::Inertial) -> LinkParams {
 /// Notes an inertia that no body has. It is kept: declared inertials are a start, not the truth.
 ///
 /// A body's second moments `S = tr(I)/2 1 - I` are positive semi-definite; that is the triangle inequality, and more.
-fn doubt_inertia(tree: &Tree, link: usize, urdf: &urdf_rs::Link, source: &Source, notes: &mut Notes) {
+fn doubt_inertia(
+    tree: &Tree,
+    link: usize,
+    urdf: &urdf_rs::Link,
+    source: &Source,
+    notes: &mut Notes,
+) {
     let facts = &tree.document.links[link];
     let Some(at) = facts.inertia_at else {
         return;
@@ -136,15 +171,28 @@ fn doubt_inertia(tree: &Tree, link: usize, urdf: &urdf_rs::Link, source: &Source
     }
     let inertia = inertia / size;
     let s = Matrix3::identity() * (inertia.trace() * 0.5) - inertia;
-    let minors = [(0, 1), (0, 2), (1, 2)].map(|(i, j)| s[(i, i)] * s[(j, j)] - s[(i, j)] * s[(i, j)]);
+    let minors =
+        [(0, 1), (0, 2), (1, 2)].map(|(i, j)| s[(i, i)] * s[(j, j)] - s[(i, j)] * s[(i, j)]);
     // Files round their numbers.
     let positive = |x: &f64| *x >= -1e-5;
-    let physical = s.diagonal().iter().all(positive) && minors.iter().all(positive) && positive(&s.determinant());
+    let physical = s.diagonal().iter().all(positive)
+        && minors.iter().all(positive)
+        && positive(&s.determinant());
     if !physical {
-        let sentence = format!("<inertia> of link \"{}\" belongs to no body (triangle inequality); kept as it is", facts.name);
+        let sentence = format!(
+            "<inertia> of link \"{}\" belongs to no body (triangle inequality); kept as it is",
+            facts.name
+        );
         notes.at(source, at, sentence);
     } else if urdf.inertial.mass.value == 0.0 {
-        notes.at(source, at, format!("the link \"{}\" has an inertia and no mass; kept as it is", facts.name));
+        notes.at(
+            source,
+            at,
+            format!(
+                "the link \"{}\" has an inertia and no mass; kept as it is",
+                facts.name
+            ),
+        );
     }
 }
 
@@ -154,16 +202,24 @@ fn rotors<'d>(tree: &Tree<'d>, source: &Source) -> Result<HashMap<&'d str, f64>,
     if document.rotors.is_empty() {
         return Ok(HashMap::new());
     }
-    let names: std::collections::HashSet<&str> = document.joints.iter().map(|joint| joint.name.as_str()).collect();
+    let names: std::collections::HashSet<&str> = document
+        .joints
+        .iter()
+        .map(|joint| joint.name.as_str())
+        .collect();
     let mut declared = HashMap::new();
     for rotor in &document.rotors {
         let refuse = |message| Err(source.refuse(rotor.at, "<drake:rotor_inertia>", message));
         let name = rotor.joint.as_str();
         if !names.contains(name) {
-            return refuse(format!("no joint is named \"{name}\"; correct <joint name=\"...\"/> of the transmission"));
+            return refuse(format!(
+                "no joint is named \"{name}\"; correct <joint name=\"...\"/> of the transmission"
+            ));
         }
         if declared.insert(name, rotor.reflected).is_some() {
-            return refuse(format!("a second rotor inertia for joint \"{name}\"; keep one"));
+            return refuse(format!(
+                "a second rotor inertia for joint \"{name}\"; keep one"
+            ));
         }
     }
     Ok(declared)
@@ -177,12 +233,23 @@ fn overriding_rotors<'o>(
     let Some(list) = options.rotor_inertia.as_deref() else {
         return Ok(None);
     };
-    let refuse = |message| Err(UrdfError::Option { file: source.file.to_owned(), option: "rotor_inertia", message });
+    let refuse = |message| {
+        Err(UrdfError::Option {
+            file: source.file.to_owned(),
+            option: "rotor_inertia",
+            message,
+        })
+    };
     if list.len() != n_joints {
-        return refuse(format!("has {} values, expected {n_joints}, one per moving joint", list.len()));
+        return refuse(format!(
+            "has {} values, expected {n_joints}, one per moving joint",
+            list.len()
+        ));
     }
     match list.iter().find(|x| !(x.is_finite() && **x >= 0.0)) {
-        Some(bad) => refuse(format!("holds {bad}, expected finite numbers of zero or more in kg m^2 (kg)")),
+        Some(bad) => refuse(format!(
+            "holds {bad}, expected finite numbers of zero or more in kg m^2 (kg)"
+        )),
         None => Ok(Some(list)),
     }
 }

@@ -42,6 +42,7 @@ mod numbers;
 mod parts;
 mod places;
 mod source;
+mod tag;
 mod transmission;
 mod tree;
 mod xml;
@@ -72,7 +73,12 @@ pub struct UrdfOptions {
 
 impl Default for UrdfOptions {
     fn default() -> Self {
-        Self { base: None, tip: None, gravity: [0.0, 0.0, -9.81], rotor_inertia: None }
+        Self {
+            base: None,
+            tip: None,
+            gravity: [0.0, 0.0, -9.81],
+            rotor_inertia: None,
+        }
     }
 }
 
@@ -97,7 +103,11 @@ pub fn load(path: &Path, options: &UrdfOptions) -> Result<RobotModel, UrdfError>
 ///
 /// # Errors
 /// [`UrdfError::Invalid`] if the content is refused, [`UrdfError::Option`] if an option does not fit it.
-pub fn parse(text: impl AsRef<[u8]>, source_name: &str, options: &UrdfOptions) -> Result<RobotModel, UrdfError> {
+pub fn parse(
+    text: impl AsRef<[u8]>,
+    source_name: &str,
+    options: &UrdfOptions,
+) -> Result<RobotModel, UrdfError> {
     parse_with_notes(text, source_name, options).map(|loaded| loaded.robot)
 }
 
@@ -107,7 +117,10 @@ pub fn parse(text: impl AsRef<[u8]>, source_name: &str, options: &UrdfOptions) -
 /// As [`load`].
 pub fn load_with_notes(path: &Path, options: &UrdfOptions) -> Result<Loaded, UrdfError> {
     let name = path.display().to_string();
-    let io = |source| UrdfError::Io { path: path.to_owned(), source };
+    let io = |source| UrdfError::Io {
+        path: path.to_owned(),
+        source,
+    };
     let file = File::open(path).map_err(io)?;
     let limit = source::MAX_BYTES as u64;
     if file.metadata().map_err(io)?.len() > limit {
@@ -129,8 +142,15 @@ pub fn parse_with_notes(
     options: &UrdfOptions,
 ) -> Result<Loaded, UrdfError> {
     if !options.gravity.iter().all(|g| g.is_finite()) {
-        let message = format!("is {:?}, expected three finite numbers in m/s^2", options.gravity);
-        return Err(UrdfError::Option { file: source_name.to_owned(), option: "gravity", message });
+        let message = format!(
+            "is {:?}, expected three finite numbers in m/s^2",
+            options.gravity
+        );
+        return Err(UrdfError::Option {
+            file: source_name.to_owned(),
+            option: "gravity",
+            message,
+        });
     }
     let source = Source::decode(source_name, text.as_ref())?;
     let mut notes = Notes::default();
@@ -139,13 +159,25 @@ pub fn parse_with_notes(
     let bodies = chain::find(&tree, &source, options, &mut notes)?;
     let urdf = read_values(&document, &source)?;
     let robot = merge::robot_model(&tree, &bodies, &urdf, &source, options, &mut notes)?;
-    Ok(Loaded { robot, notes: notes.into_list() })
+    Ok(Loaded {
+        robot,
+        notes: notes.into_list(),
+    })
 }
 
 /// The numbers, read by urdf-rs from the text that the guard wrote; links and joints keep their order.
-fn read_values(document: &document::Document, source: &Source) -> Result<urdf_rs::Robot, UrdfError> {
+fn read_values(
+    document: &document::Document,
+    source: &Source,
+) -> Result<urdf_rs::Robot, UrdfError> {
     let refuse = |message: String| source.refuse(document.root_at, "<robot>", message);
-    let urdf = urdf_rs::read_from_string(&document.clean).map_err(|error| refuse(format!("urdf-rs: {error}")))?;
-    let complete = urdf.links.len() == document.links.len() && urdf.joints.len() == document.joints.len();
-    if complete { Ok(urdf) } else { Err(refuse("urdf-rs lost a link or a joint".to_owned())) }
+    let urdf = urdf_rs::read_from_string(&document.clean)
+        .map_err(|error| refuse(format!("urdf-rs: {error}")))?;
+    let complete =
+        urdf.links.len() == document.links.len() && urdf.joints.len() == document.joints.len();
+    if complete {
+        Ok(urdf)
+    } else {
+        Err(refuse("urdf-rs lost a link or a joint".to_owned()))
+    }
 }

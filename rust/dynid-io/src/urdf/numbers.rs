@@ -1,7 +1,7 @@
 //! Numbers of attributes, read strictly.
 
 use super::source::shorten;
-use super::xml::Attribute;
+use super::tag::Attribute;
 
 /// Longest text of a number or of three \[bytes\].
 const MAX_TEXT: usize = 512;
@@ -46,8 +46,15 @@ pub(super) fn three(attribute: &Attribute, mend: &str) -> Result<[f64; 3], Strin
 /// # Errors
 /// A sentence.
 pub(super) fn one(name: &str, text: &str, mend: &str) -> Result<f64, String> {
-    let complain = || format!("{name} needs one finite number, found \"{}\"; write {mend}", shorten(text));
-    sized(text).and_then(|text| finite(text.trim_ascii())).ok_or_else(complain)
+    let complain = || {
+        format!(
+            "{name} needs one finite number, found \"{}\"; write {mend}",
+            shorten(text)
+        )
+    };
+    sized(text)
+        .and_then(|text| finite(text.trim_ascii()))
+        .ok_or_else(complain)
 }
 
 /// Refuses a magnitude beyond any robot.
@@ -70,6 +77,8 @@ pub(super) fn not_negative(name: &str, number: f64, meaning: &str) -> Result<f64
     if number >= 0.0 {
         Ok(number)
     } else {
-        Err(format!("{name} is {number}, expected zero or more: it is {meaning}"))
+        Err(format!(
+            "{name} is {number}, expected zero or more: it is {meaning}"
+        ))
     }
 }

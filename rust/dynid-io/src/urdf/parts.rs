@@ -4,7 +4,7 @@ use super::clean;
 use super::document::{Document, JointFacts, LinkFacts, Motion, Reference, SecondOrigin};
 use super::elements::{self, Fault, Limit, Pose};
 use super::places::Place;
-use super::xml::Tag;
+use super::tag::Tag;
 
 /// What became of a child element.
 pub(super) struct Taken {
@@ -15,22 +15,32 @@ pub(super) struct Taken {
 
 impl Taken {
     fn leaf(remark: Option<String>) -> Self {
-        Self { place: Place::Leaf, remark }
+        Self {
+            place: Place::Leaf,
+            remark,
+        }
     }
 }
 
 /// Fills an empty slot, or refuses the second element of a kind.
 fn once<T>(slot: &mut Option<T>, tag: &Tag, value: T) -> Result<(), Fault> {
     if slot.is_some() {
-        let message = "stands here a second time, and readers differ in which one counts; keep one".to_owned();
-        return Err(Fault { at: tag.at, message });
+        let message = "stands here a second time, and readers differ in which one counts; keep one"
+            .to_owned();
+        return Err(Fault {
+            at: tag.at,
+            message,
+        });
     }
     *slot = Some(value);
     Ok(())
 }
 
 fn missing<T>(value: Option<T>, at: usize, mend: &str) -> Result<T, Fault> {
-    value.ok_or_else(|| Fault { at, message: format!("{mend} is missing") })
+    value.ok_or_else(|| Fault {
+        at,
+        message: format!("{mend} is missing"),
+    })
 }
 
 /// Degrees in place of radians are the usual slip.
@@ -56,19 +66,33 @@ pub(super) struct OpenLink {
 
 impl OpenLink {
     pub(super) fn new(name: String, tag: &Tag) -> Self {
-        Self { name, at: tag.at, inertial: None }
+        Self {
+            name,
+            at: tag.at,
+            inertial: None,
+        }
     }
 
     /// Takes in `<inertial>` or one of its children.
     pub(super) fn element(&mut self, tag: &Tag) -> Result<Taken, Fault> {
         let Some(inertial) = self.inertial.as_mut().filter(|_| tag.name != "inertial") else {
-            let empty = OpenInertial { at: tag.at, ..OpenInertial::default() };
+            let empty = OpenInertial {
+                at: tag.at,
+                ..OpenInertial::default()
+            };
             once(&mut self.inertial, tag, empty)?;
-            return Ok(Taken { place: Place::Inertial, remark: None });
+            return Ok(Taken {
+                place: Place::Inertial,
+                remark: None,
+            });
         };
         match tag.name {
             "mass" => once(&mut inertial.mass, tag, elements::mass(tag)?)?,
-            "inertia" => once(&mut inertial.inertia, tag, (elements::inertia(tag)?, tag.at))?,
+            "inertia" => once(
+                &mut inertial.inertia,
+                tag,
+                (elements::inertia(tag)?, tag.at),
+            )?,
             _ => {
                 let pose = elements::pose(tag)?;
                 once(&mut inertial.origin, tag, pose)?;
@@ -83,15 +107,27 @@ impl OpenLink {
         let mut inertial = None;
         let mut inertia_at = None;
         if let Some(open) = self.inertial {
-            let mass = missing(open.mass, open.at, "<mass value=\"...\"/> inside <inertial>")?;
+            let mass = missing(
+                open.mass,
+                open.at,
+                "<mass value=\"...\"/> inside <inertial>",
+            )?;
             let mend = "<inertia ixx=\"...\" ixy ixz iyy iyz izz/> inside <inertial>";
             let (inertia, at) = missing(open.inertia, open.at, mend)?;
             inertia_at = Some(at);
             let origin = open.origin.unwrap_or_default();
-            inertial = Some(clean::Inertial { origin, mass, inertia });
+            inertial = Some(clean::Inertial {
+                origin,
+                mass,
+                inertia,
+            });
         }
         clean::link(&mut document.clean, &self.name, inertial.as_ref());
-        document.links.push(LinkFacts { name: self.name, at: self.at, inertia_at });
+        document.links.push(LinkFacts {
+            name: self.name,
+            at: self.at,
+            inertia_at,
+        });
         Ok(())
     }
 }
@@ -134,7 +170,12 @@ impl OpenJoint {
             "child" => once(&mut self.child, tag, elements::reference(tag)?)?,
             "origin" => remark = self.origin(tag)?,
             // Exporters fill in idle zeros here for joints that do not move.
-            _ if !self.motion.has_axis() => return Ok(Taken { place: Place::Skip, remark }),
+            _ if !self.motion.has_axis() => {
+                return Ok(Taken {
+                    place: Place::Skip,
+                    remark,
+                })
+            }
             "mimic" => once(&mut self.mimic_at, tag, tag.at)?,
             "axis" => {
                 let (axis, scaled) = elements::axis(tag)?;
@@ -157,7 +198,10 @@ impl OpenJoint {
             // The chain decides: before the first moving joint it changes no torque.
             Some(first) if self.second_origin.is_none() => {
                 let same_rotation = first.rpy == pose.rpy;
-                self.second_origin = Some(SecondOrigin { at: tag.at, same_rotation });
+                self.second_origin = Some(SecondOrigin {
+                    at: tag.at,
+                    same_rotation,
+                });
             }
             Some(_) => once(&mut self.origin, tag, pose)?,
         }

@@ -19,7 +19,8 @@ pub(super) enum Place {
 
 /// Names that mean something to the kinematics, wherever they stand.
 const KINEMATIC: [&str; 11] = [
-    "link", "joint", "inertial", "mass", "inertia", "origin", "axis", "limit", "parent", "child", "mimic",
+    "link", "joint", "inertial", "mass", "inertia", "origin", "axis", "limit", "parent", "child",
+    "mimic",
 ];
 
 /// What an element's name means at a place.
@@ -42,14 +43,21 @@ impl Place {
             Self::Inertial => &["origin", "mass", "inertia"],
             Self::Joint => &["origin", "parent", "child", "axis", "limit", "mimic"],
             Self::Transmission => &["joint", "actuator", "mechanicalReduction"],
-            Self::Actuator => &["mechanicalReduction", "drake:rotor_inertia", "drake:gear_ratio"],
+            Self::Actuator => &[
+                "mechanicalReduction",
+                "drake:rotor_inertia",
+                "drake:gear_ratio",
+            ],
             Self::Leaf | Self::Reduction | Self::Skip => &[],
         }
     }
 
     /// Whether a stray or misspelt element here could change the robot.
     pub(super) fn is_kinematic(self) -> bool {
-        matches!(self, Self::Robot | Self::Link | Self::Inertial | Self::Joint | Self::Leaf)
+        matches!(
+            self,
+            Self::Robot | Self::Link | Self::Inertial | Self::Joint | Self::Leaf
+        )
     }
 
     pub(super) fn meaning(self, name: &str) -> Meaning {
@@ -79,12 +87,21 @@ fn is_near(name: &str, known: &str) -> bool {
         return false;
     }
     let head = a.iter().zip(b).take_while(|(x, y)| x == y).count();
-    let tail = a.iter().rev().zip(b.iter().rev()).take_while(|(x, y)| x == y).count();
+    let tail = a
+        .iter()
+        .rev()
+        .zip(b.iter().rev())
+        .take_while(|(x, y)| x == y)
+        .count();
     let (longer, shorter) = (a.len().max(b.len()), a.len().min(b.len()));
     if head + tail >= shorter {
         return true; // One letter missing or added.
     }
-    let middle = |word: &[u8]| word.get(head..word.len() - tail).map(<[u8]>::to_vec).unwrap_or_default();
+    let middle = |word: &[u8]| {
+        word.get(head..word.len() - tail)
+            .map(<[u8]>::to_vec)
+            .unwrap_or_default()
+    };
     let swapped = middle(a).into_iter().rev().eq(middle(b)) && longer - head - tail == 2;
     a.len() == b.len() && (head + tail + 1 == longer || swapped)
 }
@@ -96,9 +113,21 @@ mod tests {
     #[test]
     fn one_slip_of_the_pen_is_near() {
         for name in ["Origin", "orgin", "originn", "origon", "oirgin", "xorigin"] {
-            assert_eq!(Place::Joint.meaning(name), Meaning::Misspelt("origin"), "{name}");
+            assert_eq!(
+                Place::Joint.meaning(name),
+                Meaning::Misspelt("origin"),
+                "{name}"
+            );
         }
-        for name in ["dynamics", "calibration", "safety_controller", "gazebo", "o", "nigiro", "original"] {
+        for name in [
+            "dynamics",
+            "calibration",
+            "safety_controller",
+            "gazebo",
+            "o",
+            "nigiro",
+            "original",
+        ] {
             assert_eq!(Place::Joint.meaning(name), Meaning::Ignore, "{name}");
         }
         assert_eq!(Place::Link.meaning("mass"), Meaning::Misplaced);

@@ -25,7 +25,11 @@ impl<'a> Source<'a> {
         }
         let bytes = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes);
         if bytes.starts_with(b"\xFF\xFE") || bytes.starts_with(b"\xFE\xFF") {
-            return Err(whole("").refuse(0, "text", "the file is UTF-16, expected UTF-8; save it as UTF-8"));
+            return Err(whole("").refuse(
+                0,
+                "text",
+                "the file is UTF-16, expected UTF-8; save it as UTF-8",
+            ));
         }
         let text = match std::str::from_utf8(bytes) {
             Ok(text) => text,
@@ -38,7 +42,11 @@ impl<'a> Source<'a> {
         };
         let source = whole(text);
         if let Some(at) = text.find('\0') {
-            return Err(source.refuse(at, "text", "a zero byte may not stand in XML; the file is damaged or no text"));
+            return Err(source.refuse(
+                at,
+                "text",
+                "a zero byte may not stand in XML; the file is damaged or no text",
+            ));
         }
         if text.starts_with("version https://git-lfs") {
             let message = "this is a Git LFS pointer, not the robot; fetch the file: git lfs pull";
@@ -57,7 +65,12 @@ impl<'a> Source<'a> {
     }
 
     /// The refusal of `element` at an offset.
-    pub(super) fn refuse(&self, at: usize, element: impl Into<String>, message: impl Into<String>) -> UrdfError {
+    pub(super) fn refuse(
+        &self,
+        at: usize,
+        element: impl Into<String>,
+        message: impl Into<String>,
+    ) -> UrdfError {
         let (line, column) = self.position(at);
         UrdfError::Invalid {
             file: self.file.to_owned(),
@@ -72,13 +85,15 @@ impl<'a> Source<'a> {
 /// The refusal of a file beyond [`MAX_BYTES`].
 pub(super) fn too_large(file: &str) -> UrdfError {
     let limit = MAX_BYTES / (1024 * 1024);
-    let message = format!("larger than {limit} MiB; a URDF names its meshes and does not hold them");
+    let message =
+        format!("larger than {limit} MiB; a URDF names its meshes and does not hold them");
     Source { file, text: "" }.refuse(0, "file", message)
 }
 
 /// The first character that XML 1.0 does not allow.
 pub(super) fn unprintable(text: &str) -> Option<char> {
-    text.chars().find(|c| !matches!(c, '\t' | '\n' | '\r' | ' '..='\u{FFFD}' | '\u{10000}'..))
+    text.chars()
+        .find(|c| !matches!(c, '\t' | '\n' | '\r' | ' '..='\u{FFFD}' | '\u{10000}'..))
 }
 
 /// Start of a text for use in a sentence.
@@ -103,7 +118,11 @@ impl Notes {
     pub(super) fn at(&mut self, source: &Source, at: usize, sentence: impl AsRef<str>) {
         if self.list.len() < MAX_NOTES {
             let (line, column) = source.position(at);
-            self.list.push(format!("{}:{line}:{column}: {}", source.file, sentence.as_ref()));
+            self.list.push(format!(
+                "{}:{line}:{column}: {}",
+                source.file,
+                sentence.as_ref()
+            ));
         } else {
             self.dropped += 1;
         }

@@ -16,7 +16,7 @@ use super::document::Rotor;
 use super::elements::Fault;
 use super::numbers::{moderate, not_negative, one};
 use super::places::Place;
-use super::xml::Tag;
+use super::tag::Tag;
 
 /// A text that becomes a number only if a rotor inertia makes it count.
 struct Claim {
@@ -61,7 +61,9 @@ impl OpenTransmission {
         if list.len() >= ENOUGH {
             return Place::Skip;
         }
-        let text = tag.get(attribute).map_or_else(String::new, |a| a.value.clone().into_owned());
+        let text = tag
+            .get(attribute)
+            .map_or_else(String::new, |a| a.value.clone().into_owned());
         list.push(Claim { text, at: tag.at });
         place
     }
@@ -91,35 +93,62 @@ impl OpenTransmission {
                 return fault(self.at, message);
             }
         };
-        for (claims, name) in [(&self.inertias, "drake:rotor_inertia"), (&self.gear_ratios, "drake:gear_ratio")] {
+        for (claims, name) in [
+            (&self.inertias, "drake:rotor_inertia"),
+            (&self.gear_ratios, "drake:gear_ratio"),
+        ] {
             if let Some(second) = claims.get(1) {
-                return fault(second.at, format!("a second <{name}> in one transmission; keep one"));
+                return fault(
+                    second.at,
+                    format!("a second <{name}> in one transmission; keep one"),
+                );
             }
         }
         let mend = "value=\"inertia\" in kg m^2, before the gear";
         let own = claim("drake:rotor_inertia", inertia, mend)?;
-        let own = not_negative("drake:rotor_inertia", own, "the rotor's own inertia in kg m^2");
-        let own = own.map_err(|message| Fault { at: inertia.at, message })?;
+        let own = not_negative(
+            "drake:rotor_inertia",
+            own,
+            "the rotor's own inertia in kg m^2",
+        );
+        let own = own.map_err(|message| Fault {
+            at: inertia.at,
+            message,
+        })?;
         // The sign of a ratio is a direction; it goes with the square.
         let mut ratio: Option<f64> = None;
         let gears = self.gear_ratios.iter().map(|c| ("drake:gear_ratio", c));
-        for (name, text) in gears.chain(self.reductions.iter().map(|c| ("mechanicalReduction", c))) {
+        for (name, text) in gears.chain(self.reductions.iter().map(|c| ("mechanicalReduction", c)))
+        {
             let number = claim(name, text, "rotor speed over joint speed")?;
             if number == 0.0 {
-                return fault(text.at, format!("{name} is zero, expected rotor speed over joint speed"));
+                return fault(
+                    text.at,
+                    format!("{name} is zero, expected rotor speed over joint speed"),
+                );
             }
             if ratio.is_some_and(|other| other.abs() != number.abs()) {
-                return fault(text.at, format!("{name} is {number}, but another ratio stands beside it; keep one"));
+                return fault(
+                    text.at,
+                    format!("{name} is {number}, but another ratio stands beside it; keep one"),
+                );
             }
             ratio = Some(number);
         }
         let reflected = own * ratio.map_or(1.0, |r| r * r);
-        Ok(Some(Rotor { joint: joint.text.clone(), reflected, at: inertia.at }))
+        Ok(Some(Rotor {
+            joint: joint.text.clone(),
+            reflected,
+            at: inertia.at,
+        }))
     }
 }
 
 fn claim(name: &str, claim: &Claim, mend: &str) -> Result<f64, Fault> {
     one(name, &claim.text, mend)
         .and_then(|number| moderate(name, number))
-        .map_err(|message| Fault { at: claim.at, message })
+        .map_err(|message| Fault {
+            at: claim.at,
+            message,
+        })
 }

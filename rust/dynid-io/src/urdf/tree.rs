@@ -32,7 +32,11 @@ const MAX_LISTED: usize = 8;
 /// `"a", "b", "c"` and how many more.
 pub(super) fn list<'n>(names: impl ExactSizeIterator<Item = &'n str>) -> String {
     let more = names.len().saturating_sub(MAX_LISTED);
-    let mut text = names.take(MAX_LISTED).map(|name| format!("\"{name}\"")).collect::<Vec<_>>().join(", ");
+    let mut text = names
+        .take(MAX_LISTED)
+        .map(|name| format!("\"{name}\""))
+        .collect::<Vec<_>>()
+        .join(", ");
     if more > 0 {
         text.push_str(&format!(" and {more} more"));
     }
@@ -47,9 +51,18 @@ impl<'d> Tree<'d> {
     /// roots, and a loop.
     pub(super) fn new(document: &'d Document, source: &Source) -> Result<Self, UrdfError> {
         if document.links.is_empty() {
-            return Err(source.refuse(document.root_at, "<robot>", "holds no <link>, expected two or more"));
+            return Err(source.refuse(
+                document.root_at,
+                "<robot>",
+                "holds no <link>, expected two or more",
+            ));
         }
-        let index = document.links.iter().enumerate().map(|(i, link)| (link.name.as_str(), i)).collect();
+        let index = document
+            .links
+            .iter()
+            .enumerate()
+            .map(|(i, link)| (link.name.as_str(), i))
+            .collect();
         let mut tree = Self {
             document,
             edges: Vec::with_capacity(document.joints.len()),
@@ -72,7 +85,10 @@ impl<'d> Tree<'d> {
     }
 
     pub(super) fn link_name(&self, link: usize) -> &'d str {
-        self.document.links.get(link).map_or("", |facts| facts.name.as_str())
+        self.document
+            .links
+            .get(link)
+            .map_or("", |facts| facts.name.as_str())
     }
 
     fn connect(&mut self, joint: usize, source: &Source) -> Result<(), UrdfError> {
@@ -80,17 +96,26 @@ impl<'d> Tree<'d> {
             return Ok(());
         };
         let mut ends = [0; 2];
-        for (end, (reference, which)) in ends.iter_mut().zip([(&facts.parent, "parent"), (&facts.child, "child")]) {
+        for (end, (reference, which)) in ends
+            .iter_mut()
+            .zip([(&facts.parent, "parent"), (&facts.child, "child")])
+        {
             *end = self.find(&reference.link).ok_or_else(|| {
                 let element = format!("<{which}> of joint \"{}\"", facts.name);
-                let message = format!("no link is named \"{}\"; correct the name or add the <link>", reference.link);
+                let message = format!(
+                    "no link is named \"{}\"; correct the name or add the <link>",
+                    reference.link
+                );
                 source.refuse(reference.at, element, message)
             })?;
         }
         let [parent, child] = ends;
         let element = format!("<child> of joint \"{}\"", facts.name);
         if parent == child {
-            let message = format!("the joint connects the link \"{}\" to itself", facts.child.link);
+            let message = format!(
+                "the joint connects the link \"{}\" to itself",
+                facts.child.link
+            );
             return Err(source.refuse(facts.child.at, element, message));
         }
         if let Some(other) = self.above[child].and_then(|other| self.document.joints.get(other)) {
@@ -108,7 +133,9 @@ impl<'d> Tree<'d> {
 
     /// The link without a parent. Links on a loop all have one.
     fn only_root(&self, source: &Source) -> Result<usize, UrdfError> {
-        let roots: Vec<usize> = (0..self.above.len()).filter(|&link| self.above[link].is_none()).collect();
+        let roots: Vec<usize> = (0..self.above.len())
+            .filter(|&link| self.above[link].is_none())
+            .collect();
         match roots.as_slice() {
             [] => Err(self.loop_through(0, source)),
             [root] => Ok(*root),
@@ -130,7 +157,11 @@ impl<'d> Tree<'d> {
         let mut todo = vec![self.root];
         while let Some(link) = todo.pop() {
             reached[link] = true;
-            todo.extend(self.below[link].iter().map(|&joint| self.edges[joint].child));
+            todo.extend(
+                self.below[link]
+                    .iter()
+                    .map(|&joint| self.edges[joint].child),
+            );
         }
         match reached.iter().position(|&r| !r) {
             None => Ok(()),
@@ -153,7 +184,9 @@ impl<'d> Tree<'d> {
         let names = list(members.iter().map(|&link| self.link_name(link)));
         let message = format!("the joints lead in a circle through the links {names}; a robot is a tree, delete one joint");
         let joint = self.above[on_loop].and_then(|joint| self.document.joints.get(joint));
-        let (at, element) = joint.map_or((0, String::new()), |j| (j.at, format!("joint \"{}\"", j.name)));
+        let (at, element) = joint.map_or((0, String::new()), |j| {
+            (j.at, format!("joint \"{}\"", j.name))
+        });
         source.refuse(at, element, message)
     }
 }

@@ -6,42 +6,15 @@
 use std::borrow::Cow;
 
 use quick_xml::errors::{Error, SyntaxError};
-use quick_xml::escape::unescape;
-use quick_xml::events::attributes::{AttrError, Attributes};
 use quick_xml::events::Event;
 use quick_xml::Reader;
 
 use super::error::UrdfError;
-use super::source::{shorten, unprintable, Source};
+use super::source::{shorten, Source};
+use super::tag::{self, is_name, Tag};
 
 /// Deepest nesting that is read. urdf-rs recurses and would overflow the stack.
 const MAX_DEPTH: usize = 32;
-/// Attributes of one element; more is no robot.
-const MAX_ATTRIBUTES: usize = 64;
-/// Length of an element's or attribute's name \[bytes\].
-const MAX_NAME: usize = 128;
-
-/// One attribute, entities resolved.
-pub(super) struct Attribute<'a> {
-    pub(super) name: &'a str,
-    pub(super) value: Cow<'a, str>,
-    pub(super) at: usize,
-}
-
-/// An opening tag. One that closes itself (`<a/>`) is followed by its [`Node::Close`] too.
-pub(super) struct Tag<'a> {
-    pub(super) name: &'a str,
-    pub(super) at: usize,
-    pub(super) attributes: Vec<Attribute<'a>>,
-}
-
-impl<'a> Tag<'a> {
-    /// The attribute of that name.
-    pub(super) fn get(&self, name: &str) -> Option<&Attribute<'a>> {
-        self.attributes.iter().find(|attribute| attribute.name == name)
-    }
-}
-
 /// What the walker meets.
 pub(super) enum Node<'a> {
     Open(Tag<'a>),
@@ -69,7 +42,13 @@ impl<'s, 'a> Walker<'s, 'a> {
         // Matched here, where the place of the opening tag is known.
         config.check_end_names = false;
         config.allow_unmatched_ends = true;
-        Self { source, reader, open: Vec::new(), close_pending: false, root_seen: false }
+        Self {
+            source,
+            reader,
+            open: Vec::new(),
+            close_pending: false,
+            root_seen: false,
+        }
     }
 
     fn offset(&self) -> usize {
@@ -114,11 +93,12 @@ impl<'s, 'a> Walker<'s, 'a> {
                 Event::CData(text) => return self.text(text.into_inner(), start),
                 Event::GeneralRef(reference) => {
                     let raw = format!("&{};", &*reference);
-                    let text = self.resolve(&raw, start, "text")?.into_owned();
+                    let text = tag::resolve(self.source, &raw, start, "text")?.into_owned();
                     return self.text(Cow::Owned(text), start);
                 }
                 Event::DocType(_) => {
-                    let message = "<!DOCTYPE> and its entities are not read; delete the declaration";
+                    let message =
+                        "<!DOCTYPE> and its entities are not read; delete the declaration";
                     return Err(self.source.refuse(start, "<!DOCTYPE>", message));
                 }
                 Event::Comment(_) | Event::Decl(_) | Event::PI(_) => {}
@@ -129,7 +109,11 @@ impl<'s, 'a> Walker<'s, 'a> {
 
     fn text(&self, text: Cow<'a, str>, at: usize) -> Result<Node<'a>, UrdfError> {
         if self.open.is_empty() {
-            let side = if self.root_seen { "after the closing tag of the root" } else { "before the root element" };
+            let side = if self.root_seen {
+                "after the closing tag of the root"
+            } else {
+                "before the root element"
+            };
             let message = format!("text {side}: \"{}\"; delete it", shorten(text.trim()));
             return Err(self.source.refuse(at, "XML", message));
         }
@@ -138,11 +122,17 @@ impl<'s, 'a> Walker<'s, 'a> {
 
     fn end(&self) -> Result<(), UrdfError> {
         if let Some(&(name, at)) = self.open.last() {
-            let message = format!("opened here and never closed; the file may be cut off, or </{name}> is missing");
+            let message = format!(
+                "opened here and never closed; the file may be cut off, or </{name}> is missing"
+            );
             return Err(self.source.refuse(at, format!("<{name}>"), message));
         }
         if !self.root_seen {
-            return Err(self.source.refuse(0, "file", "no element found, expected <robot>; the file is empty"));
+            return Err(self.source.refuse(
+                0,
+                "file",
+                "no element found, expected <robot>; the file is empty",
+            ));
         }
         Ok(())
     }
@@ -153,25 +143,43 @@ impl<'s, 'a> Walker<'s, 'a> {
             Some((open, open_at)) => {
                 let (line, _) = self.source.position(open_at);
                 let found = shorten(name);
-                let message = format!("found </{found}>, expected </{open}> for the <{open}> opened on line {line}");
+                let message = format!(
+                    "found </{found}>, expected </{open}> for the <{open}> opened on line {line}"
+                );
                 Err(self.source.refuse(at, format!("<{open}>"), message))
             }
             None => {
                 let message = "closes an element that is not open; delete it";
-                Err(self.source.refuse(at, format!("</{}>", shorten(name)), message))
+                Err(self
+                    .source
+                    .refuse(at, format!("</{}>", shorten(name)), message))
             }
         }
     }
 
     /// Cuts the tag that starts at `start` out of the source: the slices keep their place.
     fn open_tag(&mut self, start: usize) -> Result<Tag<'a>, UrdfError> {
-        let raw = self.source.text.get(start..self.offset()).unwrap_or_default();
+        let raw = self
+            .source
+            .text
+            .get(start..self.offset())
+            .unwrap_or_default();
         let content = raw.strip_prefix('<').unwrap_or(raw);
         let content = content.strip_suffix('>').unwrap_or(content);
-        let content = if self.close_pending { content.strip_suffix('/').unwrap_or(content) } else { content };
-        let name = content.split([' ', '\t', '\n', '\r']).next().unwrap_or_default();
+        let content = if self.close_pending {
+            content.strip_suffix('/').unwrap_or(content)
+        } else {
+            content
+        };
+        let name = content
+            .split([' ', '\t', '\n', '\r'])
+            .next()
+            .unwrap_or_default();
         if !is_name(name) {
-            let message = format!("\"<{}\" does not start a tag; write &lt; if the character is meant", shorten(name));
+            let message = format!(
+                "\"<{}\" does not start a tag; write &lt; if the character is meant",
+                shorten(name)
+            );
             return Err(self.source.refuse(start, "XML", message));
         }
         if self.open.is_empty() && self.root_seen {
@@ -180,67 +188,18 @@ impl<'s, 'a> Walker<'s, 'a> {
         }
         self.root_seen = true;
         if self.open.len() >= MAX_DEPTH {
-            let message = format!("nested deeper than {MAX_DEPTH} elements; a closing tag may be missing above");
+            let message = format!(
+                "nested deeper than {MAX_DEPTH} elements; a closing tag may be missing above"
+            );
             return Err(self.source.refuse(start, format!("<{name}>"), message));
         }
         self.open.push((name, start));
-        let attributes = self.attributes(content, name, start + 1)?;
-        Ok(Tag { name, at: start, attributes })
-    }
-
-    fn attributes(&self, content: &'a str, tag: &str, content_at: usize) -> Result<Vec<Attribute<'a>>, UrdfError> {
-        let element = || format!("<{tag}>");
-        let mut found: Vec<Attribute<'a>> = Vec::new();
-        let mut value_end = 0;
-        for item in Attributes::new(content, tag.len()).with_checks(false) {
-            let item = item.map_err(|error| {
-                let (offset, message) = explain(&error);
-                self.source.refuse(content_at + offset, element(), message)
-            })?;
-            let name = item.key.into_inner();
-            let offset = offset_in(content, name);
-            let at = content_at + offset;
-            let refuse = |message: String| self.source.refuse(at, element(), message);
-            if offset == value_end {
-                return Err(refuse(format!("a blank is missing before the attribute \"{}\"", shorten(name))));
-            }
-            let (Cow::Borrowed(raw), true) = (item.value, is_name(name)) else {
-                return Err(refuse(format!("\"{}\" is not the name of an attribute", shorten(name))));
-            };
-            if raw.contains('<') {
-                return Err(refuse(format!("the value of {name} runs into the next tag; a closing quote is missing")));
-            }
-            if found.iter().any(|other| other.name == name) {
-                return Err(refuse(format!("the attribute {name} stands twice; keep one")));
-            }
-            if found.len() >= MAX_ATTRIBUTES {
-                return Err(refuse(format!("more than {MAX_ATTRIBUTES} attributes")));
-            }
-            value_end = offset_in(content, raw) + raw.len() + 1;
-            let value = self.resolve(raw, at, &element())?;
-            found.push(Attribute { name, value, at });
-        }
-        Ok(found)
-    }
-
-    /// Resolves the five predefined entities and character references; there are no others without a DOCTYPE.
-    fn resolve<'t>(&self, raw: &'t str, at: usize, element: &str) -> Result<Cow<'t, str>, UrdfError> {
-        match unescape(raw) {
-            Ok(value) => match unprintable(&value) {
-                None => Ok(value),
-                Some(bad) => {
-                    let message = format!("the character U+{:04X} may not stand in XML; delete it", u32::from(bad));
-                    Err(self.source.refuse(at, element, message))
-                }
-            },
-            Err(_) => {
-                let message = format!(
-                    "\"{}\" holds an unknown entity; only &amp; &lt; &gt; &quot; &apos; and character references are read",
-                    shorten(raw)
-                );
-                Err(self.source.refuse(at, element, message))
-            }
-        }
+        let attributes = tag::read(self.source, content, name, start + 1)?;
+        Ok(Tag {
+            name,
+            at: start,
+            attributes,
+        })
     }
 }
 
@@ -252,28 +211,5 @@ fn not_well_formed(error: &Error) -> String {
             "a quote is not closed in the tag that starts here, or in one soon after it".to_owned()
         }
         other => format!("not well-formed: {other}"),
-    }
-}
-
-/// Where `part`, a slice of `whole`, starts in it.
-fn offset_in(whole: &str, part: &str) -> usize {
-    (part.as_ptr() as usize).saturating_sub(whole.as_ptr() as usize)
-}
-
-fn is_name(name: &str) -> bool {
-    let start = |c: char| c.is_alphabetic() || c == '_' || c == ':';
-    name.len() <= MAX_NAME
-        && name.starts_with(start)
-        && name.chars().all(|c| start(c) || c.is_numeric() || matches!(c, '-' | '.' | '\u{B7}'))
-}
-
-/// Offset in the tag's content and a sentence.
-fn explain(error: &AttrError) -> (usize, String) {
-    match error {
-        AttrError::ExpectedEq(at) => (*at, "an attribute is not followed by =; write name=\"value\"".to_owned()),
-        AttrError::ExpectedValue(at) => (*at, "an attribute has no value; write name=\"value\"".to_owned()),
-        AttrError::UnquotedValue(at) => (*at, "an attribute's value has no quotes; write name=\"value\"".to_owned()),
-        AttrError::ExpectedQuote(at, quote) => (*at, format!("a closing {quote:?} is missing", quote = char::from(*quote))),
-        AttrError::Duplicated(at, _) => (*at, "an attribute stands twice; keep one".to_owned()),
     }
 }

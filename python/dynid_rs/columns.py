@@ -1,0 +1,152 @@
+"""Columns of the declared model, run by run: filtered rows and triangular factors, one set per joint.
+
+Rows of joint j are ``[own columns | base columns of the links it moves | torque]`` (Eq. 2, one joint). Own columns are
+those of the effects: rotor inertia, torque offset, friction (Eqs. 9-11).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import _core
+from .preprocessing import States
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """Which columns a fit has.
+
+    `effects` with their shapes; `pivots` (n_base,) indices of the base columns in phi; `own` (n_joints, n_own) which
+    of a joint's own columns can be told apart from the rest.
+    """
+
+    robot: _core.RobotModel
+    effects: tuple[_core.Effect, ...]
+    pivots: NDArray[np.int64]
+    own: NDArray[np.bool_]
+
+    @property
+    def n_base(self) -> int:
+        """Number of base columns."""
+        return len(self.pivots)
+
+    @property
+    def n_own(self) -> int:
+        """Own columns of one joint, those included that cannot be told apart."""
+        return self.own.shape[1]
+
+    @property
+    def n_columns(self) -> int:
+        """Unknowns of the whole fit: base parameters, then own coefficients joint by joint."""
+        return self.n_base + self.own.size
+
+    def unknowns(self, j: int) -> NDArray[np.intp]:
+        """Places of joint j's columns ``[own | base]`` among all unknowns."""
+        own = self.n_base + j * self.n_own + np.arange(self.n_own)
+        base = np.flatnonzero(self.pivots >= 10 * j)
+        return np.concatenate([own, base])
+
+    def estimable(self) -> NDArray[np.bool_]:
+        """(n_columns,) false for own columns that repeat others."""
+        return np.concatenate([np.ones(self.n_base, dtype=bool), self.own.ravel()])
+
+
+def make_plan(robot: _core.RobotModel, effects: Sequence[_core.Effect], *, random_state: int = 0) -> Plan:
+    """Base columns of the rigid body, and those of the linear effects that add something to them.
+
+    A rotor's inertia is not told from the link's own where nothing but the joint's axis sees both (the first joint of
+    most arms); a constant torque is not told from gravity on a vertical slide.
+    """
+    base = robot.base_parameters(random_state)
+    pivots = np.asarray(base.pivots)
+    n = robot.n_joints
+    rng = np.random.default_rng(random_state)
+    q, dq, ddq = (rng.uniform(-3.0, 3.0, (40, n)) for _ in range(3))
+    rigid = base.reduce(robot.joint_torque_regressor(q, dq, ddq)).reshape(-1, base.n_base)
+    known, _ = np.linalg.qr(rigid / np.linalg.norm(rigid, axis=0))
+    widths = [effect.n_columns for effect in effects]
+    own = np.ones((n, sum(widths)), dtype=bool)
+    for effect, first in zip(effects, np.cumsum([0, *widths]), strict=False):
+        column = {"rotor_inertia": ddq, "torque_offset": np.ones_like(ddq)}.get(effect.kind)
+        if column is None:
+            continue
+        for j in range(n):
+            probe = np.zeros((len(q), n))
+            probe[:, j] = column[:, j]
+            vector = probe.ravel()
+            left = vector - known @ (known.T @ vector)
+            left -= known @ (known.T @ left)
+            own[j, first] = np.linalg.norm(left) > 1e-8 * np.linalg.norm(vector)
+            if own[j, first]:
+                known = np.column_stack([known, left / np.linalg.norm(left)])
+    return Plan(robot, tuple(effects), pivots, own)
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """A stretch of consecutive rows that is fitted or left out as a whole: a run, or a part of a lone one."""
+
+    run: int
+    rows: list[FloatArray]
+    factors: list[FloatArray]
+
+    @property
+    def n_rows(self) -> int:
+        """Rows per joint."""
+        return len(self.rows[0])
+
+
+@dataclass(frozen=True, eq=False)
+class Observations:
+    """Rows and factors of all training blocks."""
+
+    plan: Plan
+    blocks: list[Block]
+
+    @property
+    def n_rows(self) -> int:
+        """Rows per joint over all blocks."""
+        return sum(block.n_rows for block in self.blocks)
+
+    def factors(self, leave_out: int | None = None) -> list[FloatArray]:
+        """Merged factor of every joint, without block `leave_out` if given. Never reads the data again."""
+        kept = [block for k, block in enumerate(self.blocks) if k != leave_out]
+        return [_core.merge_factors([block.factors[j] for block in kept]) for j in range(len(kept[0].factors))]
+
+
+def observe(plan: Plan, runs: Sequence[States], tau: Sequence[FloatArray] | None = None) -> Observations:
+    """Rows and factors of `runs`; `tau` (n, n_joints) each replaces the measured torque, e.g. less the third loop's.
+
+    A lone run is cut in three blocks, so that something can always be left out.
+    """
+    blocks: list[Block] = []
+    for k, states in enumerate(runs):
+        rows = run_rows(plan, states, states.tau if tau is None else tau[k])
+        for part in [slice(None)] if len(runs) > 1 else _thirds(len(states.rows)):
+            cut = [joint[part] for joint in rows]
+            blocks.append(Block(k, cut, [_core.triangular_factor(joint) for joint in cut]))
+    return Observations(plan, blocks)
+
+
+def run_rows(plan: Plan, states: States, tau: FloatArray) -> list[FloatArray]:
+    """Filtered, decimated rows of one run: per joint (n_rows, n_own + base columns + 1)."""
+    return _core.observe(
+        plan.robot,
+        list(plan.effects),
+        plan.pivots.tolist(),
+        *states.signals(),
+        tau,
+        filter=states.filter,
+        kept=states.rows.tolist(),
+    )
+
+
+def _thirds(n: int) -> list[slice]:
+    edges = np.linspace(0, n, 4).astype(int)
+    return [slice(first, last) for first, last in zip(edges[:-1], edges[1:], strict=True)]

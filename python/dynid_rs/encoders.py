@@ -1,0 +1,81 @@
+"""Two encoders, two clocks: the delay of the link channel behind the motor channel.
+
+A delay makes ``q_motor - q`` proportional to speed, an elastic gear makes it proportional to load, a gear with friction
+adds a part with the sign of the speed. All three are fitted side by side, or elasticity would be taken for time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import _core
+from .preprocessing import States
+
+FloatArray = NDArray[np.float64]
+
+N_PARTS = 10
+"""Parts of the data that are left out in turn for the interval."""
+SIGN_WIDTH = 0.01
+"""Speed [rad/s] over which the gear's friction changes its sign."""
+
+
+@dataclass(frozen=True, eq=False)
+class EncoderDelay:
+    """Delay per joint [s], (n_joints,), its standard error, and which joints have two different channels at all."""
+
+    value: FloatArray
+    std_error: FloatArray
+    measured: NDArray[np.bool_]
+
+
+def estimate_encoder_delay(runs: Sequence[States], tau_link: Sequence[FloatArray]) -> EncoderDelay:
+    """Delay of the link channel behind the motor channel.
+
+    Parameters
+    ----------
+    runs : sequence of States
+        Runs with two encoders, not aligned.
+    tau_link : sequence of ndarray (n, n_joints)
+        Rigid-body torque predicted by a model, never the measured one.
+    """
+    n = runs[0].q.shape[1]
+    value, std_error, measured = np.zeros(n), np.zeros(n), np.zeros(n, dtype=bool)
+    for j in range(n):
+        systems = [_system(states, load, j) for states, load in zip(runs, tau_link, strict=True)]
+        columns = np.concatenate([system[0] for system in systems])
+        gap = np.concatenate([system[1] for system in systems])
+        if len(gap) < 20 * N_PARTS or np.ptp(gap) < 1e-12:
+            continue  # the second channel is a copy, or the joint hardly moved
+        measured[j] = True
+        value[j] = _delay(columns, gap)
+        parts = np.array_split(np.arange(len(gap)), N_PARTS)
+        without = np.array([_delay(np.delete(columns, part, axis=0), np.delete(gap, part)) for part in parts])
+        std_error[j] = np.sqrt((N_PARTS - 1) / N_PARTS * np.sum((without - without.mean()) ** 2))
+    return EncoderDelay(value, std_error, measured)
+
+
+def _system(states: States, tau_link: FloatArray, j: int) -> tuple[FloatArray, FloatArray]:
+    """Columns speed, load, sign of speed, constant; and ``q_motor - q``, all in the band."""
+    # The derivative of the position: a recorded velocity may lag behind by itself.
+    speed = np.gradient(states.q_motor[:, j], 1 / states.rate)
+    sign = _core.friction_basis(speed, 0.0, SIGN_WIDTH)[:, :2].sum(axis=1)
+    raw = np.stack([speed, tau_link[:, j], sign, states.q_motor[:, j] - states.q[:, j]], axis=1)
+    filtered = states.band.apply(raw, states.rate)
+    moves = np.abs(speed) > 0.01 * np.abs(speed).max(initial=0.0)
+    rows = np.flatnonzero(states.moving & moves)
+    columns = np.concatenate([filtered[rows, :3], np.ones((len(rows), 1))], axis=1)
+    return columns, filtered[rows, 3]
+
+
+def _delay(columns: FloatArray, gap: FloatArray) -> float:
+    from scipy.optimize import lsq_linear
+
+    scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    factor = _core.triangular_factor(np.column_stack([columns / scale, gap]))
+    # A gear yields in the direction of its load: stiffness is not negative.
+    bounds = ([-np.inf, 0.0, -np.inf, -np.inf], np.inf)
+    return float(lsq_linear(factor[:, :-1], factor[:, -1], bounds=bounds).x[0] / scale[0])

@@ -1,0 +1,100 @@
+"""Errors on runs, their intervals, and the floor under them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .preprocessing import States
+
+FloatArray = NDArray[np.float64]
+
+N_RESAMPLES = 400
+"""Bootstrap resamples of an error's interval."""
+LEAST_BLOCK = 1.0
+"""Shortest block [s] that is resampled as a whole; errors stay alike for about as long."""
+FLOOR_METHOD = (
+    "white noise of the torque channel inside the band, from its spectrum above the motion; "
+    "what no model of the states can remove"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Measured and predicted torque of one run at its rows, in the band and as recorded; (n_rows, n_joints) each."""
+
+    states: States
+    measured: FloatArray
+    predicted: FloatArray
+    raw_error: FloatArray
+
+    @property
+    def error(self) -> FloatArray:
+        """Measured minus predicted, in the band."""
+        return self.measured - self.predicted
+
+
+def compare(states: States, predicted: FloatArray) -> Comparison:
+    """Compare `predicted` (n, n_joints), torque at every sample, with the run's own, both through the band's filter."""
+    rows = states.rows
+    measured = states.band.apply(states.tau, states.rate)[rows]
+    filtered = states.band.apply(predicted, states.rate)[rows]
+    return Comparison(states, measured, filtered, (states.tau - predicted)[states.moving])
+
+
+def rmse(errors: Sequence[FloatArray]) -> FloatArray:
+    """Root mean square over all rows, (n_joints,)."""
+    stacked = np.concatenate(list(errors))
+    result: FloatArray = np.sqrt(np.mean(stacked**2, axis=0))
+    return result
+
+
+def torque_std(comparisons: Sequence[Comparison]) -> FloatArray:
+    """Standard deviation of the measured torque, (n_joints,)."""
+    result: FloatArray = np.concatenate([comparison.measured for comparison in comparisons]).std(axis=0)
+    return result
+
+
+def rmse_interval(comparisons: Sequence[Comparison], random_state: int = 0) -> FloatArray:
+    """95 % interval of the RMSE, (n_joints, 2), by resampling blocks as long as the error's memory."""
+    rng = np.random.default_rng(random_state)
+    squares = []
+    for comparison in comparisons:
+        states = comparison.states
+        length = max(1, int(LEAST_BLOCK * states.rate / states.step))
+        n_blocks = max(1, len(comparison.error) // length)
+        squares += [
+            (np.sum(block**2, axis=0), len(block)) for block in np.array_split(comparison.error, n_blocks)
+        ]
+    sums = np.array([total for total, _ in squares])
+    counts = np.array([count for _, count in squares], dtype=float)
+    draws = rng.integers(0, len(counts), (N_RESAMPLES, len(counts)))
+    values = np.sqrt(sums[draws].sum(axis=1) / counts[draws].sum(axis=1)[:, None])
+    interval: FloatArray = np.percentile(values, [2.5, 97.5], axis=0).T
+    return interval
+
+
+def noise_floor(runs: Sequence[States]) -> FloatArray:
+    """Standard deviation of the torque channel's own noise inside the band, (n_joints,).
+
+    The level is the median of the spectrum between the band's shoulder and the Nyquist frequency, where the motion has
+    ended (median over lines, so a vibration does not count); white noise of that level is then passed through the band.
+    """
+    from scipy.signal import freqz_sos, welch
+
+    floors = []
+    for states in runs:
+        frequency, density = welch(states.tau, states.rate, nperseg=min(len(states.tau), 1024), axis=0)
+        high = (frequency > 2 * states.band.cutoff) & (frequency < 0.45 * states.rate)
+        if states.filter is None or high.sum() < 4:
+            floors.append(np.zeros(states.tau.shape[1]))
+            continue
+        level = np.median(density[high], axis=0) / np.log(2)  # mean of a line's power from its median
+        _, response = freqz_sos(states.filter[0], worN=frequency, fs=states.rate)
+        passed = np.trapezoid(np.abs(response) ** 4, frequency)  # forwards and backwards
+        floors.append(np.sqrt(level * passed))
+    result: FloatArray = np.sqrt(np.mean(np.square(floors), axis=0))
+    return result

@@ -1,0 +1,333 @@
+"""The three loops of the paper's Figure 2: friction, link dynamics, residual, until nothing changes."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from sklearn.base import BaseEstimator, clone
+from sklearn.exceptions import ConvergenceWarning
+from sklearn.utils.validation import check_is_fitted
+
+from . import _core
+from .columns import Observations, Plan, make_plan, observe
+from .encoders import EncoderDelay, estimate_encoder_delay
+from .errors import DataError
+from .friction import FrictionIdentifier, friction_effect
+from .links import LinkDynamicsIdentifier, baseline, block_residuals
+from .preprocessing import Band, States, choose_band, common_rate, prepare
+from .recording import Recording
+from .residual import ResidualCompensator, choose_inputs, inputs_of
+
+FloatArray = NDArray[np.float64]
+
+FIRST_WIDTH = 4e-3
+"""Transition width [rad/s] of the first pass and of the baseline, before any search."""
+LEAST_TRAVEL = 1e-4
+"""A joint that turns less than this [rad, m] in all training runs has not moved."""
+
+
+class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
+    """Torque model of an arm from measured runs (Eq. 26: ``tau = tau_friction + tau_link + tau_residual``).
+
+    Parameters
+    ----------
+    robot : RobotModel
+        Kinematics and gravity.
+    friction : FrictionIdentifier, optional
+        First loop.
+    links : LinkDynamicsIdentifier, optional
+        Second loop.
+    residual : ResidualCompensator, None or "default"
+        Third loop; None switches it off.
+    cutoff : float, optional
+        Band [Hz] in which torques are fitted and compared; chosen from the motion if None.
+    max_iter : int
+        Most rounds of the three loops.
+    tol : float
+        Relative change of every joint's residual at which they stop.
+
+    Attributes
+    ----------
+    model_ : TorqueModel
+        The result, owned by Rust.
+    links_, friction_, residual_ : estimators
+        The fitted loops.
+    baseline_ : TorqueModel
+        Rigid body, Coulomb and viscous friction by weighted least squares: what the paper compares with.
+    encoder_delay_ : EncoderDelay or None
+        Delay between the two encoder channels; None with one encoder.
+    observations_ : Observations
+        Rows and factors of the last round.
+    runs_ : list of States
+        Training runs, link channel on the motor channel's clock.
+    history_ : list of dict
+        Residual per joint after every round.
+    n_iter_, converged_ : int, bool
+        Of the three loops.
+    """
+
+    def __init__(
+        self,
+        robot: _core.RobotModel,
+        *,
+        friction: FrictionIdentifier | None = None,
+        links: LinkDynamicsIdentifier | None = None,
+        residual: ResidualCompensator | str | None = "default",
+        cutoff: float | None = None,
+        max_iter: int = 10,
+        tol: float = 1e-2,
+    ) -> None:
+        self.robot = robot
+        self.friction = friction
+        self.links = links
+        self.residual = residual
+        self.cutoff = cutoff
+        self.max_iter = max_iter
+        self.tol = tol
+
+    def fit(
+        self,
+        recordings: Recording | Sequence[Recording],
+        friction_recording: Recording | Sequence[Recording] | None = None,
+    ) -> ThreeLoopIdentifier:
+        """Fit to training runs.
+
+        Parameters
+        ----------
+        recordings : Recording or sequence of Recording
+            Exciting motion.
+        friction_recording : Recording or sequence of Recording, optional
+            Slow motion that only the search for friction's shape sees in addition.
+
+        Raises
+        ------
+        DataError
+            Runs of another robot, mixed units, a joint that never moves, too little motion.
+        """
+        recordings = _as_list(recordings)
+        slow = _as_list(friction_recording) if friction_recording is not None else []
+        self._check(recordings + slow)
+        self.torque_unit_ = recordings[0].torque_unit
+        self.rate_ = common_rate(recordings)
+        self.band_ = Band(self.cutoff) if self.cutoff else choose_band(recordings)
+        in_ampere = self.torque_unit_ == "A"
+        friction = clone(self.friction) if self.friction is not None else FrictionIdentifier()
+        links = clone(self.links) if self.links is not None else LinkDynamicsIdentifier()
+        residual = ResidualCompensator() if self.residual == "default" else self.residual
+        residual = clone(residual) if residual is not None else None
+
+        raw_runs = self._prepare(recordings)
+        self._fit_baseline(raw_runs, fit_scale=in_ampere)
+        self._measure_encoder_delay(raw_runs)
+        runs = [states.aligned(self._delay) for states in raw_runs]
+        slow_runs = [states.aligned(self._delay) for states in self._prepare(slow)]
+
+        plan = self._plan(friction_effect(*self._first_shape()))
+        third_loop = [np.zeros_like(states.tau) for states in runs]
+        self.history_: list[dict[str, FloatArray]] = []
+        self.converged_ = False
+        for self.n_iter_ in range(1, self.max_iter + 1):
+            # Loop 1: friction's shape, on what the links leave (Eqs. 9-12).
+            friction.fit(plan, runs + slow_runs, _rows(plan, runs, third_loop) + _rows(plan, slow_runs))
+            plan = self._plan(friction.effect_)
+            # Loop 2: links and all linear coefficients, without the third loop's torque (Eqs. 19-25).
+            observations = observe(plan, runs, [s.tau - u for s, u in zip(runs, third_loop, strict=True)])
+            links.fit(observations, fit_scale=in_ampere)
+            # Loop 3: what is left, from the deflection (Eqs. 31-39).
+            if residual is not None:
+                without = observe(plan, runs) if any(u.any() for u in third_loop) else observations
+                residual.fit(runs, _residuals(without, links, len(runs)))
+                third_loop = [_third_loop_torque(residual, states) for states in runs]
+            self.history_.append({"noise_std": links.noise_std_})
+            if self._settled() or (residual is None or not residual.kept.any()):
+                self.converged_ = self._settled() or self.n_iter_ == 1
+                if self.converged_:
+                    break
+        if not self.converged_:
+            warnings.warn(
+                f"the three loops still changed after {self.max_iter} rounds; raise max_iter or tol",
+                ConvergenceWarning,
+                stacklevel=2,
+            )
+        self.friction_, self.links_, self.residual_ = friction, links, residual
+        self.observations_, self.runs_ = observations, runs
+        self.model_ = self._build(plan, links, residual, raw_runs)
+        return self
+
+    def predict(self, recording: Recording) -> FloatArray:
+        """Torque of `recording` at its own stamps, (n_samples, n_joints), in the unit of the training runs."""
+        check_is_fitted(self, "model_")
+        states = self.states(recording)
+        total = evaluate(self.model_, states)[0]
+        return np.stack([np.interp(recording.t, states.t, column) for column in total.T], axis=1)
+
+    def states(self, recording: Recording) -> States:
+        """States of a run in the band and at the rate of the training runs, channels as recorded."""
+        return prepare(recording, self.band_, self.rate_)
+
+    def model_with(self, mixtures: Sequence[_core.GaussianMixtureRegression | None]) -> _core.TorqueModel:
+        """Return the fitted model with other mixtures in its third loop; all None leaves it out."""
+        model = self.model_
+        kept = [mixture for mixture in mixtures if mixture is not None]
+        residual = (self.residual_.inputs_, list(mixtures)) if kept and self.residual_ is not None else None
+        return _core.TorqueModel(
+            self.robot,
+            model.phi,
+            model.effects,
+            residual=residual,
+            torque_scale=model.torque_scale.tolist(),
+            encoder_delay=model.encoder_delay.tolist(),
+            noise_std=model.noise_std.tolist(),
+            domain=model.domain,
+            torque_unit=model.torque_unit,
+        )
+
+    def _prepare(self, recordings: Sequence[Recording]) -> list[States]:
+        runs = [prepare(recording, self.band_, self.rate_) for recording in recordings]
+        for states in runs:
+            if len(states.rows) < 20:
+                raise DataError(
+                    f"{states.name}: only {len(states.rows) * states.step / states.rate:.2f} s of motion are left after "
+                    "standstill is taken out; record a longer motion",
+                    code="too_little_motion",
+                    file=states.name,
+                )
+        return runs
+
+    def _first_shape(self) -> tuple[FloatArray, FloatArray]:
+        n = self.robot.n_joints
+        return np.zeros(n), np.full(n, FIRST_WIDTH)
+
+    def _plan(self, friction: _core.Effect) -> Plan:
+        effects = [_core.Effect.rotor_inertia(), _core.Effect.torque_offset(), friction]
+        return make_plan(self.robot, effects)
+
+    def _fit_baseline(self, runs: list[States], *, fit_scale: bool) -> None:
+        plan = self._plan(friction_effect(*self._first_shape()))
+        observations, regroup = baseline(observe(plan, runs))
+        links = LinkDynamicsIdentifier(ridge=0.0).fit(observations, fit_scale=fit_scale)
+        self._delay = np.zeros(self.robot.n_joints)
+        self.baseline_ = self._assemble(plan, links, links.own_ @ regroup.T, None, runs)
+
+    def _measure_encoder_delay(self, runs: list[States]) -> None:
+        self.encoder_delay_: EncoderDelay | None = None
+        if not all(states.two_encoders for states in runs):
+            return
+        tau_link = [evaluate(self.baseline_, states)[1][:, 0] for states in runs]
+        self.encoder_delay_ = estimate_encoder_delay(runs, tau_link)
+        self._delay = self.encoder_delay_.value
+
+    def _settled(self) -> bool:
+        if len(self.history_) < 2:
+            return False
+        last, now = self.history_[-2]["noise_std"], self.history_[-1]["noise_std"]
+        return bool(np.all(np.abs(now - last) <= self.tol * np.maximum(last, 1e-300)))
+
+    def _build(
+        self, plan: Plan, links: LinkDynamicsIdentifier, residual: ResidualCompensator | None, runs: list[States]
+    ) -> _core.TorqueModel:
+        third = (residual.inputs_, residual.mixtures_) if residual is not None and residual.kept.any() else None
+        return self._assemble(plan, links, links.own_, third, runs)
+
+    def _assemble(
+        self,
+        plan: Plan,
+        links: LinkDynamicsIdentifier,
+        own: FloatArray,
+        third: tuple[str, list[_core.GaussianMixtureRegression | None]] | None,
+        runs: list[States],
+    ) -> _core.TorqueModel:
+        phi = np.zeros(10 * self.robot.n_joints)
+        phi[plan.pivots] = links.phi_base_
+        edges = np.cumsum([0, *(effect.n_columns for effect in plan.effects)])
+        effects = [
+            (effect, own[:, first:last])
+            for effect, first, last in zip(plan.effects, edges[:-1], edges[1:], strict=True)
+        ]
+        q, dq, ddq = (np.concatenate([getattr(states, name) for states in runs]) for name in ("q", "dq", "ddq"))
+        domain = (
+            np.stack([q.min(axis=0), q.max(axis=0)], axis=1).tolist(),
+            np.abs(dq).max(axis=0).tolist(),
+            np.abs(ddq).max(axis=0).tolist(),
+        )
+        return _core.TorqueModel(
+            self.robot,
+            phi,
+            effects,
+            residual=third,
+            torque_scale=links.torque_scale_.tolist(),
+            encoder_delay=self._delay.tolist(),
+            noise_std=links.noise_std_.tolist(),
+            domain=domain,
+            torque_unit=self.torque_unit_,
+        )
+
+    def _check(self, recordings: Sequence[Recording]) -> None:
+        n = self.robot.n_joints
+        if not recordings:
+            raise ValueError("no recording to learn from; give at least one")
+        first = recordings[0]
+        for recording in recordings:
+            if recording.n_joints != n:
+                raise DataError(
+                    f"{recording.name} has {recording.n_joints} joints, the robot {self.robot.name!r} has {n}; "
+                    "is it a run of this robot?",
+                    code="wrong_robot",
+                    file=recording.name,
+                )
+            if recording.torque_unit != first.torque_unit or recording.has_motor_encoder != first.has_motor_encoder:
+                raise DataError(
+                    f"{recording.name} and {first.name} hold different signals (torque in {recording.torque_unit} and "
+                    f"{first.torque_unit}, motor encoder: {recording.has_motor_encoder} and {first.has_motor_encoder}); "
+                    "learn from runs of one kind",
+                    code="mixed_runs",
+                    file=recording.name,
+                )
+        travel = np.max([np.ptp(recording.q, axis=0) for recording in recordings], axis=0)
+        for j in np.flatnonzero(travel < LEAST_TRAVEL):
+            raise DataError(
+                f"{', '.join(recording.name for recording in recordings)}: joint {self.robot.joint_names[j]} never moves "
+                f"(q_{j} spans {travel[j]:.1g}); its friction and inertia cannot be learned, record a run that moves it",
+                code="joint_never_moves",
+                file=first.name,
+                column=f"q_{j}",
+            )
+
+
+def evaluate(model: _core.TorqueModel, states: States) -> tuple[FloatArray, FloatArray, NDArray[np.uint32]]:
+    """Total (n, n_joints), terms (n, n_terms, n_joints) and status bits (n,) along a run, channels as recorded."""
+    return model.evaluate(*states.signals())
+
+
+def _as_list(recordings: Recording | Sequence[Recording]) -> list[Recording]:
+    return [recordings] if isinstance(recordings, Recording) else list(recordings)
+
+
+def _rows(
+    plan: Plan, runs: Sequence[States], third_loop: Sequence[FloatArray] | None = None
+) -> list[list[FloatArray]]:
+    from .columns import run_rows
+
+    taken = [np.zeros_like(states.tau) for states in runs] if third_loop is None else third_loop
+    return [run_rows(plan, states, states.tau - u) for states, u in zip(runs, taken, strict=True)]
+
+
+def _residuals(observations: Observations, links: LinkDynamicsIdentifier, n_runs: int) -> list[FloatArray]:
+    """Residual of every run at its rows, (n_rows, n_joints)."""
+    blocks = block_residuals(observations, links.x_, links.torque_scale_)
+    runs = [block.run for block in observations.blocks]
+    return [np.concatenate([b for b, run in zip(blocks, runs, strict=True) if run == k]) for k in range(n_runs)]
+
+
+def _third_loop_torque(residual: ResidualCompensator, states: States) -> FloatArray:
+    """Torque of the kept mixtures at every sample, (n, n_joints)."""
+    tau = np.zeros_like(states.tau)
+    if residual.kept.any():
+        u = inputs_of(states, choose_inputs(residual.inputs, [states]))
+        for j, mixture in enumerate(residual.mixtures_):
+            if mixture is not None:
+                tau[:, j] = mixture.predict(u[:, j])[0]
+    return tau

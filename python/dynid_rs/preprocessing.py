@@ -1,0 +1,292 @@
+"""From a recording to states on a uniform grid, and the band in which torques are compared.
+
+Every column of the regressor and the torque go through the same zero-phase low-pass (parallel filtering), so the filter
+cancels from the equation; only positions are filtered before they are differentiated.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import _core
+from .recording import Recording
+
+FloatArray = NDArray[np.float64]
+Filter = tuple[FloatArray, FloatArray, int]
+
+ORDER = 4
+"""Butterworth order of one pass; the two passes together fall off with twice that."""
+STATE_BAND = 2.0
+"""Positions are low-passed at this multiple of the band's cutoff before they are differentiated."""
+WORK_RATE = 40.0
+"""States are kept at this multiple of the cutoff at least; friction's corners live above the band."""
+ROW_RATE = 4.0
+"""Rows of the fit are kept at this multiple of the cutoff: twice what the band can hold."""
+LATEST_VELOCITY = 0.05
+"""A recorded velocity that lags its position by more than this over the cutoff is differentiated instead."""
+STILL_SPEED = 0.01
+"""A joint moves above this part of its greatest speed."""
+STILL_TIME = 0.2
+"""Shorter standstill [s] is a reversal, not a pause."""
+LEAST_MOTION = 0.5
+"""Shorter motion between two pauses [s] is a twitch (a brake opening), not motion."""
+EXACT = 1e-2
+"""A recorded acceleration counts as the derivative of the recorded velocity below this relative difference."""
+
+
+@dataclass(frozen=True)
+class Band:
+    """Where measured and predicted torque are compared: zero-phase Butterworth below `cutoff` [Hz]."""
+
+    cutoff: float
+
+    def design(self, rate: float, cutoff: float | None = None) -> Filter | None:
+        """Second-order sections, their steady state and the padding, for `rate` [Hz]; None if nothing is cut."""
+        from scipy.signal import butter, sosfilt_zi
+
+        relative = (cutoff or self.cutoff) / (rate / 2)
+        if relative >= 0.95:
+            return None
+        sections = butter(ORDER, relative, output="sos")
+        return sections, sosfilt_zi(sections), int(3 * rate / (cutoff or self.cutoff))
+
+    def apply(self, x: FloatArray, rate: float, cutoff: float | None = None) -> FloatArray:
+        """Low-passed x (n, ...) sampled at `rate` [Hz]."""
+        from scipy.signal import sosfiltfilt
+
+        design = self.design(rate, cutoff)
+        if design is None:
+            return x
+        filtered: FloatArray = sosfiltfilt(design[0], x, axis=0, padlen=min(design[2], len(x) - 1))
+        return filtered
+
+
+@dataclass(frozen=True, eq=False)
+class States:
+    """A run on a uniform grid; every matrix is (n, n_joints).
+
+    `q, dq, ddq` link side, `q_motor, dq_motor, ddq_motor` motor side (the same arrays with one encoder), `tau` in the
+    recording's unit. `moving` (n,) marks the samples that are fitted and scored, `rows` those of them that become
+    rows of the fit. `notes` says what was done to the signals.
+    """
+
+    name: str
+    t: FloatArray
+    q: FloatArray
+    dq: FloatArray
+    ddq: FloatArray
+    q_motor: FloatArray
+    dq_motor: FloatArray
+    ddq_motor: FloatArray
+    tau: FloatArray
+    rate: float
+    band: Band
+    moving: NDArray[np.bool_]
+    two_encoders: bool
+    notes: tuple[str, ...] = ()
+
+    @property
+    def filter(self) -> Filter | None:
+        """The band's filter at this rate."""
+        return self.band.design(self.rate)
+
+    @property
+    def step(self) -> int:
+        """Samples from one row to the next."""
+        return max(1, int(self.rate / (ROW_RATE * self.band.cutoff)))
+
+    @property
+    def grid(self) -> NDArray[np.intp]:
+        """Samples of the decimated grid, (n_grid,), standstill included."""
+        return np.arange(0, len(self.t), self.step)
+
+    @property
+    def rows(self) -> NDArray[np.intp]:
+        """Samples that become rows of the fit, (n_rows,)."""
+        return self.grid[self.moving[self.grid]]
+
+    def signals(self) -> tuple[FloatArray, ...]:
+        """Return q, dq, ddq, q_motor, dq_motor, ddq_motor."""
+        return self.q, self.dq, self.ddq, self.q_motor, self.dq_motor, self.ddq_motor
+
+    def aligned(self, encoder_delay: FloatArray) -> States:
+        """Return the same run with the link channel on the motor channel's clock; `encoder_delay` (n_joints,) [s]."""
+        if not self.two_encoders:
+            return self
+        q, dq = _core.align_link_side(self.q, self.dq, self.ddq, encoder_delay)
+        return replace(self, q=q, dq=dq)
+
+
+def common_rate(recordings: list[Recording]) -> float:
+    """Mean sampling rate of the first run [Hz], a whole number where it is one; the grid of all of them."""
+    first = recordings[0]
+    rate = (first.n_samples - 1) / first.duration
+    return float(round(rate)) if rate > 10 else float(rate)
+
+
+def choose_band(recordings: list[Recording], least: float = 5.0) -> Band:
+    """Band that holds the motion: five times the frequency below which 99 % of the speed's power lies, 5 Hz at least."""
+    fastest = 0.0
+    for recording in recordings:
+        rate = recording.rate
+        grid = np.arange(recording.t[0], recording.t[-1], 1 / rate)
+        for j in range(recording.n_joints):
+            speed = np.gradient(np.interp(grid, recording.t, recording.q[:, j]), 1 / rate)
+            power = np.cumsum(np.abs(np.fft.rfft(speed - speed.mean())) ** 2)
+            if power[-1] > 0:
+                at = np.searchsorted(power, 0.99 * power[-1])
+                fastest = max(fastest, float(at) / (len(grid) / rate))
+    nyquist = min(recording.rate for recording in recordings) / 2
+    return Band(float(min(max(least, 5 * fastest), 10 * least, 0.8 * nyquist)))
+
+
+def prepare(recording: Recording, band: Band, rate: float) -> States:
+    """States of `recording` at `rate` [Hz] or a whole fraction of it.
+
+    Recorded velocity and acceleration are taken as they are where both are there and belong together (a simulation, or
+    a careful logger). Otherwise positions are low-passed at twice the band and differentiated; a recorded velocity
+    replaces the derivative unless it lags behind.
+
+    Raises
+    ------
+    ValueError
+        The run is too short for the band.
+    """
+    grid = _grid(recording, rate)
+    if len(grid) / rate < 4 / band.cutoff:
+        raise ValueError(
+            f"{recording.name}: {len(grid) / rate:.2f} s are too short for a band of {band.cutoff:g} Hz; "
+            f"at least {4 / band.cutoff:.2f} s are needed"
+        )
+    notes: list[str] = []
+    two_encoders = recording.q_motor is not None
+    link = _side(recording, recording.q, recording.dq, recording.ddq, grid, band, rate, "dq", notes)
+    exact = link[3]
+    motor = link
+    if recording.q_motor is not None:
+        motor = _side(recording, recording.q_motor, recording.dq_motor, None, grid, band, rate, "dq_motor", notes)
+    tau = _linear(recording.t, recording.tau, grid)
+    step = 1 if exact else max(1, int(rate / (WORK_RATE * band.cutoff)))
+    if step > 1:
+        tau = band.apply(tau, rate, 0.4 * rate / step)
+    moving = _moving(link[1][::step], rate / step, band)
+    names = ("q", "dq", "ddq", "q_motor", "dq_motor", "ddq_motor")
+    signals = dict(zip(names, (np.ascontiguousarray(x[::step]) for x in (*link[:3], *motor[:3])), strict=True))
+    return States(
+        name=recording.name,
+        t=grid[::step],
+        **signals,
+        tau=np.ascontiguousarray(tau[::step]),
+        rate=rate / step,
+        band=band,
+        moving=moving,
+        two_encoders=two_encoders,
+        notes=tuple(notes),
+    )
+
+
+def _grid(recording: Recording, rate: float) -> FloatArray:
+    t = recording.t
+    uniform = t[0] + np.arange(len(t)) / rate
+    if np.abs(t - uniform).max() < 1e-6 / rate:
+        return t  # already there: interpolation would only add rounding
+    return np.arange(t[0], t[-1], 1 / rate)
+
+
+def _side(
+    recording: Recording,
+    q: FloatArray,
+    dq: FloatArray | None,
+    ddq: FloatArray | None,
+    grid: FloatArray,
+    band: Band,
+    rate: float,
+    name: str,
+    notes: list[str],
+) -> tuple[FloatArray, FloatArray, FloatArray, bool]:
+    """Position, velocity, acceleration on the grid, and whether they are the recorded ones untouched."""
+    from scipy.interpolate import CubicSpline
+
+    t = recording.t
+    q_grid = q if grid is t else CubicSpline(t, q)(grid)
+    if dq is not None and ddq is not None and grid is t and _belongs(q, dq, ddq, band, rate):
+        return q, dq, ddq, True
+    if ddq is not None:
+        notes.append(f"{recording.name}: the recorded ddq is not the derivative of dq; it was not used")
+    cutoff = STATE_BAND * band.cutoff
+    q_grid = band.apply(q_grid, rate, cutoff)
+    derivative = np.gradient(q_grid, 1 / rate, axis=0)
+    velocity = derivative
+    if dq is not None:
+        recorded = _linear(t, dq, grid)
+        lag, agrees = _velocity_lag(derivative, recorded, band, rate)
+        usable = agrees & (np.abs(lag) < LATEST_VELOCITY / band.cutoff)
+        velocity = np.where(usable, band.apply(recorded, rate, cutoff), derivative)
+        for j in np.flatnonzero(~usable):
+            why = f"lags by {1e3 * lag[j]:.0f} ms" if agrees[j] else "is not the derivative of the position"
+            notes.append(f"{recording.name}: the recorded {name}_{j} {why}; the position was differentiated instead")
+    return q_grid, velocity, np.gradient(velocity, 1 / rate, axis=0), False
+
+
+def _linear(t: FloatArray, x: FloatArray, grid: FloatArray) -> FloatArray:
+    if grid is t:
+        return x
+    return np.stack([np.interp(grid, t, column) for column in x.T], axis=1)
+
+
+def _belongs(q: FloatArray, dq: FloatArray, ddq: FloatArray, band: Band, rate: float) -> bool:
+    """True if dq is q's derivative and ddq is dq's, in the band."""
+    for x, dx in ((q, dq), (dq, ddq)):
+        derivative = band.apply(np.gradient(x, 1 / rate, axis=0), rate)
+        filtered = band.apply(dx, rate)
+        scale = np.sqrt(np.mean(filtered**2, axis=0))
+        difference = np.sqrt(np.mean((derivative - filtered)[2:-2] ** 2, axis=0))
+        if np.any(difference > EXACT * scale + 1e-12):
+            return False
+    return True
+
+
+def _velocity_lag(
+    derivative: FloatArray, recorded: FloatArray, band: Band, rate: float
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Lag of the recorded velocity behind the position's derivative [s], and whether the two agree in size."""
+    reference, filtered = band.apply(derivative, rate), band.apply(recorded, rate)
+    slope = np.gradient(reference, 1 / rate, axis=0)
+    lag, agrees = np.zeros(reference.shape[1]), np.ones(reference.shape[1], dtype=bool)
+    for j in range(reference.shape[1]):
+        columns = np.stack([reference[:, j], slope[:, j]], axis=1)
+        if not np.any(columns[:, 0]):
+            continue
+        (gain, shift), *_ = np.linalg.lstsq(columns, filtered[:, j], rcond=None)
+        agrees[j] = abs(gain - 1) < 0.1
+        lag[j] = -shift / gain if agrees[j] else 0.0
+    return lag, agrees
+
+
+def _moving(dq: FloatArray, rate: float, band: Band) -> NDArray[np.bool_]:
+    """Samples in motion: friction at rest is not a function of the state, so pauses are neither fitted nor scored.
+
+    A guard on both sides of a pause, and at both ends of the run, keeps the filters' transients out.
+    """
+    top = np.abs(dq).max(axis=0)
+    still = (np.abs(dq) <= STILL_SPEED * np.where(top > 0, top, np.inf)).all(axis=1)
+    guard = int(rate / band.cutoff)
+    moving = np.ones(len(dq), dtype=bool)
+    for first, last in _stretches(still):
+        at_an_end = first == 0 or last == len(still)
+        if at_an_end or last - first > STILL_TIME * rate:
+            moving[max(0, first - guard) : last + guard] = False
+    moving[:guard] = moving[-guard:] = False
+    for first, last in _stretches(moving):
+        if last - first < LEAST_MOTION * rate:
+            moving[first:last] = False
+    return moving
+
+
+def _stretches(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Half-open index ranges in which `mask` is true."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
+    return [(int(first), int(last)) for first, last in edges.reshape(-1, 2)]

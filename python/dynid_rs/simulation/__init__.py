@@ -1,0 +1,31 @@
+"""Simulated experiments: an arm with elastic gears and two encoders, moved exactly and measured badly."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from dynid_rs.simulation.arm import SimulatedArm
+from dynid_rs.simulation.experiment import Simulation, simulate
+from dynid_rs.simulation.limits import MotionLimits, motion_limits
+from dynid_rs.simulation.motion import ArmMotion
+from dynid_rs.simulation.trajectory import FourierTrajectory, Trajectory, random_trajectory
+from dynid_rs.simulation.typical import typical_arm
+
+__all__ = [
+    "ArmMotion",
+    "FourierTrajectory",
+    "MotionLimits",
+    "SimulatedArm",
+    "Simulation",
+    "Trajectory",
+    "bundled_robot",
+    "motion_limits",
+    "random_trajectory",
+    "simulate",
+    "typical_arm",
+]
+
+
+def bundled_robot() -> Path:
+    """Path of the six-axis arm that comes with the package."""
+    return Path(__file__).parent.parent / "robots" / "six_axis.urdf"
