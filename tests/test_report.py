@@ -17,9 +17,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+import typer
 from dynid_rs.errors import DataError
 from dynid_rs.files import write_table
 from dynid_rs.report import write_report
+from typer.testing import CliRunner
 
 TERMS = ("rigid_body", "rotor_inertia", "torque_offset", "friction", "residual_term")
 FRICTION = ("coulomb_pos", "coulomb_neg", "viscous1_pos", "viscous1_neg", "viscous2_pos", "viscous2_neg")
@@ -588,9 +590,23 @@ def test_command_says_where(folder: Path, capsys: pytest.CaptureFixture[str]) ->
     from dynid_rs.commands.report import report
 
     report(folder)
-    assert capsys.readouterr().out.strip() == f"report: {folder / 'report.html'}"
+    assert capsys.readouterr().out.strip() == str(folder / "report.html")
     report(folder, json_output=True)
     assert json.loads(capsys.readouterr().out) == {"report": str(folder / "report.html")}
+
+
+def test_command_refuses_with_one_sentence(folder: Path) -> None:
+    from dynid_rs.commands.report import report
+
+    app = typer.Typer()
+    app.command()(report)
+    (folder / "result.json").unlink()
+    answer = CliRunner().invoke(app, [str(folder), "--json"])
+    assert answer.exit_code == 2
+    assert answer.stderr.count("\n") == 1
+    error = json.loads(answer.stdout)["error"]
+    assert error["class"] == "FileNotFoundError"
+    assert error["message"] in answer.stderr
 
 
 def test_plotly_is_not_imported(folder: Path) -> None:

@@ -7,17 +7,17 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from ._core import BaseParameters, Effect, FormatError, RobotModel, TorqueModel, UrdfError, __version__
-from .errors import DataError, RankDeficientError
-from .recording import Recording
+from dynid_rs._core import BaseParameters, Effect, FormatError, RobotModel, TorqueModel, UrdfError, __version__
+from dynid_rs.errors import DataError, RankDeficientError
+from dynid_rs.recording import Recording
 
 if TYPE_CHECKING:
-    from .friction import FrictionIdentifier
-    from .identification import ThreeLoopIdentifier
-    from .links import LinkDynamicsIdentifier
-    from .mixture import GaussianMixtureRegressor
-    from .readers import read_recording
-    from .residual import ResidualCompensator
+    from dynid_rs.friction import FrictionIdentifier
+    from dynid_rs.identification import ThreeLoopIdentifier
+    from dynid_rs.links import LinkDynamicsIdentifier
+    from dynid_rs.mixture import GaussianMixtureRegressor
+    from dynid_rs.readers import read_recording
+    from dynid_rs.residual import ResidualCompensator
 
 # scikit-learn takes a second to import; nobody who only evaluates a model should wait for it.
 _LATE = {

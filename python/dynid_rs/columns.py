@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from . import _core
-from .preprocessing import States
+from dynid_rs import _core
+from dynid_rs.preprocessing import States
 
 FloatArray = NDArray[np.float64]
 

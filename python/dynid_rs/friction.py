@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.base import BaseEstimator
 
-from . import _core
-from .columns import Plan
-from .preprocessing import States
+from dynid_rs import _core
+from dynid_rs.columns import Plan
+from dynid_rs.preprocessing import States
 
 FloatArray = NDArray[np.float64]
 
@@ -56,7 +56,13 @@ class FrictionIdentifier(BaseEstimator):  # type: ignore[misc]
         self.velocity_thresholds = velocity_thresholds
         self.refine = refine
 
-    def fit(self, plan: Plan, runs: Sequence[States], rows: Sequence[list[FloatArray]]) -> FrictionIdentifier:
+    def fit(
+        self,
+        plan: Plan,
+        runs: Sequence[States],
+        rows: Sequence[list[FloatArray]],
+        joints: Sequence[int] | None = None,
+    ) -> FrictionIdentifier:
         """Choose the shapes on training runs.
 
         Parameters
@@ -67,12 +73,15 @@ class FrictionIdentifier(BaseEstimator):  # type: ignore[misc]
             Training runs.
         rows : sequence of list of ndarray
             Filtered rows of each run and joint, as `columns.run_rows` gives them; the torque is the last column.
+        joints : sequence of int, optional
+            Joints to search again; the others keep the shape of an earlier fit. All joints if None.
         """
         n = plan.robot.n_joints
-        self.velocity_threshold_, self.transition_width_ = np.zeros(n), np.zeros(n)
+        if joints is None:
+            self.velocity_threshold_, self.transition_width_ = np.zeros(n), np.zeros(n)
         others = np.ones(plan.n_own, dtype=bool)
         others[-len(_core.FRICTION_NAMES) :] = False
-        for j in range(n):
+        for j in range(n) if joints is None else joints:
             stacked = np.concatenate([run[j] for run in rows])
             keep = np.concatenate([others & plan.own[j], np.ones(stacked.shape[1] - plan.n_own - 1, dtype=bool)])
             power = _PowerLeft(stacked[:, :-1][:, keep], stacked[:, -1], runs, j)

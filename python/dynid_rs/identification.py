@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,15 +11,15 @@ from sklearn.base import BaseEstimator, clone
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.utils.validation import check_is_fitted
 
-from . import _core
-from .columns import Observations, Plan, make_plan, observe
-from .encoders import EncoderDelay, estimate_encoder_delay
-from .errors import DataError
-from .friction import FrictionIdentifier, friction_effect
-from .links import LinkDynamicsIdentifier, baseline, block_residuals
-from .preprocessing import Band, States, choose_band, common_rate, prepare
-from .recording import Recording
-from .residual import ResidualCompensator, choose_inputs, inputs_of
+from dynid_rs import _core
+from dynid_rs.columns import Observations, Plan, make_plan, observe, run_rows
+from dynid_rs.encoders import EncoderDelay, estimate_encoder_delay
+from dynid_rs.errors import DataError
+from dynid_rs.friction import FrictionIdentifier, friction_effect
+from dynid_rs.links import LinkDynamicsIdentifier, baseline, block_residuals
+from dynid_rs.preprocessing import Band, States, choose_band, common_rate, prepare
+from dynid_rs.recording import Recording
+from dynid_rs.residual import ResidualCompensator, choose_inputs, inputs_of
 
 FloatArray = NDArray[np.float64]
 
@@ -92,6 +92,8 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         self,
         recordings: Recording | Sequence[Recording],
         friction_recording: Recording | Sequence[Recording] | None = None,
+        *,
+        on_progress: Callable[[str], None] = lambda step: None,
     ) -> ThreeLoopIdentifier:
         """Fit to training runs.
 
@@ -101,15 +103,26 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
             Exciting motion.
         friction_recording : Recording or sequence of Recording, optional
             Slow motion that only the search for friction's shape sees in addition.
+        on_progress : callable
+            Called with a few words before every step.
 
         Raises
         ------
         DataError
             Runs of another robot, mixed units, a joint that never moves, too little motion.
         """
+        from threadpoolctl import threadpool_limits
+
         recordings = _as_list(recordings)
         slow = _as_list(friction_recording) if friction_recording is not None else []
         self._check(recordings + slow)
+        # Small matrices by the thousand: BLAS threads spin on each other and cost more than they give.
+        with threadpool_limits(limits=1, user_api="blas"):
+            return self._fit(recordings, slow, on_progress)
+
+    def _fit(
+        self, recordings: list[Recording], slow: list[Recording], on_progress: Callable[[str], None]
+    ) -> ThreeLoopIdentifier:
         self.torque_unit_ = recordings[0].torque_unit
         self.rate_ = common_rate(recordings)
         self.band_ = Band(self.cutoff) if self.cutoff else choose_band(recordings)
@@ -119,33 +132,40 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         residual = ResidualCompensator() if self.residual == "default" else self.residual
         residual = clone(residual) if residual is not None else None
 
-        raw_runs = self._prepare(recordings)
+        on_progress("filtering the runs")
+        raw_runs, slow_runs = self._prepare(recordings), self._prepare(slow)
+        on_progress("weighted least squares")
         self._fit_baseline(raw_runs, fit_scale=in_ampere)
         self._measure_encoder_delay(raw_runs)
         runs = [states.aligned(self._delay) for states in raw_runs]
-        slow_runs = [states.aligned(self._delay) for states in self._prepare(slow)]
+        slow_runs = [states.aligned(self._delay) for states in slow_runs]
 
         plan = self._plan(friction_effect(*self._first_shape()))
         third_loop = [np.zeros_like(states.tau) for states in runs]
         self.history_: list[dict[str, FloatArray]] = []
         self.converged_ = False
+        changed = None  # joints whose torque the third loop has changed; at first all are new
         for self.n_iter_ in range(1, self.max_iter + 1):
+            on_progress(f"round {self.n_iter_}: friction")
             # Loop 1: friction's shape, on what the links leave (Eqs. 9-12).
-            friction.fit(plan, runs + slow_runs, _rows(plan, runs, third_loop) + _rows(plan, slow_runs))
+            friction.fit(plan, runs + slow_runs, _rows(plan, runs, third_loop) + _rows(plan, slow_runs), changed)
             plan = self._plan(friction.effect_)
+            on_progress(f"round {self.n_iter_}: link dynamics")
             # Loop 2: links and all linear coefficients, without the third loop's torque (Eqs. 19-25).
             observations = observe(plan, runs, [s.tau - u for s, u in zip(runs, third_loop, strict=True)])
             links.fit(observations, fit_scale=in_ampere)
-            # Loop 3: what is left, from the deflection (Eqs. 31-39).
-            if residual is not None:
-                without = observe(plan, runs) if any(u.any() for u in third_loop) else observations
-                residual.fit(runs, _residuals(without, links, len(runs)))
-                third_loop = [_third_loop_torque(residual, states) for states in runs]
+            on_progress(f"round {self.n_iter_}: residual")
+            # Loop 3: what is left, from the deflection (Eqs. 31-39); where it does not pay, it stays out.
+            if residual is not None and self.n_iter_ == 1:
+                residual.fit(runs, _residuals(observations, links, len(runs)))
+            elif residual is not None:
+                residual.refit(runs, _residuals(observe(plan, runs), links, len(runs)))
             self.history_.append({"noise_std": links.noise_std_})
-            if self._settled() or (residual is None or not residual.kept.any()):
-                self.converged_ = self._settled() or self.n_iter_ == 1
-                if self.converged_:
-                    break
+            if residual is None or not residual.kept.any() or self._settled():
+                self.converged_ = True
+                break
+            third_loop = [_third_loop_torque(residual, states) for states in runs]
+            changed = np.flatnonzero(residual.kept).tolist()
         if not self.converged_:
             warnings.warn(
                 f"the three loops still changed after {self.max_iter} rounds; raise max_iter or tol",
@@ -309,8 +329,6 @@ def _as_list(recordings: Recording | Sequence[Recording]) -> list[Recording]:
 def _rows(
     plan: Plan, runs: Sequence[States], third_loop: Sequence[FloatArray] | None = None
 ) -> list[list[FloatArray]]:
-    from .columns import run_rows
-
     taken = [np.zeros_like(states.tau) for states in runs] if third_loop is None else third_loop
     return [run_rows(plan, states, states.tau - u) for states, u in zip(runs, taken, strict=True)]
 

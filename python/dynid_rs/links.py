@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.base import BaseEstimator
 
-from . import _core
-from .columns import Block, Observations, Plan
+from dynid_rs import _core
+from dynid_rs.columns import Block, Observations, Plan
 
 FloatArray = NDArray[np.float64]
 Weighting = Literal["joint_variance", "full_covariance"] | None

@@ -10,7 +10,7 @@ from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.mixture import GaussianMixture
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from . import _core
+from dynid_rs import _core
 
 FloatArray = NDArray[np.float64]
 
@@ -26,6 +26,10 @@ class GaussianMixtureRegressor(RegressorMixin, BaseEstimator):  # type: ignore[m
         Added to the diagonal of every covariance, in units of the standardised data.
     max_iter : int
         Most steps of expectation and maximisation.
+    tol : float
+        Gain of the mean log-likelihood at which they stop.
+    means_init : array_like (n_components, n_features + 1), optional
+        Means to start from, in the units of (X, y): those of an earlier fit, say.
     random_state : int, RandomState or None
         Seed of the initialisation.
 
@@ -43,11 +47,15 @@ class GaussianMixtureRegressor(RegressorMixin, BaseEstimator):  # type: ignore[m
         *,
         reg_covar: float = 1e-4,
         max_iter: int = 100,
+        tol: float = 1e-3,
+        means_init: Any = None,
         random_state: Any = None,
     ) -> None:
         self.n_components = n_components
         self.reg_covar = reg_covar
         self.max_iter = max_iter
+        self.tol = tol
+        self.means_init = means_init
         self.random_state = random_state
 
     def fit(self, X: ArrayLike, y: ArrayLike) -> GaussianMixtureRegressor:
@@ -70,7 +78,9 @@ class GaussianMixtureRegressor(RegressorMixin, BaseEstimator):  # type: ignore[m
             min(self.n_components, len(data)),
             reg_covar=self.reg_covar,
             max_iter=self.max_iter,
+            tol=self.tol,
             init_params="k-means++",
+            means_init=None if self.means_init is None else (np.asarray(self.means_init) - centre) / spread,
             random_state=self.random_state,
         )
         with warnings.catch_warnings():

@@ -7,12 +7,13 @@ cancels from the equation; only positions are filtered before they are different
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from . import _core
-from .recording import Recording
+from dynid_rs import _core
+from dynid_rs.recording import Recording
 
 FloatArray = NDArray[np.float64]
 Filter = tuple[FloatArray, FloatArray, int]
@@ -88,7 +89,7 @@ class States:
     two_encoders: bool
     notes: tuple[str, ...] = ()
 
-    @property
+    @cached_property
     def filter(self) -> Filter | None:
         """The band's filter at this rate."""
         return self.band.design(self.rate)
@@ -103,7 +104,7 @@ class States:
         """Samples of the decimated grid, (n_grid,), standstill included."""
         return np.arange(0, len(self.t), self.step)
 
-    @property
+    @cached_property
     def rows(self) -> NDArray[np.intp]:
         """Samples that become rows of the fit, (n_rows,)."""
         return self.grid[self.moving[self.grid]]
@@ -128,19 +129,19 @@ def common_rate(recordings: list[Recording]) -> float:
 
 
 def choose_band(recordings: list[Recording], least: float = 5.0) -> Band:
-    """Band that holds the motion: five times the frequency below which 99 % of the speed's power lies, 5 Hz at least."""
-    fastest = 0.0
+    """Band that holds the motion: 5 Hz, or five times the frequency below which nine tenths of the speed's power lie.
+
+    The median over joints and runs, so that one vibrating joint does not open the band to its noise.
+    """
+    frequencies = []
     for recording in recordings:
         rate = recording.rate
         grid = np.arange(recording.t[0], recording.t[-1], 1 / rate)
-        for j in range(recording.n_joints):
-            speed = np.gradient(np.interp(grid, recording.t, recording.q[:, j]), 1 / rate)
-            power = np.cumsum(np.abs(np.fft.rfft(speed - speed.mean())) ** 2)
-            if power[-1] > 0:
-                at = np.searchsorted(power, 0.99 * power[-1])
-                fastest = max(fastest, float(at) / (len(grid) / rate))
+        q = Band(4 * least).apply(_linear(recording.t, recording.q, grid), rate)
+        power = np.cumsum(np.abs(np.fft.rfft(np.gradient(q, 1 / rate, axis=0), axis=0)) ** 2, axis=0)
+        frequencies += [np.searchsorted(column, 0.9 * column[-1]) * rate / len(grid) for column in power.T]
     nyquist = min(recording.rate for recording in recordings) / 2
-    return Band(float(min(max(least, 5 * fastest), 10 * least, 0.8 * nyquist)))
+    return Band(float(min(max(least, 5 * np.median(frequencies)), 0.8 * nyquist)))
 
 
 def prepare(recording: Recording, band: Band, rate: float) -> States:

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.base import BaseEstimator
 
-from . import _core
-from .mixture import GaussianMixtureRegressor
-from .preprocessing import States
+from dynid_rs import _core
+from dynid_rs.mixture import GaussianMixtureRegressor
+from dynid_rs.preprocessing import States
 
 FloatArray = NDArray[np.float64]
 Inputs = Literal["auto", "deflection", "joint_state"]
@@ -45,7 +45,8 @@ class ResidualCompensator(BaseEstimator):  # type: ignore[misc]
     candidates_ : list of GaussianMixtureRegression or None
         The same without the question whether it pays; None where a joint has no second encoder.
     gain_ : ndarray (n_joints,)
-        RMS with over RMS without on left-out runs; 1 where nothing was fitted.
+        RMS with over RMS without on left-out runs; on the training runs where not even those gained; 1 where nothing
+        was fitted.
     inputs_ : str
         Inputs in use.
     """
@@ -56,7 +57,7 @@ class ResidualCompensator(BaseEstimator):  # type: ignore[misc]
         *,
         inputs: Inputs = "auto",
         least_gain: float = 0.05,
-        max_samples: int = 1500,
+        max_samples: int = 1000,
         random_state: int = 0,
     ) -> None:
         self.n_components = n_components
@@ -99,10 +100,23 @@ class ResidualCompensator(BaseEstimator):  # type: ignore[misc]
                 continue  # no second encoder on this joint
             fitted = self._best(np.concatenate(u), np.concatenate(left))
             self.candidates_[j] = fitted.mixture_
+            self.gain_[j] = _rms(np.concatenate(left) - fitted.predict(np.concatenate(u))) / _rms(np.concatenate(left))
+            if self.gain_[j] > 1 - least_gain:
+                continue  # what does not pay on its own runs does not pay on others
             ratios = self._left_out(fitted.n_components, u, left)
             self.gain_[j] = np.sqrt(np.sum(ratios[:, 0]) / np.sum(ratios[:, 1]))
             if self.gain_[j] < 1 - least_gain and np.all(ratios[:, 0] < ratios[:, 1]):
                 self.mixtures_[j] = fitted.mixture_
+        return self
+
+    def refit(self, runs: Sequence[States], residuals: Sequence[FloatArray]) -> ResidualCompensator:
+        """Fit the kept mixtures again, with as many Gaussians as before; which joints are kept stays as it is."""
+        for j in np.flatnonzero(self.kept):
+            u = np.concatenate([inputs_of(states, self.inputs_)[states.rows][:, j] for states in runs])
+            # From the last means, or the rounds would jump between equally good mixtures.
+            means = self.mixtures_[j].means
+            fitted = self._regressor(len(means), u, np.concatenate([left[:, j] for left in residuals]), means)
+            self.mixtures_[j] = self.candidates_[j] = fitted.mixture_
         return self
 
     @property
@@ -114,9 +128,13 @@ class ResidualCompensator(BaseEstimator):  # type: ignore[misc]
         choices = [self.n_components] if isinstance(self.n_components, int) else list(self.n_components)
         return min((self._regressor(k, u, left) for k in choices), key=lambda fitted: fitted.bic_)
 
-    def _regressor(self, n_components: int, u: FloatArray, left: FloatArray) -> GaussianMixtureRegressor:
+    def _regressor(
+        self, n_components: int, u: FloatArray, left: FloatArray, means: FloatArray | None = None
+    ) -> GaussianMixtureRegressor:
         thin = max(1, len(left) // self.max_samples)
-        regressor = GaussianMixtureRegressor(n_components, random_state=self.random_state)
+        regressor = GaussianMixtureRegressor(
+            n_components, tol=3e-3, means_init=means, random_state=self.random_state
+        )
         return regressor.fit(u[::thin], left[::thin])
 
     def _left_out(self, n_components: int, u: list[FloatArray], left: list[FloatArray]) -> FloatArray:
@@ -129,6 +147,10 @@ class ResidualCompensator(BaseEstimator):  # type: ignore[misc]
             )
             sums[k] = np.sum((left[k] - regressor.predict(u[k])) ** 2), np.sum(left[k] ** 2)
         return sums
+
+
+def _rms(x: FloatArray) -> float:
+    return float(np.sqrt(np.mean(x**2)))
 
 
 def choose_inputs(inputs: Inputs, runs: Sequence[States]) -> Literal["deflection", "joint_state"]:

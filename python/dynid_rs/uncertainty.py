@@ -12,9 +12,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from .columns import Observations
-from .links import LinkDynamicsIdentifier, block_residuals, stack, stack_one
-from .preprocessing import States
+from dynid_rs.columns import Observations
+from dynid_rs.links import LinkDynamicsIdentifier, block_residuals, stack, stack_one
+from dynid_rs.preprocessing import States
 
 FloatArray = NDArray[np.float64]
 

@@ -1,4 +1,4 @@
-"""``dynid report``: write the HTML report again."""
+"""`dynid report`: write the HTML report again."""
 
 from __future__ import annotations
 
@@ -7,20 +7,19 @@ from typing import Annotated
 
 import typer
 
-from dynid_rs.commands._run import print_json
+from dynid_rs.commands._run import print_json, run_command
 
 
+@run_command
 def report(
     directory: Annotated[
         Path,
         typer.Argument(
-            metavar="DIR", help="Folder with result.json and residuals.parquet.", show_default=False
+            metavar="DIR", help="Folder with result.json and residuals.parquet", show_default=False
         ),
     ],
-    json_output: Annotated[
-        bool, typer.Option("--json", help="The answer as JSON on standard output.")
-    ] = False,
-) -> None:
+    json_output: Annotated[bool, typer.Option("--json", help="Answer as JSON on standard output")] = False,
+) -> int:
     """Write DIR/report.html again, from DIR/result.json and DIR/residuals.parquet."""
     from dynid_rs.report import write_report
 
@@ -28,4 +27,5 @@ def report(
     if json_output:
         print_json({"report": str(path)})
     else:
-        typer.echo(f"report: {path}")
+        typer.echo(path)
+    return 0

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 EFFECTS = ("joint_elasticity", "encoder_delay")
 """What can be switched on one by one; without `--effect`, all of them act."""
 
-ROBOT_FILE = "robot.urdf"
-
 
 @run_command
 def simulate(
@@ -31,20 +29,20 @@ def simulate(
         Path | None, typer.Argument(metavar="[ROBOT.urdf]", help="A serial arm; the bundled one if left out")
     ] = None,
     runs: Annotated[int, typer.Option(help="Number of runs, each with its own trajectory")] = 4,
-    duration: Annotated[float, typer.Option(help="Length of a run [s]")] = 20.0,
-    rate: Annotated[float, typer.Option(help="Samples per second [Hz]")] = 250.0,
+    duration: Annotated[float, typer.Option(help="Length of a run in s")] = 20.0,
+    rate: Annotated[float, typer.Option(help="Samples per second")] = 250.0,
     noise: Annotated[
         float, typer.Option(help="Torque noise, 1 = 0.5 % of the effort limits; 0: exact signals")
     ] = 1.0,
     stiffness: Annotated[
         str | None,
-        typer.Option(metavar="K[,K...]", help="Of the gears [N m/rad]: one for all, or one per joint"),
+        typer.Option(metavar="K[,K...]", help="Of the gears in N m/rad: one for all, or one per joint"),
     ] = None,
     rigid: Annotated[bool, typer.Option("--rigid", help="Rigid gears, no delay: q_motor is q")] = False,
     delay: Annotated[
-        float | None, typer.Option(help="Link channel behind motor channel [s]; 0.0028 if left out")
+        float | None, typer.Option(help="How much later the link channel is, in s; 0.0028 if left out")
     ] = None,
-    jitter: Annotated[float, typer.Option(help="Standard deviation of the time stamps [s]")] = 0.0,
+    jitter: Annotated[float, typer.Option(help="Standard deviation of the time stamps in s")] = 0.0,
     derivatives: Annotated[
         bool | None,
         typer.Option(
@@ -63,9 +61,9 @@ def simulate(
     DIR then holds run_0.parquet, ..., the robot as robot.urdf, and truth.json with all that was put in.
     """
     from dynid_rs._core import RobotModel
-    from dynid_rs.files import write_text
-    from dynid_rs.simulation import bundled_robot
+    from dynid_rs.simulation import bundled_robot, write_simulation
     from dynid_rs.simulation import simulate as measure
+    from dynid_rs.simulation.folder import ROBOT_FILE, TRUTH_FILE
 
     source = bundled_robot() if robot is None else robot
     model = RobotModel.from_urdf(source)
@@ -79,16 +77,13 @@ def simulate(
         derivatives=noise == 0 if derivatives is None else derivatives,
         stamp_jitter=jitter,
     )
-    paths = simulation.write(directory)
-    copy = directory / ROBOT_FILE
-    if not (copy.exists() and copy.samefile(source)):
-        write_text(copy, source.read_text(encoding="utf-8"))
+    paths = write_simulation(simulation, directory, source)
     if json_output:
-        print_json(_answer(simulation, paths, directory))
+        print_json(_answer(simulation, paths))
     else:
         typer.echo(f"runs: {directory}/run_*.parquet ({len(paths)} of {duration:g} s at {rate:g} Hz)")
-        typer.echo(f"robot: {copy}")
-        typer.echo(f"what was put in: {directory / 'truth.json'}")
+        typer.echo(f"robot: {directory / ROBOT_FILE}")
+        typer.echo(f"what was put in: {directory / TRUTH_FILE}")
 
 
 def _active(
@@ -138,14 +133,17 @@ def _stiffness(text: str | None, n_joints: int) -> NDArray[np.float64] | None:
     return np.broadcast_to(values, (n_joints,))
 
 
-def _answer(simulation: Simulation, paths: list[Path], directory: Path) -> dict[str, object]:
+def _answer(simulation: Simulation, paths: list[Path]) -> dict[str, object]:
+    from dynid_rs.simulation.folder import ROBOT_FILE, TRUTH_FILE
+
+    directory = paths[0].parent
     return {
         "format": "dynid-simulation",
         "version": 1,
         "robot": simulation.arm.robot.name,
         "joints": list(simulation.arm.robot.joint_names),
         "robot_file": str(directory / ROBOT_FILE),
-        "truth": str(directory / "truth.json"),
+        "truth": str(directory / TRUTH_FILE),
         "seed": simulation.seed,
         "runs": [
             {

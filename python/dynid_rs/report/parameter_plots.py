@@ -38,7 +38,7 @@ def add_parameter_plot(
                     "array": [high - 100 for _, high in ends],
                     "arrayminus": [100 - low for low, _ in ends],
                     "color": color,
-                    "thickness": 1.6,
+                    "thickness": 1.0 if unsure else 1.6,
                     "width": 3,
                 },
             }

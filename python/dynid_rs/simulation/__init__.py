@@ -6,6 +6,7 @@ from pathlib import Path
 
 from dynid_rs.simulation.arm import SimulatedArm
 from dynid_rs.simulation.experiment import Simulation, simulate
+from dynid_rs.simulation.folder import write_simulation
 from dynid_rs.simulation.limits import MotionLimits, motion_limits
 from dynid_rs.simulation.motion import ArmMotion
 from dynid_rs.simulation.trajectory import FourierTrajectory, Trajectory, random_trajectory
@@ -23,6 +24,7 @@ __all__ = [
     "random_trajectory",
     "simulate",
     "typical_arm",
+    "write_simulation",
 ]
 
 

@@ -232,9 +232,10 @@ def _spread(name: str, value: Any, shape: tuple[int, ...]) -> FloatArray:
     try:
         values = np.array(np.broadcast_to(np.asarray(value, dtype=np.float64), shape))
     except (TypeError, ValueError):
-        raise ValueError(f"{name} must be one number or an array {shape}, got {value!r}") from None
-    if np.isnan(values).any() or (name != "stiffness" and np.isinf(values).any()):
-        raise ValueError(f"{name} must be finite, got {value!r}")
+        raise ValueError(f"{name} must be one number or an array {shape}, got {np.shape(value)}") from None
+    bad = np.isnan(values) | ((name != "stiffness") & np.isinf(values))
+    if bad.any():
+        raise ValueError(f"{name} must be finite, got {values[bad][0]:g}")
     return values
 
 

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs.files import write_json, write_table
 from dynid_rs.recording import Recording
 from dynid_rs.simulation.arm import SimulatedArm
 from dynid_rs.simulation.limits import motion_limits, plausible_effort
@@ -64,36 +61,6 @@ class Simulation:
                 for recording, trajectory in zip(self.recordings, self.trajectories, strict=True)
             ],
         }
-
-    def write(self, directory: Path) -> list[Path]:
-        """Write `run_0.parquet`, ... and then `truth.json` to `directory`, which is created.
-
-        Raises
-        ------
-        ValueError
-            The folder holds runs of another simulation that this one would not replace.
-        OSError
-            The folder cannot be written.
-        """
-        names = [recording.name for recording in self.recordings]
-        try:
-            directory.mkdir(parents=True, exist_ok=True)
-            strangers = sorted(
-                path.name
-                for path in directory.iterdir()
-                if re.fullmatch(r"run_\d+\.parquet", path.name) and path.name not in names
-            )
-        except OSError as error:
-            reason = (error.strerror or str(error)).lower()
-            raise type(error)(f"{directory}: cannot create this folder: {reason}") from None
-        if strangers:
-            raise ValueError(
-                f"{directory} holds {strangers[0]} of another simulation; remove it or choose another folder"
-            )
-        for recording in self.recordings:
-            write_table(directory / recording.name, run_columns(recording))
-        write_json(directory / "truth.json", self.truth())
-        return [directory / name for name in names]
 
 
 def simulate(
@@ -150,16 +117,6 @@ def simulate(
             )
         )
     return Simulation(arm, tuple(trajectories), tuple(recordings), seed)
-
-
-def run_columns(recording: Recording) -> dict[str, FloatArray]:
-    """Columns of the table of one run: `t`, then `q_0`, ..., signal by signal, joints by index."""
-    columns: dict[str, FloatArray] = {"t": recording.t}
-    for signal in ("q", "dq", "ddq", "q_motor", "dq_motor", "tau"):
-        values = getattr(recording, signal)
-        if values is not None:
-            columns |= {f"{signal}_{joint}": values[:, joint] for joint in range(recording.n_joints)}
-    return columns
 
 
 def _within_effort(arm: SimulatedArm, trajectory: FourierTrajectory, effort: FloatArray) -> FourierTrajectory:

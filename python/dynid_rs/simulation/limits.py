@@ -18,6 +18,7 @@ _SPEED_UP = 2.5
 """Acceleration limit over velocity limit [1/s]: full speed after 0.4 s, as industrial arms do."""
 
 _MAX_ACCELERATION = 10.0
+_MANY = 3
 _HALF_RANGE = {"revolute": np.pi, "prismatic": 0.5}
 _VELOCITY = {"revolute": 2.0, "prismatic": 0.5}
 
@@ -86,7 +87,8 @@ def typical_inertia(robot: RobotModel) -> FloatArray:
 def plausible_effort(robot: RobotModel) -> FloatArray:
     """Return the declared effort limits (n_joints,) [N m, N], or such that hold and move the arm.
 
-    A declared limit that does not even carry the arm is a placeholder (many files say 0, 1 or 10).
+    A declared limit that does not even carry the arm is a placeholder (many files say 0, 1 or 10), and so is
+    one number for three joints or more if it is far above what they need (1000 or 10000).
     """
     limits = motion_limits(robot)
     q = _poses(limits)
@@ -99,6 +101,8 @@ def plausible_effort(robot: RobotModel) -> FloatArray:
     )
     declared = np.asarray(robot.effort_limits)
     derived = np.maximum(2 * moving, 1.0)
+    if declared.size >= _MANY and len(set(declared.tolist())) == 1:
+        declared = np.where(declared > holding, np.minimum(declared, derived), declared)
     return np.where(np.isfinite(declared) & (declared > holding), declared, derived)
 
 

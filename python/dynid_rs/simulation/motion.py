@@ -72,9 +72,7 @@ def solve_motion(arm: SimulatedArm, trajectory: Trajectory, t: FloatArray) -> Ar
     tau_link = arm.robot.inverse_dynamics(q, dq, ddq, arm.phi)
     delta, ddelta, dddelta = _deflection(arm, trajectory, t)
     stiffness = np.where(arm.flexible, arm.stiffness, 0.0)
-    z = np.where(
-        arm.hysteresis > 0, tau_link - stiffness * delta - arm.damping * ddelta, np.zeros_like(tau_link)
-    )
+    z = np.where(arm.hysteresis > 0, tau_link - stiffness * delta - arm.damping * ddelta, 0.0)
     x, dx, ddx = q + delta, dq + ddelta, ddq + dddelta
     angle = arm.kinematic_cycles * x + arm.kinematic_phase
     slope = arm.kinematic_error * arm.kinematic_cycles * np.cos(angle)

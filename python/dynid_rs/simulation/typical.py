@@ -32,7 +32,9 @@ _VISCOUS = (0.08, -0.03, 0.01)
 """Share of the effort limit at the velocity limit, orders 1 to 3: degressive, as lubricants are."""
 
 _ASYMMETRY = 0.06
-_KINEMATIC_ERROR = 4e-5
+_KINEMATIC_ERROR = 2e-5
+"""Amplitude [rad], 4 arc seconds: a precise gear."""
+
 _KINEMATIC_CYCLES = 50.0
 """Teeth or pins that pass per turn of the joint; slow enough to be seen at 250 Hz."""
 

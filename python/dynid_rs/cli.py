@@ -1,0 +1,40 @@
+"""The command line: `dynid`."""
+
+from __future__ import annotations
+
+import typer
+
+from dynid_rs.commands.estimate import estimate
+from dynid_rs.commands.identify import identify
+from dynid_rs.commands.inspect import inspect
+from dynid_rs.commands.report import report
+from dynid_rs.commands.simulate import simulate
+
+app = typer.Typer(
+    help="Torque models of robot arms: identified from measured runs, run in the control loop.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+for command in (inspect, identify, estimate, simulate, report):
+    app.command()(command)
+
+
+def _version(value: bool) -> None:
+    if value:
+        from dynid_rs import __version__
+
+        typer.echo(__version__)
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: bool = typer.Option(False, "--version", callback=_version, is_eager=True, help="Print the version."),
+) -> None:
+    """Options of `dynid` itself."""
+
+
+def main() -> None:
+    """Entry point."""
+    app()

@@ -1,0 +1,265 @@
+"""From a fitted identifier and its test runs to `result.json` and `residuals.parquet`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid_rs import _core
+from dynid_rs.evaluation import FLOOR_METHOD, Comparison, compare, noise_floor, rmse, rmse_interval, torque_std
+from dynid_rs.findings import Finding
+from dynid_rs.identification import ThreeLoopIdentifier, evaluate
+from dynid_rs.preprocessing import States
+from dynid_rs.recording import Recording
+from dynid_rs.uncertainty import NORMAL_95, parameter_covariance
+from dynid_rs.wording import residual_reason, verdict
+
+FloatArray = NDArray[np.float64]
+
+FORMAT, VERSION = "dynid-result", 1
+
+
+@dataclass(frozen=True, eq=False)
+class Scores:
+    """Errors of one model on several runs; (n_joints,) each, in the torque unit."""
+
+    comparisons: list[Comparison]
+
+    @property
+    def rmse(self) -> FloatArray:
+        """In the band, in motion."""
+        return rmse([comparison.error for comparison in self.comparisons])
+
+    @property
+    def raw(self) -> FloatArray:
+        """As recorded, in motion."""
+        return rmse([comparison.raw_error for comparison in self.comparisons])
+
+
+def score(model: _core.TorqueModel, runs: Sequence[States]) -> Scores:
+    """Predict every run with the code that runs online, and compare."""
+    return Scores([compare(states, evaluate(model, states)[0]) for states in runs])
+
+
+def summarise(
+    identifier: ThreeLoopIdentifier,
+    train: Sequence[Recording],
+    test: Sequence[Recording],
+    findings: Sequence[Finding],
+) -> dict[str, Any]:
+    """Content of `result.json`: errors on the test runs, parameters with intervals, what was found in the data."""
+    robot = identifier.robot
+    train_states = [identifier.states(recording) for recording in train]
+    test_states = [identifier.states(recording) for recording in test]
+    trained, tested = score(identifier.model_, train_states), score(identifier.model_, test_states)
+    baseline = score(identifier.baseline_, test_states)
+    notes = [
+        Finding("signal_replaced", "info", note, file=states.name)
+        for states in (*train_states, *test_states)
+        for note in states.notes
+    ]
+    result: dict[str, Any] = {
+        "format": FORMAT,
+        "version": VERSION,
+        "robot": robot.name,
+        "joints": list(robot.joint_names),
+        "torque_unit": identifier.torque_unit_,
+        "data": {
+            "train": [recording.name for recording in train],
+            "test": [recording.name for recording in test],
+            "n_samples": {"train": _count(train), "test": _count(test)},
+            "n_dropped": {"train": _standing_still(train_states), "test": _standing_still(test_states)},
+            "rate_hz": train_states[0].rate,
+            "cutoff_hz": identifier.band_.cutoff,
+            "findings": [finding.to_json() for finding in (*findings, *_standstill(test_states), *notes)],
+        },
+        "rmse": {
+            "train": {"before": trained.rmse, "after": trained.rmse},
+            "test": {
+                "torque_std": torque_std(tested.comparisons),
+                "wls": baseline.rmse,
+                "before": tested.rmse,
+                "after": tested.rmse,
+                "after_interval": rmse_interval(tested.comparisons),
+                "floor": noise_floor(test_states),
+                "raw": tested.raw,
+            },
+        },
+        "floor_method": FLOOR_METHOD,
+        "effects": [],
+        "unexplained": [],
+        "residual": _residual(identifier, test_states, tested),
+        "encoder_delay": _encoder_delay(identifier),
+        "parameters": _parameters(identifier),
+        "base_parameters": _base(identifier),
+        "history": [
+            {"iteration": k + 1, "rmse_train": entry["noise_std"]} for k, entry in enumerate(identifier.history_)
+        ],
+        "n_iter": identifier.n_iter_,
+        "converged": identifier.converged_,
+    }
+    result["residual"]["reason"] = residual_reason(result)
+    result["verdict"] = verdict(result)
+    return _plain(result)
+
+
+def residual_table(
+    identifier: ThreeLoopIdentifier, train: Sequence[Recording], test: Sequence[Recording]
+) -> dict[str, NDArray[Any]]:
+    """Content of `residuals.parquet`: per row and joint measured, predicted, every term, residual; in the band."""
+    parts: list[dict[str, NDArray[Any]]] = []
+    names = identifier.model_.term_names
+    for kind, recordings in (("train", train), ("test", test)):
+        for recording in recordings:
+            states = identifier.states(recording)
+            total, terms, _ = evaluate(identifier.model_, states)
+            filtered = states.band.apply(terms, states.rate)[states.rows]
+            comparison = compare(states, total)
+            n_rows = len(states.rows)
+            part: dict[str, NDArray[Any]] = {
+                "run": np.full(n_rows, recording.name, dtype=object),
+                "set": np.full(n_rows, kind, dtype=object),
+                "t": states.t[states.rows],
+            }
+            for j in range(identifier.robot.n_joints):
+                part[f"q_{j}"], part[f"dq_{j}"] = states.q[states.rows, j], states.dq_motor[states.rows, j]
+                part[f"measured_{j}"], part[f"predicted_{j}"] = comparison.measured[:, j], comparison.predicted[:, j]
+                part[f"residual_{j}"] = comparison.error[:, j]
+                for k, name in enumerate(names):
+                    part[f"{'residual_term' if name == 'residual' else name}_{j}"] = filtered[:, k, j]
+                part.setdefault(f"residual_term_{j}", np.zeros(n_rows))
+            parts.append(part)
+    return {column: np.concatenate([part[column] for part in parts]) for column in parts[0]}
+
+
+def _residual(identifier: ThreeLoopIdentifier, test: list[States], tested: Scores) -> dict[str, Any]:
+    third = identifier.residual_
+    n = identifier.robot.n_joints
+    if third is None:
+        return {"kind": "gmr", "inputs": None, "kept": [False] * n, "switched_off": True}
+    without = score(identifier.model_with([None] * n), test) if third.kept.any() else tested
+    candidates = [mixture or candidate for mixture, candidate in zip(third.mixtures_, third.candidates_, strict=True)]
+    with_all = score(identifier.model_with(candidates), test)
+    return {
+        "kind": "gmr",
+        "inputs": third.inputs_,
+        "kept": third.kept,
+        "rmse_test_without": without.rmse,
+        "rmse_test_with": with_all.rmse,
+        "left_out_gain": third.gain_,
+        "n_components": [mixture.n_components if mixture else 0 for mixture in candidates],
+    }
+
+
+def _encoder_delay(identifier: ThreeLoopIdentifier) -> dict[str, Any] | None:
+    delay = identifier.encoder_delay_
+    if delay is None:
+        return None
+    spread = NORMAL_95 * delay.std_error
+    return {
+        "value": delay.value,
+        "interval": np.stack([delay.value - spread, delay.value + spread], axis=1),
+        "measured": delay.measured,
+        "unit": "s",
+    }
+
+
+def _base(identifier: ThreeLoopIdentifier) -> dict[str, Any]:
+    base = identifier.robot.base_parameters()
+    rows = np.concatenate([block.rows[0] for block in identifier.observations_.blocks])
+    columns = rows[:, identifier.observations_.plan.n_own : -1]
+    norms = np.linalg.norm(columns, axis=0)
+    values = np.linalg.svd(columns[:, norms > 0] / norms[norms > 0], compute_uv=False)
+    return {
+        "n_base": base.n_base,
+        "n_standard": base.n_standard,
+        "gap": base.gap if np.isfinite(base.gap) else None,
+        "condition_number": float(values[0] / values[-1]) if values[-1] > 0 else None,
+        "ridge": identifier.links_.ridge_,
+        "torque_scale": identifier.links_.torque_scale_,
+    }
+
+
+def _parameters(identifier: ThreeLoopIdentifier) -> dict[str, Any]:
+    plan = identifier.observations_.plan
+    robot, links = identifier.robot, identifier.links_
+    covariance = parameter_covariance(identifier.observations_, links, identifier.runs_)
+    std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    units = {"m": "kg", "h": "kg*m", "I": "kg*m^2"}
+    current = "" if identifier.torque_unit_ == "N*m" else "*A/(N*m)"
+    base = []
+    for k, (pivot, name) in enumerate(zip(plan.pivots, robot.base_parameters().names, strict=True)):
+        unit = units[_core.LINK_PARAMETER_NAMES[pivot % 10][0]] + current
+        entry = _parameter(name, links.x_[k], std[k], unit)
+        base.append({**entry, "link": robot.link_names[pivot // 10]})
+    names = [name for effect in plan.effects for name in effect.coefficient_names]
+    joint = [
+        {**_parameter(name, links.own_[j, k], std[plan.n_base + j * plan.n_own + k], unit), "joint": robot.joint_names[j]}
+        for j in range(robot.n_joints)
+        for k, name in enumerate(names)
+        for unit in [own_unit(name, identifier.torque_unit_, robot.joint_kinds[j])]
+        if plan.own[j, k]
+    ]
+    shapes = [
+        {
+            "joint": robot.joint_names[j],
+            "velocity_threshold": identifier.friction_.velocity_threshold_[j],
+            "transition_width": identifier.friction_.transition_width_[j],
+            "unit": "rad/s" if robot.joint_kinds[j] == "revolute" else "m/s",
+        }
+        for j in range(robot.n_joints)
+    ]
+    return {"base": base, "joint": joint, "friction_shape": shapes}
+
+
+def own_unit(name: str, torque_unit: str, kind: str) -> str:
+    """Unit of a joint's own coefficient `name`; `kind` is the joint's."""
+    angle = "rad" if kind == "revolute" else "m"
+    torque = "N" if kind == "prismatic" and torque_unit == "N*m" else torque_unit
+    if name == "rotor_inertia":
+        return f"{torque}*s^2/{angle}" if torque == "A" else {"rad": "kg*m^2", "m": "kg"}[angle]
+    if name.startswith("viscous"):
+        order = name[len("viscous")]
+        return f"{torque}*s/{angle}" if order == "1" else f"{torque}*(s/{angle})^{order}"
+    return torque
+
+
+def _parameter(name: str, value: float, std: float, unit: str) -> dict[str, Any]:
+    interval = [value - NORMAL_95 * std, value + NORMAL_95 * std]
+    return {"name": name, "value": value, "unit": unit, "std_error": std, "interval": interval}
+
+
+def _count(recordings: Sequence[Recording]) -> int:
+    return sum(recording.n_samples for recording in recordings)
+
+
+def _standing_still(runs: Sequence[States]) -> int:
+    return int(sum(np.sum(~states.moving) for states in runs))
+
+
+def _standstill(runs: Sequence[States]) -> list[Finding]:
+    """One word per test run on what was not scored: friction at rest is not a function of the state."""
+    found = []
+    for states in runs:
+        seconds = float(np.sum(~states.moving) / states.rate)
+        message = (
+            f"{states.name}: {seconds:.1f} s of standstill, and 1/cutoff beside it and at the ends, are not scored; "
+            "friction at rest is not a function of the state"
+        )
+        found.append(Finding("standstill", "info", message, file=states.name, value=seconds, unit="s"))
+    return found
+
+
+def _plain(value: Any) -> Any:
+    """Arrays to lists, numpy scalars to Python's, for JSON."""
+    if isinstance(value, dict):
+        return {key: _plain(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(entry) for entry in value]
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    return value

@@ -1,0 +1,85 @@
+"""The folder of a simulation: runs, robot and truth, and nobody else's files."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid_rs.files import atomic_path, write_json, write_table
+from dynid_rs.recording import Recording
+from dynid_rs.simulation.experiment import Simulation
+
+FloatArray = NDArray[np.float64]
+
+TRUTH_FILE = "truth.json"
+ROBOT_FILE = "robot.urdf"
+
+
+def write_simulation(simulation: Simulation, directory: Path, robot_file: Path) -> list[Path]:
+    """Write `truth.json`, `robot.urdf`, `run_0.parquet`, ... to `directory`, which is created.
+
+    An older simulation in the folder is replaced; anything else of the same name is left alone.
+
+    Parameters
+    ----------
+    simulation : Simulation
+        What to write.
+    directory : Path
+        Where.
+    robot_file : Path
+        The URDF that was simulated; its copy makes the folder complete.
+
+    Returns
+    -------
+    list of Path
+        The runs.
+
+    Raises
+    ------
+    ValueError
+        The folder holds runs or a robot that this simulation would mix with or replace.
+    OSError
+        The folder cannot be written.
+    """
+    robot = robot_file.read_bytes()
+    names = [recording.name for recording in simulation.recordings]
+    _prepare(directory, names, robot)
+    # The truth first: it marks the folder as a simulation's, also if the rest fails.
+    write_json(directory / TRUTH_FILE, simulation.truth())
+    with atomic_path(directory / ROBOT_FILE) as temporary:
+        temporary.write_bytes(robot)
+    for recording in simulation.recordings:
+        write_table(directory / recording.name, run_columns(recording))
+    return [directory / name for name in names]
+
+
+def run_columns(recording: Recording) -> dict[str, FloatArray]:
+    """Columns of the table of one run: `t`, then `q_0`, ..., signal by signal, joints by index."""
+    columns: dict[str, FloatArray] = {"t": recording.t}
+    for signal in ("q", "dq", "ddq", "q_motor", "dq_motor", "tau"):
+        values = getattr(recording, signal)
+        if values is not None:
+            columns |= {f"{signal}_{joint}": values[:, joint] for joint in range(recording.n_joints)}
+    return columns
+
+
+def _prepare(directory: Path, names: list[str], robot: bytes) -> None:
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        found = sorted(path.name for path in directory.iterdir())
+        own = (directory / ROBOT_FILE).read_bytes() if ROBOT_FILE in found else robot
+    except OSError as error:
+        reason = (error.strerror or str(error)).lower()
+        raise type(error)(f"{directory}: cannot use this folder: {reason}") from None
+    runs = [name for name in found if re.fullmatch(r"run_\d+\.parquet", name)]
+    if TRUTH_FILE in found:
+        strangers = [name for name in runs if name not in names]
+        what = "of an older simulation, which would mix with the new runs"
+    else:
+        strangers = [*runs, *([] if own == robot else [ROBOT_FILE])]
+        what = "that no simulation wrote"
+    if strangers:
+        raise ValueError(f"{directory} holds {strangers[0]} {what}; choose another folder or remove it first")

@@ -1,0 +1,64 @@
+"""What the numbers mean, in plain words."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+
+def verdict(result: dict[str, Any]) -> str:
+    """One or two sentences for an engineer who has a minute."""
+    test = result["rmse"]["test"]
+    relative = 100 * np.asarray(test["after"]) / np.maximum(test["torque_std"], 1e-300)
+    change = 100 * (1 - _mean_ratio(test["after"], test["wls"]))
+    errors = f"{relative.min():.1f} to {relative.max():.1f} % of the torque's standard deviation"
+    if abs(change) < 1:
+        against = "as much as weighted least squares leaves"
+    elif change > 0:
+        against = f"{change:.0f} % less than weighted least squares leaves"
+    else:
+        against = f"{-change:.0f} % MORE than weighted least squares leaves; the simple model is the better one here"
+    return f"On runs that it has not seen the model leaves {errors}, on average {against}. {result['residual']['reason']}"
+
+
+def is_better(result: dict[str, Any]) -> bool:
+    """Whether the model beats the baseline on the test runs, on average over the joints, or leaves nothing anyway."""
+    test = result["rmse"]["test"]
+    nothing_left = np.all(np.asarray(test["after"]) <= 1e-6 * np.asarray(test["torque_std"]))
+    return bool(nothing_left or _mean_ratio(test["after"], test["wls"]) < 1.02)
+
+
+def residual_reason(result: dict[str, Any]) -> str:
+    """Whether the third loop paid, and where, with the figures."""
+    residual = result["residual"]
+    if residual.get("switched_off"):
+        return "The third loop was switched off."
+    signals = {"deflection": "the gears' deflection", "joint_state": "joint position and velocity"}[residual["inputs"]]
+    kept = np.asarray(residual["kept"])
+    change = 100 * (np.asarray(residual["rmse_test_with"]) / np.maximum(residual["rmse_test_without"], 1e-300) - 1)
+    fitted = np.asarray(residual["n_components"]) > 0
+    if not fitted.any():
+        return "The third loop had nothing to learn from: no joint has two different encoder signals."
+    if not kept.any():
+        return (
+            f"The third loop (mixture regression on {signals}) did not pay on training runs left out and is not in the "
+            f"model; on the test runs it would have changed the error by {_range(change[fitted])}."
+        )
+    names = ", ".join(np.asarray(result["joints"])[kept])
+    words = f"The third loop (mixture regression on {signals}) paid on {names} and is in the model there: "
+    words += f"it changed the error on the test runs by {_range(change[kept])}."
+    if not kept.all():
+        words += " On the other joints it did not pay on training runs left out."
+    return words
+
+
+def _mean_ratio(after: Any, before: Any) -> float:
+    """Geometric mean over the joints, so that none counts for its size."""
+    floor = 1e-300
+    return float(np.exp(np.mean(np.log(np.maximum(after, floor)) - np.log(np.maximum(before, floor)))))
+
+
+def _range(percent: Any) -> str:
+    low, high = float(np.min(percent)), float(np.max(percent))
+    return f"{low:+.0f} %" if round(low) == round(high) else f"{low:+.0f} to {high:+.0f} %"
