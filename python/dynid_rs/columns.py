@@ -7,7 +7,7 @@ those of the effects: rotor inertia, torque offset, friction (Eqs. 9-11).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,13 +23,15 @@ class Plan:
     """Which columns a fit has.
 
     `effects` with their shapes; `pivots` (n_base,) indices of the base columns in phi; `own` (n_joints, n_own) which
-    of a joint's own columns can be told apart from the rest.
+    of a joint's own columns can be told apart from the rest; `absorbed` {(joint, own column): (n_base,)} how much of
+    one that cannot is in each base parameter, where base parameters alone hold it.
     """
 
     robot: _core.RobotModel
     effects: tuple[_core.Effect, ...]
     pivots: NDArray[np.int64]
     own: NDArray[np.bool_]
+    absorbed: dict[tuple[int, int], FloatArray] = field(default_factory=dict)
 
     @property
     def n_base(self) -> int:
@@ -72,6 +74,7 @@ def make_plan(robot: _core.RobotModel, effects: Sequence[_core.Effect], *, rando
     known, _ = np.linalg.qr(rigid / np.linalg.norm(rigid, axis=0))
     widths = [effect.n_columns for effect in effects]
     own = np.ones((n, sum(widths)), dtype=bool)
+    absorbed: dict[tuple[int, int], FloatArray] = {}
     for effect, first in zip(effects, np.cumsum([0, *widths]), strict=False):
         column = {"rotor_inertia": ddq, "torque_offset": np.ones_like(ddq)}.get(effect.kind)
         if column is None:
@@ -83,9 +86,13 @@ def make_plan(robot: _core.RobotModel, effects: Sequence[_core.Effect], *, rando
             left = vector - known @ (known.T @ vector)
             left -= known @ (known.T @ left)
             own[j, first] = np.linalg.norm(left) > 1e-8 * np.linalg.norm(vector)
-            if own[j, first]:
+            if not own[j, first]:
+                share, *_ = np.linalg.lstsq(rigid, vector, rcond=None)
+                if np.linalg.norm(vector - rigid @ share) < 1e-8 * np.linalg.norm(vector):
+                    absorbed[j, int(first)] = share
+            else:
                 known = np.column_stack([known, left / np.linalg.norm(left)])
-    return Plan(robot, tuple(effects), pivots, own)
+    return Plan(robot, tuple(effects), pivots, own, absorbed)
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +150,7 @@ def run_rows(plan: Plan, states: States, tau: FloatArray) -> list[FloatArray]:
         *states.signals(),
         tau,
         filter=states.filter,
-        kept=states.rows.tolist(),
+        kept=states.kept,
     )
 
 

@@ -20,9 +20,19 @@ FloatArray = NDArray[np.float64]
 
 WORTH = 0.01
 """A finer shape has to take this part off the residual's power; below it the difference is noise."""
+THRESHOLD_WORTH = 0.05
+"""The first threshold has to take this part off: on real data smaller gains do not carry over to other runs."""
 WEAK = 1e-2
 """Directions of the links' columns weaker than this (relative singular value) are not taken out before the search:
 one joint's equation alone hardly determines them, and they would swallow friction."""
+NEGLIGIBLE = 1e-9
+"""Relative sizes below this are rounding."""
+LARGEST_THRESHOLD = 0.1
+"""Largest threshold that is tried, over the joint's greatest speed."""
+CLOSE = 0.1
+"""A bracket of the logarithm that is narrower than this need not be narrowed unless that still pays."""
+MOST_TURNS = 30
+"""A search that still pays after so many turns is stopped."""
 
 
 class FrictionIdentifier(BaseEstimator):  # type: ignore[misc]
@@ -32,10 +42,10 @@ class FrictionIdentifier(BaseEstimator):  # type: ignore[misc]
     ----------
     transition_widths : sequence of float
         Widths eps [rad/s] that are tried first. The paper prints 1e-4, which is below any encoder's velocity noise.
-    velocity_thresholds : sequence of float
-        Thresholds lambda [rad/s] that are tried first; 0 must be among them.
+    n_thresholds : int
+        Thresholds lambda that are tried at a time, beside none.
     refine : bool
-        Refine the best width between its neighbours as long as it pays.
+        Refine eps and look for a threshold, as long as it pays; else lambda is 0.
 
     Attributes
     ----------
@@ -47,13 +57,13 @@ class FrictionIdentifier(BaseEstimator):  # type: ignore[misc]
 
     def __init__(
         self,
-        transition_widths: Sequence[float] = (1e-3, 2e-3, 4e-3, 8e-3, 1.6e-2, 3e-2),
-        velocity_thresholds: Sequence[float] = (0.0, 0.02, 0.05),
+        transition_widths: Sequence[float] = (1e-3, 2e-3, 4e-3, 8e-3, 1.6e-2, 3e-2, 6e-2),
+        n_thresholds: int = 8,
         *,
         refine: bool = True,
     ) -> None:
         self.transition_widths = transition_widths
-        self.velocity_thresholds = velocity_thresholds
+        self.n_thresholds = n_thresholds
         self.refine = refine
 
     def fit(
@@ -85,30 +95,69 @@ class FrictionIdentifier(BaseEstimator):  # type: ignore[misc]
             stacked = np.concatenate([run[j] for run in rows])
             keep = np.concatenate([others & plan.own[j], np.ones(stacked.shape[1] - plan.n_own - 1, dtype=bool)])
             power = _PowerLeft(stacked[:, :-1][:, keep], stacked[:, -1], runs, j)
-            width = self._width(power)
-            threshold = self._threshold(power, width)
-            self.velocity_threshold_[j], self.transition_width_[j] = threshold, width
+            self.velocity_threshold_[j], self.transition_width_[j] = self._search(power)
         self.effect_ = friction_effect(self.velocity_threshold_, self.transition_width_)
         return self
 
-    def _width(self, power: _PowerLeft) -> float:
-        """Eps at lambda = 0: scan, then golden section in the logarithm while it pays."""
-        scan = sorted(self.transition_widths)
-        powers = [power(0.0, width) for width in scan]
-        best = int(np.argmin(powers))
-        if not self.refine or power.exhausted(powers[best]):
-            return float(scan[best])
-        low, high = np.log(scan[max(best - 1, 0)]), np.log(scan[min(best + 1, len(scan) - 1)])
-        return float(np.exp(_refine(lambda x: power(0.0, float(np.exp(x))), low, np.log(scan[best]), high, powers[best])))
+    def _search(self, power: _PowerLeft) -> tuple[float, float]:
+        """Lambda and eps of one joint: eps by a scan, then both in turn, as long as a turn still pays.
 
-    def _threshold(self, power: _PowerLeft, width: float) -> float:
-        """Lambda at the chosen eps; zero unless another pays. The viscous torque jumps there, so it has to earn it."""
-        without = power(0.0, width)
-        if power.exhausted(without):
-            return 0.0
-        tried = [(power(threshold, width), threshold) for threshold in self.velocity_thresholds if threshold > 0]
-        least, threshold = min(tried, default=(np.inf, 0.0))
-        return float(threshold) if least < (1 - WORTH) * without else 0.0
+        On a simulation without noise that ends at the truth.
+        """
+        at_best, width = min((power(0.0, float(width)), float(width)) for width in self.transition_widths)
+        threshold, span = 0.0, np.log(2.0)
+        if not self.refine:
+            return threshold, width
+        width, at_best = power.best_width(threshold, width, at_best, span)
+        if power.is_clean(threshold, width):
+            power.use_all()
+            width, at_best = power.best_width(threshold, width, power(threshold, width), span)
+            threshold, width, at_best = self._start(power, width, at_best)
+        for _ in range(MOST_TURNS):
+            before = at_best
+            threshold, at_best = self._threshold(power, threshold, width, at_best, span)
+            width, at_best = power.best_width(threshold, width, at_best, span)
+            if at_best > (1 - WORTH) * before or power.exhausted(at_best):
+                break
+            span *= 0.8
+        return threshold, width
+
+    def _start(self, power: _PowerLeft, width: float, at_best: float) -> tuple[float, float, float]:
+        """Best of a scan over lambda with an eps of its own for each.
+
+        Eps makes up for a missing threshold so well that only clean data shows the way from one valley to the other.
+        """
+        valleys = [(at_best, 0.0)]
+        thresholds = self._thresholds(power, width, finer=4)
+        for threshold in thresholds:
+            valleys.append((power.at_best_width(threshold, width)[0], threshold))
+        value, threshold = min(valleys)
+        if threshold == 0:
+            return threshold, width, value
+        span = float(np.log(thresholds[1] / thresholds[0]))
+        threshold, _ = _golden(
+            lambda x: power.at_best_width(x, width)[0], threshold, value, span, CLOSE / 100
+        )
+        value, width = power.at_best_width(threshold, width)
+        return threshold, width, value
+
+    def _thresholds(self, power: _PowerLeft, width: float, finer: int = 1) -> list[float]:
+        largest = max(width, LARGEST_THRESHOLD * power.top_speed)
+        return np.geomspace(0.5 * width, largest, finer * self.n_thresholds).tolist()
+
+    def _threshold(
+        self, power: _PowerLeft, threshold: float, width: float, at_best: float, span: float
+    ) -> tuple[float, float]:
+        """Best lambda at this eps. The viscous torque jumps there, so it has to pay well against none at all."""
+        tries = self._thresholds(power, width)
+        if power.clean and threshold > 0:
+            tries = power.between_samples(threshold, 4 * self.n_thresholds)
+        elif threshold > 0:
+            tries += (threshold * np.exp(np.linspace(-span, span, self.n_thresholds))).tolist()
+        least, best = min((power(x, width), x) for x in tries)
+        if least >= (1 - (WORTH if threshold > 0 else THRESHOLD_WORTH)) * at_best:
+            return threshold, at_best
+        return power.best_threshold(best, width, least, span / self.n_thresholds)
 
 
 def friction_effect(velocity_threshold: FloatArray, transition_width: FloatArray) -> _core.Effect:
@@ -121,56 +170,92 @@ class _PowerLeft:
 
     def __init__(self, links: FloatArray, tau: FloatArray, runs: Sequence[States], j: int) -> None:
         norms = np.linalg.norm(links, axis=0)
-        links = links[:, norms > 1e-9 * norms.max(initial=0.0)]
-        left, strength, _ = np.linalg.svd(links / np.linalg.norm(links, axis=0), full_matrices=False)
-        self._links = left[:, strength > WEAK * strength.max(initial=0.0)]
-        self._tau = self._without_links(tau)
-        self._total = float(tau @ tau)
+        links = links[:, norms > NEGLIGIBLE * norms.max(initial=0.0)]
+        self._all, strength, _ = np.linalg.svd(links / np.linalg.norm(links, axis=0), full_matrices=False)
+        self._links = self._all[:, strength > WEAK * strength.max(initial=0.0)]
+        self._close, self.clean = CLOSE, False
+        self._tau = tau
         self._runs = runs
         self._speeds = [np.ascontiguousarray(states.dq_motor[:, j]) for states in runs]
+        self.top_speed = max(float(np.abs(speed).max()) for speed in self._speeds)
 
-    def __call__(self, threshold: float, width: float) -> float:
-        columns = self._without_links(
-            np.concatenate(
-                [
-                    _core.filtered_friction_basis(
-                        speed, threshold, width, filter=states.filter, kept=states.rows.tolist()
-                    )
-                    for speed, states in zip(self._speeds, self._runs, strict=True)
-                ]
-            )
+    def use_all(self) -> None:
+        """From now on take out all that the links can do, weakly determined or not, and look closely."""
+        self._links, self._close, self.clean = self._all, CLOSE / 100, True
+
+    def between_samples(self, threshold: float, count: int) -> list[float]:
+        """Values of lambda halfway between the `count` sampled speeds that are nearest to `threshold`.
+
+        Between two of them nothing changes, so to tell the truth from its neighbours no finer step exists.
+        """
+        speeds = np.unique(np.abs(np.concatenate(self._speeds)))
+        at = int(np.searchsorted(speeds, threshold))
+        near = speeds[max(at - count // 2, 0) : at + count // 2]
+        return (0.5 * (near[1:] + near[:-1])).tolist()
+
+    def best_width(self, threshold: float, width: float, at_best: float, span: float) -> tuple[float, float]:
+        """Best eps around `width` at this lambda, and the power there."""
+        return _golden(lambda x: self(threshold, x), width, at_best, span, self._close)
+
+    def at_best_width(self, threshold: float, width: float) -> tuple[float, float]:
+        """Power at this lambda with the best eps near `width`, and that eps."""
+        from scipy.optimize import minimize_scalar
+
+        near = (np.log(width) - 0.1, np.log(width) + 0.1)
+        found = minimize_scalar(
+            lambda x: self(threshold, float(np.exp(x))), bounds=near, method="bounded", options={"xatol": 1e-6}
         )
-        norms = np.linalg.norm(columns, axis=0)
-        columns = columns[:, norms > 1e-9 * norms.max(initial=0.0)] / norms[norms > 1e-9 * norms.max(initial=0.0)]
-        gram = columns.T @ columns
-        # Eight unit columns: eigenvalues resolve what a search needs, at a fraction of an SVD of all rows.
-        values, vectors = np.linalg.eigh(gram)
-        good = values > 1e-10 * values.max(initial=0.0)
-        part = (columns @ vectors[:, good]) / np.sqrt(values[good])
-        left = self._tau - part @ (part.T @ self._tau)
-        return float(left @ left)
+        return float(found.fun), float(np.exp(found.x))
+
+    def best_threshold(self, threshold: float, width: float, at_best: float, span: float) -> tuple[float, float]:
+        """Best lambda around `threshold` > 0 at this eps, and the power there."""
+        return _golden(lambda x: self(x, width), threshold, at_best, span, self._close)
 
     def exhausted(self, power: float) -> bool:
         """Nothing left to explain, as in a simulation without noise."""
-        return power <= 1e-24 * self._total
+        return power <= 1e-24 * float(self._tau @ self._tau)
 
-    def _without_links(self, x: FloatArray) -> FloatArray:
-        return x - self._links @ (self._links.T @ x)
+    def is_clean(self, threshold: float, width: float) -> bool:
+        """Less than 0.3 % of the torque is left: a simulation, or a sensor that is as good."""
+        return self._left(self._all, threshold, width) <= 1e-5 * float(self._tau @ self._tau)
+
+    def __call__(self, threshold: float, width: float) -> float:
+        return self._left(self._links, threshold, width)
+
+    def _left(self, links: FloatArray, threshold: float, width: float) -> float:
+        columns = np.concatenate(
+            [
+                _core.filtered_friction_basis(
+                    speed, threshold, width, filter=states.filter, kept=states.kept
+                )
+                for speed, states in zip(self._speeds, self._runs, strict=True)
+            ]
+        )
+        rest = np.column_stack([columns, self._tau])
+        rest -= links @ (links.T @ rest)
+        norms = np.linalg.norm(rest, axis=0)
+        used = norms[:-1] > NEGLIGIBLE * norms[:-1].max(initial=0.0)
+        factor = _core.triangular_factor(np.column_stack([rest[:, :-1][:, used] / norms[:-1][used], rest[:, -1]]))
+        return float(factor[-1, -1] ** 2)
 
 
-def _refine(function: Callable[[float], float], low: float, best: float, high: float, at_best: float) -> float:
-    """Golden-section steps inside (low, high) around `best`, as long as a round of them still pays."""
-    ratio = (np.sqrt(5) - 1) / 2
-    for _ in range(40):
+def _golden(
+    function: Callable[[float], float], best: float, at_best: float, span: float, close: float
+) -> tuple[float, float]:
+    """Golden-section steps on the logarithm around `best` > 0, until it is close and more does not pay."""
+    ratio = (3 - np.sqrt(5)) / 2
+    low, middle, high = np.log(best) - span, np.log(best), np.log(best) + span
+    for _ in range(MOST_TURNS):
         before = at_best
         for _ in range(4):
-            step = best + (1 - ratio) * (high - best) if high - best > best - low else best - (1 - ratio) * (best - low)
-            value = function(step)
+            right = high - middle > middle - low
+            step = middle + ratio * (high - middle if right else low - middle)
+            value = function(float(np.exp(step)))
             if value < at_best:
-                low, high = (best, high) if step > best else (low, best)
-                best, at_best = step, value
+                low, middle, high = (middle, step, high) if right else (low, step, middle)
+                at_best = value
             else:
-                low, high = (low, step) if step > best else (step, high)
-        if at_best > (1 - WORTH) * before:
+                low, high = (low, step) if right else (step, high)
+        if high - low < close and at_best > (1 - WORTH) * before:
             break
-    return best
+    return float(np.exp(middle)), at_best

@@ -109,6 +109,12 @@ class States:
         """Samples that become rows of the fit, (n_rows,)."""
         return self.grid[self.moving[self.grid]]
 
+    @cached_property
+    def kept(self) -> list[int]:
+        """`rows` as the compiled module takes them."""
+        result: list[int] = self.rows.tolist()
+        return result
+
     def signals(self) -> tuple[FloatArray, ...]:
         """Return q, dq, ddq, q_motor, dq_motor, ddq_motor."""
         return self.q, self.dq, self.ddq, self.q_motor, self.dq_motor, self.ddq_motor
@@ -167,7 +173,7 @@ def prepare(recording: Recording, band: Band, rate: float) -> States:
     link = _side(recording, recording.q, recording.dq, recording.ddq, grid, band, rate, "dq", notes)
     exact = link[3]
     motor = link
-    if recording.q_motor is not None:
+    if recording.q_motor is not None and not np.array_equal(recording.q_motor, recording.q):
         motor = _side(recording, recording.q_motor, recording.dq_motor, None, grid, band, rate, "dq_motor", notes)
     tau = _linear(recording.t, recording.tau, grid)
     step = 1 if exact else max(1, int(rate / (WORK_RATE * band.cutoff)))

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
+from dynid_rs.columns import Plan
 from dynid_rs.evaluation import FLOOR_METHOD, Comparison, compare, noise_floor, rmse, rmse_interval, torque_std
 from dynid_rs.findings import Finding
 from dynid_rs.identification import ThreeLoopIdentifier, evaluate
@@ -192,7 +193,7 @@ def _parameters(identifier: ThreeLoopIdentifier) -> dict[str, Any]:
     units = {"m": "kg", "h": "kg*m", "I": "kg*m^2"}
     current = "" if identifier.torque_unit_ == "N*m" else "*A/(N*m)"
     base = []
-    for k, (pivot, name) in enumerate(zip(plan.pivots, robot.base_parameters().names, strict=True)):
+    for k, (pivot, name) in enumerate(zip(plan.pivots, base_names(plan), strict=True)):
         unit = units[_core.LINK_PARAMETER_NAMES[pivot % 10][0]] + current
         entry = _parameter(name, links.x_[k], std[k], unit)
         base.append({**entry, "link": robot.link_names[pivot // 10]})
@@ -214,6 +215,17 @@ def _parameters(identifier: ThreeLoopIdentifier) -> dict[str, Any]:
         for j in range(robot.n_joints)
     ]
     return {"base": base, "joint": joint, "friction_shape": shapes}
+
+
+def base_names(plan: Plan) -> list[str]:
+    """Names of the base parameters with everything they stand for, rotors included. For display only."""
+    names: list[str] = list(plan.robot.base_parameters().names)
+    labels = [name for effect in plan.effects for name in effect.coefficient_names]
+    for (j, column), share in plan.absorbed.items():
+        for k in np.flatnonzero(np.abs(share) > 1e-9):
+            size = "" if abs(abs(share[k]) - 1) < 1e-9 else f"{abs(share[k]):.4g} "
+            names[k] += f" {'-' if share[k] < 0 else '+'} {size}{labels[column]}[{plan.robot.joint_names[j]}]"
+    return names
 
 
 def own_unit(name: str, torque_unit: str, kind: str) -> str:

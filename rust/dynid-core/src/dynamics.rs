@@ -105,8 +105,7 @@ fn forward_pass(robot: &RobotModel, links: &mut [LinkState], q: &[f64], dq: &[f6
                 motion.omega += joint.axis * dq[i];
             }
             JointKind::Prismatic => {
-                motion.acc +=
-                    motion.omega.cross(&joint.axis) * (2.0 * dq[i]) + joint.axis * ddq[i];
+                motion.acc += motion.omega.cross(&joint.axis) * (2.0 * dq[i]) + joint.axis * ddq[i];
             }
         }
         link.rotation = rotation;
@@ -140,8 +139,8 @@ pub fn inverse_dynamics_into(
     let links = &mut workspace.links;
     forward_pass(robot, links, q, dq, ddq);
     for (link, phi) in links.iter_mut().zip(phi.chunks_exact(N_LINK_PARAMS)) {
-        let wrench = body_regressor(&link.motion)
-            * SVector::<f64, N_LINK_PARAMS>::from_column_slice(phi);
+        let wrench =
+            body_regressor(&link.motion) * SVector::<f64, N_LINK_PARAMS>::from_column_slice(phi);
         link.force = wrench.fixed_rows::<3>(0).into();
         link.moment = wrench.fixed_rows::<3>(3).into();
     }
@@ -212,7 +211,9 @@ fn unit_twist(joint: &Joint, outward: &[LinkState]) -> SVector<f64, 6> {
         JointKind::Prismatic => (joint.axis, Vector3::zeros()),
     };
     for link in outward {
-        linear = link.rotation.tr_mul(&(linear + angular.cross(&link.origin)));
+        linear = link
+            .rotation
+            .tr_mul(&(linear + angular.cross(&link.origin)));
         angular = link.rotation.tr_mul(&angular);
     }
     SVector::<f64, 6>::new(

@@ -155,9 +155,7 @@ impl TorqueEstimator {
             term.torque_into(state, row);
         }
         match (self.model.residual(), rows.next()) {
-            (Some(residual), Some(row)) => {
-                Ok(residual.torque_into(state, row))
-            }
+            (Some(residual), Some(row)) => Ok(residual.torque_into(state, row)),
             _ => Ok(false),
         }
     }
@@ -169,8 +167,16 @@ impl TorqueEstimator {
             .iter()
             .zip(state.q)
             .all(|([low, high], q)| low <= q && q <= high);
-        let dq = domain.dq.iter().zip(state.dq).all(|(most, dq)| dq.abs() <= *most);
-        let ddq = domain.ddq.iter().zip(state.ddq).all(|(most, ddq)| ddq.abs() <= *most);
+        let dq = domain
+            .dq
+            .iter()
+            .zip(state.dq)
+            .all(|(most, dq)| dq.abs() <= *most);
+        let ddq = domain
+            .ddq
+            .iter()
+            .zip(state.ddq)
+            .all(|(most, ddq)| ddq.abs() <= *most);
         q && dq && ddq
     }
 }

@@ -6,7 +6,12 @@
 //!
 //! Nothing in this crate opens a file, starts a thread or knows Python; nothing allocates after `new`.
 
-#![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::print_stdout)]
+#![deny(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::print_stdout
+)]
 
 pub mod dynamics;
 pub mod effects;

@@ -31,8 +31,7 @@ pub type LinkParams = [f64; N_LINK_PARAMS];
 #[must_use]
 pub fn from_centre(mass: f64, com: &Vector3<f64>, inertia_com: &Matrix3<f64>) -> LinkParams {
     let h = com * mass;
-    let inertia =
-        inertia_com + (Matrix3::identity() * com.dot(com) - com * com.transpose()) * mass;
+    let inertia = inertia_com + (Matrix3::identity() * com.dot(com) - com * com.transpose()) * mass;
     [
         mass,
         h.x,

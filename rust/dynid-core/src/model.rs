@@ -71,16 +71,27 @@ impl TorqueModel {
         check_length("domain.ddq", &parts.domain.ddq, n)?;
         let lengths = [
             ("domain.q", parts.domain.q.len()),
-            ("residual.joints", parts.residual.as_ref().map_or(n, |r| r.joints().len())),
+            (
+                "residual.joints",
+                parts.residual.as_ref().map_or(n, |r| r.joints().len()),
+            ),
         ];
         for (what, actual) in lengths {
             if actual != n {
-                return Err(CoreError::Length { what, expected: n, actual });
+                return Err(CoreError::Length {
+                    what,
+                    expected: n,
+                    actual,
+                });
             }
         }
         for term in &parts.effects {
             term.effect().check(n)?;
-            check_length("coefficients", term.coefficients(), n * term.effect().n_columns())?;
+            check_length(
+                "coefficients",
+                term.coefficients(),
+                n * term.effect().n_columns(),
+            )?;
         }
         let numbers = parts
             .phi

@@ -44,7 +44,11 @@ impl Residual {
         inputs: ResidualInputs,
         joints: Vec<Option<GaussianMixtureRegression>>,
     ) -> Result<Self, CoreError> {
-        if joints.iter().flatten().any(|mixture| mixture.n_inputs() != 2) {
+        if joints
+            .iter()
+            .flatten()
+            .any(|mixture| mixture.n_inputs() != 2)
+        {
             return Err(CoreError::Range {
                 what: "number of mixture inputs",
             });

@@ -67,10 +67,7 @@ impl<'a> State<'a> {
     /// ([`align_link_side`]).
     #[must_use]
     pub fn deflection(&self, j: usize) -> [f64; 2] {
-        [
-            self.q_motor[j] - self.q[j],
-            self.dq_motor[j] - self.dq[j],
-        ]
+        [self.q_motor[j] - self.q[j], self.dq_motor[j] - self.dq[j]]
     }
 }
 
@@ -80,8 +77,5 @@ impl<'a> State<'a> {
 /// d (milliseconds) is short against the motion; the acceleration is left as it is.
 #[must_use]
 pub fn align_link_side(q: f64, dq: f64, ddq: f64, delay: f64) -> [f64; 2] {
-    [
-        q + delay * dq + 0.5 * delay * delay * ddq,
-        dq + delay * ddq,
-    ]
+    [q + delay * dq + 0.5 * delay * delay * ddq, dq + delay * ddq]
 }

@@ -102,15 +102,26 @@ fn select_columns(r: &[f64], width: usize, rtol: f64) -> BaseParameters {
     let last = rank.checked_sub(1).map_or(0.0, |k| diagonal[k]);
     BaseParameters {
         beta,
-        gap: if next > 0.0 { last / next } else { f64::INFINITY },
-        spread: if last > 0.0 { diagonal[0] / last } else { f64::INFINITY },
+        gap: if next > 0.0 {
+            last / next
+        } else {
+            f64::INFINITY
+        },
+        spread: if last > 0.0 {
+            diagonal[0] / last
+        } else {
+            f64::INFINITY
+        },
         pivots,
         dependent,
     }
 }
 
 fn norm(a: &Mat<f64>, j: usize) -> f64 {
-    (0..a.nrows()).map(|i| a[(i, j)] * a[(i, j)]).sum::<f64>().sqrt()
+    (0..a.nrows())
+        .map(|i| a[(i, j)] * a[(i, j)])
+        .sum::<f64>()
+        .sqrt()
 }
 
 /// `beta` with `A[:, dependent] = A[:, pivots] beta`.

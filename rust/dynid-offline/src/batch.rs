@@ -2,8 +2,8 @@
 
 use dynid_core::link_params::N_LINK_PARAMS;
 use dynid_core::{
-    inverse_dynamics_into, joint_torque_regressor_into, CoreError, RobotModel, State, TorqueEstimator,
-    Workspace,
+    inverse_dynamics_into, joint_torque_regressor_into, CoreError, RobotModel, State,
+    TorqueEstimator, Workspace,
 };
 use rayon::prelude::*;
 
@@ -31,11 +31,21 @@ pub fn inverse_dynamics(
     tau.par_chunks_mut(n * CHUNK).enumerate().try_for_each_init(
         || Workspace::new(robot),
         |workspace, (chunk, out)| {
-            out.chunks_exact_mut(n).enumerate().try_for_each(|(k, tau)| {
-                let start = (chunk * CHUNK + k) * n;
-                let at = start..start + n;
-                inverse_dynamics_into(robot, workspace, &q[at.clone()], &dq[at.clone()], &ddq[at], phi, tau)
-            })
+            out.chunks_exact_mut(n)
+                .enumerate()
+                .try_for_each(|(k, tau)| {
+                    let start = (chunk * CHUNK + k) * n;
+                    let at = start..start + n;
+                    inverse_dynamics_into(
+                        robot,
+                        workspace,
+                        &q[at.clone()],
+                        &dq[at.clone()],
+                        &ddq[at],
+                        phi,
+                        tau,
+                    )
+                })
         },
     )
 }
@@ -62,11 +72,20 @@ pub fn joint_torque_regressor(
         .try_for_each_init(
             || Workspace::new(robot),
             |workspace, (chunk, out)| {
-                out.chunks_exact_mut(size).enumerate().try_for_each(|(k, out)| {
-                    let start = (chunk * CHUNK + k) * n;
-                    let at = start..start + n;
-                    joint_torque_regressor_into(robot, workspace, &q[at.clone()], &dq[at.clone()], &ddq[at], out)
-                })
+                out.chunks_exact_mut(size)
+                    .enumerate()
+                    .try_for_each(|(k, out)| {
+                        let start = (chunk * CHUNK + k) * n;
+                        let at = start..start + n;
+                        joint_torque_regressor_into(
+                            robot,
+                            workspace,
+                            &q[at.clone()],
+                            &dq[at.clone()],
+                            &ddq[at],
+                            out,
+                        )
+                    })
             },
         )
 }

@@ -33,7 +33,10 @@ impl fmt::Display for OfflineError {
         match self {
             Self::Core(error) => error.fmt(f),
             Self::TooFewSamples { actual, needed } => {
-                write!(f, "{actual} samples are too few, at least {needed} are needed")
+                write!(
+                    f,
+                    "{actual} samples are too few, at least {needed} are needed"
+                )
             }
             Self::Shape { what } => write!(f, "{what} has the wrong shape"),
             Self::NonFinite { what } => write!(f, "{what} holds a NaN or an infinity"),

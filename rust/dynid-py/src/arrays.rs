@@ -1,6 +1,9 @@
 //! Arrays are checked once, at this edge: float64, C order, the right shape, finite.
 
-use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
+use numpy::{
+    PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2,
+    PyUntypedArrayMethods,
+};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::IntoPyDict;
@@ -24,7 +27,11 @@ fn shape_of(value: &Bound<'_, PyAny>) -> String {
 ///
 /// # Errors
 /// `ValueError` with the shape that came and the one that was expected, or the place of a NaN.
-pub fn matrix<'py>(value: &Bound<'py, PyAny>, name: &str, n_columns: usize) -> PyResult<PyReadonlyArray2<'py, f64>> {
+pub fn matrix<'py>(
+    value: &Bound<'py, PyAny>,
+    name: &str,
+    n_columns: usize,
+) -> PyResult<PyReadonlyArray2<'py, f64>> {
     let array = contiguous(value, name)?;
     let matrix = array
         .cast::<PyArray2<f64>>()
@@ -41,6 +48,22 @@ pub fn matrix<'py>(value: &Bound<'py, PyAny>, name: &str, n_columns: usize) -> P
     Ok(matrix)
 }
 
+/// Number of columns of a matrix named `name`.
+///
+/// # Errors
+/// `ValueError` if it is not two-dimensional or has no column.
+pub fn width(value: &Bound<'_, PyAny>, name: &str) -> PyResult<usize> {
+    match value
+        .getattr("shape")
+        .and_then(|shape| shape.extract::<(usize, usize)>())
+    {
+        Ok((_, width)) if width > 0 => Ok(width),
+        _ => Err(PyValueError::new_err(format!(
+            "{name} must be a matrix with at least one column"
+        ))),
+    }
+}
+
 /// Several matrices with the same number of rows.
 ///
 /// # Errors
@@ -52,7 +75,10 @@ pub fn samples<'py, const K: usize>(
     let mut arrays = Vec::with_capacity(K);
     for (name, value) in signals {
         let array = matrix(value, name, n_columns)?;
-        if let Some(first) = arrays.first().map(|a: &PyReadonlyArray2<'py, f64>| a.shape()[0]) {
+        if let Some(first) = arrays
+            .first()
+            .map(|a: &PyReadonlyArray2<'py, f64>| a.shape()[0])
+        {
             if array.shape()[0] != first {
                 let (other, n) = (signals[0].0, array.shape()[0]);
                 return Err(PyValueError::new_err(format!(
@@ -71,7 +97,11 @@ pub fn samples<'py, const K: usize>(
 ///
 /// # Errors
 /// `ValueError` naming what is wrong.
-pub fn vector<'py>(value: &Bound<'py, PyAny>, name: &str, n: Option<usize>) -> PyResult<PyReadonlyArray1<'py, f64>> {
+pub fn vector<'py>(
+    value: &Bound<'py, PyAny>,
+    name: &str,
+    n: Option<usize>,
+) -> PyResult<PyReadonlyArray1<'py, f64>> {
     let array = contiguous(value, name)?;
     let vector = array
         .cast::<PyArray1<f64>>()
@@ -100,12 +130,20 @@ fn finite(values: &[f64], name: &str, n_columns: usize) -> PyResult<()> {
 }
 
 /// Hands a row-major buffer to numpy as a 2-D array, without a copy.
-pub fn to_matrix(py: Python<'_>, values: Vec<f64>, n_columns: usize) -> PyResult<Bound<'_, PyArray2<f64>>> {
+pub fn to_matrix(
+    py: Python<'_>,
+    values: Vec<f64>,
+    n_columns: usize,
+) -> PyResult<Bound<'_, PyArray2<f64>>> {
     let rows = values.len().checked_div(n_columns).unwrap_or(0);
     PyArray1::from_vec(py, values).reshape([rows, n_columns])
 }
 
 /// Hands a row-major buffer to numpy as a 3-D array, without a copy.
-pub fn to_cube(py: Python<'_>, values: Vec<f64>, shape: [usize; 3]) -> PyResult<Bound<'_, PyArray3<f64>>> {
+pub fn to_cube(
+    py: Python<'_>,
+    values: Vec<f64>,
+    shape: [usize; 3],
+) -> PyResult<Bound<'_, PyArray3<f64>>> {
     PyArray1::from_vec(py, values).reshape(shape)
 }

@@ -101,26 +101,44 @@ impl PyBaseParameters {
     }
 
     /// Columns of the base parameters: the last axis goes from 10 n_links to n_base.
-    fn reduce<'py>(&self, py: Python<'py>, regressor: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
+    fn reduce<'py>(
+        &self,
+        py: Python<'py>,
+        regressor: &Bound<'py, PyAny>,
+    ) -> PyResult<Bound<'py, PyAny>> {
         py.import("numpy")?
             .call_method1("take", (regressor, self.pivots(py), -1))
     }
 
     /// Base parameters of a full set: `phi[pivots] + beta phi[dependent]`.
-    fn project<'py>(&self, py: Python<'py>, phi: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyArray1<f64>>> {
+    fn project<'py>(
+        &self,
+        py: Python<'py>,
+        phi: &Bound<'py, PyAny>,
+    ) -> PyResult<Bound<'py, PyArray1<f64>>> {
         let phi = arrays::vector(phi, "phi", Some(self.n_standard))?;
         let phi = phi.as_slice()?;
         let n_dependent = self.base.dependent.len();
         let project = |(i, &pivot): (usize, &usize)| {
             let row = &self.base.beta[i * n_dependent..(i + 1) * n_dependent];
-            let regrouped = row.iter().zip(&self.base.dependent).map(|(beta, &k)| beta * phi[k]);
+            let regrouped = row
+                .iter()
+                .zip(&self.base.dependent)
+                .map(|(beta, &k)| beta * phi[k]);
             phi[pivot] + regrouped.sum::<f64>()
         };
-        Ok(PyArray1::from_iter(py, self.base.pivots.iter().enumerate().map(project)))
+        Ok(PyArray1::from_iter(
+            py,
+            self.base.pivots.iter().enumerate().map(project),
+        ))
     }
 
     /// Full set with the same torque: base values in the pivot places, zeros elsewhere.
-    fn lift<'py>(&self, py: Python<'py>, phi_base: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyArray1<f64>>> {
+    fn lift<'py>(
+        &self,
+        py: Python<'py>,
+        phi_base: &Bound<'py, PyAny>,
+    ) -> PyResult<Bound<'py, PyArray1<f64>>> {
         let phi_base = arrays::vector(phi_base, "phi_base", Some(self.base.pivots.len()))?;
         let mut phi = vec![0.0; self.n_standard];
         for (&pivot, value) in self.base.pivots.iter().zip(phi_base.as_slice()?) {

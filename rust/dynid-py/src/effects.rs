@@ -1,6 +1,8 @@
 //! Effects in Python: their shapes; columns are evaluated in Rust.
 
-use dynid_core::effects::{friction_columns, Effect, Friction, RotorInertia, TorqueOffset, N_FRICTION};
+use dynid_core::effects::{
+    friction_columns, Effect, Friction, RotorInertia, TorqueOffset, N_FRICTION,
+};
 use numpy::PyArray2;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;

@@ -50,7 +50,11 @@ fn os_error(source: &io::Error, path: &str) -> PyErr {
     match source.raw_os_error() {
         Some(code) => {
             let text = source.to_string();
-            let text = text.split(" (os error").next().unwrap_or_default().to_owned();
+            let text = text
+                .split(" (os error")
+                .next()
+                .unwrap_or_default()
+                .to_owned();
             PyOSError::new_err((code, text, path.to_owned()))
         }
         None => PyOSError::new_err(format!("{path}: {source}")),

@@ -18,8 +18,14 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add("__version__", env!("CARGO_PKG_VERSION"))?;
     m.add("UrdfError", py.get_type::<errors::UrdfError>())?;
     m.add("FormatError", py.get_type::<errors::FormatError>())?;
-    m.add("LINK_PARAMETER_NAMES", dynid_core::link_params::NAMES.to_vec())?;
-    m.add("FRICTION_NAMES", dynid_core::effects::FRICTION_NAMES.to_vec())?;
+    m.add(
+        "LINK_PARAMETER_NAMES",
+        dynid_core::link_params::NAMES.to_vec(),
+    )?;
+    m.add(
+        "FRICTION_NAMES",
+        dynid_core::effects::FRICTION_NAMES.to_vec(),
+    )?;
     m.add_class::<robot::PyRobotModel>()?;
     m.add_class::<base::PyBaseParameters>()?;
     m.add_class::<effects::PyEffect>()?;

@@ -7,7 +7,12 @@ use pyo3::prelude::*;
 use crate::{arrays, errors};
 
 /// Conditional mean and variance of the last dimension of a Gaussian mixture given the others (Eqs. 31-39).
-#[pyclass(name = "GaussianMixtureRegression", module = "dynid_rs", frozen, from_py_object)]
+#[pyclass(
+    name = "GaussianMixtureRegression",
+    module = "dynid_rs",
+    frozen,
+    from_py_object
+)]
 #[derive(Clone)]
 pub struct PyGaussianMixtureRegression(pub GaussianMixtureRegression);
 
@@ -21,8 +26,10 @@ impl PyGaussianMixtureRegression {
         means: &Bound<'_, PyAny>,
         covariances: &Bound<'_, PyAny>,
     ) -> PyResult<Self> {
-        let weights = arrays::vector(weights, "weights", None)?.as_slice()?.to_vec();
-        let width = means.getattr("shape")?.get_item(1)?.extract::<usize>()?;
+        let weights = arrays::vector(weights, "weights", None)?
+            .as_slice()?
+            .to_vec();
+        let width = arrays::width(means, "means")?;
         let means = arrays::matrix(means, "means", width)?.as_slice()?.to_vec();
         let flat = covariances.call_method1("reshape", (-1, width * width))?;
         let covariances = arrays::matrix(&flat, "covariances", width * width)?
@@ -44,11 +51,18 @@ impl PyGaussianMixtureRegression {
                 .map(|p| (p.mean, p.variance))
                 .unzip()
         });
-        Ok((PyArray1::from_vec(py, mean), PyArray1::from_vec(py, variance)))
+        Ok((
+            PyArray1::from_vec(py, mean),
+            PyArray1::from_vec(py, variance),
+        ))
     }
 
     /// Responsibilities at `u` (n_samples, n_inputs): (n_samples, n_components).
-    fn responsibilities<'py>(&self, py: Python<'py>, u: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    fn responsibilities<'py>(
+        &self,
+        py: Python<'py>,
+        u: &Bound<'py, PyAny>,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let (d, k) = (self.0.n_inputs(), self.0.weights().len());
         let u = arrays::matrix(u, "u", d)?;
         let mut h = vec![0.0; u.shape()[0] * k];

@@ -4,7 +4,9 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use dynid_core::model::TorqueModelParts;
-use dynid_core::{Domain, EffectTerm, Residual, ResidualInputs, State, TorqueEstimator, TorqueModel};
+use dynid_core::{
+    Domain, EffectTerm, Residual, ResidualInputs, State, TorqueEstimator, TorqueModel,
+};
 use dynid_offline::batch;
 use dynid_offline::observation::slice_state;
 use numpy::{PyArray1, PyArray2, PyArray3, PyUntypedArrayMethods};
@@ -42,7 +44,10 @@ fn inputs_named(name: &str) -> PyResult<ResidualInputs> {
 impl PyTorqueModel {
     #[new]
     #[pyo3(signature = (robot, phi, effects, *, residual=None, torque_scale=None, encoder_delay, noise_std, domain, torque_unit="N*m"))]
-    #[expect(clippy::too_many_arguments, reason = "a keyword constructor; the parts are the model")]
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "a keyword constructor; the parts are the model"
+    )]
     fn new(
         robot: &PyRobotModel,
         phi: &Bound<'_, PyAny>,
@@ -72,7 +77,9 @@ impl PyTorqueModel {
         let (q, dq, ddq) = domain;
         TorqueModel::new(TorqueModelParts {
             robot: (*robot.0).clone(),
-            phi: arrays::vector(phi, "phi", Some(10 * n))?.as_slice()?.to_vec(),
+            phi: arrays::vector(phi, "phi", Some(10 * n))?
+                .as_slice()?
+                .to_vec(),
             torque_scale: torque_scale.unwrap_or_else(|| vec![1.0; n]),
             effects,
             residual,
@@ -87,12 +94,15 @@ impl PyTorqueModel {
 
     #[staticmethod]
     fn load(py: Python<'_>, path: PathBuf) -> PyResult<Self> {
-        let model = py.detach(|| dynid_io::load(&path)).map_err(errors::model_file)?;
+        let model = py
+            .detach(|| dynid_io::load(&path))
+            .map_err(errors::model_file)?;
         Ok(Self(Arc::new(model)))
     }
 
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
-        py.detach(|| dynid_io::save(&self.0, &path)).map_err(errors::model_file)
+        py.detach(|| dynid_io::save(&self.0, &path))
+            .map_err(errors::model_file)
     }
 
     /// Total (n_samples, n), terms (n_samples, n_terms, n) and status bits (n_samples,) by the estimator that runs online.
@@ -161,12 +171,16 @@ impl PyTorqueModel {
 
     /// Effects with their coefficients (n_joints, n_columns), in order of summation.
     #[getter]
-    fn effects<'py>(&self, py: Python<'py>) -> PyResult<Vec<(PyEffect, Bound<'py, PyArray2<f64>>)>> {
+    fn effects<'py>(
+        &self,
+        py: Python<'py>,
+    ) -> PyResult<Vec<(PyEffect, Bound<'py, PyArray2<f64>>)>> {
         self.0
             .effects()
             .iter()
             .map(|term| {
-                let coefficients = arrays::to_matrix(py, term.coefficients().to_vec(), term.effect().n_columns())?;
+                let coefficients =
+                    arrays::to_matrix(py, term.coefficients().to_vec(), term.effect().n_columns())?;
                 Ok((PyEffect(term.effect().clone()), coefficients))
             })
             .collect()
@@ -177,7 +191,9 @@ impl PyTorqueModel {
     fn residual(&self) -> Option<(&'static str, Mixtures)> {
         self.0.residual().map(|residual| {
             let mixtures = residual.joints().iter();
-            let mixtures = mixtures.map(|m| m.clone().map(PyGaussianMixtureRegression)).collect();
+            let mixtures = mixtures
+                .map(|m| m.clone().map(PyGaussianMixtureRegression))
+                .collect();
             (residual.inputs().name(), mixtures)
         })
     }
@@ -230,9 +246,14 @@ pub fn residual_inputs<'py>(
     dq_motor: &Bound<'py, PyAny>,
 ) -> PyResult<Bound<'py, PyArray3<f64>>> {
     let inputs = inputs_named(inputs)?;
-    let n = q.getattr("shape")?.get_item(1)?.extract::<usize>()?;
+    let n = arrays::width(q, "q")?;
     let signals = arrays::samples(
-        [("q", q), ("dq", dq), ("q_motor", q_motor), ("dq_motor", dq_motor)],
+        [
+            ("q", q),
+            ("dq", dq),
+            ("q_motor", q_motor),
+            ("dq_motor", dq_motor),
+        ],
         n,
     )?;
     let [q, dq, q_motor, dq_motor] = &signals;
@@ -277,5 +298,8 @@ pub fn align_link_side<'py>(
         [q_aligned[k], dq_aligned[k]] =
             dynid_core::state::align_link_side(q[k], dq[k], ddq[k], delay[k % n]);
     }
-    Ok((arrays::to_matrix(py, q_aligned, n)?, arrays::to_matrix(py, dq_aligned, n)?))
+    Ok((
+        arrays::to_matrix(py, q_aligned, n)?,
+        arrays::to_matrix(py, dq_aligned, n)?,
+    ))
 }

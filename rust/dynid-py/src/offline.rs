@@ -4,7 +4,7 @@ use dynid_core::effects::{friction_columns, N_FRICTION};
 use dynid_core::State;
 use dynid_offline::filter::LANES;
 use dynid_offline::{RunStates, Sampling, ZeroPhase};
-use numpy::{PyArray2, PyArrayMethods, PyReadonlyArray2, PyUntypedArrayMethods};
+use numpy::PyArray2;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
@@ -13,18 +13,20 @@ use crate::robot::PyRobotModel;
 use crate::{arrays, errors};
 
 /// `(sections, steady state, padding)` as `scipy.signal.butter` and `sosfilt_zi` give them; `None` filters nothing.
-type FilterParts<'py> = Option<(PyReadonlyArray2<'py, f64>, PyReadonlyArray2<'py, f64>, usize)>;
+type FilterParts<'py> = Option<(Bound<'py, PyAny>, Bound<'py, PyAny>, usize)>;
 
 fn sampling(filter: FilterParts<'_>, kept: Vec<usize>) -> PyResult<Sampling> {
     let filter = match filter {
         None => ZeroPhase::default(),
         Some((sections, steady, pad)) => {
-            if sections.shape()[1] != 6 || steady.shape()[1] != 2 {
-                return Err(PyValueError::new_err("filter sections need 6 columns, their steady state 2"));
-            }
-            let sections = sections.to_vec()?;
-            let steady = steady.to_vec()?;
-            ZeroPhase::new(sections.as_chunks::<6>().0, steady.as_chunks::<2>().0, pad).map_err(errors::offline)?
+            let sections = arrays::matrix(&sections, "filter sections", 6)?;
+            let steady = arrays::matrix(&steady, "steady state of the filter", 2)?;
+            ZeroPhase::new(
+                sections.as_slice()?.as_chunks::<6>().0,
+                steady.as_slice()?.as_chunks::<2>().0,
+                pad,
+            )
+            .map_err(errors::offline)?
         }
     };
     Ok(Sampling { filter, kept })
@@ -33,7 +35,10 @@ fn sampling(filter: FilterParts<'_>, kept: Vec<usize>) -> PyResult<Sampling> {
 /// Filtered, decimated rows of every joint: a list of (n_rows, n_columns) arrays.
 #[pyfunction]
 #[pyo3(signature = (robot, effects, pivots, q, dq, ddq, q_motor, dq_motor, ddq_motor, tau, *, filter=None, kept))]
-#[expect(clippy::too_many_arguments, reason = "a run's seven signals and the plan")]
+#[expect(
+    clippy::too_many_arguments,
+    reason = "a run's seven signals and the plan"
+)]
 pub fn observe<'py>(
     py: Python<'py>,
     robot: &PyRobotModel,
@@ -103,7 +108,9 @@ pub fn filtered_friction_basis<'py>(
     let dq = dq.as_slice()?;
     let sampling = sampling(filter, kept)?;
     if dq.len() < sampling.filter.min_samples() || sampling.kept.iter().any(|&k| k >= dq.len()) {
-        return Err(PyValueError::new_err("dq is too short for the filter or for the kept samples"));
+        return Err(PyValueError::new_err(
+            "dq is too short for the filter or for the kept samples",
+        ));
     }
     let rows = py.detach(|| {
         let mut columns: Vec<_> = dq
@@ -118,24 +125,37 @@ pub fn filtered_friction_basis<'py>(
 
 /// R with `R.T @ R == A.T @ A`, (width, width), upper triangular, non-negative diagonal.
 #[pyfunction]
-pub fn triangular_factor<'py>(py: Python<'py>, rows: PyReadonlyArray2<'py, f64>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-    let width = rows.shape()[1];
-    let rows = rows.to_vec()?;
+pub fn triangular_factor<'py>(
+    py: Python<'py>,
+    rows: &Bound<'py, PyAny>,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let width = arrays::width(rows, "rows")?;
+    let rows = arrays::matrix(rows, "rows", width)?;
+    let rows = rows.as_slice()?;
     let factor = py
-        .detach(|| dynid_offline::triangular_factor(&rows, width))
+        .detach(|| dynid_offline::triangular_factor(rows, width))
         .map_err(errors::offline)?;
     arrays::to_matrix(py, factor, width)
 }
 
 /// R of several factors stacked, merged in a fixed tree.
 #[pyfunction]
-pub fn merge_factors<'py>(py: Python<'py>, factors: Vec<PyReadonlyArray2<'py, f64>>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-    let width = factors
+pub fn merge_factors<'py>(
+    py: Python<'py>,
+    factors: Vec<Bound<'py, PyAny>>,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let first = factors
         .first()
-        .map(|f| f.shape()[1])
         .ok_or_else(|| PyValueError::new_err("no factor to merge"))?;
-    let parts = factors.iter().map(|f| f.to_vec()).collect::<Result<Vec<_>, _>>()?;
-    let slices: Vec<&[f64]> = parts.iter().map(Vec::as_slice).collect();
+    let width = arrays::width(first, "factor")?;
+    let parts = factors
+        .iter()
+        .map(|factor| arrays::matrix(factor, "factor", width))
+        .collect::<PyResult<Vec<_>>>()?;
+    let slices = parts
+        .iter()
+        .map(|part| part.as_slice())
+        .collect::<Result<Vec<_>, _>>()?;
     let factor = py
         .detach(|| dynid_offline::merge(&slices, width))
         .map_err(errors::offline)?;

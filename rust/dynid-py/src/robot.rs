@@ -18,7 +18,11 @@ use crate::{arrays, errors};
 pub struct PyRobotModel(pub Arc<RobotModel>);
 
 impl PyRobotModel {
-    fn per_joint<'py>(&self, py: Python<'py>, value: impl Fn(&Joint) -> f64) -> Bound<'py, PyArray1<f64>> {
+    fn per_joint<'py>(
+        &self,
+        py: Python<'py>,
+        value: impl Fn(&Joint) -> f64,
+    ) -> Bound<'py, PyArray1<f64>> {
         PyArray1::from_iter(py, self.0.joints().iter().map(value))
     }
 }
@@ -50,7 +54,9 @@ impl PyRobotModel {
         rotor_inertia: Option<Vec<f64>>,
     ) -> PyResult<Self> {
         let options = options(base, tip, gravity, rotor_inertia);
-        let robot = py.detach(|| urdf::load(&path, &options)).map_err(errors::urdf)?;
+        let robot = py
+            .detach(|| urdf::load(&path, &options))
+            .map_err(errors::urdf)?;
         Ok(Self(Arc::new(robot)))
     }
 
@@ -161,7 +167,9 @@ impl PyRobotModel {
         let n = self.0.n_joints();
         let [q, dq, ddq] = arrays::samples([("q", q), ("dq", dq), ("ddq", ddq)], n)?;
         let phi = match phi {
-            Some(phi) => arrays::vector(phi, "phi", Some(10 * n))?.as_slice()?.to_vec(),
+            Some(phi) => arrays::vector(phi, "phi", Some(10 * n))?
+                .as_slice()?
+                .to_vec(),
             None => self.0.phi(),
         };
         let mut tau = vec![0.0; q.len()];
@@ -201,7 +209,12 @@ impl PyRobotModel {
     }
 
     #[pyo3(signature = (random_state=0, rtol=1e-9))]
-    fn base_parameters(&self, py: Python<'_>, random_state: u64, rtol: f64) -> PyResult<PyBaseParameters> {
+    fn base_parameters(
+        &self,
+        py: Python<'_>,
+        random_state: u64,
+        rtol: f64,
+    ) -> PyResult<PyBaseParameters> {
         let base = py
             .detach(|| dynid_offline::base_parameters(&self.0, random_state, rtol))
             .map_err(errors::offline)?;
@@ -209,6 +222,10 @@ impl PyRobotModel {
     }
 
     fn __repr__(&self) -> String {
-        format!("RobotModel({:?}, n_joints={})", self.0.name(), self.0.n_joints())
+        format!(
+            "RobotModel({:?}, n_joints={})",
+            self.0.name(),
+            self.0.n_joints()
+        )
     }
 }

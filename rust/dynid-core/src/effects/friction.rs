@@ -63,7 +63,11 @@ impl Friction {
     pub fn check(&self, n_joints: usize) -> Result<(), CoreError> {
         for (what, values, least) in [
             ("velocity_threshold", &self.velocity_threshold, 0.0),
-            ("transition_width", &self.transition_width, f64::MIN_POSITIVE),
+            (
+                "transition_width",
+                &self.transition_width,
+                f64::MIN_POSITIVE,
+            ),
         ] {
             crate::dynamics::check_length(what, values, n_joints)?;
             if !values.iter().all(|x| x.is_finite() && *x >= least) {

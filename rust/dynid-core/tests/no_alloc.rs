@@ -1,0 +1,175 @@
+//! The estimator allocates nothing after `new`: a counting allocator watches ten thousand steps.
+
+#![allow(unsafe_code)] // a global allocator cannot be written without
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
+use std::hint::black_box;
+use std::sync::Arc;
+
+use dynid_core::effects::{Friction, RotorInertia, TorqueOffset};
+use dynid_core::model::TorqueModelParts;
+use dynid_core::{
+    Domain, Effect, EffectTerm, GaussianMixtureRegression, Joint, JointKind, JointLimits, Residual,
+    ResidualInputs, RobotModel, State, Status, TorqueEstimator, TorqueModel,
+};
+use nalgebra::{Rotation3, Vector3};
+
+/// The system's allocator, counting this thread's calls (the test harness allocates on others).
+struct Counting;
+
+thread_local! {
+    static CALLS: Cell<u64> = const { Cell::new(0) };
+}
+
+fn count() {
+    CALLS.with(|calls| calls.set(calls.get() + 1));
+}
+
+// SAFETY: every call is handed to `System` as it came; counting touches a thread-local without destructor, which does
+// not allocate.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        count();
+        System.alloc(layout)
+    }
+
+    unsafe fn alloc_zeroed(&self, layout: Layout) -> *mut u8 {
+        count();
+        System.alloc_zeroed(layout)
+    }
+
+    unsafe fn realloc(&self, pointer: *mut u8, layout: Layout, size: usize) -> *mut u8 {
+        count();
+        System.realloc(pointer, layout, size)
+    }
+
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        count();
+        System.dealloc(pointer, layout);
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+const N: usize = 6;
+const STEPS: usize = 10_000;
+
+fn robot() -> RobotModel {
+    let joints = (0..N)
+        .map(|j| Joint {
+            name: format!("joint {j}"),
+            link: format!("link {j}"),
+            kind: if j == 2 {
+                JointKind::Prismatic
+            } else {
+                JointKind::Revolute
+            },
+            rotation: Rotation3::from_euler_angles(0.3 * j as f64, -0.2, 0.5).into_inner(),
+            translation: Vector3::new(0.1, -0.2, 0.3),
+            axis: Vector3::z(),
+            limits: JointLimits::default(),
+            rotor_inertia: 0.0,
+            phi: [2.0, 0.3, -0.1, 0.5, 0.7, 0.02, 0.9, -0.05, 0.04, 1.1],
+        })
+        .collect();
+    RobotModel::new("arm".to_owned(), joints, Vector3::new(0.0, 0.0, -9.81)).unwrap()
+}
+
+fn model(inputs: ResidualInputs) -> TorqueModel {
+    let mixture = GaussianMixtureRegression::new(
+        2,
+        vec![0.5, 0.3, 0.2],
+        vec![0.0, 0.0, 0.1, 0.5, -0.5, 0.2, -0.5, 0.5, -0.3],
+        [[0.2, 0.0, 0.05, 0.0, 0.2, 0.0, 0.05, 0.0, 0.1]; 3].concat(),
+    )
+    .unwrap();
+    let term = |effect: Effect| {
+        let coefficients = vec![0.5; N * effect.n_columns()];
+        EffectTerm::new(effect, coefficients, N).unwrap()
+    };
+    let friction = Effect::Friction(Friction {
+        velocity_threshold: vec![0.05; N],
+        transition_width: vec![0.01; N],
+    });
+    let robot = robot();
+    TorqueModel::new(TorqueModelParts {
+        phi: robot.phi(),
+        robot,
+        torque_scale: vec![1.5; N],
+        effects: vec![
+            term(Effect::RotorInertia(RotorInertia)),
+            term(Effect::TorqueOffset(TorqueOffset)),
+            term(friction),
+        ],
+        residual: Some(Residual::new(inputs, vec![Some(mixture); N]).unwrap()),
+        encoder_delay: vec![0.003; N],
+        noise_std: vec![0.1; N],
+        domain: Domain {
+            q: vec![[-1.0, 1.0]; N],
+            dq: vec![1.0; N],
+            ddq: vec![1.0; N],
+        },
+        torque_unit: "N*m".to_owned(),
+    })
+    .unwrap()
+}
+
+#[test]
+fn ten_thousand_steps_allocate_nothing() {
+    for inputs in [ResidualInputs::Deflection, ResidualInputs::JointState] {
+        let mut estimator = TorqueEstimator::new(Arc::new(model(inputs)));
+        let mut seen = [0usize; 4]; // good, bad, outside of the box, faded
+        let (mut signals, mut tau) = ([[0.0; N]; 6], [0.0; N]);
+
+        let before = CALLS.with(Cell::get);
+        for step in 0..STEPS {
+            for (k, signal) in signals.iter_mut().enumerate() {
+                for (j, x) in signal.iter_mut().enumerate() {
+                    let phase = 0.01 * step as f64 + (k % 3) as f64 + 0.7 * j as f64;
+                    *x = phase.sin() + if k < 3 { 0.0 } else { 0.05 }; // deflection of the motor side
+                }
+            }
+            match step % 50 {
+                10 => signals[step / 50 % 6][step % N] = f64::NAN,
+                20 => signals[step / 50 % 6][step % N] = f64::INFINITY,
+                30 => signals[4][step % N] = 1e300,
+                40 => {
+                    signals[0][step % N] = 2.0; // outside of the box
+                    signals[3][step % N] = 1e6; // far from the mixture's data
+                }
+                _ => {}
+            }
+            let [q, dq, ddq, q_motor, dq_motor, ddq_motor] = &signals;
+            let state = State {
+                q,
+                dq,
+                ddq,
+                q_motor,
+                dq_motor,
+                ddq_motor,
+            };
+            let status = estimator.estimate_into(black_box(&state), &mut tau);
+            let status = black_box(status).unwrap_or(Status::NON_FINITE);
+            seen[0] += usize::from(status == Status::OK);
+            seen[1] += usize::from(status.contains(Status::NON_FINITE));
+            seen[2] += usize::from(status.contains(Status::OUTSIDE_DOMAIN));
+            seen[3] += usize::from(status.contains(Status::RESIDUAL_FADED));
+            // A wrong length is reported without allocating either.
+            let _ = black_box(estimator.estimate_into(&state, &mut tau[1..]));
+        }
+        let after = CALLS.with(Cell::get);
+
+        assert_eq!(after - before, 0, "{inputs:?}");
+        assert!(seen.iter().all(|count| *count > 0), "{inputs:?}: {seen:?}");
+        assert_eq!(seen[1], STEPS / 50 * 3, "{inputs:?}");
+    }
+}
+
+#[test]
+fn the_counter_counts() {
+    let before = CALLS.with(Cell::get);
+    drop(black_box(vec![1.0; 100]));
+    assert_eq!(CALLS.with(Cell::get) - before, 2);
+}

@@ -1,0 +1,150 @@
+//! What a model is, for people and for machines.
+
+use std::fmt::Write;
+
+use dynid_core::{JointKind, TorqueModel};
+use serde_json::json;
+
+use crate::output::distinct;
+
+fn kind_name(kind: JointKind) -> &'static str {
+    match kind {
+        JointKind::Revolute => "revolute",
+        JointKind::Prismatic => "prismatic",
+    }
+}
+
+/// Unit of a position.
+fn unit(kind: JointKind) -> &'static str {
+    match kind {
+        JointKind::Revolute => "rad",
+        JointKind::Prismatic => "m",
+    }
+}
+
+/// Joints whose torque the third loop corrects.
+fn residual_joints(model: &TorqueModel) -> Vec<&str> {
+    let Some(residual) = model.residual() else {
+        return Vec::new();
+    };
+    let joints = model.robot().joints().iter().zip(residual.joints());
+    joints
+        .filter(|(_, mixture)| mixture.is_some())
+        .map(|(joint, _)| joint.name.as_str())
+        .collect()
+}
+
+/// For people.
+pub fn text(model: &TorqueModel) -> String {
+    let robot = model.robot();
+    let mut text = String::new();
+    let mut line = |name: &str, value: &str| {
+        // Writing to a string does not fail.
+        let _ = writeln!(text, "{name:<13} {value}");
+    };
+    line(
+        "robot",
+        &format!("{}, {} joints", robot.name(), robot.n_joints()),
+    );
+    let gravity = robot.gravity();
+    line(
+        "gravity",
+        &format!("{} {} {} m/s^2", gravity.x, gravity.y, gravity.z),
+    );
+    line("torque unit", model.torque_unit());
+    line("terms", &distinct(&model.term_names()).join(" + "));
+    if let Some(residual) = model.residual() {
+        let joints = residual_joints(model).join(", ");
+        line(
+            "residual",
+            &format!("of {}, on {joints}", residual.inputs().name()),
+        );
+    }
+    text.push_str("\ntrained on\n");
+    text.push_str(&table(model));
+    text
+}
+
+/// One row per joint: the domain, the channel delay and the noise.
+fn table(model: &TorqueModel) -> String {
+    let header = [
+        "",
+        "joint",
+        "",
+        "position",
+        "",
+        "speed up to",
+        "acceleration up to",
+        "encoder delay",
+        "noise (std)",
+    ];
+    let mut rows = vec![header.map(str::to_owned)];
+    let domain = model.domain();
+    for (j, joint) in model.robot().joints().iter().enumerate() {
+        let [low, high] = domain.q[j];
+        let unit = unit(joint.kind);
+        rows.push([
+            j.to_string(),
+            joint.name.clone(),
+            kind_name(joint.kind).to_owned(),
+            format!("{low:.4} to {high:.4}"),
+            unit.to_owned(),
+            format!("{:.4} {unit}/s", domain.dq[j]),
+            format!("{:.4} {unit}/s^2", domain.ddq[j]),
+            format!("{:.4} ms", 1e3 * model.encoder_delay()[j]),
+            format!("{:.4} {}", model.noise_std()[j], model.torque_unit()),
+        ]);
+    }
+    let widths: Vec<usize> = (0..header.len())
+        .map(|k| {
+            rows.iter()
+                .map(|row| row[k].chars().count())
+                .max()
+                .unwrap_or(0)
+        })
+        .collect();
+    let mut text = String::new();
+    for row in rows {
+        let cells: Vec<String> = row
+            .iter()
+            .zip(&widths)
+            .map(|(cell, width)| format!("{cell:<width$}"))
+            .collect();
+        text.push_str(cells.join("  ").trim_end());
+        text.push('\n');
+    }
+    text
+}
+
+/// For machines.
+pub fn json(model: &TorqueModel) -> String {
+    let robot = model.robot();
+    let domain = model.domain();
+    let joints: Vec<_> = robot
+        .joints()
+        .iter()
+        .enumerate()
+        .map(|(j, joint)| {
+            json!({
+                "name": joint.name,
+                "kind": kind_name(joint.kind),
+                "domain": {"q": domain.q[j], "dq": domain.dq[j], "ddq": domain.ddq[j]},
+                "encoder_delay": model.encoder_delay()[j],
+                "noise_std": model.noise_std()[j],
+                "torque_scale": model.torque_scale()[j],
+            })
+        })
+        .collect();
+    let residual = model.residual().map(
+        |residual| json!({"inputs": residual.inputs().name(), "joints": residual_joints(model)}),
+    );
+    let info = json!({
+        "robot": robot.name(),
+        "gravity": robot.gravity().as_slice(),
+        "torque_unit": model.torque_unit(),
+        "terms": distinct(&model.term_names()),
+        "residual": residual,
+        "joints": joints,
+    });
+    format!("{info:#}\n")
+}

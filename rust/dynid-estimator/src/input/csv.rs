@@ -1,0 +1,301 @@
+//! States as CSV: a header that says which column is which signal of which joint, then rows.
+
+use std::collections::HashMap;
+use std::io::Read;
+
+use dynid_core::RobotModel;
+
+use super::cells::{delimiter_of, number, Cells};
+use super::{shown, Fault, Lines};
+use crate::frame::{Frame, Present, NAMES, N_NEEDED, N_SIGNALS, TIME_NAMES};
+use crate::stop::Stop;
+
+/// What a column holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Column {
+    Ignored,
+    Time,
+    Value { signal: usize, joint: usize },
+}
+
+/// The columns of a stream.
+#[derive(Debug)]
+pub struct Columns {
+    delimiter: u8,
+    names: Vec<String>,
+    columns: Vec<Column>,
+}
+
+impl Columns {
+    /// Reads the header; comments (`#`) may stand before it. Where numbers follow a comment directly, the comment is the
+    /// header, as numpy.savetxt writes it.
+    ///
+    /// # Errors
+    /// [`Stop`] if the columns do not fit the robot.
+    pub fn read<R: Read>(
+        lines: &mut Lines<R>,
+        robot: &RobotModel,
+        frame: &mut Frame,
+    ) -> Result<Self, Stop> {
+        let mut comment = None;
+        let header = loop {
+            if !lines.advance()? {
+                break comment.unwrap_or_default();
+            }
+            let line = lines.line();
+            if let Some(text) = line.strip_prefix(b"#") {
+                comment = Some(text.trim_ascii().to_vec());
+                continue;
+            }
+            match comment {
+                Some(comment) if starts_with_number(line, &comment) => {
+                    lines.hold();
+                    break comment;
+                }
+                _ => break line.to_vec(),
+            }
+        };
+        let joints: Vec<&str> = robot.joints().iter().map(|joint| &*joint.name).collect();
+        let (columns, present) =
+            Self::from_header(&header, &joints).map_err(|fault| lines.fault(&fault))?;
+        frame.set_present(present);
+        Ok(columns)
+    }
+
+    fn from_header(header: &[u8], joints: &[&str]) -> Result<(Self, Present), Fault> {
+        let delimiter = delimiter_of(header);
+        let names = Cells::new(header, delimiter)
+            .map(|cell| cell.map(|cell| String::from_utf8_lossy(cell).into_owned()))
+            .collect::<Result<Vec<_>, _>>()
+            .map_err(|_| Fault::line("a quote in the header is not closed"))?;
+        if names.iter().all(|name| number(name.as_bytes()).is_some()) {
+            return Err(Fault::line(format!(
+                "found numbers, expected a header such as t,q_0,...,dq_0,...,ddq_0,... (found {})",
+                shown(header)
+            )));
+        }
+        let meanings = meanings(joints);
+        let columns = names
+            .iter()
+            .map(|name| match meanings.get(name.as_str()).map(Vec::as_slice) {
+                None => Ok(Column::Ignored),
+                Some([column]) => Ok(*column),
+                Some(_) => Err(Fault::cell(
+                    name,
+                    "can mean two joints, because joints are named like numbers or signals; name the columns differently",
+                )),
+            })
+            .collect::<Result<Vec<_>, _>>()?;
+        refuse_twice(&names, &columns)?;
+        let present = present(&columns, joints)?;
+        refuse_more_joints(&names, &columns, joints)?;
+        let columns = Self {
+            delimiter,
+            names,
+            columns,
+        };
+        Ok((columns, present))
+    }
+
+    /// Reads one row; cells of ignored columns may hold anything.
+    ///
+    /// # Errors
+    /// [`Fault`] if a cell is not a number or the number of cells is wrong.
+    pub fn parse(&self, line: &[u8], frame: &mut Frame) -> Result<(), Fault> {
+        let n_columns = self.columns.len();
+        let mut n_cells = 0;
+        for cell in Cells::new(line, self.delimiter) {
+            let cell = cell.map_err(|_| Fault::line("a quote is not closed"))?;
+            let column = self.columns.get(n_cells).ok_or_else(|| {
+                Fault::line(format!(
+                    "has more than {n_columns} cells, expected one for each column of the header"
+                ))
+            })?;
+            let value = || number(cell).ok_or_else(|| self.no_number(n_cells, cell));
+            match *column {
+                Column::Ignored => {}
+                Column::Time => frame.time = value()?,
+                Column::Value { signal, joint } => *frame.value_mut(signal, joint) = value()?,
+            }
+            n_cells += 1;
+        }
+        match self.names.get(n_cells) {
+            None => Ok(()),
+            Some(name) => Err(Fault::cell(
+                name,
+                format!("missing: {n_cells} cells, expected {n_columns}; the line may be cut off"),
+            )),
+        }
+    }
+
+    fn no_number(&self, column: usize, cell: &[u8]) -> Fault {
+        let sentence = if cell.is_empty() {
+            "the cell is empty, expected a number (nan where there is none)".to_owned()
+        } else {
+            format!("found {}, expected a number", shown(cell))
+        };
+        Fault::cell(&self.names[column], sentence)
+    }
+}
+
+fn starts_with_number(line: &[u8], header: &[u8]) -> bool {
+    Cells::new(line, delimiter_of(header))
+        .next()
+        .and_then(Result::ok)
+        .is_some_and(|cell| number(cell).is_some())
+}
+
+/// Every name that a column can have, with what it can mean.
+fn meanings(joints: &[&str]) -> HashMap<String, Vec<Column>> {
+    let mut meanings: HashMap<String, Vec<Column>> = HashMap::new();
+    let mut add = |name: String, column| {
+        let known = meanings.entry(name).or_default();
+        if !known.contains(&column) {
+            known.push(column);
+        }
+    };
+    for name in TIME_NAMES {
+        add(name.to_owned(), Column::Time);
+    }
+    for (signal, aliases) in NAMES.iter().enumerate() {
+        for alias in *aliases {
+            for (joint, joint_name) in joints.iter().enumerate() {
+                let column = Column::Value { signal, joint };
+                add(format!("{alias}_{joint}"), column);
+                add(format!("{alias}_{joint_name}"), column);
+            }
+        }
+    }
+    meanings
+}
+
+fn refuse_twice(names: &[String], columns: &[Column]) -> Result<(), Fault> {
+    let mut seen: HashMap<(usize, usize), &String> = HashMap::new();
+    for (name, column) in names.iter().zip(columns) {
+        let place = match *column {
+            Column::Ignored => continue,
+            Column::Time => (N_SIGNALS, 0),
+            Column::Value { signal, joint } => (signal, joint),
+        };
+        if let Some(first) = seen.insert(place, name) {
+            let sentence = format!(
+                "repeats column {}, expected each signal once",
+                shown(first.as_bytes())
+            );
+            return Err(Fault::cell(name, sentence));
+        }
+    }
+    Ok(())
+}
+
+/// Which signals are there, for all joints.
+fn present(columns: &[Column], joints: &[&str]) -> Result<Present, Fault> {
+    let mut present = Present {
+        time: columns.contains(&Column::Time),
+        ..Present::default()
+    };
+    for (signal, names) in NAMES.iter().enumerate() {
+        let has = |joint| columns.contains(&Column::Value { signal, joint });
+        let n_there = (0..joints.len()).filter(|joint| has(*joint)).count();
+        present.signals[signal] = n_there > 0;
+        let Some(joint) = (0..joints.len()).find(|joint| !has(*joint)) else {
+            continue;
+        };
+        if n_there > 0 || signal < N_NEEDED {
+            let name = names[0];
+            let reason = if signal < N_NEEDED {
+                "every state needs q, dq and ddq of every joint".to_owned()
+            } else {
+                format!("expected {name} for all joints or for none")
+            };
+            return Err(Fault::cell(
+                &format!("{name}_{joint}"),
+                format!(
+                    "missing ({name} of joint {}); {reason}",
+                    shown(joints[joint].as_bytes())
+                ),
+            ));
+        }
+    }
+    Ok(present)
+}
+
+/// A column that continues the count of joints comes from another robot.
+fn refuse_more_joints(names: &[String], columns: &[Column], joints: &[&str]) -> Result<(), Fault> {
+    let counts_on = |name: &str| {
+        let Some((signal, index)) = name.rsplit_once('_') else {
+            return false;
+        };
+        NAMES.iter().any(|aliases| aliases.contains(&signal))
+            && index
+                .parse()
+                .is_ok_and(|index: u64| index >= joints.len() as u64)
+    };
+    match names
+        .iter()
+        .zip(columns)
+        .find(|(name, column)| **column == Column::Ignored && counts_on(name))
+    {
+        None => Ok(()),
+        Some((name, _)) => Err(Fault::cell(
+            name,
+            format!(
+                "the model has {} joints, counted from 0; expected states of the same robot",
+                joints.len()
+            ),
+        )),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const ARM: [&str; 2] = ["shoulder", "elbow"];
+
+    fn fault(header: &str, joints: &[&str]) -> String {
+        Columns::from_header(header.as_bytes(), joints)
+            .unwrap_err()
+            .to_string()
+    }
+
+    #[test]
+    fn columns_are_found_by_index_name_and_alias() {
+        let header = "tau_0,time,qd_elbow,q_0,qdd_0,q_elbow,dq_0,ddq_1,qm_0,q_motor_elbow,note,";
+        let (columns, present) = Columns::from_header(header.as_bytes(), &ARM).unwrap();
+        assert!(present.time);
+        assert_eq!(present.signals, [true, true, true, true, false, false]);
+        let mut frame = Frame::new(2);
+        frame.set_present(present);
+        columns
+            .parse(b"x,7,11,0,20,1,10,21,30,31,\"a,b\",", &mut frame)
+            .unwrap();
+        assert_eq!(frame.time, 7.0);
+        assert_eq!(frame.state().q, [0.0, 1.0]);
+        assert_eq!(frame.state().dq, [10.0, 11.0]);
+        assert_eq!(frame.state().ddq, [20.0, 21.0]);
+        assert_eq!(frame.state().q_motor, [30.0, 31.0]);
+        assert_eq!(frame.state().dq_motor, [10.0, 11.0]);
+    }
+
+    #[test]
+    fn names_with_two_meanings_are_refused() {
+        let numbers = ["1", "2"];
+        assert!(fault("q_0,q_1,dq_0,dq_1,ddq_0,ddq_1", &numbers).contains("can mean two joints"));
+        assert!(fault("q_motor_0", &["motor_0", "b"]).contains("can mean two joints"));
+        assert!(Columns::from_header(b"q_0,dq_0,ddq_0", &["0"]).is_ok());
+    }
+
+    #[test]
+    fn headers_that_do_not_fit_are_refused() {
+        let valid = "q_0,q_1,dq_0,dq_1,ddq_0,ddq_1";
+        assert!(fault(&format!("{valid},q_0"), &ARM).contains("repeats column \"q_0\""));
+        assert!(fault(&format!("{valid},q_shoulder"), &ARM).contains("repeats column \"q_0\""));
+        assert!(fault(&format!("{valid},t,time"), &ARM).contains("repeats column \"t\""));
+        assert!(fault(&format!("{valid},q_motor_0"), &ARM).contains("\"q_motor_1\": missing"));
+        assert!(fault(&format!("{valid},q_2"), &ARM).contains("2 joints"));
+        assert!(fault("q_0,q_1,dq_0,dq_1", &ARM).contains("\"ddq_0\": missing"));
+        assert!(fault("0.1,0.2", &ARM).contains("found numbers"));
+        assert!(fault("\"q_0,q_1", &ARM).contains("quote"));
+    }
+}

@@ -1,0 +1,354 @@
+//! States as JSON lines: one object per state, read straight into the frame.
+
+use std::fmt;
+
+use serde::de::{self, DeserializeSeed, Deserializer, IgnoredAny, MapAccess, SeqAccess, Visitor};
+use serde::Deserialize;
+
+use super::Fault;
+use crate::frame::{Frame, Present, NAMES, N_NEEDED, TIME_NAMES};
+
+/// The objects of a stream.
+#[derive(Debug, Default)]
+pub struct Objects {
+    /// What the first object had; the others must have the same.
+    first: Option<Present>,
+    /// A line rewritten by [`nulls_for_nans`].
+    rewritten: Vec<u8>,
+}
+
+impl Objects {
+    /// Reads one object; unknown keys are ignored.
+    ///
+    /// # Errors
+    /// [`Fault`] if it is not a JSON object, a key is missing or twice, or an array does not fit.
+    pub fn parse(&mut self, line: &[u8], frame: &mut Frame) -> Result<(), Fault> {
+        let line = if memchr::memchr2(b'N', b'I', line).is_some() {
+            nulls_for_nans(line, &mut self.rewritten);
+            &self.rewritten
+        } else {
+            line
+        };
+        let mut object = serde_json::Deserializer::from_slice(line);
+        let present = Keys(frame)
+            .deserialize(&mut object)
+            .and_then(|present| object.end().map(|()| present))
+            .map_err(|error| Fault::line(one_line(&error)))?;
+        for (names, there) in NAMES.iter().zip(present.signals).take(N_NEEDED) {
+            if !there {
+                let name = names[0];
+                return Err(Fault::line(format!(
+                    "key \"{name}\" is missing, every state needs q, dq and ddq"
+                )));
+            }
+        }
+        match self.first {
+            None => {
+                self.first = Some(present);
+                frame.set_present(present);
+                Ok(())
+            }
+            Some(first) if first == present => Ok(()),
+            Some(first) => Err(Fault::line(difference(first, present))),
+        }
+    }
+}
+
+/// A signal that comes or goes would change the torque without a word.
+fn difference(first: Present, present: Present) -> String {
+    let names = NAMES.iter().map(|names| names[0]).chain([TIME_NAMES[0]]);
+    let flags = |present: Present| present.signals.into_iter().chain([present.time]);
+    let changed = names.zip(flags(first).zip(flags(present)));
+    for (name, (before, now)) in changed {
+        if before && !now {
+            return format!("key \"{name}\" is missing, the first state has it");
+        }
+        if now && !before {
+            return format!("key \"{name}\" is new, the first state does not have it");
+        }
+    }
+    String::new()
+}
+
+/// serde's words without its line number, which is always 1 here.
+fn one_line(error: &serde_json::Error) -> String {
+    let text = error.to_string();
+    let text = text.split(" at line 1 column ").next().unwrap_or_default();
+    if error.is_data() {
+        text.to_owned()
+    } else {
+        format!("not a JSON object (byte {}): {text}", error.column())
+    }
+}
+
+/// `NaN`, `Infinity` and `-Infinity`, which Python writes and JSON does not know, become `null`. The answer to all of
+/// them is the same.
+fn nulls_for_nans(line: &[u8], out: &mut Vec<u8>) {
+    out.clear();
+    let (mut at, mut in_string) = (0, false);
+    while let Some(byte) = line.get(at) {
+        let rest = &line[at..];
+        let constant = [&b"NaN"[..], b"Infinity", b"-Infinity"]
+            .into_iter()
+            .find(|constant| !in_string && rest.starts_with(constant));
+        if let Some(constant) = constant {
+            out.extend_from_slice(b"null");
+            at += constant.len();
+        } else if in_string && *byte == b'\\' {
+            out.extend(rest.iter().take(2));
+            at += 2;
+        } else {
+            in_string ^= *byte == b'"';
+            out.push(*byte);
+            at += 1;
+        }
+    }
+}
+
+/// What a key names.
+enum Key {
+    Time,
+    Signal(usize),
+    Unknown,
+}
+
+impl<'de> Deserialize<'de> for Key {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct KeyVisitor;
+        impl Visitor<'_> for KeyVisitor {
+            type Value = Key;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("a key")
+            }
+
+            fn visit_str<E>(self, text: &str) -> Result<Key, E> {
+                if TIME_NAMES.contains(&text) {
+                    return Ok(Key::Time);
+                }
+                let signal = NAMES.iter().position(|names| names.contains(&text));
+                Ok(signal.map_or(Key::Unknown, Key::Signal))
+            }
+        }
+        deserializer.deserialize_identifier(KeyVisitor)
+    }
+}
+
+/// An object, read into the frame; says what it had.
+struct Keys<'a>(&'a mut Frame);
+
+impl<'de> DeserializeSeed<'de> for Keys<'_> {
+    type Value = Present;
+
+    fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> Result<Present, D::Error> {
+        deserializer.deserialize_map(self)
+    }
+}
+
+impl<'de> Visitor<'de> for Keys<'_> {
+    type Value = Present;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("an object such as {\"q\":[...],\"dq\":[...],\"ddq\":[...]}")
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Present, A::Error> {
+        let frame = self.0;
+        let mut present = Present::default();
+        while let Some(key) = map.next_key::<Key>()? {
+            let (name, seen) = match key {
+                Key::Time => (TIME_NAMES[0], &mut present.time),
+                Key::Signal(signal) => (NAMES[signal][0], &mut present.signals[signal]),
+                Key::Unknown => {
+                    map.next_value::<IgnoredAny>()?;
+                    continue;
+                }
+            };
+            if std::mem::replace(seen, true) {
+                return Err(de::Error::custom(format_args!("\"{name}\" is given twice")));
+            }
+            match key {
+                Key::Signal(signal) => map.next_value_seed(Signal {
+                    name,
+                    values: frame.signal_mut(signal),
+                })?,
+                _ => frame.time = map.next_value_seed(Number { name, joint: None })?,
+            }
+        }
+        Ok(present)
+    }
+}
+
+/// An array with one number per joint.
+struct Signal<'a> {
+    name: &'static str,
+    values: &'a mut [f64],
+}
+
+impl<'de> DeserializeSeed<'de> for Signal<'_> {
+    type Value = ();
+
+    fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> Result<(), D::Error> {
+        deserializer.deserialize_seq(self)
+    }
+}
+
+impl<'de> Visitor<'de> for Signal<'_> {
+    type Value = ();
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(
+            f,
+            "\"{}\" to be an array of {} numbers",
+            self.name,
+            self.values.len()
+        )
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<(), A::Error> {
+        let (name, n) = (self.name, self.values.len());
+        for (joint, value) in self.values.iter_mut().enumerate() {
+            let number = Number {
+                name,
+                joint: Some(joint),
+            };
+            *value = seq.next_element_seed(number)?.ok_or_else(|| {
+                de::Error::custom(format_args!("\"{name}\" has {joint} values, expected {n}"))
+            })?;
+        }
+        match seq.next_element::<IgnoredAny>()? {
+            None => Ok(()),
+            Some(_) => Err(de::Error::custom(format_args!(
+                "\"{name}\" has more than {n} values, expected {n}"
+            ))),
+        }
+    }
+}
+
+/// A number, or null for one that is not there.
+struct Number {
+    name: &'static str,
+    joint: Option<usize>,
+}
+
+impl<'de> DeserializeSeed<'de> for Number {
+    type Value = f64;
+
+    fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> Result<f64, D::Error> {
+        deserializer.deserialize_any(self)
+    }
+}
+
+impl Visitor<'_> for Number {
+    type Value = f64;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.joint {
+            Some(joint) => write!(f, "{}[{joint}] to be a number or null", self.name),
+            None => write!(f, "\"{}\" to be a number or null", self.name),
+        }
+    }
+
+    fn visit_f64<E>(self, value: f64) -> Result<f64, E> {
+        Ok(value)
+    }
+
+    fn visit_u64<E>(self, value: u64) -> Result<f64, E> {
+        Ok(value as f64)
+    }
+
+    fn visit_i64<E>(self, value: i64) -> Result<f64, E> {
+        Ok(value as f64)
+    }
+
+    fn visit_unit<E>(self) -> Result<f64, E> {
+        Ok(f64::NAN)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parse(line: &str) -> Result<Frame, String> {
+        let mut frame = Frame::new(2);
+        Objects::default()
+            .parse(line.as_bytes(), &mut frame)
+            .map(|()| frame)
+            .map_err(|fault| fault.to_string())
+    }
+
+    #[test]
+    fn an_object_becomes_a_state() {
+        let line = r#" {"q":[1,-2],"qd":[0.1,1e-3],"note":{"q":[9]},"ddq":[-0,null],"qm":[3.5,4],"time":2} "#;
+        let frame = parse(line).unwrap();
+        assert_eq!(frame.time, 2.0);
+        let state = frame.state();
+        assert_eq!(state.q, [1.0, -2.0]);
+        assert_eq!(state.dq, [0.1, 0.001]);
+        assert_eq!(state.ddq[0].to_bits(), (-0.0_f64).to_bits());
+        assert!(state.ddq[1].is_nan());
+        assert_eq!(state.q_motor, [3.5, 4.0]);
+        assert_eq!(state.dq_motor, state.dq);
+    }
+
+    #[test]
+    fn constants_of_python_are_read_outside_of_strings_only() {
+        let mut out = Vec::new();
+        nulls_for_nans(
+            br#"{"NaN\"NaN":[NaN,-Infinity, Infinity],"\\":NaN}"#,
+            &mut out,
+        );
+        assert_eq!(out, br#"{"NaN\"NaN":[null,null, null],"\\":null}"#);
+        nulls_for_nans(br#""\"#, &mut out);
+        assert_eq!(out, br#""\"#);
+        assert!(parse(r#"{"q":[NaN,1],"dq":[1,1],"ddq":[1,1]}"#)
+            .unwrap()
+            .state()
+            .q[0]
+            .is_nan());
+    }
+
+    #[test]
+    fn objects_that_are_no_states_are_refused() {
+        for (line, expected) in [
+            (r#"{"q":[1,2],"dq":[1,2]}"#, "\"ddq\" is missing"),
+            (r#"{"q":[1,2],"q":[1,2]}"#, "\"q\" is given twice"),
+            (r#"{"t":1,"time":1}"#, "\"t\" is given twice"),
+            (r#"{"q":[1]}"#, "\"q\" has 1 values, expected 2"),
+            (r#"{"q":[1,2,3]}"#, "\"q\" has more than 2 values"),
+            (
+                r#"{"q":[1,"x"]}"#,
+                "string \"x\", expected q[1] to be a number",
+            ),
+            (r#"{"q":null}"#, "\"q\" to be an array of 2 numbers"),
+            (r#"{"t":"now"}"#, "\"t\" to be a number"),
+            (r#"[1,2]"#, "expected an object such as"),
+            (r#"{"q":[1,2"#, "not a JSON object (byte 9)"),
+            (
+                r#"{"q":[1,2],"dq":[1,2],"ddq":[1,2]}}"#,
+                "trailing characters",
+            ),
+            (r#"{"q":[1,1e999]}"#, "number out of range"),
+        ] {
+            let sentence = parse(line).unwrap_err();
+            assert!(sentence.contains(expected), "{line}: {sentence}");
+            assert!(!sentence.contains("line 1"), "{sentence}");
+        }
+    }
+
+    #[test]
+    fn the_signals_of_the_first_object_are_kept() {
+        let mut objects = Objects::default();
+        let mut frame = Frame::new(1);
+        let mut parse = |line: &str| objects.parse(line.as_bytes(), &mut frame);
+        parse(r#"{"q":[1],"dq":[1],"ddq":[1],"q_motor":[1]}"#).unwrap();
+        let fault = parse(r#"{"q":[1],"dq":[1],"ddq":[1]}"#)
+            .unwrap_err()
+            .to_string();
+        assert!(fault.contains("\"q_motor\" is missing, the first state has it"));
+        let line = r#"{"q":[1],"dq":[1],"ddq":[1],"q_motor":[1],"t":1}"#;
+        let fault = parse(line).unwrap_err().to_string();
+        assert!(fault.contains("\"t\" is new"));
+    }
+}

@@ -1,0 +1,153 @@
+//! Torques out: CSV or JSON lines, every number the shortest decimal that comes back bit for bit.
+
+use std::io::{self, Write};
+
+use dynid_core::{Status, TorqueModel};
+
+use crate::args::Format;
+
+/// One answer.
+#[derive(Clone, Copy, Debug)]
+pub struct Answer<'a> {
+    /// Time of the state, if it has one; may be NaN \[s\].
+    pub time: Option<f64>,
+    /// Sum of the terms; finite.
+    pub tau: &'a [f64],
+    /// The terms, row-major by term; finite.
+    pub terms: &'a [f64],
+    /// What was unusual.
+    pub status: Status,
+}
+
+/// Writes answers of one model.
+#[derive(Debug)]
+pub struct Writer {
+    format: Format,
+    n_joints: usize,
+    term_names: Vec<String>,
+}
+
+impl Writer {
+    /// A writer for answers of `model`.
+    pub fn new(format: Format, model: &TorqueModel) -> Self {
+        Self {
+            format,
+            n_joints: model.robot().n_joints(),
+            term_names: distinct(&model.term_names()),
+        }
+    }
+
+    /// What comes before the first answer: the header of a CSV.
+    pub fn begin(&self, with_time: bool, out: &mut impl Write) -> io::Result<()> {
+        if self.format == Format::Jsonl {
+            return Ok(());
+        }
+        if with_time {
+            out.write_all(b"t,")?;
+        }
+        for name in std::iter::once("tau").chain(self.term_names.iter().map(String::as_str)) {
+            for joint in 0..self.n_joints {
+                write!(out, "{name}_{joint},")?;
+            }
+        }
+        out.write_all(b"status\n")
+    }
+
+    /// One line.
+    pub fn write(&self, answer: &Answer<'_>, out: &mut impl Write) -> io::Result<()> {
+        match self.format {
+            Format::Csv => self.write_csv(answer, out),
+            Format::Jsonl => self.write_json(answer, out),
+        }
+    }
+
+    fn write_csv(&self, answer: &Answer<'_>, out: &mut impl Write) -> io::Result<()> {
+        match answer.time {
+            Some(time) if time.is_nan() => out.write_all(b"nan,")?,
+            Some(time) => write!(out, "{time:?},")?, // an infinity is written as inf
+            None => {}
+        }
+        for torque in answer.tau.iter().chain(answer.terms) {
+            write!(out, "{torque:?},")?;
+        }
+        writeln!(out, "{}", answer.status.bits())
+    }
+
+    fn write_json(&self, answer: &Answer<'_>, out: &mut impl Write) -> io::Result<()> {
+        out.write_all(b"{")?;
+        match answer.time {
+            Some(time) if time.is_finite() => write!(out, "\"t\":{time:?},")?,
+            Some(_) => out.write_all(b"\"t\":null,")?,
+            None => {}
+        }
+        out.write_all(b"\"tau\":")?;
+        write_array(answer.tau, out)?;
+        out.write_all(b",\"terms\":{")?;
+        let terms = answer.terms.chunks_exact(self.n_joints);
+        for (k, (name, term)) in self.term_names.iter().zip(terms).enumerate() {
+            write!(out, "{}\"{name}\":", if k == 0 { "" } else { "," })?;
+            write_array(term, out)?;
+        }
+        writeln!(out, "}},\"status\":{}}}", answer.status.bits())
+    }
+}
+
+fn write_array(numbers: &[f64], out: &mut impl Write) -> io::Result<()> {
+    for (k, number) in numbers.iter().enumerate() {
+        write!(out, "{}{number:?}", if k == 0 { '[' } else { ',' })?;
+    }
+    out.write_all(b"]")
+}
+
+/// The names of the terms; where a kind appears again, it gets its number: `friction`, `friction2`.
+pub fn distinct(names: &[&str]) -> Vec<String> {
+    names
+        .iter()
+        .enumerate()
+        .map(
+            |(k, name)| match names[..k].iter().filter(|other| *other == name).count() {
+                0 => (*name).to_owned(),
+                earlier => format!("{name}{}", earlier + 1),
+            },
+        )
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn line(format: Format, time: Option<f64>) -> String {
+        let writer = Writer {
+            format,
+            n_joints: 2,
+            term_names: distinct(&["rigid_body", "friction", "friction"]),
+        };
+        let answer = Answer {
+            time,
+            tau: &[1.0, -0.0],
+            terms: &[0.1, 1e-7, 1e22, 5e-324, -1.0, 2.0],
+            status: Status::OUTSIDE_DOMAIN,
+        };
+        let mut out = Vec::new();
+        writer.begin(time.is_some(), &mut out).unwrap();
+        writer.write(&answer, &mut out).unwrap();
+        String::from_utf8(out).unwrap()
+    }
+
+    #[test]
+    fn answers_look_as_documented() {
+        assert_eq!(
+            line(Format::Csv, Some(f64::NAN)),
+            "t,tau_0,tau_1,rigid_body_0,rigid_body_1,friction_0,friction_1,friction2_0,friction2_1,status\n\
+             nan,1.0,-0.0,0.1,1e-7,1e22,5e-324,-1.0,2.0,2\n"
+        );
+        assert_eq!(
+            line(Format::Jsonl, Some(0.25)),
+            "{\"t\":0.25,\"tau\":[1.0,-0.0],\"terms\":{\"rigid_body\":[0.1,1e-7],\"friction\":[1e22,5e-324],\
+             \"friction2\":[-1.0,2.0]},\"status\":2}\n"
+        );
+        assert!(line(Format::Jsonl, Some(f64::INFINITY)).starts_with("{\"t\":null,"));
+        assert!(line(Format::Jsonl, None).starts_with("{\"tau\":"));
+    }
+}

@@ -1,0 +1,83 @@
+//! The loop: a line in, a state, an answer, a line out.
+
+use std::io::{self, Read, Write};
+use std::sync::Arc;
+
+use dynid_core::{ResidualInputs, TorqueEstimator, TorqueModel};
+
+use crate::args::Format;
+use crate::frame::{Frame, Present};
+use crate::input::{Lines, Parser};
+use crate::output::{Answer, Writer};
+use crate::stop::Stop;
+
+/// Answers every state of `source` on `out`. Nothing waits: as soon as no further line is there to be read, all answers
+/// are flushed. A line that is not a state ends the work, because what follows a broken line cannot be trusted either,
+/// and a controller must see that at once.
+///
+/// # Errors
+/// [`Stop`] if a line cannot be read or an answer cannot be written.
+pub fn run(
+    model: TorqueModel,
+    input: Option<Format>,
+    output: Option<Format>,
+    source: impl Read,
+    out: &mut impl Write,
+) -> Result<(), Stop> {
+    let model = Arc::new(model);
+    let mut estimator = TorqueEstimator::new(Arc::clone(&model));
+    let mut frame = Frame::new(model.robot().n_joints());
+    let mut tau = vec![0.0; frame.n_joints()];
+
+    let mut lines = Lines::new(source);
+    let mut parser = Parser::begin(input, &mut lines, model.robot(), &mut frame)?;
+    let writer = Writer::new(output.unwrap_or(parser.format()), &model);
+    note_a_missing_encoder(&model, frame.present());
+    writer
+        .begin(frame.present().time, out)
+        .map_err(Stop::output)?;
+    loop {
+        if !lines.line_waits() {
+            out.flush().map_err(Stop::output)?;
+        }
+        if !lines.advance()? {
+            return Ok(());
+        }
+        parser
+            .parse(lines.line(), &mut frame)
+            .map_err(|fault| lines.fault(&fault))?;
+        let status = estimator
+            .estimate_into(&frame.state(), &mut tau)
+            .map_err(|error| Stop::Because(error.to_string()))?;
+        let answer = Answer {
+            time: frame.present().time.then_some(frame.time),
+            tau: &tau,
+            terms: estimator.terms(),
+            status,
+        };
+        writer.write(&answer, out).map_err(Stop::output)?;
+    }
+}
+
+/// Two encoders at identification and one now is allowed, but not silent.
+fn note_a_missing_encoder(model: &TorqueModel, present: Present) {
+    let deflection = model
+        .residual()
+        .is_some_and(|residual| residual.inputs() == ResidualInputs::Deflection);
+    let two_encoders = deflection || model.encoder_delay().iter().any(|delay| *delay != 0.0);
+    let [.., q_motor, dq_motor, _] = present.signals;
+    for (name, there) in [("q_motor", q_motor), ("dq_motor", dq_motor)] {
+        if two_encoders && !there {
+            tell(
+                "note",
+                &format!("the model was identified with two encoders, the input has no {name}: the link side is taken for it"),
+            );
+        }
+    }
+}
+
+/// One sentence on stderr; that stderr is closed is no reason to stop.
+pub fn tell(kind: &str, sentence: &str) {
+    let sentence = sentence.replace(['\n', '\r'], " ");
+    let _ = writeln!(io::stderr(), "{kind}: {sentence}");
+}

@@ -1,0 +1,40 @@
+//! Why the program ends before its input does.
+
+use std::io;
+use std::process::ExitCode;
+
+use dynid_io::ModelFileError;
+
+/// The end of the work.
+#[derive(Debug)]
+pub enum Stop {
+    /// Wrong use, unreadable model, broken input: one sentence for stderr.
+    Because(String),
+    /// Whoever read the output has left; nobody to tell.
+    ReaderLeft,
+}
+
+impl Stop {
+    /// 2 as for every command of dynid; 141 as a shell shows a broken pipe.
+    pub fn exit_code(&self) -> ExitCode {
+        ExitCode::from(match self {
+            Self::Because(_) => 2,
+            Self::ReaderLeft => 141,
+        })
+    }
+
+    /// stdout could not be written.
+    pub fn output(error: io::Error) -> Self {
+        if error.kind() == io::ErrorKind::BrokenPipe {
+            Self::ReaderLeft
+        } else {
+            Self::Because(format!("stdout: {error}"))
+        }
+    }
+}
+
+impl From<ModelFileError> for Stop {
+    fn from(error: ModelFileError) -> Self {
+        Self::Because(error.to_string())
+    }
+}

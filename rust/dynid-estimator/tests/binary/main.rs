@@ -1,0 +1,5 @@
+//! The binary from outside: what it answers, and what it refuses.
+
+mod answers;
+mod common;
+mod refused;
