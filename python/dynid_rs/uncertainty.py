@@ -7,7 +7,7 @@ frequency domain, where a Toeplitz matrix is a product.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,12 +40,10 @@ def parameter_covariance(
     for j in range(n):
         wide = [stack_one(plan, j, block.rows[j], links.torque_scale_)[:, :-1][:, used] for block in observations.blocks]
         columns = _on_grid(observations, runs, wide)
-        covariances = autocovariance([run[:, j] for run in residuals], [run[:, 0] for run in masks])
-        part = sum(_toeplitz_product(run, covariances) for run in columns)
-        # Fitting took this share of the residual's power with it.
-        n_rows = sum(run.sum() for run in masks)
-        taken = weights[j] * np.trace(bread @ part) / (n_rows * covariances[0]) if covariances[0] > 0 else 0.0
-        meat += weights[j] ** 2 * part / (1 - min(taken, 0.9))
+        noise = _Noise(
+            [run[:, j] for run in residuals], [run[:, 0] for run in masks], columns, weights[j] * bread
+        )
+        meat += weights[j] ** 2 * sum(_toeplitz_product(run, noise.spectrum) for run in columns)
     covariance = np.zeros((plan.n_columns, plan.n_columns))
     covariance[np.ix_(used, used)] = bread @ meat @ bread
     return covariance
@@ -64,49 +62,74 @@ def _bread(
     return bread
 
 
-def autocovariance(series: Sequence[FloatArray], masks: Sequence[FloatArray]) -> FloatArray:
-    """Windowed autocovariances at lags 0, 1, ..., pooled over runs; gaps are zeros in `series` and in `masks`."""
-    from scipy.fft import irfft, next_fast_len, rfft
+class _Noise:
+    """Spectrum of one joint's noise, from its residual and from what the fit took away with it.
 
-    longest = max(map(len, series))
-    sums, pairs = np.zeros(longest), np.zeros(longest)
-    for x, mask in zip(series, masks, strict=True):
-        size = next_fast_len(2 * len(x))
-        sums[: len(x)] += irfft(np.abs(rfft(x, size)) ** 2, size)[: len(x)]
-        pairs[: len(x)] += irfft(np.abs(rfft(mask, size)) ** 2, size)[: len(x)]
-    gamma = sums / np.maximum(np.round(pairs), 1.0)
-    if gamma[0] <= 0:
-        return gamma[:1]
-    return _flat_top(gamma, float(pairs[0]))
+    The fit takes noise away where the columns have their power (at low frequencies): of a line's power, the leverage
+    ``h(f) = w a(f)* B a(f)``, a(f) the transform of the columns. Residual and leverage are smoothed alike, then
+    ``S = S_residual / (1 - h / n)``.
+    """
+
+    def __init__(
+        self,
+        residuals: Sequence[FloatArray],
+        masks: Sequence[FloatArray],
+        columns: Sequence[FloatArray],
+        weighted_bread: FloatArray,
+    ) -> None:
+        from scipy.fft import irfft, next_fast_len, rfft
+
+        longest = max(map(len, residuals))
+        sums, pairs, taken = np.zeros(longest), np.zeros(longest), np.zeros(longest)
+        for residual, mask, column in zip(residuals, masks, columns, strict=True):
+            n = len(residual)
+            size = next_fast_len(2 * n)
+            sums[:n] += irfft(np.abs(rfft(residual, size)) ** 2, size)[:n]
+            pairs[:n] += irfft(np.abs(rfft(mask, size)) ** 2, size)[:n]
+            lines = rfft(column, size, axis=0)
+            leverage = np.sum((lines.real @ weighted_bread) * lines.real, axis=1)
+            leverage += np.sum((lines.imag @ weighted_bread) * lines.imag, axis=1)
+            taken[:n] += irfft(leverage, size)[:n]
+        covariances = sums / np.maximum(np.round(pairs), 1.0)
+        taper = _flat_top(covariances, float(pairs[0]))
+        self._covariances = covariances[: len(taper)] * taper
+        self._taken = taken[: len(taper)] * taper / pairs[0]
+
+    def spectrum(self, size: int) -> FloatArray:
+        """Power per line of a real transform of length `size`."""
+        from scipy.fft import rfft
+
+        residual = 2 * rfft(self._covariances, size).real - self._covariances[0]
+        taken = 2 * rfft(self._taken, size).real - self._taken[0]
+        spectrum: FloatArray = np.maximum(residual, 0.0) / np.maximum(1 - taken, 0.1)
+        return spectrum
 
 
-def _flat_top(gamma: FloatArray, n_samples: float) -> FloatArray:
-    """Lags up to twice the last one whose correlation is not noise, the farther half tapered."""
+def _flat_top(covariances: FloatArray, n_samples: float) -> FloatArray:
+    """Window over the lags up to twice the last one whose correlation is not noise; the farther half is tapered."""
+    if covariances[0] <= 0:
+        return np.ones(1)
     bound = 2 * np.sqrt(np.log10(n_samples) / n_samples)
-    small = np.abs(gamma / gamma[0]) < bound
+    small = np.abs(covariances / covariances[0]) < bound
     quiet = 5
-    last = next((k for k in range(1, len(gamma) - quiet) if small[k : k + quiet].all()), 1) - 1
-    window = max(2 * last, 1)
-    window = min(window, len(gamma) - 1, int(n_samples / 4))
-    lags = np.arange(window + 1)
-    taper = np.clip(2 * (1 - lags / (window + 1)), 0, 1)
-    return gamma[: window + 1] * taper
+    last = next((k for k in range(1, len(small) - quiet) if small[k : k + quiet].all()), 1) - 1
+    window = min(max(2 * last, 1), len(covariances) - 1, int(n_samples / 4))
+    taper: FloatArray = np.clip(2 * (1 - np.arange(window + 1) / (window + 1)), 0, 1)
+    return taper
 
 
-def _toeplitz_product(columns: FloatArray, covariances: FloatArray) -> FloatArray:
-    """``C' Gamma C`` for C (n, p) and the Toeplitz matrix of `covariances`; negative spectral lines count as none."""
+def _toeplitz_product(columns: FloatArray, spectrum: Callable[[int], FloatArray]) -> FloatArray:
+    """``C' Gamma C`` for C (n, p) and the Toeplitz matrix with this spectrum."""
     from scipy.fft import next_fast_len, rfft
 
-    size = next_fast_len(len(columns) + len(covariances))
-    spectrum = 2 * rfft(covariances, size).real - covariances[0]
-    spectrum = np.maximum(spectrum, 0.0)
+    size = next_fast_len(2 * len(columns))
     # rfft holds each inner line once for its pair.
-    twice = np.full(len(spectrum), 2.0)
+    twice = np.full(size // 2 + 1, 2.0)
     twice[0] = 1.0
     if size % 2 == 0:
         twice[-1] = 1.0
     transformed = rfft(columns, size, axis=0)
-    scaled = transformed * (spectrum * twice / size)[:, None]
+    scaled = transformed * (spectrum(size) * twice / size)[:, None]
     product: FloatArray = scaled.real.T @ transformed.real + scaled.imag.T @ transformed.imag
     return product
 

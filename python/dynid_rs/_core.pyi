@@ -1,0 +1,561 @@
+"""Compiled part of `dynid_rs`: every formula of a torque model, over arrays.
+
+Conventions of every function here:
+
+- Signals are (n_samples, n_joints), links and joints in chain order, SI units [rad, rad/s, rad/s²; m for prismatic
+  joints], torques in N·m (N for prismatic joints) or in the unit of the torque channel (A).
+- Anything that numpy turns into a float64 array is accepted; C-ordered float64 is not copied. Outputs are new arrays.
+- `ValueError` names the argument, its shape and the expected one, or the place of a NaN or an infinity. `TypeError` if an
+  argument is no array of numbers.
+- The interpreter's lock is released while a batch is computed.
+
+Equation numbers are those of the paper that README.md names.
+"""
+
+from collections.abc import Sequence
+from os import PathLike
+from typing import Final, final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+type _FloatArray = NDArray[np.float64]
+type _Filter = tuple[_FloatArray, _FloatArray, int]
+"""Sections (n, 6) of `scipy.signal.butter(..., output="sos")`, `scipy.signal.sosfilt_zi` (n, 2), samples of padding."""
+type _Mixtures = Sequence[GaussianMixtureRegression | None]
+type _Box = tuple[Sequence[Sequence[float]], Sequence[float], Sequence[float]]
+
+__all__ = [
+    "__version__",
+    "UrdfError",
+    "FormatError",
+    "LINK_PARAMETER_NAMES",
+    "FRICTION_NAMES",
+    "RobotModel",
+    "BaseParameters",
+    "Effect",
+    "GaussianMixtureRegression",
+    "TorqueModel",
+    "friction_basis",
+    "residual_inputs",
+    "align_link_side",
+    "observe",
+    "filtered_friction_basis",
+    "triangular_factor",
+    "merge_factors",
+]
+
+__version__: Final[str]
+LINK_PARAMETER_NAMES: Final[list[str]]
+"""`m, hx, hy, hz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz` [kg, kg·m, kg·m²]: h = m c, I about the link-frame origin."""
+FRICTION_NAMES: Final[list[str]]
+"""The eight coefficients of Eqs. 10-11, in the order of `friction_basis`."""
+
+class UrdfError(ValueError):
+    """A robot file that is broken, hostile or not a serial chain; names file, line, column and element."""
+
+class FormatError(ValueError):
+    """A model file that is not one, or was cut or changed."""
+
+@final
+class RobotModel:
+    """A serial robot: kinematics, gravity and declared inertial parameters. Immutable."""
+
+    @staticmethod
+    def from_urdf(
+        path: str | PathLike[str],
+        *,
+        base: str | None = None,
+        tip: str | None = None,
+        gravity: Sequence[float] = ...,
+        rotor_inertia: Sequence[float] | None = None,
+    ) -> RobotModel:
+        """Read a robot from a URDF file.
+
+        Parameters
+        ----------
+        path : str or path-like
+            The file.
+        base, tip : str, optional
+            First and last link of the chain; the root and the only end by default.
+        gravity : (3,)
+            Acceleration of free fall in the base frame [m/s²]; (0, 0, -9.81) by default.
+        rotor_inertia : (n_joints,), optional
+            Reflected to the link side [kg·m²]; instead of what the file declares.
+
+        Raises
+        ------
+        UrdfError
+            The file is broken, hostile or no serial chain of revolute, continuous and prismatic joints.
+        OSError
+            It cannot be read.
+        """
+
+    @staticmethod
+    def from_urdf_string(
+        text: str,
+        *,
+        source_name: str = "<string>",
+        base: str | None = None,
+        tip: str | None = None,
+        gravity: Sequence[float] = ...,
+        rotor_inertia: Sequence[float] | None = None,
+    ) -> RobotModel:
+        """As `from_urdf`, from the text itself; `source_name` stands for the file in errors."""
+
+    @property
+    def name(self) -> str:
+        """Name in the robot file."""
+
+    @property
+    def n_joints(self) -> int:
+        """Moving joints."""
+
+    @property
+    def n_links(self) -> int:
+        """Moving links: one behind every moving joint."""
+
+    @property
+    def joint_names(self) -> list[str]:
+        """In chain order."""
+
+    @property
+    def link_names(self) -> list[str]:
+        """In chain order; link i hangs on joint i."""
+
+    @property
+    def joint_kinds(self) -> list[str]:
+        """`"revolute"` (continuous joints too) or `"prismatic"`."""
+
+    @property
+    def gravity(self) -> _FloatArray:
+        """Acceleration of free fall in the base frame (3,) [m/s²]."""
+
+    @property
+    def phi(self) -> _FloatArray:
+        """Declared inertial parameters (10 n_links,) in the order of `LINK_PARAMETER_NAMES`; zeros where none are."""
+
+    @property
+    def rotor_inertia(self) -> _FloatArray:
+        """Declared rotor inertia, reflected to the link side (n_joints,) [kg·m², kg]."""
+
+    @property
+    def lower(self) -> _FloatArray:
+        """Least positions (n_joints,) [rad, m]; minus infinity where the file gives none."""
+
+    @property
+    def upper(self) -> _FloatArray:
+        """Greatest positions (n_joints,) [rad, m]."""
+
+    @property
+    def velocity_limits(self) -> _FloatArray:
+        """Greatest speeds (n_joints,) [rad/s, m/s]."""
+
+    @property
+    def effort_limits(self) -> _FloatArray:
+        """Greatest torques (n_joints,) [N·m, N]."""
+
+    def with_gravity(self, gravity: Sequence[float]) -> RobotModel:
+        """Return the same robot under another gravity (3,) [m/s²].
+
+        Raises
+        ------
+        ValueError
+            A component is not finite.
+        """
+
+    def inverse_dynamics(
+        self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, phi: ArrayLike | None = None
+    ) -> _FloatArray:
+        """Torque of the links `M(q) ddq + C(q, dq) dq + G(q)` (Eq. 1 without friction): (n_samples, n_joints).
+
+        Parameters
+        ----------
+        q, dq, ddq : (n_samples, n_joints)
+            Positions, velocities, accelerations.
+        phi : (10 n_links,), optional
+            Inertial parameters, linear in the torque and not necessarily physical; the declared ones by default.
+
+        Raises
+        ------
+        ValueError
+            An argument has the wrong shape or holds a NaN or an infinity.
+        """
+
+    def rnea(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, phi: ArrayLike | None = None) -> _FloatArray:
+        """Other name of `inverse_dynamics`."""
+
+    def joint_torque_regressor(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> NDArray[np.float64]:
+        """Regressor Y with `tau = Y phi` (Eq. 2): (n_samples, n_joints, 10 n_links).
+
+        Raises
+        ------
+        ValueError
+            An argument has the wrong shape or holds a NaN or an infinity.
+        """
+
+    def base_parameters(self, random_state: int = 0, rtol: float = 1e-9) -> BaseParameters:
+        """Which parameters the torque can tell apart, by pivoted QR of the regressor at random states.
+
+        Parameters
+        ----------
+        random_state : int
+            Seed of the probing states.
+        rtol : float
+            A column whose diagonal entry of R is below this part of the first one counts as dependent.
+        """
+
+@final
+class BaseParameters:
+    """`Y phi = Y[..., pivots] phi_base` with `phi_base = phi[pivots] + beta phi[dependent]`."""
+
+    @property
+    def n_base(self) -> int:
+        """Number of base parameters."""
+
+    @property
+    def n_standard(self) -> int:
+        """10 n_links."""
+
+    @property
+    def pivots(self) -> NDArray[np.int64]:
+        """Indices into phi of the independent columns (n_base,), ascending."""
+
+    @property
+    def dependent(self) -> NDArray[np.int64]:
+        """Indices into phi of the other columns that move the torque, ascending."""
+
+    @property
+    def beta(self) -> _FloatArray:
+        """Regrouping (n_base, n_dependent)."""
+
+    @property
+    def gap(self) -> float:
+        """`|r_kk| / |r_k+1,k+1|` across the cut: how clear the rank is. Infinite where nothing is left."""
+
+    @property
+    def spread(self) -> float:
+        """`|r_00| / |r_kk|`: how well the weakest independent column is seen."""
+
+    @property
+    def names(self) -> list[str]:
+        """For display: each base parameter as the sum of standard parameters that it stands for."""
+
+    def reduce(self, regressor: ArrayLike) -> _FloatArray:
+        """Columns of the base parameters: (..., 10 n_links) to (..., n_base)."""
+
+    def project(self, phi: ArrayLike) -> _FloatArray:
+        """Base parameters (n_base,) of a full set (10 n_links,)."""
+
+    def lift(self, phi_base: ArrayLike) -> _FloatArray:
+        """Full set (10 n_links,) with the torque of `phi_base` (n_base,): zeros in the other places."""
+
+@final
+class Effect:
+    """An effect with its shape parameters: torque that is linear in its coefficients, one of the terms of a model."""
+
+    @staticmethod
+    def rotor_inertia() -> Effect:
+        """`tau = J ddq_motor`, J reflected to the link side [kg·m²]."""
+
+    @staticmethod
+    def torque_offset() -> Effect:
+        """Return a constant torque per joint."""
+
+    @staticmethod
+    def friction(velocity_threshold: Sequence[float], transition_width: Sequence[float]) -> Effect:
+        """Friction of Eqs. 9-11 with lambda and eps per joint [rad/s].
+
+        Raises
+        ------
+        ValueError
+            Lengths differ, a threshold is negative or a width is not positive.
+        """
+
+    @property
+    def kind(self) -> str:
+        """`"rotor_inertia"`, `"torque_offset"` or `"friction"`."""
+
+    @property
+    def coefficient_names(self) -> list[str]:
+        """Names of the coefficients of one joint."""
+
+    @property
+    def n_columns(self) -> int:
+        """Coefficients per joint."""
+
+    @property
+    def shape(self) -> list[tuple[str, list[float]]]:
+        """Shape parameters by name, one value per joint each."""
+
+@final
+class GaussianMixtureRegression:
+    """Conditional mean and variance of the last dimension of a Gaussian mixture given the others (Eqs. 31-39).
+
+    Parameters
+    ----------
+    weights : (K,)
+        Positive.
+    means : (K, n_inputs + 1)
+        Inputs first, output last.
+    covariances : (K, n_inputs + 1, n_inputs + 1)
+        Positive definite in their inputs.
+
+    Raises
+    ------
+    ValueError
+        Shapes disagree, a number is not finite, a weight is not positive or a covariance not positive definite.
+    """
+
+    def __new__(
+        cls, weights: ArrayLike, means: _FloatArray, covariances: _FloatArray
+    ) -> GaussianMixtureRegression: ...
+    @property
+    def n_components(self) -> int:
+        """K."""
+
+    @property
+    def weights(self) -> _FloatArray:
+        """(K,)."""
+
+    @property
+    def means(self) -> _FloatArray:
+        """(K, n_inputs + 1)."""
+
+    def predict(self, u: ArrayLike) -> tuple[_FloatArray, _FloatArray]:
+        """Mean (Eq. 38) and variance at `u` (n_samples, n_inputs): (n_samples,) each.
+
+        The variance is the law of total variance's: Eq. 39 as printed leaves out the spread of the means.
+        """
+
+    def responsibilities(self, u: ArrayLike) -> _FloatArray:
+        """h_k of Eq. 37 at `u` (n_samples, n_inputs): (n_samples, K), rows sum to one however far the query is."""
+
+@final
+class TorqueModel:
+    """Torque model `rigid body + effects + residual` (Eq. 26). Owned by Rust, immutable.
+
+    Parameters
+    ----------
+    robot : RobotModel
+        Kinematics and gravity.
+    phi : (10 n_links,)
+        Inertial parameters, exact for torque and not necessarily physical.
+    effects : sequence of (Effect, (n_joints, n_columns))
+        Effects with their coefficients, summed in this order.
+    residual : (str, sequence of GaussianMixtureRegression or None), optional
+        What the mixtures see (`"deflection"` or `"joint_state"`), and one mixture or None per joint.
+    torque_scale : (n_joints,), optional
+        Torque channel per unit of link torque; multiplies the rigid-body term. Ones by default.
+    encoder_delay : (n_joints,)
+        Delay of the link channel behind the motor channel [s].
+    noise_std : (n_joints,)
+        Standard deviation of what the model leaves.
+    domain : ((n_joints, 2), (n_joints,), (n_joints,))
+        Least and greatest position, greatest speed, greatest acceleration of the training data.
+    torque_unit : str
+        `"N*m"` or `"A"`.
+
+    Raises
+    ------
+    ValueError
+        A length or a number does not fit; the message names it.
+    """
+
+    def __new__(
+        cls,
+        robot: RobotModel,
+        phi: ArrayLike,
+        effects: Sequence[tuple[Effect, ArrayLike]],
+        *,
+        residual: tuple[str, _Mixtures] | None = None,
+        torque_scale: Sequence[float] | None = None,
+        encoder_delay: Sequence[float],
+        noise_std: Sequence[float],
+        domain: _Box,
+        torque_unit: str = "N*m",
+    ) -> TorqueModel: ...
+    @staticmethod
+    def load(path: str | PathLike[str]) -> TorqueModel:
+        """Read a model file.
+
+        Raises
+        ------
+        FormatError
+            It is no model file, or was cut or changed.
+        OSError
+            It cannot be read.
+        """
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write a model file, whole or not at all.
+
+        Raises
+        ------
+        OSError
+            The place cannot be written.
+        """
+
+    def evaluate(
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        q_motor: ArrayLike | None = None,
+        dq_motor: ArrayLike | None = None,
+        ddq_motor: ArrayLike | None = None,
+    ) -> tuple[_FloatArray, NDArray[np.float64], NDArray[np.uint32]]:
+        """Torque by the estimator that runs online: total, terms and status.
+
+        Parameters
+        ----------
+        q, dq, ddq : (n_samples, n_joints)
+            Link side.
+        q_motor, dq_motor, ddq_motor : (n_samples, n_joints), optional
+            Motor side, divided by the gear ratio; the link side by default.
+
+        Returns
+        -------
+        total : (n_samples, n_joints)
+            Sum of the terms.
+        terms : (n_samples, n_terms, n_joints)
+            In the order of `term_names`.
+        status : (n_samples,)
+            Bits: 1 not finite, the last good torque is repeated; 2 outside of the domain; 4 residual faded out.
+
+        Raises
+        ------
+        ValueError
+            An argument has the wrong shape or holds a NaN or an infinity.
+        """
+
+    @property
+    def robot(self) -> RobotModel:
+        """Kinematics and gravity."""
+
+    @property
+    def term_names(self) -> list[str]:
+        """`rigid_body`, the effects, `residual`: order of summation."""
+
+    @property
+    def phi(self) -> _FloatArray:
+        """(10 n_links,)."""
+
+    @property
+    def effects(self) -> list[tuple[Effect, _FloatArray]]:
+        """Effects with their coefficients (n_joints, n_columns)."""
+
+    @property
+    def residual(self) -> tuple[str, list[GaussianMixtureRegression | None]] | None:
+        """What the mixtures see and one mixture or None per joint; None without a third loop."""
+
+    @property
+    def torque_scale(self) -> _FloatArray:
+        """(n_joints,)."""
+
+    @property
+    def encoder_delay(self) -> _FloatArray:
+        """(n_joints,) [s]."""
+
+    @property
+    def noise_std(self) -> _FloatArray:
+        """(n_joints,) [torque unit]."""
+
+    @property
+    def domain(self) -> tuple[list[list[float]], list[float], list[float]]:
+        """Least and greatest position, greatest speed and acceleration per joint."""
+
+    @property
+    def torque_unit(self) -> str:
+        """`"N*m"` or `"A"`."""
+
+def friction_basis(dq: ArrayLike, velocity_threshold: float, transition_width: float) -> _FloatArray:
+    """Basis of Eqs. 9-11 at speeds `dq` (n_samples,) of one joint: (n_samples, 8), columns `FRICTION_NAMES`.
+
+    The superscripts of the paper's k_v are indices, not powers; the quadratic column is dq² on both sides, as printed.
+
+    Raises
+    ------
+    ValueError
+        The threshold (lambda) is negative or the width (eps) not positive [rad/s].
+    """
+
+def residual_inputs(
+    inputs: str, q: _FloatArray, dq: ArrayLike, q_motor: ArrayLike, dq_motor: ArrayLike
+) -> NDArray[np.float64]:
+    """What a mixture of the third loop sees: (n_samples, n_joints, 2). The channels must be on one clock.
+
+    `inputs`: `"deflection"` (motor minus link, and its rate) or `"joint_state"` (motor-side position and velocity).
+    """
+
+def align_link_side(
+    q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, encoder_delay: ArrayLike
+) -> tuple[_FloatArray, _FloatArray]:
+    """Link-side position and velocity on the motor channel's clock; `encoder_delay` (n_joints,) [s]."""
+
+def observe(
+    robot: RobotModel,
+    effects: Sequence[Effect],
+    pivots: Sequence[int],
+    q: ArrayLike,
+    dq: ArrayLike,
+    ddq: ArrayLike,
+    q_motor: ArrayLike,
+    dq_motor: ArrayLike,
+    ddq_motor: ArrayLike,
+    tau: ArrayLike,
+    *,
+    filter: _Filter | None = None,
+    kept: Sequence[int],
+) -> list[_FloatArray]:
+    """Rows `[effects | base columns of the links that the joint moves | torque]` of every joint, filtered, decimated.
+
+    The same zero-phase low-pass runs over every column and over the torque (Eqs. 15-17).
+
+    Parameters
+    ----------
+    pivots : sequence of int
+        Indices into phi of the base columns, ascending.
+    filter : (sections, steady state, padding), optional
+        As `scipy.signal` gives them; None filters nothing.
+    kept : sequence of int
+        Samples that become rows, ascending.
+
+    Returns
+    -------
+    list of ndarray (n_kept, n_columns)
+        One per joint.
+
+    Raises
+    ------
+    ValueError
+        Shapes disagree, an index is out of range, or the run is shorter than the filter's padding.
+    """
+
+def filtered_friction_basis(
+    dq: ArrayLike,
+    velocity_threshold: float,
+    transition_width: float,
+    *,
+    filter: _Filter | None = None,
+    kept: Sequence[int],
+) -> _FloatArray:
+    """`friction_basis`, filtered and decimated like everything else: (n_kept, 8).
+
+    Raises
+    ------
+    ValueError
+        As `friction_basis`; `dq` is shorter than the filter's padding, or a kept sample is behind its end.
+    """
+
+def triangular_factor(rows: _FloatArray) -> _FloatArray:
+    """R with `R.T @ R == A.T @ A` for A (m, width): (width, width), upper triangular, diagonal not negative."""
+
+def merge_factors(factors: Sequence[_FloatArray]) -> _FloatArray:
+    """R of several factors stacked, merged in a fixed tree: (width, width).
+
+    Raises
+    ------
+    ValueError
+        There is none, or widths differ.
+    """

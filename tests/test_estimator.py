@@ -1,0 +1,229 @@
+"""Two doors, one model: `TorqueModel.evaluate` in Python and `dynid-estimator` give the same bits."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from dynid_rs import _core
+from dynid_rs.simulation import bundled_robot
+from robots import random_chain
+
+ROOT = Path(__file__).resolve().parents[1]
+LINK_SIDE = ("q", "dq", "ddq")
+MOTOR_SIDE = ("q_motor", "dq_motor", "ddq_motor")
+N_STATES = 400
+
+States = dict[str, np.ndarray]
+
+
+@pytest.fixture(scope="session")
+def estimator() -> Path:
+    """The binary: named in DYNID_ESTIMATOR, installed beside this Python, or built by cargo."""
+    name = "dynid-estimator"
+    if named := os.environ.get("DYNID_ESTIMATOR"):
+        assert Path(named).is_file(), (
+            f"DYNID_ESTIMATOR names {named}, which is not there; name the built binary"
+        )
+        return Path(named)
+    if installed := shutil.which(name, path=str(Path(sys.executable).parent)):
+        return Path(installed)
+    release = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target")) / "release"
+    built = shutil.which(name, path=str(release))
+    assert built, f"no {name} in {release}; build it: cargo build --release -p dynid-estimator"
+    return Path(built)
+
+
+@dataclass(frozen=True)
+class Answers:
+    """What came out: t (n,) or None, total (n, n_joints), terms (n, n_terms, n_joints), status (n,)."""
+
+    t: np.ndarray | None
+    total: np.ndarray
+    terms: np.ndarray
+    status: np.ndarray
+
+
+def run(estimator: Path, model: Path, text: str, *options: str) -> str:
+    done = subprocess.run(
+        [estimator, model, *options], input=text, capture_output=True, text=True, timeout=60, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def csv_text(states: States, joints: list[str] | None = None) -> str:
+    """Columns by index, or by name where `joints` are given."""
+    columns = {}
+    for signal, values in states.items():
+        if signal == "t":
+            columns[signal] = values
+            continue
+        for j in range(values.shape[1]):
+            columns[f"{signal}_{joints[j] if joints else j}"] = values[:, j]
+    rows = zip(*(values.tolist() for values in columns.values()), strict=True)
+    return "\n".join([",".join(columns), *(",".join(map(repr, row)) for row in rows)]) + "\n"
+
+
+def json_text(states: States) -> str:
+    lists = {signal: values.tolist() for signal, values in states.items()}
+    n = len(lists["q"])
+    return "".join(json.dumps({signal: lists[signal][k] for signal in lists}) + "\n" for k in range(n))
+
+
+def from_csv(text: str, names: list[str], n: int) -> Answers:
+    header, *lines = text.splitlines()
+    columns = header.split(",")
+    timed = columns[0] == "t"
+    expected = [f"{name}_{j}" for name in ["tau", *names] for j in range(n)]
+    assert columns == ["t"] * timed + expected + ["status"]
+    rows = [line.split(",") for line in lines]
+    numbers = np.array([[float(cell) for cell in row[timed:-1]] for row in rows]).reshape(len(rows), -1, n)
+    t = np.array([float(row[0]) for row in rows]) if timed else None
+    return Answers(t, numbers[:, 0], numbers[:, 1:], np.array([int(row[-1]) for row in rows]))
+
+
+def from_json(text: str, names: list[str], n: int) -> Answers:
+    objects = [json.loads(line) for line in text.splitlines()]
+    assert all(list(o["terms"]) == names for o in objects)
+    timed = "t" in objects[0]
+    return Answers(
+        np.array([o["t"] for o in objects], dtype=float) if timed else None,
+        np.array([o["tau"] for o in objects], dtype=float),
+        np.array([list(o["terms"].values()) for o in objects], dtype=float),
+        np.array([o["status"] for o in objects]),
+    )
+
+
+def assert_same_bits(actual: np.ndarray, expected: np.ndarray) -> None:
+    np.testing.assert_array_equal(actual.view(np.uint64), expected.view(np.uint64))
+
+
+def mixture(rng: np.random.Generator, scale: tuple[float, float]) -> _core.GaussianMixtureRegression:
+    """Four components over inputs of about this size."""
+    size = np.array([*scale, 1.0])
+    half = 0.4 * rng.normal(size=(4, 3, 3)) + 0.5 * np.eye(3)
+    covariances = (half @ half.transpose(0, 2, 1)) * np.outer(size, size)
+    return _core.GaussianMixtureRegression(
+        rng.dirichlet(np.ones(4)),
+        rng.normal(size=(4, 3)) * size,
+        0.5 * (covariances + covariances.transpose(0, 2, 1)),
+    )
+
+
+def random_model(
+    robot: _core.RobotModel, inputs: str | None, *, delayed: bool, seed: int
+) -> _core.TorqueModel:
+    """Every effect there is, random sizes; `inputs` of the residual, or None without one."""
+    rng = np.random.default_rng(seed)
+    n = robot.n_joints
+    friction = _core.Effect.friction(rng.uniform(0, 0.1, n).tolist(), rng.uniform(1e-3, 0.05, n).tolist())
+    residual = None
+    if inputs is not None:
+        scale = (2e-3, 2e-2) if inputs == "deflection" else (2.0, 1.5)
+        joints = [None if j == 1 else mixture(rng, scale) for j in range(n)]
+        residual = (inputs, joints)
+    return _core.TorqueModel(
+        robot,
+        rng.normal(size=10 * n),
+        [
+            (_core.Effect.rotor_inertia(), rng.uniform(0.1, 2, (n, 1))),
+            (_core.Effect.torque_offset(), rng.normal(size=(n, 1))),
+            (friction, rng.normal(size=(n, 8)) * 5),
+        ],
+        residual=residual,
+        torque_scale=rng.uniform(0.5, 2, n).tolist(),
+        encoder_delay=(rng.uniform(1e-3, 4e-3, n) if delayed else np.zeros(n)).tolist(),
+        noise_std=rng.uniform(0.1, 1, n).tolist(),
+        domain=([[-2.5, 2.5]] * n, [2.0] * n, [8.0] * n),
+    )
+
+
+def random_states(n: int, signals: tuple[str, ...], seed: int) -> States:
+    """Ordinary states; some far away, some at rest, some with numbers that are awkward to write."""
+    rng = np.random.default_rng(seed)
+    size = (N_STATES, n)
+    states = {"q": rng.uniform(-3, 3, size), "dq": rng.normal(size=size), "ddq": 4 * rng.normal(size=size)}
+    states["q_motor"] = states["q"] + 2e-3 * rng.normal(size=size)
+    states["dq_motor"] = states["dq"] + 2e-2 * rng.normal(size=size)
+    states["ddq_motor"] = states["ddq"] + rng.normal(size=size)
+    for values in states.values():
+        values[:20] *= 10.0 ** rng.uniform(-300, 6, (20, n))
+        values[20:30] = rng.choice([0.0, -0.0, 5e-324, 1.0, -1e22, 1 / 3], (10, n))
+    return {signal: states[signal] for signal in signals}
+
+
+ROBOTS = {
+    "six_axis": lambda: _core.RobotModel.from_urdf(str(bundled_robot())),
+    "chain": lambda: _core.RobotModel.from_urdf_string(random_chain(3).urdf, gravity=[1.0, -2.0, 9.0]),
+}
+CASES = {
+    "one encoder": (LINK_SIDE, None, False),
+    "one encoder, residual": (LINK_SIDE, "joint_state", False),
+    "one encoder, model of two": (LINK_SIDE, "deflection", True),
+    "two encoders": ((*LINK_SIDE, *MOTOR_SIDE), "deflection", False),
+    "two encoders, delayed": ((*LINK_SIDE, *MOTOR_SIDE), "deflection", True),
+    "two encoders, positions and speeds": ((*LINK_SIDE, "q_motor", "dq_motor"), "deflection", True),
+    "two encoders, positions": ((*LINK_SIDE, "q_motor"), "joint_state", True),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize("robot", ROBOTS)
+def test_the_binary_gives_the_bits_of_python(estimator, tmp_path, robot, case):
+    signals, inputs, delayed = CASES[case]
+    model = random_model(ROBOTS[robot](), inputs, delayed=delayed, seed=len(case))
+    path = tmp_path / "model.json"
+    model.save(path)
+    n, names = model.robot.n_joints, model.term_names
+    states = random_states(n, signals, seed=len(case) + n)
+    total, terms, status = model.evaluate(**states)
+    assert set(status & 2) == {0, 2}, "the states should reach out of the domain and stay in it"
+    if inputs is not None:
+        assert set(status & 4) == {0, 4}, "the states should reach out of the mixture and stay in it"
+    assert_same_bits(_core.TorqueModel.load(path).evaluate(**states)[1], terms)
+    read = {"csv": from_csv, "jsonl": from_json}
+    for text in (csv_text(states), csv_text(states, model.robot.joint_names), json_text(states)):
+        for output, parse in read.items():
+            answers = parse(run(estimator, path, text, "--format", output), names, n)
+            assert_same_bits(answers.total, total)
+            assert_same_bits(answers.terms, terms)
+            np.testing.assert_array_equal(answers.status, status)
+            assert answers.t is None
+
+
+def test_time_is_passed_through(estimator, tmp_path):
+    model = random_model(ROBOTS["six_axis"](), None, delayed=False, seed=0)
+    path = tmp_path / "model.json"
+    model.save(path)
+    t = np.random.default_rng(0).uniform(-1e3, 2e9, N_STATES)
+    states = {"t": t, **random_states(6, LINK_SIDE, seed=0)}
+    for text, parse in ((csv_text(states), from_csv), (json_text(states), from_json)):
+        answers = parse(run(estimator, path, text), model.term_names, 6)
+        assert answers.t is not None
+        assert_same_bits(answers.t, t)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_a_number_that_is_none_repeats_the_last_good_torque(estimator, tmp_path, bad):
+    model = random_model(ROBOTS["six_axis"](), "joint_state", delayed=False, seed=1)
+    path = tmp_path / "model.json"
+    model.save(path)
+    states = random_states(6, LINK_SIDE, seed=1)
+    states = {signal: values[50:60] for signal, values in states.items()}
+    total, terms, status = model.evaluate(**states)
+    states["dq"][[0, 4, 5], [0, 3, 5]] = bad
+    held = [0, 1, 2, 3, 3, 3, 6, 7, 8, 9]  # row 0: nothing good before it
+    total, terms = total[held], terms[held]
+    total[0], terms[0] = 0.0, 0.0
+    status[[0, 4, 5]] = 1
+    for text, parse in ((csv_text(states), from_csv), (json_text(states), from_json)):
+        answers = parse(run(estimator, path, text), model.term_names, 6)
+        assert_same_bits(answers.total, total)
+        assert_same_bits(answers.terms, terms)
+        np.testing.assert_array_equal(answers.status, status)
