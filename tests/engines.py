@@ -1,4 +1,4 @@
-"""Pinocchio and MuJoCo behind the signature of `RobotModel`: the same URDF text in, samples in, samples out."""
+"""Pinocchio and MuJoCo behind the signature of `RobotModel`: URDF text and samples in, samples out."""
 
 import xml.etree.ElementTree as ET
 
@@ -44,7 +44,7 @@ class MuJoCo:
     def __init__(self, urdf, gravity):
         robot = ET.fromstring(urdf)
         for joint in robot.iter("joint"):
-            for origin in joint.findall("origin")[1:]:  # the first one counts, as in ROS; MuJoCo refuses a second
+            for origin in joint.findall("origin")[1:]:  # the first counts, as in ROS; MuJoCo refuses two
                 joint.remove(origin)
         extension = ET.SubElement(robot, "mujoco")
         ET.SubElement(extension, "compiler", fusestatic="true", discardvisual="true", balanceinertia="false")
@@ -52,8 +52,8 @@ class MuJoCo:
         model.opt.gravity[:] = gravity
         flags = mujoco.mjtDisableBit
         model.opt.disableflags |= flags.mjDSBL_CONSTRAINT | flags.mjDSBL_CONTACT | flags.mjDSBL_LIMIT
-        assert not (model.dof_armature.any() or model.dof_damping.any() or model.dof_frictionloss.any())
-        assert not model.jnt_stiffness.any()
+        for other in (model.dof_armature, model.dof_damping, model.dof_frictionloss, model.jnt_stiffness):
+            assert not other.any()
         self.model, self.data = model, mujoco.MjData(model)
 
     def inverse_dynamics(self, q, dq, ddq):

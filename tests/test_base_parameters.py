@@ -26,8 +26,8 @@ KNOWN = {
     "rokae_xmate3pro": (43, 45),
     "ur10e_innopolis": (36, 38),
 }
-"""Numbers under vertical and under tilted gravity, which shows two parameters more of the first link (six-axis arms:
-36 is the text-book number)."""
+"""Numbers under vertical and under tilted gravity, which shows two parameters more of the first link.
+36 is the text-book number of a six-axis arm."""
 
 
 def observation_matrix(engine, n_joints, seed, n_samples=120):
@@ -53,9 +53,8 @@ def assert_identities(robot, base, seed):
     assert_allclose(reduced @ base.project(phi) / scale, regressor @ phi / scale, **ALGEBRAIC)
     lifted = base.lift(base.project(phi))
     assert lifted.shape == (base.n_standard,)
-    assert_allclose(
-        robot.inverse_dynamics(*states, lifted) / scale, robot.inverse_dynamics(*states, phi) / scale, **ALGEBRAIC
-    )
+    of_lifted, of_all = (robot.inverse_dynamics(*states, x) for x in (lifted, phi))
+    assert_allclose(of_lifted / scale, of_all / scale, **ALGEBRAIC)
     assert_array_equal(base.project(base.lift(phi_base)), phi_base)
     assert_allclose(regressor @ base.lift(phi_base), reduced @ phi_base, **ALGEBRAIC)
     by_hand = phi[base.pivots] + base.beta @ phi[base.dependent]
@@ -91,8 +90,8 @@ def test_numbers_of_one_joint_are_countable_by_hand():
         "<inertial><mass value='1'/><inertia ixx='1' ixy='0' ixz='0' iyy='1' iyz='0' izz='1'/></inertial>"
     )
     urdf = (
-        f"<robot name='one'><link name='base'/><link name='arm'>{inertial}</link><joint name='joint' type='%s'>"
-        "<parent link='base'/><child link='arm'/><axis xyz='0 0 1'/>"
+        f"<robot name='one'><link name='base'/><link name='arm'>{inertial}</link>"
+        "<joint name='joint' type='%s'><parent link='base'/><child link='arm'/><axis xyz='0 0 1'/>"
         "<limit lower='-1' upper='1' velocity='1' effort='1'/></joint></robot>"
     )
     turning = RobotModel.from_urdf_string(urdf % "revolute")
@@ -144,7 +143,7 @@ def test_random_state_reproduces_and_does_not_decide_the_number(seed):
 SEEDS = range(8)
 FAER_DIAGONAL = pytest.mark.xfail(
     strict=True,
-    reason="dynid-offline base.rs trusts faer's ColPivQr to sort its diagonal; near zero it does not (seeds 0, 2, 7)",
+    reason="base.rs trusts faer's ColPivQr to sort its diagonal; near zero it does not (seeds 0, 2, 7)",
 )
 
 
@@ -152,7 +151,8 @@ FAER_DIAGONAL = pytest.mark.xfail(
 def test_the_gap_is_that_of_a_pivoted_qr():
     # First axis turned by 3.141592654: two parameters move the torque by 1e-10 of the others.
     robot = RobotModel.from_urdf_string(urdf_of("kuka_kr300_weigand"))
-    diagonal = np.abs(np.diag(scipy.linalg.qr(observation_matrix(robot, 6, seed=1), mode="r", pivoting=True)[0]))
+    r, _ = scipy.linalg.qr(observation_matrix(robot, 6, seed=1), mode="r", pivoting=True)
+    diagonal = np.abs(np.diag(r))
     gaps = np.array([robot.base_parameters(random_state=seed).gap for seed in SEEDS])
     assert np.all(np.abs(np.log10(gaps * diagonal[36] / diagonal[35])) < 1)
 

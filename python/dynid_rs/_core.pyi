@@ -2,11 +2,11 @@
 
 Conventions of every function here:
 
-- Signals are (n_samples, n_joints), links and joints in chain order, SI units [rad, rad/s, rad/s²; m for prismatic
-  joints], torques in N·m (N for prismatic joints) or in the unit of the torque channel (A).
-- Anything that numpy turns into a float64 array is accepted; C-ordered float64 is not copied. Outputs are new arrays.
-- `ValueError` names the argument, its shape and the expected one, or the place of a NaN or an infinity. `TypeError` if an
-  argument is no array of numbers.
+- Signals are (n_samples, n_joints), links and joints in chain order, SI units [rad, rad/s, rad/s²; m for
+  prismatic joints], torques in N·m (N for prismatic joints) or in the unit of the torque channel (A).
+- Anything that numpy turns into a float64 array is accepted; C-ordered float64 is not copied.
+- `ValueError` names the argument, its shape and the expected one, or the place of a NaN or an infinity.
+  `TypeError` if an argument is no array of numbers.
 - The interpreter's lock is released while a batch is computed.
 
 Equation numbers are those of the paper that README.md names.
@@ -14,35 +14,35 @@ Equation numbers are those of the paper that README.md names.
 
 from collections.abc import Sequence
 from os import PathLike
-from typing import Final, final
+from typing import Final, TypeAlias, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-type _FloatArray = NDArray[np.float64]
-type _Filter = tuple[_FloatArray, _FloatArray, int]
-"""Sections (n, 6) of `scipy.signal.butter(..., output="sos")`, `scipy.signal.sosfilt_zi` (n, 2), samples of padding."""
-type _Mixtures = Sequence[GaussianMixtureRegression | None]
-type _Box = tuple[Sequence[Sequence[float]], Sequence[float], Sequence[float]]
+_FloatArray: TypeAlias = NDArray[np.float64]
+_Filter: TypeAlias = tuple[_FloatArray, _FloatArray, int]
+"""`scipy.signal.butter(output="sos")` (n, 6), its `scipy.signal.sosfilt_zi` (n, 2), samples of padding."""
+_Mixtures: TypeAlias = Sequence[GaussianMixtureRegression | None]
+_Box: TypeAlias = tuple[Sequence[Sequence[float]], Sequence[float], Sequence[float]]
 
 __all__ = [
-    "__version__",
-    "UrdfError",
-    "FormatError",
-    "LINK_PARAMETER_NAMES",
     "FRICTION_NAMES",
-    "RobotModel",
+    "LINK_PARAMETER_NAMES",
     "BaseParameters",
     "Effect",
+    "FormatError",
     "GaussianMixtureRegression",
+    "RobotModel",
     "TorqueModel",
-    "friction_basis",
-    "residual_inputs",
+    "UrdfError",
+    "__version__",
     "align_link_side",
-    "observe",
     "filtered_friction_basis",
-    "triangular_factor",
+    "friction_basis",
     "merge_factors",
+    "observe",
+    "residual_inputs",
+    "triangular_factor",
 ]
 
 __version__: Final[str]
@@ -133,7 +133,7 @@ class RobotModel:
 
     @property
     def phi(self) -> _FloatArray:
-        """Declared inertial parameters (10 n_links,) in the order of `LINK_PARAMETER_NAMES`; zeros where none are."""
+        """Declared inertial parameters (10 n_links,), ordered as `LINK_PARAMETER_NAMES`; else zeros."""
 
     @property
     def rotor_inertia(self) -> _FloatArray:
@@ -167,14 +167,14 @@ class RobotModel:
     def inverse_dynamics(
         self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, phi: ArrayLike | None = None
     ) -> _FloatArray:
-        """Torque of the links `M(q) ddq + C(q, dq) dq + G(q)` (Eq. 1 without friction): (n_samples, n_joints).
+        """Torque of the links `M(q) ddq + C(q, dq) dq + G(q)` (Eq. 1, no friction): (n_samples, n_joints).
 
         Parameters
         ----------
         q, dq, ddq : (n_samples, n_joints)
             Positions, velocities, accelerations.
         phi : (10 n_links,), optional
-            Inertial parameters, linear in the torque and not necessarily physical; the declared ones by default.
+            Inertial parameters, which need not be physical; the declared ones by default.
 
         Raises
         ------
@@ -185,7 +185,7 @@ class RobotModel:
     def rnea(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, phi: ArrayLike | None = None) -> _FloatArray:
         """Other name of `inverse_dynamics`."""
 
-    def joint_torque_regressor(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> NDArray[np.float64]:
+    def joint_torque_regressor(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> _FloatArray:
         """Regressor Y with `tau = Y phi` (Eq. 2): (n_samples, n_joints, 10 n_links).
 
         Raises
@@ -245,14 +245,14 @@ class BaseParameters:
         """Columns of the base parameters: (..., 10 n_links) to (..., n_base)."""
 
     def project(self, phi: ArrayLike) -> _FloatArray:
-        """Base parameters (n_base,) of a full set (10 n_links,)."""
+        """Return the base parameters (n_base,) of a full set (10 n_links,)."""
 
     def lift(self, phi_base: ArrayLike) -> _FloatArray:
         """Full set (10 n_links,) with the torque of `phi_base` (n_base,): zeros in the other places."""
 
 @final
 class Effect:
-    """An effect with its shape parameters: torque that is linear in its coefficients, one of the terms of a model."""
+    """An effect with its shape parameters: a torque linear in its coefficients, one term of a model."""
 
     @staticmethod
     def rotor_inertia() -> Effect:
@@ -290,7 +290,7 @@ class Effect:
 
 @final
 class GaussianMixtureRegression:
-    """Conditional mean and variance of the last dimension of a Gaussian mixture given the others (Eqs. 31-39).
+    """Conditional mean and variance of a Gaussian mixture's last dimension given the others (Eqs. 31-39).
 
     Parameters
     ----------
@@ -304,7 +304,7 @@ class GaussianMixtureRegression:
     Raises
     ------
     ValueError
-        Shapes disagree, a number is not finite, a weight is not positive or a covariance not positive definite.
+        Shapes disagree, a number is not finite, a weight not positive or a covariance not positive definite.
     """
 
     def __new__(
@@ -329,7 +329,7 @@ class GaussianMixtureRegression:
         """
 
     def responsibilities(self, u: ArrayLike) -> _FloatArray:
-        """h_k of Eq. 37 at `u` (n_samples, n_inputs): (n_samples, K), rows sum to one however far the query is."""
+        """h_k of Eq. 37 at `u` (n_samples, n_inputs): (n_samples, K); rows sum to one at any distance."""
 
 @final
 class TorqueModel:
@@ -404,7 +404,7 @@ class TorqueModel:
         q_motor: ArrayLike | None = None,
         dq_motor: ArrayLike | None = None,
         ddq_motor: ArrayLike | None = None,
-    ) -> tuple[_FloatArray, NDArray[np.float64], NDArray[np.uint32]]:
+    ) -> tuple[_FloatArray, _FloatArray, NDArray[np.uint32]]:
         """Torque by the estimator that runs online: total, terms and status.
 
         Parameters
@@ -421,7 +421,7 @@ class TorqueModel:
         terms : (n_samples, n_terms, n_joints)
             In the order of `term_names`.
         status : (n_samples,)
-            Bits: 1 not finite, the last good torque is repeated; 2 outside of the domain; 4 residual faded out.
+            Bits: 1 overflow, the last good torque is repeated; 2 outside of the domain; 4 residual faded out.
 
         Raises
         ------
@@ -472,7 +472,7 @@ class TorqueModel:
 def friction_basis(dq: ArrayLike, velocity_threshold: float, transition_width: float) -> _FloatArray:
     """Basis of Eqs. 9-11 at speeds `dq` (n_samples,) of one joint: (n_samples, 8), columns `FRICTION_NAMES`.
 
-    The superscripts of the paper's k_v are indices, not powers; the quadratic column is dq² on both sides, as printed.
+    The superscripts of the paper's k_v are indices, not powers; the quadratic column is dq² on both sides.
 
     Raises
     ------
@@ -482,10 +482,10 @@ def friction_basis(dq: ArrayLike, velocity_threshold: float, transition_width: f
 
 def residual_inputs(
     inputs: str, q: _FloatArray, dq: ArrayLike, q_motor: ArrayLike, dq_motor: ArrayLike
-) -> NDArray[np.float64]:
-    """What a mixture of the third loop sees: (n_samples, n_joints, 2). The channels must be on one clock.
+) -> _FloatArray:
+    """Return what a mixture of the third loop sees: (n_samples, n_joints, 2); the channels on one clock.
 
-    `inputs`: `"deflection"` (motor minus link, and its rate) or `"joint_state"` (motor-side position and velocity).
+    `inputs`: `"deflection"` (motor minus link, and its rate) or `"joint_state"` (of the motor side).
     """
 
 def align_link_side(
@@ -508,7 +508,7 @@ def observe(
     filter: _Filter | None = None,
     kept: Sequence[int],
 ) -> list[_FloatArray]:
-    """Rows `[effects | base columns of the links that the joint moves | torque]` of every joint, filtered, decimated.
+    """Rows `[effects | base columns of the links it moves | torque]` of every joint, filtered, decimated.
 
     The same zero-phase low-pass runs over every column and over the torque (Eqs. 15-17).
 
@@ -549,7 +549,7 @@ def filtered_friction_basis(
     """
 
 def triangular_factor(rows: _FloatArray) -> _FloatArray:
-    """R with `R.T @ R == A.T @ A` for A (m, width): (width, width), upper triangular, diagonal not negative."""
+    """R with `R.T @ R == A.T @ A` for rows A (m, width): (width, width), upper triangular, diagonal >= 0."""
 
 def merge_factors(factors: Sequence[_FloatArray]) -> _FloatArray:
     """R of several factors stacked, merged in a fixed tree: (width, width).

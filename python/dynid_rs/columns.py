@@ -121,6 +121,20 @@ class Observations:
         """Rows per joint over all blocks."""
         return sum(block.n_rows for block in self.blocks)
 
+    def by_run(self, parts: Sequence[FloatArray]) -> list[FloatArray]:
+        """Put together what belongs to one run from one array per block."""
+        runs = [block.run for block in self.blocks]
+        return [
+            np.concatenate([part for part, run in zip(parts, runs, strict=True) if run == k]) for k in sorted(set(runs))
+        ]
+
+    def rows_with(self, torque: Sequence[FloatArray]) -> list[list[FloatArray]]:
+        """Rows of every run and joint with another torque, (n_rows, n_joints) each, in the last column."""
+        joints = [self.by_run([block.rows[j] for block in self.blocks]) for j in range(len(self.blocks[0].rows))]
+        return [
+            [np.column_stack([rows[k][:, :-1], tau[:, j]]) for j, rows in enumerate(joints)] for k, tau in enumerate(torque)
+        ]
+
     def factors(self, leave_out: int | None = None) -> list[FloatArray]:
         """Merged factor of every joint, without block `leave_out` if given. Never reads the data again."""
         kept = [block for k, block in enumerate(self.blocks) if k != leave_out]

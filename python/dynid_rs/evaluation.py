@@ -39,10 +39,7 @@ class Comparison:
 
 def compare(states: States, predicted: FloatArray) -> Comparison:
     """Compare `predicted` (n, n_joints), torque at every sample, with the run's own, both through the band's filter."""
-    rows = states.rows
-    measured = states.band.apply(states.tau, states.rate)[rows]
-    filtered = states.band.apply(predicted, states.rate)[rows]
-    return Comparison(states, measured, filtered, (states.tau - predicted)[states.moving])
+    return Comparison(states, states.in_band(states.tau), states.in_band(predicted), (states.tau - predicted)[states.moving])
 
 
 def rmse(errors: Sequence[FloatArray]) -> FloatArray:

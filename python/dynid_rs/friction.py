@@ -6,7 +6,9 @@ in each (variable projection): least squares inside, a scan and a refinement out
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,11 +93,17 @@ class FrictionIdentifier(BaseEstimator):  # type: ignore[misc]
             self.velocity_threshold_, self.transition_width_ = np.zeros(n), np.zeros(n)
         others = np.ones(plan.n_own, dtype=bool)
         others[-len(_core.FRICTION_NAMES) :] = False
-        for j in range(n) if joints is None else joints:
+        wanted = list(range(n)) if joints is None else list(joints)
+
+        def search(j: int) -> tuple[float, float]:
             stacked = np.concatenate([run[j] for run in rows])
             keep = np.concatenate([others & plan.own[j], np.ones(stacked.shape[1] - plan.n_own - 1, dtype=bool)])
-            power = _PowerLeft(stacked[:, :-1][:, keep], stacked[:, -1], runs, j)
-            self.velocity_threshold_[j], self.transition_width_[j] = self._search(power)
+            return self._search(_PowerLeft(stacked[:, :-1][:, keep], stacked[:, -1], runs, j))
+
+        # Joints are independent, and the compiled module lets go of the interpreter.
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            for j, shape in zip(wanted, pool.map(search, wanted), strict=True):
+                self.velocity_threshold_[j], self.transition_width_[j] = shape
         self.effect_ = friction_effect(self.velocity_threshold_, self.transition_width_)
         return self
 

@@ -135,31 +135,36 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         on_progress("filtering the runs")
         raw_runs, slow_runs = self._prepare(recordings), self._prepare(slow)
         on_progress("weighted least squares")
-        self._fit_baseline(raw_runs, fit_scale=in_ampere)
-        self._measure_encoder_delay(raw_runs)
-        runs = [states.aligned(self._delay) for states in raw_runs]
-        slow_runs = [states.aligned(self._delay) for states in slow_runs]
-
         plan = self._plan(friction_effect(*self._first_shape()))
+        observations = observe(plan, raw_runs)
+        self._fit_baseline(observations, raw_runs, fit_scale=in_ampere)
+        runs = raw_runs
+        if self._measure_encoder_delay(raw_runs):
+            runs = [states.aligned(self._delay) for states in raw_runs]
+            slow_runs = [states.aligned(self._delay) for states in slow_runs]
+            observations = observe(plan, runs)
+        slow_rows = [run_rows(plan, states, states.tau) for states in slow_runs]
+
         third_loop = [np.zeros_like(states.tau) for states in runs]
         self.history_: list[dict[str, FloatArray]] = []
         self.converged_ = False
         changed = None  # joints whose torque the third loop has changed; at first all are new
         for self.n_iter_ in range(1, self.max_iter + 1):
-            on_progress(f"round {self.n_iter_}: friction")
             # Loop 1: friction's shape, on what the links leave (Eqs. 9-12).
-            friction.fit(plan, runs + slow_runs, _rows(plan, runs, third_loop) + _rows(plan, slow_runs), changed)
+            on_progress(f"round {self.n_iter_}: friction")
+            torque = [states.in_band(states.tau - u) for states, u in zip(runs, third_loop, strict=True)]
+            friction.fit(plan, runs + slow_runs, observations.rows_with(torque) + slow_rows, changed)
             plan = self._plan(friction.effect_)
-            on_progress(f"round {self.n_iter_}: link dynamics")
             # Loop 2: links and all linear coefficients, without the third loop's torque (Eqs. 19-25).
+            on_progress(f"round {self.n_iter_}: link dynamics")
             observations = observe(plan, runs, [s.tau - u for s, u in zip(runs, third_loop, strict=True)])
             links.fit(observations, fit_scale=in_ampere)
-            on_progress(f"round {self.n_iter_}: residual")
             # Loop 3: what is left, from the deflection (Eqs. 31-39); where it does not pay, it stays out.
-            if residual is not None and self.n_iter_ == 1:
-                residual.fit(runs, _residuals(observations, links, len(runs)))
-            elif residual is not None:
-                residual.refit(runs, _residuals(observe(plan, runs), links, len(runs)))
+            if residual is not None:
+                on_progress(f"round {self.n_iter_}: residual")
+                left = observations.by_run(block_residuals(observations, links.x_, links.torque_scale_))
+                left = [e + states.in_band(u) for e, states, u in zip(left, runs, third_loop, strict=True)]
+                (residual.fit if self.n_iter_ == 1 else residual.refit)(runs, left)
             self.history_.append({"noise_std": links.noise_std_})
             if residual is None or not residual.kept.any() or self._settled():
                 self.converged_ = True
@@ -225,20 +230,21 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         effects = [_core.Effect.rotor_inertia(), _core.Effect.torque_offset(), friction]
         return make_plan(self.robot, effects)
 
-    def _fit_baseline(self, runs: list[States], *, fit_scale: bool) -> None:
-        plan = self._plan(friction_effect(*self._first_shape()))
-        observations, regroup = baseline(observe(plan, runs))
-        links = LinkDynamicsIdentifier(ridge=0.0).fit(observations, fit_scale=fit_scale)
+    def _fit_baseline(self, observations: Observations, runs: list[States], *, fit_scale: bool) -> None:
+        simple, regroup = baseline(observations)
+        links = LinkDynamicsIdentifier(ridge=0.0).fit(simple, fit_scale=fit_scale)
         self._delay = np.zeros(self.robot.n_joints)
-        self.baseline_ = self._assemble(plan, links, links.own_ @ regroup.T, None, runs)
+        self.baseline_ = self._assemble(observations.plan, links, links.own_ @ regroup.T, None, runs)
 
-    def _measure_encoder_delay(self, runs: list[States]) -> None:
+    def _measure_encoder_delay(self, runs: list[States]) -> bool:
+        """Estimate the delay between the channels; true if there are two."""
         self.encoder_delay_: EncoderDelay | None = None
         if not all(states.two_encoders for states in runs):
-            return
+            return False
         tau_link = [evaluate(self.baseline_, states)[1][:, 0] for states in runs]
         self.encoder_delay_ = estimate_encoder_delay(runs, tau_link)
         self._delay = self.encoder_delay_.value
+        return True
 
     def _settled(self) -> bool:
         if len(self.history_) < 2:
@@ -324,20 +330,6 @@ def evaluate(model: _core.TorqueModel, states: States) -> tuple[FloatArray, Floa
 
 def _as_list(recordings: Recording | Sequence[Recording]) -> list[Recording]:
     return [recordings] if isinstance(recordings, Recording) else list(recordings)
-
-
-def _rows(
-    plan: Plan, runs: Sequence[States], third_loop: Sequence[FloatArray] | None = None
-) -> list[list[FloatArray]]:
-    taken = [np.zeros_like(states.tau) for states in runs] if third_loop is None else third_loop
-    return [run_rows(plan, states, states.tau - u) for states, u in zip(runs, taken, strict=True)]
-
-
-def _residuals(observations: Observations, links: LinkDynamicsIdentifier, n_runs: int) -> list[FloatArray]:
-    """Residual of every run at its rows, (n_rows, n_joints)."""
-    blocks = block_residuals(observations, links.x_, links.torque_scale_)
-    runs = [block.run for block in observations.blocks]
-    return [np.concatenate([b for b, run in zip(blocks, runs, strict=True) if run == k]) for k in range(n_runs)]
 
 
 def _third_loop_torque(residual: ResidualCompensator, states: States) -> FloatArray:

@@ -115,6 +115,10 @@ class States:
         result: list[int] = self.rows.tolist()
         return result
 
+    def in_band(self, x: FloatArray) -> FloatArray:
+        """`x` (n, ...) through the band's filter, at the rows of the fit."""
+        return self.band.apply(x, self.rate)[self.rows]
+
     def signals(self) -> tuple[FloatArray, ...]:
         """Return q, dq, ddq, q_motor, dq_motor, ddq_motor."""
         return self.q, self.dq, self.ddq, self.q_motor, self.dq_motor, self.ddq_motor

@@ -25,10 +25,10 @@ MAX_GAP_STEPS = 10.0
 MIN_STEP = 1e-9
 """Shorter median steps [s] come from a wrong unit or damaged numbers."""
 
-_MATRICES = ("q", "tau", "dq", "ddq", "q_motor", "dq_motor", "temperature")
+_MATRICES = ("q", "tau", "dq", "ddq", "q_motor", "dq_motor", "ddq_motor", "temperature")
 _REQUIRED = ("q", "tau")
 
-OptionalSignal = Literal["dq", "ddq", "q_motor", "dq_motor", "temperature"]
+OptionalSignal = Literal["dq", "ddq", "q_motor", "dq_motor", "ddq_motor", "temperature"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,8 +45,8 @@ class Recording:
         Torque at the joint [`torque_unit`].
     dq, ddq : ndarray (n, n_joints), optional
         Velocity [rad/s, m/s] and acceleration [rad/s^2, m/s^2] as recorded.
-    q_motor, dq_motor : ndarray (n, n_joints), optional
-        Motor encoder divided by the gear ratio [rad, m], and its velocity.
+    q_motor, dq_motor, ddq_motor : ndarray (n, n_joints), optional
+        Motor encoder divided by the gear ratio [rad, m], its velocity and its acceleration.
     temperature : ndarray (n, n_joints), optional
         Temperature of the joint [degC].
     name : str
@@ -71,6 +71,7 @@ class Recording:
     ddq: FloatArray | None = None
     q_motor: FloatArray | None = None
     dq_motor: FloatArray | None = None
+    ddq_motor: FloatArray | None = None
     temperature: FloatArray | None = None
     name: str = "recording"
     joints: tuple[str, ...] = ()

@@ -133,7 +133,7 @@ class ResidualCompensator(BaseEstimator):  # type: ignore[misc]
     ) -> GaussianMixtureRegressor:
         thin = max(1, len(left) // self.max_samples)
         regressor = GaussianMixtureRegressor(
-            n_components, tol=3e-3, means_init=means, random_state=self.random_state
+            n_components, tol=1e-2, means_init=means, random_state=self.random_state
         )
         return regressor.fit(u[::thin], left[::thin])
 

@@ -14,6 +14,7 @@ from dynid_rs.columns import Plan
 from dynid_rs.evaluation import FLOOR_METHOD, Comparison, compare, noise_floor, rmse, rmse_interval, torque_std
 from dynid_rs.findings import Finding
 from dynid_rs.identification import ThreeLoopIdentifier, evaluate
+from dynid_rs.links import stack
 from dynid_rs.preprocessing import States
 from dynid_rs.recording import Recording
 from dynid_rs.uncertainty import NORMAL_95, parameter_covariance
@@ -118,7 +119,7 @@ def residual_table(
         for recording in recordings:
             states = identifier.states(recording)
             total, terms, _ = evaluate(identifier.model_, states)
-            filtered = states.band.apply(terms, states.rate)[states.rows]
+            filtered = states.in_band(terms)
             comparison = compare(states, total)
             n_rows = len(states.rows)
             part: dict[str, NDArray[Any]] = {
@@ -171,8 +172,9 @@ def _encoder_delay(identifier: ThreeLoopIdentifier) -> dict[str, Any] | None:
 
 def _base(identifier: ThreeLoopIdentifier) -> dict[str, Any]:
     base = identifier.robot.base_parameters()
-    rows = np.concatenate([block.rows[0] for block in identifier.observations_.blocks])
-    columns = rows[:, identifier.observations_.plan.n_own : -1]
+    links, observations = identifier.links_, identifier.observations_
+    system = stack(observations.plan, observations.factors(), links.weights_, links.torque_scale_)
+    columns = system[:, : base.n_base]
     norms = np.linalg.norm(columns, axis=0)
     values = np.linalg.svd(columns[:, norms > 0] / norms[norms > 0], compute_uv=False)
     return {

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from dynid_rs.errors import DataError
 from dynid_rs.findings import Finding
 from dynid_rs.recording import Recording
 
@@ -37,24 +38,76 @@ def split_runs(runs: Sequence[Recording], test: Sequence[Recording], test_from: 
     ------
     ValueError
         `test_from` with several runs or with test runs, or outside of the run.
+    DataError
+        A run is there twice, under whatever name, or a test run holds other signals than the training runs.
     """
     if test_from is not None and (test or len(runs) != 1):
-        raise ValueError("--test-from cuts a lone run; with --test or several runs there is nothing to cut")
+        raise ValueError(
+            "--test-from cuts a lone run; with --test or several runs there is nothing to cut, leave it out"
+        )
+    _refuse_repeats(runs, test)
     if test:
+        for recording in test:
+            _refuse_another_kind(runs[0], recording)
         return Split(list(runs), list(test))
     if len(runs) > 1:
         *train, last = runs
         message = f"no test run was named; {last.name}, the last one, was kept aside for testing"
+        _refuse_another_kind(train[0], last)
         return Split(train, [last], Finding("test_run_chosen", "info", message, file=last.name))
-    (run,) = runs
+    return _cut(runs[0], test_from)
+
+
+def _cut(run: Recording, test_from: float | None) -> Split:
     start = run.duration * (1 - LAST_PART) if test_from is None else test_from
     if not 0 < start < run.duration:
-        raise ValueError(f"--test-from must lie inside the run (0 to {run.duration:.3g} s), found {start:g}")
+        raise ValueError(
+            f"{run.name}: --test-from must lie inside the run (0 to {run.duration:.3g} s), found {start:g}"
+        )
     row = int(np.searchsorted(run.t, run.t[0] + start))
     message = (
         f"there is one run; its first {start:.3g} s were learned from and the rest was kept aside for testing. "
         "A second run would test more"
     )
-    first = replace(run.slice(None, row), name=f"{run.name} (first {start:.3g} s)")
-    rest = replace(run.slice(row, None), name=f"{run.name} (after {start:.3g} s)")
+    first = replace(run, name=f"{run.name} (first {start:.3g} s)").slice(None, row)
+    rest = replace(run, name=f"{run.name} (after {start:.3g} s)").slice(row, None)
     return Split([first], [rest], Finding("test_part_chosen", "info", message, file=run.name))
+
+
+def _refuse_repeats(runs: Sequence[Recording], test: Sequence[Recording]) -> None:
+    """The same samples twice would count twice, or make the test an exam with known answers."""
+    seen: list[tuple[Recording, bool]] = []
+    for recording, is_test in [*((run, False) for run in runs), *((run, True) for run in test)]:
+        for earlier, was_test in seen:
+            if not _same_samples(earlier, recording):
+                continue
+            names = recording.name if recording.name == earlier.name else f"{recording.name} ({earlier.name})"
+            if is_test and not was_test:
+                text = "is both learned from and tested on; name it once, and test on another run"
+            else:
+                text = f"is given twice {'to test on' if is_test else 'to learn from'}; name it once"
+            raise DataError(f"{names} {text}", code="run_twice", file=recording.name)
+        seen.append((recording, is_test))
+
+
+def _same_samples(a: Recording, b: Recording) -> bool:
+    return all(np.array_equal(x, y) for x, y in ((a.t, b.t), (a.q, b.q), (a.tau, b.tau)))
+
+
+def _refuse_another_kind(train: Recording, test: Recording) -> None:
+    """A model in ampere says nothing about newton metres, and one of two encoders nothing about one."""
+    if train.torque_unit != test.torque_unit:
+        raise DataError(
+            f"{test.name} holds torque in {test.torque_unit} and {train.name} in {train.torque_unit}; "
+            "test on runs of one kind, or give the drive gains",
+            code="mixed_runs",
+            file=test.name,
+        )
+    if train.has_motor_encoder != test.has_motor_encoder:
+        both, one = (train, test) if train.has_motor_encoder else (test, train)
+        raise DataError(
+            f"{both.name} holds motor and link positions and {one.name} only one of them; "
+            "test on runs of one kind, or leave q_motor out in dynid.toml: [columns] q_motor = false",
+            code="mixed_runs",
+            file=test.name,
+        )

@@ -5,18 +5,21 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
+from dynid_rs.commands._console import console
+from dynid_rs.readers.table import shown
 from dynid_rs.report import REPORT_FILE
 
 
 def show(result: dict[str, Any], directory: Path) -> None:
     """Print errors per joint, the verdict, warnings, and where the report is."""
-    console = Console()
+    out = console()
     unit = result["torque_unit"]
     test = result["rmse"]["test"]
-    table = Table(title=f"RMSE on test runs [{unit}] (and of the torque's standard deviation)", title_justify="left")
+    title = f"RMSE on test runs [{unit}] (and of the torque's standard deviation)"
+    table = Table(title=Text(title), title_justify="left")
     table.add_column("joint")
     for heading in ("torque std", "weighted least squares", "three loops", "95 % interval", "floor"):
         table.add_column(heading, justify="right")
@@ -24,26 +27,26 @@ def show(result: dict[str, Any], directory: Path) -> None:
         std = test["torque_std"][j]
         low, high = test["after_interval"][j]
         table.add_row(
-            joint,
+            Text(shown(joint)),
             f"{std:.4g}",
             _with_share(test["wls"][j], std),
             _with_share(test["after"][j], std),
             f"{low:.3g} - {high:.3g}",
             _with_share(test["floor"][j], std),
         )
-    console.print(table)
-    console.print(result["verdict"], highlight=False)
+    out.print(table)
+    out.print(Text(result["verdict"]))
     delay = result["encoder_delay"]
     if delay is not None:
         values = ", ".join(
             f"{1e3 * value:.2f}" if measured else "-"
             for value, measured in zip(delay["value"], delay["measured"], strict=True)
         )
-        console.print(f"Link encoders come late by {values} ms (removed first).", highlight=False)
+        out.print(f"Link encoders come late by {values} ms (removed first).")
     for finding in result["data"]["findings"]:
         if finding["severity"] != "info":
-            console.print(f"{finding['severity']}: {finding['message']}", highlight=False, markup=False)
-    console.print(f"report: {directory / REPORT_FILE}", soft_wrap=True, highlight=False)
+            out.print(Text(f"{finding['severity']}: {finding['message']}"))
+    out.print(Text(f"report: {directory / REPORT_FILE}"), soft_wrap=True)
 
 
 def _with_share(error: float, std: float) -> str:

@@ -7,36 +7,22 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from rich.box import SIMPLE_HEAD
-from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
 from dynid_rs.checks import relative_jitter
+from dynid_rs.commands._console import console
 from dynid_rs.findings import Finding
 from dynid_rs.readers import Run
 from dynid_rs.readers.table import shown, shown_names
 from dynid_rs.recording import gaps
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from dynid_rs.commands.inspect import Inspection
 
-_WIDTH = 120
 _STYLES = {"error": "bold red", "warning": "yellow", "info": "cyan"}
-
-
-class _Console(Console):
-    """Rich ends the process when the reader of a pipe leaves; here `run_command` decides."""
-
-    def on_broken_pipe(self) -> None:
-        """Pass the error on."""
-        raise
-
-
-def console() -> Console:
-    """Terminal output: coloured and as wide as the terminal; plain and of fixed width elsewhere."""
-    plain = _Console(highlight=False, color_system=None, width=_WIDTH)
-    terminal = _Console(highlight=False)
-    return terminal if terminal.file.isatty() else plain
 
 
 def show(inspections: Sequence[Inspection]) -> None:

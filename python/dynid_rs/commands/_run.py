@@ -11,6 +11,8 @@ from typing import ParamSpec
 
 import typer
 
+from dynid_rs.files import with_sentence
+
 EXIT_NO = 1
 EXIT_UNUSABLE = 2
 EXIT_INTERRUPTED = 130
@@ -30,7 +32,9 @@ def error_object(error: BaseException) -> dict[str, object]:
 
 
 def sentence(error: BaseException) -> str:
-    """Return the text of an error on one line."""
+    """Return the text of an error on one line; a bare error of the system becomes a sentence."""
+    if isinstance(error, OSError) and error.errno is not None and error.filename is not None:
+        error = with_sentence(error, error.filename, "open")
     return " ".join(str(error).split()) or type(error).__name__
 
 

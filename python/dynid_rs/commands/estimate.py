@@ -39,61 +39,101 @@ def estimate(
     are filtered without phase and differentiated, as in `dynid identify`.
     """
     from dynid_rs import _core
+    from dynid_rs.commands._inputs import check_cutoff
     from dynid_rs.evaluation import rmse
-    from dynid_rs.files import write_table
-    from dynid_rs.readers import Config, read_config, read_recording
+    from dynid_rs.files import check_readable, write_table
+    from dynid_rs.readers import Config, read_config, read_run
 
-    torque_model = _core.TorqueModel.load(model)
+    _check_outputs(output, states, inputs=(model, run))
+    torque_model = _core.TorqueModel.load(check_readable(model))
     settings = Config() if config is None else read_config(config)
-    recording = read_recording(run, torque_model.robot, settings)
+    source = read_run(run, torque_model.robot, settings, require_torque=False)
+    recording = source.recording
+    check_cutoff(cutoff, [recording])
+    if source.has_torque and recording.torque_unit != torque_model.torque_unit:
+        raise _other_unit(recording, torque_model.torque_unit)
     t, signals, tau = states_of(recording, cutoff)
     total, terms, status = torque_model.evaluate(*signals)
-    n = recording.n_joints
-    columns: dict[str, Any] = {"t": t}
-    columns |= {f"tau_{j}": total[:, j] for j in range(n)}
+    errors = rmse([tau - total]) if source.has_torque else None
+    columns: dict[str, Any] = {"t": t, **_by_joint("tau", total)}
     for k, name in enumerate(torque_model.term_names):
-        columns |= {f"{name}_{j}": terms[:, k, j] for j in range(n)}
-    columns |= {f"measured_{j}": tau[:, j] for j in range(n)}
+        columns |= _by_joint(name, terms[:, k])
+    if source.has_torque:
+        columns |= _by_joint("measured", tau)
     columns["status"] = status
     if output is not None:
         write_table(output, columns)
     if states is not None:
         write_states(states, t, signals)
-    errors = rmse([tau - total])
     unusual = int(np.count_nonzero(status))
+    joints, unit = list(torque_model.robot.joint_names), torque_model.torque_unit
     if json_output:
         print_json(
             {
                 "n_samples": len(t),
-                "joints": list(torque_model.robot.joint_names),
+                "joints": joints,
                 "terms": torque_model.term_names,
-                "torque_unit": torque_model.torque_unit,
-                "rmse": errors.tolist(),
+                "torque_unit": unit,
+                "rmse": None if errors is None else errors.tolist(),
                 "n_unusual": unusual,
                 "output": None if output is None else str(output),
+                "states": None if states is None else str(states),
             }
         )
         return
-    for joint, error in zip(torque_model.robot.joint_names, errors, strict=True):
-        typer.echo(f"{joint}: RMSE {error:.4g} {torque_model.torque_unit} (as recorded, all samples)")
+    if errors is None:
+        typer.echo(f"{run.name} holds no torque; there is nothing to compare the estimate with")
+    else:
+        for joint, error in zip(joints, errors, strict=True):
+            typer.echo(f"{joint}: RMSE {error:.4g} {unit} (as recorded, all samples)")
     if unusual:
         typer.echo(f"{unusual} of {len(t)} samples lie outside of what the model was trained on")
     if output is not None:
         typer.echo(f"torques: {output}")
+    if states is not None:
+        typer.echo(f"states: {states}")
+
+
+def _by_joint(name: str, values: FloatArray) -> dict[str, FloatArray]:
+    return {f"{name}_{j}": values[:, j] for j in range(values.shape[1])}
+
+
+def _check_outputs(output: Path | None, states: Path | None, inputs: tuple[Path, ...]) -> None:
+    """Refuse before any work what cannot be written, or would replace what is read."""
+    from dynid_rs.commands._output import check_file
+
+    given = [path for path in (output, states) if path is not None]
+    for path in given:
+        if any(path.exists() and other.exists() and path.samefile(other) for other in inputs):
+            raise ValueError(f"{path}: would be replaced by what is read from it; name another file")
+        check_file(path)
+    if len({path.absolute() for path in given}) < len(given):
+        raise ValueError(f"{output}: torques and states cannot go to the same file; name two")
+
+
+def _other_unit(recording: Recording, unit: str) -> ValueError:
+    from dynid_rs.errors import DataError
+
+    mend = "give the drive gain in dynid.toml: [drive] gain, or leave the currents out: [columns] current = false"
+    if recording.torque_unit == "N*m":
+        mend = "give the currents of the run, or leave its torques out in dynid.toml: [columns] tau = false"
+    return DataError(
+        f"{recording.name}: holds torque in {recording.torque_unit}, the model gives {unit}; {mend}",
+        code="other_unit",
+        file=recording.name,
+    )
 
 
 def states_of(recording: Recording, cutoff: float | None) -> tuple[FloatArray, tuple[FloatArray, ...], FloatArray]:
     """Time (n,), the six signals of the states and the measured torque, (n, n_joints) each."""
     from dynid_rs.preprocessing import Band, choose_band, common_rate, prepare
 
-    if recording.dq is not None and recording.ddq is not None and cutoff is None:
-        link = (recording.q, recording.dq, recording.ddq)
-        motor = (
-            recording.q if recording.q_motor is None else recording.q_motor,
-            recording.dq if recording.dq_motor is None else recording.dq_motor,
-            recording.ddq,
-        )
-        return recording.t, (*link, *motor), recording.tau
+    q, dq, ddq = recording.q, recording.dq, recording.ddq
+    if dq is not None and ddq is not None and cutoff is None:
+        # What the motor side lacks it has from the link side, signal by signal, as in `dynid-estimator`.
+        motor = (recording.q_motor, recording.dq_motor, recording.ddq_motor)
+        given = [x if own is None else own for own, x in zip(motor, (q, dq, ddq), strict=True)]
+        return recording.t, (q, dq, ddq, *given), recording.tau
     band = choose_band([recording]) if cutoff is None else Band(cutoff)
     states = prepare(recording, band, common_rate([recording]))
     return states.t, states.signals(), states.tau

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -11,11 +10,14 @@ import typer
 from dynid_rs.commands._run import EXIT_NO, print_json, run_command
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from dynid_rs.findings import Finding
-    from dynid_rs.readers import Config
     from dynid_rs.recording import Recording
 
 MODEL_FILE, RESULT_FILE, RESIDUALS_FILE = "model.json", "result.json", "residuals.parquet"
+LEAST_TEST_ROWS = 20
+"""Fewer rows of a test run say nothing."""
 
 
 @run_command
@@ -51,25 +53,21 @@ def identify(
     DIR then holds model.json (for `dynid estimate` and `dynid-estimator`), result.json, residuals.parquet and
     report.html. Ends with 1 if the data has an error in it or the model is no better than plain least squares.
     """
-    from rich.console import Console
+    from dynid_rs.commands._console import progress
+    from dynid_rs.commands._inputs import check_cutoff, read_robot, read_settings, read_split
+    from dynid_rs.commands._output import check_folder
+    from dynid_rs.report import REPORT_FILE
 
-    from dynid_rs import _core
-    from dynid_rs.splitting import split_runs
-
-    _check_output(output)
-    if cutoff is not None and not cutoff > 0:
-        raise ValueError(f"--cutoff must be a positive frequency in Hz, found {cutoff:g}")
-    console = Console(stderr=True)
-    with console.status("reading") as status:
-        model = _core.RobotModel.from_urdf(robot, base=base, tip=tip, gravity=_numbers("--gravity", gravity, 3))
-        settings = _settings(config, drive_gain, model.n_joints)
-        train, found = _read(runs, model, settings)
-        held, more = _read(test or [], model, settings)
-        split = split_runs(train, held, test_from)
-        findings = found + more + ([split.finding] if split.finding else [])
+    check_folder(output, (MODEL_FILE, RESULT_FILE, RESIDUALS_FILE, REPORT_FILE))
+    with progress() as say:
+        say("reading")
+        model = read_robot(robot, base, tip, gravity)
         identifier = _identifier(model, weighting, residual, cutoff)
-        identifier.fit(split.train, on_progress=status.update)
-        status.update("testing")
+        settings = read_settings(config, drive_gain, model.n_joints)
+        split, findings = read_split(runs, test or [], test_from, model, settings)
+        check_cutoff(cutoff, [*split.train, *split.test])
+        findings += _fit(identifier, split.train, say)
+        say("testing")
         result = _write(identifier, split.train, split.test, findings, output)
     if json_output:
         print_json(result)
@@ -102,67 +100,58 @@ def _identifier(model: Any, weighting: str, residual: str, cutoff: float | None)
     )
 
 
+def _fit(identifier: Any, train: list[Recording], say: Callable[[str], None]) -> list[Finding]:
+    """Fit; what did not converge is a finding, as everything else that the user should know."""
+    import warnings
+
+    from sklearn.exceptions import ConvergenceWarning
+
+    from dynid_rs.findings import Finding
+
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", ConvergenceWarning)
+        identifier.fit(train, on_progress=say)
+    for warning in caught:
+        if not issubclass(warning.category, ConvergenceWarning):
+            warnings.warn_explicit(warning.message, warning.category, warning.filename, warning.lineno)
+    messages = dict.fromkeys(
+        str(warning.message) for warning in caught if issubclass(warning.category, ConvergenceWarning)
+    )
+    return [Finding("not_converged", "warning", message) for message in messages]
+
+
 def _write(
     identifier: Any, train: list[Recording], test: list[Recording], findings: list[Finding], output: Path
 ) -> dict[str, Any]:
+    from dynid_rs.commands._output import filled_together
     from dynid_rs.files import write_json, write_table
     from dynid_rs.report import write_report
     from dynid_rs.results import residual_table, summarise
 
+    _check_motion(identifier, test)
     result = summarise(identifier, train, test, findings)
-    output.mkdir(parents=True, exist_ok=True)
-    identifier.model_.save(output / MODEL_FILE)
-    write_table(output / RESIDUALS_FILE, residual_table(identifier, train, test))
-    write_json(output / RESULT_FILE, result)
-    write_report(output)
+    table = residual_table(identifier, train, test)
+    with filled_together(output) as folder:
+        identifier.model_.save(folder / MODEL_FILE)
+        write_table(folder / RESIDUALS_FILE, table)
+        write_json(folder / RESULT_FILE, result)
+        write_report(folder)
     return result
 
 
-def _read(paths: list[Path], model: Any, config: Config) -> tuple[list[Recording], list[Finding]]:
-    """Recordings without the signals that contradict their positions, and what was found in them."""
-    from dynid_rs.checks import check_recording, refused_sources
-    from dynid_rs.readers import read_recording
+def _check_motion(identifier: Any, test: list[Recording]) -> None:
+    """Refuse a test run that stands still: there would be nothing to score."""
+    from dynid_rs.errors import DataError
 
-    recordings: list[Recording] = []
-    findings: list[Finding] = []
-    for path in paths:
-        recording = read_recording(path, model, config)
-        found = check_recording(recording, model)
-        recordings.append(recording.without(*refused_sources(found)))
-        findings += found
-    return recordings, findings
-
-
-def _settings(config: Path | None, drive_gain: str | None, n_joints: int) -> Config:
-    from dynid_rs.readers import Config, read_config
-
-    settings = Config() if config is None else read_config(config)
-    if drive_gain is None:
-        return settings
-    return replace(settings, drive_gain=tuple(_numbers("--drive-gain", drive_gain, n_joints)))
-
-
-def _numbers(option: str, text: str, count: int) -> tuple[float, ...]:
-    try:
-        numbers = tuple(float(part) for part in text.split(","))
-    except ValueError:
-        raise ValueError(f"{option} must be {count} numbers with commas between, found {text!r}") from None
-    if len(numbers) != count:
-        raise ValueError(f"{option} has {len(numbers)} numbers, expected {count}")
-    return numbers
-
-
-def _check_output(output: Path) -> None:
-    """Refuse a folder that cannot be written before any work is done."""
-    import os
-
-    place = output
-    while not place.exists():
-        place = place.parent
-    if not place.is_dir():
-        raise NotADirectoryError(f"{output}: {place} is a file; name a folder with -o")
-    if not os.access(place, os.W_OK | os.X_OK):
-        raise PermissionError(f"{output}: the folder {place} cannot be written; choose another with -o")
+    for recording in test:
+        states = identifier.states(recording)
+        if len(states.rows) < LEAST_TEST_ROWS:
+            raise DataError(
+                f"{recording.name}: only {len(states.rows) * states.step / states.rate:.2f} s of motion are left to "
+                "test on after standstill is taken out; test on a longer motion",
+                code="too_little_motion",
+                file=recording.name,
+            )
 
 
 def _exit_code(result: dict[str, Any]) -> int:

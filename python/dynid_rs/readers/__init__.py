@@ -55,6 +55,11 @@ class Run:
     kind: str
     columns: ColumnMap
 
+    @property
+    def has_torque(self) -> bool:
+        """Whether the file holds torque or current; without them the recording's torque is zero."""
+        return "tau" in self.columns.signals or "current" in self.columns.signals
+
 
 def open_run(path: str | Path) -> Table:
     """Open a run by its suffix, without reading the numbers.
@@ -80,9 +85,17 @@ def open_run(path: str | Path) -> Table:
 
 
 def read_run(
-    path: str | Path, robot: RobotLike | Sequence[str] | None = None, config: Config | None = None
+    path: str | Path,
+    robot: RobotLike | Sequence[str] | None = None,
+    config: Config | None = None,
+    *,
+    require_torque: bool = True,
 ) -> Run:
-    """Read one run with the story of its columns; see `read_recording`."""
+    """Read one run with the story of its columns; see `read_recording`.
+
+    With `require_torque` off a file without torque is read too, for those who only want its motion;
+    see `Run.has_torque`.
+    """
     config = Config() if config is None else config
     table = open_run(path)
     if robot is None:
@@ -92,7 +105,7 @@ def read_run(
     kinds = tuple(robot.joint_kinds) if isinstance(robot, RobotLike) else ("revolute",) * len(joints)
     if not joints:
         raise ValueError("a robot has at least one joint, got no joint names")
-    columns = match_columns(table.names, joints, config, table.file)
+    columns = match_columns(table.names, joints, config, table.file, require_torque=require_torque)
     recording = to_recording(table, columns, joints, kinds, config)
     return Run(recording, table.kind, columns)
 

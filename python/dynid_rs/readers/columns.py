@@ -16,6 +16,7 @@ ALIASES: Mapping[str, tuple[str, ...]] = {
     "ddq": ("ddq", "qdd"),
     "q_motor": ("q_motor", "qm"),
     "dq_motor": ("dq_motor", "qmd"),
+    "ddq_motor": ("ddq_motor",),
     "tau": ("tau", "effort"),
     "current": ("current",),
     "temperature": ("temperature", "temp"),
@@ -68,7 +69,9 @@ class FileColumns:
         return f"the file has {shown_names(self.names)}"
 
 
-def match_columns(names: Sequence[str], joints: Sequence[str], config: Config, file: str) -> ColumnMap:
+def match_columns(
+    names: Sequence[str], joints: Sequence[str], config: Config, file: str, *, require_torque: bool = True
+) -> ColumnMap:
     """Find the column of every signal and joint.
 
     Parameters
@@ -81,6 +84,8 @@ def match_columns(names: Sequence[str], joints: Sequence[str], config: Config, f
         Rules of `dynid.toml`.
     file : str
         Name for messages.
+    require_torque : bool
+        Whether a file without torque and current is refused.
 
     Raises
     ------
@@ -97,7 +102,7 @@ def match_columns(names: Sequence[str], joints: Sequence[str], config: Config, f
         found["current"] = None
     if found["q"] is None:
         raise missing_column(source, "q", joints)
-    if found["tau"] is None and found["current"] is None:
+    if require_torque and found["tau"] is None and found["current"] is None:
         raise missing_column(source, "tau", joints)
     signals = {signal: columns for signal, columns in found.items() if columns is not None}
     time = _time(source)

@@ -16,11 +16,11 @@ gain = [14.9, 13.3]                # N m/A at the joint: currents become torques
 
 [gear]
 ratio = [101.0, 101.0]             # motor turns per joint turn
-apply_to = ["q_motor", "dq_motor"] # signals that the file gives on the motor side; "tau" is possible too
+apply_to = ["q_motor", "dq_motor"] # signals that the file gives on the motor side; also ddq_motor, tau
 
 [signs]                            # +1 or -1 per joint
 q = [1, -1]                        # also dq, ddq
-q_motor = [1, -1]                  # also dq_motor
+q_motor = [1, -1]                  # also dq_motor, ddq_motor
 tau = [1, -1]                      # also current
 ```
 """
@@ -43,7 +43,7 @@ from dynid_rs.readers.table import shown
 ColumnRule = str | tuple[str, ...] | None
 """A template, one name per joint, or None: do not read."""
 
-SIGNALS = ("t", "q", "dq", "ddq", "q_motor", "dq_motor", "tau", "current", "temperature")
+SIGNALS = ("t", "q", "dq", "ddq", "q_motor", "dq_motor", "ddq_motor", "tau", "current", "temperature")
 PLACEHOLDERS = ("i", "n", "joint")
 
 UNITS: Mapping[str, Mapping[str, float]] = {
@@ -56,7 +56,7 @@ UNITS: Mapping[str, Mapping[str, float]] = {
 }
 """Factor to SI of every unit that a file may use. Velocity follows the angle when it is not given."""
 
-GEARED = ("q_motor", "dq_motor", "tau")
+GEARED = ("q_motor", "dq_motor", "ddq_motor", "tau")
 SIGNED = ("q", "q_motor", "tau")
 
 MAX_CONFIG_BYTES = 1 << 20
@@ -90,7 +90,7 @@ class Config:
     units: Mapping[str, str] = field(default_factory=dict)
     drive_gain: PerJoint | None = None
     gear_ratio: PerJoint | None = None
-    gear_apply_to: tuple[str, ...] = ("q_motor", "dq_motor")
+    gear_apply_to: tuple[str, ...] = ("q_motor", "dq_motor", "ddq_motor")
     signs: Mapping[str, PerJoint] = field(default_factory=dict)
     source: str = "dynid.toml"
 

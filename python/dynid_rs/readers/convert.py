@@ -21,6 +21,7 @@ _SIGN_OF = {
     "ddq": "q",
     "q_motor": "q_motor",
     "dq_motor": "q_motor",
+    "ddq_motor": "q_motor",
     "tau": "tau",
     "current": "tau",
 }
@@ -53,7 +54,7 @@ class _Converter:
             turning, sliding = factor("angle"), factor("length")
         elif signal in ("dq", "dq_motor"):
             turning, sliding = factor("velocity"), factor("length")
-        elif signal == "ddq":
+        elif signal in ("ddq", "ddq_motor"):
             turning, sliding = factor("angle"), factor("length")
         else:
             turning = sliding = factor({"tau": "torque", "current": "current"}[signal])
@@ -70,7 +71,7 @@ class _Converter:
         if self.config.gear_ratio is not None:
             ratio = self.per_joint(self.config.gear_ratio, "[gear] ratio")
             applies = self.config.gear_apply_to
-            if signal in ("q_motor", "dq_motor") and signal in applies:
+            if signal in ("q_motor", "dq_motor", "ddq_motor") and signal in applies:
                 scale = scale / ratio
             if signal == "tau" and signal in applies:
                 scale = scale * ratio
@@ -111,6 +112,7 @@ def to_recording(
     if "current" in signals:
         signals["tau"] = signals.pop("current")
         torque_unit = "N*m" if config.drive_gain is not None else "A"
+    signals.setdefault("tau", np.zeros_like(signals["q"]))  # only where the caller does without torque
     return Recording(t=t, name=table.file, joints=tuple(joints), torque_unit=torque_unit, **signals)
 
 

@@ -1,0 +1,64 @@
+# Every task of the project. `make demo` and `make test` set up everything they need in .venv.
+
+PYTHON ?= python3
+VENV   := .venv
+BIN    := $(VENV)/bin
+STAMP  := $(VENV)/.installed
+TOOLS  := $(VENV)/.tools
+SOURCES := Cargo.toml Cargo.lock pyproject.toml $(shell find rust build_backend -name '*.rs' -o -name '*.toml' -o -name 'dynid_build.py')
+DEMO   ?= demo
+
+.DEFAULT_GOAL := help
+.PHONY: help demo test test-rust test-python check bench clean toolchain
+
+help: ## this list
+	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
+
+demo: $(STAMP) ## simulate an arm, identify it, print errors per joint and where the report is
+	@rm -rf $(DEMO)
+	$(BIN)/dynid simulate -o $(DEMO)
+	$(BIN)/dynid identify $(DEMO)/robot.urdf $(DEMO)/run_0.parquet $(DEMO)/run_1.parquet $(DEMO)/run_2.parquet \
+	  --test $(DEMO)/run_3.parquet -o $(DEMO)/result
+
+test: test-rust test-python ## all tests
+
+test-rust: toolchain
+	cargo test --release --workspace --exclude dynid-py --quiet
+
+test-python: $(STAMP) $(TOOLS)
+	$(BIN)/python -m pytest -q
+
+check: $(STAMP) $(TOOLS) ## format, lints, types, documentation
+	cargo fmt --check
+	cargo clippy --release --workspace --all-targets --quiet -- -D warnings
+	RUSTDOCFLAGS="-D warnings" cargo doc --workspace --exclude dynid-py --no-deps --quiet
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+
+bench: $(STAMP) $(TOOLS) ## speed and memory, side by side with a peer
+	$(BIN)/python benches/side_by_side.py
+
+clean: ## remove everything that was built
+	rm -rf target $(VENV) $(DEMO) rust/dynid-py/dynid_rs.data python/dynid_rs/*.so
+
+# One sentence for what is missing, and how to get it.
+toolchain:
+	@command -v cargo >/dev/null 2>&1 || { echo "error: Rust (cargo) is missing; get it with https://rustup.rs, then run make again" >&2; exit 1; }
+	@command -v $(PYTHON) >/dev/null 2>&1 || { echo "error: $(PYTHON) is missing; install Python 3.11 or newer, or name yours with make PYTHON=..." >&2; exit 1; }
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "error: $(PYTHON) is older than 3.11; install a newer Python, or name yours with make PYTHON=..." >&2; exit 1; }
+	@$(PYTHON) -c 'import venv, ensurepip' 2>/dev/null || { echo "error: $(PYTHON) has no venv module; install it (Debian: apt install python3-venv)" >&2; exit 1; }
+
+$(VENV)/bin/python: | toolchain
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --upgrade pip
+
+# Editable: Python files are used where they stand; a change in Rust builds again.
+$(STAMP): $(SOURCES) | $(VENV)/bin/python
+	@echo "building dynid-rs (the first time takes some minutes)"
+	$(BIN)/python -m pip install --quiet --editable .
+	@touch $@
+
+$(TOOLS): pyproject.toml $(STAMP)
+	$(BIN)/python -m pip install --quiet --editable '.[test,check]'
+	@touch $@

@@ -1,0 +1,115 @@
+"""What commands are given: robot, settings and runs, refused before any work is done."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from dynid_rs.findings import Finding
+    from dynid_rs.readers import Config
+    from dynid_rs.recording import Recording
+    from dynid_rs.splitting import Split
+
+STRONGEST_GRAVITY = 100.0
+"""More than this [m/s^2] is a slip of the unit or of a key; Jupiter has 25."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Rules of the files, and whether the drive gains in them come from the command line."""
+
+    config: Config
+    gain_given: bool = False
+
+
+def read_robot(path: Path, base: str | None, tip: str | None, gravity: str) -> Any:
+    """Robot model of a URDF in the given gravity, "X,Y,Z" [m/s^2]."""
+    from dynid_rs import _core
+    from dynid_rs.files import check_readable
+
+    vector = _numbers("--gravity", gravity, 3)
+    if sum(g * g for g in vector) > STRONGEST_GRAVITY**2:
+        raise ValueError(f"--gravity must be in m/s^2, at most {STRONGEST_GRAVITY:g}, found {gravity}")
+    return _core.RobotModel.from_urdf(check_readable(path), base=base, tip=tip, gravity=vector)
+
+
+def read_settings(config: Path | None, drive_gain: str | None, n_joints: int) -> Settings:
+    """Rules of `dynid.toml`; drive gains from the command line replace its own."""
+    from dynid_rs.readers import Config, read_config
+
+    rules = Config() if config is None else read_config(config)
+    if drive_gain is None:
+        return Settings(rules)
+    gains = _numbers("--drive-gain", drive_gain, n_joints)
+    if min(gains) <= 0:
+        raise ValueError(
+            f"--drive-gain must be positive, found {min(gains):g}; a direction belongs in dynid.toml: [signs] tau"
+        )
+    return Settings(replace(rules, drive_gain=gains), gain_given=True)
+
+
+def read_split(
+    runs: list[Path], test: list[Path], test_from: float | None, robot: Any, settings: Settings
+) -> tuple[Split, list[Finding]]:
+    """Read, check and split; findings on all runs."""
+    from dynid_rs.splitting import split_runs
+
+    recordings, findings = _read([*runs, *test], robot, settings)
+    split = split_runs(recordings[: len(runs)], recordings[len(runs) :], test_from)
+    return split, findings + ([split.finding] if split.finding else [])
+
+
+def _read(paths: list[Path], robot: Any, settings: Settings) -> tuple[list[Recording], list[Finding]]:
+    """Recordings without the signals that contradict their positions, and what was found in them."""
+    from dynid_rs.checks import check_recording, refused_sources
+    from dynid_rs.readers import read_run
+
+    recordings: list[Recording] = []
+    findings: list[Finding] = []
+    for path, name in zip(paths, _names(paths), strict=True):
+        run = read_run(path, robot, settings.config)
+        if settings.gain_given and "current" not in run.columns.signals:
+            raise ValueError(f"{name}: holds torque, and --drive-gain is for currents; leave --drive-gain out")
+        recording = replace(run.recording, name=name)
+        found = check_recording(recording, robot)
+        recordings.append(recording.without(*refused_sources(found)))
+        findings += found
+    return recordings, findings
+
+
+def _names(paths: Sequence[Path]) -> list[str]:
+    """File names, with as many folders before them as it takes to tell runs apart."""
+    parts = [path.absolute().parts for path in paths]
+    depths = range(1, max(map(len, parts)) + 1)
+    depth = next(d for d in depths if len({whole[-d:] for whole in parts}) == len(set(parts)))
+    return ["/".join(whole[-depth:]) for whole in parts]
+
+
+def check_cutoff(cutoff: float | None, recordings: Sequence[Recording]) -> None:
+    """Refuse a band that is none, or wider than what the slowest run can hold."""
+    if cutoff is None:
+        return
+    if not cutoff > 0:
+        raise ValueError(f"--cutoff must be a positive frequency in Hz, found {cutoff:g}")
+    slowest = min(recordings, key=lambda recording: recording.rate)
+    if cutoff >= slowest.rate / 2:
+        raise ValueError(
+            f"--cutoff must lie below half the sampling rate, {slowest.rate / 2:.4g} Hz for {slowest.name}, "
+            f"found {cutoff:g}"
+        )
+
+
+def _numbers(option: str, text: str, count: int) -> tuple[float, ...]:
+    try:
+        numbers = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        raise ValueError(f"{option} must be {count} numbers with commas between, found {text!r}") from None
+    if len(numbers) != count:
+        raise ValueError(f"{option} must be {count} numbers with commas between, found {len(numbers)}: {text!r}")
+    if not all(math.isfinite(number) for number in numbers):
+        raise ValueError(f"{option} must be {count} finite numbers, found {text!r}")
+    return numbers
