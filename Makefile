@@ -16,9 +16,9 @@ help: ## this list
 
 demo: $(STAMP) ## simulate an arm, identify it, print errors per joint and where the report is
 	@rm -rf $(DEMO)
-	$(BIN)/dynid simulate -o $(DEMO)
-	$(BIN)/dynid identify $(DEMO)/robot.urdf $(DEMO)/run_0.parquet $(DEMO)/run_1.parquet $(DEMO)/run_2.parquet \
-	  --test $(DEMO)/run_3.parquet -o $(DEMO)/result
+	$(BIN)/dynid simulate -o $(DEMO) --runs 5
+	$(BIN)/dynid identify $(DEMO)/robot.urdf $(DEMO)/run_0.parquet $(DEMO)/run_1.parquet $(DEMO)/run_2.parquet $(DEMO)/run_3.parquet \
+	  --test $(DEMO)/run_4.parquet -o $(DEMO)/result
 
 test: test-rust test-python ## all tests
 

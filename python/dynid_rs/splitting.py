@@ -66,8 +66,8 @@ def _cut(run: Recording, test_from: float | None) -> Split:
         )
     row = int(np.searchsorted(run.t, run.t[0] + start))
     message = (
-        f"there is one run; its first {start:.3g} s were learned from and the rest was kept aside for testing. "
-        "A second run would test more"
+        f"there is one run; its first {start:.3g} s were learned from and the rest was kept aside for "
+        "testing. A second run would test more"
     )
     first = replace(run, name=f"{run.name} (first {start:.3g} s)").slice(None, row)
     rest = replace(run, name=f"{run.name} (after {start:.3g} s)").slice(row, None)
@@ -75,7 +75,7 @@ def _cut(run: Recording, test_from: float | None) -> Split:
 
 
 def _refuse_repeats(runs: Sequence[Recording], test: Sequence[Recording]) -> None:
-    """The same samples twice would count twice, or make the test an exam with known answers."""
+    """Refuse samples that are there twice: the test would be an exam with known answers."""
     seen: list[tuple[Recording, bool]] = []
     for recording, is_test in [*((run, False) for run in runs), *((run, True) for run in test)]:
         for earlier, was_test in seen:
@@ -95,7 +95,7 @@ def _same_samples(a: Recording, b: Recording) -> bool:
 
 
 def _refuse_another_kind(train: Recording, test: Recording) -> None:
-    """A model in ampere says nothing about newton metres, and one of two encoders nothing about one."""
+    """Refuse to test a model in ampere on newton metres, or one of two encoders on one."""
     if train.torque_unit != test.torque_unit:
         raise DataError(
             f"{test.name} holds torque in {test.torque_unit} and {train.name} in {train.torque_unit}; "

@@ -27,7 +27,7 @@ class Settings:
 
 
 def read_robot(path: Path, base: str | None, tip: str | None, gravity: str) -> Any:
-    """Robot model of a URDF in the given gravity, "X,Y,Z" [m/s^2]."""
+    """Read a URDF and put the arm into the given gravity, "X,Y,Z" [m/s^2]."""
     from dynid_rs import _core
     from dynid_rs.files import check_readable
 
@@ -38,7 +38,7 @@ def read_robot(path: Path, base: str | None, tip: str | None, gravity: str) -> A
 
 
 def read_settings(config: Path | None, drive_gain: str | None, n_joints: int) -> Settings:
-    """Rules of `dynid.toml`; drive gains from the command line replace its own."""
+    """Read `dynid.toml`; drive gains from the command line replace its own."""
     from dynid_rs.readers import Config, read_config
 
     rules = Config() if config is None else read_config(config)
@@ -47,7 +47,7 @@ def read_settings(config: Path | None, drive_gain: str | None, n_joints: int) ->
     gains = _numbers("--drive-gain", drive_gain, n_joints)
     if min(gains) <= 0:
         raise ValueError(
-            f"--drive-gain must be positive, found {min(gains):g}; a direction belongs in dynid.toml: [signs] tau"
+            f"--drive-gain must be positive, found {min(gains):g}; a direction belongs in [signs] tau"
         )
     return Settings(replace(rules, drive_gain=gains), gain_given=True)
 
@@ -64,8 +64,9 @@ def read_split(
 
 
 def _read(paths: list[Path], robot: Any, settings: Settings) -> tuple[list[Recording], list[Finding]]:
-    """Recordings without the signals that contradict their positions, and what was found in them."""
+    """Read runs without the signals that contradict their positions; with all findings."""
     from dynid_rs.checks import check_recording, refused_sources
+    from dynid_rs.errors import DataError
     from dynid_rs.readers import read_run
 
     recordings: list[Recording] = []
@@ -73,7 +74,11 @@ def _read(paths: list[Path], robot: Any, settings: Settings) -> tuple[list[Recor
     for path, name in zip(paths, _names(paths), strict=True):
         run = read_run(path, robot, settings.config)
         if settings.gain_given and "current" not in run.columns.signals:
-            raise ValueError(f"{name}: holds torque, and --drive-gain is for currents; leave --drive-gain out")
+            raise DataError(
+                f"{name}: holds torque, and --drive-gain is for currents; leave it out",
+                code="no_current",
+                file=name,
+            )
         recording = replace(run.recording, name=name)
         found = check_recording(recording, robot)
         recordings.append(recording.without(*refused_sources(found)))
@@ -109,7 +114,7 @@ def _numbers(option: str, text: str, count: int) -> tuple[float, ...]:
     except ValueError:
         raise ValueError(f"{option} must be {count} numbers with commas between, found {text!r}") from None
     if len(numbers) != count:
-        raise ValueError(f"{option} must be {count} numbers with commas between, found {len(numbers)}: {text!r}")
+        raise ValueError(f"{option} must be {count} numbers, found {len(numbers)}: {text!r}")
     if not all(math.isfinite(number) for number in numbers):
         raise ValueError(f"{option} must be {count} finite numbers, found {text!r}")
     return numbers

@@ -21,22 +21,27 @@ def estimate(
     model: Annotated[Path, typer.Argument(metavar="MODEL.json", help="What `dynid identify` wrote")],
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Parquet, CSV or NPZ")],
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", metavar="OUT.parquet", help="Torques per sample, joint and term")
+        Path | None,
+        typer.Option("--output", "-o", metavar="OUT.parquet", help="Torques per sample, joint and term"),
     ] = None,
     states: Annotated[
         Path | None,
-        typer.Option(metavar="STATES.csv", help="Also write the states, ready for `dynid-estimator MODEL < STATES.csv`"),
+        typer.Option(
+            metavar="STATES.csv", help="Also write the states, ready for `dynid-estimator MODEL < STATES.csv`"
+        ),
     ] = None,
     config: Annotated[Path | None, typer.Option(help="dynid.toml: column names, units, gears, signs")] = None,
     cutoff: Annotated[
-        float | None, typer.Option(help="Band [Hz] for differentiating positions, where dq and ddq are not recorded")
+        float | None,
+        typer.Option(help="Band [Hz] for differentiating positions, where dq and ddq are not recorded"),
     ] = None,
     json_output: Annotated[bool, typer.Option("--json", help="Answer as JSON on standard output")] = False,
 ) -> None:
     """Estimate torques along a run.
 
-    A run with recorded dq and ddq is taken as it is, sample by sample, as `dynid-estimator` takes it. Otherwise positions
-    are filtered without phase and differentiated, as in `dynid identify`.
+    A run with recorded dq and ddq is taken as it is, sample by sample, as `dynid-estimator` takes it.
+    Otherwise positions are filtered without phase and differentiated, as in `dynid identify`. A run without
+    torque is fine; there is then no error to report.
     """
     from dynid_rs import _core
     from dynid_rs.commands._inputs import check_cutoff
@@ -105,7 +110,7 @@ def _check_outputs(output: Path | None, states: Path | None, inputs: tuple[Path,
     given = [path for path in (output, states) if path is not None]
     for path in given:
         if any(path.exists() and other.exists() and path.samefile(other) for other in inputs):
-            raise ValueError(f"{path}: would be replaced by what is read from it; name another file")
+            raise ValueError(f"{path}: is read here and would be replaced; name another file")
         check_file(path)
     if len({path.absolute() for path in given}) < len(given):
         raise ValueError(f"{output}: torques and states cannot go to the same file; name two")
@@ -114,7 +119,7 @@ def _check_outputs(output: Path | None, states: Path | None, inputs: tuple[Path,
 def _other_unit(recording: Recording, unit: str) -> ValueError:
     from dynid_rs.errors import DataError
 
-    mend = "give the drive gain in dynid.toml: [drive] gain, or leave the currents out: [columns] current = false"
+    mend = "give [drive] gain in dynid.toml, or leave the currents out: [columns] current = false"
     if recording.torque_unit == "N*m":
         mend = "give the currents of the run, or leave its torques out in dynid.toml: [columns] tau = false"
     return DataError(
@@ -124,7 +129,9 @@ def _other_unit(recording: Recording, unit: str) -> ValueError:
     )
 
 
-def states_of(recording: Recording, cutoff: float | None) -> tuple[FloatArray, tuple[FloatArray, ...], FloatArray]:
+def states_of(
+    recording: Recording, cutoff: float | None
+) -> tuple[FloatArray, tuple[FloatArray, ...], FloatArray]:
     """Time (n,), the six signals of the states and the measured torque, (n, n_joints) each."""
     from dynid_rs.preprocessing import Band, choose_band, common_rate, prepare
 

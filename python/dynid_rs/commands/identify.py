@@ -1,4 +1,4 @@
-"""`dynid identify`: measured runs and a robot in; a torque model, its errors on unseen runs and a report out."""
+"""`dynid identify`: measured runs and a robot in; a torque model, its errors on unseen runs, a report out."""
 
 from __future__ import annotations
 
@@ -23,35 +23,49 @@ LEAST_TEST_ROWS = 20
 @run_command
 def identify(
     robot: Annotated[Path, typer.Argument(metavar="ROBOT.urdf", help="The arm, as URDF")],
-    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Runs to learn from: Parquet, CSV or NPZ")],
+    runs: Annotated[
+        list[Path], typer.Argument(metavar="RUN...", help="Runs to learn from: Parquet, CSV or NPZ")
+    ],
     output: Annotated[
         Path, typer.Option("--output", "-o", metavar="DIR", help="Folder for the results", show_default=False)
     ],
     test: Annotated[
         list[Path] | None,
-        typer.Option(metavar="RUN", help="Run to test on; repeat for more. Left out: the last run, or its last third"),
+        typer.Option(
+            metavar="RUN", help="Run to test on; repeat for more. Left out: the last run, or its last third"
+        ),
     ] = None,
     test_from: Annotated[
         float | None, typer.Option(help="With a lone run: test on what comes after this many seconds")
     ] = None,
     config: Annotated[Path | None, typer.Option(help="dynid.toml: column names, units, gears, signs")] = None,
-    gravity: Annotated[str, typer.Option(metavar="X,Y,Z", help="Free fall in the base frame [m/s^2]")] = "0,0,-9.81",
-    base: Annotated[str | None, typer.Option(help="First link of the chain, where the URDF leaves a choice")] = None,
+    gravity: Annotated[
+        str, typer.Option(metavar="X,Y,Z", help="Free fall in the base frame [m/s^2]")
+    ] = "0,0,-9.81",
+    base: Annotated[
+        str | None, typer.Option(help="First link of the chain, where the URDF leaves a choice")
+    ] = None,
     tip: Annotated[str | None, typer.Option(help="Last link of the chain, where the URDF branches")] = None,
     drive_gain: Annotated[
-        str | None, typer.Option(metavar="G[,G...]", help="Joint torque per motor current [N*m/A], one per joint")
+        str | None,
+        typer.Option(metavar="G[,G...]", help="Joint torque per motor current [N*m/A], one per joint"),
     ] = None,
     weighting: Annotated[
         str, typer.Option(help="joint_variance, full_covariance or none")
     ] = "joint_variance",
-    residual: Annotated[str, typer.Option(help="Third loop on: auto, deflection, joint_state or none")] = "auto",
-    cutoff: Annotated[float | None, typer.Option(help="Band [Hz]; chosen from the motion if left out")] = None,
+    residual: Annotated[
+        str, typer.Option(help="Third loop on: auto, deflection, joint_state or none")
+    ] = "auto",
+    cutoff: Annotated[
+        float | None, typer.Option(help="Band [Hz]; chosen from the motion if left out")
+    ] = None,
     json_output: Annotated[bool, typer.Option("--json", help="Answer as JSON on standard output")] = False,
 ) -> int:
     """Identify friction, link dynamics and residual of an arm from measured runs.
 
-    DIR then holds model.json (for `dynid estimate` and `dynid-estimator`), result.json, residuals.parquet and
-    report.html. Ends with 1 if the data has an error in it or the model is no better than plain least squares.
+    DIR then holds model.json (for `dynid estimate` and `dynid-estimator`), result.json, residuals.parquet
+    and report.html. Ends with 1 if the data has an error in it or the model is no better than weighted least
+    squares.
     """
     from dynid_rs.commands._console import progress
     from dynid_rs.commands._inputs import check_cutoff, read_robot, read_settings, read_split
@@ -146,9 +160,10 @@ def _check_motion(identifier: Any, test: list[Recording]) -> None:
     for recording in test:
         states = identifier.states(recording)
         if len(states.rows) < LEAST_TEST_ROWS:
+            seconds = len(states.rows) * states.step / states.rate
             raise DataError(
-                f"{recording.name}: only {len(states.rows) * states.step / states.rate:.2f} s of motion are left to "
-                "test on after standstill is taken out; test on a longer motion",
+                f"{recording.name}: only {seconds:.2f} s of motion are left to test on after standstill is taken "
+                "out; test on a longer motion",
                 code="too_little_motion",
                 file=recording.name,
             )

@@ -1,0 +1,176 @@
+"""The command line as a whole: help, version, exit codes, streams."""
+
+import json
+import os
+import pty
+import subprocess
+import sys
+from pathlib import Path
+
+import dynid_rs
+import pytest
+from small_arm import dynid, study, write_robot, write_runs
+
+COMMANDS = ("inspect", "identify", "estimate", "simulate", "report")
+DYNID = (sys.executable, "-c", "from dynid_rs.cli import main; main()")
+ENVIRONMENT = os.environ | {"PYTHONPATH": str(Path(dynid_rs.__file__).parents[1])}
+
+
+def process(*arguments: object, code: str = DYNID[2], **environment: str) -> subprocess.CompletedProcess[str]:
+    """`dynid` in a process of its own, with its streams."""
+    return subprocess.run(
+        [sys.executable, "-c", code, *map(str, arguments)],
+        env=ENVIRONMENT | environment,
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+
+
+def test_version():
+    result = dynid("--version")
+    assert result.exit_code == 0
+    assert result.stdout == f"{dynid_rs.__version__}\n"
+
+
+def test_help_lists_every_command():
+    result = dynid("--help")
+    assert result.exit_code == 0
+    assert all(f"  {command} " in result.stdout for command in COMMANDS)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_of_every_command(command):
+    result = dynid(command, "--help")
+    assert result.exit_code == 0
+    assert result.stderr == ""
+    assert result.stdout.startswith(f"Usage: dynid {command} ") or f" {command} [OPTIONS]" in result.stdout
+    assert "--json" in result.stdout
+
+
+WRONG_USE = {
+    "no such option": (("identify", "--bogus"), "--bogus"),
+    "no such command": (("identity",), "identity"),
+    "nothing to do": (("identify", "-o", "out"), "ROBOT.urdf"),
+    "no runs": (("identify", "robot.urdf", "-o", "out"), "RUN"),
+    "no output": (("identify", "robot.urdf", "run.csv"), "--output"),
+    "no run": (("estimate", "model.json"), "RUN"),
+    "too many": (("estimate", "model.json", "run.csv", "run.csv"), "run.csv"),
+    "not a number": (("identify", "robot.urdf", "run.csv", "-o", "out", "--cutoff", "ten"), "ten"),
+}
+
+
+@pytest.mark.parametrize(("arguments", "words"), WRONG_USE.values(), ids=WRONG_USE)
+def test_wrong_use(arguments, words, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    result = dynid(*arguments)
+    assert result.exit_code == 2
+    assert result.stdout == ""
+    assert words in result.stderr
+    assert "Traceback" not in result.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_no_command_shows_the_help():
+    assert "identify" in dynid().output
+
+
+def test_interrupt_ends_in_130_and_writes_nothing(tmp_path):
+    robot, runs = write_robot(tmp_path), write_runs(tmp_path)
+    code = """if True:
+        import os, signal, time
+        from dynid_rs.identification import ThreeLoopIdentifier
+        def fit(self, *args, **kwargs):
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(30)
+        ThreeLoopIdentifier.fit = fit
+        from dynid_rs.cli import main
+        main()
+    """
+    done = process("identify", robot, *runs, "-o", tmp_path / "out", code=code)
+    assert done.returncode == 130
+    assert done.stderr == "interrupted\n"
+    assert done.stdout == ""
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["robot.urdf", *(run.name for run in runs)]
+
+
+@pytest.mark.parametrize("variable", ["FORCE_COLOR", "TTY_COMPATIBLE"])
+def test_no_progress_where_stderr_is_no_terminal(tmp_path, variable):
+    robot, runs = write_robot(tmp_path), write_runs(tmp_path, n_runs=2)
+    output = tmp_path / "out"
+    done = process("identify", robot, *runs, "-o", output, "--residual", "none", **{variable: "1"})
+    assert done.returncode == 0
+    assert done.stderr == ""
+    assert "\x1b" not in done.stdout
+    assert f"report: {output / 'report.html'}\n" in done.stdout
+
+
+def test_progress_on_a_terminal(tmp_path):
+    """Standard error is a terminal, standard output a pipe: the answer stays clean."""
+    robot, runs = write_robot(tmp_path), write_runs(tmp_path, n_runs=2)
+    ours, theirs = pty.openpty()
+    arguments = ["identify", robot, *runs, "-o", tmp_path / "out", "--residual", "none", "--json"]
+    with subprocess.Popen(
+        [*DYNID, *map(str, arguments)],
+        env=ENVIRONMENT | {"TERM": "xterm"},
+        stdout=subprocess.PIPE,
+        stderr=theirs,
+    ) as child:
+        os.close(theirs)
+        answer = child.stdout.read()
+        shown = b""
+        while True:
+            try:
+                part = os.read(ours, 4096)
+            except OSError:  # Linux: the other side is closed
+                break
+            if not part:
+                break
+            shown += part
+    os.close(ours)
+    assert child.returncode == 0
+    assert b"filtering the runs" in shown or b"weighted least squares" in shown or b"friction" in shown
+    assert json.loads(answer)["format"] == "dynid-result"
+
+
+def test_errors_for_programs(tmp_path):
+    """With --json one object on standard output, and nothing else there; the sentence for people stays."""
+    path = tmp_path / "run.csv"
+    path.write_text("t,q_0,tau_0\n" + "".join(f"{k / 100},0,{'x' if k == 7 else 0}\n" for k in range(50)))
+    for arguments in (
+        ("identify", write_robot(tmp_path), path, "-o", tmp_path / "out"),
+        ("estimate", study().model, path),
+    ):
+        done = process(*arguments, "--json")
+        assert done.returncode == 2
+        answer = json.loads(done.stdout)
+        assert list(answer) == ["error"]
+        assert done.stderr == f"error: {answer['error']['message']}\n"
+        assert answer["error"]["class"] == "DataError"
+        assert answer["error"]["file"] == "run.csv"
+
+
+def test_report_is_written_again(tmp_path):
+    for name in ("result.json", "residuals.parquet"):
+        (tmp_path / name).write_bytes((study().output / name).read_bytes())
+    result = dynid("report", tmp_path, "--json")
+    assert result.exit_code == 0
+    assert json.loads(result.stdout) == {"report": str(tmp_path / "report.html")}
+    assert (tmp_path / "report.html").read_bytes() == (study().output / "report.html").read_bytes()
+
+
+def test_reader_that_leaves_early(tmp_path):
+    """`dynid identify ... | head -0`: no traceback, and the results are there."""
+    robot, runs = write_robot(tmp_path), write_runs(tmp_path, n_runs=2)
+    with subprocess.Popen(
+        [*DYNID, "identify", str(robot), *map(str, runs), "-o", str(tmp_path / "out"), "--residual", "none"],
+        env=ENVIRONMENT,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    ) as child:
+        child.stdout.close()
+        errors = child.stderr.read()
+    assert errors == b""
+    assert child.returncode == 141
+    assert (tmp_path / "out" / "result.json").is_file()
