@@ -8,8 +8,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import data
-import dynid_rs as dyn
 import numpy as np
+
+import dynid_rs as dyn
 from dynid_rs.checks import check_recording, refused_sources
 from dynid_rs.identification import ThreeLoopIdentifier
 from dynid_rs.readers import Config

@@ -10,12 +10,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from run_files import Columns, write
+from typer.testing import CliRunner, Result
+
 from dynid_rs import RobotModel
 from dynid_rs.cli import app
 from dynid_rs.simulation import simulate, typical_arm
 from dynid_rs.simulation.folder import run_columns
-from run_files import Columns, write
-from typer.testing import CliRunner, Result
 
 JOINTS = ("shoulder", "elbow", "wrist")
 N_RUNS = 3
@@ -32,7 +33,7 @@ URDF = """<robot name="small_arm">
   <link name="hand"><inertial><origin xyz="0.1 0.01 0"/><mass value="2"/>
     <inertia ixx="0.005" ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.01"/></inertial></link>
   <joint name="wrist" type="revolute"><parent link="fore"/><child link="hand"/>
-    <origin xyz="0.4 0 0"/><axis xyz="0 1 0"/><limit lower="-2.5" upper="2.5" velocity="4" effort="25"/></joint>
+    <origin xyz="0.4 0 0"/><axis xyz="0 1 0"/><limit lower="-2" upper="2" velocity="4" effort="25"/></joint>
 </robot>
 """
 
@@ -44,18 +45,12 @@ def _columns(encoders: int, rate: float, duration: float) -> tuple[Columns, ...]
     simulation = simulate(arm, n_runs=N_RUNS, duration=duration, rate=rate, derivatives=True)
     dropped = () if encoders == 2 else ("q_motor", "dq_motor")
     return tuple(
-        {
-            name: values
-            for name, values in run_columns(recording).items()
-            if not name.startswith(("ddq_", *dropped))
-        }
+        {name: values for name, values in run_columns(recording).items() if not name.startswith(("ddq_", *dropped))}
         for recording in simulation.recordings
     )
 
 
-def run(
-    k: int, *, encoders: int = 1, rate: float = 200.0, duration: float = 8.0, velocity: bool = False
-) -> Columns:
+def run(k: int, *, encoders: int = 1, rate: float = 200.0, duration: float = 8.0, velocity: bool = False) -> Columns:
     """Columns of run `k`: t, q_i, tau_i, with `velocity` also dq_i; with two encoders q_motor_i too."""
     columns = _columns(encoders, rate, duration)[k]
     kept = columns if velocity else {name: x for name, x in columns.items() if not name.startswith("dq_")}
@@ -137,9 +132,13 @@ def _no_constant(word: str) -> None:
     raise AssertionError(f"{word} in result.json")
 
 
-@functools.cache
 def study(encoders: int = 1) -> Study:
     """Identify the small arm once per session, from two runs, tested on the third."""
+    return _study(encoders)
+
+
+@functools.cache
+def _study(encoders: int) -> Study:
     folder = Path(_keep().name) / f"encoders_{encoders}"
     folder.mkdir()
     robot, runs = write_robot(folder), write_runs(folder, encoders=encoders)

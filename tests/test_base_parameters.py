@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 import scipy.linalg
 from data import URDF_ROBOTS, data_file
-from dynid_rs import RobotModel
 from engines import Pinocchio
 from numpy.testing import assert_allclose, assert_array_equal
 from robots import random_chain, random_states, with_inertials
 from tolerances import ALGEBRAIC
+
+from dynid_rs import RobotModel
 
 GRAVITY = (0.0, 0.0, -9.81)
 TILTED = (3.1, -5.2, -7.4)
@@ -86,9 +87,7 @@ def test_random_chains(first):
 
 
 def test_numbers_of_one_joint_are_countable_by_hand():
-    inertial = (
-        "<inertial><mass value='1'/><inertia ixx='1' ixy='0' ixz='0' iyy='1' iyz='0' izz='1'/></inertial>"
-    )
+    inertial = "<inertial><mass value='1'/><inertia ixx='1' ixy='0' ixz='0' iyy='1' iyz='0' izz='1'/></inertial>"
     urdf = (
         f"<robot name='one'><link name='base'/><link name='arm'>{inertial}</link>"
         "<joint name='joint' type='%s'><parent link='base'/><child link='arm'/><axis xyz='0 0 1'/>"
@@ -141,13 +140,8 @@ def test_random_state_reproduces_and_does_not_decide_the_number(seed):
 
 
 SEEDS = range(8)
-FAER_DIAGONAL = pytest.mark.xfail(
-    strict=True,
-    reason="base.rs trusts faer's ColPivQr to sort its diagonal; near zero it does not (seeds 0, 2, 7)",
-)
 
 
-@FAER_DIAGONAL
 def test_the_gap_is_that_of_a_pivoted_qr():
     # First axis turned by 3.141592654: two parameters move the torque by 1e-10 of the others.
     robot = RobotModel.from_urdf_string(urdf_of("kuka_kr300_weigand"))
@@ -157,7 +151,6 @@ def test_the_gap_is_that_of_a_pivoted_qr():
     assert np.all(np.abs(np.log10(gaps * diagonal[36] / diagonal[35])) < 1)
 
 
-@FAER_DIAGONAL
 def test_a_finer_tolerance_sees_finer_parameters():
     robot = RobotModel.from_urdf_string(urdf_of("kuka_kr300_weigand"))
     assert {robot.base_parameters(random_state=seed, rtol=1e-12).n_base for seed in SEEDS} == {38}

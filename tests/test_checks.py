@@ -4,9 +4,10 @@
 
 import numpy as np
 import pytest
+from run_files import RATE, motion
+
 from dynid_rs.checks import check_recording, moving_joints, refused_sources
 from dynid_rs.recording import Recording
-from run_files import RATE, motion
 
 N = 1200
 HINTS = {"single_encoder"}

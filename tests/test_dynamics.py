@@ -6,11 +6,12 @@ import time
 import numpy as np
 import pytest
 from data import URDF_ROBOTS, data_file
-from dynid_rs import RobotModel
 from engines import MuJoCo, Pinocchio
 from numpy.testing import assert_allclose, assert_array_equal
 from robots import random_chain, random_states, with_inertials
 from tolerances import ALGEBRAIC, EXACT, MUJOCO, PINOCCHIO, relative_error
+
+from dynid_rs import RobotModel
 
 N_CHAINS = 200
 STATES_PER_CHAIN = 300
@@ -104,9 +105,7 @@ def test_gravity_of_the_file_and_of_a_copy_are_the_same(robot, states):
     turned = RobotModel.from_urdf_string(random_chain(3).urdf, gravity=TILTED)
     assert_array_equal(turned.gravity, TILTED)
     assert_array_equal(robot.gravity, GRAVITY)
-    assert_array_equal(
-        robot.with_gravity(list(TILTED)).inverse_dynamics(*states), turned.inverse_dynamics(*states)
-    )
+    assert_array_equal(robot.with_gravity(list(TILTED)).inverse_dynamics(*states), turned.inverse_dynamics(*states))
     # Torque is affine in gravity: without it, plus gravity's own part at rest.
     q, rest = states[0], np.zeros_like(states[0])
     floating = robot.with_gravity([0, 0, 0])

@@ -10,9 +10,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from robots import random_chain
+
 from dynid_rs import _core
 from dynid_rs.simulation import bundled_robot
-from robots import random_chain
 
 ROOT = Path(__file__).resolve().parents[1]
 LINK_SIDE = ("q", "dq", "ddq")
@@ -27,9 +28,7 @@ def estimator() -> Path:
     """The binary: named in DYNID_ESTIMATOR, installed beside this Python, or built by cargo."""
     name = "dynid-estimator"
     if named := os.environ.get("DYNID_ESTIMATOR"):
-        assert Path(named).is_file(), (
-            f"DYNID_ESTIMATOR names {named}, which is not there; name the built binary"
-        )
+        assert Path(named).is_file(), f"DYNID_ESTIMATOR names {named}, which is not there; name the built binary"
         return Path(named)
     if installed := shutil.which(name, path=str(Path(sys.executable).parent)):
         return Path(installed)
@@ -116,9 +115,7 @@ def mixture(rng: np.random.Generator, scale: tuple[float, float]) -> _core.Gauss
     )
 
 
-def random_model(
-    robot: _core.RobotModel, inputs: str | None, *, delayed: bool, seed: int
-) -> _core.TorqueModel:
+def random_model(robot: _core.RobotModel, inputs: str | None, *, delayed: bool, seed: int) -> _core.TorqueModel:
     """Every effect there is, random sizes; `inputs` of the residual, or None without one."""
     rng = np.random.default_rng(seed)
     n = robot.n_joints

@@ -9,10 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import typer
-from dynid_rs.commands._run import run_command
-from dynid_rs.commands.inspect import inspect
 from run_files import renamed, valid_columns, write_csv, write_npz, write_parquet
 from typer.testing import CliRunner
+
+from dynid_rs.commands._run import run_command
+from dynid_rs.commands.inspect import inspect
 
 URDF = """<robot name="three">
   <link name="base"/>
@@ -28,8 +29,7 @@ def robot_file(tmp_path, names=("shoulder", "elbow", "wrist"), lower=-2.0):
     pytest.importorskip("dynid_rs._core")
     parents = ["base", *(f"l{i}" for i in range(len(names)))]
     links = [
-        LINK.format(i=i, name=n, parent=p, lower=lower)
-        for i, (n, p) in enumerate(zip(names, parents, strict=False))
+        LINK.format(i=i, name=n, parent=p, lower=lower) for i, (n, p) in enumerate(zip(names, parents, strict=False))
     ]
     path = tmp_path / "robot.urdf"
     path.write_text(URDF.format(links="\n".join(links)))

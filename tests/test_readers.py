@@ -10,8 +10,6 @@ import zlib
 
 import numpy as np
 import pytest
-from dynid_rs.errors import DataError
-from dynid_rs.readers import Config, open_run, read_config, read_recording, read_run
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from run_files import (
@@ -28,6 +26,9 @@ from run_files import (
     write_npz,
     write_parquet,
 )
+
+from dynid_rs.errors import DataError
+from dynid_rs.readers import Config, open_run, read_config, read_recording, read_run
 
 SUFFIXES = list(WRITERS)
 
@@ -151,9 +152,7 @@ def test_float32_and_integer_columns(tmp_path):
 
 def test_npz_matrices(tmp_path):
     t, q, dq, ddq = motion()
-    np.savez_compressed(
-        tmp_path / "run.npz", t=t, q=q, dq=np.asfortranarray(dq), tau=ddq, gain=np.float64(3.0)
-    )
+    np.savez_compressed(tmp_path / "run.npz", t=t, q=q, dq=np.asfortranarray(dq), tau=ddq, gain=np.float64(3.0))
     rec = read_recording(tmp_path / "run.npz", JOINTS)
     np.testing.assert_array_equal(rec.dq, dq)
     np.testing.assert_array_equal(rec.tau, ddq)
@@ -210,9 +209,7 @@ finite = st.floats(allow_nan=False, allow_infinity=False)
 
 
 @settings(max_examples=50, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(
-    values=st.lists(finite, min_size=20, max_size=40), form=st.sampled_from(["r", ".17g", ".17e", "+.17g"])
-)
+@given(values=st.lists(finite, min_size=20, max_size=40), form=st.sampled_from(["r", ".17g", ".17e", "+.17g"]))
 def test_csv_round_trip_is_exact(tmp_path, values, form):
     words = [repr(v) if form == "r" else format(v, form) for v in values]
     lines = ["t,q_0,tau_0", *(f"{k},{word},{k % 3}" for k, word in enumerate(words))]
@@ -236,9 +233,7 @@ def test_csv_speed(tmp_path):
     n_rows, n_columns = 100_000, 40
     block = np.random.default_rng(0).standard_normal((1000, n_columns - 1))
     tails = [",".join(map(repr, row)) for row in block.tolist()]
-    names = [f"{signal}_{j}" for signal in ("q", "dq", "ddq", "tau", "x", "y") for j in range(7)][
-        : n_columns - 1
-    ]
+    names = [f"{signal}_{j}" for signal in ("q", "dq", "ddq", "tau", "x", "y") for j in range(7)][: n_columns - 1]
     lines = [",".join(["t", *names]), *(f"{k * 1e-3!r},{tails[k % 1000]}" for k in range(n_rows))]
     (tmp_path / "run.csv").write_text("\n".join(lines))
     start = time.perf_counter()
@@ -527,9 +522,7 @@ def test_empty_file(tmp_path, suffix):
 @pytest.mark.parametrize("name", ["run.mat", "run.h5", "run", "run.csv.gz", "run.npy"])
 def test_unknown_suffix(tmp_path, name):
     (tmp_path / name).write_text("t,q_0\n")
-    refused(
-        tmp_path / name, r"is not known; expected a run as \.parquet, \.csv, \.npz", code="unknown_suffix"
-    )
+    refused(tmp_path / name, r"is not known; expected a run as \.parquet, \.csv, \.npz", code="unknown_suffix")
 
 
 def test_suffix_in_capitals(tmp_path):
@@ -746,7 +739,9 @@ def test_config_maps_and_converts(tmp_path):
 def test_config_motor_torque_and_signs(tmp_path):
     columns = valid_columns() | {f"tau_motor_{j}": valid_columns()[f"tau_{j}"] / 100 for j in range(3)}
     path = write_csv(tmp_path / "run.csv", columns)
-    text = '[columns]\ntau = "tau_motor_{i}"\ndq = false\n[gear]\nratio = 100\napply_to = ["tau"]\n[signs]\nq = [1, -1, 1]'
+    text = (
+        '[columns]\ntau = "tau_motor_{i}"\ndq = false\n[gear]\nratio = 100\napply_to = ["tau"]\n[signs]\nq = [1, -1, 1]'
+    )
     rec = read_recording(path, JOINTS, read_config(config_file(tmp_path, text)))
     np.testing.assert_allclose(rec.tau[:, 2], columns["tau_2"], rtol=1e-15)
     np.testing.assert_array_equal(rec.q[:, 1], -columns["q_1"])

@@ -5,11 +5,12 @@ import os
 
 import numpy as np
 import pytest
+from run_files import folder_of_another_user, motion
+
 from dynid_rs.errors import DataError
 from dynid_rs.files import atomic_path, write_json, write_table
 from dynid_rs.findings import Finding
 from dynid_rs.recording import Recording
-from run_files import folder_of_another_user, motion
 
 
 def arrays(**changes):
@@ -30,9 +31,7 @@ def test_valid_recording():
 
 
 def test_integers_float32_and_lists_become_float64():
-    rec = Recording(
-        t=list(range(30)), q=np.ones((30, 2), np.float32), tau=np.asfortranarray(np.ones((30, 2)))
-    )
+    rec = Recording(t=list(range(30)), q=np.ones((30, 2), np.float32), tau=np.asfortranarray(np.ones((30, 2))))
     assert rec.t.dtype == rec.q.dtype == np.float64
     assert rec.tau.flags.c_contiguous
 
@@ -108,9 +107,7 @@ CONTENT = [
 ]
 
 
-@pytest.mark.parametrize(
-    ("change", "code", "row", "column", "text"), CONTENT, ids=[c[1] + c[3] for c in CONTENT]
-)
+@pytest.mark.parametrize(("change", "code", "row", "column", "text"), CONTENT, ids=[c[1] + c[3] for c in CONTENT])
 def test_unusable_content(change, code, row, column, text):
     with pytest.raises(DataError, match=text) as caught:
         Recording(**arrays(**change, name="run 7"))

@@ -18,10 +18,11 @@ from typing import Any
 import numpy as np
 import pytest
 import typer
+from typer.testing import CliRunner
+
 from dynid_rs.errors import DataError
 from dynid_rs.files import write_table
 from dynid_rs.report import write_report
-from typer.testing import CliRunner
 
 TERMS = ("rigid_body", "rotor_inertia", "torque_offset", "friction", "residual_term")
 FRICTION = ("coulomb_pos", "coulomb_neg", "viscous1_pos", "viscous1_neg", "viscous2_pos", "viscous2_neg")
@@ -52,9 +53,7 @@ def make_result(n_joints: int, seed: int = 0) -> dict[str, Any]:
     base = [
         {"link": f"link_{i}", **parameter(f"{name}_{i} + " + f"0.25 m_{i} + " * k + f"Iyy_{i}", unit)}
         for i in range(n_joints)
-        for k, (name, unit) in enumerate(
-            (("hx", "kg*m"), ("hy", "kg*m"), ("Ixx", "kg*m^2"), ("Izz", "kg*m^2"))
-        )
+        for k, (name, unit) in enumerate((("hx", "kg*m"), ("hy", "kg*m"), ("Ixx", "kg*m^2"), ("Izz", "kg*m^2")))
     ]
     joint = [
         {"joint": name, **parameter(kind, "N*m" if "coulomb" in kind else f"N*m*(s/rad)^{kind[7]}", 3.0)}
@@ -156,11 +155,7 @@ def make_table(n_joints: int, n_per_run: int = 1000, seed: int = 0) -> dict[str,
     rng = np.random.default_rng(seed)
     runs = [("a.parquet", "train"), ("b.parquet", "train"), ("c.parquet", "test"), ("d.parquet", "test")]
     n = n_per_run * len(runs)
-    t = (
-        1.7e9
-        + np.tile(np.arange(n_per_run) * 0.05, len(runs))
-        + np.repeat(np.arange(len(runs)) * 100.0, n_per_run)
-    )
+    t = 1.7e9 + np.tile(np.arange(n_per_run) * 0.05, len(runs)) + np.repeat(np.arange(len(runs)) * 100.0, n_per_run)
     columns: dict[str, np.ndarray] = {
         "run": np.repeat([name for name, _ in runs], n_per_run),
         "set": np.repeat([kind for _, kind in runs], n_per_run),
@@ -371,14 +366,10 @@ def test_effects_are_shown(tmp_path: Path) -> None:
             "rmse_test_after": [2.4, 1.234],
             "p_value": 1e-9,
             "parameters": [{"name": "m0", "value": 0.061, "unit": "1", "interval": [0.058, 0.064]}],
-            "ties": [
-                {"kind": "position_dependent_friction", "joints": ["joint_1"], "rmse_test_after": [1.3]}
-            ],
+            "ties": [{"kind": "position_dependent_friction", "joints": ["joint_1"], "rmse_test_after": [1.3]}],
         }
     ]
-    text = Page(
-        write_report(write_inputs(tmp_path, result, make_table(2, 200))).read_text(encoding="utf-8")
-    ).text
+    text = Page(write_report(write_inputs(tmp_path, result, make_table(2, 200))).read_text(encoding="utf-8")).text
     for said in (
         "load dependent friction",
         "m0 = 0.0610",
@@ -549,9 +540,7 @@ def test_table_cut_off(folder: Path, cut: int) -> None:
 
 
 def test_table_without_rows(folder: Path) -> None:
-    write_table(
-        folder / "residuals.parquet", {name: values[:0] for name, values in make_table(2, 200).items()}
-    )
+    write_table(folder / "residuals.parquet", {name: values[:0] for name, values in make_table(2, 200).items()})
     refused(folder, DataError, "it holds no rows")
 
 
@@ -615,9 +604,7 @@ def test_plotly_is_not_imported(folder: Path) -> None:
         f"write_report(Path({str(folder)!r})); "
         "print([name for name in sys.modules if name.split('.')[0] in ('plotly', 'sklearn', 'scipy')])"
     )
-    run = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment()
-    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=environment())
     assert run.stdout.strip() == "[]"
 
 

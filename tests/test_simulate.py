@@ -6,6 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import typer
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.integrate import cumulative_simpson, solve_ivp
+from scipy.interpolate import CubicSpline
+from scipy.optimize import minimize_scalar
+from typer.testing import CliRunner
+
 from dynid_rs import _core
 from dynid_rs.commands.simulate import EFFECTS
 from dynid_rs.commands.simulate import simulate as command
@@ -22,13 +30,6 @@ from dynid_rs.simulation import (
 )
 from dynid_rs.simulation.gear import wind_up
 from dynid_rs.simulation.limits import plausible_effort
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from numpy.testing import assert_allclose, assert_array_equal
-from scipy.integrate import cumulative_simpson, solve_ivp
-from scipy.interpolate import CubicSpline
-from scipy.optimize import minimize_scalar
-from typer.testing import CliRunner
 
 ROUNDING = 1e-12  # same mathematics, other order of operations
 EIGHTH_ORDER = 1e-9  # central differences of eighth order, step 1 ms, motion below 1 Hz
@@ -159,9 +160,7 @@ def test_base_parameters_are_recovered_from_noiseless_runs(robot):
         Y = robot.joint_torque_regressor(run.q, run.dq, run.ddq)
         columns = []
         for joint in range(robot.n_joints):
-            own = _core.friction_basis(
-                run.dq[:, joint], arm.velocity_threshold[joint], arm.transition_width[joint]
-            )
+            own = _core.friction_basis(run.dq[:, joint], arm.velocity_threshold[joint], arm.transition_width[joint])
             own = np.column_stack([own, run.ddq[:, joint], np.ones(n)])
             full = np.zeros((n, robot.n_joints, own.shape[1]))
             full[:, joint] = own
@@ -256,9 +255,7 @@ def test_hysteresis_agrees_with_an_adaptive_solver():
 def test_energy_is_lost_in_every_cycle_of_the_gear(hysteresis, damping):
     t = np.arange(0.0, 4.0, 5e-4)
     tau = 100.0 * np.sin(2 * np.pi * t)
-    delta = wind_up(
-        tau, 5e-4, stiffness=1e5, damping=damping, hysteresis=hysteresis, hysteresis_distance=1e-4
-    )
+    delta = wind_up(tau, 5e-4, stiffness=1e5, damping=damping, hysteresis=hysteresis, hysteresis_distance=1e-4)
     lost = [np.trapezoid(tau[k : k + 2001], delta[k : k + 2001]) for k in (2000, 4000)]
     if hysteresis == 0:
         # A damper alone: D times the mean square of the speed, over one second.

@@ -164,6 +164,8 @@ class RobotModel:
             A component is not finite.
         """
 
+    def __copy__(self) -> RobotModel: ...
+    def __deepcopy__(self, _memo: object, /) -> RobotModel: ...
     def inverse_dynamics(
         self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, phi: ArrayLike | None = None
     ) -> _FloatArray:
@@ -307,9 +309,11 @@ class GaussianMixtureRegression:
         Shapes disagree, a number is not finite, a weight not positive or a covariance not positive definite.
     """
 
-    def __new__(
-        cls, weights: ArrayLike, means: _FloatArray, covariances: _FloatArray
-    ) -> GaussianMixtureRegression: ...
+    def __new__(cls, weights: ArrayLike, means: _FloatArray, covariances: _FloatArray) -> GaussianMixtureRegression: ...
+    @property
+    def covariances(self) -> _FloatArray:
+        """Covariances, (n_components, n_inputs + 1, n_inputs + 1)."""
+
     @property
     def n_components(self) -> int:
         """K."""
@@ -480,9 +484,7 @@ def friction_basis(dq: ArrayLike, velocity_threshold: float, transition_width: f
         The threshold (lambda) is negative or the width (eps) not positive [rad/s].
     """
 
-def residual_inputs(
-    inputs: str, q: _FloatArray, dq: ArrayLike, q_motor: ArrayLike, dq_motor: ArrayLike
-) -> _FloatArray:
+def residual_inputs(inputs: str, q: _FloatArray, dq: ArrayLike, q_motor: ArrayLike, dq_motor: ArrayLike) -> _FloatArray:
     """Return what a mixture of the third loop sees: (n_samples, n_joints, 2); the channels on one clock.
 
     `inputs`: `"deflection"` (motor minus link, and its rate) or `"joint_state"` (of the motor side).

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +42,7 @@ class Plan:
     @property
     def n_own(self) -> int:
         """Own columns of one joint, those included that cannot be told apart."""
-        return self.own.shape[1]
+        return int(self.own.shape[1])
 
     @property
     def n_columns(self) -> int:
@@ -89,7 +90,7 @@ def make_plan(robot: _core.RobotModel, effects: Sequence[_core.Effect], *, rando
             if not own[j, first]:
                 share, *_ = np.linalg.lstsq(rigid, vector, rcond=None)
                 if np.linalg.norm(vector - rigid @ share) < 1e-8 * np.linalg.norm(vector):
-                    absorbed[j, int(first)] = share
+                    absorbed[j, int(first)] = np.asarray(share, dtype=np.float64)
             else:
                 known = np.column_stack([known, left / np.linalg.norm(left)])
     return Plan(robot, tuple(effects), pivots, own, absorbed)
@@ -132,7 +133,8 @@ class Observations:
         """Rows of every run and joint with another torque, (n_rows, n_joints) each, in the last column."""
         joints = [self.by_run([block.rows[j] for block in self.blocks]) for j in range(len(self.blocks[0].rows))]
         return [
-            [np.column_stack([rows[k][:, :-1], tau[:, j]]) for j, rows in enumerate(joints)] for k, tau in enumerate(torque)
+            [np.column_stack([rows[k][:, :-1], tau[:, j]]) for j, rows in enumerate(joints)]
+            for k, tau in enumerate(torque)
         ]
 
     def factors(self, leave_out: int | None = None) -> list[FloatArray]:
@@ -157,11 +159,17 @@ def observe(plan: Plan, runs: Sequence[States], tau: Sequence[FloatArray] | None
 
 def run_rows(plan: Plan, states: States, tau: FloatArray) -> list[FloatArray]:
     """Filtered, decimated rows of one run: per joint (n_rows, n_own + base columns + 1)."""
+    q, dq, ddq, q_motor, dq_motor, ddq_motor = states.signals()
     return _core.observe(
         plan.robot,
         list(plan.effects),
         plan.pivots.tolist(),
-        *states.signals(),
+        q,
+        dq,
+        ddq,
+        q_motor,
+        dq_motor,
+        ddq_motor,
         tau,
         filter=states.filter,
         kept=states.kept,
@@ -170,4 +178,4 @@ def run_rows(plan: Plan, states: States, tau: FloatArray) -> list[FloatArray]:
 
 def _thirds(n: int) -> list[slice]:
     edges = np.linspace(0, n, 4).astype(int)
-    return [slice(first, last) for first, last in zip(edges[:-1], edges[1:], strict=True)]
+    return [slice(first, last) for first, last in pairwise(edges)]

@@ -39,7 +39,9 @@ class Comparison:
 
 def compare(states: States, predicted: FloatArray) -> Comparison:
     """Compare `predicted` (n, n_joints), torque at every sample, with the run's own, both through the band's filter."""
-    return Comparison(states, states.in_band(states.tau), states.in_band(predicted), (states.tau - predicted)[states.moving])
+    return Comparison(
+        states, states.in_band(states.tau), states.in_band(predicted), (states.tau - predicted)[states.moving]
+    )
 
 
 def rmse(errors: Sequence[FloatArray]) -> FloatArray:
@@ -63,9 +65,7 @@ def rmse_interval(comparisons: Sequence[Comparison], random_state: int = 0) -> F
         states = comparison.states
         length = max(1, int(LEAST_BLOCK * states.rate / states.step))
         n_blocks = max(1, len(comparison.error) // length)
-        squares += [
-            (np.sum(block**2, axis=0), len(block)) for block in np.array_split(comparison.error, n_blocks)
-        ]
+        squares += [(np.sum(block**2, axis=0), len(block)) for block in np.array_split(comparison.error, n_blocks)]
     sums = np.array([total for total, _ in squares])
     counts = np.array([count for _, count in squares], dtype=float)
     draws = rng.integers(0, len(counts), (N_RESAMPLES, len(counts)))

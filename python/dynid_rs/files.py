@@ -72,9 +72,7 @@ def check_readable(path: str | os.PathLike[str]) -> Path:
             file=str(path),
         )
     if info.st_size == 0:
-        raise DataError(
-            f"{path}: the file is empty; record or copy it again", code="empty_file", file=str(path)
-        )
+        raise DataError(f"{path}: the file is empty; record or copy it again", code="empty_file", file=str(path))
     return place
 
 
@@ -97,9 +95,7 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
         if target.is_dir():
             raise IsADirectoryError
         if not target.parent.exists():
-            missing = FileNotFoundError(
-                f"{target}: the folder {target.parent} does not exist; create it first"
-            )
+            missing = FileNotFoundError(f"{target}: the folder {target.parent} does not exist; create it first")
             vars(missing)["is_sentence"] = True
             raise missing
         yield temporary

@@ -1,7 +1,7 @@
 """First loop: the friction of every joint (Eqs. 9-12).
 
-For a given threshold lambda and transition width eps the eight coefficients are linear, so the search is one-dimensional
-in each (variable projection): least squares inside, a scan and a refinement outside.
+For a given threshold lambda and transition width eps the eight coefficients are linear, so the search is
+one-dimensional in each (variable projection): least squares inside, a scan and a refinement outside.
 """
 
 from __future__ import annotations
@@ -143,15 +143,13 @@ class FrictionIdentifier(BaseEstimator):  # type: ignore[misc]
         if threshold == 0:
             return threshold, width, value
         span = float(np.log(thresholds[1] / thresholds[0]))
-        threshold, _ = _golden(
-            lambda x: power.at_best_width(x, width)[0], threshold, value, span, CLOSE / 100
-        )
+        threshold, _ = _golden(lambda x: power.at_best_width(x, width)[0], threshold, value, span, CLOSE / 100)
         value, width = power.at_best_width(threshold, width)
         return threshold, width, value
 
     def _thresholds(self, power: _PowerLeft, width: float, finer: int = 1) -> list[float]:
         largest = max(width, LARGEST_THRESHOLD * power.top_speed)
-        return np.geomspace(0.5 * width, largest, finer * self.n_thresholds).tolist()
+        return [float(x) for x in np.geomspace(0.5 * width, largest, finer * self.n_thresholds)]
 
     def _threshold(
         self, power: _PowerLeft, threshold: float, width: float, at_best: float, span: float
@@ -199,7 +197,7 @@ class _PowerLeft:
         speeds = np.unique(np.abs(np.concatenate(self._speeds)))
         at = int(np.searchsorted(speeds, threshold))
         near = speeds[max(at - count // 2, 0) : at + count // 2]
-        return (0.5 * (near[1:] + near[:-1])).tolist()
+        return [float(x) for x in 0.5 * (near[1:] + near[:-1])]
 
     def best_width(self, threshold: float, width: float, at_best: float, span: float) -> tuple[float, float]:
         """Best eps around `width` at this lambda, and the power there."""
@@ -233,9 +231,7 @@ class _PowerLeft:
     def _left(self, links: FloatArray, threshold: float, width: float) -> float:
         columns = np.concatenate(
             [
-                _core.filtered_friction_basis(
-                    speed, threshold, width, filter=states.filter, kept=states.kept
-                )
+                _core.filtered_friction_basis(speed, threshold, width, filter=states.filter, kept=states.kept)
                 for speed, states in zip(self._speeds, self._runs, strict=True)
             ]
         )

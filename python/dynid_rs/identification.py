@@ -215,8 +215,8 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         for states in runs:
             if len(states.rows) < 20:
                 raise DataError(
-                    f"{states.name}: only {len(states.rows) * states.step / states.rate:.2f} s of motion are left after "
-                    "standstill is taken out; record a longer motion",
+                    f"{states.name}: only {len(states.rows) * states.step / states.rate:.2f} s of motion are left "
+                    "after standstill is taken out; record a longer motion",
                     code="too_little_motion",
                     file=states.name,
                 )
@@ -307,7 +307,8 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
             if recording.torque_unit != first.torque_unit or recording.has_motor_encoder != first.has_motor_encoder:
                 raise DataError(
                     f"{recording.name} and {first.name} hold different signals (torque in {recording.torque_unit} and "
-                    f"{first.torque_unit}, motor encoder: {recording.has_motor_encoder} and {first.has_motor_encoder}); "
+                    f"{first.torque_unit}, motor encoder: {recording.has_motor_encoder} and "
+                    f"{first.has_motor_encoder}); "
                     "learn from runs of one kind",
                     code="mixed_runs",
                     file=recording.name,
@@ -315,8 +316,9 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         travel = np.max([np.ptp(recording.q, axis=0) for recording in recordings], axis=0)
         for j in np.flatnonzero(travel < LEAST_TRAVEL):
             raise DataError(
-                f"{', '.join(recording.name for recording in recordings)}: joint {self.robot.joint_names[j]} never moves "
-                f"(q_{j} spans {travel[j]:.1g}); its friction and inertia cannot be learned, record a run that moves it",
+                f"{', '.join(recording.name for recording in recordings)}: joint {self.robot.joint_names[j]} never "
+                f"moves (q_{j} spans {travel[j]:.1g}); its friction and inertia cannot be learned, record a run that "
+                "moves it",
                 code="joint_never_moves",
                 file=first.name,
                 column=f"q_{j}",

@@ -19,11 +19,13 @@ Weighting = Literal["joint_variance", "full_covariance"] | None
 RIDGES = (0.0, 1e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1)
 """Ridges that are tried, relative to the greatest singular value of the unit-norm columns."""
 RIDGE_WORTH = 0.01
-"""A ridge is taken only if it lowers every joint's left-out residual power by this much on average."""
+"""Of ridges whose greatest regret (logarithm of a joint's left-out power over its least) differs less, the smallest."""
+RIDGE_COST = 1.6
+"""Most that a ridge may add to a joint's residual power on the training rows."""
 NEGLIGIBLE = 1e-12
 """Relative singular values below this are rounding."""
 SCALE_SPREAD = 0.5
-"""How far drive gains are expected to lie from the first joint's: a weak prior for joints whose own load says little."""
+"""How far drive gains lie from the first joint's: a weak prior for joints whose own load says little."""
 
 
 class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
@@ -137,7 +139,7 @@ def stack(plan: Plan, factors: Sequence[FloatArray], weights: FloatArray, scale:
 
 
 def solve(plan: Plan, system: FloatArray, ridges: Sequence[float]) -> list[FloatArray]:
-    """Solutions (n_columns,) of ``[A | b]`` for every ridge: ``min |A x - b|^2 + (l s_max)^2 |D x|^2``, D the column norms."""
+    """Solutions (n_columns,) of ``[A | b]``, one per ridge l: ``min |A x - b|^2 + (l s_max)^2 |D x|^2``, D the norms."""
     from scipy.linalg import svd
 
     R = _core.triangular_factor(system)
@@ -157,9 +159,7 @@ def solve(plan: Plan, system: FloatArray, ridges: Sequence[float]) -> list[Float
     return solutions
 
 
-def residual_power(
-    plan: Plan, factors: Sequence[FloatArray], x: FloatArray, scale: FloatArray
-) -> FloatArray:
+def residual_power(plan: Plan, factors: Sequence[FloatArray], x: FloatArray, scale: FloatArray) -> FloatArray:
     """Sum of squared residuals per joint, (n_joints,), from the factors alone."""
     return np.array([np.sum(_residual(plan, j, R, x, scale) ** 2) for j, R in enumerate(factors)])
 
@@ -193,14 +193,20 @@ def residual_covariance(observations: Observations, x: FloatArray, scale: FloatA
 def _choose_ridge(
     observations: Observations, left_out: list[list[FloatArray]], weights: FloatArray, scale: FloatArray
 ) -> float:
-    """Smallest ridge that predicts left-out blocks as well as the best one."""
+    """Smallest ridge with the least regret on left-out blocks: no joint pays for what another one gains."""
     plan = observations.plan
     power = np.zeros((len(RIDGES), plan.robot.n_joints))
     for block, factors in zip(observations.blocks, left_out, strict=True):
         for k, x in enumerate(solve(plan, stack(plan, factors, weights, scale), RIDGES)):
             power[k] += residual_power(plan, block.factors, x, scale)
-    score = np.log(np.maximum(power, 1e-300)).mean(axis=1)
-    return RIDGES[int(np.flatnonzero(score <= score.min() + RIDGE_WORTH)[0])]
+    # What a ridge costs where the data does speak shows on the training rows themselves.
+    factors = observations.factors()
+    solutions = solve(plan, stack(plan, factors, weights, scale), RIDGES)
+    trained = np.array([residual_power(plan, factors, x, scale) for x in solutions])
+    power[np.any(trained > RIDGE_COST * trained[0] + 1e-300, axis=1)] = np.inf
+    log_power = np.log(np.maximum(power, 1e-300))
+    regret = (log_power - log_power.min(axis=0)).max(axis=1)
+    return RIDGES[int(np.flatnonzero(regret <= regret.min() + RIDGE_WORTH)[0])]
 
 
 def _improve_scale(
@@ -249,14 +255,20 @@ def stack_one(plan: Plan, j: int, rows: FloatArray, scale: FloatArray) -> FloatA
 
 
 def baseline(observations: Observations) -> tuple[Observations, FloatArray]:
-    """Observations of the paper's baseline, rigid body with Coulomb and viscous friction, and the (n_own, 3) regrouping.
+    """Observations of the paper's baseline (rigid body, Coulomb, viscous) and the (n_own, 3) regrouping.
 
     Rotor inertia, ``coulomb_pos + coulomb_neg``, ``viscous1_pos + viscous1_neg``: columns of the full model, added up.
     """
     plan = observations.plan
     names = [name for effect in plan.effects for name in effect.coefficient_names]
     regroup = np.zeros((len(names), 3))
-    for row, column in (("rotor_inertia", 0), ("coulomb_pos", 1), ("coulomb_neg", 1), ("viscous1_pos", 2), ("viscous1_neg", 2)):
+    for row, column in (
+        ("rotor_inertia", 0),
+        ("coulomb_pos", 1),
+        ("coulomb_neg", 1),
+        ("viscous1_pos", 2),
+        ("viscous1_neg", 2),
+    ):
         regroup[names.index(row), column] = 1.0
     own = np.ones((plan.robot.n_joints, 3), dtype=bool)
     own[:, 0] = plan.own[:, names.index("rotor_inertia")]

@@ -119,7 +119,7 @@ class States:
         """`x` (n, ...) through the band's filter, at the rows of the fit."""
         return self.band.apply(x, self.rate)[self.rows]
 
-    def signals(self) -> tuple[FloatArray, ...]:
+    def signals(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
         """Return q, dq, ddq, q_motor, dq_motor, ddq_motor."""
         return self.q, self.dq, self.ddq, self.q_motor, self.dq_motor, self.ddq_motor
 
@@ -283,7 +283,7 @@ def _moving(dq: FloatArray, rate: float, band: Band) -> NDArray[np.bool_]:
     A guard on both sides of a pause, and at both ends of the run, keeps the filters' transients out.
     """
     top = np.abs(dq).max(axis=0)
-    still = (np.abs(dq) <= STILL_SPEED * np.where(top > 0, top, np.inf)).all(axis=1)
+    still: NDArray[np.bool_] = np.all(np.abs(dq) <= STILL_SPEED * np.where(top > 0, top, np.inf), axis=1)
     guard = int(rate / band.cutoff)
     moving = np.ones(len(dq), dtype=bool)
     for first, last in _stretches(still):

@@ -91,9 +91,7 @@ class Recording:
         self._check_shapes()
         put("joints", tuple(self.joints) or tuple(map(str, range(self.n_joints))))
         if len(self.joints) != self.n_joints or len(set(self.joints)) != self.n_joints:
-            raise ValueError(
-                f"{self.name}: joints must be {self.n_joints} different names, got {list(self.joints)}"
-            )
+            raise ValueError(f"{self.name}: joints must be {self.n_joints} different names, got {list(self.joints)}")
         if self.torque_unit not in ("N*m", "A"):
             raise ValueError(f"{self.name}: torque_unit must be 'N*m' or 'A', got {self.torque_unit!r}")
         for name in _MATRICES:
@@ -179,9 +177,7 @@ def row_text(row: int, line_of: Callable[[int], int] | None = None) -> str:
     return f"row {row + 1}{line}"
 
 
-def check_finite(
-    values: FloatArray, *, file: str, column: str, line_of: Callable[[int], int] | None = None
-) -> None:
+def check_finite(values: FloatArray, *, file: str, column: str, line_of: Callable[[int], int] | None = None) -> None:
     """Check that a column (n,) holds numbers only.
 
     Raises
@@ -205,9 +201,7 @@ def check_finite(
     )
 
 
-def check_time(
-    t: FloatArray, *, file: str, column: str = "t", line_of: Callable[[int], int] | None = None
-) -> None:
+def check_time(t: FloatArray, *, file: str, column: str = "t", line_of: Callable[[int], int] | None = None) -> None:
     """Check that time (n,) [s] is finite and strictly increasing, without long gaps.
 
     Raises
@@ -219,14 +213,10 @@ def check_time(
 
     def fault(code: str, row: int | None, text: str) -> DataError:
         place = "" if row is None else f", {row_text(row, line_of)}"
-        return DataError(
-            f"{file}{place}, column {column}: {text}", code=code, file=file, column=column, row=row
-        )
+        return DataError(f"{file}{place}, column {column}: {text}", code=code, file=file, column=column, row=row)
 
     if t.shape[0] < MIN_SAMPLES:
-        raise fault(
-            "too_few_samples", None, f"{t.shape[0]} samples are too few; at least {MIN_SAMPLES} are needed"
-        )
+        raise fault("too_few_samples", None, f"{t.shape[0]} samples are too few; at least {MIN_SAMPLES} are needed")
     check_finite(t, file=file, column=column, line_of=line_of)
     with np.errstate(over="ignore"):  # a damaged stamp of 1e308 is a long gap like any other
         dt = np.diff(t)

@@ -114,7 +114,9 @@ class ResidualCompensator(BaseEstimator):  # type: ignore[misc]
         for j in np.flatnonzero(self.kept):
             u = np.concatenate([inputs_of(states, self.inputs_)[states.rows][:, j] for states in runs])
             # From the last means, or the rounds would jump between equally good mixtures.
-            means = self.mixtures_[j].means
+            mixture = self.mixtures_[j]
+            assert mixture is not None  # it is kept
+            means = mixture.means
             fitted = self._regressor(len(means), u, np.concatenate([left[:, j] for left in residuals]), means)
             self.mixtures_[j] = self.candidates_[j] = fitted.mixture_
         return self
@@ -132,9 +134,7 @@ class ResidualCompensator(BaseEstimator):  # type: ignore[misc]
         self, n_components: int, u: FloatArray, left: FloatArray, means: FloatArray | None = None
     ) -> GaussianMixtureRegressor:
         thin = max(1, len(left) // self.max_samples)
-        regressor = GaussianMixtureRegressor(
-            n_components, tol=1e-2, means_init=means, random_state=self.random_state
-        )
+        regressor = GaussianMixtureRegressor(n_components, tol=1e-2, means_init=means, random_state=self.random_state)
         return regressor.fit(u[::thin], left[::thin])
 
     def _left_out(self, n_components: int, u: list[FloatArray], left: list[FloatArray]) -> FloatArray:

@@ -106,7 +106,8 @@ def summarise(
     }
     result["residual"]["reason"] = residual_reason(result)
     result["verdict"] = verdict(result)
-    return _plain(result)
+    plain: dict[str, Any] = _plain(result)
+    return plain
 
 
 def residual_table(
@@ -201,7 +202,10 @@ def _parameters(identifier: ThreeLoopIdentifier) -> dict[str, Any]:
         base.append({**entry, "link": robot.link_names[pivot // 10]})
     names = [name for effect in plan.effects for name in effect.coefficient_names]
     joint = [
-        {**_parameter(name, links.own_[j, k], std[plan.n_base + j * plan.n_own + k], unit), "joint": robot.joint_names[j]}
+        {
+            **_parameter(name, links.own_[j, k], std[plan.n_base + j * plan.n_own + k], unit),
+            "joint": robot.joint_names[j],
+        }
         for j in range(robot.n_joints)
         for k, name in enumerate(names)
         for unit in [own_unit(name, identifier.torque_unit_, robot.joint_kinds[j])]

@@ -38,11 +38,11 @@ def parameter_covariance(
     masks = _on_grid(observations, runs, [np.ones((block.n_rows, 1)) for block in observations.blocks])
     meat = np.zeros_like(bread)
     for j in range(n):
-        wide = [stack_one(plan, j, block.rows[j], links.torque_scale_)[:, :-1][:, used] for block in observations.blocks]
+        wide = [
+            stack_one(plan, j, block.rows[j], links.torque_scale_)[:, :-1][:, used] for block in observations.blocks
+        ]
         columns = _on_grid(observations, runs, wide)
-        noise = _Noise(
-            [run[:, j] for run in residuals], [run[:, 0] for run in masks], columns, weights[j] * bread
-        )
+        noise = _Noise([run[:, j] for run in residuals], [run[:, 0] for run in masks], columns, weights[j] * bread)
         meat += weights[j] ** 2 * sum(_toeplitz_product(run, noise.spectrum) for run in columns)
     covariance = np.zeros((plan.n_columns, plan.n_columns))
     covariance[np.ix_(used, used)] = bread @ meat @ bread
@@ -67,8 +67,8 @@ class _Noise:
 
     The fit takes noise away where the columns have their power (at low frequencies): of a line's power, the leverage
     ``h(f) = w a(f)* B a(f)``, a(f) the transform of the columns. Residual and leverage are smoothed alike, then
-    ``S = S_residual / (1 - h / n)^2``: once is unbiased, twice is what leaving samples out would give (the jackknife, HC3 of
-    MacKinnon and White 1985), and makes up for shapes and weights that were fitted too.
+    ``S = S_residual / (1 - h / n)^2``: once is unbiased, twice is what leaving samples out would give (the
+    jackknife, HC3 of MacKinnon and White 1985), and makes up for shapes and weights that were fitted too.
     """
 
     def __init__(

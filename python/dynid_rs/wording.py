@@ -10,16 +10,17 @@ import numpy as np
 def verdict(result: dict[str, Any]) -> str:
     """One or two sentences for an engineer who has a minute."""
     test = result["rmse"]["test"]
-    relative = 100 * np.asarray(test["after"]) / np.maximum(test["torque_std"], 1e-300)
     change = 100 * (1 - _mean_ratio(test["after"], test["wls"]))
-    errors = f"{relative.min():.1f} to {relative.max():.1f} % of the torque's standard deviation"
+    errors = _relative_errors(np.asarray(test["after"]), np.asarray(test["torque_std"]))
     if abs(change) < 1:
         against = "as much as weighted least squares leaves"
     elif change > 0:
         against = f"{change:.0f} % less than weighted least squares leaves"
     else:
         against = f"{-change:.0f} % MORE than weighted least squares leaves; the simple model is the better one here"
-    return f"On runs that it has not seen the model leaves {errors}, on average {against}. {result['residual']['reason']}"
+    return (
+        f"On runs that it has not seen the model leaves {errors}, on average {against}. {result['residual']['reason']}"
+    )
 
 
 def is_better(result: dict[str, Any]) -> bool:
@@ -51,6 +52,15 @@ def residual_reason(result: dict[str, Any]) -> str:
     if not kept.all():
         words += " On the other joints it did not pay on training runs left out."
     return words
+
+
+def _relative_errors(error: Any, std: Any) -> str:
+    """Smallest and largest error over the joints whose torque changes at all; a dead channel has no scale."""
+    alive = std > 0
+    if not alive.any():
+        return "errors that have no scale, because no torque changes on the test runs,"
+    relative = 100 * error[alive] / std[alive]
+    return f"{relative.min():.1f} to {relative.max():.1f} % of the torque's standard deviation"
 
 
 def _mean_ratio(after: Any, before: Any) -> float:

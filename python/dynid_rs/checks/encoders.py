@@ -54,8 +54,7 @@ def _compare(rec: Recording, motors: FloatArray, joint: int) -> Iterator[Finding
             joint,
             "encoder_offset",
             "warning",
-            f"lies {offset:+.3g} rad beside q_{joint}: the encoders have different "
-            "zeros; subtract the offset",
+            f"lies {offset:+.3g} rad beside q_{joint}: the encoders have different zeros; subtract the offset",
             offset,
             "rad",
         )
@@ -73,8 +72,7 @@ def _mismatch(rec: Recording, motors: FloatArray, joint: int) -> Finding:
             joint,
             "motor_flipped",
             "error",
-            f"runs against q_{joint}: its sign is flipped; write -1 for it in "
-            "dynid.toml under [signs] q_motor",
+            f"runs against q_{joint}: its sign is flipped; write -1 for it in dynid.toml under [signs] q_motor",
             slope,
             "1",
         )

@@ -61,9 +61,7 @@ def check_limits(rec: Recording, robot: Limited | None) -> Iterator[Finding]:
         wide = moves & (largest > TWO_TURNS)
         # One joint may turn round and round; half of the robot does not.
         if wide.any() and 2 * wide.sum() >= moves.sum():
-            yield _degrees(
-                rec, "warning", largest, f"{int(wide.sum())} of {rec.n_joints} joints go beyond two turns"
-            )
+            yield _degrees(rec, "warning", largest, f"{int(wide.sum())} of {rec.n_joints} joints go beyond two turns")
         return
     lower, upper = _limits(robot.lower, -np.inf), _limits(robot.upper, np.inf)
     excess = np.maximum(lower - low, high - upper)
@@ -71,10 +69,7 @@ def check_limits(rec: Recording, robot: Limited | None) -> Iterator[Finding]:
     limit = np.maximum(np.abs(lower), np.abs(upper))
     fits = np.all((low * DEGREE >= lower - TOLERANCE) & (high * DEGREE <= upper + TOLERANCE))
     if fits and np.any(largest > 3 * limit):
-        text = (
-            f"q_{int(np.argmax(largest / limit))} is far beyond the limits of the "
-            "robot, and all fit as degrees"
-        )
+        text = f"q_{int(np.argmax(largest / limit))} is far beyond the limits of the robot, and all fit as degrees"
         yield _degrees(rec, "error", largest, text)
         return
     for joint in np.flatnonzero(beyond).tolist():

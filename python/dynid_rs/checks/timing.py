@@ -36,8 +36,7 @@ def check_timing(rec: Recording) -> Iterator[Finding]:
         yield Finding(
             "sampling_rate",
             "warning",
-            f"{rate:.3g} Hz is slow for identification; 100 Hz or more separates "
-            "inertia from friction better",
+            f"{rate:.3g} Hz is slow for identification; 100 Hz or more separates inertia from friction better",
             rec.name,
             "t",
             value=rate,

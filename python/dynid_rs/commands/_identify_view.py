@@ -45,8 +45,14 @@ def show(result: dict[str, Any], directory: Path) -> None:
         out.print(f"Link encoders come late by {values} ms (removed first).")
     for finding in result["data"]["findings"]:
         if finding["severity"] != "info":
-            out.print(Text(f"{finding['severity']}: {finding['message']}"))
+            out.print(Text(f"{finding['severity']}: {_with_file(finding)}"))
     out.print(Text(f"report: {directory / REPORT_FILE}"), soft_wrap=True)
+
+
+def _with_file(finding: dict[str, Any]) -> str:
+    """Return the message, with the file where the message does not name it."""
+    file, message = finding.get("file"), finding["message"]
+    return message if file is None or file in message else f"{shown(file)}: {message}"
 
 
 def _with_share(error: float, std: float) -> str:

@@ -46,9 +46,7 @@ def read_settings(config: Path | None, drive_gain: str | None, n_joints: int) ->
         return Settings(rules)
     gains = _numbers("--drive-gain", drive_gain, n_joints)
     if min(gains) <= 0:
-        raise ValueError(
-            f"--drive-gain must be positive, found {min(gains):g}; a direction belongs in [signs] tau"
-        )
+        raise ValueError(f"--drive-gain must be positive, found {min(gains):g}; a direction belongs in [signs] tau")
     return Settings(replace(rules, drive_gain=gains), gain_given=True)
 
 

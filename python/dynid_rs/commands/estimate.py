@@ -129,9 +129,7 @@ def _other_unit(recording: Recording, unit: str) -> ValueError:
     )
 
 
-def states_of(
-    recording: Recording, cutoff: float | None
-) -> tuple[FloatArray, tuple[FloatArray, ...], FloatArray]:
+def states_of(recording: Recording, cutoff: float | None) -> tuple[FloatArray, tuple[FloatArray, ...], FloatArray]:
     """Time (n,), the six signals of the states and the measured torque, (n, n_joints) each."""
     from dynid_rs.preprocessing import Band, choose_band, common_rate, prepare
 

@@ -23,42 +23,28 @@ LEAST_TEST_ROWS = 20
 @run_command
 def identify(
     robot: Annotated[Path, typer.Argument(metavar="ROBOT.urdf", help="The arm, as URDF")],
-    runs: Annotated[
-        list[Path], typer.Argument(metavar="RUN...", help="Runs to learn from: Parquet, CSV or NPZ")
-    ],
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Runs to learn from: Parquet, CSV or NPZ")],
     output: Annotated[
         Path, typer.Option("--output", "-o", metavar="DIR", help="Folder for the results", show_default=False)
     ],
     test: Annotated[
         list[Path] | None,
-        typer.Option(
-            metavar="RUN", help="Run to test on; repeat for more. Left out: the last run, or its last third"
-        ),
+        typer.Option(metavar="RUN", help="Run to test on; repeat for more. Left out: the last run, or its last third"),
     ] = None,
     test_from: Annotated[
         float | None, typer.Option(help="With a lone run: test on what comes after this many seconds")
     ] = None,
     config: Annotated[Path | None, typer.Option(help="dynid.toml: column names, units, gears, signs")] = None,
-    gravity: Annotated[
-        str, typer.Option(metavar="X,Y,Z", help="Free fall in the base frame [m/s^2]")
-    ] = "0,0,-9.81",
-    base: Annotated[
-        str | None, typer.Option(help="First link of the chain, where the URDF leaves a choice")
-    ] = None,
+    gravity: Annotated[str, typer.Option(metavar="X,Y,Z", help="Free fall in the base frame [m/s^2]")] = "0,0,-9.81",
+    base: Annotated[str | None, typer.Option(help="First link of the chain, where the URDF leaves a choice")] = None,
     tip: Annotated[str | None, typer.Option(help="Last link of the chain, where the URDF branches")] = None,
     drive_gain: Annotated[
         str | None,
         typer.Option(metavar="G[,G...]", help="Joint torque per motor current [N*m/A], one per joint"),
     ] = None,
-    weighting: Annotated[
-        str, typer.Option(help="joint_variance, full_covariance or none")
-    ] = "joint_variance",
-    residual: Annotated[
-        str, typer.Option(help="Third loop on: auto, deflection, joint_state or none")
-    ] = "auto",
-    cutoff: Annotated[
-        float | None, typer.Option(help="Band [Hz]; chosen from the motion if left out")
-    ] = None,
+    weighting: Annotated[str, typer.Option(help="joint_variance, full_covariance or none")] = "joint_variance",
+    residual: Annotated[str, typer.Option(help="Third loop on: auto, deflection, joint_state or none")] = "auto",
+    cutoff: Annotated[float | None, typer.Option(help="Band [Hz]; chosen from the motion if left out")] = None,
     json_output: Annotated[bool, typer.Option("--json", help="Answer as JSON on standard output")] = False,
 ) -> int:
     """Identify friction, link dynamics and residual of an arm from measured runs.

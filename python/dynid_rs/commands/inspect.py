@@ -132,8 +132,4 @@ def _hint(inspection: Inspection, config: Path | None) -> str:
     """Point at a config that lies beside the run and was not given."""
     beside = inspection.path.parent / "dynid.toml"
     missing = getattr(inspection.error, "code", "") == "missing_column"
-    return (
-        f" (there is {beside}: give it with --config)"
-        if config is None and missing and beside.is_file()
-        else ""
-    )
+    return f" (there is {beside}: give it with --config)" if config is None and missing and beside.is_file() else ""

@@ -14,9 +14,7 @@ from dynid_rs.commands._run import print_json, run_command
 def report(
     directory: Annotated[
         Path,
-        typer.Argument(
-            metavar="DIR", help="Folder with result.json and residuals.parquet", show_default=False
-        ),
+        typer.Argument(metavar="DIR", help="Folder with result.json and residuals.parquet", show_default=False),
     ],
     json_output: Annotated[bool, typer.Option("--json", help="Answer as JSON on standard output")] = False,
 ) -> int:

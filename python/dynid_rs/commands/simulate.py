@@ -31,9 +31,7 @@ def simulate(
     runs: Annotated[int, typer.Option(help="Number of runs, each with its own trajectory")] = 4,
     duration: Annotated[float, typer.Option(help="Length of a run in s")] = 20.0,
     rate: Annotated[float, typer.Option(help="Samples per second")] = 250.0,
-    noise: Annotated[
-        float, typer.Option(help="Torque noise, 1 = 0.5 % of the effort limits; 0: exact signals")
-    ] = 1.0,
+    noise: Annotated[float, typer.Option(help="Torque noise, 1 = 0.5 % of the effort limits; 0: exact signals")] = 1.0,
     stiffness: Annotated[
         str | None,
         typer.Option(metavar="K[,K...]", help="Of the gears in N m/rad: one for all, or one per joint"),
@@ -45,9 +43,7 @@ def simulate(
     jitter: Annotated[float, typer.Option(help="Standard deviation of the time stamps in s")] = 0.0,
     derivatives: Annotated[
         bool | None,
-        typer.Option(
-            "--derivatives/--no-derivatives", help="Exact dq, ddq, dq_motor; on only where noise is 0"
-        ),
+        typer.Option("--derivatives/--no-derivatives", help="Exact dq, ddq, dq_motor; on only where noise is 0"),
     ] = None,
     effect: Annotated[
         list[str] | None,
@@ -86,9 +82,7 @@ def simulate(
         typer.echo(f"what was put in: {directory / TRUTH_FILE}")
 
 
-def _active(
-    effect: list[str] | None, rigid: bool, stiffness: str | None, delay: float | None
-) -> tuple[str, ...]:
+def _active(effect: list[str] | None, rigid: bool, stiffness: str | None, delay: float | None) -> tuple[str, ...]:
     """Faults that act, from options that must not contradict each other."""
     unknown = [kind for kind in effect or () if kind not in EFFECTS]
     if unknown:
@@ -123,9 +117,7 @@ def _stiffness(text: str | None, n_joints: int) -> NDArray[np.float64] | None:
     try:
         values = np.array([float(part) for part in text.split(",")])
     except ValueError:
-        raise ValueError(
-            f"--stiffness must be one number or {n_joints} with commas between, got {text!r}"
-        ) from None
+        raise ValueError(f"--stiffness must be one number or {n_joints} with commas between, got {text!r}") from None
     if values.size not in (1, n_joints):
         raise ValueError(f"--stiffness has {values.size} numbers, expected 1 or {n_joints}, one per joint")
     if not (values > 0).all():

@@ -96,9 +96,7 @@ def match_columns(
     found = {signal: _one_signal(source, signal, joints) for signal in _PER_JOINT}
     notes = []
     if found["tau"] is not None and found["current"] is not None:
-        notes.append(
-            "current is ignored because torque is read; write `tau = false` under [columns] to use it"
-        )
+        notes.append("current is ignored because torque is read; write `tau = false` under [columns] to use it")
         found["current"] = None
     if found["q"] is None:
         raise missing_column(source, "q", joints)
@@ -205,9 +203,7 @@ def _choose(source: FileColumns, signal: str, names: Sequence[str], joint: str) 
     return present[0] if present else None
 
 
-def _listed(
-    source: FileColumns, signal: str, rule: tuple[str, ...], joints: Sequence[str]
-) -> tuple[str, ...]:
+def _listed(source: FileColumns, signal: str, rule: tuple[str, ...], joints: Sequence[str]) -> tuple[str, ...]:
     if len(rule) != len(joints):
         raise source.fault(
             "bad_config",
@@ -222,8 +218,7 @@ def _listed(
     if lacking:
         raise source.fault(
             "missing_column",
-            f"column {shown(lacking[0])} is missing, which {source.config.source} names "
-            f"for {signal}; {source.has()}",
+            f"column {shown(lacking[0])} is missing, which {source.config.source} names for {signal}; {source.has()}",
             lacking[0],
         )
     return rule
@@ -265,8 +260,7 @@ def missing_column(
     elif _counts_from_one(source, signal, len(joints)):
         alias = next(a for a in ALIASES[signal] if f"{a}_1" in source.names)
         mend = (
-            "joints count from 0; if this file counts from 1 write in dynid.toml: "
-            f'[columns] {signal} = "{alias}_{{n}}"'
+            f'joints count from 0; if this file counts from 1 write in dynid.toml: [columns] {signal} = "{alias}_{{n}}"'
         )
     elif n_there:
         mend = "give the robot of this run, or add the column"
@@ -283,9 +277,7 @@ def missing_column(
 
 def _counts_from_one(source: FileColumns, signal: str, n_joints: int) -> bool:
     return any(
-        f"{alias}_0" not in source.names
-        and f"{alias}_1" in source.names
-        and f"{alias}_{n_joints}" in source.names
+        f"{alias}_0" not in source.names and f"{alias}_1" in source.names and f"{alias}_{n_joints}" in source.names
         for alias in ALIASES[signal]
     )
 

@@ -114,15 +114,11 @@ def read_config(path: str | Path) -> Config:
     """
     place, file = check_readable(path), Path(path).name
     if place.stat().st_size > MAX_CONFIG_BYTES:
-        raise DataError(
-            f"{file}: is larger than {MAX_CONFIG_BYTES} bytes, expected a short TOML file", file=file
-        )
+        raise DataError(f"{file}: is larger than {MAX_CONFIG_BYTES} bytes, expected a short TOML file", file=file)
     try:
         content = tomllib.loads(place.read_text(encoding="utf-8"))
     except UnicodeDecodeError:
-        raise DataError(
-            f"{file}: is not UTF-8 text; save it as UTF-8", code="bad_config", file=file
-        ) from None
+        raise DataError(f"{file}: is not UTF-8 text; save it as UTF-8", code="bad_config", file=file) from None
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise DataError(f"{file}: is not valid TOML: {error}", code="bad_config", file=file) from None
     return _Parser(file).config(content)
@@ -133,9 +129,7 @@ class _Parser:
     file: str
 
     def fault(self, key: str, text: str) -> DataError:
-        return DataError(
-            f"{self.file}, {shown(key, 60)}: {text}", code="bad_config", file=self.file, column=key
-        )
+        return DataError(f"{self.file}, {shown(key, 60)}: {text}", code="bad_config", file=self.file, column=key)
 
     def known(self, key: str, name: str, names: Iterable[str]) -> None:
         names = list(names)
@@ -182,9 +176,7 @@ class _Parser:
             if signal == "t" and fields:
                 raise self.fault(key, "time is one column; write its name without braces")
             if signal != "t" and not fields:
-                raise self.fault(
-                    key, 'one column per joint is needed; write "{i}" for the joint (from 0), or a list'
-                )
+                raise self.fault(key, 'one column per joint is needed; write "{i}" for the joint (from 0), or a list')
             return rule
         if isinstance(rule, list) and rule and signal != "t" and all(isinstance(n, str) and n for n in rule):
             return tuple(rule)
@@ -198,32 +190,24 @@ class _Parser:
             raise self.fault(key, f"{template!r}: {error}") from None
         fields = [name for _, name, _, _ in parts if name is not None]
         if any(
-            name not in PLACEHOLDERS or spec or conversion
-            for _, name, spec, conversion in parts
-            if name is not None
+            name not in PLACEHOLDERS or spec or conversion for _, name, spec, conversion in parts if name is not None
         ):
             raise self.fault(key, f"{template!r}: only {{i}}, {{n}} and {{joint}} may stand in braces")
         return fields
 
     def unit(self, quantity: str, unit: object) -> str:
         if not isinstance(unit, str) or unit not in UNITS[quantity]:
-            raise self.fault(
-                f"[units] {quantity}", f"must be one of {', '.join(UNITS[quantity])}, got {unit!r}"
-            )
+            raise self.fault(f"[units] {quantity}", f"must be one of {', '.join(UNITS[quantity])}, got {unit!r}")
         return unit
 
     def numbers(self, key: str, value: object) -> PerJoint:
         listed = value if isinstance(value, list) else [value]
         try:
-            numbers = tuple(
-                float(v) for v in listed if isinstance(v, int | float) and not isinstance(v, bool)
-            )
+            numbers = tuple(float(v) for v in listed if isinstance(v, int | float) and not isinstance(v, bool))
         except OverflowError:  # TOML integers have no end
             numbers = ()
         if not numbers or len(numbers) != len(listed) or not all(math.isfinite(v) for v in numbers):
-            raise self.fault(
-                key, f"must be a number or a list of numbers, one per joint, got {shown(repr(value))}"
-            )
+            raise self.fault(key, f"must be a number or a list of numbers, one per joint, got {shown(repr(value))}")
         return numbers
 
     def positive(self, key: str, value: object) -> PerJoint:

@@ -21,9 +21,7 @@ MAX_LINE = 1 << 20
 
 _DELIMITERS = ",;\t"
 _NEWLINE = re.compile(rb"\r\n|\n|\r")
-_NUMBER = re.compile(
-    r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?(?:nan|inf|infinity)", re.IGNORECASE | re.ASCII
-)
+_NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[+-]?(?:nan|inf|infinity)", re.IGNORECASE | re.ASCII)
 
 
 @dataclass(frozen=True)
@@ -128,8 +126,7 @@ def _layout(place: Path, file: str) -> _Layout:
 
 def _not_text(file: str, reason: str) -> DataError:
     return DataError(
-        f"{file}: expected a CSV file (UTF-8 text), but {reason}; save it as UTF-8 CSV "
-        "or give it its right suffix",
+        f"{file}: expected a CSV file (UTF-8 text), but {reason}; save it as UTF-8 CSV or give it its right suffix",
         code="not_csv",
         file=file,
     )
@@ -197,9 +194,7 @@ def _load_exact(layout: _Layout, wanted: Sequence[str]) -> Columns:
     for row, (line, text) in enumerate(_rows(layout)):
         cells = _cells(text, layout.delimiter)
         if cells == layout.header:
-            raise _fault(
-                layout, row, line, None, "the header appears a second time; two runs in one file: split it"
-            )
+            raise _fault(layout, row, line, None, "the header appears a second time; two runs in one file: split it")
         if len(cells) != len(layout.header):
             missing = "; the file may be cut off" if len(cells) < len(layout.header) else ""
             raise _fault(
@@ -220,11 +215,7 @@ def _number(layout: _Layout, row: int, line: int, position: int, cell: str) -> f
     name = layout.header[position]
     if not cell:
         raise _fault(layout, row, line, name, "the cell is empty, expected a number; cut the row out")
-    mend = (
-        "write decimal points, not commas"
-        if _NUMBER.fullmatch(cell.replace(",", "."))
-        else "correct the cell"
-    )
+    mend = "write decimal points, not commas" if _NUMBER.fullmatch(cell.replace(",", ".")) else "correct the cell"
     raise _fault(layout, row, line, name, f"{shown(cell)!r} is not a number; {mend}")
 
 

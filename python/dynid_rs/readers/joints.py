@@ -25,9 +25,7 @@ def infer_joints(names: Sequence[str], config: Config, file: str) -> tuple[str, 
     templates = (rule,) if isinstance(rule, str) else tuple(f"{alias}_{{i}}" for alias in ALIASES["q"])
     if rule is not None and "{joint}" in str(rule):
         head, _, tail = str(rule).partition("{joint}")
-        listed = tuple(
-            n[len(head) : len(n) - len(tail)] for n in names if n.startswith(head) and n.endswith(tail)
-        )
+        listed = tuple(n[len(head) : len(n) - len(tail)] for n in names if n.startswith(head) and n.endswith(tail))
         if listed and all(listed):
             return listed
     count = 0

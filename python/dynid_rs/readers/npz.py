@@ -73,9 +73,7 @@ def open_npz(path: str | Path) -> Table:
         for name in needed:
             if members[name].shape[0] != n_rows:
                 length = members[name].shape[0]
-                raise _refused(
-                    file, name, "length", f"has {length} samples, but time has {n_rows}; cut them alike"
-                )
+                raise _refused(file, name, "length", f"has {length} samples, but time has {n_rows}; cut them alike")
         refuse_too_large(sum(_n_bytes(members[name]) for name in needed), file)
         try:
             with zipfile.ZipFile(place) as archive:
@@ -106,9 +104,7 @@ def _members(archive: zipfile.ZipFile, file: str) -> dict[str, _Member]:
         with archive.open(entry) as stream:
             version = np.lib.format.read_magic(stream)
             read_header = (
-                np.lib.format.read_array_header_1_0
-                if version == (1, 0)
-                else np.lib.format.read_array_header_2_0
+                np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
             )
             shape, fortran_order, dtype = read_header(stream)
             header_size = stream.tell()
@@ -146,13 +142,9 @@ def _columns(members: dict[str, _Member], file: str) -> dict[str, tuple[str, int
 def _one_length(members: dict[str, _Member], sources: dict[str, tuple[str, int | None]], file: str) -> int:
     lengths = {member: members[member].shape[0] for member, _ in sources.values()}
     if not lengths:
-        raise DataError(
-            f"{file}: holds no array with samples; save t, q and tau", code="empty_file", file=file
-        )
+        raise DataError(f"{file}: holds no array with samples; save t, q and tau", code="empty_file", file=file)
     # Other arrays (gains, names) may lie beside the signals; time says how long a signal is.
-    return next(
-        (lengths[name] for name in ("t", "time", "timestamp") if name in lengths), max(lengths.values())
-    )
+    return next((lengths[name] for name in ("t", "time", "timestamp") if name in lengths), max(lengths.values()))
 
 
 def _read(archive: zipfile.ZipFile, member: _Member) -> NDArray[Any]:
@@ -166,6 +158,4 @@ def _refused(file: str, name: str, code: str, text: str) -> DataError:
 
 def _damaged(file: str, error: Exception) -> DataError:
     reason = shown(" ".join(str(error).split()) or type(error).__name__, 160)
-    return DataError(
-        f"{file}: this NPZ file is damaged ({reason}); copy or record it again", code="damaged", file=file
-    )
+    return DataError(f"{file}: this NPZ file is damaged ({reason}); copy or record it again", code="damaged", file=file)

@@ -88,9 +88,7 @@ def _to_numpy(column: Any) -> Any:
     if pa.types.is_timestamp(column.type):
         # Seconds since the first row: as float64 since 1970 only a quarter of a microsecond would be left.
         ticks = column.cast(pa.timestamp("ns")).cast(pa.int64())
-        return (
-            pc.subtract(ticks, ticks[0]).cast(pa.float64()).to_numpy() * 1e-9 if len(ticks) else np.zeros(0)
-        )
+        return pc.subtract(ticks, ticks[0]).cast(pa.float64()).to_numpy() * 1e-9 if len(ticks) else np.zeros(0)
     if pa.types.is_decimal(column.type) or pa.types.is_dictionary(column.type):
         column = column.cast(pa.float64())
     return column.to_numpy()

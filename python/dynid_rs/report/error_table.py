@@ -119,15 +119,11 @@ def _strip(
     zero, middle = x(0.0), _STRIP_HEIGHT / 2
     marks = [f'<line class="rule" x1="{zero}" x2="{x(scale * std)}" y1="{middle}" y2="{middle}"/>']
     if floor is not None:
-        marks.append(
-            f'<rect class="floor" x="{zero}" y="4" width="{round(x(floor) - zero, 1)}" height="16"/>'
-        )
+        marks.append(f'<rect class="floor" x="{zero}" y="4" width="{round(x(floor) - zero, 1)}" height="16"/>')
     if wls is not None and after is not None:
         marks.append(f'<line class="link" x1="{x(wls)}" x2="{x(after)}" y1="{middle}" y2="{middle}"/>')
     if bounds is not None:
-        marks.append(
-            f'<line class="bar" x1="{x(bounds[0])}" x2="{x(bounds[1])}" y1="{middle}" y2="{middle}"/>'
-        )
+        marks.append(f'<line class="bar" x1="{x(bounds[0])}" x2="{x(bounds[1])}" y1="{middle}" y2="{middle}"/>')
     if wls is not None:
         marks.append(f'<circle class="baseline" cx="{x(wls)}" cy="{middle}" r="4"/>')
     if after is not None:

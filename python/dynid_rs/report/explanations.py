@@ -49,9 +49,7 @@ def parameters(figures: Figures, result: Result) -> str:
 
 def _base_words(base: Sequence[Result], size: Result) -> str:
     sure = sum(
-        1
-        for p in base
-        if (share := ratio(p.get("std_error"), abs(p["value"]))) is not None and share <= _PRECISE
+        1 for p in base if (share := ratio(p.get("std_error"), abs(p["value"]))) is not None and share <= _PRECISE
     )
     zero = sum(map(tables.holds_zero, base))
     sentences = []
@@ -74,9 +72,7 @@ def _base_words(base: Sequence[Result], size: Result) -> str:
     return " ".join(sentences)
 
 
-def _parameter_part(
-    figures: Figures, key: str, title: str, found: Sequence[Result], group: tuple[str, str]
-) -> str:
+def _parameter_part(figures: Figures, key: str, title: str, found: Sequence[Result], group: tuple[str, str]) -> str:
     plot = ""
     if parameter_plots.add_parameter_plot(figures, f"parameters-{key}", found, group[0]):
         plot = (
@@ -102,16 +98,11 @@ def _convergence_words(figures: Figures, result: Result) -> str:
     passes, settled = result.get("n_iter"), result.get("converged")
     plot = ""
     if parameter_plots.add_history_plot(figures, result):
-        plot = (
-            '<div class="plot wide low" data-figure="history" role="img" '
-            'aria-label="training error per pass"></div>'
-        )
+        plot = '<div class="plot wide low" data-figure="history" role="img" aria-label="training error per pass"></div>'
     said = [] if passes is None else [f"The loops ran {plural(int(passes), 'pass', 'passes')}."]
     if settled is not None:
         said.append(
-            "They stopped because nothing changed any more."
-            if settled
-            else "They stopped before they settled."
+            "They stopped because nothing changed any more." if settled else "They stopped before they settled."
         )
     return f"<div><h3>Convergence</h3><p>{' '.join(said)}</p>{plot}</div>" if said or plot else ""
 
@@ -129,9 +120,7 @@ def _residual_words(result: Result) -> str:
     elif len(names) == len(joints):
         decision = "It pays on every joint and is part of the model."
     else:
-        decision = (
-            f"It pays on {esc(join_words(names))} and is part of the model there; elsewhere it is left out."
-        )
+        decision = f"It pays on {esc(join_words(names))} and is part of the model there; elsewhere it is left out."
     kind = {"gmr": "a Gaussian mixture regression"}.get(
         residual.get("kind") or "", esc(words(residual.get("kind") or "a regression"))
     )
@@ -184,8 +173,7 @@ def provenance(source: Source) -> str:
         facts.append(
             (
                 "Rows dropped",
-                f"{count(dropped.get('train'))} train, {count(dropped.get('test'))} test (ends of runs, "
-                "gaps)",
+                f"{count(dropped.get('train'))} train, {count(dropped.get('test'))} test (ends of runs, gaps)",
             )
         )
     if found.get("rate_hz") is not None:
@@ -194,8 +182,7 @@ def provenance(source: Source) -> str:
         facts.append(
             (
                 "Band",
-                f"up to {with_unit(significant(found['cutoff_hz']), 'Hz')}; torque and model pass the "
-                "same filter",
+                f"up to {with_unit(significant(found['cutoff_hz']), 'Hz')}; torque and model pass the same filter",
             )
         )
     facts.append(("Samples in the plots", count(source.signals.run.size)))

@@ -41,7 +41,5 @@ class Figures:
 
     def to_json(self) -> str:
         """JSON that cannot end the script element it stands in."""
-        text = json.dumps(
-            {"figures": self.figures, "arrays": self.arrays}, allow_nan=False, separators=(",", ":")
-        )
+        text = json.dumps({"figures": self.figures, "arrays": self.arrays}, allow_nan=False, separators=(",", ":"))
         return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")

@@ -11,9 +11,7 @@ from dynid_rs.report.tables import holds_zero
 from dynid_rs.report.text import esc, ratio, significant, with_unit
 
 
-def add_parameter_plot(
-    figures: Figures, key: str, parameters: Sequence[Mapping[str, Any]], group_key: str
-) -> bool:
+def add_parameter_plot(figures: Figures, key: str, parameters: Sequence[Mapping[str, Any]], group_key: str) -> bool:
     """Dot and whisker of each parameter relative to its value; False where none has an interval."""
     known = [p for p in parameters if _relative(p)]
     if not known:

@@ -158,9 +158,7 @@ def torque(figures: Figures, source: Source) -> str:
     )
     options = "".join(f'<option value="{r}">{esc(name)}</option>' for r, name in enumerate(shown.run_names))
     picker = (
-        f'<label>Run <select data-run autocomplete="off">{options}</select></label>'
-        if len(shown.run_names) > 1
-        else ""
+        f'<label>Run <select data-run autocomplete="off">{options}</select></label>' if len(shown.run_names) > 1 else ""
     )
     which = "test run" if signals.is_test.any() else "training run (there is no test run in the table)"
     name = f"The {which} <code>{esc(shown.run_names[0])}</code>" if not picker else f"One {which} at a time"
@@ -207,11 +205,7 @@ def velocity(figures: Figures, source: Source) -> str:
     result = source.result
     n_points, n_samples = plots.add_velocity_plots(figures, source)
     plots.add_noise_plots(figures, source)
-    few = (
-        f" Dots: {count(n_points)} of {count(n_samples)} samples, chosen at random."
-        if n_points < n_samples
-        else ""
-    )
+    few = f" Dots: {count(n_points)} of {count(n_samples)} samples, chosen at random." if n_points < n_samples else ""
     return (
         "<p>Above: measured torque minus everything but friction (dots), and the identified friction "
         "(blue, mean per velocity bin). "

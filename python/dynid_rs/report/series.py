@@ -31,9 +31,7 @@ def envelope(t: Array, values: Array, max_points: int) -> tuple[Array, Array]:
         NaN rows stand where the line must break.
     """
     step = np.diff(t)
-    gaps = (
-        np.flatnonzero(step > _GAP_STEPS * np.median(step)) + 1 if t.size > 1 else np.empty(0, dtype=np.intp)
-    )
+    gaps = np.flatnonzero(step > _GAP_STEPS * np.median(step)) + 1 if t.size > 1 else np.empty(0, dtype=np.intp)
     if gaps.size >= _MAX_SEGMENTS:
         gaps = gaps[:0]
     times, parts = [], []

@@ -84,9 +84,7 @@ _SHAPE: Mapping[str, Any] = {
     "parameters?": {
         "base?": [{"link?": str, **_PARAMETER}],
         "joint?": [{"joint": str, **_PARAMETER}],
-        "friction_shape?": [
-            {"joint": str, "velocity_threshold?": float, "transition_width?": float, "unit?": str}
-        ],
+        "friction_shape?": [{"joint": str, "velocity_threshold?": float, "transition_width?": float, "unit?": str}],
     },
     "encoder_delay?": {"value": ("per joint", float), "interval?": ("per joint", "interval"), "unit?": str},
     "base_parameters?": {"n_base?": float, "n_standard?": float, "gap?": float, "condition_number?": float},
@@ -140,9 +138,7 @@ def read_source(directory: Path) -> Source:
         A file is not what it should be; the sentence names file and place.
     """
     if not directory.is_dir():
-        raise FileNotFoundError(
-            f"{directory}: there is no such folder; name the one that `dynid identify -o` wrote"
-        )
+        raise FileNotFoundError(f"{directory}: there is no such folder; name the one that `dynid identify -o` wrote")
     result = _read_result(directory / RESULT_FILE)
     return Source(result, _read_signals(directory / RESIDUALS_FILE, len(result["joints"])))
 
@@ -167,8 +163,7 @@ def _read_result(path: Path) -> dict[str, Any]:
         _refuse(path, f'"format" must be "{FORMAT}"')
     if result.get("version") != VERSION:
         raise DataError(
-            f'{path}: "version" must be {VERSION}, found {result.get("version")!r}; use the dynid that '
-            "wrote it",
+            f'{path}: "version" must be {VERSION}, found {result.get("version")!r}; use the dynid that wrote it',
             code="result_version",
             file=str(path),
         )
@@ -259,9 +254,7 @@ def _read_signals(path: Path, n_joints: int) -> Signals:
         if error.errno is not None:
             raise with_sentence(error, path, "read") from None
         _refuse(path, "this is not a readable Parquet file; it is damaged or cut off")
-    wanted = [
-        f"{signal}_{i}" for i in range(n_joints) for signal in ("measured", "predicted", "residual", "dq")
-    ]
+    wanted = [f"{signal}_{i}" for i in range(n_joints) for signal in ("measured", "predicted", "residual", "dq")]
     missing = [name for name in ("run", "set", "t", *wanted) if name not in table.column_names]
     if missing:
         _refuse(path, f"column {missing[0]} is missing", column=missing[0])

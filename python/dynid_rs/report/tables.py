@@ -133,9 +133,7 @@ def parameter_table(parameters: Sequence[Result], group_key: str, group_title: s
                 cell(esc(p.get(group_key) or DASH), kind),
                 _sortable(value, p["value"], kind),
                 cell(esc(unit_text(p.get("unit"))), kind),
-                _sortable(
-                    PLUS_MINUS + error if p.get("std_error") is not None else DASH, p.get("std_error"), kind
-                ),
+                _sortable(PLUS_MINUS + error if p.get("std_error") is not None else DASH, p.get("std_error"), kind),
                 _sortable(interval(bounds), bounds[0] if bounds else None, kind),
                 _sortable(percent(relative), relative, kind),
             ]
@@ -253,8 +251,6 @@ def unexplained_table(result: Result) -> str:
 
 def _dependence(depends: Result) -> str:
     strength = (
-        ""
-        if depends.get("strength") is None
-        else f' <span class="soft">({significant(depends["strength"], 2)})</span>'
+        "" if depends.get("strength") is None else f' <span class="soft">({significant(depends["strength"], 2)})</span>'
     )
     return f"{esc(depends['signal'])}{strength}"

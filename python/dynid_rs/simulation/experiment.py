@@ -137,12 +137,8 @@ def _check_plan(n_runs: int, duration: float, rate: float, seed: int, stamp_jitt
         raise ValueError(f"the rate must lie between {MIN_RATE:g} and {MAX_RATE:g} Hz, got {rate:g} Hz")
     # `random_trajectory` refuses what is too short.
     if duration > MAX_DURATION:
-        raise ValueError(
-            f"a duration of {duration:g} s is too long, at most {MAX_DURATION:g} s; take more runs"
-        )
+        raise ValueError(f"a duration of {duration:g} s is too long, at most {MAX_DURATION:g} s; take more runs")
     if seed < 0:
         raise ValueError(f"the seed must not be negative, got {seed}")
     if not 0 <= stamp_jitter <= 0.4 / rate:
-        raise ValueError(
-            f"the jitter must lie between 0 and 0.4 steps ({0.4 / rate:g} s), got {stamp_jitter:g} s"
-        )
+        raise ValueError(f"the jitter must lie between 0 and 0.4 steps ({0.4 / rate:g} s), got {stamp_jitter:g} s")

@@ -88,9 +88,7 @@ def solve_motion(arm: SimulatedArm, trajectory: Trajectory, t: FloatArray) -> Ar
     return ArmMotion(t, q, dq, ddq, q_motor, dq_motor, ddq_motor, delta, tau_link, z, tau)
 
 
-def _deflection(
-    arm: SimulatedArm, trajectory: Trajectory, t: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _deflection(arm: SimulatedArm, trajectory: Trajectory, t: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Deflection at `t` and its first two derivatives, each (n, n_joints)."""
     shape = (len(t), arm.robot.n_joints)
     delta, ddelta, dddelta = np.zeros(shape), np.zeros(shape), np.zeros(shape)

@@ -114,28 +114,28 @@ impl GaussianMixtureRegression {
     #[must_use]
     pub fn predict(&self, u: &[f64]) -> Prediction {
         let mut best = f64::NEG_INFINITY;
-        let (mut total, mut first, mut second) = (0.0, 0.0, 0.0);
+        // Weighted Welford update: mean and spread about it, so that a large mean does not cancel a small variance.
+        let (mut total, mut mean, mut spread) = (0.0, 0.0, 0.0);
         let mut nearest = f64::INFINITY;
         for component in &self.components {
-            let (distance_squared, mean) = component.condition(u);
+            let (distance_squared, component_mean) = component.condition(u);
             nearest = nearest.min(distance_squared);
-            let log_wp = component.log_weight - 0.5 * distance_squared;
+            let log_wp = component.log_weight_at(distance_squared);
             if log_wp > best {
                 let shrink = (best - log_wp).exp();
                 total *= shrink;
-                first *= shrink;
-                second *= shrink;
+                spread *= shrink;
                 best = log_wp;
             }
             let h = (log_wp - best).exp();
             total += h;
-            first += h * mean;
-            second += h * (component.variance + mean * mean);
+            let step = component_mean - mean;
+            mean += step * (h / total);
+            spread += h * (component.variance + step * (component_mean - mean));
         }
-        let mean = first / total;
         Prediction {
             mean,
-            variance: (second / total - mean * mean).max(0.0),
+            variance: (spread / total).max(0.0),
             distance_squared: nearest,
         }
     }
@@ -149,7 +149,7 @@ impl GaussianMixtureRegression {
         crate::dynamics::check_length("h", h, self.weights.len())?;
         let mut best = f64::NEG_INFINITY;
         for (h, component) in h.iter_mut().zip(&self.components) {
-            *h = component.log_weight - 0.5 * component.condition(u).0;
+            *h = component.log_weight_at(component.condition(u).0);
             best = best.max(*h);
         }
         let mut total = 0.0;
@@ -194,6 +194,11 @@ impl Component {
             output_mean: mean[d],
             variance: variance.max(0.0),
         })
+    }
+
+    /// log(pi_k N(u)) up to the common factor; finite even where the square overflows.
+    fn log_weight_at(&self, distance_squared: f64) -> f64 {
+        (self.log_weight - 0.5 * distance_squared).max(f64::MIN)
     }
 
     /// Mahalanobis distance squared of the input and the component's conditional mean (Eq. 34).

@@ -1,7 +1,7 @@
 //! Base parameters by column-pivoted QR: which of the ten-per-link parameters the torque can tell apart.
 
 use dynid_core::{JointKind, RobotModel};
-use faer::linalg::solvers::{ColPivQr, SolveLstsqCore};
+use faer::linalg::solvers::SolveLstsqCore;
 use faer::{Mat, MatRef};
 
 use crate::error::OfflineError;
@@ -81,13 +81,11 @@ pub fn probing_states(
 
 fn select_columns(r: &[f64], width: usize, rtol: f64) -> BaseParameters {
     let a = Mat::from_fn(width, width, |i, j| r[i * width + j]);
-    let qr = ColPivQr::new(a.as_ref());
-    let diagonal: Vec<f64> = (0..width).map(|k| qr.R()[(k, k)].abs()).collect();
+    let (order, diagonal) = pivoted(&a);
     let rank = diagonal
         .iter()
         .take_while(|d| **d > rtol * diagonal[0])
         .count();
-    let order: Vec<usize> = qr.P().arrays().0.to_vec();
     let mut pivots = order[..rank].to_vec();
     pivots.sort_unstable();
     // Columns of zeros never move the torque; they belong to no group.
@@ -115,6 +113,41 @@ fn select_columns(r: &[f64], width: usize, rtol: f64) -> BaseParameters {
         pivots,
         dependent,
     }
+}
+
+/// Column-pivoted QR by Gram and Schmidt: order of the columns and the diagonal of R, which falls.
+///
+/// The usual pivoted QR updates column norms instead of computing them; near the cut, where the rank is decided, they are
+/// rounding then. Here every norm is computed; the matrix is small.
+fn pivoted(a: &Mat<f64>) -> (Vec<usize>, Vec<f64>) {
+    let (m, n) = (a.nrows(), a.ncols());
+    let mut columns: Vec<Vec<f64>> = (0..n)
+        .map(|j| (0..m).map(|i| a[(i, j)]).collect())
+        .collect();
+    let dot = |x: &[f64], y: &[f64]| x.iter().zip(y).map(|(x, y)| x * y).sum::<f64>();
+    let mut order: Vec<usize> = (0..n).collect();
+    let mut diagonal = Vec::with_capacity(n);
+    for k in 0..n {
+        let norms: Vec<f64> = order[k..]
+            .iter()
+            .map(|&j| dot(&columns[j], &columns[j]).sqrt())
+            .collect();
+        let best =
+            (0..norms.len()).fold(0, |best, i| if norms[i] > norms[best] { i } else { best });
+        order.swap(k, k + best);
+        diagonal.push(norms[best]);
+        if norms[best] == 0.0 {
+            continue;
+        }
+        let unit: Vec<f64> = columns[order[k]].iter().map(|x| x / norms[best]).collect();
+        for &j in &order[k + 1..] {
+            let part = dot(&unit, &columns[j]);
+            for (x, u) in columns[j].iter_mut().zip(&unit) {
+                *x -= part * u;
+            }
+        }
+    }
+    (order, diagonal)
 }
 
 fn norm(a: &Mat<f64>, j: usize) -> f64 {

@@ -25,6 +25,7 @@ pub fn inverse_dynamics(
     tau: &mut [f64],
 ) -> Result<(), CoreError> {
     let n = robot.n_joints();
+    same_length("tau", tau, tau.len() / n * n)?;
     for (what, signal) in [("q", q), ("dq", dq), ("ddq", ddq)] {
         same_length(what, signal, tau.len())?;
     }
@@ -63,6 +64,7 @@ pub fn joint_torque_regressor(
 ) -> Result<(), CoreError> {
     let n = robot.n_joints();
     let size = n * n * N_LINK_PARAMS;
+    same_length("regressor", regressor, regressor.len() / size * size)?;
     for (what, signal) in [("q", q), ("dq", dq), ("ddq", ddq)] {
         same_length(what, signal, regressor.len() / size * n)?;
     }

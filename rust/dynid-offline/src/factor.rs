@@ -13,7 +13,7 @@ const BLOCK_ROWS: usize = 2048;
 /// # Errors
 /// [`OfflineError`] if the length is not a multiple of `width` or a number is not finite.
 pub fn triangular_factor(rows: &[f64], width: usize) -> Result<Vec<f64>, OfflineError> {
-    if width == 0 || rows.len() % width != 0 {
+    if width == 0 || !rows.len().is_multiple_of(width) {
         return Err(OfflineError::Shape { what: "rows" });
     }
     if !rows.iter().all(|x| x.is_finite()) {

@@ -9,7 +9,7 @@ use pyo3::prelude::*;
 use pyo3::types::IntoPyDict;
 
 /// `numpy.ascontiguousarray(value, dtype=float)`; anything that is no array of numbers is a `TypeError` naming it.
-fn contiguous<'py>(value: &Bound<'py, PyAny>, name: &str) -> PyResult<Bound<'py, PyAny>> {
+pub fn contiguous<'py>(value: &Bound<'py, PyAny>, name: &str) -> PyResult<Bound<'py, PyAny>> {
     let py = value.py();
     let options = [("dtype", "float64")].into_py_dict(py)?;
     py.import("numpy")?
@@ -38,7 +38,7 @@ pub fn matrix<'py>(
         .ok()
         .filter(|matrix| matrix.shape()[1] == n_columns)
         .ok_or_else(|| {
-            let actual = shape_of(value);
+            let actual = shape_of(&array);
             PyValueError::new_err(format!(
                 "{name} has shape {actual}, expected (n_samples, {n_columns})"
             ))
@@ -108,7 +108,7 @@ pub fn vector<'py>(
         .ok()
         .filter(|vector| n.is_none_or(|n| vector.len() == n))
         .ok_or_else(|| {
-            let actual = shape_of(value);
+            let actual = shape_of(&array);
             let expected = n.map_or_else(|| "n".to_owned(), |n| n.to_string());
             PyValueError::new_err(format!("{name} has shape {actual}, expected ({expected},)"))
         })?

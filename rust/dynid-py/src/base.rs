@@ -9,7 +9,7 @@ use pyo3::prelude::*;
 use crate::arrays;
 
 /// Which of the ten-per-link parameters the torque can tell apart, and how the others regroup into them.
-#[pyclass(name = "BaseParameters", module = "dynid_rs", frozen)]
+#[pyclass(name = "BaseParameters", module = "dynid_rs._core", frozen)]
 pub struct PyBaseParameters {
     base: BaseParameters,
     n_standard: usize,

@@ -10,7 +10,7 @@ use pyo3::prelude::*;
 use crate::arrays;
 
 /// An effect with its shape parameters, one of the terms of a torque model.
-#[pyclass(name = "Effect", module = "dynid_rs", frozen, from_py_object)]
+#[pyclass(name = "Effect", module = "dynid_rs._core", frozen, from_py_object)]
 #[derive(Clone)]
 pub struct PyEffect(pub Effect);
 

@@ -1,7 +1,8 @@
 //! `GaussianMixtureRegression` in Python.
 
 use dynid_core::GaussianMixtureRegression;
-use numpy::{PyArray1, PyArray2, PyUntypedArrayMethods};
+use numpy::{PyArray1, PyArray2, PyArray3, PyUntypedArrayMethods};
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use crate::{arrays, errors};
@@ -9,13 +10,21 @@ use crate::{arrays, errors};
 /// Conditional mean and variance of the last dimension of a Gaussian mixture given the others (Eqs. 31-39).
 #[pyclass(
     name = "GaussianMixtureRegression",
-    module = "dynid_rs",
+    module = "dynid_rs._core",
     frozen,
     from_py_object
 )]
 #[derive(Clone)]
 pub struct PyGaussianMixtureRegression(pub GaussianMixtureRegression);
 
+type Rebuild<'py> = (
+    Bound<'py, PyAny>,
+    (
+        Bound<'py, PyArray1<f64>>,
+        Bound<'py, PyArray2<f64>>,
+        Bound<'py, PyArray3<f64>>,
+    ),
+);
 type Prediction<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>);
 
 #[pymethods]
@@ -29,8 +38,17 @@ impl PyGaussianMixtureRegression {
         let weights = arrays::vector(weights, "weights", None)?
             .as_slice()?
             .to_vec();
-        let width = arrays::width(means, "means")?;
-        let means = arrays::matrix(means, "means", width)?.as_slice()?.to_vec();
+        let means = arrays::contiguous(means, "means")?;
+        let width = arrays::width(&means, "means")?;
+        let means = arrays::matrix(&means, "means", width)?.as_slice()?.to_vec();
+        let covariances = arrays::contiguous(covariances, "covariances")?;
+        let shape = covariances.getattr("shape")?;
+        if shape.extract::<(usize, usize, usize)>().ok() != Some((weights.len(), width, width)) {
+            let k = weights.len();
+            return Err(PyValueError::new_err(format!(
+                "covariances has shape {shape}, expected ({k}, {width}, {width})"
+            )));
+        }
         let flat = covariances.call_method1("reshape", (-1, width * width))?;
         let covariances = arrays::matrix(&flat, "covariances", width * width)?
             .as_slice()?
@@ -70,6 +88,19 @@ impl PyGaussianMixtureRegression {
             self.0.responsibilities_into(u, h).map_err(errors::core)?;
         }
         arrays::to_matrix(py, h, k)
+    }
+
+    #[getter]
+    fn covariances<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray3<f64>>> {
+        let width = self.0.n_inputs() + 1;
+        let shape = [self.0.weights().len(), width, width];
+        arrays::to_cube(py, self.0.covariances().to_vec(), shape)
+    }
+
+    /// Weights, means and covariances are all there is, so copies and other processes are built from them.
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<Rebuild<'py>> {
+        let parts = (self.weights(py), self.means(py)?, self.covariances(py)?);
+        Ok((py.get_type::<Self>().into_any(), parts))
     }
 
     #[getter]

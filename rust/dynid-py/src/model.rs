@@ -19,7 +19,7 @@ use crate::robot::PyRobotModel;
 use crate::{arrays, errors};
 
 /// A torque model: rigid body, effects, residual. Owned by Rust, immutable.
-#[pyclass(name = "TorqueModel", module = "dynid_rs", frozen)]
+#[pyclass(name = "TorqueModel", module = "dynid_rs._core", frozen)]
 pub struct PyTorqueModel(Arc<TorqueModel>);
 
 type Mixtures = Vec<Option<PyGaussianMixtureRegression>>;
@@ -246,7 +246,7 @@ pub fn residual_inputs<'py>(
     dq_motor: &Bound<'py, PyAny>,
 ) -> PyResult<Bound<'py, PyArray3<f64>>> {
     let inputs = inputs_named(inputs)?;
-    let n = arrays::width(q, "q")?;
+    let n = arrays::width(&arrays::contiguous(q, "q")?, "q")?;
     let signals = arrays::samples(
         [
             ("q", q),

@@ -13,7 +13,7 @@ use crate::base::PyBaseParameters;
 use crate::{arrays, errors};
 
 /// A serial robot: kinematics, gravity and declared inertial parameters. Immutable.
-#[pyclass(name = "RobotModel", module = "dynid_rs", frozen)]
+#[pyclass(name = "RobotModel", module = "dynid_rs._core", frozen)]
 #[derive(Clone)]
 pub struct PyRobotModel(pub Arc<RobotModel>);
 
@@ -219,6 +219,15 @@ impl PyRobotModel {
             .detach(|| dynid_offline::base_parameters(&self.0, random_state, rtol))
             .map_err(errors::offline)?;
         Ok(PyBaseParameters::new(base, &self.0))
+    }
+
+    /// Immutable, so a copy is the robot itself.
+    fn __copy__(slf: PyRef<'_, Self>) -> PyRef<'_, Self> {
+        slf
+    }
+
+    fn __deepcopy__<'py>(slf: PyRef<'py, Self>, _memo: &Bound<'py, PyAny>) -> PyRef<'py, Self> {
+        slf
     }
 
     fn __repr__(&self) -> String {

@@ -6,7 +6,7 @@
 mod schema;
 
 use std::fs;
-use std::io::Write;
+use std::io::{Read, Write};
 use std::path::Path;
 
 use dynid_core::TorqueModel;
@@ -56,14 +56,18 @@ pub fn load(path: &Path) -> Result<TorqueModel, ModelFileError> {
         path: name.clone(),
         source,
     };
-    let size = fs::metadata(path).map_err(io)?.len();
-    if size > MAX_BYTES {
+    // A device or a pipe has no size to ask for: read no more than a model may have.
+    let mut bytes = Vec::new();
+    let file = fs::File::open(path).map_err(io)?;
+    file.take(MAX_BYTES + 1)
+        .read_to_end(&mut bytes)
+        .map_err(io)?;
+    if bytes.len() as u64 > MAX_BYTES {
         return Err(ModelFileError::Invalid {
             path: name,
-            message: format!("{size} bytes are too many for a model (at most {MAX_BYTES})"),
+            message: format!("more than {MAX_BYTES} bytes are too many for a model"),
         });
     }
-    let bytes = fs::read(path).map_err(io)?;
     parse(&bytes, &name)
 }
 
@@ -188,4 +192,5 @@ fn json_message(error: &serde_json::Error) -> String {
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests;

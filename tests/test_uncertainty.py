@@ -1,0 +1,98 @@
+"""Intervals: they hold the truth as often as they say, with white and with coloured noise."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from threadpoolctl import threadpool_limits
+
+from dynid_rs import RobotModel, _core
+from dynid_rs.columns import Block, Observations, observe
+from dynid_rs.friction import friction_effect
+from dynid_rs.identification import ThreeLoopIdentifier
+from dynid_rs.links import LinkDynamicsIdentifier
+from dynid_rs.preprocessing import Band, prepare
+from dynid_rs.simulation import bundled_robot, simulate, typical_arm
+from dynid_rs.uncertainty import NORMAL_95, parameter_covariance
+
+N_RUNS = 200
+
+
+@pytest.fixture(scope="module")
+def experiment():
+    """Rigid six-axis arm, three runs of 20 s without noise: plan, observations, true unknowns, noise level."""
+    robot = RobotModel.from_urdf(bundled_robot())
+    arm = replace(typical_arm(robot, noise=1.0).rigid(), delay=0.0)
+    quiet = replace(arm, noise_std=np.zeros(6), link_resolution=np.zeros(6), motor_resolution=np.zeros(6))
+    recordings = simulate(quiet, n_runs=3, duration=20.0, rate=250.0, seed=1, derivatives=True).recordings
+    runs = [prepare(recording, Band(5.0), 250.0) for recording in recordings]
+    shape = friction_effect(np.array(arm.velocity_threshold), np.array(arm.transition_width))
+    plan = ThreeLoopIdentifier(robot)._plan(shape)
+    return plan, runs, observe(plan, runs), true_unknowns(plan, arm), np.asarray(arm.noise_std)
+
+
+def true_unknowns(plan, arm):
+    """Base parameters with the rotors that are in them, then the joints' own coefficients."""
+    base = plan.robot.base_parameters().project(arm.phi)
+    for (j, column), share in plan.absorbed.items():
+        base = base + share * (arm.rotor_inertia[j] if column == 0 else arm.torque_offset[j])
+    own = np.column_stack([arm.rotor_inertia, arm.torque_offset, arm.friction])
+    return np.concatenate([base, own.ravel()])
+
+
+def with_noise(plan, runs, observations, noise):
+    rows = observations.rows_with([states.in_band(states.tau + e) for states, e in zip(runs, noise, strict=True)])
+    factored = [Block(k, joints, [_core.triangular_factor(x) for x in joints]) for k, joints in enumerate(rows)]
+    return Observations(plan, factored)
+
+
+def coverage(experiment, draw):
+    """Share of 95 % intervals that hold the truth: base parameters, own coefficients."""
+    plan, runs, observations, truth, _ = experiment
+    used = plan.estimable()
+    inside = []
+    with threadpool_limits(1):
+        for _ in range(N_RUNS):
+            noisy = with_noise(plan, runs, observations, [draw(states) for states in runs])
+            links = LinkDynamicsIdentifier(ridge=0.0).fit(noisy)
+            std = np.sqrt(np.diag(parameter_covariance(noisy, links, runs)))
+            inside.append((np.abs(links.x_ - truth) <= NORMAL_95 * std)[used])
+    hits = np.mean(inside, axis=0)
+    return hits[: plan.n_base].mean(), hits[plan.n_base :].mean()
+
+
+def test_intervals_cover_under_white_noise(experiment):
+    rng, std = np.random.default_rng(0), experiment[-1]
+    for share in coverage(experiment, lambda states: rng.normal(size=states.tau.shape) * std):
+        assert 0.93 <= share <= 0.97, share
+
+
+def test_intervals_cover_under_noise_with_a_memory(experiment):
+    from scipy.signal import lfilter
+
+    rng, std = np.random.default_rng(1), experiment[-1]
+
+    def draw(states):  # first-order noise with a memory of 0.2 s
+        pole = np.exp(-1 / (0.2 * states.rate))
+        return lfilter([1 - pole], [1, -pole], rng.normal(size=(len(states.t) + 500, 6)), axis=0)[500:] * 20 * std
+
+    for share in coverage(experiment, draw):
+        assert 0.92 <= share <= 0.98, share
+
+
+def test_a_model_without_noise_is_exact(experiment):
+    plan, _, observations, truth, _ = experiment
+    links = LinkDynamicsIdentifier().fit(observations)
+    assert np.max(np.abs(links.phi_base_ - truth[: plan.n_base])) <= 1e-8 * np.max(np.abs(truth[: plan.n_base]))
+
+
+def test_the_whole_way_without_noise_recovers_base_parameters(tmp_path):
+    robot = RobotModel.from_urdf(bundled_robot())
+    arm = replace(typical_arm(robot, noise=0.0).rigid(), delay=0.0)
+    recordings = simulate(arm, n_runs=3, duration=20.0, rate=250.0, seed=3, derivatives=True).recordings
+    identifier = ThreeLoopIdentifier(robot).fit(recordings)
+    plan = identifier.observations_.plan
+    truth = true_unknowns(plan, arm)[: plan.n_base]
+    assert np.max(np.abs(identifier.links_.phi_base_ - truth)) <= 1e-8 * np.max(np.abs(truth))
