@@ -139,7 +139,7 @@ def stack(plan: Plan, factors: Sequence[FloatArray], weights: FloatArray, scale:
 
 
 def solve(plan: Plan, system: FloatArray, ridges: Sequence[float]) -> list[FloatArray]:
-    """Solutions (n_columns,) of ``[A | b]``, one per ridge l: ``min |A x - b|^2 + (l s_max)^2 |D x|^2``, D the norms."""
+    """Solutions (n_columns,) of ``[A | b]``, per ridge l: ``min |A x - b|^2 + (l s_max)^2 |D x|^2``, D the norms."""
     from scipy.linalg import svd
 
     R = _core.triangular_factor(system)

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 STRONGEST_GRAVITY = 100.0
 """More than this [m/s^2] is a slip of the unit or of a key; Jupiter has 25."""
+ROUNDING = 1e-6
+"""Rates from time stamps are not exact."""
 
 
 @dataclass(frozen=True)
@@ -99,7 +101,7 @@ def check_cutoff(cutoff: float | None, recordings: Sequence[Recording]) -> None:
     if not cutoff > 0:
         raise ValueError(f"--cutoff must be a positive frequency in Hz, found {cutoff:g}")
     slowest = min(recordings, key=lambda recording: recording.rate)
-    if cutoff >= slowest.rate / 2:
+    if cutoff >= slowest.rate / 2 * (1 - ROUNDING):
         raise ValueError(
             f"--cutoff must lie below half the sampling rate, {slowest.rate / 2:.4g} Hz for {slowest.name}, "
             f"found {cutoff:g}"
