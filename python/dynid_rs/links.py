@@ -20,6 +20,8 @@ RIDGES = (0.0, 1e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1)
 """Ridges that are tried, relative to the greatest singular value of the unit-norm columns."""
 RIDGE_WORTH = 0.01
 """Of ridges whose greatest regret (logarithm of a joint's left-out power over its least) differs less, the smallest."""
+RIDGE_NEED = 0.25
+"""A ridge biases, and intervals do not know of it: it has to lower the greatest regret by this much to be used at all."""
 RIDGE_COST = 1.6
 """Most that a ridge may add to a joint's residual power on the training rows."""
 NEGLIGIBLE = 1e-12
@@ -206,6 +208,8 @@ def _choose_ridge(
     power[np.any(trained > RIDGE_COST * trained[0] + 1e-300, axis=1)] = np.inf
     log_power = np.log(np.maximum(power, 1e-300))
     regret = (log_power - log_power.min(axis=0)).max(axis=1)
+    if regret[0] <= regret.min() + RIDGE_NEED:
+        return 0.0
     return RIDGES[int(np.flatnonzero(regret <= regret.min() + RIDGE_WORTH)[0])]
 
 

@@ -34,13 +34,13 @@ def check_folder(folder: Path, files: Sequence[str]) -> None:
     except OSError as error:
         raise _refusal(error, folder, "its path") from None
     if not place.is_dir():
-        raise NotADirectoryError(f"{folder}: {place} is not a folder; name another place with -o")
+        raise NotADirectoryError(f"{folder}: {place} is not a folder; name another place")
     _try(folder, place)
     for name in files:
         if (folder / name).is_dir():
             raise IsADirectoryError(
                 f"{folder / name}: this is a folder, and a file of that name is to be written; "
-                "remove it or choose another place with -o"
+                "remove it or name another place"
             )
 
 
@@ -101,4 +101,4 @@ def _try(target: Path, folder: Path) -> None:
 
 def _refusal(error: OSError, target: Path, place: str) -> OSError:
     reason = (error.strerror or str(error)).lower()
-    return type(error)(f"{target}: {place} cannot be written ({reason}); name another place with -o")
+    return type(error)(f"{target}: {place} cannot be written ({reason}); name another place")
