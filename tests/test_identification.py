@@ -22,10 +22,10 @@ from dynid_rs import (
     ThreeLoopIdentifier,
     rmse,
 )
+from dynid_rs.assembly import evaluate
 from dynid_rs.columns import observe
 from dynid_rs.evaluation import compare, noise_floor, rmse_interval
 from dynid_rs.friction import friction_effect
-from dynid_rs.identification import evaluate
 from dynid_rs.links import stack_one
 from dynid_rs.preprocessing import Band, choose_band, prepare
 from dynid_rs.simulation import bundled_robot, simulate, typical_arm

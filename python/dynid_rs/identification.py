@@ -12,21 +12,20 @@ from sklearn.exceptions import ConvergenceWarning
 from sklearn.utils.validation import check_is_fitted
 
 from dynid_rs import _core
+from dynid_rs.assembly import Mixtures, assemble, evaluate, with_mixtures
 from dynid_rs.columns import Observations, Plan, make_plan, observe, run_rows
 from dynid_rs.encoders import EncoderDelay, estimate_encoder_delay
-from dynid_rs.errors import DataError
 from dynid_rs.friction import FrictionIdentifier, friction_effect
 from dynid_rs.links import LinkDynamicsIdentifier, baseline, block_residuals
 from dynid_rs.preprocessing import Band, States, choose_band, common_rate, prepare
 from dynid_rs.recording import Recording
 from dynid_rs.residual import ResidualCompensator, choose_inputs, inputs_of
+from dynid_rs.training import check_training_runs, prepare_training_runs
 
 FloatArray = NDArray[np.float64]
 
 FIRST_WIDTH = 4e-3
 """Transition width [rad/s] of the first pass and of the baseline, before any search."""
-LEAST_TRAVEL = 1e-4
-"""A joint that turns less than this [rad, m] in all training runs has not moved."""
 
 
 class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
@@ -115,7 +114,7 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
 
         recordings = _as_list(recordings)
         slow = _as_list(friction_recording) if friction_recording is not None else []
-        self._check(recordings + slow)
+        check_training_runs(self.robot, recordings + slow)
         # Small matrices by the thousand: BLAS threads spin on each other and cost more than they give.
         with threadpool_limits(limits=1, user_api="blas"):
             return self._fit(recordings, slow, on_progress)
@@ -133,7 +132,7 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         residual = clone(residual) if residual is not None else None
 
         on_progress("filtering the runs")
-        raw_runs, slow_runs = self._prepare(recordings), self._prepare(slow)
+        raw_runs, slow_runs = (prepare_training_runs(part, self.band_, self.rate_) for part in (recordings, slow))
         on_progress("weighted least squares")
         plan = self._plan(friction_effect(*self._first_shape()))
         observations = observe(plan, raw_runs)
@@ -179,7 +178,15 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
             )
         self.friction_, self.links_, self.residual_ = friction, links, residual
         self.observations_, self.runs_ = observations, runs
-        self.model_ = self._build(plan, links, residual, raw_runs)
+        self.model_ = assemble(
+            plan,
+            links,
+            links.own_,
+            raw_runs,
+            encoder_delay=self._delay,
+            torque_unit=self.torque_unit_,
+            third_loop=None if residual is None else (residual.inputs_, residual.mixtures_),
+        )
         return self
 
     def predict(self, recording: Recording) -> FloatArray:
@@ -193,34 +200,10 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         """States of a run in the band and at the rate of the training runs, channels as recorded."""
         return prepare(recording, self.band_, self.rate_)
 
-    def model_with(self, mixtures: Sequence[_core.GaussianMixtureRegression | None]) -> _core.TorqueModel:
+    def model_with(self, mixtures: Mixtures) -> _core.TorqueModel:
         """Return the fitted model with other mixtures in its third loop; all None leaves it out."""
-        model = self.model_
-        kept = [mixture for mixture in mixtures if mixture is not None]
-        residual = (self.residual_.inputs_, list(mixtures)) if kept and self.residual_ is not None else None
-        return _core.TorqueModel(
-            self.robot,
-            model.phi,
-            model.effects,
-            residual=residual,
-            torque_scale=model.torque_scale.tolist(),
-            encoder_delay=model.encoder_delay.tolist(),
-            noise_std=model.noise_std.tolist(),
-            domain=model.domain,
-            torque_unit=model.torque_unit,
-        )
-
-    def _prepare(self, recordings: Sequence[Recording]) -> list[States]:
-        runs = [prepare(recording, self.band_, self.rate_) for recording in recordings]
-        for states in runs:
-            if len(states.rows) < 20:
-                raise DataError(
-                    f"{states.name}: only {len(states.rows) * states.step / states.rate:.2f} s of motion are left "
-                    "after standstill is taken out; record a longer motion",
-                    code="too_little_motion",
-                    file=states.name,
-                )
-        return runs
+        inputs = "joint_state" if self.residual_ is None else self.residual_.inputs_
+        return with_mixtures(self.model_, inputs, mixtures)
 
     def _first_shape(self) -> tuple[FloatArray, FloatArray]:
         n = self.robot.n_joints
@@ -234,7 +217,14 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         simple, regroup = baseline(observations)
         links = LinkDynamicsIdentifier(ridge=0.0).fit(simple, fit_scale=fit_scale)
         self._delay = np.zeros(self.robot.n_joints)
-        self.baseline_ = self._assemble(observations.plan, links, links.own_ @ regroup.T, None, runs)
+        self.baseline_ = assemble(
+            observations.plan,
+            links,
+            links.own_ @ regroup.T,
+            runs,
+            encoder_delay=self._delay,
+            torque_unit=self.torque_unit_,
+        )
 
     def _measure_encoder_delay(self, runs: list[States]) -> bool:
         """Estimate the delay between the channels; true if there are two."""
@@ -251,83 +241,6 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
             return False
         last, now = self.history_[-2]["noise_std"], self.history_[-1]["noise_std"]
         return bool(np.all(np.abs(now - last) <= self.tol * np.maximum(last, 1e-300)))
-
-    def _build(
-        self, plan: Plan, links: LinkDynamicsIdentifier, residual: ResidualCompensator | None, runs: list[States]
-    ) -> _core.TorqueModel:
-        third = (residual.inputs_, residual.mixtures_) if residual is not None and residual.kept.any() else None
-        return self._assemble(plan, links, links.own_, third, runs)
-
-    def _assemble(
-        self,
-        plan: Plan,
-        links: LinkDynamicsIdentifier,
-        own: FloatArray,
-        third: tuple[str, list[_core.GaussianMixtureRegression | None]] | None,
-        runs: list[States],
-    ) -> _core.TorqueModel:
-        phi = np.zeros(10 * self.robot.n_joints)
-        phi[plan.pivots] = links.phi_base_
-        edges = np.cumsum([0, *(effect.n_columns for effect in plan.effects)])
-        effects = [
-            (effect, own[:, first:last])
-            for effect, first, last in zip(plan.effects, edges[:-1], edges[1:], strict=True)
-        ]
-        q, dq, ddq = (np.concatenate([getattr(states, name) for states in runs]) for name in ("q", "dq", "ddq"))
-        domain = (
-            np.stack([q.min(axis=0), q.max(axis=0)], axis=1).tolist(),
-            np.abs(dq).max(axis=0).tolist(),
-            np.abs(ddq).max(axis=0).tolist(),
-        )
-        return _core.TorqueModel(
-            self.robot,
-            phi,
-            effects,
-            residual=third,
-            torque_scale=links.torque_scale_.tolist(),
-            encoder_delay=self._delay.tolist(),
-            noise_std=links.noise_std_.tolist(),
-            domain=domain,
-            torque_unit=self.torque_unit_,
-        )
-
-    def _check(self, recordings: Sequence[Recording]) -> None:
-        n = self.robot.n_joints
-        if not recordings:
-            raise ValueError("no recording to learn from; give at least one")
-        first = recordings[0]
-        for recording in recordings:
-            if recording.n_joints != n:
-                raise DataError(
-                    f"{recording.name} has {recording.n_joints} joints, the robot {self.robot.name!r} has {n}; "
-                    "is it a run of this robot?",
-                    code="wrong_robot",
-                    file=recording.name,
-                )
-            if recording.torque_unit != first.torque_unit or recording.has_motor_encoder != first.has_motor_encoder:
-                raise DataError(
-                    f"{recording.name} and {first.name} hold different signals (torque in {recording.torque_unit} and "
-                    f"{first.torque_unit}, motor encoder: {recording.has_motor_encoder} and "
-                    f"{first.has_motor_encoder}); "
-                    "learn from runs of one kind",
-                    code="mixed_runs",
-                    file=recording.name,
-                )
-        travel = np.max([np.ptp(recording.q, axis=0) for recording in recordings], axis=0)
-        for j in np.flatnonzero(travel < LEAST_TRAVEL):
-            raise DataError(
-                f"{', '.join(recording.name for recording in recordings)}: joint {self.robot.joint_names[j]} never "
-                f"moves (q_{j} spans {travel[j]:.1g}); its friction and inertia cannot be learned, record a run that "
-                "moves it",
-                code="joint_never_moves",
-                file=first.name,
-                column=f"q_{j}",
-            )
-
-
-def evaluate(model: _core.TorqueModel, states: States) -> tuple[FloatArray, FloatArray, NDArray[np.uint32]]:
-    """Total (n, n_joints), terms (n, n_terms, n_joints) and status bits (n,) along a run, channels as recorded."""
-    return model.evaluate(*states.signals())
 
 
 def _as_list(recordings: Recording | Sequence[Recording]) -> list[Recording]:

@@ -21,7 +21,7 @@ RIDGES = (0.0, 1e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1)
 RIDGE_WORTH = 0.01
 """Of ridges whose greatest regret (logarithm of a joint's left-out power over its least) differs less, the smallest."""
 RIDGE_NEED = 0.25
-"""A ridge biases, and intervals do not know of it: it has to lower the greatest regret by this much to be used at all."""
+"""A ridge biases, and intervals do not know of it: it has to lower the greatest regret by this much to be used."""
 RIDGE_COST = 1.6
 """Most that a ridge may add to a joint's residual power on the training rows."""
 NEGLIGIBLE = 1e-12

@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
+from dynid_rs.assembly import evaluate
 from dynid_rs.columns import Plan
 from dynid_rs.evaluation import FLOOR_METHOD, Comparison, compare, noise_floor, rmse, rmse_interval, torque_std
 from dynid_rs.findings import Finding
-from dynid_rs.identification import ThreeLoopIdentifier, evaluate
+from dynid_rs.identification import ThreeLoopIdentifier
 from dynid_rs.links import stack
 from dynid_rs.preprocessing import States
 from dynid_rs.recording import Recording

@@ -1,0 +1,92 @@
+"""From fitted loops to a `TorqueModel`, and from a model to torques along a run."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid_rs import _core
+from dynid_rs.columns import Plan
+from dynid_rs.links import LinkDynamicsIdentifier
+from dynid_rs.preprocessing import States
+
+FloatArray = NDArray[np.float64]
+Mixtures = Sequence[_core.GaussianMixtureRegression | None]
+
+
+def assemble(
+    plan: Plan,
+    links: LinkDynamicsIdentifier,
+    own: FloatArray,
+    runs: Sequence[States],
+    *,
+    encoder_delay: FloatArray,
+    torque_unit: str,
+    third_loop: tuple[str, Mixtures] | None = None,
+) -> _core.TorqueModel:
+    """Model of the fitted numbers.
+
+    Parameters
+    ----------
+    plan : Plan
+        Effects with their shapes, and where base parameters stand in phi.
+    links : LinkDynamicsIdentifier
+        Fitted; gives base parameters, torque scales and noise.
+    own : ndarray (n_joints, n_own)
+        Own coefficients in the order of the plan's effects.
+    runs : sequence of States
+        Training runs; their extremes become the model's domain.
+    encoder_delay : ndarray (n_joints,)
+        Delay of the link channel [s].
+    torque_unit : {"N*m", "A"}
+        Unit of the torques.
+    third_loop : (inputs, mixtures), optional
+        One mixture or None per joint.
+    """
+    phi = np.zeros(10 * plan.robot.n_joints)
+    phi[plan.pivots] = links.phi_base_
+    edges = np.cumsum([0, *(effect.n_columns for effect in plan.effects)])
+    effects = [
+        (effect, own[:, first:last]) for effect, (first, last) in zip(plan.effects, pairwise(edges), strict=True)
+    ]
+    q, dq, ddq = (np.concatenate([getattr(states, name) for states in runs]) for name in ("q", "dq", "ddq"))
+    kept = third_loop is not None and any(mixture is not None for mixture in third_loop[1])
+    return _core.TorqueModel(
+        plan.robot,
+        phi,
+        effects,
+        residual=(third_loop[0], list(third_loop[1])) if third_loop is not None and kept else None,
+        torque_scale=links.torque_scale_.tolist(),
+        encoder_delay=encoder_delay.tolist(),
+        noise_std=links.noise_std_.tolist(),
+        domain=(
+            np.stack([q.min(axis=0), q.max(axis=0)], axis=1).tolist(),
+            np.abs(dq).max(axis=0).tolist(),
+            np.abs(ddq).max(axis=0).tolist(),
+        ),
+        torque_unit=torque_unit,
+    )
+
+
+def with_mixtures(model: _core.TorqueModel, inputs: str, mixtures: Mixtures) -> _core.TorqueModel:
+    """Return the same model with other mixtures in its third loop; all None leaves it out."""
+    kept = any(mixture is not None for mixture in mixtures)
+    return _core.TorqueModel(
+        model.robot,
+        model.phi,
+        model.effects,
+        residual=(inputs, list(mixtures)) if kept else None,
+        torque_scale=model.torque_scale.tolist(),
+        encoder_delay=model.encoder_delay.tolist(),
+        noise_std=model.noise_std.tolist(),
+        domain=model.domain,
+        torque_unit=model.torque_unit,
+    )
+
+
+def evaluate(model: _core.TorqueModel, states: States) -> tuple[FloatArray, FloatArray, NDArray[np.uint32]]:
+    """Total (n, n_joints), terms (n, n_terms, n_joints) and status bits (n,) along a run, channels as recorded."""
+    return model.evaluate(*states.signals())

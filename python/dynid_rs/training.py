@@ -1,0 +1,80 @@
+"""What may be learned from: runs that belong together, and enough motion in them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dynid_rs import _core
+from dynid_rs.errors import DataError
+from dynid_rs.preprocessing import Band, States, prepare
+from dynid_rs.recording import Recording
+
+LEAST_TRAVEL = 1e-4
+"""A joint that turns less than this [rad, m] in all training runs has not moved."""
+LEAST_ROWS = 20
+"""Rows of the fit that a run has to have in motion."""
+
+
+def check_training_runs(robot: _core.RobotModel, recordings: Sequence[Recording]) -> None:
+    """Refuse runs that no model of `robot` can be learned from.
+
+    Raises
+    ------
+    ValueError
+        No run at all.
+    DataError
+        Runs of another robot or of different kinds, or a joint that never moves in any of them.
+    """
+    n = robot.n_joints
+    if not recordings:
+        raise ValueError("no recording to learn from; give at least one")
+    first = recordings[0]
+    for recording in recordings:
+        if recording.n_joints != n:
+            raise DataError(
+                f"{recording.name} has {recording.n_joints} joints, the robot {robot.name!r} has {n}; "
+                "is it a run of this robot?",
+                code="wrong_robot",
+                file=recording.name,
+            )
+        if recording.torque_unit != first.torque_unit or recording.has_motor_encoder != first.has_motor_encoder:
+            raise DataError(
+                f"{recording.name} and {first.name} hold different signals (torque in {recording.torque_unit} and "
+                f"{first.torque_unit}, motor encoder: {recording.has_motor_encoder} and "
+                f"{first.has_motor_encoder}); "
+                "learn from runs of one kind",
+                code="mixed_runs",
+                file=recording.name,
+            )
+    travel = np.max([np.ptp(recording.q, axis=0) for recording in recordings], axis=0)
+    for j in np.flatnonzero(travel < LEAST_TRAVEL):
+        raise DataError(
+            f"{', '.join(recording.name for recording in recordings)}: joint {robot.joint_names[j]} never "
+            f"moves (q_{j} spans {travel[j]:.1g}); its friction and inertia cannot be learned, record a run that "
+            "moves it",
+            code="joint_never_moves",
+            file=first.name,
+            column=f"q_{j}",
+        )
+
+
+def prepare_training_runs(recordings: Sequence[Recording], band: Band, rate: float) -> list[States]:
+    """States of the runs in `band` at `rate` [Hz].
+
+    Raises
+    ------
+    DataError
+        Too little motion is left in a run after standstill is taken out.
+    """
+    runs = [prepare(recording, band, rate) for recording in recordings]
+    for states in runs:
+        if len(states.rows) < LEAST_ROWS:
+            raise DataError(
+                f"{states.name}: only {len(states.rows) * states.step / states.rate:.2f} s of motion are left "
+                "after standstill is taken out; record a longer motion",
+                code="too_little_motion",
+                file=states.name,
+            )
+    return runs
