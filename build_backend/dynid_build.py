@@ -17,6 +17,7 @@ from maturin import (  # noqa: F401  (hooks that need nothing more)
 
 ROOT = Path(__file__).resolve().parent.parent
 SCRIPTS = ROOT / "rust/dynid-py/dynid_rs.data/scripts"
+SCRIPTS.mkdir(parents=True, exist_ok=True)  # maturin wants the folder even where it only writes metadata
 
 
 def build_estimator() -> None:
@@ -25,7 +26,6 @@ def build_estimator() -> None:
     subprocess.run([cargo, "build", "--release", "--package", "dynid-estimator"], cwd=ROOT, check=True)
     target = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target"))
     name = "dynid-estimator.exe" if os.name == "nt" else "dynid-estimator"
-    SCRIPTS.mkdir(parents=True, exist_ok=True)
     shutil.copy2(target / "release" / name, SCRIPTS / name)
 
 

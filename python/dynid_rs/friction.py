@@ -60,7 +60,7 @@ class FrictionIdentifier(BaseEstimator):  # type: ignore[misc]
     def __init__(
         self,
         transition_widths: Sequence[float] = (1e-3, 2e-3, 4e-3, 8e-3, 1.6e-2, 3e-2, 6e-2),
-        n_thresholds: int = 8,
+        n_thresholds: int = 6,
         *,
         refine: bool = True,
     ) -> None:

@@ -77,7 +77,7 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         residual: ResidualCompensator | str | None = "default",
         cutoff: float | None = None,
         max_iter: int = 10,
-        tol: float = 1e-2,
+        tol: float = 2e-2,
     ) -> None:
         self.robot = robot
         self.friction = friction
@@ -126,6 +126,7 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         self.rate_ = common_rate(recordings)
         self.band_ = Band(self.cutoff) if self.cutoff else choose_band(recordings)
         in_ampere = self.torque_unit_ == "A"
+        self._states: dict[int, tuple[Recording, States]] = {}
         friction = clone(self.friction) if self.friction is not None else FrictionIdentifier()
         links = clone(self.links) if self.links is not None else LinkDynamicsIdentifier()
         residual = ResidualCompensator() if self.residual == "default" else self.residual
@@ -198,7 +199,10 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
 
     def states(self, recording: Recording) -> States:
         """States of a run in the band and at the rate of the training runs, channels as recorded."""
-        return prepare(recording, self.band_, self.rate_)
+        if id(recording) not in self._states:
+            # With the recording, so that its identity is not given to another one.
+            self._states[id(recording)] = recording, prepare(recording, self.band_, self.rate_)
+        return self._states[id(recording)][1]
 
     def model_with(self, mixtures: Mixtures) -> _core.TorqueModel:
         """Return the fitted model with other mixtures in its third loop; all None leaves it out."""

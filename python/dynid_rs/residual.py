@@ -53,7 +53,7 @@ class ResidualCompensator(BaseEstimator):  # type: ignore[misc]
 
     def __init__(
         self,
-        n_components: int | Sequence[int] = (2, 4, 8),
+        n_components: int | Sequence[int] = (3, 6),
         *,
         inputs: Inputs = "auto",
         least_gain: float = 0.05,
