@@ -15,7 +15,9 @@ FloatArray = NDArray[np.float64]
 N_RESAMPLES = 400
 """Bootstrap resamples of an error's interval."""
 LEAST_BLOCK = 1.0
-"""Shortest block [s] that is resampled as a whole; errors stay alike for about as long."""
+"""Block [s] that is resampled as a whole; errors stay alike for about as long."""
+LEAST_BLOCKS = 8
+"""Fewer blocks have nothing to resample; a short run is cut finer."""
 FLOOR_METHOD = (
     "wide-band noise of the torque channel inside the band, from the quietest part of its spectrum above the band; "
     "no model of the states can go below it"
@@ -64,7 +66,7 @@ def rmse_interval(comparisons: Sequence[Comparison], random_state: int = 0) -> F
     for comparison in comparisons:
         states = comparison.states
         length = max(1, int(LEAST_BLOCK * states.rate / states.step))
-        n_blocks = max(1, len(comparison.error) // length)
+        n_blocks = min(max(LEAST_BLOCKS, len(comparison.error) // length), len(comparison.error))
         squares += [(np.sum(block**2, axis=0), len(block)) for block in np.array_split(comparison.error, n_blocks)]
     sums = np.array([total for total, _ in squares])
     counts = np.array([count for _, count in squares], dtype=float)
@@ -75,7 +77,7 @@ def rmse_interval(comparisons: Sequence[Comparison], random_state: int = 0) -> F
 
 
 def noise_floor(runs: Sequence[States]) -> FloatArray:
-    """Standard deviation of the torque channel's own noise inside the band, (n_joints,).
+    """Standard deviation of the torque channel's own noise inside the band, (n_joints,); NaN where it cannot be seen.
 
     The level is that of the quietest stretch of the spectrum above the band (vibrations stand above it); white noise of
     that level is then passed through the band. Noise that lives inside the band alone is not seen, so this is a bound
@@ -89,13 +91,14 @@ def noise_floor(runs: Sequence[States]) -> FloatArray:
         # Torques that were thinned out carry an anti-aliasing edge at 0.4 of the rate.
         high = density[(frequency > 2 * states.band.cutoff) & (frequency < 0.35 * states.rate)]
         if states.filter is None or len(high) < 4:
-            floors.append(np.zeros(states.tau.shape[1]))
-            continue
+            continue  # no room above the band
         stretches = np.array_split(high, min(8, len(high) // 4))
         # A line's power is exponentially distributed: its mean is its median over log 2.
         level = np.min([np.median(stretch, axis=0) / np.log(2) for stretch in stretches], axis=0)
         _, response = freqz_sos(states.filter[0], worN=frequency, fs=states.rate)
         passed = np.trapezoid(np.abs(response) ** 4, frequency)  # forwards and backwards
         floors.append(np.sqrt(level * passed))
+    if not floors:
+        return np.full(runs[0].tau.shape[1], np.nan)
     result: FloatArray = np.sqrt(np.mean(np.square(floors), axis=0))
     return result

@@ -88,7 +88,7 @@ def summarise(
                 "before": tested.rmse,
                 "after": tested.rmse,
                 "after_interval": rmse_interval(tested.comparisons),
-                "floor": noise_floor(test_states),
+                "floor": [None if np.isnan(floor) else floor for floor in noise_floor(test_states)],
                 "raw": tested.raw,
             },
         },

@@ -73,7 +73,8 @@ def prepare_training_runs(recordings: Sequence[Recording], band: Band, rate: flo
         if len(states.rows) < LEAST_ROWS:
             raise DataError(
                 f"{states.name}: only {len(states.rows) * states.step / states.rate:.2f} s of motion are left "
-                "after standstill is taken out; record a longer motion",
+                f"after standstill and {1 / band.cutoff:.2g} s (1/cutoff) beside it and at both ends are taken out; "
+                "record a longer motion, or raise the cutoff",
                 code="too_little_motion",
                 file=states.name,
             )

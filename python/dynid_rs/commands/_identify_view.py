@@ -55,6 +55,8 @@ def _with_file(finding: dict[str, Any]) -> str:
     return message if file is None or file in message else f"{shown(file)}: {message}"
 
 
-def _with_share(error: float, std: float) -> str:
+def _with_share(error: float | None, std: float) -> str:
+    if error is None:
+        return "unknown"
     share = f"{100 * error / std:.1f} %" if std > 0 else "-"
     return f"{error:.3g} ({share})"
