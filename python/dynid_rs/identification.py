@@ -199,10 +199,11 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
 
     def states(self, recording: Recording) -> States:
         """States of a run in the band and at the rate of the training runs, channels as recorded."""
-        if id(recording) not in self._states:
+        known: dict[int, tuple[Recording, States]] = vars(self).setdefault("_states", {})
+        if id(recording) not in known:
             # With the recording, so that its identity is not given to another one.
-            self._states[id(recording)] = recording, prepare(recording, self.band_, self.rate_)
-        return self._states[id(recording)][1]
+            known[id(recording)] = recording, prepare(recording, self.band_, self.rate_)
+        return known[id(recording)][1]
 
     def model_with(self, mixtures: Mixtures) -> _core.TorqueModel:
         """Return the fitted model with other mixtures in its third loop; all None leaves it out."""

@@ -8,12 +8,12 @@ use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::IntoPyDict;
 
-/// `numpy.ascontiguousarray(value, dtype=float)`; anything that is no array of numbers is a `TypeError` naming it.
+/// `numpy.asarray(value, dtype=float, order="C")`; anything that is no array of numbers is a `TypeError` naming it.
 pub fn contiguous<'py>(value: &Bound<'py, PyAny>, name: &str) -> PyResult<Bound<'py, PyAny>> {
     let py = value.py();
-    let options = [("dtype", "float64")].into_py_dict(py)?;
+    let options = [("dtype", "float64"), ("order", "C")].into_py_dict(py)?;
     py.import("numpy")?
-        .call_method("ascontiguousarray", (value,), Some(&options))
+        .call_method("asarray", (value,), Some(&options))
         .map_err(|_| PyTypeError::new_err(format!("{name} is not an array of numbers")))
 }
 
