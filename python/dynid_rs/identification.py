@@ -199,7 +199,7 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
 
     def states(self, recording: Recording) -> States:
         """States of a run in the band and at the rate of the training runs, channels as recorded."""
-        known: dict[int, tuple[Recording, States]] = vars(self).setdefault("_states", {})
+        known: dict[int, tuple[Recording, States]] = self.__dict__.setdefault("_states", {})
         if id(recording) not in known:
             # With the recording, so that its identity is not given to another one.
             known[id(recording)] = recording, prepare(recording, self.band_, self.rate_)
