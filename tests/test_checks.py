@@ -317,7 +317,7 @@ def test_standstill_at_the_ends_and_constant_speed_are_no_faults():
     speed = np.clip(np.abs((t % 10.0) - 5.0) - 1.0, 0.0, 1.0) * np.where(t % 10.0 < 5.0, 1.0, -1.0)
     q = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * 0.01)])[:, None]
     dq = speed[:, None]
-    rec = Recording(t, q, 5.0 * np.sign(dq) + 3.0 * np.cos(q), dq)
+    rec = Recording(t, q, dq, tau=5.0 * np.sign(dq) + 3.0 * np.cos(q))
     assert [f.code for f in check_recording(rec) if f.severity != "info"] == []
 
 

@@ -202,7 +202,7 @@ def test_estimators_follow_scikit_learns_conventions(robot):
     assert copy.residual.n_components == 3
     assert copy.robot is robot
     with pytest.raises(NotFittedError):
-        copy.predict(Recording(np.arange(30.0), np.zeros((30, 6)), np.zeros((30, 6))))
+        copy.predict(Recording(np.arange(30.0), np.zeros((30, 6)), tau=np.zeros((30, 6))))
 
 
 @pytest.mark.parametrize(

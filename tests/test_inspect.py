@@ -26,7 +26,6 @@ LINK = """<link name="l{i}"><inertial><mass value="1"/><origin xyz="0 0 0.1"/>
 
 
 def robot_file(tmp_path, names=("shoulder", "elbow", "wrist"), lower=-2.0):
-    pytest.importorskip("dynid_rs._core")
     parents = ["base", *(f"l{i}" for i in range(len(names)))]
     links = [
         LINK.format(i=i, name=n, parent=p, lower=lower) for i, (n, p) in enumerate(zip(names, parents, strict=False))

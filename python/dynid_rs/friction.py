@@ -31,6 +31,8 @@ NEGLIGIBLE = 1e-9
 """Relative sizes below this are rounding."""
 LARGEST_THRESHOLD = 0.1
 """Largest threshold that is tried, over the joint's greatest speed."""
+NOISE_WIDTHS = 1.0
+"""Least transition width over the velocity's noise: a narrower one turns noise at rest into chatter of full size."""
 CLOSE = 0.1
 """A bracket of the logarithm that is narrower than this need not be narrowed unless that still pays."""
 MOST_TURNS = 30
@@ -43,7 +45,8 @@ class FrictionIdentifier(BaseEstimator):  # type: ignore[misc]
     Parameters
     ----------
     transition_widths : sequence of float
-        Widths eps [rad/s] that are tried first. The paper prints 1e-4, which is below any encoder's velocity noise.
+        Widths eps [rad/s] that are tried first; the least of them is a bound, and so is the velocity's noise. The
+        paper prints 1e-4, which is below any encoder's velocity noise.
     n_thresholds : int
         Thresholds lambda that are tried at a time, beside none.
     refine : bool
@@ -112,7 +115,9 @@ class FrictionIdentifier(BaseEstimator):  # type: ignore[misc]
 
         On a simulation without noise that ends at the truth.
         """
-        at_best, width = min((power(0.0, float(width)), float(width)) for width in self.transition_widths)
+        widths = [max(float(width), power.least_width) for width in self.transition_widths]
+        power.least_width = min(widths)
+        at_best, width = min((power(0.0, width), width) for width in widths)
         threshold, span = 0.0, np.log(2.0)
         if not self.refine:
             return threshold, width
@@ -183,6 +188,7 @@ class _PowerLeft:
         self._tau = tau
         self._runs = runs
         self._speeds = [np.ascontiguousarray(states.dq_motor[:, j]) for states in runs]
+        self.least_width = NOISE_WIDTHS * max(states.velocity_noise(j) for states in runs)
         self.top_speed = max(float(np.abs(speed).max()) for speed in self._speeds)
 
     def use_all(self) -> None:
@@ -201,13 +207,15 @@ class _PowerLeft:
 
     def best_width(self, threshold: float, width: float, at_best: float, span: float) -> tuple[float, float]:
         """Best eps around `width` at this lambda, and the power there."""
-        return _golden(lambda x: self(threshold, x), width, at_best, span, self._close)
+        least = self.least_width
+        width, value = _golden(lambda x: self(threshold, max(x, least)), width, at_best, span, self._close)
+        return max(width, least), value
 
     def at_best_width(self, threshold: float, width: float) -> tuple[float, float]:
         """Power at this lambda with the best eps near `width`, and that eps."""
         from scipy.optimize import minimize_scalar
 
-        near = (np.log(width) - 0.1, np.log(width) + 0.1)
+        near = (np.log(width) - 0.1, np.log(width) + 0.1)  # clean data: the noise's bound is far below
         found = minimize_scalar(
             lambda x: self(threshold, float(np.exp(x))), bounds=near, method="bounded", options={"xatol": 1e-6}
         )

@@ -112,6 +112,12 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         """
         from threadpoolctl import threadpool_limits
 
+        if self.max_iter < 1:
+            raise ValueError(f"max_iter must be at least 1, found {self.max_iter}")
+        if self.cutoff is not None and not 0 < self.cutoff < np.inf:
+            raise ValueError(f"cutoff must be a positive frequency in Hz, found {self.cutoff}")
+        if not (self.residual is None or self.residual == "default" or isinstance(self.residual, ResidualCompensator)):
+            raise ValueError(f"residual must be a ResidualCompensator, None or 'default', found {self.residual!r}")
         recordings = _as_list(recordings)
         slow = _as_list(friction_recording) if friction_recording is not None else []
         check_training_runs(self.robot, recordings + slow)
@@ -124,9 +130,8 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
     ) -> ThreeLoopIdentifier:
         self.torque_unit_ = recordings[0].torque_unit
         self.rate_ = common_rate(recordings)
-        self.band_ = Band(self.cutoff) if self.cutoff else choose_band(recordings)
+        self.band_ = Band(self.cutoff) if self.cutoff is not None else choose_band(recordings)
         in_ampere = self.torque_unit_ == "A"
-        self._states: dict[int, tuple[Recording, States]] = {}
         friction = clone(self.friction) if self.friction is not None else FrictionIdentifier()
         links = clone(self.links) if self.links is not None else LinkDynamicsIdentifier()
         residual = ResidualCompensator() if self.residual == "default" else self.residual
@@ -199,11 +204,8 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
 
     def states(self, recording: Recording) -> States:
         """States of a run in the band and at the rate of the training runs, channels as recorded."""
-        known: dict[int, tuple[Recording, States]] = self.__dict__.setdefault("_states", {})
-        if id(recording) not in known:
-            # With the recording, so that its identity is not given to another one.
-            known[id(recording)] = recording, prepare(recording, self.band_, self.rate_)
-        return known[id(recording)][1]
+        check_is_fitted(self, "band_")
+        return prepare(recording, self.band_, self.rate_)
 
     def model_with(self, mixtures: Mixtures) -> _core.TorqueModel:
         """Return the fitted model with other mixtures in its third loop; all None leaves it out."""

@@ -20,8 +20,8 @@ RIDGES = (0.0, 1e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1)
 """Ridges that are tried, relative to the greatest singular value of the unit-norm columns."""
 RIDGE_WORTH = 0.01
 """Of ridges whose greatest regret (logarithm of a joint's left-out power over its least) differs less, the smallest."""
-RIDGE_NEED = 0.25
-"""A ridge biases, and intervals do not know of it: it has to lower the greatest regret by this much to be used."""
+RIDGE_NEED = 0.5
+"""A ridge biases: it has to lower the greatest regret by this much to be used at all."""
 RIDGE_COST = 1.6
 """Most that a ridge may add to a joint's residual power on the training rows."""
 NEGLIGIBLE = 1e-12
@@ -39,8 +39,8 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
         Weights from the residual's variance per joint (Eqs. 21-23, iterated), from its full covariance between joints
         (Eqs. 24-25), or none (plain least squares).
     ridge : "auto" or float
-        Ridge on unit-norm columns, relative to the greatest singular value. ``"auto"`` takes the smallest that predicts
-        left-out blocks as well as the best does; 0 where the data stands alone.
+        Ridge on unit-norm columns, relative to the greatest singular value. ``"auto"`` is 0 for several runs; for a
+        lone one it is the smallest that predicts left-out parts as well as the best does, if that is needed at all.
     max_iter : int
         Most re-weightings.
     tol : float
@@ -130,8 +130,9 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
         return self
 
     def _left_out_factors(self, observations: Observations) -> list[list[FloatArray]]:
-        if self.ridge != "auto" or len(observations.blocks) < 2:
-            return []
+        runs = {block.run for block in observations.blocks}
+        if self.ridge != "auto" or len(runs) > 1 or len(observations.blocks) < 2:
+            return []  # several runs stand alone; a ridge would bias them for what one of them extrapolates
         return [observations.factors(leave_out=k) for k in range(len(observations.blocks))]
 
 

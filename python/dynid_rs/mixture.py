@@ -70,6 +70,8 @@ class GaussianMixtureRegressor(RegressorMixin, BaseEstimator):  # type: ignore[m
 
         from sklearn.exceptions import ConvergenceWarning
 
+        if self.n_components < 1:
+            raise ValueError(f"n_components must be at least 1, found {self.n_components}")
         X, y = validate_data(self, X, y, y_numeric=True, dtype=np.float64, ensure_min_samples=2)
         data = np.column_stack([X, y])
         centre, spread = data.mean(axis=0), data.std(axis=0)

@@ -115,6 +115,11 @@ class States:
         result: list[int] = self.rows.tolist()
         return result
 
+    def velocity_noise(self, j: int) -> float:
+        """Standard deviation of joint j's motor-side velocity above the band [rad/s], by its median."""
+        above = self.dq_motor[:, j] - self.band.apply(self.dq_motor[:, j], self.rate)
+        return float(np.median(np.abs(above)) / 0.6745)
+
     def in_band(self, x: FloatArray) -> FloatArray:
         """`x` (n, ...) through the band's filter, at the rows of the fit."""
         return self.band.apply(x, self.rate)[self.rows]

@@ -41,10 +41,10 @@ class Recording:
         Time [s], strictly increasing, no step of more than 10 median steps.
     q : ndarray (n, n_joints)
         Link-side position [rad, m]; with one encoder per joint, the only one.
-    tau : ndarray (n, n_joints)
-        Torque at the joint [`torque_unit`].
     dq, ddq : ndarray (n, n_joints), optional
         Velocity [rad/s, m/s] and acceleration [rad/s^2, m/s^2] as recorded.
+    tau : ndarray (n, n_joints)
+        Torque at the joint [`torque_unit`].
     q_motor, dq_motor, ddq_motor : ndarray (n, n_joints), optional
         Motor encoder divided by the gear ratio [rad, m], its velocity and its acceleration.
     temperature : ndarray (n, n_joints), optional
@@ -66,9 +66,9 @@ class Recording:
 
     t: FloatArray
     q: FloatArray
-    tau: FloatArray
     dq: FloatArray | None = None
     ddq: FloatArray | None = None
+    tau: FloatArray = None  # type: ignore[assignment]  # needed all the same; in the order of the signals' derivatives
     q_motor: FloatArray | None = None
     dq_motor: FloatArray | None = None
     ddq_motor: FloatArray | None = None

@@ -44,7 +44,7 @@ class ResidualCompensator(BaseEstimator):  # type: ignore[misc]
         One per joint, None where it is not kept.
     candidates_ : list of GaussianMixtureRegression or None
         The same without the question whether it pays; None where a joint has no second encoder.
-    gain_ : ndarray (n_joints,)
+    ratio_ : ndarray (n_joints,)
         RMS with over RMS without on left-out runs; on the training runs where not even those gained; 1 where nothing
         was fitted.
     inputs_ : str
@@ -92,7 +92,7 @@ class ResidualCompensator(BaseEstimator):  # type: ignore[misc]
         n = residuals[0].shape[1]
         self.mixtures_: list[_core.GaussianMixtureRegression | None] = [None] * n
         self.candidates_: list[_core.GaussianMixtureRegression | None] = [None] * n
-        self.gain_ = np.ones(n)
+        self.ratio_ = np.ones(n)
         for j in range(n):
             u = [block[0][:, j] for block in blocks]
             left = [block[1][:, j] for block in blocks]
@@ -100,12 +100,12 @@ class ResidualCompensator(BaseEstimator):  # type: ignore[misc]
                 continue  # no second encoder on this joint
             fitted = self._best(np.concatenate(u), np.concatenate(left))
             self.candidates_[j] = fitted.mixture_
-            self.gain_[j] = _rms(np.concatenate(left) - fitted.predict(np.concatenate(u))) / _rms(np.concatenate(left))
-            if self.gain_[j] > 1 - least_gain:
+            self.ratio_[j] = _rms(np.concatenate(left) - fitted.predict(np.concatenate(u))) / _rms(np.concatenate(left))
+            if self.ratio_[j] > 1 - least_gain:
                 continue  # what does not pay on its own runs does not pay on others
             ratios = self._left_out(fitted.n_components, u, left)
-            self.gain_[j] = np.sqrt(np.sum(ratios[:, 0]) / np.sum(ratios[:, 1]))
-            if self.gain_[j] < 1 - least_gain and np.all(ratios[:, 0] < ratios[:, 1]):
+            self.ratio_[j] = np.sqrt(np.sum(ratios[:, 0]) / np.sum(ratios[:, 1]))
+            if self.ratio_[j] < 1 - least_gain and np.all(ratios[:, 0] < ratios[:, 1]):
                 self.mixtures_[j] = fitted.mixture_
         return self
 

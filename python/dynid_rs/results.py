@@ -55,11 +55,29 @@ def summarise(
     findings: Sequence[Finding],
 ) -> dict[str, Any]:
     """Content of `result.json`: errors on the test runs, parameters with intervals, what was found in the data."""
+    from threadpoolctl import threadpool_limits
+
+    # One BLAS thread: the last digits must not depend on the machine's cores.
+    with threadpool_limits(limits=1, user_api="blas"):
+        return _summarise(identifier, train, test, findings)
+
+
+def _summarise(
+    identifier: ThreeLoopIdentifier,
+    train: Sequence[Recording],
+    test: Sequence[Recording],
+    findings: Sequence[Finding],
+) -> dict[str, Any]:
     robot = identifier.robot
     train_states = [identifier.states(recording) for recording in train]
     test_states = [identifier.states(recording) for recording in test]
     trained, tested = score(identifier.model_, train_states), score(identifier.model_, test_states)
     baseline = score(identifier.baseline_, test_states)
+    whole = [
+        states.band.apply(states.tau - evaluate(identifier.model_, states)[0], states.rate)[states.grid]
+        for states in test_states
+    ]
+    with_standstill = rmse(whole)
     notes = [
         Finding("signal_replaced", "info", note, file=states.name)
         for states in (*train_states, *test_states)
@@ -78,7 +96,7 @@ def summarise(
             "n_dropped": {"train": _standing_still(train_states), "test": _standing_still(test_states)},
             "rate_hz": train_states[0].rate,
             "cutoff_hz": identifier.band_.cutoff,
-            "findings": [finding.to_json() for finding in (*findings, *_standstill(test_states), *notes)],
+            "findings": [finding.to_json() for finding in (*findings, *_standstill(test_states, whole), *notes)],
         },
         "rmse": {
             "train": {"before": trained.rmse, "after": trained.rmse},
@@ -90,6 +108,7 @@ def summarise(
                 "after_interval": rmse_interval(tested.comparisons),
                 "floor": [None if np.isnan(floor) else floor for floor in noise_floor(test_states)],
                 "raw": tested.raw,
+                "with_standstill": with_standstill,
             },
         },
         "floor_method": FLOOR_METHOD,
@@ -144,17 +163,18 @@ def _residual(identifier: ThreeLoopIdentifier, test: list[States], tested: Score
     third = identifier.residual_
     n = identifier.robot.n_joints
     if third is None:
-        return {"kind": "gmr", "inputs": None, "kept": [False] * n, "switched_off": True}
+        return {"kind": "gmr", "inputs": None, "kept": False, "kept_on": [], "switched_off": True}
     without = score(identifier.model_with([None] * n), test) if third.kept.any() else tested
     candidates = [mixture or candidate for mixture, candidate in zip(third.mixtures_, third.candidates_, strict=True)]
     with_all = score(identifier.model_with(candidates), test)
     return {
         "kind": "gmr",
         "inputs": third.inputs_,
-        "kept": third.kept,
+        "kept": bool(third.kept.any()),
+        "kept_on": [joint for joint, kept in zip(identifier.robot.joint_names, third.kept, strict=True) if kept],
         "rmse_test_without": without.rmse,
         "rmse_test_with": with_all.rmse,
-        "left_out_gain": third.gain_,
+        "left_out_ratio": third.ratio_,
         "n_components": [mixture.n_components if mixture else 0 for mixture in candidates],
     }
 
@@ -260,14 +280,16 @@ def _standing_still(runs: Sequence[States]) -> int:
     return int(sum(np.sum(~states.moving) for states in runs))
 
 
-def _standstill(runs: Sequence[States]) -> list[Finding]:
-    """One word per test run on what was not scored: friction at rest is not a function of the state."""
+def _standstill(runs: Sequence[States], errors: Sequence[FloatArray]) -> list[Finding]:
+    """One word per test run on what was not scored, and on the error with it."""
     found = []
-    for states in runs:
+    for states, error in zip(runs, errors, strict=True):
         seconds = float(np.sum(~states.moving) / states.rate)
+        share = 100 * rmse([error]) / np.maximum(states.band.apply(states.tau, states.rate).std(axis=0), 1e-300)
         message = (
-            f"{states.name}: {seconds:.1f} s of standstill, and 1/cutoff beside it and at the ends, are not scored; "
-            "friction at rest is not a function of the state"
+            f"{states.name}: {seconds:.1f} s of standstill, and 1/cutoff beside it and at the ends, are not scored, "
+            f"for friction at rest is not a function of the state; with them the error is {share.min():.1f} to "
+            f"{share.max():.1f} % of the torque's standard deviation"
         )
         found.append(Finding("standstill", "info", message, file=states.name, value=seconds, unit="s"))
     return found

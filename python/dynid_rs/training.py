@@ -7,12 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from dynid_rs import _core
+from dynid_rs.checks.motion import MIN_SPAN, moving_joints
 from dynid_rs.errors import DataError
 from dynid_rs.preprocessing import Band, States, prepare
 from dynid_rs.recording import Recording
 
-LEAST_TRAVEL = 1e-4
-"""A joint that turns less than this [rad, m] in all training runs has not moved."""
 LEAST_ROWS = 20
 """Rows of the fit that a run has to have in motion."""
 
@@ -48,15 +47,37 @@ def check_training_runs(robot: _core.RobotModel, recordings: Sequence[Recording]
                 code="mixed_runs",
                 file=recording.name,
             )
-    travel = np.max([np.ptp(recording.q, axis=0) for recording in recordings], axis=0)
-    for j in np.flatnonzero(travel < LEAST_TRAVEL):
+    check_torque(recordings)
+    moves = np.any([moving_joints(recording) for recording in recordings], axis=0)
+    for j in np.flatnonzero(~moves):
         raise DataError(
             f"{', '.join(recording.name for recording in recordings)}: joint {robot.joint_names[j]} never "
-            f"moves (q_{j} spans {travel[j]:.1g}); its friction and inertia cannot be learned, record a run that "
+            f"moves (q_{j} stays within {MIN_SPAN:g}); its friction and inertia cannot be learned, record a run that "
             "moves it",
             code="joint_never_moves",
             file=first.name,
             column=f"q_{j}",
+        )
+
+
+def check_torque(recordings: Sequence[Recording]) -> None:
+    """Refuse torque that never changes: a channel that is not connected, and nothing to learn from or to test on.
+
+    Raises
+    ------
+    DataError
+        A joint's torque is one and the same number in all of `recordings`.
+    """
+    lowest = np.min([recording.tau.min(axis=0) for recording in recordings], axis=0)
+    highest = np.max([recording.tau.max(axis=0) for recording in recordings], axis=0)
+    for j in np.flatnonzero(highest <= lowest):
+        names = ", ".join(recording.name for recording in recordings)
+        raise DataError(
+            f"{names}: the torque of joint {recordings[0].joints[j]} is {lowest[j]:g} in every row; is its channel "
+            "connected, and is it the right column?",
+            code="torque_never_changes",
+            file=recordings[0].name,
+            column=f"tau_{j}",
         )
 
 

@@ -12,52 +12,88 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid_rs import _core
 from dynid_rs.columns import Observations
-from dynid_rs.links import LinkDynamicsIdentifier, block_residuals, stack, stack_one
+from dynid_rs.links import LinkDynamicsIdentifier, block_residuals, stack_one
 from dynid_rs.preprocessing import States
 
 FloatArray = NDArray[np.float64]
 
+WIDTH_STEP = 0.02
+"""Relative step of the width's derivative."""
 NORMAL_95 = 1.959963984540054
 """Two-sided 95 % of the normal distribution."""
 
 
 def parameter_covariance(
-    observations: Observations, links: LinkDynamicsIdentifier, runs: Sequence[States]
+    observations: Observations, links: LinkDynamicsIdentifier, runs: Sequence[States], *, fitted_widths: bool = True
 ) -> FloatArray:
     """Covariance of all unknowns (n_columns, n_columns); zeros for those that were not estimated.
 
-    Ridge and torque scales count as known. Residuals of different joints count as uncorrelated.
+    Friction's transition widths count as fitted beside the coefficients, or as known without `fitted_widths`. Where
+    a ridge was used, this is the covariance without it: wider, because the ridge's bias is not in it. Thresholds and torque
+    scales count as known, residuals of different joints as uncorrelated.
     """
     plan = observations.plan
     n = plan.robot.n_joints
     weights = np.diag(np.linalg.inv(links.covariance_)) if links.weighting == "full_covariance" else links.weights_**2
     used = plan.estimable()
-    bread = _bread(observations, links, np.sqrt(weights), used)
+    columns = [_columns(observations, links, runs, j, used, fitted_widths) for j in range(n)]
+    bread = _bread(columns, np.sqrt(weights))
     residuals = _on_grid(observations, runs, block_residuals(observations, links.x_, links.torque_scale_))
     masks = _on_grid(observations, runs, [np.ones((block.n_rows, 1)) for block in observations.blocks])
     meat = np.zeros_like(bread)
     for j in range(n):
-        wide = [
-            stack_one(plan, j, block.rows[j], links.torque_scale_)[:, :-1][:, used] for block in observations.blocks
-        ]
-        columns = _on_grid(observations, runs, wide)
-        noise = _Noise([run[:, j] for run in residuals], [run[:, 0] for run in masks], columns, weights[j] * bread)
-        meat += weights[j] ** 2 * sum(_toeplitz_product(run, noise.spectrum) for run in columns)
+        noise = _Noise([run[:, j] for run in residuals], [run[:, 0] for run in masks], columns[j], weights[j] * bread)
+        meat += weights[j] ** 2 * sum(_toeplitz_product(run, noise.spectrum) for run in columns[j])
     covariance = np.zeros((plan.n_columns, plan.n_columns))
-    covariance[np.ix_(used, used)] = bread @ meat @ bread
+    n_used = int(used.sum())
+    covariance[np.ix_(used, used)] = (bread @ meat @ bread)[:n_used, :n_used]
     return covariance
 
 
-def _bread(
-    observations: Observations, links: LinkDynamicsIdentifier, root_weights: FloatArray, used: NDArray[np.bool_]
-) -> FloatArray:
+def _columns(
+    observations: Observations,
+    links: LinkDynamicsIdentifier,
+    runs: Sequence[States],
+    j: int,
+    used: NDArray[np.bool_],
+    fitted_widths: bool,
+) -> list[FloatArray]:
+    """Columns of joint j on every run's grid: those in use, then the torque's change with each joint's log width."""
     plan = observations.plan
-    system = stack(plan, observations.factors(), root_weights, links.torque_scale_)[:, :-1][:, used]
+    wide = [stack_one(plan, j, block.rows[j], links.torque_scale_)[:, :-1][:, used] for block in observations.blocks]
+    grids = _on_grid(observations, runs, wide)
+    if not fitted_widths:
+        return grids
+    shape = dict(plan.effects[-1].shape)
+    threshold, width = shape["velocity_threshold"][j], shape["transition_width"][j]
+    coefficients = links.own_[j, -len(_core.FRICTION_NAMES) :]
+    widened = []
+    for states, grid in zip(runs, grids, strict=True):
+        speed = np.ascontiguousarray(states.dq_motor[:, j])
+        low, high = (
+            _core.filtered_friction_basis(speed, threshold, width * factor, filter=states.filter, kept=states.kept)
+            for factor in (1 - WIDTH_STEP, 1 + WIDTH_STEP)
+        )
+        change = np.zeros((len(grid), plan.robot.n_joints))
+        change[states.moving[states.grid], j] = (high - low) @ coefficients / (2 * WIDTH_STEP)
+        widened.append(np.concatenate([grid, change], axis=1))
+    return widened
+
+
+def _bread(columns: Sequence[Sequence[FloatArray]], root_weights: FloatArray) -> FloatArray:
+    """``(sum_j w_j C_j' C_j)^-1`` through a triangular factor."""
+    factors = [
+        _core.triangular_factor(root_weight * run)
+        for root_weight, joint in zip(root_weights, columns, strict=True)
+        for run in joint
+    ]
+    system = _core.merge_factors(factors)
     norms = np.linalg.norm(system, axis=0)
     norms[norms == 0] = 1.0
     _, s, vt = np.linalg.svd(system / norms, full_matrices=False)
-    inverse = np.where(s > 1e-12 * s[0], 1 / (s**2 + (links.ridge_ * s[0]) ** 2 + 1e-300), 0.0)
+    inverse = np.where(s > 1e-12 * s[0], 1 / np.maximum(s**2, 1e-300), 0.0)
     bread: FloatArray = (vt.T * inverse) @ vt / np.outer(norms, norms)
     return bread
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 
 def verdict(result: dict[str, Any]) -> str:
@@ -18,16 +19,42 @@ def verdict(result: dict[str, Any]) -> str:
         against = f"{change:.0f} % less than weighted least squares leaves"
     else:
         against = f"{-change:.0f} % MORE than weighted least squares leaves; the simple model is the better one here"
-    return (
-        f"On runs that it has not seen the model leaves {errors}, on average {against}. {result['residual']['reason']}"
-    )
+    summary = f"On runs that it has not seen the model leaves {errors}, on average {against}."
+    return f"{summary}{_worse_joints(result)} {result['residual']['reason']}"
+
+
+def _worse_joints(result: dict[str, Any]) -> str:
+    """Name the joints on which the simple model is clearly better, and those on which no model helps."""
+    test = result["rmse"]["test"]
+    joints, after = result["joints"], np.asarray(test["after"])
+    ratio = after / np.maximum(test["wls"], 1e-300)
+    words = ""
+    worse = [f"{joints[j]} ({100 * (ratio[j] - 1):+.0f} %)" for j in np.flatnonzero(ratio > 1.1)]
+    if worse:
+        words += f" Least squares is better on {', '.join(worse)}."
+    lost = [joints[j] for j in np.flatnonzero(_lost(test))]
+    if lost:
+        words += f" On {', '.join(lost)} the error is as large as the torque itself: look at the data first."
+    return words
 
 
 def is_better(result: dict[str, Any]) -> bool:
-    """Whether the model beats the baseline on the test runs, on average over the joints, or leaves nothing anyway."""
+    """Whether the model explains every joint's torque, and does it better than the baseline on average over the joints.
+
+    A model that leaves nothing is good whatever the baseline leaves.
+    """
     test = result["rmse"]["test"]
+    if np.any(_lost(test)):
+        return False
     nothing_left = np.all(np.asarray(test["after"]) <= 1e-6 * np.asarray(test["torque_std"]))
     return bool(nothing_left or _mean_ratio(test["after"], test["wls"]) < 1.02)
+
+
+def _lost(test: dict[str, Any]) -> NDArray[np.bool_]:
+    """Joints whose torque changes and whose error is no smaller than that, (n_joints,)."""
+    std = np.asarray(test["torque_std"])
+    lost: NDArray[np.bool_] = (std > 0) & (np.asarray(test["after"]) >= std)
+    return lost
 
 
 def residual_reason(result: dict[str, Any]) -> str:
@@ -36,7 +63,7 @@ def residual_reason(result: dict[str, Any]) -> str:
     if residual.get("switched_off"):
         return "The third loop was switched off."
     signals = {"deflection": "the gears' deflection", "joint_state": "joint position and velocity"}[residual["inputs"]]
-    kept = np.asarray(residual["kept"])
+    kept = np.isin(result["joints"], residual["kept_on"])
     change = 100 * (np.asarray(residual["rmse_test_with"]) / np.maximum(residual["rmse_test_without"], 1e-300) - 1)
     fitted = np.asarray(residual["n_components"]) > 0
     if not fitted.any():
@@ -70,5 +97,7 @@ def _mean_ratio(after: Any, before: Any) -> float:
 
 
 def _range(percent: Any) -> str:
-    low, high = float(np.min(percent)), float(np.max(percent))
-    return f"{low:+.0f} %" if round(low) == round(high) else f"{low:+.0f} to {high:+.0f} %"
+    low, high = round(float(np.min(percent))), round(float(np.max(percent)))
+    if low == high:
+        return f"{low:+d} %" if low else "less than 1 %"
+    return f"{low:+d} to {high:+d} %"

@@ -44,6 +44,19 @@ def check_folder(folder: Path, files: Sequence[str]) -> None:
             )
 
 
+def check_not_read(outputs: Sequence[Path], inputs: Sequence[Path]) -> None:
+    """Refuse to replace what is read.
+
+    Raises
+    ------
+    ValueError
+        An output is one of the inputs, by whatever path.
+    """
+    for path in outputs:
+        if any(path.exists() and other.exists() and path.samefile(other) for other in inputs):
+            raise ValueError(f"{path}: is read here and would be replaced; name another file or folder")
+
+
 def check_file(path: Path) -> None:
     """Refuse a file that cannot be written before any work is done.
 

@@ -105,12 +105,14 @@ def _by_joint(name: str, values: FloatArray) -> dict[str, FloatArray]:
 
 def _check_outputs(output: Path | None, states: Path | None, inputs: tuple[Path, ...]) -> None:
     """Refuse before any work what cannot be written, or would replace what is read."""
-    from dynid_rs.commands._output import check_file
+    from dynid_rs.commands._output import check_file, check_not_read
 
     given = [path for path in (output, states) if path is not None]
+    for path, suffix in ((output, ".parquet"), (states, ".csv")):
+        if path is not None and path.suffix.lower() != suffix:
+            raise ValueError(f"{path}: is written as {suffix[1:]}; give it the suffix {suffix}")
+    check_not_read(given, inputs)
     for path in given:
-        if any(path.exists() and other.exists() and path.samefile(other) for other in inputs):
-            raise ValueError(f"{path}: is read here and would be replaced; name another file")
         check_file(path)
     if len({path.absolute() for path in given}) < len(given):
         raise ValueError(f"{output}: torques and states cannot go to the same file; name two")

@@ -55,10 +55,12 @@ def identify(
     """
     from dynid_rs.commands._console import progress
     from dynid_rs.commands._inputs import check_cutoff, read_robot, read_settings, read_split
-    from dynid_rs.commands._output import check_folder
+    from dynid_rs.commands._output import check_folder, check_not_read
     from dynid_rs.report import REPORT_FILE
 
-    check_folder(output, (MODEL_FILE, RESULT_FILE, RESIDUALS_FILE, REPORT_FILE))
+    results = (MODEL_FILE, RESULT_FILE, RESIDUALS_FILE, REPORT_FILE)
+    check_not_read([output / name for name in results], [robot, *runs, *(test or []), *([config] if config else [])])
+    check_folder(output, results)
     with progress() as say:
         say("reading")
         model = read_robot(robot, base, tip, gravity)
@@ -140,9 +142,11 @@ def _write(
 
 
 def _check_motion(identifier: Any, test: list[Recording]) -> None:
-    """Refuse a test run that stands still: there would be nothing to score."""
+    """Refuse a test run that stands still or whose torque does: there would be nothing to score."""
     from dynid_rs.errors import DataError
+    from dynid_rs.training import check_torque
 
+    check_torque(test)
     for recording in test:
         states = identifier.states(recording)
         if len(states.rows) < LEAST_TEST_ROWS:

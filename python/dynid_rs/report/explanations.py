@@ -114,6 +114,8 @@ def _residual_words(result: Result) -> str:
     joints = result["joints"]
     kept = residual.get("kept")
     per_joint = [bool(k) for k in kept] if isinstance(kept, list) else [bool(kept)] * len(joints)
+    if isinstance(residual.get("kept_on"), list):
+        per_joint = [joint in residual["kept_on"] for joint in joints]
     names = [joint for joint, k in zip(joints, per_joint, strict=True) if k]
     if not names:
         decision = "It was left out of the model: on runs that it had not seen it did not pay."
@@ -125,7 +127,7 @@ def _residual_words(result: Result) -> str:
         residual.get("kind") or "", esc(words(residual.get("kind") or "a regression"))
     )
     inputs = f" of {esc(words(residual['inputs']))}" if residual.get("inputs") else ""
-    reason = f" <b>Reason:</b> {esc(residual['reason'])}." if residual.get("reason") else ""
+    reason = f" <b>Reason:</b> {esc(residual['reason'])}" if residual.get("reason") else ""
     return (
         f"<div><h3>Third loop: the residual</h3><p>{kind[0].upper() + kind[1:]}{inputs} learns what "
         f"friction and links leave. {decision}{reason}</p>"

@@ -13,6 +13,7 @@ from dynid_rs.report.text import (
     count,
     esc,
     file_names,
+    geometric_mean,
     median,
     percent,
     plural,
@@ -64,7 +65,7 @@ def _tiles(result: Result) -> str:
     test, data = result["rmse"]["test"], result["data"]
     joints = result["joints"]
     share, wls = _median_errors(result)
-    left = median([ratio(after, base) for after, base in zip(test["after"], test["wls"], strict=True)])
+    left = geometric_mean([ratio(after, base) for after, base in zip(test["after"], test["wls"], strict=True)])
     unknown = [None] * len(joints)
     floors, bounds = test.get("floor") or unknown, test.get("after_interval") or unknown
     reached = [error_table.at_floor(*row) for row in zip(test["after"], bounds, floors, strict=True)]
@@ -74,7 +75,7 @@ def _tiles(result: Result) -> str:
         (
             "Against least squares",
             DASH if left is None else f"{percent(abs(1 - left))} {'less' if left <= 1 else 'more'}",
-            "error, median joint",
+            "error, average over joints",
         ),
         (
             "Joints at the floor",

@@ -117,6 +117,12 @@ def median(values: Sequence[float | None]) -> float | None:
     return known[middle] if len(known) % 2 else 0.5 * (known[middle - 1] + known[middle])
 
 
+def geometric_mean(values: Sequence[float | None]) -> float | None:
+    """Geometric mean of the positive numbers that are known; None where nothing is."""
+    known = [value for value in values if value is not None and math.isfinite(value) and value > 0]
+    return math.exp(sum(map(math.log, known)) / len(known)) if known else None
+
+
 def ratio(value: float | None, reference: float | None) -> float | None:
     """`value / reference`; None where that means nothing."""
     if value is None or reference is None or reference <= 0.0:
