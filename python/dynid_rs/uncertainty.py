@@ -31,8 +31,8 @@ def parameter_covariance(
     """Covariance of all unknowns (n_columns, n_columns); zeros for those that were not estimated.
 
     Friction's transition widths count as fitted beside the coefficients, or as known without `fitted_widths`. Where
-    a ridge was used, this is the covariance without it: wider, because the ridge's bias is not in it. Thresholds and torque
-    scales count as known, residuals of different joints as uncorrelated.
+    a ridge was used, this is the covariance without it: wider, because the ridge's bias is not in it. Thresholds and
+    torque scales count as known, residuals of different joints as uncorrelated.
     """
     plan = observations.plan
     n = plan.robot.n_joints
