@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import typer
+from data import data_folder
 from run_files import renamed, valid_columns, write_csv, write_npz, write_parquet
 from typer.testing import CliRunner
 
@@ -249,9 +250,7 @@ def test_reader_that_leaves_early(good):
 
 def test_measured_runs():
     """Real runs load with nothing but a joint count, and no check cries error at them."""
-    data = Path(os.environ.get("DYNID_DATA", Path(__file__).parents[2] / "shared" / "data"))
-    if not data.is_dir():
-        pytest.skip("no measured data: set DYNID_DATA")
+    data = data_folder()
     runs = {
         "ur10e_innopolis/20_02_12_40sec_12harm": (6, "A"),
         "kuka_kr300_weigand/traj_A": (6, "N*m"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,18 @@ FloatArray = NDArray[np.float64]
 
 FIRST_WIDTH = 4e-3
 """Transition width [rad/s] of the first pass and of the baseline, before any search."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Data:
+    """What the loops start from: runs as recorded and on one clock, slow runs and their rows, the first plan."""
+
+    raw_runs: list[States]
+    runs: list[States]
+    slow_runs: list[States]
+    slow_rows: list[list[FloatArray]]
+    plan: Plan
+    observations: Observations
 
 
 class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
@@ -128,27 +141,10 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
     def _fit(
         self, recordings: list[Recording], slow: list[Recording], on_progress: Callable[[str], None]
     ) -> ThreeLoopIdentifier:
-        self.torque_unit_ = recordings[0].torque_unit
-        self.rate_ = common_rate(recordings)
-        self.band_ = Band(self.cutoff) if self.cutoff is not None else choose_band(recordings)
+        friction, links, residual = self._estimators()
+        data = self._prepare(recordings, slow, on_progress)
+        runs, plan, observations = data.runs, data.plan, data.observations
         in_ampere = self.torque_unit_ == "A"
-        friction = clone(self.friction) if self.friction is not None else FrictionIdentifier()
-        links = clone(self.links) if self.links is not None else LinkDynamicsIdentifier()
-        residual = ResidualCompensator() if self.residual == "default" else self.residual
-        residual = clone(residual) if residual is not None else None
-
-        on_progress("filtering the runs")
-        raw_runs, slow_runs = (prepare_training_runs(part, self.band_, self.rate_) for part in (recordings, slow))
-        on_progress("weighted least squares")
-        plan = self._plan(friction_effect(*self._first_shape()))
-        observations = observe(plan, raw_runs)
-        self._fit_baseline(observations, raw_runs, fit_scale=in_ampere)
-        runs = raw_runs
-        if self._measure_encoder_delay(raw_runs):
-            runs = [states.aligned(self._delay) for states in raw_runs]
-            slow_runs = [states.aligned(self._delay) for states in slow_runs]
-            observations = observe(plan, runs)
-        slow_rows = [run_rows(plan, states, states.tau) for states in slow_runs]
 
         third_loop = [np.zeros_like(states.tau) for states in runs]
         self.history_: list[dict[str, FloatArray]] = []
@@ -158,7 +154,7 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
             # Loop 1: friction's shape, on what the links leave (Eqs. 9-12).
             on_progress(f"round {self.n_iter_}: friction")
             torque = [states.in_band(states.tau - u) for states, u in zip(runs, third_loop, strict=True)]
-            friction.fit(plan, runs + slow_runs, observations.rows_with(torque) + slow_rows, changed)
+            friction.fit(plan, runs + data.slow_runs, observations.rows_with(torque) + data.slow_rows, changed)
             plan = self._plan(friction.effect_)
             # Loop 2: links and all linear coefficients, without the third loop's torque (Eqs. 19-25).
             on_progress(f"round {self.n_iter_}: link dynamics")
@@ -188,7 +184,7 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
             plan,
             links,
             links.own_,
-            raw_runs,
+            data.raw_runs,
             encoder_delay=self._delay,
             torque_unit=self.torque_unit_,
             third_loop=None if residual is None else (residual.inputs_, residual.mixtures_),
@@ -211,6 +207,32 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         """Return the fitted model with other mixtures in its third loop; all None leaves it out."""
         inputs = "joint_state" if self.residual_ is None else self.residual_.inputs_
         return with_mixtures(self.model_, inputs, mixtures)
+
+    def _estimators(self) -> tuple[FrictionIdentifier, LinkDynamicsIdentifier, ResidualCompensator | None]:
+        """Fresh copies of the three loops, so that the user's own are never changed."""
+        friction = clone(self.friction) if self.friction is not None else FrictionIdentifier()
+        links = clone(self.links) if self.links is not None else LinkDynamicsIdentifier()
+        residual = ResidualCompensator() if self.residual == "default" else self.residual
+        return friction, links, clone(residual) if residual is not None else None
+
+    def _prepare(self, recordings: list[Recording], slow: list[Recording], on_progress: Callable[[str], None]) -> _Data:
+        """Filter, fit the baseline, and bring the two encoder channels on one clock."""
+        self.torque_unit_ = recordings[0].torque_unit
+        self.rate_ = common_rate(recordings)
+        self.band_ = Band(self.cutoff) if self.cutoff is not None else choose_band(recordings)
+        on_progress("filtering the runs")
+        raw_runs, slow_runs = (prepare_training_runs(part, self.band_, self.rate_) for part in (recordings, slow))
+        on_progress("weighted least squares")
+        plan = self._plan(friction_effect(*self._first_shape()))
+        observations = observe(plan, raw_runs)
+        self._fit_baseline(observations, raw_runs, fit_scale=self.torque_unit_ == "A")
+        runs = raw_runs
+        if self._measure_encoder_delay(raw_runs):
+            runs = [states.aligned(self._delay) for states in raw_runs]
+            slow_runs = [states.aligned(self._delay) for states in slow_runs]
+            observations = observe(plan, runs)
+        slow_rows = [run_rows(plan, states, states.tau) for states in slow_runs]
+        return _Data(raw_runs, runs, slow_runs, slow_rows, plan, observations)
 
     def _first_shape(self) -> tuple[FloatArray, FloatArray]:
         n = self.robot.n_joints
