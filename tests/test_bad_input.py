@@ -201,7 +201,7 @@ def test_joint_that_never_moves_in_any_run(folder):
         columns["q_1"][:] = 0.3
         paths.append(write(folder / f"still_{k}.csv", columns))
     sentence = refused(folder, *paths, "--test", *good(folder, 2))
-    assert sentence.startswith("still_0.csv, still_1.csv: joint elbow never moves (q_1 spans 0)")
+    assert sentence.startswith("still_0.csv, still_1.csv: joint elbow never moves (q_1 stays within 0.005)")
     assert sentence.endswith("record a run that moves it")
 
 

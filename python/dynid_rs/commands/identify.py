@@ -59,8 +59,8 @@ def identify(
     from dynid_rs.report import REPORT_FILE
 
     results = (MODEL_FILE, RESULT_FILE, RESIDUALS_FILE, REPORT_FILE)
-    check_not_read([output / name for name in results], [robot, *runs, *(test or []), *([config] if config else [])])
     check_folder(output, results)
+    check_not_read([output / name for name in results], [robot, *runs, *(test or []), *([config] if config else [])])
     with progress() as say:
         say("reading")
         model = read_robot(robot, base, tip, gravity)
