@@ -108,14 +108,14 @@ def _check_outputs(output: Path | None, states: Path | None, inputs: tuple[Path,
     from dynid_rs.commands._output import check_file, check_not_read
 
     given = [path for path in (output, states) if path is not None]
-    for path, suffix in ((output, ".parquet"), (states, ".csv")):
-        if path is not None and path.suffix.lower() != suffix:
-            raise ValueError(f"{path}: is written as {suffix[1:]}; give it the suffix {suffix}")
     check_not_read(given, inputs)
     for path in given:
         check_file(path)
     if len({path.absolute() for path in given}) < len(given):
         raise ValueError(f"{output}: torques and states cannot go to the same file; name two")
+    for target, kind, others in ((output, "Parquet", {".csv", ".npz"}), (states, "CSV", {".parquet", ".npz"})):
+        if target is not None and target.suffix.lower() in others:
+            raise ValueError(f"{target}: is written as {kind}; give it a suffix that says so")
 
 
 def _other_unit(recording: Recording, unit: str) -> ValueError:
