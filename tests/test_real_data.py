@@ -26,6 +26,8 @@ def test_errors_on_unseen_runs_stay_below_the_published_baseline(identified, nam
     assert np.all(errors <= CASES[name].bounds), errors.round(4)
 
 
+# Two of the five do not: the KUKA (ten seconds of one run) and the xMate's motor torque. The README says so, and the test
+# below holds the verdict to saying it too.
 @pytest.mark.parametrize("name", ["UR10e, currents", "Franka Panda, joint torque", "xMate3 Pro, joint torque"])
 def test_the_model_beats_weighted_least_squares_on_average(identified, name):
     result = identified(name)[1]
@@ -33,13 +35,12 @@ def test_the_model_beats_weighted_least_squares_on_average(identified, name):
     assert np.exp(np.mean(np.log(ratio))) < 1
 
 
-def test_where_least_squares_is_better_the_verdict_names_the_joints(identified):
-    """Ten seconds of one run do not carry eight friction coefficients on the KUKA's wrists."""
-    result = identified("KUKA KR300, two encoders")[1]
+@pytest.mark.parametrize("name", CASES)
+def test_the_verdict_names_exactly_the_joints_on_which_least_squares_is_better(identified, name):
+    result = identified(name)[1]
     ratio = relative_errors(result) / relative_errors(result, "wls")
-    assert np.any(ratio > 1.1)
-    for joint in np.asarray(result["joints"])[ratio > 1.1]:
-        assert f"{joint} (+" in result["verdict"]
+    named = [f"{joint} (+" in result["verdict"] for joint in result["joints"]]
+    assert named == (ratio > 1.1).tolist()
 
 
 def test_currents_are_said_in_ampere_with_gains_of_their_own(identified):
