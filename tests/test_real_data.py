@@ -26,7 +26,7 @@ def test_errors_on_unseen_runs_stay_below_the_published_baseline(identified, nam
     assert np.all(errors <= CASES[name].bounds), errors.round(4)
 
 
-# Two of the five do not: the KUKA (ten seconds of one run) and the xMate's motor torque. The README says so, and the test
+# Two of the five do not: the KUKA (ten seconds of one run) and the xMate motor torque. README says so, and the test
 # below holds the verdict to saying it too.
 @pytest.mark.parametrize("name", ["UR10e, currents", "Franka Panda, joint torque", "xMate3 Pro, joint torque"])
 def test_the_model_beats_weighted_least_squares_on_average(identified, name):
