@@ -73,8 +73,8 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         Delay between the two encoder channels; None with one encoder.
     observations_ : Observations
         Rows and factors of the last round.
-    runs_ : list of States
-        Training runs, link channel on the motor channel's clock.
+    raw_runs_, runs_ : list of States
+        Training runs, channels as recorded and with the link channel on the motor channel's clock.
     history_ : list of dict
         Residual per joint after every round.
     n_iter_, converged_ : int, bool
@@ -179,7 +179,7 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
                 stacklevel=2,
             )
         self.friction_, self.links_, self.residual_ = friction, links, residual
-        self.observations_, self.runs_ = observations, runs
+        self.observations_, self.raw_runs_, self.runs_ = observations, data.raw_runs, runs
         self.model_ = assemble(
             plan,
             links,

@@ -127,6 +127,19 @@ class Source:
     signals: Signals
 
 
+def source_of(result: dict[str, Any], table: Mapping[str, NDArray[Any]]) -> Source:
+    """Source from what `dynid identify` is about to write: the content of ``result.json`` and of the table."""
+    run_names, run_code = _distinct(table["run"])
+    columns = {name: values for name, values in table.items() if name not in ("run", "set")}
+    return Source(result, Signals(run_code, run_names, table["set"] == "test", columns))
+
+
+def _distinct(labels: NDArray[Any]) -> tuple[tuple[str, ...], NDArray[np.int64]]:
+    """Distinct labels in order of appearance, and each label's index among them."""
+    places = {name: k for k, name in enumerate(dict.fromkeys(labels.tolist()))}
+    return tuple(places), np.array([places[name] for name in labels.tolist()], dtype=np.int64)
+
+
 def read_source(directory: Path) -> Source:
     """Read and check what ``dynid identify`` wrote into `directory`.
 
