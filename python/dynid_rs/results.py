@@ -135,8 +135,10 @@ def _summarise(
         "parameters": _parameters(identifier),
         "base_parameters": _base(identifier),
         "history": [
-            {"iteration": k + 1, "rmse_train": entry["noise_std"]} for k, entry in enumerate(identifier.history_)
+            {"iteration": k + 1, "rmse_train": after["residual"], "rmse_train_after": after}
+            for k, after in enumerate(identifier.history_)
         ],
+        "loops": _loops(identifier, trained, tested, train_states, test_states),
         "n_iter": identifier.n_iter_,
         "converged": identifier.converged_,
     }
@@ -170,6 +172,18 @@ def residual_table(
                 part.setdefault(f"residual_term_{j}", np.zeros(n_rows))
             parts.append(part)
     return {column: np.concatenate([part[column] for part in parts]) for column in parts[0]}
+
+
+def _loops(
+    identifier: ThreeLoopIdentifier, trained: Scores, tested: Scores, train: list[States], test: list[States]
+) -> dict[str, Any]:
+    """What each loop gave: errors of the baseline, with the first loop's friction, with fitted links, of all."""
+    without = identifier.model_with([None] * identifier.robot.n_joints)
+    stages = (("wls", identifier.baseline_), ("friction", identifier.friction_model_), ("links", without))
+    return {
+        name: {stage: score(model, runs).rmse for stage, model in stages} | {"residual": whole.rmse}
+        for name, runs, whole in (("train", train, trained), ("test", test, tested))
+    }
 
 
 def _residual(identifier: ThreeLoopIdentifier, test: list[States], tested: Scores) -> dict[str, Any]:

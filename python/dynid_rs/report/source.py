@@ -25,6 +25,8 @@ _MEND = "write it again with `dynid identify`"
 # The shape of result.json as far as the report reads it. A key with "?" may be absent or null;
 # "per joint" is a list along `joints`, its entries may be null.
 _PARAMETER = {"name": str, "value": float, "unit?": str, "std_error?": float, "interval?": "interval"}
+_AFTER = {loop: ("per joint", float) for loop in ("friction?", "links?", "residual?")}
+_STAGES = {"wls?": ("per joint", float), **_AFTER}
 _SHAPE: Mapping[str, Any] = {
     "robot": str,
     "joints": [str],
@@ -88,7 +90,10 @@ _SHAPE: Mapping[str, Any] = {
     },
     "encoder_delay?": {"value": ("per joint", float), "interval?": ("per joint", "interval"), "unit?": str},
     "base_parameters?": {"n_base?": float, "n_standard?": float, "gap?": float, "condition_number?": float},
-    "history?": [{"iteration?": float, "rmse_train?": ("per joint", float)}],
+    "history?": [
+        {"iteration?": float, "rmse_train?": ("per joint", float), "rmse_train_after?": _AFTER},
+    ],
+    "loops?": {"train?": _STAGES, "test?": _STAGES},
     "converged?": bool,
     "n_iter?": float,
     "floor_method?": str,
