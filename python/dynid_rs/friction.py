@@ -35,6 +35,8 @@ NOISE_WIDTHS = 1.0
 """Least transition width over the velocity's noise: a narrower one turns noise at rest into chatter of full size."""
 CLOSE = 0.1
 """A bracket of the logarithm that is narrower than this need not be narrowed unless that still pays."""
+ROUGH = 1e-3
+"""Relative error of eps that does not matter while valleys are compared: power changes with its square."""
 MOST_TURNS = 30
 """A search that still pays after so many turns is stopped."""
 
@@ -143,12 +145,12 @@ class FrictionIdentifier(BaseEstimator):  # type: ignore[misc]
         valleys = [(at_best, 0.0)]
         thresholds = self._thresholds(power, width, finer=4)
         for threshold in thresholds:
-            valleys.append((power.at_best_width(threshold, width)[0], threshold))
+            valleys.append((power.at_best_width(threshold, width, ROUGH)[0], threshold))
         value, threshold = min(valleys)
         if threshold == 0:
             return threshold, width, value
         span = float(np.log(thresholds[1] / thresholds[0]))
-        threshold, _ = _golden(lambda x: power.at_best_width(x, width)[0], threshold, value, span, CLOSE / 100)
+        threshold, _ = _golden(lambda x: power.at_best_width(x, width, ROUGH)[0], threshold, value, span, CLOSE / 100)
         value, width = power.at_best_width(threshold, width)
         return threshold, width, value
 
@@ -180,20 +182,24 @@ class _PowerLeft:
     """Residual power of joint j's torque as a function of friction's shape, links taken out."""
 
     def __init__(self, links: FloatArray, tau: FloatArray, runs: Sequence[States], j: int) -> None:
-        norms = np.linalg.norm(links, axis=0)
-        links = links[:, norms > NEGLIGIBLE * norms.max(initial=0.0)]
-        self._all, strength, _ = np.linalg.svd(links / np.linalg.norm(links, axis=0), full_matrices=False)
-        self._links = self._all[:, strength > WEAK * strength.max(initial=0.0)]
-        self._close, self.clean = CLOSE, False
-        self._tau = tau
-        self._runs = runs
         self._speeds = [np.ascontiguousarray(states.dq_motor[:, j]) for states in runs]
+        self._search = _core.FrictionSearch(
+            [
+                (speed, states.filter, states.kept, None)
+                for speed, states in zip(self._speeds, runs, strict=True)
+            ],
+            links,
+            tau,
+            weak=WEAK,
+        )
+        self._close, self.clean = CLOSE, False
+        self._tau_power = float(tau @ tau)
         self.least_width = NOISE_WIDTHS * max(states.velocity_noise(j) for states in runs)
         self.top_speed = max(float(np.abs(speed).max()) for speed in self._speeds)
 
     def use_all(self) -> None:
         """From now on take out all that the links can do, weakly determined or not, and look closely."""
-        self._links, self._close, self.clean = self._all, CLOSE / 100, True
+        self._close, self.clean = CLOSE / 100, True
 
     def between_samples(self, threshold: float, count: int) -> list[float]:
         """Values of lambda halfway between the `count` sampled speeds that are nearest to `threshold`.
@@ -211,13 +217,13 @@ class _PowerLeft:
         width, value = _golden(lambda x: self(threshold, max(x, least)), width, at_best, span, self._close)
         return max(width, least), value
 
-    def at_best_width(self, threshold: float, width: float) -> tuple[float, float]:
+    def at_best_width(self, threshold: float, width: float, close: float = 1e-6) -> tuple[float, float]:
         """Power at this lambda with the best eps near `width`, and that eps."""
         from scipy.optimize import minimize_scalar
 
         near = (np.log(width) - 0.1, np.log(width) + 0.1)  # clean data: the noise's bound is far below
         found = minimize_scalar(
-            lambda x: self(threshold, float(np.exp(x))), bounds=near, method="bounded", options={"xatol": 1e-6}
+            lambda x: self(threshold, float(np.exp(x))), bounds=near, method="bounded", options={"xatol": close}
         )
         return float(found.fun), float(np.exp(found.x))
 
@@ -227,28 +233,14 @@ class _PowerLeft:
 
     def exhausted(self, power: float) -> bool:
         """Nothing left to explain, as in a simulation without noise."""
-        return power <= 1e-24 * float(self._tau @ self._tau)
+        return power <= 1e-24 * self._tau_power
 
     def is_clean(self, threshold: float, width: float) -> bool:
         """Less than 0.3 % of the torque is left: a simulation, or a sensor that is as good."""
-        return self._left(self._all, threshold, width) <= 1e-5 * float(self._tau @ self._tau)
+        return float(self._search.power([threshold], [width], all_links=True)[0]) <= 1e-5 * self._tau_power
 
     def __call__(self, threshold: float, width: float) -> float:
-        return self._left(self._links, threshold, width)
-
-    def _left(self, links: FloatArray, threshold: float, width: float) -> float:
-        columns = np.concatenate(
-            [
-                _core.filtered_friction_basis(speed, threshold, width, filter=states.filter, kept=states.kept)
-                for speed, states in zip(self._speeds, self._runs, strict=True)
-            ]
-        )
-        rest = np.column_stack([columns, self._tau])
-        rest -= links @ (links.T @ rest)
-        norms = np.linalg.norm(rest, axis=0)
-        used = norms[:-1] > NEGLIGIBLE * norms[:-1].max(initial=0.0)
-        factor = _core.triangular_factor(np.column_stack([rest[:, :-1][:, used] / norms[:-1][used], rest[:, -1]]))
-        return float(factor[-1, -1] ** 2)
+        return float(self._search.power([threshold], [width], all_links=self.clean)[0])
 
 
 def _golden(

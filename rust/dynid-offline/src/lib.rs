@@ -12,10 +12,12 @@ pub mod batch;
 pub mod error;
 pub mod factor;
 pub mod filter;
+pub mod friction_search;
 pub mod observation;
 
 pub use base::{base_parameters, BaseParameters};
 pub use error::OfflineError;
 pub use factor::{merge, triangular_factor};
 pub use filter::ZeroPhase;
+pub use friction_search::{FrictionSearch, SearchRun};
 pub use observation::{observe, Observation, RunStates, Sampling};
