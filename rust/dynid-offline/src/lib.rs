@@ -9,6 +9,7 @@
 
 pub mod base;
 pub mod batch;
+pub mod columns;
 pub mod error;
 pub mod factor;
 pub mod filter;
@@ -16,6 +17,7 @@ pub mod friction_search;
 pub mod observation;
 
 pub use base::{base_parameters, BaseParameters};
+pub use columns::{effect_columns, effect_torque, RunSignals};
 pub use error::OfflineError;
 pub use factor::{merge, triangular_factor};
 pub use filter::ZeroPhase;
