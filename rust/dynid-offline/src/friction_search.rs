@@ -251,7 +251,7 @@ fn orthonormal(
 }
 
 /// Sum of squares of `tau` that the columns do not explain, by modified Gram-Schmidt.
-fn power_left(columns: &mut Vec<Vec<f64>>, mut tau: Vec<f64>) -> f64 {
+fn power_left(columns: &mut [Vec<f64>], mut tau: Vec<f64>) -> f64 {
     let norms: Vec<f64> = columns.iter().map(|x| dot(x, x).sqrt()).collect();
     let longest = norms.iter().copied().fold(0.0, f64::max);
     for first in 0..columns.len() {
