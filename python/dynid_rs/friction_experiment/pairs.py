@@ -115,7 +115,13 @@ def _mirror_at(states: States, start: int, end: int, limit: FloatArray) -> Mirro
 
 
 def _agree(
-    q: FloatArray, dq: FloatArray, middle: float, after: NDArray[np.intp], limit: FloatArray, place: FloatArray, near: int
+    q: FloatArray,
+    dq: FloatArray,
+    middle: float,
+    after: NDArray[np.intp],
+    limit: FloatArray,
+    place: FloatArray,
+    near: int,
 ) -> Mask:
     """Whether the samples `after` the mirror and their images have the same q and opposite dq."""
     before = 2 * middle - after

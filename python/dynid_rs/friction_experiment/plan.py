@@ -111,7 +111,10 @@ def _legs(
         cruise = min(leg_time, room / speed - ramp)
         way = speed * (ramp + cruise)
         start = pose.copy()
-        low, high = limits.lower[j] + (1 - USAGE) / 2 * (room / USAGE), limits.upper[j] - (1 - USAGE) / 2 * (room / USAGE)
+        low, high = (
+            limits.lower[j] + (1 - USAGE) / 2 * (room / USAGE),
+            limits.upper[j] - (1 - USAGE) / 2 * (room / USAGE),
+        )
         start[j] = np.clip(pose[j] - way / 2, low, max(high - way, low))
         velocity = np.zeros_like(pose)
         velocity[j] = speed
