@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -28,6 +28,14 @@ NEGLIGIBLE = 1e-12
 """Relative singular values below this are rounding."""
 SCALE_SPREAD = 0.5
 """How far drive gains lie from the first joint's: a weak prior for joints whose own load says little."""
+
+
+@dataclass(frozen=True, eq=False)
+class RowGroup:
+    """Rows with a noise of their own beside the training runs': a factor per joint and its rows, (n_joints,)."""
+
+    factors: list[FloatArray]
+    n_rows: NDArray[np.int64]
 
 
 class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
@@ -79,8 +87,12 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
         self.max_iter = max_iter
         self.tol = tol
 
-    def fit(self, observations: Observations, *, fit_scale: bool = False) -> LinkDynamicsIdentifier:
+    def fit(
+        self, observations: Observations, *, fit_scale: bool = False, beside: Sequence[RowGroup] = ()
+    ) -> LinkDynamicsIdentifier:
         """Fit; `fit_scale` also estimates the drive gains of joints relative to the first (data in ampere).
+
+        `beside` are rows that count too, each group weighted by its own residual (those of the friction experiment).
 
         Raises
         ------
@@ -99,15 +111,18 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
         if self.weighting is None:
             weights = np.ones(n)
         scale = np.ones(n)
+        extra = [_Weighted(plan, group, self.weighting is not None) for group in beside]
         self.ridge_ = 0.0 if self.ridge == "auto" else float(self.ridge)
         self.converged_ = False
         for self.n_iter_ in range(1, self.max_iter + 1):
             if left_out and self.n_iter_ <= 3:  # later it would only flip between neighbours
                 self.ridge_ = _choose_ridge(observations, left_out, weights, scale)
-            x = solve(plan, stack(plan, factors, weights, scale), (self.ridge_,))[0]
+            x = solve(plan, _joined(stack(plan, factors, weights, scale), extra, scale), (self.ridge_,))[0]
             if fit_scale:
                 scale = _improve_scale(plan, factors, weights, scale, x)
-                x = solve(plan, stack(plan, factors, weights, scale), (self.ridge_,))[0]
+                x = solve(plan, _joined(stack(plan, factors, weights, scale), extra, scale), (self.ridge_,))[0]
+            for group in extra:
+                group.weigh(x, scale)
             std = np.sqrt(residual_power(plan, factors, x, scale) / n_rows)
             update = weights if self.weighting is None else 1 / np.maximum(std, 1e-300)
             change = float(np.max(np.abs(update / weights - 1)))
@@ -121,7 +136,8 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
         self.torque_scale_ = scale
         self.covariance_ = residual_covariance(observations, x, scale)
         if self.weighting == "full_covariance":
-            x = solve(plan, _whitened(observations, self.covariance_, scale), (self.ridge_,))[0]
+            system = _joined(_whitened(observations, self.covariance_, scale), extra, scale)
+            x = solve(plan, system, (self.ridge_,))[0]
             self.covariance_ = residual_covariance(observations, x, scale)
         self.x_ = x
         self.phi_base_ = x[: plan.n_base]
@@ -134,6 +150,31 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
         if self.ridge != "auto" or len(runs) > 1 or len(observations.blocks) < 2:
             return []  # several runs stand alone; a ridge would bias them for what one of them extrapolates
         return [observations.factors(leave_out=k) for k in range(len(observations.blocks))]
+
+
+class _Weighted:
+    """A group of rows and its weights, one over the standard deviation of its own residual."""
+
+    def __init__(self, plan: Plan, group: RowGroup, weighted: bool) -> None:
+        self._plan, self._group, self._weighted = plan, group, weighted
+        self.weights = np.where(group.n_rows > 0, 1.0, 0.0)
+        if weighted:
+            norms = np.array([np.linalg.norm(R[:, -1]) for R in group.factors])
+            self.weights = self.weights * np.sqrt(group.n_rows) / np.maximum(norms, 1e-300)
+
+    def weigh(self, x: FloatArray, scale: FloatArray) -> None:
+        if self._weighted:
+            power = residual_power(self._plan, self._group.factors, x, scale)
+            std = np.sqrt(power / np.maximum(self._group.n_rows, 1))
+            self.weights = np.where(self._group.n_rows > 0, 1 / np.maximum(std, 1e-300), 0.0)
+
+    def system(self, scale: FloatArray) -> FloatArray:
+        return stack(self._plan, self._group.factors, self.weights, scale)
+
+
+def _joined(system: FloatArray, extra: Sequence[_Weighted], scale: FloatArray) -> FloatArray:
+    """`system` with the rows of other groups under it."""
+    return np.concatenate([system, *(group.system(scale) for group in extra)]) if extra else system
 
 
 def stack(plan: Plan, factors: Sequence[FloatArray], weights: FloatArray, scale: FloatArray) -> FloatArray:
