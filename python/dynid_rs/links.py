@@ -106,7 +106,7 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
                 self.ridge_ = _choose_ridge(observations, left_out, weights, scale)
             x = solve(plan, stack(plan, factors, weights, scale), (self.ridge_,))[0]
             if fit_scale:
-                scale = _improve_scale(plan, factors, weights, scale, x)
+                scale = improve_scale(plan, factors, weights, scale, x)
                 x = solve(plan, stack(plan, factors, weights, scale), (self.ridge_,))[0]
             std = np.sqrt(residual_power(plan, factors, x, scale) / n_rows)
             update = weights if self.weighting is None else 1 / np.maximum(std, 1e-300)
@@ -214,12 +214,22 @@ def _choose_ridge(
     return RIDGES[int(np.flatnonzero(regret <= regret.min() + RIDGE_WORTH)[0])]
 
 
-def _improve_scale(
-    plan: Plan, factors: Sequence[FloatArray], weights: FloatArray, scale: FloatArray, x: FloatArray
+def improve_scale(
+    plan: Plan,
+    factors: Sequence[FloatArray],
+    weights: FloatArray,
+    scale: FloatArray,
+    x: FloatArray,
+    pull: FloatArray | None = None,
 ) -> FloatArray:
-    """One Gauss-Newton step on the torque scales beside all other unknowns; the first joint's is the unit."""
+    """One Gauss-Newton step on the torque scales beside all other unknowns; the first joint's is the unit.
+
+    `pull`, rows ``[A | b]`` of a prior on the other unknowns.
+    """
     n = plan.robot.n_joints
     system = stack(plan, factors, weights, scale)
+    if pull is not None:
+        system = np.concatenate([system, pull])
     changes = np.zeros((len(system), n))
     first = 0
     for j, R in enumerate(factors):

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from dynid_rs import _core
 from dynid_rs.columns import Observations
 from dynid_rs.links import LinkDynamicsIdentifier, block_residuals, stack_one
+from dynid_rs.memory import flat_top
 from dynid_rs.preprocessing import States
 
 FloatArray = NDArray[np.float64]
@@ -128,7 +129,7 @@ class _Noise:
             leverage += np.sum((lines.imag @ weighted_bread) * lines.imag, axis=1)
             taken[:n] += irfft(leverage, size)[:n]
         covariances = sums / np.maximum(np.round(pairs), 1.0)
-        taper = _flat_top(covariances, float(pairs[0]))
+        taper = flat_top(covariances, float(pairs[0]))
         self._covariances = covariances[: len(taper)] * taper
         self._taken = taken[: len(taper)] * taper / pairs[0]
 
@@ -140,19 +141,6 @@ class _Noise:
         taken = 2 * rfft(self._taken, size).real - self._taken[0]
         spectrum: FloatArray = np.maximum(residual, 0.0) / np.maximum(1 - taken, 0.1) ** 2
         return spectrum
-
-
-def _flat_top(covariances: FloatArray, n_samples: float) -> FloatArray:
-    """Window over the lags up to twice the last one whose correlation is not noise; the farther half is tapered."""
-    if covariances[0] <= 0:
-        return np.ones(1)
-    bound = 2 * np.sqrt(np.log10(n_samples) / n_samples)
-    small = np.abs(covariances / covariances[0]) < bound
-    quiet = 5
-    last = next((k for k in range(1, len(small) - quiet) if small[k : k + quiet].all()), 1) - 1
-    window = min(max(2 * last, 1), len(covariances) - 1, int(n_samples / 4))
-    taper: FloatArray = np.clip(2 * (1 - np.arange(window + 1) / (window + 1)), 0, 1)
-    return taper
 
 
 def _toeplitz_product(columns: FloatArray, spectrum: Callable[[int], FloatArray]) -> FloatArray:

@@ -1,0 +1,263 @@
+"""How much to trust a prior, decided by the evidence: the probability of the data with every unknown integrated out.
+
+With factors R_j of every joint, noise sigma_j and the prior's rows P = root / s (see `priors.py`), x is Gaussian with
+precision ``H = sum_j w_j^2 R_j' R_j + P'P``, ``w_j^2 = eta_j / sigma_j^2``, and the logarithm of the evidence is
+
+    - sum_j (n_j log sigma_j + eta_j |r_j|^2 / (2 sigma_j^2)) - |root (x - mean)|^2 / (2 s^2) - rank log s - log det(H)/2
+
+up to a constant. It is maximised over s by a search in one dimension and over sigma_j by MacKay's fixed point
+``sigma_j^2 = eta_j |r_j|^2 / (n_j - gamma_j)`` (1992, Neural Computation 4), gamma_j the directions that joint j
+determines.
+
+Neighbouring samples are not independent: ``n_j = eta_j n_rows`` is what they are worth (`memory.inflation`), found from
+the residual of the fit itself. Counting every sample would trust the data far too much and wash any prior out.
+
+The evidence believes the model. Where an effect is missing that base parameters can imitate, it holds the robot file for
+wrong and loosens the prior until they do; one joint is enough for that, since s is one number. No likelihood can tell
+"the file is wrong" from "the model lacks something" without a second model to compare with. So models with and without
+a term are compared twice: under the same s, found with the declared terms in (a missing effect then shows as an error),
+and each under its own (how well the base parameters can imitate it), see `separability.py`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid_rs import _core
+from dynid_rs.columns import Observations, Plan
+from dynid_rs.links import block_residuals, improve_scale, residual_power, stack_one
+from dynid_rs.memory import column_memory, inflation
+from dynid_rs.priors import InertialPrior, inertial_prior
+
+FloatArray = NDArray[np.float64]
+
+SPREADS = (1e-3, 1e-2, 3e-2, 0.1, 0.3, 1.0, 3.0, 10.0, 100.0)
+"""Relative uncertainties that are tried first."""
+CLOSE = 0.02
+"""The logarithm of the relative uncertainty is found this closely."""
+NEAR = 3.0
+"""After the first round the search stays within this factor."""
+SETTLED = 0.05
+"""The logarithm of the relative uncertainty has settled when it changes less than this."""
+MAX_ROUNDS = 6
+"""Most rounds of relative uncertainty and correlation in time."""
+MAX_FIXED_POINT = 20
+"""Most steps of the noise's fixed point."""
+CHANGE = 1e-3
+"""Relative change of the noise at which they stop."""
+MOST_TAKEN = 0.9
+"""At most this part of a joint's independent samples counts as used up by the unknowns."""
+NEGLIGIBLE = 1e-12
+"""Relative singular values below this are rounding."""
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """Solution under a prior whose weight the evidence has found.
+
+    Parameters
+    ----------
+    x : ndarray (n_columns,)
+        Most probable unknowns.
+    noise_std : ndarray (n_joints,)
+        sigma_j [torque unit].
+    spread : float
+        Relative uncertainty s; in ampere times the gain.
+    evidence : float
+        Logarithm, up to a constant that every fit of the same rows shares.
+    n_determined : float
+        Of the prior's directions, how many the data determines.
+    n_effective : ndarray (n_joints,)
+        Independent samples that the rows are worth.
+    weights : ndarray (n_joints,)
+        ``w_j`` of the joints' rows.
+    scale : ndarray (n_joints,)
+        Torque channel per link torque relative to the first joint's.
+    gain : float
+        Torque unit per N m of the prior's mean; 1 where the torque is in N m.
+    prior : InertialPrior
+        As it was used: up to the gain where that is unknown.
+    """
+
+    x: FloatArray
+    noise_std: FloatArray
+    spread: float
+    evidence: float
+    n_determined: float
+    n_effective: FloatArray
+    weights: FloatArray
+    scale: FloatArray
+    gain: float
+    prior: InertialPrior
+
+    @property
+    def relative_uncertainty(self) -> float:
+        """How far off the declared inertials are, as the evidence sees it."""
+        return self.spread / self.gain
+
+
+def fit_with_prior(
+    observations: Observations, *, fit_scale: bool = False, spread: float | None = None, unknown_gain: bool = False
+) -> Posterior:
+    """Fit all unknowns under the prior of the plan's robot.
+
+    Parameters
+    ----------
+    observations : Observations
+        Rows and factors.
+    fit_scale : bool
+        Also estimate the drive gains of joints relative to the first (data in ampere).
+    spread : float, optional
+        Relative uncertainty of the inertials; found by the evidence if None.
+    unknown_gain : bool
+        The torque's unit is an unknown multiple of N m, one number for all joints that is estimated too.
+
+    Raises
+    ------
+    ValueError
+        The robot declares no inertia, or the data gives no positive gain.
+    """
+    plan, n_rows = observations.plan, observations.n_rows
+    n = plan.robot.n_joints
+    declared = inertial_prior(plan)
+    prior = declared.up_to_gain() if unknown_gain else declared
+    factors = observations.factors()
+    memory = [column_memory(observations.by_run([b.rows[j][:, :-1] for b in observations.blocks])) for j in range(n)]
+    size = np.array([max(np.linalg.norm(R[:, -1]) / np.sqrt(n_rows), 1e-300) for R in factors])
+    scale, n_effective = np.ones(n), np.full(n, 0.3 * n_rows)
+    found: _Point | None = None
+    for _ in range(MAX_ROUNDS):
+        problem = _Problem(plan, factors, scale, prior, n_rows, n_effective, 1e-9 * size)
+        before = found
+        found = problem.best(0.1 * size, before) if spread is None else problem.at(spread, 0.1 * size)
+        if fit_scale:
+            scale = improve_scale(plan, factors, problem.weights(found), scale, found.x, prior.rows(found.spread))
+        left = observations.by_run(block_residuals(observations, found.x, scale))
+        n_effective = np.array([n_rows / inflation([run[:, j] for run in left], memory[j]) for j in range(n)])
+        if before is not None and abs(np.log(found.spread / before.spread)) < SETTLED:
+            break
+    problem = _Problem(plan, factors, scale, prior, n_rows, n_effective, 1e-9 * size)
+    found = problem.at(found.spread, found.noise_std)
+    gain = declared.gain_of(found.x) if unknown_gain else 1.0
+    if gain <= 0:
+        raise ValueError(
+            "the prior from the robot file does not fit this data in ampere: the drive gain comes out as "
+            f"{gain:.3g} A/(N*m); give the drive gains, or fit without a prior"
+        )
+    return Posterior(
+        found.x,
+        found.noise_std,
+        found.spread,
+        found.evidence,
+        found.n_determined,
+        n_effective,
+        problem.weights(found),
+        scale,
+        gain,
+        prior,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Point:
+    """Solution at one relative uncertainty."""
+
+    spread: float
+    x: FloatArray
+    noise_std: FloatArray
+    evidence: float
+    n_determined: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Problem:
+    """Factors, prior and correlation in time, for any relative uncertainty."""
+
+    plan: Plan
+    factors: Sequence[FloatArray]
+    scale: FloatArray
+    prior: InertialPrior
+    n_rows: int
+    n_effective: FloatArray
+    least_std: FloatArray
+
+    def weights(self, point: _Point) -> FloatArray:
+        """w_j, (n_joints,)."""
+        result: FloatArray = np.sqrt(self.n_effective / self.n_rows) / point.noise_std
+        return result
+
+    @cached_property
+    def _wide(self) -> list[FloatArray]:
+        return [stack_one(self.plan, j, R, self.scale) for j, R in enumerate(self.factors)]
+
+    def best(self, noise_std: FloatArray, near: _Point | None) -> _Point:
+        """Point of the greatest evidence; `near` is a point that is close to it."""
+        from scipy.optimize import minimize_scalar
+
+        if near is None:
+            points = [self.at(spread, noise_std) for spread in SPREADS]
+            k = max(range(len(points)), key=lambda k: points[k].evidence)
+            low, high, noise_std = SPREADS[max(k - 1, 0)], SPREADS[min(k + 1, len(SPREADS) - 1)], points[k].noise_std
+        else:
+            low, high, noise_std = near.spread / NEAR, near.spread * NEAR, near.noise_std
+        bounds = (max(np.log(low), np.log(SPREADS[0])), min(np.log(high), np.log(SPREADS[-1])))
+
+        def less(x: float) -> float:
+            return -self.at(float(np.exp(x)), noise_std).evidence
+
+        found = minimize_scalar(less, bounds=bounds, method="bounded", options={"xatol": CLOSE})
+        return self.at(float(np.exp(found.x)), noise_std)
+
+    def at(self, spread: float, noise_std: FloatArray) -> _Point:
+        """Most probable unknowns and noise at this relative uncertainty; the search for the noise starts from `noise_std`."""
+        plan, share = self.plan, self.n_effective / self.n_rows
+        pull = self.prior.rows(spread)
+        for _ in range(MAX_FIXED_POINT):
+            weights = np.sqrt(share) / noise_std
+            solution = _solve(np.concatenate([*(w * R for w, R in zip(weights, self._wide, strict=True)), pull]), plan)
+            power = residual_power(plan, self.factors, solution.x, self.scale)
+            used_up = np.array([w**2 * solution.trace(R) for w, R in zip(weights, self._wide, strict=True)])
+            left = np.maximum(self.n_effective - used_up, (1 - MOST_TAKEN) * self.n_effective)
+            update = np.maximum(np.sqrt(share * power / left), self.least_std)
+            change = float(np.max(np.abs(update / noise_std - 1)))
+            noise_std = update
+            if change < CHANGE:
+                break
+        distance = float(np.sum((pull[:, :-1] @ solution.x - pull[:, -1]) ** 2))
+        evidence = -float(np.sum(self.n_effective * np.log(noise_std) + share * power / (2 * noise_std**2)))
+        evidence -= distance / 2 + self.prior.rank * float(np.log(spread)) + solution.log_det / 2
+        return _Point(spread, solution.x, noise_std, evidence, self.prior.rank - solution.trace(pull))
+
+
+@dataclass(frozen=True, eq=False)
+class _Solution:
+    """Least squares of one system: unknowns, ``log det H`` and a root of ``H^-1``."""
+
+    x: FloatArray
+    log_det: float
+    root: FloatArray
+
+    def trace(self, rows: FloatArray) -> float:
+        """``tr(A H^-1 A')`` for rows ``[A | b]``."""
+        return float(np.sum((rows[:, :-1] @ self.root) ** 2))
+
+
+def _solve(system: FloatArray, plan: Plan) -> _Solution:
+    from scipy.linalg import svd
+
+    R = _core.triangular_factor(system)
+    A, b = R[:-1, :-1], R[:-1, -1]
+    norms = np.linalg.norm(A, axis=0)
+    used = plan.estimable() & (norms > NEGLIGIBLE * norms.max(initial=0.0))
+    # gesvd: the divide-and-conquer driver failed to converge on real factors.
+    u, s, vt = svd(A[:, used] / norms[used], full_matrices=False, lapack_driver="gesvd")
+    good = s > NEGLIGIBLE * s[0]
+    root = np.zeros((plan.n_columns, int(good.sum())))
+    root[used] = (vt[good].T / s[good]) / norms[used, None]
+    x = root @ (u.T @ b)[good]
+    return _Solution(x, float(2 * np.sum(np.log(s[good])) + 2 * np.sum(np.log(norms[used]))), root)
