@@ -54,6 +54,8 @@ MOST_TAKEN = 0.9
 """At most this part of a joint's independent samples counts as used up by the unknowns."""
 NEGLIGIBLE = 1e-12
 """Relative singular values below this are rounding."""
+CLEAR = 1e-7
+"""Diagonals of a triangular factor of unit columns above this need no singular values to be inverted."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +84,10 @@ class Posterior:
         Torque unit per N m of the prior's mean; 1 where the torque is in N m.
     prior : InertialPrior
         As it was used: up to the gain where that is unknown.
+    declared : InertialPrior
+        As the file declares it.
+    n_rounds, converged : int, bool
+        Of the search for `spread` and `n_effective` in turn.
     """
 
     x: FloatArray
@@ -94,6 +100,14 @@ class Posterior:
     scale: FloatArray
     gain: float
     prior: InertialPrior
+    declared: InertialPrior
+    n_rounds: int
+    converged: bool
+
+    @property
+    def pull(self) -> FloatArray:
+        """Rows ``[A | b]`` of the prior as they stood in the fit."""
+        return self.prior.rows(self.spread)
 
     @property
     def relative_uncertainty(self) -> float:
@@ -131,7 +145,8 @@ def fit_with_prior(
     size = np.array([max(np.linalg.norm(R[:, -1]) / np.sqrt(n_rows), 1e-300) for R in factors])
     scale, n_effective = np.ones(n), np.full(n, 0.3 * n_rows)
     found: _Point | None = None
-    for _ in range(MAX_ROUNDS):
+    converged = False
+    for n_rounds in range(1, MAX_ROUNDS + 1):
         problem = _Problem(plan, factors, scale, prior, n_rows, n_effective, 1e-9 * size)
         before = found
         found = problem.best(0.1 * size, before) if spread is None else problem.at(spread, 0.1 * size)
@@ -140,6 +155,7 @@ def fit_with_prior(
         left = observations.by_run(block_residuals(observations, found.x, scale))
         n_effective = np.array([n_rows / inflation([run[:, j] for run in left], memory[j]) for j in range(n)])
         if before is not None and abs(np.log(found.spread / before.spread)) < SETTLED:
+            converged = True
             break
     problem = _Problem(plan, factors, scale, prior, n_rows, n_effective, 1e-9 * size)
     found = problem.at(found.spread, found.noise_std)
@@ -160,6 +176,9 @@ def fit_with_prior(
         scale,
         gain,
         prior,
+        declared,
+        n_rounds,
+        converged,
     )
 
 
@@ -249,15 +268,21 @@ class _Solution:
 
 def _solve(system: FloatArray, plan: Plan) -> _Solution:
     from scipy.linalg import svd
+    from scipy.linalg.lapack import dtrtri
 
-    R = _core.triangular_factor(system)
-    A, b = R[:-1, :-1], R[:-1, -1]
-    norms = np.linalg.norm(A, axis=0)
+    norms = np.linalg.norm(system[:, :-1], axis=0)
     used = plan.estimable() & (norms > NEGLIGIBLE * norms.max(initial=0.0))
+    R = _core.triangular_factor(np.ascontiguousarray(system[:, np.append(used, True)]))
+    A, b = R[:-1, :-1], R[:-1, -1]
+    A = A / norms[used]
+    diagonal = np.abs(np.diag(A))
+    root = np.zeros((plan.n_columns, len(diagonal)))
+    if diagonal.min() > CLEAR:
+        root[used] = dtrtri(A)[0] / norms[used, None]
+        return _Solution(root @ b, 2 * float(np.sum(np.log(diagonal * norms[used]))), root)
     # gesvd: the divide-and-conquer driver failed to converge on real factors.
-    u, s, vt = svd(A[:, used] / norms[used], full_matrices=False, lapack_driver="gesvd")
+    u, s, vt = svd(A, full_matrices=False, lapack_driver="gesvd")
     good = s > NEGLIGIBLE * s[0]
     root = np.zeros((plan.n_columns, int(good.sum())))
     root[used] = (vt[good].T / s[good]) / norms[used, None]
-    x = root @ (u.T @ b)[good]
-    return _Solution(x, float(2 * np.sum(np.log(s[good])) + 2 * np.sum(np.log(norms[used]))), root)
+    return _Solution(root @ (u.T @ b)[good], 2 * float(np.sum(np.log(s[good])) + np.sum(np.log(norms[used]))), root)

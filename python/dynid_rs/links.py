@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,9 @@ from sklearn.base import BaseEstimator
 
 from dynid_rs import _core
 from dynid_rs.columns import Block, Observations, Plan
+
+if TYPE_CHECKING:
+    from dynid_rs.evidence import Posterior
 
 FloatArray = NDArray[np.float64]
 Weighting = Literal["joint_variance", "full_covariance"] | None
@@ -41,6 +44,8 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
     ridge : "auto" or float
         Ridge on unit-norm columns, relative to the greatest singular value. ``"auto"`` is 0 for several runs; for a
         lone one it is the smallest that predicts left-out parts as well as the best does, if that is needed at all.
+    prior : {"robot", None}
+        ``"robot"``: the robot file's inertials, weighed by the evidence (`evidence.py`), instead of a ridge.
     max_iter : int
         Most re-weightings.
     tol : float
@@ -62,6 +67,8 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
         Covariance of the residual between joints (Eq. 24).
     ridge_ : float
         Ridge in use.
+    posterior_ : Posterior or None
+        How much the prior was trusted, and what it is; None without one.
     n_iter_, converged_ : int, bool
         Of the re-weighting.
     """
@@ -71,11 +78,13 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
         weighting: Weighting = "joint_variance",
         *,
         ridge: float | Literal["auto"] = "auto",
+        prior: Literal["robot"] | None = None,
         max_iter: int = 30,
         tol: float = 1e-3,
     ) -> None:
         self.weighting = weighting
         self.ridge = ridge
+        self.prior = prior
         self.max_iter = max_iter
         self.tol = tol
 
@@ -91,6 +100,11 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
             raise ValueError(f"weighting must be 'joint_variance', 'full_covariance' or None, found {self.weighting!r}")
         if self.ridge != "auto" and not (isinstance(self.ridge, int | float) and self.ridge >= 0):
             raise ValueError(f"ridge must be 'auto' or a number of at least 0, found {self.ridge!r}")
+        if self.prior not in (None, "robot"):
+            raise ValueError(f"prior must be 'robot' or None, found {self.prior!r}")
+        self.posterior_: Posterior | None = None
+        if self.prior == "robot":
+            return self._fit_with_prior(observations, fit_scale=fit_scale)
         plan, n_rows = observations.plan, observations.n_rows
         n = plan.robot.n_joints
         factors = observations.factors()
@@ -123,9 +137,35 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
         if self.weighting == "full_covariance":
             x = solve(plan, _whitened(observations, self.covariance_, scale), (self.ridge_,))[0]
             self.covariance_ = residual_covariance(observations, x, scale)
+        return self._keep(plan, x)
+
+    def _fit_with_prior(self, observations: Observations, *, fit_scale: bool) -> LinkDynamicsIdentifier:
+        from dynid_rs.evidence import fit_with_prior
+
+        if self.weighting is None or (self.ridge != "auto" and self.ridge > 0):
+            raise ValueError(
+                "a prior is weighed against the noise and replaces the ridge: with prior='robot' weighting must not be "
+                "None, and ridge must be 'auto' or 0"
+            )
+        # Data in ampere has drive gains to estimate, and what is declared is in N m.
+        posterior = fit_with_prior(observations, fit_scale=fit_scale, unknown_gain=fit_scale)
+        self.posterior_ = posterior
+        self.ridge_, self.n_iter_, self.converged_ = 0.0, posterior.n_rounds, posterior.converged
+        self.weights_, self.torque_scale_ = posterior.weights, posterior.scale
+        x = posterior.x
+        self.covariance_ = residual_covariance(observations, x, self.torque_scale_)
+        if self.weighting == "full_covariance":
+            # Rows of a joint count as many as the independent samples they are worth.
+            worth = np.sqrt(posterior.n_effective / observations.n_rows)
+            whitened = _whitened(observations, self.covariance_ / np.outer(worth, worth), self.torque_scale_)
+            x = solve(observations.plan, np.concatenate([whitened, posterior.pull]), (0.0,))[0]
+            self.covariance_ = residual_covariance(observations, x, self.torque_scale_)
+        return self._keep(observations.plan, x)
+
+    def _keep(self, plan: Plan, x: FloatArray) -> LinkDynamicsIdentifier:
         self.x_ = x
         self.phi_base_ = x[: plan.n_base]
-        self.own_ = x[plan.n_base :].reshape(n, plan.n_own)
+        self.own_ = x[plan.n_base :].reshape(plan.robot.n_joints, plan.n_own)
         self.noise_std_ = np.sqrt(np.diag(self.covariance_))
         return self
 

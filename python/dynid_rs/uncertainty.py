@@ -34,16 +34,20 @@ def parameter_covariance(
     Friction's transition widths count as fitted beside the coefficients, or as known without `fitted_widths`. Where
     a ridge was used, this is the covariance without it: wider, because the ridge's bias is not in it. Thresholds and
     torque scales count as known, residuals of different joints as uncorrelated.
+
+    Under a prior P of the inertials the truth is as far from its mean as it says: ``B (sum_j C_j' Gamma_j C_j + P) B``
+    with ``B = (sum_j w_j C_j' C_j + P)^-1``.
     """
     plan = observations.plan
     n = plan.robot.n_joints
     weights = np.diag(np.linalg.inv(links.covariance_)) if links.weighting == "full_covariance" else links.weights_**2
     used = plan.estimable()
     columns = [_columns(observations, links, runs, j, used, fitted_widths) for j in range(n)]
-    bread = _bread(columns, np.sqrt(weights))
+    pull = _prior_rows(links, used, columns[0][0].shape[1])
+    bread = _bread(columns, np.sqrt(weights), pull)
     residuals = _on_grid(observations, runs, block_residuals(observations, links.x_, links.torque_scale_))
     masks = _on_grid(observations, runs, [np.ones((block.n_rows, 1)) for block in observations.blocks])
-    meat = np.zeros_like(bread)
+    meat = pull.T @ pull
     for j in range(n):
         noise = _Noise([run[:, j] for run in residuals], [run[:, 0] for run in masks], columns[j], weights[j] * bread)
         meat += weights[j] ** 2 * sum(_toeplitz_product(run, noise.spectrum) for run in columns[j])
@@ -83,14 +87,22 @@ def _columns(
     return widened
 
 
-def _bread(columns: Sequence[Sequence[FloatArray]], root_weights: FloatArray) -> FloatArray:
-    """``(sum_j w_j C_j' C_j)^-1`` through a triangular factor."""
+def _prior_rows(links: LinkDynamicsIdentifier, used: NDArray[np.bool_], width: int) -> FloatArray:
+    """Root of the prior's precision in the columns in use; no rows without one."""
+    if links.posterior_ is None:
+        return np.zeros((0, width))
+    rows = links.posterior_.pull[:, :-1][:, used]
+    return np.pad(rows, ((0, 0), (0, width - rows.shape[1])))
+
+
+def _bread(columns: Sequence[Sequence[FloatArray]], root_weights: FloatArray, pull: FloatArray) -> FloatArray:
+    """``(sum_j w_j C_j' C_j + P)^-1`` through a triangular factor; `pull` is a root of P."""
     factors = [
         _core.triangular_factor(root_weight * run)
         for root_weight, joint in zip(root_weights, columns, strict=True)
         for run in joint
     ]
-    system = _core.merge_factors(factors)
+    system = _core.merge_factors([*factors, _core.triangular_factor(pull)] if len(pull) else factors)
     norms = np.linalg.norm(system, axis=0)
     norms[norms == 0] = 1.0
     _, s, vt = np.linalg.svd(system / norms, full_matrices=False)
