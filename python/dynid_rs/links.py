@@ -44,8 +44,10 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
     ridge : "auto" or float
         Ridge on unit-norm columns, relative to the greatest singular value. ``"auto"`` is 0 for several runs; for a
         lone one it is the smallest that predicts left-out parts as well as the best does, if that is needed at all.
-    prior : {"robot", None}
-        ``"robot"``: the robot file's inertials, weighed by the evidence (`evidence.py`), instead of a ridge.
+    prior : {"auto", "robot", None}
+        ``"robot"``: the robot file's inertials, weighed by the evidence (`evidence.py`), instead of a ridge. ``"auto"``:
+        for a lone run, where the file declares inertials and with them left-out parts are predicted better than with
+        the ridge.
     max_iter : int
         Most re-weightings.
     tol : float
@@ -67,6 +69,8 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
         Covariance of the residual between joints (Eq. 24).
     ridge_ : float
         Ridge in use.
+    worth_ : ndarray (n_joints,)
+        Independent samples that a row counts as; ones without a prior, where only ratios matter.
     posterior_ : Posterior or None
         How much the prior was trusted, and what it is; None without one.
     n_iter_, converged_ : int, bool
@@ -78,7 +82,7 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
         weighting: Weighting = "joint_variance",
         *,
         ridge: float | Literal["auto"] = "auto",
-        prior: Literal["robot"] | None = None,
+        prior: Literal["auto", "robot"] | None = "auto",
         max_iter: int = 30,
         tol: float = 1e-3,
     ) -> None:
@@ -100,11 +104,12 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
             raise ValueError(f"weighting must be 'joint_variance', 'full_covariance' or None, found {self.weighting!r}")
         if self.ridge != "auto" and not (isinstance(self.ridge, int | float) and self.ridge >= 0):
             raise ValueError(f"ridge must be 'auto' or a number of at least 0, found {self.ridge!r}")
-        if self.prior not in (None, "robot"):
-            raise ValueError(f"prior must be 'robot' or None, found {self.prior!r}")
+        if self.prior not in (None, "auto", "robot"):
+            raise ValueError(f"prior must be 'auto', 'robot' or None, found {self.prior!r}")
         self.posterior_: Posterior | None = None
+        self.worth_ = np.ones(observations.plan.robot.n_joints)
         if self.prior == "robot":
-            return self._fit_with_prior(observations, fit_scale=fit_scale)
+            return self._use_prior(observations, self._posterior(observations, fit_scale=fit_scale))
         plan, n_rows = observations.plan, observations.n_rows
         n = plan.robot.n_joints
         factors = observations.factors()
@@ -133,13 +138,16 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
                 break
         self.weights_ = weights
         self.torque_scale_ = scale
+        posterior = self._better_prior(observations, left_out, fit_scale=fit_scale)
+        if posterior is not None:
+            return self._use_prior(observations, posterior)
         self.covariance_ = residual_covariance(observations, x, scale)
         if self.weighting == "full_covariance":
             x = solve(plan, _whitened(observations, self.covariance_, scale), (self.ridge_,))[0]
             self.covariance_ = residual_covariance(observations, x, scale)
         return self._keep(plan, x)
 
-    def _fit_with_prior(self, observations: Observations, *, fit_scale: bool) -> LinkDynamicsIdentifier:
+    def _posterior(self, observations: Observations, *, fit_scale: bool) -> Posterior:
         from dynid_rs.evidence import fit_with_prior
 
         if self.weighting is None or (self.ridge != "auto" and self.ridge > 0):
@@ -148,16 +156,45 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
                 "None, and ridge must be 'auto' or 0"
             )
         # Data in ampere has drive gains to estimate, and what is declared is in N m.
-        posterior = fit_with_prior(observations, fit_scale=fit_scale, unknown_gain=fit_scale)
+        return fit_with_prior(observations, fit_scale=fit_scale, unknown_gain=fit_scale)
+
+    def _better_prior(
+        self, observations: Observations, left_out: list[list[FloatArray]], *, fit_scale: bool
+    ) -> Posterior | None:
+        """Posterior if left-out parts of the training data prefer it to the ridge in use, over all joints."""
+        from dynid_rs.evidence import left_out_power
+        from dynid_rs.priors import declares_inertia
+
+        if (
+            self.prior != "auto"
+            or not left_out
+            or self.weighting is None
+            or not declares_inertia(observations.plan.robot)
+        ):
+            return None
+        try:
+            posterior = self._posterior(observations, fit_scale=fit_scale)
+        except ValueError:  # a gain that is not positive: the file and the data do not belong together
+            return None
+        with_ridge = np.zeros(len(self.weights_))
+        for block, factors in zip(observations.blocks, left_out, strict=True):
+            system = stack(observations.plan, factors, self.weights_, self.torque_scale_)
+            x = solve(observations.plan, system, (self.ridge_,))[0]
+            with_ridge += residual_power(observations.plan, block.factors, x, self.torque_scale_)
+        with_prior = left_out_power(observations, left_out, posterior)
+        return posterior if np.mean(np.log((with_prior + 1e-300) / (with_ridge + 1e-300))) < 0 else None
+
+    def _use_prior(self, observations: Observations, posterior: Posterior) -> LinkDynamicsIdentifier:
         self.posterior_ = posterior
         self.ridge_, self.n_iter_, self.converged_ = 0.0, posterior.n_rounds, posterior.converged
         self.weights_, self.torque_scale_ = posterior.weights, posterior.scale
+        self.worth_ = posterior.n_effective / observations.n_rows
         x = posterior.x
         self.covariance_ = residual_covariance(observations, x, self.torque_scale_)
         if self.weighting == "full_covariance":
             # Rows of a joint count as many as the independent samples they are worth.
-            worth = np.sqrt(posterior.n_effective / observations.n_rows)
-            whitened = _whitened(observations, self.covariance_ / np.outer(worth, worth), self.torque_scale_)
+            root = np.sqrt(self.worth_)
+            whitened = _whitened(observations, self.covariance_ / np.outer(root, root), self.torque_scale_)
             x = solve(observations.plan, np.concatenate([whitened, posterior.pull]), (0.0,))[0]
             self.covariance_ = residual_covariance(observations, x, self.torque_scale_)
         return self._keep(observations.plan, x)
@@ -205,6 +242,24 @@ def solve(plan: Plan, system: FloatArray, ridges: Sequence[float]) -> list[Float
 def residual_power(plan: Plan, factors: Sequence[FloatArray], x: FloatArray, scale: FloatArray) -> FloatArray:
     """Sum of squared residuals per joint, (n_joints,), from the factors alone."""
     return np.array([np.sum(_residual(plan, j, R, x, scale) ** 2) for j, R in enumerate(factors)])
+
+
+def own_beside(observations: Observations, phi_base: FloatArray, scale: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Own coefficients (n_joints, n_own) by least squares while the links are held, and the residual's RMS (n_joints,).
+
+    What the first loop gives by itself: friction beside known link dynamics (Eq. 12).
+    """
+    plan = observations.plan
+    own, left = np.zeros(plan.own.shape), np.zeros(len(plan.own))
+    for j, R in enumerate(observations.factors()):
+        base = phi_base[plan.pivots >= 10 * j]
+        target = R[:, -1] - scale[j] * (R[:, plan.n_own : -1] @ base)
+        columns = R[:, : plan.n_own][:, plan.own[j]]
+        norms = np.linalg.norm(columns, axis=0)
+        norms[norms == 0] = 1.0
+        own[j, plan.own[j]] = np.linalg.lstsq(columns / norms, target, rcond=NEGLIGIBLE)[0] / norms
+        left[j] = np.linalg.norm(target - columns @ own[j, plan.own[j]])
+    return own, left / np.sqrt(observations.n_rows)
 
 
 def _residual(plan: Plan, j: int, rows: FloatArray, x: FloatArray, scale: FloatArray) -> FloatArray:
