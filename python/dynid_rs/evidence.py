@@ -3,7 +3,8 @@
 With factors R_j of every joint, noise sigma_j and the prior's rows P = root / s (see `priors.py`), x is Gaussian with
 precision ``H = sum_j w_j^2 R_j' R_j + P'P``, ``w_j^2 = eta_j / sigma_j^2``, and the logarithm of the evidence is
 
-    - sum_j (n_j log sigma_j + eta_j |r_j|^2 / (2 sigma_j^2)) - |root (x - mean)|^2 / (2 s^2) - rank log s - log det(H)/2
+    - sum_j (n_j log sigma_j + eta_j |r_j|^2 / (2 sigma_j^2)) - |root (x - mean)|^2 / (2 s^2) - rank log s
+    - log det(H) / 2
 
 up to a constant. It is maximised over s by a search in one dimension and over sigma_j by MacKay's fixed point
 ``sigma_j^2 = eta_j |r_j|^2 / (n_j - gamma_j)`` (1992, Neural Computation 4), gamma_j the directions that joint j
@@ -12,11 +13,11 @@ determines.
 Neighbouring samples are not independent: ``n_j = eta_j n_rows`` is what they are worth (`memory.inflation`), found from
 the residual of the fit itself. Counting every sample would trust the data far too much and wash any prior out.
 
-The evidence believes the model. Where an effect is missing that base parameters can imitate, it holds the robot file for
-wrong and loosens the prior until they do; one joint is enough for that, since s is one number. No likelihood can tell
-"the file is wrong" from "the model lacks something" without a second model to compare with. So models with and without
-a term are compared twice: under the same s, found with the declared terms in (a missing effect then shows as an error),
-and each under its own (how well the base parameters can imitate it), see `separability.py`.
+The evidence believes the model. Where an effect is missing that base parameters can imitate, it holds the robot file
+for wrong and loosens the prior until they do; one joint is enough for that, since s is one number. No likelihood can
+tell "the file is wrong" from "the model lacks something" without a second model to compare with. So models with and
+without a term are compared twice: under the same s, found with the declared terms in (a missing effect then shows as an
+error), and each under its own (how well the base parameters can imitate it), see `separability.py`.
 """
 
 from __future__ import annotations
@@ -45,9 +46,9 @@ NEAR = 3.0
 SETTLED = 0.05
 """The logarithm of the relative uncertainty has settled when it changes less than this."""
 FRICTION_SPREAD = 0.2
-"""Size of a viscous term (root mean square over the rows) beside the joint's torque that counts as usual. Six cancelling
-terms per joint are too many for a short run; on seven training sets of three robots the evidence was greatest between
-0.05 and 0.2, and flat in between. Coulomb friction has no prior."""
+"""Size of a viscous term (root mean square over the rows) beside the joint's torque that counts as usual. Six
+cancelling terms per joint are too many for a short run; on seven training sets of three robots the evidence was
+greatest between 0.05 and 0.2, and flat in between. Coulomb friction has no prior."""
 MAX_ROUNDS = 6
 """Most rounds of relative uncertainty and correlation in time."""
 MAX_FIXED_POINT = 20
@@ -144,21 +145,19 @@ def fit_with_prior(
     memory = [column_memory(observations.by_run([b.rows[j][:, :-1] for b in observations.blocks])) for j in range(n)]
     size = np.array([max(np.linalg.norm(R[:, -1]) / np.sqrt(n_rows), 1e-300) for R in factors])
     scale, n_effective = np.ones(n), np.full(n, 0.3 * n_rows)
-    found: _Point | None = None
+    rounds: list[_Point] = []
     converged = False
-    for n_rounds in range(1, MAX_ROUNDS + 1):
+    while not converged and len(rounds) < MAX_ROUNDS:
         problem = _Problem(plan, factors, scale, prior, n_rows, n_effective, 1e-9 * size)
-        before = found
-        found = problem.best(0.1 * size, before) if spread is None else problem.at(spread, 0.1 * size)
+        found = problem.best(0.1 * size, rounds[-1:]) if spread is None else problem.at(spread, 0.1 * size)
         if fit_scale:
             scale = improve_scale(plan, factors, problem.weights(found), scale, found.x, problem.pull(found.spread))
         left = observations.by_run(block_residuals(observations, found.x, scale))
         n_effective = np.array([n_rows / inflation([run[:, j] for run in left], memory[j]) for j in range(n)])
-        if before is not None and abs(np.log(found.spread / before.spread)) < SETTLED:
-            converged = True
-            break
+        converged = bool(rounds) and abs(np.log(found.spread / rounds[-1].spread)) < SETTLED
+        rounds.append(found)
     problem = _Problem(plan, factors, scale, prior, n_rows, n_effective, 1e-9 * size)
-    found = problem.at(found.spread, found.noise_std)
+    found = problem.at(rounds[-1].spread, rounds[-1].noise_std)
     gain = declared.gain_of(found.x) if unknown_gain else 1.0
     if gain <= 0:
         raise ValueError(
@@ -178,7 +177,7 @@ def fit_with_prior(
         declared,
         prior,
         problem.pull(found.spread),
-        n_rounds,
+        len(rounds),
         converged,
     )
 
@@ -259,16 +258,16 @@ class _Problem:
     def _wide(self) -> list[FloatArray]:
         return [stack_one(self.plan, j, R, self.scale) for j, R in enumerate(self.factors)]
 
-    def best(self, noise_std: FloatArray, near: _Point | None) -> _Point:
-        """Point of the greatest evidence; `near` is a point that is close to it."""
+    def best(self, noise_std: FloatArray, near: Sequence[_Point]) -> _Point:
+        """Point of the greatest evidence; `near` holds a point that is close to it, if one is known."""
         from scipy.optimize import minimize_scalar
 
-        if near is None:
+        if not near:
             points = [self.at(spread, noise_std) for spread in SPREADS]
             k = max(range(len(points)), key=lambda k: points[k].evidence)
             low, high, noise_std = SPREADS[max(k - 1, 0)], SPREADS[min(k + 1, len(SPREADS) - 1)], points[k].noise_std
         else:
-            low, high, noise_std = near.spread / NEAR, near.spread * NEAR, near.noise_std
+            low, high, noise_std = near[0].spread / NEAR, near[0].spread * NEAR, near[0].noise_std
         bounds = (max(np.log(low), np.log(SPREADS[0])), min(np.log(high), np.log(SPREADS[-1])))
 
         def less(x: float) -> float:
@@ -278,7 +277,7 @@ class _Problem:
         return self.at(float(np.exp(found.x)), noise_std)
 
     def at(self, spread: float, noise_std: FloatArray) -> _Point:
-        """Most probable unknowns and noise at this relative uncertainty; the search for the noise starts from `noise_std`."""
+        """Most probable unknowns and noise at this relative uncertainty; the noise is searched from `noise_std`."""
         plan, share = self.plan, self.n_effective / self.n_rows
         pull = self.pull(spread)
         for _ in range(MAX_FIXED_POINT):

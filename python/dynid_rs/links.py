@@ -45,9 +45,9 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
         Ridge on unit-norm columns, relative to the greatest singular value. ``"auto"`` is 0 for several runs; for a
         lone one it is the smallest that predicts left-out parts as well as the best does, if that is needed at all.
     prior : {"auto", "robot", None}
-        ``"robot"``: the robot file's inertials, weighed by the evidence (`evidence.py`), instead of a ridge. ``"auto"``:
-        for a lone run, where the file declares inertials and with them left-out parts are predicted better than with
-        the ridge.
+        ``"robot"``: the robot file's inertials, weighed by the evidence (`evidence.py`), instead of a ridge.
+        ``"auto"``: for a lone run, where the file declares inertials and left-out parts are predicted better with them
+        than with the ridge.
     max_iter : int
         Most re-weightings.
     tol : float

@@ -83,7 +83,7 @@ def inertial_prior(plan: Plan) -> InertialPrior:
     silent = regroup[:, ~declared]
     rows = np.flatnonzero(np.any(regroup, axis=1))
     outside = _left_null_space(silent[rows])
-    factor = np.linalg.qr((outside @ regroup[np.ix_(rows, declared)] * spread[declared]).T, mode="r")
+    _, factor = np.linalg.qr((outside @ regroup[np.ix_(rows, declared)] * spread[declared]).T)
     root = np.zeros((len(outside), plan.n_columns))
     root[:, rows] = np.linalg.solve(factor.T, outside)
     mean = regroup[:, declared] @ value[declared]
@@ -102,7 +102,8 @@ def _spread(phi: FloatArray) -> FloatArray:
         return np.zeros(10)
     # Half the trace of the inertia about the frame is the mass times its mean square distance from it.
     size = max(np.sqrt(max(phi[4] + phi[6] + phi[9], 0.0) / (2 * mass)), np.linalg.norm(phi[1:4]) / mass, LEAST_SIZE)
-    return mass * np.concatenate([[1.0], np.full(3, size), np.full(6, size**2)])
+    spread: FloatArray = mass * np.concatenate([[1.0], np.full(3, size), np.full(6, size**2)])
+    return spread
 
 
 def _regrouping(plan: Plan) -> FloatArray:

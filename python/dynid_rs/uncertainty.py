@@ -106,7 +106,7 @@ def _prior_rows(links: LinkDynamicsIdentifier, used: NDArray[np.bool_], width: i
 def _bread(
     columns: Sequence[tuple[NDArray[np.intp], list[FloatArray]]], root_weights: FloatArray, pull: FloatArray
 ) -> FloatArray:
-    """``(sum_j w_j C_j' C_j + P)^-1`` (width, width) through a triangular factor; `pull` (rank, width) is a root of P."""
+    """``(sum_j w_j C_j' C_j + P)^-1`` (width, width) through a triangular factor; `pull` is a root of P."""
     factors = [pull]
     for root_weight, (places, grids) in zip(root_weights, columns, strict=True):
         own = _core.merge_factors([_core.triangular_factor(root_weight * run) for run in grids])
