@@ -18,6 +18,7 @@ from dynid_rs.columns import Observations, Plan, make_plan, observe, run_rows
 from dynid_rs.encoders import EncoderDelay, estimate_encoder_delay
 from dynid_rs.evaluation import rmse as rms
 from dynid_rs.friction import FrictionIdentifier, friction_effect
+from dynid_rs.known import KnownTerm, check_known, less_known
 from dynid_rs.links import LinkDynamicsIdentifier, baseline, block_residuals, own_beside
 from dynid_rs.preprocessing import Band, States, choose_band, common_rate, prepare
 from dynid_rs.recording import Recording
@@ -55,6 +56,8 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         Second loop.
     residual : ResidualCompensator, None or "default"
         Third loop; None switches it off.
+    known : sequence of (Effect, ndarray (n_joints, n_columns))
+        Effects whose coefficients [N*m] are known, not fitted: taken off the torque, and part of the model.
     cutoff : float, optional
         Band [Hz] in which torques are fitted and compared; chosen from the motion if None.
     max_iter : int
@@ -77,7 +80,10 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
     observations_ : Observations
         Rows and factors of the last round.
     raw_runs_, runs_ : list of States
-        Training runs, channels as recorded and with the link channel on the motor channel's clock.
+        Training runs as recorded, and with the link channel on the motor channel's clock and the known terms' torque
+        taken off.
+    known_ : list of (Effect, ndarray)
+        Known terms as they were used.
     history_ : list of dict
         RMS per joint (n_joints,) that is left on the training runs after every loop of every round: `friction` with
         the links held, `links`, `residual`.
@@ -92,6 +98,7 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         friction: FrictionIdentifier | None = None,
         links: LinkDynamicsIdentifier | None = None,
         residual: ResidualCompensator | str | None = "default",
+        known: Sequence[KnownTerm] = (),
         cutoff: float | None = None,
         max_iter: int = 10,
         tol: float = 2e-2,
@@ -100,6 +107,7 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         self.friction = friction
         self.links = links
         self.residual = residual
+        self.known = known
         self.cutoff = cutoff
         self.max_iter = max_iter
         self.tol = tol
@@ -224,19 +232,21 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
     def _prepare(self, recordings: list[Recording], slow: list[Recording], on_progress: Callable[[str], None]) -> _Data:
         """Filter, fit the baseline, and bring the two encoder channels on one clock."""
         self.torque_unit_ = recordings[0].torque_unit
+        self.known_ = check_known(self.known, self.robot, self.torque_unit_)
         self.rate_ = common_rate(recordings)
         self.band_ = Band(self.cutoff) if self.cutoff is not None else choose_band(recordings)
         on_progress("filtering the runs")
         raw_runs, slow_runs = (prepare_training_runs(part, self.band_, self.rate_) for part in (recordings, slow))
         on_progress("weighted least squares")
         plan = self._plan(friction_effect(*self._first_shape()))
-        observations = observe(plan, raw_runs)
+        runs = less_known(self.known_, raw_runs)
+        observations = observe(plan, runs)
         self._fit_baseline(observations, raw_runs, fit_scale=self.torque_unit_ == "A")
-        runs = raw_runs
         if self._measure_encoder_delay(raw_runs):
-            runs = [states.aligned(self._delay) for states in raw_runs]
+            runs = less_known(self.known_, [states.aligned(self._delay) for states in raw_runs])
             slow_runs = [states.aligned(self._delay) for states in slow_runs]
             observations = observe(plan, runs)
+        slow_runs = less_known(self.known_, slow_runs)
         slow_rows = [run_rows(plan, states, states.tau) for states in slow_runs]
         return _Data(raw_runs, runs, slow_runs, slow_rows, plan, observations)
 
@@ -263,7 +273,10 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         third_loop: tuple[str, Mixtures] | None = None,
     ) -> _core.TorqueModel:
         delay, unit = self._delay, self.torque_unit_
-        return assemble(plan, links, own, runs, encoder_delay=delay, torque_unit=unit, third_loop=third_loop)
+        known = self.known_
+        return assemble(
+            plan, links, own, runs, encoder_delay=delay, torque_unit=unit, third_loop=third_loop, known=known
+        )
 
     def _measure_encoder_delay(self, runs: list[States]) -> bool:
         """Estimate the delay between the channels; true if there are two."""

@@ -109,7 +109,7 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
         self.posterior_: Posterior | None = None
         self.worth_ = np.ones(observations.plan.robot.n_joints)
         if self.prior == "robot":
-            return self._use_prior(observations, self._posterior(observations, fit_scale=fit_scale))
+            return self.use_posterior(observations, self._posterior(observations, fit_scale=fit_scale))
         plan, n_rows = observations.plan, observations.n_rows
         n = plan.robot.n_joints
         factors = observations.factors()
@@ -140,7 +140,7 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
         self.torque_scale_ = scale
         posterior = self._better_prior(observations, left_out, fit_scale=fit_scale)
         if posterior is not None:
-            return self._use_prior(observations, posterior)
+            return self.use_posterior(observations, posterior)
         self.covariance_ = residual_covariance(observations, x, scale)
         if self.weighting == "full_covariance":
             x = solve(plan, _whitened(observations, self.covariance_, scale), (self.ridge_,))[0]
@@ -184,7 +184,8 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
         with_prior = left_out_power(observations, left_out, posterior)
         return posterior if np.mean(np.log((with_prior + 1e-300) / (with_ridge + 1e-300))) < 0 else None
 
-    def _use_prior(self, observations: Observations, posterior: Posterior) -> LinkDynamicsIdentifier:
+    def use_posterior(self, observations: Observations, posterior: Posterior) -> LinkDynamicsIdentifier:
+        """Take the fit over from `posterior`, which comes from the same observations."""
         self.posterior_ = posterior
         self.ridge_, self.n_iter_, self.converged_ = 0.0, posterior.n_rounds, posterior.converged
         self.weights_, self.torque_scale_ = posterior.weights, posterior.scale
