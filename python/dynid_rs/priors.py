@@ -47,6 +47,14 @@ class InertialPrior:
         """Rows ``[A | b]`` that pull x to the mean, (rank, n_columns + 1), at relative uncertainty `spread`."""
         return np.column_stack([self.root, self.root @ self.mean]) / spread
 
+    def std(self, spread: float) -> FloatArray:
+        """Standard deviation of every unknown (n_columns,) at this uncertainty; infinite where nothing is declared."""
+        inverse = np.linalg.pinv(self.root, rcond=1e-12)
+        silent = np.eye(self.root.shape[1]) - inverse @ self.root
+        said = np.abs(np.diag(silent)) < 1e-9
+        std: FloatArray = np.where(said, spread * np.linalg.norm(inverse, axis=1), np.inf)
+        return std
+
     def up_to_gain(self) -> InertialPrior:
         """Return the prior of an unknown multiple of the mean, the multiple integrated out (flat)."""
         along = self.root @ self.mean

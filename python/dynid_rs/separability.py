@@ -26,6 +26,7 @@ from dynid_rs.assembly import assemble, evaluate
 from dynid_rs.columns import Block, Observations
 from dynid_rs.evaluation import compare, rmse
 from dynid_rs.evidence import Posterior, fit_with_prior
+from dynid_rs.findings import Finding, Severity
 from dynid_rs.known import KnownTerm, known_torque
 from dynid_rs.links import LinkDynamicsIdentifier, block_residuals, solve, stack
 from dynid_rs.memory import column_memory, inflation
@@ -169,6 +170,17 @@ def sentence(entry: dict[str, Any], prior_used: bool) -> str | None:
     if under and under["separable"]:
         return f"{text}; the robot file's inertials as a prior would leave {_percent(under)}: --prior robot"
     return f"{text}; a motion that takes the joint further would tell more"
+
+
+def not_separable(entries: Sequence[dict[str, Any]], *, prior_used: bool) -> list[Finding]:
+    """Findings on the terms that the data alone cannot tell from the parameters."""
+    findings = []
+    for entry in entries:
+        message = sentence(entry, prior_used)
+        if message is not None:
+            severity: Severity = "info" if prior_used and entry["with_prior"]["separable"] else "warning"
+            findings.append(Finding("not_separable", severity, message))
+    return findings
 
 
 def _percent(separation: dict[str, Any]) -> str:
