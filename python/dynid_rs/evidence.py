@@ -1,12 +1,12 @@
 """How much to trust a prior, decided by the evidence: the probability of the data with every unknown integrated out.
 
-With factors R_j of every joint, noise sigma_j and the prior's rows P = root / s (see `priors.py`), x is Gaussian with
-precision ``H = sum_j w_j^2 R_j' R_j + P'P``, ``w_j^2 = eta_j / sigma_j^2``, and the logarithm of the evidence is
+With factors R_j of every joint, noise sigma_j and the prior's covariance S = (P'P)^-1 (see `priors.py`), x is Gaussian
+with precision ``H = sum_j w_j^2 R_j' R_j + P'P``, ``w_j^2 = eta_j / sigma_j^2``, and the logarithm of the evidence is
 
-    - sum_j (n_j log sigma_j + eta_j |r_j|^2 / (2 sigma_j^2)) - |root (x - mean)|^2 / (2 s^2) - rank log s
-    - log det(H) / 2
+    - sum_j (n_j log sigma_j + eta_j |r_j|^2 / (2 sigma_j^2)) - |P (x - mean)|^2 / 2 - log det(S) / 2 - log det(H) / 2
 
-up to a constant. It is maximised over s by a search in one dimension and over sigma_j by MacKay's fixed point
+up to a constant. It is maximised over the prior's relative uncertainties s (one number for the links, one for the
+rotors where they are declared) by a search, and over sigma_j by MacKay's fixed point
 ``sigma_j^2 = eta_j |r_j|^2 / (n_j - gamma_j)`` (1992, Neural Computation 4), gamma_j the directions that joint j
 determines.
 
@@ -14,8 +14,8 @@ Neighbouring samples are not independent: ``n_j = eta_j n_rows`` is what they ar
 the residual of the fit itself. Counting every sample would trust the data far too much and wash any prior out.
 
 The evidence believes the model. Where an effect is missing that base parameters can imitate, it holds the robot file
-for wrong and loosens the prior until they do; one joint is enough for that, since s is one number. No likelihood can
-tell "the file is wrong" from "the model lacks something" without a second model to compare with. So models with and
+for wrong and loosens the prior until they do; one joint is enough for that, since s is one for all links. No likelihood
+can tell "the file is wrong" from "the model lacks something" without a second model to compare with. So models with and
 without a term are compared twice: under the same s, found with the declared terms in (a missing effect then shows as an
 error), and each under its own (how well the base parameters can imitate it), see `separability.py`.
 """
@@ -25,6 +25,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,9 +41,11 @@ FloatArray = NDArray[np.float64]
 SPREADS = (1e-3, 1e-2, 3e-2, 0.1, 0.3, 1.0, 3.0, 10.0, 100.0)
 """Relative uncertainties that are tried first."""
 CLOSE = 0.02
-"""The logarithm of the relative uncertainty is found this closely."""
+"""Logarithms of relative uncertainties are found this closely."""
 NEAR = 3.0
-"""After the first round the search stays within this factor."""
+"""After the first round a search in one dimension stays within this factor."""
+MOST_TRIES = 60
+"""Most points of a search in two dimensions."""
 SETTLED = 0.05
 """The logarithm of the relative uncertainty has settled when it changes less than this."""
 FRICTION_SPREAD = 0.2
@@ -73,8 +76,8 @@ class Posterior:
         Most probable unknowns.
     noise_std : ndarray (n_joints,)
         sigma_j [torque unit].
-    spread : float
-        Relative uncertainty s; in ampere times the gain.
+    spreads : ndarray (1,) or (2,)
+        Relative uncertainties s of links and rotors; in ampere times the gain.
     evidence : float
         Logarithm, up to a constant that every fit of the same rows shares.
     n_determined : float
@@ -97,7 +100,7 @@ class Posterior:
 
     x: FloatArray
     noise_std: FloatArray
-    spread: float
+    spreads: FloatArray
     evidence: float
     n_determined: float
     n_effective: FloatArray
@@ -111,13 +114,17 @@ class Posterior:
     converged: bool
 
     @property
-    def relative_uncertainty(self) -> float:
-        """How far off the declared inertials are, as the evidence sees it."""
-        return self.spread / self.gain
+    def relative_uncertainty(self) -> FloatArray:
+        """How far off the declared links, and rotors if any, are, as the evidence sees it."""
+        return self.spreads / self.gain
 
 
 def fit_with_prior(
-    observations: Observations, *, fit_scale: bool = False, spread: float | None = None, unknown_gain: bool = False
+    observations: Observations,
+    *,
+    fit_scale: bool = False,
+    spreads: FloatArray | None = None,
+    unknown_gain: bool = False,
 ) -> Posterior:
     """Fit all unknowns under the prior of the plan's robot.
 
@@ -127,8 +134,8 @@ def fit_with_prior(
         Rows and factors.
     fit_scale : bool
         Also estimate the drive gains of joints relative to the first (data in ampere).
-    spread : float, optional
-        Relative uncertainty of the inertials; found by the evidence if None.
+    spreads : ndarray (1,) or (2,), optional
+        Relative uncertainty of the links, and of the rotors if they are declared; found by the evidence if None.
     unknown_gain : bool
         The torque's unit is an unknown multiple of N m, one number for all joints that is estimated too.
 
@@ -149,16 +156,16 @@ def fit_with_prior(
     converged = False
     while not converged and len(rounds) < MAX_ROUNDS:
         problem = _Problem(plan, factors, scale, prior, n_rows, n_effective, 1e-9 * size)
-        found = problem.best(0.1 * size, rounds[-1:]) if spread is None else problem.at(spread, 0.1 * size)
+        found = problem.best(0.1 * size, rounds[-1:]) if spreads is None else problem.at(spreads, 0.1 * size)
         if fit_scale:
-            scale = improve_scale(plan, factors, problem.weights(found), scale, found.x, problem.pull(found.spread))
+            scale = improve_scale(plan, factors, problem.weights(found), scale, found.x, problem.pull(found.spreads)[0])
         left = observations.by_run(block_residuals(observations, found.x, scale))
         n_effective = np.array([n_rows / inflation([run[:, j] for run in left], memory[j]) for j in range(n)])
-        converged = bool(rounds) and abs(np.log(found.spread / rounds[-1].spread)) < SETTLED
+        converged = bool(rounds) and bool(np.all(np.abs(np.log(found.spreads / rounds[-1].spreads)) < SETTLED))
         rounds.append(found)
     problem = _Problem(plan, factors, scale, prior, n_rows, n_effective, 1e-9 * size)
-    found = problem.at(rounds[-1].spread, rounds[-1].noise_std)
-    gain = declared.gain_of(found.x) if unknown_gain else 1.0
+    found = problem.at(rounds[-1].spreads, rounds[-1].noise_std)
+    gain = declared.gain_of(found.x, found.spreads) if unknown_gain else 1.0
     if gain <= 0:
         raise ValueError(
             "the prior from the robot file does not fit this data in ampere: the drive gain comes out as "
@@ -167,7 +174,7 @@ def fit_with_prior(
     return Posterior(
         found.x,
         found.noise_std,
-        found.spread,
+        found.spreads,
         found.evidence,
         found.n_determined,
         n_effective,
@@ -176,7 +183,7 @@ def fit_with_prior(
         gain,
         declared,
         prior,
-        problem.pull(found.spread),
+        problem.pull(found.spreads)[0],
         len(rounds),
         converged,
     )
@@ -193,7 +200,7 @@ def left_out_power(
     n_rows = observations.n_rows
     for block, factors in zip(observations.blocks, left_out, strict=True):
         share = (n_rows - block.n_rows) / n_rows
-        # What the posterior took from the left-out block is its weight alone, one number.
+        # What the posterior took from the left-out block is its weight alone, one number or two.
         least = 1e-9 * posterior.noise_std
         problem = _Problem(
             observations.plan,
@@ -204,16 +211,16 @@ def left_out_power(
             share * posterior.n_effective,
             least,
         )
-        x = problem.at(posterior.spread, posterior.noise_std).x
+        x = problem.at(posterior.spreads, posterior.noise_std).x
         power += residual_power(observations.plan, block.factors, x, posterior.scale)
     return power
 
 
 @dataclass(frozen=True, eq=False)
 class _Point:
-    """Solution at one relative uncertainty."""
+    """Solution at given relative uncertainties."""
 
-    spread: float
+    spreads: FloatArray
     x: FloatArray
     noise_std: FloatArray
     evidence: float
@@ -222,7 +229,7 @@ class _Point:
 
 @dataclass(frozen=True, eq=False)
 class _Problem:
-    """Factors, prior and correlation in time, for any relative uncertainty."""
+    """Factors, prior and correlation in time, for any relative uncertainties."""
 
     plan: Plan
     factors: Sequence[FloatArray]
@@ -237,9 +244,10 @@ class _Problem:
         result: FloatArray = np.sqrt(self.n_effective / self.n_rows) / point.noise_std
         return result
 
-    def pull(self, spread: float) -> FloatArray:
-        """Rows ``[A | b]`` of the inertials' prior, then of friction's weak one, (n, n_columns + 1)."""
-        return np.concatenate([self.prior.rows(spread), self._weak])
+    def pull(self, spreads: FloatArray) -> tuple[FloatArray, float]:
+        """Rows ``[A | b]`` of the inertials' prior, then of friction's weak one; the former's ``log det(S)``."""
+        rows, log_det = self.prior.rows(spreads.tolist())
+        return np.concatenate([rows, self._weak]), log_det
 
     @cached_property
     def _weak(self) -> FloatArray:
@@ -260,26 +268,34 @@ class _Problem:
 
     def best(self, noise_std: FloatArray, near: Sequence[_Point]) -> _Point:
         """Point of the greatest evidence; `near` holds a point that is close to it, if one is known."""
-        from scipy.optimize import minimize_scalar
+        from scipy.optimize import minimize, minimize_scalar
 
-        if not near:
-            points = [self.at(spread, noise_std) for spread in SPREADS]
-            k = max(range(len(points)), key=lambda k: points[k].evidence)
-            low, high, noise_std = SPREADS[max(k - 1, 0)], SPREADS[min(k + 1, len(SPREADS) - 1)], points[k].noise_std
+        n_spreads = len(self.prior.roots)
+        if near:
+            start, least, most = near[0], near[0].spreads / NEAR, near[0].spreads * NEAR
         else:
-            low, high, noise_std = near[0].spread / NEAR, near[0].spread * NEAR, near[0].noise_std
-        bounds = (max(np.log(low), np.log(SPREADS[0])), min(np.log(high), np.log(SPREADS[-1])))
+            points = [self.at(np.full(n_spreads, spread), noise_std) for spread in SPREADS]
+            k = max(range(len(points)), key=lambda k: points[k].evidence)
+            start, least, most = points[k], points[max(k - 1, 0)].spreads, points[min(k + 1, len(points) - 1)].spreads
+        low, high = np.log(SPREADS[0]), np.log(SPREADS[-1])
 
-        def less(x: float) -> float:
-            return -self.at(float(np.exp(x)), noise_std).evidence
+        def less(x: Any) -> float:
+            return -self.at(np.exp(np.clip(np.atleast_1d(x), low, high)), start.noise_std).evidence
 
-        found = minimize_scalar(less, bounds=bounds, method="bounded", options={"xatol": CLOSE})
-        return self.at(float(np.exp(found.x)), noise_std)
+        if n_spreads == 1:
+            bounds = (max(float(np.log(least[0])), low), min(float(np.log(most[0])), high))
+            found = minimize_scalar(less, bounds=bounds, method="bounded", options={"xatol": CLOSE}).x
+        else:
+            at_start, step = np.log(start.spreads), np.log(NEAR) / (2 if near else 1)
+            simplex = at_start + step * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+            options: Any = {"initial_simplex": simplex, "xatol": CLOSE, "fatol": CLOSE, "maxfev": MOST_TRIES}
+            found = minimize(less, at_start, method="Nelder-Mead", options=options).x
+        return self.at(np.exp(np.clip(np.atleast_1d(found), low, high)), start.noise_std)
 
-    def at(self, spread: float, noise_std: FloatArray) -> _Point:
-        """Most probable unknowns and noise at this relative uncertainty; the noise is searched from `noise_std`."""
+    def at(self, spreads: FloatArray, noise_std: FloatArray) -> _Point:
+        """Most probable unknowns and noise at these relative uncertainties; the noise is searched from `noise_std`."""
         plan, share = self.plan, self.n_effective / self.n_rows
-        pull = self.pull(spread)
+        pull, log_det = self.pull(spreads)
         for _ in range(MAX_FIXED_POINT):
             weights = np.sqrt(share) / noise_std
             solution = _solve(np.concatenate([*(w * R for w, R in zip(weights, self._wide, strict=True)), pull]), plan)
@@ -293,9 +309,9 @@ class _Problem:
                 break
         distance = float(np.sum((pull[:, :-1] @ solution.x - pull[:, -1]) ** 2))
         evidence = -float(np.sum(self.n_effective * np.log(noise_std) + share * power / (2 * noise_std**2)))
-        evidence -= distance / 2 + self.prior.rank * float(np.log(spread)) + solution.log_det / 2
-        n_determined = self.prior.rank - solution.trace(self.prior.rows(spread))
-        return _Point(spread, solution.x, noise_std, evidence, n_determined)
+        evidence -= (distance + log_det + solution.log_det) / 2
+        n_determined = self.prior.rank - solution.trace(pull[: self.prior.rank])
+        return _Point(spreads, solution.x, noise_std, evidence, n_determined)
 
 
 @dataclass(frozen=True, eq=False)

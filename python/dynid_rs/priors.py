@@ -1,14 +1,16 @@
 """What the robot file says about inertia, as a prior on the unknowns of a fit.
 
-``x ~ N(mean, s^2 K S K')``: the declared inertials through the regrouping K of the base parameters, S from plain
-relative uncertainties (a link's mass by its mass, its first moments by mass times size, its inertia by mass times
-size squared, a rotor by its inertia), times one number s: how far off the file is. s is found by the evidence, see
-`evidence.py`. Friction, offsets and whatever the file does not declare have no prior.
+``x ~ N(mean, K (s_l^2 S_l + s_r^2 S_r) K')``: the declared inertials through the regrouping K of the base parameters,
+S from plain relative uncertainties (a link's mass by its mass, its first moments by mass times size, its inertia by
+mass times size squared; a rotor by its inertia). s_l says how far off the links' inertials are, s_r the rotors', where
+they are declared: they come from another document. Both are found by the evidence, see `evidence.py`. Friction, offsets
+and whatever the file does not declare have no prior.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,41 +32,59 @@ class InertialPrior:
     ----------
     mean : ndarray (n_columns,)
         Declared base parameters and rotors; zeros where nothing is declared.
-    root : ndarray (rank, n_columns)
-        ``|root (x - mean)|^2 / s^2`` is the squared distance from the prior; its rank is below the number of base
-        parameters where links are not declared.
+    span : ndarray (rank, n_columns)
+        Orthonormal directions in which the file says something: fewer than the base parameters where links are not
+        declared.
+    roots : sequence of ndarray (rank, ...)
+        Roots of the covariance of ``span x`` at relative uncertainty one: of the links, and of the rotors if any is
+        declared.
+    unknown_gain : bool
+        x is an unknown multiple of what is declared; the multiple is integrated out (flat).
     """
 
     mean: FloatArray
-    root: FloatArray
+    span: FloatArray
+    roots: tuple[FloatArray, ...]
+    unknown_gain: bool = False
 
     @property
     def rank(self) -> int:
         """Directions in which the file says something."""
-        return len(self.root)
-
-    def rows(self, spread: float) -> FloatArray:
-        """Rows ``[A | b]`` that pull x to the mean, (rank, n_columns + 1), at relative uncertainty `spread`."""
-        return np.column_stack([self.root, self.root @ self.mean]) / spread
-
-    def std(self, spread: float) -> FloatArray:
-        """Standard deviation of every unknown (n_columns,) at this uncertainty; infinite where nothing is declared."""
-        inverse = np.linalg.pinv(self.root, rcond=1e-12)
-        silent = np.eye(self.root.shape[1]) - inverse @ self.root
-        said = np.abs(np.diag(silent)) < 1e-9
-        std: FloatArray = np.where(said, spread * np.linalg.norm(inverse, axis=1), np.inf)
-        return std
+        return len(self.span) - self.unknown_gain
 
     def up_to_gain(self) -> InertialPrior:
-        """Return the prior of an unknown multiple of the mean, the multiple integrated out (flat)."""
-        along = self.root @ self.mean
-        across = _left_null_space(along[:, None])
-        return InertialPrior(np.zeros_like(self.mean), across @ self.root)
+        """Return the prior of an unknown multiple of the mean."""
+        return replace(self, unknown_gain=True)
 
-    def gain_of(self, x: FloatArray) -> float:
+    def rows(self, spreads: Sequence[float]) -> tuple[FloatArray, float]:
+        """Rows ``[A | b]`` that pull x to the mean, (rank, n_columns + 1), and the covariance's log-determinant.
+
+        `spreads`: relative uncertainty of the links, and of the rotors if they are declared.
+        """
+        root, log_det = self._root(spreads)
+        along = root @ self.mean
+        if not self.unknown_gain:
+            return np.column_stack([root, along]), log_det
+        across = _left_null_space(along[:, None])
+        return np.column_stack([across @ root, np.zeros(len(across))]), log_det + float(np.log(along @ along))
+
+    def gain_of(self, x: FloatArray, spreads: Sequence[float]) -> float:
         """Multiple of the mean that is nearest to x."""
-        along = self.root @ self.mean
-        return float(along @ (self.root @ x) / (along @ along))
+        root, _ = self._root(spreads)
+        along = root @ self.mean
+        return float(along @ (root @ x) / (along @ along))
+
+    def std(self, spreads: Sequence[float]) -> FloatArray:
+        """Standard deviation of every unknown (n_columns,); infinite where nothing is declared."""
+        spread = self.span.T @ np.column_stack([s * root for s, root in zip(spreads, self.roots, strict=True)])
+        said = np.abs(1 - np.sum(self.span**2, axis=0)) < 1e-9
+        std: FloatArray = np.where(said, np.linalg.norm(spread, axis=1), np.inf)
+        return std
+
+    def _root(self, spreads: Sequence[float]) -> tuple[FloatArray, float]:
+        _, factor = np.linalg.qr(np.column_stack([s * root for s, root in zip(spreads, self.roots, strict=True)]).T)
+        root: FloatArray = np.linalg.solve(factor.T, self.span)
+        return root, 2 * float(np.sum(np.log(np.abs(np.diag(factor)))))
 
 
 def inertial_prior(plan: Plan) -> InertialPrior:
@@ -77,25 +97,25 @@ def inertial_prior(plan: Plan) -> InertialPrior:
     """
     robot = plan.robot
     phi, rotors = np.asarray(robot.phi), np.asarray(robot.rotor_inertia)
-    link_spread = np.concatenate([_spread(phi[10 * i : 10 * i + 10]) for i in range(robot.n_links)])
-    if not np.any(link_spread):
+    n_phi, n = len(phi), robot.n_joints
+    if not declares_inertia(robot):
         raise ValueError(
             f"the robot {robot.name!r} declares no link's inertia, so there is no prior in it; add <inertial> to its "
             "links, or fit without a prior"
         )
     regroup = _regrouping(plan)
     # An offset that base parameters absorb (gravity on a vertical slide) is not declared: its spread stays zero.
-    value = np.concatenate([phi, rotors, np.zeros(robot.n_joints)])
-    spread = np.concatenate([link_spread, rotors, np.zeros(robot.n_joints)])
+    spread = np.concatenate([*(_spread(phi[first : first + 10]) for first in range(0, n_phi, 10)), rotors, np.zeros(n)])
     declared = spread > 0
-    silent = regroup[:, ~declared]
-    rows = np.flatnonzero(np.any(regroup, axis=1))
-    outside = _left_null_space(silent[rows])
-    _, factor = np.linalg.qr((outside @ regroup[np.ix_(rows, declared)] * spread[declared]).T)
-    root = np.zeros((len(outside), plan.n_columns))
-    root[:, rows] = np.linalg.solve(factor.T, outside)
+    known = np.flatnonzero(np.any(regroup, axis=1))
+    outside = _left_null_space(regroup[np.ix_(known, ~declared)])
+    span = np.zeros((len(outside), plan.n_columns))
+    span[:, known] = outside
+    is_rotor = (np.arange(len(spread)) >= n_phi) & declared
+    kinds = [declared & ~is_rotor, is_rotor] if is_rotor.any() else [declared]
+    value = np.concatenate([phi, rotors, np.zeros(n)])
     mean = regroup[:, declared] @ value[declared]
-    return InertialPrior(mean, root)
+    return InertialPrior(mean, span, tuple((span @ regroup * spread)[:, kind] for kind in kinds))
 
 
 def declares_inertia(robot: _core.RobotModel) -> bool:

@@ -247,7 +247,8 @@ def _prior(identifier: ThreeLoopIdentifier) -> dict[str, Any] | None:
     if posterior is None:
         return None
     declared, names = posterior.prior, base_names(plan)
-    std = declared.std(posterior.spread)
+    std = declared.std(posterior.spreads.tolist())
+    off = posterior.relative_uncertainty
     moved = [
         {
             "name": names[k],
@@ -262,7 +263,7 @@ def _prior(identifier: ThreeLoopIdentifier) -> dict[str, Any] | None:
     ]
     return {
         "kind": "robot",
-        "relative_uncertainty": posterior.relative_uncertainty,
+        "relative_uncertainty": {"links": off[0], "rotors": off[1] if len(off) > 1 else None},
         "gain": None if identifier.torque_unit_ == "N*m" else posterior.gain,
         "n_directions": declared.rank,
         "n_determined": posterior.n_determined,

@@ -104,7 +104,7 @@ def _examine(identifier: ThreeLoopIdentifier, term: KnownTerm, j: int, test: Seq
     }
     if declares_inertia(identifier.robot):
         posterior = identifier.links_.posterior_ or fit_with_prior(observations)
-        same, own = fit_with_prior(without, spread=posterior.spread), fit_with_prior(without)
+        same, own = fit_with_prior(without, spreads=posterior.spreads), fit_with_prior(without)
 
         def links(fitted: Observations, under: Posterior) -> LinkDynamicsIdentifier:
             return LinkDynamicsIdentifier(prior="robot").use_posterior(fitted, under)
@@ -116,9 +116,9 @@ def _examine(identifier: ThreeLoopIdentifier, term: KnownTerm, j: int, test: Seq
             "without": error(links(without, own), known_without),
         }
         entry["relative_uncertainty"] = {
-            "with": posterior.relative_uncertainty,
-            "without_same_weight": same.relative_uncertainty,
-            "without": own.relative_uncertainty,
+            "with": posterior.relative_uncertainty[0],
+            "without_same_weight": same.relative_uncertainty[0],
+            "without": own.relative_uncertainty[0],
         }
     return entry
 

@@ -28,8 +28,10 @@ def _prior(result: dict[str, Any]) -> str:
     prior = result["prior"]
     if prior is None:
         return ""
+    off = prior["relative_uncertainty"]
+    rotors = "" if off["rotors"] is None else f" and its rotors as if off by {100 * off['rotors']:.2g} %"
     return (
-        f" The robot file's inertials stand beside the data as if off by {100 * prior['relative_uncertainty']:.2g} %: "
+        f" The robot file's inertials stand beside the data as if off by {100 * off['links']:.2g} %{rotors}: "
         f"of {prior['n_directions']} directions in them the data determines {prior['n_determined']:.0f}."
     )
 
