@@ -303,6 +303,9 @@ class Effect:
     def shape(self) -> list[tuple[str, list[float]]]:
         """Shape parameters by name, one value per joint each."""
 
+    def __copy__(self) -> Effect: ...
+    def __deepcopy__(self, _memo: object, /) -> Effect: ...
+
 @final
 class GaussianMixtureRegression:
     """Conditional mean and variance of a Gaussian mixture's last dimension given the others (Eqs. 31-39).
