@@ -408,3 +408,126 @@ def test_an_unknown_prior_is_refused(tmp_path):
     assert "--prior must be auto, robot or none" in refusal(
         dynid("identify", robot, *runs, "--prior", "cad", "-o", tmp_path / "out")
     )
+
+
+# --- the KUKA with its hydraulic counterbalance ----------------------------------------------------------------------
+
+KUKA_GEAR = np.array([1798 / 7, 1872 / 7, 757 / 3, 221, 5032 / 21, 206793 / 1340])
+KUKA_ROTOR = np.array([0.00923, 0.0118, 0.0118, 0.00173, 0.00173, 0.00173])
+"""Rotors [kg m^2] of the authors' model, before the gears."""
+AXIS_2 = 1
+
+
+def authors_counterbalance(q):
+    """Torque [N m] of the authors' hydraulic counterbalance, as their README writes it."""
+    D, k, Z, R, T = 0.8, 0.2, 1.01, 296.8, 328.0
+    area = np.pi / 4 * (0.055**2 - 0.030**2)
+    m, V = 2 * 0.0795, 2 * 0.48e-3
+    delta = q + np.deg2rad(95)
+    dl = np.sqrt(D**2 + k**2 - 2 * D * k * np.cos(delta)) - (D - k)
+    h = D * k * np.sin(delta) / (dl + D - k)
+    return h * area * Z * R * T * m / (V - dl * area)
+
+
+def kuka_terms():
+    """The same as a term of the catalogue: cos(q + phase) = -cos(q + 95 deg), gas length V / A, coefficient Z R T m."""
+    area = np.pi / 4 * (0.055**2 - 0.030**2)
+    shape = {"a": 0.8, "b": 0.2, "phase": np.deg2rad(95) - np.pi, "gas_length": 2 * 0.48e-3 / area}
+    return shape, 1.01 * 296.8 * 328.0 * 2 * 0.0795
+
+
+@pytest.fixture(scope="module")
+def kuka(tmp_path_factory):
+    """result.json of `dynid identify` with a prior or none, the counterbalance known, and what was printed."""
+    folder = tmp_path_factory.mktemp("kuka")
+    shape, coefficient = kuka_terms()
+    lines = [f"{name} = {float(value)!r}" for name, value in {**shape, "counterbalance": coefficient}.items()]
+    (folder / "terms.toml").write_text(
+        "\n".join(["[[term]]", 'kind = "counterbalance"', f"joint = {AXIS_2}", *lines, ""])
+    )
+    (folder / "dynid.toml").write_text(f"[motor]\nrotor_inertia = {(KUKA_ROTOR * KUKA_GEAR**2).tolist()}\n")
+    files = [data.data_file("kuka_kr300_weigand", name) for name in ("robot.urdf", "traj_A.parquet", "traj_B.parquet")]
+    results = {}
+    for prior in ("robot", "none"):
+        printed = dynid(
+            "identify", files[0], files[1], "--test", files[2], "--prior", prior, "--known", folder / "terms.toml",
+            "--config", folder / "dynid.toml", "-o", folder / prior,
+        )  # fmt: skip
+        results[prior] = json.loads((folder / prior / "result.json").read_text()), printed.stdout, folder / prior
+    return results
+
+
+def test_the_term_is_the_authors_formula():
+    shape, coefficient = kuka_terms()
+    q = np.linspace(-2.3, 0.3, 200)[:, None]
+    effect = _core.Effect.of("counterbalance", **{name: [value] for name, value in shape.items()})
+    tau = _core.effect_torque(effect, [[coefficient]], q, 0 * q, 0 * q)
+    np.testing.assert_allclose(tau[:, 0], authors_counterbalance(q[:, 0]), rtol=1e-10, atol=1e-8)
+    assert np.ptp(tau) > 4000
+
+
+def test_with_the_prior_the_counterbalance_takes_axis_2_from_above_80_to_below_35_percent(kuka):
+    result = kuka["robot"][0]
+    (entry,) = result["known"]
+    std = result["rmse"]["test"]["torque_std"][AXIS_2]
+    errors = {key: value / std for key, value in entry["rmse_test_with_prior"].items()}
+    print(errors, result["prior"]["relative_uncertainty"])
+    assert errors["without_same_weight"] > 0.8
+    assert errors["with"] < 0.35
+    assert result["rmse"]["test"]["after"][AXIS_2] / std < 0.35
+    # The evidence alone, without the term, loosens the prior until base parameters imitate it.
+    assert errors["with"] < errors["without"] < errors["without_same_weight"]
+    off = entry["relative_uncertainty"]
+    assert off["with"] == off["without_same_weight"] < 0.3
+    assert off["without"] > 2 * off["with"]
+    assert entry["with_prior"]["separable"]
+    # the other axes do not pay for it
+    assert np.all(np.array(result["rmse"]["test"]["after"]) <= 0.5 * np.array(result["rmse"]["test"]["torque_std"]))
+
+
+def test_without_the_prior_the_tool_says_that_the_data_cannot_separate_it(kuka):
+    result, printed, _ = kuka["none"]
+    (entry,) = result["known"]
+    assert not entry["data_alone"]["separable"]
+    assert entry["data_alone"]["share"] < 1e-5
+    assert entry["data_alone"]["std_error"] > 1
+    (finding,) = [f for f in result["data"]["findings"] if f["code"] == "not_separable"]
+    assert finding["severity"] == "warning"
+    words = "his data cannot separate the counterbalance of joint_2 from the base parameters"
+    assert words in finding["message"]
+    assert words in result["verdict"]
+    assert words in " ".join(printed.split())
+    # and so it is: without a prior the term changes nothing
+    bare = entry["rmse_test_alone"]
+    assert abs(bare["with"] / bare["without"] - 1) < 0.1
+
+
+def test_with_the_prior_it_says_what_the_prior_is_for(kuka):
+    result, printed, folder = kuka["robot"]
+    words = "ithout the prior, this data cannot separate the counterbalance of joint_2"
+    assert words in result["verdict"]
+    assert "without it under the same weight of the prior" in " ".join(printed.split())
+    assert "Known terms" in (folder / "report.html").read_text()
+
+
+def test_the_saved_model_has_the_counterbalance(kuka, tmp_path):
+    folder = kuka["robot"][2]
+    model = _core.TorqueModel.load(folder / "model.json")
+    assert "counterbalance" in model.term_names
+    run_b = data.data_file("kuka_kr300_weigand", "traj_B.parquet")
+    printed = dynid("estimate", folder / "model.json", run_b, "-o", tmp_path / "torques.parquet")
+    assert printed.exit_code == 0, printed.output
+
+
+def test_the_default_prefers_the_prior_on_the_kuka_by_its_training_run_alone():
+    robot = RobotModel.from_urdf(data.data_file("kuka_kr300_weigand"))
+    train, test = (read_recording(data.data_file("kuka_kr300_weigand", f"traj_{name}.parquet"), robot) for name in "AB")
+    errors = []
+    for prior in ("auto", None):
+        identifier = ThreeLoopIdentifier(robot, links=LinkDynamicsIdentifier(prior=prior), residual=None).fit(train)
+        assert (identifier.links_.posterior_ is not None) == (prior == "auto")
+        states = identifier.states(test)
+        left = states.in_band(states.tau - identifier.model_.evaluate(*states.signals())[0])
+        errors.append(np.sqrt(np.mean(left**2, axis=0)))
+    print("error with over without the prior", (errors[0] / errors[1]).round(2))
+    assert np.exp(np.mean(np.log(errors[0] / errors[1]))) < 0.75
