@@ -14,7 +14,7 @@ from small_arm import URDF, dynid, refusal, write_robot, write_runs
 from threadpoolctl import threadpool_limits
 from tolerances import ALGEBRAIC
 
-from dynid_rs import RobotModel, _core
+from dynid_rs import RobotModel, _core, read_recording
 from dynid_rs.columns import Block, Observations, observe
 from dynid_rs.evidence import FRICTION_SPREAD, _Problem, fit_with_prior
 from dynid_rs.friction import friction_effect
