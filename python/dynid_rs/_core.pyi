@@ -312,6 +312,9 @@ class Effect:
     def shape(self) -> list[tuple[str, list[float]]]:
         """Shape parameters by name, one value per joint each."""
 
+    def __copy__(self) -> Effect: ...
+    def __deepcopy__(self, _memo: object, /) -> Effect: ...
+
 @final
 class FrictionSearch:
     """Residual power of one joint's torque as a function of friction's shape, links taken out (Eq. 12).

@@ -79,6 +79,15 @@ impl PyEffect {
         self.0.shape()
     }
 
+    /// Immutable, so a copy is the effect itself.
+    fn __copy__(slf: PyRef<'_, Self>) -> PyRef<'_, Self> {
+        slf
+    }
+
+    fn __deepcopy__<'py>(slf: PyRef<'py, Self>, _memo: &Bound<'py, PyAny>) -> PyRef<'py, Self> {
+        slf
+    }
+
     fn __repr__(&self) -> String {
         format!("Effect({:?})", self.0.kind())
     }
