@@ -120,11 +120,10 @@ class FrictionIdentifier(BaseEstimator):  # type: ignore[misc]
         def search(j: int) -> tuple[float, float]:
             n_orders = int(plan.own[j, -len(_core.FRICTION_NAMES) :].sum() - 2) // 2
             if pairs is not None and (odd := pairs[j]) is not None:
-                parts = [(speed, filter, kept, mirrored) for speed, filter, kept, mirrored in odd.runs]
-                return self._search(_PowerLeft(parts, None, odd.tau, odd.noise, n_orders))
+                return self._search(_PowerLeft(odd.runs, None, odd.tau, odd.noise, n_orders))
             stacked = np.concatenate([run[j] for run in rows])
             keep = np.concatenate([others & plan.own[j], np.ones(stacked.shape[1] - plan.n_own - 1, dtype=bool)])
-            parts = [(np.ascontiguousarray(s.dq_motor[:, j]), s.filter, s.kept, None) for s in runs]
+            parts: list[SearchRun] = [(np.ascontiguousarray(s.dq_motor[:, j]), s.filter, s.kept, None) for s in runs]
             noise = max(states.velocity_noise(j) for states in runs)
             return self._search(_PowerLeft(parts, stacked[:, :-1][:, keep], stacked[:, -1], noise, n_orders))
 

@@ -104,6 +104,7 @@ def _legs(
             f"the limits leave no room for a leg of joint {name}: it may move {room:.3g} rad (or m) and a leg at "
             f"{least:.3g} rad/s takes {need:.3g}; widen its position limits, or lower `slowest` or its velocity limit"
         )
+    edge = (1 - USAGE) / 2 * (limits.upper[j] - limits.lower[j])
     segments: list[Leg | ReversedPair] = []
     here = pose
     for speed in np.geomspace(least, top, n_speeds):
@@ -111,10 +112,7 @@ def _legs(
         cruise = min(leg_time, room / speed - ramp)
         way = speed * (ramp + cruise)
         start = pose.copy()
-        low, high = (
-            limits.lower[j] + (1 - USAGE) / 2 * (room / USAGE),
-            limits.upper[j] - (1 - USAGE) / 2 * (room / USAGE),
-        )
+        low, high = limits.lower[j] + edge, limits.upper[j] - edge
         start[j] = np.clip(pose[j] - way / 2, low, max(high - way, low))
         velocity = np.zeros_like(pose)
         velocity[j] = speed
