@@ -151,10 +151,12 @@ class FrictionIdentifier(BaseEstimator):  # type: ignore[misc]
         if power.of_pairs or power.is_clean(threshold, width):
             power.look_closely()
             width, at_best = power.best_width(threshold, width, power(threshold, width), span)
-            threshold, width, at_best = self._start(power, width, at_best)
+            if power.n_orders > 1:
+                threshold, width, at_best = self._start(power, width, at_best)
         for _ in range(MOST_TURNS):
             before = at_best
-            threshold, at_best = self._threshold(power, threshold, width, at_best, span)
+            if power.n_orders > 1:  # what jumps at a threshold is the paper's law alone
+                threshold, at_best = self._threshold(power, threshold, width, at_best, span)
             width, at_best = power.best_width(threshold, width, at_best, span)
             if at_best > (1 - power.worth) * before or power.exhausted(at_best):
                 break
@@ -163,7 +165,7 @@ class FrictionIdentifier(BaseEstimator):  # type: ignore[misc]
 
     def _best_threshold(self, power: _PowerLeft, width: float) -> float:
         """Lambda that leaves least at this eps (Eq. 12), none included."""
-        if power.n_orders == 0:
+        if power.n_orders < 2:
             return 0.0
         tries = self._thresholds(power, max(width, power.least_width), finer=4)
         least, best = min((power(x, width), x) for x in tries)
@@ -196,8 +198,6 @@ class FrictionIdentifier(BaseEstimator):  # type: ignore[misc]
         self, power: _PowerLeft, threshold: float, width: float, at_best: float, span: float
     ) -> tuple[float, float]:
         """Best lambda at this eps. The viscous torque jumps there, so it has to pay well against none at all."""
-        if power.n_orders == 0 or (power.n_orders == 1 and not power.of_pairs):
-            return threshold, at_best
         tries = self._thresholds(power, width)
         if power.clean and threshold > 0:
             tries = power.between_samples(threshold, 4 * self.n_thresholds)

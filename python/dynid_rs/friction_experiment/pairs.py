@@ -58,7 +58,8 @@ class Mirror:
     def samples(self) -> tuple[NDArray[np.intp], FloatArray]:
         """Samples (n,) after the mirror and the places (n,) of their images before it, not whole numbers."""
         after = np.arange(self.first, self.first + self.reach)
-        return after, 2 * self.middle - after
+        before: FloatArray = np.asarray(2 * self.middle - after, dtype=np.float64)
+        return after, before
 
 
 def still_speed(states: States) -> FloatArray:
@@ -118,7 +119,7 @@ def _agree(states: States, middle: float, after: NDArray[np.intp], limit: FloatA
     """Whether the samples `after` the mirror and their images have the same q and opposite dq."""
     from scipy.ndimage import maximum_filter1d
 
-    q, dq, before = states.q_motor, states.dq_motor, 2 * middle - after
+    q, dq, before = states.q_motor, states.dq_motor, np.asarray(2 * middle - after, dtype=np.float64)
     dq_before = at_places(dq, before)
     near = 2 * max(1, int(NEARBY * states.rate)) + 1
     speed = maximum_filter1d(np.maximum(np.abs(dq[after]), np.abs(dq_before)), near, axis=0, mode="nearest")

@@ -218,7 +218,7 @@ def _check(
 def _check_pose(names: Sequence[str], limits: MotionLimits, pose: FloatArray) -> None:
     if pose.shape != limits.lower.shape or not np.isfinite(pose).all():
         raise ValueError(f"pose must hold {len(names)} finite positions, one per joint, got {pose.tolist()}")
-    for j in np.flatnonzero((pose < limits.lower) | (pose > limits.upper)):
+    for j in np.flatnonzero((pose < limits.lower) | (pose > limits.upper)).tolist():
         raise ValueError(
             f"the pose's {names[j]} = {pose[j]:.4g} lies outside its limits {limits.lower[j]:.4g} to "
             f"{limits.upper[j]:.4g}; choose a pose within them"

@@ -68,8 +68,9 @@ def pair_windows(runs: Sequence[States], mirrors: Sequence[Sequence[Mirror]] | N
 
 def _window(mirror: Mirror, moving: NDArray[np.bool_]) -> PairWindow | None:
     states = mirror.states
-    after, before = mirror.samples()
-    after, before = after[:: states.step], np.round(before[:: states.step]).astype(np.intp)
+    places_after, places_before = mirror.samples()
+    after = places_after[:: states.step]
+    before = np.round(places_before[:: states.step]).astype(np.intp)
     used = moving[:, after] & moving[:, before] & mirror.moves[:, None]
     wanted = used.any(axis=0)
     if not wanted.any():
