@@ -120,7 +120,7 @@ class FrictionIdentifier(BaseEstimator):  # type: ignore[misc]
         def search(j: int) -> tuple[float, float]:
             n_orders = int(plan.own[j, -len(_core.FRICTION_NAMES) :].sum() - 2) // 2
             if pairs is not None and (odd := pairs[j]) is not None:
-                return self._search(_PowerLeft(odd.runs, None, odd.tau, odd.noise, n_orders))
+                return self._search(_PowerLeft(odd.runs, odd.beside, odd.tau, odd.noise, n_orders, of_pairs=True))
             stacked = np.concatenate([run[j] for run in rows])
             keep = np.concatenate([others & plan.own[j], np.ones(stacked.shape[1] - plan.n_own - 1, dtype=bool)])
             parts: list[SearchRun] = [(np.ascontiguousarray(s.dq_motor[:, j]), s.filter, s.kept, None) for s in runs]
@@ -221,12 +221,18 @@ class _PowerLeft:
     """Residual power of joint j's torque as a function of friction's shape, links taken out."""
 
     def __init__(
-        self, runs: Sequence[SearchRun], links: FloatArray | None, tau: FloatArray, noise: float, n_orders: int
+        self,
+        runs: Sequence[SearchRun],
+        links: FloatArray,
+        tau: FloatArray,
+        noise: float,
+        n_orders: int,
+        *,
+        of_pairs: bool = False,
     ) -> None:
         self._speeds = [speed for speed, *_ in runs]
-        self.of_pairs = links is None
-        columns = np.zeros((len(tau), 0)) if links is None else links
-        self._search = _core.FrictionSearch(runs, columns, tau, weak=WEAK, n_orders=n_orders)
+        self.of_pairs = of_pairs
+        self._search = _core.FrictionSearch(runs, links, tau, weak=WEAK, n_orders=n_orders)
         self.n_orders, self._close, self.clean = n_orders, CLOSE, False
         self._tau_power = float(tau @ tau)
         self.least_width = NOISE_WIDTHS * noise

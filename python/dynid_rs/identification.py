@@ -171,11 +171,7 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
             # Loop 1: friction's shape, on what the links leave (Eqs. 9-12).
             on_progress(f"round {self.n_iter_}: friction")
             torque = [states.in_band(states.tau - u) for states, u in zip(runs, third_loop, strict=True)]
-            pairs = odd_torques(plan, data.pairs, pair_rows(plan, data.pairs)[0], *held) if data.pairs else None
-            friction.fit(plan, runs, observations.rows_with(torque), changed, pairs=pairs)
-            plan = self._plan(friction.effect_)
-            if "stribeck" in laws_per_joint(self.friction_law, self.robot.n_joints):
-                plan = self._fit_stribeck(friction.effect_, data)
+            plan = self._fit_shape(friction, plan, observations.rows_with(torque), data, held, changed)
             # Loop 2: links and all linear coefficients, without the third loop's torque (Eqs. 19-25).
             on_progress(f"round {self.n_iter_}: link dynamics")
             observations = observe(plan, runs, [s.tau - u for s, u in zip(runs, third_loop, strict=True)])
@@ -270,6 +266,28 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
             effects.append(self._stribeck)
         plan = make_plan(self.robot, [*effects, friction])
         return with_laws(plan, laws_per_joint(self.friction_law, self.robot.n_joints))
+
+    def _fit_shape(
+        self,
+        friction: FrictionIdentifier,
+        plan: Plan,
+        rows: list[list[FloatArray]],
+        data: _Data,
+        held: tuple[FloatArray, FloatArray],
+        changed: Sequence[int] | None,
+    ) -> Plan:
+        """First loop: friction's shape from the pairs of a friction experiment, where a joint has some; the plan then."""
+        pairs = odd_torques(plan, data.pairs, pair_rows(plan, data.pairs)[0], *held) if data.pairs else None
+        friction.fit(plan, data.runs, rows, changed, pairs=pairs)
+        plan = self._plan(friction.effect_)
+        if "stribeck" in laws_per_joint(self.friction_law, self.robot.n_joints):
+            first = self._stribeck is None
+            plan = self._fit_stribeck(friction.effect_, data)
+            if first:  # the width was searched without the part that falls with speed: once more, with it
+                torque = [np.column_stack([run[j][:, -1] for j in range(len(run))]) for run in rows]
+                rows = observe(plan, data.runs).rows_with(torque)
+                return self._fit_shape(friction, plan, rows, data, held, None)
+        return plan
 
     def _fit_stribeck(self, friction: _core.Effect, data: _Data) -> Plan:
         """Choose the shape of the part that falls with speed; the pairs decide where a joint has some."""

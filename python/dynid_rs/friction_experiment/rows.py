@@ -47,12 +47,14 @@ class PairWindow:
 class OddTorque:
     """Odd part of one joint's torque at its pairs, for the search of friction's shape.
 
-    `runs` as `_core.FrictionSearch` takes them, `tau` (n_pairs,), `noise` of the velocity [rad/s].
+    `runs` as `_core.FrictionSearch` takes them, `tau` (n_pairs,), `noise` of the velocity [rad/s]; `beside`
+    (n_pairs, k) are columns of other odd effects, which are fitted too.
     """
 
     runs: list[SearchRun]
     tau: FloatArray
     noise: float
+    beside: FloatArray
 
 
 def pair_windows(runs: Sequence[States], mirrors: Sequence[Sequence[Mirror]] | None = None) -> list[PairWindow]:
@@ -118,6 +120,8 @@ def odd_torques(
 
     Sides that differ a little leave a little of the links' torque, which `phi_base` (n_base,) takes out.
     """
+    kinds = [effect.kind for effect in plan.effects for _ in range(effect.n_columns)]
+    odd_own = np.array([kind == "stribeck" for kind in kinds])
     torques: list[OddTorque | None] = []
     for j, rows in enumerate(odd):
         parts = [(window, *window.of_joint(j)) for window in windows if window.used[j].any()]
@@ -131,5 +135,5 @@ def odd_torques(
             for window, after, before in parts
         ]
         noise = max(window.states.velocity_noise(j) for window, _, _ in parts)
-        torques.append(OddTorque(runs, tau, noise))
+        torques.append(OddTorque(runs, tau, noise, rows[:, : plan.n_own][:, odd_own & plan.own[j]]))
     return torques
