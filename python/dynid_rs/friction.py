@@ -120,11 +120,10 @@ class FrictionIdentifier(BaseEstimator):  # type: ignore[misc]
         def search(j: int) -> tuple[float, float]:
             n_orders = int(plan.own[j, -len(_core.FRICTION_NAMES) :].sum() - 2) // 2
             if pairs is not None and (odd := pairs[j]) is not None:
-                parts = [(speed, filter, kept, mirrored) for speed, filter, kept, mirrored in odd.runs]
-                return self._search(_PowerLeft(parts, None, odd.tau, odd.noise, n_orders))
+                return self._search(_PowerLeft(odd.runs, odd.beside, odd.tau, odd.noise, n_orders, of_pairs=True))
             stacked = np.concatenate([run[j] for run in rows])
             keep = np.concatenate([others & plan.own[j], np.ones(stacked.shape[1] - plan.n_own - 1, dtype=bool)])
-            parts = [(np.ascontiguousarray(s.dq_motor[:, j]), s.filter, s.kept, None) for s in runs]
+            parts: list[SearchRun] = [(np.ascontiguousarray(s.dq_motor[:, j]), s.filter, s.kept, None) for s in runs]
             noise = max(states.velocity_noise(j) for states in runs)
             return self._search(_PowerLeft(parts, stacked[:, :-1][:, keep], stacked[:, -1], noise, n_orders))
 
@@ -152,10 +151,12 @@ class FrictionIdentifier(BaseEstimator):  # type: ignore[misc]
         if power.of_pairs or power.is_clean(threshold, width):
             power.look_closely()
             width, at_best = power.best_width(threshold, width, power(threshold, width), span)
-            threshold, width, at_best = self._start(power, width, at_best)
+            if power.n_orders > 1:
+                threshold, width, at_best = self._start(power, width, at_best)
         for _ in range(MOST_TURNS):
             before = at_best
-            threshold, at_best = self._threshold(power, threshold, width, at_best, span)
+            if power.n_orders > 1:  # what jumps at a threshold is the paper's law alone
+                threshold, at_best = self._threshold(power, threshold, width, at_best, span)
             width, at_best = power.best_width(threshold, width, at_best, span)
             if at_best > (1 - power.worth) * before or power.exhausted(at_best):
                 break
@@ -164,7 +165,7 @@ class FrictionIdentifier(BaseEstimator):  # type: ignore[misc]
 
     def _best_threshold(self, power: _PowerLeft, width: float) -> float:
         """Lambda that leaves least at this eps (Eq. 12), none included."""
-        if power.n_orders == 0:
+        if power.n_orders < 2:
             return 0.0
         tries = self._thresholds(power, max(width, power.least_width), finer=4)
         least, best = min((power(x, width), x) for x in tries)
@@ -197,8 +198,6 @@ class FrictionIdentifier(BaseEstimator):  # type: ignore[misc]
         self, power: _PowerLeft, threshold: float, width: float, at_best: float, span: float
     ) -> tuple[float, float]:
         """Best lambda at this eps. The viscous torque jumps there, so it has to pay well against none at all."""
-        if power.n_orders == 0 or (power.n_orders == 1 and not power.of_pairs):
-            return threshold, at_best
         tries = self._thresholds(power, width)
         if power.clean and threshold > 0:
             tries = power.between_samples(threshold, 4 * self.n_thresholds)
@@ -222,12 +221,18 @@ class _PowerLeft:
     """Residual power of joint j's torque as a function of friction's shape, links taken out."""
 
     def __init__(
-        self, runs: Sequence[SearchRun], links: FloatArray | None, tau: FloatArray, noise: float, n_orders: int
+        self,
+        runs: Sequence[SearchRun],
+        links: FloatArray,
+        tau: FloatArray,
+        noise: float,
+        n_orders: int,
+        *,
+        of_pairs: bool = False,
     ) -> None:
         self._speeds = [speed for speed, *_ in runs]
-        self.of_pairs = links is None
-        columns = np.zeros((len(tau), 0)) if links is None else links
-        self._search = _core.FrictionSearch(runs, columns, tau, weak=WEAK, n_orders=n_orders)
+        self.of_pairs = of_pairs
+        self._search = _core.FrictionSearch(runs, links, tau, weak=WEAK, n_orders=n_orders)
         self.n_orders, self._close, self.clean = n_orders, CLOSE, False
         self._tau_power = float(tau @ tau)
         self.least_width = NOISE_WIDTHS * noise
