@@ -82,7 +82,8 @@ fn names_kinds_and_limits() {
             lower: -2.0,
             upper: 2.5,
             velocity: 3.0,
-            effort: 80.0
+            effort: 80.0,
+            ..JointLimits::default()
         }
     );
     assert_eq!(
@@ -91,7 +92,8 @@ fn names_kinds_and_limits() {
             lower: 0.0,
             upper: 0.4,
             velocity: 0.5,
-            effort: 200.0
+            effort: 200.0,
+            ..JointLimits::default()
         }
     );
     assert_eq!(limits[2], JointLimits::default());

@@ -17,6 +17,7 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     let py = m.py();
     m.add("__version__", env!("CARGO_PKG_VERSION"))?;
     m.add("UrdfError", py.get_type::<errors::UrdfError>())?;
+    m.add("MdhError", py.get_type::<errors::MdhError>())?;
     m.add("FormatError", py.get_type::<errors::FormatError>())?;
     m.add(
         "LINK_PARAMETER_NAMES",

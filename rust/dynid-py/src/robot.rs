@@ -1,12 +1,14 @@
 //! `RobotModel` in Python.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use dynid_core::{Joint, JointKind, RobotModel};
+use dynid_io::mdh::{self, MdhOptions};
 use dynid_io::urdf::{self, UrdfOptions};
 use dynid_offline::batch;
 use numpy::{PyArray1, PyArray2, PyArray3, PyUntypedArrayMethods};
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use crate::base::PyBaseParameters;
@@ -25,6 +27,11 @@ impl PyRobotModel {
     ) -> Bound<'py, PyArray1<f64>> {
         PyArray1::from_iter(py, self.0.joints().iter().map(value))
     }
+}
+
+fn is_toml(path: &Path) -> bool {
+    path.extension()
+        .is_some_and(|suffix| suffix.eq_ignore_ascii_case("toml"))
 }
 
 fn options(
@@ -76,6 +83,68 @@ impl PyRobotModel {
             .detach(|| urdf::parse(text, source_name, &options))
             .map_err(errors::urdf)?;
         Ok(Self(Arc::new(robot)))
+    }
+
+    #[staticmethod]
+    #[pyo3(signature = (path, *, gravity=None, rotor_inertia=None))]
+    fn from_mdh(
+        py: Python<'_>,
+        path: PathBuf,
+        gravity: Option<[f64; 3]>,
+        rotor_inertia: Option<Vec<f64>>,
+    ) -> PyResult<Self> {
+        let options = MdhOptions {
+            gravity,
+            rotor_inertia,
+        };
+        let robot = py
+            .detach(|| mdh::load(&path, &options))
+            .map_err(errors::mdh)?;
+        Ok(Self(Arc::new(robot)))
+    }
+
+    #[staticmethod]
+    #[pyo3(signature = (text, *, source_name="<string>", gravity=None, rotor_inertia=None))]
+    fn from_mdh_string(
+        py: Python<'_>,
+        text: &str,
+        source_name: &str,
+        gravity: Option<[f64; 3]>,
+        rotor_inertia: Option<Vec<f64>>,
+    ) -> PyResult<Self> {
+        let options = MdhOptions {
+            gravity,
+            rotor_inertia,
+        };
+        let robot = py
+            .detach(|| mdh::parse(text, source_name, &options))
+            .map_err(errors::mdh)?;
+        Ok(Self(Arc::new(robot)))
+    }
+
+    /// A `.toml` is a table of modified Denavit-Hartenberg rows, anything else a URDF.
+    #[staticmethod]
+    #[pyo3(signature = (path, *, base=None, tip=None, gravity=None, rotor_inertia=None))]
+    fn from_file(
+        py: Python<'_>,
+        path: PathBuf,
+        base: Option<String>,
+        tip: Option<String>,
+        gravity: Option<[f64; 3]>,
+        rotor_inertia: Option<Vec<f64>>,
+    ) -> PyResult<Self> {
+        if !is_toml(&path) {
+            let gravity = gravity.unwrap_or(UrdfOptions::default().gravity);
+            return Self::from_urdf(py, path, base, tip, gravity, rotor_inertia);
+        }
+        if base.is_some() || tip.is_some() {
+            let name = if base.is_some() { "base" } else { "tip" };
+            return Err(PyValueError::new_err(format!(
+                "{}: a robot.toml is one chain from its first row to its last; leave out {name}",
+                path.display()
+            )));
+        }
+        Self::from_mdh(py, path, gravity, rotor_inertia)
     }
 
     #[getter]
@@ -131,6 +200,11 @@ impl PyRobotModel {
     }
 
     #[getter]
+    fn gear_ratio<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        self.per_joint(py, |j| j.gear_ratio.unwrap_or(f64::NAN))
+    }
+
+    #[getter]
     fn lower<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
         self.per_joint(py, |j| j.limits.lower)
     }
@@ -143,6 +217,11 @@ impl PyRobotModel {
     #[getter]
     fn velocity_limits<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
         self.per_joint(py, |j| j.limits.velocity)
+    }
+
+    #[getter]
+    fn acceleration_limits<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        self.per_joint(py, |j| j.limits.acceleration)
     }
 
     #[getter]

@@ -49,8 +49,12 @@ struct JointPart {
     lower: Option<f64>,
     upper: Option<f64>,
     velocity: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    acceleration: Option<f64>,
     effort: Option<f64>,
     rotor_inertia: f64,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    gear_ratio: Option<f64>,
     phi: [f64; 10],
 }
 
@@ -194,8 +198,10 @@ impl JointPart {
             lower: finite(joint.limits.lower),
             upper: finite(joint.limits.upper),
             velocity: finite(joint.limits.velocity),
+            acceleration: finite(joint.limits.acceleration),
             effort: finite(joint.limits.effort),
             rotor_inertia: joint.rotor_inertia,
+            gear_ratio: joint.gear_ratio,
             phi: joint.phi,
         }
     }
@@ -215,9 +221,11 @@ impl JointPart {
                 lower: self.lower.unwrap_or(f64::NEG_INFINITY),
                 upper: self.upper.unwrap_or(f64::INFINITY),
                 velocity: self.velocity.unwrap_or(f64::INFINITY),
+                acceleration: self.acceleration.unwrap_or(f64::INFINITY),
                 effort: self.effort.unwrap_or(f64::INFINITY),
             },
             rotor_inertia: self.rotor_inertia,
+            gear_ratio: self.gear_ratio,
             phi: self.phi,
         }
     }

@@ -22,6 +22,7 @@ fn joint(name: &str, kind: JointKind) -> Joint {
             ..JointLimits::default()
         },
         rotor_inertia: 0.25,
+        gear_ratio: Some(101.0),
         phi: [1.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9],
     }
 }

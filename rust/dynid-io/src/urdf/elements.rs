@@ -176,6 +176,7 @@ pub(super) struct Limit {
     pub(super) lower: f64,
     pub(super) upper: f64,
     pub(super) velocity: f64,
+    pub(super) acceleration: f64,
     pub(super) effort: f64,
 }
 
@@ -185,6 +186,7 @@ impl Default for Limit {
             lower: f64::NEG_INFINITY,
             upper: f64::INFINITY,
             velocity: f64::INFINITY,
+            acceleration: f64::INFINITY,
             effort: f64::INFINITY,
         }
     }
@@ -207,6 +209,7 @@ pub(super) fn limit(tag: &Tag, motion: Motion) -> Result<(Limit, Option<&'static
     };
     let mut limit = Limit {
         velocity: positive("velocity", "a greatest speed")?,
+        acceleration: positive("acceleration", "a greatest acceleration")?,
         effort: positive("effort", "a greatest torque or force")?,
         ..Limit::default()
     };
