@@ -778,7 +778,6 @@ CONFIG_FAULTS = {
     "gain_huge": ("[drive]\ngain = 1" + "0" * 400, r"\[drive\] gain"),
     "gain_zero": ("[drive]\ngain = [1, 0]", r"\[drive\] gain: must be positive"),
     "ratio_negative": ("[gear]\nratio = -100", r"\[gear\] ratio: must be positive.*\[signs\]"),
-    "apply_alone": ('[gear]\napply_to = ["tau"]', r"\[gear\] apply_to: needs ratio"),
     "apply_other": ('[gear]\nratio = 3\napply_to = ["q"]', r"\[gear\] apply_to: must be a list of"),
     "sign": ("[signs]\nq = [1, 2]", r"\[signs\] q: must be 1 or -1"),
     "deep": ("a = " + "[" * 5000 + "]" * 5000, "is not valid TOML|not known"),

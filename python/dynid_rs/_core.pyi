@@ -116,7 +116,7 @@ class RobotModel:
     ) -> RobotModel:
         """Read a robot from a table of modified Denavit-Hartenberg rows, `robot.toml`.
 
-        `T(i-1 -> i) = Rx(alpha) Tx(a) Rz(theta) Tz(d)`, the convention of the paper; docs/robot_toml.md describes the file.
+        `T(i-1 -> i) = Rx(alpha) Tx(a) Rz(theta) Tz(d)`, the paper's convention; docs/robot_toml.md describes the file.
 
         Parameters
         ----------

@@ -28,15 +28,15 @@ class Settings:
     gain_given: bool = False
 
 
-def read_robot(path: Path, base: str | None, tip: str | None, gravity: str) -> Any:
-    """Read a URDF and put the arm into the given gravity, "X,Y,Z" [m/s^2]."""
+def read_robot(path: Path, base: str | None = None, tip: str | None = None, gravity: str | None = None) -> Any:
+    """Read a robot, URDF or robot.toml, in its own gravity or in the given one, "X,Y,Z" [m/s^2]."""
     from dynid_rs import _core
     from dynid_rs.files import check_readable
 
-    vector = _numbers("--gravity", gravity, 3)
-    if sum(g * g for g in vector) > STRONGEST_GRAVITY**2:
+    vector = None if gravity is None else _numbers("--gravity", gravity, 3)
+    if vector is not None and sum(g * g for g in vector) > STRONGEST_GRAVITY**2:
         raise ValueError(f"--gravity must be in m/s^2, at most {STRONGEST_GRAVITY:g}, found {gravity}")
-    return _core.RobotModel.from_urdf(check_readable(path), base=base, tip=tip, gravity=vector)
+    return _core.RobotModel.from_file(check_readable(path), base=base, tip=tip, gravity=vector)
 
 
 def read_settings(config: Path | None, drive_gain: str | None, n_joints: int) -> Settings:

@@ -26,7 +26,7 @@ _OPENERS = {".parquet": open_parquet, ".csv": open_csv, ".npz": open_npz}
 
 @runtime_checkable
 class RobotLike(Protocol):
-    """The part of a robot model that a reader needs."""
+    """The part of a robot model that a reader needs; its `gear_ratio`, if it has one, is read too."""
 
     @property
     def joint_names(self) -> Sequence[str]:
@@ -106,6 +106,7 @@ def read_run(
     if not joints:
         raise ValueError("a robot has at least one joint, got no joint names")
     columns = match_columns(table.names, joints, config, table.file, require_torque=require_torque)
+    config = config.with_gears(getattr(robot, "gear_ratio", None))
     recording = to_recording(table, columns, joints, kinds, config)
     return Run(recording, table.kind, columns)
 
