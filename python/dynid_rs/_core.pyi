@@ -357,6 +357,9 @@ class Effect:
     def shape(self) -> list[tuple[str, list[float]]]:
         """Shape parameters by name, one value per joint each."""
 
+    def __copy__(self) -> Effect: ...
+    def __deepcopy__(self, _memo: object, /) -> Effect: ...
+
 @final
 class GaussianMixtureRegression:
     """Conditional mean and variance of a Gaussian mixture's last dimension given the others (Eqs. 31-39).
@@ -539,6 +542,9 @@ class TorqueModel:
     @property
     def torque_unit(self) -> str:
         """`"N*m"` or `"A"`."""
+
+    def __copy__(self) -> TorqueModel: ...
+    def __deepcopy__(self, _memo: object, /) -> TorqueModel: ...
 
 def friction_basis(dq: ArrayLike, velocity_threshold: float, transition_width: float) -> _FloatArray:
     """Basis of Eqs. 9-11 at speeds `dq` (n_samples,) of one joint: (n_samples, 8), columns `FRICTION_NAMES`.

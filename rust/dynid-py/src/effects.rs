@@ -14,6 +14,9 @@ use crate::arrays;
 #[derive(Clone)]
 pub struct PyEffect(pub Effect);
 
+type Shape = Vec<(&'static str, Vec<f64>)>;
+type Rebuild<'py> = (Bound<'py, PyAny>, (&'static str, Shape));
+
 #[pymethods]
 impl PyEffect {
     #[staticmethod]
@@ -57,7 +60,7 @@ impl PyEffect {
 
     /// Shape parameters by name, one value per joint.
     #[getter]
-    fn shape(&self) -> Vec<(&'static str, Vec<f64>)> {
+    fn shape(&self) -> Shape {
         match &self.0 {
             Effect::Friction(shape) => vec![
                 ("velocity_threshold", shape.velocity_threshold.clone()),
@@ -67,8 +70,37 @@ impl PyEffect {
         }
     }
 
+    /// Kind and shape are all there is: copies in other processes are built from them.
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<Rebuild<'py>> {
+        let rebuild = py.import("dynid_rs._core")?.getattr("_effect_of")?;
+        Ok((rebuild, (self.kind(), self.shape())))
+    }
+
+    /// Immutable, so a copy is the effect itself.
+    fn __copy__(slf: PyRef<'_, Self>) -> PyRef<'_, Self> {
+        slf
+    }
+
+    fn __deepcopy__<'py>(slf: PyRef<'py, Self>, _memo: &Bound<'py, PyAny>) -> PyRef<'py, Self> {
+        slf
+    }
+
     fn __repr__(&self) -> String {
         format!("Effect({:?})", self.0.kind())
+    }
+}
+
+/// The effect of a kind and a shape that `Effect.__reduce__` wrote.
+#[pyfunction]
+pub fn _effect_of(kind: &str, shape: Vec<(String, Vec<f64>)>) -> PyResult<PyEffect> {
+    let mut values = shape.into_iter().map(|(_, values)| values);
+    match (kind, values.next(), values.next()) {
+        ("rotor_inertia", None, None) => Ok(PyEffect::rotor_inertia()),
+        ("torque_offset", None, None) => Ok(PyEffect::torque_offset()),
+        ("friction", Some(threshold), Some(width)) => PyEffect::friction(threshold, width),
+        _ => Err(PyValueError::new_err(format!(
+            "{kind:?} with this shape is no effect of this release"
+        ))),
     }
 }
 

@@ -32,6 +32,11 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<effects::PyEffect>()?;
     m.add_class::<mixture::PyGaussianMixtureRegression>()?;
     m.add_class::<model::PyTorqueModel>()?;
+    // What `__reduce__` names: other processes build copies with them. Set, not added: they are nobody else's.
+    m.setattr("_robot_of", wrap_pyfunction!(robot::_robot_of, m)?)?;
+    m.setattr("_model_of", wrap_pyfunction!(model::_model_of, m)?)?;
+    m.setattr("_effect_of", wrap_pyfunction!(effects::_effect_of, m)?)?;
+    m.setattr("_base_of", wrap_pyfunction!(base::_base_of, m)?)?;
     m.add_function(wrap_pyfunction!(effects::friction_basis, m)?)?;
     m.add_function(wrap_pyfunction!(model::residual_inputs, m)?)?;
     m.add_function(wrap_pyfunction!(model::align_link_side, m)?)?;

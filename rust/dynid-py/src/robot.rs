@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use dynid_core::{Joint, JointKind, RobotModel};
 use dynid_io::mdh::{self, MdhOptions};
+use dynid_io::model_file;
 use dynid_io::urdf::{self, UrdfOptions};
 use dynid_offline::batch;
 use numpy::{PyArray1, PyArray2, PyArray3, PyUntypedArrayMethods};
@@ -27,6 +28,16 @@ impl PyRobotModel {
     ) -> Bound<'py, PyArray1<f64>> {
         PyArray1::from_iter(py, self.0.joints().iter().map(value))
     }
+}
+
+/// A function and its argument, as `pickle` wants them.
+pub type Rebuild<'py> = (Bound<'py, PyAny>, (String,));
+
+/// The robot of a text that `RobotModel.__reduce__` wrote.
+#[pyfunction]
+pub fn _robot_of(text: &str) -> PyResult<PyRobotModel> {
+    let robot = model_file::robot_from_text(text, "<pickle>").map_err(errors::model_file)?;
+    Ok(PyRobotModel(Arc::new(robot)))
 }
 
 fn is_toml(path: &Path) -> bool {
@@ -298,6 +309,13 @@ impl PyRobotModel {
             .detach(|| dynid_offline::base_parameters(&self.0, random_state, rtol))
             .map_err(errors::offline)?;
         Ok(PyBaseParameters::new(base, &self.0))
+    }
+
+    /// Name, gravity and joints as a model file holds them: copies in other processes are built from that text.
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<Rebuild<'py>> {
+        let text = model_file::robot_to_text(&self.0)
+            .map_err(|error| PyValueError::new_err(error.to_string()))?;
+        Ok((py.import("dynid_rs._core")?.getattr("_robot_of")?, (text,)))
     }
 
     /// Immutable, so a copy is the robot itself.

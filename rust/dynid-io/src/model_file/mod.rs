@@ -9,11 +9,11 @@ use std::fs;
 use std::io::{Read, Write};
 use std::path::Path;
 
-use dynid_core::TorqueModel;
+use dynid_core::{RobotModel, TorqueModel};
 use serde::Deserialize;
 use sha2::{Digest, Sha256};
 
-use schema::ModelFile;
+use schema::{ModelFile, RobotPart};
 
 /// Name in the `format` field.
 pub const FORMAT: &str = "dynid-model";
@@ -125,13 +125,34 @@ fn write_atomically(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
 ///
 /// # Errors
 /// `serde_json::Error` if the model cannot be written as JSON.
-pub(crate) fn to_text(model: &TorqueModel) -> Result<String, serde_json::Error> {
+pub fn to_text(model: &TorqueModel) -> Result<String, serde_json::Error> {
     let blank = format!("{CHECKSUM_PREFIX}{}", "0".repeat(N_DIGITS));
     let file = ModelFile::from_model(model, FORMAT, VERSION, blank.clone());
     let mut text = serde_json::to_string_pretty(&file)?;
     text.push('\n');
     let sum = format!("{CHECKSUM_PREFIX}{}", digest(&text));
     Ok(text.replacen(&blank, &sum, 1))
+}
+
+/// A robot as the text that a model file holds of it, for copies in other processes.
+///
+/// # Errors
+/// `serde_json::Error` if the robot cannot be written as JSON.
+pub fn robot_to_text(robot: &RobotModel) -> Result<String, serde_json::Error> {
+    serde_json::to_string(&RobotPart::from_robot(robot))
+}
+
+/// The robot of [`robot_to_text`], to the last bit.
+///
+/// # Errors
+/// [`ModelFileError::Invalid`]; `name` is used in messages.
+pub fn robot_from_text(text: &str, name: &str) -> Result<RobotModel, ModelFileError> {
+    let invalid = |message: String| ModelFileError::Invalid {
+        path: name.to_owned(),
+        message,
+    };
+    let part: RobotPart = serde_json::from_str(text).map_err(|e| invalid(json_message(&e)))?;
+    part.into_robot().map_err(invalid)
 }
 
 fn digest(text: &str) -> String {

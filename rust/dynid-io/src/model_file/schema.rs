@@ -31,7 +31,7 @@ pub struct ModelFile {
 
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct RobotPart {
+pub(super) struct RobotPart {
     name: String,
     gravity: [f64; 3],
     joints: Vec<JointPart>,
@@ -114,17 +114,12 @@ struct DomainPart {
 impl ModelFile {
     /// What is written for `model`.
     pub fn from_model(model: &TorqueModel, format: &str, version: u32, checksum: String) -> Self {
-        let robot = model.robot();
         Self {
             format: format.to_owned(),
             version,
             checksum,
             torque_unit: model.torque_unit().to_owned(),
-            robot: RobotPart {
-                name: robot.name().to_owned(),
-                gravity: (*robot.gravity()).into(),
-                joints: robot.joints().iter().map(JointPart::from_joint).collect(),
-            },
+            robot: RobotPart::from_robot(model.robot()),
             phi: tens(model.phi()),
             torque_scale: model.torque_scale().to_vec(),
             effects: model.effects().iter().map(EffectPart::from_term).collect(),
@@ -141,14 +136,7 @@ impl ModelFile {
 
     /// The model, every length and number checked.
     pub fn into_model(self) -> Result<TorqueModel, String> {
-        let joints: Vec<Joint> = self
-            .robot
-            .joints
-            .into_iter()
-            .map(JointPart::into_joint)
-            .collect();
-        let robot = RobotModel::new(self.robot.name, joints, Vector3::from(self.robot.gravity))
-            .map_err(|e| format!("robot: {e}"))?;
+        let robot = self.robot.into_robot()?;
         let n = robot.n_joints();
         let effects = self
             .effects
@@ -181,6 +169,22 @@ fn tens(phi: &[f64]) -> Vec<[f64; 10]> {
 
 fn finite(x: f64) -> Option<f64> {
     x.is_finite().then_some(x)
+}
+
+impl RobotPart {
+    pub(super) fn from_robot(robot: &RobotModel) -> Self {
+        Self {
+            name: robot.name().to_owned(),
+            gravity: (*robot.gravity()).into(),
+            joints: robot.joints().iter().map(JointPart::from_joint).collect(),
+        }
+    }
+
+    pub(super) fn into_robot(self) -> Result<RobotModel, String> {
+        let joints = self.joints.into_iter().map(JointPart::into_joint).collect();
+        RobotModel::new(self.name, joints, Vector3::from(self.gravity))
+            .map_err(|e| format!("robot: {e}"))
+    }
 }
 
 impl JointPart {
