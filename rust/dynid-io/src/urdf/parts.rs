@@ -176,7 +176,7 @@ impl OpenJoint {
                     remark,
                 })
             }
-            "mimic" => once(&mut self.mimic_at, tag, tag.at)?,
+            "mimic" => once(&mut self.mimic_at, tag, elements::mimic(tag)?)?,
             "axis" => {
                 let (axis, scaled) = elements::axis(tag)?;
                 once(&mut self.axis, tag, axis)?;
