@@ -322,6 +322,9 @@ def test_currents_without_and_with_drive_gains(tmp_path):
     assert newton["torque_unit"] == "N*m"
     std = np.array(newton["rmse"]["test"]["torque_std"])
     np.testing.assert_allclose(std / ampere["rmse"]["test"]["torque_std"], [20, 15, 6], **ALGEBRAIC)
+    _, same = identify(tmp_path, *paths, "--drive-gain", "20")
+    std = np.array(same["rmse"]["test"]["torque_std"])
+    np.testing.assert_allclose(std / ampere["rmse"]["test"]["torque_std"], [20, 20, 20], **ALGEBRAIC)
 
 
 def test_full_covariance_and_a_band_of_ones_own(tmp_path):

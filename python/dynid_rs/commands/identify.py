@@ -44,7 +44,7 @@ def identify(
     tip: Annotated[str | None, typer.Option(help="Last link of the chain, where the URDF branches")] = None,
     drive_gain: Annotated[
         str | None,
-        typer.Option(metavar="G[,G...]", help="Joint torque per motor current [N*m/A], one per joint"),
+        typer.Option(metavar="G[,G...]", help="Joint torque per motor current [N*m/A], one per joint or one for all"),
     ] = None,
     weighting: Annotated[str, typer.Option(help="joint_variance, full_covariance or none")] = "joint_variance",
     residual: Annotated[str, typer.Option(help="Third loop on: auto, deflection, joint_state or none")] = "auto",

@@ -22,6 +22,7 @@ from dynid_rs.recording import Recording
 __all__ = ["Config", "Run", "open_run", "read_config", "read_recording", "read_run"]
 
 _OPENERS = {".parquet": open_parquet, ".csv": open_csv, ".npz": open_npz}
+_NO_RUNS = {".urdf", ".xacro", ".toml"}
 
 
 @runtime_checkable
@@ -75,9 +76,11 @@ def open_run(path: str | Path) -> Table:
     opener = _OPENERS.get(place.suffix.lower())
     if opener is None:
         check_readable(place)  # a path that does not exist matters more than its suffix
+        robot = " (this is a robot or a config, and the robot comes before the runs)"
+        hint = robot if place.suffix.lower() in _NO_RUNS else ""
         raise DataError(
             f"{place.name}: the suffix {place.suffix or '(none)'} is not known; expected a run as "
-            f"{', '.join(_OPENERS)}",
+            f"{', '.join(_OPENERS)}{hint}",
             code="unknown_suffix",
             file=place.name,
         )

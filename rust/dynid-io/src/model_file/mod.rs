@@ -80,8 +80,9 @@ pub fn parse(bytes: &[u8], name: &str) -> Result<TorqueModel, ModelFileError> {
         path: name.to_owned(),
         message,
     };
-    let text = std::str::from_utf8(bytes)
-        .map_err(|_| invalid("not a text file; expected a model.json".into()))?;
+    let text = std::str::from_utf8(bytes).map_err(|_| {
+        invalid("not a text file; give the model.json that `dynid identify` wrote".into())
+    })?;
     check_header(text).map_err(invalid)?;
     let file: ModelFile = serde_json::from_str(text).map_err(|e| invalid(json_message(&e)))?;
     file.into_model()
@@ -184,7 +185,9 @@ fn check_header(text: &str) -> Result<(), String> {
                 "written by a newer program (version {version}, this one reads {VERSION}); update dynid-rs"
             ));
         }
-        _ => return Err(format!("no usable version (expected {VERSION})")),
+        _ => return Err(format!(
+            "no usable version (expected \"version\": {VERSION}); give the model.json as `dynid identify` wrote it, or identify again"
+        )),
     }
     let stated = header.checksum.unwrap_or_default();
     let blank = format!("{CHECKSUM_PREFIX}{}", "0".repeat(N_DIGITS));

@@ -113,7 +113,13 @@ fn every_single_byte_counts() {
 #[test]
 fn other_files_are_told_apart() {
     assert!(message(b"{}").contains("not a torque model"));
-    assert!(message(b"\xff\xfe").contains("not a text file"));
+    let mend = "give the model.json that `dynid identify` wrote";
+    assert!(message(b"\xff\xfe").contains(&format!("not a text file; {mend}")));
+    let unnumbered = message(b"{\"format\": \"dynid-model\"}");
+    assert!(
+        unnumbered.contains("no usable version (expected \"version\": 1); give the model.json as"),
+        "{unnumbered}"
+    );
     assert!(message(b"{\"format\": \"dynid-model\", \"version\": 99}").contains("newer"));
     assert!(message(b"{\"format\": \"dynid-model\", \"version\": 1}").contains("checksum"));
     assert!(message("[".repeat(1_000_000).as_bytes()).contains("not a readable model"));
