@@ -397,3 +397,13 @@ def test_results_replace_older_ones_and_nothing_else(tmp_path):
     assert sorted(path.name for path in output.iterdir()) == sorted([*FILES, "notes.txt"])
     assert (output / "notes.txt").read_text() == "mine"
     assert json.loads((output / "result.json").read_text())["format"] == "dynid-result"
+
+
+def test_one_delay_reaches_the_user():
+    result = study(2).result
+    (finding,) = (f for f in result["data"]["findings"] if f["code"] == "encoder_delay")
+    delay = result["encoder_delay"]
+    measured = sorted(value for value, known in zip(delay["value"], delay["measured"], strict=True) if known)
+    assert finding["value"] == np.median(measured)
+    assert f"{1e3 * measured[0]:.2f}" in finding["message"]
+    assert "fitted beside the gears' yielding" in finding["message"]

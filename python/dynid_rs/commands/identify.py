@@ -130,6 +130,7 @@ def _write(
     identifier: Any, train: list[Recording], test: list[Recording], findings: list[Finding], output: Path
 ) -> dict[str, Any]:
     from dynid_rs.commands._output import filled_together
+    from dynid_rs.encoders import with_fitted_delay
     from dynid_rs.files import write_json, write_table
     from dynid_rs.report import write_report
     from dynid_rs.report.source import source_of
@@ -138,6 +139,7 @@ def _write(
     model = identifier.model_
     tested = evaluate_runs(model, test, _test_states(identifier, test))
     trained = evaluate_runs(model, train, identifier.raw_runs_)
+    findings = with_fitted_delay(findings, identifier.encoder_delay_)
     result = summarise(identifier, trained, tested, findings)
     table = residual_table(model, trained, tested)
     with filled_together(output) as folder:
