@@ -1,15 +1,13 @@
 """Two doors, one model: `TorqueModel.evaluate` in Python and `dynid-estimator` give the same bits."""
 
 import json
-import os
-import shutil
 import subprocess
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
+from binaries import find_estimator
 from robots import random_chain
 
 from dynid_rs import _core
@@ -25,17 +23,7 @@ States = dict[str, np.ndarray]
 
 @pytest.fixture(scope="session")
 def estimator() -> Path:
-    """The binary: named in DYNID_ESTIMATOR, installed beside this Python, or built by cargo."""
-    name = "dynid-estimator"
-    if named := os.environ.get("DYNID_ESTIMATOR"):
-        assert Path(named).is_file(), f"DYNID_ESTIMATOR names {named}, which is not there; name the built binary"
-        return Path(named)
-    if installed := shutil.which(name, path=str(Path(sys.executable).parent)):
-        return Path(installed)
-    release = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target")) / "release"
-    built = shutil.which(name, path=str(release))
-    assert built, f"no {name} in {release}; build it: cargo build --release -p dynid-estimator"
-    return Path(built)
+    return find_estimator()
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,8 @@ FINITE_DIFFERENCE = {"rtol": 1e-5, "atol": 1e-6}
 """A derivative by differences."""
 PINOCCHIO = 1e-12
 """Same mathematics in double precision, relative to the largest magnitude of the sample."""
+LAST_DIGITS = 1e-14
+"""The same robot written in another format, relative to the largest torque of the joint."""
 MUJOCO = 1e-9
 """The same, through an engine that turns inertias into principal axes and back."""
 

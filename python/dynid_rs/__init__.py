@@ -7,7 +7,16 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from dynid_rs._core import BaseParameters, Effect, FormatError, RobotModel, TorqueModel, UrdfError, __version__
+from dynid_rs._core import (
+    BaseParameters,
+    Effect,
+    FormatError,
+    MdhError,
+    RobotModel,
+    TorqueModel,
+    UrdfError,
+    __version__,
+)
 from dynid_rs.errors import DataError, RankDeficientError
 from dynid_rs.recording import Recording
 
@@ -37,6 +46,7 @@ __all__ = [
     "FrictionIdentifier",
     "GaussianMixtureRegressor",
     "LinkDynamicsIdentifier",
+    "MdhError",
     "RankDeficientError",
     "Recording",
     "ResidualCompensator",

@@ -33,6 +33,7 @@ __all__ = [
     "FormatError",
     "FrictionSearch",
     "GaussianMixtureRegression",
+    "MdhError",
     "RobotModel",
     "TorqueModel",
     "UrdfError",
@@ -57,6 +58,9 @@ FRICTION_NAMES: Final[list[str]]
 
 class UrdfError(ValueError):
     """A robot file that is broken, hostile or not a serial chain; names file, line, column and element."""
+
+class MdhError(ValueError):
+    """A `robot.toml` that is broken, hostile or no table of joints; names file, line, column and key."""
 
 class FormatError(ValueError):
     """A model file that is not one, or was cut or changed."""
@@ -107,6 +111,61 @@ class RobotModel:
     ) -> RobotModel:
         """As `from_urdf`, from the text itself; `source_name` stands for the file in errors."""
 
+    @staticmethod
+    def from_mdh(
+        path: str | PathLike[str],
+        *,
+        gravity: Sequence[float] | None = None,
+        rotor_inertia: Sequence[float] | None = None,
+    ) -> RobotModel:
+        """Read a robot from a table of modified Denavit-Hartenberg rows, `robot.toml`.
+
+        `T(i-1 -> i) = Rx(alpha) Tx(a) Rz(theta) Tz(d)`, the paper's convention; docs/robot_toml.md describes the file.
+
+        Parameters
+        ----------
+        path : str or path-like
+            The file.
+        gravity : (3,), optional
+            Acceleration of free fall in the base frame [m/s²]; the file's, or else (0, 0, -9.81), by default.
+        rotor_inertia : (n_joints,), optional
+            Reflected to the link side [kg·m²]; instead of what the file declares.
+
+        Raises
+        ------
+        MdhError
+            The file is broken, hostile or holds a key or a value that is not expected.
+        OSError
+            It cannot be read.
+        """
+
+    @staticmethod
+    def from_mdh_string(
+        text: str,
+        *,
+        source_name: str = "<string>",
+        gravity: Sequence[float] | None = None,
+        rotor_inertia: Sequence[float] | None = None,
+    ) -> RobotModel:
+        """As `from_mdh`, from the text itself; `source_name` stands for the file in errors."""
+
+    @staticmethod
+    def from_file(
+        path: str | PathLike[str],
+        *,
+        base: str | None = None,
+        tip: str | None = None,
+        gravity: Sequence[float] | None = None,
+        rotor_inertia: Sequence[float] | None = None,
+    ) -> RobotModel:
+        """Read a robot by the suffix of its file: `from_mdh` for `.toml`, `from_urdf` for everything else.
+
+        Raises
+        ------
+        ValueError
+            `base` or `tip` with a `.toml`, which is one chain; and whatever the two raise.
+        """
+
     @property
     def name(self) -> str:
         """Name in the robot file."""
@@ -144,6 +203,10 @@ class RobotModel:
         """Declared rotor inertia, reflected to the link side (n_joints,) [kg·m², kg]."""
 
     @property
+    def gear_ratio(self) -> _FloatArray:
+        """Motor turns per joint turn (n_joints,); NaN where the file declares none."""
+
+    @property
     def lower(self) -> _FloatArray:
         """Least positions (n_joints,) [rad, m]; minus infinity where the file gives none."""
 
@@ -154,6 +217,10 @@ class RobotModel:
     @property
     def velocity_limits(self) -> _FloatArray:
         """Greatest speeds (n_joints,) [rad/s, m/s]."""
+
+    @property
+    def acceleration_limits(self) -> _FloatArray:
+        """Greatest accelerations (n_joints,) [rad/s², m/s²]; infinite where the file gives none."""
 
     @property
     def effort_limits(self) -> _FloatArray:
@@ -546,6 +613,8 @@ class TorqueModel:
     @property
     def step(self) -> float | None:
         """Time between samples [s], where the model has one."""
+    def __copy__(self) -> TorqueModel: ...
+    def __deepcopy__(self, _memo: object, /) -> TorqueModel: ...
 
 def friction_basis(dq: ArrayLike, velocity_threshold: float, transition_width: float) -> _FloatArray:
     """Basis of Eqs. 9-11 at speeds `dq` (n_samples,) of one joint: (n_samples, 8), columns `FRICTION_NAMES`.

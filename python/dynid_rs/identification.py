@@ -20,8 +20,8 @@ from dynid_rs.evaluation import rmse as rms
 from dynid_rs.friction import FrictionIdentifier, friction_effect
 from dynid_rs.friction_experiment.pairs import check_reversals, find_mirrors
 from dynid_rs.friction_experiment.rows import PairWindow, odd_torques, pair_rows, pair_windows, row_groups
-from dynid_rs.known import KnownTerm, check_known, less_known
 from dynid_rs.friction_laws import DEFAULT_LAW, fit_stribeck, laws_per_joint, power_left, with_laws
+from dynid_rs.known import KnownTerm, check_known, less_known
 from dynid_rs.links import LinkDynamicsIdentifier, baseline, block_residuals, own_beside
 from dynid_rs.preprocessing import Band, States, choose_band, common_rate, prepare
 from dynid_rs.recording import Recording

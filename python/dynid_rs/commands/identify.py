@@ -23,7 +23,7 @@ LEAST_TEST_ROWS = 20
 
 @run_command
 def identify(
-    robot: Annotated[Path, typer.Argument(metavar="ROBOT.urdf", help="The arm, as URDF")],
+    robot: Annotated[Path, typer.Argument(metavar="ROBOT", help="The arm: URDF or robot.toml")],
     runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Runs to learn from: Parquet, CSV or NPZ")],
     output: Annotated[
         Path, typer.Option("--output", "-o", metavar="DIR", help="Folder for the results", show_default=False)
@@ -36,12 +36,15 @@ def identify(
         float | None, typer.Option(help="With a lone run: test on what comes after this many seconds")
     ] = None,
     config: Annotated[Path | None, typer.Option(help="dynid.toml: column names, units, gears, signs")] = None,
-    gravity: Annotated[str, typer.Option(metavar="X,Y,Z", help="Free fall in the base frame [m/s^2]")] = "0,0,-9.81",
+    gravity: Annotated[
+        str | None,
+        typer.Option(metavar="X,Y,Z", help="Free fall in the base frame [m/s^2]; the robot file's, or 0,0,-9.81"),
+    ] = None,
     base: Annotated[str | None, typer.Option(help="First link of the chain, where the URDF leaves a choice")] = None,
     tip: Annotated[str | None, typer.Option(help="Last link of the chain, where the URDF branches")] = None,
     drive_gain: Annotated[
         str | None,
-        typer.Option(metavar="G[,G...]", help="Joint torque per motor current [N*m/A], one per joint"),
+        typer.Option(metavar="G[,G...]", help="Joint torque per motor current [N*m/A], one per joint or one for all"),
     ] = None,
     weighting: Annotated[str, typer.Option(help="joint_variance, full_covariance or none")] = "joint_variance",
     prior: Annotated[
@@ -152,6 +155,7 @@ def _write(
     identifier: Any, train: list[Recording], test: list[Recording], findings: list[Finding], output: Path
 ) -> dict[str, Any]:
     from dynid_rs.commands._output import filled_together
+    from dynid_rs.encoders import with_fitted_delay
     from dynid_rs.files import write_json, write_table
     from dynid_rs.report import write_report
     from dynid_rs.report.source import source_of
@@ -160,6 +164,7 @@ def _write(
     model = identifier.model_
     tested = evaluate_runs(model, test, _test_states(identifier, test))
     trained = evaluate_runs(model, train, identifier.raw_runs_)
+    findings = with_fitted_delay(findings, identifier.encoder_delay_)
     result = summarise(identifier, trained, tested, findings)
     table = residual_table(model, trained, tested)
     with filled_together(output) as folder:

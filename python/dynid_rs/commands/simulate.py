@@ -26,7 +26,8 @@ def simulate(
         Path, typer.Option("--output", "-o", metavar="DIR", help="Folder for the runs", show_default=False)
     ],
     robot: Annotated[
-        Path | None, typer.Argument(metavar="[ROBOT.urdf]", help="A serial arm; the bundled one if left out")
+        Path | None,
+        typer.Argument(metavar="[ROBOT]", help="A serial arm, URDF or robot.toml; the bundled one if left out"),
     ] = None,
     runs: Annotated[int, typer.Option(help="Number of runs, each with its own trajectory")] = 4,
     duration: Annotated[float, typer.Option(help="Length of a run in s")] = 20.0,
@@ -54,15 +55,15 @@ def simulate(
 ) -> None:
     """Simulate measured runs of an arm with elastic gears and two encoders.
 
-    DIR then holds run_0.parquet, ..., the robot as robot.urdf, and truth.json with all that was put in.
+    DIR then holds run_0.parquet, ..., the robot as robot.urdf or robot.toml, and truth.json with all that was put in.
     """
-    from dynid_rs._core import RobotModel
+    from dynid_rs.commands._inputs import read_robot
     from dynid_rs.simulation import bundled_robot, write_simulation
     from dynid_rs.simulation import simulate as measure
-    from dynid_rs.simulation.folder import ROBOT_FILE, TRUTH_FILE
+    from dynid_rs.simulation.folder import TRUTH_FILE, robot_name
 
     source = bundled_robot() if robot is None else robot
-    model = RobotModel.from_urdf(source)
+    model = read_robot(source)
     arm = _arm(model, noise, stiffness, delay, _active(effect, rigid, stiffness, delay))
     simulation = measure(
         arm,
@@ -75,10 +76,10 @@ def simulate(
     )
     paths = write_simulation(simulation, directory, source)
     if json_output:
-        print_json(_answer(simulation, paths))
+        print_json(_answer(simulation, paths, robot_name(source)))
     else:
         typer.echo(f"runs: {directory}/run_*.parquet ({len(paths)} of {duration:g} s at {rate:g} Hz)")
-        typer.echo(f"robot: {directory / ROBOT_FILE}")
+        typer.echo(f"robot: {directory / robot_name(source)}")
         typer.echo(f"what was put in: {directory / TRUTH_FILE}")
 
 
@@ -125,8 +126,8 @@ def _stiffness(text: str | None, n_joints: int) -> NDArray[np.float64] | None:
     return np.broadcast_to(values, (n_joints,))
 
 
-def _answer(simulation: Simulation, paths: list[Path]) -> dict[str, object]:
-    from dynid_rs.simulation.folder import ROBOT_FILE, TRUTH_FILE
+def _answer(simulation: Simulation, paths: list[Path], robot_file: str) -> dict[str, object]:
+    from dynid_rs.simulation.folder import TRUTH_FILE
 
     directory = paths[0].parent
     return {
@@ -134,7 +135,7 @@ def _answer(simulation: Simulation, paths: list[Path]) -> dict[str, object]:
         "version": 1,
         "robot": simulation.arm.robot.name,
         "joints": list(simulation.arm.robot.joint_names),
-        "robot_file": str(directory / ROBOT_FILE),
+        "robot_file": str(directory / robot_file),
         "truth": str(directory / TRUTH_FILE),
         "seed": simulation.seed,
         "runs": [

@@ -16,10 +16,16 @@ FloatArray = NDArray[np.float64]
 
 TRUTH_FILE = "truth.json"
 ROBOT_FILE = "robot.urdf"
+ROBOT_TABLE = "robot.toml"
+
+
+def robot_name(robot_file: Path) -> str:
+    """Name of the robot's copy: its suffix says how it is read."""
+    return ROBOT_TABLE if robot_file.suffix.lower() == ".toml" else ROBOT_FILE
 
 
 def write_simulation(simulation: Simulation, directory: Path, robot_file: Path) -> list[Path]:
-    """Write `truth.json`, `robot.urdf`, `run_0.parquet`, ... to `directory`, which is created.
+    """Write `truth.json`, `robot.urdf` (or `.toml`), `run_0.parquet`, ... to `directory`, which is created.
 
     An older simulation in the folder is replaced; anything else of the same name is left alone.
 
@@ -30,7 +36,7 @@ def write_simulation(simulation: Simulation, directory: Path, robot_file: Path) 
     directory : Path
         Where.
     robot_file : Path
-        The URDF that was simulated; its copy makes the folder complete.
+        The URDF or robot.toml that was simulated; its copy makes the folder complete.
 
     Returns
     -------
@@ -44,12 +50,12 @@ def write_simulation(simulation: Simulation, directory: Path, robot_file: Path) 
     OSError
         The folder cannot be written.
     """
-    robot = robot_file.read_bytes()
+    robot, own_name = robot_file.read_bytes(), robot_name(robot_file)
     names = [recording.name for recording in simulation.recordings]
-    _prepare(directory, names, robot)
+    _prepare(directory, names, own_name, robot)
     # The truth first: it marks the folder as a simulation's, also if the rest fails.
     write_json(directory / TRUTH_FILE, simulation.truth())
-    with atomic_path(directory / ROBOT_FILE) as temporary:
+    with atomic_path(directory / own_name) as temporary:
         temporary.write_bytes(robot)
     for recording in simulation.recordings:
         write_table(directory / recording.name, run_columns(recording))
@@ -66,11 +72,11 @@ def run_columns(recording: Recording) -> dict[str, FloatArray]:
     return columns
 
 
-def _prepare(directory: Path, names: list[str], robot: bytes) -> None:
+def _prepare(directory: Path, names: list[str], own_name: str, robot: bytes) -> None:
     try:
         directory.mkdir(parents=True, exist_ok=True)
         found = sorted(path.name for path in directory.iterdir())
-        own = (directory / ROBOT_FILE).read_bytes() if ROBOT_FILE in found else robot
+        own = (directory / own_name).read_bytes() if own_name in found else robot
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
         raise type(error)(f"{directory}: cannot use this folder: {reason}") from None
@@ -79,7 +85,7 @@ def _prepare(directory: Path, names: list[str], robot: bytes) -> None:
         strangers = [name for name in runs if name not in names]
         what = "of an older simulation, which would mix with the new runs"
     else:
-        strangers = [*runs, *([] if own == robot else [ROBOT_FILE])]
+        strangers = [*runs, *([] if own == robot else [own_name])]
         what = "that no simulation wrote"
     if strangers:
         raise ValueError(f"{directory} holds {strangers[0]} {what}; choose another folder or remove it first")

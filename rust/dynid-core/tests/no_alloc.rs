@@ -73,6 +73,7 @@ fn robot() -> RobotModel {
             axis: Vector3::z(),
             limits: JointLimits::default(),
             rotor_inertia: 0.0,
+            gear_ratio: None,
             phi: [2.0, 0.3, -0.1, 0.5, 0.7, 0.02, 0.9, -0.05, 0.04, 1.1],
         })
         .collect();

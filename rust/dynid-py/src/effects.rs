@@ -14,6 +14,9 @@ use crate::{arrays, errors};
 #[derive(Clone)]
 pub struct PyEffect(pub Effect);
 
+type Shape = Vec<(&'static str, Vec<f64>)>;
+type Rebuild<'py> = (Bound<'py, PyAny>, (&'static str, Shape));
+
 #[pymethods]
 impl PyEffect {
     #[staticmethod]
@@ -75,8 +78,14 @@ impl PyEffect {
 
     /// Shape parameters by name, one value per joint.
     #[getter]
-    fn shape(&self) -> Vec<(&'static str, Vec<f64>)> {
+    fn shape(&self) -> Shape {
         self.0.shape()
+    }
+
+    /// Kind and shape are all there is: copies in other processes are built from them.
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<Rebuild<'py>> {
+        let rebuild = py.import("dynid_rs._core")?.getattr("_effect_of")?;
+        Ok((rebuild, (self.kind(), self.shape())))
     }
 
     /// Immutable, so a copy is the effect itself.
@@ -91,6 +100,14 @@ impl PyEffect {
     fn __repr__(&self) -> String {
         format!("Effect({:?})", self.0.kind())
     }
+}
+
+/// The effect of a kind and a shape that `Effect.__reduce__` wrote.
+#[pyfunction]
+pub fn _effect_of(kind: &str, shape: Vec<(String, Vec<f64>)>) -> PyResult<PyEffect> {
+    Effect::new(kind, &shape)
+        .map(PyEffect)
+        .map_err(errors::effect)
 }
 
 /// Basis of Eqs. 9-11 at speeds `dq`, (n_samples, 8).

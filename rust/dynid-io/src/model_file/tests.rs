@@ -21,6 +21,7 @@ fn joint(name: &str, kind: JointKind) -> Joint {
             ..JointLimits::default()
         },
         rotor_inertia: 0.25,
+        gear_ratio: Some(101.0),
         phi: [1.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9],
     }
 }
@@ -109,7 +110,13 @@ fn every_single_byte_counts() {
 #[test]
 fn other_files_are_told_apart() {
     assert!(message(b"{}").contains("not a torque model"));
-    assert!(message(b"\xff\xfe").contains("not a text file"));
+    let mend = "give the model.json that `dynid identify` wrote";
+    assert!(message(b"\xff\xfe").contains(&format!("not a text file; {mend}")));
+    let unnumbered = message(b"{\"format\": \"dynid-model\"}");
+    assert!(
+        unnumbered.contains("no usable version (expected \"version\": 1); give the model.json as"),
+        "{unnumbered}"
+    );
     assert!(message(b"{\"format\": \"dynid-model\", \"version\": 99}").contains("newer"));
     assert!(message(b"{\"format\": \"dynid-model\", \"version\": 1}").contains("checksum"));
     assert!(message("[".repeat(1_000_000).as_bytes()).contains("not a readable model"));
