@@ -7,6 +7,7 @@ use dynid_core::{Joint, JointKind, RobotModel};
 use dynid_io::urdf::{self, UrdfOptions};
 use dynid_offline::batch;
 use numpy::{PyArray1, PyArray2, PyArray3, PyUntypedArrayMethods};
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use crate::base::PyBaseParameters;
@@ -152,6 +153,25 @@ impl PyRobotModel {
 
     fn with_gravity(&self, gravity: [f64; 3]) -> PyResult<Self> {
         let robot = self.0.with_gravity(gravity.into()).map_err(errors::core)?;
+        Ok(Self(Arc::new(robot)))
+    }
+
+    fn with_joint_moved(
+        &self,
+        joint: usize,
+        offset: [f64; 3],
+        rotation_vector: [f64; 3],
+    ) -> PyResult<Self> {
+        let n_joints = self.0.n_joints();
+        if joint >= n_joints {
+            return Err(PyValueError::new_err(format!(
+                "there is no joint {joint}, the robot has {n_joints}, counted from 0"
+            )));
+        }
+        let robot = self
+            .0
+            .with_joint_moved(joint, offset.into(), rotation_vector.into())
+            .map_err(errors::core)?;
         Ok(Self(Arc::new(robot)))
     }
 
