@@ -38,6 +38,10 @@ class JointElasticity(LabEffect):
         """Take the gears of these joints from `gears`."""
         here = np.isin(np.arange(arm.robot.n_joints), self.joints)
         changed = {name: np.where(here, getattr(self.gears, name), getattr(arm, name)) for name in GEAR}
+        # What a gear loses is tooth friction: an arm without friction has gears without that loss.
+        coulomb = arm.friction[:, :2].min(axis=1)
+        most = np.where(changed["hysteresis"] > 0, coulomb / np.maximum(changed["hysteresis"], 1e-300), np.inf)
+        changed["hysteresis_loss"] = np.minimum(changed["hysteresis_loss"], most)
         return replace(arm, **changed)
 
 
