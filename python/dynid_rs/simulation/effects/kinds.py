@@ -10,6 +10,7 @@ from dynid_rs.simulation.effects.outside import Contact
 from dynid_rs.simulation.effects.sensors import EncoderDelay, EncoderEccentricity, TorqueDelay, TorqueGain
 from dynid_rs.simulation.effects.site import Site
 from dynid_rs.simulation.effects.structure import GravityTilt, KinematicError, Payload, box_parameters
+from dynid_rs.simulation.effects.thermal import ThermalDrift
 
 Joints = tuple[int, ...]
 
@@ -27,6 +28,7 @@ TORQUE_DELAY = 0.005
 ENCODER_DELAY = 0.0028
 ECCENTRICITY = 1e-3
 CONTACT_SHARE = 0.3
+DRIFT, DRIFT_TIME = 0.3, 120.0
 
 _MAX_DELAY = 0.1
 _GRAVITY = 9.81
@@ -148,3 +150,12 @@ def contact(site: Site, joints: Joints, size: float) -> LabEffect:
     """Something touches the last link now and then."""
     force = size * site.force_for(CONTACT_SHARE)
     return Contact("contact", joints, size, (Value("force", force, "N"),), force=force)
+
+
+def thermal_drift(site: Site, joints: Joints, size: float) -> LabEffect:
+    """The arm warms up over the session."""
+    if DRIFT * size >= 1:
+        raise ValueError(f"thermal_drift of size {size:g} would leave no friction; take less than {1 / DRIFT:.3g}")
+    change = np.full(site.n_joints, -DRIFT * size)
+    values = (Value("change", -DRIFT * size, "1"), Value("time_constant", DRIFT_TIME, "s"))
+    return ThermalDrift("thermal_drift", joints, size, values, change=change, time_constant=DRIFT_TIME)
