@@ -187,3 +187,26 @@ def test_work_of_the_motors_is_energy_and_losses():
     given = work(motion.tau, motion.dq_motor)
     passed = np.trapezoid(np.abs(motion.tau * motion.dq_motor), t, axis=0).sum()
     parts = (stored - stored[0], in_gears - in_gears[0], links, motors, lost)
+    assert np.abs(given - sum(parts)).max() < ENERGY * passed
+    # The check would see it if one of them were missing.
+    assert min(np.abs(part).max() for part in parts) > 20 * ENERGY * passed
+
+
+def energy_in_gears(arm, motion, ddeflection, t):
+    """What springs, stiffening and play hold, in closed form, and what dampers and hysteresis took (n,) [J]."""
+    nonlinear, play = (next(e for e in arm.effects if e.kind == kind) for kind in ("nonlinear_elasticity", "backlash"))
+    tau = motion.tau_gear
+    x = np.clip(tau / play.width, -1, 1)
+    spring = motion.deflection - nonlinear.cubic * tau**3 - play.gap / 2 * (15 * x - 10 * x**3 + 3 * x**5) / 8
+    held = 0.5 * arm.stiffness * spring**2 + 0.75 * nonlinear.cubic * tau**4
+    held = held + play.gap / 2 * play.width * (15 / 2 * x**2 - 15 / 2 * x**4 + 5 / 2 * x**6) / 8
+    tau_rate = CubicSpline(t, tau)(t, 1)
+    step_slope = np.where(np.abs(tau) < play.width, 15 / 8 * (1 - x**2) ** 2 / play.width, 0.0)
+    rate = ddeflection - (3 * nonlinear.cubic * tau**2 + play.gap / 2 * step_slope) * tau_rate
+    taken = np.sum((arm.damping * rate + motion.hysteresis) * rate, axis=1)
+    return np.sum(held, axis=1) + cumulative_simpson(taken, x=t, initial=0.0)
+
+
+def slope_of_gear_error(arm, motion):
+    angle = arm.kinematic_cycles * (motion.q + motion.deflection) + arm.kinematic_phase
+    return arm.kinematic_error * arm.kinematic_cycles * np.cos(angle)

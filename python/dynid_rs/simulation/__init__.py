@@ -7,6 +7,7 @@ from pathlib import Path
 from dynid_rs.simulation.arm import SimulatedArm
 from dynid_rs.simulation.effects.base import LabEffect, equip
 from dynid_rs.simulation.effects.catalogue import build_effect, build_effects, kind_names, parse_wish
+from dynid_rs.simulation.effects.scale import scale_to, unabsorbed
 from dynid_rs.simulation.experiment import Simulation, simulate
 from dynid_rs.simulation.folder import write_simulation
 from dynid_rs.simulation.limits import MotionLimits, motion_limits
@@ -36,9 +37,11 @@ __all__ = [
     "parse_wish",
     "random_trajectory",
     "read_plan",
+    "scale_to",
     "simulate",
     "track",
     "typical_arm",
+    "unabsorbed",
     "write_simulation",
 ]
 
