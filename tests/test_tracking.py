@@ -234,3 +234,28 @@ def test_a_wrong_controller_is_refused(numbers, words):
     with pytest.raises(ValueError, match=r"^[^\n]+$") as caught:
         Tracking(**numbers)
     assert words in str(caught.value)
+
+
+def test_least_squares_is_biased_and_the_plan_is_an_instrument():
+    """Why instrumental variables exist: a light pendulum, 0.2 % of drive disturbance."""
+    robot = _core.RobotModel.from_urdf_string(chain(["revolute"]))
+    arm, base = SimulatedArm(robot), robot.base_parameters()
+    true = base.project(robot.phi)
+    direct, instrumental = [], []
+    for seed in range(6):
+        plan = random_trajectory(motion_limits(robot), 40.0, np.random.default_rng(seed))
+        path = track(arm, plan, Tracking(3.0, disturbance=0.002), np.random.default_rng(seed + 100))
+        run = arm.record(path, 50.0, np.random.default_rng(0), derivatives=True)
+        A = base.reduce(robot.joint_torque_regressor(run.q, run.dq, run.ddq))[:, 0]
+        Z = base.reduce(robot.joint_torque_regressor(*plan.evaluate(run.t)))[:, 0]
+        direct.append(np.linalg.lstsq(A, run.tau[:, 0])[0] - true)
+        instrumental.append(np.linalg.solve(Z.T @ A, Z.T @ run.tau[:, 0]) - true)
+
+    def sigmas(errors):
+        return np.mean(errors, axis=0) / (np.std(errors, axis=0, ddof=1) / np.sqrt(len(errors)))
+
+    inertia = base.names.index("Iyy[l1]")
+    assert sigmas(direct)[inertia] < -10
+    assert np.mean(direct, axis=0)[inertia] < -0.5 * true[inertia]
+    assert np.abs(sigmas(instrumental)).max() < 4
+    assert abs(np.mean(instrumental, axis=0)[inertia]) < 0.1 * true[inertia]
