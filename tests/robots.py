@@ -113,6 +113,20 @@ def with_inertials(urdf: str, seed: int, *, replace: bool = False) -> str:
     return ET.tostring(robot, encoding="unicode")
 
 
+def with_moved_joint(urdf: str, joint: str, offset: np.ndarray, turn: np.ndarray) -> str:
+    """The same robot with one joint's frame shifted in its parent and then turned by a rotation vector."""
+    robot = ET.fromstring(urdf)
+    element = next(each for each in robot.iter("joint") if each.get("name") == joint)
+    origin = element.find("origin")
+    if origin is None:
+        origin = ET.SubElement(element, "origin")
+    xyz, rpy = ([float(x) for x in origin.get(name, "0 0 0").split()] for name in ("xyz", "rpy"))
+    rotation = Rotation.from_euler("xyz", rpy) * Rotation.from_rotvec(turn)
+    origin.set("xyz", text(np.array(xyz) + offset))
+    origin.set("rpy", text(rotation.as_euler("xyz")))
+    return ET.tostring(robot, encoding="unicode")
+
+
 def random_states(n_samples: int, n_joints: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """q, dq, ddq (n_samples, n_joints): any angle (or up to 3.1 m), speeds to 3, accelerations to 10."""
     rng = np.random.default_rng(seed)

@@ -1,7 +1,6 @@
 """Effects of structure, gears and sensors in the laboratory: each is what its definition says."""
 
 import json
-import xml.etree.ElementTree as ET
 from dataclasses import replace
 
 import numpy as np
@@ -10,10 +9,9 @@ import pytest
 import typer
 from engines import Pinocchio
 from numpy.testing import assert_allclose, assert_array_equal
-from robots import chain, text
+from robots import chain, with_moved_joint
 from scipy.integrate import cumulative_simpson
 from scipy.interpolate import CubicSpline
-from scipy.spatial.transform import Rotation
 from tolerances import PINOCCHIO, relative_error
 from typer.testing import CliRunner
 
@@ -98,18 +96,24 @@ def test_gravity_tilt_turns_the_base(robot, states):
 @pytest.mark.parametrize(("wish", "joint"), [("kinematic_error", 1), ("kinematic_error:joint_4:-2", 3)])
 def test_kinematic_error_is_another_urdf(robot, states, wish, joint):
     effect = made(robot, wish)
-    urdf = ET.fromstring(bundled_robot().read_text())
-    origin = urdf.find(f"joint[@name='joint_{joint + 1}']/origin")
-    xyz = np.array([float(x) for x in origin.get("xyz", "0 0 0").split()]) + number(effect, "offset")
-    rotation = Rotation.from_euler("xyz", [float(x) for x in origin.get("rpy", "0 0 0").split()])
-    rotation = rotation * Rotation.from_rotvec(number(effect, "turn"))
-    origin.set("xyz", text(xyz))
-    origin.set("rpy", text(rotation.as_euler("xyz")))
-    peer = Pinocchio(ET.tostring(urdf, encoding="unicode"), robot.gravity)
+    urdf = with_moved_joint(
+        bundled_robot().read_text(), f"joint_{joint + 1}", number(effect, "offset"), number(effect, "turn")
+    )
+    peer = Pinocchio(urdf, robot.gravity)
     arm = equip(SimulatedArm(robot), [effect])
     expected = peer.inverse_dynamics(*states)
     assert relative_error(arm.robot.inverse_dynamics(*states), expected) < 10 * PINOCCHIO  # angles there and back
     assert relative_error(robot.inverse_dynamics(*states), expected) > 1e-3
+
+
+def test_a_joint_that_is_not_there_cannot_be_moved(robot):
+    with pytest.raises(ValueError, match="there is no joint 6, the robot has 6, counted from 0"):
+        robot.with_joint_moved(6, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    for bad in ((np.nan, 0.0, 0.0), (0.0, 0.0, np.inf)):
+        with pytest.raises(ValueError, match="finite"):
+            robot.with_joint_moved(0, bad, (0.0, 0.0, 0.0))
+        with pytest.raises(ValueError, match="finite"):
+            robot.with_joint_moved(0, (0.0, 0.0, 0.0), bad)
 
 
 # Gears

@@ -16,7 +16,7 @@ from dynid_rs.simulation.effects.catalogue import KINDS
 if TYPE_CHECKING:
     from dynid_rs._core import RobotModel
     from dynid_rs.simulation import SimulatedArm, Simulation, Tracking
-    from dynid_rs.simulation.effects.catalogue import Wish
+    from dynid_rs.simulation.effects.wish import Wish
 
 ALWAYS = ("joint_elasticity", "encoder_delay")
 """Effects that act where none is named."""

@@ -6,8 +6,9 @@ from pathlib import Path
 
 from dynid_rs.simulation.arm import SimulatedArm
 from dynid_rs.simulation.effects.base import LabEffect, equip
-from dynid_rs.simulation.effects.catalogue import build_effect, build_effects, kind_names, parse_wish
+from dynid_rs.simulation.effects.catalogue import kind_names
 from dynid_rs.simulation.effects.scale import scale_to, unabsorbed
+from dynid_rs.simulation.effects.wish import Wish, build_effect, build_effects, parse_wish
 from dynid_rs.simulation.experiment import Simulation, simulate
 from dynid_rs.simulation.folder import write_simulation
 from dynid_rs.simulation.limits import MotionLimits, motion_limits
@@ -28,6 +29,7 @@ __all__ = [
     "TrackedMotion",
     "Tracking",
     "Trajectory",
+    "Wish",
     "build_effect",
     "build_effects",
     "bundled_robot",

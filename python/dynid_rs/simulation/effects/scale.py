@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from dynid_rs import _core
 from dynid_rs.simulation.effects.base import LabEffect, equip
-from dynid_rs.simulation.effects.catalogue import Wish, build_effect
+from dynid_rs.simulation.effects.wish import Wish, build_effect
 from dynid_rs.simulation.trajectory import Trajectory
 
 if TYPE_CHECKING:
