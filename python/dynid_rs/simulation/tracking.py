@@ -21,7 +21,7 @@ CYCLE = 1e-3
 
 BANDWIDTH = 10.0
 DAMPING = 0.7
-MIN_BANDWIDTH, MAX_BANDWIDTH = 0.5, 30.0
+MIN_BANDWIDTH, MAX_BANDWIDTH = 1.0, 30.0
 
 _ROLL_OFF = 2.5
 """Corner of the low-pass between a disturbance and the link, over the bandwidth: drive, filters, gear."""
@@ -29,6 +29,9 @@ _ROLL_OFF = 2.5
 _ROLL_OFF_STAGES = 2
 _DRIFT_CORNER = 3.0
 _DRIVE_SHARE = 0.5
+_MOST_ACCELERATION = 5000.0
+"""[rad/s^2]. A link that its motor could accelerate faster has no masses in its file; it counts as this light."""
+
 _AFTER = 0.2
 """The controller goes on after the last sample [s], for channels that are early."""
 
@@ -240,14 +243,13 @@ def track(arm: SimulatedArm, plan: Trajectory, tracking: Tracking, rng: np.rando
     t = CYCLE * np.arange(np.ceil((plan.duration + _AFTER) / CYCLE) + 1)
     # Without the gears' memory, which costs most of a simulation and changes the error by microradians.
     motion = arm.rigid().motion(plan, t)
-    # A motor without declared rotor drives its link alone; a joint that moves nothing has no dynamics to follow.
-    inertia = typical_inertia(arm.robot) + arm.rotor_inertia
-    inertia = np.maximum(inertia, 1e-9 * max(float(inertia.max()), 1e-9))
+    effort = plausible_effort(arm.robot)
+    inertia = np.maximum(typical_inertia(arm.robot) + arm.rotor_inertia, effort / _MOST_ACCELERATION)
     fed_forward = motion.tau_link + arm.rotor_inertia * motion.ddq
     wind_up = np.where(arm.flexible, motion.tau_gear / arm.stiffness, 0.0)
     shape = (t.size, arm.robot.n_joints)
     white = np.sqrt(_DRIVE_SHARE) * arm.noise_std * rng.standard_normal(shape)
-    slow = tracking.disturbance * plausible_effort(arm.robot) * _slow_noise(rng.standard_normal(shape))
+    slow = tracking.disturbance * effort * _slow_noise(rng.standard_normal(shape))
     return TrackedMotion(
         plan,
         tracking,
