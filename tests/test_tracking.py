@@ -1,5 +1,6 @@
 """A controller that tracks a plan: exact response, exact derivatives, noise that belongs to the motion."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -221,10 +222,9 @@ def test_any_serial_robot_is_tracked(kinds):
 
 
 def test_a_robot_without_masses_is_held_all_the_same():
-    text = chain(["revolute"] * 3).replace('<mass value="3.0"/>', '<mass value="1e-9"/>')
-    for value in ("0.05", "0.06", "0.04", "0.002", "0.001"):
-        text = text.replace(f'="{value}"', '="1e-12"') if value != "0.001" else text.replace('="0.001"', '="0"')
+    text = re.sub(r"<inertial>.*?</inertial>", "", chain(["revolute"] * 3))
     robot = _core.RobotModel.from_urdf_string(text)
+    assert not robot.phi.any()
     simulation = simulate(typical_arm(robot), n_runs=1, duration=5.0, tracking=Tracking())
     assert np.abs(simulation.recordings[0].q - simulation.reference(0)).max() < 0.1
 
