@@ -318,6 +318,14 @@ class Effect:
         """Coefficients per joint."""
 
     @property
+    def signals(self) -> list[str]:
+        """What it needs: of a state's signals, `tau_link` and `step`."""
+
+    @property
+    def has_memory(self) -> bool:
+        """Whether it depends on the samples before."""
+
+    @property
     def shape(self) -> list[tuple[str, list[float]]]:
         """Shape parameters by name, one value per joint each."""
 
@@ -477,7 +485,7 @@ class TorqueModel:
 
     @property
     def term_names(self) -> list[str]:
-        """`rigid_body`, the effects, `residual`: order of summation."""
+        """`rigid_body`, the effects, `residual`: order of summation; a second one of a kind has a 2 behind it."""
 
     @property
     def phi(self) -> _FloatArray:

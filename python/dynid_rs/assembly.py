@@ -68,6 +68,7 @@ def assemble(
             np.abs(ddq).max(axis=0).tolist(),
         ),
         torque_unit=torque_unit,
+        step=1 / runs[0].rate if any("step" in effect.signals for effect in plan.effects) else None,
     )
 
 
@@ -84,6 +85,7 @@ def with_mixtures(model: _core.TorqueModel, inputs: str, mixtures: Mixtures) -> 
         noise_std=model.noise_std.tolist(),
         domain=model.domain,
         torque_unit=model.torque_unit,
+        step=model.step,
     )
 
 

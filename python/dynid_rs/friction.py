@@ -95,7 +95,7 @@ class FrictionIdentifier(BaseEstimator):  # type: ignore[misc]
         if joints is None:
             self.velocity_threshold_, self.transition_width_ = np.zeros(n), np.zeros(n)
         others = np.ones(plan.n_own, dtype=bool)
-        others[-len(_core.FRICTION_NAMES) :] = False
+        others[plan.friction[1]] = False
         wanted = list(range(n)) if joints is None else list(joints)
 
         def search(j: int) -> tuple[float, float]:

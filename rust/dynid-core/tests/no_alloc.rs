@@ -2,6 +2,8 @@
 
 #![allow(unsafe_code)] // a global allocator cannot be written without
 
+mod every_effect;
+
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 use std::hint::black_box;
@@ -12,6 +14,7 @@ use dynid_core::{
     Domain, Effect, EffectTerm, GaussianMixtureRegression, Joint, JointKind, JointLimits, Residual,
     ResidualInputs, RobotModel, State, Status, TorqueEstimator, TorqueModel,
 };
+use every_effect::every_effect;
 use nalgebra::{Rotation3, Vector3};
 
 /// The system's allocator, counting this thread's calls (the test harness allocates on others).
@@ -88,17 +91,12 @@ fn model(inputs: ResidualInputs) -> TorqueModel {
         let coefficients = vec![0.5; N * effect.n_columns()];
         EffectTerm::new(effect, coefficients, N).unwrap()
     };
-    let friction = Effect::friction(&[0.05; N], &[0.01; N]).unwrap();
     let robot = robot();
     TorqueModel::new(TorqueModelParts {
         phi: robot.phi(),
         robot,
         torque_scale: vec![1.5; N],
-        effects: vec![
-            term(Effect::rotor_inertia()),
-            term(Effect::torque_offset()),
-            term(friction),
-        ],
+        effects: every_effect(N).into_iter().map(term).collect(),
         residual: Some(Residual::new(inputs, vec![Some(mixture); N]).unwrap()),
         encoder_delay: vec![0.003; N],
         noise_std: vec![0.1; N],
@@ -108,7 +106,7 @@ fn model(inputs: ResidualInputs) -> TorqueModel {
             ddq: vec![1.0; N],
         },
         torque_unit: "N*m".to_owned(),
-        step: None,
+        step: Some(0.001),
     })
     .unwrap()
 }

@@ -63,6 +63,16 @@ impl PyEffect {
         self.0.n_columns()
     }
 
+    #[getter]
+    fn signals(&self) -> Vec<&'static str> {
+        self.0.entry().signals.to_vec()
+    }
+
+    #[getter]
+    fn has_memory(&self) -> bool {
+        self.0.entry().memory > 0
+    }
+
     /// Shape parameters by name, one value per joint.
     #[getter]
     fn shape(&self) -> Vec<(&'static str, Vec<f64>)> {

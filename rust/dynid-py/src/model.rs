@@ -148,7 +148,7 @@ impl PyTorqueModel {
     }
 
     #[getter]
-    fn term_names(&self) -> Vec<&'static str> {
+    fn term_names(&self) -> Vec<String> {
         self.0.term_names()
     }
 
