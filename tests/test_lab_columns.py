@@ -13,6 +13,7 @@ from dynid_rs.simulation import (
     build_effect,
     bundled_robot,
     equip,
+    kind_names,
     motion_limits,
     parse_wish,
     random_trajectory,
@@ -124,6 +125,13 @@ def test_torque_is_what_the_definition_says(robot, typical, trajectory, definiti
     share = np.abs(extra).max(axis=0)[list(effect.joints)] / np.asarray(robot.effort_limits)[list(effect.joints)]
     assert (share > 1e-4 * size).all()
     assert (share < 0.4 * size).all()
+
+
+def test_every_column_that_can_be_found_can_be_put_in():
+    found = {entry["kind"] for entry in _core.effect_catalogue() if not entry["declared"]}
+    tested = {definition.__name__ for definition in DEFINITIONS}
+    assert found == tested | {"coupled_friction", "inertial_coupling", "friction_hysteresis"}
+    assert found <= set(kind_names())
 
 
 def test_default_sizes_follow_the_effort_limit(typical, robot):
