@@ -235,6 +235,24 @@ class RobotModel:
             A component is not finite.
         """
 
+    def with_joint_moved(self, joint: int, offset: Sequence[float], rotation_vector: Sequence[float]) -> RobotModel:
+        """Return the same robot with one joint frame elsewhere.
+
+        Parameters
+        ----------
+        joint : int
+            Which one, from 0.
+        offset : (3,)
+            Of its origin, in the parent link's frame [m].
+        rotation_vector : (3,)
+            By which it is turned, in its own frame [rad].
+
+        Raises
+        ------
+        ValueError
+            There is no such joint, or a number is not finite.
+        """
+
     def __copy__(self) -> RobotModel: ...
     def __deepcopy__(self, _memo: object, /) -> RobotModel: ...
     def inverse_dynamics(

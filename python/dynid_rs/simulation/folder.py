@@ -24,7 +24,9 @@ def robot_name(robot_file: Path) -> str:
     return ROBOT_TABLE if robot_file.suffix.lower() == ".toml" else ROBOT_FILE
 
 
-def write_simulation(simulation: Simulation, directory: Path, robot_file: Path) -> list[Path]:
+def write_simulation(
+    simulation: Simulation, directory: Path, robot_file: Path, *, reference: bool = False
+) -> list[Path]:
     """Write `truth.json`, `robot.urdf` (or `.toml`), `run_0.parquet`, ... to `directory`, which is created.
 
     An older simulation in the folder is replaced; anything else of the same name is left alone.
@@ -36,7 +38,9 @@ def write_simulation(simulation: Simulation, directory: Path, robot_file: Path) 
     directory : Path
         Where.
     robot_file : Path
-        The URDF or robot.toml that was simulated; its copy makes the folder complete.
+        The URDF or robot.toml that was simulated; its copy makes the folder complete. Effects do not change it.
+    reference : bool
+        Add what the controller was told as columns `q_ref_i`.
 
     Returns
     -------
@@ -57,15 +61,19 @@ def write_simulation(simulation: Simulation, directory: Path, robot_file: Path) 
     write_json(directory / TRUTH_FILE, simulation.truth())
     with atomic_path(directory / own_name) as temporary:
         temporary.write_bytes(robot)
-    for recording in simulation.recordings:
-        write_table(directory / recording.name, run_columns(recording))
+    for run, recording in enumerate(simulation.recordings):
+        columns = run_columns(recording)
+        if reference:
+            q_ref = simulation.reference(run)
+            columns |= {f"q_ref_{joint}": q_ref[:, joint] for joint in range(recording.n_joints)}
+        write_table(directory / recording.name, columns)
     return [directory / name for name in names]
 
 
 def run_columns(recording: Recording) -> dict[str, FloatArray]:
     """Columns of the table of one run: `t`, then `q_0`, ..., signal by signal, joints by index."""
     columns: dict[str, FloatArray] = {"t": recording.t}
-    for signal in ("q", "dq", "ddq", "q_motor", "dq_motor", "tau"):
+    for signal in ("q", "dq", "ddq", "q_motor", "dq_motor", "tau", "temperature"):
         values = getattr(recording, signal)
         if values is not None:
             columns |= {f"{signal}_{joint}": values[:, joint] for joint in range(recording.n_joints)}

@@ -1,6 +1,6 @@
 //! A serial chain: what a robot *is*, without state and without scratch.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, Rotation3, Vector3};
 
 use crate::error::CoreError;
 use crate::link_params::LinkParams;
@@ -148,6 +148,27 @@ impl RobotModel {
     /// [`CoreError::NonFiniteParameter`] if a component is not finite.
     pub fn with_gravity(&self, gravity: Vector3<f64>) -> Result<Self, CoreError> {
         Self::new(self.name.clone(), self.joints.clone(), gravity)
+    }
+
+    /// The same robot with one joint frame elsewhere: `offset` \[m\] in the parent link's frame, then turned by
+    /// `rotation_vector` \[rad\] in its own frame.
+    ///
+    /// # Errors
+    /// [`CoreError::NonFiniteParameter`] if there is no such joint or a number is not finite.
+    pub fn with_joint_moved(
+        &self,
+        joint: usize,
+        offset: Vector3<f64>,
+        rotation_vector: Vector3<f64>,
+    ) -> Result<Self, CoreError> {
+        let mut joints = self.joints.clone();
+        let moved = joints
+            .get_mut(joint)
+            .filter(|_| rotation_vector.iter().all(|x| x.is_finite()))
+            .ok_or(CoreError::NonFiniteParameter)?;
+        moved.translation += offset;
+        moved.rotation *= Rotation3::new(rotation_vector).into_inner();
+        Self::new(self.name.clone(), joints, self.gravity)
     }
 
     /// Declared inertial parameters, ten per link in chain order, length `10 n`.

@@ -245,6 +245,25 @@ impl PyRobotModel {
         Ok(Self(Arc::new(robot)))
     }
 
+    fn with_joint_moved(
+        &self,
+        joint: usize,
+        offset: [f64; 3],
+        rotation_vector: [f64; 3],
+    ) -> PyResult<Self> {
+        let n_joints = self.0.n_joints();
+        if joint >= n_joints {
+            return Err(PyValueError::new_err(format!(
+                "there is no joint {joint}, the robot has {n_joints}, counted from 0"
+            )));
+        }
+        let robot = self
+            .0
+            .with_joint_moved(joint, offset.into(), rotation_vector.into())
+            .map_err(errors::core)?;
+        Ok(Self(Arc::new(robot)))
+    }
+
     #[pyo3(signature = (q, dq, ddq, phi=None))]
     fn inverse_dynamics<'py>(
         &self,
