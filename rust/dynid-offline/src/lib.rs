@@ -7,15 +7,19 @@
 //!
 //! Every result is the same to the last bit for any number of threads.
 
+pub mod adjoint;
 pub mod base;
 pub mod batch;
 pub mod error;
+pub mod excitation;
 pub mod factor;
 pub mod filter;
 pub mod observation;
+pub mod points;
 
 pub use base::{base_parameters, BaseParameters};
 pub use error::OfflineError;
+pub use excitation::{Criterion, Excitation};
 pub use factor::{merge, triangular_factor};
 pub use filter::ZeroPhase;
 pub use observation::{observe, Observation, RunStates, Sampling};

@@ -4,6 +4,7 @@ mod arrays;
 mod base;
 mod effects;
 mod errors;
+mod excitation;
 mod mixture;
 mod model;
 mod offline;
@@ -31,6 +32,10 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<effects::PyEffect>()?;
     m.add_class::<mixture::PyGaussianMixtureRegression>()?;
     m.add_class::<model::PyTorqueModel>()?;
+    m.add_class::<excitation::PyExcitation>()?;
+    m.add_function(wrap_pyfunction!(excitation::inverse_dynamics_gradient, m)?)?;
+    m.add_function(wrap_pyfunction!(excitation::places, m)?)?;
+    m.add_function(wrap_pyfunction!(excitation::places_gradient, m)?)?;
     m.add_function(wrap_pyfunction!(effects::friction_basis, m)?)?;
     m.add_function(wrap_pyfunction!(model::residual_inputs, m)?)?;
     m.add_function(wrap_pyfunction!(model::align_link_side, m)?)?;
