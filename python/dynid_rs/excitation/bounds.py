@@ -83,6 +83,11 @@ class MotionBounds:
             peaks.append(share(signal, limit).max(axis=0) + between)
         return np.array(peaks)
 
+    def roughly_scaled(self, x: FloatArray) -> FloatArray:
+        """As `scaled`, on the grid of the search: quick, and exact to a percent."""
+        peaks = [share(m @ x, limit).max(axis=0) for m, limit in zip(self._grid, self.limits, strict=True)]
+        return np.asarray(x / np.maximum(np.max(peaks, axis=0), 1e-300))
+
     def scaled(self, x: FloatArray) -> FloatArray:
         """`x` with every joint's motion scaled about its start until it touches one of its limits."""
         # A hair less: the trajectory is evaluated by another order of operations.

@@ -122,20 +122,21 @@ class BoundCollision:
                 f"{wanted.margin:g} m; choose another start, or list the pair as ignored if it touches by design"
             )
 
-    def smooth_room(self, motion: Motion) -> tuple[float, Motion]:
+    def smooth_room(self, motion: Motion, *, slopes: bool) -> tuple[float, Motion]:
         """Smooth least distance of all pairs and samples, less the margin [m]."""
         q = motion[0]
         found = [self._distances(row) for row in q]
         distances = np.array([values for values, _ in found])
+        room = -float(logsumexp(-SHARPNESS * distances)) / SHARPNESS - self._wanted.margin
+        if not slopes:
+            return room, motion
         weights = softmax(-SHARPNESS * distances)
         gradient = np.zeros_like(q)
         for k, row in enumerate(q):
             near = np.flatnonzero(weights[k] > NEGLIGIBLE)
             if near.size:
-                slopes = self._slopes(row, near.tolist())
-                gradient[k] = weights[k, near] @ slopes
+                gradient[k] = weights[k, near] @ self._slopes(row, near.tolist())
         nothing = np.zeros_like(q)
-        room = -float(logsumexp(-SHARPNESS * distances)) / SHARPNESS - self._wanted.margin
         return room, (gradient, nothing, nothing)
 
     def exact_room(self, motion: Motion) -> float:

@@ -34,8 +34,8 @@ class Constraint(Protocol):
     def fine_step(self) -> float:
         """Step of the grid of the final check [s]."""
 
-    def smooth_room(self, motion: Motion) -> tuple[float, Motion]:
-        """Room that is left, smoothly, and its slopes in q, dq and ddq (n_samples, n_joints) each."""
+    def smooth_room(self, motion: Motion, *, slopes: bool) -> tuple[float, Motion]:
+        """Room that is left, smoothly, and its slopes in q, dq and ddq (n_samples, n_joints) each, if asked for."""
 
     def exact_room(self, motion: Motion) -> float:
         """Least room over all samples."""
@@ -93,10 +93,12 @@ class TorqueBound:
                 f"{self.limits[0, joint]:g} and {self.limits[1, joint]:g}; choose another start or other limits"
             )
 
-    def smooth_room(self, motion: Motion) -> tuple[float, Motion]:
+    def smooth_room(self, motion: Motion, *, slopes: bool) -> tuple[float, Motion]:
         """Room left by the smooth greatest share of all joints and samples."""
         tau = self._torque(motion)
         peak, slope = smooth_peak(self._shares(tau).reshape(-1, 1))
+        if not slopes:
+            return float(1 - peak[0]), motion
         scale = np.where(tau > 0, self.limits[1], self.limits[0])
         direction = -slope.reshape(tau.shape) / scale
         return float(1 - peak[0]), _core.inverse_dynamics_gradient(self.robot, *motion, direction)

@@ -131,4 +131,5 @@ class ExcitationLimits:
 
 def share(signal: FloatArray, limits: FloatArray) -> FloatArray:
     """How much of its limit (2, n) a signal (m, n) uses, sample by sample: 1 at the limit of its side."""
-    return np.where(signal > 0, signal / limits[1], signal / limits[0])
+    # Lower limits are negative, so that the side a signal is not on counts below zero.
+    return np.maximum(signal / limits[1], signal / limits[0])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,7 +25,10 @@ CRITERIA = ("block", "condition", "D", "A")
 N_REFERENCE = 8
 """Random trajectories that the weights of Eq. 14 are taken from; always the same ones, so that all restarts agree."""
 SHRINK_STEPS = 12
-"""Bisections for the largest share of a motion that keeps every constraint."""
+DRAW_STEPS = 5
+"""Bisections for the largest share of a motion that keeps every constraint: of an answer, of a random motion."""
+LEAST_SHARE = 0.05
+"""A motion that keeps them only when it is made smaller than this is none."""
 
 
 class Problem:
@@ -102,13 +105,13 @@ class Problem:
 
     def rooms(self, x: FloatArray) -> FloatArray:
         """Smooth room left by every bound and constraint; the search keeps it above zero."""
-        extra = [c.smooth_room(self._at(m, x))[0] for c, m in zip(self.constraints, self._grids, strict=True)]
+        extra = [c.smooth_room(self._at(m, x), slopes=False)[0] for c, m in zip(self.constraints, self._grids, strict=True)]
         return np.concatenate([self.bounds.values(x), extra])
 
     def room_slopes(self, x: FloatArray) -> FloatArray:
         """Slopes of `rooms`: (n, n_free, n_joints)."""
         extra = [
-            _pulled_back(m, c.smooth_room(self._at(m, x))[1])[None]
+            _pulled_back(m, c.smooth_room(self._at(m, x), slopes=True)[1])[None]
             for c, m in zip(self.constraints, self._grids, strict=True)
         ]
         return np.concatenate([self.bounds.jacobian(x), *extra])
@@ -116,13 +119,12 @@ class Problem:
     def repaired(self, x: FloatArray) -> FloatArray | None:
         """Return the largest share of the motion `x` that keeps everything exactly; None where hardly any does."""
         x = x / max(1.0, float(self.bounds.usage(x).max()) * (1 + 1e-9))
-        if self._kept(x):
-            return x
-        low, high = 0.0, 1.0
-        for _ in range(SHRINK_STEPS):
-            middle = (low + high) / 2
-            low, high = (middle, high) if self._kept(middle * x) else (low, middle)
-        return low * x if low > 0.05 else None
+        return _shrunk(x, self._kept, SHRINK_STEPS)
+
+    def drawn(self, rng: np.random.Generator) -> FloatArray | None:
+        """Random motion that uses its limits and keeps the constraints, to the accuracy of the search."""
+        x = self.bounds.roughly_scaled(rng.standard_normal(self.shape))
+        return _shrunk(x, self._smoothly_kept, DRAW_STEPS)
 
     def identity(self) -> str:
         """Hash of everything that the answer of a restart depends on, but its number."""
@@ -145,6 +147,10 @@ class Problem:
         position, velocity, acceleration = (matrix @ x for matrix in matrices)
         return position + self.start, velocity, acceleration
 
+    def _smoothly_kept(self, x: FloatArray) -> bool:
+        pairs = zip(self.constraints, self._grids, strict=True)
+        return all(constraint.smooth_room(self._at(m, x), slopes=False)[0] >= 0 for constraint, m in pairs)
+
     def _kept(self, x: FloatArray) -> bool:
         trajectory = self.series.trajectory(x, self.start)
         return all(c.exact_room(trajectory.evaluate(self.series.grid(c.fine_step))) >= 0 for c in self.constraints)
@@ -154,10 +160,22 @@ class Problem:
         rng = np.random.default_rng(0)
         variances = np.zeros(3)
         for _ in range(N_REFERENCE):
-            blocks = self.excitation.blocks(*self.motion(self.bounds.scaled(rng.standard_normal(self.shape))))
+            x = self.bounds.roughly_scaled(rng.standard_normal(self.shape))
+            blocks = self.excitation.blocks(*self.motion(x))
             variances += [block.var(axis=0).mean() for block in blocks]
         a, b, g = (variances / variances.sum()).tolist()
         return a, b, g
+
+
+def _shrunk(x: FloatArray, kept: Callable[[FloatArray], bool], n_steps: int) -> FloatArray | None:
+    """Return the largest share of `x` that is kept, by bisection towards the start; None where it is next to nothing."""
+    if kept(x):
+        return x
+    low, high = 0.0, 1.0
+    for _ in range(n_steps):
+        middle = (low + high) / 2
+        low, high = (middle, high) if kept(middle * x) else (low, middle)
+    return low * x if low > LEAST_SHARE else None
 
 
 def _pulled_back(matrices: Motion, slopes: Motion) -> FloatArray:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.errors import DataError
-from dynid_rs.excitation.problem import Problem
+from dynid_rs.excitation.problem import LEAST_SHARE, Problem
 from dynid_rs.files import check_readable, write_json
 
 FloatArray = NDArray[np.float64]
@@ -118,13 +118,10 @@ def run_restart(
 
 
 def _random_start(problem: Problem, rng: np.random.Generator) -> tuple[FloatArray, float | None]:
-    """Return the best of some random motions within the limits, and its objective."""
-    drawn = [problem.bounds.scaled(rng.standard_normal(problem.shape)) for _ in range(N_DRAWS)]
-    if problem.constraints:
-        kept = [x for x in map(problem.repaired, drawn[: N_DRAWS // 4]) if x is not None]
-        if not kept:
-            return 0.05 * drawn[0], None
-        drawn = kept
+    """Return the best of some random motions, and its objective; something small where none keeps the constraints."""
+    drawn = [x for x in (problem.drawn(rng) for _ in range(N_DRAWS)) if x is not None]
+    if not drawn:
+        return LEAST_SHARE * problem.bounds.roughly_scaled(rng.standard_normal(problem.shape)), None
     values = [problem.value(x) for x in drawn]
     best = int(np.argmin(values))
     return drawn[best], values[best]

@@ -94,15 +94,18 @@ class BoundBox:
                 "choose another start or widen the box"
             )
 
-    def smooth_room(self, motion: Motion) -> tuple[float, Motion]:
+    def smooth_room(self, motion: Motion, *, slopes: bool) -> tuple[float, Motion]:
         """Smooth least distance to a wall over all points and samples [m]."""
         points = self._points(motion[0])
         rooms = self._rooms(points)
+        room = -float(logsumexp(-SHARPNESS * rooms)) / SHARPNESS
+        if not slopes:
+            return room, motion
         weights = softmax(-SHARPNESS * rooms)
         slope = weights[..., 0] - weights[..., 1]
         gradient = _core.point_gradient(self._robot, motion[0], self._links, self._places, slope)
         nothing = np.zeros_like(gradient)
-        return -float(logsumexp(-SHARPNESS * rooms)) / SHARPNESS, (gradient, nothing, nothing)
+        return room, (gradient, nothing, nothing)
 
     def exact_room(self, motion: Motion) -> float:
         """Least distance to a wall [m]."""
