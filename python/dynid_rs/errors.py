@@ -52,4 +52,6 @@ class MissingLibraryError(ValueError):
     """
 
     def __init__(self, library: str, extra: str, purpose: str) -> None:
-        super().__init__(f"{purpose} need the library {library}, which is not installed: pip install 'dynid-rs[{extra}]'")
+        super().__init__(
+            f"{purpose} need the library {library}, which is not installed: pip install 'dynid-rs[{extra}]'"
+        )

@@ -33,7 +33,7 @@ def read_robot(path: Path, base: str | None, tip: str | None, gravity: str) -> A
     from dynid_rs import _core
     from dynid_rs.files import check_readable
 
-    vector = _numbers("--gravity", gravity, 3)
+    vector = numbers("--gravity", gravity, 3)
     if sum(g * g for g in vector) > STRONGEST_GRAVITY**2:
         raise ValueError(f"--gravity must be in m/s^2, at most {STRONGEST_GRAVITY:g}, found {gravity}")
     return _core.RobotModel.from_urdf(check_readable(path), base=base, tip=tip, gravity=vector)
@@ -46,7 +46,7 @@ def read_settings(config: Path | None, drive_gain: str | None, n_joints: int) ->
     rules = Config() if config is None else read_config(config)
     if drive_gain is None:
         return Settings(rules)
-    gains = _numbers("--drive-gain", drive_gain, n_joints)
+    gains = numbers("--drive-gain", drive_gain, n_joints)
     if min(gains) <= 0:
         raise ValueError(f"--drive-gain must be positive, found {min(gains):g}; a direction belongs in [signs] tau")
     return Settings(replace(rules, drive_gain=gains), gain_given=True)
@@ -108,13 +108,14 @@ def check_cutoff(cutoff: float | None, recordings: Sequence[Recording]) -> None:
         )
 
 
-def _numbers(option: str, text: str, count: int) -> tuple[float, ...]:
+def numbers(option: str, text: str, count: int) -> tuple[float, ...]:
+    """Return the `count` finite numbers of an option, "1,2,3"."""
     try:
-        numbers = tuple(float(part) for part in text.split(","))
+        found = tuple(float(part) for part in text.split(","))
     except ValueError:
         raise ValueError(f"{option} must be {count} numbers with commas between, found {text!r}") from None
-    if len(numbers) != count:
-        raise ValueError(f"{option} must be {count} numbers, found {len(numbers)}: {text!r}")
-    if not all(math.isfinite(number) for number in numbers):
+    if len(found) != count:
+        raise ValueError(f"{option} must be {count} numbers, found {len(found)}: {text!r}")
+    if not all(math.isfinite(number) for number in found):
         raise ValueError(f"{option} must be {count} finite numbers, found {text!r}")
-    return numbers
+    return found

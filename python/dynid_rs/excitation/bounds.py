@@ -1,7 +1,8 @@
 """Bounds on the real, sampled motion: smooth for the search, exact for the answer.
 
-Eq. 17 bounds a motion by the sum of its amplitudes, which is sufficient and wasteful. Here the greatest share of a limit
-over a grid of times is bounded by its p-norm, which is smooth in the coefficients; the motion is scaled exactly afterwards.
+Eq. 17 bounds a motion by the sum of its amplitudes, which is sufficient and wasteful. Here the greatest share of a
+limit over a grid of times is bounded by its p-norm, which is smooth in the coefficients; the motion is scaled exactly
+afterwards.
 """
 
 from __future__ import annotations

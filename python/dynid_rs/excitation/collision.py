@@ -98,7 +98,7 @@ class BoundCollision:
         missing = [name for name in robot.joint_names if not model.existJointName(name)]
         if missing:
             raise DataError(
-                f"{wanted.urdf}: has no joint {missing[0]!r}, which the robot model has; name the file it was read from",
+                f"{wanted.urdf}: has no joint {missing[0]!r} of the robot model; name the file that it was read from",
                 code="collision_shapes",
                 file=str(wanted.urdf),
             )

@@ -149,6 +149,7 @@ class FourierExcitation(BaseEstimator):  # type: ignore[misc]
             )
         start = limits.start(self.start)
         constraints, self.notes_ = self._constraints(robot, limits, start)
+        whitening = _whitening(self.noise_std, self.noise_covariance, robot.n_joints)
         t = np.arange(round(self.duration * self.rate)) / self.rate
         problem = Problem(
             robot,
@@ -158,7 +159,7 @@ class FourierExcitation(BaseEstimator):  # type: ignore[misc]
             limits,
             start,
             criterion=self.criterion,
-            whitening=_whitening(self.noise_std, self.noise_covariance, robot.n_joints),
+            whitening=whitening,
             constraints=constraints,
         )
         self.seed_ = int(np.random.SeedSequence(self.random_state).entropy)  # type: ignore[arg-type]
@@ -176,16 +177,15 @@ class FourierExcitation(BaseEstimator):  # type: ignore[misc]
             )
         self.base_, self.limits_, self.start_ = base, limits, start
         self.trajectory_ = problem.series.trajectory(np.array(best.x), start)
-        self.merit_ = merit_of(self.trajectory_, robot, base, problem.excitation, t)
+        self.merit_ = merit_of(self.trajectory_, robot, base, problem.excitation, t, whitened=whitening is not None)
         self.condition_number_ = self.merit_.condition_number
         self.objective_ = best.objective
         self.block_weights_ = problem.weights
         self.history_ = tuple(restarts)
-        if not self.merit_.whitened_condition_number < BLIND:
+        if not self.condition_number_ < BLIND:
             raise RankDeficientError(
-                f"the best trajectory within these limits has a condition number of "
-                f"{self.merit_.whitened_condition_number:.1e}: some parameters are hardly excited; widen the limits, or "
-                "use a longer duration or more harmonics"
+                f"the best trajectory within these limits has a condition number of {self.condition_number_:.1e}: some "
+                "parameters are hardly excited; widen the limits, or use a longer duration or more harmonics"
             )
         self.constraint_report_ = {
             constraint.name: constraint.report(self.trajectory_.evaluate(problem.series.grid(constraint.fine_step)))
@@ -215,7 +215,11 @@ class FourierExcitation(BaseEstimator):  # type: ignore[misc]
     def _check(self, robot: RobotModel) -> None:
         if self.criterion not in CRITERIA:
             raise ValueError(f"criterion {self.criterion!r} is not known; choose one of {', '.join(CRITERIA)}")
-        counts = {"n_harmonics": (self.n_harmonics, 2), "n_restarts": (self.n_restarts, 1), "max_iter": (self.max_iter, 1)}
+        counts = {
+            "n_harmonics": (self.n_harmonics, 2),
+            "n_restarts": (self.n_restarts, 1),
+            "max_iter": (self.max_iter, 1),
+        }
         if self.n_jobs is not None:
             counts["n_jobs"] = (self.n_jobs, 1)
         for name, (value, least) in counts.items():
@@ -233,8 +237,8 @@ class FourierExcitation(BaseEstimator):  # type: ignore[misc]
         n_samples = round(self.duration * self.rate)
         if not least <= n_samples <= MAX_SAMPLES:
             raise ValueError(
-                f"{self.duration:g} s at {self.rate:g} Hz are {n_samples} samples, expected {least} (four per period of "
-                f"the highest harmonic) to {MAX_SAMPLES}; change duration, rate or n_harmonics"
+                f"{self.duration:g} s at {self.rate:g} Hz are {n_samples} samples, expected {least} (four per period "
+                f"of the highest harmonic) to {MAX_SAMPLES}; change duration, rate or n_harmonics"
             )
 
 

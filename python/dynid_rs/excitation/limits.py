@@ -74,7 +74,7 @@ class ExcitationLimits:
     @property
     def n_joints(self) -> int:
         """Number of joints."""
-        return self.position.shape[1]
+        return int(self.position.shape[1])
 
     @classmethod
     def symmetric(cls, position: Any, velocity: Any, acceleration: Any, torque: Any = None) -> ExcitationLimits:
@@ -88,7 +88,7 @@ class ExcitationLimits:
 
     @classmethod
     def of_robot(cls, robot: RobotModel) -> ExcitationLimits:
-        """Return the robot's declared limits, with plausible ones where it declares none (no URDF limits acceleration)."""
+        """Return the declared limits, with plausible ones where the robot declares none (URDF has no acceleration)."""
         declared = motion_limits(robot)
         return cls(
             np.stack([declared.lower, declared.upper]),
@@ -97,7 +97,7 @@ class ExcitationLimits:
         )
 
     def start(self, wanted: Any = None) -> FloatArray:
-        """Where the motion starts and ends (n_joints,): `wanted`, or zero, or the middle where zero is no place to start.
+        """Where the motion starts and ends (n_joints,): `wanted`, or zero, or the middle where zero is outside.
 
         Raises
         ------
@@ -109,8 +109,8 @@ class ExcitationLimits:
         if tight.size:
             joint = int(tight[0])
             raise ValueError(
-                f"the position of joint {joint} may only lie between {lower[joint]:g} and {upper[joint]:g}, which leaves "
-                f"no room to move; widen these limits to {2 * LEAST_ROOM:g} at least, or fix the joint in the URDF"
+                f"the position of joint {joint} may only lie between {lower[joint]:g} and {upper[joint]:g}, which "
+                f"leaves no room to move; widen these limits to {2 * LEAST_ROOM:g} at least, or fix the joint"
             )
         if wanted is None:
             inside = (lower + LEAST_ROOM <= 0) & (upper - LEAST_ROOM >= 0)
@@ -132,4 +132,4 @@ class ExcitationLimits:
 def share(signal: FloatArray, limits: FloatArray) -> FloatArray:
     """How much of its limit (2, n) a signal (m, n) uses, sample by sample: 1 at the limit of its side."""
     # Lower limits are negative, so that the side a signal is not on counts below zero.
-    return np.maximum(signal / limits[1], signal / limits[0])
+    return np.asarray(np.maximum(signal / limits[1], signal / limits[0]))

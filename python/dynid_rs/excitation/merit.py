@@ -28,8 +28,8 @@ class Merit:
     ----------
     condition_number : float
         s_1 / s_n of the base regressor over the samples, unweighted.
-    whitened_condition_number : float
-        The same after whitening (Eq. 13); equal where the noise is not given.
+    whitened_condition_number : float, optional
+        The same after whitening (Eq. 13), where the noise is given.
     block_condition_numbers : dict of str to float or None
         s_1 / s_r of the whitened blocks of Eq. 14 over their structural rank r; None for a block of rank zero.
     block_ranks : dict of str to int
@@ -45,7 +45,7 @@ class Merit:
     """
 
     condition_number: float
-    whitened_condition_number: float
+    whitened_condition_number: float | None
     block_condition_numbers: dict[str, float | None]
     block_ranks: dict[str, int]
     log_det: float
@@ -93,19 +93,26 @@ def merit_of(
     base: BaseParameters,
     excitation: Excitation,
     t: FloatArray,
+    *,
+    whitened: bool = False,
 ) -> Merit:
-    """Figures of `trajectory` at the sampling instants `t` (n,) [s], extremes on a 1 ms grid."""
+    """Figures of `trajectory` at the sampling instants `t` (n,) [s], extremes on a 1 ms grid.
+
+    `whitened` says whether `excitation` whitens (Eq. 13).
+    """
     motion = trajectory.evaluate(t)
     plain = base.reduce(robot.joint_torque_regressor(*motion)).reshape(-1, base.n_base)
     blocks = excitation.blocks(*motion)
     values = np.linalg.svd(sum(blocks), compute_uv=False)
     ranks = excitation.ranks
     conditions = [_condition(block, rank) for block, rank in zip(blocks, ranks[1:], strict=True)]
-    fine = trajectory.evaluate(np.linspace(0.0, trajectory.duration, int(np.ceil(trajectory.duration / STEP - 1e-9)) + 1))
+    fine = trajectory.evaluate(
+        np.linspace(0.0, trajectory.duration, int(np.ceil(trajectory.duration / STEP - 1e-9)) + 1)
+    )
     with np.errstate(divide="ignore"):
         return Merit(
             condition_number=float(np.linalg.cond(plain)),
-            whitened_condition_number=float(values[0] / values[-1]),
+            whitened_condition_number=float(values[0] / values[-1]) if whitened else None,
             block_condition_numbers=dict(zip(BLOCKS, conditions, strict=True)),
             block_ranks=dict(zip(BLOCKS, ranks[1:], strict=True)),
             log_det=float(2 * np.log(values).sum()),

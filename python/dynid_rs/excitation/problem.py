@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -105,7 +105,9 @@ class Problem:
 
     def rooms(self, x: FloatArray) -> FloatArray:
         """Smooth room left by every bound and constraint; the search keeps it above zero."""
-        extra = [c.smooth_room(self._at(m, x), slopes=False)[0] for c, m in zip(self.constraints, self._grids, strict=True)]
+        extra = [
+            c.smooth_room(self._at(m, x), slopes=False)[0] for c, m in zip(self.constraints, self._grids, strict=True)
+        ]
         return np.concatenate([self.bounds.values(x), extra])
 
     def room_slopes(self, x: FloatArray) -> FloatArray:
@@ -168,7 +170,7 @@ class Problem:
 
 
 def _shrunk(x: FloatArray, kept: Callable[[FloatArray], bool], n_steps: int) -> FloatArray | None:
-    """Return the largest share of `x` that is kept, by bisection towards the start; None where it is next to nothing."""
+    """Return the largest share of `x` that is kept, by bisection towards the start; None where that is nothing."""
     if kept(x):
         return x
     low, high = 0.0, 1.0

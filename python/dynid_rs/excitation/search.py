@@ -83,22 +83,24 @@ def run_restart(
         value, slope = problem.smooth(x.reshape(problem.shape))
         return value, slope.ravel()
 
+    def kept(x: FloatArray) -> None:
+        reached.append(x.copy())
+
     rooms = {
         "type": "ineq",
         "fun": lambda x: problem.rooms(x.reshape(problem.shape)),
         "jac": lambda x: problem.room_slopes(x.reshape(problem.shape)).reshape(-1, x.size),
     }
+    settings: Any = {
+        "jac": True,
+        "method": "SLSQP",
+        "constraints": [rooms],
+        "callback": kept,
+        "options": {"maxiter": max_iter, "ftol": TOLERANCE},
+    }
     finished, converged = True, False
     try:
-        result = minimize(
-            objective,
-            first.ravel() * START_SHARE,
-            jac=True,
-            method="SLSQP",
-            constraints=[rooms],
-            callback=lambda x: reached.append(x.copy()),
-            options={"maxiter": max_iter, "ftol": TOLERANCE},
-        )
+        result = minimize(objective, first.ravel() * START_SHARE, **settings)
         reached.append(result.x)
         converged = bool(result.success)
     except _Stopped:
@@ -128,7 +130,7 @@ def _random_start(problem: Problem, rng: np.random.Generator) -> tuple[FloatArra
 
 
 def _best_of(problem: Problem, first: FloatArray, last: FloatArray) -> tuple[FloatArray | None, float | None]:
-    """Return the best valid motion: the search's answer, as it is and stretched to the limits, or what it began with."""
+    """Return the best valid motion: the search's answer, stretched to the limits or not, or what it began with."""
     tried = [problem.bounds.scaled(last), last, first] if np.isfinite(last).all() else [first]
     valid = [x for x in map(problem.repaired, tried) if x is not None]
     if not valid:
