@@ -12,6 +12,7 @@ from dynid_rs.errors import DataError, RankDeficientError
 from dynid_rs.recording import Recording
 
 if TYPE_CHECKING:
+    from dynid_rs.excitation import FourierExcitation
     from dynid_rs.friction import FrictionIdentifier
     from dynid_rs.identification import ThreeLoopIdentifier
     from dynid_rs.links import LinkDynamicsIdentifier
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 
 # scikit-learn takes a second to import; nobody who only evaluates a model should wait for it.
 _LATE = {
+    "FourierExcitation": "excitation",
     "FrictionIdentifier": "friction",
     "GaussianMixtureRegressor": "mixture",
     "LinkDynamicsIdentifier": "links",
@@ -34,6 +36,7 @@ __all__ = [
     "DataError",
     "Effect",
     "FormatError",
+    "FourierExcitation",
     "FrictionIdentifier",
     "GaussianMixtureRegressor",
     "LinkDynamicsIdentifier",

@@ -90,7 +90,8 @@ class TorqueBound:
             holding = self._torque((start[None], 0 * start[None], 0 * start[None]))[0, joint]
             raise ValueError(
                 f"holding the start pose takes {holding:.4g} N m at joint {robot.joint_names[joint]}, beyond its "
-                f"torque limits {self.limits[0, joint]:g} and {self.limits[1, joint]:g}; choose another start or other limits"
+                f"torque limits {self.limits[0, joint]:g} and {self.limits[1, joint]:g}; choose another start or wider "
+                "limits"
             )
 
     def smooth_room(self, motion: Motion, *, slopes: bool) -> tuple[float, Motion]:
