@@ -7,6 +7,7 @@ import threading
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,7 +81,21 @@ class SelfCollision:
                 code="collision_shapes",
                 file=str(path),
             ) from None
+        _refuse_lost_shapes(path, shapes)
         return BoundCollision(pinocchio, model, shapes, self, robot, start)
+
+
+def _refuse_lost_shapes(path: Path, shapes: Any) -> None:
+    """Refuse a file of which Pinocchio leaves shapes out: it says so on the terminal only."""
+    n_loaded = len(shapes.geometryObjects)
+    declared = sum(1 for _ in ElementTree.parse(path).getroot().iter("collision"))
+    if n_loaded < declared:
+        raise DataError(
+            f"{path}: {declared} collision shapes are declared and {n_loaded} can be used; "
+            "boxes, spheres, cylinders and meshes can, so replace the others",
+            code="collision_shapes",
+            file=str(path),
+        )
 
 
 class BoundCollision:
@@ -189,11 +204,7 @@ class BoundCollision:
     def _data(self) -> tuple[Any, Any]:
         """Scratch of this thread."""
         if not hasattr(self._thread, "data"):
-            geometry = self._shapes.createData()
-            for request in geometry.distanceRequests:
-                request.enable_signed_distance = True
-                request.enable_nearest_points = True
-            self._thread.data = (self._model.createData(), geometry)
+            self._thread.data = (self._model.createData(), self._shapes.createData())
         return self._thread.data  # type: ignore[no-any-return]
 
     def _configuration(self, q: FloatArray) -> FloatArray:
