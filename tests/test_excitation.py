@@ -253,7 +253,7 @@ def problem(robot, limits, criterion="block", **options):
 
 @pytest.mark.parametrize("criterion", ["block", "condition", "D", "A"])
 def test_what_the_optimiser_sees_has_the_slope_it_says(criterion):
-    made = random_chain(3)  # revolute, continuous and prismatic joints
+    made = random_chain(4)  # revolute, continuous and prismatic joints
     robot = RobotModel.from_urdf_string(made.urdf, gravity=made.gravity)
     given = problem(robot, ExcitationLimits.of_robot(robot), criterion)
     rng = np.random.default_rng(1)
@@ -351,6 +351,15 @@ def test_an_interrupted_search_goes_on_where_it_stopped(tmp_path):
     assert heard == [2, 3, 4]
     assert_allclose(resumed.trajectory_.sin_coef, whole.trajectory_.sin_coef, **EXACT)
     assert resumed.objective_ == whole.objective_
+    # Without `resume` the search begins anew.
+    heard.clear()
+    anew = quick(n_restarts=2, resume=False, state_file=state, callback=lambda found: heard.append(len(found))).fit(
+        robot
+    )
+    assert heard == [1, 2]
+    assert anew.history_[1].objective == whole.history_[1].objective
+    state.write_text(json.dumps(kept))
+    resumed = quick(n_restarts=4, n_jobs=1, state_file=state).fit(robot)
     # Now all are finished: nothing is searched again.
     again = quick(n_restarts=4, state_file=state).fit(robot)
     assert [r.cpu_s for r in again.history_] == [r.cpu_s for r in resumed.history_]

@@ -97,15 +97,15 @@ def excite(
     """
     from dynid_rs.commands._console import progress
     from dynid_rs.commands._inputs import read_robot
+    from dynid_rs.excitation.output import n_steps_of
 
     files = Outputs(output)
     files.check([robot, *([limits] if limits else [])])
+    n_steps_of(duration, rate)  # refused before the search, not after it
     with progress() as say:
         say("reading")
         model = read_robot(robot, base, tip, gravity)
         settings = _settings(model, robot, limits, start, noise, self_collision)
-        if not resume:
-            files.state.unlink(missing_ok=True)
         design = _design(
             settings,
             say,
@@ -118,6 +118,7 @@ def excite(
             time_limit=time_limit,
             n_jobs=jobs,
             state_file=files.state,
+            resume=resume,
             random_state=seed,
         ).fit(model, settings["limits"])
         say("writing")

@@ -59,7 +59,9 @@ class FourierExcitation(BaseEstimator):  # type: ignore[misc]
     n_jobs : int, optional
         Threads; the answer does not depend on it.
     state_file : path-like, optional
-        Finished searches are kept here, and taken from here when the same problem is searched again.
+        Finished searches are kept here.
+    resume : bool
+        Take finished searches of the same problem from there.
     callback : callable, optional
         Called with all finished `Restart` after each one.
     random_state : int or None
@@ -105,6 +107,7 @@ class FourierExcitation(BaseEstimator):  # type: ignore[misc]
         time_limit: float | None = None,
         n_jobs: int | None = None,
         state_file: str | Path | None = None,
+        resume: bool = True,
         callback: Callable[[Sequence[Restart]], object] | None = None,
         random_state: int | None = None,
     ) -> None:
@@ -121,6 +124,7 @@ class FourierExcitation(BaseEstimator):  # type: ignore[misc]
         self.time_limit = time_limit
         self.n_jobs = n_jobs
         self.state_file = state_file
+        self.resume = resume
         self.callback = callback
         self.random_state = random_state
 
@@ -210,6 +214,7 @@ class FourierExcitation(BaseEstimator):  # type: ignore[misc]
             n_jobs=self.n_jobs,
             time_limit=self.time_limit,
             state_file=None if self.state_file is None else Path(self.state_file),
+            resume=self.resume,
         )
 
     def _check(self, robot: RobotModel) -> None:

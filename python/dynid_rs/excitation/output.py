@@ -31,8 +31,8 @@ class Playable(Protocol):
         """Position, velocity and acceleration at times `t` (n,) [s], each (n, n_joints)."""
 
 
-def sampled(trajectory: Playable, rate: float) -> dict[str, FloatArray]:
-    """Columns t, q_i, dq_i, ddq_i at `rate` [Hz], first and last instant among them.
+def n_steps_of(duration: float, rate: float) -> int:
+    """Steps of a table of `duration` [s] at `rate` [Hz].
 
     Raises
     ------
@@ -41,9 +41,15 @@ def sampled(trajectory: Playable, rate: float) -> dict[str, FloatArray]:
     """
     if not (np.isfinite(rate) and rate > 0):
         raise ValueError(f"the rate of the trajectory must be a positive number of samples per second, got {rate}")
-    n_steps = int(np.ceil(trajectory.duration * rate - 1e-6))
-    if n_steps >= MAX_ROWS:
-        raise ValueError(f"{trajectory.duration:g} s at {rate:g} Hz are {n_steps} rows, expected fewer than {MAX_ROWS}")
+    n_steps = duration * rate
+    if not n_steps < MAX_ROWS:
+        raise ValueError(f"{duration:g} s at {rate:g} Hz are {n_steps:.0f} rows, expected fewer than {MAX_ROWS}")
+    return int(np.ceil(n_steps - 1e-6))
+
+
+def sampled(trajectory: Playable, rate: float) -> dict[str, FloatArray]:
+    """Columns t, q_i, dq_i, ddq_i at `rate` [Hz], first and last instant among them."""
+    n_steps = n_steps_of(trajectory.duration, rate)
     # The last step may be shorter: the motion ends where it ends.
     t = np.minimum(np.arange(n_steps + 1) / rate, trajectory.duration)
     columns = {"t": t}

@@ -155,7 +155,9 @@ class Plan:
     time_limit : float, optional
         No search begins after it, and running ones stop [s]. What comes out then depends on the machine.
     state_file : path, optional
-        Finished searches are kept here, and taken from here if it is there.
+        Finished searches are kept here.
+    resume : bool
+        Take finished searches from there, if it is there.
     """
 
     n_restarts: int
@@ -164,6 +166,7 @@ class Plan:
     n_jobs: int | None = None
     time_limit: float | None = None
     state_file: Path | None = None
+    resume: bool = True
 
 
 def search(
@@ -177,7 +180,7 @@ def search(
         The state file is broken or belongs to another problem.
     """
     identity = f"{problem.identity()}:{plan.seed}:{plan.max_iter}"
-    done = {} if plan.state_file is None else _read_state(plan.state_file, identity)
+    done = _read_state(plan.state_file, identity) if plan.state_file and plan.resume else {}
     done = {index: restart for index, restart in done.items() if index < plan.n_restarts}
     seeds = np.random.SeedSequence(plan.seed).spawn(plan.n_restarts)
     deadline = None if plan.time_limit is None else time.monotonic() + plan.time_limit

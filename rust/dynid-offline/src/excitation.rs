@@ -8,8 +8,8 @@ use std::sync::Mutex;
 
 use dynid_core::link_params::N_LINK_PARAMS;
 use dynid_core::RobotModel;
-use faer::linalg::matmul::triangular::{self, BlockStructure};
 use faer::linalg::matmul::matmul;
+use faer::linalg::matmul::triangular::{self, BlockStructure};
 use faer::{Accum, Mat, MatMut, MatRef, Par, Side};
 
 use crate::adjoint::{Sweep, SPLIT, SUMMED};
@@ -351,7 +351,9 @@ impl<const P: usize> Scratch<P> {
         width: usize,
     ) {
         let n_rows = self.rows[m].len() / width;
-        let vectors = Mat::from_fn(width, slopes.len(), |i, k| spectrum.vectors[(i, slopes[k].0)]);
+        let vectors = Mat::from_fn(width, slopes.len(), |i, k| {
+            spectrum.vectors[(i, slopes[k].0)]
+        });
         let back = Mat::from_fn(slopes.len(), width, |k, j| {
             2.0 * share * slopes[k].1 * vectors[(j, k)]
         });
