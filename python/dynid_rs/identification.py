@@ -14,13 +14,17 @@ from sklearn.utils.validation import check_is_fitted
 
 from dynid_rs import _core
 from dynid_rs.assembly import Mixtures, assemble, evaluate, with_mixtures
-from dynid_rs.columns import Observations, Plan, make_plan, observe, run_rows
+from dynid_rs.columns import Observations, Plan, make_plan, observe
 from dynid_rs.encoders import EncoderDelay, estimate_encoder_delay
+from dynid_rs.evaluation import rmse as rms
 from dynid_rs.friction import FrictionIdentifier, friction_effect
-from dynid_rs.links import LinkDynamicsIdentifier, baseline, block_residuals
+from dynid_rs.friction_experiment.pairs import check_reversals, find_mirrors
+from dynid_rs.friction_experiment.rows import PairWindow, odd_torques, pair_rows, pair_windows, row_groups
+from dynid_rs.known import KnownTerm, check_known, less_known
+from dynid_rs.links import LinkDynamicsIdentifier, baseline, block_residuals, own_beside
 from dynid_rs.preprocessing import Band, States, choose_band, common_rate, prepare
 from dynid_rs.recording import Recording
-from dynid_rs.residual import ResidualCompensator, choose_inputs, inputs_of
+from dynid_rs.residual import ResidualCompensator, inputs_of
 from dynid_rs.training import check_training_runs, prepare_training_runs
 
 FloatArray = NDArray[np.float64]
@@ -31,12 +35,11 @@ FIRST_WIDTH = 4e-3
 
 @dataclass(frozen=True, eq=False)
 class _Data:
-    """What the loops start from: runs as recorded and on one clock, slow runs and their rows, the first plan."""
+    """What the loops start from: runs as recorded and on one clock, pairs of the friction runs, the first plan."""
 
     raw_runs: list[States]
     runs: list[States]
-    slow_runs: list[States]
-    slow_rows: list[list[FloatArray]]
+    pairs: list[PairWindow]
     plan: Plan
     observations: Observations
 
@@ -54,6 +57,8 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         Second loop.
     residual : ResidualCompensator, None or "default"
         Third loop; None switches it off.
+    known : sequence of (Effect, ndarray (n_joints, n_columns))
+        Effects whose coefficients [N*m] are known, not fitted: taken off the torque, and part of the model.
     cutoff : float, optional
         Band [Hz] in which torques are fitted and compared; chosen from the motion if None.
     max_iter : int
@@ -69,14 +74,20 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         The fitted loops.
     baseline_ : TorqueModel
         Rigid body, Coulomb and viscous friction by weighted least squares: what the paper compares with.
+    friction_model_ : TorqueModel
+        What the first loop gives by itself: friction with its shape beside the baseline's links.
     encoder_delay_ : EncoderDelay or None
         Delay between the two encoder channels; None with one encoder.
     observations_ : Observations
         Rows and factors of the last round.
-    runs_ : list of States
-        Training runs, link channel on the motor channel's clock.
+    raw_runs_, runs_ : list of States
+        Training runs as recorded, and with the link channel on the motor channel's clock and the known terms' torque
+        taken off.
+    known_ : list of (Effect, ndarray)
+        Known terms as they were used.
     history_ : list of dict
-        Residual per joint after every round.
+        RMS per joint (n_joints,) that is left on the training runs after every loop of every round: `friction` with
+        the links held, `links`, `residual`.
     n_iter_, converged_ : int, bool
         Of the three loops.
     """
@@ -88,6 +99,7 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         friction: FrictionIdentifier | None = None,
         links: LinkDynamicsIdentifier | None = None,
         residual: ResidualCompensator | str | None = "default",
+        known: Sequence[KnownTerm] = (),
         cutoff: float | None = None,
         max_iter: int = 10,
         tol: float = 2e-2,
@@ -96,6 +108,7 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         self.friction = friction
         self.links = links
         self.residual = residual
+        self.known = known
         self.cutoff = cutoff
         self.max_iter = max_iter
         self.tol = tol
@@ -114,14 +127,16 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         recordings : Recording or sequence of Recording
             Exciting motion.
         friction_recording : Recording or sequence of Recording, optional
-            Slow motion that only the search for friction's shape sees in addition.
+            Friction experiment: the same positions passed in both directions at the same speeds (Eqs. 5-8). Its pairs
+            decide friction's shape and its odd part; their sums stand beside the training runs in the joint fit.
         on_progress : callable
             Called with a few words before every step.
 
         Raises
         ------
         DataError
-            Runs of another robot, mixed units, a joint that never moves, too little motion.
+            Runs of another robot, mixed units, a joint that never moves, too little motion, a friction run
+            without reversal.
         """
         from threadpoolctl import threadpool_limits
 
@@ -147,6 +162,7 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         in_ampere = self.torque_unit_ == "A"
 
         third_loop = [np.zeros_like(states.tau) for states in runs]
+        held = self._baseline_links.phi_base_, self._baseline_links.torque_scale_
         self.history_: list[dict[str, FloatArray]] = []
         self.converged_ = False
         changed = None  # joints whose torque the third loop has changed; at first all are new
@@ -154,23 +170,33 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
             # Loop 1: friction's shape, on what the links leave (Eqs. 9-12).
             on_progress(f"round {self.n_iter_}: friction")
             torque = [states.in_band(states.tau - u) for states, u in zip(runs, third_loop, strict=True)]
-            friction.fit(plan, runs + data.slow_runs, observations.rows_with(torque) + data.slow_rows, changed)
+            pairs = odd_torques(plan, data.pairs, pair_rows(plan, data.pairs)[0], *held) if data.pairs else None
+            friction.fit(plan, runs, observations.rows_with(torque), changed, pairs=pairs)
             plan = self._plan(friction.effect_)
             # Loop 2: links and all linear coefficients, without the third loop's torque (Eqs. 19-25).
             on_progress(f"round {self.n_iter_}: link dynamics")
             observations = observe(plan, runs, [s.tau - u for s, u in zip(runs, third_loop, strict=True)])
-            links.fit(observations, fit_scale=in_ampere)
+            own, after_friction = own_beside(observations, *held)
+            if self.n_iter_ == 1:
+                self.friction_model_ = self._model(plan, self._baseline_links, own, data.raw_runs)
+            beside = row_groups(pair_rows(plan, data.pairs)) if data.pairs else []
+            links.fit(observations, fit_scale=in_ampere, beside=beside)
+            held = links.phi_base_, links.torque_scale_
+            after = after_links = rms(block_residuals(observations, links.x_, links.torque_scale_))
             # Loop 3: what is left, from the deflection (Eqs. 31-39); where it does not pay, it stays out.
             if residual is not None:
                 on_progress(f"round {self.n_iter_}: residual")
                 left = observations.by_run(block_residuals(observations, links.x_, links.torque_scale_))
                 left = [e + states.in_band(u) for e, states, u in zip(left, runs, third_loop, strict=True)]
                 (residual.fit if self.n_iter_ == 1 else residual.refit)(runs, left)
-            self.history_.append({"noise_std": links.noise_std_})
+                after = rms(
+                    [e - states.in_band(u) for e, states, u in zip(left, runs, _torque(residual, runs), strict=True)]
+                )
+            self.history_.append({"friction": after_friction, "links": after_links, "residual": after})
             if residual is None or not residual.kept.any() or self._settled():
                 self.converged_ = True
                 break
-            third_loop = [_third_loop_torque(residual, states) for states in runs]
+            third_loop = _torque(residual, runs)
             changed = np.flatnonzero(residual.kept).tolist()
         if not self.converged_:
             warnings.warn(
@@ -179,16 +205,9 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
                 stacklevel=2,
             )
         self.friction_, self.links_, self.residual_ = friction, links, residual
-        self.observations_, self.runs_ = observations, runs
-        self.model_ = assemble(
-            plan,
-            links,
-            links.own_,
-            data.raw_runs,
-            encoder_delay=self._delay,
-            torque_unit=self.torque_unit_,
-            third_loop=None if residual is None else (residual.inputs_, residual.mixtures_),
-        )
+        self.observations_, self.raw_runs_, self.runs_ = observations, data.raw_runs, runs
+        kept = None if residual is None else (residual.inputs_, residual.mixtures_)
+        self.model_ = self._model(plan, links, links.own_, data.raw_runs, kept)
         return self
 
     def predict(self, recording: Recording) -> FloatArray:
@@ -218,21 +237,27 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
     def _prepare(self, recordings: list[Recording], slow: list[Recording], on_progress: Callable[[str], None]) -> _Data:
         """Filter, fit the baseline, and bring the two encoder channels on one clock."""
         self.torque_unit_ = recordings[0].torque_unit
+        self.known_ = check_known(self.known, self.robot, self.torque_unit_)
         self.rate_ = common_rate(recordings)
         self.band_ = Band(self.cutoff) if self.cutoff is not None else choose_band(recordings)
         on_progress("filtering the runs")
-        raw_runs, slow_runs = (prepare_training_runs(part, self.band_, self.rate_) for part in (recordings, slow))
+        raw_runs = prepare_training_runs(recordings, self.band_, self.rate_)
+        slow_runs = [prepare(recording, self.band_, self.rate_) for recording in slow]
         on_progress("weighted least squares")
         plan = self._plan(friction_effect(*self._first_shape()))
-        observations = observe(plan, raw_runs)
+        runs = less_known(self.known_, raw_runs)
+        observations = observe(plan, runs)
         self._fit_baseline(observations, raw_runs, fit_scale=self.torque_unit_ == "A")
-        runs = raw_runs
         if self._measure_encoder_delay(raw_runs):
-            runs = [states.aligned(self._delay) for states in raw_runs]
+            runs = less_known(self.known_, [states.aligned(self._delay) for states in raw_runs])
             slow_runs = [states.aligned(self._delay) for states in slow_runs]
             observations = observe(plan, runs)
-        slow_rows = [run_rows(plan, states, states.tau) for states in slow_runs]
-        return _Data(raw_runs, runs, slow_runs, slow_rows, plan, observations)
+        if slow_runs:
+            on_progress("pairs of the friction experiment")
+            slow_runs = less_known(self.known_, slow_runs)
+        mirrors = [find_mirrors(states) for states in slow_runs]
+        check_reversals(slow_runs, mirrors, self.robot.joint_names)
+        return _Data(raw_runs, runs, pair_windows(slow_runs, mirrors), plan, observations)
 
     def _first_shape(self) -> tuple[FloatArray, FloatArray]:
         n = self.robot.n_joints
@@ -244,15 +269,22 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
 
     def _fit_baseline(self, observations: Observations, runs: list[States], *, fit_scale: bool) -> None:
         simple, regroup = baseline(observations)
-        links = LinkDynamicsIdentifier(ridge=0.0).fit(simple, fit_scale=fit_scale)
+        self._baseline_links = links = LinkDynamicsIdentifier(ridge=0.0, prior=None).fit(simple, fit_scale=fit_scale)
         self._delay = np.zeros(self.robot.n_joints)
-        self.baseline_ = assemble(
-            observations.plan,
-            links,
-            links.own_ @ regroup.T,
-            runs,
-            encoder_delay=self._delay,
-            torque_unit=self.torque_unit_,
+        self.baseline_ = self._model(observations.plan, links, links.own_ @ regroup.T, runs)
+
+    def _model(
+        self,
+        plan: Plan,
+        links: LinkDynamicsIdentifier,
+        own: FloatArray,
+        runs: list[States],
+        third_loop: tuple[str, Mixtures] | None = None,
+    ) -> _core.TorqueModel:
+        delay, unit = self._delay, self.torque_unit_
+        known = self.known_
+        return assemble(
+            plan, links, own, runs, encoder_delay=delay, torque_unit=unit, third_loop=third_loop, known=known
         )
 
     def _measure_encoder_delay(self, runs: list[States]) -> bool:
@@ -268,7 +300,7 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
     def _settled(self) -> bool:
         if len(self.history_) < 2:
             return False
-        last, now = self.history_[-2]["noise_std"], self.history_[-1]["noise_std"]
+        last, now = self.history_[-2]["links"], self.history_[-1]["links"]
         return bool(np.all(np.abs(now - last) <= self.tol * np.maximum(last, 1e-300)))
 
 
@@ -276,12 +308,12 @@ def _as_list(recordings: Recording | Sequence[Recording]) -> list[Recording]:
     return [recordings] if isinstance(recordings, Recording) else list(recordings)
 
 
-def _third_loop_torque(residual: ResidualCompensator, states: States) -> FloatArray:
-    """Torque of the kept mixtures at every sample, (n, n_joints)."""
-    tau = np.zeros_like(states.tau)
-    if residual.kept.any():
-        u = inputs_of(states, choose_inputs(residual.inputs, [states]))
+def _torque(residual: ResidualCompensator, runs: Sequence[States]) -> list[FloatArray]:
+    """Torque of the kept mixtures at every sample of every run, (n, n_joints) each."""
+    torques = [np.zeros_like(states.tau) for states in runs]
+    for tau, states in zip(torques, runs, strict=True):
+        u = inputs_of(states, residual.inputs_) if residual.kept.any() else None
         for j, mixture in enumerate(residual.mixtures_):
-            if mixture is not None:
+            if u is not None and mixture is not None:
                 tau[:, j] = mixture.predict(u[:, j])[0]
-    return tau
+    return torques

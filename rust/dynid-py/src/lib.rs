@@ -5,10 +5,12 @@ mod base;
 mod effects;
 mod errors;
 mod excitation;
+mod friction_search;
 mod mixture;
 mod model;
 mod offline;
 mod robot;
+mod run;
 
 use pyo3::prelude::*;
 
@@ -36,7 +38,11 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(excitation::inverse_dynamics_gradient, m)?)?;
     m.add_function(wrap_pyfunction!(excitation::places, m)?)?;
     m.add_function(wrap_pyfunction!(excitation::places_gradient, m)?)?;
+    m.add_class::<friction_search::PyFrictionSearch>()?;
     m.add_function(wrap_pyfunction!(effects::friction_basis, m)?)?;
+    m.add_function(wrap_pyfunction!(effects::effect_catalogue, m)?)?;
+    m.add_function(wrap_pyfunction!(effects::effect_columns, m)?)?;
+    m.add_function(wrap_pyfunction!(effects::effect_torque, m)?)?;
     m.add_function(wrap_pyfunction!(model::residual_inputs, m)?)?;
     m.add_function(wrap_pyfunction!(model::align_link_side, m)?)?;
     m.add_function(wrap_pyfunction!(offline::observe, m)?)?;
