@@ -22,6 +22,7 @@ from dynid_rs.excitation import ExcitationLimits, FourierExcitation, sufficient_
 from dynid_rs.excitation.bounds import MotionBounds
 from dynid_rs.excitation.problem import Problem
 from dynid_rs.excitation.series import FourierSeries
+from dynid_rs.simulation import FourierTrajectory
 
 ROUNDED = 0.5e-4
 """Largest error of a number of Table 3."""
@@ -179,7 +180,7 @@ def test_the_sums_of_eq_17_are_sufficient():
         peaks = np.array([np.abs(signal).max(axis=0) for signal in fine(trajectory)])
         assert (peaks <= bounds * (1 + 1e-12)).all()
     # Met where one harmonic moves alone, in velocity and acceleration.
-    lone = paper.FourierTrajectory(np.zeros(1), np.array([[0.6]]), np.array([[0.8]]), 2.0, rest=0.0)
+    lone = FourierTrajectory(np.zeros(1), np.array([[0.6]]), np.array([[0.8]]), 2.0, rest=0.0)
     _, dq, ddq = lone.evaluate(np.linspace(1e-6, lone.duration - 1e-6, 100_001))
     assert_allclose([np.abs(dq).max(), np.abs(ddq).max()], sufficient_bounds(lone)[1:, 0], rtol=1e-6)
 

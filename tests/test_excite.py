@@ -12,6 +12,7 @@ from dynid_rs import DataError, RobotModel
 from dynid_rs.excitation import SelfCollision, WorkspaceBox
 from dynid_rs.excitation.limits_file import read_limits
 from dynid_rs.files import write_json
+from dynid_rs.friction_experiment import FrictionExperiment
 
 QUICK = ("--duration", 8, "--restarts", 2, "--iterations", 10)
 LIMITS = """
@@ -221,6 +222,33 @@ def test_a_killed_design_goes_on(design, tmp_path, monkeypatch):
     assert result["restarts"][0]["cpu_s"] == kept[0]["cpu_s"]
     assert result["trajectory"] == json.loads((folder / "traj.json").read_text())["trajectory"]
     assert not state.exists()
+
+
+def test_the_friction_experiment_keeps_the_same_limits(design, tmp_path):
+    folder, _ = design
+    path = tmp_path / "friction.csv"
+    arguments = (folder / "robot.urdf", "--limits", folder / "limits.toml", "-o", tmp_path / "traj.csv", *QUICK)
+    printed = dynid("excite", *arguments, "--friction", path, "--rate", 200)
+    assert printed.exit_code == 0, printed.output
+    assert str(path) in printed.stdout
+    table, limits = columns(path), read(folder, LIMITS).limits
+    plan = FrictionExperiment.from_json(json.loads(path.with_suffix(".json").read_text()))
+    assert_allclose(table["t"][-1], plan.duration, atol=1e-9)
+    motion = [np.stack([table[f"{name}_{j}"] for j in range(3)], axis=1) for name in ("q", "dq", "ddq")]
+    for signal, planned, (lower, upper) in zip(
+        motion, plan.evaluate(table["t"]), (limits.position, limits.velocity, limits.acceleration), strict=True
+    ):
+        assert_allclose(signal, planned, rtol=0, atol=1e-12)
+        assert (signal >= lower - 1e-9).all()
+        assert (signal <= upper + 1e-9).all()
+    assert (np.abs(robot().inverse_dynamics(*motion)) <= [30, 40, 20]).all()
+    # A box that the legs leave, and names that collide.
+    text = LIMITS + "[workspace]\nlower = [-1, -1, 0.2]\nupper = [1, 1, 0.45]\n"
+    other = limits_file(tmp_path, text)
+    arguments = ("excite", folder / "robot.urdf", "--limits", other, "-o", tmp_path / "other.csv", "--friction")
+    assert "does not keep workspace" in refusal(dynid(*arguments, tmp_path / "x.csv"))
+    assert "choose another name" in refusal(dynid(*arguments, tmp_path / "other.csv"))
+    assert not (tmp_path / "x.csv").exists()
 
 
 # The limits file

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 from rich.table import Table
@@ -14,7 +13,7 @@ from dynid_rs.readers.table import shown
 _QUANTITIES = {"position": "", "velocity": "/s", "acceleration": "/s^2"}
 
 
-def show(result: dict[str, Any], trajectory: Path, figures: Path, plots: Path) -> None:
+def show(result: dict[str, Any]) -> None:
     """Print figures of merit, extremes beside limits, notes, and where the files are."""
     out = console()
     blocks = ", ".join(
@@ -34,8 +33,12 @@ def show(result: dict[str, Any], trajectory: Path, figures: Path, plots: Path) -
         out.print(Text(f"{name}: {_constraint(name, report)}"))
     for note in result["notes"]:
         out.print(Text(f"note: {note}"))
-    for label, path in (("trajectory", trajectory), ("figures", figures), ("plots", plots)):
+    for label, path in result["files"].items():
         out.print(Text(f"{label}: {path}"), soft_wrap=True)
+    if "friction" in result:
+        friction = result["friction"]
+        label = f"friction experiment: {friction['file']} ({friction['duration_s']:.0f} s)"
+        out.print(Text(label), soft_wrap=True)
 
 
 def _extremes(result: dict[str, Any]) -> Table:

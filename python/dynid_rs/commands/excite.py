@@ -13,6 +13,7 @@ from dynid_rs.commands._run import print_json, run_command
 
 if TYPE_CHECKING:
     from dynid_rs.excitation import FourierExcitation, Restart
+    from dynid_rs.friction_experiment import FrictionExperiment
 
 
 @dataclass(frozen=True)
@@ -20,6 +21,7 @@ class Outputs:
     """Files of one design, side by side."""
 
     csv: Path
+    friction: Path | None = None
 
     @property
     def json(self) -> Path:
@@ -36,15 +38,25 @@ class Outputs:
         """Finished searches, while the command runs."""
         return self.csv.with_suffix(".restarts.json")
 
+    @property
+    def friction_json(self) -> Path | None:
+        """Segments of the friction experiment."""
+        return None if self.friction is None else self.friction.with_suffix(".json")
+
     def check(self, inputs: Sequence[Path]) -> None:
         """Refuse what cannot be written before any work is done."""
         from dynid_rs.commands._output import check_file, check_not_read
 
-        if self.csv.suffix != ".csv":
-            raise ValueError(f"{self.csv}: the trajectory is written as CSV; choose a name that ends in .csv")
-        for path in (self.csv, self.json, self.page, self.state):
+        for path in (self.csv, self.friction):
+            if path is not None and path.suffix != ".csv":
+                raise ValueError(f"{path}: the trajectory is written as CSV; choose a name that ends in .csv")
+        places = [self.csv, self.json, self.page, self.state, self.friction, self.friction_json]
+        outputs = [path for path in places if path is not None]
+        if len({path.absolute() for path in outputs}) < len(outputs):
+            raise ValueError(f"{self.friction}: is written for the exciting trajectory too; choose another name")
+        for path in outputs:
             check_file(path)
-        check_not_read([self.csv, self.json, self.page, self.state], inputs)
+        check_not_read(outputs, inputs)
 
 
 @run_command
@@ -67,6 +79,10 @@ def excite(
         float, typer.Option("--criterion-rate", metavar="HZ", help="Samples per second that the criterion uses")
     ] = 10.0,
     rate: Annotated[float, typer.Option(help="Samples per second of the CSV")] = 1000.0,
+    friction: Annotated[
+        Path | None,
+        typer.Option(metavar="FRICTION.csv", help="Plan the friction experiment too; .json beside it"),
+    ] = None,
     start: Annotated[
         str | None,
         typer.Option(metavar="Q,Q,...", help="Where it starts and ends [rad, m]; zero, or the middle of the limits"),
@@ -93,19 +109,21 @@ def excite(
     """Design an exciting trajectory within the limits of an arm.
 
     TRAJ.csv holds t, q_i, dq_i, ddq_i; TRAJ.json the figures of merit and the exact extremes beside the limits;
-    TRAJ.html the plots. While it runs, TRAJ.restarts.json keeps the finished searches.
+    TRAJ.html the plots. While it runs, TRAJ.restarts.json keeps the finished searches. FRICTION.csv holds legs of
+    constant speed in both directions and motions with their reversals, within the same limits.
     """
     from dynid_rs.commands._console import progress
     from dynid_rs.commands._inputs import read_robot
     from dynid_rs.excitation.output import n_steps_of
 
-    files = Outputs(output)
+    files = Outputs(output, friction)
     files.check([robot, *([limits] if limits else [])])
     n_steps_of(duration, rate)  # refused before the search, not after it
     with progress() as say:
         say("reading")
         model = read_robot(robot, base, tip, gravity)
         settings = _settings(model, robot, limits, start, noise, self_collision)
+        plan = None if friction is None else _friction_plan(model, settings, rate)
         design = _design(
             settings,
             say,
@@ -122,13 +140,13 @@ def excite(
             random_state=seed,
         ).fit(model, settings["limits"])
         say("writing")
-        result = _write(design, model, files, rate)
+        result = _write(design, plan, model, files, rate)
     if json_output:
         print_json(result)
     else:
         from dynid_rs.commands._excite_view import show
 
-        show(result, files.csv, files.json, files.page)
+        show(result)
 
 
 def _settings(
@@ -165,14 +183,29 @@ def _design(settings: dict[str, Any], say: Callable[[str], None], **options: Any
     return FourierExcitation(**given, callback=told, **options)
 
 
-def _write(design: FourierExcitation, model: Any, files: Outputs, rate: float) -> dict[str, Any]:
-    """Write all files together, then forget the finished searches."""
+def _friction_plan(model: Any, settings: dict[str, Any], rate: float) -> FrictionExperiment:
+    from dynid_rs.excitation.friction_plan import friction_plan
+    from dynid_rs.excitation.output import n_steps_of
+
+    plan = friction_plan(model, settings["limits"], settings["constraints"])
+    n_steps_of(plan.duration, rate)
+    return plan
+
+
+def _write(
+    design: FourierExcitation, plan: FrictionExperiment | None, model: Any, files: Outputs, rate: float
+) -> dict[str, Any]:
+    """Write the files of the trajectory together, then forget the finished searches."""
     from dynid_rs.commands._output import filled_together
     from dynid_rs.excitation.output import answer, write_csv
     from dynid_rs.excitation.plots import page
     from dynid_rs.files import write_json, write_text
 
     result = answer(design, model)
+    if plan is not None and files.friction is not None and files.friction_json is not None:
+        n_rows = write_csv(files.friction, plan, rate)
+        write_json(files.friction_json, plan.to_json())
+        result["friction"] = {"file": str(files.friction), "duration_s": plan.duration, "n_rows": n_rows}
     with filled_together(files.csv.parent) as stage:
         result["n_rows"] = write_csv(stage / files.csv.name, design.trajectory_, rate)
         result["files"] = {"trajectory": str(files.csv), "figures": str(files.json), "plots": str(files.page)}

@@ -64,6 +64,10 @@ class _Stopped(Exception):
     """Time is over, or somebody interrupted."""
 
 
+class _Lost(Exception):
+    """A step of the search led nowhere."""
+
+
 def run_restart(
     problem: Problem, index: int, seed: np.random.SeedSequence, max_iter: int, stop: Callable[[], bool]
 ) -> tuple[Restart, bool]:
@@ -73,17 +77,21 @@ def run_restart(
     began = time.thread_time()
     first, start_objective = _random_start(problem, np.random.default_rng(seed))
     reached = [first.ravel()]
-    n_evaluations = 0
+    n_evaluations = n_steps = 0
 
     def objective(x: FloatArray) -> tuple[float, FloatArray]:
         nonlocal n_evaluations
         if stop():
             raise _Stopped
+        if not np.isfinite(x).all():
+            raise _Lost
         n_evaluations += 1
         value, slope = problem.smooth(x.reshape(problem.shape))
         return value, slope.ravel()
 
     def kept(x: FloatArray) -> None:
+        nonlocal n_steps
+        n_steps += 1
         reached.append(x.copy())
 
     rooms = {
@@ -105,13 +113,15 @@ def run_restart(
         converged = bool(result.success)
     except _Stopped:
         finished = False
+    except _Lost:
+        pass  # the last step before it counts
     x, value = _best_of(problem, first, reached[-1].reshape(problem.shape))
     restart = Restart(
         index=index,
         start_objective=start_objective,
         objective=value,
         x=None if x is None else x.tolist(),
-        n_iter=len(reached) - 2 if finished else len(reached) - 1,
+        n_iter=n_steps,
         n_evaluations=n_evaluations,
         converged=converged,
         cpu_s=time.thread_time() - began,
