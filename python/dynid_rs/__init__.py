@@ -21,6 +21,7 @@ from dynid_rs.errors import DataError, RankDeficientError
 from dynid_rs.recording import Recording
 
 if TYPE_CHECKING:
+    from dynid_rs.excitation import FourierExcitation
     from dynid_rs.friction import FrictionIdentifier
     from dynid_rs.identification import ThreeLoopIdentifier
     from dynid_rs.links import LinkDynamicsIdentifier
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
 
 # scikit-learn takes a second to import; nobody who only evaluates a model should wait for it.
 _LATE = {
+    "FourierExcitation": "excitation",
     "FrictionIdentifier": "friction",
     "GaussianMixtureRegressor": "mixture",
     "LinkDynamicsIdentifier": "links",
@@ -43,6 +45,7 @@ __all__ = [
     "DataError",
     "Effect",
     "FormatError",
+    "FourierExcitation",
     "FrictionIdentifier",
     "GaussianMixtureRegressor",
     "LinkDynamicsIdentifier",

@@ -23,6 +23,8 @@ _FloatArray: TypeAlias = NDArray[np.float64]
 _Filter: TypeAlias = tuple[_FloatArray, _FloatArray, int]
 """`scipy.signal.butter(output="sos")` (n, 6), its `scipy.signal.sosfilt_zi` (n, 2), samples of padding."""
 _Mixtures: TypeAlias = Sequence[GaussianMixtureRegression | None]
+_Motion: TypeAlias = tuple[_FloatArray, _FloatArray, _FloatArray]
+"""Something for q, dq and ddq, (n_samples, n_joints) each."""
 _Box: TypeAlias = tuple[Sequence[Sequence[float]], Sequence[float], Sequence[float]]
 
 __all__ = [
@@ -30,6 +32,7 @@ __all__ = [
     "LINK_PARAMETER_NAMES",
     "BaseParameters",
     "Effect",
+    "Excitation",
     "FormatError",
     "FrictionSearch",
     "GaussianMixtureRegression",
@@ -44,8 +47,11 @@ __all__ = [
     "effect_torque",
     "filtered_friction_basis",
     "friction_basis",
+    "inverse_dynamics_gradient",
     "merge_factors",
     "observe",
+    "point_gradient",
+    "point_places",
     "residual_inputs",
     "triangular_factor",
 ]
@@ -792,3 +798,107 @@ def merge_factors(factors: Sequence[_FloatArray]) -> _FloatArray:
     ValueError
         There is none, or widths differ.
     """
+
+@final
+class Excitation:
+    """How well a motion excites a robot (Eqs. 13, 14), with the exact gradient.
+
+    Parameters
+    ----------
+    robot : RobotModel
+        The arm.
+    pivots : sequence of int
+        Base columns, ascending.
+    whitening : (n_joints, n_joints), optional
+        `Omega^(-1/2)` of Eq. 13; multiplies the rows of every sample.
+    random_state, rtol : int, float
+        Probing states and relative threshold of the blocks' structural ranks.
+
+    Raises
+    ------
+    ValueError
+        No column, an index out of range or not ascending, or a whitening of the wrong shape.
+    """
+
+    def __new__(
+        cls,
+        robot: RobotModel,
+        pivots: Sequence[int],
+        *,
+        whitening: ArrayLike | None = None,
+        random_state: int = 0,
+        rtol: float = 1e-9,
+    ) -> Excitation: ...
+    @property
+    def ranks(self) -> tuple[int, int, int, int]:
+        """Structural ranks on the base columns: of the whole, and of its acceleration, velocity and gravity blocks."""
+
+    def blocks(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> tuple[_FloatArray, _FloatArray, _FloatArray]:
+        """Whitened blocks of Eq. 14, (n_samples n_joints, n_base) each, sample by sample; they add up to the whole.
+
+        Acceleration `Y(q, 0, ddq) - Y(q, 0, 0)`, velocity `Y(q, dq, 0) - Y(q, 0, 0)`, gravity `Y(q, 0, 0)`.
+        """
+
+    def conditions(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> _FloatArray:
+        """`s_1 / s_r` of the whole and of the blocks over their structural ranks (4,); NaN for a block of rank zero."""
+
+    def value(
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        *,
+        criterion: str,
+        weights: Sequence[float] | None = None,
+    ) -> float:
+        """Value of a criterion, smaller is better.
+
+        Parameters
+        ----------
+        q, dq, ddq : (n_samples, n_joints)
+            The motion.
+        criterion : str
+            `"block"`: Eq. 14. `"condition"`: the condition number alone. `"D"`: `-log det(W'W)`. `"A"`:
+            `trace((W'W)^-1)`.
+        weights : (3,), optional
+            w_a, w_b, w_g of Eq. 14.
+        """
+
+    def value_and_gradient(
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        *,
+        criterion: str,
+        weights: Sequence[float] | None = None,
+    ) -> tuple[float, _Motion]:
+        """As `value`, with its gradient with respect to q, dq and ddq."""
+
+def inverse_dynamics_gradient(
+    robot: RobotModel,
+    q: ArrayLike,
+    dq: ArrayLike,
+    ddq: ArrayLike,
+    direction: ArrayLike,
+    phi: ArrayLike | None = None,
+) -> _Motion:
+    """Gradient of `sum(direction * robot.inverse_dynamics(q, dq, ddq, phi))` with respect to q, dq and ddq."""
+
+def point_places(robot: RobotModel, q: ArrayLike, links: Sequence[int], places: ArrayLike) -> _FloatArray:
+    """Points fixed to links, in the base frame (n_samples, n_points, 3) [m].
+
+    Parameters
+    ----------
+    q : (n_samples, n_joints)
+        Positions.
+    links : (n_points,)
+        Index of each point's link.
+    places : (n_points, 3)
+        Each point in its link's frame [m].
+    """
+
+def point_gradient(
+    robot: RobotModel, q: ArrayLike, links: Sequence[int], places: ArrayLike, weights: _FloatArray
+) -> _FloatArray:
+    """Gradient of `sum(weights * point_places(robot, q, links, places))` with respect to q (n_samples, n_joints)."""

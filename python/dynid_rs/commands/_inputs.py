@@ -34,7 +34,7 @@ def read_robot(path: Path, base: str | None = None, tip: str | None = None, grav
     from dynid_rs import _core
     from dynid_rs.files import check_readable
 
-    vector = None if gravity is None else _numbers("--gravity", gravity, 3)
+    vector = None if gravity is None else numbers("--gravity", gravity, 3)
     if vector is not None and sum(g * g for g in vector) > STRONGEST_GRAVITY**2:
         raise ValueError(f"--gravity must be in m/s^2, at most {STRONGEST_GRAVITY:g}, found {gravity}")
     place = check_readable(path)
@@ -74,7 +74,7 @@ def read_settings(config: Path | None, drive_gain: str | None, n_joints: int) ->
     rules = Config() if config is None else read_config(config)
     if drive_gain is None:
         return Settings(rules)
-    gains = _numbers("--drive-gain", drive_gain, n_joints, or_one=True)
+    gains = numbers("--drive-gain", drive_gain, n_joints, or_one=True)
     if min(gains) <= 0:
         raise ValueError(f"--drive-gain must be positive, found {min(gains):g}; a direction belongs in [signs] tau")
     return Settings(replace(rules, drive_gain=gains), gain_given=True)
@@ -136,14 +136,15 @@ def check_cutoff(cutoff: float | None, recordings: Sequence[Recording]) -> None:
         )
 
 
-def _numbers(option: str, text: str, count: int, *, or_one: bool = False) -> tuple[float, ...]:
+def numbers(option: str, text: str, count: int, *, or_one: bool = False) -> tuple[float, ...]:
+    """Return the `count` finite numbers of an option, "1,2,3"; one number for all is enough with `or_one`."""
     wanted = f"one number or {count}" if or_one else f"{count} numbers"
     try:
-        numbers = tuple(float(part) for part in text.split(","))
+        found = tuple(float(part) for part in text.split(","))
     except ValueError:
         raise ValueError(f"{option} must be {wanted} with commas between, found {text!r}") from None
-    if len(numbers) != count and not (or_one and len(numbers) == 1):
-        raise ValueError(f"{option} must be {wanted}, found {len(numbers)}: {text!r}")
-    if not all(math.isfinite(number) for number in numbers):
+    if len(found) != count and not (or_one and len(found) == 1):
+        raise ValueError(f"{option} must be {wanted}, found {len(found)}: {text!r}")
+    if not all(math.isfinite(number) for number in found):
         raise ValueError(f"{option} must be {wanted.replace('number', 'finite number')}, found {text!r}")
-    return numbers
+    return found

@@ -4,6 +4,7 @@ mod arrays;
 mod base;
 mod effects;
 mod errors;
+mod excitation;
 mod friction_search;
 mod mixture;
 mod model;
@@ -34,6 +35,10 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<effects::PyEffect>()?;
     m.add_class::<mixture::PyGaussianMixtureRegression>()?;
     m.add_class::<model::PyTorqueModel>()?;
+    m.add_class::<excitation::PyExcitation>()?;
+    m.add_function(wrap_pyfunction!(excitation::inverse_dynamics_gradient, m)?)?;
+    m.add_function(wrap_pyfunction!(excitation::places, m)?)?;
+    m.add_function(wrap_pyfunction!(excitation::places_gradient, m)?)?;
     m.add_class::<friction_search::PyFrictionSearch>()?;
     // What `__reduce__` names: other processes build copies with them. Set, not added: they are nobody else's.
     m.setattr("_robot_of", wrap_pyfunction!(robot::_robot_of, m)?)?;
