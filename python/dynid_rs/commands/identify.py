@@ -45,6 +45,12 @@ def identify(
     ] = None,
     weighting: Annotated[str, typer.Option(help="joint_variance, full_covariance or none")] = "joint_variance",
     residual: Annotated[str, typer.Option(help="Third loop on: auto, deflection, joint_state or none")] = "auto",
+    friction: Annotated[
+        list[Path] | None, typer.Option(metavar="RUN", help="Run of the friction experiment; repeat for more")
+    ] = None,
+    friction_law: Annotated[
+        str, typer.Option(help="paper, coulomb_viscous, stribeck, or auto: by a training run left out, joint by joint")
+    ] = "paper",
     cutoff: Annotated[float | None, typer.Option(help="Band [Hz]; chosen from the motion if left out")] = None,
     json_output: Annotated[bool, typer.Option("--json", help="Answer as JSON on standard output")] = False,
 ) -> int:
@@ -55,21 +61,26 @@ def identify(
     squares.
     """
     from dynid_rs.commands._console import progress
-    from dynid_rs.commands._inputs import check_cutoff, read_robot, read_settings, read_split
+    from dynid_rs.commands._inputs import check_cutoff, read_friction, read_robot, read_settings, read_split
     from dynid_rs.commands._output import check_folder, check_not_read
     from dynid_rs.report import REPORT_FILE
 
     results = (MODEL_FILE, RESULT_FILE, RESIDUALS_FILE, REPORT_FILE)
     check_folder(output, results)
-    check_not_read([output / name for name in results], [robot, *runs, *(test or []), *([config] if config else [])])
+    read = [robot, *runs, *(test or []), *(friction or []), *([config] if config else [])]
+    check_not_read([output / name for name in results], read)
     with progress() as say:
         say("reading")
         model = read_robot(robot, base, tip, gravity)
-        identifier = _identifier(model, weighting, residual, cutoff)
+        identifier = _identifier(model, weighting, residual, cutoff, friction_law)
         settings = read_settings(config, drive_gain, model.n_joints)
         split, findings = read_split(runs, test or [], test_from, model, settings)
         check_cutoff(cutoff, [*split.train, *split.test])
-        findings += _fit(identifier, split.train, say)
+        slow = read_friction(friction, model, settings) if friction else None
+        if friction_law == "auto":
+            say("comparing laws of friction")
+            identifier.friction_law = _chosen_laws(identifier, split.train, slow)
+        findings += _fit(identifier, split.train, slow, say)
         say("testing")
         result = _write(identifier, split.train, split.test, findings, output)
     if json_output:
@@ -81,7 +92,8 @@ def identify(
     return _exit_code(result)
 
 
-def _identifier(model: Any, weighting: str, residual: str, cutoff: float | None) -> Any:
+def _identifier(model: Any, weighting: str, residual: str, cutoff: float | None, friction_law: str) -> Any:
+    from dynid_rs.friction_laws import LAWS
     from dynid_rs.identification import ThreeLoopIdentifier
     from dynid_rs.links import LinkDynamicsIdentifier
     from dynid_rs.residual import ResidualCompensator
@@ -95,15 +107,31 @@ def _identifier(model: Any, weighting: str, residual: str, cutoff: float | None)
         raise ValueError(f"--weighting must be one of {', '.join(choices)}, found {weighting!r}")
     if residual not in ("auto", "deflection", "joint_state", "none"):
         raise ValueError(f"--residual must be auto, deflection, joint_state or none, found {residual!r}")
+    if friction_law not in (*LAWS, "auto"):
+        raise ValueError(f"--friction-law must be {', '.join(LAWS)} or auto, found {friction_law!r}")
     return ThreeLoopIdentifier(
         model,
+        friction_law="paper" if friction_law == "auto" else friction_law,
         links=LinkDynamicsIdentifier(choices[weighting]),
         residual=None if residual == "none" else ResidualCompensator(inputs=residual),  # type: ignore[arg-type]
         cutoff=cutoff,
     )
 
 
-def _fit(identifier: Any, train: list[Recording], say: Callable[[str], None]) -> list[Finding]:
+def _chosen_laws(identifier: Any, train: list[Recording], slow: list[Recording] | None) -> tuple[str, ...]:
+    """Law of every joint, by a training run that is left out for it; the test runs stay untouched."""
+    from threadpoolctl import threadpool_limits
+
+    from dynid_rs.friction_laws import choose_friction_laws
+
+    options = {"links": identifier.links, "cutoff": identifier.cutoff, "friction_recording": slow}
+    with threadpool_limits(limits=1, user_api="blas"):
+        return choose_friction_laws(identifier.robot, train, **options)
+
+
+def _fit(
+    identifier: Any, train: list[Recording], slow: list[Recording] | None, say: Callable[[str], None]
+) -> list[Finding]:
     """Fit; what did not converge is a finding, as everything else that the user should know."""
     import warnings
 
@@ -113,7 +141,7 @@ def _fit(identifier: Any, train: list[Recording], say: Callable[[str], None]) ->
 
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", ConvergenceWarning)
-        identifier.fit(train, on_progress=say)
+        identifier.fit(train, slow, on_progress=say)
     for warning in caught:
         if not issubclass(warning.category, ConvergenceWarning):
             warnings.warn_explicit(warning.message, warning.category, warning.filename, warning.lineno)
