@@ -45,6 +45,8 @@ CLOSE = 0.1
 """A bracket of the logarithm that is narrower than this need not be narrowed unless that still pays."""
 ROUGH = 1e-3
 """Relative error of eps that does not matter while valleys are compared: power changes with its square."""
+ZOOM = (0.1, 0.02, 4e-3, 8e-4, 1.6e-4)
+"""Half widths of the scans of log lambda on pairs, each a little more than a step of the one before."""
 MOST_TURNS = 30
 """A search that still pays after so many turns is stopped."""
 
@@ -199,6 +201,8 @@ class FrictionIdentifier(BaseEstimator):  # type: ignore[misc]
     ) -> tuple[float, float]:
         """Best lambda at this eps. The viscous torque jumps there, so it has to pay well against none at all."""
         tries = self._thresholds(power, width)
+        if power.of_pairs and threshold > 0:
+            return power.zoom(threshold, width, at_best)
         if power.clean and threshold > 0:
             tries = power.between_samples(threshold, 4 * self.n_thresholds)
         elif threshold > 0:
@@ -276,6 +280,13 @@ class _PowerLeft:
     def best_threshold(self, threshold: float, width: float, at_best: float, span: float) -> tuple[float, float]:
         """Best lambda around `threshold` > 0 at this eps, and the power there."""
         return _golden(lambda x: self(x, width), threshold, at_best, span, self._close)
+
+    def zoom(self, threshold: float, width: float, at_best: float) -> tuple[float, float]:
+        """Best lambda near `threshold` by ever finer scans: power is no smooth function of lambda, it has steps."""
+        for span in ZOOM:
+            tries = [float(threshold * np.exp(x)) for x in np.linspace(-span, span, 12)]
+            at_best, threshold = min([(self(x, width), x) for x in tries] + [(at_best, threshold)])
+        return threshold, at_best
 
     def exhausted(self, power: float) -> bool:
         """Nothing left to explain, as in a simulation without noise."""

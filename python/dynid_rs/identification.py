@@ -286,7 +286,7 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         held: tuple[FloatArray, FloatArray],
         changed: Sequence[int] | None,
     ) -> Plan:
-        """First loop: friction's shape from the pairs of a friction experiment, where a joint has some; the plan then."""
+        """First loop: friction's shape, by the pairs of a friction experiment where a joint has some; the plan then."""
         pairs = odd_torques(plan, data.pairs, pair_rows(plan, data.pairs)[0], *held) if data.pairs else None
         friction.fit(plan, data.runs, rows, changed, pairs=pairs)
         plan = self._plan(friction.effect_)

@@ -91,6 +91,11 @@ def read_split(
     return split, findings + ([split.finding] if split.finding else [])
 
 
+def read_friction(paths: list[Path], robot: Any, settings: Settings) -> list[Recording]:
+    """Runs of the friction experiment; hints about slow or one-way motion are no news there."""
+    return _read(paths, robot, settings)[0]
+
+
 def _read(paths: list[Path], robot: Any, settings: Settings) -> tuple[list[Recording], list[Finding]]:
     """Read runs without the signals that contradict their positions; with all findings."""
     from dynid_rs.checks import check_recording, refused_sources

@@ -54,6 +54,12 @@ def identify(
         Path | None, typer.Option(metavar="TERMS.toml", help="Effects whose coefficients you know; they are not fitted")
     ] = None,
     residual: Annotated[str, typer.Option(help="Third loop on: auto, deflection, joint_state or none")] = "auto",
+    friction: Annotated[
+        list[Path] | None, typer.Option(metavar="RUN", help="Run of the friction experiment; repeat for more")
+    ] = None,
+    friction_law: Annotated[
+        str, typer.Option(help="paper, coulomb_viscous, stribeck, or auto: by a training run left out, joint by joint")
+    ] = "paper",
     cutoff: Annotated[float | None, typer.Option(help="Band [Hz]; chosen from the motion if left out")] = None,
     json_output: Annotated[bool, typer.Option("--json", help="Answer as JSON on standard output")] = False,
 ) -> int:
@@ -64,25 +70,35 @@ def identify(
     squares.
     """
     from dynid_rs.commands._console import progress
-    from dynid_rs.commands._inputs import check_cutoff, read_robot, read_settings, read_split, with_rotors
+    from dynid_rs.commands._inputs import (
+        check_cutoff,
+        read_friction,
+        read_robot,
+        read_settings,
+        read_split,
+        with_rotors,
+    )
     from dynid_rs.commands._output import check_folder, check_not_read
     from dynid_rs.report import REPORT_FILE
 
     results = (MODEL_FILE, RESULT_FILE, RESIDUALS_FILE, REPORT_FILE)
     check_folder(output, results)
-    check_not_read(
-        [output / name for name in results], [robot, *runs, *(test or []), *(p for p in (config, known) if p)]
-    )
+    read = [robot, *runs, *(test or []), *(friction or []), *(path for path in (config, known) if path)]
+    check_not_read([output / name for name in results], read)
     with progress() as say:
         say("reading")
         model = read_robot(robot, base, tip, gravity)
         settings = read_settings(config, drive_gain, model.n_joints)
         model = with_rotors(model, settings, robot, base, tip)
-        identifier = _identifier(model, weighting, prior, residual, cutoff)
+        identifier = _identifier(model, weighting, prior, residual, cutoff, friction_law)
         identifier.known = _known(known, model)
         split, findings = read_split(runs, test or [], test_from, model, settings)
         check_cutoff(cutoff, [*split.train, *split.test])
-        findings += _fit(identifier, split.train, say)
+        slow = read_friction(friction, model, settings) if friction else None
+        if friction_law == "auto":
+            say("comparing laws of friction")
+            identifier.friction_law = _chosen_laws(identifier, split.train, slow)
+        findings += _fit(identifier, split.train, slow, say)
         say("testing")
         result = _write(identifier, split.train, split.test, findings, output)
     if json_output:
@@ -102,7 +118,10 @@ def _known(path: Path | None, robot: Any) -> list[Any]:
     return list(read_terms(path, robot))
 
 
-def _identifier(model: Any, weighting: str, prior: str, residual: str, cutoff: float | None) -> Any:
+def _identifier(
+    model: Any, weighting: str, prior: str, residual: str, cutoff: float | None, friction_law: str
+) -> Any:
+    from dynid_rs.friction_laws import LAWS
     from dynid_rs.identification import ThreeLoopIdentifier
     from dynid_rs.links import LinkDynamicsIdentifier
     from dynid_rs.residual import ResidualCompensator
@@ -123,15 +142,31 @@ def _identifier(model: Any, weighting: str, prior: str, residual: str, cutoff: f
         )
     if residual not in ("auto", "deflection", "joint_state", "none"):
         raise ValueError(f"--residual must be auto, deflection, joint_state or none, found {residual!r}")
+    if friction_law not in (*LAWS, "auto"):
+        raise ValueError(f"--friction-law must be {', '.join(LAWS)} or auto, found {friction_law!r}")
     return ThreeLoopIdentifier(
         model,
+        friction_law="paper" if friction_law == "auto" else friction_law,
         links=LinkDynamicsIdentifier(choices[weighting], prior=priors[prior]),
         residual=None if residual == "none" else ResidualCompensator(inputs=residual),  # type: ignore[arg-type]
         cutoff=cutoff,
     )
 
 
-def _fit(identifier: Any, train: list[Recording], say: Callable[[str], None]) -> list[Finding]:
+def _chosen_laws(identifier: Any, train: list[Recording], slow: list[Recording] | None) -> tuple[str, ...]:
+    """Law of every joint, by a training run that is left out for it; the test runs stay untouched."""
+    from threadpoolctl import threadpool_limits
+
+    from dynid_rs.friction_laws import choose_friction_laws
+
+    options = {"links": identifier.links, "cutoff": identifier.cutoff, "friction_recording": slow}
+    with threadpool_limits(limits=1, user_api="blas"):
+        return choose_friction_laws(identifier.robot, train, **options)
+
+
+def _fit(
+    identifier: Any, train: list[Recording], slow: list[Recording] | None, say: Callable[[str], None]
+) -> list[Finding]:
     """Fit; what did not converge is a finding, as everything else that the user should know."""
     import warnings
 
@@ -141,7 +176,7 @@ def _fit(identifier: Any, train: list[Recording], say: Callable[[str], None]) ->
 
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", ConvergenceWarning)
-        identifier.fit(train, on_progress=say)
+        identifier.fit(train, slow, on_progress=say)
     for warning in caught:
         if not issubclass(warning.category, ConvergenceWarning):
             warnings.warn_explicit(warning.message, warning.category, warning.filename, warning.lineno)
