@@ -141,6 +141,28 @@ def stack(plan: Plan, factors: Sequence[FloatArray], weights: FloatArray, scale:
     return np.concatenate([weights[j] * stack_one(plan, j, R, scale) for j, R in enumerate(factors)])
 
 
+def weighted_system(
+    observations: Observations, links: LinkDynamicsIdentifier, *, least_noise: float = 0.0
+) -> FloatArray:
+    """System ``[columns | torque]`` that `links` was solved on, its noise of variance one.
+
+    Parameters
+    ----------
+    least_noise : float
+        No joint's noise counts as less than this part of its torque.
+    """
+    plan, factors = observations.plan, observations.factors()
+    size = np.array([np.linalg.norm(R[:, -1]) for R in factors]) / np.sqrt(observations.n_rows)
+    least = np.maximum(least_noise * size, 1e-300)
+    if links.weighting == "full_covariance":
+        short = np.maximum(least**2 - np.diag(links.covariance_), 0.0)
+        return _whitened(observations, links.covariance_ + np.diag(short), links.torque_scale_)
+    noise = links.noise_std_
+    if links.weighting is None:
+        noise = np.full(len(factors), np.sqrt(np.mean(noise**2)))
+    return stack(plan, factors, 1 / np.maximum(noise, least), links.torque_scale_)
+
+
 def solve(plan: Plan, system: FloatArray, ridges: Sequence[float]) -> list[FloatArray]:
     """Solutions (n_columns,) of ``[A | b]``, per ridge l: ``min |A x - b|^2 + (l s_max)^2 |D x|^2``, D the norms."""
     from scipy.linalg import svd

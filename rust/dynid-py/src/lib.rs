@@ -7,6 +7,7 @@ mod errors;
 mod mixture;
 mod model;
 mod offline;
+mod physical;
 mod robot;
 
 use pyo3::prelude::*;
@@ -31,6 +32,7 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<effects::PyEffect>()?;
     m.add_class::<mixture::PyGaussianMixtureRegression>()?;
     m.add_class::<model::PyTorqueModel>()?;
+    m.add_class::<physical::PyPhysicalSet>()?;
     m.add_function(wrap_pyfunction!(effects::friction_basis, m)?)?;
     m.add_function(wrap_pyfunction!(model::residual_inputs, m)?)?;
     m.add_function(wrap_pyfunction!(model::align_link_side, m)?)?;
@@ -38,5 +40,8 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(offline::filtered_friction_basis, m)?)?;
     m.add_function(wrap_pyfunction!(offline::triangular_factor, m)?)?;
     m.add_function(wrap_pyfunction!(offline::merge_factors, m)?)?;
+    m.add_function(wrap_pyfunction!(physical::pseudo_inertia, m)?)?;
+    m.add_function(wrap_pyfunction!(physical::phi_from_pseudo_inertia, m)?)?;
+    m.add_function(wrap_pyfunction!(physical::urdf_with_physical, m)?)?;
     Ok(())
 }
