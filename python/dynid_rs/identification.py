@@ -16,11 +16,12 @@ from dynid_rs import _core
 from dynid_rs.assembly import Mixtures, assemble, evaluate, with_mixtures
 from dynid_rs.columns import Observations, Plan, make_plan, observe, run_rows
 from dynid_rs.encoders import EncoderDelay, estimate_encoder_delay
+from dynid_rs.evaluation import rmse as rms
 from dynid_rs.friction import FrictionIdentifier, friction_effect
-from dynid_rs.links import LinkDynamicsIdentifier, baseline, block_residuals
+from dynid_rs.links import LinkDynamicsIdentifier, baseline, block_residuals, own_beside
 from dynid_rs.preprocessing import Band, States, choose_band, common_rate, prepare
 from dynid_rs.recording import Recording
-from dynid_rs.residual import ResidualCompensator, choose_inputs, inputs_of
+from dynid_rs.residual import ResidualCompensator, inputs_of
 from dynid_rs.training import check_training_runs, prepare_training_runs
 
 FloatArray = NDArray[np.float64]
@@ -69,14 +70,17 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         The fitted loops.
     baseline_ : TorqueModel
         Rigid body, Coulomb and viscous friction by weighted least squares: what the paper compares with.
+    friction_model_ : TorqueModel
+        What the first loop gives by itself: friction with its shape beside the baseline's links.
     encoder_delay_ : EncoderDelay or None
         Delay between the two encoder channels; None with one encoder.
     observations_ : Observations
         Rows and factors of the last round.
-    runs_ : list of States
-        Training runs, link channel on the motor channel's clock.
+    raw_runs_, runs_ : list of States
+        Training runs, channels as recorded and with the link channel on the motor channel's clock.
     history_ : list of dict
-        Residual per joint after every round.
+        RMS per joint (n_joints,) that is left on the training runs after every loop of every round: `friction` with
+        the links held, `links`, `residual`.
     n_iter_, converged_ : int, bool
         Of the three loops.
     """
@@ -147,6 +151,7 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         in_ampere = self.torque_unit_ == "A"
 
         third_loop = [np.zeros_like(states.tau) for states in runs]
+        held = self._baseline_links.phi_base_, self._baseline_links.torque_scale_
         self.history_: list[dict[str, FloatArray]] = []
         self.converged_ = False
         changed = None  # joints whose torque the third loop has changed; at first all are new
@@ -159,18 +164,26 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
             # Loop 2: links and all linear coefficients, without the third loop's torque (Eqs. 19-25).
             on_progress(f"round {self.n_iter_}: link dynamics")
             observations = observe(plan, runs, [s.tau - u for s, u in zip(runs, third_loop, strict=True)])
+            own, after_friction = own_beside(observations, *held)
+            if self.n_iter_ == 1:
+                self.friction_model_ = self._model(plan, self._baseline_links, own, data.raw_runs)
             links.fit(observations, fit_scale=in_ampere)
+            held = links.phi_base_, links.torque_scale_
+            after = after_links = rms(block_residuals(observations, links.x_, links.torque_scale_))
             # Loop 3: what is left, from the deflection (Eqs. 31-39); where it does not pay, it stays out.
             if residual is not None:
                 on_progress(f"round {self.n_iter_}: residual")
                 left = observations.by_run(block_residuals(observations, links.x_, links.torque_scale_))
                 left = [e + states.in_band(u) for e, states, u in zip(left, runs, third_loop, strict=True)]
                 (residual.fit if self.n_iter_ == 1 else residual.refit)(runs, left)
-            self.history_.append({"noise_std": links.noise_std_})
+                after = rms(
+                    [e - states.in_band(u) for e, states, u in zip(left, runs, _torque(residual, runs), strict=True)]
+                )
+            self.history_.append({"friction": after_friction, "links": after_links, "residual": after})
             if residual is None or not residual.kept.any() or self._settled():
                 self.converged_ = True
                 break
-            third_loop = [_third_loop_torque(residual, states) for states in runs]
+            third_loop = _torque(residual, runs)
             changed = np.flatnonzero(residual.kept).tolist()
         if not self.converged_:
             warnings.warn(
@@ -179,16 +192,9 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
                 stacklevel=2,
             )
         self.friction_, self.links_, self.residual_ = friction, links, residual
-        self.observations_, self.runs_ = observations, runs
-        self.model_ = assemble(
-            plan,
-            links,
-            links.own_,
-            data.raw_runs,
-            encoder_delay=self._delay,
-            torque_unit=self.torque_unit_,
-            third_loop=None if residual is None else (residual.inputs_, residual.mixtures_),
-        )
+        self.observations_, self.raw_runs_, self.runs_ = observations, data.raw_runs, runs
+        kept = None if residual is None else (residual.inputs_, residual.mixtures_)
+        self.model_ = self._model(plan, links, links.own_, data.raw_runs, kept)
         return self
 
     def predict(self, recording: Recording) -> FloatArray:
@@ -244,16 +250,20 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
 
     def _fit_baseline(self, observations: Observations, runs: list[States], *, fit_scale: bool) -> None:
         simple, regroup = baseline(observations)
-        links = LinkDynamicsIdentifier(ridge=0.0).fit(simple, fit_scale=fit_scale)
+        self._baseline_links = links = LinkDynamicsIdentifier(ridge=0.0).fit(simple, fit_scale=fit_scale)
         self._delay = np.zeros(self.robot.n_joints)
-        self.baseline_ = assemble(
-            observations.plan,
-            links,
-            links.own_ @ regroup.T,
-            runs,
-            encoder_delay=self._delay,
-            torque_unit=self.torque_unit_,
-        )
+        self.baseline_ = self._model(observations.plan, links, links.own_ @ regroup.T, runs)
+
+    def _model(
+        self,
+        plan: Plan,
+        links: LinkDynamicsIdentifier,
+        own: FloatArray,
+        runs: list[States],
+        third_loop: tuple[str, Mixtures] | None = None,
+    ) -> _core.TorqueModel:
+        delay, unit = self._delay, self.torque_unit_
+        return assemble(plan, links, own, runs, encoder_delay=delay, torque_unit=unit, third_loop=third_loop)
 
     def _measure_encoder_delay(self, runs: list[States]) -> bool:
         """Estimate the delay between the channels; true if there are two."""
@@ -268,7 +278,7 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
     def _settled(self) -> bool:
         if len(self.history_) < 2:
             return False
-        last, now = self.history_[-2]["noise_std"], self.history_[-1]["noise_std"]
+        last, now = self.history_[-2]["links"], self.history_[-1]["links"]
         return bool(np.all(np.abs(now - last) <= self.tol * np.maximum(last, 1e-300)))
 
 
@@ -276,12 +286,12 @@ def _as_list(recordings: Recording | Sequence[Recording]) -> list[Recording]:
     return [recordings] if isinstance(recordings, Recording) else list(recordings)
 
 
-def _third_loop_torque(residual: ResidualCompensator, states: States) -> FloatArray:
-    """Torque of the kept mixtures at every sample, (n, n_joints)."""
-    tau = np.zeros_like(states.tau)
-    if residual.kept.any():
-        u = inputs_of(states, choose_inputs(residual.inputs, [states]))
+def _torque(residual: ResidualCompensator, runs: Sequence[States]) -> list[FloatArray]:
+    """Torque of the kept mixtures at every sample of every run, (n, n_joints) each."""
+    torques = [np.zeros_like(states.tau) for states in runs]
+    for tau, states in zip(torques, runs, strict=True):
+        u = inputs_of(states, residual.inputs_) if residual.kept.any() else None
         for j, mixture in enumerate(residual.mixtures_):
-            if mixture is not None:
+            if u is not None and mixture is not None:
                 tau[:, j] = mixture.predict(u[:, j])[0]
-    return tau
+    return torques
