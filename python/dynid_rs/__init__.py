@@ -7,8 +7,17 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from dynid_rs._core import BaseParameters, Effect, FormatError, RobotModel, TorqueModel, UrdfError, __version__
-from dynid_rs.errors import DataError, RankDeficientError
+from dynid_rs._core import (
+    BaseParameters,
+    Effect,
+    FormatError,
+    PhysicalSet,
+    RobotModel,
+    TorqueModel,
+    UrdfError,
+    __version__,
+)
+from dynid_rs.errors import DataError, MissingLibraryError, RankDeficientError
 from dynid_rs.recording import Recording
 
 if TYPE_CHECKING:
@@ -16,6 +25,7 @@ if TYPE_CHECKING:
     from dynid_rs.identification import ThreeLoopIdentifier
     from dynid_rs.links import LinkDynamicsIdentifier
     from dynid_rs.mixture import GaussianMixtureRegressor
+    from dynid_rs.physical import PhysicalIdentifier
     from dynid_rs.readers import read_recording
     from dynid_rs.residual import ResidualCompensator
 
@@ -24,6 +34,7 @@ _LATE = {
     "FrictionIdentifier": "friction",
     "GaussianMixtureRegressor": "mixture",
     "LinkDynamicsIdentifier": "links",
+    "PhysicalIdentifier": "physical",
     "ResidualCompensator": "residual",
     "ThreeLoopIdentifier": "identification",
     "read_recording": "readers",
@@ -37,6 +48,9 @@ __all__ = [
     "FrictionIdentifier",
     "GaussianMixtureRegressor",
     "LinkDynamicsIdentifier",
+    "MissingLibraryError",
+    "PhysicalIdentifier",
+    "PhysicalSet",
     "RankDeficientError",
     "Recording",
     "ResidualCompensator",

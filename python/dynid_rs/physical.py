@@ -10,7 +10,6 @@ about stays as declared. A semidefinite program of 4 x 4 blocks, one per link, o
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,18 +17,12 @@ from sklearn.base import BaseEstimator
 from sklearn.utils.validation import check_is_fitted
 
 from dynid_rs import _core
+from dynid_rs.bodies import Program, Terms, declared_bodies
 from dynid_rs.columns import Observations, Plan
-from dynid_rs.errors import MissingLibraryError
 from dynid_rs.links import LinkDynamicsIdentifier, residual_power, weighted_system
 
 FloatArray = NDArray[np.float64]
 
-LEAST_RADIUS = 0.05
-"""A declared body has at least this radius of gyration in every direction, relative to its greatest..."""
-THINNEST = 2e-3
-"""...and this one [m]: points and rods are no bodies to measure distances with."""
-UNKNOWN_MASS, UNKNOWN_RADIUS = 1.0, 0.1
-"""Mass [kg] and radius of gyration [m] that stand for a link of which the robot file says nothing."""
 LEAST_NOISE = 1e-4
 """Noise below this part of a joint's torque is taken for this: a fit without noise would weigh nothing else."""
 WEIGHTS = (1e-4, 1e6)
@@ -43,9 +36,10 @@ class PhysicalIdentifier(BaseEstimator):  # type: ignore[misc]
     """Physically consistent standard parameters from the triangular factors of a fit.
 
     Minimises ``|R x - r|^2 / noise^2 + w (sum_i |M_i - 1|_F^2 + sum_j (J_j - J_declared,j)^2 / J_ref,j^2)`` over
-    pseudo-inertias ``P_i = T_i M_i T_i'`` (T_i of the declared link i) with ``M_i >= margin``, rotor inertias ``J_j >= 0``
-    and free friction and offsets. The weight w is the greatest that costs no joint more than `growth`. Where the torque
-    channel is in ampere, its common gain is the one with which the declared inertials explain the torque best.
+    pseudo-inertias ``P_i = T_i M_i T_i'`` (T_i of the declared link i) with ``M_i >= margin``, rotor inertias
+    ``J_j >= 0`` and free friction and offsets. The weight w is the greatest that costs no joint more than `growth`.
+    Where the torque channel is in ampere, its common gain is the one with which the declared inertials explain the
+    torque best.
 
     Parameters
     ----------
@@ -100,7 +94,7 @@ class PhysicalIdentifier(BaseEstimator):  # type: ignore[misc]
             raise ValueError(f"mass_range must hold 1, found {self.mass_range!r}")
         plan = observations.plan
         robot = plan.robot
-        declared = _declared_bodies(robot)
+        declared = declared_bodies(robot)
         if torque_unit == "A" and not declared.known.any():
             raise ValueError(
                 f"the robot {robot.name!r} declares no masses, and currents alone do not tell them; give --drive-gain "
@@ -108,7 +102,7 @@ class PhysicalIdentifier(BaseEstimator):  # type: ignore[misc]
             )
         problem = _reduce(observations, links)
         gain = _declared_gain(problem) if torque_unit == "A" else 1.0
-        program = _Program(problem, declared, self.margin, self.mass_range, gain)
+        program = Program(problem.terms, declared, margin=self.margin, mass_range=self.mass_range, gain=gain)
         psi, rotor = self._nearest(program, problem, observations, links)
         self.phi_ = psi / gain
         self.rotor_inertia_ = rotor / gain
@@ -148,7 +142,7 @@ class PhysicalIdentifier(BaseEstimator):  # type: ignore[misc]
         )
 
     def _nearest(
-        self, program: _Program, problem: _Problem, observations: Observations, links: LinkDynamicsIdentifier
+        self, program: Program, problem: _Problem, observations: Observations, links: LinkDynamicsIdentifier
     ) -> tuple[FloatArray, FloatArray]:
         """Solution of the greatest weight that no joint pays more than `growth` for, by bisection of its logarithm."""
         factors, scale = observations.factors(), links.torque_scale_
@@ -172,125 +166,22 @@ class PhysicalIdentifier(BaseEstimator):  # type: ignore[misc]
         return best
 
 
-class _Program:
-    """The semidefinite program, set up once and solved for several weights of the declared inertials."""
-
-    def __init__(
-        self,
-        problem: _Problem,
-        declared: _Bodies,
-        margin: float,
-        mass_range: tuple[float, float],
-        gain: float,
-    ) -> None:
-        cp = _cvxpy()
-        n = len(declared.roots)
-        self._maps = [_body_map(root) for root in declared.roots]
-        self._bodies = [cp.Variable((4, 4), symmetric=True) for _ in range(n)]
-        self._rotors = cp.Variable(n, nonneg=True)  # relative to their references
-        self._root_weight = cp.Parameter(nonneg=True)
-        self._reference, self._least = problem.rotor_reference, margin * gain
-        psi = cp.hstack([L @ cp.vec(M, order="F") for L, M in zip(self._maps, self._bodies, strict=True)])
-        left = problem.matrix @ cp.hstack([psi, cp.multiply(self._reference, self._rotors)]) - problem.right
-        away = [cp.vec(M - gain * np.eye(4), order="F") for M in self._bodies]
-        away.append(self._rotors - gain * (problem.plan.robot.rotor_inertia / self._reference))
-        pull = self._root_weight * cp.hstack(away)
-        constraints = []
-        heaviest = mass_range[1] * declared.masses
-        heaviest[-1] = max(heaviest[-1], declared.masses.sum())
-        for k, (L, M) in enumerate(zip(self._maps, self._bodies, strict=True)):
-            constraints.append(M - self._least * np.eye(4) >> 0)
-            if declared.known[k]:
-                mass = L[:1] @ cp.vec(M, order="F")
-                constraints.append(mass >= mass_range[0] * declared.masses[k] * gain)
-                constraints.append(mass <= heaviest[k] * gain)
-        self._solver, self._errors = cp.CLARABEL, cp.error.SolverError
-        self._program = cp.Problem(cp.Minimize(cp.sum_squares(left) + cp.sum_squares(pull)), constraints)
-
-    def solve(self, weight: float) -> tuple[FloatArray, FloatArray]:
-        """Parameters (10 n_links,) and rotor inertias (n_joints,), times gain.
-
-        Raises
-        ------
-        ValueError
-            The solver found none.
-        """
-        import warnings
-
-        self._root_weight.value = np.sqrt(weight)
-        try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # an inaccurate solution is judged by its eigenvalues
-                self._program.solve(solver=self._solver)
-        except self._errors as error:
-            reason = str(error).split(".")[0]
-            raise ValueError(f"no physically consistent set was found: the solver gave up ({reason})") from None
-        values = [np.zeros((4, 4)) if M.value is None else 0.5 * (M.value + M.value.T) for M in self._bodies]
-        if min(float(np.linalg.eigvalsh(M)[0]) for M in values) < 0.5 * self._least:
-            raise ValueError(
-                f"no physically consistent set was found: the solver ended with {self._program.status}; are torque, "
-                "gear ratios and units right?"
-            )
-        psi = np.concatenate([L @ M.ravel(order="F") for L, M in zip(self._maps, values, strict=True)])
-        return psi, self._reference * np.maximum(self._rotors.value, 0.0)
-
-
-@dataclass(frozen=True, eq=False)
-class _Bodies:
-    """Declared bodies: roots T (n, 4, 4) of their pseudo-inertias T T', masses [kg], which are really declared."""
-
-    roots: FloatArray
-    masses: FloatArray
-    known: NDArray[np.bool_]
-
-
-def _declared_bodies(robot: _core.RobotModel) -> _Bodies:
-    """Bodies of the robot file, made thick enough to be bodies."""
-    pseudo = _core.pseudo_inertia(robot.phi)
-    roots, known = np.empty_like(pseudo), np.zeros(len(pseudo), dtype=bool)
-    for k, P in enumerate(pseudo):
-        mass = P[3, 3]
-        known[k] = mass > 0
-        if not known[k]:
-            roots[k] = np.sqrt(UNKNOWN_MASS) * np.diag([UNKNOWN_RADIUS, UNKNOWN_RADIUS, UNKNOWN_RADIUS, 1.0])
-            continue
-        centre = P[:3, 3] / mass
-        squares, axes = np.linalg.eigh(P[:3, :3] / mass - np.outer(centre, centre))
-        least = max(LEAST_RADIUS * np.sqrt(max(squares[-1], 0.0)), THINNEST)
-        roots[k] = 0.0
-        roots[k, :3, :3] = axes * np.sqrt(np.maximum(squares, least**2))
-        roots[k, :3, 3] = centre
-        roots[k, 3, 3] = 1.0
-        roots[k] *= np.sqrt(mass)
-    return _Bodies(roots, roots[:, 3, 3] ** 2, known)
-
-
-def _body_map(root: FloatArray) -> FloatArray:
-    """(10, 16) with ``phi = map @ vec(M)`` for the pseudo-inertia ``root M root'``, M symmetric."""
-    columns = root[:, None, :, None] * root[None, :, None, :]  # (4, 4, 4, 4): row, column of P; row, column of M
-    stacked = columns.reshape(4, 4, 16).transpose(2, 0, 1)
-    wide: FloatArray = _core.phi_from_pseudo_inertia(np.ascontiguousarray(stacked)).reshape(16, 10).T
-    return wide
-
-
 @dataclass(frozen=True, eq=False)
 class _Problem:
-    """Rows ``matrix @ [psi | rotors] - right`` (whitened) after friction and offsets are eliminated.
+    """The fit in the unknowns of the bodies, friction and offsets eliminated: `terms`.
 
     `system`, `free`: the whitened rows of all unknowns, and which are eliminated. `to_unknowns`
-    (n_columns, 10 n_links + n_joints): base parameters and rotor columns from psi and rotors (in the first joint's unit).
+    (n_columns, 11 n_links): base parameters and rotor columns from phi and rotors, both in the first joint's unit.
     """
 
     plan: Plan
     system: FloatArray
     free: NDArray[np.bool_]
     to_unknowns: FloatArray
-    matrix: FloatArray
-    right: FloatArray
-    rotor_reference: FloatArray
+    terms: Terms
 
     def unknowns(self, psi: FloatArray, rotor: FloatArray) -> FloatArray:
-        """All unknowns of the fit (n_columns,): base parameters of these bodies, and friction and offsets beside them."""
+        """All unknowns of the fit (n_columns,): base parameters of these bodies, friction and offsets beside them."""
         x: FloatArray = self.to_unknowns @ np.concatenate([psi, rotor])
         x[self.free] = _least_squares(self.system[:, :-1][:, self.free], self.system[:, -1] - self.system[:, :-1] @ x)
         return x
@@ -319,7 +210,9 @@ def _reduce(observations: Observations, links: LinkDynamicsIdentifier) -> _Probl
     place = _rotor_column(plan)
     free = plan.estimable()
     free[: plan.n_base] = False
-    for j in range(n if place is not None else 0):
+    for j in range(n):
+        if place is None:
+            break
         column = plan.n_base + j * plan.n_own + place
         free[column] = False
         if plan.own[j, place]:
@@ -332,12 +225,12 @@ def _reduce(observations: Observations, links: LinkDynamicsIdentifier) -> _Probl
     wide = np.column_stack([system[:, :-1] @ to_unknowns, system[:, -1]])
     wide -= known @ (known.T @ wide)
     factor = _core.triangular_factor(np.ascontiguousarray(wide))
-    reference = _rotor_reference(plan, links)
-    return _Problem(plan, system, free, to_unknowns, factor[:, :-1], factor[:, -1], reference)
+    terms = Terms(factor[:, :-1], factor[:, -1], robot.rotor_inertia, _rotor_reference(plan, links))
+    return _Problem(plan, system, free, to_unknowns, terms)
 
 
 def _declared_gain(problem: _Problem) -> float:
-    """Torque unit per N*m [A/(N*m)] of the first joint: the declared inertials' best multiple, rotors and friction free.
+    """Torque unit per N*m [A/(N*m)] of the first joint: the declared inertials' best multiple beside all else.
 
     Raises
     ------
@@ -347,8 +240,8 @@ def _declared_gain(problem: _Problem) -> float:
     from scipy.optimize import nnls
 
     n = 10 * problem.plan.robot.n_joints
-    columns = np.column_stack([problem.matrix[:, :n] @ problem.plan.robot.phi, problem.matrix[:, n:]])
-    gain = float(nnls(columns, problem.right)[0][0])
+    columns = np.column_stack([problem.terms.matrix[:, :n] @ problem.plan.robot.phi, problem.terms.matrix[:, n:]])
+    gain = float(nnls(columns, problem.terms.right)[0][0])
     if gain <= 0:
         raise ValueError(
             "the declared inertials explain nothing of the currents, so that the drives' gain stays unknown; give "
@@ -425,13 +318,3 @@ def coulomb_viscous(model: _core.TorqueModel) -> tuple[FloatArray, FloatArray]:
         forwards, backwards = (model.evaluate(q, side, zero)[1][:, places, j].sum(axis=1) for side in (dq, -dq))
         result[j] = nnls(np.column_stack([dq[:, j], np.ones(50)]), 0.5 * (forwards - backwards))[0]
     return result[:, 0], result[:, 1]
-
-
-def _cvxpy() -> Any:
-    """cvxpy, which takes seconds to import and which few need."""
-    try:
-        import clarabel  # noqa: F401
-        import cvxpy
-    except ImportError as error:
-        raise MissingLibraryError(error.name or "cvxpy", "physical", "physically consistent parameters") from None
-    return cvxpy

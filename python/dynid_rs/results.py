@@ -16,6 +16,8 @@ from dynid_rs.evaluation import FLOOR_METHOD, Comparison, compare, noise_floor, 
 from dynid_rs.findings import Finding
 from dynid_rs.identification import ThreeLoopIdentifier
 from dynid_rs.links import stack
+from dynid_rs.physical import PhysicalIdentifier
+from dynid_rs.physical_result import physical_section
 from dynid_rs.preprocessing import States
 from dynid_rs.recording import Recording
 from dynid_rs.uncertainty import NORMAL_95, parameter_covariance
@@ -73,13 +75,14 @@ def summarise(
     train: Sequence[Evaluated],
     test: Sequence[Evaluated],
     findings: Sequence[Finding],
+    physical: PhysicalIdentifier | None = None,
 ) -> dict[str, Any]:
     """Content of `result.json`: errors on the test runs, parameters with intervals, what was found in the data."""
     from threadpoolctl import threadpool_limits
 
     # One BLAS thread: the last digits must not depend on the machine's cores.
     with threadpool_limits(limits=1, user_api="blas"):
-        return _summarise(identifier, train, test, findings)
+        return _summarise(identifier, train, test, findings, physical)
 
 
 def _summarise(
@@ -87,6 +90,7 @@ def _summarise(
     train: Sequence[Evaluated],
     test: Sequence[Evaluated],
     findings: Sequence[Finding],
+    physical: PhysicalIdentifier | None,
 ) -> dict[str, Any]:
     robot = identifier.robot
     train_states, test_states = [run.states for run in train], [run.states for run in test]
@@ -142,6 +146,9 @@ def _summarise(
         "n_iter": identifier.n_iter_,
         "converged": identifier.converged_,
     }
+    if physical is not None:
+        error = score(physical.torque_model(identifier.model_), test_states).rmse
+        result["physical"] = physical_section(physical, identifier.model_, tested.rmse, error)
     result["residual"]["reason"] = residual_reason(result)
     result["verdict"] = verdict(result)
     plain: dict[str, Any] = _plain(result)

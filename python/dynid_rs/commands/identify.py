@@ -46,6 +46,9 @@ def identify(
     weighting: Annotated[str, typer.Option(help="joint_variance, full_covariance or none")] = "joint_variance",
     residual: Annotated[str, typer.Option(help="Third loop on: auto, deflection, joint_state or none")] = "auto",
     cutoff: Annotated[float | None, typer.Option(help="Band [Hz]; chosen from the motion if left out")] = None,
+    physical: Annotated[
+        bool, typer.Option("--physical", help="Also masses and inertias that bodies can have, for `dynid export`")
+    ] = False,
     json_output: Annotated[bool, typer.Option("--json", help="Answer as JSON on standard output")] = False,
 ) -> int:
     """Identify friction, link dynamics and residual of an arm from measured runs.
@@ -60,6 +63,8 @@ def identify(
     from dynid_rs.report import REPORT_FILE
 
     results = (MODEL_FILE, RESULT_FILE, RESIDUALS_FILE, REPORT_FILE)
+    if physical:
+        _check_physical()
     check_folder(output, results)
     check_not_read([output / name for name in results], [robot, *runs, *(test or []), *([config] if config else [])])
     with progress() as say:
@@ -70,8 +75,9 @@ def identify(
         split, findings = read_split(runs, test or [], test_from, model, settings)
         check_cutoff(cutoff, [*split.train, *split.test])
         findings += _fit(identifier, split.train, say)
+        bodies = _physical(identifier, say) if physical else None
         say("testing")
-        result = _write(identifier, split.train, split.test, findings, output)
+        result = _write(identifier, split.train, split.test, findings, output, bodies)
     if json_output:
         print_json(result)
     else:
@@ -123,8 +129,27 @@ def _fit(identifier: Any, train: list[Recording], say: Callable[[str], None]) ->
     return [Finding("not_converged", "warning", message) for message in messages]
 
 
+def _check_physical() -> None:
+    """Refuse before any work is done where the solver is not installed."""
+    from dynid_rs.bodies import import_cvxpy
+
+    import_cvxpy()
+
+
+def _physical(identifier: Any, say: Callable[[str], None]) -> Any:
+    from dynid_rs.physical import PhysicalIdentifier
+
+    say("physically consistent parameters")
+    return PhysicalIdentifier().fit(identifier.observations_, identifier.links_, torque_unit=identifier.torque_unit_)
+
+
 def _write(
-    identifier: Any, train: list[Recording], test: list[Recording], findings: list[Finding], output: Path
+    identifier: Any,
+    train: list[Recording],
+    test: list[Recording],
+    findings: list[Finding],
+    output: Path,
+    physical: Any = None,
 ) -> dict[str, Any]:
     from dynid_rs.commands._output import filled_together
     from dynid_rs.files import write_json, write_table
@@ -135,7 +160,9 @@ def _write(
     model = identifier.model_
     tested = evaluate_runs(model, test, _test_states(identifier, test))
     trained = evaluate_runs(model, train, identifier.raw_runs_)
-    result = summarise(identifier, trained, tested, findings)
+    result = summarise(identifier, trained, tested, findings, physical)
+    if physical is not None:
+        model = model.with_physical(physical.physical_set(model))
     table = residual_table(model, trained, tested)
     with filled_together(output) as folder:
         model.save(folder / MODEL_FILE)
