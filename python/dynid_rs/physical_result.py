@@ -66,8 +66,9 @@ def _reason(joints: list[str], growth: FloatArray, drive_gain: FloatArray | None
     else:
         words = f"Bodies that could be built explain the torque as well as the free model (at most {change})."
     if drive_gain is not None:
+        gains = ", ".join(f"{gain:.3g}" for gain in drive_gain)
         words += (
-            f" The runs hold currents: the common factor of the drive gains ({', '.join(f'{g:.3g}' for g in drive_gain)} "
-            "N*m/A) is the one with which the robot file's inertials explain them best, and all masses are as right as it."
+            f" The runs hold currents: the common factor of the drive gains ({gains} N*m/A) is the one with which the "
+            "robot file's inertials explain them best, and all masses are as right as it."
         )
     return words

@@ -1,6 +1,8 @@
 //! `PhysicalSet` in Python, pseudo-inertias, and the URDFs that carry such a set.
 
-use dynid_core::link_params::{from_pseudo_inertia, pseudo_inertia as pseudo_inertia_of, LinkParams};
+use dynid_core::link_params::{
+    from_pseudo_inertia, pseudo_inertia as pseudo_inertia_of, LinkParams,
+};
 use dynid_core::PhysicalSet;
 use dynid_io::urdf;
 use nalgebra::Matrix4;

@@ -48,7 +48,11 @@ pub fn with_physical(
 }
 
 /// The bodies of the chain that is the model's. The model does not know its base link: any above the first joint may be it.
-fn matching_chain(tree: &Tree, source: &Source, robot: &RobotModel) -> Result<Vec<Body>, UrdfError> {
+fn matching_chain(
+    tree: &Tree,
+    source: &Source,
+    robot: &RobotModel,
+) -> Result<Vec<Body>, UrdfError> {
     let other = |message: String| UrdfError::OtherRobot {
         file: source.file.to_owned(),
         message,
@@ -56,34 +60,46 @@ fn matching_chain(tree: &Tree, source: &Source, robot: &RobotModel) -> Result<Ve
     let urdf = read_values(tree.document, source)?;
     let joints = robot.joints();
     let first = joints.first().map_or("", |joint| joint.name.as_str());
-    let index = tree.document.joints.iter().position(|facts| facts.name == first);
+    let index = tree
+        .document
+        .joints
+        .iter()
+        .position(|facts| facts.name == first);
     let Some(index) = index else {
-        return Err(other(format!("no joint is named \"{first}\", the model's first one")));
+        return Err(other(format!(
+            "no joint is named \"{first}\", the model's first one"
+        )));
     };
-    let mut difference = None;
+    let (mut difference, mut refusal) = (None, None);
     let mut base = Some(tree.edges[index].parent);
     while let Some(link) = base {
-        let options = UrdfOptions {
-            base: Some(tree.link_name(link).to_owned()),
-            tip: joints.last().map(|joint| joint.link.clone()),
-            gravity: (*robot.gravity()).into(),
-            rotor_inertia: None,
-        };
-        let mut notes = Notes::default();
-        let found = chain::find(tree, source, &options, &mut notes).and_then(|bodies| {
-            merge::robot_model(tree, &bodies, &urdf, source, &options, &mut notes)
-                .map(|found| (bodies, found))
-        });
-        match found {
-            Ok((bodies, found)) => match unlike(robot, &found) {
-                None => return Ok(bodies),
-                Some(sentence) => difference = difference.or(Some(sentence)),
-            },
-            Err(error) => difference = difference.or(Some(error.to_string())),
+        // Without a tip first: a file whose chain goes on is another robot's.
+        for tip in [None, joints.last().map(|joint| joint.link.clone())] {
+            let options = UrdfOptions {
+                base: Some(tree.link_name(link).to_owned()),
+                tip,
+                gravity: (*robot.gravity()).into(),
+                rotor_inertia: None,
+            };
+            let mut notes = Notes::default();
+            let found = chain::find(tree, source, &options, &mut notes).and_then(|bodies| {
+                merge::robot_model(tree, &bodies, &urdf, source, &options, &mut notes)
+                    .map(|found| (bodies, found))
+            });
+            match found {
+                Ok((bodies, found)) => match unlike(robot, &found) {
+                    None => return Ok(bodies),
+                    Some(sentence) => difference = difference.or(Some(sentence)),
+                },
+                Err(error) => refusal = refusal.or(Some(error)),
+            }
         }
         base = tree.above[link].map(|joint| tree.edges[joint].parent);
     }
-    Err(other(difference.unwrap_or_default()))
+    match (difference, refusal) {
+        (None, Some(error)) => Err(error),
+        (difference, _) => Err(other(difference.unwrap_or_default())),
+    }
 }
 
 /// Where two chains differ in their kinematics.
@@ -107,8 +123,13 @@ fn unlike(model: &RobotModel, file: &RobotModel) -> Option<String> {
             ));
         }
     }
-    (ours.len() != theirs.len())
-        .then(|| format!("{} joints move here and {} in the model", theirs.len(), ours.len()))
+    (ours.len() != theirs.len()).then(|| {
+        format!(
+            "{} joints move here and {} in the model",
+            theirs.len(),
+            ours.len()
+        )
+    })
 }
 
 /// A range of the text and what stands there instead.
@@ -123,14 +144,20 @@ fn edits(
 ) -> Vec<Edit> {
     let layout = Layout::of(source.text);
     let mut edits = Vec::new();
-    let moving = bodies.iter().filter_map(|body| body.joint.map(|joint| (joint, body)));
+    let moving = bodies
+        .iter()
+        .filter_map(|body| body.joint.map(|joint| (joint, body)));
     for (k, ((joint, body), phi)) in moving.zip(physical.links()).enumerate() {
         if let Some(span) = spans.links.get(tree.link_name(body.link)) {
             edits.extend(layout.inertial(span, phi));
         }
         for &fixed in &body.fixed {
             if let Some(span) = spans.links.get(tree.link_name(tree.edges[fixed].child)) {
-                edits.extend(span.inertials.iter().map(|place| (place.clone(), String::new())));
+                edits.extend(
+                    span.inertials
+                        .iter()
+                        .map(|place| (place.clone(), String::new())),
+                );
             }
         }
         if let Some(span) = spans.joints.get(&tree.document.joints[joint].name) {
@@ -296,7 +323,10 @@ pub fn minimal(robot: &RobotModel, physical: &PhysicalSet) -> String {
             triple(&joint.translation),
             triple(&roll_pitch_yaw(&joint.rotation))
         ));
-        lines.push(format!("    <parent link=\"{}\"/>", escape(parent.as_str())));
+        lines.push(format!(
+            "    <parent link=\"{}\"/>",
+            escape(parent.as_str())
+        ));
         lines.push(format!("    <child link=\"{link}\"/>"));
         lines.push(format!("    <axis xyz=\"{}\"/>", triple(&joint.axis)));
         let declared: Vec<String> = [
@@ -355,7 +385,16 @@ mod tests {
     #[test]
     fn angles_give_the_rotation_back_at_any_pitch() {
         let quarter = std::f64::consts::FRAC_PI_2;
-        for pitch in [0.0, 0.3, -1.2, quarter, -quarter, 1.570_796_326_79, quarter - 1e-8, 3.0] {
+        for pitch in [
+            0.0,
+            0.3,
+            -1.2,
+            quarter,
+            -quarter,
+            1.570_796_326_79,
+            quarter - 1e-8,
+            3.0,
+        ] {
             for (roll, yaw) in [(0.0, 0.0), (0.4, -2.0), (3.1, 1.0), (-1.5, 0.7)] {
                 let rotation = Rotation3::from_euler_angles(roll, pitch, yaw).into_inner();
                 let rpy = roll_pitch_yaw(&rotation);
