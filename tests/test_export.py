@@ -23,7 +23,8 @@ ODD = """\ufeff<?xml version="1.0" encoding="utf-8"?>\r
   <material name="grey"><color rgba="0.5 0.5 0.5 1"/></material>\r
   <link name="world"/>\r
   <joint name="mount" type="fixed"><parent link="world"/><child link="base"/><origin rpy="0 0.3 0"/></joint>\r
-  <link name="base"><inertial><mass value="7"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>\r
+  <link name="base"><inertial><mass value="7"/>\r
+    <inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>\r
   <link name="upper">\r
     <visual><geometry><mesh filename="package://arm/upper &lt;1&gt;.dae"/></geometry></visual>\r
     <unknown:tag xmlns:unknown="urn:x" a='1'><![CDATA[ <inertial> & <dynamics> ]]></unknown:tag>\r
@@ -39,12 +40,26 @@ ODD = """\ufeff<?xml version="1.0" encoding="utf-8"?>\r
   <link name="fore"/>\r
   <joint name="elbow" type="revolute"><parent link="upper"/><child link="fore"/>\r
     <origin xyz="0 0 0.1"/><axis xyz="0 1 0"/><limit lower="-2" upper="2" velocity="3" effort="60"/></joint>\r
-  <link name="cover"><inertial><mass value="1"/><inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/></inertial></link>\r
+  <link name="cover"><inertial><mass value="1"/>\r
+    <inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/></inertial></link>\r
   <joint name="screw" type="fixed"><parent link="fore"/><child link="cover"/></joint>\r
   <transmission name="t"><joint name="elbow"><dynamics damping="3"/></joint><actuator name="m"/></transmission>\r
   <gazebo reference="fore"><inertial>kept</inertial></gazebo>\r
 </robot>\r
 <!-- the end -->"""
+
+
+def bare_model(robot, phi):
+    """A model of links alone, without a physical set."""
+    n = robot.n_joints
+    return dyn.TorqueModel(
+        robot,
+        phi,
+        [],
+        encoder_delay=[0.0] * n,
+        noise_std=[0.0] * n,
+        domain=([[-1.0, 1.0]] * n, [1.0] * n, [1.0] * n),
+    )
 
 
 def model_of(robot, seed=0):
@@ -53,16 +68,10 @@ def model_of(robot, seed=0):
     n = robot.n_joints
     roots = 0.3 * rng.standard_normal((n, 4, 4))
     phi = dyn._core.phi_from_pseudo_inertia(roots @ roots.transpose(0, 2, 1) + 1e-3 * np.eye(4))
-    model = dyn.TorqueModel(
-        robot,
-        phi,
-        [],
-        encoder_delay=[0.0] * n,
-        noise_std=[0.0] * n,
-        domain=([[-1.0, 1.0]] * n, [1.0] * n, [1.0] * n),
-    )
     damping, friction, rotor = rng.uniform(0.1, 2.0, (3, n))
-    return model.with_physical(dyn.PhysicalSet(phi, rotor, damping=damping, friction=friction, drive_gain=np.ones(n)))
+    return bare_model(robot, phi).with_physical(
+        dyn.PhysicalSet(phi, rotor, damping=damping, friction=friction, drive_gain=np.ones(n))
+    )
 
 
 @pytest.fixture
@@ -92,7 +101,7 @@ def test_everything_but_inertials_and_dynamics_stays_byte_for_byte(odd):
     opened = re.compile(r'<link name="fore">\s*</link>')
     assert opened.sub('<link name="fore"/>', rest(text)) == rest(ODD)
     assert "\n" not in text.replace("\r\n", "")
-    for kept in ('7"/><inertia ixx="1"', "<![CDATA[ <inertial> & <dynamics> ]]>", "<inertial>kept</inertial>"):
+    for kept in ('<mass value="7"/>', "<![CDATA[ <inertial> & <dynamics> ]]>", "<inertial>kept</inertial>"):
         assert kept in text
     assert '<joint name="elbow"><dynamics damping="3"/></joint>' in text
 
@@ -109,12 +118,8 @@ def test_dynamics_keep_their_other_attributes(odd):
     path, model = odd
     text = urdf(model, path).decode()
     damping, friction = model.physical.damping, model.physical.friction
-    assert (
-        f"<dynamics friction=\"{friction[0]!r}\" spring_stiffness = '4' damping='{damping[0]!r}'/>"
-        in text.replace("np.float64(", "").replace(")", "")
-        or f"friction=\"{float(friction[0])!r}\" spring_stiffness = '4' damping='{float(damping[0])!r}'" in text
-    )
-    assert f'<dynamics damping="{float(damping[1])!r}" friction="{float(friction[1])!r}"/>' in text
+    assert f"<dynamics friction=\"{friction[0]}\" spring_stiffness = '4' damping='{damping[0]}'/>" in text
+    assert f'<dynamics damping="{damping[1]}" friction="{friction[1]}"/>' in text
 
 
 @pytest.mark.parametrize("seed", range(12))
@@ -187,15 +192,7 @@ def test_bad_input_is_refused_in_a_sentence_and_nothing_is_written(spoil, said, 
     source, target, original = tmp_path / "model.json", tmp_path / "out.urdf", path
     model.save(source)
     if spoil == "no_set":
-        bare = dyn.TorqueModel(
-            model.robot,
-            model.phi,
-            [],
-            encoder_delay=[0.0] * 2,
-            noise_std=[0.0] * 2,
-            domain=([[-1.0, 1.0]] * 2, [1.0] * 2, [1.0] * 2),
-        )
-        bare.save(source)
+        bare_model(model.robot, model.phi).save(source)
     elif spoil == "other_robot":
         original = tmp_path / "other.urdf"
         original.write_text(URDF)
@@ -209,7 +206,7 @@ def test_bad_input_is_refused_in_a_sentence_and_nothing_is_written(spoil, said, 
         source = tmp_path / "none.json"
     elif spoil == "broken_original":
         original = tmp_path / "broken.urdf"
-        original.write_text(ODD[1:600])
+        original.write_text(ODD[1:].replace("</robot>", ""))
     before = snapshot(tmp_path)
     sentence = refusal(dynid("export", source, "--urdf", target, "--robot", original))
     assert said in sentence
@@ -217,16 +214,6 @@ def test_bad_input_is_refused_in_a_sentence_and_nothing_is_written(spoil, said, 
 
 
 def test_a_model_without_a_set_gives_no_urdf(odd):
+    path, model = odd
     with pytest.raises(ValueError, match="--physical"):
-        path, model = odd
-        urdf(
-            dyn.TorqueModel(
-                model.robot,
-                model.phi,
-                [],
-                encoder_delay=[0.0] * 2,
-                noise_std=[0.0] * 2,
-                domain=([[-1.0, 1.0]] * 2, [1.0] * 2, [1.0] * 2),
-            ),
-            path,
-        )
+        urdf(bare_model(model.robot, model.phi), path)
