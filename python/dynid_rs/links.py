@@ -15,6 +15,7 @@ from dynid_rs.columns import Block, Observations, Plan
 
 FloatArray = NDArray[np.float64]
 Weighting = Literal["joint_variance", "full_covariance"] | None
+Start = Literal["torque", "least_squares"]
 
 RIDGES = (0.0, 1e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1)
 """Ridges that are tried, relative to the greatest singular value of the unit-norm columns."""
@@ -41,8 +42,12 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
     ridge : "auto" or float
         Ridge on unit-norm columns, relative to the greatest singular value. ``"auto"`` is 0 for several runs; for a
         lone one it is the smallest that predicts left-out parts as well as the best does, if that is needed at all.
+    start : {"torque", "least_squares"}
+        Weights of the first step: from the torque's own power per joint, or none, as the paper has it. Its weighted
+        least squares as printed (Eqs. 21-23: one plain step, one re-weighting) is
+        ``start="least_squares", max_iter=2, ridge=0``; where it converges, the start makes no difference.
     max_iter : int
-        Most re-weightings.
+        Most steps; each after the first is a re-weighting.
     tol : float
         Relative change of the weights at which re-weighting stops.
 
@@ -71,11 +76,13 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
         weighting: Weighting = "joint_variance",
         *,
         ridge: float | Literal["auto"] = "auto",
+        start: Start = "torque",
         max_iter: int = 30,
         tol: float = 1e-3,
     ) -> None:
         self.weighting = weighting
         self.ridge = ridge
+        self.start = start
         self.max_iter = max_iter
         self.tol = tol
 
@@ -85,18 +92,20 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
         Raises
         ------
         ValueError
-            `weighting` or `ridge` is not one of the choices.
+            `weighting`, `ridge` or `start` is not one of the choices.
         """
         if self.weighting not in (None, "joint_variance", "full_covariance"):
             raise ValueError(f"weighting must be 'joint_variance', 'full_covariance' or None, found {self.weighting!r}")
         if self.ridge != "auto" and not (isinstance(self.ridge, int | float) and self.ridge >= 0):
             raise ValueError(f"ridge must be 'auto' or a number of at least 0, found {self.ridge!r}")
+        if self.start not in ("torque", "least_squares"):
+            raise ValueError(f"start must be 'torque' or 'least_squares', found {self.start!r}")
         plan, n_rows = observations.plan, observations.n_rows
         n = plan.robot.n_joints
         factors = observations.factors()
         left_out = self._left_out_factors(observations)
         weights = np.array([np.sqrt(n_rows) / max(np.linalg.norm(R[:, -1]), 1e-300) for R in factors])
-        if self.weighting is None:
+        if self.weighting is None or self.start == "least_squares":
             weights = np.ones(n)
         scale = np.ones(n)
         self.ridge_ = 0.0 if self.ridge == "auto" else float(self.ridge)
@@ -224,11 +233,18 @@ def block_residuals(observations: Observations, x: FloatArray, scale: FloatArray
     ]
 
 
-def residual_covariance(observations: Observations, x: FloatArray, scale: FloatArray) -> FloatArray:
-    """Covariance of the residual between joints (Eq. 24), divisor rows minus the rank's share of a joint."""
+def residual_covariance(
+    observations: Observations, x: FloatArray, scale: FloatArray, *, as_printed: bool = False
+) -> FloatArray:
+    """Covariance of the residual between joints (Eq. 24), divisor rows minus the rank's share of a joint.
+
+    `as_printed`: the divisor is rows minus the whole rank, as if each joint had paid for all parameters. The paper's
+    estimate (Eq. 25) is the same with either; noise and intervals are not, and the share is the unbiased one.
+    """
     plan = observations.plan
     left = np.concatenate(block_residuals(observations, x, scale))
-    share = plan.estimable().sum() / plan.robot.n_joints
+    rank = plan.estimable().sum()
+    share = rank if as_printed else rank / plan.robot.n_joints
     covariance: FloatArray = left.T @ left / max(len(left) - share, 1.0)
     return covariance
 
