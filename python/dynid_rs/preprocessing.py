@@ -71,7 +71,8 @@ class States:
 
     `q, dq, ddq` link side, `q_motor, dq_motor, ddq_motor` motor side (the same arrays with one encoder), `tau` in the
     recording's unit. `moving` (n,) marks the samples that are fitted and scored, `rows` those of them that become
-    rows of the fit. `notes` says what was done to the signals.
+    rows of the fit. `notes` says what was done to the signals. `reference` is the position that the controller was asked
+    for, with its derivatives, through the same filter; None where it was not recorded.
     """
 
     name: str
@@ -88,6 +89,7 @@ class States:
     moving: NDArray[np.bool_]
     two_encoders: bool
     notes: tuple[str, ...] = ()
+    reference: tuple[FloatArray, FloatArray, FloatArray] | None = None
 
     @cached_property
     def filter(self) -> Filter | None:
@@ -184,6 +186,9 @@ def prepare(recording: Recording, band: Band, rate: float) -> States:
     motor = link
     if recording.q_motor is not None and not np.array_equal(recording.q_motor, recording.q):
         motor = _side(recording, recording.q_motor, recording.dq_motor, None, grid, band, rate, "dq_motor", notes)
+    reference = None
+    if recording.q_reference is not None:
+        reference = _side(recording, recording.q_reference, None, None, grid, band, rate, "q_reference", notes)[:3]
     tau = _linear(recording.t, recording.tau, grid)
     step = 1 if exact else max(1, int(rate / (WORK_RATE * band.cutoff)))
     if step > 1:
@@ -201,6 +206,7 @@ def prepare(recording: Recording, band: Band, rate: float) -> States:
         moving=moving,
         two_encoders=two_encoders,
         notes=tuple(notes),
+        reference=None if reference is None else tuple(np.ascontiguousarray(x[::step]) for x in reference),
     )
 
 

@@ -123,6 +123,7 @@ class _Noise:
         masks: Sequence[FloatArray],
         columns: Sequence[FloatArray],
         weighted_bread: FloatArray,
+        power: int = 2,
     ) -> None:
         from scipy.fft import irfft, next_fast_len, rfft
 
@@ -139,6 +140,7 @@ class _Noise:
             taken[:n] += irfft(leverage, size)[:n]
         covariances = sums / np.maximum(np.round(pairs), 1.0)
         taper = _flat_top(covariances, float(pairs[0]))
+        self._power = power
         self._covariances = covariances[: len(taper)] * taper
         self._taken = taken[: len(taper)] * taper / pairs[0]
 
@@ -148,7 +150,7 @@ class _Noise:
 
         residual = 2 * rfft(self._covariances, size).real - self._covariances[0]
         taken = 2 * rfft(self._taken, size).real - self._taken[0]
-        spectrum: FloatArray = np.maximum(residual, 0.0) / np.maximum(1 - taken, 0.1) ** 2
+        spectrum: FloatArray = np.maximum(residual, 0.0) / np.maximum(1 - taken, 0.1) ** self._power
         return spectrum
 
 
@@ -190,3 +192,32 @@ def _on_grid(observations: Observations, runs: Sequence[States], parts: Sequence
         grid[states.moving[states.grid]] = rows
         grids.append(grid)
     return grids
+
+
+def covariance_of_linear(
+    observations: Observations,
+    runs: Sequence[States],
+    residuals: Sequence[FloatArray],
+    gains: Sequence[Sequence[FloatArray]],
+    columns: Sequence[Sequence[FloatArray]],
+    weighted_breads: Sequence[FloatArray],
+) -> FloatArray:
+    """Covariance (p, p) of ``sum_j D_j' e_j``: of estimates that are linear in every joint's noise; unbiased.
+
+    Parameters
+    ----------
+    residuals : per block (n_rows, n_joints)
+        What a fit leaves.
+    gains : per joint and block (n_rows, p)
+        D_j.
+    columns, weighted_breads : per joint, columns also per block (n_rows, k) and (k, k)
+        What that fit could take of joint j's noise: its columns C_j, and ``w_j (sum w C' C)^-1`` in their places.
+    """
+    left = _on_grid(observations, runs, residuals)
+    masks = [mask[:, 0] for mask in _on_grid(observations, runs, [np.ones((len(part), 1)) for part in residuals])]
+    covariance = np.zeros((gains[0][0].shape[1],) * 2)
+    for j, gain in enumerate(gains):
+        grids = _on_grid(observations, runs, columns[j])
+        noise = _Noise([run[:, j] for run in left], masks, grids, weighted_breads[j], power=1)
+        covariance += sum(_toeplitz_product(run, noise.spectrum) for run in _on_grid(observations, runs, gain))
+    return covariance
