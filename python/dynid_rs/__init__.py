@@ -23,6 +23,7 @@ from dynid_rs.recording import Recording
 if TYPE_CHECKING:
     from dynid_rs.friction import FrictionIdentifier
     from dynid_rs.identification import ThreeLoopIdentifier
+    from dynid_rs.instruments import InstrumentalVariables
     from dynid_rs.links import LinkDynamicsIdentifier
     from dynid_rs.mixture import GaussianMixtureRegressor
     from dynid_rs.physical import PhysicalIdentifier
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
 _LATE = {
     "FrictionIdentifier": "friction",
     "GaussianMixtureRegressor": "mixture",
+    "InstrumentalVariables": "instruments",
     "LinkDynamicsIdentifier": "links",
     "PhysicalIdentifier": "physical",
     "ResidualCompensator": "residual",
@@ -47,6 +49,7 @@ __all__ = [
     "FormatError",
     "FrictionIdentifier",
     "GaussianMixtureRegressor",
+    "InstrumentalVariables",
     "LinkDynamicsIdentifier",
     "MissingLibraryError",
     "PhysicalIdentifier",

@@ -19,22 +19,24 @@ from numpy.typing import NDArray
 from sklearn.base import BaseEstimator
 
 from dynid_rs import _core
-from dynid_rs.columns import Observations, Plan, run_rows
+from dynid_rs.columns import Observations, run_rows
 from dynid_rs.links import LinkDynamicsIdentifier, block_residuals, stack_one
 from dynid_rs.preprocessing import States
-from dynid_rs.uncertainty import covariance_of_linear
+from dynid_rs.uncertainty import noise_products
 
 FloatArray = NDArray[np.float64]
 Source = Literal["auto", "reference", "second_encoder", "smooth"]
 
-FOLLOWS = 0.2
-"""A reference is one if the joints stay this near to it, of their own standard deviation."""
+FOLLOWS = 0.5
+"""A reference is one if every joint stays this near to it but for an offset, of its own standard deviation."""
 MOTION = 0.99
 """Part of the speed's power that the motion proper has..."""
 SMOOTH = 1.5
 """...below a frequency; smooth instruments end at this multiple of it, and at half of the band."""
 NO_DIFFERENCE = 1e-3
 """Estimates that differ by less than this of a standard error are the same."""
+SIGNIFICANT, GREATEST_SHIFT = 0.01, 3.0
+"""Least squares is called biased below this probability if a parameter moves by more than so many standard errors."""
 NEGLIGIBLE = 1e-10
 """Relative singular values of instruments below this are rounding."""
 
@@ -45,8 +47,8 @@ class InstrumentalVariables(BaseEstimator):  # type: ignore[misc]
     Parameters
     ----------
     source : {"auto", "reference", "second_encoder", "smooth"}
-        What the instruments are made of. ``"reference"``: the position that the controller was asked for, which holds no
-        measurement noise at all. ``"second_encoder"``: the other encoder of every joint, whose noise is its own.
+        What the instruments are made of. ``"reference"``: the position that the controller was asked for, which holds
+        no measurement noise at all. ``"second_encoder"``: the other encoder of every joint, whose noise is its own.
         ``"smooth"``: the measured motion below the frequencies that it is made of; noise of accelerations grows with
         the fifth power of the frequency, so that next to nothing of it is left. ``"auto"``: the first of these that
         the runs hold.
@@ -85,25 +87,35 @@ class InstrumentalVariables(BaseEstimator):  # type: ignore[misc]
         self.source_ = choose_source(runs, self.source)
         plan = observations.plan
         used = plan.estimable()
-        joints = [_first_stage(observations, links, runs, self.source_, j, used) for j in range(plan.robot.n_joints)]
+        accounts = [run_rows(plan, instrument_states(states, self.source_), states.tau) for states in runs]
+        joints = [
+            _first_stage(observations, links, [account[j] for account in accounts], j, used)
+            for j in range(plan.robot.n_joints)
+        ]
         ridge = _ridge(joints, links.ridge_)
         plain, projected = _bread([s.columns for s in joints], ridge), _bread([s.projected for s in joints], ridge)
-        # Both estimates are linear in the torque: x = sum_j G_j' tau_j, so is their difference in the noise.
-        difference = [s.on_blocks(s.projected @ projected - s.columns @ plain, s.weight) for s in joints]
         least_squares = plain @ sum(s.columns.T @ s.tau for s in joints)
         estimate = projected @ sum(s.projected.T @ s.tau for s in joints)
-        residuals = block_residuals(observations, links.x_, links.torque_scale_)
-        breads = [s.weight**2 * plain[np.ix_(s.known, s.known)] for s in joints]
-        seen = [s.on_blocks(s.columns[:, s.known] / s.weight) for s in joints]
+        # Both estimates are linear in the torque, x = sum_j B C_j' tau_j; so is their difference in the noise.
+        products = noise_products(
+            observations,
+            runs,
+            block_residuals(observations, links.x_, links.torque_scale_),
+            [s.on_blocks(np.column_stack([s.columns[:, s.known], s.projected[:, s.known]])) for s in joints],
+            [plain[np.ix_(s.known, s.known)] for s in joints],
+        )
 
-        def covariance(gains: list[list[FloatArray]]) -> FloatArray:
-            return covariance_of_linear(observations, runs, residuals, gains, seen, breads)
+        def covariance(of_plain: float, of_projected: float) -> FloatArray:
+            total = np.zeros_like(plain)
+            for s, product in zip(joints, products, strict=True):
+                gain = s.weight * np.concatenate([of_plain * plain[s.known], of_projected * projected[s.known]])
+                total += gain.T @ product @ gain
+            return total
 
-        std_plain = np.sqrt(np.diag(covariance([s.on_blocks(s.columns @ plain, s.weight) for s in joints])))
-        std_own = np.sqrt(np.diag(covariance([s.on_blocks(s.projected @ projected, s.weight) for s in joints])))
-        std_plain = np.maximum(std_plain, 1e-300)
+        std_plain = np.maximum(np.sqrt(np.diag(covariance(1.0, 0.0))), 1e-300)
+        std_own = np.sqrt(np.diag(covariance(0.0, 1.0)))
         shift = (estimate - least_squares) / std_plain
-        self.statistic_, self.dof_ = _wald(shift, covariance(difference) / np.outer(std_plain, std_plain))
+        self.statistic_, self.dof_ = _wald(shift, covariance(-1.0, 1.0) / np.outer(std_plain, std_plain))
         self.p_value_ = float(chi2.sf(self.statistic_, self.dof_)) if self.dof_ else 1.0
         self.x_, self.std_error_, self.shift_ = (np.zeros(plan.n_columns) for _ in range(3))
         self.x_[used], self.std_error_[used], self.shift_[used] = estimate, std_own, shift
@@ -137,7 +149,7 @@ def choose_source(runs: Sequence[States], source: Source = "auto") -> Source:
 def _follows(states: States) -> bool:
     if states.reference is None:
         return False
-    error = np.sqrt(np.mean((states.reference[0] - states.q)[states.moving] ** 2, axis=0))
+    error = (states.reference[0] - states.q)[states.moving].std(axis=0)
     return bool(np.all(error <= FOLLOWS * states.q[states.moving].std(axis=0)))
 
 
@@ -148,15 +160,15 @@ def _two_accounts(states: States) -> bool:
 def instrument_states(states: States, source: Source) -> States:
     """The same run by another account of its motion."""
     if source == "reference" and states.reference is not None:
-        q, dq, ddq = states.reference
-        return replace(states, q=q, dq=dq, ddq=ddq, q_motor=q, dq_motor=dq, ddq_motor=ddq)
-    names = ("q", "dq", "ddq", "q_motor", "dq_motor", "ddq_motor")
-    signals = dict(zip(names, states.signals(), strict=True))
-    if source == "second_encoder":
-        return replace(states, **dict(zip(names, [*states.signals()[3:], *states.signals()[:3]], strict=True)))
-    cutoff = motion_band(states)
-    smoothed = {name: states.band.apply(x, states.rate, cutoff) for name, x in signals.items()}
-    return replace(states, **{name: np.ascontiguousarray(x) for name, x in smoothed.items()})
+        q, dq, ddq = q_motor, dq_motor, ddq_motor = states.reference
+    elif source == "second_encoder":
+        q_motor, dq_motor, ddq_motor, q, dq, ddq = states.signals()
+    else:
+        cutoff = motion_band(states)
+        q, dq, ddq, q_motor, dq_motor, ddq_motor = (
+            np.ascontiguousarray(states.band.apply(x, states.rate, cutoff)) for x in states.signals()
+        )
+    return replace(states, q=q, dq=dq, ddq=ddq, q_motor=q_motor, dq_motor=dq_motor, ddq_motor=ddq_motor)
 
 
 def motion_band(states: States) -> float:
@@ -183,16 +195,15 @@ class _Stage:
     strength: float
     edges: NDArray[np.intp]
 
-    def on_blocks(self, rows: FloatArray, factor: float = 1.0) -> list[FloatArray]:
+    def on_blocks(self, rows: FloatArray) -> list[FloatArray]:
         """Rows cut into blocks."""
-        return [factor * part for part in np.split(rows, self.edges)]
+        return np.split(rows, self.edges)
 
 
 def _first_stage(
     observations: Observations,
     links: LinkDynamicsIdentifier,
-    runs: Sequence[States],
-    source: Source,
+    accounts: Sequence[FloatArray],
     j: int,
     used: NDArray[np.bool_],
 ) -> _Stage:
@@ -202,7 +213,6 @@ def _first_stage(
     rows = weight * np.concatenate(wide)
     columns = rows[:, :-1][:, used]
     known = np.flatnonzero(np.isin(np.flatnonzero(used), plan.unknowns(j)))
-    accounts = [run_rows(plan, instrument_states(states, source), states.tau)[j] for states in runs]
     instruments = np.concatenate([stack_one(plan, j, account, links.torque_scale_) for account in accounts])
     basis = _range_of(instruments[:, :-1][:, used][:, known])
     projected = np.zeros_like(columns)
@@ -250,8 +260,16 @@ def _wald(difference: FloatArray, covariance: FloatArray) -> tuple[float, int]:
     return float(scores @ scores), int(kept.sum())
 
 
-def parameter_names(plan: Plan) -> list[str]:
-    """Names of all unknowns (n_columns,), in the order of `x_`."""
-    base = list(plan.robot.base_parameters().names)
-    own = [name for effect in plan.effects for name in effect.coefficient_names]
-    return base + [f"{name}[{joint}]" for joint in plan.robot.joint_names for name in own]
+def endogeneity(instruments: InstrumentalVariables, names: Sequence[str]) -> dict[str, object]:
+    """What `result.json` says of the test; `names` (n_columns,) of all unknowns."""
+    worst = int(np.argmax(np.abs(instruments.shift_)))
+    shift = float(abs(instruments.shift_[worst]))
+    biased = instruments.p_value_ < SIGNIFICANT and shift > GREATEST_SHIFT
+    return {
+        "instruments": instruments.source_,
+        "statistic": instruments.statistic_,
+        "degrees_of_freedom": instruments.dof_,
+        "p_value": instruments.p_value_,
+        "largest_shift": {"parameter": names[worst], "standard_errors": shift},
+        "biased": bool(biased),
+    }

@@ -71,8 +71,8 @@ class States:
 
     `q, dq, ddq` link side, `q_motor, dq_motor, ddq_motor` motor side (the same arrays with one encoder), `tau` in the
     recording's unit. `moving` (n,) marks the samples that are fitted and scored, `rows` those of them that become
-    rows of the fit. `notes` says what was done to the signals. `reference` is the position that the controller was asked
-    for, with its derivatives, through the same filter; None where it was not recorded.
+    rows of the fit. `notes` says what was done to the signals. `reference` is the position that the controller was
+    asked for, with its derivatives, through the same filter; None where it was not recorded.
     """
 
     name: str
@@ -186,13 +186,14 @@ def prepare(recording: Recording, band: Band, rate: float) -> States:
     motor = link
     if recording.q_motor is not None and not np.array_equal(recording.q_motor, recording.q):
         motor = _side(recording, recording.q_motor, recording.dq_motor, None, grid, band, rate, "dq_motor", notes)
-    reference = None
-    if recording.q_reference is not None:
-        reference = _side(recording, recording.q_reference, None, None, grid, band, rate, "q_reference", notes)[:3]
     tau = _linear(recording.t, recording.tau, grid)
     step = 1 if exact else max(1, int(rate / (WORK_RATE * band.cutoff)))
     if step > 1:
         tau = band.apply(tau, rate, 0.4 * rate / step)
+    reference: list[FloatArray] | None = None
+    if recording.q_reference is not None:
+        asked = _side(recording, recording.q_reference, None, None, grid, band, rate, "q_reference", notes)[:3]
+        reference = [np.ascontiguousarray(x[::step]) for x in asked]
     moving = _moving(link[1][::step], rate / step, band)
     names = ("q", "dq", "ddq", "q_motor", "dq_motor", "ddq_motor")
     signals = dict(zip(names, (np.ascontiguousarray(x[::step]) for x in (*link[:3], *motor[:3])), strict=True))
@@ -206,7 +207,7 @@ def prepare(recording: Recording, band: Band, rate: float) -> States:
         moving=moving,
         two_encoders=two_encoders,
         notes=tuple(notes),
-        reference=None if reference is None else tuple(np.ascontiguousarray(x[::step]) for x in reference),
+        reference=None if reference is None else (reference[0], reference[1], reference[2]),
     )
 
 

@@ -15,6 +15,7 @@ from dynid_rs.columns import Plan
 from dynid_rs.evaluation import FLOOR_METHOD, Comparison, compare, noise_floor, rmse, rmse_interval, torque_std
 from dynid_rs.findings import Finding
 from dynid_rs.identification import ThreeLoopIdentifier
+from dynid_rs.instruments import InstrumentalVariables, endogeneity
 from dynid_rs.links import stack
 from dynid_rs.physical import PhysicalIdentifier
 from dynid_rs.physical_result import physical_section
@@ -146,6 +147,8 @@ def _summarise(
         "n_iter": identifier.n_iter_,
         "converged": identifier.converged_,
     }
+    instruments = InstrumentalVariables().fit(identifier.observations_, identifier.links_, identifier.runs_)
+    result["endogeneity"] = endogeneity(instruments, _unknowns(identifier.observations_.plan))
     if physical is not None:
         error = score(physical.torque_model(identifier.model_), test_states).rmse
         result["physical"] = physical_section(physical, identifier.model_, tested.rmse, error)
@@ -287,6 +290,12 @@ def base_names(plan: Plan) -> list[str]:
             size = "" if abs(abs(share[k]) - 1) < 1e-9 else f"{abs(share[k]):.4g} "
             names[k] += f" {'-' if share[k] < 0 else '+'} {size}{labels[column]}[{plan.robot.joint_names[j]}]"
     return names
+
+
+def _unknowns(plan: Plan) -> list[str]:
+    """Names of all unknowns of the fit, (n_columns,)."""
+    own = [name for effect in plan.effects for name in effect.coefficient_names]
+    return base_names(plan) + [f"{name} of {joint}" for joint in plan.robot.joint_names for name in own]
 
 
 def own_unit(name: str, torque_unit: str, kind: str) -> str:

@@ -194,30 +194,30 @@ def _on_grid(observations: Observations, runs: Sequence[States], parts: Sequence
     return grids
 
 
-def covariance_of_linear(
+def noise_products(
     observations: Observations,
     runs: Sequence[States],
     residuals: Sequence[FloatArray],
-    gains: Sequence[Sequence[FloatArray]],
     columns: Sequence[Sequence[FloatArray]],
     weighted_breads: Sequence[FloatArray],
-) -> FloatArray:
-    """Covariance (p, p) of ``sum_j D_j' e_j``: of estimates that are linear in every joint's noise; unbiased.
+) -> list[FloatArray]:
+    """``C_j' Gamma_j C_j`` (k, k) of every joint, Gamma_j its noise's own autocovariance, estimated without bias.
 
     Parameters
     ----------
     residuals : per block (n_rows, n_joints)
         What a fit leaves.
-    gains : per joint and block (n_rows, p)
-        D_j.
-    columns, weighted_breads : per joint, columns also per block (n_rows, k) and (k, k)
-        What that fit could take of joint j's noise: its columns C_j, and ``w_j (sum w C' C)^-1`` in their places.
+    columns : per joint and block (n_rows, k)
+        C_j. The first of them are those of the fit.
+    weighted_breads : per joint
+        ``w_j (sum w C' C)^-1`` of the fit, in the places of its columns.
     """
     left = _on_grid(observations, runs, residuals)
     masks = [mask[:, 0] for mask in _on_grid(observations, runs, [np.ones((len(part), 1)) for part in residuals])]
-    covariance = np.zeros((gains[0][0].shape[1],) * 2)
-    for j, gain in enumerate(gains):
+    products = []
+    for j, bread in enumerate(weighted_breads):
         grids = _on_grid(observations, runs, columns[j])
-        noise = _Noise([run[:, j] for run in left], masks, grids, weighted_breads[j], power=1)
-        covariance += sum(_toeplitz_product(run, noise.spectrum) for run in _on_grid(observations, runs, gain))
-    return covariance
+        fitted = [grid[:, : len(bread)] for grid in grids]
+        noise = _Noise([run[:, j] for run in left], masks, fitted, bread, power=1)
+        products.append(np.sum([_toeplitz_product(run, noise.spectrum) for run in grids], axis=0))
+    return products
