@@ -12,20 +12,23 @@ from dynid_rs._core import (
     Effect,
     FormatError,
     MdhError,
+    PhysicalSet,
     RobotModel,
     TorqueModel,
     UrdfError,
     __version__,
 )
-from dynid_rs.errors import DataError, RankDeficientError
+from dynid_rs.errors import DataError, MissingLibraryError, RankDeficientError
 from dynid_rs.recording import Recording
 
 if TYPE_CHECKING:
     from dynid_rs.excitation import FourierExcitation
     from dynid_rs.friction import FrictionIdentifier
     from dynid_rs.identification import ThreeLoopIdentifier
+    from dynid_rs.instruments import InstrumentalVariables
     from dynid_rs.links import LinkDynamicsIdentifier
     from dynid_rs.mixture import GaussianMixtureRegressor
+    from dynid_rs.physical import PhysicalIdentifier
     from dynid_rs.readers import read_recording
     from dynid_rs.residual import ResidualCompensator
 
@@ -34,7 +37,9 @@ _LATE = {
     "FourierExcitation": "excitation",
     "FrictionIdentifier": "friction",
     "GaussianMixtureRegressor": "mixture",
+    "InstrumentalVariables": "instruments",
     "LinkDynamicsIdentifier": "links",
+    "PhysicalIdentifier": "physical",
     "ResidualCompensator": "residual",
     "ThreeLoopIdentifier": "identification",
     "read_recording": "readers",
@@ -48,8 +53,12 @@ __all__ = [
     "FourierExcitation",
     "FrictionIdentifier",
     "GaussianMixtureRegressor",
+    "InstrumentalVariables",
     "LinkDynamicsIdentifier",
     "MdhError",
+    "MissingLibraryError",
+    "PhysicalIdentifier",
+    "PhysicalSet",
     "RankDeficientError",
     "Recording",
     "ResidualCompensator",

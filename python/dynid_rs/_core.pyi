@@ -37,6 +37,7 @@ __all__ = [
     "FrictionSearch",
     "GaussianMixtureRegression",
     "MdhError",
+    "PhysicalSet",
     "RobotModel",
     "TorqueModel",
     "UrdfError",
@@ -50,10 +51,13 @@ __all__ = [
     "inverse_dynamics_gradient",
     "merge_factors",
     "observe",
+    "phi_from_pseudo_inertia",
     "point_gradient",
     "point_places",
+    "pseudo_inertia",
     "residual_inputs",
     "triangular_factor",
+    "urdf_with_physical",
 ]
 
 __version__: Final[str]
@@ -490,6 +494,56 @@ class GaussianMixtureRegression:
         """h_k of Eq. 37 at `u` (n_samples, n_inputs): (n_samples, K); rows sum to one at any distance."""
 
 @final
+class PhysicalSet:
+    """Standard parameters that bodies can have, beside a torque model, in SI whatever the model's unit. Immutable.
+
+    Parameters
+    ----------
+    phi : (10 n_links,)
+        Masses positive, pseudo-inertias positive definite.
+    rotor_inertia : (n_joints,)
+        Reflected to the link side, at least 0 [kg·m², kg].
+    damping, friction : (n_joints,)
+        Viscous [N·m·s/rad] and Coulomb [N·m] friction of both directions, at least 0.
+    drive_gain : (n_joints,)
+        Torque per unit of the model's torque channel [N·m per N·m or A]; ones where torques were fitted.
+
+    Raises
+    ------
+    ValueError
+        A length or a number does not fit; the message names it.
+    """
+
+    def __new__(
+        cls,
+        phi: ArrayLike,
+        rotor_inertia: ArrayLike,
+        *,
+        damping: ArrayLike,
+        friction: ArrayLike,
+        drive_gain: ArrayLike,
+    ) -> PhysicalSet: ...
+    @property
+    def phi(self) -> _FloatArray:
+        """(10 n_links,)."""
+
+    @property
+    def rotor_inertia(self) -> _FloatArray:
+        """(n_joints,) [kg·m², kg]."""
+
+    @property
+    def damping(self) -> _FloatArray:
+        """(n_joints,) [N·m·s/rad]."""
+
+    @property
+    def friction(self) -> _FloatArray:
+        """(n_joints,) [N·m]."""
+
+    @property
+    def drive_gain(self) -> _FloatArray:
+        """(n_joints,) [N·m per torque unit of the model]."""
+
+@final
 class TorqueModel:
     """Torque model `rigid body + effects + residual` (Eq. 26). Owned by Rust, immutable.
 
@@ -637,6 +691,23 @@ class TorqueModel:
     @property
     def step(self) -> float | None:
         """Time between samples [s], where the model has one."""
+
+    def with_physical(self, physical: PhysicalSet) -> TorqueModel:
+        """Return the same model with a physically consistent set beside it; evaluation does not use it.
+
+        Raises
+        ------
+        ValueError
+            The set is one of another number of joints.
+        """
+
+    @property
+    def physical(self) -> PhysicalSet | None:
+        """The physically consistent set; None where none was identified."""
+
+    @property
+    def physical_phi(self) -> _FloatArray | None:
+        """Its inertial parameters (10 n_links,); None where there is none."""
     def __copy__(self) -> TorqueModel: ...
     def __deepcopy__(self, _memo: object, /) -> TorqueModel: ...
 
@@ -902,3 +973,37 @@ def point_gradient(
     robot: RobotModel, q: ArrayLike, links: Sequence[int], places: ArrayLike, weights: _FloatArray
 ) -> _FloatArray:
     """Gradient of `sum(weights * point_places(robot, q, links, places))` with respect to q (n_samples, n_joints)."""
+
+def pseudo_inertia(phi: ArrayLike) -> _FloatArray:
+    """Pseudo-inertias `[[S, h], [h', m]]`, `S = tr(I)/2 1 - I`, of phi (10 n_links,): (n_links, 4, 4).
+
+    Positive definite for just those bodies that can be built from points of positive mass.
+
+    Raises
+    ------
+    ValueError
+        Not ten numbers per link, or one is not finite.
+    """
+
+def phi_from_pseudo_inertia(pseudo: ArrayLike) -> _FloatArray:
+    """Return phi (10 n_links,) of pseudo-inertias (n_links, 4, 4); of each the symmetric part counts.
+
+    Raises
+    ------
+    ValueError
+        Another shape, or a number that is not finite.
+    """
+
+def urdf_with_physical(model: TorqueModel, original: bytes | None = None, *, source_name: str = "<string>") -> bytes:
+    """Return a URDF with the physical set of `model`.
+
+    With the text of the original only its `<inertial>` and `<dynamics>` change, everything else stays byte for byte;
+    without it, it is links and joints alone.
+
+    Raises
+    ------
+    UrdfError
+        The original is refused, or its chain is another one than the model's.
+    ValueError
+        The model has no physical set.
+    """

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 Weighting = Literal["joint_variance", "full_covariance"] | None
+Start = Literal["torque", "least_squares"]
 
 RIDGES = (0.0, 1e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1)
 """Ridges that are tried, relative to the greatest singular value of the unit-norm columns."""
@@ -58,8 +59,12 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
         ``"robot"``: the robot file's inertials, weighed by the evidence (`evidence.py`), instead of a ridge.
         ``"auto"``: for a lone run, where the file declares inertials and left-out parts are predicted better with them
         than with the ridge.
+    start : {"torque", "least_squares"}
+        Weights of the first step: from the torque's own power per joint, or none, as the paper has it. Its weighted
+        least squares as printed (Eqs. 21-23: one plain step, one re-weighting) is
+        ``start="least_squares", max_iter=2, ridge=0``; where it converges, the start makes no difference.
     max_iter : int
-        Most re-weightings.
+        Most steps; each after the first is a re-weighting.
     tol : float
         Relative change of the weights at which re-weighting stops.
 
@@ -93,12 +98,14 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
         *,
         ridge: float | Literal["auto"] = "auto",
         prior: Literal["auto", "robot"] | None = "auto",
+        start: Start = "torque",
         max_iter: int = 30,
         tol: float = 1e-3,
     ) -> None:
         self.weighting = weighting
         self.ridge = ridge
         self.prior = prior
+        self.start = start
         self.max_iter = max_iter
         self.tol = tol
 
@@ -112,7 +119,7 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
         Raises
         ------
         ValueError
-            `weighting` or `ridge` is not one of the choices.
+            `weighting`, `ridge` or `start` is not one of the choices.
         """
         if self.weighting not in (None, "joint_variance", "full_covariance"):
             raise ValueError(f"weighting must be 'joint_variance', 'full_covariance' or None, found {self.weighting!r}")
@@ -120,6 +127,8 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
             raise ValueError(f"ridge must be 'auto' or a number of at least 0, found {self.ridge!r}")
         if self.prior not in (None, "auto", "robot"):
             raise ValueError(f"prior must be 'auto', 'robot' or None, found {self.prior!r}")
+        if self.start not in ("torque", "least_squares"):
+            raise ValueError(f"start must be 'torque' or 'least_squares', found {self.start!r}")
         self.posterior_: Posterior | None = None
         self.worth_ = np.ones(observations.plan.robot.n_joints)
         if self.prior == "robot":
@@ -129,7 +138,7 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
         factors = observations.factors()
         left_out = self._left_out_factors(observations)
         weights = np.array([np.sqrt(n_rows) / max(np.linalg.norm(R[:, -1]), 1e-300) for R in factors])
-        if self.weighting is None:
+        if self.weighting is None or self.start == "least_squares":
             weights = np.ones(n)
         scale = np.ones(n)
         extra = [_Weighted(plan, group, self.weighting is not None) for group in beside]
@@ -272,6 +281,28 @@ def stack(plan: Plan, factors: Sequence[FloatArray], weights: FloatArray, scale:
     return np.concatenate([weights[j] * stack_one(plan, j, R, scale) for j, R in enumerate(factors)])
 
 
+def weighted_system(
+    observations: Observations, links: LinkDynamicsIdentifier, *, least_noise: float = 0.0
+) -> FloatArray:
+    """System ``[columns | torque]`` that `links` was solved on, its noise of variance one.
+
+    Parameters
+    ----------
+    least_noise : float
+        No joint's noise counts as less than this part of its torque.
+    """
+    plan, factors = observations.plan, observations.factors()
+    size = np.array([np.linalg.norm(R[:, -1]) for R in factors]) / np.sqrt(observations.n_rows)
+    least = np.maximum(least_noise * size, 1e-300)
+    if links.weighting == "full_covariance":
+        short = np.maximum(least**2 - np.diag(links.covariance_), 0.0)
+        return _whitened(observations, links.covariance_ + np.diag(short), links.torque_scale_)
+    noise = links.noise_std_
+    if links.weighting is None:
+        noise = np.full(len(factors), np.sqrt(np.mean(noise**2)))
+    return stack(plan, factors, 1 / np.maximum(noise, least), links.torque_scale_)
+
+
 def solve(plan: Plan, system: FloatArray, ridges: Sequence[float]) -> list[FloatArray]:
     """Solutions (n_columns,) of ``[A | b]``, per ridge l: ``min |A x - b|^2 + (l s_max)^2 |D x|^2``, D the norms."""
     from scipy.linalg import svd
@@ -333,11 +364,18 @@ def block_residuals(observations: Observations, x: FloatArray, scale: FloatArray
     ]
 
 
-def residual_covariance(observations: Observations, x: FloatArray, scale: FloatArray) -> FloatArray:
-    """Covariance of the residual between joints (Eq. 24), divisor rows minus the rank's share of a joint."""
+def residual_covariance(
+    observations: Observations, x: FloatArray, scale: FloatArray, *, as_printed: bool = False
+) -> FloatArray:
+    """Covariance of the residual between joints (Eq. 24), divisor rows minus the rank's share of a joint.
+
+    `as_printed`: the divisor is rows minus the whole rank, as if each joint had paid for all parameters. The paper's
+    estimate (Eq. 25) is the same with either; noise and intervals are not, and the share is the unbiased one.
+    """
     plan = observations.plan
     left = np.concatenate(block_residuals(observations, x, scale))
-    share = plan.estimable().sum() / plan.robot.n_joints
+    rank = plan.estimable().sum()
+    share = rank if as_printed else rank / plan.robot.n_joints
     covariance: FloatArray = left.T @ left / max(len(left) - share, 1.0)
     return covariance
 

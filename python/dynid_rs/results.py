@@ -15,7 +15,10 @@ from dynid_rs.columns import Plan
 from dynid_rs.evaluation import FLOOR_METHOD, Comparison, compare, noise_floor, rmse, rmse_interval, torque_std
 from dynid_rs.findings import Finding
 from dynid_rs.identification import ThreeLoopIdentifier
+from dynid_rs.instruments import InstrumentalVariables, endogeneity
 from dynid_rs.links import stack
+from dynid_rs.physical import PhysicalIdentifier
+from dynid_rs.physical_result import physical_section
 from dynid_rs.preprocessing import States
 from dynid_rs.recording import Recording
 from dynid_rs.separability import examine, not_separable
@@ -76,13 +79,14 @@ def summarise(
     train: Sequence[Evaluated],
     test: Sequence[Evaluated],
     findings: Sequence[Finding],
+    physical: PhysicalIdentifier | None = None,
 ) -> dict[str, Any]:
     """Content of `result.json`: errors on the test runs, parameters with intervals, what was found in the data."""
     from threadpoolctl import threadpool_limits
 
     # One BLAS thread: the last digits must not depend on the machine's cores.
     with threadpool_limits(limits=1, user_api="blas"):
-        return _summarise(identifier, train, test, findings)
+        return _summarise(identifier, train, test, findings, physical)
 
 
 def _summarise(
@@ -90,6 +94,7 @@ def _summarise(
     train: Sequence[Evaluated],
     test: Sequence[Evaluated],
     findings: Sequence[Finding],
+    physical: PhysicalIdentifier | None,
 ) -> dict[str, Any]:
     robot = identifier.robot
     train_states, test_states = [run.states for run in train], [run.states for run in test]
@@ -149,6 +154,11 @@ def _summarise(
         "n_iter": identifier.n_iter_,
         "converged": identifier.converged_,
     }
+    instruments = InstrumentalVariables().fit(identifier.observations_, identifier.links_, identifier.runs_)
+    result["endogeneity"] = endogeneity(instruments, _unknowns(identifier.observations_.plan))
+    if physical is not None:
+        error = score(physical.torque_model(identifier.model_), test_states).rmse
+        result["physical"] = physical_section(physical, identifier.model_, tested.rmse, error)
     result["residual"]["reason"] = residual_reason(result)
     result["verdict"] = verdict(result)
     plain: dict[str, Any] = _plain(result)
@@ -319,6 +329,12 @@ def base_names(plan: Plan) -> list[str]:
             size = "" if abs(abs(share[k]) - 1) < 1e-9 else f"{abs(share[k]):.4g} "
             names[k] += f" {'-' if share[k] < 0 else '+'} {size}{labels[column]}[{plan.robot.joint_names[j]}]"
     return names
+
+
+def _unknowns(plan: Plan) -> list[str]:
+    """Names of all unknowns of the fit, (n_columns,)."""
+    own = [name for effect in plan.effects for name in effect.coefficient_names]
+    return base_names(plan) + [f"{name} of {joint}" for joint in plan.robot.joint_names for name in own]
 
 
 def own_unit(name: str, torque_unit: str, kind: str) -> str:

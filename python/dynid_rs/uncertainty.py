@@ -138,6 +138,7 @@ class _Noise:
         masks: Sequence[FloatArray],
         columns: Sequence[FloatArray],
         weighted_bread: FloatArray,
+        power: int = 2,
     ) -> None:
         from scipy.fft import irfft, next_fast_len, rfft
 
@@ -154,6 +155,7 @@ class _Noise:
             taken[:n] += irfft(leverage, size)[:n]
         covariances = sums / np.maximum(np.round(pairs), 1.0)
         taper = flat_top(covariances, float(pairs[0]))
+        self._power = power
         self._covariances = covariances[: len(taper)] * taper
         self._taken = taken[: len(taper)] * taper / pairs[0]
 
@@ -163,7 +165,7 @@ class _Noise:
 
         residual = 2 * rfft(self._covariances, size).real - self._covariances[0]
         taken = 2 * rfft(self._taken, size).real - self._taken[0]
-        spectrum: FloatArray = np.maximum(residual, 0.0) / np.maximum(1 - taken, 0.1) ** 2
+        spectrum: FloatArray = np.maximum(residual, 0.0) / np.maximum(1 - taken, 0.1) ** self._power
         return spectrum
 
 
@@ -192,3 +194,32 @@ def _on_grid(observations: Observations, runs: Sequence[States], parts: Sequence
         grid[states.moving[states.grid]] = rows
         grids.append(grid)
     return grids
+
+
+def noise_products(
+    observations: Observations,
+    runs: Sequence[States],
+    residuals: Sequence[FloatArray],
+    columns: Sequence[Sequence[FloatArray]],
+    weighted_breads: Sequence[FloatArray],
+) -> list[FloatArray]:
+    """``C_j' Gamma_j C_j`` (k, k) of every joint, Gamma_j its noise's own autocovariance, estimated without bias.
+
+    Parameters
+    ----------
+    residuals : per block (n_rows, n_joints)
+        What a fit leaves.
+    columns : per joint and block (n_rows, k)
+        C_j. The first of them are those of the fit.
+    weighted_breads : per joint
+        ``w_j (sum w C' C)^-1`` of the fit, in the places of its columns.
+    """
+    left = _on_grid(observations, runs, residuals)
+    masks = [mask[:, 0] for mask in _on_grid(observations, runs, [np.ones((len(part), 1)) for part in residuals])]
+    products = []
+    for j, bread in enumerate(weighted_breads):
+        grids = _on_grid(observations, runs, columns[j])
+        fitted = [grid[:, : len(bread)] for grid in grids]
+        noise = _Noise([run[:, j] for run in left], masks, fitted, bread, power=1)
+        products.append(np.sum([_toeplitz_product(run, noise.spectrum) for run in grids], axis=0))
+    return products

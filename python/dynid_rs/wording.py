@@ -20,7 +20,8 @@ def verdict(result: dict[str, Any]) -> str:
     else:
         against = f"{-change:.0f} % MORE than weighted least squares leaves; the simple model is the better one here"
     summary = f"On runs that it has not seen the model leaves {errors}, on average {against}."
-    return f"{summary}{_worse_joints(result)} {result['residual']['reason']}{_prior(result)}{_not_separable(result)}"
+    third, declared = result["residual"]["reason"], _prior(result) + _not_separable(result)
+    return f"{summary}{_worse_joints(result)}{_bias(result)} {third}{declared}"
 
 
 def _prior(result: dict[str, Any]) -> str:
@@ -39,6 +40,24 @@ def _prior(result: dict[str, Any]) -> str:
 def _not_separable(result: dict[str, Any]) -> str:
     messages = [f["message"] for f in result.get("data", {}).get("findings", ()) if f["code"] == "not_separable"]
     return "".join(f" {message[0].upper()}{message[1:]}." for message in messages)
+
+
+def _bias(result: dict[str, Any]) -> str:
+    """Say that least squares is biased where the test with instruments finds it."""
+    found = result.get("endogeneity")
+    if not found or not found["biased"]:
+        return ""
+    account = {
+        "reference": "the reference trajectory",
+        "second_encoder": "the other encoders",
+        "smooth": "the smooth part of the motion",
+    }[found["instruments"]]
+    worst = found["largest_shift"]
+    return (
+        f" Least squares is biased: with instruments from {account}, {worst['parameter']} moves by "
+        f"{worst['standard_errors']:.1f} standard errors (Durbin-Wu-Hausman p = {found['p_value']:.1g}); noise of the "
+        "positions, or an effect that the model lacks, is in the regressor."
+    )
 
 
 def _worse_joints(result: dict[str, Any]) -> str:

@@ -36,6 +36,8 @@ def show(result: dict[str, Any], directory: Path) -> None:
         )
     out.print(table)
     out.print(Text(result["verdict"]))
+    if "physical" in result:
+        out.print(Text(f"Physical set: {result['physical']['reason']}"))
     delay = result["encoder_delay"]
     if delay is not None:
         values = ", ".join(

@@ -61,6 +61,9 @@ def identify(
         str, typer.Option(help="paper, coulomb_viscous, stribeck, or auto: by a training run left out, joint by joint")
     ] = "paper",
     cutoff: Annotated[float | None, typer.Option(help="Band [Hz]; chosen from the motion if left out")] = None,
+    physical: Annotated[
+        bool, typer.Option("--physical", help="Also masses and inertias that bodies can have, for `dynid export`")
+    ] = False,
     json_output: Annotated[bool, typer.Option("--json", help="Answer as JSON on standard output")] = False,
 ) -> int:
     """Identify friction, link dynamics and residual of an arm from measured runs.
@@ -82,6 +85,8 @@ def identify(
     from dynid_rs.report import REPORT_FILE
 
     results = (MODEL_FILE, RESULT_FILE, RESIDUALS_FILE, REPORT_FILE)
+    if physical:
+        _check_physical()
     check_folder(output, results)
     read = [robot, *runs, *(test or []), *(friction or []), *(path for path in (config, known) if path)]
     check_not_read([output / name for name in results], read)
@@ -99,8 +104,9 @@ def identify(
             say("comparing laws of friction")
             identifier.friction_law = _chosen_laws(identifier, split.train, slow)
         findings += _fit(identifier, split.train, slow, say)
+        bodies = _physical(identifier, say) if physical else None
         say("testing")
-        result = _write(identifier, split.train, split.test, findings, output)
+        result = _write(identifier, split.train, split.test, findings, output, bodies)
     if json_output:
         print_json(result)
     else:
@@ -118,9 +124,7 @@ def _known(path: Path | None, robot: Any) -> list[Any]:
     return list(read_terms(path, robot))
 
 
-def _identifier(
-    model: Any, weighting: str, prior: str, residual: str, cutoff: float | None, friction_law: str
-) -> Any:
+def _identifier(model: Any, weighting: str, prior: str, residual: str, cutoff: float | None, friction_law: str) -> Any:
     from dynid_rs.friction_laws import LAWS
     from dynid_rs.identification import ThreeLoopIdentifier
     from dynid_rs.links import LinkDynamicsIdentifier
@@ -186,8 +190,27 @@ def _fit(
     return [Finding("not_converged", "warning", message) for message in messages]
 
 
+def _check_physical() -> None:
+    """Refuse before any work is done where the solver is not installed."""
+    from dynid_rs.bodies import import_cvxpy
+
+    import_cvxpy()
+
+
+def _physical(identifier: Any, say: Callable[[str], None]) -> Any:
+    from dynid_rs.physical import PhysicalIdentifier
+
+    say("physically consistent parameters")
+    return PhysicalIdentifier().fit(identifier.observations_, identifier.links_, torque_unit=identifier.torque_unit_)
+
+
 def _write(
-    identifier: Any, train: list[Recording], test: list[Recording], findings: list[Finding], output: Path
+    identifier: Any,
+    train: list[Recording],
+    test: list[Recording],
+    findings: list[Finding],
+    output: Path,
+    physical: Any = None,
 ) -> dict[str, Any]:
     from dynid_rs.commands._output import filled_together
     from dynid_rs.encoders import with_fitted_delay
@@ -200,7 +223,9 @@ def _write(
     tested = evaluate_runs(model, test, _test_states(identifier, test))
     trained = evaluate_runs(model, train, identifier.raw_runs_)
     findings = with_fitted_delay(findings, identifier.encoder_delay_)
-    result = summarise(identifier, trained, tested, findings)
+    result = summarise(identifier, trained, tested, findings, physical)
+    if physical is not None:
+        model = model.with_physical(physical.physical_set(model))
     table = residual_table(model, trained, tested)
     with filled_together(output) as folder:
         model.save(folder / MODEL_FILE)

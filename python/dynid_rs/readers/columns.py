@@ -19,6 +19,7 @@ ALIASES: Mapping[str, tuple[str, ...]] = {
     "ddq_motor": ("ddq_motor",),
     "tau": ("tau", "effort"),
     "current": ("current",),
+    "q_reference": ("q_reference", "q_ref", "qref"),
     "temperature": ("temperature", "temp"),
 }
 """Names of the signals; a joint follows after an underscore: ``q_0`` or ``q_elbow_joint``."""

@@ -46,7 +46,7 @@ from dynid_rs.readers.table import shown
 ColumnRule = str | tuple[str, ...] | None
 """A template, one name per joint, or None: do not read."""
 
-SIGNALS = ("t", "q", "dq", "ddq", "q_motor", "dq_motor", "ddq_motor", "tau", "current", "temperature")
+SIGNALS = ("t", "q", "dq", "ddq", "q_motor", "dq_motor", "ddq_motor", "tau", "current", "q_reference", "temperature")
 PLACEHOLDERS = ("i", "n", "joint")
 
 UNITS: Mapping[str, Mapping[str, float]] = {

@@ -19,6 +19,7 @@ _SIGN_OF = {
     "q": "q",
     "dq": "q",
     "ddq": "q",
+    "q_reference": "q",
     "q_motor": "q_motor",
     "dq_motor": "q_motor",
     "ddq_motor": "q_motor",
@@ -50,7 +51,7 @@ class _Converter:
     def unit(self, signal: str) -> FloatArray:
         """Factor to SI per joint; prismatic joints have lengths where others have angles."""
         factor = self.config.factor
-        if signal in ("q", "q_motor"):
+        if signal in ("q", "q_motor", "q_reference"):
             turning, sliding = factor("angle"), factor("length")
         elif signal in ("dq", "dq_motor"):
             turning, sliding = factor("velocity"), factor("length")

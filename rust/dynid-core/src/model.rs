@@ -4,6 +4,7 @@ use crate::dynamics::check_length;
 use crate::effects::EffectTerm;
 use crate::error::CoreError;
 use crate::link_params::N_LINK_PARAMS;
+use crate::physical::PhysicalSet;
 use crate::residual::Residual;
 use crate::robot::RobotModel;
 
@@ -31,6 +32,7 @@ pub struct TorqueModel {
     domain: Domain,
     torque_unit: String,
     step: Option<f64>,
+    physical: Option<PhysicalSet>,
 }
 
 /// What a [`TorqueModel`] is made of; see its accessors for the meaning of each part.
@@ -147,7 +149,26 @@ impl TorqueModel {
             domain,
             torque_unit,
             step,
+            physical: None,
         })
+    }
+
+    /// The same model with a physically consistent set beside it.
+    ///
+    /// # Errors
+    /// [`CoreError`] naming what does not fit.
+    pub fn with_physical(self, physical: PhysicalSet) -> Result<Self, CoreError> {
+        physical.check(self.robot.n_joints())?;
+        Ok(Self {
+            physical: Some(physical),
+            ..self
+        })
+    }
+
+    /// The physically consistent set, where one was identified; evaluation does not use it.
+    #[must_use]
+    pub fn physical(&self) -> Option<&PhysicalSet> {
+        self.physical.as_ref()
     }
 
     /// Kinematics and gravity.

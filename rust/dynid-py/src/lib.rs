@@ -9,6 +9,7 @@ mod friction_search;
 mod mixture;
 mod model;
 mod offline;
+mod physical;
 mod robot;
 mod run;
 
@@ -45,6 +46,7 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.setattr("_model_of", wrap_pyfunction!(model::_model_of, m)?)?;
     m.setattr("_effect_of", wrap_pyfunction!(effects::_effect_of, m)?)?;
     m.setattr("_base_of", wrap_pyfunction!(base::_base_of, m)?)?;
+    m.add_class::<physical::PyPhysicalSet>()?;
     m.add_function(wrap_pyfunction!(effects::friction_basis, m)?)?;
     m.add_function(wrap_pyfunction!(effects::effect_catalogue, m)?)?;
     m.add_function(wrap_pyfunction!(effects::effect_columns, m)?)?;
@@ -55,5 +57,8 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(offline::filtered_friction_basis, m)?)?;
     m.add_function(wrap_pyfunction!(offline::triangular_factor, m)?)?;
     m.add_function(wrap_pyfunction!(offline::merge_factors, m)?)?;
+    m.add_function(wrap_pyfunction!(physical::pseudo_inertia, m)?)?;
+    m.add_function(wrap_pyfunction!(physical::phi_from_pseudo_inertia, m)?)?;
+    m.add_function(wrap_pyfunction!(physical::urdf_with_physical, m)?)?;
     Ok(())
 }

@@ -16,13 +16,14 @@ use pyo3::prelude::*;
 
 use crate::effects::PyEffect;
 use crate::mixture::PyGaussianMixtureRegression;
+use crate::physical::PyPhysicalSet;
 use crate::robot::{PyRobotModel, Rebuild};
 use crate::run::RunArrays;
 use crate::{arrays, errors};
 
 /// A torque model: rigid body, effects, residual. Owned by Rust, immutable.
 #[pyclass(name = "TorqueModel", module = "dynid_rs._core", frozen)]
-pub struct PyTorqueModel(Arc<TorqueModel>);
+pub struct PyTorqueModel(pub Arc<TorqueModel>);
 
 type Mixtures = Vec<Option<PyGaussianMixtureRegression>>;
 type Evaluation<'py> = (
@@ -233,6 +234,23 @@ impl PyTorqueModel {
 
     fn __deepcopy__<'py>(slf: PyRef<'py, Self>, _memo: &Bound<'py, PyAny>) -> PyRef<'py, Self> {
         slf
+    }
+
+    /// The same model with a physically consistent set beside it.
+    fn with_physical(&self, physical: PyPhysicalSet) -> PyResult<Self> {
+        let model = (*self.0).clone().with_physical(physical.0);
+        Ok(Self(Arc::new(model.map_err(errors::core)?)))
+    }
+
+    #[getter]
+    fn physical(&self) -> Option<PyPhysicalSet> {
+        self.0.physical().cloned().map(PyPhysicalSet)
+    }
+
+    #[getter]
+    fn physical_phi<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray1<f64>>> {
+        let physical = self.0.physical()?;
+        Some(PyArray1::from_slice(py, &physical.phi))
     }
 
     fn __repr__(&self) -> String {

@@ -4,8 +4,8 @@
 
 use dynid_core::model::TorqueModelParts;
 use dynid_core::{
-    Domain, GaussianMixtureRegression, Joint, JointKind, JointLimits, Residual, ResidualInputs,
-    RobotModel, TorqueModel,
+    Domain, GaussianMixtureRegression, Joint, JointKind, JointLimits, PhysicalSet, Residual,
+    ResidualInputs, RobotModel, TorqueModel,
 };
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
@@ -30,6 +30,19 @@ pub struct ModelFile {
     domain: DomainPart,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     step: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    physical: Option<PhysicalPart>,
+}
+
+/// A physically consistent set; absent in most files.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct PhysicalPart {
+    phi: Vec<[f64; 10]>,
+    rotor_inertia: Vec<f64>,
+    damping: Vec<f64>,
+    friction: Vec<f64>,
+    drive_gain: Vec<f64>,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -119,6 +132,13 @@ impl ModelFile {
                 ddq: model.domain().ddq.clone(),
             },
             step: model.step(),
+            physical: model.physical().map(|set| PhysicalPart {
+                phi: tens(&set.phi),
+                rotor_inertia: set.rotor_inertia.clone(),
+                damping: set.damping.clone(),
+                friction: set.friction.clone(),
+                drive_gain: set.drive_gain.clone(),
+            }),
         }
     }
 
@@ -132,7 +152,7 @@ impl ModelFile {
             .map(|effect| effect.into_term(n))
             .collect::<Result<_, _>>()?;
         let residual = self.residual.map(ResidualPart::into_residual).transpose()?;
-        TorqueModel::new(TorqueModelParts {
+        let model = TorqueModel::new(TorqueModelParts {
             robot,
             phi: self.phi.into_iter().flatten().collect(),
             torque_scale: self.torque_scale,
@@ -148,7 +168,19 @@ impl ModelFile {
             torque_unit: self.torque_unit,
             step: self.step,
         })
-        .map_err(|e| e.to_string())
+        .map_err(|e| e.to_string())?;
+        match self.physical {
+            None => Ok(model),
+            Some(part) => model
+                .with_physical(PhysicalSet {
+                    phi: part.phi.into_iter().flatten().collect(),
+                    rotor_inertia: part.rotor_inertia,
+                    damping: part.damping,
+                    friction: part.friction,
+                    drive_gain: part.drive_gain,
+                })
+                .map_err(|e| e.to_string()),
+        }
     }
 }
 

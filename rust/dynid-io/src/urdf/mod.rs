@@ -36,6 +36,7 @@
 mod chain;
 mod clean;
 mod document;
+mod edit;
 mod elements;
 mod error;
 mod guard;
@@ -44,6 +45,7 @@ mod numbers;
 mod parts;
 mod places;
 mod source;
+mod spans;
 mod tag;
 mod transmission;
 mod tree;
@@ -55,6 +57,7 @@ use std::path::Path;
 
 use dynid_core::robot::RobotModel;
 
+pub use edit::{minimal, with_physical};
 pub use error::UrdfError;
 
 use source::{Notes, Source};
