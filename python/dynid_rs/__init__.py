@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from dynid_rs.identification import ThreeLoopIdentifier
     from dynid_rs.links import LinkDynamicsIdentifier
     from dynid_rs.mixture import GaussianMixtureRegressor
+    from dynid_rs.rbf import RbfRegressor
     from dynid_rs.readers import read_recording
     from dynid_rs.residual import ResidualCompensator
 
@@ -24,6 +25,7 @@ _LATE = {
     "FrictionIdentifier": "friction",
     "GaussianMixtureRegressor": "mixture",
     "LinkDynamicsIdentifier": "links",
+    "RbfRegressor": "rbf",
     "ResidualCompensator": "residual",
     "ThreeLoopIdentifier": "identification",
     "read_recording": "readers",
@@ -38,6 +40,7 @@ __all__ = [
     "GaussianMixtureRegressor",
     "LinkDynamicsIdentifier",
     "RankDeficientError",
+    "RbfRegressor",
     "Recording",
     "ResidualCompensator",
     "RobotModel",

@@ -14,7 +14,7 @@ from dynid_rs.links import LinkDynamicsIdentifier
 from dynid_rs.preprocessing import States
 
 FloatArray = NDArray[np.float64]
-Mixtures = Sequence[_core.GaussianMixtureRegression | None]
+Regressions = Sequence[_core.GaussianMixtureRegression | _core.NormalisedRbf | None]
 
 
 def assemble(
@@ -25,7 +25,7 @@ def assemble(
     *,
     encoder_delay: FloatArray,
     torque_unit: str,
-    third_loop: tuple[str, Mixtures] | None = None,
+    third_loop: tuple[str, Regressions, FloatArray] | None = None,
 ) -> _core.TorqueModel:
     """Model of the fitted numbers.
 
@@ -43,8 +43,8 @@ def assemble(
         Delay of the link channel [s].
     torque_unit : {"N*m", "A"}
         Unit of the torques.
-    third_loop : (inputs, mixtures), optional
-        One mixture or None per joint.
+    third_loop : (inputs, regressions, compliance), optional
+        One regression or None per joint; compliance (n_joints,) of the gears [rad per torque unit].
     """
     phi = np.zeros(10 * plan.robot.n_joints)
     phi[plan.pivots] = links.phi_base_
@@ -53,12 +53,13 @@ def assemble(
         (effect, own[:, first:last]) for effect, (first, last) in zip(plan.effects, pairwise(edges), strict=True)
     ]
     q, dq, ddq = (np.concatenate([getattr(states, name) for states in runs]) for name in ("q", "dq", "ddq"))
-    kept = third_loop is not None and any(mixture is not None for mixture in third_loop[1])
+    kept = third_loop is not None and any(regression is not None for regression in third_loop[1])
     return _core.TorqueModel(
         plan.robot,
         phi,
         effects,
         residual=(third_loop[0], list(third_loop[1])) if third_loop is not None and kept else None,
+        compliance=third_loop[2].tolist() if third_loop is not None and kept else None,
         torque_scale=links.torque_scale_.tolist(),
         encoder_delay=encoder_delay.tolist(),
         noise_std=links.noise_std_.tolist(),
@@ -71,14 +72,17 @@ def assemble(
     )
 
 
-def with_mixtures(model: _core.TorqueModel, inputs: str, mixtures: Mixtures) -> _core.TorqueModel:
-    """Return the same model with other mixtures in its third loop; all None leaves it out."""
-    kept = any(mixture is not None for mixture in mixtures)
+def with_residual(
+    model: _core.TorqueModel, inputs: str, regressions: Regressions, compliance: FloatArray
+) -> _core.TorqueModel:
+    """Return the same model with another third loop; all None leaves it out."""
+    kept = any(regression is not None for regression in regressions)
     return _core.TorqueModel(
         model.robot,
         model.phi,
         model.effects,
-        residual=(inputs, list(mixtures)) if kept else None,
+        residual=(inputs, list(regressions)) if kept else None,
+        compliance=compliance.tolist() if kept else None,
         torque_scale=model.torque_scale.tolist(),
         encoder_delay=model.encoder_delay.tolist(),
         noise_std=model.noise_std.tolist(),

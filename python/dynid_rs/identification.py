@@ -13,14 +13,14 @@ from sklearn.exceptions import ConvergenceWarning
 from sklearn.utils.validation import check_is_fitted
 
 from dynid_rs import _core
-from dynid_rs.assembly import Mixtures, assemble, evaluate, with_mixtures
+from dynid_rs.assembly import Regressions, assemble, evaluate, with_residual
 from dynid_rs.columns import Observations, Plan, make_plan, observe, run_rows
 from dynid_rs.encoders import EncoderDelay, estimate_encoder_delay
 from dynid_rs.friction import FrictionIdentifier, friction_effect
 from dynid_rs.links import LinkDynamicsIdentifier, baseline, block_residuals
 from dynid_rs.preprocessing import Band, States, choose_band, common_rate, prepare
 from dynid_rs.recording import Recording
-from dynid_rs.residual import ResidualCompensator, choose_inputs, inputs_of
+from dynid_rs.residual import ResidualCompensator
 from dynid_rs.training import check_training_runs, prepare_training_runs
 
 FloatArray = NDArray[np.float64]
@@ -165,12 +165,16 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
                 on_progress(f"round {self.n_iter_}: residual")
                 left = observations.by_run(block_residuals(observations, links.x_, links.torque_scale_))
                 left = [e + states.in_band(u) for e, states, u in zip(left, runs, third_loop, strict=True)]
-                (residual.fit if self.n_iter_ == 1 else residual.refit)(runs, left)
+                tau_link = [_link_torque(plan, links, states) for states in runs]
+                if self.n_iter_ == 1:
+                    residual.fit(runs, left, tau_link=tau_link, columns=_linear_columns(observations))
+                else:
+                    residual.refit(runs, left, tau_link=tau_link)
             self.history_.append({"noise_std": links.noise_std_})
             if residual is None or not residual.kept.any() or self._settled():
                 self.converged_ = True
                 break
-            third_loop = [_third_loop_torque(residual, states) for states in runs]
+            third_loop = [residual.torque(states, load) for states, load in zip(runs, tau_link, strict=True)]
             changed = np.flatnonzero(residual.kept).tolist()
         if not self.converged_:
             warnings.warn(
@@ -187,7 +191,7 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
             data.raw_runs,
             encoder_delay=self._delay,
             torque_unit=self.torque_unit_,
-            third_loop=None if residual is None else (residual.inputs_, residual.mixtures_),
+            third_loop=None if residual is None else (residual.inputs_, residual.mixtures_, residual.compliance_),
         )
         return self
 
@@ -203,10 +207,11 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         check_is_fitted(self, "band_")
         return prepare(recording, self.band_, self.rate_)
 
-    def model_with(self, mixtures: Mixtures) -> _core.TorqueModel:
-        """Return the fitted model with other mixtures in its third loop; all None leaves it out."""
-        inputs = "joint_state" if self.residual_ is None else self.residual_.inputs_
-        return with_mixtures(self.model_, inputs, mixtures)
+    def model_with(self, regressions: Regressions) -> _core.TorqueModel:
+        """Return the fitted model with other regressions in its third loop; all None leaves it out."""
+        if self.residual_ is None:
+            return with_residual(self.model_, "joint_state", regressions, np.zeros(self.robot.n_joints))
+        return with_residual(self.model_, self.residual_.inputs_, regressions, self.residual_.compliance_)
 
     def _estimators(self) -> tuple[FrictionIdentifier, LinkDynamicsIdentifier, ResidualCompensator | None]:
         """Fresh copies of the three loops, so that the user's own are never changed."""
@@ -276,12 +281,15 @@ def _as_list(recordings: Recording | Sequence[Recording]) -> list[Recording]:
     return [recordings] if isinstance(recordings, Recording) else list(recordings)
 
 
-def _third_loop_torque(residual: ResidualCompensator, states: States) -> FloatArray:
-    """Torque of the kept mixtures at every sample, (n, n_joints)."""
-    tau = np.zeros_like(states.tau)
-    if residual.kept.any():
-        u = inputs_of(states, choose_inputs(residual.inputs, [states]))
-        for j, mixture in enumerate(residual.mixtures_):
-            if mixture is not None:
-                tau[:, j] = mixture.predict(u[:, j])[0]
+def _link_torque(plan: Plan, links: LinkDynamicsIdentifier, states: States) -> FloatArray:
+    """Rigid-body torque of the second loop at every sample, (n, n_joints) in the torque unit."""
+    phi = np.zeros(10 * plan.robot.n_joints)
+    phi[plan.pivots] = links.phi_base_
+    tau: FloatArray = plan.robot.inverse_dynamics(states.q, states.dq, states.ddq, phi) * links.torque_scale_
     return tau
+
+
+def _linear_columns(observations: Observations) -> list[list[FloatArray]]:
+    """Columns of every joint's terms, per joint and run."""
+    blocks = observations.blocks
+    return [observations.by_run([block.rows[j][:, :-1] for block in blocks]) for j in range(len(blocks[0].rows))]

@@ -43,7 +43,10 @@ def identify(
         typer.Option(metavar="G[,G...]", help="Joint torque per motor current [N*m/A], one per joint"),
     ] = None,
     weighting: Annotated[str, typer.Option(help="joint_variance, full_covariance or none")] = "joint_variance",
-    residual: Annotated[str, typer.Option(help="Third loop on: auto, deflection, joint_state or none")] = "auto",
+    residual: Annotated[
+        str, typer.Option(help="Third loop on: auto, load_free_deflection, deflection, joint_state or none")
+    ] = "auto",
+    compensator: Annotated[str, typer.Option(help="Third loop by: mixture or rbf")] = "mixture",
     cutoff: Annotated[float | None, typer.Option(help="Band [Hz]; chosen from the motion if left out")] = None,
     json_output: Annotated[bool, typer.Option("--json", help="Answer as JSON on standard output")] = False,
 ) -> int:
@@ -64,7 +67,7 @@ def identify(
     with progress() as say:
         say("reading")
         model = read_robot(robot, base, tip, gravity)
-        identifier = _identifier(model, weighting, residual, cutoff)
+        identifier = _identifier(model, weighting, residual, compensator, cutoff)
         settings = read_settings(config, drive_gain, model.n_joints)
         split, findings = read_split(runs, test or [], test_from, model, settings)
         check_cutoff(cutoff, [*split.train, *split.test])
@@ -80,10 +83,10 @@ def identify(
     return _exit_code(result)
 
 
-def _identifier(model: Any, weighting: str, residual: str, cutoff: float | None) -> Any:
+def _identifier(model: Any, weighting: str, residual: str, compensator: str, cutoff: float | None) -> Any:
     from dynid_rs.identification import ThreeLoopIdentifier
     from dynid_rs.links import LinkDynamicsIdentifier
-    from dynid_rs.residual import ResidualCompensator
+    from dynid_rs.residual import METHODS, ResidualCompensator
 
     choices: dict[str, Literal["joint_variance", "full_covariance"] | None] = {
         "joint_variance": "joint_variance",
@@ -92,12 +95,15 @@ def _identifier(model: Any, weighting: str, residual: str, cutoff: float | None)
     }
     if weighting not in choices:
         raise ValueError(f"--weighting must be one of {', '.join(choices)}, found {weighting!r}")
-    if residual not in ("auto", "deflection", "joint_state", "none"):
-        raise ValueError(f"--residual must be auto, deflection, joint_state or none, found {residual!r}")
+    inputs = ("auto", "load_free_deflection", "deflection", "joint_state")
+    if residual not in (*inputs, "none"):
+        raise ValueError(f"--residual must be {', '.join(inputs)} or none, found {residual!r}")
+    if compensator not in METHODS:
+        raise ValueError(f"--compensator must be {' or '.join(METHODS)}, found {compensator!r}")
     return ThreeLoopIdentifier(
         model,
         links=LinkDynamicsIdentifier(choices[weighting]),
-        residual=None if residual == "none" else ResidualCompensator(inputs=residual),  # type: ignore[arg-type]
+        residual=None if residual == "none" else ResidualCompensator(method=compensator, inputs=residual),  # type: ignore[arg-type]
         cutoff=cutoff,
     )
 

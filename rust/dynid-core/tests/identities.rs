@@ -12,8 +12,8 @@ use dynid_core::link_params::{inertia_matrix, transform, N_LINK_PARAMS};
 use dynid_core::model::TorqueModelParts;
 use dynid_core::{
     inverse_dynamics_into, joint_torque_regressor_into, CoreError, Domain, Effect, EffectTerm,
-    GaussianMixtureRegression, JointKind, Residual, ResidualInputs, RobotModel, State, Status,
-    TorqueEstimator, TorqueModel, Workspace,
+    GaussianMixtureRegression, JointKind, NormalisedRbf, Residual, ResidualInputs, RobotModel,
+    State, Status, TorqueEstimator, TorqueModel, Workspace,
 };
 use nalgebra::{DMatrix, DVector, Matrix3, Rotation3, Unit, Vector3};
 use proptest::collection::vec;
@@ -399,17 +399,40 @@ proptest! {
     }
 }
 
+/// Mixtures on some joints, and on every other one of them an RBF in the mixture's place.
+fn residual(inputs: ResidualInputs, mixtures: &[Option<GaussianMixtureRegression>]) -> Residual {
+    let joints = mixtures
+        .iter()
+        .enumerate()
+        .map(|(j, mixture)| {
+            let mixture = mixture.as_ref()?;
+            if j % 2 == 0 {
+                return Some(mixture.clone().into());
+            }
+            let means = mixture.means();
+            let centers = means.chunks_exact(3).flat_map(|mean| [mean[0], mean[1]]);
+            let weights: Vec<f64> = means.chunks_exact(3).map(|mean| mean[2]).collect();
+            let variances = vec![0.5; weights.len()];
+            let rbf = NormalisedRbf::new(centers.collect(), vec![4.0, 9.0], weights, variances);
+            Some(rbf.expect("finite numbers").into())
+        })
+        .collect();
+    Residual::new(inputs, joints)
+        .and_then(|residual| residual.with_compliance(vec![1e-3; mixtures.len()]))
+        .expect("two inputs each")
+}
+
 /// A model with every effect, two-encoder delays, gains and a mixture on some of the joints.
 fn model(most: usize) -> impl Strategy<Value = (Case, Arc<TorqueModel>)> {
     (
         case(most),
         vec(proptest::option::of(mixture(2, 4)), most),
-        any::<bool>(),
+        proptest::sample::select(&ResidualInputs::ALL[..]),
         vec(-2.0..2.0f64, most * 10),
         vec(0.5..2.0f64, most),
         vec(0.0..0.004f64, most),
     )
-        .prop_map(|(case, mixtures, deflection, numbers, scale, delay)| {
+        .prop_map(|(case, mixtures, inputs, numbers, scale, delay)| {
             let n = case.q.len();
             let friction = Effect::Friction(Friction {
                 velocity_threshold: vec![0.05; n],
@@ -420,11 +443,6 @@ fn model(most: usize) -> impl Strategy<Value = (Case, Arc<TorqueModel>)> {
                 EffectTerm::new(effect, numbers[first..first + count].to_vec(), n)
                     .expect("a valid term")
             };
-            let inputs = if deflection {
-                ResidualInputs::Deflection
-            } else {
-                ResidualInputs::JointState
-            };
             let model = TorqueModel::new(TorqueModelParts {
                 robot: case.robot.clone(),
                 phi: case.phi.clone(),
@@ -434,7 +452,7 @@ fn model(most: usize) -> impl Strategy<Value = (Case, Arc<TorqueModel>)> {
                     term(Effect::TorqueOffset(TorqueOffset), n),
                     term(friction, 2 * n),
                 ],
-                residual: Some(Residual::new(inputs, mixtures[..n].to_vec()).expect("two inputs")),
+                residual: Some(residual(inputs, &mixtures[..n])),
                 encoder_delay: delay[..n].to_vec(),
                 noise_std: vec![0.1; n],
                 domain: Domain {

@@ -7,6 +7,7 @@ mod errors;
 mod mixture;
 mod model;
 mod offline;
+mod rbf;
 mod robot;
 
 use pyo3::prelude::*;
@@ -30,6 +31,7 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<base::PyBaseParameters>()?;
     m.add_class::<effects::PyEffect>()?;
     m.add_class::<mixture::PyGaussianMixtureRegression>()?;
+    m.add_class::<rbf::PyNormalisedRbf>()?;
     m.add_class::<model::PyTorqueModel>()?;
     m.add_function(wrap_pyfunction!(effects::friction_basis, m)?)?;
     m.add_function(wrap_pyfunction!(model::residual_inputs, m)?)?;
