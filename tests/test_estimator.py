@@ -118,9 +118,7 @@ def mixture(rng: np.random.Generator, scale: tuple[float, float]) -> _core.Gauss
 def rbf(rng: np.random.Generator, scale: tuple[float, float]) -> _core.NormalisedRbf:
     """Eight centres over inputs of about this size."""
     size = np.array(scale)
-    return _core.NormalisedRbf(
-        rng.normal(size=(8, 2)) * size, 4 / size**2, rng.normal(size=8), rng.uniform(0.1, 1, 8)
-    )
+    return _core.NormalisedRbf(rng.normal(size=(8, 2)) * size, 4 / size**2, rng.normal(size=8), rng.uniform(0.1, 1, 8))
 
 
 def random_model(robot: _core.RobotModel, inputs: str | None, *, delayed: bool, seed: int) -> _core.TorqueModel:

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 
-RIDGE = 1e-3
-"""Directions of the normalised columns weaker than this are not told by the data, and stay out."""
+RIDGE = 3e-2
+"""Directions of the normalised columns that are weaker than this hardly move: the data does not tell them."""
 ROUNDS = 3
 """Rounds of g and linear terms in turn, after a start in which u enters linearly."""
 

@@ -24,6 +24,9 @@ NamedInputs = Literal["deflection", "joint_state", "load_free_deflection"]
 Inputs = Literal["auto", "deflection", "joint_state", "load_free_deflection"]
 Regression = _core.GaussianMixtureRegression | _core.NormalisedRbf
 
+CARRIES_OVER = 3.0
+"""Where friction and links, fitted to the other blocks, leave more than this times what they leave when they have seen
+a block, the others do not determine them, and nothing can be said about a third loop beside them."""
 METHODS: tuple[Method, ...] = ("mixture", "rbf")
 NAMED_INPUTS: tuple[NamedInputs, ...] = ("deflection", "joint_state", "load_free_deflection")
 
@@ -60,8 +63,8 @@ class ResidualCompensator(BaseEstimator):  # type: ignore[misc]
     candidates_ : list of GaussianMixtureRegression, NormalisedRbf or None
         The same without the question whether it pays; None where a joint has no second encoder.
     ratio_ : ndarray (n_joints,)
-        RMS with over RMS without on left-out runs; on the training runs where not even those gained; 1 where nothing
-        was fitted.
+        RMS with over RMS without on left-out runs; on the training runs where not even those gained; over what the
+        first two loops leave there when they have seen them, where those do not carry over; 1 where nothing was fitted.
     inputs_ : str
         Inputs in use.
     n_centers_ : list of int
@@ -208,6 +211,9 @@ class ResidualCompensator(BaseEstimator):  # type: ignore[misc]
         if ratio > 1 - least_gain:
             return False, best, ratio  # what does not pay on its own runs does not pay on others
         power = left_out(size) if power is None else power
+        seen = float(np.sum(all_e**2))
+        if np.sum(power[:, 1]) > CARRIES_OVER**2 * seen:
+            return False, best, float(np.sqrt(np.sum(power[:, 0]) / seen))
         ratio = float(np.sqrt(np.sum(power[:, 0]) / np.sum(power[:, 1])))
         return bool(ratio < 1 - least_gain and np.all(power[:, 0] < power[:, 1])), best, ratio
 
