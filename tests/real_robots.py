@@ -14,7 +14,7 @@ import dynid_rs as dyn
 from dynid_rs.checks import check_recording, refused_sources
 from dynid_rs.identification import ThreeLoopIdentifier
 from dynid_rs.readers import Config
-from dynid_rs.results import summarise
+from dynid_rs.results import evaluate_runs, summarise
 from dynid_rs.splitting import split_runs
 
 
@@ -67,7 +67,9 @@ def identify(case: Case) -> tuple[ThreeLoopIdentifier, dict]:
     )
     split = split_runs(runs, tests, case.test_from)
     identifier = ThreeLoopIdentifier(robot).fit(split.train)
-    return identifier, summarise(identifier, split.train, split.test, [])
+    train = evaluate_runs(identifier.model_, split.train, identifier.raw_runs_)
+    test = evaluate_runs(identifier.model_, split.test, [identifier.states(recording) for recording in split.test])
+    return identifier, summarise(identifier, train, test, [])
 
 
 def _read(path, robot, config):

@@ -370,7 +370,7 @@ def test_old_results_stay_when_writing_fails(tmp_path, monkeypatch, error):
         (old / name).write_text("old")
     before = snapshot(tmp_path)
 
-    def fail(folder):
+    def fail(folder, source=None):
         raise error
 
     monkeypatch.setattr("dynid_rs.report.write_report", fail)

@@ -139,9 +139,20 @@ def make_result(n_joints: int, seed: int = 0) -> dict[str, Any]:
             "condition_number": 120.0,
         },
         "history": [
-            {"iteration": k, "rmse_train": (after * (1.0 + 0.5 * 0.2**k)).tolist(), "rmse_wls": wls.tolist()}
+            {
+                "iteration": k,
+                "rmse_train": (after * (1.0 + 0.5 * 0.2**k)).tolist(),
+                "rmse_train_after": {
+                    loop: (after * (1.0 + extra * 0.2**k)).tolist()
+                    for loop, extra in (("friction", 0.7), ("links", 0.6), ("residual", 0.5))
+                },
+            }
             for k in range(1, 6)
         ],
+        "loops": {
+            kind: {"wls": wls.tolist(), "friction": wls.tolist(), "links": after.tolist(), "residual": after.tolist()}
+            for kind in ("train", "test")
+        },
         "converged": True,
         "n_iter": 5,
         "floor_method": "Repeated periods of the trajectory",
@@ -418,7 +429,8 @@ def test_absurd_but_finite_numbers(tmp_path: Path) -> None:
     result = make_result(2)
     result["rmse"]["test"] |= {"torque_std": [1e-300, 1e300], "wls": [1e300, 1e-300], "floor": [0.0, None]}
     result["parameters"]["base"][0] |= {"value": 5e-324, "std_error": 1e300, "interval": [-1e300, 1e300]}
-    result["history"][0]["rmse_train"] = [5e-324, 0.0]
+    result["history"][0]["rmse_train_after"]["friction"] = [5e-324, 0.0]
+    result["loops"]["test"]["wls"] = [1e300, 5e-324]
     path = write_report(write_inputs(tmp_path, result, make_table(2, 200)))
     text = Page(path.read_text(encoding="utf-8")).text
     assert not re.search(r"\b(inf|nan)\b", text)

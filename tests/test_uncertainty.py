@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 
 import numpy as np
@@ -18,6 +19,8 @@ from dynid_rs.simulation import bundled_robot, simulate, typical_arm
 from dynid_rs.uncertainty import NORMAL_95, parameter_covariance
 
 N_RUNS = 200
+N_WHOLE = int(os.environ.get("DYNID_COVERAGE_RUNS", "25"))
+"""Whole identifications, more than a second each: 200 of them are an experiment, not a test."""
 
 
 @pytest.fixture(scope="module")
@@ -87,7 +90,7 @@ def test_intervals_cover_the_whole_way(experiment):
     plan, runs, _, truth, std = experiment
     rng = np.random.default_rng(2)
     inside = []
-    for _ in range(25):
+    for _ in range(N_WHOLE):
         recordings = [
             Recording(s.t, s.q, s.dq, s.ddq, s.tau + rng.normal(size=s.tau.shape) * std, name=s.name) for s in runs
         ]
@@ -96,8 +99,11 @@ def test_intervals_cover_the_whole_way(experiment):
         error = np.abs(identifier.links_.x_ - truth)
         inside.append((error <= NORMAL_95 * np.sqrt(np.diag(covariance)))[plan.estimable()])
     hits = np.mean(inside, axis=0)
-    assert hits[: plan.n_base].mean() >= 0.92, hits
-    assert hits[plan.n_base :].mean() >= 0.90, hits
+    base, own = hits[: plan.n_base].mean(), hits[plan.n_base :].mean()
+    print(f"{N_WHOLE} runs, everything fitted: {100 * base:.1f} % of base and {100 * own:.1f} % of own parameters")
+    least_base, least_own = (0.93, 0.93) if N_WHOLE >= 200 else (0.92, 0.90)
+    assert least_base <= base <= 0.99, hits
+    assert least_own <= own <= 0.99, hits
 
 
 def test_a_model_without_noise_is_exact(experiment):

@@ -16,8 +16,9 @@ from dynid_rs import _core
 from dynid_rs.assembly import Regressions, assemble, evaluate, with_residual
 from dynid_rs.columns import Observations, Plan, make_plan, observe, run_rows
 from dynid_rs.encoders import EncoderDelay, estimate_encoder_delay
+from dynid_rs.evaluation import rmse as rms
 from dynid_rs.friction import FrictionIdentifier, friction_effect
-from dynid_rs.links import LinkDynamicsIdentifier, baseline, block_residuals
+from dynid_rs.links import LinkDynamicsIdentifier, baseline, block_residuals, own_beside
 from dynid_rs.preprocessing import Band, States, choose_band, common_rate, prepare
 from dynid_rs.recording import Recording
 from dynid_rs.residual import ResidualCompensator
@@ -69,14 +70,17 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         The fitted loops.
     baseline_ : TorqueModel
         Rigid body, Coulomb and viscous friction by weighted least squares: what the paper compares with.
+    friction_model_ : TorqueModel
+        What the first loop gives by itself: friction with its shape beside the baseline's links.
     encoder_delay_ : EncoderDelay or None
         Delay between the two encoder channels; None with one encoder.
     observations_ : Observations
         Rows and factors of the last round.
-    runs_ : list of States
-        Training runs, link channel on the motor channel's clock.
+    raw_runs_, runs_ : list of States
+        Training runs, channels as recorded and with the link channel on the motor channel's clock.
     history_ : list of dict
-        Residual per joint after every round.
+        RMS per joint (n_joints,) that is left on the training runs after every loop of every round: `friction` with
+        the links held, `links`, `residual`.
     n_iter_, converged_ : int, bool
         Of the three loops.
     """
@@ -147,6 +151,7 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         in_ampere = self.torque_unit_ == "A"
 
         third_loop = [np.zeros_like(states.tau) for states in runs]
+        held = self._baseline_links.phi_base_, self._baseline_links.torque_scale_
         self.history_: list[dict[str, FloatArray]] = []
         self.converged_ = False
         changed = None  # joints whose torque the third loop has changed; at first all are new
@@ -159,7 +164,12 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
             # Loop 2: links and all linear coefficients, without the third loop's torque (Eqs. 19-25).
             on_progress(f"round {self.n_iter_}: link dynamics")
             observations = observe(plan, runs, [s.tau - u for s, u in zip(runs, third_loop, strict=True)])
+            own, after_friction = own_beside(observations, *held)
+            if self.n_iter_ == 1:
+                self.friction_model_ = self._model(plan, self._baseline_links, own, data.raw_runs)
             links.fit(observations, fit_scale=in_ampere)
+            held = links.phi_base_, links.torque_scale_
+            after = after_links = rms(block_residuals(observations, links.x_, links.torque_scale_))
             # Loop 3: what is left, from the deflection (Eqs. 31-39); where it does not pay, it stays out.
             if residual is not None:
                 on_progress(f"round {self.n_iter_}: residual")
@@ -170,11 +180,13 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
                     residual.fit(runs, left, tau_link=tau_link, columns=_linear_columns(observations))
                 else:
                     residual.refit(runs, left, tau_link=tau_link)
-            self.history_.append({"noise_std": links.noise_std_})
+                torque = [residual.torque(states, load) for states, load in zip(runs, tau_link, strict=True)]
+                after = rms([e - states.in_band(u) for e, states, u in zip(left, runs, torque, strict=True)])
+            self.history_.append({"friction": after_friction, "links": after_links, "residual": after})
             if residual is None or not residual.kept.any() or self._settled():
                 self.converged_ = True
                 break
-            third_loop = [residual.torque(states, load) for states, load in zip(runs, tau_link, strict=True)]
+            third_loop = torque
             changed = np.flatnonzero(residual.kept).tolist()
         if not self.converged_:
             warnings.warn(
@@ -183,16 +195,9 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
                 stacklevel=2,
             )
         self.friction_, self.links_, self.residual_ = friction, links, residual
-        self.observations_, self.runs_ = observations, runs
-        self.model_ = assemble(
-            plan,
-            links,
-            links.own_,
-            data.raw_runs,
-            encoder_delay=self._delay,
-            torque_unit=self.torque_unit_,
-            third_loop=None if residual is None else (residual.inputs_, residual.mixtures_, residual.compliance_),
-        )
+        self.observations_, self.raw_runs_, self.runs_ = observations, data.raw_runs, runs
+        kept = None if residual is None else (residual.inputs_, residual.mixtures_, residual.compliance_)
+        self.model_ = self._model(plan, links, links.own_, data.raw_runs, kept)
         return self
 
     def predict(self, recording: Recording) -> FloatArray:
@@ -249,16 +254,20 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
 
     def _fit_baseline(self, observations: Observations, runs: list[States], *, fit_scale: bool) -> None:
         simple, regroup = baseline(observations)
-        links = LinkDynamicsIdentifier(ridge=0.0).fit(simple, fit_scale=fit_scale)
+        self._baseline_links = links = LinkDynamicsIdentifier(ridge=0.0).fit(simple, fit_scale=fit_scale)
         self._delay = np.zeros(self.robot.n_joints)
-        self.baseline_ = assemble(
-            observations.plan,
-            links,
-            links.own_ @ regroup.T,
-            runs,
-            encoder_delay=self._delay,
-            torque_unit=self.torque_unit_,
-        )
+        self.baseline_ = self._model(observations.plan, links, links.own_ @ regroup.T, runs)
+
+    def _model(
+        self,
+        plan: Plan,
+        links: LinkDynamicsIdentifier,
+        own: FloatArray,
+        runs: list[States],
+        third_loop: tuple[str, Regressions, FloatArray] | None = None,
+    ) -> _core.TorqueModel:
+        delay, unit = self._delay, self.torque_unit_
+        return assemble(plan, links, own, runs, encoder_delay=delay, torque_unit=unit, third_loop=third_loop)
 
     def _measure_encoder_delay(self, runs: list[States]) -> bool:
         """Estimate the delay between the channels; true if there are two."""
@@ -273,7 +282,7 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
     def _settled(self) -> bool:
         if len(self.history_) < 2:
             return False
-        last, now = self.history_[-2]["noise_std"], self.history_[-1]["noise_std"]
+        last, now = self.history_[-2]["links"], self.history_[-1]["links"]
         return bool(np.all(np.abs(now - last) <= self.tol * np.maximum(last, 1e-300)))
 
 

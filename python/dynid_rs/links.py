@@ -167,6 +167,24 @@ def residual_power(plan: Plan, factors: Sequence[FloatArray], x: FloatArray, sca
     return np.array([np.sum(_residual(plan, j, R, x, scale) ** 2) for j, R in enumerate(factors)])
 
 
+def own_beside(observations: Observations, phi_base: FloatArray, scale: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Own coefficients (n_joints, n_own) by least squares while the links are held, and the residual's RMS (n_joints,).
+
+    What the first loop gives by itself: friction beside known link dynamics (Eq. 12).
+    """
+    plan = observations.plan
+    own, left = np.zeros(plan.own.shape), np.zeros(len(plan.own))
+    for j, R in enumerate(observations.factors()):
+        base = phi_base[plan.pivots >= 10 * j]
+        target = R[:, -1] - scale[j] * (R[:, plan.n_own : -1] @ base)
+        columns = R[:, : plan.n_own][:, plan.own[j]]
+        norms = np.linalg.norm(columns, axis=0)
+        norms[norms == 0] = 1.0
+        own[j, plan.own[j]] = np.linalg.lstsq(columns / norms, target, rcond=NEGLIGIBLE)[0] / norms
+        left[j] = np.linalg.norm(target - columns @ own[j, plan.own[j]])
+    return own, left / np.sqrt(observations.n_rows)
+
+
 def _residual(plan: Plan, j: int, rows: FloatArray, x: FloatArray, scale: FloatArray) -> FloatArray:
     """Torque left of joint j's rows (or factor rows)."""
     coefficients = x[plan.unknowns(j)]

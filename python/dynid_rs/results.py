@@ -48,10 +48,30 @@ def score(model: _core.TorqueModel, runs: Sequence[States]) -> Scores:
     return Scores([compare(states, evaluate(model, states)[0]) for states in runs])
 
 
+@dataclass(frozen=True, eq=False)
+class Evaluated:
+    """One run and the fitted model's torque along it: `total` (n, n_joints), `terms` (n, n_terms, n_joints)."""
+
+    recording: Recording
+    states: States
+    total: FloatArray
+    terms: FloatArray
+    comparison: Comparison
+
+
+def evaluate_runs(model: _core.TorqueModel, recordings: Sequence[Recording], runs: Sequence[States]) -> list[Evaluated]:
+    """Predict every run once, with the code that runs online; `runs` are the states of `recordings`, as recorded."""
+    evaluated = []
+    for recording, states in zip(recordings, runs, strict=True):
+        total, terms, _ = evaluate(model, states)
+        evaluated.append(Evaluated(recording, states, total, terms, compare(states, total)))
+    return evaluated
+
+
 def summarise(
     identifier: ThreeLoopIdentifier,
-    train: Sequence[Recording],
-    test: Sequence[Recording],
+    train: Sequence[Evaluated],
+    test: Sequence[Evaluated],
     findings: Sequence[Finding],
 ) -> dict[str, Any]:
     """Content of `result.json`: errors on the test runs, parameters with intervals, what was found in the data."""
@@ -64,19 +84,15 @@ def summarise(
 
 def _summarise(
     identifier: ThreeLoopIdentifier,
-    train: Sequence[Recording],
-    test: Sequence[Recording],
+    train: Sequence[Evaluated],
+    test: Sequence[Evaluated],
     findings: Sequence[Finding],
 ) -> dict[str, Any]:
     robot = identifier.robot
-    train_states = [identifier.states(recording) for recording in train]
-    test_states = [identifier.states(recording) for recording in test]
-    trained, tested = score(identifier.model_, train_states), score(identifier.model_, test_states)
+    train_states, test_states = [run.states for run in train], [run.states for run in test]
+    trained, tested = Scores([run.comparison for run in train]), Scores([run.comparison for run in test])
     baseline = score(identifier.baseline_, test_states)
-    whole = [
-        states.band.apply(states.tau - evaluate(identifier.model_, states)[0], states.rate)[states.grid]
-        for states in test_states
-    ]
+    whole = [run.states.band.apply(run.states.tau - run.total, run.states.rate)[run.states.grid] for run in test]
     with_standstill = rmse(whole)
     notes = [
         Finding("signal_replaced", "info", note, file=states.name)
@@ -90,8 +106,8 @@ def _summarise(
         "joints": list(robot.joint_names),
         "torque_unit": identifier.torque_unit_,
         "data": {
-            "train": [recording.name for recording in train],
-            "test": [recording.name for recording in test],
+            "train": [run.recording.name for run in train],
+            "test": [run.recording.name for run in test],
             "n_samples": {"train": _count(train), "test": _count(test)},
             "n_dropped": {"train": _standing_still(train_states), "test": _standing_still(test_states)},
             "rate_hz": train_states[0].rate,
@@ -119,8 +135,10 @@ def _summarise(
         "parameters": _parameters(identifier),
         "base_parameters": _base(identifier),
         "history": [
-            {"iteration": k + 1, "rmse_train": entry["noise_std"]} for k, entry in enumerate(identifier.history_)
+            {"iteration": k + 1, "rmse_train": after["residual"], "rmse_train_after": after}
+            for k, after in enumerate(identifier.history_)
         ],
+        "loops": _loops(identifier, trained, tested, train_states, test_states),
         "n_iter": identifier.n_iter_,
         "converged": identifier.converged_,
     }
@@ -131,32 +149,41 @@ def _summarise(
 
 
 def residual_table(
-    identifier: ThreeLoopIdentifier, train: Sequence[Recording], test: Sequence[Recording]
+    model: _core.TorqueModel, train: Sequence[Evaluated], test: Sequence[Evaluated]
 ) -> dict[str, NDArray[Any]]:
     """Content of `residuals.parquet`: per row and joint measured, predicted, every term, residual; in the band."""
     parts: list[dict[str, NDArray[Any]]] = []
-    names = identifier.model_.term_names
-    for kind, recordings in (("train", train), ("test", test)):
-        for recording in recordings:
-            states = identifier.states(recording)
-            total, terms, _ = evaluate(identifier.model_, states)
-            filtered = states.in_band(terms)
-            comparison = compare(states, total)
+    for kind, runs in (("train", train), ("test", test)):
+        for run in runs:
+            states, comparison = run.states, run.comparison
+            filtered = states.in_band(run.terms)
             n_rows = len(states.rows)
             part: dict[str, NDArray[Any]] = {
-                "run": np.full(n_rows, recording.name, dtype=object),
+                "run": np.full(n_rows, run.recording.name, dtype=object),
                 "set": np.full(n_rows, kind, dtype=object),
                 "t": states.t[states.rows],
             }
-            for j in range(identifier.robot.n_joints):
+            for j in range(model.robot.n_joints):
                 part[f"q_{j}"], part[f"dq_{j}"] = states.q[states.rows, j], states.dq_motor[states.rows, j]
                 part[f"measured_{j}"], part[f"predicted_{j}"] = comparison.measured[:, j], comparison.predicted[:, j]
                 part[f"residual_{j}"] = comparison.error[:, j]
-                for k, name in enumerate(names):
+                for k, name in enumerate(model.term_names):
                     part[f"{'residual_term' if name == 'residual' else name}_{j}"] = filtered[:, k, j]
                 part.setdefault(f"residual_term_{j}", np.zeros(n_rows))
             parts.append(part)
     return {column: np.concatenate([part[column] for part in parts]) for column in parts[0]}
+
+
+def _loops(
+    identifier: ThreeLoopIdentifier, trained: Scores, tested: Scores, train: list[States], test: list[States]
+) -> dict[str, Any]:
+    """What each loop gave: errors of the baseline, with the first loop's friction, with fitted links, of all."""
+    without = identifier.model_with([None] * identifier.robot.n_joints)
+    stages = (("wls", identifier.baseline_), ("friction", identifier.friction_model_), ("links", without))
+    return {
+        name: {stage: score(model, runs).rmse for stage, model in stages} | {"residual": whole.rmse}
+        for name, runs, whole in (("train", train, trained), ("test", test, tested))
+    }
 
 
 def _residual(identifier: ThreeLoopIdentifier, test: list[States], tested: Scores) -> dict[str, Any]:
@@ -272,8 +299,8 @@ def _parameter(name: str, value: float, std: float, unit: str) -> dict[str, Any]
     return {"name": name, "value": value, "unit": unit, "std_error": std, "interval": interval}
 
 
-def _count(recordings: Sequence[Recording]) -> int:
-    return sum(recording.n_samples for recording in recordings)
+def _count(runs: Sequence[Evaluated]) -> int:
+    return sum(run.recording.n_samples for run in runs)
 
 
 def _standing_still(runs: Sequence[States]) -> int:

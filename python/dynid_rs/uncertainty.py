@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from dynid_rs import _core
 from dynid_rs.columns import Observations
-from dynid_rs.links import LinkDynamicsIdentifier, block_residuals, stack_one
+from dynid_rs.links import LinkDynamicsIdentifier, block_residuals
 from dynid_rs.preprocessing import States
 
 FloatArray = NDArray[np.float64]
@@ -39,13 +39,15 @@ def parameter_covariance(
     weights = np.diag(np.linalg.inv(links.covariance_)) if links.weighting == "full_covariance" else links.weights_**2
     used = plan.estimable()
     columns = [_columns(observations, links, runs, j, used, fitted_widths) for j in range(n)]
-    bread = _bread(columns, np.sqrt(weights))
+    width = int(used.sum()) + n * fitted_widths
+    bread = _bread(columns, np.sqrt(weights), width)
     residuals = _on_grid(observations, runs, block_residuals(observations, links.x_, links.torque_scale_))
     masks = _on_grid(observations, runs, [np.ones((block.n_rows, 1)) for block in observations.blocks])
     meat = np.zeros_like(bread)
-    for j in range(n):
-        noise = _Noise([run[:, j] for run in residuals], [run[:, 0] for run in masks], columns[j], weights[j] * bread)
-        meat += weights[j] ** 2 * sum(_toeplitz_product(run, noise.spectrum) for run in columns[j])
+    for j, (places, grids) in enumerate(columns):
+        own = np.ix_(places, places)
+        noise = _Noise([run[:, j] for run in residuals], [run[:, 0] for run in masks], grids, weights[j] * bread[own])
+        meat[own] += weights[j] ** 2 * sum(_toeplitz_product(run, noise.spectrum) for run in grids)
     covariance = np.zeros((plan.n_columns, plan.n_columns))
     n_used = int(used.sum())
     covariance[np.ix_(used, used)] = (bread @ meat @ bread)[:n_used, :n_used]
@@ -59,13 +61,18 @@ def _columns(
     j: int,
     used: NDArray[np.bool_],
     fitted_widths: bool,
-) -> list[FloatArray]:
-    """Columns of joint j on every run's grid: those in use, then the torque's change with each joint's log width."""
+) -> tuple[NDArray[np.intp], list[FloatArray]]:
+    """Columns that joint j's torque knows, on every run's grid, and their places among those of the whole fit.
+
+    The fit's are the unknowns in use, then the torque's change with each joint's log width.
+    """
     plan = observations.plan
-    wide = [stack_one(plan, j, block.rows[j], links.torque_scale_)[:, :-1][:, used] for block in observations.blocks]
-    grids = _on_grid(observations, runs, wide)
+    known = used[plan.unknowns(j)]
+    places = (np.cumsum(used) - 1)[plan.unknowns(j)[known]]
+    factor = np.where(np.arange(len(known)) < plan.n_own, 1.0, links.torque_scale_[j])[known]
+    grids = _on_grid(observations, runs, [block.rows[j][:, :-1][:, known] * factor for block in observations.blocks])
     if not fitted_widths:
-        return grids
+        return places, grids
     shape = dict(plan.effects[-1].shape)
     threshold, width = shape["velocity_threshold"][j], shape["transition_width"][j]
     coefficients = links.own_[j, -len(_core.FRICTION_NAMES) :]
@@ -76,20 +83,23 @@ def _columns(
             _core.filtered_friction_basis(speed, threshold, width * factor, filter=states.filter, kept=states.kept)
             for factor in (1 - WIDTH_STEP, 1 + WIDTH_STEP)
         )
-        change = np.zeros((len(grid), plan.robot.n_joints))
-        change[states.moving[states.grid], j] = (high - low) @ coefficients / (2 * WIDTH_STEP)
-        widened.append(np.concatenate([grid, change], axis=1))
-    return widened
+        change = np.zeros(len(grid))
+        change[states.moving[states.grid]] = (high - low) @ coefficients / (2 * WIDTH_STEP)
+        widened.append(np.column_stack([grid, change]))
+    return np.append(places, int(used.sum()) + j), widened
 
 
-def _bread(columns: Sequence[Sequence[FloatArray]], root_weights: FloatArray) -> FloatArray:
-    """``(sum_j w_j C_j' C_j)^-1`` through a triangular factor."""
-    factors = [
-        _core.triangular_factor(root_weight * run)
-        for root_weight, joint in zip(root_weights, columns, strict=True)
-        for run in joint
-    ]
-    system = _core.merge_factors(factors)
+def _bread(
+    columns: Sequence[tuple[NDArray[np.intp], list[FloatArray]]], root_weights: FloatArray, width: int
+) -> FloatArray:
+    """``(sum_j w_j C_j' C_j)^-1`` (width, width) through a triangular factor."""
+    factors = []
+    for root_weight, (places, grids) in zip(root_weights, columns, strict=True):
+        own = _core.merge_factors([_core.triangular_factor(root_weight * run) for run in grids])
+        wide = np.zeros((len(own), width))
+        wide[:, places] = own
+        factors.append(wide)
+    system = _core.triangular_factor(np.concatenate(factors))
     norms = np.linalg.norm(system, axis=0)
     norms[norms == 0] = 1.0
     _, s, vt = np.linalg.svd(system / norms, full_matrices=False)

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from dynid_rs.findings import Finding
+    from dynid_rs.preprocessing import States
     from dynid_rs.recording import Recording
 
 MODEL_FILE, RESULT_FILE, RESIDUALS_FILE = "model.json", "result.json", "residuals.parquet"
@@ -134,27 +135,30 @@ def _write(
     from dynid_rs.commands._output import filled_together
     from dynid_rs.files import write_json, write_table
     from dynid_rs.report import write_report
-    from dynid_rs.results import residual_table, summarise
+    from dynid_rs.report.source import source_of
+    from dynid_rs.results import evaluate_runs, residual_table, summarise
 
-    _check_motion(identifier, test)
-    result = summarise(identifier, train, test, findings)
-    table = residual_table(identifier, train, test)
+    model = identifier.model_
+    tested = evaluate_runs(model, test, _test_states(identifier, test))
+    trained = evaluate_runs(model, train, identifier.raw_runs_)
+    result = summarise(identifier, trained, tested, findings)
+    table = residual_table(model, trained, tested)
     with filled_together(output) as folder:
-        identifier.model_.save(folder / MODEL_FILE)
+        model.save(folder / MODEL_FILE)
         write_table(folder / RESIDUALS_FILE, table)
         write_json(folder / RESULT_FILE, result)
-        write_report(folder)
+        write_report(folder, source_of(result, table))
     return result
 
 
-def _check_motion(identifier: Any, test: list[Recording]) -> None:
-    """Refuse a test run that stands still or whose torque does: there would be nothing to score."""
+def _test_states(identifier: Any, test: list[Recording]) -> list[States]:
+    """States of the test runs; refuses one that stands still or whose torque does: there would be nothing to score."""
     from dynid_rs.errors import DataError
     from dynid_rs.training import check_torque
 
     check_torque(test)
-    for recording in test:
-        states = identifier.states(recording)
+    runs: list[States] = [identifier.states(recording) for recording in test]
+    for recording, states in zip(test, runs, strict=True):
         if len(states.rows) < LEAST_TEST_ROWS:
             seconds = len(states.rows) * states.step / states.rate
             raise DataError(
@@ -163,6 +167,7 @@ def _check_motion(identifier: Any, test: list[Recording]) -> None:
                 code="too_little_motion",
                 file=recording.name,
             )
+    return runs
 
 
 def _exit_code(result: dict[str, Any]) -> int:

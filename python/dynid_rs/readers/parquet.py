@@ -83,9 +83,10 @@ def open_parquet(path: str | Path) -> Table:
 
 def _to_numpy(column: Any) -> Any:
     import pyarrow as pa
-    import pyarrow.compute as pc
 
     if pa.types.is_timestamp(column.type):
+        import pyarrow.compute as pc
+
         # Seconds since the first row: as float64 since 1970 only a quarter of a microsecond would be left.
         ticks = column.cast(pa.timestamp("ns")).cast(pa.int64())
         return pc.subtract(ticks, ticks[0]).cast(pa.float64()).to_numpy() * 1e-9 if len(ticks) else np.zeros(0)

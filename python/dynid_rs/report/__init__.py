@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from dynid_rs.report.source import Source
 
 REPORT_FILE = "report.html"
 
 
-def write_report(directory: Path) -> Path:
+def write_report(directory: Path, source: Source | None = None) -> Path:
     """Write ``report.html`` into the folder that ``dynid identify`` filled, whole or not at all.
 
     Parameters
     ----------
     directory : Path
         Holds ``result.json`` and ``residuals.parquet``.
+    source : Source, optional
+        The content of the two files, where it is at hand; else it is read from them.
 
     Returns
     -------
@@ -32,7 +38,7 @@ def write_report(directory: Path) -> Path:
     from dynid_rs.report.source import read_source
 
     directory = Path(directory)
-    page = build_page(read_source(directory))
+    page = build_page(read_source(directory) if source is None else source)
     path = directory / REPORT_FILE
     with atomic_path(path) as temporary:
         # A lone surrogate in a name must not cost the user the report.

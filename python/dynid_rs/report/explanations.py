@@ -91,7 +91,19 @@ def _parameter_part(figures: Figures, key: str, title: str, found: Sequence[Resu
 def loops(figures: Figures, result: Result) -> str:
     """Third loop, encoder delay and convergence, in plain words."""
     body = _residual_words(result) + _delay_words(result) + _convergence_words(figures, result)
-    return f'<div class="columns">{body}</div>' if body else ""
+    return _stages(result) + (f'<div class="columns">{body}</div>' if body else "")
+
+
+def _stages(result: Result) -> str:
+    """What each loop gave on runs that none of them has seen."""
+    stages = (result.get("loops") or {}).get("test") or {}
+    if not all(stages.get(loop) for loop in ("wls", "friction", "links", "residual")):
+        return ""
+    return (
+        "<h3>What each loop gave on the test runs</h3><p>Each column is a model with one loop more than the column "
+        "before: the baseline; its links with the friction of the first loop; links fitted beside that friction; the "
+        "third loop where it is kept.</p>" + tables.stages_table(result, stages)
+    )
 
 
 def _convergence_words(figures: Figures, result: Result) -> str:

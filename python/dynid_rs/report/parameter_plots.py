@@ -95,15 +95,20 @@ def _parameter_hover(p: Mapping[str, Any], group_key: str) -> str:
 
 
 def add_history_plot(figures: Figures, result: Mapping[str, Any]) -> bool:
-    """Training error per pass of the loops, relative to the first; False with fewer than two."""
-    history = [step for step in result.get("history") or [] if step.get("rmse_train")]
-    if len(history) < 2:
+    """Training error after every loop of every pass, relative to the first; False with fewer than two."""
+    steps = [
+        (f"{step.get('iteration') or k}: {loop}", after[loop])
+        for k, step in enumerate(result.get("history") or [], 1)
+        for after in [step.get("rmse_train_after") or {}]
+        for loop in ("friction", "links", "residual")
+        if after.get(loop)
+    ]
+    if len(steps) < 2:
         return False
     colors = ("$blue", "$orange", "$green", "$purple", "$red", "$sky", "$brown")
-    passes = [step.get("iteration") or k for k, step in enumerate(history, 1)]
     traces = []
     for j, joint in enumerate(result["joints"]):
-        errors = [step["rmse_train"][j] for step in history]
+        errors = [errors[j] for _, errors in steps]
         shares = [share for error in errors if (share := ratio(error, errors[0])) is not None]
         if len(shares) < len(errors):
             continue
@@ -111,7 +116,7 @@ def add_history_plot(figures: Figures, result: Mapping[str, Any]) -> bool:
             {
                 "type": "scatter",
                 "mode": "lines+markers",
-                "x": passes,
+                "x": [name for name, _ in steps],
                 "y": [100.0 * share for share in shares],
                 "name": esc(_short(joint)),
                 "showlegend": True,
@@ -127,8 +132,8 @@ def add_history_plot(figures: Figures, result: Mapping[str, Any]) -> bool:
     layout = {
         "hovermode": "x unified",
         "showlegend": True,
-        "xaxis": {"title": {"text": "pass through the loops"}, "dtick": max(1, len(passes) // 10)},
-        "yaxis": {"title": {"text": "training error [% of first pass]"}},
+        "xaxis": {"title": {"text": "pass: loop"}, "type": "category"},
+        "yaxis": {"title": {"text": "training error [% of the first]"}},
     }
     if traces:
         figures.add("history", traces, layout)

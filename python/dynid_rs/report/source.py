@@ -25,6 +25,8 @@ _MEND = "write it again with `dynid identify`"
 # The shape of result.json as far as the report reads it. A key with "?" may be absent or null;
 # "per joint" is a list along `joints`, its entries may be null.
 _PARAMETER = {"name": str, "value": float, "unit?": str, "std_error?": float, "interval?": "interval"}
+_AFTER = {loop: ("per joint", float) for loop in ("friction?", "links?", "residual?")}
+_STAGES = {"wls?": ("per joint", float), **_AFTER}
 _SHAPE: Mapping[str, Any] = {
     "robot": str,
     "joints": [str],
@@ -88,7 +90,10 @@ _SHAPE: Mapping[str, Any] = {
     },
     "encoder_delay?": {"value": ("per joint", float), "interval?": ("per joint", "interval"), "unit?": str},
     "base_parameters?": {"n_base?": float, "n_standard?": float, "gap?": float, "condition_number?": float},
-    "history?": [{"iteration?": float, "rmse_train?": ("per joint", float)}],
+    "history?": [
+        {"iteration?": float, "rmse_train?": ("per joint", float), "rmse_train_after?": _AFTER},
+    ],
+    "loops?": {"train?": _STAGES, "test?": _STAGES},
     "converged?": bool,
     "n_iter?": float,
     "floor_method?": str,
@@ -125,6 +130,19 @@ class Source:
 
     result: dict[str, Any]
     signals: Signals
+
+
+def source_of(result: dict[str, Any], table: Mapping[str, NDArray[Any]]) -> Source:
+    """Source from what `dynid identify` is about to write: the content of ``result.json`` and of the table."""
+    run_names, run_code = _distinct(table["run"])
+    columns = {name: values for name, values in table.items() if name not in ("run", "set")}
+    return Source(result, Signals(run_code, run_names, table["set"] == "test", columns))
+
+
+def _distinct(labels: NDArray[Any]) -> tuple[tuple[str, ...], NDArray[np.int64]]:
+    """Distinct labels in order of appearance, and each label's index among them."""
+    places = {name: k for k, name in enumerate(dict.fromkeys(labels.tolist()))}
+    return tuple(places), np.array([places[name] for name in labels.tolist()], dtype=np.int64)
 
 
 def read_source(directory: Path) -> Source:

@@ -101,6 +101,19 @@ def effects_table(result: Result) -> str:
     )
 
 
+def stages_table(result: Result, stages: Result) -> str:
+    """Test error per joint after each loop, in parts of the torque's standard deviation."""
+    size = result["rmse"]["test"]["torque_std"]
+    loops = ("wls", "friction", "links", "residual")
+    rows = []
+    for j, joint in enumerate(result["joints"]):
+        errors = [stages[loop][j] for loop in loops]
+        shares = [cell(percent(ratio(error, size[j]))) for error in errors]
+        rows.append([esc(joint), *shares, change_cell(errors[-1], errors[0])])
+    head = ["Joint", "Weighted least squares", "1: friction", "2: link dynamics", "3: residual", "All three"]
+    return table(head, rows, caption="Error over the torque\u2019s standard deviation")
+
+
 def _before_after(effect: Result, all_joints: Sequence[str]) -> str:
     """Before and after per joint of the effect; the arrays follow either all joints or the effect's own."""
     before, after = effect.get("rmse_test_before") or [], effect.get("rmse_test_after") or []
