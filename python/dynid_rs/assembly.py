@@ -72,25 +72,6 @@ def assemble(
     )
 
 
-def with_residual(
-    model: _core.TorqueModel, inputs: str, regressions: Regressions, compliance: FloatArray
-) -> _core.TorqueModel:
-    """Return the same model with another third loop; all None leaves it out."""
-    kept = any(regression is not None for regression in regressions)
-    return _core.TorqueModel(
-        model.robot,
-        model.phi,
-        model.effects,
-        residual=(inputs, list(regressions)) if kept else None,
-        compliance=compliance.tolist() if kept else None,
-        torque_scale=model.torque_scale.tolist(),
-        encoder_delay=model.encoder_delay.tolist(),
-        noise_std=model.noise_std.tolist(),
-        domain=model.domain,
-        torque_unit=model.torque_unit,
-    )
-
-
 def evaluate(model: _core.TorqueModel, states: States) -> tuple[FloatArray, FloatArray, NDArray[np.uint32]]:
     """Total (n, n_joints), terms (n, n_terms, n_joints) and status bits (n,) along a run, channels as recorded."""
     return model.evaluate(*states.signals())

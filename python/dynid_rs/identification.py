@@ -13,7 +13,7 @@ from sklearn.exceptions import ConvergenceWarning
 from sklearn.utils.validation import check_is_fitted
 
 from dynid_rs import _core
-from dynid_rs.assembly import Regressions, assemble, evaluate, with_residual
+from dynid_rs.assembly import Regressions, assemble, evaluate
 from dynid_rs.columns import Observations, Plan, make_plan, observe, run_rows
 from dynid_rs.encoders import EncoderDelay, estimate_encoder_delay
 from dynid_rs.evaluation import rmse as rms
@@ -70,6 +70,8 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         The fitted loops.
     baseline_ : TorqueModel
         Rigid body, Coulomb and viscous friction by weighted least squares: what the paper compares with.
+    two_loop_model_ : TorqueModel
+        Friction and link dynamics without a third loop.
     friction_model_ : TorqueModel
         What the first loop gives by itself: friction with its shape beside the baseline's links.
     encoder_delay_ : EncoderDelay or None
@@ -170,6 +172,8 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
             links.fit(observations, fit_scale=in_ampere)
             held = links.phi_base_, links.torque_scale_
             after = after_links = rms(block_residuals(observations, links.x_, links.torque_scale_))
+            if self.n_iter_ == 1:
+                self.two_loop_model_ = self._model(plan, links, links.own_, data.raw_runs)
             # Loop 3: what is left, from the deflection (Eqs. 31-39); where it does not pay, it stays out.
             if residual is not None:
                 on_progress(f"round {self.n_iter_}: residual")
@@ -213,10 +217,24 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         return prepare(recording, self.band_, self.rate_)
 
     def model_with(self, regressions: Regressions) -> _core.TorqueModel:
-        """Return the fitted model with other regressions in its third loop; all None leaves it out."""
-        if self.residual_ is None:
-            return with_residual(self.model_, "joint_state", regressions, np.zeros(self.robot.n_joints))
-        return with_residual(self.model_, self.residual_.inputs_, regressions, self.residual_.compliance_)
+        """Return the model with other regressions in its third loop; all None leaves it out.
+
+        The second loop is fitted again beside them: its terms depend on what the third one takes.
+        """
+        check_is_fitted(self, "model_")
+        if all(regression is None for regression in regressions):
+            return self.two_loop_model_
+        third, plan = self.residual_, self.observations_.plan
+        if third is None:
+            raise ValueError("the third loop was switched off; fit with a ResidualCompensator first")
+        if list(regressions) == third.mixtures_:
+            return self.model_
+        loads = [_link_torque(plan, self.links_, states) for states in self.runs_]
+        torque = [third.torque(states, load, regressions) for states, load in zip(self.runs_, loads, strict=True)]
+        observations = observe(plan, self.runs_, [s.tau - u for s, u in zip(self.runs_, torque, strict=True)])
+        links = clone(self.links_).fit(observations, fit_scale=self.torque_unit_ == "A")
+        kept = (third.inputs_, list(regressions), third.compliance_)
+        return self._model(plan, links, links.own_, self.raw_runs_, kept)
 
     def _estimators(self) -> tuple[FrictionIdentifier, LinkDynamicsIdentifier, ResidualCompensator | None]:
         """Fresh copies of the three loops, so that the user's own are never changed."""

@@ -48,17 +48,24 @@ class LinearTerms:
         part: FloatArray = self._q @ (self._q.T @ y)
         return part
 
-    def elsewhere(self, y: FloatArray, columns: FloatArray | None) -> FloatArray:
+    def elsewhere(self, y: FloatArray, columns: FloatArray) -> FloatArray:
         """The same coefficients on other rows: `columns` (m, n_columns) -> (m,)."""
-        if self._q is None or columns is None:
-            return np.zeros(0 if columns is None else len(columns))
+        if self._q is None:
+            return np.zeros(len(columns))
         beta = np.linalg.solve(self._r, self._q.T @ y)
         part: FloatArray = (columns[:, self._used] / self._norms) @ beta
         return part
 
 
 def fit_beside(
-    make: Callable[[Any], Any], u: FloatArray, e: FloatArray, linear: LinearTerms, last: Any = None, thin: int = 1
+    make: Callable[[Any], Any],
+    u: FloatArray,
+    e: FloatArray,
+    linear: LinearTerms,
+    *,
+    last: Any = None,
+    thin: int = 1,
+    rounds: int = ROUNDS,
 ) -> Any:
     """Fit a regressor of `e` (n_rows,) on `u` (n_rows, n_inputs) beside linear terms.
 
@@ -67,12 +74,14 @@ def fit_beside(
     make : callable
         Fresh regressor, given the last one fitted or None.
     last : estimator, optional
-        To start from.
+        To start from: an earlier answer of `make`.
     thin : int
         Every how many rows are fitted.
+    rounds : int
+        Of g and linear terms in turn.
     """
-    g = _linear_start(u, e, linear)
-    for _ in range(ROUNDS):
+    g = _linear_start(u, e, linear) if last is None else last.predict(u)
+    for _ in range(rounds):
         target = e - linear.fitted(e - g)
         last = make(last).fit(u[::thin], target[::thin])
         if not linear.present:
@@ -91,25 +100,42 @@ def _linear_start(u: FloatArray, e: FloatArray, linear: LinearTerms) -> FloatArr
     return start
 
 
-def left_out_power(
-    make: Callable[[Any], Any],
-    u: Sequence[FloatArray],
-    e: Sequence[FloatArray],
-    columns: Sequence[FloatArray | None],
-    last: Any,
-    thin: int,
-) -> FloatArray:
-    """Squares left on every block with and without g, linear terms and g fitted to the other blocks: (n_blocks, 2)."""
-    power = np.zeros((len(u), 2))
-    for k in range(len(u)):
-        others = [i for i in range(len(u)) if i != k]
-        e_others, u_others = (np.concatenate([part[i] for i in others]) for part in (e, u))
-        known = [c for i in others if (c := columns[i]) is not None]
-        linear = LinearTerms(np.concatenate(known) if known else None)
-        g = fit_beside(make, u_others, e_others, linear, last, thin)
-        without, with_g = e[k], e[k] - g.predict(u[k])
-        if columns[k] is not None:
-            without = without - linear.elsewhere(e_others, columns[k])
-            with_g = with_g - linear.elsewhere(e_others - g.predict(u_others), columns[k])
-        power[k] = np.sum(with_g**2), np.sum(without**2)
-    return power
+class LeftOut:
+    """Blocks left out in turn; linear terms and g are fitted to the others.
+
+    Parameters
+    ----------
+    u, e : sequence of ndarray
+        Inputs (n_rows, n_inputs) and what is to be explained (n_rows,), per block.
+    columns : sequence of ndarray (n_rows, n_columns) or None
+        Of the linear terms.
+    """
+
+    def __init__(self, u: Sequence[FloatArray], e: Sequence[FloatArray], columns: Sequence[FloatArray | None]) -> None:
+        self._u, self._e, self._columns = u, e, columns
+        self._linear = [
+            LinearTerms(np.concatenate(known) if known else None)
+            for k in range(len(u))
+            for known in [[c for i, c in enumerate(columns) if i != k and c is not None]]
+        ]
+        self.without = np.array([np.sum(self._left(k, None) ** 2) for k in range(len(u))])
+        """Squares that the linear terms by themselves leave on every block, (n_blocks,)."""
+
+    def with_g(self, make: Callable[[Any], Any], thin: int) -> FloatArray:
+        """Squares that they leave together with g, (n_blocks,). One round each: where to stop is not chosen here."""
+        power = np.zeros(len(self._u))
+        for k, linear in enumerate(self._linear):
+            u, e = _others(self._u, k), _others(self._e, k)
+            power[k] = np.sum(self._left(k, fit_beside(make, u, e, linear, thin=thin, rounds=1)) ** 2)
+        return power
+
+    def _left(self, k: int, g: Any) -> FloatArray:
+        left, others = self._e[k], _others(self._e, k)
+        if g is not None:
+            left, others = left - g.predict(self._u[k]), others - g.predict(_others(self._u, k))
+        columns = self._columns[k]
+        return left if columns is None else left - self._linear[k].elsewhere(others, columns)
+
+
+def _others(parts: Sequence[FloatArray], k: int) -> FloatArray:
+    return np.concatenate([part for i, part in enumerate(parts) if i != k])

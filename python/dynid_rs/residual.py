@@ -14,7 +14,7 @@ from sklearn.base import BaseEstimator
 
 from dynid_rs import _core
 from dynid_rs.mixture import GaussianMixtureRegressor
-from dynid_rs.partially_linear import LinearTerms, fit_beside, left_out_power
+from dynid_rs.partially_linear import LeftOut, LinearTerms, fit_beside
 from dynid_rs.preprocessing import States
 from dynid_rs.rbf import RbfRegressor
 
@@ -63,8 +63,8 @@ class ResidualCompensator(BaseEstimator):  # type: ignore[misc]
     candidates_ : list of GaussianMixtureRegression, NormalisedRbf or None
         The same without the question whether it pays; None where a joint has no second encoder.
     ratio_ : ndarray (n_joints,)
-        RMS with over RMS without on left-out runs; on the training runs where not even those gained; over what the
-        first two loops leave there when they have seen them, where those do not carry over; 1 where nothing was fitted.
+        RMS with over RMS without on left-out runs; on the training runs where not even those gained; 1 where nothing
+        was fitted, or where the first two loops do not carry over to left-out runs and nothing can be said.
     inputs_ : str
         Inputs in use.
     n_centers_ : list of int
@@ -169,12 +169,15 @@ class ResidualCompensator(BaseEstimator):  # type: ignore[misc]
             self.mixtures_[j] = self.candidates_[j] = _evaluated(fitted)
         return self
 
-    def torque(self, states: States, tau_link: FloatArray | None = None) -> FloatArray:
-        """Torque of the kept regressions at every sample of aligned `states`, (n, n_joints)."""
+    def torque(
+        self, states: States, tau_link: FloatArray | None = None, regressions: Sequence[Regression | None] | None = None
+    ) -> FloatArray:
+        """Torque of the kept regressions, or of others, at every sample of aligned `states`, (n, n_joints)."""
+        regressions = self.mixtures_ if regressions is None else regressions
         tau = np.zeros_like(states.tau)
-        if self.kept.any():
+        if any(regression is not None for regression in regressions):
             u = inputs_of(states, self.inputs_, None if tau_link is None else self.compliance_ * tau_link)
-            for j, regression in enumerate(self.mixtures_):
+            for j, regression in enumerate(regressions):
                 if regression is not None:
                     tau[:, j] = regression.predict(u[:, j])[0]
         return tau
@@ -192,30 +195,25 @@ class ResidualCompensator(BaseEstimator):  # type: ignore[misc]
         known = [columns for columns in beside if columns is not None]
         linear = LinearTerms(np.concatenate(known) if known else None)
         thin = self._thin(len(all_e))
-        fitted = {k: fit_beside(self._maker(k), all_u, all_e, linear, None, thin) for k in self._sizes()}
-
-        def left_out(size: int) -> FloatArray:
-            return left_out_power(self._maker(size), u, e, beside, fitted[size], thin)
-
+        left_out = LeftOut(u, e, beside)
+        first = {k: fit_beside(self._maker(k), all_u, all_e, linear, thin=thin, rounds=1) for k in self._sizes()}
         if self.method == "mixture":
-            size = min(fitted, key=lambda k: float(fitted[k].bic_))
-            power = None
+            size = min(first, key=lambda k: float(first[k].bic_))
         else:
-            powers = {k: left_out(k) for k in fitted}
-            size = min(powers, key=lambda k: float(powers[k][:, 0].sum()))
-            power = powers[size]
-        best = fitted[size]
-        without = all_e - linear.fitted(all_e)
+            powers = {k: left_out.with_g(self._maker(k), thin) for k in first}
+            size = min(powers, key=lambda k: float(powers[k].sum()))
+        make = self._maker(size)
+        best = fit_beside(make, all_u, all_e, linear, last=first[size], thin=thin) if linear.present else first[size]
+        seen = float(np.sum((all_e - linear.fitted(all_e)) ** 2))
         with_best = all_e - best.predict(all_u)
-        ratio = _rms(with_best - linear.fitted(with_best)) / max(_rms(without), 1e-300)
+        ratio = float(np.sqrt(np.sum((with_best - linear.fitted(with_best)) ** 2) / max(seen, 1e-300)))
         if ratio > 1 - least_gain:
             return False, best, ratio  # what does not pay on its own runs does not pay on others
-        power = left_out(size) if power is None else power
-        seen = float(np.sum(all_e**2))
-        if np.sum(power[:, 1]) > CARRIES_OVER**2 * seen:
-            return False, best, float(np.sqrt(np.sum(power[:, 0]) / seen))
-        ratio = float(np.sqrt(np.sum(power[:, 0]) / np.sum(power[:, 1])))
-        return bool(ratio < 1 - least_gain and np.all(power[:, 0] < power[:, 1])), best, ratio
+        if np.sum(left_out.without) > CARRIES_OVER**2 * np.sum(all_e**2):
+            return False, best, 1.0
+        power = left_out.with_g(make, thin) if self.method == "mixture" else powers[size]
+        ratio = float(np.sqrt(np.sum(power) / np.sum(left_out.without)))
+        return bool(ratio < 1 - least_gain and np.all(power < left_out.without)), best, ratio
 
     def _sizes(self) -> list[int]:
         """Numbers of terms to choose from."""
@@ -253,10 +251,6 @@ def _evaluated(regressor: Any) -> Regression:
 def _parts(x: FloatArray, lone: bool) -> list[FloatArray]:
     """Blocks that are left out in turn: whole runs, or thirds of a lone one."""
     return np.array_split(x, 3) if lone else [x]
-
-
-def _rms(x: FloatArray) -> float:
-    return float(np.sqrt(np.mean(x**2)))
 
 
 def _compliance(runs: Sequence[States], tau_link: Sequence[FloatArray]) -> FloatArray:
