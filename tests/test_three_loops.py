@@ -22,16 +22,28 @@ LEAST_GAIN, LEAST_MEAN_GAIN = 0.20, 0.30
 
 
 @cache
-def arm(*, ideal: bool = False):
+def arm(gears: str = "typical"):
     """The arm of `dynid simulate`, torque noise and encoder steps included; or the same with stiff ideal gears."""
     typical = typical_arm(_core.RobotModel.from_urdf(str(bundled_robot())))
-    return replace(typical.rigid(), delay=0.0) if ideal else typical
+    none = np.zeros(6)
+    return {
+        "typical": typical,
+        "rigid": replace(typical.rigid(), delay=0.0),  # dynid simulate --rigid
+        "stiff": replace(
+            typical,
+            stiffness=100 * typical.stiffness,
+            damping=none,
+            hysteresis=none,
+            hysteresis_loss=none,
+            kinematic_error=none,
+        ),
+    }[gears]
 
 
 @cache
-def study(seed: int, method: str = "mixture", inputs: str = "auto", *, ideal: bool = False):
+def study(seed: int, method: str = "mixture", inputs: str = "auto", gears: str = "typical"):
     """Four runs learned from, a fifth never fitted: (identifier, its States)."""
-    runs = simulate(arm(ideal=ideal), n_runs=5, seed=seed).recordings
+    runs = simulate(arm(gears), n_runs=5, seed=seed).recordings
     identifier = ThreeLoopIdentifier(arm().robot, residual=ResidualCompensator(method=method, inputs=inputs)).fit(
         list(runs[:-1])
     )
@@ -62,10 +74,11 @@ def test_it_is_the_third_loop_that_pays(seed):
     assert "residual" not in identifier.two_loop_model_.term_names
 
 
+@pytest.mark.parametrize("gears", ["rigid", "stiff"])
 @pytest.mark.parametrize("method", ["mixture", "rbf"])
 @pytest.mark.parametrize("seed", SEEDS)
-def test_stiff_ideal_gears_refuse_the_third_loop(seed, method):
-    identifier, _ = study(seed, method, ideal=True)
+def test_stiff_ideal_gears_refuse_the_third_loop(seed, method, gears):
+    identifier, _ = study(seed, method, gears=gears)
     assert not identifier.residual_.kept.any()
     assert "residual" not in identifier.model_.term_names
 

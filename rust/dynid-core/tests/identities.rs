@@ -399,6 +399,45 @@ proptest! {
     }
 }
 
+/// Normalised bumps with `d` inputs.
+fn rbf(d: usize, most: usize) -> impl Strategy<Value = NormalisedRbf> {
+    (1..=most)
+        .prop_flat_map(move |n| {
+            (
+                vec(-2.0..2.0f64, n * d),
+                vec(0.1..20.0f64, d),
+                vec(-5.0..5.0f64, n),
+                vec(0.0..2.0f64, n),
+            )
+        })
+        .prop_map(|(centers, precision, weights, variances)| {
+            NormalisedRbf::new(centers, precision, weights, variances).expect("a valid basis")
+        })
+}
+
+proptest! {
+    /// Anywhere: shares sum to one, f and its variance lie between those of the centres, and nothing is NaN.
+    #[test]
+    fn an_rbf_is_a_weighted_mean_anywhere(
+        rbf in rbf(2, 6), direction in proptest::array::uniform2(-1.0..1.0f64), exponent in -1.0..200.0f64,
+    ) {
+        let u = direction.map(|x| x * 10f64.powf(exponent));
+        let mut share = vec![f64::NAN; rbf.weights().len()];
+        rbf.shares_into(&u, &mut share).expect("right lengths");
+        prop_assert!((share.iter().sum::<f64>() - 1.0).abs() < ALGEBRAIC);
+        let prediction = rbf.predict(&u);
+        let within = |x: f64, values: &[f64]| {
+            let low = values.iter().copied().fold(f64::INFINITY, f64::min);
+            let high = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+            low - ALGEBRAIC <= x && x <= high + ALGEBRAIC
+        };
+        prop_assert!(within(prediction.mean, rbf.weights()));
+        prop_assert!(within(prediction.variance, rbf.variances()));
+        let expected: f64 = share.iter().zip(rbf.weights()).map(|(s, w)| s * w).sum();
+        prop_assert!((prediction.mean - expected).abs() < ALGEBRAIC);
+    }
+}
+
 /// Mixtures on some joints, and on every other one of them an RBF in the mixture's place.
 fn residual(inputs: ResidualInputs, mixtures: &[Option<GaussianMixtureRegression>]) -> Residual {
     let joints = mixtures

@@ -88,14 +88,9 @@ fn model(inputs: ResidualInputs, rbf: bool) -> TorqueModel {
     .unwrap();
     let regression = if rbf {
         let centers = vec![-0.1, -0.2, 0.1, 0.2, 0.3, -0.4];
-        NormalisedRbf::new(
-            centers,
-            vec![25.0, 16.0],
-            vec![1.0, -2.0, 0.5],
-            vec![0.1; 3],
-        )
-        .unwrap()
-        .into()
+        NormalisedRbf::new(centers, vec![5.0, 4.0], vec![1.0, -2.0, 0.5], vec![0.1; 3])
+            .unwrap()
+            .into()
     } else {
         Regression::Mixture(mixture)
     };
