@@ -157,8 +157,8 @@ def observe(plan: Plan, runs: Sequence[States], tau: Sequence[FloatArray] | None
     return Observations(plan, blocks)
 
 
-def run_rows(plan: Plan, states: States, tau: FloatArray) -> list[FloatArray]:
-    """Filtered, decimated rows of one run: per joint (n_rows, n_own + base columns + 1)."""
+def run_rows(plan: Plan, states: States, tau: FloatArray, *, kept: list[int] | None = None) -> list[FloatArray]:
+    """Filtered, decimated rows of one run: per joint (n_rows, n_own + base columns + 1); at samples `kept` if given."""
     q, dq, ddq, q_motor, dq_motor, ddq_motor = states.signals()
     return _core.observe(
         plan.robot,
@@ -172,7 +172,7 @@ def run_rows(plan: Plan, states: States, tau: FloatArray) -> list[FloatArray]:
         ddq_motor,
         tau,
         filter=states.filter,
-        kept=states.kept,
+        kept=states.kept if kept is None else kept,
     )
 
 

@@ -30,6 +30,7 @@ pub struct TorqueModel {
     noise_std: Vec<f64>,
     domain: Domain,
     torque_unit: String,
+    step: Option<f64>,
 }
 
 /// What a [`TorqueModel`] is made of; see its accessors for the meaning of each part.
@@ -54,6 +55,8 @@ pub struct TorqueModelParts {
     pub domain: Domain,
     /// `"N*m"`, or `"A"` where currents were identified without a drive gain.
     pub torque_unit: String,
+    /// Time between the samples that will come \[s\]; needed where an effect remembers in time.
+    pub step: Option<f64>,
 }
 
 impl TorqueModel {
@@ -85,8 +88,16 @@ impl TorqueModel {
                 });
             }
         }
+        if let Some(step) = parts.step {
+            check_step(step)?;
+        }
         for term in &parts.effects {
             term.effect().check(n)?;
+            if parts.step.is_none() && term.effect().entry().needs("step") {
+                return Err(CoreError::NoStep {
+                    kind: term.effect().kind(),
+                });
+            }
             check_length(
                 "coefficients",
                 term.coefficients(),
@@ -123,6 +134,7 @@ impl TorqueModel {
             noise_std,
             domain,
             torque_unit,
+            step,
         } = parts;
         Ok(Self {
             robot,
@@ -134,6 +146,7 @@ impl TorqueModel {
             noise_std,
             domain,
             torque_unit,
+            step,
         })
     }
 
@@ -191,6 +204,12 @@ impl TorqueModel {
         &self.torque_unit
     }
 
+    /// Time between samples \[s\], where the model has one.
+    #[must_use]
+    pub fn step(&self) -> Option<f64> {
+        self.step
+    }
+
     /// Names of the terms in order of summation: `rigid_body`, the effects, `residual`.
     #[must_use]
     pub fn term_names(&self) -> Vec<&'static str> {
@@ -198,5 +217,15 @@ impl TorqueModel {
         names.extend(self.effects.iter().map(|term| term.effect().kind()));
         names.extend(self.residual.as_ref().map(|_| "residual"));
         names
+    }
+}
+
+/// # Errors
+/// [`CoreError::Range`] if the time between samples is not positive.
+pub fn check_step(step: f64) -> Result<(), CoreError> {
+    if step > 0.0 && step.is_finite() {
+        Ok(())
+    } else {
+        Err(CoreError::Range { what: "step" })
     }
 }

@@ -7,7 +7,6 @@ use std::cell::Cell;
 use std::hint::black_box;
 use std::sync::Arc;
 
-use dynid_core::effects::{Friction, RotorInertia, TorqueOffset};
 use dynid_core::model::TorqueModelParts;
 use dynid_core::{
     Domain, Effect, EffectTerm, GaussianMixtureRegression, Joint, JointKind, JointLimits,
@@ -98,18 +97,15 @@ fn model(inputs: ResidualInputs, rbf: bool) -> TorqueModel {
         let coefficients = vec![0.5; N * effect.n_columns()];
         EffectTerm::new(effect, coefficients, N).unwrap()
     };
-    let friction = Effect::Friction(Friction {
-        velocity_threshold: vec![0.05; N],
-        transition_width: vec![0.01; N],
-    });
+    let friction = Effect::friction(&[0.05; N], &[0.01; N]).unwrap();
     let robot = robot();
     TorqueModel::new(TorqueModelParts {
         phi: robot.phi(),
         robot,
         torque_scale: vec![1.5; N],
         effects: vec![
-            term(Effect::RotorInertia(RotorInertia)),
-            term(Effect::TorqueOffset(TorqueOffset)),
+            term(Effect::rotor_inertia()),
+            term(Effect::torque_offset()),
             term(friction),
         ],
         residual: Some(
@@ -125,6 +121,7 @@ fn model(inputs: ResidualInputs, rbf: bool) -> TorqueModel {
             ddq: vec![1.0; N],
         },
         torque_unit: "N*m".to_owned(),
+        step: None,
     })
     .unwrap()
 }

@@ -4,14 +4,13 @@
 mod chain;
 
 use chain::{case, Case};
-use dynid_core::effects::{Friction, RotorInertia, TorqueOffset};
-use dynid_core::{joint_torque_regressor_into, Effect, State, Workspace};
+use dynid_core::{joint_torque_regressor_into, Effect, EffectInput, State, Workspace};
 use dynid_offline::base::probing_states;
 use dynid_offline::filter::LANES;
 use dynid_offline::observation::slice_state;
 use dynid_offline::{
     base_parameters, batch, merge, observe, triangular_factor, Observation, OfflineError,
-    RunStates, Sampling, ZeroPhase,
+    RunSignals, RunStates, Sampling, ZeroPhase,
 };
 use proptest::collection::vec;
 use proptest::prelude::*;
@@ -49,14 +48,34 @@ fn low_pass(pad: usize) -> ZeroPhase {
     ZeroPhase::new(&sections, &steady, pad).expect("a valid filter")
 }
 
+/// The same shape on every joint.
+fn effect(kind: &str, n: usize, shape: &[(&str, f64)]) -> Effect {
+    let shape: Vec<_> = shape
+        .iter()
+        .map(|(name, value)| (*name, vec![*value; n]))
+        .collect();
+    Effect::new(kind, &shape).expect("a valid shape")
+}
+
 fn effects(n: usize) -> Vec<Effect> {
     vec![
-        Effect::RotorInertia(RotorInertia),
-        Effect::TorqueOffset(TorqueOffset),
-        Effect::Friction(Friction {
-            velocity_threshold: vec![0.1; n],
-            transition_width: vec![0.02; n],
-        }),
+        Effect::rotor_inertia(),
+        Effect::torque_offset(),
+        Effect::friction(&vec![0.1; n], &vec![0.02; n]).expect("a valid shape"),
+        effect(
+            "stribeck",
+            n,
+            &[
+                ("stribeck_velocity", 0.3),
+                ("exponent", 2.0),
+                ("transition_width", 0.02),
+            ],
+        ),
+        effect(
+            "counterbalance",
+            n,
+            &[("a", 0.8), ("b", 0.2), ("phase", 1.0), ("gas_length", 0.6)],
+        ),
     ]
 }
 
@@ -78,13 +97,17 @@ impl Run {
     fn states(&self) -> RunStates<'_> {
         let [q, dq, ddq, q_motor, dq_motor, ddq_motor, tau] = &self.signals;
         RunStates {
-            state: State {
-                q,
-                dq,
-                ddq,
-                q_motor,
-                dq_motor,
-                ddq_motor,
+            signals: RunSignals {
+                state: State {
+                    q,
+                    dq,
+                    ddq,
+                    q_motor,
+                    dq_motor,
+                    ddq_motor,
+                },
+                tau_link: None,
+                step: None,
             },
             tau,
         }
@@ -118,7 +141,7 @@ proptest! {
             let base = base_parameters(&case.robot, seed, 1e-9).expect("a valid robot");
             let mut tau = vec![f64::NAN; N_SAMPLES * n];
             let mut y = vec![f64::NAN; N_SAMPLES * n * 10 * n];
-            let State { q, dq, ddq, .. } = states.state;
+            let State { q, dq, ddq, .. } = states.signals.state;
             batch::inverse_dynamics(&case.robot, q, dq, ddq, &case.phi, &mut tau).expect("right lengths");
             batch::joint_torque_regressor(&case.robot, q, dq, ddq, &mut y).expect("right lengths");
             let observation = observe(&case.robot, &effects(n), &base.pivots, &states, &sampling).expect("a valid run");
@@ -168,13 +191,14 @@ proptest! {
             let mut workspace = Workspace::new(&case.robot);
             let mut y = vec![f64::NAN; n * 10 * n];
             for k in 0..N_SAMPLES {
-                let state = slice_state(&states.state, k * n..(k + 1) * n);
+                let state = slice_state(&states.signals.state, k * n..(k + 1) * n);
+                let input = EffectInput { state, tau_link: &[], step: 0.0 };
                 joint_torque_regressor_into(&case.robot, &mut workspace, state.q, state.dq, state.ddq, &mut y)
                     .expect("right lengths");
                 let mut row = Vec::new();
                 for effect in &effects {
                     let mut columns = vec![f64::NAN; effect.n_columns()];
-                    effect.columns_into(j, &state, &mut columns);
+                    effect.columns_into(j, &input, &mut [], &mut columns);
                     row.extend(columns);
                 }
                 row.extend(pivots.iter().filter(|&&p| p >= 10 * j).map(|&p| y[j * 10 * n + p]));

@@ -4,11 +4,13 @@ mod arrays;
 mod base;
 mod effects;
 mod errors;
+mod friction_search;
 mod mixture;
 mod model;
 mod offline;
 mod rbf;
 mod robot;
+mod run;
 
 use pyo3::prelude::*;
 
@@ -33,7 +35,11 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<mixture::PyGaussianMixtureRegression>()?;
     m.add_class::<rbf::PyNormalisedRbf>()?;
     m.add_class::<model::PyTorqueModel>()?;
+    m.add_class::<friction_search::PyFrictionSearch>()?;
     m.add_function(wrap_pyfunction!(effects::friction_basis, m)?)?;
+    m.add_function(wrap_pyfunction!(effects::effect_catalogue, m)?)?;
+    m.add_function(wrap_pyfunction!(effects::effect_columns, m)?)?;
+    m.add_function(wrap_pyfunction!(effects::effect_torque, m)?)?;
     m.add_function(wrap_pyfunction!(model::residual_inputs, m)?)?;
     m.add_function(wrap_pyfunction!(model::align_link_side, m)?)?;
     m.add_function(wrap_pyfunction!(offline::observe, m)?)?;

@@ -17,6 +17,7 @@ use crate::effects::PyEffect;
 use crate::mixture::PyGaussianMixtureRegression;
 use crate::rbf::PyNormalisedRbf;
 use crate::robot::PyRobotModel;
+use crate::run::RunArrays;
 use crate::{arrays, errors};
 
 /// A torque model: rigid body, effects, residual. Owned by Rust, immutable.
@@ -71,7 +72,7 @@ fn inputs_named(name: &str) -> PyResult<ResidualInputs> {
 #[pymethods]
 impl PyTorqueModel {
     #[new]
-    #[pyo3(signature = (robot, phi, effects, *, residual=None, compliance=None, torque_scale=None, encoder_delay, noise_std, domain, torque_unit="N*m"))]
+    #[pyo3(signature = (robot, phi, effects, *, residual=None, compliance=None, torque_scale=None, encoder_delay, noise_std, domain, torque_unit="N*m", step=None))]
     #[expect(
         clippy::too_many_arguments,
         reason = "a keyword constructor; the parts are the model"
@@ -87,6 +88,7 @@ impl PyTorqueModel {
         noise_std: Vec<f64>,
         domain: (Vec<[f64; 2]>, Vec<f64>, Vec<f64>),
         torque_unit: &str,
+        step: Option<f64>,
     ) -> PyResult<Self> {
         let n = robot.0.n_joints();
         let effects = effects
@@ -121,6 +123,7 @@ impl PyTorqueModel {
             noise_std,
             domain: Domain { q, dq, ddq },
             torque_unit: torque_unit.to_owned(),
+            step,
         })
         .map(|model| Self(Arc::new(model)))
         .map_err(errors::core)
@@ -140,7 +143,7 @@ impl PyTorqueModel {
     }
 
     /// Total (n_samples, n), terms (n_samples, n_terms, n) and status bits (n_samples,) by the estimator that runs online.
-    #[pyo3(signature = (q, dq, ddq, q_motor=None, dq_motor=None, ddq_motor=None))]
+    #[pyo3(signature = (q, dq, ddq, q_motor=None, dq_motor=None, ddq_motor=None, *, step=None))]
     #[expect(clippy::too_many_arguments, reason = "the six signals of a state")]
     fn evaluate<'py>(
         &self,
@@ -151,30 +154,15 @@ impl PyTorqueModel {
         q_motor: Option<&Bound<'py, PyAny>>,
         dq_motor: Option<&Bound<'py, PyAny>>,
         ddq_motor: Option<&Bound<'py, PyAny>>,
+        step: Option<f64>,
     ) -> PyResult<Evaluation<'py>> {
         let n = self.0.robot().n_joints();
-        let signals = arrays::samples(
-            [
-                ("q", q),
-                ("dq", dq),
-                ("ddq", ddq),
-                ("q_motor", q_motor.unwrap_or(q)),
-                ("dq_motor", dq_motor.unwrap_or(dq)),
-                ("ddq_motor", ddq_motor.unwrap_or(ddq)),
-            ],
-            n,
-        )?;
-        let [q, dq, ddq, q_motor, dq_motor, ddq_motor] = &signals;
-        let states = State {
-            q: q.as_slice()?,
-            dq: dq.as_slice()?,
-            ddq: ddq.as_slice()?,
-            q_motor: q_motor.as_slice()?,
-            dq_motor: dq_motor.as_slice()?,
-            ddq_motor: ddq_motor.as_slice()?,
-        };
-        let n_samples = q.shape()[0];
+        let arrays = RunArrays::new([q, dq, ddq], [q_motor, dq_motor, ddq_motor], None, step, n)?;
+        let (states, n_samples) = (arrays.state()?, arrays.n_samples());
         let mut estimator = TorqueEstimator::new(Arc::clone(&self.0));
+        if let Some(step) = step {
+            estimator = estimator.with_step(step).map_err(errors::core)?;
+        }
         let n_terms = estimator.terms().len() / n;
         let mut terms = vec![0.0; n_samples * n_terms * n];
         let mut total = vec![0.0; n_samples * n];
@@ -202,28 +190,10 @@ impl PyTorqueModel {
         ddq_motor: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let n = self.0.robot().n_joints();
-        let signals = arrays::samples(
-            [
-                ("q", q),
-                ("dq", dq),
-                ("ddq", ddq),
-                ("q_motor", q_motor.unwrap_or(q)),
-                ("dq_motor", dq_motor.unwrap_or(dq)),
-                ("ddq_motor", ddq_motor.unwrap_or(ddq)),
-            ],
-            n,
-        )?;
-        let [q, dq, ddq, q_motor, dq_motor, ddq_motor] = &signals;
-        let states = State {
-            q: q.as_slice()?,
-            dq: dq.as_slice()?,
-            ddq: ddq.as_slice()?,
-            q_motor: q_motor.as_slice()?,
-            dq_motor: dq_motor.as_slice()?,
-            ddq_motor: ddq_motor.as_slice()?,
-        };
+        let arrays = RunArrays::new([q, dq, ddq], [q_motor, dq_motor, ddq_motor], None, None, n)?;
+        let states = arrays.state()?;
         let mut estimator = TorqueEstimator::new(Arc::clone(&self.0));
-        let mut std = vec![0.0; q.shape()[0] * n];
+        let mut std = vec![0.0; arrays.n_samples() * n];
         py.detach(|| batch::predicted_std(&mut estimator, &states, &mut std))
             .map_err(errors::core)?;
         arrays::to_matrix(py, std, n)
@@ -303,6 +273,11 @@ impl PyTorqueModel {
     #[getter]
     fn torque_unit(&self) -> &str {
         self.0.torque_unit()
+    }
+
+    #[getter]
+    fn step(&self) -> Option<f64> {
+        self.0.step()
     }
 
     fn __repr__(&self) -> String {

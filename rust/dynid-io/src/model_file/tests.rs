@@ -1,4 +1,3 @@
-use dynid_core::effects::{Friction, RotorInertia, TorqueOffset};
 use dynid_core::model::TorqueModelParts;
 use dynid_core::{
     Domain, Effect, EffectTerm, GaussianMixtureRegression, Joint, JointKind, JointLimits,
@@ -32,10 +31,7 @@ fn model() -> TorqueModel {
         joint("b", JointKind::Prismatic),
     ];
     let robot = RobotModel::new("arm".into(), joints, Vector3::new(0.0, 0.0, -9.81)).unwrap();
-    let friction = Effect::Friction(Friction {
-        velocity_threshold: vec![0.0, 0.05],
-        transition_width: vec![0.01, 0.02],
-    });
+    let friction = Effect::friction(&[0.0, 0.05], &[0.01, 0.02]).unwrap();
     let covariance = (Matrix3::identity() * 0.5).as_slice().to_vec();
     let mixture =
         GaussianMixtureRegression::new(2, vec![1.0], vec![0.1, 0.2, 0.3], covariance).unwrap();
@@ -44,8 +40,8 @@ fn model() -> TorqueModel {
         phi: (0..20).map(|k| f64::from(k) / 7.0).collect(),
         torque_scale: vec![1.0, 0.8],
         effects: vec![
-            EffectTerm::new(Effect::RotorInertia(RotorInertia), vec![0.1, 0.2], 2).unwrap(),
-            EffectTerm::new(Effect::TorqueOffset(TorqueOffset), vec![-0.1, 0.2], 2).unwrap(),
+            EffectTerm::new(Effect::rotor_inertia(), vec![0.1, 0.2], 2).unwrap(),
+            EffectTerm::new(Effect::torque_offset(), vec![-0.1, 0.2], 2).unwrap(),
             EffectTerm::new(friction, (0..16).map(f64::from).collect(), 2).unwrap(),
         ],
         residual: Some(
@@ -59,6 +55,7 @@ fn model() -> TorqueModel {
             ddq: vec![3.0; 2],
         },
         torque_unit: "N*m".into(),
+        step: None,
     })
     .unwrap()
 }
@@ -169,6 +166,7 @@ proptest! {
             noise_std: base.noise_std().to_vec(),
             domain: base.domain().clone(),
             torque_unit: "A".into(),
+            step: None,
         }).unwrap();
         let text = to_text(&changed).unwrap();
         prop_assert_eq!(parse(text.as_bytes(), "x").unwrap(), changed);
