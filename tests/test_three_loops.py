@@ -160,15 +160,15 @@ def test_linear_terms_are_least_squares():
 
 
 def test_lone_run_at_1_khz_takes_half_a_second():
-    """The issue's 0.5 s for 20 s of six joints, the best of five; the third loop by itself."""
+    """For 20 s of six joints, the third loop by itself, best of five: processor time, which a busy machine leaves alone."""
     run = simulate(arm(), n_runs=1, seed=0, rate=1000.0).recordings[0]
     times = []
 
     class Timed(ResidualCompensator):
         def fit(self, *arguments, **named):
-            start = time.perf_counter()
+            start = time.process_time()
             fitted = super().fit(*arguments, **named)
-            times.append(time.perf_counter() - start)
+            times.append(time.process_time() - start)
             return fitted
 
     identifier = ThreeLoopIdentifier(arm().robot, residual=Timed(), max_iter=2, tol=10.0)

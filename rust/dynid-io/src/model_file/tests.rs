@@ -199,6 +199,7 @@ fn model_with_rbf() -> TorqueModel {
         noise_std: old.noise_std().to_vec(),
         domain: old.domain().clone(),
         torque_unit: old.torque_unit().to_owned(),
+        step: old.step(),
     })
     .unwrap()
 }
