@@ -365,7 +365,11 @@ OPTIONS = {
     "gravity: nan": (("--gravity", "0,0,nan"), "--gravity must be 3 finite numbers, found '0,0,nan'"),
     "gravity: mm": (("--gravity", "0,0,-9810"), "--gravity must be in m/s^2, at most 100, found 0,0,-9810"),
     "weighting": (("--weighting", "best"), "--weighting must be one of joint_variance, full_covariance, none"),
-    "residual": (("--residual", "gmr"), "--residual must be auto, deflection, joint_state or none, found 'gmr'"),
+    "residual": (
+        ("--residual", "gmr"),
+        "--residual must be auto, load_free_deflection, deflection, joint_state or none, found 'gmr'",
+    ),
+    "compensator": (("--compensator", "gmr"), "--compensator must be mixture or rbf, found 'gmr'"),
     "test-from: two runs": (("--test-from", "3"), "--test-from cuts a lone run"),
     "base": (("--base", "nothing"), 'robot.urdf: option `base`: no link is named "nothing"'),
     "tip": (("--tip", "nothing"), 'robot.urdf: option `tip`: no link is named "nothing"'),

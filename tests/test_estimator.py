@@ -103,6 +103,12 @@ def mixture(rng: np.random.Generator, scale: tuple[float, float]) -> _core.Gauss
     )
 
 
+def rbf(rng: np.random.Generator, scale: tuple[float, float]) -> _core.NormalisedRbf:
+    """Eight centres over inputs of about this size."""
+    size = np.array(scale)
+    return _core.NormalisedRbf(rng.normal(size=(8, 2)) * size, 4 / size**2, rng.normal(size=8), rng.uniform(0.1, 1, 8))
+
+
 def random_model(robot: _core.RobotModel, inputs: str | None, *, delayed: bool, seed: int) -> _core.TorqueModel:
     """Every effect there is, random sizes; `inputs` of the residual, or None without one."""
     rng = np.random.default_rng(seed)
@@ -110,8 +116,8 @@ def random_model(robot: _core.RobotModel, inputs: str | None, *, delayed: bool, 
     friction = _core.Effect.friction(rng.uniform(0, 0.1, n).tolist(), rng.uniform(1e-3, 0.05, n).tolist())
     residual = None
     if inputs is not None:
-        scale = (2e-3, 2e-2) if inputs == "deflection" else (2.0, 1.5)
-        joints = [None if j == 1 else mixture(rng, scale) for j in range(n)]
+        scale = (2.0, 1.5) if inputs == "joint_state" else (2e-3, 2e-2)
+        joints = [None if j == 1 else (rbf if j == 2 else mixture)(rng, scale) for j in range(n)]
         residual = (inputs, joints)
     return _core.TorqueModel(
         robot,
@@ -122,6 +128,7 @@ def random_model(robot: _core.RobotModel, inputs: str | None, *, delayed: bool, 
             (friction, rng.normal(size=(n, 8)) * 5),
         ],
         residual=residual,
+        compliance=rng.uniform(0, 1e-5, n).tolist() if inputs == "load_free_deflection" else None,
         torque_scale=rng.uniform(0.5, 2, n).tolist(),
         encoder_delay=(rng.uniform(1e-3, 4e-3, n) if delayed else np.zeros(n)).tolist(),
         noise_std=rng.uniform(0.1, 1, n).tolist(),
@@ -154,6 +161,7 @@ CASES = {
     "two encoders": ((*LINK_SIDE, *MOTOR_SIDE), "deflection", False),
     "two encoders, delayed": ((*LINK_SIDE, *MOTOR_SIDE), "deflection", True),
     "two encoders, positions and speeds": ((*LINK_SIDE, "q_motor", "dq_motor"), "deflection", True),
+    "two encoders, load-free": ((*LINK_SIDE, *MOTOR_SIDE), "load_free_deflection", True),
     "two encoders, positions": ((*LINK_SIDE, "q_motor"), "joint_state", True),
 }
 

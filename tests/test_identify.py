@@ -81,7 +81,7 @@ def test_result_follows_its_schema(encoders):
     assert result["joints"] == list(JOINTS)
     assert_follows_joints(result, len(JOINTS))
     assert (result["encoder_delay"] is None) == (encoders == 1)
-    assert result["residual"]["inputs"] == ("joint_state" if encoders == 1 else "deflection")
+    assert result["residual"]["inputs"] == ("joint_state" if encoders == 1 else "load_free_deflection")
     assert result["data"]["train"] == ["run_0.parquet", "run_1.parquet"]
     assert result["data"]["test"] == ["run_2.parquet"]
     assert result["data"]["n_samples"] == {"train": 3202, "test": 1601}

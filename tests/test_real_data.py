@@ -60,7 +60,7 @@ def test_the_delay_between_the_encoder_channels_is_found(identified):
 
 def test_the_report_says_in_plain_words_whether_the_third_loop_paid(identified):
     residual = identified("KUKA KR300, two encoders")[1]["residual"]
-    assert residual["inputs"] == "deflection"
+    assert residual["inputs"] == "load_free_deflection"
     assert "did not pay" in residual["reason"] or "paid on" in residual["reason"]
 
 

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from dynid_rs.links import LinkDynamicsIdentifier
     from dynid_rs.mixture import GaussianMixtureRegressor
     from dynid_rs.physical import PhysicalIdentifier
+    from dynid_rs.rbf import RbfRegressor
     from dynid_rs.readers import read_recording
     from dynid_rs.residual import ResidualCompensator
 
@@ -40,6 +41,7 @@ _LATE = {
     "InstrumentalVariables": "instruments",
     "LinkDynamicsIdentifier": "links",
     "PhysicalIdentifier": "physical",
+    "RbfRegressor": "rbf",
     "ResidualCompensator": "residual",
     "ThreeLoopIdentifier": "identification",
     "read_recording": "readers",
@@ -60,6 +62,7 @@ __all__ = [
     "PhysicalIdentifier",
     "PhysicalSet",
     "RankDeficientError",
+    "RbfRegressor",
     "Recording",
     "ResidualCompensator",
     "RobotModel",

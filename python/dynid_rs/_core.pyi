@@ -22,9 +22,9 @@ from numpy.typing import ArrayLike, NDArray
 _FloatArray: TypeAlias = NDArray[np.float64]
 _Filter: TypeAlias = tuple[_FloatArray, _FloatArray, int]
 """`scipy.signal.butter(output="sos")` (n, 6), its `scipy.signal.sosfilt_zi` (n, 2), samples of padding."""
-_Mixtures: TypeAlias = Sequence[GaussianMixtureRegression | None]
 _Motion: TypeAlias = tuple[_FloatArray, _FloatArray, _FloatArray]
 """Something for q, dq and ddq, (n_samples, n_joints) each."""
+_Regression: TypeAlias = GaussianMixtureRegression | NormalisedRbf
 _Box: TypeAlias = tuple[Sequence[Sequence[float]], Sequence[float], Sequence[float]]
 
 __all__ = [
@@ -37,6 +37,7 @@ __all__ = [
     "FrictionSearch",
     "GaussianMixtureRegression",
     "MdhError",
+    "NormalisedRbf",
     "PhysicalSet",
     "RobotModel",
     "TorqueModel",
@@ -494,6 +495,59 @@ class GaussianMixtureRegression:
         """h_k of Eq. 37 at `u` (n_samples, n_inputs): (n_samples, K); rows sum to one at any distance."""
 
 @final
+class NormalisedRbf:
+    """Weighted mean of Gaussian bumps (Eqs. 27-29): `psi_j(u) = exp(-1/2 sum_i h_i (u_i - c_ji)^2)`.
+
+    Parameters
+    ----------
+    centers : (N, n_inputs)
+        c.
+    precision : (n_inputs,)
+        h [1/unit^2], positive; Eq. 27's sigma is `h ** -0.5`.
+    weights : (N,)
+        w of Eq. 29.
+    variances : (N,)
+        What is left about f near every centre, not negative.
+
+    Raises
+    ------
+    ValueError
+        Shapes disagree, a number is not finite or has the wrong sign.
+    """
+
+    def __new__(
+        cls, centers: ArrayLike, precision: ArrayLike, weights: ArrayLike, variances: ArrayLike
+    ) -> NormalisedRbf: ...
+    @property
+    def n_components(self) -> int:
+        """N."""
+
+    @property
+    def centers(self) -> _FloatArray:
+        """(N, n_inputs)."""
+
+    @property
+    def precision(self) -> _FloatArray:
+        """(n_inputs,)."""
+
+    @property
+    def weights(self) -> _FloatArray:
+        """(N,)."""
+
+    @property
+    def variances(self) -> _FloatArray:
+        """(N,)."""
+
+    def predict(self, u: ArrayLike) -> tuple[_FloatArray, _FloatArray]:
+        """Value of f (Eq. 29) and the variance about it at `u` (n_samples, n_inputs): (n_samples,) each."""
+
+    def basis(self, u: ArrayLike) -> _FloatArray:
+        """psi_j (Eq. 27) at `u` (n_samples, n_inputs): (n_samples, N)."""
+
+    def shares(self, u: ArrayLike) -> _FloatArray:
+        """psi_j over their sum at `u` (n_samples, n_inputs): (n_samples, N); rows sum to one at any distance."""
+
+@final
 class PhysicalSet:
     """Standard parameters that bodies can have, beside a torque model, in SI whatever the model's unit. Immutable.
 
@@ -555,8 +609,10 @@ class TorqueModel:
         Inertial parameters, exact for torque and not necessarily physical.
     effects : sequence of (Effect, (n_joints, n_columns))
         Effects with their coefficients, summed in this order.
-    residual : (str, sequence of GaussianMixtureRegression or None), optional
-        What the mixtures see (`"deflection"` or `"joint_state"`), and one mixture or None per joint.
+    residual : (str, sequence of GaussianMixtureRegression, NormalisedRbf or None), optional
+        What the regressions see (`"deflection"`, `"joint_state"`, `"load_free_deflection"`), and one or None per joint.
+    compliance : (n_joints,), optional
+        Of the gears [rad per torque unit], for the load-free deflection; zeros by default.
     torque_scale : (n_joints,), optional
         Torque channel per unit of link torque; multiplies the rigid-body term. Ones by default.
     encoder_delay : (n_joints,)
@@ -582,7 +638,8 @@ class TorqueModel:
         phi: ArrayLike,
         effects: Sequence[tuple[Effect, ArrayLike]],
         *,
-        residual: tuple[str, _Mixtures] | None = None,
+        residual: tuple[str, Sequence[_Regression | None]] | None = None,
+        compliance: Sequence[float] | None = None,
         torque_scale: Sequence[float] | None = None,
         encoder_delay: Sequence[float],
         noise_std: Sequence[float],
@@ -648,6 +705,27 @@ class TorqueModel:
             An argument has the wrong shape or holds a NaN or an infinity.
         """
 
+    def predicted_std(
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        q_motor: ArrayLike | None = None,
+        dq_motor: ArrayLike | None = None,
+        ddq_motor: ArrayLike | None = None,
+    ) -> _FloatArray:
+        """Standard deviation expected of measured minus predicted torque, (n_samples, n_joints) [torque unit].
+
+        `noise_std` where no third loop acts. Where one is trusted, its own variance, which holds that noise too: by the
+        law of total variance for a mixture, the mean squares left near the centres for radial basis functions. Where it
+        fades, the noise and the residual's whole mean square. Parameters count as known. Arguments as for `evaluate`.
+
+        Raises
+        ------
+        ValueError
+            An argument has the wrong shape or holds a NaN or an infinity.
+        """
+
     @property
     def robot(self) -> RobotModel:
         """Kinematics and gravity."""
@@ -665,8 +743,12 @@ class TorqueModel:
         """Effects with their coefficients (n_joints, n_columns)."""
 
     @property
-    def residual(self) -> tuple[str, list[GaussianMixtureRegression | None]] | None:
-        """What the mixtures see and one mixture or None per joint; None without a third loop."""
+    def residual(self) -> tuple[str, list[_Regression | None]] | None:
+        """What the regressions see and one or None per joint; None without a third loop."""
+
+    @property
+    def compliance(self) -> _FloatArray | None:
+        """Of the gears [rad per torque unit], (n_joints,); None without a third loop."""
 
     @property
     def torque_scale(self) -> _FloatArray:
@@ -788,10 +870,19 @@ def effect_torque(
         As `effect_columns`; `coefficients` does not have one row per joint.
     """
 
-def residual_inputs(inputs: str, q: _FloatArray, dq: ArrayLike, q_motor: ArrayLike, dq_motor: ArrayLike) -> _FloatArray:
-    """Return what a mixture of the third loop sees: (n_samples, n_joints, 2); the channels on one clock.
+def residual_inputs(
+    inputs: str,
+    q: _FloatArray,
+    dq: ArrayLike,
+    q_motor: ArrayLike,
+    dq_motor: ArrayLike,
+    wind_up: ArrayLike | None = None,
+) -> _FloatArray:
+    """Return what a regression of the third loop sees: (n_samples, n_joints, 2); the channels on one clock.
 
-    `inputs`: `"deflection"` (motor minus link, and its rate) or `"joint_state"` (of the motor side).
+    `inputs`: `"deflection"` (motor minus link, and its rate), `"joint_state"` (of the motor side), or
+    `"load_free_deflection"`: the deflection less `wind_up` (compliance times predicted rigid-body torque), and the
+    deflection's rate.
     """
 
 def align_link_side(

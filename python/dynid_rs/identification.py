@@ -13,7 +13,7 @@ from sklearn.exceptions import ConvergenceWarning
 from sklearn.utils.validation import check_is_fitted
 
 from dynid_rs import _core
-from dynid_rs.assembly import Mixtures, assemble, evaluate, with_mixtures
+from dynid_rs.assembly import Regressions, assemble, evaluate
 from dynid_rs.columns import Observations, Plan, make_plan, observe
 from dynid_rs.encoders import EncoderDelay, estimate_encoder_delay
 from dynid_rs.evaluation import rmse as rms
@@ -25,7 +25,7 @@ from dynid_rs.known import KnownTerm, check_known, less_known
 from dynid_rs.links import LinkDynamicsIdentifier, baseline, block_residuals, own_beside
 from dynid_rs.preprocessing import Band, States, choose_band, common_rate, prepare
 from dynid_rs.recording import Recording
-from dynid_rs.residual import ResidualCompensator, inputs_of
+from dynid_rs.residual import ResidualCompensator
 from dynid_rs.training import check_training_runs, prepare_training_runs
 
 FloatArray = NDArray[np.float64]
@@ -77,6 +77,8 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         The fitted loops.
     baseline_ : TorqueModel
         Rigid body, Coulomb and viscous friction by weighted least squares: what the paper compares with.
+    two_loop_model_ : TorqueModel
+        Friction and link dynamics without a third loop.
     friction_model_ : TorqueModel
         What the first loop gives by itself: friction with its shape beside the baseline's links.
     encoder_delay_ : EncoderDelay or None
@@ -190,20 +192,25 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
             links.fit(observations, fit_scale=in_ampere, beside=beside)
             held = links.phi_base_, links.torque_scale_
             after = after_links = rms(block_residuals(observations, links.x_, links.torque_scale_))
+            if self.n_iter_ == 1:
+                self.two_loop_model_ = self._model(plan, links, links.own_, data.raw_runs)
             # Loop 3: what is left, from the deflection (Eqs. 31-39); where it does not pay, it stays out.
             if residual is not None:
                 on_progress(f"round {self.n_iter_}: residual")
                 left = observations.by_run(block_residuals(observations, links.x_, links.torque_scale_))
                 left = [e + states.in_band(u) for e, states, u in zip(left, runs, third_loop, strict=True)]
-                (residual.fit if self.n_iter_ == 1 else residual.refit)(runs, left)
-                after = rms(
-                    [e - states.in_band(u) for e, states, u in zip(left, runs, _torque(residual, runs), strict=True)]
-                )
+                tau_link = [_link_torque(plan, links, states) for states in runs]
+                if self.n_iter_ == 1:
+                    residual.fit(runs, left, tau_link=tau_link, columns=_linear_columns(observations))
+                else:
+                    residual.refit(runs, left, tau_link=tau_link)
+                torque = [residual.torque(states, load) for states, load in zip(runs, tau_link, strict=True)]
+                after = rms([e - states.in_band(u) for e, states, u in zip(left, runs, torque, strict=True)])
             self.history_.append({"friction": after_friction, "links": after_links, "residual": after})
             if residual is None or not residual.kept.any() or self._settled():
                 self.converged_ = True
                 break
-            third_loop = _torque(residual, runs)
+            third_loop = torque
             changed = np.flatnonzero(residual.kept).tolist()
         if not self.converged_:
             warnings.warn(
@@ -212,8 +219,9 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
                 stacklevel=2,
             )
         self.friction_, self.links_, self.residual_ = friction, links, residual
+        self._pairs = data.pairs
         self.observations_, self.raw_runs_, self.runs_ = observations, data.raw_runs, runs
-        kept = None if residual is None else (residual.inputs_, residual.mixtures_)
+        kept = None if residual is None else (residual.inputs_, residual.mixtures_, residual.compliance_)
         self.model_ = self._model(plan, links, links.own_, data.raw_runs, kept)
         return self
 
@@ -229,10 +237,26 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         check_is_fitted(self, "band_")
         return prepare(recording, self.band_, self.rate_)
 
-    def model_with(self, mixtures: Mixtures) -> _core.TorqueModel:
-        """Return the fitted model with other mixtures in its third loop; all None leaves it out."""
-        inputs = "joint_state" if self.residual_ is None else self.residual_.inputs_
-        return with_mixtures(self.model_, inputs, mixtures)
+    def model_with(self, regressions: Regressions) -> _core.TorqueModel:
+        """Return the model with other regressions in its third loop; all None leaves it out.
+
+        The second loop is fitted again beside them: its terms depend on what the third one takes.
+        """
+        check_is_fitted(self, "model_")
+        if all(regression is None for regression in regressions):
+            return self.two_loop_model_
+        third, plan = self.residual_, self.observations_.plan
+        if third is None:
+            raise ValueError("the third loop was switched off; fit with a ResidualCompensator first")
+        if list(regressions) == third.mixtures_:
+            return self.model_
+        loads = [_link_torque(plan, self.links_, states) for states in self.runs_]
+        torque = [third.torque(states, load, regressions) for states, load in zip(self.runs_, loads, strict=True)]
+        observations = observe(plan, self.runs_, [s.tau - u for s, u in zip(self.runs_, torque, strict=True)])
+        beside = row_groups(pair_rows(plan, self._pairs)) if self._pairs else []
+        links = clone(self.links_).fit(observations, fit_scale=self.torque_unit_ == "A", beside=beside)
+        kept = (third.inputs_, list(regressions), third.compliance_)
+        return self._model(plan, links, links.own_, self.raw_runs_, kept)
 
     def _estimators(self) -> tuple[FrictionIdentifier, LinkDynamicsIdentifier, ResidualCompensator | None]:
         """Fresh copies of the three loops, so that the user's own are never changed."""
@@ -324,7 +348,7 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         links: LinkDynamicsIdentifier,
         own: FloatArray,
         runs: list[States],
-        third_loop: tuple[str, Mixtures] | None = None,
+        third_loop: tuple[str, Regressions, FloatArray] | None = None,
     ) -> _core.TorqueModel:
         delay, unit = self._delay, self.torque_unit_
         known = self.known_
@@ -353,12 +377,15 @@ def _as_list(recordings: Recording | Sequence[Recording]) -> list[Recording]:
     return [recordings] if isinstance(recordings, Recording) else list(recordings)
 
 
-def _torque(residual: ResidualCompensator, runs: Sequence[States]) -> list[FloatArray]:
-    """Torque of the kept mixtures at every sample of every run, (n, n_joints) each."""
-    torques = [np.zeros_like(states.tau) for states in runs]
-    for tau, states in zip(torques, runs, strict=True):
-        u = inputs_of(states, residual.inputs_) if residual.kept.any() else None
-        for j, mixture in enumerate(residual.mixtures_):
-            if u is not None and mixture is not None:
-                tau[:, j] = mixture.predict(u[:, j])[0]
-    return torques
+def _link_torque(plan: Plan, links: LinkDynamicsIdentifier, states: States) -> FloatArray:
+    """Rigid-body torque of the second loop at every sample, (n, n_joints) in the torque unit."""
+    phi = np.zeros(10 * plan.robot.n_joints)
+    phi[plan.pivots] = links.phi_base_
+    tau: FloatArray = plan.robot.inverse_dynamics(states.q, states.dq, states.ddq, phi) * links.torque_scale_
+    return tau
+
+
+def _linear_columns(observations: Observations) -> list[list[FloatArray]]:
+    """Columns of every joint's terms, per joint and run."""
+    blocks = observations.blocks
+    return [observations.by_run([block.rows[j][:, :-1] for block in blocks]) for j in range(len(blocks[0].rows))]

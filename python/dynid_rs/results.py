@@ -209,17 +209,17 @@ def _residual(identifier: ThreeLoopIdentifier, test: list[States], tested: Score
     if third is None:
         return {"kind": "gmr", "inputs": None, "kept": False, "kept_on": [], "switched_off": True}
     without = score(identifier.model_with([None] * n), test) if third.kept.any() else tested
-    candidates = [mixture or candidate for mixture, candidate in zip(third.mixtures_, third.candidates_, strict=True)]
+    candidates = [kept or candidate for kept, candidate in zip(third.mixtures_, third.candidates_, strict=True)]
     with_all = score(identifier.model_with(candidates), test)
     return {
-        "kind": "gmr",
+        "kind": {"mixture": "gmr", "rbf": "rbf"}[third.method],
         "inputs": third.inputs_,
         "kept": bool(third.kept.any()),
         "kept_on": [joint for joint, kept in zip(identifier.robot.joint_names, third.kept, strict=True) if kept],
         "rmse_test_without": without.rmse,
         "rmse_test_with": with_all.rmse,
         "left_out_ratio": third.ratio_,
-        "n_components": [mixture.n_components if mixture else 0 for mixture in candidates],
+        "n_components": [regression.n_components if regression else 0 for regression in candidates],
     }
 
 

@@ -77,6 +77,9 @@ def _examine(identifier: ThreeLoopIdentifier, term: KnownTerm, j: int, test: Seq
     without = _with_torque(observations, [tau + t for tau, t in zip(measured, torque, strict=True)])
     known_without = [(e, c - coefficients if e is effect else c) for e, c in identifier.known_]
 
+    residual, compliance = identifier.model_.residual, identifier.model_.compliance
+    third_loop = None if residual is None or compliance is None else (*residual, compliance)
+
     def error(links: LinkDynamicsIdentifier, known: Sequence[KnownTerm]) -> float:
         model = assemble(
             observations.plan,
@@ -85,7 +88,7 @@ def _examine(identifier: ThreeLoopIdentifier, term: KnownTerm, j: int, test: Seq
             identifier.raw_runs_,
             encoder_delay=np.asarray(identifier.model_.encoder_delay),
             torque_unit=identifier.torque_unit_,
-            third_loop=identifier.model_.residual,
+            third_loop=third_loop,
             known=known,
         )
         return float(rmse([compare(states, evaluate(model, states)[0]).error for states in test])[j])

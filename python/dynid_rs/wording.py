@@ -99,7 +99,12 @@ def residual_reason(result: dict[str, Any]) -> str:
     residual = result["residual"]
     if residual.get("switched_off"):
         return "The third loop was switched off."
-    signals = {"deflection": "the gears' deflection", "joint_state": "joint position and velocity"}[residual["inputs"]]
+    method = {"gmr": "mixture regression", "rbf": "radial basis functions"}[residual["kind"]]
+    signals = {
+        "deflection": "the gears' deflection",
+        "joint_state": "joint position and velocity",
+        "load_free_deflection": "the gears' deflection without the load's share",
+    }[residual["inputs"]]
     kept = np.isin(result["joints"], residual["kept_on"])
     change = 100 * (np.asarray(residual["rmse_test_with"]) / np.maximum(residual["rmse_test_without"], 1e-300) - 1)
     fitted = np.asarray(residual["n_components"]) > 0
@@ -107,11 +112,11 @@ def residual_reason(result: dict[str, Any]) -> str:
         return "The third loop had nothing to learn from: no joint has two different encoder signals."
     if not kept.any():
         return (
-            f"The third loop (mixture regression on {signals}) did not pay on training runs left out and is not in the "
+            f"The third loop ({method} on {signals}) did not pay on training runs left out and is not in the "
             f"model; on the test runs it would have changed the error by {_range(change[fitted])}."
         )
     names = ", ".join(np.asarray(result["joints"])[kept])
-    words = f"The third loop (mixture regression on {signals}) paid on {names} and is in the model there: "
+    words = f"The third loop ({method} on {signals}) paid on {names} and is in the model there: "
     words += f"it changed the error on the test runs by {_range(change[kept])}."
     if not kept.all():
         words += " On the other joints it did not pay on training runs left out."

@@ -53,13 +53,16 @@ def identify(
     known: Annotated[
         Path | None, typer.Option(metavar="TERMS.toml", help="Effects whose coefficients you know; they are not fitted")
     ] = None,
-    residual: Annotated[str, typer.Option(help="Third loop on: auto, deflection, joint_state or none")] = "auto",
     friction: Annotated[
         list[Path] | None, typer.Option(metavar="RUN", help="Run of the friction experiment; repeat for more")
     ] = None,
     friction_law: Annotated[
         str, typer.Option(help="paper, coulomb_viscous, stribeck, or auto: by a training run left out, joint by joint")
     ] = "paper",
+    residual: Annotated[
+        str, typer.Option(help="Third loop on: auto, load_free_deflection, deflection, joint_state or none")
+    ] = "auto",
+    compensator: Annotated[str, typer.Option(help="Third loop by: mixture or rbf")] = "mixture",
     cutoff: Annotated[float | None, typer.Option(help="Band [Hz]; chosen from the motion if left out")] = None,
     physical: Annotated[
         bool, typer.Option("--physical", help="Also masses and inertias that bodies can have, for `dynid export`")
@@ -95,7 +98,7 @@ def identify(
         model = read_robot(robot, base, tip, gravity)
         settings = read_settings(config, drive_gain, model.n_joints)
         model = with_rotors(model, settings, robot, base, tip)
-        identifier = _identifier(model, weighting, prior, residual, cutoff, friction_law)
+        identifier = _identifier(model, weighting, prior, residual, compensator, cutoff, friction_law)
         identifier.known = _known(known, model)
         split, findings = read_split(runs, test or [], test_from, model, settings)
         check_cutoff(cutoff, [*split.train, *split.test])
@@ -124,11 +127,19 @@ def _known(path: Path | None, robot: Any) -> list[Any]:
     return list(read_terms(path, robot))
 
 
-def _identifier(model: Any, weighting: str, prior: str, residual: str, cutoff: float | None, friction_law: str) -> Any:
+def _identifier(
+    model: Any,
+    weighting: str,
+    prior: str,
+    residual: str,
+    compensator: str,
+    cutoff: float | None,
+    friction_law: str,
+) -> Any:
     from dynid_rs.friction_laws import LAWS
     from dynid_rs.identification import ThreeLoopIdentifier
     from dynid_rs.links import LinkDynamicsIdentifier
-    from dynid_rs.residual import ResidualCompensator
+    from dynid_rs.residual import METHODS, ResidualCompensator
 
     choices: dict[str, Literal["joint_variance", "full_covariance"] | None] = {
         "joint_variance": "joint_variance",
@@ -144,15 +155,18 @@ def _identifier(model: Any, weighting: str, prior: str, residual: str, cutoff: f
         raise ValueError(
             "--prior robot is weighed against the noise, which --weighting none leaves out; choose another"
         )
-    if residual not in ("auto", "deflection", "joint_state", "none"):
-        raise ValueError(f"--residual must be auto, deflection, joint_state or none, found {residual!r}")
     if friction_law not in (*LAWS, "auto"):
         raise ValueError(f"--friction-law must be {', '.join(LAWS)} or auto, found {friction_law!r}")
+    inputs = ("auto", "load_free_deflection", "deflection", "joint_state")
+    if residual not in (*inputs, "none"):
+        raise ValueError(f"--residual must be {', '.join(inputs)} or none, found {residual!r}")
+    if compensator not in METHODS:
+        raise ValueError(f"--compensator must be {' or '.join(METHODS)}, found {compensator!r}")
     return ThreeLoopIdentifier(
         model,
         friction_law="paper" if friction_law == "auto" else friction_law,
         links=LinkDynamicsIdentifier(choices[weighting], prior=priors[prior]),
-        residual=None if residual == "none" else ResidualCompensator(inputs=residual),  # type: ignore[arg-type]
+        residual=None if residual == "none" else ResidualCompensator(method=compensator, inputs=residual),  # type: ignore[arg-type]
         cutoff=cutoff,
     )
 

@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use dynid_core::{JointKind, TorqueModel};
+use dynid_core::{JointKind, Regression, Residual, TorqueModel};
 use serde_json::json;
 
 fn kind_name(kind: JointKind) -> &'static str {
@@ -32,6 +32,12 @@ fn residual_joints(model: &TorqueModel) -> Vec<&str> {
         .collect()
 }
 
+/// Which regressions the third loop is made of, `"mixture"` or `"rbf"`; both where joints differ.
+fn residual_methods(residual: &Residual) -> String {
+    let names = residual.joints().iter().flatten().map(Regression::name);
+    distinct(&names.collect::<Vec<_>>()).join(" and ")
+}
+
 /// For people.
 pub fn text(model: &TorqueModel) -> String {
     let robot = model.robot();
@@ -58,7 +64,11 @@ pub fn text(model: &TorqueModel) -> String {
         let joints = residual_joints(model).join(", ");
         line(
             "residual",
-            &format!("of {}, on {joints}", residual.inputs().name()),
+            &format!(
+                "{} of {}, on {joints}",
+                residual_methods(residual),
+                residual.inputs().name()
+            ),
         );
     }
     text.push_str("\ntrained on\n");
@@ -137,7 +147,7 @@ pub fn json(model: &TorqueModel) -> String {
         })
         .collect();
     let residual = model.residual().map(
-        |residual| json!({"inputs": residual.inputs().name(), "joints": residual_joints(model)}),
+        |residual| json!({"inputs": residual.inputs().name(), "method": residual_methods(residual), "joints": residual_joints(model)}),
     );
     let info = json!({
         "robot": robot.name(),

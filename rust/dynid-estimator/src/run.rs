@@ -3,7 +3,7 @@
 use std::io::{self, Read, Write};
 use std::sync::Arc;
 
-use dynid_core::{ResidualInputs, TorqueEstimator, TorqueModel};
+use dynid_core::{TorqueEstimator, TorqueModel};
 
 use crate::args::Format;
 use crate::frame::{Frame, Present};
@@ -67,7 +67,7 @@ pub fn run(
 fn note_a_missing_encoder(model: &TorqueModel, present: Present) {
     let deflection = model
         .residual()
-        .is_some_and(|residual| residual.inputs() == ResidualInputs::Deflection);
+        .is_some_and(|residual| residual.inputs().two_encoders());
     let two_encoders = deflection || model.encoder_delay().iter().any(|delay| *delay != 0.0);
     let [.., q_motor, dq_motor, _] = present.signals;
     for (name, there) in [("q_motor", q_motor), ("dq_motor", dq_motor)] {

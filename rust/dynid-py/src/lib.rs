@@ -10,6 +10,7 @@ mod mixture;
 mod model;
 mod offline;
 mod physical;
+mod rbf;
 mod robot;
 mod run;
 
@@ -35,6 +36,7 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<base::PyBaseParameters>()?;
     m.add_class::<effects::PyEffect>()?;
     m.add_class::<mixture::PyGaussianMixtureRegression>()?;
+    m.add_class::<rbf::PyNormalisedRbf>()?;
     m.add_class::<model::PyTorqueModel>()?;
     m.add_class::<excitation::PyExcitation>()?;
     m.add_function(wrap_pyfunction!(excitation::inverse_dynamics_gradient, m)?)?;

@@ -52,7 +52,7 @@ pub fn model() -> TorqueModel {
             EffectTerm::new(friction, (0..16).map(f64::from).collect(), 2).unwrap(),
         ],
         residual: Some(
-            Residual::new(ResidualInputs::Deflection, vec![Some(mixture), None]).unwrap(),
+            Residual::new(ResidualInputs::Deflection, vec![Some(mixture.into()), None]).unwrap(),
         ),
         encoder_delay: vec![0.003, 0.0],
         noise_std: vec![0.5, 0.6],

@@ -4,8 +4,8 @@
 
 use dynid_core::model::TorqueModelParts;
 use dynid_core::{
-    Domain, GaussianMixtureRegression, Joint, JointKind, JointLimits, PhysicalSet, Residual,
-    ResidualInputs, RobotModel, TorqueModel,
+    Domain, GaussianMixtureRegression, Joint, JointKind, JointLimits, NormalisedRbf, PhysicalSet,
+    Regression, Residual, ResidualInputs, RobotModel, TorqueModel,
 };
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
@@ -85,7 +85,21 @@ enum KindPart {
 #[serde(deny_unknown_fields)]
 struct ResidualPart {
     inputs: InputsPart,
-    joints: Vec<Option<MixturePart>>,
+    /// Left out where the inputs do not need it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    compliance: Option<Vec<f64>>,
+    joints: Vec<Option<RegressionPart>>,
+}
+
+/// Told apart by their fields: files from before there was a choice hold mixtures.
+#[derive(Serialize, Deserialize)]
+#[serde(
+    untagged,
+    expecting = "a residual's joint needs weights, means, covariances (mixture) or centers, precision, weights, variances (rbf)"
+)]
+enum RegressionPart {
+    Mixture(MixturePart),
+    Rbf(RbfPart),
 }
 
 #[derive(Clone, Copy, Serialize, Deserialize)]
@@ -93,6 +107,7 @@ struct ResidualPart {
 enum InputsPart {
     Deflection,
     JointState,
+    LoadFreeDeflection,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -101,6 +116,15 @@ struct MixturePart {
     weights: Vec<f64>,
     means: Vec<[f64; 3]>,
     covariances: Vec<[[f64; 3]; 3]>,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RbfPart {
+    centers: Vec<[f64; 2]>,
+    precision: [f64; 2],
+    weights: Vec<f64>,
+    variances: Vec<f64>,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -258,30 +282,88 @@ impl JointPart {
 
 impl ResidualPart {
     fn from_residual(residual: &Residual) -> Self {
+        let needed = residual.inputs() == ResidualInputs::LoadFreeDeflection
+            || residual.compliance().iter().any(|c| *c != 0.0);
         Self {
             inputs: match residual.inputs() {
                 ResidualInputs::Deflection => InputsPart::Deflection,
                 ResidualInputs::JointState => InputsPart::JointState,
+                ResidualInputs::LoadFreeDeflection => InputsPart::LoadFreeDeflection,
             },
+            compliance: needed.then(|| residual.compliance().to_vec()),
             joints: residual
                 .joints()
                 .iter()
-                .map(|mixture| mixture.as_ref().map(MixturePart::from_mixture))
+                .map(|joint| joint.as_ref().map(RegressionPart::from_regression))
                 .collect(),
         }
     }
 
     fn into_residual(self) -> Result<Residual, String> {
-        let joints = self
+        let joints: Vec<Option<Regression>> = self
             .joints
             .into_iter()
-            .map(|mixture| mixture.map(MixturePart::into_mixture).transpose())
+            .map(|joint| joint.map(RegressionPart::into_regression).transpose())
             .collect::<Result<_, _>>()?;
         let inputs = match self.inputs {
             InputsPart::Deflection => ResidualInputs::Deflection,
             InputsPart::JointState => ResidualInputs::JointState,
+            InputsPart::LoadFreeDeflection => ResidualInputs::LoadFreeDeflection,
         };
-        Residual::new(inputs, joints).map_err(|e| format!("residual: {e}"))
+        let compliance = match (inputs, self.compliance) {
+            (ResidualInputs::LoadFreeDeflection, None) => {
+                return Err(
+                    "residual: compliance is missing, which load_free_deflection needs".to_owned(),
+                )
+            }
+            (_, compliance) => compliance.unwrap_or_else(|| vec![0.0; joints.len()]),
+        };
+        Residual::new(inputs, joints)
+            .and_then(|residual| residual.with_compliance(compliance))
+            .map_err(|e| format!("residual: {e}"))
+    }
+}
+
+impl RegressionPart {
+    fn from_regression(regression: &Regression) -> Self {
+        match regression {
+            Regression::Mixture(mixture) => Self::Mixture(MixturePart::from_mixture(mixture)),
+            Regression::Rbf(rbf) => Self::Rbf(RbfPart::from_rbf(rbf)),
+        }
+    }
+
+    fn into_regression(self) -> Result<Regression, String> {
+        match self {
+            Self::Mixture(part) => part.into_mixture().map(Regression::Mixture),
+            Self::Rbf(part) => part.into_rbf().map(Regression::Rbf),
+        }
+    }
+}
+
+impl RbfPart {
+    fn from_rbf(rbf: &NormalisedRbf) -> Self {
+        // A residual takes two inputs, checked when it was built.
+        let mut precision = [0.0; 2];
+        precision
+            .iter_mut()
+            .zip(rbf.precision())
+            .for_each(|(to, h)| *to = *h);
+        Self {
+            centers: rbf.centers().as_chunks::<2>().0.to_vec(),
+            precision,
+            weights: rbf.weights().to_vec(),
+            variances: rbf.variances().to_vec(),
+        }
+    }
+
+    fn into_rbf(self) -> Result<NormalisedRbf, String> {
+        NormalisedRbf::new(
+            self.centers.concat(),
+            self.precision.to_vec(),
+            self.weights,
+            self.variances,
+        )
+        .map_err(|e| format!("residual: {e}"))
     }
 }
 

@@ -1,7 +1,7 @@
 use dynid_core::model::TorqueModelParts;
 use dynid_core::{
-    Domain, Effect, EffectTerm, GaussianMixtureRegression, Joint, JointKind, JointLimits, Residual,
-    ResidualInputs, RobotModel,
+    Domain, Effect, EffectTerm, GaussianMixtureRegression, Joint, JointKind, JointLimits,
+    NormalisedRbf, Residual, ResidualInputs, RobotModel,
 };
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use proptest::prelude::*;
@@ -46,7 +46,7 @@ fn model() -> TorqueModel {
             EffectTerm::new(friction, (0..16).map(f64::from).collect(), 2).unwrap(),
         ],
         residual: Some(
-            Residual::new(ResidualInputs::Deflection, vec![Some(mixture), None]).unwrap(),
+            Residual::new(ResidualInputs::Deflection, vec![Some(mixture.into()), None]).unwrap(),
         ),
         encoder_delay: vec![0.003, 0.0],
         noise_std: vec![0.5, 0.6],
@@ -239,4 +239,70 @@ fn every_kind_of_the_catalogue_survives_the_file() {
     .unwrap();
     let text = to_text(&all).unwrap();
     assert_eq!(parse(text.as_bytes(), "x").unwrap(), all);
+}
+
+/// The other choices: bumps beside a mixture, on the load-free deflection, which needs the compliance.
+fn model_with_rbf() -> TorqueModel {
+    let old = model();
+    let Some(residual) = old.residual() else {
+        unreachable!("the model has one")
+    };
+    let rbf = NormalisedRbf::new(
+        vec![0.1, 0.2, -0.3, 1e-300],
+        vec![1e6, 0.1],
+        vec![1.0 / 3.0, -2.0],
+        vec![0.0, 0.7],
+    )
+    .unwrap();
+    let joints = vec![residual.joints()[0].clone(), Some(rbf.into())];
+    TorqueModel::new(TorqueModelParts {
+        robot: old.robot().clone(),
+        phi: old.phi().to_vec(),
+        torque_scale: old.torque_scale().to_vec(),
+        effects: old.effects().to_vec(),
+        residual: Residual::new(ResidualInputs::LoadFreeDeflection, joints)
+            .and_then(|residual| residual.with_compliance(vec![1e-6, 0.0]))
+            .ok(),
+        encoder_delay: old.encoder_delay().to_vec(),
+        noise_std: old.noise_std().to_vec(),
+        domain: old.domain().clone(),
+        torque_unit: old.torque_unit().to_owned(),
+        step: old.step(),
+    })
+    .unwrap()
+}
+
+#[test]
+fn both_regressions_and_the_compliance_come_back() {
+    let model = model_with_rbf();
+    let text = to_text(&model).unwrap();
+    assert_eq!(parse(text.as_bytes(), "m").unwrap(), model);
+}
+
+#[test]
+fn a_load_free_deflection_without_compliance_is_refused() {
+    let text = to_text(&model_with_rbf()).unwrap();
+    let mut file: serde_json::Value = serde_json::from_str(&text).unwrap();
+    file["residual"]
+        .as_object_mut()
+        .unwrap()
+        .remove("compliance");
+    let file: schema::ModelFile = serde_json::from_value(file).unwrap();
+    assert_eq!(
+        file.into_model().unwrap_err(),
+        "residual: compliance is missing, which load_free_deflection needs"
+    );
+}
+
+#[test]
+fn a_regression_of_neither_kind_is_named() {
+    let text = to_text(&model_with_rbf()).unwrap();
+    let mut file: serde_json::Value = serde_json::from_str(&text).unwrap();
+    file["residual"]["joints"][1]["sigma"] = 1.0.into();
+    let error = serde_json::from_value::<schema::ModelFile>(file)
+        .err()
+        .unwrap();
+    assert!(error
+        .to_string()
+        .contains("centers, precision, weights, variances (rbf)"));
 }
