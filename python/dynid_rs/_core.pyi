@@ -31,6 +31,7 @@ __all__ = [
     "BaseParameters",
     "Effect",
     "FormatError",
+    "FrictionSearch",
     "GaussianMixtureRegression",
     "RobotModel",
     "TorqueModel",
@@ -310,6 +311,44 @@ class Effect:
     @property
     def shape(self) -> list[tuple[str, list[float]]]:
         """Shape parameters by name, one value per joint each."""
+
+@final
+class FrictionSearch:
+    """Residual power of one joint's torque as a function of friction's shape, links taken out (Eq. 12).
+
+    Parameters
+    ----------
+    runs : sequence of (speeds, filter, kept, mirrored)
+        Motor-side speeds (n_samples,) [rad/s]; the band's filter; samples that become rows. Where `mirrored` is not
+        None, half the difference of the rows at `kept` and at these samples becomes a row (Eq. 8).
+    links : (n_rows, n_columns)
+        Columns of the links in the rows of all runs.
+    tau : (n_rows,)
+        Torque in the same rows.
+    weak : float
+        Directions of the links weaker than this (relative singular value) are taken out on request only.
+    n_orders : int
+        Viscous orders that are fitted, 0 to 3.
+
+    Raises
+    ------
+    ValueError
+        Lengths that disagree, or a run that is too short for its filter.
+    """
+
+    def __new__(
+        cls,
+        runs: Sequence[tuple[ArrayLike, _Filter | None, Sequence[int], Sequence[int] | None]],
+        links: ArrayLike,
+        tau: ArrayLike,
+        *,
+        weak: float,
+        n_orders: int = 3,
+    ) -> FrictionSearch: ...
+    def power(
+        self, velocity_threshold: ArrayLike, transition_width: ArrayLike, *, all_links: bool = False
+    ) -> _FloatArray:
+        """Sum of squares that is left at each shape, (n_shapes,). Shapes of one threshold are best given in a row."""
 
 @final
 class GaussianMixtureRegression:

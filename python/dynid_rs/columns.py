@@ -200,8 +200,15 @@ def observe(
     return Observations(plan, blocks)
 
 
-def run_rows(plan: Plan, states: States, tau: FloatArray, *, tau_link: FloatArray | None = None) -> list[FloatArray]:
-    """Filtered, decimated rows of one run: per joint (n_rows, n_own + base columns + 1)."""
+def run_rows(
+    plan: Plan,
+    states: States,
+    tau: FloatArray,
+    *,
+    kept: list[int] | None = None,
+    tau_link: FloatArray | None = None,
+) -> list[FloatArray]:
+    """Filtered, decimated rows of one run: per joint (n_rows, n_own + base columns + 1); at samples `kept` if given."""
     q, dq, ddq, q_motor, dq_motor, ddq_motor = states.signals()
     return _core.observe(
         plan.robot,
@@ -215,7 +222,7 @@ def run_rows(plan: Plan, states: States, tau: FloatArray, *, tau_link: FloatArra
         ddq_motor,
         tau,
         filter=states.filter,
-        kept=states.kept,
+        kept=states.kept if kept is None else kept,
         tau_link=tau_link,
         step=1 / states.rate,
     )

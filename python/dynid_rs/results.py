@@ -18,6 +18,7 @@ from dynid_rs.identification import ThreeLoopIdentifier
 from dynid_rs.links import stack
 from dynid_rs.preprocessing import States
 from dynid_rs.recording import Recording
+from dynid_rs.separability import examine, not_separable
 from dynid_rs.uncertainty import NORMAL_95, parameter_covariance
 from dynid_rs.wording import residual_reason, verdict
 
@@ -101,6 +102,8 @@ def _summarise(
         for states in (*train_states, *test_states)
         for note in states.notes
     ]
+    known = examine(identifier, test_states)
+    told = not_separable(known, prior_used=identifier.links_.posterior_ is not None)
     result: dict[str, Any] = {
         "format": FORMAT,
         "version": VERSION,
@@ -114,7 +117,7 @@ def _summarise(
             "n_dropped": {"train": _standing_still(train_states), "test": _standing_still(test_states)},
             "rate_hz": train_states[0].rate,
             "cutoff_hz": identifier.band_.cutoff,
-            "findings": [finding.to_json() for finding in (*findings, *_standstill(test_states, whole), *notes)],
+            "findings": [finding.to_json() for finding in (*findings, *told, *_standstill(test_states, whole), *notes)],
         },
         "rmse": {
             "train": {"before": trained.rmse, "after": trained.rmse},
@@ -130,6 +133,8 @@ def _summarise(
             },
         },
         "floor_method": FLOOR_METHOD,
+        "prior": _prior(identifier),
+        "known": known,
         "effects": [],
         "unexplained": [],
         "residual": _residual(identifier, test_states, tested),
@@ -235,6 +240,38 @@ def _base(identifier: ThreeLoopIdentifier) -> dict[str, Any]:
         "condition_number": float(values[0] / values[-1]) if values[-1] > 0 else None,
         "ridge": identifier.links_.ridge_,
         "torque_scale": identifier.links_.torque_scale_,
+    }
+
+
+def _prior(identifier: ThreeLoopIdentifier) -> dict[str, Any] | None:
+    """How far off the robot file is, and how far the data moved every parameter from it, in the prior's own measure."""
+    posterior, plan = identifier.links_.posterior_, identifier.observations_.plan
+    if posterior is None:
+        return None
+    declared, names = posterior.prior, base_names(plan)
+    std = declared.std(posterior.spreads.tolist())
+    off = posterior.relative_uncertainty
+    moved = [
+        {
+            "name": names[k],
+            "link": identifier.robot.link_names[plan.pivots[k] // 10],
+            "declared": posterior.gain * declared.mean[k],
+            "value": posterior.x[k],
+            "std": std[k],
+            "shift": (posterior.x[k] - posterior.gain * declared.mean[k]) / std[k],
+        }
+        for k in range(plan.n_base)
+        if np.isfinite(std[k])
+    ]
+    return {
+        "kind": "robot",
+        "relative_uncertainty": {"links": off[0], "rotors": off[1] if len(off) > 1 else None},
+        "gain": None if identifier.torque_unit_ == "N*m" else posterior.gain,
+        "n_directions": declared.rank,
+        "n_determined": posterior.n_determined,
+        "n_effective": posterior.n_effective,
+        "n_rows": identifier.observations_.n_rows,
+        "moved": moved,
     }
 
 

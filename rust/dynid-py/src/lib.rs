@@ -4,6 +4,7 @@ mod arrays;
 mod base;
 mod effects;
 mod errors;
+mod friction_search;
 mod mixture;
 mod model;
 mod offline;
@@ -32,6 +33,7 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<effects::PyEffect>()?;
     m.add_class::<mixture::PyGaussianMixtureRegression>()?;
     m.add_class::<model::PyTorqueModel>()?;
+    m.add_class::<friction_search::PyFrictionSearch>()?;
     m.add_function(wrap_pyfunction!(effects::friction_basis, m)?)?;
     m.add_function(wrap_pyfunction!(effects::effect_catalogue, m)?)?;
     m.add_function(wrap_pyfunction!(effects::effect_columns, m)?)?;

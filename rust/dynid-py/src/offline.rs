@@ -13,9 +13,11 @@ use crate::run::RunArrays;
 use crate::{arrays, errors};
 
 /// `(sections, steady state, padding)` as `scipy.signal.butter` and `sosfilt_zi` give them; `None` filters nothing.
-type FilterParts<'py> = Option<(Bound<'py, PyAny>, Bound<'py, PyAny>, usize)>;
+pub type FilterParts<'py> = Option<(Bound<'py, PyAny>, Bound<'py, PyAny>, usize)>;
 
-fn sampling(filter: FilterParts<'_>, kept: Vec<usize>) -> PyResult<Sampling> {
+/// # Errors
+/// `ValueError` if the filter's parts do not fit each other.
+pub fn sampling(filter: FilterParts<'_>, kept: Vec<usize>) -> PyResult<Sampling> {
     let filter = match filter {
         None => ZeroPhase::default(),
         Some((sections, steady, pad)) => {
