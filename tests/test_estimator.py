@@ -263,3 +263,10 @@ def test_effects_that_remember_give_the_bits_of_python(estimator, tmp_path):
     slower = model.evaluate(**states, step=0.01)[0]
     assert not np.array_equal(slower, total)
     assert_same_bits(from_csv(run(estimator, path, csv_text(states), "--step", "0.01"), names, n).total, slower)
+
+    for apart, options, said in ((0.004, (), False), (0.01, (), True), (0.01, ("--step", "0.01"), False)):
+        timed = {"t": apart * np.arange(N_STATES), **states}
+        done = subprocess.run(
+            [estimator, path, *options], input=csv_text(timed), capture_output=True, text=True, timeout=60, check=True
+        )
+        assert ("give --step" in done.stderr) == said

@@ -120,7 +120,7 @@ class FrictionIdentifier(BaseEstimator):  # type: ignore[misc]
         wanted = list(range(n)) if joints is None else list(joints)
 
         def search(j: int) -> tuple[float, float]:
-            n_orders = int(plan.own[j, -len(_core.FRICTION_NAMES) :].sum() - 2) // 2
+            n_orders = int(plan.own[j, plan.friction[1]].sum() - 2) // 2
             if pairs is not None and (odd := pairs[j]) is not None:
                 return self._search(_PowerLeft(odd.runs, odd.beside, odd.tau, odd.noise, n_orders, of_pairs=True))
             stacked = np.concatenate([run[j] for run in rows])

@@ -30,6 +30,7 @@ pub fn run(
         let with_step = estimator.with_step(step);
         estimator = with_step.map_err(|error| Stop::Because(error.to_string()))?;
     }
+    let mut clock = Clock::new(&model, step);
     let mut frame = Frame::new(model.robot().n_joints());
     let mut tau = vec![0.0; frame.n_joints()];
 
@@ -50,6 +51,7 @@ pub fn run(
         parser
             .parse(lines.line(), &mut frame)
             .map_err(|fault| lines.fault(&fault))?;
+        clock.note_another_step(frame.time);
         let status = estimator
             .estimate_into(&frame.state(), &mut tau)
             .map_err(|error| Stop::Because(error.to_string()))?;
@@ -60,6 +62,41 @@ pub fn run(
             status,
         };
         writer.write(&answer, out).map_err(Stop::output)?;
+    }
+}
+
+/// Watches that states come as far apart as the effects that change with time were told.
+struct Clock {
+    /// Time between states \[s\], as long as it is to be watched.
+    step: Option<f64>,
+    before: f64,
+}
+
+impl Clock {
+    /// A step that was given with `--step` is believed.
+    fn new(model: &TorqueModel, given: Option<f64>) -> Self {
+        let mut effects = model.effects().iter();
+        let matters = effects.any(|term| term.effect().entry().needs("step"));
+        Self {
+            step: model.step().filter(|_| matters && given.is_none()),
+            before: f64::NAN,
+        }
+    }
+
+    /// Says once if two times are not a step apart, by more than their digits explain.
+    fn note_another_step(&mut self, time: f64) {
+        let Some(step) = self.step else { return };
+        let apart = time - self.before;
+        self.before = time;
+        if apart.is_finite() {
+            self.step = None;
+            if (apart - step).abs() > 0.1 * step {
+                tell(
+                    "note",
+                    &format!("the first states are {apart} s apart, the model counts {step} s from one to the next; give --step"),
+                );
+            }
+        }
     }
 }
 
