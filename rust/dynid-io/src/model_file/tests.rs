@@ -104,7 +104,8 @@ fn a_physical_set_survives_the_file_and_is_absent_without_one() {
 
 #[test]
 fn a_set_that_no_body_has_is_refused() {
-    let spoiled: [(&str, fn(&mut PhysicalSet)); 6] = [
+    type Spoil = fn(&mut PhysicalSet);
+    let spoiled: [(&str, Spoil); 6] = [
         ("phi", |set| set.phi[4] = -0.4),
         ("phi", |set| set.phi.truncate(19)),
         ("rotor_inertia", |set| set.rotor_inertia[1] = -1e-9),
