@@ -10,7 +10,7 @@ from run_files import valid_columns, write
 from scipy.signal import lfilter
 from tolerances import ALGEBRAIC
 
-from dynid_rs import DataError, InstrumentalVariables, LinkDynamicsIdentifier, Recording, _core, read_recording
+from dynid_rs import InstrumentalVariables, LinkDynamicsIdentifier, Recording, _core, read_recording
 from dynid_rs.columns import make_plan, observe
 from dynid_rs.instruments import choose_source, endogeneity, instrument_states
 from dynid_rs.preprocessing import Band, prepare
@@ -177,9 +177,8 @@ def test_readers_know_the_reference(prefix, tmp_path):
     assert_allclose(recording.q_reference, recording.q + 0.01, **ALGEBRAIC)
     assert recording.slice(0, 100).q_reference.shape == (100, 3)
     assert recording.without("q_reference").q_reference is None
-    del columns[f"{prefix}_2"]
-    with pytest.raises(DataError, match="q_reference"):
-        read_recording(write(tmp_path / "cut.parquet", columns), closed_loop.robot())
+    del columns[f"{prefix}_2"]  # of some joints only: nobody needs it, so it is no reason to refuse the run
+    assert read_recording(write(tmp_path / "cut.parquet", columns), closed_loop.robot()).q_reference is None
 
 
 def test_a_biased_fit_is_said_in_the_verdict():

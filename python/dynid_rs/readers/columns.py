@@ -159,7 +159,8 @@ def _one_signal(source: FileColumns, signal: str, joints: Sequence[str]) -> tupl
             )
     if all(name is not None for name in chosen):
         return tuple(name for name in chosen if name is not None)
-    if rule is None and not any(chosen):
+    # Nobody needs a reference: one of some joints only is an unknown column like any other.
+    if rule is None and (not any(chosen) or signal == "q_reference"):
         return None
     raise missing_column(source, signal, joints, expected, chosen)
 

@@ -1,7 +1,7 @@
 use dynid_core::model::TorqueModelParts;
 use dynid_core::{
     Domain, Effect, EffectTerm, GaussianMixtureRegression, Joint, JointKind, JointLimits,
-    NormalisedRbf, Residual, ResidualInputs, RobotModel,
+    NormalisedRbf, PhysicalSet, Residual, ResidualInputs, RobotModel,
 };
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use proptest::prelude::*;
@@ -76,6 +76,47 @@ fn a_model_survives_the_file_exactly() {
         1,
         "no temporary file stays"
     );
+}
+
+fn physical() -> PhysicalSet {
+    let body = [2.0, 0.3, -0.1, 0.2, 0.4, 0.02, 0.5, -0.03, 0.01, 0.6];
+    PhysicalSet {
+        phi: [body, body].concat(),
+        rotor_inertia: vec![0.0, 0.3],
+        damping: vec![1.0, 2.0],
+        friction: vec![0.5, 0.0],
+        drive_gain: vec![1.0, 1.0 / 3.0],
+    }
+}
+
+#[test]
+fn a_physical_set_survives_the_file_and_is_absent_without_one() {
+    let with = model().with_physical(physical()).unwrap();
+    let text = to_text(&with).unwrap();
+    assert_eq!(
+        parse(text.as_bytes(), "x").unwrap().physical(),
+        Some(&physical())
+    );
+    assert!(!to_text(&model()).unwrap().contains("physical"));
+}
+
+#[test]
+fn a_set_that_no_body_has_is_refused() {
+    type Spoil = fn(&mut PhysicalSet);
+    let spoiled: [(&str, Spoil); 6] = [
+        ("phi", |set| set.phi[4] = -0.4),
+        ("phi", |set| set.phi.truncate(19)),
+        ("rotor_inertia", |set| set.rotor_inertia[1] = -1e-9),
+        ("friction", |set| set.friction[0] = -0.5),
+        ("drive_gain", |set| set.drive_gain[0] = 0.0),
+        ("NaN", |set| set.damping[0] = f64::NAN),
+    ];
+    for (what, spoil) in spoiled {
+        let mut set = physical();
+        spoil(&mut set);
+        let error = model().with_physical(set).unwrap_err().to_string();
+        assert!(error.contains(what), "{error}");
+    }
 }
 
 #[test]

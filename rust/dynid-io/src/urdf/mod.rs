@@ -41,6 +41,7 @@ mod elements;
 mod error;
 mod guard;
 mod merge;
+mod minimal;
 mod numbers;
 mod parts;
 mod places;
@@ -57,8 +58,9 @@ use std::path::Path;
 
 use dynid_core::robot::RobotModel;
 
-pub use edit::{minimal, with_physical};
+pub use edit::with_physical;
 pub use error::UrdfError;
+pub use minimal::minimal;
 
 use source::{Notes, Source};
 
