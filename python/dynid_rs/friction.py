@@ -47,6 +47,8 @@ ROUGH = 1e-3
 """Relative error of eps that does not matter while valleys are compared: power changes with its square."""
 ZOOM = (0.1, 0.02, 4e-3, 8e-4, 1.6e-4)
 """Half widths of the scans of log lambda on pairs, each a little more than a step of the one before."""
+NEAR_JUMP = 4.0
+"""Samples up to this many times lambda place the jump there."""
 MOST_TURNS = 30
 """A search that still pays after so many turns is stopped."""
 
@@ -122,7 +124,8 @@ class FrictionIdentifier(BaseEstimator):  # type: ignore[misc]
         def search(j: int) -> tuple[float, float]:
             n_orders = int(plan.own[j, plan.friction[1]].sum() - 2) // 2
             if pairs is not None and (odd := pairs[j]) is not None:
-                return self._search(_PowerLeft(odd.runs, odd.beside, odd.tau, odd.noise, n_orders, of_pairs=True))
+                power = _PowerLeft(odd.runs, odd.beside, odd.tau, odd.noise, n_orders, of_pairs=True)
+                return self._sharpen(power, odd, *self._search(power))
             stacked = np.concatenate([run[j] for run in rows])
             keep = np.concatenate([others & plan.own[j], np.ones(stacked.shape[1] - plan.n_own - 1, dtype=bool)])
             parts: list[SearchRun] = [(np.ascontiguousarray(s.dq_motor[:, j]), s.filter, s.kept, None) for s in runs]
@@ -164,6 +167,19 @@ class FrictionIdentifier(BaseEstimator):  # type: ignore[misc]
                 break
             span *= 0.8
         return threshold, width
+
+    def _sharpen(self, power: _PowerLeft, odd: OddTorque, threshold: float, width: float) -> tuple[float, float]:
+        """Place the jump at lambda once more, by the slow samples as they were measured: a low-pass blurs it."""
+        if threshold == 0 or self.as_printed:
+            return threshold, width
+        slow = np.flatnonzero(np.abs(odd.sides).max(axis=0) <= NEAR_JUMP * max(threshold, width))
+        speeds = np.ascontiguousarray(odd.sides[:, slow].ravel())
+        first = np.arange(len(slow))
+        run: SearchRun = (speeds, None, first.tolist(), (first + len(slow)).tolist())
+        none = np.zeros((len(slow), 0))
+        sharp = _PowerLeft([run], none, odd.raw[slow], odd.noise, power.n_orders, of_pairs=True)
+        threshold, _ = sharp.zoom(threshold, width, sharp(threshold, width), ZOOM[1:])
+        return threshold, power.best_width(threshold, width, power(threshold, width), CLOSE)[0]
 
     def _best_threshold(self, power: _PowerLeft, width: float) -> float:
         """Lambda that leaves least at this eps (Eq. 12), none included."""
@@ -281,9 +297,11 @@ class _PowerLeft:
         """Best lambda around `threshold` > 0 at this eps, and the power there."""
         return _golden(lambda x: self(x, width), threshold, at_best, span, self._close)
 
-    def zoom(self, threshold: float, width: float, at_best: float) -> tuple[float, float]:
+    def zoom(
+        self, threshold: float, width: float, at_best: float, spans: Sequence[float] = ZOOM
+    ) -> tuple[float, float]:
         """Best lambda near `threshold` by ever finer scans: power is no smooth function of lambda, it has steps."""
-        for span in ZOOM:
+        for span in spans:
             tries = [float(threshold * np.exp(x)) for x in np.linspace(-span, span, 12)]
             at_best, threshold = min([(self(x, width), x) for x in tries] + [(at_best, threshold)])
         return threshold, at_best

@@ -30,13 +30,15 @@ class PairWindow:
     """A mirror cut out of its run, with room for the filter on both sides.
 
     `after`, `before` (n_pairs,) samples of `states` that belong together; `used` (n_joints, n_pairs) where a joint is
-    in motion on both sides.
+    in motion on both sides. `every` (2, n) and `every_used` (n_joints, n) are the same before they are thinned out.
     """
 
     states: States
     after: Indices
     before: Indices
     used: NDArray[np.bool_]
+    every: Indices
+    every_used: NDArray[np.bool_]
 
     def of_joint(self, j: int) -> tuple[list[int], list[int]]:
         """Samples of joint j's pairs, after and before the mirror."""
@@ -48,13 +50,16 @@ class OddTorque:
     """Odd part of one joint's torque at its pairs, for the search of friction's shape.
 
     `runs` as `_core.FrictionSearch` takes them, `tau` (n_pairs,), `noise` of the velocity [rad/s]; `beside`
-    (n_pairs, k) are columns of other odd effects, which are fitted too.
+    (n_pairs, k) are columns of other odd effects, which are fitted too. `sides` (2, n) and `raw` (n,) are the speeds
+    on both sides and the odd torque at every sample, not low-passed: a jump is placed best where nothing blurs it.
     """
 
     runs: list[SearchRun]
     tau: FloatArray
     noise: float
     beside: FloatArray
+    sides: FloatArray
+    raw: FloatArray
 
 
 def pair_windows(runs: Sequence[States], mirrors: Sequence[Sequence[Mirror]] | None = None) -> list[PairWindow]:
@@ -70,10 +75,10 @@ def pair_windows(runs: Sequence[States], mirrors: Sequence[Sequence[Mirror]] | N
 
 def _window(mirror: Mirror, moving: NDArray[np.bool_]) -> PairWindow | None:
     states = mirror.states
-    places_after, places_before = mirror.samples()
-    after = places_after[:: states.step]
-    before = np.round(places_before[:: states.step]).astype(np.intp)
-    used = moving[:, after] & moving[:, before] & mirror.moves[:, None]
+    places, images = mirror.samples()
+    every = np.stack([places, np.round(images).astype(np.intp)])
+    every_used = moving[:, every[0]] & moving[:, every[1]] & mirror.moves[:, None]
+    (after, before), used = every[:, :: states.step], every_used[:, :: states.step]
     wanted = used.any(axis=0)
     if not wanted.any():
         return None
@@ -82,7 +87,7 @@ def _window(mirror: Mirror, moving: NDArray[np.bool_]) -> PairWindow | None:
     start, end = max(0, int(before.min()) - pad), min(len(states.t), int(after.max()) + 1 + pad)
     signals: dict[str, Any] = {name: np.ascontiguousarray(getattr(states, name)[start:end]) for name in _SIGNALS}
     cut = replace(states, **signals)
-    return PairWindow(cut, after - np.intp(start), before - np.intp(start), used)
+    return PairWindow(cut, after - np.intp(start), before - np.intp(start), used, every - np.intp(start), every_used)
 
 
 def pair_rows(plan: Plan, windows: Sequence[PairWindow]) -> tuple[list[FloatArray], list[FloatArray]]:
@@ -135,5 +140,17 @@ def odd_torques(
             for window, after, before in parts
         ]
         noise = max(window.states.velocity_noise(j) for window, _, _ in parts)
-        torques.append(OddTorque(runs, tau, noise, rows[:, : plan.n_own][:, odd_own & plan.own[j]]))
+        beside = rows[:, : plan.n_own][:, odd_own & plan.own[j]]
+        torques.append(OddTorque(runs, tau, noise, beside, *_every_sample(windows, j)))
     return torques
+
+
+def _every_sample(windows: Sequence[PairWindow], j: int) -> tuple[FloatArray, FloatArray]:
+    """Speeds of joint j on both sides (2, n) and its odd torque (n,) at every sample of its pairs."""
+    sides, odd = [], []
+    for window in windows:
+        after, before = window.every[:, window.every_used[j]]
+        speed, tau = window.states.dq_motor[:, j], window.states.tau[:, j]
+        sides.append(np.stack([speed[after], speed[before]]))
+        odd.append((tau[after] - tau[before]) / 2)
+    return np.concatenate(sides, axis=1), np.concatenate(odd)

@@ -103,9 +103,11 @@ class ReversedPair:
     centre, amplitude, omega : ndarray (n_joints,)
         Of the sines [rad], [rad], [rad/s].
     half : float
-        Time from the start to the turning point [s]; there is a rest at it.
+        Time from the start to the turning point [s].
     rise : float
         Time over which the envelope rises, and falls again before the turning point [s].
+    pause : float
+        Rest at the turning point [s]: it shows where to look for the mirror.
     """
 
     centre: FloatArray
@@ -113,11 +115,12 @@ class ReversedPair:
     omega: FloatArray
     half: float
     rise: float
+    pause: float = 0.4
 
     @property
     def duration(self) -> float:
-        """Forwards and backwards [s]."""
-        return 2 * self.half
+        """Forwards, the pause and backwards [s]."""
+        return 2 * self.half + self.pause
 
     @property
     def end(self) -> FloatArray:
@@ -127,7 +130,7 @@ class ReversedPair:
     def evaluate(self, t: FloatArray) -> Motion:
         """Position, velocity, acceleration at times `t` (n,) since its start, each (n, n_joints)."""
         backwards = t > self.half
-        s = np.clip(np.where(backwards, 2 * self.half - t, t), 0.0, self.half)
+        s = np.clip(np.where(t > self.duration / 2, self.duration - t, t), 0.0, self.half)
         e, de, dde = self._envelope(s)
         angle = np.outer(s, self.omega)
         sine, cosine = self.amplitude * np.sin(angle), self.amplitude * self.omega * np.cos(angle)
