@@ -14,7 +14,7 @@ Equation numbers are those of the paper that README.md names.
 
 from collections.abc import Sequence
 from os import PathLike
-from typing import Final, TypeAlias, final
+from typing import Any, Final, TypeAlias, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -31,6 +31,7 @@ __all__ = [
     "BaseParameters",
     "Effect",
     "FormatError",
+    "FrictionSearch",
     "GaussianMixtureRegression",
     "MdhError",
     "RobotModel",
@@ -38,6 +39,9 @@ __all__ = [
     "UrdfError",
     "__version__",
     "align_link_side",
+    "effect_catalogue",
+    "effect_columns",
+    "effect_torque",
     "filtered_friction_basis",
     "friction_basis",
     "merge_factors",
@@ -341,9 +345,19 @@ class Effect:
             Lengths differ, a threshold is negative or a width is not positive.
         """
 
+    @staticmethod
+    def of(kind: str, **shape: ArrayLike) -> Effect:
+        """Return the effect `kind` of `effect_catalogue()`, one value per joint for each shape parameter named there.
+
+        Raises
+        ------
+        ValueError
+            There is no such kind, names or lengths do not fit, or a value is out of its range.
+        """
+
     @property
     def kind(self) -> str:
-        """`"rotor_inertia"`, `"torque_offset"` or `"friction"`."""
+        """Name in `effect_catalogue()`."""
 
     @property
     def coefficient_names(self) -> list[str]:
@@ -354,11 +368,57 @@ class Effect:
         """Coefficients per joint."""
 
     @property
+    def signals(self) -> list[str]:
+        """What it needs: of a state's signals, `tau_link` and `step`."""
+
+    @property
+    def has_memory(self) -> bool:
+        """Whether it depends on the samples before."""
+
+    @property
     def shape(self) -> list[tuple[str, list[float]]]:
         """Shape parameters by name, one value per joint each."""
 
     def __copy__(self) -> Effect: ...
     def __deepcopy__(self, _memo: object, /) -> Effect: ...
+
+@final
+class FrictionSearch:
+    """Residual power of one joint's torque as a function of friction's shape, links taken out (Eq. 12).
+
+    Parameters
+    ----------
+    runs : sequence of (speeds, filter, kept, mirrored)
+        Motor-side speeds (n_samples,) [rad/s]; the band's filter; samples that become rows. Where `mirrored` is not
+        None, half the difference of the rows at `kept` and at these samples becomes a row (Eq. 8).
+    links : (n_rows, n_columns)
+        Columns of the links in the rows of all runs.
+    tau : (n_rows,)
+        Torque in the same rows.
+    weak : float
+        Directions of the links weaker than this (relative singular value) are taken out on request only.
+    n_orders : int
+        Viscous orders that are fitted, 0 to 3.
+
+    Raises
+    ------
+    ValueError
+        Lengths that disagree, or a run that is too short for its filter.
+    """
+
+    def __new__(
+        cls,
+        runs: Sequence[tuple[ArrayLike, _Filter | None, Sequence[int], Sequence[int] | None]],
+        links: ArrayLike,
+        tau: ArrayLike,
+        *,
+        weak: float,
+        n_orders: int = 3,
+    ) -> FrictionSearch: ...
+    def power(
+        self, velocity_threshold: ArrayLike, transition_width: ArrayLike, *, all_links: bool = False
+    ) -> _FloatArray:
+        """Sum of squares that is left at each shape, (n_shapes,). Shapes of one threshold are best given in a row."""
 
 @final
 class GaussianMixtureRegression:
@@ -429,6 +489,8 @@ class TorqueModel:
         Least and greatest position, greatest speed, greatest acceleration of the training data.
     torque_unit : str
         `"N*m"` or `"A"`.
+    step : float, optional
+        Time between the samples that will come [s]; needed where an effect remembers in time.
 
     Raises
     ------
@@ -448,6 +510,7 @@ class TorqueModel:
         noise_std: Sequence[float],
         domain: _Box,
         torque_unit: str = "N*m",
+        step: float | None = None,
     ) -> TorqueModel: ...
     @staticmethod
     def load(path: str | PathLike[str]) -> TorqueModel:
@@ -478,6 +541,8 @@ class TorqueModel:
         q_motor: ArrayLike | None = None,
         dq_motor: ArrayLike | None = None,
         ddq_motor: ArrayLike | None = None,
+        *,
+        step: float | None = None,
     ) -> tuple[_FloatArray, _FloatArray, NDArray[np.uint32]]:
         """Torque by the estimator that runs online: total, terms and status.
 
@@ -487,6 +552,8 @@ class TorqueModel:
             Link side.
         q_motor, dq_motor, ddq_motor : (n_samples, n_joints), optional
             Motor side, divided by the gear ratio; the link side by default.
+        step : float, optional
+            Time between samples [s], where it is not the model's.
 
         Returns
         -------
@@ -509,7 +576,7 @@ class TorqueModel:
 
     @property
     def term_names(self) -> list[str]:
-        """`rigid_body`, the effects, `residual`: order of summation."""
+        """`rigid_body`, the effects, `residual`: order of summation; a second one of a kind has a 2 behind it."""
 
     @property
     def phi(self) -> _FloatArray:
@@ -543,6 +610,10 @@ class TorqueModel:
     def torque_unit(self) -> str:
         """`"N*m"` or `"A"`."""
 
+    @property
+    def step(self) -> float | None:
+        """Time between samples [s], where the model has one."""
+
     def __copy__(self) -> TorqueModel: ...
     def __deepcopy__(self, _memo: object, /) -> TorqueModel: ...
 
@@ -555,6 +626,72 @@ def friction_basis(dq: ArrayLike, velocity_threshold: float, transition_width: f
     ------
     ValueError
         The threshold (lambda) is negative or the width (eps) not positive [rad/s].
+    """
+
+def effect_catalogue() -> list[dict[str, Any]]:
+    """Every kind of effect, those of every declared model first.
+
+    Returns
+    -------
+    list of dict
+        `kind`; `formula`; `coefficients`: of one joint, in order, dicts of `name`, `unit`, `lower` and `upper` (what
+        physics allows); `shape`: dicts of `name`, `unit`, `rule`, `grid` (values that a search begins with); `signals`
+        that it needs, `tau_link` and `step` among them; `memory`: whether it depends on the samples before; `declared`:
+        whether every model has it. Units hold `{torque}` and `{angle}`, for `str.format`.
+    """
+
+def effect_columns(
+    effect: Effect,
+    q: ArrayLike,
+    dq: ArrayLike,
+    ddq: ArrayLike,
+    q_motor: ArrayLike | None = None,
+    dq_motor: ArrayLike | None = None,
+    ddq_motor: ArrayLike | None = None,
+    tau_link: ArrayLike | None = None,
+    *,
+    step: float | None = None,
+) -> _FloatArray:
+    """Torque per unit coefficient along a run, from a fresh memory: (n_samples, n_joints, n_columns).
+
+    Parameters
+    ----------
+    q, dq, ddq : (n_samples, n_joints)
+        Link side, on the motor channel's clock.
+    q_motor, dq_motor, ddq_motor : (n_samples, n_joints), optional
+        Motor side, divided by the gear ratio; the link side by default.
+    tau_link : (n_samples, n_joints), optional
+        Rigid-body torque that the model predicts, before `torque_scale`; needed by effects of the load.
+    step : float, optional
+        Time between samples [s]; needed by effects that remember in time.
+
+    Raises
+    ------
+    ValueError
+        Shapes disagree, a number is not finite, or the effect needs a signal that is not given.
+    """
+
+def effect_torque(
+    effect: Effect,
+    coefficients: ArrayLike,
+    q: ArrayLike,
+    dq: ArrayLike,
+    ddq: ArrayLike,
+    q_motor: ArrayLike | None = None,
+    dq_motor: ArrayLike | None = None,
+    ddq_motor: ArrayLike | None = None,
+    tau_link: ArrayLike | None = None,
+    *,
+    step: float | None = None,
+) -> _FloatArray:
+    """Torque along a run, (n_samples, n_joints), to the bits of `TorqueModel.evaluate`.
+
+    `coefficients` (n_joints, n_columns); everything else as for `effect_columns`.
+
+    Raises
+    ------
+    ValueError
+        As `effect_columns`; `coefficients` does not have one row per joint.
     """
 
 def residual_inputs(inputs: str, q: _FloatArray, dq: ArrayLike, q_motor: ArrayLike, dq_motor: ArrayLike) -> _FloatArray:
@@ -582,6 +719,8 @@ def observe(
     *,
     filter: _Filter | None = None,
     kept: Sequence[int],
+    tau_link: ArrayLike | None = None,
+    step: float | None = None,
 ) -> list[_FloatArray]:
     """Rows `[effects | base columns of the links it moves | torque]` of every joint, filtered, decimated.
 
@@ -595,6 +734,8 @@ def observe(
         As `scipy.signal` gives them; None filters nothing.
     kept : sequence of int
         Samples that become rows, ascending.
+    tau_link, step : optional
+        As for `effect_columns`.
 
     Returns
     -------

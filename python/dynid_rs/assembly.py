@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from dynid_rs import _core
 from dynid_rs.columns import Plan
+from dynid_rs.known import KnownTerm
 from dynid_rs.links import LinkDynamicsIdentifier
 from dynid_rs.preprocessing import States
 
@@ -26,6 +27,7 @@ def assemble(
     encoder_delay: FloatArray,
     torque_unit: str,
     third_loop: tuple[str, Mixtures] | None = None,
+    known: Sequence[KnownTerm] = (),
 ) -> _core.TorqueModel:
     """Model of the fitted numbers.
 
@@ -45,6 +47,8 @@ def assemble(
         Unit of the torques.
     third_loop : (inputs, mixtures), optional
         One mixture or None per joint.
+    known : sequence of (Effect, ndarray (n_joints, n_columns))
+        Effects that were not fitted; they stand behind the plan's.
     """
     phi = np.zeros(10 * plan.robot.n_joints)
     phi[plan.pivots] = links.phi_base_
@@ -52,6 +56,7 @@ def assemble(
     effects = [
         (effect, own[:, first:last]) for effect, (first, last) in zip(plan.effects, pairwise(edges), strict=True)
     ]
+    effects += known
     q, dq, ddq = (np.concatenate([getattr(states, name) for states in runs]) for name in ("q", "dq", "ddq"))
     kept = third_loop is not None and any(mixture is not None for mixture in third_loop[1])
     return _core.TorqueModel(
@@ -68,6 +73,7 @@ def assemble(
             np.abs(ddq).max(axis=0).tolist(),
         ),
         torque_unit=torque_unit,
+        step=1 / runs[0].rate if any("step" in effect.signals for effect in plan.effects) else None,
     )
 
 
@@ -84,6 +90,7 @@ def with_mixtures(model: _core.TorqueModel, inputs: str, mixtures: Mixtures) -> 
         noise_std=model.noise_std.tolist(),
         domain=model.domain,
         torque_unit=model.torque_unit,
+        step=model.step,
     )
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,10 +17,17 @@ from sklearn.base import BaseEstimator
 
 from dynid_rs import _core
 from dynid_rs.columns import Plan
-from dynid_rs.preprocessing import States
+from dynid_rs.preprocessing import Filter, States
+
+if TYPE_CHECKING:
+    from dynid_rs.friction_experiment.rows import OddTorque
 
 FloatArray = NDArray[np.float64]
 
+AS_PRINTED = 1e-4
+"""The paper's transition width [rad/s]."""
+PAIRS_WORTH = 8.0
+"""On pairs a finer shape has to lower twice the log likelihood by this much (as BIC asks for 3000 rows)."""
 WORTH = 0.01
 """A finer shape has to take this part off the residual's power; below it the difference is noise."""
 THRESHOLD_WORTH = 0.05
@@ -35,6 +43,8 @@ NOISE_WIDTHS = 1.0
 """Least transition width over the velocity's noise: a narrower one turns noise at rest into chatter of full size."""
 CLOSE = 0.1
 """A bracket of the logarithm that is narrower than this need not be narrowed unless that still pays."""
+ROUGH = 1e-3
+"""Relative error of eps that does not matter while valleys are compared: power changes with its square."""
 MOST_TURNS = 30
 """A search that still pays after so many turns is stopped."""
 
@@ -51,6 +61,8 @@ class FrictionIdentifier(BaseEstimator):  # type: ignore[misc]
         Thresholds lambda that are tried at a time, beside none.
     refine : bool
         Refine eps and look for a threshold, as long as it pays; else lambda is 0.
+    as_printed : bool
+        Take eps = 1e-4 as the paper prints it, and of all lambda that are tried the one that leaves least (Eq. 12).
 
     Attributes
     ----------
@@ -66,10 +78,12 @@ class FrictionIdentifier(BaseEstimator):  # type: ignore[misc]
         n_thresholds: int = 6,
         *,
         refine: bool = True,
+        as_printed: bool = False,
     ) -> None:
         self.transition_widths = transition_widths
         self.n_thresholds = n_thresholds
         self.refine = refine
+        self.as_printed = as_printed
 
     def fit(
         self,
@@ -77,6 +91,8 @@ class FrictionIdentifier(BaseEstimator):  # type: ignore[misc]
         runs: Sequence[States],
         rows: Sequence[list[FloatArray]],
         joints: Sequence[int] | None = None,
+        *,
+        pairs: Sequence[OddTorque | None] | None = None,
     ) -> FrictionIdentifier:
         """Choose the shapes on training runs.
 
@@ -90,18 +106,26 @@ class FrictionIdentifier(BaseEstimator):  # type: ignore[misc]
             Filtered rows of each run and joint, as `columns.run_rows` gives them; the torque is the last column.
         joints : sequence of int, optional
             Joints to search again; the others keep the shape of an earlier fit. All joints if None.
+        pairs : sequence of OddTorque or None, optional
+            Torque of every joint at the pairs of a friction experiment. Where a joint has some they decide alone:
+            links have no part in them.
         """
         n = plan.robot.n_joints
         if joints is None:
             self.velocity_threshold_, self.transition_width_ = np.zeros(n), np.zeros(n)
         others = np.ones(plan.n_own, dtype=bool)
-        others[-len(_core.FRICTION_NAMES) :] = False
+        others[plan.friction[1]] = False
         wanted = list(range(n)) if joints is None else list(joints)
 
         def search(j: int) -> tuple[float, float]:
+            n_orders = int(plan.own[j, -len(_core.FRICTION_NAMES) :].sum() - 2) // 2
+            if pairs is not None and (odd := pairs[j]) is not None:
+                return self._search(_PowerLeft(odd.runs, odd.beside, odd.tau, odd.noise, n_orders, of_pairs=True))
             stacked = np.concatenate([run[j] for run in rows])
             keep = np.concatenate([others & plan.own[j], np.ones(stacked.shape[1] - plan.n_own - 1, dtype=bool)])
-            return self._search(_PowerLeft(stacked[:, :-1][:, keep], stacked[:, -1], runs, j))
+            parts: list[SearchRun] = [(np.ascontiguousarray(s.dq_motor[:, j]), s.filter, s.kept, None) for s in runs]
+            noise = max(states.velocity_noise(j) for states in runs)
+            return self._search(_PowerLeft(parts, stacked[:, :-1][:, keep], stacked[:, -1], noise, n_orders))
 
         # Joints are independent, and the compiled module lets go of the interpreter.
         with ThreadPoolExecutor(os.cpu_count()) as pool:
@@ -115,6 +139,8 @@ class FrictionIdentifier(BaseEstimator):  # type: ignore[misc]
 
         On a simulation without noise that ends at the truth.
         """
+        if self.as_printed:
+            return self._best_threshold(power, AS_PRINTED), AS_PRINTED
         widths = [max(float(width), power.least_width) for width in self.transition_widths]
         power.least_width = min(widths)
         at_best, width = min((power(0.0, width), width) for width in widths)
@@ -122,18 +148,30 @@ class FrictionIdentifier(BaseEstimator):  # type: ignore[misc]
         if not self.refine:
             return threshold, width
         width, at_best = power.best_width(threshold, width, at_best, span)
-        if power.is_clean(threshold, width):
-            power.use_all()
+        if power.of_pairs or power.is_clean(threshold, width):
+            power.look_closely()
             width, at_best = power.best_width(threshold, width, power(threshold, width), span)
-            threshold, width, at_best = self._start(power, width, at_best)
+            if power.n_orders > 1:
+                threshold, width, at_best = self._start(power, width, at_best)
         for _ in range(MOST_TURNS):
             before = at_best
-            threshold, at_best = self._threshold(power, threshold, width, at_best, span)
+            if power.n_orders > 1:  # what jumps at a threshold is the paper's law alone
+                threshold, at_best = self._threshold(power, threshold, width, at_best, span)
             width, at_best = power.best_width(threshold, width, at_best, span)
-            if at_best > (1 - WORTH) * before or power.exhausted(at_best):
+            if at_best > (1 - power.worth) * before or power.exhausted(at_best):
                 break
             span *= 0.8
         return threshold, width
+
+    def _best_threshold(self, power: _PowerLeft, width: float) -> float:
+        """Lambda that leaves least at this eps (Eq. 12), none included."""
+        if power.n_orders < 2:
+            return 0.0
+        tries = self._thresholds(power, max(width, power.least_width), finer=4)
+        least, best = min((power(x, width), x) for x in tries)
+        span = float(np.log(tries[1] / tries[0]))
+        best, least = power.best_threshold(best, width, least, span)
+        return best if least < power(0.0, width) else 0.0
 
     def _start(self, power: _PowerLeft, width: float, at_best: float) -> tuple[float, float, float]:
         """Best of a scan over lambda with an eps of its own for each.
@@ -143,12 +181,12 @@ class FrictionIdentifier(BaseEstimator):  # type: ignore[misc]
         valleys = [(at_best, 0.0)]
         thresholds = self._thresholds(power, width, finer=4)
         for threshold in thresholds:
-            valleys.append((power.at_best_width(threshold, width)[0], threshold))
+            valleys.append((power.at_best_width(threshold, width, ROUGH)[0], threshold))
         value, threshold = min(valleys)
         if threshold == 0:
             return threshold, width, value
         span = float(np.log(thresholds[1] / thresholds[0]))
-        threshold, _ = _golden(lambda x: power.at_best_width(x, width)[0], threshold, value, span, CLOSE / 100)
+        threshold, _ = _golden(lambda x: power.at_best_width(x, width, ROUGH)[0], threshold, value, span, CLOSE / 100)
         value, width = power.at_best_width(threshold, width)
         return threshold, width, value
 
@@ -166,7 +204,7 @@ class FrictionIdentifier(BaseEstimator):  # type: ignore[misc]
         elif threshold > 0:
             tries += (threshold * np.exp(np.linspace(-span, span, self.n_thresholds))).tolist()
         least, best = min((power(x, width), x) for x in tries)
-        if least >= (1 - (WORTH if threshold > 0 else THRESHOLD_WORTH)) * at_best:
+        if least >= (1 - (power.worth if threshold > 0 else power.threshold_worth)) * at_best:
             return threshold, at_best
         return power.best_threshold(best, width, least, span / self.n_thresholds)
 
@@ -176,24 +214,38 @@ def friction_effect(velocity_threshold: FloatArray, transition_width: FloatArray
     return _core.Effect.friction(velocity_threshold.tolist(), transition_width.tolist())
 
 
+SearchRun = tuple[FloatArray, Filter | None, list[int], list[int] | None]
+
+
 class _PowerLeft:
     """Residual power of joint j's torque as a function of friction's shape, links taken out."""
 
-    def __init__(self, links: FloatArray, tau: FloatArray, runs: Sequence[States], j: int) -> None:
-        norms = np.linalg.norm(links, axis=0)
-        links = links[:, norms > NEGLIGIBLE * norms.max(initial=0.0)]
-        self._all, strength, _ = np.linalg.svd(links / np.linalg.norm(links, axis=0), full_matrices=False)
-        self._links = self._all[:, strength > WEAK * strength.max(initial=0.0)]
-        self._close, self.clean = CLOSE, False
-        self._tau = tau
-        self._runs = runs
-        self._speeds = [np.ascontiguousarray(states.dq_motor[:, j]) for states in runs]
-        self.least_width = NOISE_WIDTHS * max(states.velocity_noise(j) for states in runs)
+    def __init__(
+        self,
+        runs: Sequence[SearchRun],
+        links: FloatArray,
+        tau: FloatArray,
+        noise: float,
+        n_orders: int,
+        *,
+        of_pairs: bool = False,
+    ) -> None:
+        self._speeds = [speed for speed, *_ in runs]
+        self.of_pairs = of_pairs
+        self._search = _core.FrictionSearch(runs, links, tau, weak=WEAK, n_orders=n_orders)
+        self.n_orders, self._close, self.clean = n_orders, CLOSE, False
+        self._tau_power = float(tau @ tau)
+        self.least_width = NOISE_WIDTHS * noise
         self.top_speed = max(float(np.abs(speed).max()) for speed in self._speeds)
+        self.worth, self.threshold_worth = WORTH, THRESHOLD_WORTH
+        if self.of_pairs:
+            # Nothing but friction is in the pairs, so what counts is noise alone; neighbouring rows share half of it.
+            self.worth = min(WORTH, 2 * PAIRS_WORTH / len(tau))
+            self.threshold_worth = min(THRESHOLD_WORTH, 4 * PAIRS_WORTH / len(tau))
 
-    def use_all(self) -> None:
-        """From now on take out all that the links can do, weakly determined or not, and look closely."""
-        self._links, self._close, self.clean = self._all, CLOSE / 100, True
+    def look_closely(self) -> None:
+        """From now on take out all that the links can do, weakly determined or not, and end nearer to the best."""
+        self._close, self.clean = CLOSE / 100, True
 
     def between_samples(self, threshold: float, count: int) -> list[float]:
         """Values of lambda halfway between the `count` sampled speeds that are nearest to `threshold`.
@@ -211,13 +263,13 @@ class _PowerLeft:
         width, value = _golden(lambda x: self(threshold, max(x, least)), width, at_best, span, self._close)
         return max(width, least), value
 
-    def at_best_width(self, threshold: float, width: float) -> tuple[float, float]:
+    def at_best_width(self, threshold: float, width: float, close: float = 1e-6) -> tuple[float, float]:
         """Power at this lambda with the best eps near `width`, and that eps."""
         from scipy.optimize import minimize_scalar
 
         near = (np.log(width) - 0.1, np.log(width) + 0.1)  # clean data: the noise's bound is far below
         found = minimize_scalar(
-            lambda x: self(threshold, float(np.exp(x))), bounds=near, method="bounded", options={"xatol": 1e-6}
+            lambda x: self(threshold, float(np.exp(x))), bounds=near, method="bounded", options={"xatol": close}
         )
         return float(found.fun), float(np.exp(found.x))
 
@@ -227,28 +279,14 @@ class _PowerLeft:
 
     def exhausted(self, power: float) -> bool:
         """Nothing left to explain, as in a simulation without noise."""
-        return power <= 1e-24 * float(self._tau @ self._tau)
+        return power <= 1e-24 * self._tau_power
 
     def is_clean(self, threshold: float, width: float) -> bool:
         """Less than 0.3 % of the torque is left: a simulation, or a sensor that is as good."""
-        return self._left(self._all, threshold, width) <= 1e-5 * float(self._tau @ self._tau)
+        return float(self._search.power([threshold], [width], all_links=True)[0]) <= 1e-5 * self._tau_power
 
     def __call__(self, threshold: float, width: float) -> float:
-        return self._left(self._links, threshold, width)
-
-    def _left(self, links: FloatArray, threshold: float, width: float) -> float:
-        columns = np.concatenate(
-            [
-                _core.filtered_friction_basis(speed, threshold, width, filter=states.filter, kept=states.kept)
-                for speed, states in zip(self._speeds, self._runs, strict=True)
-            ]
-        )
-        rest = np.column_stack([columns, self._tau])
-        rest -= links @ (links.T @ rest)
-        norms = np.linalg.norm(rest, axis=0)
-        used = norms[:-1] > NEGLIGIBLE * norms[:-1].max(initial=0.0)
-        factor = _core.triangular_factor(np.column_stack([rest[:, :-1][:, used] / norms[:-1][used], rest[:, -1]]))
-        return float(factor[-1, -1] ** 2)
+        return float(self._search.power([threshold], [width], all_links=self.clean)[0])
 
 
 def _golden(

@@ -14,10 +14,14 @@ from sklearn.utils.validation import check_is_fitted
 
 from dynid_rs import _core
 from dynid_rs.assembly import Mixtures, assemble, evaluate, with_mixtures
-from dynid_rs.columns import Observations, Plan, make_plan, observe, run_rows
+from dynid_rs.columns import Observations, Plan, make_plan, observe
 from dynid_rs.encoders import EncoderDelay, estimate_encoder_delay
 from dynid_rs.evaluation import rmse as rms
 from dynid_rs.friction import FrictionIdentifier, friction_effect
+from dynid_rs.friction_experiment.pairs import check_reversals, find_mirrors
+from dynid_rs.friction_experiment.rows import PairWindow, odd_torques, pair_rows, pair_windows, row_groups
+from dynid_rs.known import KnownTerm, check_known, less_known
+from dynid_rs.friction_laws import DEFAULT_LAW, fit_stribeck, laws_per_joint, power_left, with_laws
 from dynid_rs.links import LinkDynamicsIdentifier, baseline, block_residuals, own_beside
 from dynid_rs.preprocessing import Band, States, choose_band, common_rate, prepare
 from dynid_rs.recording import Recording
@@ -32,12 +36,11 @@ FIRST_WIDTH = 4e-3
 
 @dataclass(frozen=True, eq=False)
 class _Data:
-    """What the loops start from: runs as recorded and on one clock, slow runs and their rows, the first plan."""
+    """What the loops start from: runs as recorded and on one clock, pairs of the friction runs, the first plan."""
 
     raw_runs: list[States]
     runs: list[States]
-    slow_runs: list[States]
-    slow_rows: list[list[FloatArray]]
+    pairs: list[PairWindow]
     plan: Plan
     observations: Observations
 
@@ -55,6 +58,10 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         Second loop.
     residual : ResidualCompensator, None or "default"
         Third loop; None switches it off.
+    known : sequence of (Effect, ndarray (n_joints, n_columns))
+        Effects whose coefficients [N*m] are known, not fitted: taken off the torque, and part of the model.
+    friction_law : str or sequence of str
+        "paper" (Eqs. 9-11), "coulomb_viscous" or "stribeck", for all joints or one per joint.
     cutoff : float, optional
         Band [Hz] in which torques are fitted and compared; chosen from the motion if None.
     max_iter : int
@@ -77,13 +84,18 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
     observations_ : Observations
         Rows and factors of the last round.
     raw_runs_, runs_ : list of States
-        Training runs, channels as recorded and with the link channel on the motor channel's clock.
+        Training runs as recorded, and with the link channel on the motor channel's clock and the known terms' torque
+        taken off.
+    known_ : list of (Effect, ndarray)
+        Known terms as they were used.
     history_ : list of dict
         RMS per joint (n_joints,) that is left on the training runs after every loop of every round: `friction` with
         the links held, `links`, `residual`.
     n_iter_, converged_ : int, bool
         Of the three loops.
     """
+
+    _stribeck: _core.Effect | None = None
 
     def __init__(
         self,
@@ -92,6 +104,8 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         friction: FrictionIdentifier | None = None,
         links: LinkDynamicsIdentifier | None = None,
         residual: ResidualCompensator | str | None = "default",
+        known: Sequence[KnownTerm] = (),
+        friction_law: str | Sequence[str] = DEFAULT_LAW,
         cutoff: float | None = None,
         max_iter: int = 10,
         tol: float = 2e-2,
@@ -100,6 +114,8 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         self.friction = friction
         self.links = links
         self.residual = residual
+        self.known = known
+        self.friction_law = friction_law
         self.cutoff = cutoff
         self.max_iter = max_iter
         self.tol = tol
@@ -118,14 +134,16 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         recordings : Recording or sequence of Recording
             Exciting motion.
         friction_recording : Recording or sequence of Recording, optional
-            Slow motion that only the search for friction's shape sees in addition.
+            Friction experiment: the same positions passed in both directions at the same speeds (Eqs. 5-8). Its pairs
+            decide friction's shape and its odd part; their sums stand beside the training runs in the joint fit.
         on_progress : callable
             Called with a few words before every step.
 
         Raises
         ------
         DataError
-            Runs of another robot, mixed units, a joint that never moves, too little motion.
+            Runs of another robot, mixed units, a joint that never moves, too little motion, a friction run
+            without reversal.
         """
         from threadpoolctl import threadpool_limits
 
@@ -135,6 +153,8 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
             raise ValueError(f"cutoff must be a positive frequency in Hz, found {self.cutoff}")
         if not (self.residual is None or self.residual == "default" or isinstance(self.residual, ResidualCompensator)):
             raise ValueError(f"residual must be a ResidualCompensator, None or 'default', found {self.residual!r}")
+        self._stribeck = None
+        laws_per_joint(self.friction_law, self.robot.n_joints)
         recordings = _as_list(recordings)
         slow = _as_list(friction_recording) if friction_recording is not None else []
         check_training_runs(self.robot, recordings + slow)
@@ -159,15 +179,15 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
             # Loop 1: friction's shape, on what the links leave (Eqs. 9-12).
             on_progress(f"round {self.n_iter_}: friction")
             torque = [states.in_band(states.tau - u) for states, u in zip(runs, third_loop, strict=True)]
-            friction.fit(plan, runs + data.slow_runs, observations.rows_with(torque) + data.slow_rows, changed)
-            plan = self._plan(friction.effect_)
+            plan = self._fit_shape(friction, plan, observations.rows_with(torque), data, held, changed)
             # Loop 2: links and all linear coefficients, without the third loop's torque (Eqs. 19-25).
             on_progress(f"round {self.n_iter_}: link dynamics")
             observations = observe(plan, runs, [s.tau - u for s, u in zip(runs, third_loop, strict=True)])
             own, after_friction = own_beside(observations, *held)
             if self.n_iter_ == 1:
                 self.friction_model_ = self._model(plan, self._baseline_links, own, data.raw_runs)
-            links.fit(observations, fit_scale=in_ampere)
+            beside = row_groups(pair_rows(plan, data.pairs)) if data.pairs else []
+            links.fit(observations, fit_scale=in_ampere, beside=beside)
             held = links.phi_base_, links.torque_scale_
             after = after_links = rms(block_residuals(observations, links.x_, links.torque_scale_))
             # Loop 3: what is left, from the deflection (Eqs. 31-39); where it does not pay, it stays out.
@@ -224,33 +244,77 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
     def _prepare(self, recordings: list[Recording], slow: list[Recording], on_progress: Callable[[str], None]) -> _Data:
         """Filter, fit the baseline, and bring the two encoder channels on one clock."""
         self.torque_unit_ = recordings[0].torque_unit
+        self.known_ = check_known(self.known, self.robot, self.torque_unit_)
         self.rate_ = common_rate(recordings)
         self.band_ = Band(self.cutoff) if self.cutoff is not None else choose_band(recordings)
         on_progress("filtering the runs")
-        raw_runs, slow_runs = (prepare_training_runs(part, self.band_, self.rate_) for part in (recordings, slow))
+        raw_runs = prepare_training_runs(recordings, self.band_, self.rate_)
+        slow_runs = [prepare(recording, self.band_, self.rate_) for recording in slow]
         on_progress("weighted least squares")
         plan = self._plan(friction_effect(*self._first_shape()))
-        observations = observe(plan, raw_runs)
+        runs = less_known(self.known_, raw_runs)
+        observations = observe(plan, runs)
         self._fit_baseline(observations, raw_runs, fit_scale=self.torque_unit_ == "A")
-        runs = raw_runs
         if self._measure_encoder_delay(raw_runs):
-            runs = [states.aligned(self._delay) for states in raw_runs]
+            runs = less_known(self.known_, [states.aligned(self._delay) for states in raw_runs])
             slow_runs = [states.aligned(self._delay) for states in slow_runs]
             observations = observe(plan, runs)
-        slow_rows = [run_rows(plan, states, states.tau) for states in slow_runs]
-        return _Data(raw_runs, runs, slow_runs, slow_rows, plan, observations)
+        if slow_runs:
+            on_progress("pairs of the friction experiment")
+            slow_runs = less_known(self.known_, slow_runs)
+        mirrors = [find_mirrors(states) for states in slow_runs]
+        check_reversals(slow_runs, mirrors, self.robot.joint_names)
+        return _Data(raw_runs, runs, pair_windows(slow_runs, mirrors), plan, observations)
 
     def _first_shape(self) -> tuple[FloatArray, FloatArray]:
         n = self.robot.n_joints
         return np.zeros(n), np.full(n, FIRST_WIDTH)
 
     def _plan(self, friction: _core.Effect) -> Plan:
-        effects = [_core.Effect.rotor_inertia(), _core.Effect.torque_offset(), friction]
-        return make_plan(self.robot, effects)
+        effects = [_core.Effect.rotor_inertia(), _core.Effect.torque_offset()]
+        if self._stribeck is not None:
+            effects.append(self._stribeck)
+        plan = make_plan(self.robot, [*effects, friction])
+        return with_laws(plan, laws_per_joint(self.friction_law, self.robot.n_joints))
+
+    def _fit_shape(
+        self,
+        friction: FrictionIdentifier,
+        plan: Plan,
+        rows: list[list[FloatArray]],
+        data: _Data,
+        held: tuple[FloatArray, FloatArray],
+        changed: Sequence[int] | None,
+    ) -> Plan:
+        """First loop: friction's shape from the pairs of a friction experiment, where a joint has some; the plan then."""
+        pairs = odd_torques(plan, data.pairs, pair_rows(plan, data.pairs)[0], *held) if data.pairs else None
+        friction.fit(plan, data.runs, rows, changed, pairs=pairs)
+        plan = self._plan(friction.effect_)
+        if "stribeck" in laws_per_joint(self.friction_law, self.robot.n_joints):
+            first = self._stribeck is None
+            plan = self._fit_stribeck(friction.effect_, data)
+            if first:  # the width was searched without the part that falls with speed: once more, with it
+                torque = [np.column_stack([run[j][:, -1] for j in range(len(run))]) for run in rows]
+                rows = observe(plan, data.runs).rows_with(torque)
+                return self._fit_shape(friction, plan, rows, data, held, None)
+        return plan
+
+    def _fit_stribeck(self, friction: _core.Effect, data: _Data) -> Plan:
+        """Choose the shape of the part that falls with speed; the pairs decide where a joint has some."""
+
+        def left(stribeck: _core.Effect) -> FloatArray:
+            self._stribeck = stribeck
+            plan = self._plan(friction)
+            odd = [_core.triangular_factor(rows) for rows in pair_rows(plan, data.pairs)[0]] if data.pairs else None
+            return power_left(observe(plan, data.runs), odd)
+
+        top_speed = np.max([np.abs(states.dq_motor).max(axis=0) for states in data.runs], axis=0)
+        self._stribeck = fit_stribeck(friction, top_speed, left)
+        return self._plan(friction)
 
     def _fit_baseline(self, observations: Observations, runs: list[States], *, fit_scale: bool) -> None:
         simple, regroup = baseline(observations)
-        self._baseline_links = links = LinkDynamicsIdentifier(ridge=0.0).fit(simple, fit_scale=fit_scale)
+        self._baseline_links = links = LinkDynamicsIdentifier(ridge=0.0, prior=None).fit(simple, fit_scale=fit_scale)
         self._delay = np.zeros(self.robot.n_joints)
         self.baseline_ = self._model(observations.plan, links, links.own_ @ regroup.T, runs)
 
@@ -263,7 +327,10 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         third_loop: tuple[str, Mixtures] | None = None,
     ) -> _core.TorqueModel:
         delay, unit = self._delay, self.torque_unit_
-        return assemble(plan, links, own, runs, encoder_delay=delay, torque_unit=unit, third_loop=third_loop)
+        known = self.known_
+        return assemble(
+            plan, links, own, runs, encoder_delay=delay, torque_unit=unit, third_loop=third_loop, known=known
+        )
 
     def _measure_encoder_delay(self, runs: list[States]) -> bool:
         """Estimate the delay between the channels; true if there are two."""

@@ -291,18 +291,18 @@ def _moving(dq: FloatArray, rate: float, band: Band) -> NDArray[np.bool_]:
     still: NDArray[np.bool_] = np.all(np.abs(dq) <= STILL_SPEED * np.where(top > 0, top, np.inf), axis=1)
     guard = int(rate / band.cutoff)
     moving = np.ones(len(dq), dtype=bool)
-    for first, last in _stretches(still):
+    for first, last in stretches(still):
         at_an_end = first == 0 or last == len(still)
         if at_an_end or last - first > STILL_TIME * rate:
             moving[max(0, first - guard) : last + guard] = False
     moving[:guard] = moving[-guard:] = False
-    for first, last in _stretches(moving):
+    for first, last in stretches(moving):
         if last - first < LEAST_MOTION * rate:
             moving[first:last] = False
     return moving
 
 
-def _stretches(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
+def stretches(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
     """Half-open index ranges in which `mask` is true."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
     return [(int(first), int(last)) for first, last in edges.reshape(-1, 2)]

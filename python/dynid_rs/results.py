@@ -18,12 +18,15 @@ from dynid_rs.identification import ThreeLoopIdentifier
 from dynid_rs.links import stack
 from dynid_rs.preprocessing import States
 from dynid_rs.recording import Recording
+from dynid_rs.separability import examine, not_separable
 from dynid_rs.uncertainty import NORMAL_95, parameter_covariance
 from dynid_rs.wording import residual_reason, verdict
 
 FloatArray = NDArray[np.float64]
 
 FORMAT, VERSION = "dynid-result", 1
+UNITS: dict[str, str] = {c["name"]: c["unit"] for entry in _core.effect_catalogue() for c in entry["coefficients"]}
+"""Of every coefficient, with places for the units of torque and angle."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,6 +102,8 @@ def _summarise(
         for states in (*train_states, *test_states)
         for note in states.notes
     ]
+    known = examine(identifier, test_states)
+    told = not_separable(known, prior_used=identifier.links_.posterior_ is not None)
     result: dict[str, Any] = {
         "format": FORMAT,
         "version": VERSION,
@@ -112,7 +117,7 @@ def _summarise(
             "n_dropped": {"train": _standing_still(train_states), "test": _standing_still(test_states)},
             "rate_hz": train_states[0].rate,
             "cutoff_hz": identifier.band_.cutoff,
-            "findings": [finding.to_json() for finding in (*findings, *_standstill(test_states, whole), *notes)],
+            "findings": [finding.to_json() for finding in (*findings, *told, *_standstill(test_states, whole), *notes)],
         },
         "rmse": {
             "train": {"before": trained.rmse, "after": trained.rmse},
@@ -128,6 +133,8 @@ def _summarise(
             },
         },
         "floor_method": FLOOR_METHOD,
+        "prior": _prior(identifier),
+        "known": known,
         "effects": [],
         "unexplained": [],
         "residual": _residual(identifier, test_states, tested),
@@ -236,6 +243,38 @@ def _base(identifier: ThreeLoopIdentifier) -> dict[str, Any]:
     }
 
 
+def _prior(identifier: ThreeLoopIdentifier) -> dict[str, Any] | None:
+    """How far off the robot file is, and how far the data moved every parameter from it, in the prior's own measure."""
+    posterior, plan = identifier.links_.posterior_, identifier.observations_.plan
+    if posterior is None:
+        return None
+    declared, names = posterior.prior, base_names(plan)
+    std = declared.std(posterior.spreads.tolist())
+    off = posterior.relative_uncertainty
+    moved = [
+        {
+            "name": names[k],
+            "link": identifier.robot.link_names[plan.pivots[k] // 10],
+            "declared": posterior.gain * declared.mean[k],
+            "value": posterior.x[k],
+            "std": std[k],
+            "shift": (posterior.x[k] - posterior.gain * declared.mean[k]) / std[k],
+        }
+        for k in range(plan.n_base)
+        if np.isfinite(std[k])
+    ]
+    return {
+        "kind": "robot",
+        "relative_uncertainty": {"links": off[0], "rotors": off[1] if len(off) > 1 else None},
+        "gain": None if identifier.torque_unit_ == "N*m" else posterior.gain,
+        "n_directions": declared.rank,
+        "n_determined": posterior.n_determined,
+        "n_effective": posterior.n_effective,
+        "n_rows": identifier.observations_.n_rows,
+        "moved": moved,
+    }
+
+
 def _parameters(identifier: ThreeLoopIdentifier) -> dict[str, Any]:
     plan = identifier.observations_.plan
     robot, links = identifier.robot, identifier.links_
@@ -288,10 +327,7 @@ def own_unit(name: str, torque_unit: str, kind: str) -> str:
     torque = "N" if kind == "prismatic" and torque_unit == "N*m" else torque_unit
     if name == "rotor_inertia":
         return f"{torque}*s^2/{angle}" if torque == "A" else {"rad": "kg*m^2", "m": "kg"}[angle]
-    if name.startswith("viscous"):
-        order = name[len("viscous")]
-        return f"{torque}*s/{angle}" if order == "1" else f"{torque}*(s/{angle})^{order}"
-    return torque
+    return UNITS.get(name, "{torque}").format(torque=torque, angle=angle)
 
 
 def _parameter(name: str, value: float, std: float, unit: str) -> dict[str, Any]:

@@ -20,7 +20,25 @@ def verdict(result: dict[str, Any]) -> str:
     else:
         against = f"{-change:.0f} % MORE than weighted least squares leaves; the simple model is the better one here"
     summary = f"On runs that it has not seen the model leaves {errors}, on average {against}."
-    return f"{summary}{_worse_joints(result)} {result['residual']['reason']}"
+    return f"{summary}{_worse_joints(result)} {result['residual']['reason']}{_prior(result)}{_not_separable(result)}"
+
+
+def _prior(result: dict[str, Any]) -> str:
+    """How far the data trusts the robot file's inertials, where they are in the fit."""
+    prior = result["prior"]
+    if prior is None:
+        return ""
+    off = prior["relative_uncertainty"]
+    rotors = "" if off["rotors"] is None else f" and its rotors as if off by {100 * off['rotors']:.2g} %"
+    return (
+        f" The robot file's inertials stand beside the data as if off by {100 * off['links']:.2g} %{rotors}: "
+        f"of {prior['n_directions']} directions in them the data determines {prior['n_determined']:.0f}."
+    )
+
+
+def _not_separable(result: dict[str, Any]) -> str:
+    messages = [f["message"] for f in result["data"]["findings"] if f["code"] == "not_separable"]
+    return "".join(f" {message[0].upper()}{message[1:]}." for message in messages)
 
 
 def _worse_joints(result: dict[str, Any]) -> str:

@@ -45,6 +45,28 @@ def read_robot(path: Path, base: str | None = None, tip: str | None = None, grav
     return _core.RobotModel.from_file(place, base=base, tip=tip, gravity=vector)
 
 
+def with_rotors(robot: Any, settings: Settings, path: Path, base: str | None, tip: str | None) -> Any:
+    """Return the robot with the rotor inertias of `dynid.toml`; the same one where it gives none."""
+    from dynid_rs import _core
+    from dynid_rs.errors import DataError
+    from dynid_rs.files import check_readable
+
+    inertia, n = settings.config.rotor_inertia, robot.n_joints
+    if inertia is None:
+        return robot
+    if len(inertia) not in (1, n):
+        raise DataError(
+            f"{settings.config.source}, [motor] rotor_inertia: must be one number or {n}, one per joint of "
+            f"{robot.name}, found {len(inertia)}",
+            code="bad_config",
+            file=settings.config.source,
+            column="[motor] rotor_inertia",
+        )
+    rotors = list(inertia) * (n // len(inertia))
+    gravity = robot.gravity.tolist()
+    return _core.RobotModel.from_urdf(check_readable(path), base=base, tip=tip, gravity=gravity, rotor_inertia=rotors)
+
+
 def read_settings(config: Path | None, drive_gain: str | None, n_joints: int) -> Settings:
     """Read `dynid.toml`; drive gains from the command line replace its own."""
     from dynid_rs.readers import Config, read_config

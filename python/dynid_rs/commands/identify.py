@@ -47,6 +47,12 @@ def identify(
         typer.Option(metavar="G[,G...]", help="Joint torque per motor current [N*m/A], one per joint or one for all"),
     ] = None,
     weighting: Annotated[str, typer.Option(help="joint_variance, full_covariance or none")] = "joint_variance",
+    prior: Annotated[
+        str, typer.Option(help="The URDF's inertials beside the data: robot, none, or auto (a lone run that they help)")
+    ] = "auto",
+    known: Annotated[
+        Path | None, typer.Option(metavar="TERMS.toml", help="Effects whose coefficients you know; they are not fitted")
+    ] = None,
     residual: Annotated[str, typer.Option(help="Third loop on: auto, deflection, joint_state or none")] = "auto",
     cutoff: Annotated[float | None, typer.Option(help="Band [Hz]; chosen from the motion if left out")] = None,
     json_output: Annotated[bool, typer.Option("--json", help="Answer as JSON on standard output")] = False,
@@ -58,18 +64,22 @@ def identify(
     squares.
     """
     from dynid_rs.commands._console import progress
-    from dynid_rs.commands._inputs import check_cutoff, read_robot, read_settings, read_split
+    from dynid_rs.commands._inputs import check_cutoff, read_robot, read_settings, read_split, with_rotors
     from dynid_rs.commands._output import check_folder, check_not_read
     from dynid_rs.report import REPORT_FILE
 
     results = (MODEL_FILE, RESULT_FILE, RESIDUALS_FILE, REPORT_FILE)
     check_folder(output, results)
-    check_not_read([output / name for name in results], [robot, *runs, *(test or []), *([config] if config else [])])
+    check_not_read(
+        [output / name for name in results], [robot, *runs, *(test or []), *(p for p in (config, known) if p)]
+    )
     with progress() as say:
         say("reading")
         model = read_robot(robot, base, tip, gravity)
-        identifier = _identifier(model, weighting, residual, cutoff)
         settings = read_settings(config, drive_gain, model.n_joints)
+        model = with_rotors(model, settings, robot, base, tip)
+        identifier = _identifier(model, weighting, prior, residual, cutoff)
+        identifier.known = _known(known, model)
         split, findings = read_split(runs, test or [], test_from, model, settings)
         check_cutoff(cutoff, [*split.train, *split.test])
         findings += _fit(identifier, split.train, say)
@@ -84,7 +94,15 @@ def identify(
     return _exit_code(result)
 
 
-def _identifier(model: Any, weighting: str, residual: str, cutoff: float | None) -> Any:
+def _known(path: Path | None, robot: Any) -> list[Any]:
+    if path is None:
+        return []
+    from dynid_rs.terms import read_terms
+
+    return list(read_terms(path, robot))
+
+
+def _identifier(model: Any, weighting: str, prior: str, residual: str, cutoff: float | None) -> Any:
     from dynid_rs.identification import ThreeLoopIdentifier
     from dynid_rs.links import LinkDynamicsIdentifier
     from dynid_rs.residual import ResidualCompensator
@@ -96,11 +114,18 @@ def _identifier(model: Any, weighting: str, residual: str, cutoff: float | None)
     }
     if weighting not in choices:
         raise ValueError(f"--weighting must be one of {', '.join(choices)}, found {weighting!r}")
+    priors: dict[str, Literal["auto", "robot"] | None] = {"auto": "auto", "robot": "robot", "none": None}
+    if prior not in priors:
+        raise ValueError(f"--prior must be auto, robot or none, found {prior!r}")
+    if prior == "robot" and choices[weighting] is None:
+        raise ValueError(
+            "--prior robot is weighed against the noise, which --weighting none leaves out; choose another"
+        )
     if residual not in ("auto", "deflection", "joint_state", "none"):
         raise ValueError(f"--residual must be auto, deflection, joint_state or none, found {residual!r}")
     return ThreeLoopIdentifier(
         model,
-        links=LinkDynamicsIdentifier(choices[weighting]),
+        links=LinkDynamicsIdentifier(choices[weighting], prior=priors[prior]),
         residual=None if residual == "none" else ResidualCompensator(inputs=residual),  # type: ignore[arg-type]
         cutoff=cutoff,
     )

@@ -18,6 +18,9 @@ gain = [14.9, 13.3]                # N m/A at the joint: currents become torques
 ratio = [101.0, 101.0]             # motor turns per joint turn; left out: those of the robot's file
 apply_to = ["q_motor", "dq_motor"] # signals that the file gives on the motor side; also ddq_motor, tau
 
+[motor]
+rotor_inertia = [1.2, 0.9]         # kg m^2 on the link side: the rotor's own times the gear ratio squared
+
 [signs]                            # +1 or -1 per joint
 q = [1, -1]                        # also dq, ddq
 q_motor = [1, -1]                  # also dq_motor, ddq_motor
@@ -83,6 +86,8 @@ class Config:
         Signals that the file gives on the motor side.
     gear_of_robot : bool
         `gear_apply_to` stands in the file without a ratio: the robot's own gear ratios count.
+    rotor_inertia : tuple of float, optional
+        Rotor inertia on the link side [kg m^2]; one number for all joints or one per joint.
     signs : mapping of str to tuple of float
         +1 or -1 per joint for ``"q"``, ``"q_motor"``, ``"tau"``.
     source : str
@@ -95,6 +100,7 @@ class Config:
     gear_ratio: PerJoint | None = None
     gear_apply_to: tuple[str, ...] = ("q_motor", "dq_motor", "ddq_motor")
     gear_of_robot: bool = False
+    rotor_inertia: PerJoint | None = None
     signs: Mapping[str, PerJoint] = field(default_factory=dict)
     source: str = "dynid.toml"
 
@@ -169,6 +175,7 @@ class _Parser:
             "units": tuple(UNITS),
             "drive": ("gain",),
             "gear": ("ratio", "apply_to"),
+            "motor": ("rotor_inertia",),
             "signs": SIGNED,
         }
         for table, entries in content.items():
@@ -177,7 +184,7 @@ class _Parser:
                 raise self.fault(table, f"must be a table, written as [{table}]")
             for name in entries:
                 self.known(f"[{table}] {name}", name, keys[table])
-        drive, gear = content.get("drive", {}), content.get("gear", {})
+        drive, gear, motor = (content.get(table, {}) for table in ("drive", "gear", "motor"))
         return Config(
             columns={name: self.column(name, rule) for name, rule in content.get("columns", {}).items()},
             units={name: self.unit(name, unit) for name, unit in content.get("units", {}).items()},
@@ -185,6 +192,7 @@ class _Parser:
             gear_ratio=self.positive("[gear] ratio", gear["ratio"]) if "ratio" in gear else None,
             gear_apply_to=self.apply_to(gear["apply_to"]) if "apply_to" in gear else Config.gear_apply_to,
             gear_of_robot="apply_to" in gear and "ratio" not in gear,
+            rotor_inertia=self.at_least_zero("[motor] rotor_inertia", motor["rotor_inertia"]) if motor else None,
             signs={name: self.sign(name, value) for name, value in content.get("signs", {}).items()},
             source=self.file,
         )
@@ -238,6 +246,12 @@ class _Parser:
         numbers = self.numbers(key, value)
         if min(numbers) <= 0:
             raise self.fault(key, f"must be positive, got {min(numbers):g}; a direction belongs in [signs]")
+        return numbers
+
+    def at_least_zero(self, key: str, value: object) -> PerJoint:
+        numbers = self.numbers(key, value)
+        if min(numbers) < 0:
+            raise self.fault(key, f"must be at least 0, got {min(numbers):g}")
         return numbers
 
     def sign(self, signal: str, value: object) -> PerJoint:

@@ -12,7 +12,7 @@ from importlib.resources import files
 from importlib.util import find_spec
 from pathlib import Path
 
-from dynid_rs.report import explanations, sections
+from dynid_rs.report import declared, explanations, sections
 from dynid_rs.report.figures import Figures
 from dynid_rs.report.source import Source
 from dynid_rs.report.text import esc
@@ -32,6 +32,7 @@ def build_page(source: Source) -> str:
         ("torque", "Torque over time", sections.torque(figures, source)),
         ("velocity", "Friction and residual", sections.velocity(figures, source)),
         ("parameters", "Parameters", explanations.parameters(figures, result)),
+        ("declared", "What was declared", declared.declared(result)),
         ("loops", "What the loops did", explanations.loops(figures, result)),
         ("data", "Data", explanations.data(result)),
         ("provenance", "Where this comes from", explanations.provenance(source)),

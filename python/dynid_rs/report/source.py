@@ -27,6 +27,7 @@ _MEND = "write it again with `dynid identify`"
 _PARAMETER = {"name": str, "value": float, "unit?": str, "std_error?": float, "interval?": "interval"}
 _AFTER = {loop: ("per joint", float) for loop in ("friction?", "links?", "residual?")}
 _STAGES = {"wls?": ("per joint", float), **_AFTER}
+_SEPARATION = {"share": float, "std_error": float}
 _SHAPE: Mapping[str, Any] = {
     "robot": str,
     "joints": [str],
@@ -61,6 +62,24 @@ _SHAPE: Mapping[str, Any] = {
             "floor?": ("per joint", float),
         },
     },
+    "prior?": {
+        "relative_uncertainty": {"links": float, "rotors?": float},
+        "n_directions": float,
+        "n_determined": float,
+        "moved?": [{"name": str, "link": str, "declared": float, "value": float, "std": float, "shift": float}],
+    },
+    "known?": [
+        {
+            "kind": str,
+            "joint": str,
+            "unit": str,
+            "torque_rms": float,
+            "data_alone": _SEPARATION,
+            "with_prior?": _SEPARATION,
+            "rmse_test_alone": {"with": float, "without": float},
+            "rmse_test_with_prior?": {"with": float, "without_same_weight": float, "without": float},
+        }
+    ],
     "effects?": [
         {
             "kind": str,

@@ -2,6 +2,8 @@
 
 use core::fmt;
 
+use crate::effects::{Entry, CATALOGUE};
+
 /// A caller's mistake or an unusable number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CoreError {
@@ -36,6 +38,22 @@ pub enum CoreError {
         /// Which parameter.
         what: &'static str,
     },
+    /// A shape parameter of an effect is outside its range.
+    Shape {
+        /// Kind of the effect.
+        kind: &'static str,
+        /// Which parameter.
+        what: &'static str,
+        /// Index along the chain.
+        joint: usize,
+        /// What it must be, as the end of a sentence.
+        rule: &'static str,
+    },
+    /// An effect remembers in time, and the model has no sample step.
+    NoStep {
+        /// Kind of the effect.
+        kind: &'static str,
+    },
 }
 
 impl fmt::Display for CoreError {
@@ -56,8 +74,104 @@ impl fmt::Display for CoreError {
                 "mixture component {component}: the weight must be positive and the covariance positive definite"
             ),
             Self::Range { what } => write!(f, "{what} is outside its range"),
+            Self::Shape { kind, what, joint, rule } => {
+                write!(f, "{kind}: {what} of joint {joint} {rule}")
+            }
+            Self::NoStep { kind } => {
+                write!(f, "{kind} changes with time: the model needs the step between samples in seconds")
+            }
         }
     }
 }
 
 impl core::error::Error for CoreError {}
+
+/// Why there is no such [`Effect`](crate::Effect). Only construction meets it, so it may allocate.
+#[derive(Clone, Debug)]
+pub enum EffectError {
+    /// No kind of this name.
+    Kind(String),
+    /// The shape parameters are not those of the kind.
+    Names {
+        /// The kind.
+        entry: &'static Entry,
+        /// Names that came, separated by commas.
+        given: String,
+    },
+    /// A shape parameter does not have one value per joint.
+    Lengths {
+        /// The kind.
+        entry: &'static Entry,
+        /// Which parameter.
+        what: &'static str,
+        /// Values that came.
+        actual: usize,
+        /// Values of the first parameter.
+        expected: usize,
+    },
+    /// A value is out of its range.
+    Core(CoreError),
+}
+
+impl fmt::Display for EffectError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Kind(kind) => {
+                let kinds: Vec<&str> = CATALOGUE.iter().map(|entry| entry.kind).collect();
+                write!(
+                    f,
+                    "there is no effect {kind:?}, expected one of {}",
+                    kinds.join(", ")
+                )
+            }
+            Self::Names { entry, given } => {
+                let wanted: Vec<&str> = entry.shape.iter().map(|shape| shape.name).collect();
+                let named = |names: &str| {
+                    if names.is_empty() {
+                        "none".to_owned()
+                    } else {
+                        names.to_owned()
+                    }
+                };
+                write!(
+                    f,
+                    "{}: the shape parameters are {}, found {}",
+                    entry.kind,
+                    named(&wanted.join(", ")),
+                    named(given)
+                )
+            }
+            Self::Lengths {
+                entry,
+                what,
+                actual: 0,
+                ..
+            } => {
+                write!(
+                    f,
+                    "{}: {what} has no values, expected one per joint",
+                    entry.kind
+                )
+            }
+            Self::Lengths {
+                entry,
+                what,
+                actual,
+                expected,
+            } => write!(
+                f,
+                "{}: {what} has {actual} values, {} has {expected}; expected one per joint",
+                entry.kind, entry.shape[0].name
+            ),
+            Self::Core(error) => error.fmt(f),
+        }
+    }
+}
+
+impl core::error::Error for EffectError {}
+
+impl From<CoreError> for EffectError {
+    fn from(error: CoreError) -> Self {
+        Self::Core(error)
+    }
+}

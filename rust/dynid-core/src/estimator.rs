@@ -3,8 +3,9 @@
 use std::sync::Arc;
 
 use crate::dynamics::{check_length, inverse_dynamics_into, Workspace};
+use crate::effects::EffectInput;
 use crate::error::CoreError;
-use crate::model::TorqueModel;
+use crate::model::{check_step, TorqueModel};
 use crate::state::{align_link_side, State};
 
 /// What was unusual about a step, as bits. Zero is a good step.
@@ -51,6 +52,13 @@ pub struct TorqueEstimator {
     /// Link-side position and velocity on the motor channel's clock.
     q: Vec<f64>,
     dq: Vec<f64>,
+    /// Rigid-body torque before the channel's scale.
+    tau_link: Vec<f64>,
+    /// Time between samples.
+    step: f64,
+    /// What the effects remember, after the last good step and after this one.
+    memory: Vec<f64>,
+    next_memory: Vec<f64>,
     /// Terms of this step, `n_terms` rows of `n_joints`.
     scratch: Vec<f64>,
     /// Terms of the last good step.
@@ -63,16 +71,32 @@ impl TorqueEstimator {
     #[must_use]
     pub fn new(model: Arc<TorqueModel>) -> Self {
         let n = model.robot().n_joints();
-        let n_terms = model.term_names().len();
+        let n_terms = model.n_terms();
+        let effects = model.effects().iter();
+        let n_memory = effects.map(|term| term.effect().memory_len(n)).sum();
         Self {
             workspace: Workspace::new(model.robot()),
             q: vec![0.0; n],
             dq: vec![0.0; n],
+            tau_link: vec![0.0; n],
+            step: model.step().unwrap_or(0.0),
+            memory: vec![0.0; n_memory],
+            next_memory: vec![0.0; n_memory],
             scratch: vec![0.0; n * n_terms],
             terms: vec![0.0; n * n_terms],
             total: vec![0.0; n],
             model,
         }
+    }
+
+    /// The same estimator for samples `step` seconds apart, where that is not what the model says.
+    ///
+    /// # Errors
+    /// [`CoreError::Range`] if `step` is not positive.
+    pub fn with_step(mut self, step: f64) -> Result<Self, CoreError> {
+        check_step(step)?;
+        self.step = step;
+        Ok(self)
     }
 
     /// The model.
@@ -91,7 +115,7 @@ impl TorqueEstimator {
     /// Sum of the terms (Eq. 26), written to `tau` (n values).
     ///
     /// Output is finite whatever comes in: a NaN, an infinity or an overflow repeats the last good torque (zeros
-    /// before the first) and says so in the status.
+    /// before the first) and says so in the status; what effects remember stays as it was.
     ///
     /// # Errors
     /// [`CoreError::Length`] if a slice has the wrong length; nothing is written then.
@@ -108,10 +132,12 @@ impl TorqueEstimator {
             let faded = self.evaluate(state)?;
             status.set(Status::RESIDUAL_FADED, faded);
             self.scratch.iter().all(|x| x.abs() < OVERFLOW)
+                && self.next_memory.iter().all(|x| x.is_finite())
         };
         if usable {
             status.set(Status::OUTSIDE_DOMAIN, !self.inside_domain(state));
             self.terms.copy_from_slice(&self.scratch);
+            self.memory.copy_from_slice(&self.next_memory);
             self.total.fill(0.0);
             for term in self.terms.chunks_exact(n) {
                 for (total, term) in self.total.iter_mut().zip(term) {
@@ -147,12 +173,22 @@ impl TorqueEstimator {
             self.model.phi(),
             rigid_body,
         )?;
+        self.tau_link.copy_from_slice(rigid_body);
         for (tau, scale) in rigid_body.iter_mut().zip(self.model.torque_scale()) {
             *tau *= scale;
         }
+        let input = EffectInput {
+            state: *state,
+            tau_link: &self.tau_link,
+            step: self.step,
+        };
+        self.next_memory.copy_from_slice(&self.memory);
+        let mut memory = self.next_memory.as_mut_slice();
         let mut rows = rest.chunks_exact_mut(n);
         for (term, row) in self.model.effects().iter().zip(rows.by_ref()) {
-            term.torque_into(state, row);
+            let own;
+            (own, memory) = memory.split_at_mut(term.effect().memory_len(n));
+            term.torque_into(&input, own, row);
         }
         match (self.model.residual(), rows.next()) {
             (Some(residual), Some(row)) => Ok(residual.torque_into(state, row)),

@@ -26,8 +26,8 @@ pub mod robot;
 pub mod state;
 
 pub use dynamics::{inverse_dynamics_into, joint_torque_regressor_into, Workspace};
-pub use effects::{Effect, EffectTerm};
-pub use error::CoreError;
+pub use effects::{Effect, EffectInput, EffectTerm};
+pub use error::{CoreError, EffectError};
 pub use estimator::{Status, TorqueEstimator};
 pub use link_params::LinkParams;
 pub use mixture::GaussianMixtureRegression;

@@ -30,6 +30,7 @@ pub struct TorqueModel {
     noise_std: Vec<f64>,
     domain: Domain,
     torque_unit: String,
+    step: Option<f64>,
 }
 
 /// What a [`TorqueModel`] is made of; see its accessors for the meaning of each part.
@@ -54,6 +55,8 @@ pub struct TorqueModelParts {
     pub domain: Domain,
     /// `"N*m"`, or `"A"` where currents were identified without a drive gain.
     pub torque_unit: String,
+    /// Time between the samples that will come \[s\]; needed where an effect remembers in time.
+    pub step: Option<f64>,
 }
 
 impl TorqueModel {
@@ -85,8 +88,16 @@ impl TorqueModel {
                 });
             }
         }
+        if let Some(step) = parts.step {
+            check_step(step)?;
+        }
         for term in &parts.effects {
             term.effect().check(n)?;
+            if parts.step.is_none() && term.effect().entry().needs("step") {
+                return Err(CoreError::NoStep {
+                    kind: term.effect().kind(),
+                });
+            }
             check_length(
                 "coefficients",
                 term.coefficients(),
@@ -123,6 +134,7 @@ impl TorqueModel {
             noise_std,
             domain,
             torque_unit,
+            step,
         } = parts;
         Ok(Self {
             robot,
@@ -134,6 +146,7 @@ impl TorqueModel {
             noise_std,
             domain,
             torque_unit,
+            step,
         })
     }
 
@@ -191,12 +204,43 @@ impl TorqueModel {
         &self.torque_unit
     }
 
-    /// Names of the terms in order of summation: `rigid_body`, the effects, `residual`.
+    /// Time between samples \[s\], where the model has one.
     #[must_use]
-    pub fn term_names(&self) -> Vec<&'static str> {
-        let mut names = vec!["rigid_body"];
-        names.extend(self.effects.iter().map(|term| term.effect().kind()));
-        names.extend(self.residual.as_ref().map(|_| "residual"));
-        names
+    pub fn step(&self) -> Option<f64> {
+        self.step
+    }
+
+    /// Rigid body, effects, third loop.
+    #[must_use]
+    pub fn n_terms(&self) -> usize {
+        1 + self.effects.len() + usize::from(self.residual.is_some())
+    }
+
+    /// Names of the terms in order of summation: `rigid_body`, the effects, `residual`. Of a kind that comes again the
+    /// second is called kind2, and so on.
+    #[must_use]
+    pub fn term_names(&self) -> Vec<String> {
+        let kinds = self.effects.iter().map(|term| term.effect().kind());
+        let names: Vec<&str> = std::iter::once("rigid_body")
+            .chain(kinds)
+            .chain(self.residual.as_ref().map(|_| "residual"))
+            .collect();
+        let earlier = |k: usize| names[..k].iter().filter(|name| **name == names[k]).count();
+        (0..names.len())
+            .map(|k| match earlier(k) {
+                0 => names[k].to_owned(),
+                count => format!("{}{}", names[k], count + 1),
+            })
+            .collect()
+    }
+}
+
+/// # Errors
+/// [`CoreError::Range`] if the time between samples is not positive.
+pub fn check_step(step: f64) -> Result<(), CoreError> {
+    if step > 0.0 && step.is_finite() {
+        Ok(())
+    } else {
+        Err(CoreError::Range { what: "step" })
     }
 }

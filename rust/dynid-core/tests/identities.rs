@@ -7,7 +7,7 @@ mod chain;
 use std::sync::Arc;
 
 use chain::{case, joint, link_params, rotation, vector3, Case};
-use dynid_core::effects::{friction_columns, Friction, RotorInertia, TorqueOffset, N_FRICTION};
+use dynid_core::effects::{friction_columns, N_FRICTION};
 use dynid_core::link_params::{inertia_matrix, transform, N_LINK_PARAMS};
 use dynid_core::model::TorqueModelParts;
 use dynid_core::{
@@ -411,10 +411,7 @@ fn model(most: usize) -> impl Strategy<Value = (Case, Arc<TorqueModel>)> {
     )
         .prop_map(|(case, mixtures, deflection, numbers, scale, delay)| {
             let n = case.q.len();
-            let friction = Effect::Friction(Friction {
-                velocity_threshold: vec![0.05; n],
-                transition_width: vec![0.01; n],
-            });
+            let friction = Effect::friction(&vec![0.05; n], &vec![0.01; n]).unwrap();
             let term = |effect: Effect, first: usize| {
                 let count = n * effect.n_columns();
                 EffectTerm::new(effect, numbers[first..first + count].to_vec(), n)
@@ -430,8 +427,8 @@ fn model(most: usize) -> impl Strategy<Value = (Case, Arc<TorqueModel>)> {
                 phi: case.phi.clone(),
                 torque_scale: scale[..n].to_vec(),
                 effects: vec![
-                    term(Effect::RotorInertia(RotorInertia), 0),
-                    term(Effect::TorqueOffset(TorqueOffset), n),
+                    term(Effect::rotor_inertia(), 0),
+                    term(Effect::torque_offset(), n),
                     term(friction, 2 * n),
                 ],
                 residual: Some(Residual::new(inputs, mixtures[..n].to_vec()).expect("two inputs")),
@@ -443,6 +440,7 @@ fn model(most: usize) -> impl Strategy<Value = (Case, Arc<TorqueModel>)> {
                     ddq: vec![3.0; n],
                 },
                 torque_unit: "N*m".to_owned(),
+                step: None,
             })
             .expect("a valid model");
             (case, Arc::new(model))

@@ -2,17 +2,19 @@
 
 #![allow(unsafe_code)] // a global allocator cannot be written without
 
+mod every_effect;
+
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 use std::hint::black_box;
 use std::sync::Arc;
 
-use dynid_core::effects::{Friction, RotorInertia, TorqueOffset};
 use dynid_core::model::TorqueModelParts;
 use dynid_core::{
     Domain, Effect, EffectTerm, GaussianMixtureRegression, Joint, JointKind, JointLimits, Residual,
     ResidualInputs, RobotModel, State, Status, TorqueEstimator, TorqueModel,
 };
+use every_effect::every_effect;
 use nalgebra::{Rotation3, Vector3};
 
 /// The system's allocator, counting this thread's calls (the test harness allocates on others).
@@ -90,20 +92,12 @@ fn model(inputs: ResidualInputs) -> TorqueModel {
         let coefficients = vec![0.5; N * effect.n_columns()];
         EffectTerm::new(effect, coefficients, N).unwrap()
     };
-    let friction = Effect::Friction(Friction {
-        velocity_threshold: vec![0.05; N],
-        transition_width: vec![0.01; N],
-    });
     let robot = robot();
     TorqueModel::new(TorqueModelParts {
         phi: robot.phi(),
         robot,
         torque_scale: vec![1.5; N],
-        effects: vec![
-            term(Effect::RotorInertia(RotorInertia)),
-            term(Effect::TorqueOffset(TorqueOffset)),
-            term(friction),
-        ],
+        effects: every_effect(N).into_iter().map(term).collect(),
         residual: Some(Residual::new(inputs, vec![Some(mixture); N]).unwrap()),
         encoder_delay: vec![0.003; N],
         noise_std: vec![0.1; N],
@@ -113,6 +107,7 @@ fn model(inputs: ResidualInputs) -> TorqueModel {
             ddq: vec![1.0; N],
         },
         torque_unit: "N*m".to_owned(),
+        step: Some(0.001),
     })
     .unwrap()
 }

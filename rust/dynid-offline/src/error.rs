@@ -26,6 +26,13 @@ pub enum OfflineError {
         /// Where.
         what: &'static str,
     },
+    /// An effect needs a signal that did not come.
+    Missing {
+        /// Kind of the effect.
+        kind: &'static str,
+        /// Signal.
+        what: &'static str,
+    },
 }
 
 impl fmt::Display for OfflineError {
@@ -39,6 +46,7 @@ impl fmt::Display for OfflineError {
                 )
             }
             Self::Shape { what } => write!(f, "{what} has the wrong shape"),
+            Self::Missing { kind, what } => write!(f, "{kind} needs {what}, which was not given"),
             Self::NonFinite { what } => write!(f, "{what} holds a NaN or an infinity"),
         }
     }

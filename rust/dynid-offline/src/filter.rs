@@ -74,7 +74,7 @@ impl ZeroPhase {
     }
 
     /// Filters `samples` (time along the slice, one column per lane) in place. `work` is scratch of any length.
-    pub fn apply(&self, samples: &mut [Lanes], work: &mut Vec<Lanes>) {
+    pub fn apply<const N: usize>(&self, samples: &mut [[f64; N]], work: &mut Vec<[f64; N]>) {
         if self.sections.is_empty() {
             return;
         }
@@ -90,37 +90,46 @@ impl ZeroPhase {
     }
 
     /// One direction, direct form II transposed, started in the steady state of its first sample.
-    fn run<'a>(&self, mut samples: impl Iterator<Item = &'a mut Lanes>) {
-        let Some(first) = samples.next() else { return };
-        let mut states: Vec<(Section, Lanes, Lanes)> = self
-            .sections
-            .iter()
-            .map(|s| {
-                (
-                    *s,
-                    first.map(|x| x * s.steady[0]),
-                    first.map(|x| x * s.steady[1]),
-                )
-            })
-            .collect();
-        for sample in std::iter::once(first).chain(samples) {
-            let mut x = *sample;
-            for (section, z0, z1) in &mut states {
-                let mut y = [0.0; LANES];
-                for lane in 0..LANES {
-                    y[lane] = section.b[0] * x[lane] + z0[lane];
-                    z0[lane] = section.b[1] * x[lane] - section.a[0] * y[lane] + z1[lane];
-                    z1[lane] = section.b[2] * x[lane] - section.a[1] * y[lane];
+    fn run<'a, const N: usize>(&self, samples: impl Iterator<Item = &'a mut [f64; N]>) {
+        // The band's filter has two sections; with their number known they stay in registers.
+        match <&[Section; 2]>::try_from(self.sections.as_slice()) {
+            Ok(sections) => cascade(*sections, samples),
+            Err(_) => {
+                let mut samples: Vec<_> = samples.collect();
+                for section in &self.sections {
+                    cascade([*section], samples.iter_mut().map(|sample| &mut **sample));
                 }
-                x = y;
             }
-            *sample = x;
         }
     }
 }
 
+/// Runs `S` sections one after the other over all samples.
+fn cascade<'a, const N: usize, const S: usize>(
+    sections: [Section; S],
+    mut samples: impl Iterator<Item = &'a mut [f64; N]>,
+) {
+    let Some(first) = samples.next() else { return };
+    // A section's steady output for a steady input is the next one's input; `steady` already counts on that.
+    let mut z0 = sections.map(|s| first.map(|x| x * s.steady[0]));
+    let mut z1 = sections.map(|s| first.map(|x| x * s.steady[1]));
+    for sample in std::iter::once(first).chain(samples) {
+        let mut x = *sample;
+        for (k, section) in sections.iter().enumerate() {
+            let mut y = [0.0; N];
+            for lane in 0..N {
+                y[lane] = section.b[0] * x[lane] + z0[k][lane];
+                z0[k][lane] = section.b[1] * x[lane] - section.a[0] * y[lane] + z1[k][lane];
+                z1[k][lane] = section.b[2] * x[lane] - section.a[1] * y[lane];
+            }
+            x = y;
+        }
+        *sample = x;
+    }
+}
+
 /// Point reflection of `inner` through the end value: odd extension.
-fn mirror(end: &Lanes, inner: &Lanes) -> Lanes {
+fn mirror<const N: usize>(end: &[f64; N], inner: &[f64; N]) -> [f64; N] {
     std::array::from_fn(|lane| 2.0 * end[lane] - inner[lane])
 }
 

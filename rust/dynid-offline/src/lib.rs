@@ -9,13 +9,17 @@
 
 pub mod base;
 pub mod batch;
+pub mod columns;
 pub mod error;
 pub mod factor;
 pub mod filter;
+pub mod friction_search;
 pub mod observation;
 
 pub use base::{base_parameters, BaseParameters};
+pub use columns::{effect_columns, effect_torque, RunSignals};
 pub use error::OfflineError;
 pub use factor::{merge, triangular_factor};
 pub use filter::ZeroPhase;
+pub use friction_search::{FrictionSearch, SearchRun};
 pub use observation::{observe, Observation, RunStates, Sampling};

@@ -5,14 +5,15 @@ use dynid_core::link_params::N_LINK_PARAMS;
 use dynid_core::{joint_torque_regressor_into, Effect, RobotModel, State, Workspace};
 use rayon::prelude::*;
 
+use crate::columns::{columns, RunSignals};
 use crate::error::OfflineError;
 use crate::filter::{Lanes, ZeroPhase, LANES};
 
 /// States and torques of one run on a uniform time grid; every slice is row-major, n_samples × n_joints.
 #[derive(Clone, Copy, Debug)]
 pub struct RunStates<'a> {
-    /// Link-side and motor-side signals.
-    pub state: State<'a>,
+    /// What effects see.
+    pub signals: RunSignals<'a>,
     /// Measured torque \[N·m or A\].
     pub tau: &'a [f64],
 }
@@ -72,10 +73,17 @@ pub fn observe(
 
     let plan: Vec<Vec<Wanted>> = (0..n).map(|j| columns_of(j, effects, pivots)).collect();
     let width: usize = plan.iter().map(Vec::len).sum();
+    // What remembers runs once along the whole run; everything else is evaluated where it is needed.
+    let history: Vec<Option<Vec<f64>>> = effects
+        .par_iter()
+        .map(|effect| (effect.entry().memory > 0).then(|| columns(effect, n, &run.signals)))
+        .collect();
     let mut raw = vec![0.0; n_samples * width];
     raw.par_chunks_mut(width * 256)
         .enumerate()
-        .try_for_each(|(chunk, out)| fill(robot, effects, run, &plan, chunk * 256, out))?;
+        .try_for_each(|(chunk, out)| {
+            fill(robot, effects, &history, run, &plan, chunk * 256, out)
+        })?;
 
     // Filter LANES columns at a time along the run, then keep the wanted samples.
     let blocks: Vec<Vec<Lanes>> = (0..width.div_ceil(LANES))
@@ -134,6 +142,7 @@ fn columns_of(j: usize, effects: &[Effect], pivots: &[usize]) -> Vec<Wanted> {
 fn fill(
     robot: &RobotModel,
     effects: &[Effect],
+    history: &[Option<Vec<f64>>],
     run: &RunStates<'_>,
     plan: &[Vec<Wanted>],
     start: usize,
@@ -146,7 +155,8 @@ fn fill(
     let mut columns = vec![[0.0; MAX_COLUMNS]; effects.len()];
     for (k, row) in out.chunks_exact_mut(width).enumerate() {
         let at = (start + k) * n..(start + k + 1) * n;
-        let state = slice_state(&run.state, at.clone());
+        let input = run.signals.input(start + k, n);
+        let state = &input.state;
         joint_torque_regressor_into(
             robot,
             &mut workspace,
@@ -157,8 +167,15 @@ fn fill(
         )?;
         let mut cell = row.iter_mut();
         for (j, wanted) in plan.iter().enumerate() {
-            for (effect, columns) in effects.iter().zip(&mut columns) {
-                effect.columns_into(j, &state, &mut columns[..effect.n_columns()]);
+            for ((effect, history), columns) in effects.iter().zip(history).zip(&mut columns) {
+                let columns = &mut columns[..effect.n_columns()];
+                match history {
+                    Some(all) => {
+                        let first = (at.start + j) * columns.len();
+                        columns.copy_from_slice(&all[first..first + columns.len()]);
+                    }
+                    None => effect.columns_into(j, &input, &mut [], columns),
+                }
             }
             for (wanted, cell) in wanted.iter().zip(cell.by_ref()) {
                 *cell = match *wanted {
@@ -197,13 +214,10 @@ fn check(
     if run.tau.len() != n_samples * n {
         return Err(OfflineError::Shape { what: "tau" });
     }
-    run.state.check(run.tau.len())?;
-    if !run.state.is_finite() || !run.tau.iter().all(|x| x.is_finite()) {
+    if !run.tau.iter().all(|x| x.is_finite()) {
         return Err(OfflineError::NonFinite { what: "run" });
     }
-    for effect in effects {
-        effect.check(n)?;
-    }
+    run.signals.check(effects, n, n_samples)?;
     let rising = |indices: &[usize], end: usize| {
         indices.windows(2).all(|pair| pair[0] < pair[1]) && indices.last().is_none_or(|&k| k < end)
     };

@@ -1,13 +1,13 @@
 //! Effects in Python: their shapes; columns are evaluated in Rust.
 
-use dynid_core::effects::{
-    friction_columns, Effect, Friction, RotorInertia, TorqueOffset, N_FRICTION,
-};
-use numpy::PyArray2;
+use dynid_core::effects::{friction_columns, Effect, EffectTerm, CATALOGUE, N_FRICTION};
+use numpy::{PyArray2, PyArray3};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
+use pyo3::types::{PyDict, PyList};
 
-use crate::arrays;
+use crate::run::RunArrays;
+use crate::{arrays, errors};
 
 /// An effect with its shape parameters, one of the terms of a torque model.
 #[pyclass(name = "Effect", module = "dynid_rs._core", frozen, from_py_object)]
@@ -21,26 +21,34 @@ type Rebuild<'py> = (Bound<'py, PyAny>, (&'static str, Shape));
 impl PyEffect {
     #[staticmethod]
     fn rotor_inertia() -> Self {
-        Self(Effect::RotorInertia(RotorInertia))
+        Self(Effect::rotor_inertia())
     }
 
     #[staticmethod]
     fn torque_offset() -> Self {
-        Self(Effect::TorqueOffset(TorqueOffset))
+        Self(Effect::torque_offset())
     }
 
     #[staticmethod]
     fn friction(velocity_threshold: Vec<f64>, transition_width: Vec<f64>) -> PyResult<Self> {
-        let effect = Effect::Friction(Friction {
-            velocity_threshold,
-            transition_width,
-        });
-        let n_joints = match &effect {
-            Effect::Friction(shape) => shape.velocity_threshold.len(),
-            _ => 0,
-        };
-        effect.check(n_joints).map_err(crate::errors::core)?;
-        Ok(Self(effect))
+        Effect::friction(&velocity_threshold, &transition_width)
+            .map(Self)
+            .map_err(errors::effect)
+    }
+
+    /// The effect `kind` of the catalogue, one value per joint for each of its shape parameters.
+    #[staticmethod]
+    #[pyo3(signature = (kind, **shape))]
+    fn of(kind: &str, shape: Option<&Bound<'_, PyDict>>) -> PyResult<Self> {
+        let mut parameters = Vec::new();
+        for (name, values) in shape.into_iter().flatten() {
+            let name: String = name.extract()?;
+            let values = arrays::vector(&values, &name, None)?.as_slice()?.to_vec();
+            parameters.push((name, values));
+        }
+        Effect::new(kind, &parameters)
+            .map(Self)
+            .map_err(errors::effect)
     }
 
     #[getter]
@@ -50,7 +58,7 @@ impl PyEffect {
 
     #[getter]
     fn coefficient_names(&self) -> Vec<&'static str> {
-        self.0.coefficient_names().to_vec()
+        self.0.coefficient_names().collect()
     }
 
     #[getter]
@@ -58,16 +66,20 @@ impl PyEffect {
         self.0.n_columns()
     }
 
+    #[getter]
+    fn signals(&self) -> Vec<&'static str> {
+        self.0.entry().signals.to_vec()
+    }
+
+    #[getter]
+    fn has_memory(&self) -> bool {
+        self.0.entry().memory > 0
+    }
+
     /// Shape parameters by name, one value per joint.
     #[getter]
     fn shape(&self) -> Shape {
-        match &self.0 {
-            Effect::Friction(shape) => vec![
-                ("velocity_threshold", shape.velocity_threshold.clone()),
-                ("transition_width", shape.transition_width.clone()),
-            ],
-            _ => Vec::new(),
-        }
+        self.0.shape()
     }
 
     /// Kind and shape are all there is: copies in other processes are built from them.
@@ -93,15 +105,9 @@ impl PyEffect {
 /// The effect of a kind and a shape that `Effect.__reduce__` wrote.
 #[pyfunction]
 pub fn _effect_of(kind: &str, shape: Vec<(String, Vec<f64>)>) -> PyResult<PyEffect> {
-    let mut values = shape.into_iter().map(|(_, values)| values);
-    match (kind, values.next(), values.next()) {
-        ("rotor_inertia", None, None) => Ok(PyEffect::rotor_inertia()),
-        ("torque_offset", None, None) => Ok(PyEffect::torque_offset()),
-        ("friction", Some(threshold), Some(width)) => PyEffect::friction(threshold, width),
-        _ => Err(PyValueError::new_err(format!(
-            "{kind:?} with this shape is no effect of this release"
-        ))),
-    }
+    Effect::new(kind, &shape)
+        .map(PyEffect)
+        .map_err(errors::effect)
 }
 
 /// Basis of Eqs. 9-11 at speeds `dq`, (n_samples, 8).
@@ -136,4 +142,97 @@ pub fn check_shape(velocity_threshold: f64, transition_width: f64) -> PyResult<(
             "velocity_threshold must be at least 0 and transition_width positive, found {velocity_threshold} and {transition_width}"
         )))
     }
+}
+
+/// Every kind of effect as a dictionary.
+#[pyfunction]
+pub fn effect_catalogue(py: Python<'_>) -> PyResult<Bound<'_, PyList>> {
+    let list = PyList::empty(py);
+    for entry in &CATALOGUE {
+        let coefficients = PyList::empty(py);
+        for coefficient in entry.coefficients {
+            let dict = PyDict::new(py);
+            let (lower, upper) = coefficient.sign.bounds();
+            dict.set_item("name", coefficient.name)?;
+            dict.set_item("unit", coefficient.unit)?;
+            dict.set_item("lower", lower)?;
+            dict.set_item("upper", upper)?;
+            coefficients.append(dict)?;
+        }
+        let shape = PyList::empty(py);
+        for parameter in entry.shape {
+            let dict = PyDict::new(py);
+            dict.set_item("name", parameter.name)?;
+            dict.set_item("unit", parameter.unit)?;
+            dict.set_item("rule", parameter.rule.words())?;
+            dict.set_item("grid", parameter.grid.to_vec())?;
+            shape.append(dict)?;
+        }
+        let dict = PyDict::new(py);
+        dict.set_item("kind", entry.kind)?;
+        dict.set_item("formula", entry.formula)?;
+        dict.set_item("coefficients", coefficients)?;
+        dict.set_item("shape", shape)?;
+        dict.set_item("signals", entry.signals.to_vec())?;
+        dict.set_item("memory", entry.memory > 0)?;
+        dict.set_item("declared", entry.declared)?;
+        list.append(dict)?;
+    }
+    Ok(list)
+}
+
+/// Torque per unit coefficient along a run, (n_samples, n_joints, n_columns).
+#[pyfunction]
+#[pyo3(signature = (effect, q, dq, ddq, q_motor=None, dq_motor=None, ddq_motor=None, tau_link=None, *, step=None))]
+#[expect(clippy::too_many_arguments, reason = "all that an effect may see")]
+pub fn effect_columns<'py>(
+    py: Python<'py>,
+    effect: &PyEffect,
+    q: &Bound<'py, PyAny>,
+    dq: &Bound<'py, PyAny>,
+    ddq: &Bound<'py, PyAny>,
+    q_motor: Option<&Bound<'py, PyAny>>,
+    dq_motor: Option<&Bound<'py, PyAny>>,
+    ddq_motor: Option<&Bound<'py, PyAny>>,
+    tau_link: Option<&Bound<'py, PyAny>>,
+    step: Option<f64>,
+) -> PyResult<Bound<'py, PyArray3<f64>>> {
+    let n = arrays::width(&arrays::contiguous(q, "q")?, "q")?;
+    let motor = [q_motor, dq_motor, ddq_motor];
+    let arrays = RunArrays::new([q, dq, ddq], motor, tau_link, step, n)?;
+    let run = arrays.signals()?;
+    let columns = py
+        .detach(|| dynid_offline::effect_columns(&effect.0, n, &run))
+        .map_err(errors::offline)?;
+    arrays::to_cube(py, columns, [arrays.n_samples(), n, effect.0.n_columns()])
+}
+
+/// Torque along a run, (n_samples, n_joints).
+#[pyfunction]
+#[pyo3(signature = (effect, coefficients, q, dq, ddq, q_motor=None, dq_motor=None, ddq_motor=None, tau_link=None, *, step=None))]
+#[expect(clippy::too_many_arguments, reason = "all that an effect may see")]
+pub fn effect_torque<'py>(
+    py: Python<'py>,
+    effect: &PyEffect,
+    coefficients: &Bound<'py, PyAny>,
+    q: &Bound<'py, PyAny>,
+    dq: &Bound<'py, PyAny>,
+    ddq: &Bound<'py, PyAny>,
+    q_motor: Option<&Bound<'py, PyAny>>,
+    dq_motor: Option<&Bound<'py, PyAny>>,
+    ddq_motor: Option<&Bound<'py, PyAny>>,
+    tau_link: Option<&Bound<'py, PyAny>>,
+    step: Option<f64>,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let n = arrays::width(&arrays::contiguous(q, "q")?, "q")?;
+    let motor = [q_motor, dq_motor, ddq_motor];
+    let arrays = RunArrays::new([q, dq, ddq], motor, tau_link, step, n)?;
+    let run = arrays.signals()?;
+    let coefficients = arrays::matrix(coefficients, "coefficients", effect.0.n_columns())?;
+    let term = EffectTerm::new(effect.0.clone(), coefficients.as_slice()?.to_vec(), n)
+        .map_err(errors::core)?;
+    let mut tau = vec![0.0; arrays.n_samples() * n];
+    py.detach(|| dynid_offline::effect_torque(&term, n, &run, &mut tau))
+        .map_err(errors::offline)?;
+    arrays::to_matrix(py, tau, n)
 }

@@ -2,7 +2,7 @@
 
 use std::io;
 
-use dynid_core::CoreError;
+use dynid_core::{CoreError, EffectError};
 use dynid_io::mdh::MdhError as RustMdhError;
 use dynid_io::urdf::UrdfError as RustUrdfError;
 use dynid_io::ModelFileError;
@@ -31,6 +31,10 @@ create_exception!(
 );
 
 pub fn core(error: CoreError) -> PyErr {
+    PyValueError::new_err(error.to_string())
+}
+
+pub fn effect(error: EffectError) -> PyErr {
     PyValueError::new_err(error.to_string())
 }
 

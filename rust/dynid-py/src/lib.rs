@@ -4,10 +4,12 @@ mod arrays;
 mod base;
 mod effects;
 mod errors;
+mod friction_search;
 mod mixture;
 mod model;
 mod offline;
 mod robot;
+mod run;
 
 use pyo3::prelude::*;
 
@@ -37,7 +39,11 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.setattr("_model_of", wrap_pyfunction!(model::_model_of, m)?)?;
     m.setattr("_effect_of", wrap_pyfunction!(effects::_effect_of, m)?)?;
     m.setattr("_base_of", wrap_pyfunction!(base::_base_of, m)?)?;
+    m.add_class::<friction_search::PyFrictionSearch>()?;
     m.add_function(wrap_pyfunction!(effects::friction_basis, m)?)?;
+    m.add_function(wrap_pyfunction!(effects::effect_catalogue, m)?)?;
+    m.add_function(wrap_pyfunction!(effects::effect_columns, m)?)?;
+    m.add_function(wrap_pyfunction!(effects::effect_torque, m)?)?;
     m.add_function(wrap_pyfunction!(model::residual_inputs, m)?)?;
     m.add_function(wrap_pyfunction!(model::align_link_side, m)?)?;
     m.add_function(wrap_pyfunction!(offline::observe, m)?)?;

@@ -17,6 +17,7 @@ use pyo3::prelude::*;
 use crate::effects::PyEffect;
 use crate::mixture::PyGaussianMixtureRegression;
 use crate::robot::{PyRobotModel, Rebuild};
+use crate::run::RunArrays;
 use crate::{arrays, errors};
 
 /// A torque model: rigid body, effects, residual. Owned by Rust, immutable.
@@ -44,7 +45,7 @@ fn inputs_named(name: &str) -> PyResult<ResidualInputs> {
 #[pymethods]
 impl PyTorqueModel {
     #[new]
-    #[pyo3(signature = (robot, phi, effects, *, residual=None, torque_scale=None, encoder_delay, noise_std, domain, torque_unit="N*m"))]
+    #[pyo3(signature = (robot, phi, effects, *, residual=None, torque_scale=None, encoder_delay, noise_std, domain, torque_unit="N*m", step=None))]
     #[expect(
         clippy::too_many_arguments,
         reason = "a keyword constructor; the parts are the model"
@@ -59,6 +60,7 @@ impl PyTorqueModel {
         noise_std: Vec<f64>,
         domain: (Vec<[f64; 2]>, Vec<f64>, Vec<f64>),
         torque_unit: &str,
+        step: Option<f64>,
     ) -> PyResult<Self> {
         let n = robot.0.n_joints();
         let effects = effects
@@ -88,6 +90,7 @@ impl PyTorqueModel {
             noise_std,
             domain: Domain { q, dq, ddq },
             torque_unit: torque_unit.to_owned(),
+            step,
         })
         .map(|model| Self(Arc::new(model)))
         .map_err(errors::core)
@@ -107,7 +110,7 @@ impl PyTorqueModel {
     }
 
     /// Total (n_samples, n), terms (n_samples, n_terms, n) and status bits (n_samples,) by the estimator that runs online.
-    #[pyo3(signature = (q, dq, ddq, q_motor=None, dq_motor=None, ddq_motor=None))]
+    #[pyo3(signature = (q, dq, ddq, q_motor=None, dq_motor=None, ddq_motor=None, *, step=None))]
     #[expect(clippy::too_many_arguments, reason = "the six signals of a state")]
     fn evaluate<'py>(
         &self,
@@ -118,30 +121,15 @@ impl PyTorqueModel {
         q_motor: Option<&Bound<'py, PyAny>>,
         dq_motor: Option<&Bound<'py, PyAny>>,
         ddq_motor: Option<&Bound<'py, PyAny>>,
+        step: Option<f64>,
     ) -> PyResult<Evaluation<'py>> {
         let n = self.0.robot().n_joints();
-        let signals = arrays::samples(
-            [
-                ("q", q),
-                ("dq", dq),
-                ("ddq", ddq),
-                ("q_motor", q_motor.unwrap_or(q)),
-                ("dq_motor", dq_motor.unwrap_or(dq)),
-                ("ddq_motor", ddq_motor.unwrap_or(ddq)),
-            ],
-            n,
-        )?;
-        let [q, dq, ddq, q_motor, dq_motor, ddq_motor] = &signals;
-        let states = State {
-            q: q.as_slice()?,
-            dq: dq.as_slice()?,
-            ddq: ddq.as_slice()?,
-            q_motor: q_motor.as_slice()?,
-            dq_motor: dq_motor.as_slice()?,
-            ddq_motor: ddq_motor.as_slice()?,
-        };
-        let n_samples = q.shape()[0];
+        let arrays = RunArrays::new([q, dq, ddq], [q_motor, dq_motor, ddq_motor], None, step, n)?;
+        let (states, n_samples) = (arrays.state()?, arrays.n_samples());
         let mut estimator = TorqueEstimator::new(Arc::clone(&self.0));
+        if let Some(step) = step {
+            estimator = estimator.with_step(step).map_err(errors::core)?;
+        }
         let n_terms = estimator.terms().len() / n;
         let mut terms = vec![0.0; n_samples * n_terms * n];
         let mut total = vec![0.0; n_samples * n];
@@ -161,7 +149,7 @@ impl PyTorqueModel {
     }
 
     #[getter]
-    fn term_names(&self) -> Vec<&'static str> {
+    fn term_names(&self) -> Vec<String> {
         self.0.term_names()
     }
 
@@ -224,6 +212,11 @@ impl PyTorqueModel {
     #[getter]
     fn torque_unit(&self) -> &str {
         self.0.torque_unit()
+    }
+
+    #[getter]
+    fn step(&self) -> Option<f64> {
+        self.0.step()
     }
 
     /// The text of its file: copies in other processes are built from it.

@@ -1,7 +1,6 @@
 //! Rows and factors in Python.
 
 use dynid_core::effects::{friction_columns, N_FRICTION};
-use dynid_core::State;
 use dynid_offline::filter::LANES;
 use dynid_offline::{RunStates, Sampling, ZeroPhase};
 use numpy::PyArray2;
@@ -10,12 +9,15 @@ use pyo3::prelude::*;
 
 use crate::effects::{check_shape, PyEffect};
 use crate::robot::PyRobotModel;
+use crate::run::RunArrays;
 use crate::{arrays, errors};
 
 /// `(sections, steady state, padding)` as `scipy.signal.butter` and `sosfilt_zi` give them; `None` filters nothing.
-type FilterParts<'py> = Option<(Bound<'py, PyAny>, Bound<'py, PyAny>, usize)>;
+pub type FilterParts<'py> = Option<(Bound<'py, PyAny>, Bound<'py, PyAny>, usize)>;
 
-fn sampling(filter: FilterParts<'_>, kept: Vec<usize>) -> PyResult<Sampling> {
+/// # Errors
+/// `ValueError` if the filter's parts do not fit each other.
+pub fn sampling(filter: FilterParts<'_>, kept: Vec<usize>) -> PyResult<Sampling> {
     let filter = match filter {
         None => ZeroPhase::default(),
         Some((sections, steady, pad)) => {
@@ -34,7 +36,7 @@ fn sampling(filter: FilterParts<'_>, kept: Vec<usize>) -> PyResult<Sampling> {
 
 /// Filtered, decimated rows of every joint: a list of (n_rows, n_columns) arrays.
 #[pyfunction]
-#[pyo3(signature = (robot, effects, pivots, q, dq, ddq, q_motor, dq_motor, ddq_motor, tau, *, filter=None, kept))]
+#[pyo3(signature = (robot, effects, pivots, q, dq, ddq, q_motor, dq_motor, ddq_motor, tau, *, filter=None, kept, tau_link=None, step=None))]
 #[expect(
     clippy::too_many_arguments,
     reason = "a run's seven signals and the plan"
@@ -53,30 +55,15 @@ pub fn observe<'py>(
     tau: &Bound<'py, PyAny>,
     filter: FilterParts<'py>,
     kept: Vec<usize>,
+    tau_link: Option<&Bound<'py, PyAny>>,
+    step: Option<f64>,
 ) -> PyResult<Vec<Bound<'py, PyArray2<f64>>>> {
     let n = robot.0.n_joints();
-    let signals = arrays::samples(
-        [
-            ("q", q),
-            ("dq", dq),
-            ("ddq", ddq),
-            ("q_motor", q_motor),
-            ("dq_motor", dq_motor),
-            ("ddq_motor", ddq_motor),
-            ("tau", tau),
-        ],
-        n,
-    )?;
-    let [q, dq, ddq, q_motor, dq_motor, ddq_motor, tau] = &signals;
+    let motor = [Some(q_motor), Some(dq_motor), Some(ddq_motor)];
+    let arrays = RunArrays::new([q, dq, ddq], motor, tau_link, step, n)?;
+    let [_, tau] = arrays::samples([("q", q), ("tau", tau)], n)?;
     let run = RunStates {
-        state: State {
-            q: q.as_slice()?,
-            dq: dq.as_slice()?,
-            ddq: ddq.as_slice()?,
-            q_motor: q_motor.as_slice()?,
-            dq_motor: dq_motor.as_slice()?,
-            ddq_motor: ddq_motor.as_slice()?,
-        },
+        signals: arrays.signals()?,
         tau: tau.as_slice()?,
     };
     let effects: Vec<_> = effects.into_iter().map(|effect| effect.0).collect();

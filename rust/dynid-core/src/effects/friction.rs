@@ -1,7 +1,6 @@
 //! The paper's friction (Eqs. 9-11): two directions with coefficients of their own, viscous terms above a threshold.
 
-use crate::error::CoreError;
-use crate::state::State;
+use super::EffectInput;
 
 /// Columns per joint: two Coulomb, and three viscous orders for each direction.
 pub const N_FRICTION: usize = 8;
@@ -18,6 +17,12 @@ pub const FRICTION_NAMES: [&str; N_FRICTION] = [
     "viscous3_neg",
 ];
 
+/// Direction of motion `s(v) = tanh(v / eps)`, smooth at standstill.
+#[must_use]
+pub fn direction(dq: f64, eps: f64) -> f64 {
+    (dq / eps).tanh()
+}
+
 /// Basis of Eqs. 9-11 at motor speed `dq` \[rad/s\], in the order of [`FRICTION_NAMES`].
 ///
 /// With `s = tanh(dq / eps)`, for `dq >= 0`: Coulomb `s (s + 1) / 2` and, where `|dq| >= lambda`, viscous
@@ -25,7 +30,7 @@ pub const FRICTION_NAMES: [&str; N_FRICTION] = [
 /// friction is odd only if the quadratic coefficients of the two sides are opposite.
 #[must_use]
 pub fn friction_columns(dq: f64, lambda: f64, eps: f64) -> [f64; N_FRICTION] {
-    let s = (dq / eps).tanh();
+    let s = direction(dq, eps);
     let side = usize::from(dq < 0.0);
     // 1 in motion, 1/2 at rest: (s + 1)/2 for dq >= 0, (1 - s)/2 for dq < 0.
     let gate = (1.0 + s.abs()) / 2.0;
@@ -39,41 +44,19 @@ pub fn friction_columns(dq: f64, lambda: f64, eps: f64) -> [f64; N_FRICTION] {
     columns
 }
 
-/// Shape of the friction of every joint.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Friction {
-    /// lambda of Eq. 9 \[rad/s\], at least 0; one per joint.
-    pub velocity_threshold: Vec<f64>,
-    /// eps of Eqs. 10-11 \[rad/s\], positive; one per joint.
-    pub transition_width: Vec<f64>,
-}
-
-impl Friction {
-    /// Friction acts in the gear's input stage, so its speed is the motor's.
-    pub fn columns_into(&self, j: usize, state: &State<'_>, columns: &mut [f64]) {
-        columns.copy_from_slice(&friction_columns(
-            state.dq_motor[j],
-            self.velocity_threshold[j],
-            self.transition_width[j],
-        ));
-    }
-
-    /// # Errors
-    /// [`CoreError`] if a vector does not have `n_joints` values, a threshold is negative or a width not positive.
-    pub fn check(&self, n_joints: usize) -> Result<(), CoreError> {
-        for (what, values, least) in [
-            ("velocity_threshold", &self.velocity_threshold, 0.0),
-            (
-                "transition_width",
-                &self.transition_width,
-                f64::MIN_POSITIVE,
-            ),
-        ] {
-            crate::dynamics::check_length(what, values, n_joints)?;
-            if !values.iter().all(|x| x.is_finite() && *x >= least) {
-                return Err(CoreError::Range { what });
-            }
-        }
-        Ok(())
-    }
+/// Eight columns. `shape`: lambda of Eq. 9 and eps of Eqs. 10-11 \[rad/s\].
+///
+/// Friction acts in the gear's input stage, so its speed is the motor's.
+pub fn columns(
+    shape: &[f64],
+    j: usize,
+    input: &EffectInput<'_>,
+    _memory: &mut [f64],
+    columns: &mut [f64],
+) {
+    columns.copy_from_slice(&friction_columns(
+        input.state.dq_motor[j],
+        shape[0],
+        shape[1],
+    ));
 }

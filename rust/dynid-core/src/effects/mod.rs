@@ -1,78 +1,236 @@
 //! Effects: torques that are linear in their coefficients. A torque model is a sum of them.
 //!
-//! `tau_j = columns_j(state; shape) · coefficients_j`. One file per effect; the shape parameters are its fields. The
-//! same columns are fitted offline and summed online, so the two cannot drift apart.
+//! `tau_j = columns_j(input; shape, memory) · coefficients_j`. One file per effect with its formula, one entry in the
+//! [`catalogue`] with its names. The same columns are fitted offline and summed online, so the two cannot drift apart.
 
+pub mod catalogue;
+mod counterbalance;
+mod coupled_friction;
 mod friction;
+mod friction_hysteresis;
+mod inertial_coupling;
+mod joint_spring;
+mod load_dependent_friction;
+mod position_dependent_friction;
 mod rotor_inertia;
+mod stribeck;
+mod thermal_friction;
 mod torque_offset;
+mod torque_ripple;
+mod torque_saturation;
 
-pub use friction::{friction_columns, Friction, FRICTION_NAMES, N_FRICTION};
-pub use rotor_inertia::RotorInertia;
-pub use torque_offset::TorqueOffset;
+pub use catalogue::{Entry, CATALOGUE};
+pub use friction::{friction_columns, FRICTION_NAMES, N_FRICTION};
 
 use crate::dynamics::check_length;
-use crate::error::CoreError;
+use crate::error::{CoreError, EffectError};
 use crate::state::State;
 
 /// Upper bound on [`Effect::n_columns`]; columns of one joint fit in an array of this length.
 pub const MAX_COLUMNS: usize = N_FRICTION;
 
-/// Every kind of effect, with its shape parameters.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Effect {
-    /// Reflected rotor inertia.
-    RotorInertia(RotorInertia),
-    /// Constant torque (sensor offset, or the even part of friction).
-    TorqueOffset(TorqueOffset),
-    /// The paper's friction, Eqs. 9-11.
-    Friction(Friction),
+/// What an effect sees of one sample. No measured torque is among it.
+#[derive(Clone, Copy, Debug)]
+pub struct EffectInput<'a> {
+    /// Link side and motor side, on one clock.
+    pub state: State<'a>,
+    /// Rigid-body torque that the model predicts, per joint \[N·m\]: the load of the gears.
+    pub tau_link: &'a [f64],
+    /// Time since the sample before \[s\].
+    pub step: f64,
+}
+
+/// A kind of effect with its shape parameters.
+#[derive(Clone, Debug)]
+pub struct Effect {
+    entry: &'static Entry,
+    /// One row of shape parameters per joint, row-major.
+    shape: Vec<f64>,
+}
+
+impl PartialEq for Effect {
+    fn eq(&self, other: &Self) -> bool {
+        self.kind() == other.kind() && self.shape == other.shape
+    }
 }
 
 impl Effect {
-    /// Name in files and reports.
+    /// The effect `kind` of the [`catalogue`] with the shape parameters it names, one value per joint each.
+    ///
+    /// # Errors
+    /// [`EffectError`] if there is no such kind, a name or a length does not fit, or a value is out of its range.
+    pub fn new(
+        kind: &str,
+        shape: &[(impl AsRef<str>, impl AsRef<[f64]>)],
+    ) -> Result<Self, EffectError> {
+        let entry = catalogue::find(kind).ok_or_else(|| EffectError::Kind(kind.to_owned()))?;
+        let given: Vec<&str> = shape.iter().map(|(name, _)| name.as_ref()).collect();
+        let values = entry
+            .shape
+            .iter()
+            .filter_map(|wanted| given.iter().position(|name| *name == wanted.name))
+            .map(|at| shape[at].1.as_ref())
+            .collect::<Vec<&[f64]>>();
+        if values.len() != entry.shape.len() || given.len() != entry.shape.len() {
+            return Err(EffectError::Names {
+                entry,
+                given: given.join(", "),
+            });
+        }
+        let n_joints = values.first().map_or(0, |first| first.len());
+        for (parameter, values) in entry.shape.iter().zip(&values) {
+            if values.is_empty() || values.len() != n_joints {
+                return Err(EffectError::Lengths {
+                    entry,
+                    what: parameter.name,
+                    actual: values.len(),
+                    expected: n_joints,
+                });
+            }
+        }
+        let shape: Vec<f64> = (0..n_joints)
+            .flat_map(|j| values.iter().map(move |values| values[j]))
+            .collect();
+        for (joint, row) in shape.chunks_exact(entry.shape.len().max(1)).enumerate() {
+            check_row(entry, joint, n_joints, row)?;
+        }
+        Ok(Self { entry, shape })
+    }
+
+    /// Reflected rotor inertia.
     #[must_use]
-    pub fn kind(&self) -> &'static str {
-        match self {
-            Self::RotorInertia(_) => "rotor_inertia",
-            Self::TorqueOffset(_) => "torque_offset",
-            Self::Friction(_) => "friction",
+    pub fn rotor_inertia() -> Self {
+        Self::without_shape(&CATALOGUE[0])
+    }
+
+    /// Constant torque: sensor offset, or the even part of friction.
+    #[must_use]
+    pub fn torque_offset() -> Self {
+        Self::without_shape(&CATALOGUE[1])
+    }
+
+    /// The paper's friction, with lambda of Eq. 9 and eps of Eqs. 10-11 per joint \[rad/s\].
+    ///
+    /// # Errors
+    /// [`EffectError`] if lengths differ, a threshold is negative or a width is not positive.
+    pub fn friction(
+        velocity_threshold: &[f64],
+        transition_width: &[f64],
+    ) -> Result<Self, EffectError> {
+        Self::new(
+            "friction",
+            &[
+                ("velocity_threshold", velocity_threshold),
+                ("transition_width", transition_width),
+            ],
+        )
+    }
+
+    fn without_shape(entry: &'static Entry) -> Self {
+        Self {
+            entry,
+            shape: Vec::new(),
         }
     }
 
-    /// Names of the coefficients of one joint.
+    /// What the catalogue says about it.
     #[must_use]
-    pub fn coefficient_names(&self) -> &'static [&'static str] {
-        match self {
-            Self::RotorInertia(_) => &["rotor_inertia"],
-            Self::TorqueOffset(_) => &["torque_offset"],
-            Self::Friction(_) => &FRICTION_NAMES,
-        }
+    pub fn entry(&self) -> &'static Entry {
+        self.entry
+    }
+
+    /// Name in files and reports.
+    #[must_use]
+    pub fn kind(&self) -> &'static str {
+        self.entry.kind
+    }
+
+    /// Names of the coefficients of one joint.
+    pub fn coefficient_names(&self) -> impl Iterator<Item = &'static str> {
+        self.entry.coefficients.iter().map(|c| c.name)
     }
 
     /// Columns per joint.
     #[must_use]
     pub fn n_columns(&self) -> usize {
-        self.coefficient_names().len()
+        self.entry.coefficients.len()
+    }
+
+    /// Numbers that it remembers from sample to sample for `n_joints`; all zero before the first sample.
+    #[must_use]
+    pub fn memory_len(&self, n_joints: usize) -> usize {
+        self.entry.memory * n_joints
+    }
+
+    /// Shape parameters by name, one value per joint each.
+    #[must_use]
+    pub fn shape(&self) -> Vec<(&'static str, Vec<f64>)> {
+        let width = self.entry.shape.len();
+        let column = |k: usize| self.shape.iter().skip(k).step_by(width).copied().collect();
+        (0..width)
+            .map(|k| (self.entry.shape[k].name, column(k)))
+            .collect()
     }
 
     /// Torque of joint `j` per unit coefficient, written to `columns` (length [`Self::n_columns`]).
-    pub fn columns_into(&self, j: usize, state: &State<'_>, columns: &mut [f64]) {
-        match self {
-            Self::RotorInertia(effect) => effect.columns_into(j, state, columns),
-            Self::TorqueOffset(effect) => effect.columns_into(columns),
-            Self::Friction(effect) => effect.columns_into(j, state, columns),
-        }
+    ///
+    /// `memory` (length [`Self::memory_len`]) goes one sample on: call it once per joint and sample, in order of time.
+    pub fn columns_into(
+        &self,
+        j: usize,
+        input: &EffectInput<'_>,
+        memory: &mut [f64],
+        columns: &mut [f64],
+    ) {
+        let Entry {
+            shape, memory: m, ..
+        } = self.entry;
+        let (shape, m) = (shape.len(), *m);
+        (self.entry.columns)(
+            &self.shape[j * shape..(j + 1) * shape],
+            j,
+            input,
+            &mut memory[j * m..(j + 1) * m],
+            columns,
+        );
     }
 
     /// # Errors
-    /// [`CoreError`] if the shape parameters do not fit `n_joints` or are out of range.
+    /// [`CoreError::Length`] if the shape parameters are not those of `n_joints`.
     pub fn check(&self, n_joints: usize) -> Result<(), CoreError> {
-        match self {
-            Self::RotorInertia(_) | Self::TorqueOffset(_) => Ok(()),
-            Self::Friction(effect) => effect.check(n_joints),
+        match self.entry.shape.first() {
+            None => Ok(()),
+            Some(first) if self.shape.len() != n_joints * self.entry.shape.len() => {
+                Err(CoreError::Length {
+                    what: first.name,
+                    expected: n_joints,
+                    actual: self.shape.len() / self.entry.shape.len(),
+                })
+            }
+            Some(_) => Ok(()),
         }
     }
+}
+
+/// Range of every shape parameter of one joint, and what holds between them.
+fn check_row(
+    entry: &'static Entry,
+    joint: usize,
+    n_joints: usize,
+    row: &[f64],
+) -> Result<(), CoreError> {
+    let shape = |what, rule| CoreError::Shape {
+        kind: entry.kind,
+        what,
+        joint,
+        rule,
+    };
+    for (parameter, value) in entry.shape.iter().zip(row) {
+        if !parameter.rule.allows(*value, joint, n_joints) {
+            return Err(shape(parameter.name, parameter.rule.words()));
+        }
+    }
+    (entry.check)(row).map_err(|rule| shape("shape", rule))
 }
 
 /// An effect with its size: what a model stores and an estimator sums.
@@ -86,7 +244,7 @@ impl EffectTerm {
     /// `coefficients`: `n_joints` rows of [`Effect::n_columns`] values, row-major.
     ///
     /// # Errors
-    /// [`CoreError`] if a length is wrong, a number is not finite or a shape parameter is out of range.
+    /// [`CoreError`] if a length is wrong or a number is not finite.
     pub fn new(effect: Effect, coefficients: Vec<f64>, n_joints: usize) -> Result<Self, CoreError> {
         effect.check(n_joints)?;
         check_length("coefficients", &coefficients, n_joints * effect.n_columns())?;
@@ -111,8 +269,8 @@ impl EffectTerm {
         &self.coefficients
     }
 
-    /// Torque of every joint \[N·m\], written to `tau`.
-    pub fn torque_into(&self, state: &State<'_>, tau: &mut [f64]) {
+    /// Torque of every joint \[N·m\], written to `tau`; `memory` (length [`Effect::memory_len`]) goes one sample on.
+    pub fn torque_into(&self, input: &EffectInput<'_>, memory: &mut [f64], tau: &mut [f64]) {
         let width = self.effect.n_columns();
         let mut columns = [0.0; MAX_COLUMNS];
         for (j, (tau, coefficients)) in tau
@@ -120,7 +278,8 @@ impl EffectTerm {
             .zip(self.coefficients.chunks_exact(width))
             .enumerate()
         {
-            self.effect.columns_into(j, state, &mut columns[..width]);
+            self.effect
+                .columns_into(j, input, memory, &mut columns[..width]);
             *tau = columns
                 .iter()
                 .zip(coefficients)

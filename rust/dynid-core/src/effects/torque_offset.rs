@@ -1,12 +1,14 @@
 //! A constant torque per joint: `tau_j = o_j`.
 
-/// Offset of the torque channel, or the even part of friction \[N·m\].
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct TorqueOffset;
+use super::EffectInput;
 
-impl TorqueOffset {
-    /// One column of ones.
-    pub fn columns_into(self, columns: &mut [f64]) {
-        columns[0] = 1.0;
-    }
+/// One column of ones: offset of the torque channel, or the even part of friction \[N·m\].
+pub fn columns(
+    _shape: &[f64],
+    _j: usize,
+    _input: &EffectInput<'_>,
+    _memory: &mut [f64],
+    columns: &mut [f64],
+) {
+    columns[0] = 1.0;
 }

@@ -5,7 +5,6 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::sync::Arc;
 
-use dynid_core::effects::{Friction, RotorInertia, TorqueOffset};
 use dynid_core::model::TorqueModelParts;
 use dynid_core::{
     Domain, Effect, EffectTerm, GaussianMixtureRegression, Joint, JointKind, JointLimits, Residual,
@@ -39,10 +38,7 @@ pub fn model() -> TorqueModel {
         joint("slide", JointKind::Prismatic),
     ];
     let robot = RobotModel::new("arm".into(), joints, Vector3::new(0.0, 0.0, -9.81)).unwrap();
-    let friction = Effect::Friction(Friction {
-        velocity_threshold: vec![0.0, 0.05],
-        transition_width: vec![0.01, 0.02],
-    });
+    let friction = Effect::friction(&[0.0, 0.05], &[0.01, 0.02]).unwrap();
     let covariance = (Matrix3::identity() * 0.5).as_slice().to_vec();
     let mixture =
         GaussianMixtureRegression::new(2, vec![1.0], vec![0.1, 0.2, 0.3], covariance).unwrap();
@@ -51,8 +47,8 @@ pub fn model() -> TorqueModel {
         phi: (0..20).map(|k| f64::from(k) / 7.0).collect(),
         torque_scale: vec![1.0, 0.8],
         effects: vec![
-            EffectTerm::new(Effect::RotorInertia(RotorInertia), vec![0.1, 0.2], 2).unwrap(),
-            EffectTerm::new(Effect::TorqueOffset(TorqueOffset), vec![-0.1, 0.2], 2).unwrap(),
+            EffectTerm::new(Effect::rotor_inertia(), vec![0.1, 0.2], 2).unwrap(),
+            EffectTerm::new(Effect::torque_offset(), vec![-0.1, 0.2], 2).unwrap(),
             EffectTerm::new(friction, (0..16).map(f64::from).collect(), 2).unwrap(),
         ],
         residual: Some(
@@ -66,6 +62,7 @@ pub fn model() -> TorqueModel {
             ddq: vec![3.0; 2],
         },
         torque_unit: "N*m".into(),
+        step: None,
     })
     .unwrap()
 }

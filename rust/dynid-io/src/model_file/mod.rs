@@ -3,6 +3,7 @@
 //! The file carries a SHA-256 over all of its own bytes (its own digits counted as zeros), so a file that was cut or
 //! changed anywhere is refused rather than believed.
 
+mod effect_part;
 mod schema;
 
 use std::fs;

@@ -2,14 +2,15 @@
 //!
 //! Primary facts only. Unknown fields are refused; infinite limits are written as null; everything else is finite.
 
-use dynid_core::effects::{Friction, RotorInertia, TorqueOffset};
 use dynid_core::model::TorqueModelParts;
 use dynid_core::{
-    Domain, Effect, EffectTerm, GaussianMixtureRegression, Joint, JointKind, JointLimits, Residual,
-    ResidualInputs, RobotModel, TorqueModel,
+    Domain, GaussianMixtureRegression, Joint, JointKind, JointLimits, Residual, ResidualInputs,
+    RobotModel, TorqueModel,
 };
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
+
+use super::effect_part::EffectPart;
 
 /// The whole file.
 #[derive(Serialize, Deserialize)]
@@ -27,6 +28,8 @@ pub struct ModelFile {
     encoder_delay: Vec<f64>,
     noise_std: Vec<f64>,
     domain: DomainPart,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    step: Option<f64>,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -63,22 +66,6 @@ struct JointPart {
 enum KindPart {
     Revolute,
     Prismatic,
-}
-
-#[derive(Serialize, Deserialize)]
-#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
-enum EffectPart {
-    RotorInertia {
-        coefficients: Vec<Vec<f64>>,
-    },
-    TorqueOffset {
-        coefficients: Vec<Vec<f64>>,
-    },
-    Friction {
-        velocity_threshold: Vec<f64>,
-        transition_width: Vec<f64>,
-        coefficients: Vec<Vec<f64>>,
-    },
 }
 
 #[derive(Serialize, Deserialize)]
@@ -131,6 +118,7 @@ impl ModelFile {
                 dq: model.domain().dq.clone(),
                 ddq: model.domain().ddq.clone(),
             },
+            step: model.step(),
         }
     }
 
@@ -158,6 +146,7 @@ impl ModelFile {
                 ddq: self.domain.ddq,
             },
             torque_unit: self.torque_unit,
+            step: self.step,
         })
         .map_err(|e| e.to_string())
     }
@@ -232,55 +221,6 @@ impl JointPart {
             gear_ratio: self.gear_ratio,
             phi: self.phi,
         }
-    }
-}
-
-impl EffectPart {
-    fn from_term(term: &EffectTerm) -> Self {
-        let coefficients = term
-            .coefficients()
-            .chunks_exact(term.effect().n_columns())
-            .map(<[f64]>::to_vec)
-            .collect();
-        match term.effect() {
-            Effect::RotorInertia(_) => Self::RotorInertia { coefficients },
-            Effect::TorqueOffset(_) => Self::TorqueOffset { coefficients },
-            Effect::Friction(shape) => Self::Friction {
-                velocity_threshold: shape.velocity_threshold.clone(),
-                transition_width: shape.transition_width.clone(),
-                coefficients,
-            },
-        }
-    }
-
-    fn into_term(self, n_joints: usize) -> Result<EffectTerm, String> {
-        let (effect, rows) = match self {
-            Self::RotorInertia { coefficients } => {
-                (Effect::RotorInertia(RotorInertia), coefficients)
-            }
-            Self::TorqueOffset { coefficients } => {
-                (Effect::TorqueOffset(TorqueOffset), coefficients)
-            }
-            Self::Friction {
-                velocity_threshold,
-                transition_width,
-                coefficients,
-            } => (
-                Effect::Friction(Friction {
-                    velocity_threshold,
-                    transition_width,
-                }),
-                coefficients,
-            ),
-        };
-        let kind = effect.kind();
-        if rows.len() != n_joints || rows.iter().any(|row| row.len() != effect.n_columns()) {
-            return Err(format!(
-                "{kind}: coefficients are not {n_joints} rows of {}",
-                effect.n_columns()
-            ));
-        }
-        EffectTerm::new(effect, rows.concat(), n_joints).map_err(|e| format!("{kind}: {e}"))
     }
 }
 

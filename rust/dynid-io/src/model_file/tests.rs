@@ -1,4 +1,3 @@
-use dynid_core::effects::{Friction, RotorInertia, TorqueOffset};
 use dynid_core::model::TorqueModelParts;
 use dynid_core::{
     Domain, Effect, EffectTerm, GaussianMixtureRegression, Joint, JointKind, JointLimits, Residual,
@@ -33,10 +32,7 @@ fn model() -> TorqueModel {
         joint("b", JointKind::Prismatic),
     ];
     let robot = RobotModel::new("arm".into(), joints, Vector3::new(0.0, 0.0, -9.81)).unwrap();
-    let friction = Effect::Friction(Friction {
-        velocity_threshold: vec![0.0, 0.05],
-        transition_width: vec![0.01, 0.02],
-    });
+    let friction = Effect::friction(&[0.0, 0.05], &[0.01, 0.02]).unwrap();
     let covariance = (Matrix3::identity() * 0.5).as_slice().to_vec();
     let mixture =
         GaussianMixtureRegression::new(2, vec![1.0], vec![0.1, 0.2, 0.3], covariance).unwrap();
@@ -45,8 +41,8 @@ fn model() -> TorqueModel {
         phi: (0..20).map(|k| f64::from(k) / 7.0).collect(),
         torque_scale: vec![1.0, 0.8],
         effects: vec![
-            EffectTerm::new(Effect::RotorInertia(RotorInertia), vec![0.1, 0.2], 2).unwrap(),
-            EffectTerm::new(Effect::TorqueOffset(TorqueOffset), vec![-0.1, 0.2], 2).unwrap(),
+            EffectTerm::new(Effect::rotor_inertia(), vec![0.1, 0.2], 2).unwrap(),
+            EffectTerm::new(Effect::torque_offset(), vec![-0.1, 0.2], 2).unwrap(),
             EffectTerm::new(friction, (0..16).map(f64::from).collect(), 2).unwrap(),
         ],
         residual: Some(
@@ -60,6 +56,7 @@ fn model() -> TorqueModel {
             ddq: vec![3.0; 2],
         },
         torque_unit: "N*m".into(),
+        step: None,
     })
     .unwrap()
 }
@@ -152,6 +149,21 @@ fn a_resigned_file_is_checked_for_sense() {
         ("\"noise_std\": [", "\"noise_std\": [ 1.0, "),
         ("\"transition_width\": [", "\"transition_width\": [ 0.0,"),
         ("\"deflection\"", "\"measured_torque\""),
+        (
+            "\"kind\": \"torque_offset\"",
+            "\"kind\": \"torque_offsets\"",
+        ),
+        (
+            "\"kind\": \"torque_offset\",",
+            "\"kind\": \"torque_offset\", \"kind\": \"torque_offset\",",
+        ),
+        (
+            "\"kind\": \"torque_offset\",",
+            "\"kind\": \"torque_offset\", \"width\": [1.0, 1.0],",
+        ),
+        ("\"transition_width\"", "\"velocity_threshold\""),
+        ("\"transition_width\"", "\"transition_widths\""),
+        ("\"noise_std\": [", "\"step\": 0.0, \"noise_std\": ["),
     ] {
         assert!(text.contains(old), "{old}");
         assert!(
@@ -176,8 +188,55 @@ proptest! {
             noise_std: base.noise_std().to_vec(),
             domain: base.domain().clone(),
             torque_unit: "A".into(),
+            step: None,
         }).unwrap();
         let text = to_text(&changed).unwrap();
         prop_assert_eq!(parse(text.as_bytes(), "x").unwrap(), changed);
     }
+}
+
+/// Version 1 as it was written before models had a step and effects a catalogue.
+#[test]
+fn an_old_file_is_read_and_written_as_it_was() {
+    let old = include_str!("old_model.json");
+    assert!(!old.contains("\"step\""));
+    let model = parse(old.as_bytes(), "old_model.json").unwrap();
+    assert_eq!(model.step(), None);
+    assert_eq!(to_text(&model).unwrap(), old);
+}
+
+#[test]
+fn every_kind_of_the_catalogue_survives_the_file() {
+    let base = model();
+    let value = |name: &str| match name {
+        "partner" => [1.0, -1.0],
+        "a" => [1.0, 0.5],
+        "gas_length" => [0.9, -0.1],
+        _ => [0.1, 0.3],
+    };
+    let term = |entry: &'static dynid_core::effects::Entry| {
+        let shape: Vec<_> = entry
+            .shape
+            .iter()
+            .map(|parameter| (parameter.name, value(parameter.name)))
+            .collect();
+        let effect = Effect::new(entry.kind, &shape).unwrap();
+        let coefficients = vec![0.5; 2 * effect.n_columns()];
+        EffectTerm::new(effect, coefficients, 2).unwrap()
+    };
+    let all = TorqueModel::new(TorqueModelParts {
+        robot: base.robot().clone(),
+        phi: base.phi().to_vec(),
+        torque_scale: vec![1.0; 2],
+        effects: dynid_core::effects::CATALOGUE.iter().map(term).collect(),
+        residual: None,
+        encoder_delay: vec![0.0; 2],
+        noise_std: vec![0.0; 2],
+        domain: base.domain().clone(),
+        torque_unit: "N*m".into(),
+        step: Some(1.0 / 3.0),
+    })
+    .unwrap();
+    let text = to_text(&all).unwrap();
+    assert_eq!(parse(text.as_bytes(), "x").unwrap(), all);
 }

@@ -1,0 +1,137 @@
+//! Columns and torque of one effect along a run, memory and all: what the estimator sums online, to the same bits.
+
+use dynid_core::{CoreError, Effect, EffectInput, EffectTerm, State};
+use rayon::prelude::*;
+
+use crate::error::OfflineError;
+use crate::observation::slice_state;
+
+/// Samples per task.
+const CHUNK: usize = 256;
+
+/// What effects see of a run on a uniform time grid; every slice is row-major, n_samples × n_joints.
+#[derive(Clone, Copy, Debug)]
+pub struct RunSignals<'a> {
+    /// Link-side and motor-side signals, on one clock.
+    pub state: State<'a>,
+    /// Rigid-body torque that the model predicts \[N·m\]; needed by effects of the load.
+    pub tau_link: Option<&'a [f64]>,
+    /// Time between samples \[s\]; needed by effects that remember in time.
+    pub step: Option<f64>,
+}
+
+impl<'a> RunSignals<'a> {
+    /// # Errors
+    /// [`OfflineError`] if a length is wrong, a number is not finite or an effect needs what is not there.
+    pub fn check(
+        &self,
+        effects: &[Effect],
+        n_joints: usize,
+        n_samples: usize,
+    ) -> Result<(), OfflineError> {
+        self.state.check(n_samples * n_joints)?;
+        let finite = |values: &[f64]| values.iter().all(|x| x.is_finite());
+        if !self.state.is_finite() || !self.tau_link.is_none_or(finite) {
+            return Err(OfflineError::NonFinite { what: "run" });
+        }
+        if self
+            .tau_link
+            .is_some_and(|tau| tau.len() != n_samples * n_joints)
+        {
+            return Err(OfflineError::Shape { what: "tau_link" });
+        }
+        if let Some(step) = self.step {
+            dynid_core::model::check_step(step)?;
+        }
+        for effect in effects {
+            effect.check(n_joints)?;
+            for (what, there) in [
+                ("tau_link", self.tau_link.is_some()),
+                ("step", self.step.is_some()),
+            ] {
+                if !there && effect.entry().needs(what) {
+                    return Err(OfflineError::Missing {
+                        kind: effect.kind(),
+                        what,
+                    });
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Sample `k`. What is not there is not needed, after [`Self::check`].
+    pub(crate) fn input(&self, k: usize, n_joints: usize) -> EffectInput<'a> {
+        let at = k * n_joints..(k + 1) * n_joints;
+        EffectInput {
+            state: slice_state(&self.state, at.clone()),
+            tau_link: self.tau_link.map_or(&[], |tau| &tau[at]),
+            step: self.step.unwrap_or(0.0),
+        }
+    }
+}
+
+/// Columns of `effect` at every sample, n_samples × n_joints × n_columns, from a fresh memory.
+///
+/// # Errors
+/// As [`RunSignals::check`].
+pub fn effect_columns(
+    effect: &Effect,
+    n_joints: usize,
+    run: &RunSignals<'_>,
+) -> Result<Vec<f64>, OfflineError> {
+    let n_samples = run.state.q.len() / n_joints;
+    run.check(std::slice::from_ref(effect), n_joints, n_samples)?;
+    Ok(columns(effect, n_joints, run))
+}
+
+/// [`effect_columns`] of what has been checked.
+pub(crate) fn columns(effect: &Effect, n_joints: usize, run: &RunSignals<'_>) -> Vec<f64> {
+    let width = effect.n_columns();
+    let n_samples = run.state.q.len() / n_joints;
+    let mut out = vec![0.0; n_samples * n_joints * width];
+    let fill = |first: usize, out: &mut [f64]| {
+        let mut memory = vec![0.0; effect.memory_len(n_joints)];
+        for (k, sample) in out.chunks_exact_mut(n_joints * width).enumerate() {
+            let input = run.input(first + k, n_joints);
+            for (j, columns) in sample.chunks_exact_mut(width).enumerate() {
+                effect.columns_into(j, &input, &mut memory, columns);
+            }
+        }
+    };
+    if effect.entry().memory > 0 {
+        fill(0, &mut out);
+    } else {
+        out.par_chunks_mut(CHUNK * n_joints * width)
+            .enumerate()
+            .for_each(|(chunk, out)| fill(chunk * CHUNK, out));
+    }
+    out
+}
+
+/// Torque of `term` at every sample into `tau` (n_samples × n_joints), from a fresh memory.
+///
+/// # Errors
+/// As [`RunSignals::check`].
+pub fn effect_torque(
+    term: &EffectTerm,
+    n_joints: usize,
+    run: &RunSignals<'_>,
+    tau: &mut [f64],
+) -> Result<(), OfflineError> {
+    let n_samples = run.state.q.len() / n_joints;
+    run.check(std::slice::from_ref(term.effect()), n_joints, n_samples)?;
+    if tau.len() != run.state.q.len() {
+        return Err(CoreError::Length {
+            what: "tau",
+            expected: run.state.q.len(),
+            actual: tau.len(),
+        }
+        .into());
+    }
+    let mut memory = vec![0.0; term.effect().memory_len(n_joints)];
+    for (k, tau) in tau.chunks_exact_mut(n_joints).enumerate() {
+        term.torque_into(&run.input(k, n_joints), &mut memory, tau);
+    }
+    Ok(())
+}

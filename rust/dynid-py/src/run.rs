@@ -1,0 +1,89 @@
+//! The signals of a run, as every function that evaluates along one takes them.
+
+use dynid_core::State;
+use dynid_offline::RunSignals;
+use numpy::{PyReadonlyArray2, PyUntypedArrayMethods};
+use pyo3::prelude::*;
+
+use crate::arrays;
+
+/// q, dq, ddq, q_motor, dq_motor, ddq_motor, each (n_samples, n_joints), held while Rust reads them.
+pub struct RunArrays<'py> {
+    signals: [PyReadonlyArray2<'py, f64>; 6],
+    tau_link: Option<PyReadonlyArray2<'py, f64>>,
+    step: Option<f64>,
+}
+
+impl<'py> RunArrays<'py> {
+    /// Link side, motor side (the link side where it is not given), predicted rigid-body torque, time between samples.
+    ///
+    /// # Errors
+    /// As [`arrays::samples`].
+    pub fn new(
+        link: [&Bound<'py, PyAny>; 3],
+        motor: [Option<&Bound<'py, PyAny>>; 3],
+        tau_link: Option<&Bound<'py, PyAny>>,
+        step: Option<f64>,
+        n_joints: usize,
+    ) -> PyResult<Self> {
+        let [q, dq, ddq] = link;
+        let [q_motor, dq_motor, ddq_motor] = motor;
+        let signals = arrays::samples(
+            [
+                ("q", q),
+                ("dq", dq),
+                ("ddq", ddq),
+                ("q_motor", q_motor.unwrap_or(q)),
+                ("dq_motor", dq_motor.unwrap_or(dq)),
+                ("ddq_motor", ddq_motor.unwrap_or(ddq)),
+            ],
+            n_joints,
+        )?;
+        let tau_link = tau_link
+            .map(|tau| arrays::samples([("q", q), ("tau_link", tau)], n_joints))
+            .transpose()?
+            .map(|[_, tau]| tau);
+        Ok(Self {
+            signals,
+            tau_link,
+            step,
+        })
+    }
+
+    /// Number of samples.
+    pub fn n_samples(&self) -> usize {
+        self.signals[0].shape()[0]
+    }
+
+    /// The six signals, row-major.
+    ///
+    /// # Errors
+    /// Never for arrays that came through [`Self::new`].
+    pub fn state(&self) -> PyResult<State<'_>> {
+        let [q, dq, ddq, q_motor, dq_motor, ddq_motor] = &self.signals;
+        Ok(State {
+            q: q.as_slice()?,
+            dq: dq.as_slice()?,
+            ddq: ddq.as_slice()?,
+            q_motor: q_motor.as_slice()?,
+            dq_motor: dq_motor.as_slice()?,
+            ddq_motor: ddq_motor.as_slice()?,
+        })
+    }
+
+    /// All that effects see.
+    ///
+    /// # Errors
+    /// Never for arrays that came through [`Self::new`].
+    pub fn signals(&self) -> PyResult<RunSignals<'_>> {
+        Ok(RunSignals {
+            state: self.state()?,
+            tau_link: self
+                .tau_link
+                .as_ref()
+                .map(|tau| tau.as_slice())
+                .transpose()?,
+            step: self.step,
+        })
+    }
+}
