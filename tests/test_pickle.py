@@ -105,7 +105,7 @@ def test_texts_that_nobody_pickled_are_refused():
     for build in (_core._robot_of, _core._model_of):
         with pytest.raises(FormatError, match=r"^<pickle>: "):
             build("{}")
-    with pytest.raises(ValueError, match="no effect of this release"):
+    with pytest.raises(ValueError, match="velocity_threshold"):
         _core._effect_of("friction", [])
     with pytest.raises(ValueError, match="no base parameters"):
         _core._base_of(([12], [], []), 1.0, 1.0, ["link"])
