@@ -160,7 +160,7 @@ def test_linear_terms_are_least_squares():
 
 
 def test_lone_run_at_1_khz_takes_half_a_second():
-    """For 20 s of six joints, the third loop by itself, best of five: processor time, which a busy machine leaves alone."""
+    """For 20 s of six joints, the third loop alone, best of five: processor time, which a busy machine leaves alone."""
     run = simulate(arm(), n_runs=1, seed=0, rate=1000.0).recordings[0]
     times = []
 

@@ -7,11 +7,21 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from dynid_rs._core import BaseParameters, Effect, FormatError, RobotModel, TorqueModel, UrdfError, __version__
+from dynid_rs._core import (
+    BaseParameters,
+    Effect,
+    FormatError,
+    MdhError,
+    RobotModel,
+    TorqueModel,
+    UrdfError,
+    __version__,
+)
 from dynid_rs.errors import DataError, RankDeficientError
 from dynid_rs.recording import Recording
 
 if TYPE_CHECKING:
+    from dynid_rs.excitation import FourierExcitation
     from dynid_rs.friction import FrictionIdentifier
     from dynid_rs.identification import ThreeLoopIdentifier
     from dynid_rs.links import LinkDynamicsIdentifier
@@ -22,6 +32,7 @@ if TYPE_CHECKING:
 
 # scikit-learn takes a second to import; nobody who only evaluates a model should wait for it.
 _LATE = {
+    "FourierExcitation": "excitation",
     "FrictionIdentifier": "friction",
     "GaussianMixtureRegressor": "mixture",
     "LinkDynamicsIdentifier": "links",
@@ -36,9 +47,11 @@ __all__ = [
     "DataError",
     "Effect",
     "FormatError",
+    "FourierExcitation",
     "FrictionIdentifier",
     "GaussianMixtureRegressor",
     "LinkDynamicsIdentifier",
+    "MdhError",
     "RankDeficientError",
     "RbfRegressor",
     "Recording",

@@ -23,6 +23,8 @@ _FloatArray: TypeAlias = NDArray[np.float64]
 _Filter: TypeAlias = tuple[_FloatArray, _FloatArray, int]
 """`scipy.signal.butter(output="sos")` (n, 6), its `scipy.signal.sosfilt_zi` (n, 2), samples of padding."""
 _Regression: TypeAlias = GaussianMixtureRegression | NormalisedRbf
+_Motion: TypeAlias = tuple[_FloatArray, _FloatArray, _FloatArray]
+"""Something for q, dq and ddq, (n_samples, n_joints) each."""
 _Box: TypeAlias = tuple[Sequence[Sequence[float]], Sequence[float], Sequence[float]]
 
 __all__ = [
@@ -30,9 +32,11 @@ __all__ = [
     "LINK_PARAMETER_NAMES",
     "BaseParameters",
     "Effect",
+    "Excitation",
     "FormatError",
     "FrictionSearch",
     "GaussianMixtureRegression",
+    "MdhError",
     "NormalisedRbf",
     "RobotModel",
     "TorqueModel",
@@ -44,8 +48,11 @@ __all__ = [
     "effect_torque",
     "filtered_friction_basis",
     "friction_basis",
+    "inverse_dynamics_gradient",
     "merge_factors",
     "observe",
+    "point_gradient",
+    "point_places",
     "residual_inputs",
     "triangular_factor",
 ]
@@ -58,6 +65,9 @@ FRICTION_NAMES: Final[list[str]]
 
 class UrdfError(ValueError):
     """A robot file that is broken, hostile or not a serial chain; names file, line, column and element."""
+
+class MdhError(ValueError):
+    """A `robot.toml` that is broken, hostile or no table of joints; names file, line, column and key."""
 
 class FormatError(ValueError):
     """A model file that is not one, or was cut or changed."""
@@ -108,6 +118,61 @@ class RobotModel:
     ) -> RobotModel:
         """As `from_urdf`, from the text itself; `source_name` stands for the file in errors."""
 
+    @staticmethod
+    def from_mdh(
+        path: str | PathLike[str],
+        *,
+        gravity: Sequence[float] | None = None,
+        rotor_inertia: Sequence[float] | None = None,
+    ) -> RobotModel:
+        """Read a robot from a table of modified Denavit-Hartenberg rows, `robot.toml`.
+
+        `T(i-1 -> i) = Rx(alpha) Tx(a) Rz(theta) Tz(d)`, the paper's convention; docs/robot_toml.md describes the file.
+
+        Parameters
+        ----------
+        path : str or path-like
+            The file.
+        gravity : (3,), optional
+            Acceleration of free fall in the base frame [m/s²]; the file's, or else (0, 0, -9.81), by default.
+        rotor_inertia : (n_joints,), optional
+            Reflected to the link side [kg·m²]; instead of what the file declares.
+
+        Raises
+        ------
+        MdhError
+            The file is broken, hostile or holds a key or a value that is not expected.
+        OSError
+            It cannot be read.
+        """
+
+    @staticmethod
+    def from_mdh_string(
+        text: str,
+        *,
+        source_name: str = "<string>",
+        gravity: Sequence[float] | None = None,
+        rotor_inertia: Sequence[float] | None = None,
+    ) -> RobotModel:
+        """As `from_mdh`, from the text itself; `source_name` stands for the file in errors."""
+
+    @staticmethod
+    def from_file(
+        path: str | PathLike[str],
+        *,
+        base: str | None = None,
+        tip: str | None = None,
+        gravity: Sequence[float] | None = None,
+        rotor_inertia: Sequence[float] | None = None,
+    ) -> RobotModel:
+        """Read a robot by the suffix of its file: `from_mdh` for `.toml`, `from_urdf` for everything else.
+
+        Raises
+        ------
+        ValueError
+            `base` or `tip` with a `.toml`, which is one chain; and whatever the two raise.
+        """
+
     @property
     def name(self) -> str:
         """Name in the robot file."""
@@ -145,6 +210,10 @@ class RobotModel:
         """Declared rotor inertia, reflected to the link side (n_joints,) [kg·m², kg]."""
 
     @property
+    def gear_ratio(self) -> _FloatArray:
+        """Motor turns per joint turn (n_joints,); NaN where the file declares none."""
+
+    @property
     def lower(self) -> _FloatArray:
         """Least positions (n_joints,) [rad, m]; minus infinity where the file gives none."""
 
@@ -157,6 +226,10 @@ class RobotModel:
         """Greatest speeds (n_joints,) [rad/s, m/s]."""
 
     @property
+    def acceleration_limits(self) -> _FloatArray:
+        """Greatest accelerations (n_joints,) [rad/s², m/s²]; infinite where the file gives none."""
+
+    @property
     def effort_limits(self) -> _FloatArray:
         """Greatest torques (n_joints,) [N·m, N]."""
 
@@ -167,6 +240,24 @@ class RobotModel:
         ------
         ValueError
             A component is not finite.
+        """
+
+    def with_joint_moved(self, joint: int, offset: Sequence[float], rotation_vector: Sequence[float]) -> RobotModel:
+        """Return the same robot with one joint frame elsewhere.
+
+        Parameters
+        ----------
+        joint : int
+            Which one, from 0.
+        offset : (3,)
+            Of its origin, in the parent link's frame [m].
+        rotation_vector : (3,)
+            By which it is turned, in its own frame [rad].
+
+        Raises
+        ------
+        ValueError
+            There is no such joint, or a number is not finite.
         """
 
     def __copy__(self) -> RobotModel: ...
@@ -302,8 +393,19 @@ class Effect:
         """Coefficients per joint."""
 
     @property
+    def signals(self) -> list[str]:
+        """What it needs: of a state's signals, `tau_link` and `step`."""
+
+    @property
+    def has_memory(self) -> bool:
+        """Whether it depends on the samples before."""
+
+    @property
     def shape(self) -> list[tuple[str, list[float]]]:
         """Shape parameters by name, one value per joint each."""
+
+    def __copy__(self) -> Effect: ...
+    def __deepcopy__(self, _memo: object, /) -> Effect: ...
 
 @final
 class FrictionSearch:
@@ -576,7 +678,7 @@ class TorqueModel:
 
     @property
     def term_names(self) -> list[str]:
-        """`rigid_body`, the effects, `residual`: order of summation."""
+        """`rigid_body`, the effects, `residual`: order of summation; a second one of a kind has a 2 behind it."""
 
     @property
     def phi(self) -> _FloatArray:
@@ -617,6 +719,8 @@ class TorqueModel:
     @property
     def step(self) -> float | None:
         """Time between samples [s], where the model has one."""
+    def __copy__(self) -> TorqueModel: ...
+    def __deepcopy__(self, _memo: object, /) -> TorqueModel: ...
 
 def friction_basis(dq: ArrayLike, velocity_threshold: float, transition_width: float) -> _FloatArray:
     """Basis of Eqs. 9-11 at speeds `dq` (n_samples,) of one joint: (n_samples, 8), columns `FRICTION_NAMES`.
@@ -785,3 +889,107 @@ def merge_factors(factors: Sequence[_FloatArray]) -> _FloatArray:
     ValueError
         There is none, or widths differ.
     """
+
+@final
+class Excitation:
+    """How well a motion excites a robot (Eqs. 13, 14), with the exact gradient.
+
+    Parameters
+    ----------
+    robot : RobotModel
+        The arm.
+    pivots : sequence of int
+        Base columns, ascending.
+    whitening : (n_joints, n_joints), optional
+        `Omega^(-1/2)` of Eq. 13; multiplies the rows of every sample.
+    random_state, rtol : int, float
+        Probing states and relative threshold of the blocks' structural ranks.
+
+    Raises
+    ------
+    ValueError
+        No column, an index out of range or not ascending, or a whitening of the wrong shape.
+    """
+
+    def __new__(
+        cls,
+        robot: RobotModel,
+        pivots: Sequence[int],
+        *,
+        whitening: ArrayLike | None = None,
+        random_state: int = 0,
+        rtol: float = 1e-9,
+    ) -> Excitation: ...
+    @property
+    def ranks(self) -> tuple[int, int, int, int]:
+        """Structural ranks on the base columns: of the whole, and of its acceleration, velocity and gravity blocks."""
+
+    def blocks(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> tuple[_FloatArray, _FloatArray, _FloatArray]:
+        """Whitened blocks of Eq. 14, (n_samples n_joints, n_base) each, sample by sample; they add up to the whole.
+
+        Acceleration `Y(q, 0, ddq) - Y(q, 0, 0)`, velocity `Y(q, dq, 0) - Y(q, 0, 0)`, gravity `Y(q, 0, 0)`.
+        """
+
+    def conditions(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> _FloatArray:
+        """`s_1 / s_r` of the whole and of the blocks over their structural ranks (4,); NaN for a block of rank zero."""
+
+    def value(
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        *,
+        criterion: str,
+        weights: Sequence[float] | None = None,
+    ) -> float:
+        """Value of a criterion, smaller is better.
+
+        Parameters
+        ----------
+        q, dq, ddq : (n_samples, n_joints)
+            The motion.
+        criterion : str
+            `"block"`: Eq. 14. `"condition"`: the condition number alone. `"D"`: `-log det(W'W)`. `"A"`:
+            `trace((W'W)^-1)`.
+        weights : (3,), optional
+            w_a, w_b, w_g of Eq. 14.
+        """
+
+    def value_and_gradient(
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        *,
+        criterion: str,
+        weights: Sequence[float] | None = None,
+    ) -> tuple[float, _Motion]:
+        """As `value`, with its gradient with respect to q, dq and ddq."""
+
+def inverse_dynamics_gradient(
+    robot: RobotModel,
+    q: ArrayLike,
+    dq: ArrayLike,
+    ddq: ArrayLike,
+    direction: ArrayLike,
+    phi: ArrayLike | None = None,
+) -> _Motion:
+    """Gradient of `sum(direction * robot.inverse_dynamics(q, dq, ddq, phi))` with respect to q, dq and ddq."""
+
+def point_places(robot: RobotModel, q: ArrayLike, links: Sequence[int], places: ArrayLike) -> _FloatArray:
+    """Points fixed to links, in the base frame (n_samples, n_points, 3) [m].
+
+    Parameters
+    ----------
+    q : (n_samples, n_joints)
+        Positions.
+    links : (n_points,)
+        Index of each point's link.
+    places : (n_points, 3)
+        Each point in its link's frame [m].
+    """
+
+def point_gradient(
+    robot: RobotModel, q: ArrayLike, links: Sequence[int], places: ArrayLike, weights: _FloatArray
+) -> _FloatArray:
+    """Gradient of `sum(weights * point_places(robot, q, links, places))` with respect to q (n_samples, n_joints)."""

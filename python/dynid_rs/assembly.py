@@ -74,6 +74,7 @@ def assemble(
             np.abs(ddq).max(axis=0).tolist(),
         ),
         torque_unit=torque_unit,
+        step=1 / runs[0].rate if any("step" in effect.signals for effect in plan.effects) else None,
     )
 
 

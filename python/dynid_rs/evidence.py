@@ -165,7 +165,7 @@ def fit_with_prior(
         rounds.append(found)
     problem = _Problem(plan, factors, scale, prior, n_rows, n_effective, 1e-9 * size)
     found = problem.at(rounds[-1].spreads, rounds[-1].noise_std)
-    gain = declared.gain_of(found.x, found.spreads) if unknown_gain else 1.0
+    gain = declared.gain_of(found.x, found.spreads.tolist()) if unknown_gain else 1.0
     if gain <= 0:
         raise ValueError(
             "the prior from the robot file does not fit this data in ampere: the drive gain comes out as "
@@ -284,13 +284,13 @@ class _Problem:
 
         if n_spreads == 1:
             bounds = (max(float(np.log(least[0])), low), min(float(np.log(most[0])), high))
-            found = minimize_scalar(less, bounds=bounds, method="bounded", options={"xatol": CLOSE}).x
+            x: Any = minimize_scalar(less, bounds=bounds, method="bounded", options={"xatol": CLOSE}).x
         else:
             at_start, step = np.log(start.spreads), np.log(NEAR) / (2 if near else 1)
             simplex = at_start + step * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
             options: Any = {"initial_simplex": simplex, "xatol": CLOSE, "fatol": CLOSE, "maxfev": MOST_TRIES}
-            found = minimize(less, at_start, method="Nelder-Mead", options=options).x
-        return self.at(np.exp(np.clip(np.atleast_1d(found), low, high)), start.noise_std)
+            x = minimize(less, at_start, method="Nelder-Mead", options=options).x
+        return self.at(np.exp(np.clip(np.atleast_1d(x), low, high)), start.noise_std)
 
     def at(self, spreads: FloatArray, noise_std: FloatArray) -> _Point:
         """Most probable unknowns and noise at these relative uncertainties; the noise is searched from `noise_std`."""

@@ -45,6 +45,8 @@ CLOSE = 0.1
 """A bracket of the logarithm that is narrower than this need not be narrowed unless that still pays."""
 ROUGH = 1e-3
 """Relative error of eps that does not matter while valleys are compared: power changes with its square."""
+ZOOM = (0.1, 0.02, 4e-3, 8e-4, 1.6e-4)
+"""Half widths of the scans of log lambda on pairs, each a little more than a step of the one before."""
 MOST_TURNS = 30
 """A search that still pays after so many turns is stopped."""
 
@@ -114,17 +116,16 @@ class FrictionIdentifier(BaseEstimator):  # type: ignore[misc]
         if joints is None:
             self.velocity_threshold_, self.transition_width_ = np.zeros(n), np.zeros(n)
         others = np.ones(plan.n_own, dtype=bool)
-        others[-len(_core.FRICTION_NAMES) :] = False
+        others[plan.friction[1]] = False
         wanted = list(range(n)) if joints is None else list(joints)
 
         def search(j: int) -> tuple[float, float]:
             n_orders = int(plan.own[j, -len(_core.FRICTION_NAMES) :].sum() - 2) // 2
             if pairs is not None and (odd := pairs[j]) is not None:
-                parts = [(speed, filter, kept, mirrored) for speed, filter, kept, mirrored in odd.runs]
-                return self._search(_PowerLeft(parts, None, odd.tau, odd.noise, n_orders))
+                return self._search(_PowerLeft(odd.runs, odd.beside, odd.tau, odd.noise, n_orders, of_pairs=True))
             stacked = np.concatenate([run[j] for run in rows])
             keep = np.concatenate([others & plan.own[j], np.ones(stacked.shape[1] - plan.n_own - 1, dtype=bool)])
-            parts = [(np.ascontiguousarray(s.dq_motor[:, j]), s.filter, s.kept, None) for s in runs]
+            parts: list[SearchRun] = [(np.ascontiguousarray(s.dq_motor[:, j]), s.filter, s.kept, None) for s in runs]
             noise = max(states.velocity_noise(j) for states in runs)
             return self._search(_PowerLeft(parts, stacked[:, :-1][:, keep], stacked[:, -1], noise, n_orders))
 
@@ -152,10 +153,12 @@ class FrictionIdentifier(BaseEstimator):  # type: ignore[misc]
         if power.of_pairs or power.is_clean(threshold, width):
             power.look_closely()
             width, at_best = power.best_width(threshold, width, power(threshold, width), span)
-            threshold, width, at_best = self._start(power, width, at_best)
+            if power.n_orders > 1:
+                threshold, width, at_best = self._start(power, width, at_best)
         for _ in range(MOST_TURNS):
             before = at_best
-            threshold, at_best = self._threshold(power, threshold, width, at_best, span)
+            if power.n_orders > 1:  # what jumps at a threshold is the paper's law alone
+                threshold, at_best = self._threshold(power, threshold, width, at_best, span)
             width, at_best = power.best_width(threshold, width, at_best, span)
             if at_best > (1 - power.worth) * before or power.exhausted(at_best):
                 break
@@ -164,7 +167,7 @@ class FrictionIdentifier(BaseEstimator):  # type: ignore[misc]
 
     def _best_threshold(self, power: _PowerLeft, width: float) -> float:
         """Lambda that leaves least at this eps (Eq. 12), none included."""
-        if power.n_orders == 0:
+        if power.n_orders < 2:
             return 0.0
         tries = self._thresholds(power, max(width, power.least_width), finer=4)
         least, best = min((power(x, width), x) for x in tries)
@@ -197,9 +200,9 @@ class FrictionIdentifier(BaseEstimator):  # type: ignore[misc]
         self, power: _PowerLeft, threshold: float, width: float, at_best: float, span: float
     ) -> tuple[float, float]:
         """Best lambda at this eps. The viscous torque jumps there, so it has to pay well against none at all."""
-        if power.n_orders == 0 or (power.n_orders == 1 and not power.of_pairs):
-            return threshold, at_best
         tries = self._thresholds(power, width)
+        if power.of_pairs and threshold > 0:
+            return power.zoom(threshold, width, at_best)
         if power.clean and threshold > 0:
             tries = power.between_samples(threshold, 4 * self.n_thresholds)
         elif threshold > 0:
@@ -222,12 +225,18 @@ class _PowerLeft:
     """Residual power of joint j's torque as a function of friction's shape, links taken out."""
 
     def __init__(
-        self, runs: Sequence[SearchRun], links: FloatArray | None, tau: FloatArray, noise: float, n_orders: int
+        self,
+        runs: Sequence[SearchRun],
+        links: FloatArray,
+        tau: FloatArray,
+        noise: float,
+        n_orders: int,
+        *,
+        of_pairs: bool = False,
     ) -> None:
         self._speeds = [speed for speed, *_ in runs]
-        self.of_pairs = links is None
-        columns = np.zeros((len(tau), 0)) if links is None else links
-        self._search = _core.FrictionSearch(runs, columns, tau, weak=WEAK, n_orders=n_orders)
+        self.of_pairs = of_pairs
+        self._search = _core.FrictionSearch(runs, links, tau, weak=WEAK, n_orders=n_orders)
         self.n_orders, self._close, self.clean = n_orders, CLOSE, False
         self._tau_power = float(tau @ tau)
         self.least_width = NOISE_WIDTHS * noise
@@ -271,6 +280,13 @@ class _PowerLeft:
     def best_threshold(self, threshold: float, width: float, at_best: float, span: float) -> tuple[float, float]:
         """Best lambda around `threshold` > 0 at this eps, and the power there."""
         return _golden(lambda x: self(x, width), threshold, at_best, span, self._close)
+
+    def zoom(self, threshold: float, width: float, at_best: float) -> tuple[float, float]:
+        """Best lambda near `threshold` by ever finer scans: power is no smooth function of lambda, it has steps."""
+        for span in ZOOM:
+            tries = [float(threshold * np.exp(x)) for x in np.linspace(-span, span, 12)]
+            at_best, threshold = min([(self(x, width), x) for x in tries] + [(at_best, threshold)])
+        return threshold, at_best
 
     def exhausted(self, power: float) -> bool:
         """Nothing left to explain, as in a simulation without noise."""

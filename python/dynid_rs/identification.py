@@ -20,6 +20,7 @@ from dynid_rs.evaluation import rmse as rms
 from dynid_rs.friction import FrictionIdentifier, friction_effect
 from dynid_rs.friction_experiment.pairs import check_reversals, find_mirrors
 from dynid_rs.friction_experiment.rows import PairWindow, odd_torques, pair_rows, pair_windows, row_groups
+from dynid_rs.friction_laws import DEFAULT_LAW, fit_stribeck, laws_per_joint, power_left, with_laws
 from dynid_rs.known import KnownTerm, check_known, less_known
 from dynid_rs.links import LinkDynamicsIdentifier, baseline, block_residuals, own_beside
 from dynid_rs.preprocessing import Band, States, choose_band, common_rate, prepare
@@ -59,6 +60,8 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         Third loop; None switches it off.
     known : sequence of (Effect, ndarray (n_joints, n_columns))
         Effects whose coefficients [N*m] are known, not fitted: taken off the torque, and part of the model.
+    friction_law : str or sequence of str
+        "paper" (Eqs. 9-11), "coulomb_viscous" or "stribeck", for all joints or one per joint.
     cutoff : float, optional
         Band [Hz] in which torques are fitted and compared; chosen from the motion if None.
     max_iter : int
@@ -94,6 +97,8 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         Of the three loops.
     """
 
+    _stribeck: _core.Effect | None = None
+
     def __init__(
         self,
         robot: _core.RobotModel,
@@ -102,6 +107,7 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         links: LinkDynamicsIdentifier | None = None,
         residual: ResidualCompensator | str | None = "default",
         known: Sequence[KnownTerm] = (),
+        friction_law: str | Sequence[str] = DEFAULT_LAW,
         cutoff: float | None = None,
         max_iter: int = 10,
         tol: float = 2e-2,
@@ -111,6 +117,7 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         self.links = links
         self.residual = residual
         self.known = known
+        self.friction_law = friction_law
         self.cutoff = cutoff
         self.max_iter = max_iter
         self.tol = tol
@@ -148,6 +155,8 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
             raise ValueError(f"cutoff must be a positive frequency in Hz, found {self.cutoff}")
         if not (self.residual is None or self.residual == "default" or isinstance(self.residual, ResidualCompensator)):
             raise ValueError(f"residual must be a ResidualCompensator, None or 'default', found {self.residual!r}")
+        self._stribeck = None
+        laws_per_joint(self.friction_law, self.robot.n_joints)
         recordings = _as_list(recordings)
         slow = _as_list(friction_recording) if friction_recording is not None else []
         check_training_runs(self.robot, recordings + slow)
@@ -172,9 +181,7 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
             # Loop 1: friction's shape, on what the links leave (Eqs. 9-12).
             on_progress(f"round {self.n_iter_}: friction")
             torque = [states.in_band(states.tau - u) for states, u in zip(runs, third_loop, strict=True)]
-            pairs = odd_torques(plan, data.pairs, pair_rows(plan, data.pairs)[0], *held) if data.pairs else None
-            friction.fit(plan, runs, observations.rows_with(torque), changed, pairs=pairs)
-            plan = self._plan(friction.effect_)
+            plan = self._fit_shape(friction, plan, observations.rows_with(torque), data, held, changed)
             # Loop 2: links and all linear coefficients, without the third loop's torque (Eqs. 19-25).
             on_progress(f"round {self.n_iter_}: link dynamics")
             observations = observe(plan, runs, [s.tau - u for s, u in zip(runs, third_loop, strict=True)])
@@ -288,8 +295,46 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         return np.zeros(n), np.full(n, FIRST_WIDTH)
 
     def _plan(self, friction: _core.Effect) -> Plan:
-        effects = [_core.Effect.rotor_inertia(), _core.Effect.torque_offset(), friction]
-        return make_plan(self.robot, effects)
+        effects = [_core.Effect.rotor_inertia(), _core.Effect.torque_offset()]
+        if self._stribeck is not None:
+            effects.append(self._stribeck)
+        plan = make_plan(self.robot, [*effects, friction])
+        return with_laws(plan, laws_per_joint(self.friction_law, self.robot.n_joints))
+
+    def _fit_shape(
+        self,
+        friction: FrictionIdentifier,
+        plan: Plan,
+        rows: list[list[FloatArray]],
+        data: _Data,
+        held: tuple[FloatArray, FloatArray],
+        changed: Sequence[int] | None,
+    ) -> Plan:
+        """First loop: friction's shape, by the pairs of a friction experiment where a joint has some; the plan then."""
+        pairs = odd_torques(plan, data.pairs, pair_rows(plan, data.pairs)[0], *held) if data.pairs else None
+        friction.fit(plan, data.runs, rows, changed, pairs=pairs)
+        plan = self._plan(friction.effect_)
+        if "stribeck" in laws_per_joint(self.friction_law, self.robot.n_joints):
+            first = self._stribeck is None
+            plan = self._fit_stribeck(friction.effect_, data)
+            if first:  # the width was searched without the part that falls with speed: once more, with it
+                torque = [np.column_stack([run[j][:, -1] for j in range(len(run))]) for run in rows]
+                rows = observe(plan, data.runs).rows_with(torque)
+                return self._fit_shape(friction, plan, rows, data, held, None)
+        return plan
+
+    def _fit_stribeck(self, friction: _core.Effect, data: _Data) -> Plan:
+        """Choose the shape of the part that falls with speed; the pairs decide where a joint has some."""
+
+        def left(stribeck: _core.Effect) -> FloatArray:
+            self._stribeck = stribeck
+            plan = self._plan(friction)
+            odd = [_core.triangular_factor(rows) for rows in pair_rows(plan, data.pairs)[0]] if data.pairs else None
+            return power_left(observe(plan, data.runs), odd)
+
+        top_speed = np.max([np.abs(states.dq_motor).max(axis=0) for states in data.runs], axis=0)
+        self._stribeck = fit_stribeck(friction, top_speed, left)
+        return self._plan(friction)
 
     def _fit_baseline(self, observations: Observations, runs: list[States], *, fit_scale: bool) -> None:
         simple, regroup = baseline(observations)

@@ -25,6 +25,8 @@ from dynid_rs.wording import residual_reason, verdict
 FloatArray = NDArray[np.float64]
 
 FORMAT, VERSION = "dynid-result", 1
+UNITS: dict[str, str] = {c["name"]: c["unit"] for entry in _core.effect_catalogue() for c in entry["coefficients"]}
+"""Of every coefficient, with places for the units of torque and angle."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -325,10 +327,7 @@ def own_unit(name: str, torque_unit: str, kind: str) -> str:
     torque = "N" if kind == "prismatic" and torque_unit == "N*m" else torque_unit
     if name == "rotor_inertia":
         return f"{torque}*s^2/{angle}" if torque == "A" else {"rad": "kg*m^2", "m": "kg"}[angle]
-    if name.startswith("viscous"):
-        order = name[len("viscous")]
-        return f"{torque}*s/{angle}" if order == "1" else f"{torque}*(s/{angle})^{order}"
-    return torque
+    return UNITS.get(name, "{torque}").format(torque=torque, angle=angle)
 
 
 def _parameter(name: str, value: float, std: float, unit: str) -> dict[str, Any]:

@@ -79,9 +79,10 @@ def _columns(
     grids = _on_grid(observations, runs, [block.rows[j][:, :-1][:, known] * factor for block in observations.blocks])
     if not fitted_widths:
         return places, grids
-    shape = dict(plan.effects[-1].shape)
+    friction, own = plan.friction
+    shape = dict(friction.shape)
     threshold, width = shape["velocity_threshold"][j], shape["transition_width"][j]
-    coefficients = links.own_[j, -len(_core.FRICTION_NAMES) :]
+    coefficients = links.own_[j, own]
     widened = []
     for states, grid in zip(runs, grids, strict=True):
         speed = np.ascontiguousarray(states.dq_motor[:, j])

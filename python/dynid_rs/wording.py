@@ -25,7 +25,7 @@ def verdict(result: dict[str, Any]) -> str:
 
 def _prior(result: dict[str, Any]) -> str:
     """How far the data trusts the robot file's inertials, where they are in the fit."""
-    prior = result["prior"]
+    prior = result.get("prior")
     if prior is None:
         return ""
     off = prior["relative_uncertainty"]
@@ -37,7 +37,7 @@ def _prior(result: dict[str, Any]) -> str:
 
 
 def _not_separable(result: dict[str, Any]) -> str:
-    messages = [f["message"] for f in result["data"]["findings"] if f["code"] == "not_separable"]
+    messages = [f["message"] for f in result.get("data", {}).get("findings", ()) if f["code"] == "not_separable"]
     return "".join(f" {message[0].upper()}{message[1:]}." for message in messages)
 
 

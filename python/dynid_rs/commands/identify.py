@@ -23,7 +23,7 @@ LEAST_TEST_ROWS = 20
 
 @run_command
 def identify(
-    robot: Annotated[Path, typer.Argument(metavar="ROBOT.urdf", help="The arm, as URDF")],
+    robot: Annotated[Path, typer.Argument(metavar="ROBOT", help="The arm: URDF or robot.toml")],
     runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Runs to learn from: Parquet, CSV or NPZ")],
     output: Annotated[
         Path, typer.Option("--output", "-o", metavar="DIR", help="Folder for the results", show_default=False)
@@ -36,12 +36,15 @@ def identify(
         float | None, typer.Option(help="With a lone run: test on what comes after this many seconds")
     ] = None,
     config: Annotated[Path | None, typer.Option(help="dynid.toml: column names, units, gears, signs")] = None,
-    gravity: Annotated[str, typer.Option(metavar="X,Y,Z", help="Free fall in the base frame [m/s^2]")] = "0,0,-9.81",
+    gravity: Annotated[
+        str | None,
+        typer.Option(metavar="X,Y,Z", help="Free fall in the base frame [m/s^2]; the robot file's, or 0,0,-9.81"),
+    ] = None,
     base: Annotated[str | None, typer.Option(help="First link of the chain, where the URDF leaves a choice")] = None,
     tip: Annotated[str | None, typer.Option(help="Last link of the chain, where the URDF branches")] = None,
     drive_gain: Annotated[
         str | None,
-        typer.Option(metavar="G[,G...]", help="Joint torque per motor current [N*m/A], one per joint"),
+        typer.Option(metavar="G[,G...]", help="Joint torque per motor current [N*m/A], one per joint or one for all"),
     ] = None,
     weighting: Annotated[str, typer.Option(help="joint_variance, full_covariance or none")] = "joint_variance",
     prior: Annotated[
@@ -54,6 +57,12 @@ def identify(
         str, typer.Option(help="Third loop on: auto, load_free_deflection, deflection, joint_state or none")
     ] = "auto",
     compensator: Annotated[str, typer.Option(help="Third loop by: mixture or rbf")] = "mixture",
+    friction: Annotated[
+        list[Path] | None, typer.Option(metavar="RUN", help="Run of the friction experiment; repeat for more")
+    ] = None,
+    friction_law: Annotated[
+        str, typer.Option(help="paper, coulomb_viscous, stribeck, or auto: by a training run left out, joint by joint")
+    ] = "paper",
     cutoff: Annotated[float | None, typer.Option(help="Band [Hz]; chosen from the motion if left out")] = None,
     json_output: Annotated[bool, typer.Option("--json", help="Answer as JSON on standard output")] = False,
 ) -> int:
@@ -64,25 +73,35 @@ def identify(
     squares.
     """
     from dynid_rs.commands._console import progress
-    from dynid_rs.commands._inputs import check_cutoff, read_robot, read_settings, read_split, with_rotors
+    from dynid_rs.commands._inputs import (
+        check_cutoff,
+        read_friction,
+        read_robot,
+        read_settings,
+        read_split,
+        with_rotors,
+    )
     from dynid_rs.commands._output import check_folder, check_not_read
     from dynid_rs.report import REPORT_FILE
 
     results = (MODEL_FILE, RESULT_FILE, RESIDUALS_FILE, REPORT_FILE)
     check_folder(output, results)
-    check_not_read(
-        [output / name for name in results], [robot, *runs, *(test or []), *(p for p in (config, known) if p)]
-    )
+    read = [robot, *runs, *(test or []), *(friction or []), *(path for path in (config, known) if path)]
+    check_not_read([output / name for name in results], read)
     with progress() as say:
         say("reading")
         model = read_robot(robot, base, tip, gravity)
         settings = read_settings(config, drive_gain, model.n_joints)
         model = with_rotors(model, settings, robot, base, tip)
-        identifier = _identifier(model, weighting, prior, residual, compensator, cutoff)
+        identifier = _identifier(model, weighting, prior, residual, compensator, cutoff, friction_law)
         identifier.known = _known(known, model)
         split, findings = read_split(runs, test or [], test_from, model, settings)
         check_cutoff(cutoff, [*split.train, *split.test])
-        findings += _fit(identifier, split.train, say)
+        slow = read_friction(friction, model, settings) if friction else None
+        if friction_law == "auto":
+            say("comparing laws of friction")
+            identifier.friction_law = _chosen_laws(identifier, split.train, slow)
+        findings += _fit(identifier, split.train, slow, say)
         say("testing")
         result = _write(identifier, split.train, split.test, findings, output)
     if json_output:
@@ -102,7 +121,10 @@ def _known(path: Path | None, robot: Any) -> list[Any]:
     return list(read_terms(path, robot))
 
 
-def _identifier(model: Any, weighting: str, prior: str, residual: str, compensator: str, cutoff: float | None) -> Any:
+def _identifier(
+    model: Any, weighting: str, prior: str, residual: str, compensator: str, cutoff: float | None, friction_law: str
+) -> Any:
+    from dynid_rs.friction_laws import LAWS
     from dynid_rs.identification import ThreeLoopIdentifier
     from dynid_rs.links import LinkDynamicsIdentifier
     from dynid_rs.residual import METHODS, ResidualCompensator
@@ -126,15 +148,31 @@ def _identifier(model: Any, weighting: str, prior: str, residual: str, compensat
         raise ValueError(f"--residual must be {', '.join(inputs)} or none, found {residual!r}")
     if compensator not in METHODS:
         raise ValueError(f"--compensator must be {' or '.join(METHODS)}, found {compensator!r}")
+    if friction_law not in (*LAWS, "auto"):
+        raise ValueError(f"--friction-law must be {', '.join(LAWS)} or auto, found {friction_law!r}")
     return ThreeLoopIdentifier(
         model,
+        friction_law="paper" if friction_law == "auto" else friction_law,
         links=LinkDynamicsIdentifier(choices[weighting], prior=priors[prior]),
         residual=None if residual == "none" else ResidualCompensator(method=compensator, inputs=residual),  # type: ignore[arg-type]
         cutoff=cutoff,
     )
 
 
-def _fit(identifier: Any, train: list[Recording], say: Callable[[str], None]) -> list[Finding]:
+def _chosen_laws(identifier: Any, train: list[Recording], slow: list[Recording] | None) -> tuple[str, ...]:
+    """Law of every joint, by a training run that is left out for it; the test runs stay untouched."""
+    from threadpoolctl import threadpool_limits
+
+    from dynid_rs.friction_laws import choose_friction_laws
+
+    options = {"links": identifier.links, "cutoff": identifier.cutoff, "friction_recording": slow}
+    with threadpool_limits(limits=1, user_api="blas"):
+        return choose_friction_laws(identifier.robot, train, **options)
+
+
+def _fit(
+    identifier: Any, train: list[Recording], slow: list[Recording] | None, say: Callable[[str], None]
+) -> list[Finding]:
     """Fit; what did not converge is a finding, as everything else that the user should know."""
     import warnings
 
@@ -144,7 +182,7 @@ def _fit(identifier: Any, train: list[Recording], say: Callable[[str], None]) ->
 
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", ConvergenceWarning)
-        identifier.fit(train, on_progress=say)
+        identifier.fit(train, slow, on_progress=say)
     for warning in caught:
         if not issubclass(warning.category, ConvergenceWarning):
             warnings.warn_explicit(warning.message, warning.category, warning.filename, warning.lineno)
@@ -158,6 +196,7 @@ def _write(
     identifier: Any, train: list[Recording], test: list[Recording], findings: list[Finding], output: Path
 ) -> dict[str, Any]:
     from dynid_rs.commands._output import filled_together
+    from dynid_rs.encoders import with_fitted_delay
     from dynid_rs.files import write_json, write_table
     from dynid_rs.report import write_report
     from dynid_rs.report.source import source_of
@@ -166,6 +205,7 @@ def _write(
     model = identifier.model_
     tested = evaluate_runs(model, test, _test_states(identifier, test))
     trained = evaluate_runs(model, train, identifier.raw_runs_)
+    findings = with_fitted_delay(findings, identifier.encoder_delay_)
     result = summarise(identifier, trained, tested, findings)
     table = residual_table(model, trained, tested)
     with filled_together(output) as folder:

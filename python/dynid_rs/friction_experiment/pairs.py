@@ -58,7 +58,8 @@ class Mirror:
     def samples(self) -> tuple[NDArray[np.intp], FloatArray]:
         """Samples (n,) after the mirror and the places (n,) of their images before it, not whole numbers."""
         after = np.arange(self.first, self.first + self.reach)
-        return after, 2 * self.middle - after
+        before: FloatArray = np.asarray(2 * self.middle - after, dtype=np.float64)
+        return after, before
 
 
 def still_speed(states: States) -> FloatArray:
@@ -72,9 +73,10 @@ def still_speed(states: States) -> FloatArray:
 def find_mirrors(states: States) -> list[Mirror]:
     """Every motion of the run that was also made the other way round; no sample belongs to two of them."""
     limit = still_speed(states)
+    place = SAME_PLACE * np.ptp(states.q_motor, axis=0) + 1e-9
     still = np.all(np.abs(states.dq_motor) <= limit, axis=1)
     rests = [(a, b) for a, b in stretches(still) if b - a >= LEAST_REST * states.rate]
-    found = [mirror for a, b in rests if (mirror := _mirror_at(states, a, b, limit)) is not None]
+    found = [mirror for a, b in rests if (mirror := _mirror_at(states, a, b, limit, place)) is not None]
     used = np.zeros(len(states.t), dtype=bool)
     kept = []
     for mirror in sorted(found, key=lambda mirror: -mirror.reach):
@@ -86,17 +88,16 @@ def find_mirrors(states: States) -> list[Mirror]:
     return sorted(kept, key=lambda mirror: mirror.middle)
 
 
-def _mirror_at(states: States, start: int, end: int, limit: FloatArray) -> Mirror | None:
+def _mirror_at(states: States, start: int, end: int, limit: FloatArray, place: FloatArray) -> Mirror | None:
     """Mirror in the rest from sample `start` to `end`, if the motion around it is one and its reversal."""
     q, dq, rate = states.q_motor, states.dq_motor, states.rate
     middle = _best_middle(q, start, end, rate)
     first = int(np.ceil(middle))
     longest = int(min(2 * middle - first + 1, len(q) - first))
-    place = SAME_PLACE * np.ptp(q, axis=0) + 1e-9
     reach, chunk = 0, int(CHUNK * rate)
     while reach < longest:  # most mirrors end soon
         after = first + np.arange(reach, min(reach + chunk, longest))
-        agrees = _agree(q, dq, middle, after, limit, place, max(1, int(NEARBY * rate)))
+        agrees = _agree(states, middle, after, limit, place)
         # A single odd sample (a resampling step) does not end a motion; a few in a row do.
         wrong = [a for a, b in stretches(~agrees) if b - a > 0.05 * rate]
         reach += wrong[0] if wrong else len(after)
@@ -114,19 +115,14 @@ def _mirror_at(states: States, start: int, end: int, limit: FloatArray) -> Mirro
     return Mirror(states, middle, first, reach, moves) if reach >= LEAST_WINDOW * rate else None
 
 
-def _agree(
-    q: FloatArray,
-    dq: FloatArray,
-    middle: float,
-    after: NDArray[np.intp],
-    limit: FloatArray,
-    place: FloatArray,
-    near: int,
-) -> Mask:
+def _agree(states: States, middle: float, after: NDArray[np.intp], limit: FloatArray, place: FloatArray) -> Mask:
     """Whether the samples `after` the mirror and their images have the same q and opposite dq."""
-    before = 2 * middle - after
+    from scipy.ndimage import maximum_filter1d
+
+    q, dq, before = states.q_motor, states.dq_motor, np.asarray(2 * middle - after, dtype=np.float64)
     dq_before = at_places(dq, before)
-    speed = _greatest_nearby(np.maximum(np.abs(dq[after]), np.abs(dq_before)), near)
+    near = 2 * max(1, int(NEARBY * states.rate)) + 1
+    speed = maximum_filter1d(np.maximum(np.abs(dq[after]), np.abs(dq_before)), near, axis=0, mode="nearest")
     same_speed = np.abs(dq[after] + dq_before) <= SAME_SPEED * speed + 2 * limit
     agrees: Mask = np.all(same_speed & (np.abs(q[after] - at_places(q, before)) <= place), axis=1)
     return agrees
@@ -153,13 +149,6 @@ def _best_middle(q: FloatArray, start: int, end: int, rate: float) -> float:
         bend = left - 2 * here + right
         shift = float(np.clip(0.5 * (left - right) / bend, -0.5, 0.5)) if bend > 0 else 0.0
     return float(sums[best] + shift) / 2
-
-
-def _greatest_nearby(speed: FloatArray, near: int) -> FloatArray:
-    from scipy.ndimage import maximum_filter1d
-
-    greatest: FloatArray = maximum_filter1d(speed, 2 * near + 1, axis=0, mode="nearest")
-    return greatest
 
 
 def _unused(mirror: Mirror, used: Mask) -> Mirror | None:

@@ -104,6 +104,7 @@ def _legs(
             f"the limits leave no room for a leg of joint {name}: it may move {room:.3g} rad (or m) and a leg at "
             f"{least:.3g} rad/s takes {need:.3g}; widen its position limits, or lower `slowest` or its velocity limit"
         )
+    edge = (1 - USAGE) / 2 * (limits.upper[j] - limits.lower[j])
     segments: list[Leg | ReversedPair] = []
     here = pose
     for speed in np.geomspace(least, top, n_speeds):
@@ -111,10 +112,7 @@ def _legs(
         cruise = min(leg_time, room / speed - ramp)
         way = speed * (ramp + cruise)
         start = pose.copy()
-        low, high = (
-            limits.lower[j] + (1 - USAGE) / 2 * (room / USAGE),
-            limits.upper[j] - (1 - USAGE) / 2 * (room / USAGE),
-        )
+        low, high = limits.lower[j] + edge, limits.upper[j] - edge
         start[j] = np.clip(pose[j] - way / 2, low, max(high - way, low))
         velocity = np.zeros_like(pose)
         velocity[j] = speed
@@ -220,7 +218,7 @@ def _check(
 def _check_pose(names: Sequence[str], limits: MotionLimits, pose: FloatArray) -> None:
     if pose.shape != limits.lower.shape or not np.isfinite(pose).all():
         raise ValueError(f"pose must hold {len(names)} finite positions, one per joint, got {pose.tolist()}")
-    for j in np.flatnonzero((pose < limits.lower) | (pose > limits.upper)):
+    for j in np.flatnonzero((pose < limits.lower) | (pose > limits.upper)).tolist():
         raise ValueError(
             f"the pose's {names[j]} = {pose[j]:.4g} lies outside its limits {limits.lower[j]:.4g} to "
             f"{limits.upper[j]:.4g}; choose a pose within them"

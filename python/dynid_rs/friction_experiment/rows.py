@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +16,10 @@ from dynid_rs import _core
 from dynid_rs.columns import Plan, run_rows
 from dynid_rs.friction_experiment.pairs import Mirror, find_mirrors, in_motion, still_speed
 from dynid_rs.links import RowGroup
-from dynid_rs.preprocessing import States
+from dynid_rs.preprocessing import Filter, States
 
 FloatArray = NDArray[np.float64]
+SearchRun = tuple[FloatArray, Filter | None, list[int], list[int] | None]
 Indices = NDArray[np.intp]
 
 _SIGNALS = ("t", "q", "dq", "ddq", "q_motor", "dq_motor", "ddq_motor", "tau", "moving")
@@ -45,12 +47,14 @@ class PairWindow:
 class OddTorque:
     """Odd part of one joint's torque at its pairs, for the search of friction's shape.
 
-    `runs` as `_core.FrictionSearch` takes them, `tau` (n_pairs,), `noise` of the velocity [rad/s].
+    `runs` as `_core.FrictionSearch` takes them, `tau` (n_pairs,), `noise` of the velocity [rad/s]; `beside`
+    (n_pairs, k) are columns of other odd effects, which are fitted too.
     """
 
-    runs: list[tuple[FloatArray, tuple[FloatArray, FloatArray, int] | None, list[int], list[int]]]
+    runs: list[SearchRun]
     tau: FloatArray
     noise: float
+    beside: FloatArray
 
 
 def pair_windows(runs: Sequence[States], mirrors: Sequence[Sequence[Mirror]] | None = None) -> list[PairWindow]:
@@ -66,8 +70,9 @@ def pair_windows(runs: Sequence[States], mirrors: Sequence[Sequence[Mirror]] | N
 
 def _window(mirror: Mirror, moving: NDArray[np.bool_]) -> PairWindow | None:
     states = mirror.states
-    after, before = mirror.samples()
-    after, before = after[:: states.step], np.round(before[:: states.step]).astype(np.intp)
+    places_after, places_before = mirror.samples()
+    after = places_after[:: states.step]
+    before = np.round(places_before[:: states.step]).astype(np.intp)
     used = moving[:, after] & moving[:, before] & mirror.moves[:, None]
     wanted = used.any(axis=0)
     if not wanted.any():
@@ -75,8 +80,9 @@ def _window(mirror: Mirror, moving: NDArray[np.bool_]) -> PairWindow | None:
     after, before, used = after[wanted], before[wanted], used[:, wanted]
     pad = states.filter[2] + 1 if states.filter is not None else 0
     start, end = max(0, int(before.min()) - pad), min(len(states.t), int(after.max()) + 1 + pad)
-    cut = replace(states, **{name: np.ascontiguousarray(getattr(states, name)[start:end]) for name in _SIGNALS})
-    return PairWindow(cut, after - start, before - start, used)
+    signals: dict[str, Any] = {name: np.ascontiguousarray(getattr(states, name)[start:end]) for name in _SIGNALS}
+    cut = replace(states, **signals)
+    return PairWindow(cut, after - np.intp(start), before - np.intp(start), used)
 
 
 def pair_rows(plan: Plan, windows: Sequence[PairWindow]) -> tuple[list[FloatArray], list[FloatArray]]:
@@ -114,6 +120,8 @@ def odd_torques(
 
     Sides that differ a little leave a little of the links' torque, which `phi_base` (n_base,) takes out.
     """
+    kinds = [effect.kind for effect in plan.effects for _ in range(effect.n_columns)]
+    odd_own = np.array([kind == "stribeck" for kind in kinds])
     torques: list[OddTorque | None] = []
     for j, rows in enumerate(odd):
         parts = [(window, *window.of_joint(j)) for window in windows if window.used[j].any()]
@@ -122,10 +130,10 @@ def odd_torques(
             continue
         base = phi_base[plan.pivots >= 10 * j]
         tau = rows[:, -1] - scale[j] * (rows[:, plan.n_own : -1] @ base)
-        runs = [
+        runs: list[SearchRun] = [
             (np.ascontiguousarray(window.states.dq_motor[:, j]), window.states.filter, after, before)
             for window, after, before in parts
         ]
         noise = max(window.states.velocity_noise(j) for window, _, _ in parts)
-        torques.append(OddTorque(runs, tau, noise))
+        torques.append(OddTorque(runs, tau, noise, rows[:, : plan.n_own][:, odd_own & plan.own[j]]))
     return torques

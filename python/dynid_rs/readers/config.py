@@ -15,7 +15,7 @@ angle = "deg"
 gain = [14.9, 13.3]                # N m/A at the joint: currents become torques
 
 [gear]
-ratio = [101.0, 101.0]             # motor turns per joint turn
+ratio = [101.0, 101.0]             # motor turns per joint turn; left out: those of the robot's file
 apply_to = ["q_motor", "dq_motor"] # signals that the file gives on the motor side; also ddq_motor, tau
 
 [motor]
@@ -35,7 +35,7 @@ import math
 import string
 import tomllib
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -80,11 +80,14 @@ class Config:
     drive_gain : tuple of float, optional
         Torque at the joint per ampere [N m/A]; one number for all joints or one per joint.
     gear_ratio : tuple of float, optional
-        Motor turns per joint turn; one number for all joints or one per joint.
+        Motor turns per joint turn; one number for all joints or one per joint. None: the columns are on the link
+        side already, unless `gear_of_robot` says otherwise.
     gear_apply_to : tuple of str
         Signals that the file gives on the motor side.
     rotor_inertia : tuple of float, optional
         Rotor inertia on the link side [kg m^2]; one number for all joints or one per joint.
+    gear_of_robot : bool
+        `gear_apply_to` stands in the file without a ratio: the robot's own gear ratios count.
     signs : mapping of str to tuple of float
         +1 or -1 per joint for ``"q"``, ``"q_motor"``, ``"tau"``.
     source : str
@@ -97,6 +100,7 @@ class Config:
     gear_ratio: PerJoint | None = None
     gear_apply_to: tuple[str, ...] = ("q_motor", "dq_motor", "ddq_motor")
     rotor_inertia: PerJoint | None = None
+    gear_of_robot: bool = False
     signs: Mapping[str, PerJoint] = field(default_factory=dict)
     source: str = "dynid.toml"
 
@@ -106,6 +110,27 @@ class Config:
             quantity = "angle"
         table = UNITS[quantity]
         return table[self.units.get(quantity, next(iter(table)))]
+
+    def with_gears(self, ratios: Iterable[float] | None) -> Config:
+        """Return these rules with the robot's gear ratios (NaN: unknown), if the file left them to the robot.
+
+        Raises
+        ------
+        DataError
+            The file left them to a robot that does not know them all.
+        """
+        if not self.gear_of_robot:
+            return self
+        known = () if ratios is None else tuple(float(ratio) for ratio in ratios)
+        if not known or any(math.isnan(ratio) for ratio in known):
+            raise DataError(
+                f"{self.source}, [gear] apply_to: needs ratio beside it, because no robot is given whose file declares "
+                "gear_ratio for every joint",
+                code="bad_config",
+                file=self.source,
+                column="[gear] apply_to",
+            )
+        return replace(self, gear_ratio=known, gear_of_robot=False)
 
 
 def read_config(path: str | Path) -> Config:
@@ -160,8 +185,6 @@ class _Parser:
             for name in entries:
                 self.known(f"[{table}] {name}", name, keys[table])
         drive, gear, motor = (content.get(table, {}) for table in ("drive", "gear", "motor"))
-        if "apply_to" in gear and "ratio" not in gear:
-            raise self.fault("[gear] apply_to", "needs ratio beside it")
         return Config(
             columns={name: self.column(name, rule) for name, rule in content.get("columns", {}).items()},
             units={name: self.unit(name, unit) for name, unit in content.get("units", {}).items()},
@@ -169,6 +192,7 @@ class _Parser:
             gear_ratio=self.positive("[gear] ratio", gear["ratio"]) if "ratio" in gear else None,
             gear_apply_to=self.apply_to(gear["apply_to"]) if "apply_to" in gear else Config.gear_apply_to,
             rotor_inertia=self.at_least_zero("[motor] rotor_inertia", motor["rotor_inertia"]) if motor else None,
+            gear_of_robot="apply_to" in gear and "ratio" not in gear,
             signs={name: self.sign(name, value) for name, value in content.get("signs", {}).items()},
             source=self.file,
         )

@@ -103,6 +103,12 @@ def to_recording(
     scales = {signal: converter.scale(signal) for signal in found.signals if signal != "temperature"}
     columns = table.load(found.used())
     t = _seconds(columns[found.time], config.factor("time"))
+    if not t.size:
+        raise DataError(
+            f"{table.file}: no rows, only the names of the columns; record or copy it again",
+            code="no_rows",
+            file=table.file,
+        )
     check_time(t, file=table.file, column=found.time, line_of=table.line_of)
     signals: dict[str, Any] = {}
     for signal, names in found.signals.items():

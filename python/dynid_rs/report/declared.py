@@ -80,6 +80,6 @@ def _known(result: Result) -> str:
     return (
         '<h3 class="next">Known terms</h3><p>Their coefficients were given, not fitted. A size is told from the other '
         "parameters if its standard error is below a half. Test errors are over the torque\u2019s standard deviation. "
-        "Without a term the evidence holds the robot file for wrong and loosens the prior until base parameters imitate "
-        "the term (own weight); under the same weight its absence shows.</p>" + tables.table(head, rows)
+        "Without a term the evidence holds the robot file for wrong and loosens the prior until base parameters "
+        "imitate the term (own weight); under the same weight its absence shows.</p>" + tables.table(head, rows)
     )

@@ -174,6 +174,11 @@ def read_source(directory: Path) -> Source:
     DataError
         A file is not what it should be; the sentence names file and place.
     """
+    named = "name the folder that `dynid identify -o` wrote"
+    if directory.is_file():
+        raise NotADirectoryError(f"{directory}: this is a file, and a folder with results is expected; {named}")
+    if directory.is_dir() and not any((directory / name).exists() for name in (RESULT_FILE, RESIDUALS_FILE)):
+        raise FileNotFoundError(f"{directory}: there is no {RESULT_FILE} in this folder; {named}")
     if not directory.is_dir():
         raise FileNotFoundError(f"{directory}: there is no such folder; name the one that `dynid identify -o` wrote")
     result = _read_result(directory / RESULT_FILE)

@@ -74,7 +74,7 @@ impl TorqueEstimator {
     #[must_use]
     pub fn new(model: Arc<TorqueModel>) -> Self {
         let n = model.robot().n_joints();
-        let n_terms = model.term_names().len();
+        let n_terms = model.n_terms();
         let effects = model.effects().iter();
         let n_memory = effects.map(|term| term.effect().memory_len(n)).sum();
         Self {

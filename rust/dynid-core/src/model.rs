@@ -210,13 +210,28 @@ impl TorqueModel {
         self.step
     }
 
-    /// Names of the terms in order of summation: `rigid_body`, the effects, `residual`.
+    /// Rigid body, effects, third loop.
     #[must_use]
-    pub fn term_names(&self) -> Vec<&'static str> {
-        let mut names = vec!["rigid_body"];
-        names.extend(self.effects.iter().map(|term| term.effect().kind()));
-        names.extend(self.residual.as_ref().map(|_| "residual"));
-        names
+    pub fn n_terms(&self) -> usize {
+        1 + self.effects.len() + usize::from(self.residual.is_some())
+    }
+
+    /// Names of the terms in order of summation: `rigid_body`, the effects, `residual`. Of a kind that comes again the
+    /// second is called kind2, and so on.
+    #[must_use]
+    pub fn term_names(&self) -> Vec<String> {
+        let kinds = self.effects.iter().map(|term| term.effect().kind());
+        let names: Vec<&str> = std::iter::once("rigid_body")
+            .chain(kinds)
+            .chain(self.residual.as_ref().map(|_| "residual"))
+            .collect();
+        let earlier = |k: usize| names[..k].iter().filter(|name| **name == names[k]).count();
+        (0..names.len())
+            .map(|k| match earlier(k) {
+                0 => names[k].to_owned(),
+                count => format!("{}{}", names[k], count + 1),
+            })
+            .collect()
     }
 }
 

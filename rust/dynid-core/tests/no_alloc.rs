@@ -2,6 +2,8 @@
 
 #![allow(unsafe_code)] // a global allocator cannot be written without
 
+mod every_effect;
+
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 use std::hint::black_box;
@@ -13,6 +15,7 @@ use dynid_core::{
     NormalisedRbf, Regression, Residual, ResidualInputs, RobotModel, State, Status,
     TorqueEstimator, TorqueModel,
 };
+use every_effect::every_effect;
 use nalgebra::{Rotation3, Vector3};
 
 /// The system's allocator, counting this thread's calls (the test harness allocates on others).
@@ -71,6 +74,7 @@ fn robot() -> RobotModel {
             axis: Vector3::z(),
             limits: JointLimits::default(),
             rotor_inertia: 0.0,
+            gear_ratio: None,
             phi: [2.0, 0.3, -0.1, 0.5, 0.7, 0.02, 0.9, -0.05, 0.04, 1.1],
         })
         .collect();
@@ -97,17 +101,12 @@ fn model(inputs: ResidualInputs, rbf: bool) -> TorqueModel {
         let coefficients = vec![0.5; N * effect.n_columns()];
         EffectTerm::new(effect, coefficients, N).unwrap()
     };
-    let friction = Effect::friction(&[0.05; N], &[0.01; N]).unwrap();
     let robot = robot();
     TorqueModel::new(TorqueModelParts {
         phi: robot.phi(),
         robot,
         torque_scale: vec![1.5; N],
-        effects: vec![
-            term(Effect::rotor_inertia()),
-            term(Effect::torque_offset()),
-            term(friction),
-        ],
+        effects: every_effect(N).into_iter().map(term).collect(),
         residual: Some(
             Residual::new(inputs, vec![Some(regression); N])
                 .and_then(|residual| residual.with_compliance(vec![1e-5; N]))
@@ -121,7 +120,7 @@ fn model(inputs: ResidualInputs, rbf: bool) -> TorqueModel {
             ddq: vec![1.0; N],
         },
         torque_unit: "N*m".to_owned(),
-        step: None,
+        step: Some(0.001),
     })
     .unwrap()
 }

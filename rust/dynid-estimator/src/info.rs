@@ -5,8 +5,6 @@ use std::fmt::Write;
 use dynid_core::{JointKind, Regression, Residual, TorqueModel};
 use serde_json::json;
 
-use crate::output::distinct;
-
 fn kind_name(kind: JointKind) -> &'static str {
     match kind {
         JointKind::Revolute => "revolute",
@@ -58,7 +56,10 @@ pub fn text(model: &TorqueModel) -> String {
         &format!("{} {} {} m/s^2", gravity.x, gravity.y, gravity.z),
     );
     line("torque unit", model.torque_unit());
-    line("terms", &distinct(&model.term_names()).join(" + "));
+    line("terms", &model.term_names().join(" + "));
+    if let Some(step) = model.step() {
+        line("step", &format!("{} ms between states", 1e3 * step));
+    }
     if let Some(residual) = model.residual() {
         let joints = residual_joints(model).join(", ");
         line(
@@ -152,7 +153,8 @@ pub fn json(model: &TorqueModel) -> String {
         "robot": robot.name(),
         "gravity": robot.gravity().as_slice(),
         "torque_unit": model.torque_unit(),
-        "terms": distinct(&model.term_names()),
+        "step": model.step(),
+        "terms": model.term_names(),
         "residual": residual,
         "joints": joints,
     });

@@ -19,13 +19,17 @@ use crate::stop::Stop;
 /// [`Stop`] if a line cannot be read or an answer cannot be written.
 pub fn run(
     model: TorqueModel,
-    input: Option<Format>,
-    output: Option<Format>,
+    (input, output): (Option<Format>, Option<Format>),
+    step: Option<f64>,
     source: impl Read,
     out: &mut impl Write,
 ) -> Result<(), Stop> {
     let model = Arc::new(model);
     let mut estimator = TorqueEstimator::new(Arc::clone(&model));
+    if let Some(step) = step {
+        let with_step = estimator.with_step(step);
+        estimator = with_step.map_err(|error| Stop::Because(error.to_string()))?;
+    }
     let mut frame = Frame::new(model.robot().n_joints());
     let mut tau = vec![0.0; frame.n_joints()];
 

@@ -7,6 +7,7 @@ use dynid_core::model::TorqueModelParts;
 use dynid_core::{
     Domain, EffectTerm, Regression, Residual, ResidualInputs, State, TorqueEstimator, TorqueModel,
 };
+use dynid_io::model_file;
 use dynid_offline::batch;
 use dynid_offline::observation::slice_state;
 use numpy::{PyArray1, PyArray2, PyArray3, PyUntypedArrayMethods};
@@ -16,7 +17,7 @@ use pyo3::prelude::*;
 use crate::effects::PyEffect;
 use crate::mixture::PyGaussianMixtureRegression;
 use crate::rbf::PyNormalisedRbf;
-use crate::robot::PyRobotModel;
+use crate::robot::{PyRobotModel, Rebuild};
 use crate::run::RunArrays;
 use crate::{arrays, errors};
 
@@ -205,7 +206,7 @@ impl PyTorqueModel {
     }
 
     #[getter]
-    fn term_names(&self) -> Vec<&'static str> {
+    fn term_names(&self) -> Vec<String> {
         self.0.term_names()
     }
 
@@ -280,6 +281,22 @@ impl PyTorqueModel {
         self.0.step()
     }
 
+    /// The text of its file: copies in other processes are built from it.
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<Rebuild<'py>> {
+        let text = model_file::to_text(&self.0)
+            .map_err(|error| PyValueError::new_err(error.to_string()))?;
+        Ok((py.import("dynid_rs._core")?.getattr("_model_of")?, (text,)))
+    }
+
+    /// Immutable, so a copy is the model itself.
+    fn __copy__(slf: PyRef<'_, Self>) -> PyRef<'_, Self> {
+        slf
+    }
+
+    fn __deepcopy__<'py>(slf: PyRef<'py, Self>, _memo: &Bound<'py, PyAny>) -> PyRef<'py, Self> {
+        slf
+    }
+
     fn __repr__(&self) -> String {
         format!(
             "TorqueModel({:?}, n_joints={}, terms={:?})",
@@ -288,6 +305,13 @@ impl PyTorqueModel {
             self.0.term_names()
         )
     }
+}
+
+/// The model of a text that `TorqueModel.__reduce__` wrote.
+#[pyfunction]
+pub fn _model_of(text: &str) -> PyResult<PyTorqueModel> {
+    let model = model_file::parse(text.as_bytes(), "<pickle>").map_err(errors::model_file)?;
+    Ok(PyTorqueModel(Arc::new(model)))
 }
 
 /// What a regression of the third loop sees: (n_samples, n_joints, 2). The channels must be on one clock.

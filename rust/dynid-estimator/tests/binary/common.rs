@@ -26,6 +26,7 @@ fn joint(name: &str, kind: JointKind) -> Joint {
         axis: Vector3::new(0.6, 0.0, 0.8),
         limits: JointLimits::default(),
         rotor_inertia: 0.25,
+        gear_ratio: None,
         phi: [0.0; 10],
     }
 }

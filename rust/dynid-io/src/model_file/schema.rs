@@ -34,7 +34,7 @@ pub struct ModelFile {
 
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct RobotPart {
+pub(super) struct RobotPart {
     name: String,
     gravity: [f64; 3],
     joints: Vec<JointPart>,
@@ -52,8 +52,12 @@ struct JointPart {
     lower: Option<f64>,
     upper: Option<f64>,
     velocity: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    acceleration: Option<f64>,
     effort: Option<f64>,
     rotor_inertia: f64,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    gear_ratio: Option<f64>,
     phi: [f64; 10],
 }
 
@@ -121,17 +125,12 @@ struct DomainPart {
 impl ModelFile {
     /// What is written for `model`.
     pub fn from_model(model: &TorqueModel, format: &str, version: u32, checksum: String) -> Self {
-        let robot = model.robot();
         Self {
             format: format.to_owned(),
             version,
             checksum,
             torque_unit: model.torque_unit().to_owned(),
-            robot: RobotPart {
-                name: robot.name().to_owned(),
-                gravity: (*robot.gravity()).into(),
-                joints: robot.joints().iter().map(JointPart::from_joint).collect(),
-            },
+            robot: RobotPart::from_robot(model.robot()),
             phi: tens(model.phi()),
             torque_scale: model.torque_scale().to_vec(),
             effects: model.effects().iter().map(EffectPart::from_term).collect(),
@@ -149,14 +148,7 @@ impl ModelFile {
 
     /// The model, every length and number checked.
     pub fn into_model(self) -> Result<TorqueModel, String> {
-        let joints: Vec<Joint> = self
-            .robot
-            .joints
-            .into_iter()
-            .map(JointPart::into_joint)
-            .collect();
-        let robot = RobotModel::new(self.robot.name, joints, Vector3::from(self.robot.gravity))
-            .map_err(|e| format!("robot: {e}"))?;
+        let robot = self.robot.into_robot()?;
         let n = robot.n_joints();
         let effects = self
             .effects
@@ -192,6 +184,22 @@ fn finite(x: f64) -> Option<f64> {
     x.is_finite().then_some(x)
 }
 
+impl RobotPart {
+    pub(super) fn from_robot(robot: &RobotModel) -> Self {
+        Self {
+            name: robot.name().to_owned(),
+            gravity: (*robot.gravity()).into(),
+            joints: robot.joints().iter().map(JointPart::from_joint).collect(),
+        }
+    }
+
+    pub(super) fn into_robot(self) -> Result<RobotModel, String> {
+        let joints = self.joints.into_iter().map(JointPart::into_joint).collect();
+        RobotModel::new(self.name, joints, Vector3::from(self.gravity))
+            .map_err(|e| format!("robot: {e}"))
+    }
+}
+
 impl JointPart {
     fn from_joint(joint: &Joint) -> Self {
         Self {
@@ -207,8 +215,10 @@ impl JointPart {
             lower: finite(joint.limits.lower),
             upper: finite(joint.limits.upper),
             velocity: finite(joint.limits.velocity),
+            acceleration: finite(joint.limits.acceleration),
             effort: finite(joint.limits.effort),
             rotor_inertia: joint.rotor_inertia,
+            gear_ratio: joint.gear_ratio,
             phi: joint.phi,
         }
     }
@@ -228,9 +238,11 @@ impl JointPart {
                 lower: self.lower.unwrap_or(f64::NEG_INFINITY),
                 upper: self.upper.unwrap_or(f64::INFINITY),
                 velocity: self.velocity.unwrap_or(f64::INFINITY),
+                acceleration: self.acceleration.unwrap_or(f64::INFINITY),
                 effort: self.effort.unwrap_or(f64::INFINITY),
             },
             rotor_inertia: self.rotor_inertia,
+            gear_ratio: self.gear_ratio,
             phi: self.phi,
         }
     }

@@ -21,6 +21,7 @@ fn joint(name: &str, kind: JointKind) -> Joint {
             ..JointLimits::default()
         },
         rotor_inertia: 0.25,
+        gear_ratio: Some(101.0),
         phi: [1.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9],
     }
 }
@@ -109,7 +110,13 @@ fn every_single_byte_counts() {
 #[test]
 fn other_files_are_told_apart() {
     assert!(message(b"{}").contains("not a torque model"));
-    assert!(message(b"\xff\xfe").contains("not a text file"));
+    let mend = "give the model.json that `dynid identify` wrote";
+    assert!(message(b"\xff\xfe").contains(&format!("not a text file; {mend}")));
+    let unnumbered = message(b"{\"format\": \"dynid-model\"}");
+    assert!(
+        unnumbered.contains("no usable version (expected \"version\": 1); give the model.json as"),
+        "{unnumbered}"
+    );
     assert!(message(b"{\"format\": \"dynid-model\", \"version\": 99}").contains("newer"));
     assert!(message(b"{\"format\": \"dynid-model\", \"version\": 1}").contains("checksum"));
     assert!(message("[".repeat(1_000_000).as_bytes()).contains("not a readable model"));
@@ -142,6 +149,21 @@ fn a_resigned_file_is_checked_for_sense() {
         ("\"noise_std\": [", "\"noise_std\": [ 1.0, "),
         ("\"transition_width\": [", "\"transition_width\": [ 0.0,"),
         ("\"deflection\"", "\"measured_torque\""),
+        (
+            "\"kind\": \"torque_offset\"",
+            "\"kind\": \"torque_offsets\"",
+        ),
+        (
+            "\"kind\": \"torque_offset\",",
+            "\"kind\": \"torque_offset\", \"kind\": \"torque_offset\",",
+        ),
+        (
+            "\"kind\": \"torque_offset\",",
+            "\"kind\": \"torque_offset\", \"width\": [1.0, 1.0],",
+        ),
+        ("\"transition_width\"", "\"velocity_threshold\""),
+        ("\"transition_width\"", "\"transition_widths\""),
+        ("\"noise_std\": [", "\"step\": 0.0, \"noise_std\": ["),
     ] {
         assert!(text.contains(old), "{old}");
         assert!(
@@ -237,4 +259,50 @@ fn a_regression_of_neither_kind_is_named() {
     assert!(error
         .to_string()
         .contains("centers, precision, weights, variances (rbf)"));
+}
+
+/// Version 1 as it was written before models had a step and effects a catalogue.
+#[test]
+fn an_old_file_is_read_and_written_as_it_was() {
+    let old = include_str!("old_model.json");
+    assert!(!old.contains("\"step\""));
+    let model = parse(old.as_bytes(), "old_model.json").unwrap();
+    assert_eq!(model.step(), None);
+    assert_eq!(to_text(&model).unwrap(), old);
+}
+
+#[test]
+fn every_kind_of_the_catalogue_survives_the_file() {
+    let base = model();
+    let value = |name: &str| match name {
+        "partner" => [1.0, -1.0],
+        "a" => [1.0, 0.5],
+        "gas_length" => [0.9, -0.1],
+        _ => [0.1, 0.3],
+    };
+    let term = |entry: &'static dynid_core::effects::Entry| {
+        let shape: Vec<_> = entry
+            .shape
+            .iter()
+            .map(|parameter| (parameter.name, value(parameter.name)))
+            .collect();
+        let effect = Effect::new(entry.kind, &shape).unwrap();
+        let coefficients = vec![0.5; 2 * effect.n_columns()];
+        EffectTerm::new(effect, coefficients, 2).unwrap()
+    };
+    let all = TorqueModel::new(TorqueModelParts {
+        robot: base.robot().clone(),
+        phi: base.phi().to_vec(),
+        torque_scale: vec![1.0; 2],
+        effects: dynid_core::effects::CATALOGUE.iter().map(term).collect(),
+        residual: None,
+        encoder_delay: vec![0.0; 2],
+        noise_std: vec![0.0; 2],
+        domain: base.domain().clone(),
+        torque_unit: "N*m".into(),
+        step: Some(1.0 / 3.0),
+    })
+    .unwrap();
+    let text = to_text(&all).unwrap();
+    assert_eq!(parse(text.as_bytes(), "x").unwrap(), all);
 }
