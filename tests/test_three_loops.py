@@ -160,7 +160,7 @@ def test_linear_terms_are_least_squares():
 
 
 def test_lone_run_at_1_khz_takes_half_a_second():
-    """Twenty seconds of six joints, the third loop alone, best of five: processor time, which a busy machine leaves be."""
+    """Twenty seconds of six joints, the third loop alone, best of five: processor time, not the clock's."""
     run = simulate(arm(), n_runs=1, seed=0, rate=1000.0).recordings[0]
     times = []
 
