@@ -33,6 +33,7 @@ DENIED = {
     r"multivariate_normal": {},
     r"np\.exp\(": {
         "friction.py": "widths and thresholds are searched in their logarithm",
+        "friction_laws.py": "Stribeck's velocity is searched in its logarithm",
         "evidence.py": "the relative uncertainty is searched in its logarithm",
         "wording.py": "geometric mean of error ratios",
     },
