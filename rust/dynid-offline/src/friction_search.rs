@@ -43,6 +43,7 @@ pub struct HighOrders {
 #[derive(Clone, Debug)]
 pub struct FrictionSearch {
     runs: Vec<SearchRun>,
+    fixed: Vec<[f64; N_FRICTION]>,
     n_rows: usize,
     /// Orthonormal columns that span the links', row-major, strongest first; `strong` of them are taken out.
     links: Vec<f64>,
@@ -56,7 +57,8 @@ pub struct FrictionSearch {
 impl FrictionSearch {
     /// `links`: the links' columns, row-major, rows of all runs one after the other; `tau` the torque in the same rows.
     /// Directions weaker than `weak` times the strongest are taken out on request only. `n_orders` of the
-    /// viscous torque are fitted, 0 to 3.
+    /// viscous torque are fitted, 0 to 3. `fixed` are rows of friction's columns that no shape in question changes (a
+    /// factor of fast samples); their torque stands at the end of `tau`.
     ///
     /// # Errors
     /// [`OfflineError`] if lengths disagree, a sample is out of range, a run is shorter than its filter's padding, or the
@@ -67,8 +69,9 @@ impl FrictionSearch {
         tau: Vec<f64>,
         weak: f64,
         n_orders: usize,
+        fixed: Vec<[f64; N_FRICTION]>,
     ) -> Result<Self, OfflineError> {
-        let n_rows: usize = runs.iter().map(|run| run.kept.len()).sum();
+        let n_rows = runs.iter().map(|run| run.kept.len()).sum::<usize>() + fixed.len();
         if tau.len() != n_rows {
             return Err(OfflineError::Shape { what: "tau" });
         }
@@ -84,7 +87,12 @@ impl FrictionSearch {
         if width * n_rows != links.len() {
             return Err(OfflineError::Shape { what: "links" });
         }
-        if !links.iter().chain(&tau).all(|x| x.is_finite()) {
+        if !links
+            .iter()
+            .chain(&tau)
+            .chain(fixed.as_flattened())
+            .all(|x| x.is_finite())
+        {
             return Err(OfflineError::NonFinite { what: "rows" });
         }
         let (links, strengths) = orthonormal(links, n_rows, width)?;
@@ -92,6 +100,7 @@ impl FrictionSearch {
         let strong = strengths.iter().filter(|s| **s > weak * strongest).count();
         let mut search = Self {
             runs,
+            fixed,
             n_rows,
             n_links: strengths.len(),
             links,
@@ -168,6 +177,10 @@ impl FrictionSearch {
                 })),
             }
         }
+        rows.extend(self.fixed.iter().map(|fixed| {
+            let row: [f64; N] = std::array::from_fn(|lane| fixed[lane]);
+            row
+        }));
         self.take_out_links(&mut rows, all_links);
         std::array::from_fn(|lane| rows.iter().map(|row| row[lane]).collect())
     }
@@ -331,7 +344,9 @@ mod tests {
         };
         let links: Vec<f64> = wave(3 * n, 1.3).iter().map(|x| x * x * x).collect();
         let tau: Vec<f64> = wave(n, 0.11).iter().map(|x| x + x.signum()).collect();
-        let search = FrictionSearch::new(vec![run.clone()], &links, tau.clone(), 0.0, 3).unwrap();
+        let search =
+            FrictionSearch::new(vec![run.clone()], &links, tau.clone(), 0.0, 3, Vec::new())
+                .unwrap();
         let mut kept = None;
         for shape in [(0.0, 0.01), (0.0, 0.1), (0.2, 0.1), (0.1, 0.3)] {
             let expected = reference(&run, &links, &tau, shape);
@@ -355,8 +370,47 @@ mod tests {
             mirrored: Some((n..2 * n).collect()),
         };
         let tau = wave(n, 0.2);
-        let search = FrictionSearch::new(vec![run.clone()], &[], tau.clone(), 0.0, 3).unwrap();
+        let search =
+            FrictionSearch::new(vec![run.clone()], &[], tau.clone(), 0.0, 3, Vec::new()).unwrap();
         let expected = reference(&run, &[], &tau, (0.1, 0.05));
+        let power = search.power(0.1, 0.05, false, &mut None);
+        assert!(
+            (power - expected).abs() < 1e-9 * expected,
+            "{power} {expected}"
+        );
+    }
+
+    #[test]
+    fn a_factor_of_fast_rows_stands_for_them() {
+        let n = 300;
+        let mut speeds = wave(n, 0.05);
+        speeds.extend(wave(n, 0.05).iter().map(|x| 30.0 + x));
+        let run = SearchRun {
+            speeds,
+            filter: ZeroPhase::default(),
+            kept: (0..2 * n).collect(),
+            mirrored: None,
+        };
+        let tau = wave(2 * n, 0.2);
+        let all = FrictionSearch::new(vec![run.clone()], &[], tau.clone(), 0.0, 3, Vec::new());
+        let expected = all.unwrap().power(0.1, 0.05, false, &mut None);
+        let rows: Vec<f64> = (n..2 * n)
+            .flat_map(|k| {
+                let columns = friction_columns(run.speeds[k], 0.3, 0.2);
+                columns.into_iter().chain([tau[k]])
+            })
+            .collect();
+        let factor = triangular_factor(&rows, N_FRICTION + 1).unwrap();
+        let (fixed, end): (Vec<[f64; N_FRICTION]>, Vec<f64>) = factor
+            .chunks_exact(N_FRICTION + 1)
+            .map(|row| (std::array::from_fn(|c| row[c]), row[N_FRICTION]))
+            .unzip();
+        let run = SearchRun {
+            kept: (0..n).collect(),
+            ..run
+        };
+        let tau = [&tau[..n], &end].concat();
+        let search = FrictionSearch::new(vec![run], &[], tau, 0.0, 3, fixed).unwrap();
         let power = search.power(0.1, 0.05, false, &mut None);
         assert!(
             (power - expected).abs() < 1e-9 * expected,
@@ -372,13 +426,21 @@ mod tests {
             kept: vec![3, 40],
             mirrored: None,
         };
-        assert!(FrictionSearch::new(vec![run.clone()], &[], vec![0.0; 2], 0.0, 3).is_err());
+        assert!(
+            FrictionSearch::new(vec![run.clone()], &[], vec![0.0; 2], 0.0, 3, Vec::new()).is_err()
+        );
         let run = SearchRun {
             kept: vec![3, 4],
             ..run
         };
-        assert!(FrictionSearch::new(vec![run.clone()], &[], vec![0.0; 3], 0.0, 3).is_err());
-        assert!(FrictionSearch::new(vec![run.clone()], &[], vec![0.0; 2], 0.0, 4).is_err());
-        assert!(FrictionSearch::new(vec![run], &[0.0; 3], vec![0.0; 2], 0.0, 3).is_err());
+        assert!(
+            FrictionSearch::new(vec![run.clone()], &[], vec![0.0; 3], 0.0, 3, Vec::new()).is_err()
+        );
+        assert!(
+            FrictionSearch::new(vec![run.clone()], &[], vec![0.0; 2], 0.0, 4, Vec::new()).is_err()
+        );
+        assert!(
+            FrictionSearch::new(vec![run], &[0.0; 3], vec![0.0; 2], 0.0, 3, Vec::new()).is_err()
+        );
     }
 }

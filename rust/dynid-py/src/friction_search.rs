@@ -2,6 +2,7 @@
 
 use std::sync::Mutex;
 
+use dynid_core::effects::N_FRICTION;
 use dynid_offline::friction_search::HighOrders;
 use dynid_offline::{FrictionSearch, SearchRun};
 use numpy::PyArray1;
@@ -27,7 +28,7 @@ pub struct PyFrictionSearch(Mutex<(FrictionSearch, Option<HighOrders>)>);
 #[pymethods]
 impl PyFrictionSearch {
     #[new]
-    #[pyo3(signature = (runs, links, tau, *, weak, n_orders=3))]
+    #[pyo3(signature = (runs, links, tau, *, weak, n_orders=3, fixed=None))]
     fn new(
         py: Python<'_>,
         runs: Vec<RunParts<'_>>,
@@ -35,7 +36,16 @@ impl PyFrictionSearch {
         tau: &Bound<'_, PyAny>,
         weak: f64,
         n_orders: usize,
+        fixed: Option<Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
+        let fixed = match fixed {
+            None => Vec::new(),
+            Some(rows) => arrays::matrix(&rows, "fixed rows", N_FRICTION)?
+                .as_slice()?
+                .as_chunks::<N_FRICTION>()
+                .0
+                .to_vec(),
+        };
         let runs = runs
             .into_iter()
             .map(|(speeds, filter, kept, mirrored)| {
@@ -58,7 +68,7 @@ impl PyFrictionSearch {
         )?;
         let links = links.as_slice()?;
         let search = py
-            .detach(|| FrictionSearch::new(runs, links, tau, weak, n_orders))
+            .detach(|| FrictionSearch::new(runs, links, tau, weak, n_orders, fixed))
             .map_err(errors::offline)?;
         Ok(Self(Mutex::new((search, None))))
     }
