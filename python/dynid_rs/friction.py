@@ -43,7 +43,7 @@ NOISE_WIDTHS = 1.0
 """Least transition width over the velocity's noise: a narrower one turns noise at rest into chatter of full size."""
 CLOSE = 0.1
 """A bracket of the logarithm that is narrower than this need not be narrowed unless that still pays."""
-ROUGH = 1e-3
+ROUGH = 3e-3
 """Relative error of eps that does not matter while valleys are compared: power changes with its square."""
 ZOOM = (0.1, 0.02, 4e-3, 8e-4, 1.6e-4)
 """Half widths of the scans of log lambda on pairs, each a little more than a step of the one before."""
@@ -208,10 +208,11 @@ class FrictionIdentifier(BaseEstimator):  # type: ignore[misc]
         valleys = [(at_best, 0.0)]
         thresholds = self._thresholds(power, width, finer=4)
         for threshold in thresholds:
-            valleys.append((power.at_best_width(threshold, width, ROUGH)[0], threshold))
+            valleys.append((power.near_best_width(threshold, width), threshold))
         value, threshold = min(valleys)
         if threshold == 0:
             return threshold, width, value
+        value = power.at_best_width(threshold, width, ROUGH)[0]
         span = float(np.log(thresholds[1] / thresholds[0]))
         threshold, _ = _golden(lambda x: power.at_best_width(x, width, ROUGH)[0], threshold, value, span, CLOSE / 100)
         value, width = power.at_best_width(threshold, width)
@@ -292,6 +293,15 @@ class _PowerLeft:
         least = self.least_width
         width, value = _golden(lambda x: self(threshold, max(x, least)), width, at_best, span, self._close)
         return max(width, least), value
+
+    def near_best_width(self, threshold: float, width: float) -> float:
+        """Power at this lambda with the best eps near `width`, by a parabola: enough to tell valleys apart."""
+        span = 0.1
+        left, here, right = (self(threshold, float(width * np.exp(x))) for x in (-span, 0.0, span))
+        slope, bend = (right - left) / 2, left - 2 * here + right
+        if bend <= 0 or abs(slope) >= bend:
+            return min(left, here, right)
+        return here - slope**2 / (2 * bend)
 
     def at_best_width(self, threshold: float, width: float, close: float = 1e-6) -> tuple[float, float]:
         """Power at this lambda with the best eps near `width`, and that eps."""

@@ -33,10 +33,34 @@ pub struct SearchRun {
 
 /// Second and third viscous order at one threshold, filtered, links taken out.
 #[derive(Clone, Debug)]
-pub struct HighOrders {
+struct HighOrders {
     threshold: f64,
     all_links: bool,
     columns: Vec<Vec<f64>>,
+}
+
+/// What one call of [`FrictionSearch::power`] leaves for the next: buffers, and columns of the same threshold.
+#[derive(Clone, Debug, Default)]
+pub struct Scratch {
+    high: Option<HighOrders>,
+    half: Buffers<HALF>,
+    whole: Buffers<N_FRICTION>,
+}
+
+/// Samples of N columns, and the filter's own copy of them.
+#[derive(Clone, Debug)]
+struct Buffers<const N: usize> {
+    samples: Vec<[f64; N]>,
+    work: Vec<[f64; N]>,
+}
+
+impl<const N: usize> Default for Buffers<N> {
+    fn default() -> Self {
+        Self {
+            samples: Vec::new(),
+            work: Vec::new(),
+        }
+    }
 }
 
 /// See the module.
@@ -120,33 +144,29 @@ impl FrictionSearch {
     }
 
     /// Sum of squares of the torque that neither links nor friction of shape (lambda, eps) \[rad/s\] explain; with
-    /// `all_links` their weak directions count too. `kept` holds what can be used again at the same lambda, between calls.
-    pub fn power(
-        &self,
-        threshold: f64,
-        width: f64,
-        all_links: bool,
-        kept: &mut Option<HighOrders>,
-    ) -> f64 {
+    /// `all_links` their weak directions count too. `scratch` is of any earlier call of the same search, or new.
+    pub fn power(&self, threshold: f64, width: f64, all_links: bool, scratch: &mut Scratch) -> f64 {
         let usable = |high: &HighOrders| high.threshold == threshold && high.all_links == all_links;
         let low: [Vec<f64>; HALF];
-        if self.n_orders < 2 || kept.as_ref().is_some_and(usable) {
-            low = self.columns(all_links, |speed| {
+        if self.n_orders < 2 || scratch.high.as_ref().is_some_and(usable) {
+            low = self.columns(all_links, &mut scratch.half, |speed| {
                 let columns = friction_columns(speed, threshold, width);
                 std::array::from_fn(|k| columns[k])
             });
         } else {
             let mut both = self
-                .columns::<N_FRICTION>(all_links, |speed| friction_columns(speed, threshold, width))
+                .columns(all_links, &mut scratch.whole, |speed| {
+                    friction_columns(speed, threshold, width)
+                })
                 .into_iter();
             low = std::array::from_fn(|_| both.next().unwrap_or_default());
-            *kept = Some(HighOrders {
+            scratch.high = Some(HighOrders {
                 threshold,
                 all_links,
                 columns: both.collect(),
             });
         }
-        let high = match kept {
+        let high = match &scratch.high {
             Some(high) if self.n_orders > 1 => high.columns.as_slice(),
             _ => &[],
         };
@@ -163,13 +183,15 @@ impl FrictionSearch {
     fn columns<const N: usize>(
         &self,
         all_links: bool,
+        buffers: &mut Buffers<N>,
         at: impl Fn(f64) -> [f64; N],
     ) -> [Vec<f64>; N] {
         let mut rows = Vec::with_capacity(self.n_rows);
-        let mut work = Vec::new();
+        let Buffers { samples, work } = buffers;
         for run in &self.runs {
-            let mut samples: Vec<[f64; N]> = run.speeds.iter().map(|&speed| at(speed)).collect();
-            run.filter.apply(&mut samples, &mut work);
+            samples.clear();
+            samples.extend(run.speeds.iter().map(|&speed| at(speed)));
+            run.filter.apply(samples, work);
             match &run.mirrored {
                 None => rows.extend(run.kept.iter().map(|&k| samples[k])),
                 Some(mirrored) => rows.extend(run.kept.iter().zip(mirrored).map(|(&k, &m)| {
@@ -347,10 +369,10 @@ mod tests {
         let search =
             FrictionSearch::new(vec![run.clone()], &links, tau.clone(), 0.0, 3, Vec::new())
                 .unwrap();
-        let mut kept = None;
+        let mut scratch = Scratch::default();
         for shape in [(0.0, 0.01), (0.0, 0.1), (0.2, 0.1), (0.1, 0.3)] {
             let expected = reference(&run, &links, &tau, shape);
-            let power = search.power(shape.0, shape.1, false, &mut kept);
+            let power = search.power(shape.0, shape.1, false, &mut scratch);
             assert!(
                 (power - expected).abs() < 1e-10 * expected,
                 "{power} {expected}"
@@ -373,7 +395,7 @@ mod tests {
         let search =
             FrictionSearch::new(vec![run.clone()], &[], tau.clone(), 0.0, 3, Vec::new()).unwrap();
         let expected = reference(&run, &[], &tau, (0.1, 0.05));
-        let power = search.power(0.1, 0.05, false, &mut None);
+        let power = search.power(0.1, 0.05, false, &mut Scratch::default());
         assert!(
             (power - expected).abs() < 1e-9 * expected,
             "{power} {expected}"
@@ -393,7 +415,9 @@ mod tests {
         };
         let tau = wave(2 * n, 0.2);
         let all = FrictionSearch::new(vec![run.clone()], &[], tau.clone(), 0.0, 3, Vec::new());
-        let expected = all.unwrap().power(0.1, 0.05, false, &mut None);
+        let expected = all
+            .unwrap()
+            .power(0.1, 0.05, false, &mut Scratch::default());
         let rows: Vec<f64> = (n..2 * n)
             .flat_map(|k| {
                 let columns = friction_columns(run.speeds[k], 0.3, 0.2);
@@ -411,7 +435,7 @@ mod tests {
         };
         let tau = [&tau[..n], &end].concat();
         let search = FrictionSearch::new(vec![run], &[], tau, 0.0, 3, fixed).unwrap();
-        let power = search.power(0.1, 0.05, false, &mut None);
+        let power = search.power(0.1, 0.05, false, &mut Scratch::default());
         assert!(
             (power - expected).abs() < 1e-9 * expected,
             "{power} {expected}"
