@@ -64,3 +64,27 @@ class MuJoCo:
             mujoco.mj_inverse(self.model, data)
             tau[k] = data.qfrc_inverse
         return tau
+
+
+def accepted_by_pinocchio(urdf, n_joints):
+    """Bodies of a URDF (bytes) that Pinocchio finds physical: mass, inertia about the centre, pseudo-inertia."""
+    model = pin.buildModelFromXML(urdf.decode())
+    assert model.nv == n_joints
+    good = 0
+    for inertia in list(model.inertias)[1:]:
+        moments = np.linalg.eigvalsh(inertia.inertia)
+        pseudo = pin.PseudoInertia.FromInertia(inertia).toMatrix()
+        triangle = moments[0] + moments[1] > moments[2]
+        good += inertia.mass > 0 and moments[0] > 0 and triangle and np.linalg.eigvalsh(pseudo)[0] > 0
+    return good
+
+
+def accepted_by_mujoco(urdf):
+    """Moving bodies of a URDF (bytes) after MuJoCo's compiler, which refuses what is not physical, has taken them."""
+    robot = ET.fromstring(urdf)
+    extension = ET.SubElement(robot, "mujoco")
+    ET.SubElement(extension, "compiler", fusestatic="true", discardvisual="true", balanceinertia="false")
+    model = mujoco.MjModel.from_xml_string(ET.tostring(robot, encoding="unicode"))
+    moving = model.body_mass[1:]
+    assert np.all(moving > 0)
+    return len(moving)

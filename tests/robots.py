@@ -45,6 +45,21 @@ def random_chain(seed: int) -> Chain:
     return Chain(ET.tostring(robot, encoding="unicode"), kinds, tuple(gravity.tolist()))
 
 
+def chain(kinds, limits=True):
+    """A URDF chain whose axes and offsets differ from joint to joint."""
+    axes = ("0 0 1", "0 1 0", "1 0 0", "0 0.6 0.8")
+    parts = ['<robot name="chain"><link name="l0"/>']
+    for i, kind in enumerate(kinds, start=1):
+        bounds = '<limit lower="-1" upper="1.5" velocity="1.5" effort="400"/>' if limits else ""
+        parts.append(
+            f'<link name="l{i}"><inertial><origin xyz="0.02 0.01 {0.05 + 0.01 * i}"/><mass value="{9 / i}"/>'
+            '<inertia ixx="0.05" iyy="0.06" izz="0.04" ixy="0.002" ixz="0.001" iyz="0"/></inertial></link>'
+            f'<joint name="j{i}" type="{kind}"><parent link="l{i - 1}"/><child link="l{i}"/>'
+            f'<origin xyz="0.03 0 0.1" rpy="0.2 0 0.1"/><axis xyz="{axes[i % 4]}"/>{bounds}</joint>'
+        )
+    return "".join([*parts, "</robot>"])
+
+
 def add_joint(robot: ET.Element, name: str, kind: str, parent: str, rng: np.random.Generator) -> str:
     """Append a joint and the link behind it; returns the link's name."""
     link = add_link(robot, f"{name}_link", rng)
@@ -95,6 +110,20 @@ def with_inertials(urdf: str, seed: int, *, replace: bool = False) -> str:
             link.remove(inertial)
         if link.find("inertial") is None:
             add_inertial(link, rng)
+    return ET.tostring(robot, encoding="unicode")
+
+
+def with_moved_joint(urdf: str, joint: str, offset: np.ndarray, turn: np.ndarray) -> str:
+    """The same robot with one joint's frame shifted in its parent and then turned by a rotation vector."""
+    robot = ET.fromstring(urdf)
+    element = next(each for each in robot.iter("joint") if each.get("name") == joint)
+    origin = element.find("origin")
+    if origin is None:
+        origin = ET.SubElement(element, "origin")
+    xyz, rpy = ([float(x) for x in origin.get(name, "0 0 0").split()] for name in ("xyz", "rpy"))
+    rotation = Rotation.from_euler("xyz", rpy) * Rotation.from_rotvec(turn)
+    origin.set("xyz", text(np.array(xyz) + offset))
+    origin.set("rpy", text(rotation.as_euler("xyz")))
     return ET.tostring(robot, encoding="unicode")
 
 

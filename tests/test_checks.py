@@ -7,6 +7,7 @@ import pytest
 from run_files import RATE, motion
 
 from dynid_rs.checks import check_recording, moving_joints, refused_sources
+from dynid_rs.findings import joint_words
 from dynid_rs.recording import Recording
 
 N = 1200
@@ -194,7 +195,7 @@ CASES = {
     "motor_dead": (spoil("q_motor", 0, 0.5), "motor_disagrees", "error", "q_motor_0", "does not follow"),
     "motor_copy": (spoil("q_motor", 0, lambda a: a["q"][:, 0]), "motor_copy", "info", "q_motor_0", "one encoder"),
     "motor_offset": (spoil("q_motor", 0, lambda a: a["q"][:, 0] + 0.2), "encoder_offset", "warning", "q_motor_0", r"\+0.2 rad"),
-    "motor_delay": (delay, "encoder_delay", "info", "q_motor_0", "q_0 came 3 ms after q_motor_0"),
+    "motor_delay": (delay, "encoder_delay", "info", "q_motor_0", "q_0 came about 3 ms after q_motor_0"),
     "together": (together, "joints_together", "warning", "q_2", "joints 0, 2 always move together"),
     "small": (small, "small_motion", "info", "q_0", "moves by only 0.16 rad"),
     "crawl": (crawl, "slow_motion", "info", "q_0", "inertia and viscous friction hardly show"),
@@ -334,3 +335,10 @@ def test_checks_survive_any_scale(scale):
 def test_shortest_run_is_checked():
     arrays = {name: values[:20] for name, values in good().items()}
     assert {f.severity for f in check_recording(Recording(**arrays))} <= {"info", "warning"}
+
+
+def test_joints_are_called_once():
+    assert joint_words("elbow") == "joint elbow"
+    assert joint_words("0", "2") == "joints 0, 2"
+    assert joint_words("joint_1") == "joint_1"
+    assert joint_words("elbow_Joint", "wrist") == "elbow_Joint, wrist"

@@ -53,7 +53,7 @@ def test_help_of_every_command(command):
 WRONG_USE = {
     "no such option": (("identify", "--bogus"), "--bogus"),
     "no such command": (("identity",), "identity"),
-    "nothing to do": (("identify", "-o", "out"), "ROBOT.urdf"),
+    "nothing to do": (("identify", "-o", "out"), "ROBOT"),
     "no runs": (("identify", "robot.urdf", "-o", "out"), "RUN"),
     "no output": (("identify", "robot.urdf", "run.csv"), "--output"),
     "no run": (("estimate", "model.json"), "RUN"),

@@ -1,6 +1,7 @@
 """Effects: literal formulas, the catalogue, one road from a fit to the control loop."""
 
 import itertools
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,6 +10,11 @@ from robots import random_chain
 from tolerances import ALGEBRAIC, EXACT
 
 from dynid_rs import _core
+from dynid_rs.assembly import assemble, evaluate
+from dynid_rs.columns import make_plan, observe
+from dynid_rs.links import LinkDynamicsIdentifier
+from dynid_rs.preprocessing import Band, States
+from dynid_rs.results import own_unit
 
 N, N_SAMPLES = 3, 600
 CATALOGUE = {entry["kind"]: entry for entry in _core.effect_catalogue()}
@@ -26,6 +32,23 @@ SHAPES = {
         "b": [0.2, 0.7, 0.5],
         "phase": [0.4, -2.0, 3.0],
         "gas_length": [0.6, 0.9, -0.3],
+    },
+    "load_dependent_friction": {"transition_width": [0.01, 0.02, 0.03]},
+    "position_dependent_friction": {"cycles": [1.0, 2.0, 3.0], "transition_width": [0.01, 0.02, 0.03]},
+    "friction_hysteresis": {"presliding_distance": [0.001, 0.01, 0.1]},
+    "coupled_friction": {
+        "partner": [1.0, 0.0, -1.0],
+        "ratio": [0.5, 2.0, 1.0],
+        "transition_width": [0.01, 0.02, 0.03],
+    },
+    "torque_ripple": {"cycles": [1.0, 57.3, 100.0]},
+    "inertial_coupling": {"partner": [2.0, -1.0, 0.0]},
+    "joint_spring": {"rest_position": [0.0, 0.3, -1.0]},
+    "torque_saturation": {},
+    "thermal_friction": {
+        "time_constant": [0.5, 1.0, 2.0],
+        "reference_speed": [0.0, 0.5, 2.0],
+        "transition_width": [0.01, 0.02, 0.03],
     },
 }
 """One valid shape of every kind, another on every joint."""
@@ -51,25 +74,128 @@ def effect_of(kind):
     return _core.Effect.of(kind, **SHAPES[kind])
 
 
-def per_joint(kind, function):
-    """`function(shape of joint j by name, j)` side by side."""
-    names = list(SHAPES[kind])
-    return np.stack([function({x: SHAPES[kind][x][j] for x in names}, j) for j in range(N)], axis=1)
+def step(speed, width):
+    return np.tanh(speed / width)
 
 
-def stribeck(shape, dq):
-    """Literal: one column per direction."""
-    size = np.tanh(dq / shape["transition_width"]) * np.exp(
-        -((np.abs(dq) / shape["stribeck_velocity"]) ** shape["exponent"])
-    )
-    return np.stack([np.where(dq >= 0, size, 0), np.where(dq < 0, size, 0)], axis=-1)
+def stribeck(p, x):
+    size = step(x.dq_motor, p.transition_width) * np.exp(-((np.abs(x.dq_motor) / p.stribeck_velocity) ** p.exponent))
+    return [np.where(x.dq_motor >= 0, size, 0), np.where(x.dq_motor < 0, size, 0)]
 
 
-def test_stribeck_is_the_formula():
-    q, dq, ddq, q_motor, dq_motor, ddq_motor = signals()
-    dq_motor[:4] = [[0.0] * N, [1e-3] * N, [-1e-3] * N, [5.0] * N]
-    columns = _core.effect_columns(effect_of("stribeck"), q, dq, ddq, q_motor, dq_motor, ddq_motor)
-    assert_allclose(columns, per_joint("stribeck", lambda shape, j: stribeck(shape, dq_motor[:, j])), **ALGEBRAIC)
+def load_dependent_friction(p, x):
+    at_rest = np.abs(x.tau_link) * step(x.dq_motor, p.transition_width)
+    return [at_rest, at_rest * np.abs(x.dq_motor)]
+
+
+def position_dependent_friction(p, x):
+    return [step(x.dq_motor, p.transition_width) * wave(p.cycles * x.q) for wave in (np.cos, np.sin)]
+
+
+def coupled_friction(p, x):
+    both = [x.dq_motor[:, 0] + 0.5 * x.dq_motor[:, 1], x.dq_motor[:, 1] + 2.0 * x.dq_motor[:, 0]]
+    return [np.stack([step(both[0], 0.01), step(both[1], 0.02), 0 * both[0]], axis=1)]
+
+
+def torque_ripple(p, x):
+    return [wave(m * p.cycles * x.q_motor) for m in (1, 2) for wave in (np.cos, np.sin)]
+
+
+def inertial_coupling(p, x):
+    return [x.ddq_motor[:, [2, 1, 0]] * [1, 0, 1]]
+
+
+FORMULAS = {
+    "rotor_inertia": lambda p, x: [x.ddq_motor],
+    "torque_offset": lambda p, x: [np.ones_like(x.q)],
+    "stribeck": stribeck,
+    "load_dependent_friction": load_dependent_friction,
+    "position_dependent_friction": position_dependent_friction,
+    "coupled_friction": coupled_friction,
+    "torque_ripple": torque_ripple,
+    "inertial_coupling": inertial_coupling,
+    "joint_spring": lambda p, x: [x.q - p.rest_position],
+    "torque_saturation": lambda p, x: [x.tau_link**3],
+}
+"""Columns as the documentation prints them; `p` has the shape parameters, `x` the signals."""
+
+
+@pytest.mark.parametrize("kind", FORMULAS)
+def test_columns_are_the_formula(kind):
+    names = ("q", "dq", "ddq", "q_motor", "dq_motor", "ddq_motor")
+    x = SimpleNamespace(**dict(zip(names, signals(), strict=True)))
+    x.dq_motor[:4] = [[0.0] * N, [1e-3] * N, [-1e-3] * N, [5.0] * N]
+    x.tau_link = 3 * np.sin(x.q) - x.ddq
+    p = SimpleNamespace(**{name: np.array(values) for name, values in SHAPES[kind].items()})
+    expected = np.stack(FORMULAS[kind](p, x), axis=-1)
+    columns = _core.effect_columns(effect_of(kind), *(getattr(x, name) for name in names), x.tau_link)
+    assert_allclose(columns, expected, **ALGEBRAIC)
+
+
+def test_every_kind_has_a_formula_here():
+    elsewhere = {"friction", "counterbalance", "friction_hysteresis", "thermal_friction"}
+    assert set(FORMULAS) | elsewhere == set(CATALOGUE)
+
+
+def test_friction_hysteresis_is_dahls_equation():
+    """Against an integrator of dz/dt = v/d (1 - z sign(v)) along the path between the samples."""
+    from scipy.integrate import solve_ivp
+
+    q = signals()[0]
+    columns = _core.effect_columns(effect_of("friction_hysteresis"), q, q, q)[:, :, 0]
+    for j, d in enumerate(SHAPES["friction_hysteresis"]["presliding_distance"]):
+        z = [0.0]
+        for dx in np.diff(q[:80, j]):
+            bent = solve_ivp(
+                lambda _, z, v=dx, d=d: v / d * (1 - z * np.sign(v)), (0, 1), z[-1:], rtol=1e-10, atol=1e-12
+            )
+            z.append(bent.y[0, -1])
+        assert_allclose(columns[:80, j], z, rtol=0, atol=1e-7)
+    assert np.abs(columns).max() <= 1.0
+    assert columns.max() > 0.99
+    assert columns.min() < -0.99
+
+
+def test_hysteresis_depends_on_the_way_only():
+    """Twice as many samples on the same way, and samples that stand still, end in the same place."""
+    way = np.concatenate([np.linspace(0, 0.02, 20), np.linspace(0.02, 0.013, 20)])[:, None] * np.ones(N)
+    fine = np.interp(np.linspace(0, 39, 79), np.arange(40), way[:, 0])[:, None] * np.ones(N)
+    held = np.repeat(way, 3, axis=0)
+    ends = [_core.effect_columns(effect_of("friction_hysteresis"), q, q, q)[-1] for q in (way, fine, held)]
+    assert_allclose(ends[1], ends[0], rtol=1e-12)
+    assert_allclose(ends[2], ends[0], rtol=1e-12)
+    assert np.all(ends[0] < 0.99)
+
+
+def test_thermal_friction_is_a_first_order_warm_up():
+    """At constant speed the warmth is u (1 - exp(-t/T)), u = 1 or |v|/v_r, whatever the step."""
+    shape = SHAPES["thermal_friction"]
+    speed = np.array([0.7, -0.4, 1.5])
+    for dt in (0.001, 0.02):
+        n_samples = round(4 / dt)
+        dq = np.tile(speed, (n_samples, 1))
+        columns = _core.effect_columns(effect_of("thermal_friction"), 0 * dq, dq, 0 * dq, step=dt)
+        t = dt * np.arange(n_samples)[:, None]
+        source = np.array([1.0, 0.4 / 0.5, 1.5 / 2.0])
+        warmth = source * (1 - np.exp(-t / np.array(shape["time_constant"])))
+        assert_allclose(columns[:, :, 0], warmth * step(speed, np.array(shape["transition_width"])), **ALGEBRAIC)
+        assert_allclose(columns[:, :, 1], warmth * speed, **ALGEBRAIC)
+
+
+def test_what_an_effect_needs_must_be_there():
+    q = np.zeros((10, N))
+    with pytest.raises(ValueError, match="torque_saturation needs tau_link"):
+        _core.effect_columns(effect_of("torque_saturation"), q, q, q)
+    with pytest.raises(ValueError, match="thermal_friction needs step"):
+        _core.effect_torque(effect_of("thermal_friction"), np.zeros((N, 2)), q, q, q)
+    with pytest.raises(ValueError, match="tau_link has 9 samples"):
+        _core.effect_columns(effect_of("torque_saturation"), q, q, q, tau_link=q[1:])
+    with pytest.raises(ValueError, match="step"):
+        _core.effect_columns(effect_of("thermal_friction"), q, q, q, step=0.0)
+    with pytest.raises(ValueError, match="load_dependent_friction needs tau_link"):
+        _core.observe(three_joints(), [effect_of("load_dependent_friction")], [], q, q, q, q, q, q, q, kept=[0])
+    with pytest.raises(ValueError, match="thermal_friction changes with time"):
+        model_of(["thermal_friction"])
 
 
 def kuka_quantec(q):
@@ -110,7 +236,9 @@ def test_counterbalance_is_the_work_of_its_gas():
         return -np.log(gas)
 
     step = 1e-30
-    expected = per_joint("counterbalance", lambda shape, j: energy(shape, q[:, j] + 1j * step).imag / step)
+    values = SHAPES["counterbalance"]
+    shapes = [{name: values[name][j] for name in values} for j in range(N)]
+    expected = np.stack([energy(shape, q[:, j] + 1j * step).imag / step for j, shape in enumerate(shapes)], axis=1)
     assert_allclose(columns, expected, **ALGEBRAIC)
     doubled = {name: [2 * x if name != "phase" else x for x in v] for name, v in SHAPES["counterbalance"].items()}
     again = _core.effect_columns(_core.Effect.of("counterbalance", **doubled), q, q, q)
@@ -128,6 +256,8 @@ def test_every_kind_is_in_the_catalogue_and_tested():
         assert all(c["lower"] < c["upper"] for c in entry["coefficients"])
         units = [x["unit"].format(torque="N*m", angle="rad") for x in (*entry["coefficients"], *entry["shape"])]
         assert not any("{" in unit for unit in units)
+        assert effect.signals == entry["signals"]
+        assert effect.has_memory == entry["memory"] == (kind in {"friction_hysteresis", "thermal_friction"})
         assert entry["declared"] == (kind in {"rotor_inertia", "torque_offset", "friction"})
 
 
@@ -136,7 +266,7 @@ def test_a_search_can_begin(kind):
     """Most combinations of the grid make an effect; every parameter has values."""
     entry = CATALOGUE[kind]
     names = [s["name"] for s in entry["shape"]]
-    grids = [s["grid"] for s in entry["shape"]]
+    grids = [range(-1, 0) if s["name"] == "partner" else s["grid"] for s in entry["shape"]]
     assert all(len(grid) > 0 for grid in grids)
     made, refused = 0, []
     for values in itertools.product(*grids):
@@ -169,6 +299,9 @@ def test_a_search_can_begin(kind):
             {"stribeck_velocity": [np.nan], "exponent": [1], "transition_width": [1]},
             ["stribeck_velocity", "finite"],
         ),
+        ("inertial_coupling", {"partner": [1, 1]}, ["partner of joint 1", "another joint"]),
+        ("inertial_coupling", {"partner": [0.5, 0]}, ["partner of joint 0", "-1 for none"]),
+        ("inertial_coupling", {"partner": [2, 0]}, ["partner of joint 0"]),
         ("counterbalance", {"a": [1], "b": [1], "phase": [0], "gas_length": [3]}, ["joint 0", "different a and b"]),
         ("counterbalance", {"a": [1], "b": [2], "phase": [0], "gas_length": [2]}, ["gas_length above the stroke"]),
     ],
@@ -238,8 +371,6 @@ def test_all_effects_sum_and_survive_the_file(tmp_path):
 def test_rows_of_the_fit_are_the_filtered_columns(kind):
     from scipy.signal import sosfiltfilt
 
-    from dynid_rs.preprocessing import Band
-
     robot = three_joints()
     run = signals(4)
     tau_link = robot.inverse_dynamics(*run[:3], robot.phi)
@@ -251,3 +382,101 @@ def test_rows_of_the_fit_are_the_filtered_columns(kind):
     filtered = sosfiltfilt(band[0], columns, axis=0, padlen=band[2])[kept]
     for j in range(N):
         assert_allclose(rows[j][:, :-1], filtered[:, j], rtol=1e-9, atol=1e-9 * np.abs(columns).max())
+
+
+def test_a_plan_knows_what_can_be_told_apart():
+    """The same spring twice, a spring that the offset shifts, and effects that are new."""
+    robot = three_joints()
+    spring = effect_of("joint_spring")
+    shifted = _core.Effect.of("joint_spring", rest_position=[1.0] * N)
+    friction = effect_of("friction")
+    declared = [_core.Effect.rotor_inertia(), _core.Effect.torque_offset(), friction]
+    new = [effect_of(kind) for kind in CATALOGUE if not CATALOGUE[kind]["declared"] and kind != "joint_spring"]
+    plain = make_plan(robot, declared)
+    plan = make_plan(robot, [*declared, spring, spring, shifted, *new])
+    assert_array_equal(plan.own[:, : plain.n_own], plain.own)
+    assert plan.absorbed.keys() >= plain.absorbed.keys()
+    edges = plain.n_own + np.arange(4)
+    assert plan.own[:, edges[0]].all()
+    assert not plan.own[:, edges[1]].any()
+    assert not plan.own[plan.own[:, 1], edges[2]].any()
+    names = [name for effect in plan.effects for name in effect.coefficient_names]
+    for at in range(edges[3], plan.n_own):
+        told = {
+            "coupled_friction": [1, 1, 0],  # no partner
+            "inertial_coupling": [1, 0, 0],  # no partner; as joint 0's, with its link and both rotors
+            "ripple_cos1": [0, 1, 1],  # once per turn of the first joint is its gravity
+            "ripple_sin1": [0, 1, 1],
+        }.get(names[at], [1, 1, 1])
+        assert_array_equal(plan.own[:, at], np.array(told, dtype=bool), err_msg=names[at])
+    assert plan.friction == (plan.effects[2], slice(2, 10))
+
+
+def test_a_plan_may_hold_an_effect_to_some_joints():
+    effects = [_core.Effect.torque_offset(), effect_of("counterbalance"), effect_of("friction_hysteresis")]
+    plan = make_plan(three_joints(), effects, acts_on={1: [1], 2: []})
+    assert_array_equal(plan.own[:, 1:], [[False, False], [True, False], [False, False]])
+
+
+def test_units_of_every_coefficient():
+    expected = {"warm_viscous": "A*s/rad", "saturation": "1/(A)^2", "load_friction": "1", "hysteresis": "A"}
+    assert {name: own_unit(name, "A", "revolute") for name in expected} == expected
+    assert own_unit("rotor_inertia", "N*m", "revolute") == "kg*m^2"
+    assert own_unit("viscous3_neg", "N*m", "prismatic") == "N*(s/m)^3"
+    assert own_unit("spring_stiffness", "N*m", "revolute") == "N*m/rad"
+    for entry in CATALOGUE.values():
+        assert all(own_unit(c["name"], "N*m", "prismatic") for c in entry["coefficients"])
+
+
+def rich_run(model, seed, n_samples=6000, rate=250.0):
+    """States of a run of many harmonics with the torque of `model`, without noise."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(n_samples) / rate
+    rates = 2 * np.pi * 0.05 * np.arange(1, 9)[:, None, None]
+    phase, size = (
+        rng.uniform(0, 6, (8, 1, N)),
+        rng.uniform(0.1, 0.5, (8, 1, N)) / np.sqrt(np.arange(1, 9))[:, None, None],
+    )
+    angle = rates * t[:, None] + phase
+    q, dq = (size * np.sin(angle)).sum(axis=0), (size * rates * np.cos(angle)).sum(axis=0)
+    ddq = -(size * rates**2 * np.sin(angle)).sum(axis=0)
+    tau = model.evaluate(q, dq, ddq)[0]
+    every = np.ones(n_samples, dtype=bool)
+    return States(f"run_{seed}", t, q, dq, ddq, q, dq, ddq, tau, rate, Band(10.0), every, two_encoders=False)
+
+
+def test_a_fit_recovers_what_the_estimator_adds():
+    """Torque by the online code, columns by the rows of the fit, memory and load included: exact without noise."""
+    rng = np.random.default_rng(11)
+    robot = three_joints()
+    cylinder = {"a": [0.8] * N, "b": [0.2] * N, "phase": [0.4] * N, "gas_length": [0.6] * N}
+    effects = [
+        _core.Effect.rotor_inertia(),
+        _core.Effect.torque_offset(),
+        effect_of("friction"),
+        effect_of("stribeck"),
+        effect_of("load_dependent_friction"),
+        effect_of("friction_hysteresis"),
+        effect_of("coupled_friction"),
+        _core.Effect.of("counterbalance", **cylinder),
+        effect_of("thermal_friction"),
+    ]
+    acts_on = {7: [1]}
+    plan = make_plan(robot, effects, acts_on=acts_on)
+    own = np.where(plan.own, rng.uniform(0.5, 3.0, plan.own.shape), 0.0)
+    edges = np.cumsum([0, *(effect.n_columns for effect in effects)])
+    terms = [(effect, own[:, first:last]) for effect, first, last in zip(effects, edges, edges[1:], strict=False)]
+    boxes = {"encoder_delay": [0.0] * N, "noise_std": [0.1] * N, "domain": ([[-9, 9]] * N, [99] * N, [999] * N)}
+    truth = _core.TorqueModel(robot, robot.phi, terms, **boxes, step=1 / 250.0)
+    runs = [rich_run(truth, seed) for seed in (1, 2)]
+    tau_link = [robot.inverse_dynamics(states.q, states.dq, states.ddq, robot.phi) for states in runs]
+    with pytest.raises(ValueError, match="load_dependent_friction needs tau_link"):
+        observe(plan, runs)
+    observations = observe(plan, runs, tau_link=tau_link)
+    links = LinkDynamicsIdentifier(ridge=0.0).fit(observations)
+    assert_allclose(links.own_, own, rtol=0, atol=1e-5)
+    model = assemble(plan, links, links.own_, runs, encoder_delay=np.zeros(N), torque_unit="N*m")
+    assert model.step == 1 / 250.0
+    assert model.term_names[1:] == [effect.kind for effect in effects]
+    test_run = rich_run(truth, 3)
+    assert_allclose(evaluate(model, test_run)[0], test_run.tau, rtol=0, atol=1e-5)

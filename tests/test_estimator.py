@@ -1,15 +1,13 @@
 """Two doors, one model: `TorqueModel.evaluate` in Python and `dynid-estimator` give the same bits."""
 
 import json
-import os
-import shutil
 import subprocess
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
+from binaries import find_estimator
 from robots import random_chain
 
 from dynid_rs import _core
@@ -25,17 +23,7 @@ States = dict[str, np.ndarray]
 
 @pytest.fixture(scope="session")
 def estimator() -> Path:
-    """The binary: named in DYNID_ESTIMATOR, installed beside this Python, or built by cargo."""
-    name = "dynid-estimator"
-    if named := os.environ.get("DYNID_ESTIMATOR"):
-        assert Path(named).is_file(), f"DYNID_ESTIMATOR names {named}, which is not there; name the built binary"
-        return Path(named)
-    if installed := shutil.which(name, path=str(Path(sys.executable).parent)):
-        return Path(installed)
-    release = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target")) / "release"
-    built = shutil.which(name, path=str(release))
-    assert built, f"no {name} in {release}; build it: cargo build --release -p dynid-estimator"
-    return Path(built)
+    return find_estimator()
 
 
 @dataclass(frozen=True)
@@ -115,6 +103,12 @@ def mixture(rng: np.random.Generator, scale: tuple[float, float]) -> _core.Gauss
     )
 
 
+def rbf(rng: np.random.Generator, scale: tuple[float, float]) -> _core.NormalisedRbf:
+    """Eight centres over inputs of about this size."""
+    size = np.array(scale)
+    return _core.NormalisedRbf(rng.normal(size=(8, 2)) * size, 4 / size**2, rng.normal(size=8), rng.uniform(0.1, 1, 8))
+
+
 def random_model(robot: _core.RobotModel, inputs: str | None, *, delayed: bool, seed: int) -> _core.TorqueModel:
     """Every effect there is, random sizes; `inputs` of the residual, or None without one."""
     rng = np.random.default_rng(seed)
@@ -122,8 +116,8 @@ def random_model(robot: _core.RobotModel, inputs: str | None, *, delayed: bool, 
     friction = _core.Effect.friction(rng.uniform(0, 0.1, n).tolist(), rng.uniform(1e-3, 0.05, n).tolist())
     residual = None
     if inputs is not None:
-        scale = (2e-3, 2e-2) if inputs == "deflection" else (2.0, 1.5)
-        joints = [None if j == 1 else mixture(rng, scale) for j in range(n)]
+        scale = (2.0, 1.5) if inputs == "joint_state" else (2e-3, 2e-2)
+        joints = [None if j == 1 else (rbf if j == 2 else mixture)(rng, scale) for j in range(n)]
         residual = (inputs, joints)
     return _core.TorqueModel(
         robot,
@@ -134,6 +128,7 @@ def random_model(robot: _core.RobotModel, inputs: str | None, *, delayed: bool, 
             (friction, rng.normal(size=(n, 8)) * 5),
         ],
         residual=residual,
+        compliance=rng.uniform(0, 1e-5, n).tolist() if inputs == "load_free_deflection" else None,
         torque_scale=rng.uniform(0.5, 2, n).tolist(),
         encoder_delay=(rng.uniform(1e-3, 4e-3, n) if delayed else np.zeros(n)).tolist(),
         noise_std=rng.uniform(0.1, 1, n).tolist(),
@@ -166,6 +161,7 @@ CASES = {
     "two encoders": ((*LINK_SIDE, *MOTOR_SIDE), "deflection", False),
     "two encoders, delayed": ((*LINK_SIDE, *MOTOR_SIDE), "deflection", True),
     "two encoders, positions and speeds": ((*LINK_SIDE, "q_motor", "dq_motor"), "deflection", True),
+    "two encoders, load-free": ((*LINK_SIDE, *MOTOR_SIDE), "load_free_deflection", True),
     "two encoders, positions": ((*LINK_SIDE, "q_motor"), "joint_state", True),
 }
 
@@ -224,3 +220,53 @@ def test_a_number_that_is_none_repeats_the_last_good_torque(estimator, tmp_path,
         assert_same_bits(answers.total, total)
         assert_same_bits(answers.terms, terms)
         np.testing.assert_array_equal(answers.status, status)
+
+
+def test_effects_that_remember_give_the_bits_of_python(estimator, tmp_path):
+    """Hysteresis and warm-up: the same history, the same bits; a NaN leaves no trace; `--step` is `evaluate`'s step."""
+    n, robot = 6, ROBOTS["six_axis"]()
+    rng = np.random.default_rng(5)
+    effects = [
+        _core.Effect.of("friction_hysteresis", presliding_distance=[0.02] * n),
+        _core.Effect.of(
+            "thermal_friction", time_constant=[0.3] * n, reference_speed=[0.0, 1.0] * 3, transition_width=[0.01] * n
+        ),
+        _core.Effect.of("load_dependent_friction", transition_width=[0.01] * n),
+        _core.Effect.of("friction_hysteresis", presliding_distance=[0.2] * n),
+    ]
+    model = _core.TorqueModel(
+        robot,
+        robot.phi,
+        [(effect, rng.normal(size=(n, effect.n_columns))) for effect in effects],
+        encoder_delay=[0.0] * n,
+        noise_std=[0.1] * n,
+        domain=([[-9, 9]] * n, [99] * n, [999] * n),
+        step=0.004,
+    )
+    path = tmp_path / "model.json"
+    model.save(path)
+    t = 0.004 * np.arange(N_STATES)[:, None]
+    angle = rng.uniform(1, 9, n) * t + rng.uniform(0, 6, n)
+    states = {"q": np.sin(angle), "dq": np.cos(angle), "ddq": -np.sin(angle)}
+    total, terms, _ = model.evaluate(**states)
+    names = model.term_names
+    assert names[-1] == "friction_hysteresis2"
+    answers = from_csv(run(estimator, path, csv_text(states)), names, n)
+    assert_same_bits(answers.total, total)
+    assert_same_bits(answers.terms, terms)
+
+    spoiled = {signal: np.insert(values, 100, np.nan, axis=0) for signal, values in states.items()}
+    answers = from_csv(run(estimator, path, csv_text(spoiled)), names, n)
+    assert answers.status[100] == 1
+    assert_same_bits(np.delete(answers.terms, 100, axis=0), terms)
+
+    slower = model.evaluate(**states, step=0.01)[0]
+    assert not np.array_equal(slower, total)
+    assert_same_bits(from_csv(run(estimator, path, csv_text(states), "--step", "0.01"), names, n).total, slower)
+
+    for apart, options, said in ((0.004, (), False), (0.01, (), True), (0.01, ("--step", "0.01"), False)):
+        timed = {"t": apart * np.arange(N_STATES), **states}
+        done = subprocess.run(
+            [estimator, path, *options], input=csv_text(timed), capture_output=True, text=True, timeout=60, check=True
+        )
+        assert ("give --step" in done.stderr) == said

@@ -152,7 +152,7 @@ def test_two_encoders_three_loops(robot, flexible_runs):
     *train, test = flexible_runs
     identifier = ThreeLoopIdentifier(robot).fit(train)
     assert_allclose(identifier.encoder_delay_.value, 2.8e-3, atol=0.1e-3)
-    assert identifier.residual_.inputs_ == "deflection"
+    assert identifier.residual_.inputs_ == "load_free_deflection"
     assert identifier.residual_.kept.any()
     states = [identifier.states(test)]
     errors = {

@@ -81,7 +81,7 @@ def test_result_follows_its_schema(encoders):
     assert result["joints"] == list(JOINTS)
     assert_follows_joints(result, len(JOINTS))
     assert (result["encoder_delay"] is None) == (encoders == 1)
-    assert result["residual"]["inputs"] == ("joint_state" if encoders == 1 else "deflection")
+    assert result["residual"]["inputs"] == ("joint_state" if encoders == 1 else "load_free_deflection")
     assert result["data"]["train"] == ["run_0.parquet", "run_1.parquet"]
     assert result["data"]["test"] == ["run_2.parquet"]
     assert result["data"]["n_samples"] == {"train": 3202, "test": 1601}
@@ -322,6 +322,9 @@ def test_currents_without_and_with_drive_gains(tmp_path):
     assert newton["torque_unit"] == "N*m"
     std = np.array(newton["rmse"]["test"]["torque_std"])
     np.testing.assert_allclose(std / ampere["rmse"]["test"]["torque_std"], [20, 15, 6], **ALGEBRAIC)
+    _, same = identify(tmp_path, *paths, "--drive-gain", "20")
+    std = np.array(same["rmse"]["test"]["torque_std"])
+    np.testing.assert_allclose(std / ampere["rmse"]["test"]["torque_std"], [20, 20, 20], **ALGEBRAIC)
 
 
 def test_full_covariance_and_a_band_of_ones_own(tmp_path):
@@ -394,3 +397,13 @@ def test_results_replace_older_ones_and_nothing_else(tmp_path):
     assert sorted(path.name for path in output.iterdir()) == sorted([*FILES, "notes.txt"])
     assert (output / "notes.txt").read_text() == "mine"
     assert json.loads((output / "result.json").read_text())["format"] == "dynid-result"
+
+
+def test_one_delay_reaches_the_user():
+    result = study(2).result
+    (finding,) = (f for f in result["data"]["findings"] if f["code"] == "encoder_delay")
+    delay = result["encoder_delay"]
+    measured = sorted(value for value, known in zip(delay["value"], delay["measured"], strict=True) if known)
+    assert finding["value"] == np.median(measured)
+    assert f"{1e3 * measured[0]:.2f}" in finding["message"]
+    assert "fitted beside the gears' yielding" in finding["message"]

@@ -93,7 +93,7 @@ def test_one_unreadable_file_among_others(tmp_path, good, bad):
 
 
 def test_json(tmp_path, good, bad):
-    columns = valid_columns(n_samples=1000) | {f"qref_{j}": np.zeros(1000) for j in range(3)}
+    columns = valid_columns(n_samples=1000) | {f"current_target_{j}": np.zeros(1000) for j in range(3)}
     other = write_npz(tmp_path / "amps.npz", renamed(columns, tau="current"))
     answer = json.loads(run("--json", good, other).stdout)
     assert (answer["format"], answer["version"], answer["ok"]) == ("dynid-inspect", 1, True)
@@ -104,7 +104,7 @@ def test_json(tmp_path, good, bad):
     assert first["columns"]["q"] == ["q_0", "q_1", "q_2"]
     assert first["joints"][1]["q"] == pytest.approx([-0.8, 0.8], abs=1e-3)
     assert second["torque_unit"] == "A"
-    assert second["columns"]["ignored"] == ["qref_0", "qref_1", "qref_2"]
+    assert second["columns"]["ignored"] == ["current_target_0", "current_target_1", "current_target_2"]
     answer = json.loads(run("--json", bad).stdout)
     assert not answer["ok"]
     finding = answer["runs"][0]["findings"][0]

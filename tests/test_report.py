@@ -150,8 +150,7 @@ def make_result(n_joints: int, seed: int = 0) -> dict[str, Any]:
             for k in range(1, 6)
         ],
         "loops": {
-            kind: {"wls": wls.tolist(), "friction": wls.tolist(), "links": after.tolist(), "residual": after.tolist()}
-            for kind in ("train", "test")
+            "test": {"wls": wls.tolist(), "friction": wls.tolist(), "links": after.tolist(), "residual": after.tolist()}
         },
         "converged": True,
         "n_iter": 5,
@@ -635,7 +634,7 @@ BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "
 def test_browser_draws_every_plot(folder: Path, tmp_path: Path, hostile: bool) -> None:
     if hostile:
         text = (folder / "result.json").read_text(encoding="utf-8")
-        name = json.dumps("<img src=x onerror=alert(1)>@0/t</script>")[1:-1]
+        name = json.dumps("<img src=x onerror=alert(1)>@0/t</script>\"'&")[1:-1]
         (folder / "result.json").write_text(text.replace("joint_0", name), encoding="utf-8")
     path = write_report(folder)
     options = ["--headless=new", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path / 'browser'}"]
@@ -645,6 +644,7 @@ def test_browser_draws_every_plot(folder: Path, tmp_path: Path, hostile: bool) -
     assert "CONSOLE" not in run.stderr
     assert 'data-plots="drawn"' in run.stdout
     assert "<img" not in run.stdout
+    assert not re.search(r"&amp;(quot|amp|lt|#)", "".join(re.findall(r"<text[^>]*>(.*?)</text>", run.stdout, re.S)))
     for j in range(2):
         drawn = re.search(rf'data-figure="time-{j}".*?data-figure="', run.stdout, re.S)
         assert drawn

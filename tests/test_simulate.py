@@ -9,13 +9,14 @@ import typer
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
+from robots import chain
 from scipy.integrate import cumulative_simpson, solve_ivp
 from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize_scalar
 from typer.testing import CliRunner
 
 from dynid_rs import _core
-from dynid_rs.commands.simulate import EFFECTS
+from dynid_rs.commands.simulate import ALWAYS
 from dynid_rs.commands.simulate import simulate as command
 from dynid_rs.readers import read_recording
 from dynid_rs.simulation import (
@@ -347,21 +348,6 @@ def test_same_seed_same_numbers_and_runs_do_not_depend_on_their_number(robot):
     assert not np.array_equal(first.recordings[0].q, other.recordings[0].q)
 
 
-def chain(kinds, limits=True):
-    """A URDF chain whose axes and offsets differ from joint to joint."""
-    axes = ("0 0 1", "0 1 0", "1 0 0", "0 0.6 0.8")
-    parts = ['<robot name="chain"><link name="l0"/>']
-    for i, kind in enumerate(kinds, start=1):
-        bounds = '<limit lower="-1" upper="1.5" velocity="1.5" effort="400"/>' if limits else ""
-        parts.append(
-            f'<link name="l{i}"><inertial><origin xyz="0.02 0.01 {0.05 + 0.01 * i}"/><mass value="{9 / i}"/>'
-            '<inertia ixx="0.05" iyy="0.06" izz="0.04" ixy="0.002" ixz="0.001" iyz="0"/></inertial></link>'
-            f'<joint name="j{i}" type="{kind}"><parent link="l{i - 1}"/><child link="l{i}"/>'
-            f'<origin xyz="0.03 0 0.1" rpy="0.2 0 0.1"/><axis xyz="{axes[i % 4]}"/>{bounds}</joint>'
-        )
-    return "".join([*parts, "</robot>"])
-
-
 @pytest.mark.parametrize("limits", [True, False])
 @pytest.mark.parametrize(
     "kinds",
@@ -460,7 +446,7 @@ def test_rigid_and_noiseless_command_adds_derivatives(run_command, tmp_path):
 
 
 def test_effects_are_switched_on_one_by_one(run_command, tmp_path):
-    for kind in EFFECTS:
+    for kind in ALWAYS:
         folder = tmp_path / kind
         assert run_command("-o", folder, "--runs", 1, "--duration", 5, "--effect", kind).exit_code == 0
         parameters = json.loads((folder / "truth.json").read_text())["arm"]["parameters"]
@@ -471,7 +457,7 @@ def test_effects_are_switched_on_one_by_one(run_command, tmp_path):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["--effect", "stribeck"], "effect 'stribeck' cannot be simulated; this release has"),
+        (["--effect", "gremlins"], "effect 'gremlins' cannot be simulated; there are joint_elasticity, "),
         (["--stiffness", "-3e5"], "--stiffness must be positive"),
         (["--stiffness", "nan"], "--stiffness must be positive"),
         (["--stiffness", "1e5,2e5"], "--stiffness has 2 numbers, expected 1 or 6"),

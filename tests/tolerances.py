@@ -10,8 +10,12 @@ COMPLEX_STEP = {"rtol": 1e-9, "atol": 1e-9}
 """A derivative without cancellation."""
 FINITE_DIFFERENCE = {"rtol": 1e-5, "atol": 1e-6}
 """A derivative by differences."""
+CENTRAL_DIFFERENCE = {"rtol": 2e-6, "atol": 1e-9}
+"""A central difference with a step of 1e-6 on functions of order one."""
 PINOCCHIO = 1e-12
 """Same mathematics in double precision, relative to the largest magnitude of the sample."""
+LAST_DIGITS = 1e-14
+"""The same robot written in another format, relative to the largest torque of the joint."""
 MUJOCO = 1e-9
 """The same, through an engine that turns inertias into principal axes and back."""
 

@@ -7,23 +7,41 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from dynid_rs._core import BaseParameters, Effect, FormatError, RobotModel, TorqueModel, UrdfError, __version__
-from dynid_rs.errors import DataError, RankDeficientError
+from dynid_rs._core import (
+    BaseParameters,
+    Effect,
+    FormatError,
+    MdhError,
+    PhysicalSet,
+    RobotModel,
+    TorqueModel,
+    UrdfError,
+    __version__,
+)
+from dynid_rs.errors import DataError, MissingLibraryError, RankDeficientError
 from dynid_rs.recording import Recording
 
 if TYPE_CHECKING:
+    from dynid_rs.excitation import FourierExcitation
     from dynid_rs.friction import FrictionIdentifier
     from dynid_rs.identification import ThreeLoopIdentifier
+    from dynid_rs.instruments import InstrumentalVariables
     from dynid_rs.links import LinkDynamicsIdentifier
     from dynid_rs.mixture import GaussianMixtureRegressor
+    from dynid_rs.physical import PhysicalIdentifier
+    from dynid_rs.rbf import RbfRegressor
     from dynid_rs.readers import read_recording
     from dynid_rs.residual import ResidualCompensator
 
 # scikit-learn takes a second to import; nobody who only evaluates a model should wait for it.
 _LATE = {
+    "FourierExcitation": "excitation",
     "FrictionIdentifier": "friction",
     "GaussianMixtureRegressor": "mixture",
+    "InstrumentalVariables": "instruments",
     "LinkDynamicsIdentifier": "links",
+    "PhysicalIdentifier": "physical",
+    "RbfRegressor": "rbf",
     "ResidualCompensator": "residual",
     "ThreeLoopIdentifier": "identification",
     "read_recording": "readers",
@@ -34,10 +52,17 @@ __all__ = [
     "DataError",
     "Effect",
     "FormatError",
+    "FourierExcitation",
     "FrictionIdentifier",
     "GaussianMixtureRegressor",
+    "InstrumentalVariables",
     "LinkDynamicsIdentifier",
+    "MdhError",
+    "MissingLibraryError",
+    "PhysicalIdentifier",
+    "PhysicalSet",
     "RankDeficientError",
+    "RbfRegressor",
     "Recording",
     "ResidualCompensator",
     "RobotModel",

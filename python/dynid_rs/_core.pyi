@@ -22,7 +22,9 @@ from numpy.typing import ArrayLike, NDArray
 _FloatArray: TypeAlias = NDArray[np.float64]
 _Filter: TypeAlias = tuple[_FloatArray, _FloatArray, int]
 """`scipy.signal.butter(output="sos")` (n, 6), its `scipy.signal.sosfilt_zi` (n, 2), samples of padding."""
-_Mixtures: TypeAlias = Sequence[GaussianMixtureRegression | None]
+_Motion: TypeAlias = tuple[_FloatArray, _FloatArray, _FloatArray]
+"""Something for q, dq and ddq, (n_samples, n_joints) each."""
+_Regression: TypeAlias = GaussianMixtureRegression | NormalisedRbf
 _Box: TypeAlias = tuple[Sequence[Sequence[float]], Sequence[float], Sequence[float]]
 
 __all__ = [
@@ -30,9 +32,13 @@ __all__ = [
     "LINK_PARAMETER_NAMES",
     "BaseParameters",
     "Effect",
+    "Excitation",
     "FormatError",
     "FrictionSearch",
     "GaussianMixtureRegression",
+    "MdhError",
+    "NormalisedRbf",
+    "PhysicalSet",
     "RobotModel",
     "TorqueModel",
     "UrdfError",
@@ -43,10 +49,16 @@ __all__ = [
     "effect_torque",
     "filtered_friction_basis",
     "friction_basis",
+    "inverse_dynamics_gradient",
     "merge_factors",
     "observe",
+    "phi_from_pseudo_inertia",
+    "point_gradient",
+    "point_places",
+    "pseudo_inertia",
     "residual_inputs",
     "triangular_factor",
+    "urdf_with_physical",
 ]
 
 __version__: Final[str]
@@ -57,6 +69,9 @@ FRICTION_NAMES: Final[list[str]]
 
 class UrdfError(ValueError):
     """A robot file that is broken, hostile or not a serial chain; names file, line, column and element."""
+
+class MdhError(ValueError):
+    """A `robot.toml` that is broken, hostile or no table of joints; names file, line, column and key."""
 
 class FormatError(ValueError):
     """A model file that is not one, or was cut or changed."""
@@ -107,6 +122,61 @@ class RobotModel:
     ) -> RobotModel:
         """As `from_urdf`, from the text itself; `source_name` stands for the file in errors."""
 
+    @staticmethod
+    def from_mdh(
+        path: str | PathLike[str],
+        *,
+        gravity: Sequence[float] | None = None,
+        rotor_inertia: Sequence[float] | None = None,
+    ) -> RobotModel:
+        """Read a robot from a table of modified Denavit-Hartenberg rows, `robot.toml`.
+
+        `T(i-1 -> i) = Rx(alpha) Tx(a) Rz(theta) Tz(d)`, the paper's convention; docs/robot_toml.md describes the file.
+
+        Parameters
+        ----------
+        path : str or path-like
+            The file.
+        gravity : (3,), optional
+            Acceleration of free fall in the base frame [m/s²]; the file's, or else (0, 0, -9.81), by default.
+        rotor_inertia : (n_joints,), optional
+            Reflected to the link side [kg·m²]; instead of what the file declares.
+
+        Raises
+        ------
+        MdhError
+            The file is broken, hostile or holds a key or a value that is not expected.
+        OSError
+            It cannot be read.
+        """
+
+    @staticmethod
+    def from_mdh_string(
+        text: str,
+        *,
+        source_name: str = "<string>",
+        gravity: Sequence[float] | None = None,
+        rotor_inertia: Sequence[float] | None = None,
+    ) -> RobotModel:
+        """As `from_mdh`, from the text itself; `source_name` stands for the file in errors."""
+
+    @staticmethod
+    def from_file(
+        path: str | PathLike[str],
+        *,
+        base: str | None = None,
+        tip: str | None = None,
+        gravity: Sequence[float] | None = None,
+        rotor_inertia: Sequence[float] | None = None,
+    ) -> RobotModel:
+        """Read a robot by the suffix of its file: `from_mdh` for `.toml`, `from_urdf` for everything else.
+
+        Raises
+        ------
+        ValueError
+            `base` or `tip` with a `.toml`, which is one chain; and whatever the two raise.
+        """
+
     @property
     def name(self) -> str:
         """Name in the robot file."""
@@ -144,6 +214,10 @@ class RobotModel:
         """Declared rotor inertia, reflected to the link side (n_joints,) [kg·m², kg]."""
 
     @property
+    def gear_ratio(self) -> _FloatArray:
+        """Motor turns per joint turn (n_joints,); NaN where the file declares none."""
+
+    @property
     def lower(self) -> _FloatArray:
         """Least positions (n_joints,) [rad, m]; minus infinity where the file gives none."""
 
@@ -156,6 +230,10 @@ class RobotModel:
         """Greatest speeds (n_joints,) [rad/s, m/s]."""
 
     @property
+    def acceleration_limits(self) -> _FloatArray:
+        """Greatest accelerations (n_joints,) [rad/s², m/s²]; infinite where the file gives none."""
+
+    @property
     def effort_limits(self) -> _FloatArray:
         """Greatest torques (n_joints,) [N·m, N]."""
 
@@ -166,6 +244,24 @@ class RobotModel:
         ------
         ValueError
             A component is not finite.
+        """
+
+    def with_joint_moved(self, joint: int, offset: Sequence[float], rotation_vector: Sequence[float]) -> RobotModel:
+        """Return the same robot with one joint frame elsewhere.
+
+        Parameters
+        ----------
+        joint : int
+            Which one, from 0.
+        offset : (3,)
+            Of its origin, in the parent link's frame [m].
+        rotation_vector : (3,)
+            By which it is turned, in its own frame [rad].
+
+        Raises
+        ------
+        ValueError
+            There is no such joint, or a number is not finite.
         """
 
     def __copy__(self) -> RobotModel: ...
@@ -301,8 +397,19 @@ class Effect:
         """Coefficients per joint."""
 
     @property
+    def signals(self) -> list[str]:
+        """What it needs: of a state's signals, `tau_link` and `step`."""
+
+    @property
+    def has_memory(self) -> bool:
+        """Whether it depends on the samples before."""
+
+    @property
     def shape(self) -> list[tuple[str, list[float]]]:
         """Shape parameters by name, one value per joint each."""
+
+    def __copy__(self) -> Effect: ...
+    def __deepcopy__(self, _memo: object, /) -> Effect: ...
 
 @final
 class FrictionSearch:
@@ -391,6 +498,109 @@ class GaussianMixtureRegression:
         """h_k of Eq. 37 at `u` (n_samples, n_inputs): (n_samples, K); rows sum to one at any distance."""
 
 @final
+class NormalisedRbf:
+    """Weighted mean of Gaussian bumps (Eqs. 27-29): `psi_j(u) = exp(-1/2 sum_i h_i (u_i - c_ji)^2)`.
+
+    Parameters
+    ----------
+    centers : (N, n_inputs)
+        c.
+    precision : (n_inputs,)
+        h [1/unit^2], positive; Eq. 27's sigma is `h ** -0.5`.
+    weights : (N,)
+        w of Eq. 29.
+    variances : (N,)
+        What is left about f near every centre, not negative.
+
+    Raises
+    ------
+    ValueError
+        Shapes disagree, a number is not finite or has the wrong sign.
+    """
+
+    def __new__(
+        cls, centers: ArrayLike, precision: ArrayLike, weights: ArrayLike, variances: ArrayLike
+    ) -> NormalisedRbf: ...
+    @property
+    def n_components(self) -> int:
+        """N."""
+
+    @property
+    def centers(self) -> _FloatArray:
+        """(N, n_inputs)."""
+
+    @property
+    def precision(self) -> _FloatArray:
+        """(n_inputs,)."""
+
+    @property
+    def weights(self) -> _FloatArray:
+        """(N,)."""
+
+    @property
+    def variances(self) -> _FloatArray:
+        """(N,)."""
+
+    def predict(self, u: ArrayLike) -> tuple[_FloatArray, _FloatArray]:
+        """Value of f (Eq. 29) and the variance about it at `u` (n_samples, n_inputs): (n_samples,) each."""
+
+    def basis(self, u: ArrayLike) -> _FloatArray:
+        """psi_j (Eq. 27) at `u` (n_samples, n_inputs): (n_samples, N)."""
+
+    def shares(self, u: ArrayLike) -> _FloatArray:
+        """psi_j over their sum at `u` (n_samples, n_inputs): (n_samples, N); rows sum to one at any distance."""
+
+@final
+class PhysicalSet:
+    """Standard parameters that bodies can have, beside a torque model, in SI whatever the model's unit. Immutable.
+
+    Parameters
+    ----------
+    phi : (10 n_links,)
+        Masses positive, pseudo-inertias positive definite.
+    rotor_inertia : (n_joints,)
+        Reflected to the link side, at least 0 [kg·m², kg].
+    damping, friction : (n_joints,)
+        Viscous [N·m·s/rad] and Coulomb [N·m] friction of both directions, at least 0.
+    drive_gain : (n_joints,)
+        Torque per unit of the model's torque channel [N·m per N·m or A]; ones where torques were fitted.
+
+    Raises
+    ------
+    ValueError
+        A length or a number does not fit; the message names it.
+    """
+
+    def __new__(
+        cls,
+        phi: ArrayLike,
+        rotor_inertia: ArrayLike,
+        *,
+        damping: ArrayLike,
+        friction: ArrayLike,
+        drive_gain: ArrayLike,
+    ) -> PhysicalSet: ...
+    @property
+    def phi(self) -> _FloatArray:
+        """(10 n_links,)."""
+
+    @property
+    def rotor_inertia(self) -> _FloatArray:
+        """(n_joints,) [kg·m², kg]."""
+
+    @property
+    def damping(self) -> _FloatArray:
+        """(n_joints,) [N·m·s/rad]."""
+
+    @property
+    def friction(self) -> _FloatArray:
+        """(n_joints,) [N·m]."""
+
+    @property
+    def drive_gain(self) -> _FloatArray:
+        """(n_joints,) [N·m per torque unit of the model]."""
+
+@final
 class TorqueModel:
     """Torque model `rigid body + effects + residual` (Eq. 26). Owned by Rust, immutable.
 
@@ -402,8 +612,10 @@ class TorqueModel:
         Inertial parameters, exact for torque and not necessarily physical.
     effects : sequence of (Effect, (n_joints, n_columns))
         Effects with their coefficients, summed in this order.
-    residual : (str, sequence of GaussianMixtureRegression or None), optional
-        What the mixtures see (`"deflection"` or `"joint_state"`), and one mixture or None per joint.
+    residual : (str, sequence of GaussianMixtureRegression, NormalisedRbf or None), optional
+        What the regressions see (`"deflection"`, `"joint_state"`, `"load_free_deflection"`), and one or None per joint.
+    compliance : (n_joints,), optional
+        Of the gears [rad per torque unit], for the load-free deflection; zeros by default.
     torque_scale : (n_joints,), optional
         Torque channel per unit of link torque; multiplies the rigid-body term. Ones by default.
     encoder_delay : (n_joints,)
@@ -429,7 +641,8 @@ class TorqueModel:
         phi: ArrayLike,
         effects: Sequence[tuple[Effect, ArrayLike]],
         *,
-        residual: tuple[str, _Mixtures] | None = None,
+        residual: tuple[str, Sequence[_Regression | None]] | None = None,
+        compliance: Sequence[float] | None = None,
         torque_scale: Sequence[float] | None = None,
         encoder_delay: Sequence[float],
         noise_std: Sequence[float],
@@ -495,13 +708,34 @@ class TorqueModel:
             An argument has the wrong shape or holds a NaN or an infinity.
         """
 
+    def predicted_std(
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        q_motor: ArrayLike | None = None,
+        dq_motor: ArrayLike | None = None,
+        ddq_motor: ArrayLike | None = None,
+    ) -> _FloatArray:
+        """Standard deviation expected of measured minus predicted torque, (n_samples, n_joints) [torque unit].
+
+        `noise_std` where no third loop acts. Where one is trusted, its own variance, which holds that noise too: by the
+        law of total variance for a mixture, the mean squares left near the centres for radial basis functions. Where it
+        fades, the noise and the residual's whole mean square. Parameters count as known. Arguments as for `evaluate`.
+
+        Raises
+        ------
+        ValueError
+            An argument has the wrong shape or holds a NaN or an infinity.
+        """
+
     @property
     def robot(self) -> RobotModel:
         """Kinematics and gravity."""
 
     @property
     def term_names(self) -> list[str]:
-        """`rigid_body`, the effects, `residual`: order of summation."""
+        """`rigid_body`, the effects, `residual`: order of summation; a second one of a kind has a 2 behind it."""
 
     @property
     def phi(self) -> _FloatArray:
@@ -512,8 +746,12 @@ class TorqueModel:
         """Effects with their coefficients (n_joints, n_columns)."""
 
     @property
-    def residual(self) -> tuple[str, list[GaussianMixtureRegression | None]] | None:
-        """What the mixtures see and one mixture or None per joint; None without a third loop."""
+    def residual(self) -> tuple[str, list[_Regression | None]] | None:
+        """What the regressions see and one or None per joint; None without a third loop."""
+
+    @property
+    def compliance(self) -> _FloatArray | None:
+        """Of the gears [rad per torque unit], (n_joints,); None without a third loop."""
 
     @property
     def torque_scale(self) -> _FloatArray:
@@ -538,6 +776,25 @@ class TorqueModel:
     @property
     def step(self) -> float | None:
         """Time between samples [s], where the model has one."""
+
+    def with_physical(self, physical: PhysicalSet) -> TorqueModel:
+        """Return the same model with a physically consistent set beside it; evaluation does not use it.
+
+        Raises
+        ------
+        ValueError
+            The set is one of another number of joints.
+        """
+
+    @property
+    def physical(self) -> PhysicalSet | None:
+        """The physically consistent set; None where none was identified."""
+
+    @property
+    def physical_phi(self) -> _FloatArray | None:
+        """Its inertial parameters (10 n_links,); None where there is none."""
+    def __copy__(self) -> TorqueModel: ...
+    def __deepcopy__(self, _memo: object, /) -> TorqueModel: ...
 
 def friction_basis(dq: ArrayLike, velocity_threshold: float, transition_width: float) -> _FloatArray:
     """Basis of Eqs. 9-11 at speeds `dq` (n_samples,) of one joint: (n_samples, 8), columns `FRICTION_NAMES`.
@@ -616,10 +873,19 @@ def effect_torque(
         As `effect_columns`; `coefficients` does not have one row per joint.
     """
 
-def residual_inputs(inputs: str, q: _FloatArray, dq: ArrayLike, q_motor: ArrayLike, dq_motor: ArrayLike) -> _FloatArray:
-    """Return what a mixture of the third loop sees: (n_samples, n_joints, 2); the channels on one clock.
+def residual_inputs(
+    inputs: str,
+    q: _FloatArray,
+    dq: ArrayLike,
+    q_motor: ArrayLike,
+    dq_motor: ArrayLike,
+    wind_up: ArrayLike | None = None,
+) -> _FloatArray:
+    """Return what a regression of the third loop sees: (n_samples, n_joints, 2); the channels on one clock.
 
-    `inputs`: `"deflection"` (motor minus link, and its rate) or `"joint_state"` (of the motor side).
+    `inputs`: `"deflection"` (motor minus link, and its rate), `"joint_state"` (of the motor side), or
+    `"load_free_deflection"`: the deflection less `wind_up` (compliance times predicted rigid-body torque), and the
+    deflection's rate.
     """
 
 def align_link_side(
@@ -696,4 +962,142 @@ def merge_factors(factors: Sequence[_FloatArray]) -> _FloatArray:
     ------
     ValueError
         There is none, or widths differ.
+    """
+
+@final
+class Excitation:
+    """How well a motion excites a robot (Eqs. 13, 14), with the exact gradient.
+
+    Parameters
+    ----------
+    robot : RobotModel
+        The arm.
+    pivots : sequence of int
+        Base columns, ascending.
+    whitening : (n_joints, n_joints), optional
+        `Omega^(-1/2)` of Eq. 13; multiplies the rows of every sample.
+    random_state, rtol : int, float
+        Probing states and relative threshold of the blocks' structural ranks.
+
+    Raises
+    ------
+    ValueError
+        No column, an index out of range or not ascending, or a whitening of the wrong shape.
+    """
+
+    def __new__(
+        cls,
+        robot: RobotModel,
+        pivots: Sequence[int],
+        *,
+        whitening: ArrayLike | None = None,
+        random_state: int = 0,
+        rtol: float = 1e-9,
+    ) -> Excitation: ...
+    @property
+    def ranks(self) -> tuple[int, int, int, int]:
+        """Structural ranks on the base columns: of the whole, and of its acceleration, velocity and gravity blocks."""
+
+    def blocks(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> tuple[_FloatArray, _FloatArray, _FloatArray]:
+        """Whitened blocks of Eq. 14, (n_samples n_joints, n_base) each, sample by sample; they add up to the whole.
+
+        Acceleration `Y(q, 0, ddq) - Y(q, 0, 0)`, velocity `Y(q, dq, 0) - Y(q, 0, 0)`, gravity `Y(q, 0, 0)`.
+        """
+
+    def conditions(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike) -> _FloatArray:
+        """`s_1 / s_r` of the whole and of the blocks over their structural ranks (4,); NaN for a block of rank zero."""
+
+    def value(
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        *,
+        criterion: str,
+        weights: Sequence[float] | None = None,
+    ) -> float:
+        """Value of a criterion, smaller is better.
+
+        Parameters
+        ----------
+        q, dq, ddq : (n_samples, n_joints)
+            The motion.
+        criterion : str
+            `"block"`: Eq. 14. `"condition"`: the condition number alone. `"D"`: `-log det(W'W)`. `"A"`:
+            `trace((W'W)^-1)`.
+        weights : (3,), optional
+            w_a, w_b, w_g of Eq. 14.
+        """
+
+    def value_and_gradient(
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        *,
+        criterion: str,
+        weights: Sequence[float] | None = None,
+    ) -> tuple[float, _Motion]:
+        """As `value`, with its gradient with respect to q, dq and ddq."""
+
+def inverse_dynamics_gradient(
+    robot: RobotModel,
+    q: ArrayLike,
+    dq: ArrayLike,
+    ddq: ArrayLike,
+    direction: ArrayLike,
+    phi: ArrayLike | None = None,
+) -> _Motion:
+    """Gradient of `sum(direction * robot.inverse_dynamics(q, dq, ddq, phi))` with respect to q, dq and ddq."""
+
+def point_places(robot: RobotModel, q: ArrayLike, links: Sequence[int], places: ArrayLike) -> _FloatArray:
+    """Points fixed to links, in the base frame (n_samples, n_points, 3) [m].
+
+    Parameters
+    ----------
+    q : (n_samples, n_joints)
+        Positions.
+    links : (n_points,)
+        Index of each point's link.
+    places : (n_points, 3)
+        Each point in its link's frame [m].
+    """
+
+def point_gradient(
+    robot: RobotModel, q: ArrayLike, links: Sequence[int], places: ArrayLike, weights: _FloatArray
+) -> _FloatArray:
+    """Gradient of `sum(weights * point_places(robot, q, links, places))` with respect to q (n_samples, n_joints)."""
+
+def pseudo_inertia(phi: ArrayLike) -> _FloatArray:
+    """Pseudo-inertias `[[S, h], [h', m]]`, `S = tr(I)/2 1 - I`, of phi (10 n_links,): (n_links, 4, 4).
+
+    Positive definite for just those bodies that can be built from points of positive mass.
+
+    Raises
+    ------
+    ValueError
+        Not ten numbers per link, or one is not finite.
+    """
+
+def phi_from_pseudo_inertia(pseudo: ArrayLike) -> _FloatArray:
+    """Return phi (10 n_links,) of pseudo-inertias (n_links, 4, 4); of each the symmetric part counts.
+
+    Raises
+    ------
+    ValueError
+        Another shape, or a number that is not finite.
+    """
+
+def urdf_with_physical(model: TorqueModel, original: bytes | None = None, *, source_name: str = "<string>") -> bytes:
+    """Return a URDF with the physical set of `model`.
+
+    With the text of the original only its `<inertial>` and `<dynamics>` change, everything else stays byte for byte;
+    without it, it is links and joints alone.
+
+    Raises
+    ------
+    UrdfError
+        The original is refused, or its chain is another one than the model's.
+    ValueError
+        The model has no physical set.
     """

@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 
 from dynid_rs import _core
 from dynid_rs.columns import Plan
+from dynid_rs.known import KnownTerm
 from dynid_rs.links import LinkDynamicsIdentifier
 from dynid_rs.preprocessing import States
 
 FloatArray = NDArray[np.float64]
-Mixtures = Sequence[_core.GaussianMixtureRegression | None]
+Regressions = Sequence[_core.GaussianMixtureRegression | _core.NormalisedRbf | None]
 
 
 def assemble(
@@ -25,7 +26,8 @@ def assemble(
     *,
     encoder_delay: FloatArray,
     torque_unit: str,
-    third_loop: tuple[str, Mixtures] | None = None,
+    third_loop: tuple[str, Regressions, FloatArray] | None = None,
+    known: Sequence[KnownTerm] = (),
 ) -> _core.TorqueModel:
     """Model of the fitted numbers.
 
@@ -43,8 +45,10 @@ def assemble(
         Delay of the link channel [s].
     torque_unit : {"N*m", "A"}
         Unit of the torques.
-    third_loop : (inputs, mixtures), optional
-        One mixture or None per joint.
+    third_loop : (inputs, regressions, compliance), optional
+        One regression or None per joint; compliance (n_joints,) of the gears [rad per torque unit].
+    known : sequence of (Effect, ndarray (n_joints, n_columns))
+        Effects that were not fitted; they stand behind the plan's.
     """
     phi = np.zeros(10 * plan.robot.n_joints)
     phi[plan.pivots] = links.phi_base_
@@ -52,13 +56,15 @@ def assemble(
     effects = [
         (effect, own[:, first:last]) for effect, (first, last) in zip(plan.effects, pairwise(edges), strict=True)
     ]
+    effects += known
     q, dq, ddq = (np.concatenate([getattr(states, name) for states in runs]) for name in ("q", "dq", "ddq"))
-    kept = third_loop is not None and any(mixture is not None for mixture in third_loop[1])
+    kept = third_loop is not None and any(regression is not None for regression in third_loop[1])
     return _core.TorqueModel(
         plan.robot,
         phi,
         effects,
         residual=(third_loop[0], list(third_loop[1])) if third_loop is not None and kept else None,
+        compliance=third_loop[2].tolist() if third_loop is not None and kept else None,
         torque_scale=links.torque_scale_.tolist(),
         encoder_delay=encoder_delay.tolist(),
         noise_std=links.noise_std_.tolist(),
@@ -68,22 +74,7 @@ def assemble(
             np.abs(ddq).max(axis=0).tolist(),
         ),
         torque_unit=torque_unit,
-    )
-
-
-def with_mixtures(model: _core.TorqueModel, inputs: str, mixtures: Mixtures) -> _core.TorqueModel:
-    """Return the same model with other mixtures in its third loop; all None leaves it out."""
-    kept = any(mixture is not None for mixture in mixtures)
-    return _core.TorqueModel(
-        model.robot,
-        model.phi,
-        model.effects,
-        residual=(inputs, list(mixtures)) if kept else None,
-        torque_scale=model.torque_scale.tolist(),
-        encoder_delay=model.encoder_delay.tolist(),
-        noise_std=model.noise_std.tolist(),
-        domain=model.domain,
-        torque_unit=model.torque_unit,
+        step=1 / runs[0].rate if any("step" in effect.signals for effect in plan.effects) else None,
     )
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import typer
 
 from dynid_rs.commands.estimate import estimate
+from dynid_rs.commands.excite import excite
+from dynid_rs.commands.export import export
 from dynid_rs.commands.identify import identify
 from dynid_rs.commands.inspect import inspect
 from dynid_rs.commands.report import report
@@ -16,7 +18,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-for command in (inspect, identify, estimate, simulate, report):
+for command in (inspect, excite, identify, estimate, export, simulate, report):
     app.command()(command)
 
 

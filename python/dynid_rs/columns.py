@@ -1,14 +1,14 @@
 """Columns of the declared model, run by run: filtered rows and triangular factors, one set per joint.
 
 Rows of joint j are ``[own columns | base columns of the links it moves | torque]`` (Eq. 2, one joint). Own columns are
-those of the effects: rotor inertia, torque offset, friction (Eqs. 9-11).
+those of the effects: rotor inertia, torque offset, friction (Eqs. 9-11), and whatever was added to them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +45,13 @@ class Plan:
         return int(self.own.shape[1])
 
     @property
+    def friction(self) -> tuple[_core.Effect, slice]:
+        """The paper's friction among the effects, and its places among the own columns."""
+        edges = np.cumsum([0, *(effect.n_columns for effect in self.effects)])
+        at = [effect.kind for effect in self.effects].index("friction")
+        return self.effects[at], slice(int(edges[at]), int(edges[at + 1]))
+
+    @property
     def n_columns(self) -> int:
         """Unknowns of the whole fit: base parameters, then own coefficients joint by joint."""
         return self.n_base + self.own.size
@@ -60,40 +67,67 @@ class Plan:
         return np.concatenate([np.ones(self.n_base, dtype=bool), self.own.ravel()])
 
 
-def make_plan(robot: _core.RobotModel, effects: Sequence[_core.Effect], *, random_state: int = 0) -> Plan:
-    """Base columns of the rigid body, and those of the linear effects that add something to them.
+def make_plan(
+    robot: _core.RobotModel,
+    effects: Sequence[_core.Effect],
+    *,
+    acts_on: Mapping[int, Collection[int]] | None = None,
+    random_state: int = 0,
+) -> Plan:
+    """Base columns of the rigid body, and those of the effects that add something to them.
 
     A rotor's inertia is not told from the link's own where nothing but the joint's axis sees both (the first joint of
-    most arms); a constant torque is not told from gravity on a vertical slide.
+    most arms); a constant torque is not told from gravity on a vertical slide. The paper's friction is taken as it is:
+    whether it can be told apart depends on the speeds of the run. So does what remembers: it is not probed.
+
+    Parameters
+    ----------
+    robot : RobotModel
+        Kinematics and gravity.
+    effects : sequence of Effect
+        With their shapes, summed in this order.
+    acts_on : mapping, optional
+        Place in `effects` to the joints that it acts on; their number is not limited by default.
+    random_state : int
+        Seed of the states that are probed.
     """
     base = robot.base_parameters(random_state)
     pivots = np.asarray(base.pivots)
     n = robot.n_joints
-    rng = np.random.default_rng(random_state)
-    q, dq, ddq = (rng.uniform(-3.0, 3.0, (40, n)) for _ in range(3))
+    widths = [effect.n_columns for effect in effects]
+    q, dq, ddq, tau_link = _probing_states(n, 40 + 2 * sum(widths), random_state)
     rigid = base.reduce(robot.joint_torque_regressor(q, dq, ddq)).reshape(-1, base.n_base)
     known, _ = np.linalg.qr(rigid / np.linalg.norm(rigid, axis=0))
-    widths = [effect.n_columns for effect in effects]
     own = np.ones((n, sum(widths)), dtype=bool)
     absorbed: dict[tuple[int, int], FloatArray] = {}
-    for effect, first in zip(effects, np.cumsum([0, *widths]), strict=False):
-        column = {"rotor_inertia": ddq, "torque_offset": np.ones_like(ddq)}.get(effect.kind)
-        if column is None:
+    for place, (effect, first) in enumerate(zip(effects, np.cumsum([0, *widths]), strict=False)):
+        acting = range(n) if acts_on is None else acts_on.get(place, range(n))
+        own[[j for j in range(n) if j not in acting], first : first + effect.n_columns] = False
+        if effect.has_memory:
             continue
-        for j in range(n):
+        columns = _core.effect_columns(effect, q, dq, ddq, tau_link=tau_link)
+        for j, k in product(acting, range(effect.n_columns)):
             probe = np.zeros((len(q), n))
-            probe[:, j] = column[:, j]
+            probe[:, j] = columns[:, j, k]
             vector = probe.ravel()
             left = vector - known @ (known.T @ vector)
             left -= known @ (known.T @ left)
-            own[j, first] = np.linalg.norm(left) > 1e-8 * np.linalg.norm(vector)
-            if not own[j, first]:
+            if np.linalg.norm(left) > 1e-8 * np.linalg.norm(vector):
+                known = np.column_stack([known, left / np.linalg.norm(left)])
+            elif effect.kind != "friction":
+                own[j, first + k] = False
                 share, *_ = np.linalg.lstsq(rigid, vector, rcond=None)
                 if np.linalg.norm(vector - rigid @ share) < 1e-8 * np.linalg.norm(vector):
-                    absorbed[j, int(first)] = np.asarray(share, dtype=np.float64)
-            else:
-                known = np.column_stack([known, left / np.linalg.norm(left)])
+                    absorbed[j, int(first) + k] = np.asarray(share, dtype=np.float64)
     return Plan(robot, tuple(effects), pivots, own, absorbed)
+
+
+def _probing_states(n: int, n_samples: int, random_state: int) -> list[FloatArray]:
+    """Random q, dq, ddq and load (n_samples, n); every other speed is small, where friction has its corners."""
+    rng = np.random.default_rng(random_state)
+    q, dq, ddq, tau_link = rng.uniform(-3.0, 3.0, (4, n_samples, n))
+    dq[::2] *= 10.0 ** rng.uniform(-4.0, 0.0, dq[::2].shape)
+    return [q, dq, ddq, tau_link]
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,22 +177,41 @@ class Observations:
         return [_core.merge_factors([block.factors[j] for block in kept]) for j in range(len(kept[0].factors))]
 
 
-def observe(plan: Plan, runs: Sequence[States], tau: Sequence[FloatArray] | None = None) -> Observations:
+def observe(
+    plan: Plan,
+    runs: Sequence[States],
+    tau: Sequence[FloatArray] | None = None,
+    *,
+    tau_link: Sequence[FloatArray] | None = None,
+) -> Observations:
     """Rows and factors of `runs`; `tau` (n, n_joints) each replaces the measured torque, e.g. less the third loop's.
+
+    `tau_link` (n, n_joints) each is the predicted rigid-body torque, where an effect of the plan depends on the load.
 
     A lone run is cut in three blocks, so that something can always be left out.
     """
     blocks: list[Block] = []
     for k, states in enumerate(runs):
-        rows = run_rows(plan, states, states.tau if tau is None else tau[k])
+        load = None if tau_link is None else tau_link[k]
+        rows = run_rows(plan, states, states.tau if tau is None else tau[k], tau_link=load)
         for part in [slice(None)] if len(runs) > 1 else _thirds(len(states.rows)):
             cut = [joint[part] for joint in rows]
             blocks.append(Block(k, cut, [_core.triangular_factor(joint) for joint in cut]))
     return Observations(plan, blocks)
 
 
-def run_rows(plan: Plan, states: States, tau: FloatArray, *, kept: list[int] | None = None) -> list[FloatArray]:
-    """Filtered, decimated rows of one run: per joint (n_rows, n_own + base columns + 1); at samples `kept` if given."""
+def run_rows(
+    plan: Plan,
+    states: States,
+    tau: FloatArray,
+    *,
+    kept: list[int] | None = None,
+    tau_link: FloatArray | None = None,
+) -> list[FloatArray]:
+    """Filtered, decimated rows of one run: per joint (n_rows, n_own + base columns + 1).
+
+    At samples `kept` if given; `tau_link` (n, n_joints), the rigid body's predicted torque, for effects of the load.
+    """
     q, dq, ddq, q_motor, dq_motor, ddq_motor = states.signals()
     return _core.observe(
         plan.robot,
@@ -173,6 +226,8 @@ def run_rows(plan: Plan, states: States, tau: FloatArray, *, kept: list[int] | N
         tau,
         filter=states.filter,
         kept=states.kept if kept is None else kept,
+        tau_link=tau_link,
+        step=1 / states.rate,
     )
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
+from dynid_rs.findings import Finding
 from dynid_rs.preprocessing import States
 
 FloatArray = NDArray[np.float64]
@@ -56,6 +57,24 @@ def estimate_encoder_delay(runs: Sequence[States], tau_link: Sequence[FloatArray
         without = np.array([_delay(np.delete(columns, part, axis=0), np.delete(gap, part)) for part in parts])
         std_error[j] = np.sqrt((N_PARTS - 1) / N_PARTS * np.sum((without - without.mean()) ** 2))
     return EncoderDelay(value, std_error, measured)
+
+
+def with_fitted_delay(findings: Sequence[Finding], delay: EncoderDelay | None) -> list[Finding]:
+    """Findings with the fitted delay instead of the checks' estimates, which know no model: one number, once."""
+    if delay is None or not delay.measured.any():
+        return list(findings)
+    others = [finding for finding in findings if finding.code != "encoder_delay"]
+    if len(others) == len(findings):
+        return others
+    middle = float(np.median(delay.value[delay.measured]))
+    late, early = ("link", "motor") if middle >= 0 else ("motor", "link")
+    values = np.sort(1e3 * delay.value[delay.measured] * (1 if middle >= 0 else -1))
+    low, high = f"{values[0]:.2f}", f"{values[-1]:.2f}"
+    message = (
+        f"the {late} encoders come {low if low == high else f'{low} to {high}'} ms after the {early} encoders, fitted "
+        "beside the gears' yielding; the delay is removed before deflection is used"
+    )
+    return [*others, Finding("encoder_delay", "info", message, value=middle, unit="s")]
 
 
 def _system(states: States, tau_link: FloatArray, j: int) -> tuple[FloatArray, FloatArray]:

@@ -36,3 +36,22 @@ class DataError(ValueError):
 
 class RankDeficientError(ValueError):
     """The data does not determine the parameters that were asked for."""
+
+
+class MissingLibraryError(ValueError):
+    """An optional library is not installed.
+
+    Parameters
+    ----------
+    library : str
+        Its import name.
+    extra : str
+        Extra of this package that brings it.
+    purpose : str
+        What needs it.
+    """
+
+    def __init__(self, library: str, extra: str, purpose: str) -> None:
+        super().__init__(
+            f"{purpose} need the library {library}, which is not installed: pip install 'dynid-rs[{extra}]'"
+        )

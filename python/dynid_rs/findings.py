@@ -9,6 +9,14 @@ Severity = Literal["info", "warning", "error"]
 SEVERITIES: tuple[Severity, ...] = ("info", "warning", "error")
 
 
+def joint_words(*names: str) -> str:
+    """Call joints in a sentence: `joint elbow`, `joints 0, 2`, but `joint_1` as it is."""
+    listed = ", ".join(names)
+    if any("joint" in name.lower() for name in names):
+        return listed
+    return f"{'joint' if len(names) == 1 else 'joints'} {listed}"
+
+
 @dataclass(frozen=True)
 class Finding:
     """One fact about a run, with its place and its size.

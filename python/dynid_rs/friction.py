@@ -118,11 +118,11 @@ class FrictionIdentifier(BaseEstimator):  # type: ignore[misc]
         if joints is None:
             self.velocity_threshold_, self.transition_width_ = np.zeros(n), np.zeros(n)
         others = np.ones(plan.n_own, dtype=bool)
-        others[-len(_core.FRICTION_NAMES) :] = False
+        others[plan.friction[1]] = False
         wanted = list(range(n)) if joints is None else list(joints)
 
         def search(j: int) -> tuple[float, float]:
-            n_orders = int(plan.own[j, -len(_core.FRICTION_NAMES) :].sum() - 2) // 2
+            n_orders = int(plan.own[j, plan.friction[1]].sum() - 2) // 2
             if pairs is not None and (odd := pairs[j]) is not None:
                 power = _PowerLeft(odd.runs, odd.beside, odd.tau, odd.noise, n_orders, of_pairs=True)
                 return self._sharpen(power, odd, *self._search(power))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +14,7 @@ from sklearn.exceptions import ConvergenceWarning
 from sklearn.utils.validation import check_is_fitted
 
 from dynid_rs import _core
-from dynid_rs.assembly import Mixtures, assemble, evaluate, with_mixtures
+from dynid_rs.assembly import Regressions, assemble, evaluate
 from dynid_rs.columns import Observations, Plan, make_plan, observe
 from dynid_rs.encoders import EncoderDelay, estimate_encoder_delay
 from dynid_rs.evaluation import rmse as rms
@@ -21,10 +22,11 @@ from dynid_rs.friction import FrictionIdentifier, friction_effect
 from dynid_rs.friction_experiment.pairs import check_reversals, find_mirrors
 from dynid_rs.friction_experiment.rows import PairWindow, odd_torques, pair_rows, pair_windows, row_groups
 from dynid_rs.friction_laws import DEFAULT_LAW, fit_stribeck, laws_per_joint, power_left, with_laws
+from dynid_rs.known import KnownTerm, check_known, less_known
 from dynid_rs.links import LinkDynamicsIdentifier, baseline, block_residuals, own_beside
 from dynid_rs.preprocessing import Band, States, choose_band, common_rate, prepare
 from dynid_rs.recording import Recording
-from dynid_rs.residual import ResidualCompensator, inputs_of
+from dynid_rs.residual import ResidualCompensator
 from dynid_rs.training import check_training_runs, prepare_training_runs
 
 FloatArray = NDArray[np.float64]
@@ -57,6 +59,8 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         Second loop.
     residual : ResidualCompensator, None or "default"
         Third loop; None switches it off.
+    known : sequence of (Effect, ndarray (n_joints, n_columns))
+        Effects whose coefficients [N*m] are known, not fitted: taken off the torque, and part of the model.
     friction_law : str or sequence of str
         "paper" (Eqs. 9-11), "coulomb_viscous" or "stribeck", for all joints or one per joint.
     cutoff : float, optional
@@ -74,6 +78,8 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         The fitted loops.
     baseline_ : TorqueModel
         Rigid body, Coulomb and viscous friction by weighted least squares: what the paper compares with.
+    two_loop_model_ : TorqueModel
+        Friction and link dynamics without a third loop.
     friction_model_ : TorqueModel
         What the first loop gives by itself: friction with its shape beside the baseline's links.
     encoder_delay_ : EncoderDelay or None
@@ -81,7 +87,10 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
     observations_ : Observations
         Rows and factors of the last round.
     raw_runs_, runs_ : list of States
-        Training runs, channels as recorded and with the link channel on the motor channel's clock.
+        Training runs as recorded, and with the link channel on the motor channel's clock and the known terms' torque
+        taken off.
+    known_ : list of (Effect, ndarray)
+        Known terms as they were used.
     history_ : list of dict
         RMS per joint (n_joints,) that is left on the training runs after every loop of every round: `friction` with
         the links held, `links`, `residual`.
@@ -98,6 +107,7 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         friction: FrictionIdentifier | None = None,
         links: LinkDynamicsIdentifier | None = None,
         residual: ResidualCompensator | str | None = "default",
+        known: Sequence[KnownTerm] = (),
         friction_law: str | Sequence[str] = DEFAULT_LAW,
         cutoff: float | None = None,
         max_iter: int = 10,
@@ -107,6 +117,7 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         self.friction = friction
         self.links = links
         self.residual = residual
+        self.known = known
         self.friction_law = friction_law
         self.cutoff = cutoff
         self.max_iter = max_iter
@@ -179,23 +190,28 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
             if self.n_iter_ == 1:
                 self.friction_model_ = self._model(plan, self._baseline_links, own, data.raw_runs)
             beside = row_groups(pair_rows(plan, data.pairs)) if data.pairs else []
-            links.fit(observations, fit_scale=in_ampere, beside=beside)
+            links.fit(observations, fit_scale=in_ampere, beside=beside, again=self.n_iter_ > 1)
             held = links.phi_base_, links.torque_scale_
             after = after_links = rms(block_residuals(observations, links.x_, links.torque_scale_))
+            if self.n_iter_ == 1:
+                self.two_loop_model_ = self._model(plan, links, links.own_, data.raw_runs)
             # Loop 3: what is left, from the deflection (Eqs. 31-39); where it does not pay, it stays out.
             if residual is not None:
                 on_progress(f"round {self.n_iter_}: residual")
                 left = observations.by_run(block_residuals(observations, links.x_, links.torque_scale_))
                 left = [e + states.in_band(u) for e, states, u in zip(left, runs, third_loop, strict=True)]
-                (residual.fit if self.n_iter_ == 1 else residual.refit)(runs, left)
-                after = rms(
-                    [e - states.in_band(u) for e, states, u in zip(left, runs, _torque(residual, runs), strict=True)]
-                )
+                tau_link = [_link_torque(plan, links, states) for states in runs]
+                if self.n_iter_ == 1:
+                    residual.fit(runs, left, tau_link=tau_link, columns=_linear_columns(observations))
+                else:
+                    residual.refit(runs, left, tau_link=tau_link)
+                torque = [residual.torque(states, load) for states, load in zip(runs, tau_link, strict=True)]
+                after = rms([e - states.in_band(u) for e, states, u in zip(left, runs, torque, strict=True)])
             self.history_.append({"friction": after_friction, "links": after_links, "residual": after})
             if residual is None or not residual.kept.any() or self._settled():
                 self.converged_ = True
                 break
-            third_loop = _torque(residual, runs)
+            third_loop = torque
             changed = np.flatnonzero(residual.kept).tolist()
         if not self.converged_:
             warnings.warn(
@@ -204,8 +220,9 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
                 stacklevel=2,
             )
         self.friction_, self.links_, self.residual_ = friction, links, residual
+        self._pairs = data.pairs
         self.observations_, self.raw_runs_, self.runs_ = observations, data.raw_runs, runs
-        kept = None if residual is None else (residual.inputs_, residual.mixtures_)
+        kept = None if residual is None else (residual.inputs_, residual.mixtures_, residual.compliance_)
         self.model_ = self._model(plan, links, links.own_, data.raw_runs, kept)
         return self
 
@@ -221,10 +238,26 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         check_is_fitted(self, "band_")
         return prepare(recording, self.band_, self.rate_)
 
-    def model_with(self, mixtures: Mixtures) -> _core.TorqueModel:
-        """Return the fitted model with other mixtures in its third loop; all None leaves it out."""
-        inputs = "joint_state" if self.residual_ is None else self.residual_.inputs_
-        return with_mixtures(self.model_, inputs, mixtures)
+    def model_with(self, regressions: Regressions) -> _core.TorqueModel:
+        """Return the model with other regressions in its third loop; all None leaves it out.
+
+        The second loop is fitted again beside them: its terms depend on what the third one takes.
+        """
+        check_is_fitted(self, "model_")
+        if all(regression is None for regression in regressions):
+            return self.two_loop_model_
+        third, plan = self.residual_, self.observations_.plan
+        if third is None:
+            raise ValueError("the third loop was switched off; fit with a ResidualCompensator first")
+        if list(regressions) == third.mixtures_:
+            return self.model_
+        loads = [_link_torque(plan, self.links_, states) for states in self.runs_]
+        torque = [third.torque(states, load, regressions) for states, load in zip(self.runs_, loads, strict=True)]
+        observations = observe(plan, self.runs_, [s.tau - u for s, u in zip(self.runs_, torque, strict=True)])
+        beside = row_groups(pair_rows(plan, self._pairs)) if self._pairs else []
+        links = copy(self.links_).fit(observations, fit_scale=self.torque_unit_ == "A", beside=beside, again=True)
+        kept = (third.inputs_, list(regressions), third.compliance_)
+        return self._model(plan, links, links.own_, self.raw_runs_, kept)
 
     def _estimators(self) -> tuple[FrictionIdentifier, LinkDynamicsIdentifier, ResidualCompensator | None]:
         """Fresh copies of the three loops, so that the user's own are never changed."""
@@ -236,6 +269,7 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
     def _prepare(self, recordings: list[Recording], slow: list[Recording], on_progress: Callable[[str], None]) -> _Data:
         """Filter, fit the baseline, and bring the two encoder channels on one clock."""
         self.torque_unit_ = recordings[0].torque_unit
+        self.known_ = check_known(self.known, self.robot, self.torque_unit_)
         self.rate_ = common_rate(recordings)
         self.band_ = Band(self.cutoff) if self.cutoff is not None else choose_band(recordings)
         on_progress("filtering the runs")
@@ -243,15 +277,16 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         slow_runs = [prepare(recording, self.band_, self.rate_) for recording in slow]
         on_progress("weighted least squares")
         plan = self._plan(friction_effect(*self._first_shape()))
-        observations = observe(plan, raw_runs)
+        runs = less_known(self.known_, raw_runs)
+        observations = observe(plan, runs)
         self._fit_baseline(observations, raw_runs, fit_scale=self.torque_unit_ == "A")
-        runs = raw_runs
         if self._measure_encoder_delay(raw_runs):
-            runs = [states.aligned(self._delay) for states in raw_runs]
+            runs = less_known(self.known_, [states.aligned(self._delay) for states in raw_runs])
             slow_runs = [states.aligned(self._delay) for states in slow_runs]
             observations = observe(plan, runs)
         if slow_runs:
             on_progress("pairs of the friction experiment")
+            slow_runs = less_known(self.known_, slow_runs)
         mirrors = [find_mirrors(states) for states in slow_runs]
         check_reversals(slow_runs, mirrors, self.robot.joint_names)
         return _Data(raw_runs, runs, pair_windows(slow_runs, mirrors), plan, observations)
@@ -304,7 +339,7 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
 
     def _fit_baseline(self, observations: Observations, runs: list[States], *, fit_scale: bool) -> None:
         simple, regroup = baseline(observations)
-        self._baseline_links = links = LinkDynamicsIdentifier(ridge=0.0).fit(simple, fit_scale=fit_scale)
+        self._baseline_links = links = LinkDynamicsIdentifier(ridge=0.0, prior=None).fit(simple, fit_scale=fit_scale)
         self._delay = np.zeros(self.robot.n_joints)
         self.baseline_ = self._model(observations.plan, links, links.own_ @ regroup.T, runs)
 
@@ -314,10 +349,13 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         links: LinkDynamicsIdentifier,
         own: FloatArray,
         runs: list[States],
-        third_loop: tuple[str, Mixtures] | None = None,
+        third_loop: tuple[str, Regressions, FloatArray] | None = None,
     ) -> _core.TorqueModel:
         delay, unit = self._delay, self.torque_unit_
-        return assemble(plan, links, own, runs, encoder_delay=delay, torque_unit=unit, third_loop=third_loop)
+        known = self.known_
+        return assemble(
+            plan, links, own, runs, encoder_delay=delay, torque_unit=unit, third_loop=third_loop, known=known
+        )
 
     def _measure_encoder_delay(self, runs: list[States]) -> bool:
         """Estimate the delay between the channels; true if there are two."""
@@ -340,12 +378,15 @@ def _as_list(recordings: Recording | Sequence[Recording]) -> list[Recording]:
     return [recordings] if isinstance(recordings, Recording) else list(recordings)
 
 
-def _torque(residual: ResidualCompensator, runs: Sequence[States]) -> list[FloatArray]:
-    """Torque of the kept mixtures at every sample of every run, (n, n_joints) each."""
-    torques = [np.zeros_like(states.tau) for states in runs]
-    for tau, states in zip(torques, runs, strict=True):
-        u = inputs_of(states, residual.inputs_) if residual.kept.any() else None
-        for j, mixture in enumerate(residual.mixtures_):
-            if u is not None and mixture is not None:
-                tau[:, j] = mixture.predict(u[:, j])[0]
-    return torques
+def _link_torque(plan: Plan, links: LinkDynamicsIdentifier, states: States) -> FloatArray:
+    """Rigid-body torque of the second loop at every sample, (n, n_joints) in the torque unit."""
+    phi = np.zeros(10 * plan.robot.n_joints)
+    phi[plan.pivots] = links.phi_base_
+    tau: FloatArray = plan.robot.inverse_dynamics(states.q, states.dq, states.ddq, phi) * links.torque_scale_
+    return tau
+
+
+def _linear_columns(observations: Observations) -> list[list[FloatArray]]:
+    """Columns of every joint's terms, per joint and run."""
+    blocks = observations.blocks
+    return [observations.by_run([block.rows[j][:, :-1] for block in blocks]) for j in range(len(blocks[0].rows))]

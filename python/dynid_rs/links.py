@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +13,12 @@ from sklearn.base import BaseEstimator
 from dynid_rs import _core
 from dynid_rs.columns import Block, Observations, Plan
 
+if TYPE_CHECKING:
+    from dynid_rs.evidence import Posterior
+
 FloatArray = NDArray[np.float64]
 Weighting = Literal["joint_variance", "full_covariance"] | None
+Start = Literal["torque", "least_squares"]
 
 RIDGES = (0.0, 1e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1)
 """Ridges that are tried, relative to the greatest singular value of the unit-norm columns."""
@@ -24,6 +28,8 @@ RIDGE_NEED = 0.5
 """A ridge biases: it has to lower the greatest regret by this much to be used at all."""
 RIDGE_COST = 1.6
 """Most that a ridge may add to a joint's residual power on the training rows."""
+RE_WEIGHTINGS = 3
+"""Rounds in which rows beside the training runs find their weight under a prior."""
 NEGLIGIBLE = 1e-12
 """Relative singular values below this are rounding."""
 SCALE_SPREAD = 0.5
@@ -49,8 +55,16 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
     ridge : "auto" or float
         Ridge on unit-norm columns, relative to the greatest singular value. ``"auto"`` is 0 for several runs; for a
         lone one it is the smallest that predicts left-out parts as well as the best does, if that is needed at all.
+    prior : {"auto", "robot", None}
+        ``"robot"``: the robot file's inertials, weighed by the evidence (`evidence.py`), instead of a ridge.
+        ``"auto"``: for a lone run, where the file declares inertials and left-out parts are predicted better with them
+        than with the ridge.
+    start : {"torque", "least_squares"}
+        Weights of the first step: from the torque's own power per joint, or none, as the paper has it. Its weighted
+        least squares as printed (Eqs. 21-23: one plain step, one re-weighting) is
+        ``start="least_squares", max_iter=2, ridge=0``; where it converges, the start makes no difference.
     max_iter : int
-        Most re-weightings.
+        Most steps; each after the first is a re-weighting.
     tol : float
         Relative change of the weights at which re-weighting stops.
 
@@ -70,6 +84,10 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
         Covariance of the residual between joints (Eq. 24).
     ridge_ : float
         Ridge in use.
+    worth_ : ndarray (n_joints,)
+        Independent samples that a row counts as; ones without a prior, where only ratios matter.
+    posterior_ : Posterior or None
+        How much the prior was trusted, and what it is; None without one.
     n_iter_, converged_ : int, bool
         Of the re-weighting.
     """
@@ -79,47 +97,68 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
         weighting: Weighting = "joint_variance",
         *,
         ridge: float | Literal["auto"] = "auto",
+        prior: Literal["auto", "robot"] | None = "auto",
+        start: Start = "torque",
         max_iter: int = 30,
         tol: float = 1e-3,
     ) -> None:
         self.weighting = weighting
         self.ridge = ridge
+        self.prior = prior
+        self.start = start
         self.max_iter = max_iter
         self.tol = tol
 
     def fit(
-        self, observations: Observations, *, fit_scale: bool = False, beside: Sequence[RowGroup] = ()
+        self,
+        observations: Observations,
+        *,
+        fit_scale: bool = False,
+        beside: Sequence[RowGroup] = (),
+        again: bool = False,
     ) -> LinkDynamicsIdentifier:
         """Fit; `fit_scale` also estimates the drive gains of joints relative to the first (data in ampere).
 
         `beside` are rows that count too, each group weighted by its own residual (those of the friction experiment).
+        `again`: ridge or prior, and how much it counts, stay as the last fit found them.
 
         Raises
         ------
         ValueError
-            `weighting` or `ridge` is not one of the choices.
+            `weighting`, `ridge` or `start` is not one of the choices.
         """
         if self.weighting not in (None, "joint_variance", "full_covariance"):
             raise ValueError(f"weighting must be 'joint_variance', 'full_covariance' or None, found {self.weighting!r}")
         if self.ridge != "auto" and not (isinstance(self.ridge, int | float) and self.ridge >= 0):
             raise ValueError(f"ridge must be 'auto' or a number of at least 0, found {self.ridge!r}")
+        if self.prior not in (None, "auto", "robot"):
+            raise ValueError(f"prior must be 'auto', 'robot' or None, found {self.prior!r}")
+        if self.start not in ("torque", "least_squares"):
+            raise ValueError(f"start must be 'torque' or 'least_squares', found {self.start!r}")
+        found = self.posterior_ if again else None
+        self.posterior_: Posterior | None = None
+        self.worth_ = np.ones(observations.plan.robot.n_joints)
+        if self.prior == "robot" or found is not None:
+            spreads = None if found is None else found.spreads
+            return self.use_posterior(observations, self._posterior(observations, fit_scale, spreads), beside)
         plan, n_rows = observations.plan, observations.n_rows
         n = plan.robot.n_joints
         factors = observations.factors()
-        left_out = self._left_out_factors(observations)
+        left_out = [] if again else self._left_out_factors(observations)
         weights = np.array([np.sqrt(n_rows) / max(np.linalg.norm(R[:, -1]), 1e-300) for R in factors])
-        if self.weighting is None:
+        if self.weighting is None or self.start == "least_squares":
             weights = np.ones(n)
         scale = np.ones(n)
         extra = [_Weighted(plan, group, self.weighting is not None) for group in beside]
-        self.ridge_ = 0.0 if self.ridge == "auto" else float(self.ridge)
+        if not again:
+            self.ridge_ = 0.0 if self.ridge == "auto" else float(self.ridge)
         self.converged_ = False
         for self.n_iter_ in range(1, self.max_iter + 1):
             if left_out and self.n_iter_ <= 3:  # later it would only flip between neighbours
                 self.ridge_ = _choose_ridge(observations, left_out, weights, scale)
             x = solve(plan, _joined(stack(plan, factors, weights, scale), extra, scale), (self.ridge_,))[0]
             if fit_scale:
-                scale = _improve_scale(plan, factors, weights, scale, x)
+                scale = improve_scale(plan, factors, weights, scale, x)
                 x = solve(plan, _joined(stack(plan, factors, weights, scale), extra, scale), (self.ridge_,))[0]
             for group in extra:
                 group.weigh(x, scale)
@@ -134,14 +173,82 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
                 break
         self.weights_ = weights
         self.torque_scale_ = scale
+        posterior = self._better_prior(observations, left_out, fit_scale=fit_scale)
+        if posterior is not None:
+            return self.use_posterior(observations, posterior, beside)
         self.covariance_ = residual_covariance(observations, x, scale)
         if self.weighting == "full_covariance":
             system = _joined(_whitened(observations, self.covariance_, scale), extra, scale)
             x = solve(plan, system, (self.ridge_,))[0]
             self.covariance_ = residual_covariance(observations, x, scale)
+        return self._keep(plan, x)
+
+    def _posterior(self, observations: Observations, fit_scale: bool, spreads: FloatArray | None = None) -> Posterior:
+        from dynid_rs.evidence import fit_with_prior
+
+        if self.weighting is None or (self.ridge != "auto" and self.ridge > 0):
+            raise ValueError(
+                "a prior is weighed against the noise and replaces the ridge: with prior='robot' weighting must not be "
+                "None, and ridge must be 'auto' or 0"
+            )
+        # Data in ampere has drive gains to estimate, and what is declared is in N m.
+        return fit_with_prior(observations, fit_scale=fit_scale, spreads=spreads, unknown_gain=fit_scale)
+
+    def _better_prior(
+        self, observations: Observations, left_out: list[list[FloatArray]], *, fit_scale: bool
+    ) -> Posterior | None:
+        """Posterior if left-out parts of the training data prefer it to the ridge in use, over all joints."""
+        from dynid_rs.evidence import left_out_power
+        from dynid_rs.priors import declares_inertia
+
+        if (
+            self.prior != "auto"
+            or not left_out
+            or self.weighting is None
+            or not declares_inertia(observations.plan.robot)
+        ):
+            return None
+        try:
+            posterior = self._posterior(observations, fit_scale)
+        except ValueError:  # a gain that is not positive: the file and the data do not belong together
+            return None
+        with_ridge = np.zeros(len(self.weights_))
+        for block, factors in zip(observations.blocks, left_out, strict=True):
+            system = stack(observations.plan, factors, self.weights_, self.torque_scale_)
+            x = solve(observations.plan, system, (self.ridge_,))[0]
+            with_ridge += residual_power(observations.plan, block.factors, x, self.torque_scale_)
+        with_prior = left_out_power(observations, left_out, posterior)
+        return posterior if np.mean(np.log((with_prior + 1e-300) / (with_ridge + 1e-300))) < 0 else None
+
+    def use_posterior(
+        self, observations: Observations, posterior: Posterior, beside: Sequence[RowGroup] = ()
+    ) -> LinkDynamicsIdentifier:
+        """Take the fit over from `posterior`, which comes from the same observations; `beside` as in `fit`."""
+        self.posterior_ = posterior
+        self.ridge_, self.n_iter_, self.converged_ = 0.0, posterior.n_rounds, posterior.converged
+        self.weights_, self.torque_scale_ = posterior.weights, posterior.scale
+        self.worth_ = posterior.n_effective / observations.n_rows
+        plan, scale, x = observations.plan, posterior.scale, posterior.x
+        extra = [_Weighted(plan, group, True, self.worth_) for group in beside]
+        if extra:
+            system = np.concatenate([stack(plan, observations.factors(), self.weights_, scale), posterior.pull])
+            for _ in range(RE_WEIGHTINGS):
+                for group in extra:
+                    group.weigh(x, scale)
+                x = solve(plan, _joined(system, extra, scale), (0.0,))[0]
+        self.covariance_ = residual_covariance(observations, x, scale)
+        if self.weighting == "full_covariance":
+            # Rows of a joint count as many as the independent samples they are worth.
+            root = np.sqrt(self.worth_)
+            whitened = _whitened(observations, self.covariance_ / np.outer(root, root), scale)
+            x = solve(plan, _joined(np.concatenate([whitened, posterior.pull]), extra, scale), (0.0,))[0]
+            self.covariance_ = residual_covariance(observations, x, scale)
+        return self._keep(plan, x)
+
+    def _keep(self, plan: Plan, x: FloatArray) -> LinkDynamicsIdentifier:
         self.x_ = x
         self.phi_base_ = x[: plan.n_base]
-        self.own_ = x[plan.n_base :].reshape(n, plan.n_own)
+        self.own_ = x[plan.n_base :].reshape(plan.robot.n_joints, plan.n_own)
         self.noise_std_ = np.sqrt(np.diag(self.covariance_))
         return self
 
@@ -155,8 +262,9 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
 class _Weighted:
     """A group of rows and its weights, one over the standard deviation of its own residual."""
 
-    def __init__(self, plan: Plan, group: RowGroup, weighted: bool) -> None:
-        self._plan, self._group, self._weighted = plan, group, weighted
+    def __init__(self, plan: Plan, group: RowGroup, weighted: bool, worth: float | FloatArray = 1.0) -> None:
+        """`worth`: independent samples that a row counts as, the same as for the rows of the training runs."""
+        self._plan, self._group, self._weighted, self._root = plan, group, weighted, np.sqrt(worth)
         self.weights = np.where(group.n_rows > 0, 1.0, 0.0)
         if weighted:
             norms = np.array([np.linalg.norm(R[:, -1]) for R in group.factors])
@@ -166,7 +274,7 @@ class _Weighted:
         if self._weighted:
             power = residual_power(self._plan, self._group.factors, x, scale)
             std = np.sqrt(power / np.maximum(self._group.n_rows, 1))
-            self.weights = np.where(self._group.n_rows > 0, 1 / np.maximum(std, 1e-300), 0.0)
+            self.weights = np.where(self._group.n_rows > 0, self._root / np.maximum(std, 1e-300), 0.0)
 
     def system(self, scale: FloatArray) -> FloatArray:
         return stack(self._plan, self._group.factors, self.weights, scale)
@@ -180,6 +288,28 @@ def _joined(system: FloatArray, extra: Sequence[_Weighted], scale: FloatArray) -
 def stack(plan: Plan, factors: Sequence[FloatArray], weights: FloatArray, scale: FloatArray) -> FloatArray:
     """Weighted factors of all joints as one system ``[columns | torque]``, (rows, n_columns + 1) (Eq. 23)."""
     return np.concatenate([weights[j] * stack_one(plan, j, R, scale) for j, R in enumerate(factors)])
+
+
+def weighted_system(
+    observations: Observations, links: LinkDynamicsIdentifier, *, least_noise: float = 0.0
+) -> FloatArray:
+    """System ``[columns | torque]`` that `links` was solved on, its noise of variance one.
+
+    Parameters
+    ----------
+    least_noise : float
+        No joint's noise counts as less than this part of its torque.
+    """
+    plan, factors = observations.plan, observations.factors()
+    size = np.array([np.linalg.norm(R[:, -1]) for R in factors]) / np.sqrt(observations.n_rows)
+    least = np.maximum(least_noise * size, 1e-300)
+    if links.weighting == "full_covariance":
+        short = np.maximum(least**2 - np.diag(links.covariance_), 0.0)
+        return _whitened(observations, links.covariance_ + np.diag(short), links.torque_scale_)
+    noise = links.noise_std_
+    if links.weighting is None:
+        noise = np.full(len(factors), np.sqrt(np.mean(noise**2)))
+    return stack(plan, factors, 1 / np.maximum(noise, least), links.torque_scale_)
 
 
 def solve(plan: Plan, system: FloatArray, ridges: Sequence[float]) -> list[FloatArray]:
@@ -243,11 +373,18 @@ def block_residuals(observations: Observations, x: FloatArray, scale: FloatArray
     ]
 
 
-def residual_covariance(observations: Observations, x: FloatArray, scale: FloatArray) -> FloatArray:
-    """Covariance of the residual between joints (Eq. 24), divisor rows minus the rank's share of a joint."""
+def residual_covariance(
+    observations: Observations, x: FloatArray, scale: FloatArray, *, as_printed: bool = False
+) -> FloatArray:
+    """Covariance of the residual between joints (Eq. 24), divisor rows minus the rank's share of a joint.
+
+    `as_printed`: the divisor is rows minus the whole rank, as if each joint had paid for all parameters. The paper's
+    estimate (Eq. 25) is the same with either; noise and intervals are not, and the share is the unbiased one.
+    """
     plan = observations.plan
     left = np.concatenate(block_residuals(observations, x, scale))
-    share = plan.estimable().sum() / plan.robot.n_joints
+    rank = plan.estimable().sum()
+    share = rank if as_printed else rank / plan.robot.n_joints
     covariance: FloatArray = left.T @ left / max(len(left) - share, 1.0)
     return covariance
 
@@ -273,12 +410,22 @@ def _choose_ridge(
     return RIDGES[int(np.flatnonzero(regret <= regret.min() + RIDGE_WORTH)[0])]
 
 
-def _improve_scale(
-    plan: Plan, factors: Sequence[FloatArray], weights: FloatArray, scale: FloatArray, x: FloatArray
+def improve_scale(
+    plan: Plan,
+    factors: Sequence[FloatArray],
+    weights: FloatArray,
+    scale: FloatArray,
+    x: FloatArray,
+    pull: FloatArray | None = None,
 ) -> FloatArray:
-    """One Gauss-Newton step on the torque scales beside all other unknowns; the first joint's is the unit."""
+    """One Gauss-Newton step on the torque scales beside all other unknowns; the first joint's is the unit.
+
+    `pull`, rows ``[A | b]`` of a prior on the other unknowns.
+    """
     n = plan.robot.n_joints
     system = stack(plan, factors, weights, scale)
+    if pull is not None:
+        system = np.concatenate([system, pull])
     changes = np.zeros((len(system), n))
     first = 0
     for j, R in enumerate(factors):

@@ -76,7 +76,8 @@ class States:
 
     `q, dq, ddq` link side, `q_motor, dq_motor, ddq_motor` motor side (the same arrays with one encoder), `tau` in the
     recording's unit. `moving` (n,) marks the samples that are fitted and scored, `rows` those of them that become
-    rows of the fit. `notes` says what was done to the signals.
+    rows of the fit. `notes` says what was done to the signals. `reference` is the position that the controller was
+    asked for, with its derivatives, through the same filter; None where it was not recorded.
     """
 
     name: str
@@ -93,6 +94,7 @@ class States:
     moving: NDArray[np.bool_]
     two_encoders: bool
     notes: tuple[str, ...] = ()
+    reference: tuple[FloatArray, FloatArray, FloatArray] | None = None
 
     @cached_property
     def filter(self) -> Filter | None:
@@ -193,6 +195,10 @@ def prepare(recording: Recording, band: Band, rate: float) -> States:
     step = 1 if exact else max(1, int(rate / (WORK_RATE * band.cutoff)))
     if step > 1:
         tau = band.apply(tau, rate, 0.4 * rate / step)
+    reference: list[FloatArray] | None = None
+    if recording.q_reference is not None:
+        asked = _side(recording, recording.q_reference, None, None, grid, band, rate, "q_reference", notes)[:3]
+        reference = [np.ascontiguousarray(x[::step]) for x in asked]
     moving = _moving(link[1][::step], rate / step, band)
     names = ("q", "dq", "ddq", "q_motor", "dq_motor", "ddq_motor")
     signals = dict(zip(names, (np.ascontiguousarray(x[::step]) for x in (*link[:3], *motor[:3])), strict=True))
@@ -206,6 +212,7 @@ def prepare(recording: Recording, band: Band, rate: float) -> States:
         moving=moving,
         two_encoders=two_encoders,
         notes=tuple(notes),
+        reference=None if reference is None else (reference[0], reference[1], reference[2]),
     )
 
 

@@ -25,10 +25,10 @@ MAX_GAP_STEPS = 10.0
 MIN_STEP = 1e-9
 """Shorter median steps [s] come from a wrong unit or damaged numbers."""
 
-_MATRICES = ("q", "tau", "dq", "ddq", "q_motor", "dq_motor", "ddq_motor", "temperature")
+_MATRICES = ("q", "tau", "dq", "ddq", "q_motor", "dq_motor", "ddq_motor", "q_reference", "temperature")
 _REQUIRED = ("q", "tau")
 
-OptionalSignal = Literal["dq", "ddq", "q_motor", "dq_motor", "ddq_motor", "temperature"]
+OptionalSignal = Literal["dq", "ddq", "q_motor", "dq_motor", "ddq_motor", "q_reference", "temperature"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +47,8 @@ class Recording:
         Torque at the joint [`torque_unit`].
     q_motor, dq_motor, ddq_motor : ndarray (n, n_joints), optional
         Motor encoder divided by the gear ratio [rad, m], its velocity and its acceleration.
+    q_reference : ndarray (n, n_joints), optional
+        Position that the controller was asked for [rad, m], free of measurement noise.
     temperature : ndarray (n, n_joints), optional
         Temperature of the joint [degC].
     name : str
@@ -72,6 +74,7 @@ class Recording:
     q_motor: FloatArray | None = None
     dq_motor: FloatArray | None = None
     ddq_motor: FloatArray | None = None
+    q_reference: FloatArray | None = None
     temperature: FloatArray | None = None
     name: str = "recording"
     joints: tuple[str, ...] = ()

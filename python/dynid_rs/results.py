@@ -15,15 +15,21 @@ from dynid_rs.columns import Plan
 from dynid_rs.evaluation import FLOOR_METHOD, Comparison, compare, noise_floor, rmse, rmse_interval, torque_std
 from dynid_rs.findings import Finding
 from dynid_rs.identification import ThreeLoopIdentifier
+from dynid_rs.instruments import InstrumentalVariables, endogeneity
 from dynid_rs.links import stack
+from dynid_rs.physical import PhysicalIdentifier
+from dynid_rs.physical_result import physical_section
 from dynid_rs.preprocessing import States
 from dynid_rs.recording import Recording
+from dynid_rs.separability import examine, not_separable
 from dynid_rs.uncertainty import NORMAL_95, parameter_covariance
 from dynid_rs.wording import residual_reason, verdict
 
 FloatArray = NDArray[np.float64]
 
 FORMAT, VERSION = "dynid-result", 1
+UNITS: dict[str, str] = {c["name"]: c["unit"] for entry in _core.effect_catalogue() for c in entry["coefficients"]}
+"""Of every coefficient, with places for the units of torque and angle."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,13 +79,14 @@ def summarise(
     train: Sequence[Evaluated],
     test: Sequence[Evaluated],
     findings: Sequence[Finding],
+    physical: PhysicalIdentifier | None = None,
 ) -> dict[str, Any]:
     """Content of `result.json`: errors on the test runs, parameters with intervals, what was found in the data."""
     from threadpoolctl import threadpool_limits
 
     # One BLAS thread: the last digits must not depend on the machine's cores.
     with threadpool_limits(limits=1, user_api="blas"):
-        return _summarise(identifier, train, test, findings)
+        return _summarise(identifier, train, test, findings, physical)
 
 
 def _summarise(
@@ -87,6 +94,7 @@ def _summarise(
     train: Sequence[Evaluated],
     test: Sequence[Evaluated],
     findings: Sequence[Finding],
+    physical: PhysicalIdentifier | None,
 ) -> dict[str, Any]:
     robot = identifier.robot
     train_states, test_states = [run.states for run in train], [run.states for run in test]
@@ -99,6 +107,8 @@ def _summarise(
         for states in (*train_states, *test_states)
         for note in states.notes
     ]
+    known = examine(identifier, test_states)
+    told = not_separable(known, prior_used=identifier.links_.posterior_ is not None)
     result: dict[str, Any] = {
         "format": FORMAT,
         "version": VERSION,
@@ -112,7 +122,7 @@ def _summarise(
             "n_dropped": {"train": _standing_still(train_states), "test": _standing_still(test_states)},
             "rate_hz": train_states[0].rate,
             "cutoff_hz": identifier.band_.cutoff,
-            "findings": [finding.to_json() for finding in (*findings, *_standstill(test_states, whole), *notes)],
+            "findings": [finding.to_json() for finding in (*findings, *told, *_standstill(test_states, whole), *notes)],
         },
         "rmse": {
             "train": {"before": trained.rmse, "after": trained.rmse},
@@ -128,6 +138,8 @@ def _summarise(
             },
         },
         "floor_method": FLOOR_METHOD,
+        "prior": _prior(identifier),
+        "known": known,
         "effects": [],
         "unexplained": [],
         "residual": _residual(identifier, test_states, tested),
@@ -138,10 +150,15 @@ def _summarise(
             {"iteration": k + 1, "rmse_train": after["residual"], "rmse_train_after": after}
             for k, after in enumerate(identifier.history_)
         ],
-        "loops": _loops(identifier, trained, tested, train_states, test_states),
+        "loops": _loops(identifier, test_states, tested),
         "n_iter": identifier.n_iter_,
         "converged": identifier.converged_,
     }
+    instruments = InstrumentalVariables().fit(identifier.observations_, identifier.links_, identifier.runs_)
+    result["endogeneity"] = endogeneity(instruments, _unknowns(identifier.observations_.plan))
+    if physical is not None:
+        error = score(physical.torque_model(identifier.model_), test_states).rmse
+        result["physical"] = physical_section(physical, identifier.model_, tested.rmse, error)
     result["residual"]["reason"] = residual_reason(result)
     result["verdict"] = verdict(result)
     plain: dict[str, Any] = _plain(result)
@@ -174,16 +191,11 @@ def residual_table(
     return {column: np.concatenate([part[column] for part in parts]) for column in parts[0]}
 
 
-def _loops(
-    identifier: ThreeLoopIdentifier, trained: Scores, tested: Scores, train: list[States], test: list[States]
-) -> dict[str, Any]:
-    """What each loop gave: errors of the baseline, with the first loop's friction, with fitted links, of all."""
+def _loops(identifier: ThreeLoopIdentifier, test: list[States], tested: Scores) -> dict[str, Any]:
+    """What each loop gave: test errors of the baseline, with the first loop's friction, with fitted links, of all."""
     without = identifier.model_with([None] * identifier.robot.n_joints)
     stages = (("wls", identifier.baseline_), ("friction", identifier.friction_model_), ("links", without))
-    return {
-        name: {stage: score(model, runs).rmse for stage, model in stages} | {"residual": whole.rmse}
-        for name, runs, whole in (("train", train, trained), ("test", test, tested))
-    }
+    return {"test": {stage: score(model, test).rmse for stage, model in stages} | {"residual": tested.rmse}}
 
 
 def _residual(identifier: ThreeLoopIdentifier, test: list[States], tested: Scores) -> dict[str, Any]:
@@ -192,17 +204,17 @@ def _residual(identifier: ThreeLoopIdentifier, test: list[States], tested: Score
     if third is None:
         return {"kind": "gmr", "inputs": None, "kept": False, "kept_on": [], "switched_off": True}
     without = score(identifier.model_with([None] * n), test) if third.kept.any() else tested
-    candidates = [mixture or candidate for mixture, candidate in zip(third.mixtures_, third.candidates_, strict=True)]
+    candidates = [kept or candidate for kept, candidate in zip(third.mixtures_, third.candidates_, strict=True)]
     with_all = score(identifier.model_with(candidates), test)
     return {
-        "kind": "gmr",
+        "kind": {"mixture": "gmr", "rbf": "rbf"}[third.method],
         "inputs": third.inputs_,
         "kept": bool(third.kept.any()),
         "kept_on": [joint for joint, kept in zip(identifier.robot.joint_names, third.kept, strict=True) if kept],
         "rmse_test_without": without.rmse,
         "rmse_test_with": with_all.rmse,
         "left_out_ratio": third.ratio_,
-        "n_components": [mixture.n_components if mixture else 0 for mixture in candidates],
+        "n_components": [regression.n_components if regression else 0 for regression in candidates],
     }
 
 
@@ -233,6 +245,38 @@ def _base(identifier: ThreeLoopIdentifier) -> dict[str, Any]:
         "condition_number": float(values[0] / values[-1]) if values[-1] > 0 else None,
         "ridge": identifier.links_.ridge_,
         "torque_scale": identifier.links_.torque_scale_,
+    }
+
+
+def _prior(identifier: ThreeLoopIdentifier) -> dict[str, Any] | None:
+    """How far off the robot file is, and how far the data moved every parameter from it, in the prior's own measure."""
+    posterior, plan = identifier.links_.posterior_, identifier.observations_.plan
+    if posterior is None:
+        return None
+    declared, names = posterior.prior, base_names(plan)
+    std = declared.std(posterior.spreads.tolist())
+    off = posterior.relative_uncertainty
+    moved = [
+        {
+            "name": names[k],
+            "link": identifier.robot.link_names[plan.pivots[k] // 10],
+            "declared": posterior.gain * declared.mean[k],
+            "value": posterior.x[k],
+            "std": std[k],
+            "shift": (posterior.x[k] - posterior.gain * declared.mean[k]) / std[k],
+        }
+        for k in range(plan.n_base)
+        if np.isfinite(std[k])
+    ]
+    return {
+        "kind": "robot",
+        "relative_uncertainty": {"links": off[0], "rotors": off[1] if len(off) > 1 else None},
+        "gain": None if identifier.torque_unit_ == "N*m" else posterior.gain,
+        "n_directions": declared.rank,
+        "n_determined": posterior.n_determined,
+        "n_effective": posterior.n_effective,
+        "n_rows": identifier.observations_.n_rows,
+        "moved": moved,
     }
 
 
@@ -282,16 +326,19 @@ def base_names(plan: Plan) -> list[str]:
     return names
 
 
+def _unknowns(plan: Plan) -> list[str]:
+    """Names of all unknowns of the fit, (n_columns,)."""
+    own = [name for effect in plan.effects for name in effect.coefficient_names]
+    return base_names(plan) + [f"{name} of {joint}" for joint in plan.robot.joint_names for name in own]
+
+
 def own_unit(name: str, torque_unit: str, kind: str) -> str:
     """Unit of a joint's own coefficient `name`; `kind` is the joint's."""
     angle = "rad" if kind == "revolute" else "m"
     torque = "N" if kind == "prismatic" and torque_unit == "N*m" else torque_unit
     if name == "rotor_inertia":
         return f"{torque}*s^2/{angle}" if torque == "A" else {"rad": "kg*m^2", "m": "kg"}[angle]
-    if name.startswith("viscous"):
-        order = name[len("viscous")]
-        return f"{torque}*s/{angle}" if order == "1" else f"{torque}*(s/{angle})^{order}"
-    return torque
+    return UNITS.get(name, "{torque}").format(torque=torque, angle=angle)
 
 
 def _parameter(name: str, value: float, std: float, unit: str) -> dict[str, Any]:

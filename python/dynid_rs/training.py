@@ -9,6 +9,7 @@ import numpy as np
 from dynid_rs import _core
 from dynid_rs.checks.motion import MIN_SPAN, moving_joints
 from dynid_rs.errors import DataError
+from dynid_rs.findings import joint_words
 from dynid_rs.preprocessing import Band, States, prepare
 from dynid_rs.recording import Recording
 
@@ -51,7 +52,7 @@ def check_training_runs(robot: _core.RobotModel, recordings: Sequence[Recording]
     moves = np.any([moving_joints(recording) for recording in recordings], axis=0)
     for j in np.flatnonzero(~moves):
         raise DataError(
-            f"{', '.join(recording.name for recording in recordings)}: joint {robot.joint_names[j]} never "
+            f"{', '.join(recording.name for recording in recordings)}: {joint_words(robot.joint_names[j])} never "
             f"moves (q_{j} stays within {MIN_SPAN:g}); its friction and inertia cannot be learned, record a run that "
             "moves it",
             code="joint_never_moves",
@@ -73,8 +74,8 @@ def check_torque(recordings: Sequence[Recording]) -> None:
     for j in np.flatnonzero(highest <= lowest):
         names = ", ".join(recording.name for recording in recordings)
         raise DataError(
-            f"{names}: the torque of joint {recordings[0].joints[j]} is {lowest[j]:g} in every row; is its channel "
-            "connected, and is it the right column?",
+            f"{names}: the torque of {joint_words(recordings[0].joints[j])} is {lowest[j]:g} in every row; is its "
+            "channel connected, and is it the right column?",
             code="torque_never_changes",
             file=recordings[0].name,
             column=f"tau_{j}",

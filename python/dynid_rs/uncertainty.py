@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from dynid_rs import _core
 from dynid_rs.columns import Observations
 from dynid_rs.links import LinkDynamicsIdentifier, block_residuals
+from dynid_rs.memory import flat_top
 from dynid_rs.preprocessing import States
 
 FloatArray = NDArray[np.float64]
@@ -33,17 +34,22 @@ def parameter_covariance(
     Friction's transition widths count as fitted beside the coefficients, or as known without `fitted_widths`. Where
     a ridge was used, this is the covariance without it: wider, because the ridge's bias is not in it. Thresholds and
     torque scales count as known, residuals of different joints as uncorrelated.
+
+    Under a prior P of the inertials the truth is as far from its mean as it says: ``B (sum_j C_j' Gamma_j C_j + P) B``
+    with ``B = (sum_j w_j C_j' C_j + P)^-1``.
     """
     plan = observations.plan
     n = plan.robot.n_joints
-    weights = np.diag(np.linalg.inv(links.covariance_)) if links.weighting == "full_covariance" else links.weights_**2
+    weights = links.weights_**2
+    if links.weighting == "full_covariance":
+        weights = np.diag(np.linalg.inv(links.covariance_)) * links.worth_
     used = plan.estimable()
     columns = [_columns(observations, links, runs, j, used, fitted_widths) for j in range(n)]
-    width = int(used.sum()) + n * fitted_widths
-    bread = _bread(columns, np.sqrt(weights), width)
+    pull = _prior_rows(links, used, int(used.sum()) + n * fitted_widths)
+    bread = _bread(columns, np.sqrt(weights), pull)
     residuals = _on_grid(observations, runs, block_residuals(observations, links.x_, links.torque_scale_))
     masks = _on_grid(observations, runs, [np.ones((block.n_rows, 1)) for block in observations.blocks])
-    meat = np.zeros_like(bread)
+    meat = pull.T @ pull
     for j, (places, grids) in enumerate(columns):
         own = np.ix_(places, places)
         noise = _Noise([run[:, j] for run in residuals], [run[:, 0] for run in masks], grids, weights[j] * bread[own])
@@ -73,9 +79,10 @@ def _columns(
     grids = _on_grid(observations, runs, [block.rows[j][:, :-1][:, known] * factor for block in observations.blocks])
     if not fitted_widths:
         return places, grids
-    shape = dict(plan.effects[-1].shape)
+    friction, own = plan.friction
+    shape = dict(friction.shape)
     threshold, width = shape["velocity_threshold"][j], shape["transition_width"][j]
-    coefficients = links.own_[j, -len(_core.FRICTION_NAMES) :]
+    coefficients = links.own_[j, own]
     widened = []
     for states, grid in zip(runs, grids, strict=True):
         speed = np.ascontiguousarray(states.dq_motor[:, j])
@@ -89,14 +96,22 @@ def _columns(
     return np.append(places, int(used.sum()) + j), widened
 
 
+def _prior_rows(links: LinkDynamicsIdentifier, used: NDArray[np.bool_], width: int) -> FloatArray:
+    """Root of the prior's precision in the columns in use, (rank, width); no rows without one."""
+    if links.posterior_ is None:
+        return np.zeros((0, width))
+    rows = links.posterior_.pull[:, :-1][:, used]
+    return np.pad(rows, ((0, 0), (0, width - rows.shape[1])))
+
+
 def _bread(
-    columns: Sequence[tuple[NDArray[np.intp], list[FloatArray]]], root_weights: FloatArray, width: int
+    columns: Sequence[tuple[NDArray[np.intp], list[FloatArray]]], root_weights: FloatArray, pull: FloatArray
 ) -> FloatArray:
-    """``(sum_j w_j C_j' C_j)^-1`` (width, width) through a triangular factor."""
-    factors = []
+    """``(sum_j w_j C_j' C_j + P)^-1`` (width, width) through a triangular factor; `pull` is a root of P."""
+    factors = [pull]
     for root_weight, (places, grids) in zip(root_weights, columns, strict=True):
         own = _core.merge_factors([_core.triangular_factor(root_weight * run) for run in grids])
-        wide = np.zeros((len(own), width))
+        wide = np.zeros((len(own), pull.shape[1]))
         wide[:, places] = own
         factors.append(wide)
     system = _core.triangular_factor(np.concatenate(factors))
@@ -123,6 +138,7 @@ class _Noise:
         masks: Sequence[FloatArray],
         columns: Sequence[FloatArray],
         weighted_bread: FloatArray,
+        power: int = 2,
     ) -> None:
         from scipy.fft import irfft, next_fast_len, rfft
 
@@ -138,7 +154,8 @@ class _Noise:
             leverage += np.sum((lines.imag @ weighted_bread) * lines.imag, axis=1)
             taken[:n] += irfft(leverage, size)[:n]
         covariances = sums / np.maximum(np.round(pairs), 1.0)
-        taper = _flat_top(covariances, float(pairs[0]))
+        taper = flat_top(covariances, float(pairs[0]))
+        self._power = power
         self._covariances = covariances[: len(taper)] * taper
         self._taken = taken[: len(taper)] * taper / pairs[0]
 
@@ -148,21 +165,8 @@ class _Noise:
 
         residual = 2 * rfft(self._covariances, size).real - self._covariances[0]
         taken = 2 * rfft(self._taken, size).real - self._taken[0]
-        spectrum: FloatArray = np.maximum(residual, 0.0) / np.maximum(1 - taken, 0.1) ** 2
+        spectrum: FloatArray = np.maximum(residual, 0.0) / np.maximum(1 - taken, 0.1) ** self._power
         return spectrum
-
-
-def _flat_top(covariances: FloatArray, n_samples: float) -> FloatArray:
-    """Window over the lags up to twice the last one whose correlation is not noise; the farther half is tapered."""
-    if covariances[0] <= 0:
-        return np.ones(1)
-    bound = 2 * np.sqrt(np.log10(n_samples) / n_samples)
-    small = np.abs(covariances / covariances[0]) < bound
-    quiet = 5
-    last = next((k for k in range(1, len(small) - quiet) if small[k : k + quiet].all()), 1) - 1
-    window = min(max(2 * last, 1), len(covariances) - 1, int(n_samples / 4))
-    taper: FloatArray = np.clip(2 * (1 - np.arange(window + 1) / (window + 1)), 0, 1)
-    return taper
 
 
 def _toeplitz_product(columns: FloatArray, spectrum: Callable[[int], FloatArray]) -> FloatArray:
@@ -190,3 +194,32 @@ def _on_grid(observations: Observations, runs: Sequence[States], parts: Sequence
         grid[states.moving[states.grid]] = rows
         grids.append(grid)
     return grids
+
+
+def noise_products(
+    observations: Observations,
+    runs: Sequence[States],
+    residuals: Sequence[FloatArray],
+    columns: Sequence[Sequence[FloatArray]],
+    weighted_breads: Sequence[FloatArray],
+) -> list[FloatArray]:
+    """``C_j' Gamma_j C_j`` (k, k) of every joint, Gamma_j its noise's own autocovariance, estimated without bias.
+
+    Parameters
+    ----------
+    residuals : per block (n_rows, n_joints)
+        What a fit leaves.
+    columns : per joint and block (n_rows, k)
+        C_j. The first of them are those of the fit.
+    weighted_breads : per joint
+        ``w_j (sum w C' C)^-1`` of the fit, in the places of its columns.
+    """
+    left = _on_grid(observations, runs, residuals)
+    masks = [mask[:, 0] for mask in _on_grid(observations, runs, [np.ones((len(part), 1)) for part in residuals])]
+    products = []
+    for j, bread in enumerate(weighted_breads):
+        grids = _on_grid(observations, runs, columns[j])
+        fitted = [grid[:, : len(bread)] for grid in grids]
+        noise = _Noise([run[:, j] for run in left], masks, fitted, bread, power=1)
+        products.append(np.sum([_toeplitz_product(run, noise.spectrum) for run in grids], axis=0))
+    return products

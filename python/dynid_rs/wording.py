@@ -20,7 +20,44 @@ def verdict(result: dict[str, Any]) -> str:
     else:
         against = f"{-change:.0f} % MORE than weighted least squares leaves; the simple model is the better one here"
     summary = f"On runs that it has not seen the model leaves {errors}, on average {against}."
-    return f"{summary}{_worse_joints(result)} {result['residual']['reason']}"
+    third, declared = result["residual"]["reason"], _prior(result) + _not_separable(result)
+    return f"{summary}{_worse_joints(result)}{_bias(result)} {third}{declared}"
+
+
+def _prior(result: dict[str, Any]) -> str:
+    """How far the data trusts the robot file's inertials, where they are in the fit."""
+    prior = result.get("prior")
+    if prior is None:
+        return ""
+    off = prior["relative_uncertainty"]
+    rotors = "" if off["rotors"] is None else f" and its rotors as if off by {100 * off['rotors']:.2g} %"
+    return (
+        f" The robot file's inertials stand beside the data as if off by {100 * off['links']:.2g} %{rotors}: "
+        f"of {prior['n_directions']} directions in them the data determines {prior['n_determined']:.0f}."
+    )
+
+
+def _not_separable(result: dict[str, Any]) -> str:
+    messages = [f["message"] for f in result.get("data", {}).get("findings", ()) if f["code"] == "not_separable"]
+    return "".join(f" {message[0].upper()}{message[1:]}." for message in messages)
+
+
+def _bias(result: dict[str, Any]) -> str:
+    """Say that least squares is biased where the test with instruments finds it."""
+    found = result.get("endogeneity")
+    if not found or not found["biased"]:
+        return ""
+    account = {
+        "reference": "the reference trajectory",
+        "second_encoder": "the other encoders",
+        "smooth": "the smooth part of the motion",
+    }[found["instruments"]]
+    worst = found["largest_shift"]
+    return (
+        f" Least squares is biased: with instruments from {account}, {worst['parameter']} moves by "
+        f"{worst['standard_errors']:.1f} standard errors (Durbin-Wu-Hausman p = {found['p_value']:.1g}); noise of the "
+        "positions, or an effect that the model lacks, is in the regressor."
+    )
 
 
 def _worse_joints(result: dict[str, Any]) -> str:
@@ -62,7 +99,12 @@ def residual_reason(result: dict[str, Any]) -> str:
     residual = result["residual"]
     if residual.get("switched_off"):
         return "The third loop was switched off."
-    signals = {"deflection": "the gears' deflection", "joint_state": "joint position and velocity"}[residual["inputs"]]
+    method = {"gmr": "mixture regression", "rbf": "radial basis functions"}[residual["kind"]]
+    signals = {
+        "deflection": "the gears' deflection",
+        "joint_state": "joint position and velocity",
+        "load_free_deflection": "the gears' deflection without the load's share",
+    }[residual["inputs"]]
     kept = np.isin(result["joints"], residual["kept_on"])
     change = 100 * (np.asarray(residual["rmse_test_with"]) / np.maximum(residual["rmse_test_without"], 1e-300) - 1)
     fitted = np.asarray(residual["n_components"]) > 0
@@ -70,11 +112,11 @@ def residual_reason(result: dict[str, Any]) -> str:
         return "The third loop had nothing to learn from: no joint has two different encoder signals."
     if not kept.any():
         return (
-            f"The third loop (mixture regression on {signals}) did not pay on training runs left out and is not in the "
+            f"The third loop ({method} on {signals}) did not pay on training runs left out and is not in the "
             f"model; on the test runs it would have changed the error by {_range(change[fitted])}."
         )
     names = ", ".join(np.asarray(result["joints"])[kept])
-    words = f"The third loop (mixture regression on {signals}) paid on {names} and is in the model there: "
+    words = f"The third loop ({method} on {signals}) paid on {names} and is in the model there: "
     words += f"it changed the error on the test runs by {_range(change[kept])}."
     if not kept.all():
         words += " On the other joints it did not pay on training runs left out."

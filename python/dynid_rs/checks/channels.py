@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from dynid_rs.checks.motion import MIN_SPAN, equal_runs, label, moving_joints, spans
-from dynid_rs.findings import Finding
+from dynid_rs.findings import Finding, joint_words
 from dynid_rs.recording import FloatArray, Recording
 
 FROZEN_SECONDS = 0.1
@@ -70,7 +70,7 @@ def _still_joints(rec: Recording) -> Iterator[Finding]:
         yield Finding(
             "joint_never_moves",
             "warning" if moves.any() else "error",
-            f"joint {rec.joints[joint]} never moves (range {ranges[joint]:.2g}, at "
+            f"{joint_words(rec.joints[joint])} never moves (range {ranges[joint]:.2g}, at "
             f"least {MIN_SPAN:g} rad is motion); "
             "its friction and inertia cannot be identified from this run",
             rec.name,

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from dynid_rs.checks.motion import correlation, label, moving_joints, rms
-from dynid_rs.findings import Finding, Severity
+from dynid_rs.findings import Finding, Severity, joint_words
 from dynid_rs.recording import FloatArray, Recording
 
 MAX_DEFLECTION = 0.1
@@ -95,7 +95,7 @@ def _mismatch(rec: Recording, motors: FloatArray, joint: int) -> Finding:
                 joint,
                 "motor_swapped",
                 "error",
-                f"follows joint {rec.joints[other]} (q_{other}), not its own: the "
+                f"follows {joint_words(rec.joints[other])} (q_{other}), not its own: the "
                 "columns are swapped; map them in "
                 "dynid.toml under [columns]",
             )
@@ -125,8 +125,9 @@ def _delay(rec: Recording, deflection: FloatArray, joint: int) -> Iterator[Findi
             joint,
             "encoder_delay",
             "info",
-            f"and q_{joint} differ as if {late}_{joint} came {abs(delay) * 1e3:.2g} ms after {early}_{joint} "
-            f"({100 * share:.0f} % of their difference); the delay is removed before deflection is used",
+            f"and q_{joint} differ as if {late}_{joint} came about {abs(delay) * 1e3:.2g} ms after {early}_{joint} "
+            f"({100 * share:.0f} % of their difference); an estimate from speed alone: `dynid identify` fits the delay "
+            "beside the gear's yielding, and removes it before deflection is used",
             delay,
             "s",
         )

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from dynid_rs.checks.motion import block_velocity, correlation, moving_joints, spans
-from dynid_rs.findings import Finding
+from dynid_rs.findings import Finding, joint_words
 from dynid_rs.recording import FloatArray, Recording
 
 MIN_DURATION = 5.0
@@ -61,11 +61,11 @@ def _together(rec: Recording, velocity: FloatArray, moving: list[int]) -> Iterat
         left = [other for other in left if other not in group]
         if group:
             least = min((values[other] for other in group), key=abs)
-            names = ", ".join(rec.joints[joint] for joint in (first, *group))
+            names = joint_words(*(rec.joints[joint] for joint in (first, *group)))
             yield Finding(
                 "joints_together",
                 "warning",
-                f"joints {names} always move together (correlation of their velocities {least:.3f}); their "
+                f"{names} always move together (correlation of their velocities {least:.3f}); their "
                 "parameters cannot be told apart",
                 rec.name,
                 f"q_{group[0]}",
@@ -76,5 +76,5 @@ def _together(rec: Recording, velocity: FloatArray, moving: list[int]) -> Iterat
 
 
 def _hint(rec: Recording, joint: int, text: str, code: str, value: float, unit: str) -> Finding:
-    message = f"joint {rec.joints[joint]} {text}"
+    message = f"{joint_words(rec.joints[joint])} {text}"
     return Finding(code, "info", message, rec.name, f"q_{joint}", (0, rec.n_samples), float(value), unit)

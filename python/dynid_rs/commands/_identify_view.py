@@ -36,6 +36,8 @@ def show(result: dict[str, Any], directory: Path) -> None:
         )
     out.print(table)
     out.print(Text(result["verdict"]))
+    if "physical" in result:
+        out.print(Text(f"Physical set: {result['physical']['reason']}"))
     delay = result["encoder_delay"]
     if delay is not None:
         values = ", ".join(
@@ -43,10 +45,28 @@ def show(result: dict[str, Any], directory: Path) -> None:
             for value, measured in zip(delay["value"], delay["measured"], strict=True)
         )
         out.print(f"Link encoders come late by {values} ms (removed first).")
+    for entry in result["known"]:
+        out.print(Text(_known(entry, result)))
     for finding in result["data"]["findings"]:
         if finding["severity"] != "info":
             out.print(Text(f"{finding['severity']}: {_with_file(finding)}"))
     out.print(Text(f"report: {directory / REPORT_FILE}"), soft_wrap=True)
+
+
+def _known(entry: dict[str, Any], result: dict[str, Any]) -> str:
+    """Test error of a known term's joint with and without it, under the prior's weights and without a prior."""
+    std = result["rmse"]["test"]["torque_std"][result["joints"].index(entry["joint"])]
+    alone, prior = entry["rmse_test_alone"], entry.get("rmse_test_with_prior")
+    text = f"{entry['kind'].replace('_', ' ')} of {shown(entry['joint'])}, known: test error "
+    if prior is not None:
+        off = entry["relative_uncertainty"]
+        text += (
+            f"{_with_share(prior['with'], std)} with it, {_with_share(prior['without_same_weight'], std)} without it "
+            f"under the same weight of the prior (links off by {100 * off['with']:.2g} %), "
+            f"{_with_share(prior['without'], std)} under the weight that the evidence finds then "
+            f"({100 * off['without']:.2g} %); without a prior "
+        )
+    return f"{text}{_with_share(alone['with'], std)} with it, {_with_share(alone['without'], std)} without it."
 
 
 def _with_file(finding: dict[str, Any]) -> str:

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 STRONGEST_GRAVITY = 100.0
 """More than this [m/s^2] is a slip of the unit or of a key; Jupiter has 25."""
+RUN_SUFFIXES = (".parquet", ".csv", ".npz")
 ROUNDING = 1e-6
 """Rates from time stamps are not exact."""
 
@@ -28,15 +29,42 @@ class Settings:
     gain_given: bool = False
 
 
-def read_robot(path: Path, base: str | None, tip: str | None, gravity: str) -> Any:
-    """Read a URDF and put the arm into the given gravity, "X,Y,Z" [m/s^2]."""
+def read_robot(path: Path, base: str | None = None, tip: str | None = None, gravity: str | None = None) -> Any:
+    """Read a robot, URDF or robot.toml, in its own gravity or in the given one, "X,Y,Z" [m/s^2]."""
     from dynid_rs import _core
     from dynid_rs.files import check_readable
 
-    vector = _numbers("--gravity", gravity, 3)
-    if sum(g * g for g in vector) > STRONGEST_GRAVITY**2:
+    vector = None if gravity is None else numbers("--gravity", gravity, 3)
+    if vector is not None and sum(g * g for g in vector) > STRONGEST_GRAVITY**2:
         raise ValueError(f"--gravity must be in m/s^2, at most {STRONGEST_GRAVITY:g}, found {gravity}")
-    return _core.RobotModel.from_urdf(check_readable(path), base=base, tip=tip, gravity=vector)
+    place = check_readable(path)
+    if place.suffix.lower() in RUN_SUFFIXES:
+        raise ValueError(
+            f"{path}: this is a run, and a robot (URDF or robot.toml) is expected here; the robot comes before the runs"
+        )
+    return _core.RobotModel.from_file(place, base=base, tip=tip, gravity=vector)
+
+
+def with_rotors(robot: Any, settings: Settings, path: Path, base: str | None, tip: str | None) -> Any:
+    """Return the robot with the rotor inertias of `dynid.toml`; the same one where it gives none."""
+    from dynid_rs import _core
+    from dynid_rs.errors import DataError
+    from dynid_rs.files import check_readable
+
+    inertia, n = settings.config.rotor_inertia, robot.n_joints
+    if inertia is None:
+        return robot
+    if len(inertia) not in (1, n):
+        raise DataError(
+            f"{settings.config.source}, [motor] rotor_inertia: must be one number or {n}, one per joint of "
+            f"{robot.name}, found {len(inertia)}",
+            code="bad_config",
+            file=settings.config.source,
+            column="[motor] rotor_inertia",
+        )
+    rotors = list(inertia) * (n // len(inertia))
+    gravity = robot.gravity.tolist()
+    return _core.RobotModel.from_urdf(check_readable(path), base=base, tip=tip, gravity=gravity, rotor_inertia=rotors)
 
 
 def read_settings(config: Path | None, drive_gain: str | None, n_joints: int) -> Settings:
@@ -46,7 +74,7 @@ def read_settings(config: Path | None, drive_gain: str | None, n_joints: int) ->
     rules = Config() if config is None else read_config(config)
     if drive_gain is None:
         return Settings(rules)
-    gains = _numbers("--drive-gain", drive_gain, n_joints)
+    gains = numbers("--drive-gain", drive_gain, n_joints, or_one=True)
     if min(gains) <= 0:
         raise ValueError(f"--drive-gain must be positive, found {min(gains):g}; a direction belongs in [signs] tau")
     return Settings(replace(rules, drive_gain=gains), gain_given=True)
@@ -113,13 +141,15 @@ def check_cutoff(cutoff: float | None, recordings: Sequence[Recording]) -> None:
         )
 
 
-def _numbers(option: str, text: str, count: int) -> tuple[float, ...]:
+def numbers(option: str, text: str, count: int, *, or_one: bool = False) -> tuple[float, ...]:
+    """Return the `count` finite numbers of an option, "1,2,3"; one number for all is enough with `or_one`."""
+    wanted = f"one number or {count}" if or_one else f"{count} numbers"
     try:
-        numbers = tuple(float(part) for part in text.split(","))
+        found = tuple(float(part) for part in text.split(","))
     except ValueError:
-        raise ValueError(f"{option} must be {count} numbers with commas between, found {text!r}") from None
-    if len(numbers) != count:
-        raise ValueError(f"{option} must be {count} numbers, found {len(numbers)}: {text!r}")
-    if not all(math.isfinite(number) for number in numbers):
-        raise ValueError(f"{option} must be {count} finite numbers, found {text!r}")
-    return numbers
+        raise ValueError(f"{option} must be {wanted} with commas between, found {text!r}") from None
+    if len(found) != count and not (or_one and len(found) == 1):
+        raise ValueError(f"{option} must be {wanted}, found {len(found)}: {text!r}")
+    if not all(math.isfinite(number) for number in found):
+        raise ValueError(f"{option} must be {wanted.replace('number', 'finite number')}, found {text!r}")
+    return found

@@ -23,7 +23,7 @@ LEAST_TEST_ROWS = 20
 
 @run_command
 def identify(
-    robot: Annotated[Path, typer.Argument(metavar="ROBOT.urdf", help="The arm, as URDF")],
+    robot: Annotated[Path, typer.Argument(metavar="ROBOT", help="The arm: URDF or robot.toml")],
     runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Runs to learn from: Parquet, CSV or NPZ")],
     output: Annotated[
         Path, typer.Option("--output", "-o", metavar="DIR", help="Folder for the results", show_default=False)
@@ -36,22 +36,37 @@ def identify(
         float | None, typer.Option(help="With a lone run: test on what comes after this many seconds")
     ] = None,
     config: Annotated[Path | None, typer.Option(help="dynid.toml: column names, units, gears, signs")] = None,
-    gravity: Annotated[str, typer.Option(metavar="X,Y,Z", help="Free fall in the base frame [m/s^2]")] = "0,0,-9.81",
+    gravity: Annotated[
+        str | None,
+        typer.Option(metavar="X,Y,Z", help="Free fall in the base frame [m/s^2]; the robot file's, or 0,0,-9.81"),
+    ] = None,
     base: Annotated[str | None, typer.Option(help="First link of the chain, where the URDF leaves a choice")] = None,
     tip: Annotated[str | None, typer.Option(help="Last link of the chain, where the URDF branches")] = None,
     drive_gain: Annotated[
         str | None,
-        typer.Option(metavar="G[,G...]", help="Joint torque per motor current [N*m/A], one per joint"),
+        typer.Option(metavar="G[,G...]", help="Joint torque per motor current [N*m/A], one per joint or one for all"),
     ] = None,
     weighting: Annotated[str, typer.Option(help="joint_variance, full_covariance or none")] = "joint_variance",
-    residual: Annotated[str, typer.Option(help="Third loop on: auto, deflection, joint_state or none")] = "auto",
+    prior: Annotated[
+        str, typer.Option(help="The URDF's inertials beside the data: robot, none, or auto (a lone run that they help)")
+    ] = "auto",
+    known: Annotated[
+        Path | None, typer.Option(metavar="TERMS.toml", help="Effects whose coefficients you know; they are not fitted")
+    ] = None,
     friction: Annotated[
         list[Path] | None, typer.Option(metavar="RUN", help="Run of the friction experiment; repeat for more")
     ] = None,
     friction_law: Annotated[
         str, typer.Option(help="paper, coulomb_viscous, stribeck, or auto: by a training run left out, joint by joint")
     ] = "paper",
+    residual: Annotated[
+        str, typer.Option(help="Third loop on: auto, load_free_deflection, deflection, joint_state or none")
+    ] = "auto",
+    compensator: Annotated[str, typer.Option(help="Third loop by: mixture or rbf")] = "mixture",
     cutoff: Annotated[float | None, typer.Option(help="Band [Hz]; chosen from the motion if left out")] = None,
+    physical: Annotated[
+        bool, typer.Option("--physical", help="Also masses and inertias that bodies can have, for `dynid export`")
+    ] = False,
     json_output: Annotated[bool, typer.Option("--json", help="Answer as JSON on standard output")] = False,
 ) -> int:
     """Identify friction, link dynamics and residual of an arm from measured runs.
@@ -61,19 +76,30 @@ def identify(
     squares.
     """
     from dynid_rs.commands._console import progress
-    from dynid_rs.commands._inputs import check_cutoff, read_friction, read_robot, read_settings, read_split
+    from dynid_rs.commands._inputs import (
+        check_cutoff,
+        read_friction,
+        read_robot,
+        read_settings,
+        read_split,
+        with_rotors,
+    )
     from dynid_rs.commands._output import check_folder, check_not_read
     from dynid_rs.report import REPORT_FILE
 
     results = (MODEL_FILE, RESULT_FILE, RESIDUALS_FILE, REPORT_FILE)
+    if physical:
+        _check_physical()
     check_folder(output, results)
-    read = [robot, *runs, *(test or []), *(friction or []), *([config] if config else [])]
+    read = [robot, *runs, *(test or []), *(friction or []), *(path for path in (config, known) if path)]
     check_not_read([output / name for name in results], read)
     with progress() as say:
         say("reading")
         model = read_robot(robot, base, tip, gravity)
-        identifier = _identifier(model, weighting, residual, cutoff, friction_law)
         settings = read_settings(config, drive_gain, model.n_joints)
+        model = with_rotors(model, settings, robot, base, tip)
+        identifier = _identifier(model, weighting, prior, residual, compensator, cutoff, friction_law)
+        identifier.known = _known(known, model)
         split, findings = read_split(runs, test or [], test_from, model, settings)
         check_cutoff(cutoff, [*split.train, *split.test])
         slow = read_friction(friction, model, settings) if friction else None
@@ -81,8 +107,9 @@ def identify(
             say("comparing laws of friction")
             identifier.friction_law = _chosen_laws(identifier, split.train, slow)
         findings += _fit(identifier, split.train, slow, say)
+        bodies = _physical(identifier, say) if physical else None
         say("testing")
-        result = _write(identifier, split.train, split.test, findings, output)
+        result = _write(identifier, split.train, split.test, findings, output, bodies)
     if json_output:
         print_json(result)
     else:
@@ -92,11 +119,27 @@ def identify(
     return _exit_code(result)
 
 
-def _identifier(model: Any, weighting: str, residual: str, cutoff: float | None, friction_law: str) -> Any:
+def _known(path: Path | None, robot: Any) -> list[Any]:
+    if path is None:
+        return []
+    from dynid_rs.terms import read_terms
+
+    return list(read_terms(path, robot))
+
+
+def _identifier(
+    model: Any,
+    weighting: str,
+    prior: str,
+    residual: str,
+    compensator: str,
+    cutoff: float | None,
+    friction_law: str,
+) -> Any:
     from dynid_rs.friction_laws import LAWS
     from dynid_rs.identification import ThreeLoopIdentifier
     from dynid_rs.links import LinkDynamicsIdentifier
-    from dynid_rs.residual import ResidualCompensator
+    from dynid_rs.residual import METHODS, ResidualCompensator
 
     choices: dict[str, Literal["joint_variance", "full_covariance"] | None] = {
         "joint_variance": "joint_variance",
@@ -105,15 +148,25 @@ def _identifier(model: Any, weighting: str, residual: str, cutoff: float | None,
     }
     if weighting not in choices:
         raise ValueError(f"--weighting must be one of {', '.join(choices)}, found {weighting!r}")
-    if residual not in ("auto", "deflection", "joint_state", "none"):
-        raise ValueError(f"--residual must be auto, deflection, joint_state or none, found {residual!r}")
+    priors: dict[str, Literal["auto", "robot"] | None] = {"auto": "auto", "robot": "robot", "none": None}
+    if prior not in priors:
+        raise ValueError(f"--prior must be auto, robot or none, found {prior!r}")
+    if prior == "robot" and choices[weighting] is None:
+        raise ValueError(
+            "--prior robot is weighed against the noise, which --weighting none leaves out; choose another"
+        )
     if friction_law not in (*LAWS, "auto"):
         raise ValueError(f"--friction-law must be {', '.join(LAWS)} or auto, found {friction_law!r}")
+    inputs = ("auto", "load_free_deflection", "deflection", "joint_state")
+    if residual not in (*inputs, "none"):
+        raise ValueError(f"--residual must be {', '.join(inputs)} or none, found {residual!r}")
+    if compensator not in METHODS:
+        raise ValueError(f"--compensator must be {' or '.join(METHODS)}, found {compensator!r}")
     return ThreeLoopIdentifier(
         model,
         friction_law="paper" if friction_law == "auto" else friction_law,
-        links=LinkDynamicsIdentifier(choices[weighting]),
-        residual=None if residual == "none" else ResidualCompensator(inputs=residual),  # type: ignore[arg-type]
+        links=LinkDynamicsIdentifier(choices[weighting], prior=priors[prior]),
+        residual=None if residual == "none" else ResidualCompensator(method=compensator, inputs=residual),  # type: ignore[arg-type]
         cutoff=cutoff,
     )
 
@@ -151,10 +204,30 @@ def _fit(
     return [Finding("not_converged", "warning", message) for message in messages]
 
 
+def _check_physical() -> None:
+    """Refuse before any work is done where the solver is not installed."""
+    from dynid_rs.bodies import import_cvxpy
+
+    import_cvxpy()
+
+
+def _physical(identifier: Any, say: Callable[[str], None]) -> Any:
+    from dynid_rs.physical import PhysicalIdentifier
+
+    say("physically consistent parameters")
+    return PhysicalIdentifier().fit(identifier.observations_, identifier.links_, torque_unit=identifier.torque_unit_)
+
+
 def _write(
-    identifier: Any, train: list[Recording], test: list[Recording], findings: list[Finding], output: Path
+    identifier: Any,
+    train: list[Recording],
+    test: list[Recording],
+    findings: list[Finding],
+    output: Path,
+    physical: Any = None,
 ) -> dict[str, Any]:
     from dynid_rs.commands._output import filled_together
+    from dynid_rs.encoders import with_fitted_delay
     from dynid_rs.files import write_json, write_table
     from dynid_rs.report import write_report
     from dynid_rs.report.source import source_of
@@ -163,7 +236,10 @@ def _write(
     model = identifier.model_
     tested = evaluate_runs(model, test, _test_states(identifier, test))
     trained = evaluate_runs(model, train, identifier.raw_runs_)
-    result = summarise(identifier, trained, tested, findings)
+    findings = with_fitted_delay(findings, identifier.encoder_delay_)
+    result = summarise(identifier, trained, tested, findings, physical)
+    if physical is not None:
+        model = model.with_physical(physical.physical_set(model))
     table = residual_table(model, trained, tested)
     with filled_together(output) as folder:
         model.save(folder / MODEL_FILE)

@@ -11,6 +11,7 @@ import numpy as np
 import typer
 
 from dynid_rs.checks import check_recording, relative_jitter
+from dynid_rs.commands._inputs import read_robot
 from dynid_rs.commands._run import EXIT_NO, EXIT_UNUSABLE, error_object, print_json, run_command, sentence
 from dynid_rs.findings import Finding
 from dynid_rs.readers import Config, Run, read_config, read_run
@@ -86,7 +87,7 @@ def _joint(rec: Recording, joint: int) -> dict[str, object]:
 def inspect(
     runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Run files: .parquet, .csv, .npz")],
     robot: Annotated[
-        Path | None, typer.Option("--robot", metavar="R", help="URDF: joint names, kinds and limits")
+        Path | None, typer.Option("--robot", metavar="R", help="URDF or robot.toml: joint names, kinds and limits")
     ] = None,
     config: Annotated[
         Path | None,
@@ -99,7 +100,7 @@ def inspect(
     Exit code 0: nothing wrong; 1: a finding says "error"; 2: a file cannot be read.
     """
     rules = Config() if config is None else read_config(config)
-    model = None if robot is None else _load_robot(robot)
+    model = None if robot is None else read_robot(robot)
     inspections = [inspect_run(path, model, rules) for path in runs]
     code = exit_code(inspections)
     if json_output:
@@ -120,12 +121,6 @@ def inspect(
         if inspection.error is not None:
             sys.stderr.write(f"error: {sentence(inspection.error)}{_hint(inspection, config)}\n")
     return code
-
-
-def _load_robot(path: Path) -> Any:
-    from dynid_rs._core import RobotModel
-
-    return RobotModel.from_urdf(str(path))
 
 
 def _hint(inspection: Inspection, config: Path | None) -> str:

@@ -14,10 +14,24 @@ from dynid_rs.commands._run import print_json, run_command
 
 if TYPE_CHECKING:
     from dynid_rs._core import RobotModel
-    from dynid_rs.simulation import SimulatedArm, Simulation
+    from dynid_rs.simulation import SimulatedArm, Simulation, Tracking
+    from dynid_rs.simulation.effects.wish import Wish
 
-EFFECTS = ("joint_elasticity", "encoder_delay")
-"""What can be switched on one by one; without `--effect`, all of them act."""
+ALWAYS = ("joint_elasticity", "encoder_delay")
+"""Effects that act where none is named."""
+
+ENCODER_NOISE = 1e-6
+N_RUNS = 4
+
+
+def list_effects(wanted: bool) -> None:
+    """Print every kind with its place and its default size, and leave."""
+    if wanted:
+        from dynid_rs.simulation.effects.catalogue import KINDS
+
+        for kind in KINDS:
+            typer.echo(f"{kind.name}: {kind.default} ({kind.where})")
+        raise typer.Exit
 
 
 @run_command
@@ -26,12 +40,33 @@ def simulate(
         Path, typer.Option("--output", "-o", metavar="DIR", help="Folder for the runs", show_default=False)
     ],
     robot: Annotated[
-        Path | None, typer.Argument(metavar="[ROBOT.urdf]", help="A serial arm; the bundled one if left out")
+        Path | None,
+        typer.Argument(metavar="[ROBOT]", help="A serial arm, URDF or robot.toml; the bundled one if left out"),
     ] = None,
-    runs: Annotated[int, typer.Option(help="Number of runs, each with its own trajectory")] = 4,
-    duration: Annotated[float, typer.Option(help="Length of a run in s")] = 20.0,
+    runs: Annotated[
+        int | None, typer.Option(help=f"Number of runs: {N_RUNS}, or one per --trajectory", show_default=False)
+    ] = None,
+    duration: Annotated[float, typer.Option(help="Length of a random run in s")] = 20.0,
+    trajectory: Annotated[
+        list[Path] | None,
+        typer.Option(
+            metavar="PLAN.csv", help="Play this plan (t, q_i, dq_i, ddq_i) instead of a random one; repeatable"
+        ),
+    ] = None,
     rate: Annotated[float, typer.Option(help="Samples per second")] = 250.0,
+    tracking: Annotated[
+        float | None, typer.Option(metavar="HZ", help="Bandwidth of the controller; 10 if left out", show_default=False)
+    ] = None,
+    ideal: Annotated[bool, typer.Option("--ideal", help="No controller: the links follow the plan exactly")] = False,
+    disturbance: Annotated[
+        float, typer.Option(help="Slow drive disturbance that the torque channel lacks, over the effort limits")
+    ] = 0.0,
+    reference: Annotated[bool, typer.Option("--reference", help="Add the plan as columns q_ref_i")] = False,
     noise: Annotated[float, typer.Option(help="Torque noise, 1 = 0.5 % of the effort limits; 0: exact signals")] = 1.0,
+    encoder_noise: Annotated[
+        float | None,
+        typer.Option(help="Of both encoders in rad, beside their steps; 1e-6 times --noise if left out"),
+    ] = None,
     stiffness: Annotated[
         str | None,
         typer.Option(metavar="K[,K...]", help="Of the gears in N m/rad: one for all, or one per joint"),
@@ -47,67 +82,100 @@ def simulate(
     ] = None,
     effect: Annotated[
         list[str] | None,
-        typer.Option(metavar="KIND", help=f"Only these faults act: {', '.join(EFFECTS)}"),
+        typer.Option(
+            metavar="KIND[:JOINT[:SIZE]]",
+            help=f"Put this in; repeatable. Without any, {' and '.join(ALWAYS)} act; with some, only these. "
+            "Joint by name or index, size 1 is the default; --list-effects names the kinds",
+        ),
     ] = None,
+    _list: Annotated[
+        bool,
+        typer.Option(
+            "--list-effects", help="List the kinds with their default sizes", is_eager=True, callback=list_effects
+        ),
+    ] = False,
     seed: Annotated[int, typer.Option(help="Repeats the experiment, number for number")] = 0,
     json_output: Annotated[bool, typer.Option("--json", help="Answer as JSON on standard output")] = False,
 ) -> None:
-    """Simulate measured runs of an arm with elastic gears and two encoders.
+    """Simulate measured runs of an arm with elastic gears and two encoders, moved by a controller.
 
-    DIR then holds run_0.parquet, ..., the robot as robot.urdf, and truth.json with all that was put in.
+    DIR then holds run_0.parquet, ..., the robot as robot.urdf or robot.toml, and truth.json with all that was put in.
     """
-    from dynid_rs._core import RobotModel
-    from dynid_rs.simulation import bundled_robot, write_simulation
+    from dynid_rs.commands._inputs import read_robot
+    from dynid_rs.simulation import bundled_robot, read_plan, write_simulation
     from dynid_rs.simulation import simulate as measure
-    from dynid_rs.simulation.folder import ROBOT_FILE, TRUTH_FILE
+    from dynid_rs.simulation.folder import TRUTH_FILE, robot_name
 
     source = bundled_robot() if robot is None else robot
-    model = RobotModel.from_urdf(source)
-    arm = _arm(model, noise, stiffness, delay, _active(effect, rigid, stiffness, delay))
+    model = read_robot(source)
+    plans = [read_plan(path, model) for path in trajectory or ()]
     simulation = measure(
-        arm,
-        n_runs=runs,
+        _arm(model, noise, encoder_noise, stiffness, delay, _wishes(effect, rigid, stiffness, delay)),
+        n_runs=runs if runs is not None else len(plans) or N_RUNS,
         duration=duration,
         rate=rate,
         seed=seed,
         derivatives=noise == 0 if derivatives is None else derivatives,
         stamp_jitter=jitter,
+        trajectories=plans,
+        tracking=_controller(tracking, ideal, disturbance),
     )
-    paths = write_simulation(simulation, directory, source)
+    paths = write_simulation(simulation, directory, source, reference=reference)
     if json_output:
-        print_json(_answer(simulation, paths))
-    else:
-        typer.echo(f"runs: {directory}/run_*.parquet ({len(paths)} of {duration:g} s at {rate:g} Hz)")
-        typer.echo(f"robot: {directory / ROBOT_FILE}")
-        typer.echo(f"what was put in: {directory / TRUTH_FILE}")
+        print_json(_answer(simulation, paths, robot_name(source)))
+        return
+    lengths = {f"{recording.duration:g} s" for recording in simulation.recordings}
+    typer.echo(f"runs: {directory}/run_*.parquet ({len(paths)} of {', '.join(sorted(lengths))} at {rate:g} Hz)")
+    typer.echo(f"robot: {directory / robot_name(source)}")
+    typer.echo(f"what was put in: {directory / TRUTH_FILE}")
 
 
-def _active(effect: list[str] | None, rigid: bool, stiffness: str | None, delay: float | None) -> tuple[str, ...]:
-    """Faults that act, from options that must not contradict each other."""
-    unknown = [kind for kind in effect or () if kind not in EFFECTS]
-    if unknown:
-        raise ValueError(f"effect {unknown[0]!r} cannot be simulated; this release has {', '.join(EFFECTS)}")
+def _controller(bandwidth: float | None, ideal: bool, disturbance: float) -> Tracking | None:
+    from dynid_rs.simulation import Tracking
+
+    if ideal:
+        if bandwidth is not None or disturbance:
+            option = "--tracking" if bandwidth is not None else "--disturbance"
+            raise ValueError(f"--ideal and {option} contradict each other; leave one out")
+        return None
+    return Tracking(disturbance=disturbance) if bandwidth is None else Tracking(bandwidth, disturbance=disturbance)
+
+
+def _wishes(effect: list[str] | None, rigid: bool, stiffness: str | None, delay: float | None) -> list[Wish]:
+    """Effects that act, from options that must not contradict each other."""
+    from dynid_rs.simulation import parse_wish
+
     if rigid and (effect or stiffness is not None or delay):
         option = "--effect" if effect else "--stiffness" if stiffness is not None else "--delay"
         raise ValueError(f"--rigid and {option} contradict each other; leave one out")
-    active = () if rigid else tuple(effect or EFFECTS)
-    if stiffness is not None and "joint_elasticity" not in active:
+    wishes = [] if rigid else [parse_wish(text) for text in effect or ALWAYS]
+    kinds = {wish.kind for wish in wishes}
+    if stiffness is not None and not kinds & {"joint_elasticity", "nonlinear_elasticity"}:
         raise ValueError("--stiffness needs --effect joint_elasticity too")
-    if delay and "encoder_delay" not in active:
+    if delay and "encoder_delay" not in kinds:
         raise ValueError("--delay needs --effect encoder_delay too")
-    return active
+    return wishes
 
 
 def _arm(
-    robot: RobotModel, noise: float, stiffness: str | None, delay: float | None, active: tuple[str, ...]
+    robot: RobotModel,
+    noise: float,
+    encoder_noise: float | None,
+    stiffness: str | None,
+    delay: float | None,
+    wishes: list[Wish],
 ) -> SimulatedArm:
-    from dynid_rs.simulation import typical_arm
+    from dynid_rs.simulation import build_effects, equip, typical_arm
+    from dynid_rs.simulation.typical import DELAY
 
-    arm = typical_arm(robot, noise=noise, stiffness=_stiffness(stiffness, robot.n_joints))
-    if "joint_elasticity" not in active:
-        arm = arm.rigid()
-    if "encoder_delay" not in active:
-        return replace(arm, delay=0.0)
+    typical = typical_arm(
+        robot,
+        noise=noise,
+        stiffness=_stiffness(stiffness, robot.n_joints),
+        delay=DELAY if delay is None else delay,
+        encoder_noise=ENCODER_NOISE * noise if encoder_noise is None else encoder_noise,
+    )
+    arm = equip(replace(typical.rigid(), delay=0.0), build_effects(wishes, typical))
     return arm if delay is None else replace(arm, delay=delay)
 
 
@@ -125,8 +193,8 @@ def _stiffness(text: str | None, n_joints: int) -> NDArray[np.float64] | None:
     return np.broadcast_to(values, (n_joints,))
 
 
-def _answer(simulation: Simulation, paths: list[Path]) -> dict[str, object]:
-    from dynid_rs.simulation.folder import ROBOT_FILE, TRUTH_FILE
+def _answer(simulation: Simulation, paths: list[Path], robot_file: str) -> dict[str, object]:
+    from dynid_rs.simulation.folder import TRUTH_FILE
 
     directory = paths[0].parent
     return {
@@ -134,9 +202,11 @@ def _answer(simulation: Simulation, paths: list[Path]) -> dict[str, object]:
         "version": 1,
         "robot": simulation.arm.robot.name,
         "joints": list(simulation.arm.robot.joint_names),
-        "robot_file": str(directory / ROBOT_FILE),
+        "robot_file": str(directory / robot_file),
         "truth": str(directory / TRUTH_FILE),
         "seed": simulation.seed,
+        "tracking_hz": None if simulation.tracking is None else simulation.tracking.bandwidth,
+        "effects": [effect.kind for effect in simulation.arm.effects],
         "runs": [
             {
                 "path": str(path),

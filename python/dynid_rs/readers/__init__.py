@@ -22,11 +22,12 @@ from dynid_rs.recording import Recording
 __all__ = ["Config", "Run", "open_run", "read_config", "read_recording", "read_run"]
 
 _OPENERS = {".parquet": open_parquet, ".csv": open_csv, ".npz": open_npz}
+_NO_RUNS = {".urdf", ".xacro", ".toml"}
 
 
 @runtime_checkable
 class RobotLike(Protocol):
-    """The part of a robot model that a reader needs."""
+    """The part of a robot model that a reader needs; its `gear_ratio`, if it has one, is read too."""
 
     @property
     def joint_names(self) -> Sequence[str]:
@@ -75,9 +76,11 @@ def open_run(path: str | Path) -> Table:
     opener = _OPENERS.get(place.suffix.lower())
     if opener is None:
         check_readable(place)  # a path that does not exist matters more than its suffix
+        robot = " (this is a robot or a config, and the robot comes before the runs)"
+        hint = robot if place.suffix.lower() in _NO_RUNS else ""
         raise DataError(
             f"{place.name}: the suffix {place.suffix or '(none)'} is not known; expected a run as "
-            f"{', '.join(_OPENERS)}",
+            f"{', '.join(_OPENERS)}{hint}",
             code="unknown_suffix",
             file=place.name,
         )
@@ -106,6 +109,7 @@ def read_run(
     if not joints:
         raise ValueError("a robot has at least one joint, got no joint names")
     columns = match_columns(table.names, joints, config, table.file, require_torque=require_torque)
+    config = config.with_gears(getattr(robot, "gear_ratio", None))
     recording = to_recording(table, columns, joints, kinds, config)
     return Run(recording, table.kind, columns)
 

@@ -19,6 +19,7 @@ ALIASES: Mapping[str, tuple[str, ...]] = {
     "ddq_motor": ("ddq_motor",),
     "tau": ("tau", "effort"),
     "current": ("current",),
+    "q_reference": ("q_reference", "q_ref", "qref"),
     "temperature": ("temperature", "temp"),
 }
 """Names of the signals; a joint follows after an underscore: ``q_0`` or ``q_elbow_joint``."""
@@ -158,7 +159,8 @@ def _one_signal(source: FileColumns, signal: str, joints: Sequence[str]) -> tupl
             )
     if all(name is not None for name in chosen):
         return tuple(name for name in chosen if name is not None)
-    if rule is None and not any(chosen):
+    # Nobody needs a reference: one of some joints only is an unknown column like any other.
+    if rule is None and (not any(chosen) or signal == "q_reference"):
         return None
     raise missing_column(source, signal, joints, expected, chosen)
 

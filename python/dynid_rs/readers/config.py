@@ -15,8 +15,11 @@ angle = "deg"
 gain = [14.9, 13.3]                # N m/A at the joint: currents become torques
 
 [gear]
-ratio = [101.0, 101.0]             # motor turns per joint turn
+ratio = [101.0, 101.0]             # motor turns per joint turn; left out: those of the robot's file
 apply_to = ["q_motor", "dq_motor"] # signals that the file gives on the motor side; also ddq_motor, tau
+
+[motor]
+rotor_inertia = [1.2, 0.9]         # kg m^2 on the link side: the rotor's own times the gear ratio squared
 
 [signs]                            # +1 or -1 per joint
 q = [1, -1]                        # also dq, ddq
@@ -32,7 +35,7 @@ import math
 import string
 import tomllib
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +46,7 @@ from dynid_rs.readers.table import shown
 ColumnRule = str | tuple[str, ...] | None
 """A template, one name per joint, or None: do not read."""
 
-SIGNALS = ("t", "q", "dq", "ddq", "q_motor", "dq_motor", "ddq_motor", "tau", "current", "temperature")
+SIGNALS = ("t", "q", "dq", "ddq", "q_motor", "dq_motor", "ddq_motor", "tau", "current", "q_reference", "temperature")
 PLACEHOLDERS = ("i", "n", "joint")
 
 UNITS: Mapping[str, Mapping[str, float]] = {
@@ -77,9 +80,14 @@ class Config:
     drive_gain : tuple of float, optional
         Torque at the joint per ampere [N m/A]; one number for all joints or one per joint.
     gear_ratio : tuple of float, optional
-        Motor turns per joint turn; one number for all joints or one per joint.
+        Motor turns per joint turn; one number for all joints or one per joint. None: the columns are on the link
+        side already, unless `gear_of_robot` says otherwise.
     gear_apply_to : tuple of str
         Signals that the file gives on the motor side.
+    rotor_inertia : tuple of float, optional
+        Rotor inertia on the link side [kg m^2]; one number for all joints or one per joint.
+    gear_of_robot : bool
+        `gear_apply_to` stands in the file without a ratio: the robot's own gear ratios count.
     signs : mapping of str to tuple of float
         +1 or -1 per joint for ``"q"``, ``"q_motor"``, ``"tau"``.
     source : str
@@ -91,6 +99,8 @@ class Config:
     drive_gain: PerJoint | None = None
     gear_ratio: PerJoint | None = None
     gear_apply_to: tuple[str, ...] = ("q_motor", "dq_motor", "ddq_motor")
+    rotor_inertia: PerJoint | None = None
+    gear_of_robot: bool = False
     signs: Mapping[str, PerJoint] = field(default_factory=dict)
     source: str = "dynid.toml"
 
@@ -100,6 +110,27 @@ class Config:
             quantity = "angle"
         table = UNITS[quantity]
         return table[self.units.get(quantity, next(iter(table)))]
+
+    def with_gears(self, ratios: Iterable[float] | None) -> Config:
+        """Return these rules with the robot's gear ratios (NaN: unknown), if the file left them to the robot.
+
+        Raises
+        ------
+        DataError
+            The file left them to a robot that does not know them all.
+        """
+        if not self.gear_of_robot:
+            return self
+        known = () if ratios is None else tuple(float(ratio) for ratio in ratios)
+        if not known or any(math.isnan(ratio) for ratio in known):
+            raise DataError(
+                f"{self.source}, [gear] apply_to: needs ratio beside it, because no robot is given whose file declares "
+                "gear_ratio for every joint",
+                code="bad_config",
+                file=self.source,
+                column="[gear] apply_to",
+            )
+        return replace(self, gear_ratio=known, gear_of_robot=False)
 
 
 def read_config(path: str | Path) -> Config:
@@ -144,6 +175,7 @@ class _Parser:
             "units": tuple(UNITS),
             "drive": ("gain",),
             "gear": ("ratio", "apply_to"),
+            "motor": ("rotor_inertia",),
             "signs": SIGNED,
         }
         for table, entries in content.items():
@@ -152,15 +184,15 @@ class _Parser:
                 raise self.fault(table, f"must be a table, written as [{table}]")
             for name in entries:
                 self.known(f"[{table}] {name}", name, keys[table])
-        drive, gear = content.get("drive", {}), content.get("gear", {})
-        if "apply_to" in gear and "ratio" not in gear:
-            raise self.fault("[gear] apply_to", "needs ratio beside it")
+        drive, gear, motor = (content.get(table, {}) for table in ("drive", "gear", "motor"))
         return Config(
             columns={name: self.column(name, rule) for name, rule in content.get("columns", {}).items()},
             units={name: self.unit(name, unit) for name, unit in content.get("units", {}).items()},
             drive_gain=self.positive("[drive] gain", drive["gain"]) if "gain" in drive else None,
             gear_ratio=self.positive("[gear] ratio", gear["ratio"]) if "ratio" in gear else None,
             gear_apply_to=self.apply_to(gear["apply_to"]) if "apply_to" in gear else Config.gear_apply_to,
+            rotor_inertia=self.at_least_zero("[motor] rotor_inertia", motor["rotor_inertia"]) if motor else None,
+            gear_of_robot="apply_to" in gear and "ratio" not in gear,
             signs={name: self.sign(name, value) for name, value in content.get("signs", {}).items()},
             source=self.file,
         )
@@ -214,6 +246,12 @@ class _Parser:
         numbers = self.numbers(key, value)
         if min(numbers) <= 0:
             raise self.fault(key, f"must be positive, got {min(numbers):g}; a direction belongs in [signs]")
+        return numbers
+
+    def at_least_zero(self, key: str, value: object) -> PerJoint:
+        numbers = self.numbers(key, value)
+        if min(numbers) < 0:
+            raise self.fault(key, f"must be at least 0, got {min(numbers):g}")
         return numbers
 
     def sign(self, signal: str, value: object) -> PerJoint:

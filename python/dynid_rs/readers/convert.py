@@ -19,6 +19,7 @@ _SIGN_OF = {
     "q": "q",
     "dq": "q",
     "ddq": "q",
+    "q_reference": "q",
     "q_motor": "q_motor",
     "dq_motor": "q_motor",
     "ddq_motor": "q_motor",
@@ -50,7 +51,7 @@ class _Converter:
     def unit(self, signal: str) -> FloatArray:
         """Factor to SI per joint; prismatic joints have lengths where others have angles."""
         factor = self.config.factor
-        if signal in ("q", "q_motor"):
+        if signal in ("q", "q_motor", "q_reference"):
             turning, sliding = factor("angle"), factor("length")
         elif signal in ("dq", "dq_motor"):
             turning, sliding = factor("velocity"), factor("length")
@@ -103,6 +104,12 @@ def to_recording(
     scales = {signal: converter.scale(signal) for signal in found.signals if signal != "temperature"}
     columns = table.load(found.used())
     t = _seconds(columns[found.time], config.factor("time"))
+    if not t.size:
+        raise DataError(
+            f"{table.file}: no rows, only the names of the columns; record or copy it again",
+            code="no_rows",
+            file=table.file,
+        )
     check_time(t, file=table.file, column=found.time, line_of=table.line_of)
     signals: dict[str, Any] = {}
     for signal, names in found.signals.items():

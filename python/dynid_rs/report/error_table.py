@@ -32,7 +32,7 @@ def error_table(result: Result) -> str:
         f"95 % interval {said_unit}",
         f"Floor {said_unit}",
         "Against least squares",
-        "Above the floor",
+        "Against the floor",
         '<th scope="col" class="strip-head">Error in % of torque std' + _strip_axis(scale) + "</th>",
     ]
     rows = []
@@ -75,8 +75,8 @@ def _floor_cell(after: float | None, bounds: Sequence[float] | None, floor: floa
         return cell(DASH)
     if reached:
         return cell('<span aria-hidden="true">\u25cf</span> at the floor', "num better")
-    excess = ratio(after - floor, floor)
-    return cell(DASH if excess is None else percent(excess, signed=True))
+    times = ratio(after, floor)
+    return cell(DASH if times is None else f"{significant(times, 2)} times")
 
 
 def _strip_scale(result: Result) -> float:

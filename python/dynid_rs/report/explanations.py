@@ -135,7 +135,7 @@ def _residual_words(result: Result) -> str:
         decision = "It pays on every joint and is part of the model."
     else:
         decision = f"It pays on {esc(join_words(names))} and is part of the model there; elsewhere it is left out."
-    kind = {"gmr": "a Gaussian mixture regression"}.get(
+    kind = {"gmr": "a Gaussian mixture regression", "rbf": "a sum of normalised radial basis functions"}.get(
         residual.get("kind") or "", esc(words(residual.get("kind") or "a regression"))
     )
     inputs = f" of {esc(words(residual['inputs']))}" if residual.get("inputs") else ""

@@ -12,7 +12,7 @@ from importlib.resources import files
 from importlib.util import find_spec
 from pathlib import Path
 
-from dynid_rs.report import explanations, sections
+from dynid_rs.report import declared, explanations, sections
 from dynid_rs.report.figures import Figures
 from dynid_rs.report.source import Source
 from dynid_rs.report.text import esc
@@ -32,6 +32,7 @@ def build_page(source: Source) -> str:
         ("torque", "Torque over time", sections.torque(figures, source)),
         ("velocity", "Friction and residual", sections.velocity(figures, source)),
         ("parameters", "Parameters", explanations.parameters(figures, result)),
+        ("declared", "What was declared", declared.declared(result)),
         ("loops", "What the loops did", explanations.loops(figures, result)),
         ("data", "Data", explanations.data(result)),
         ("provenance", "Where this comes from", explanations.provenance(source)),
@@ -39,14 +40,15 @@ def build_page(source: Source) -> str:
     shown = [(key, title, body) for key, title, body in parts if body]
     links = "".join(f'<a href="#{key}">{title}</a>' for key, title, _ in shown)
     body = "".join(f'<section id="{key}"><h2>{title}</h2>\n{html}</section>\n' for key, title, html in shown)
-    return _shell(
+    return shell(
         title=f"{result['robot']} \u2013 identified torque model",
         body=f"<header>{sections.head(result)}<nav>{links}</nav></header>\n<main>{body}</main>\n",
         figures=figures,
     )
 
 
-def _shell(*, title: str, body: str, figures: Figures) -> str:
+def shell(*, title: str, body: str, figures: Figures) -> str:
+    """Return a page around `body`, which is HTML already: style, scripts and the data of its figures."""
     here = files("dynid_rs.report")
     plotly = _script_text(_plotly_path().read_text(encoding="utf-8"))
     runtime = _script_text(here.joinpath("page.js").read_text(encoding="utf-8"))

@@ -8,7 +8,7 @@ from typing import Any
 
 from dynid_rs.report.figures import Figures
 from dynid_rs.report.tables import holds_zero
-from dynid_rs.report.text import esc, ratio, significant, with_unit
+from dynid_rs.report.text import plot_text, ratio, significant, with_unit
 
 
 def add_parameter_plot(figures: Figures, key: str, parameters: Sequence[Mapping[str, Any]], group_key: str) -> bool:
@@ -47,7 +47,7 @@ def add_parameter_plot(figures: Figures, key: str, parameters: Sequence[Mapping[
     layout = {
         "xaxis": {
             "tickvals": middles,
-            "ticktext": {"text": [esc(_short(groups[k])) for k in starts]},
+            "ticktext": {"text": [plot_text(_short(groups[k])) for k in starts]},
             "range": [-0.8, len(known) - 0.2],
             "showgrid": False,
         },
@@ -89,9 +89,9 @@ def _short(name: str) -> str:
 def _parameter_hover(p: Mapping[str, Any], group_key: str) -> str:
     low, high = p["interval"]
     name = p["name"] if len(p["name"]) <= 60 else p["name"][:58] + "\u2026"
-    group = f"{esc(p[group_key])}<br>" if p.get(group_key) else ""
+    group = f"{plot_text(p[group_key])}<br>" if p.get(group_key) else ""
     value = with_unit(significant(p["value"], 4), p.get("unit"))
-    return f"{group}<b>{esc(name)}</b><br>{esc(value)}<br>{significant(low)} to {significant(high)}"
+    return f"{group}<b>{plot_text(name)}</b><br>{plot_text(value)}<br>{significant(low)} to {significant(high)}"
 
 
 def add_history_plot(figures: Figures, result: Mapping[str, Any]) -> bool:
@@ -118,7 +118,7 @@ def add_history_plot(figures: Figures, result: Mapping[str, Any]) -> bool:
                 "mode": "lines+markers",
                 "x": [name for name, _ in steps],
                 "y": [100.0 * share for share in shares],
-                "name": esc(_short(joint)),
+                "name": plot_text(_short(joint)),
                 "showlegend": True,
                 "marker": {"size": 5},
                 "line": {

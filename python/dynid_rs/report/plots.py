@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from dynid_rs.report.figures import Array, Figure, Figures
 from dynid_rs.report.series import autocorrelation, binned_mean, envelope, thin
 from dynid_rs.report.source import Signals, Source
-from dynid_rs.report.text import esc, unit_text, words
+from dynid_rs.report.text import plot_text, unit_text, words
 
 # Bytes of base64 that all time plots together, and all clouds together, may take.
 _TIME_BUDGET = 2_000_000
@@ -121,7 +121,7 @@ def _time_traces(j: int, terms: Sequence[str], colors: Mapping[str, str]) -> lis
             "y": f"@{{run}}/{j}/{key}",
             "meta": key,
             "text": "",
-            "name": esc(name),
+            "name": plot_text(name),
             "line": line,
             "yaxis": axis,
             "visible": visible,
@@ -132,7 +132,7 @@ def _time_traces(j: int, terms: Sequence[str], colors: Mapping[str, str]) -> lis
 
 
 def _time_layout(torque_unit: str) -> Figure:
-    unit = esc(unit_text(torque_unit))
+    unit = plot_text(unit_text(torque_unit))
     return {
         "hovermode": "x unified",
         "xaxis": {
@@ -152,7 +152,7 @@ def add_velocity_plots(figures: Figures, source: Source) -> tuple[int, int]:
     joints = result["joints"]
     picked = np.flatnonzero(shown_rows(signals))
     max_points = int(np.clip(_CLOUD_BUDGET / len(joints), *_CLOUD_POINTS))
-    unit = esc(unit_text(result["torque_unit"]))
+    unit = plot_text(unit_text(result["torque_unit"]))
     for j, joint in enumerate(joints):
         dq, residual = signals.columns[f"dq_{j}"][picked], signals.columns[f"residual_{j}"][picked]
         friction = signals.columns.get(f"friction_{j}", np.zeros_like(signals.columns["t"]))[picked]
@@ -165,7 +165,7 @@ def add_velocity_plots(figures: Figures, source: Source) -> tuple[int, int]:
             "hoverinfo": "skip",
             "marker": {"size": 3, "color": "$measured", "opacity": 0.55},
         }
-        speed = f"{esc(unit_text(velocity_unit(result, joint)))}"
+        speed = f"{plot_text(unit_text(velocity_unit(result, joint)))}"
         hover = "%{y:.3~g} " + unit + " at %{x:.3~g} " + speed + "<extra></extra>"
         traces: list[Figure] = [
             {**cloud, "y": figures.array(f"v/{j}/data", (friction + residual)[few])},
@@ -198,7 +198,7 @@ def add_noise_plots(figures: Figures, source: Source) -> None:
     """Autocorrelation and distribution of the residual, one figure per joint."""
     signals = source.signals
     rows = shown_rows(signals)
-    unit = esc(unit_text(source.result["torque_unit"]))
+    unit = plot_text(unit_text(source.result["torque_unit"]))
     runs = [np.flatnonzero(rows & (signals.run == run)) for run in np.unique(signals.run[rows])]
     steps = [np.median(np.diff(signals.columns["t"][run])) for run in runs if run.size > 1]
     step = float(np.median(steps)) if steps else 1.0

@@ -27,6 +27,7 @@ _MEND = "write it again with `dynid identify`"
 _PARAMETER = {"name": str, "value": float, "unit?": str, "std_error?": float, "interval?": "interval"}
 _AFTER = {loop: ("per joint", float) for loop in ("friction?", "links?", "residual?")}
 _STAGES = {"wls?": ("per joint", float), **_AFTER}
+_SEPARATION = {"share": float, "std_error": float}
 _SHAPE: Mapping[str, Any] = {
     "robot": str,
     "joints": [str],
@@ -61,6 +62,24 @@ _SHAPE: Mapping[str, Any] = {
             "floor?": ("per joint", float),
         },
     },
+    "prior?": {
+        "relative_uncertainty": {"links": float, "rotors?": float},
+        "n_directions": float,
+        "n_determined": float,
+        "moved?": [{"name": str, "link": str, "declared": float, "value": float, "std": float, "shift": float}],
+    },
+    "known?": [
+        {
+            "kind": str,
+            "joint": str,
+            "unit": str,
+            "torque_rms": float,
+            "data_alone": _SEPARATION,
+            "with_prior?": _SEPARATION,
+            "rmse_test_alone": {"with": float, "without": float},
+            "rmse_test_with_prior?": {"with": float, "without_same_weight": float, "without": float},
+        }
+    ],
     "effects?": [
         {
             "kind": str,
@@ -93,7 +112,7 @@ _SHAPE: Mapping[str, Any] = {
     "history?": [
         {"iteration?": float, "rmse_train?": ("per joint", float), "rmse_train_after?": _AFTER},
     ],
-    "loops?": {"train?": _STAGES, "test?": _STAGES},
+    "loops?": {"test?": _STAGES},
     "converged?": bool,
     "n_iter?": float,
     "floor_method?": str,
@@ -155,6 +174,11 @@ def read_source(directory: Path) -> Source:
     DataError
         A file is not what it should be; the sentence names file and place.
     """
+    named = "name the folder that `dynid identify -o` wrote"
+    if directory.is_file():
+        raise NotADirectoryError(f"{directory}: this is a file, and a folder with results is expected; {named}")
+    if directory.is_dir() and not any((directory / name).exists() for name in (RESULT_FILE, RESIDUALS_FILE)):
+        raise FileNotFoundError(f"{directory}: there is no {RESULT_FILE} in this folder; {named}")
     if not directory.is_dir():
         raise FileNotFoundError(f"{directory}: there is no such folder; name the one that `dynid identify -o` wrote")
     result = _read_result(directory / RESULT_FILE)

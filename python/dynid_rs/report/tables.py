@@ -8,6 +8,7 @@ from typing import Any
 from dynid_rs.report.text import (
     DASH,
     PLUS_MINUS,
+    breakable,
     count,
     esc,
     interval,
@@ -207,7 +208,7 @@ def residual_table(result: Result, residual: Result, kept: Sequence[bool]) -> st
     said = f"<small>{esc(unit_text(unit))}</small>"
     rows = [
         [
-            esc(joint),
+            breakable(joint),
             cell(significant(without[j])),
             cell(significant(used[j])),
             change_cell(used[j], without[j]),
@@ -216,7 +217,7 @@ def residual_table(result: Result, residual: Result, kept: Sequence[bool]) -> st
         ]
         for j, joint in enumerate(joints)
     ]
-    return table(["Joint", f"Without {said}", f"With {said}", "Change", "Components", "Decision"], rows)
+    return table(["Joint", f"Without {said}", f"With {said}", "Change", "Components", "Decision"], rows, kind="tight")
 
 
 def delay_table(result: Result, delay: Result) -> str:
@@ -225,7 +226,7 @@ def delay_table(result: Result, delay: Result) -> str:
     bounds = delay.get("interval") or [None] * len(result["joints"])
     rows = [
         [
-            esc(joint),
+            breakable(joint),
             cell(significant(None if value is None else factor * value)),
             cell(interval(pair and [factor * bound for bound in pair]), "num soft"),
         ]

@@ -22,6 +22,11 @@ def esc(value: object) -> str:
     return html.escape(str(value), quote=True)
 
 
+def plot_text(value: object) -> str:
+    """Text for plotly, which reads markup but does not know the entity of a quotation mark."""
+    return html.escape(str(value), quote=False)
+
+
 def breakable(name: str) -> str:
     """Escaped name that may break after an underscore or a slash."""
     return re.sub(r"([_/])", r"\1<wbr>", esc(name))

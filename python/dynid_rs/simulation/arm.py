@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 
 from dynid_rs import _core
 from dynid_rs.recording import Recording
+from dynid_rs.simulation.effects.base import LabEffect, Readings
 from dynid_rs.simulation.motion import ArmMotion, solve_motion
+from dynid_rs.simulation.tracking import SENSOR_SHARE, TrackedMotion
 from dynid_rs.simulation.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -39,6 +41,8 @@ _UNITS = {
     "noise_std": "N*m",
     "link_resolution": "rad",
     "motor_resolution": "rad",
+    "link_noise": "rad",
+    "motor_noise": "rad",
 }
 _MAY_BE_NEGATIVE = ("kinematic_phase", "friction", "torque_offset")
 
@@ -57,9 +61,9 @@ class SimulatedArm:
 
     With x = q + delta, the output of the gear, and e(x) = a sin(N x + phase), its kinematic error::
 
-        link side    tau_link = K delta + D ddelta + z
+        link side    tau_gear = K delta + D ddelta + z,   tau_gear = tau_link + what effects add there
         encoders     q at t - delay,   q_motor = x + e(x) at t
-        motor side   tau = (tau_link + c z) / (1 + e'(x)) + J ddq_motor + friction(dq_motor) + offset + noise
+        motor side   tau = (tau_gear + c z) / (1 + e'(x)) + J ddq_motor + friction(dq_motor) + offset + effects + noise
 
     The division keeps power through a gear whose ratio varies. c z is tooth friction that the housing
     takes up: the motor feels it, the link does not, and the deflection and its rate tell it. By itself it
@@ -92,8 +96,12 @@ class SimulatedArm:
         Of the measured torque [N m]; the noise is white.
     link_resolution, motor_resolution : ndarray (n_joints,)
         Steps of the encoders [rad]; 0 for an ideal one.
+    link_noise, motor_noise : ndarray (n_joints,)
+        Standard deviation of the encoders' white noise [rad], before the steps.
     delay : float
         How much later the link channel is than the motor channel [s].
+    effects : tuple of LabEffect
+        What else acts, of `dynid_rs.simulation.effects`; `equip` puts them in.
 
     Raises
     ------
@@ -119,7 +127,10 @@ class SimulatedArm:
     noise_std: FloatArray = _NONE
     link_resolution: FloatArray = _NONE
     motor_resolution: FloatArray = _NONE
+    link_noise: FloatArray = _NONE
+    motor_noise: FloatArray = _NONE
     delay: float = 0.0
+    effects: tuple[LabEffect, ...] = ()
 
     def __post_init__(self) -> None:
         n = self.robot.n_joints
@@ -160,6 +171,7 @@ class SimulatedArm:
             hysteresis=none,
             hysteresis_loss=none,
             kinematic_error=none,
+            effects=tuple(effect for effect in self.effects if not effect.yields),
         )
 
     def motion(self, trajectory: Trajectory, t: FloatArray) -> ArmMotion:
@@ -181,7 +193,7 @@ class SimulatedArm:
         Parameters
         ----------
         trajectory : Trajectory
-            Motion of the links.
+            Motion of the links; a `TrackedMotion` brings the noise of its controller along.
         rate : float
             Samples per second [Hz].
         rng : Generator
@@ -200,20 +212,43 @@ class SimulatedArm:
         """
         t = np.arange(int(np.floor(trajectory.duration * rate + 1e-9)) + 1) / rate
         motion = self.motion(trajectory, t)
-        q, dq, ddq = trajectory.evaluate(t - self.delay)
-        noise = rng.standard_normal(q.shape)
+        readings = Readings(*trajectory.evaluate(t - self.delay), self._late_torque(trajectory, motion))
+        for effect in self.effects:
+            readings = effect.read(readings, t)
+        shape = motion.q.shape
+        torque_noise = self.noise_std * rng.standard_normal(shape)
         jitter = np.clip(stamp_jitter * rng.standard_normal(t.size), -0.4 / rate, 0.4 / rate)
+        link_noise, motor_noise = (std * rng.standard_normal(shape) for std in (self.link_noise, self.motor_noise))
+        if isinstance(trajectory, TrackedMotion):
+            # What the controller saw is what is recorded, and what the drive did unseen is missing in the torque.
+            torque_noise = SENSOR_SHARE * torque_noise - trajectory.drive(t)
+            motor_noise = trajectory.encoder_noise(t)
         return Recording(
             t=t + jitter,
-            q=_in_steps(q, self.link_resolution),
-            q_motor=_in_steps(motion.q_motor, self.motor_resolution),
-            tau=motion.tau + self.noise_std * noise,
-            dq=dq if derivatives else None,
-            ddq=ddq if derivatives else None,
+            q=_in_steps(readings.q + link_noise, self.link_resolution),
+            q_motor=_in_steps(motion.q_motor + motor_noise, self.motor_resolution),
+            tau=readings.tau + torque_noise,
+            dq=readings.dq if derivatives else None,
+            ddq=readings.ddq if derivatives else None,
             dq_motor=motion.dq_motor if derivatives else None,
+            temperature=readings.temperature,
             name=name,
             joints=tuple(self.robot.joint_names),
         )
+
+    def of_run(self, run: int, duration: float, rng: np.random.Generator) -> SimulatedArm:
+        """Return the arm of one run [duration in s]: where things touch it, how warm it is."""
+        return replace(self, effects=tuple(effect.of_run(run, duration, rng) for effect in self.effects))
+
+    def _late_torque(self, trajectory: Trajectory, motion: ArmMotion) -> FloatArray:
+        """Torque as late as its channel is (n, n_joints) [N m]."""
+        lag = np.zeros(self.robot.n_joints)
+        for effect in self.effects:
+            lag += 0.0 if effect.lag is None else effect.lag
+        tau = motion.tau.copy()
+        for late in np.unique(lag[lag != 0]):
+            tau[:, lag == late] = self.motion(trajectory, np.maximum(motion.t - late, 0.0)).tau[:, lag == late]
+        return tau
 
     def to_json(self) -> dict[str, object]:
         """Return every parameter with its unit; an infinite stiffness is null."""

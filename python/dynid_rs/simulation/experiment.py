@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,9 +11,13 @@ from numpy.typing import NDArray
 from dynid_rs.recording import Recording
 from dynid_rs.simulation.arm import SimulatedArm
 from dynid_rs.simulation.limits import motion_limits, plausible_effort
-from dynid_rs.simulation.trajectory import FourierTrajectory, random_trajectory
+from dynid_rs.simulation.plan import PlayedTrajectory
+from dynid_rs.simulation.tracking import Tracking, track
+from dynid_rs.simulation.trajectory import FourierTrajectory, Trajectory, random_trajectory
 
 FloatArray = NDArray[np.float64]
+
+Plan = FourierTrajectory | PlayedTrajectory
 
 MAX_DURATION = 600.0
 MAX_RATE = 10_000.0
@@ -32,35 +37,64 @@ class Simulation:
     ----------
     arm : SimulatedArm
         The truth.
-    trajectories : tuple of FourierTrajectory
-        The motion of each run, exactly.
+    trajectories : tuple of FourierTrajectory or PlayedTrajectory
+        The plan of each run.
     recordings : tuple of Recording
         What was measured.
     seed : int
         Repeats it all.
+    motions : tuple of Trajectory
+        What the links really did, exactly; the plan itself without a controller.
+    arms : tuple of SimulatedArm
+        The arm of each run: effects that differ from run to run are there as they acted.
+    tracking : Tracking, optional
+        The controller.
+    rate : float
+        Samples per second [Hz].
     """
 
     arm: SimulatedArm
-    trajectories: tuple[FourierTrajectory, ...]
+    trajectories: tuple[Plan, ...]
     recordings: tuple[Recording, ...]
     seed: int
+    motions: tuple[Trajectory, ...]
+    arms: tuple[SimulatedArm, ...]
+    tracking: Tracking | None = None
+    rate: float = 250.0
 
     def truth(self) -> dict[str, object]:
         """Return everything that identification must not know, for `truth.json`."""
         robot = self.arm.robot
+        names = list(robot.joint_names)
+        runs = []
+        for recording, trajectory, arm in zip(self.recordings, self.trajectories, self.arms, strict=True):
+            run: dict[str, object] = {"file": recording.name, "trajectory": trajectory.to_json()}
+            own = [
+                effect.to_json(names)
+                for effect, common in zip(arm.effects, self.arm.effects, strict=True)
+                if effect is not common
+            ]
+            runs.append(run | ({"effects": own} if own else {}))
         return {
             "format": "dynid-truth",
             "version": 1,
             "robot": robot.name,
-            "joints": list(robot.joint_names),
+            "joints": names,
             "gravity": np.asarray(robot.gravity).tolist(),
             "seed": self.seed,
             "arm": self.arm.to_json(),
-            "runs": [
-                {"file": recording.name, "trajectory": trajectory.to_json()}
-                for recording, trajectory in zip(self.recordings, self.trajectories, strict=True)
-            ],
+            "effects": [effect.to_json(names) for effect in self.arm.effects],
+            "tracking": None if self.tracking is None else self.tracking.to_json(),
+            "runs": runs,
         }
+
+    def reference(self, run: int) -> FloatArray:
+        """Return what the controller of a run was told at its true sampling instants: q_ref (n, n_joints)."""
+        recording = self.recordings[run]
+        plan = self.trajectories[run]
+        # Not the stamps, which may jitter.
+        t = np.arange(recording.n_samples) / self.rate
+        return plan.evaluate(t)[0]
 
 
 def simulate(
@@ -72,6 +106,8 @@ def simulate(
     seed: int = 0,
     derivatives: bool = False,
     stamp_jitter: float = 0.0,
+    trajectories: Sequence[Plan] = (),
+    tracking: Tracking | None = None,
 ) -> Simulation:
     """Measure several runs with different trajectories.
 
@@ -84,7 +120,7 @@ def simulate(
     n_runs : int
         How many.
     duration : float
-        Of each run, with a rest at both ends [s].
+        Of each random run, with a rest at both ends [s].
     rate : float
         Samples per second [Hz].
     seed : int
@@ -93,6 +129,10 @@ def simulate(
         Add exact velocities and accelerations.
     stamp_jitter : float
         Standard deviation of the time stamps [s].
+    trajectories : sequence of PlayedTrajectory or FourierTrajectory
+        Plans to play as they are, run i plays number i modulo their count; random ones of `duration` by default.
+    tracking : Tracking, optional
+        The controller that follows the plans; without one the links follow them exactly.
 
     Raises
     ------
@@ -101,14 +141,24 @@ def simulate(
     """
     _check_plan(n_runs, duration, rate, seed, stamp_jitter)
     limits, effort = motion_limits(arm.robot), plausible_effort(arm.robot)
-    trajectories, recordings = [], []
+    plans: list[Plan] = []
+    recordings, motions, arms = [], [], []
     for run in range(n_runs):
         rng = np.random.default_rng([seed, run])
-        trajectory = _within_effort(arm, random_trajectory(limits, duration, rng), effort)
-        trajectories.append(trajectory)
+        plan: Plan = (
+            trajectories[run % len(trajectories)]
+            if trajectories
+            else _within_effort(arm, random_trajectory(limits, duration, rng), effort)
+        )
+        # Streams of their own: a controller or an effect does not change the plans and the noise of a seed.
+        own = arm.of_run(run, plan.duration, np.random.default_rng([seed, run, 1]))
+        motion = plan if tracking is None else track(own, plan, tracking, np.random.default_rng([seed, run, 2]))
+        plans.append(plan)
+        arms.append(own)
+        motions.append(motion)
         recordings.append(
-            arm.record(
-                trajectory,
+            own.record(
+                motion,
                 rate,
                 rng,
                 f"run_{run}.parquet",
@@ -116,7 +166,9 @@ def simulate(
                 stamp_jitter=stamp_jitter,
             )
         )
-    return Simulation(arm, tuple(trajectories), tuple(recordings), seed)
+    return Simulation(
+        arm, tuple(plans), tuple(recordings), seed, tuple(motions), tuple(arms), tracking=tracking, rate=rate
+    )
 
 
 def _within_effort(arm: SimulatedArm, trajectory: FourierTrajectory, effort: FloatArray) -> FourierTrajectory:

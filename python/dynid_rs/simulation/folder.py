@@ -16,10 +16,18 @@ FloatArray = NDArray[np.float64]
 
 TRUTH_FILE = "truth.json"
 ROBOT_FILE = "robot.urdf"
+ROBOT_TABLE = "robot.toml"
 
 
-def write_simulation(simulation: Simulation, directory: Path, robot_file: Path) -> list[Path]:
-    """Write `truth.json`, `robot.urdf`, `run_0.parquet`, ... to `directory`, which is created.
+def robot_name(robot_file: Path) -> str:
+    """Name of the robot's copy: its suffix says how it is read."""
+    return ROBOT_TABLE if robot_file.suffix.lower() == ".toml" else ROBOT_FILE
+
+
+def write_simulation(
+    simulation: Simulation, directory: Path, robot_file: Path, *, reference: bool = False
+) -> list[Path]:
+    """Write `truth.json`, `robot.urdf` (or `.toml`), `run_0.parquet`, ... to `directory`, which is created.
 
     An older simulation in the folder is replaced; anything else of the same name is left alone.
 
@@ -30,7 +38,9 @@ def write_simulation(simulation: Simulation, directory: Path, robot_file: Path) 
     directory : Path
         Where.
     robot_file : Path
-        The URDF that was simulated; its copy makes the folder complete.
+        The URDF or robot.toml that was simulated; its copy makes the folder complete. Effects do not change it.
+    reference : bool
+        Add what the controller was told as columns `q_ref_i`.
 
     Returns
     -------
@@ -44,33 +54,37 @@ def write_simulation(simulation: Simulation, directory: Path, robot_file: Path) 
     OSError
         The folder cannot be written.
     """
-    robot = robot_file.read_bytes()
+    robot, own_name = robot_file.read_bytes(), robot_name(robot_file)
     names = [recording.name for recording in simulation.recordings]
-    _prepare(directory, names, robot)
+    _prepare(directory, names, own_name, robot)
     # The truth first: it marks the folder as a simulation's, also if the rest fails.
     write_json(directory / TRUTH_FILE, simulation.truth())
-    with atomic_path(directory / ROBOT_FILE) as temporary:
+    with atomic_path(directory / own_name) as temporary:
         temporary.write_bytes(robot)
-    for recording in simulation.recordings:
-        write_table(directory / recording.name, run_columns(recording))
+    for run, recording in enumerate(simulation.recordings):
+        columns = run_columns(recording)
+        if reference:
+            q_ref = simulation.reference(run)
+            columns |= {f"q_ref_{joint}": q_ref[:, joint] for joint in range(recording.n_joints)}
+        write_table(directory / recording.name, columns)
     return [directory / name for name in names]
 
 
 def run_columns(recording: Recording) -> dict[str, FloatArray]:
     """Columns of the table of one run: `t`, then `q_0`, ..., signal by signal, joints by index."""
     columns: dict[str, FloatArray] = {"t": recording.t}
-    for signal in ("q", "dq", "ddq", "q_motor", "dq_motor", "tau"):
+    for signal in ("q", "dq", "ddq", "q_motor", "dq_motor", "tau", "temperature"):
         values = getattr(recording, signal)
         if values is not None:
             columns |= {f"{signal}_{joint}": values[:, joint] for joint in range(recording.n_joints)}
     return columns
 
 
-def _prepare(directory: Path, names: list[str], robot: bytes) -> None:
+def _prepare(directory: Path, names: list[str], own_name: str, robot: bytes) -> None:
     try:
         directory.mkdir(parents=True, exist_ok=True)
         found = sorted(path.name for path in directory.iterdir())
-        own = (directory / ROBOT_FILE).read_bytes() if ROBOT_FILE in found else robot
+        own = (directory / own_name).read_bytes() if own_name in found else robot
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
         raise type(error)(f"{directory}: cannot use this folder: {reason}") from None
@@ -79,7 +93,7 @@ def _prepare(directory: Path, names: list[str], robot: bytes) -> None:
         strangers = [name for name in runs if name not in names]
         what = "of an older simulation, which would mix with the new runs"
     else:
-        strangers = [*runs, *([] if own == robot else [ROBOT_FILE])]
+        strangers = [*runs, *([] if own == robot else [own_name])]
         what = "that no simulation wrote"
     if strangers:
         raise ValueError(f"{directory} holds {strangers[0]} {what}; choose another folder or remove it first")

@@ -73,7 +73,7 @@ def motion_limits(robot: RobotModel) -> MotionLimits:
 
 def typical_inertia(robot: RobotModel) -> FloatArray:
     """Median over random poses of the diagonal of the mass matrix (n_joints,) [kg m^2, kg]."""
-    q = _poses(motion_limits(robot))
+    q = random_poses(motion_limits(robot))
     still = np.zeros_like(q)
     at_rest = robot.inverse_dynamics(q, still, still)
     diagonal = np.empty(q.shape[1])
@@ -91,7 +91,7 @@ def plausible_effort(robot: RobotModel) -> FloatArray:
     one number for three joints or more if it is far above what they need (1000 or 10000).
     """
     limits = motion_limits(robot)
-    q = _poses(limits)
+    q = random_poses(limits)
     rng = np.random.default_rng(1)
     dq, ddq = (0.5 * rng.uniform(-1, 1, q.shape) * limit for limit in (limits.velocity, limits.acceleration))
     still = np.zeros_like(q)
@@ -106,6 +106,7 @@ def plausible_effort(robot: RobotModel) -> FloatArray:
     return np.where(np.isfinite(declared) & (declared > holding), declared, derived)
 
 
-def _poses(limits: MotionLimits) -> FloatArray:
+def random_poses(limits: MotionLimits) -> FloatArray:
+    """Return poses within the limits (n, n_joints), always the same."""
     rng = np.random.default_rng(0)
     return np.asarray(rng.uniform(limits.lower, limits.upper, (_N_POSES, limits.lower.size)))

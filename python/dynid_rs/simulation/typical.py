@@ -49,6 +49,7 @@ def typical_arm(
     noise: float = 1.0,
     stiffness: float | FloatArray | None = None,
     delay: float = DELAY,
+    encoder_noise: float = 0.0,
 ) -> SimulatedArm:
     """Return a plausible industrial arm with the robot's kinematics, inertia and limits. Nothing is random.
 
@@ -65,6 +66,8 @@ def typical_arm(
         Of the turning joints' gears [N m/rad].
     delay : float
         Link channel behind motor channel [s].
+    encoder_noise : float
+        Standard deviation of the noise of both encoders [rad], before their steps.
 
     Raises
     ------
@@ -98,6 +101,8 @@ def typical_arm(
         noise_std=noise * NOISE * effort,
         link_resolution=np.full(effort.size, _LINK_STEP if noise > 0 else 0.0),
         motor_resolution=np.full(effort.size, _MOTOR_STEP if noise > 0 else 0.0),
+        link_noise=np.full(effort.size, encoder_noise),
+        motor_noise=np.full(effort.size, encoder_noise),
         delay=delay,
     )
 

@@ -67,7 +67,8 @@ pub(crate) fn check_length(
 }
 
 /// Joint placement at `q`: rotation (link to parent) and origin of the link frame in the parent frame.
-fn placement(joint: &Joint, q: f64) -> (Matrix3<f64>, Vector3<f64>) {
+#[must_use]
+pub fn placement(joint: &Joint, q: f64) -> (Matrix3<f64>, Vector3<f64>) {
     match joint.kind {
         JointKind::Revolute => {
             let turn = Rotation3::from_axis_angle(&Unit::new_unchecked(joint.axis), q);

@@ -19,7 +19,7 @@ impl Status {
     pub const NON_FINITE: Self = Self(1);
     /// The state is outside the box that the model was trained on.
     pub const OUTSIDE_DOMAIN: Self = Self(2);
-    /// The mixture was asked far from its data; its torque was faded out.
+    /// The third loop was asked far from its data; its torque was faded out.
     pub const RESIDUAL_FADED: Self = Self(4);
 
     /// The bits.
@@ -64,6 +64,9 @@ pub struct TorqueEstimator {
     /// Terms of the last good step.
     terms: Vec<f64>,
     total: Vec<f64>,
+    /// Variances of this step and of the last good one.
+    scratch_variance: Vec<f64>,
+    variance: Vec<f64>,
 }
 
 impl TorqueEstimator {
@@ -71,7 +74,7 @@ impl TorqueEstimator {
     #[must_use]
     pub fn new(model: Arc<TorqueModel>) -> Self {
         let n = model.robot().n_joints();
-        let n_terms = model.term_names().len();
+        let n_terms = model.n_terms();
         let effects = model.effects().iter();
         let n_memory = effects.map(|term| term.effect().memory_len(n)).sum();
         Self {
@@ -85,6 +88,8 @@ impl TorqueEstimator {
             scratch: vec![0.0; n * n_terms],
             terms: vec![0.0; n * n_terms],
             total: vec![0.0; n],
+            scratch_variance: vec![0.0; n],
+            variance: model.noise_std().iter().map(|std| std * std).collect(),
             model,
         }
     }
@@ -112,6 +117,20 @@ impl TorqueEstimator {
         &self.terms
     }
 
+    /// Standard deviation that the model expects of measured minus predicted torque at the last step, written to `std`
+    /// (n values) \[torque unit\]: of what the model leaves, and where a third loop acts, its own by the law of total
+    /// variance, which holds that noise too. Parameters count as known.
+    ///
+    /// # Errors
+    /// [`CoreError::Length`] if `std` has the wrong length.
+    pub fn predicted_std_into(&self, std: &mut [f64]) -> Result<(), CoreError> {
+        check_length("std", std, self.variance.len())?;
+        for (std, variance) in std.iter_mut().zip(&self.variance) {
+            *std = variance.sqrt();
+        }
+        Ok(())
+    }
+
     /// Sum of the terms (Eq. 26), written to `tau` (n values).
     ///
     /// Output is finite whatever comes in: a NaN, an infinity or an overflow repeats the last good torque (zeros
@@ -137,6 +156,7 @@ impl TorqueEstimator {
         if usable {
             status.set(Status::OUTSIDE_DOMAIN, !self.inside_domain(state));
             self.terms.copy_from_slice(&self.scratch);
+            self.variance.copy_from_slice(&self.scratch_variance);
             self.memory.copy_from_slice(&self.next_memory);
             self.total.fill(0.0);
             for term in self.terms.chunks_exact(n) {
@@ -151,7 +171,7 @@ impl TorqueEstimator {
         Ok(status)
     }
 
-    /// Every term into `scratch`; true if the mixture was faded.
+    /// Every term into `scratch`; true if the third loop was faded.
     fn evaluate(&mut self, state: &State<'_>) -> Result<bool, CoreError> {
         let n = self.model.robot().n_joints();
         for (j, delay) in self.model.encoder_delay().iter().enumerate() {
@@ -190,8 +210,13 @@ impl TorqueEstimator {
             (own, memory) = memory.split_at_mut(term.effect().memory_len(n));
             term.torque_into(&input, own, row);
         }
+        for (variance, std) in self.scratch_variance.iter_mut().zip(self.model.noise_std()) {
+            *variance = std * std;
+        }
         match (self.model.residual(), rows.next()) {
-            (Some(residual), Some(row)) => Ok(residual.torque_into(state, row)),
+            (Some(residual), Some(row)) => {
+                Ok(residual.torque_into(state, rigid_body, row, &mut self.scratch_variance))
+            }
             _ => Ok(false),
         }
     }

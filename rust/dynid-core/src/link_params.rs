@@ -8,7 +8,7 @@
 
 use core::ops::Range;
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, Matrix4, Vector3};
 
 /// Number of parameters of one link.
 pub const N_LINK_PARAMS: usize = 10;
@@ -84,10 +84,96 @@ pub fn transform(
     ]
 }
 
+/// Mass \[kg\], centre \[m\] and inertia about that centre \[kg·m²\], all in the link frame: the inverse of [`from_centre`].
+///
+/// `None` where the mass is not positive: such a body has no centre.
+#[must_use]
+pub fn to_centre(phi: &LinkParams) -> Option<(f64, Vector3<f64>, Matrix3<f64>)> {
+    let mass = phi[MASS];
+    if mass.is_nan() || mass <= 0.0 {
+        return None;
+    }
+    let com = Vector3::new(phi[1], phi[2], phi[3]) / mass;
+    let shift = (Matrix3::identity() * com.dot(&com) - com * com.transpose()) * mass;
+    Some((mass, com, inertia_matrix(phi) - shift))
+}
+
+/// Pseudo-inertia `[[S, h], [hᵀ, m]]` with the second moments `S = tr(I)/2 1 - I`: linear in `phi`, and positive definite
+/// for just those bodies that can be built from points of positive mass (Wensing, Kim and Slotine 2018).
+#[must_use]
+pub fn pseudo_inertia(phi: &LinkParams) -> Matrix4<f64> {
+    let inertia = inertia_matrix(phi);
+    let second = Matrix3::identity() * (0.5 * inertia.trace()) - inertia;
+    let mut pseudo = Matrix4::zeros();
+    pseudo.fixed_view_mut::<3, 3>(0, 0).copy_from(&second);
+    for k in 0..3 {
+        pseudo[(k, 3)] = phi[1 + k];
+        pseudo[(3, k)] = phi[1 + k];
+    }
+    pseudo[(3, 3)] = phi[MASS];
+    pseudo
+}
+
+/// The inverse of [`pseudo_inertia`]: `I = tr(S) 1 - S`. Of a matrix that is not symmetric the symmetric part counts.
+#[must_use]
+pub fn from_pseudo_inertia(pseudo: &Matrix4<f64>) -> LinkParams {
+    let even = (pseudo + pseudo.transpose()) * 0.5;
+    let second = even.fixed_view::<3, 3>(0, 0).into_owned();
+    let inertia = Matrix3::identity() * second.trace() - second;
+    [
+        even[(3, 3)],
+        even[(0, 3)],
+        even[(1, 3)],
+        even[(2, 3)],
+        inertia[(0, 0)],
+        inertia[(0, 1)],
+        inertia[(1, 1)],
+        inertia[(0, 2)],
+        inertia[(1, 2)],
+        inertia[(2, 2)],
+    ]
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use nalgebra::Rotation3;
+
+    const BODY: LinkParams = [2.0, 0.3, -0.1, 0.2, 0.4, 0.02, 0.5, -0.03, 0.01, 0.6];
+
+    #[test]
+    fn the_centre_and_back_is_the_same_body() {
+        let (mass, com, inertia) = to_centre(&BODY).unwrap_or_default();
+        for (a, b) in from_centre(mass, &com, &inertia).iter().zip(BODY) {
+            assert!((a - b).abs() < 1e-15, "{a} {b}");
+        }
+        assert!(to_centre(&[0.0; 10]).is_none());
+    }
+
+    #[test]
+    fn the_pseudo_inertia_of_points_is_the_sum_of_their_squares() {
+        let points = [
+            (0.5, Vector3::new(0.1, 0.2, -0.3)),
+            (1.5, Vector3::new(-0.4, 0.0, 0.2)),
+            (2.0, Vector3::new(0.3, -0.6, 0.1)),
+        ];
+        let mut phi = [0.0; N_LINK_PARAMS];
+        let mut expected = Matrix4::zeros();
+        for (mass, place) in points {
+            for (sum, part) in phi
+                .iter_mut()
+                .zip(from_centre(mass, &place, &Matrix3::zeros()))
+            {
+                *sum += part;
+            }
+            let point = place.push(1.0);
+            expected += point * point.transpose() * mass;
+        }
+        assert!((pseudo_inertia(&phi) - expected).amax() < 1e-15);
+        for (a, b) in from_pseudo_inertia(&expected).iter().zip(phi) {
+            assert!((a - b).abs() < 1e-15, "{a} {b}");
+        }
+    }
 
     #[test]
     fn a_transform_agrees_with_the_parallel_axis_theorem() {

@@ -107,6 +107,23 @@ impl GaussianMixtureRegression {
         &self.covariances
     }
 
+    /// Mean square of the output over the whole mixture: what is expected where nothing is known of the inputs.
+    #[must_use]
+    pub fn second_moment(&self) -> f64 {
+        let (d, width) = (self.n_inputs, self.n_inputs + 1);
+        let total: f64 = self.weights.iter().sum();
+        let moments = self.means.chunks_exact(width).zip(
+            self.covariances
+                .chunks_exact(width * width)
+                .map(|covariance| covariance[width * width - 1]),
+        );
+        self.weights
+            .iter()
+            .zip(moments)
+            .map(|(weight, (mean, variance))| weight / total * (mean[d] * mean[d] + variance))
+            .sum()
+    }
+
     /// Conditional mean and variance at `u` (d values; only the first d are read).
     ///
     /// Responsibilities h_k (Eq. 37) are ratios of `exp(log_wp_k - max)`, with the maximum kept while running over the

@@ -4,6 +4,7 @@ use crate::dynamics::check_length;
 use crate::effects::EffectTerm;
 use crate::error::CoreError;
 use crate::link_params::N_LINK_PARAMS;
+use crate::physical::PhysicalSet;
 use crate::residual::Residual;
 use crate::robot::RobotModel;
 
@@ -31,6 +32,7 @@ pub struct TorqueModel {
     domain: Domain,
     torque_unit: String,
     step: Option<f64>,
+    physical: Option<PhysicalSet>,
 }
 
 /// What a [`TorqueModel`] is made of; see its accessors for the meaning of each part.
@@ -147,7 +149,26 @@ impl TorqueModel {
             domain,
             torque_unit,
             step,
+            physical: None,
         })
+    }
+
+    /// The same model with a physically consistent set beside it.
+    ///
+    /// # Errors
+    /// [`CoreError`] naming what does not fit.
+    pub fn with_physical(self, physical: PhysicalSet) -> Result<Self, CoreError> {
+        physical.check(self.robot.n_joints())?;
+        Ok(Self {
+            physical: Some(physical),
+            ..self
+        })
+    }
+
+    /// The physically consistent set, where one was identified; evaluation does not use it.
+    #[must_use]
+    pub fn physical(&self) -> Option<&PhysicalSet> {
+        self.physical.as_ref()
     }
 
     /// Kinematics and gravity.
@@ -210,13 +231,28 @@ impl TorqueModel {
         self.step
     }
 
-    /// Names of the terms in order of summation: `rigid_body`, the effects, `residual`.
+    /// Rigid body, effects, third loop.
     #[must_use]
-    pub fn term_names(&self) -> Vec<&'static str> {
-        let mut names = vec!["rigid_body"];
-        names.extend(self.effects.iter().map(|term| term.effect().kind()));
-        names.extend(self.residual.as_ref().map(|_| "residual"));
-        names
+    pub fn n_terms(&self) -> usize {
+        1 + self.effects.len() + usize::from(self.residual.is_some())
+    }
+
+    /// Names of the terms in order of summation: `rigid_body`, the effects, `residual`. Of a kind that comes again the
+    /// second is called kind2, and so on.
+    #[must_use]
+    pub fn term_names(&self) -> Vec<String> {
+        let kinds = self.effects.iter().map(|term| term.effect().kind());
+        let names: Vec<&str> = std::iter::once("rigid_body")
+            .chain(kinds)
+            .chain(self.residual.as_ref().map(|_| "residual"))
+            .collect();
+        let earlier = |k: usize| names[..k].iter().filter(|name| **name == names[k]).count();
+        (0..names.len())
+            .map(|k| match earlier(k) {
+                0 => names[k].to_owned(),
+                count => format!("{}{}", names[k], count + 1),
+            })
+            .collect()
     }
 }
 

@@ -1,6 +1,6 @@
 //! A serial chain: what a robot *is*, without state and without scratch.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, Rotation3, Vector3};
 
 use crate::error::CoreError;
 use crate::link_params::LinkParams;
@@ -23,6 +23,8 @@ pub struct JointLimits {
     pub upper: f64,
     /// Greatest speed \[rad/s, m/s\].
     pub velocity: f64,
+    /// Greatest acceleration \[rad/s², m/s²\].
+    pub acceleration: f64,
     /// Greatest torque or force \[N·m, N\].
     pub effort: f64,
 }
@@ -33,6 +35,7 @@ impl Default for JointLimits {
             lower: f64::NEG_INFINITY,
             upper: f64::INFINITY,
             velocity: f64::INFINITY,
+            acceleration: f64::INFINITY,
             effort: f64::INFINITY,
         }
     }
@@ -57,6 +60,9 @@ pub struct Joint {
     pub limits: JointLimits,
     /// Declared rotor inertia, reflected to the link side (gear ratio squared times the rotor's own) \[kg·m², kg\].
     pub rotor_inertia: f64,
+    /// Motor turns per joint turn (rad/m for a sliding joint), positive; `None` where the robot file gives none. No formula
+    /// needs it: everything here is on the link side. It is for readers of files whose motor positions are not reduced.
+    pub gear_ratio: Option<f64>,
     /// The inertial parameters that the robot file declares for the link; zeros where it declares none.
     pub phi: LinkParams,
 }
@@ -92,7 +98,8 @@ impl RobotModel {
                 .translation
                 .iter()
                 .chain(joint.phi.iter())
-                .chain([&joint.rotor_inertia]);
+                .chain([&joint.rotor_inertia])
+                .chain(&joint.gear_ratio);
             if !numbers.into_iter().all(|x| x.is_finite()) {
                 return Err(CoreError::NonFiniteParameter);
             }
@@ -141,6 +148,27 @@ impl RobotModel {
     /// [`CoreError::NonFiniteParameter`] if a component is not finite.
     pub fn with_gravity(&self, gravity: Vector3<f64>) -> Result<Self, CoreError> {
         Self::new(self.name.clone(), self.joints.clone(), gravity)
+    }
+
+    /// The same robot with one joint frame elsewhere: `offset` \[m\] in the parent link's frame, then turned by
+    /// `rotation_vector` \[rad\] in its own frame.
+    ///
+    /// # Errors
+    /// [`CoreError::NonFiniteParameter`] if there is no such joint or a number is not finite.
+    pub fn with_joint_moved(
+        &self,
+        joint: usize,
+        offset: Vector3<f64>,
+        rotation_vector: Vector3<f64>,
+    ) -> Result<Self, CoreError> {
+        let mut joints = self.joints.clone();
+        let moved = joints
+            .get_mut(joint)
+            .filter(|_| rotation_vector.iter().all(|x| x.is_finite()))
+            .ok_or(CoreError::NonFiniteParameter)?;
+        moved.translation += offset;
+        moved.rotation *= Rotation3::new(rotation_vector).into_inner();
+        Self::new(self.name.clone(), joints, self.gravity)
     }
 
     /// Declared inertial parameters, ten per link in chain order, length `10 n`.

@@ -12,8 +12,8 @@ use dynid_core::link_params::{inertia_matrix, transform, N_LINK_PARAMS};
 use dynid_core::model::TorqueModelParts;
 use dynid_core::{
     inverse_dynamics_into, joint_torque_regressor_into, CoreError, Domain, Effect, EffectTerm,
-    GaussianMixtureRegression, JointKind, Residual, ResidualInputs, RobotModel, State, Status,
-    TorqueEstimator, TorqueModel, Workspace,
+    GaussianMixtureRegression, JointKind, NormalisedRbf, Residual, ResidualInputs, RobotModel,
+    State, Status, TorqueEstimator, TorqueModel, Workspace,
 };
 use nalgebra::{DMatrix, DVector, Matrix3, Rotation3, Unit, Vector3};
 use proptest::collection::vec;
@@ -399,28 +399,85 @@ proptest! {
     }
 }
 
+/// Normalised bumps with `d` inputs.
+fn rbf(d: usize, most: usize) -> impl Strategy<Value = NormalisedRbf> {
+    (1..=most)
+        .prop_flat_map(move |n| {
+            (
+                vec(-2.0..2.0f64, n * d),
+                vec(0.1..20.0f64, d),
+                vec(-5.0..5.0f64, n),
+                vec(0.0..2.0f64, n),
+            )
+        })
+        .prop_map(|(centers, precision, weights, variances)| {
+            NormalisedRbf::new(centers, precision, weights, variances).expect("a valid basis")
+        })
+}
+
+proptest! {
+    /// Anywhere: shares sum to one, f and its variance lie between those of the centres, and nothing is NaN.
+    #[test]
+    fn an_rbf_is_a_weighted_mean_anywhere(
+        rbf in rbf(2, 6), direction in proptest::array::uniform2(-1.0..1.0f64), exponent in -1.0..200.0f64,
+    ) {
+        let u = direction.map(|x| x * 10f64.powf(exponent));
+        let mut share = vec![f64::NAN; rbf.weights().len()];
+        rbf.shares_into(&u, &mut share).expect("right lengths");
+        prop_assert!((share.iter().sum::<f64>() - 1.0).abs() < ALGEBRAIC);
+        let prediction = rbf.predict(&u);
+        let within = |x: f64, values: &[f64]| {
+            let low = values.iter().copied().fold(f64::INFINITY, f64::min);
+            let high = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+            low - ALGEBRAIC <= x && x <= high + ALGEBRAIC
+        };
+        prop_assert!(within(prediction.mean, rbf.weights()));
+        prop_assert!(within(prediction.variance, rbf.variances()));
+        let expected: f64 = share.iter().zip(rbf.weights()).map(|(s, w)| s * w).sum();
+        prop_assert!((prediction.mean - expected).abs() < ALGEBRAIC);
+    }
+}
+
+/// Mixtures on some joints, and on every other one of them an RBF in the mixture's place.
+fn residual(inputs: ResidualInputs, mixtures: &[Option<GaussianMixtureRegression>]) -> Residual {
+    let joints = mixtures
+        .iter()
+        .enumerate()
+        .map(|(j, mixture)| {
+            let mixture = mixture.as_ref()?;
+            if j % 2 == 0 {
+                return Some(mixture.clone().into());
+            }
+            let means = mixture.means();
+            let centers = means.chunks_exact(3).flat_map(|mean| [mean[0], mean[1]]);
+            let weights: Vec<f64> = means.chunks_exact(3).map(|mean| mean[2]).collect();
+            let variances = vec![0.5; weights.len()];
+            let rbf = NormalisedRbf::new(centers.collect(), vec![4.0, 9.0], weights, variances);
+            Some(rbf.expect("finite numbers").into())
+        })
+        .collect();
+    Residual::new(inputs, joints)
+        .and_then(|residual| residual.with_compliance(vec![1e-3; mixtures.len()]))
+        .expect("two inputs each")
+}
+
 /// A model with every effect, two-encoder delays, gains and a mixture on some of the joints.
 fn model(most: usize) -> impl Strategy<Value = (Case, Arc<TorqueModel>)> {
     (
         case(most),
         vec(proptest::option::of(mixture(2, 4)), most),
-        any::<bool>(),
+        proptest::sample::select(&ResidualInputs::ALL[..]),
         vec(-2.0..2.0f64, most * 10),
         vec(0.5..2.0f64, most),
         vec(0.0..0.004f64, most),
     )
-        .prop_map(|(case, mixtures, deflection, numbers, scale, delay)| {
+        .prop_map(|(case, mixtures, inputs, numbers, scale, delay)| {
             let n = case.q.len();
             let friction = Effect::friction(&vec![0.05; n], &vec![0.01; n]).unwrap();
             let term = |effect: Effect, first: usize| {
                 let count = n * effect.n_columns();
                 EffectTerm::new(effect, numbers[first..first + count].to_vec(), n)
                     .expect("a valid term")
-            };
-            let inputs = if deflection {
-                ResidualInputs::Deflection
-            } else {
-                ResidualInputs::JointState
             };
             let model = TorqueModel::new(TorqueModelParts {
                 robot: case.robot.clone(),
@@ -431,7 +488,7 @@ fn model(most: usize) -> impl Strategy<Value = (Case, Arc<TorqueModel>)> {
                     term(Effect::torque_offset(), n),
                     term(friction, 2 * n),
                 ],
-                residual: Some(Residual::new(inputs, mixtures[..n].to_vec()).expect("two inputs")),
+                residual: Some(residual(inputs, &mixtures[..n])),
                 encoder_delay: delay[..n].to_vec(),
                 noise_std: vec![0.1; n],
                 domain: Domain {

@@ -2,6 +2,8 @@
 
 #![allow(unsafe_code)] // a global allocator cannot be written without
 
+mod every_effect;
+
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 use std::hint::black_box;
@@ -9,9 +11,11 @@ use std::sync::Arc;
 
 use dynid_core::model::TorqueModelParts;
 use dynid_core::{
-    Domain, Effect, EffectTerm, GaussianMixtureRegression, Joint, JointKind, JointLimits, Residual,
-    ResidualInputs, RobotModel, State, Status, TorqueEstimator, TorqueModel,
+    Domain, Effect, EffectTerm, GaussianMixtureRegression, Joint, JointKind, JointLimits,
+    NormalisedRbf, Regression, Residual, ResidualInputs, RobotModel, State, Status,
+    TorqueEstimator, TorqueModel,
 };
+use every_effect::every_effect;
 use nalgebra::{Rotation3, Vector3};
 
 /// The system's allocator, counting this thread's calls (the test harness allocates on others).
@@ -70,13 +74,14 @@ fn robot() -> RobotModel {
             axis: Vector3::z(),
             limits: JointLimits::default(),
             rotor_inertia: 0.0,
+            gear_ratio: None,
             phi: [2.0, 0.3, -0.1, 0.5, 0.7, 0.02, 0.9, -0.05, 0.04, 1.1],
         })
         .collect();
     RobotModel::new("arm".to_owned(), joints, Vector3::new(0.0, 0.0, -9.81)).unwrap()
 }
 
-fn model(inputs: ResidualInputs) -> TorqueModel {
+fn model(inputs: ResidualInputs, rbf: bool) -> TorqueModel {
     let mixture = GaussianMixtureRegression::new(
         2,
         vec![0.5, 0.3, 0.2],
@@ -84,22 +89,29 @@ fn model(inputs: ResidualInputs) -> TorqueModel {
         [[0.2, 0.0, 0.05, 0.0, 0.2, 0.0, 0.05, 0.0, 0.1]; 3].concat(),
     )
     .unwrap();
+    let regression = if rbf {
+        let centers = vec![-0.1, -0.2, 0.1, 0.2, 0.3, -0.4];
+        NormalisedRbf::new(centers, vec![5.0, 4.0], vec![1.0, -2.0, 0.5], vec![0.1; 3])
+            .unwrap()
+            .into()
+    } else {
+        Regression::Mixture(mixture)
+    };
     let term = |effect: Effect| {
         let coefficients = vec![0.5; N * effect.n_columns()];
         EffectTerm::new(effect, coefficients, N).unwrap()
     };
-    let friction = Effect::friction(&[0.05; N], &[0.01; N]).unwrap();
     let robot = robot();
     TorqueModel::new(TorqueModelParts {
         phi: robot.phi(),
         robot,
         torque_scale: vec![1.5; N],
-        effects: vec![
-            term(Effect::rotor_inertia()),
-            term(Effect::torque_offset()),
-            term(friction),
-        ],
-        residual: Some(Residual::new(inputs, vec![Some(mixture); N]).unwrap()),
+        effects: every_effect(N).into_iter().map(term).collect(),
+        residual: Some(
+            Residual::new(inputs, vec![Some(regression); N])
+                .and_then(|residual| residual.with_compliance(vec![1e-5; N]))
+                .unwrap(),
+        ),
         encoder_delay: vec![0.003; N],
         noise_std: vec![0.1; N],
         domain: Domain {
@@ -108,15 +120,19 @@ fn model(inputs: ResidualInputs) -> TorqueModel {
             ddq: vec![1.0; N],
         },
         torque_unit: "N*m".to_owned(),
-        step: None,
+        step: Some(0.001),
     })
     .unwrap()
 }
 
 #[test]
 fn ten_thousand_steps_allocate_nothing() {
-    for inputs in [ResidualInputs::Deflection, ResidualInputs::JointState] {
-        let mut estimator = TorqueEstimator::new(Arc::new(model(inputs)));
+    for (k, inputs) in ResidualInputs::ALL
+        .into_iter()
+        .chain(ResidualInputs::ALL)
+        .enumerate()
+    {
+        let mut estimator = TorqueEstimator::new(Arc::new(model(inputs, k % 2 == 0)));
         let mut seen = [0usize; 4]; // good, bad, outside of the box, faded
         let (mut signals, mut tau) = ([[0.0; N]; 6], [0.0; N]);
 

@@ -35,6 +35,8 @@ pub enum Command {
         input: Option<Format>,
         /// None: as the input.
         output: Option<Format>,
+        /// Time between states \[s\]; none: as the model says.
+        step: Option<f64>,
     },
 }
 
@@ -46,6 +48,7 @@ Usage: dynid-estimator MODEL.json [OPTIONS] < STATES > TORQUES
 Options:
   --input-format auto|csv|jsonl  how states are written; auto (default): JSON lines if the first byte is '{'
   --format csv|jsonl             how torques are written; default: as the states
+  --step SECONDS                 time between states, for effects that change with time; default: as at identification
   --info                         print what the model is, and read nothing
   --json                         with --info: as JSON
   -h, --help                     print this
@@ -82,6 +85,7 @@ pub fn parse(parser: Parser) -> Result<Command, Stop> {
 
 fn read(mut parser: Parser) -> Result<Command, lexopt::Error> {
     let (mut model, mut input, mut output) = (None, None, None);
+    let mut step = None;
     let (mut info, mut json) = (false, false);
     while let Some(arg) = parser.next()? {
         match arg {
@@ -98,6 +102,7 @@ fn read(mut parser: Parser) -> Result<Command, lexopt::Error> {
                     other => format_named(other, "auto, csv or jsonl").map(Some),
                 })?;
             }
+            Arg::Long("step") => step = Some(parser.value()?.parse_with(seconds)?),
             Arg::Long("format") => {
                 let named = |text: &str| format_named(text, "csv or jsonl");
                 output = Some(parser.value()?.parse_with(named)?);
@@ -116,6 +121,7 @@ fn read(mut parser: Parser) -> Result<Command, lexopt::Error> {
             model,
             input,
             output,
+            step,
         }),
     }
 }
@@ -126,4 +132,10 @@ fn format_named(text: &str, expected: &str) -> Result<Format, String> {
         "jsonl" => Ok(Format::Jsonl),
         _ => Err(format!("expected {expected}")),
     }
+}
+
+fn seconds(text: &str) -> Result<f64, &'static str> {
+    let step: Option<f64> = text.parse().ok();
+    step.filter(|step| *step > 0.0 && step.is_finite())
+        .ok_or("expected a positive number of seconds")
 }

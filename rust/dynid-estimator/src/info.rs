@@ -2,10 +2,8 @@
 
 use std::fmt::Write;
 
-use dynid_core::{JointKind, TorqueModel};
+use dynid_core::{JointKind, Regression, Residual, TorqueModel};
 use serde_json::json;
-
-use crate::output::distinct;
 
 fn kind_name(kind: JointKind) -> &'static str {
     match kind {
@@ -34,6 +32,19 @@ fn residual_joints(model: &TorqueModel) -> Vec<&str> {
         .collect()
 }
 
+/// Which regressions the third loop is made of, `"mixture"` or `"rbf"`; both where joints differ.
+fn residual_methods(residual: &Residual) -> String {
+    let mut names: Vec<_> = residual
+        .joints()
+        .iter()
+        .flatten()
+        .map(Regression::name)
+        .collect();
+    names.sort_unstable();
+    names.dedup();
+    names.join(" and ")
+}
+
 /// For people.
 pub fn text(model: &TorqueModel) -> String {
     let robot = model.robot();
@@ -52,12 +63,19 @@ pub fn text(model: &TorqueModel) -> String {
         &format!("{} {} {} m/s^2", gravity.x, gravity.y, gravity.z),
     );
     line("torque unit", model.torque_unit());
-    line("terms", &distinct(&model.term_names()).join(" + "));
+    line("terms", &model.term_names().join(" + "));
+    if let Some(step) = model.step() {
+        line("step", &format!("{} ms between states", 1e3 * step));
+    }
     if let Some(residual) = model.residual() {
         let joints = residual_joints(model).join(", ");
         line(
             "residual",
-            &format!("of {}, on {joints}", residual.inputs().name()),
+            &format!(
+                "{} of {}, on {joints}",
+                residual_methods(residual),
+                residual.inputs().name()
+            ),
         );
     }
     text.push_str("\ntrained on\n");
@@ -136,13 +154,14 @@ pub fn json(model: &TorqueModel) -> String {
         })
         .collect();
     let residual = model.residual().map(
-        |residual| json!({"inputs": residual.inputs().name(), "joints": residual_joints(model)}),
+        |residual| json!({"inputs": residual.inputs().name(), "method": residual_methods(residual), "joints": residual_joints(model)}),
     );
     let info = json!({
         "robot": robot.name(),
         "gravity": robot.gravity().as_slice(),
         "torque_unit": model.torque_unit(),
-        "terms": distinct(&model.term_names()),
+        "step": model.step(),
+        "terms": model.term_names(),
         "residual": residual,
         "joints": joints,
     });

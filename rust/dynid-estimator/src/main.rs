@@ -58,10 +58,11 @@ fn work() -> Result<(), Stop> {
             model,
             input,
             output,
+            step,
         } => {
             let model = dynid_io::load(&model)?;
             let mut out = BufWriter::with_capacity(1 << 16, io::stdout().lock());
-            let done = run::run(model, input, output, io::stdin().lock(), &mut out);
+            let done = run::run(model, (input, output), step, io::stdin().lock(), &mut out);
             // What was answered before a broken line still leaves.
             out.flush().map_err(Stop::output)?;
             done

@@ -33,7 +33,7 @@ impl Writer {
         Self {
             format,
             n_joints: model.robot().n_joints(),
-            term_names: distinct(&model.term_names()),
+            term_names: model.term_names(),
         }
     }
 
@@ -99,20 +99,6 @@ fn write_array(numbers: &[f64], out: &mut impl Write) -> io::Result<()> {
     out.write_all(b"]")
 }
 
-/// The names of the terms; where a kind appears again, it gets its number: `friction`, `friction2`.
-pub fn distinct(names: &[&str]) -> Vec<String> {
-    names
-        .iter()
-        .enumerate()
-        .map(
-            |(k, name)| match names[..k].iter().filter(|other| *other == name).count() {
-                0 => (*name).to_owned(),
-                earlier => format!("{name}{}", earlier + 1),
-            },
-        )
-        .collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -121,7 +107,9 @@ mod tests {
         let writer = Writer {
             format,
             n_joints: 2,
-            term_names: distinct(&["rigid_body", "friction", "friction"]),
+            term_names: ["rigid_body", "friction", "friction2"]
+                .map(str::to_owned)
+                .to_vec(),
         };
         let answer = Answer {
             time,

@@ -3,7 +3,7 @@
 use std::io::{self, Read, Write};
 use std::sync::Arc;
 
-use dynid_core::{ResidualInputs, TorqueEstimator, TorqueModel};
+use dynid_core::{TorqueEstimator, TorqueModel};
 
 use crate::args::Format;
 use crate::frame::{Frame, Present};
@@ -19,13 +19,18 @@ use crate::stop::Stop;
 /// [`Stop`] if a line cannot be read or an answer cannot be written.
 pub fn run(
     model: TorqueModel,
-    input: Option<Format>,
-    output: Option<Format>,
+    (input, output): (Option<Format>, Option<Format>),
+    step: Option<f64>,
     source: impl Read,
     out: &mut impl Write,
 ) -> Result<(), Stop> {
     let model = Arc::new(model);
     let mut estimator = TorqueEstimator::new(Arc::clone(&model));
+    if let Some(step) = step {
+        let with_step = estimator.with_step(step);
+        estimator = with_step.map_err(|error| Stop::Because(error.to_string()))?;
+    }
+    let mut clock = Clock::new(&model, step);
     let mut frame = Frame::new(model.robot().n_joints());
     let mut tau = vec![0.0; frame.n_joints()];
 
@@ -46,6 +51,7 @@ pub fn run(
         parser
             .parse(lines.line(), &mut frame)
             .map_err(|fault| lines.fault(&fault))?;
+        clock.note_another_step(frame.time);
         let status = estimator
             .estimate_into(&frame.state(), &mut tau)
             .map_err(|error| Stop::Because(error.to_string()))?;
@@ -59,11 +65,46 @@ pub fn run(
     }
 }
 
+/// Watches that states come as far apart as the effects that change with time were told.
+struct Clock {
+    /// Time between states \[s\], as long as it is to be watched.
+    step: Option<f64>,
+    before: f64,
+}
+
+impl Clock {
+    /// A step that was given with `--step` is believed.
+    fn new(model: &TorqueModel, given: Option<f64>) -> Self {
+        let mut effects = model.effects().iter();
+        let matters = effects.any(|term| term.effect().entry().needs("step"));
+        Self {
+            step: model.step().filter(|_| matters && given.is_none()),
+            before: f64::NAN,
+        }
+    }
+
+    /// Says once if two times are not a step apart, by more than their digits explain.
+    fn note_another_step(&mut self, time: f64) {
+        let Some(step) = self.step else { return };
+        let apart = time - self.before;
+        self.before = time;
+        if apart.is_finite() {
+            self.step = None;
+            if (apart - step).abs() > 0.1 * step {
+                tell(
+                    "note",
+                    &format!("the first states are {apart} s apart, the model counts {step} s from one to the next; give --step"),
+                );
+            }
+        }
+    }
+}
+
 /// Two encoders at identification and one now is allowed, but not silent.
 fn note_a_missing_encoder(model: &TorqueModel, present: Present) {
     let deflection = model
         .residual()
-        .is_some_and(|residual| residual.inputs() == ResidualInputs::Deflection);
+        .is_some_and(|residual| residual.inputs().two_encoders());
     let two_encoders = deflection || model.encoder_delay().iter().any(|delay| *delay != 0.0);
     let [.., q_motor, dq_motor, _] = present.signals;
     for (name, there) in [("q_motor", q_motor), ("dq_motor", dq_motor)] {

@@ -1,4 +1,5 @@
-//! Files in and out: a URDF becomes a [`dynid_core::RobotModel`], a `model.json` a [`dynid_core::TorqueModel`] and back.
+//! Files in and out: a URDF or a `robot.toml` becomes a [`dynid_core::RobotModel`], a `model.json` a
+//! [`dynid_core::TorqueModel`] and back.
 //!
 //! Nothing read from a file can execute, recurse or allocate without bound, and no input ends in a panic.
 
@@ -9,7 +10,10 @@
     clippy::print_stdout
 )]
 
+mod frame;
+pub mod mdh;
 pub mod model_file;
+mod text;
 pub mod urdf;
 
 pub use model_file::{load, parse, save, ModelFileError};

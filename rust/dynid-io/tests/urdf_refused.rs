@@ -315,9 +315,9 @@ fn missing_and_misspelt_things() {
         case(
             "<parent link=\"upper\"/>",
             "<parent name=\"upper\"/>",
-            "<parent name",
+            "name=\"upper\"",
             "<parent> of joint \"rail\"",
-            "attribute link is missing",
+            "the attribute name is not read here; expected link",
         ),
         case(
             "<mass value=\"1.5\"/>",
@@ -374,6 +374,128 @@ fn missing_and_misspelt_things() {
             "<links",
             "<links>",
             "is <link> meant",
+        ),
+    ]);
+}
+
+/// A misspelt attribute would silently count as its default.
+#[test]
+fn attributes_that_are_not_read() {
+    let limit = "<limit lower=\"0\" upper=\"0.4\" velocity=\"0.5\" effort=\"200\"/>";
+    let of_limit = "<limit> of joint \"rail\"";
+    let mass = "<mass value=\"1.5\"/>";
+    check(&[
+        case(
+            limit,
+            "<limit low=\"0\" upper=\"0.4\"/>",
+            "low=",
+            of_limit,
+            "the attribute low is not read here; is lower meant?",
+        ),
+        case(
+            limit,
+            "<limit lower=\"0\" uper=\"0.4\"/>",
+            "uper",
+            of_limit,
+            "is upper meant?",
+        ),
+        case(
+            limit,
+            "<limit lower=\"0\" upper=\"0.4\" vel=\"1\"/>",
+            "vel",
+            of_limit,
+            "is velocity meant?",
+        ),
+        case(
+            limit,
+            "<limit Effort=\"0\"/>",
+            "Effort",
+            of_limit,
+            "is effort meant?",
+        ),
+        case(
+            limit,
+            "<limit acceleratoin=\"0\"/>",
+            "accel",
+            of_limit,
+            "is acceleration meant?",
+        ),
+        case(
+            limit,
+            "<limit acceleration=\"-1\"/>",
+            "acceleration",
+            of_limit,
+            "a greatest acceleration",
+        ),
+        case(
+            limit,
+            "<limit min=\"0\" max=\"1\"/>",
+            "min",
+            of_limit,
+            "expected lower, upper, velocity, acceleration, effort",
+        ),
+        case(
+            mass,
+            "<mass vale=\"1.5\"/>",
+            "vale",
+            "<mass> of link \"slider\"",
+            "is value meant?",
+        ),
+        case(
+            mass,
+            "<mass value=\"1.5\" unit=\"lb\"/>",
+            "unit",
+            "<mass> of link \"slider\"",
+            "expected value; rename or delete it",
+        ),
+        case(
+            "<inertia ixx=\"0.01\"",
+            "<inertia ix=\"0.01\"",
+            "ix=",
+            "<inertia> of link \"slider\"",
+            "is ixx meant?",
+        ),
+        case(
+            "<axis xyz=\"0 2 0\"/>",
+            "<axis xzy=\"0 2 0\"/>",
+            "xzy",
+            "<axis> of joint \"rail\"",
+            "is xyz meant?",
+        ),
+        case(
+            "<origin xyz=\"0 0 0.05\"/>",
+            "<origin xyz=\"0 0 0.05\" ryp=\"0 0 1\"/>",
+            "ryp",
+            "<origin> of link \"tool\"",
+            "is rpy meant?",
+        ),
+        case(
+            "<parent link=\"upper\"/>",
+            "<parent lnik=\"upper\"/>",
+            "lnik",
+            "<parent> of joint \"rail\"",
+            "is link meant?",
+        ),
+        case(
+            "<child link=\"wrist\"/>",
+            "<child link=\"wrist\"/><mimic joint=\"rail\" mulitplier=\"2\"/>",
+            "mulitplier",
+            "<mimic> of joint \"roll\"",
+            "is multiplier meant?",
+        ),
+        case(
+            "<link name=\"base\"/>",
+            "<link nmae=\"base\"/>",
+            "<link nmae",
+            "<link>",
+            "the attribute name is missing (is nmae meant to be it?)",
+        ),
+        case(
+            "<joint name=\"rail\" type=\"prismatic\">",
+            "<joint name=\"rail\" tpye=\"prismatic\">",
+            "<joint name=\"rail",
+            "<joint>",
+            "the attribute type is missing (is tpye meant to be it?)",
         ),
     ]);
 }

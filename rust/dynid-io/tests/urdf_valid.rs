@@ -82,7 +82,8 @@ fn names_kinds_and_limits() {
             lower: -2.0,
             upper: 2.5,
             velocity: 3.0,
-            effort: 80.0
+            effort: 80.0,
+            ..JointLimits::default()
         }
     );
     assert_eq!(
@@ -91,7 +92,8 @@ fn names_kinds_and_limits() {
             lower: 0.0,
             upper: 0.4,
             velocity: 0.5,
-            effort: 200.0
+            effort: 200.0,
+            ..JointLimits::default()
         }
     );
     assert_eq!(limits[2], JointLimits::default());
@@ -588,4 +590,57 @@ fn measured_robots_load() {
             robot.n_joints()
         );
     }
+}
+
+#[test]
+fn gear_ratios_come_with_their_rotors() {
+    let ratios = |text: &str| -> Vec<Option<f64>> {
+        let arm = parse(text, "f", &UrdfOptions::default()).expect("sound");
+        arm.joints().iter().map(|j| j.gear_ratio).collect()
+    };
+    assert_eq!(ratios(ARM), [Some(100.0), None, None]);
+    let ratio = "<mechanicalReduction>100</mechanicalReduction>";
+    // The sign is a direction.
+    let drake = ARM.replace(ratio, "<drake:gear_ratio value='-50'/>");
+    assert_eq!(ratios(&drake), [Some(50.0), None, None]);
+    assert_eq!(ratios(&ARM.replace(ratio, "")), [None; 3]);
+}
+
+#[test]
+fn limits_may_hold_an_acceleration() {
+    let text = ARM.replace(
+        "velocity=\"3\"",
+        "velocity=\"3\" acceleration=\"7\" jerk=\"9\"",
+    );
+    let arm = parse(text, "f", &UrdfOptions::default()).expect("sound");
+    let accelerations: Vec<f64> = arm.joints().iter().map(|j| j.limits.acceleration).collect();
+    assert_eq!(accelerations, [7.0, f64::INFINITY, f64::INFINITY]);
+}
+
+#[test]
+fn what_other_programs_write_is_passed_over() {
+    let text = ARM
+        .replace(
+            "<link name=\"base\"/>",
+            "<link name=\"base\" concave=\"no\" type=\"stand\"/>",
+        )
+        .replace(
+            "<mass value=\"1.5\"/>",
+            "<mass value=\"1.5\" cad:density=\"2700\"/>",
+        )
+        .replace(
+            "effort=\"200\"/>",
+            "effort=\"200\" drake:acceleration=\"4\" xmlns=\"http://x\"/>",
+        )
+        .replace(
+            "<axis xyz=\"0 0 0\"/>",
+            "<axis xyz=\"0 0 0\" oddity=\"1\"/><limit low=\"1\"/>",
+        );
+    let loaded = parse_with_notes(&text, "f", &UrdfOptions::default()).expect("sound");
+    assert_eq!(loaded.robot, arm());
+    let notes = loaded.notes.join("\n");
+    assert!(
+        notes.contains("<link> of link \"base\": attributes that do not count here: concave\n"),
+        "{notes}"
+    );
 }

@@ -115,6 +115,13 @@ fn select_columns(r: &[f64], width: usize, rtol: f64) -> BaseParameters {
     }
 }
 
+/// Rank of a triangular factor (width × width, row-major): diagonal entries above `rtol` times the first.
+pub(crate) fn rank(r: &[f64], width: usize, rtol: f64) -> usize {
+    let (_, diagonal) = pivoted(&Mat::from_fn(width, width, |i, j| r[i * width + j]));
+    let first = diagonal.first().copied().unwrap_or(0.0);
+    diagonal.iter().take_while(|d| **d > rtol * first).count()
+}
+
 /// Column-pivoted QR by Gram and Schmidt: order of the columns and the diagonal of R, which falls.
 ///
 /// The usual pivoted QR updates column norms instead of computing them; near the cut, where the rank is decided, they are

@@ -118,6 +118,26 @@ pub fn estimate(
     Ok(())
 }
 
+/// [`TorqueEstimator::predicted_std_into`] at every sample into `std` (n_samples × n).
+///
+/// # Errors
+/// [`CoreError::Length`] if lengths disagree.
+pub fn predicted_std(
+    estimator: &mut TorqueEstimator,
+    states: &State<'_>,
+    std: &mut [f64],
+) -> Result<(), CoreError> {
+    let n = estimator.model().robot().n_joints();
+    states.check(std.len())?;
+    same_length("std", std, std.len() / n * n)?;
+    let mut tau = vec![0.0; n];
+    for (k, std) in std.chunks_exact_mut(n).enumerate() {
+        estimator.estimate_into(&slice_state(states, k * n..(k + 1) * n), &mut tau)?;
+        estimator.predicted_std_into(std)?;
+    }
+    Ok(())
+}
+
 fn same_length(what: &'static str, signal: &[f64], expected: usize) -> Result<(), CoreError> {
     if signal.len() == expected {
         Ok(())

@@ -7,18 +7,22 @@
 //!
 //! Every result is the same to the last bit for any number of threads.
 
+pub mod adjoint;
 pub mod base;
 pub mod batch;
 pub mod columns;
 pub mod error;
+pub mod excitation;
 pub mod factor;
 pub mod filter;
 pub mod friction_search;
 pub mod observation;
+pub mod points;
 
 pub use base::{base_parameters, BaseParameters};
 pub use columns::{effect_columns, effect_torque, RunSignals};
 pub use error::OfflineError;
+pub use excitation::{Criterion, Excitation};
 pub use factor::{merge, triangular_factor};
 pub use filter::ZeroPhase;
 pub use friction_search::{FrictionSearch, SearchRun};

@@ -110,6 +110,7 @@ fn one_revolute_joint_has_one_base_parameter_upright_and_three_leaning() {
         axis: Vector3::z(),
         limits: dynid_core::JointLimits::default(),
         rotor_inertia: 0.0,
+        gear_ratio: None,
         phi: [0.0; 10],
     };
     let down = Vector3::new(0.0, 0.0, -9.81);

@@ -3,8 +3,11 @@
 #[path = "../../dynid-core/tests/chain/mod.rs"]
 mod chain;
 
+#[path = "../../dynid-core/tests/every_effect/mod.rs"]
+mod every_effect;
+
 use chain::{case, Case};
-use dynid_core::{joint_torque_regressor_into, Effect, EffectInput, State, Workspace};
+use dynid_core::{joint_torque_regressor_into, EffectInput, State, Workspace};
 use dynid_offline::base::probing_states;
 use dynid_offline::filter::LANES;
 use dynid_offline::observation::slice_state;
@@ -12,12 +15,14 @@ use dynid_offline::{
     base_parameters, batch, merge, observe, triangular_factor, Observation, OfflineError,
     RunSignals, RunStates, Sampling, ZeroPhase,
 };
+use every_effect::every_effect;
 use proptest::collection::vec;
 use proptest::prelude::*;
 
 /// Longer than two chunks of every parallel loop.
 const N_SAMPLES: usize = 700;
 const N: usize = 4;
+const STEP: f64 = 0.004;
 
 fn with_threads<T: Send>(n_threads: usize, work: impl FnOnce() -> T + Send) -> T {
     rayon::ThreadPoolBuilder::new()
@@ -48,54 +53,23 @@ fn low_pass(pad: usize) -> ZeroPhase {
     ZeroPhase::new(&sections, &steady, pad).expect("a valid filter")
 }
 
-/// The same shape on every joint.
-fn effect(kind: &str, n: usize, shape: &[(&str, f64)]) -> Effect {
-    let shape: Vec<_> = shape
-        .iter()
-        .map(|(name, value)| (*name, vec![*value; n]))
-        .collect();
-    Effect::new(kind, &shape).expect("a valid shape")
-}
-
-fn effects(n: usize) -> Vec<Effect> {
-    vec![
-        Effect::rotor_inertia(),
-        Effect::torque_offset(),
-        Effect::friction(&vec![0.1; n], &vec![0.02; n]).expect("a valid shape"),
-        effect(
-            "stribeck",
-            n,
-            &[
-                ("stribeck_velocity", 0.3),
-                ("exponent", 2.0),
-                ("transition_width", 0.02),
-            ],
-        ),
-        effect(
-            "counterbalance",
-            n,
-            &[("a", 0.8), ("b", 0.2), ("phase", 1.0), ("gas_length", 0.6)],
-        ),
-    ]
-}
-
 /// Signals of a run with two encoders.
 struct Run {
-    signals: [Vec<f64>; 7],
+    signals: [Vec<f64>; 8],
 }
 
 impl Run {
     fn new(case: &Case, seed: u64) -> Self {
         let (q, dq, ddq) = probing_states(&case.robot, N_SAMPLES, seed);
         let (q_motor, dq_motor, ddq_motor) = probing_states(&case.robot, N_SAMPLES, seed ^ 1);
-        let (tau, _, _) = probing_states(&case.robot, N_SAMPLES, seed ^ 2);
+        let (tau, tau_link, _) = probing_states(&case.robot, N_SAMPLES, seed ^ 2);
         Self {
-            signals: [q, dq, ddq, q_motor, dq_motor, ddq_motor, tau],
+            signals: [q, dq, ddq, q_motor, dq_motor, ddq_motor, tau, tau_link],
         }
     }
 
     fn states(&self) -> RunStates<'_> {
-        let [q, dq, ddq, q_motor, dq_motor, ddq_motor, tau] = &self.signals;
+        let [q, dq, ddq, q_motor, dq_motor, ddq_motor, tau, tau_link] = &self.signals;
         RunStates {
             signals: RunSignals {
                 state: State {
@@ -106,8 +80,8 @@ impl Run {
                     dq_motor,
                     ddq_motor,
                 },
-                tau_link: None,
-                step: None,
+                tau_link: Some(tau_link),
+                step: Some(STEP),
             },
             tau,
         }
@@ -144,7 +118,7 @@ proptest! {
             let State { q, dq, ddq, .. } = states.signals.state;
             batch::inverse_dynamics(&case.robot, q, dq, ddq, &case.phi, &mut tau).expect("right lengths");
             batch::joint_torque_regressor(&case.robot, q, dq, ddq, &mut y).expect("right lengths");
-            let observation = observe(&case.robot, &effects(n), &base.pivots, &states, &sampling).expect("a valid run");
+            let observation = observe(&case.robot, &every_effect(n), &base.pivots, &states, &sampling).expect("a valid run");
             let factor = triangular_factor(&y, 10 * n).expect("finite rows");
             let merged = merge(&[&factor, &factor, &factor], 10 * n).expect("two factors");
             let rows: Vec<_> = observation.joints.iter().map(|joint| bits(&joint.rows)).collect();
@@ -177,7 +151,7 @@ proptest! {
         let n = case.robot.n_joints();
         let run = Run::new(&case, seed);
         let states = run.states();
-        let effects = effects(n);
+        let effects = every_effect(n);
         let pivots: Vec<usize> = (0..10 * n).filter(|&k| wanted[k]).collect();
         let sampling = Sampling { filter: low_pass(pad), kept: (stride..N_SAMPLES - 1).step_by(stride).collect() };
         let Observation { n_rows, joints } =
@@ -188,17 +162,19 @@ proptest! {
         for (j, joint) in joints.iter().enumerate() {
             // Raw columns by hand: effects, base columns of links j and beyond, torque.
             let mut raw: Vec<Vec<f64>> = vec![Vec::new(); joint.width];
+            let mut memories: Vec<_> = effects.iter().map(|effect| vec![0.0; effect.memory_len(n)]).collect();
             let mut workspace = Workspace::new(&case.robot);
             let mut y = vec![f64::NAN; n * 10 * n];
             for k in 0..N_SAMPLES {
                 let state = slice_state(&states.signals.state, k * n..(k + 1) * n);
-                let input = EffectInput { state, tau_link: &[], step: 0.0 };
+                let tau_link = &states.signals.tau_link.expect("a load")[k * n..(k + 1) * n];
+                let input = EffectInput { state, tau_link, step: STEP };
                 joint_torque_regressor_into(&case.robot, &mut workspace, state.q, state.dq, state.ddq, &mut y)
                     .expect("right lengths");
                 let mut row = Vec::new();
-                for effect in &effects {
+                for (effect, memory) in effects.iter().zip(&mut memories) {
                     let mut columns = vec![f64::NAN; effect.n_columns()];
-                    effect.columns_into(j, &input, &mut [], &mut columns);
+                    effect.columns_into(j, &input, memory, &mut columns);
                     row.extend(columns);
                 }
                 row.extend(pivots.iter().filter(|&&p| p >= 10 * j).map(|&p| y[j * 10 * n + p]));
@@ -238,7 +214,7 @@ proptest! {
         let sampling = Sampling { filter: low_pass(15), kept: vec![0, 5] };
         let pivots = [0, 4];
         let refused = |run: &Run, pivots: &[usize], sampling: &Sampling| {
-            observe(&case.robot, &effects(n), pivots, &run.states(), sampling).err()
+            observe(&case.robot, &every_effect(n), pivots, &run.states(), sampling).err()
         };
         let good = Run::new(&case, seed);
         prop_assert_eq!(refused(&good, &pivots, &sampling), None);

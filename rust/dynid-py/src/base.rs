@@ -4,6 +4,7 @@ use dynid_core::link_params::{NAMES, N_LINK_PARAMS};
 use dynid_core::RobotModel;
 use dynid_offline::BaseParameters;
 use numpy::{PyArray1, PyArray2};
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use crate::arrays;
@@ -32,6 +33,39 @@ impl PyBaseParameters {
             self.links[parameter / N_LINK_PARAMS]
         )
     }
+}
+
+type Indices = (Vec<usize>, Vec<usize>, Vec<f64>);
+type Rebuild<'py> = (Bound<'py, PyAny>, (Indices, f64, f64, Vec<String>));
+
+/// The base parameters that `BaseParameters.__reduce__` took apart.
+#[pyfunction]
+pub fn _base_of(
+    indices: Indices,
+    gap: f64,
+    spread: f64,
+    links: Vec<String>,
+) -> PyResult<PyBaseParameters> {
+    let (pivots, dependent, beta) = indices;
+    let n_standard = N_LINK_PARAMS * links.len();
+    let within = pivots.iter().chain(&dependent).all(|&k| k < n_standard);
+    if !within || beta.len() != pivots.len() * dependent.len() {
+        return Err(PyValueError::new_err(
+            "these are no base parameters of a robot with so many links",
+        ));
+    }
+    let base = BaseParameters {
+        pivots,
+        dependent,
+        beta,
+        gap,
+        spread,
+    };
+    Ok(PyBaseParameters {
+        base,
+        n_standard,
+        links,
+    })
 }
 
 #[pymethods]
@@ -145,6 +179,20 @@ impl PyBaseParameters {
             phi[pivot] = *value;
         }
         Ok(PyArray1::from_vec(py, phi))
+    }
+
+    /// Everything it holds: copies in other processes are built from it.
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<Rebuild<'py>> {
+        let rebuild = py.import("dynid_rs._core")?.getattr("_base_of")?;
+        let BaseParameters {
+            pivots,
+            dependent,
+            beta,
+            gap,
+            spread,
+        } = self.base.clone();
+        let indices = (pivots, dependent, beta);
+        Ok((rebuild, (indices, gap, spread, self.links.clone())))
     }
 
     fn __repr__(&self) -> String {

@@ -14,6 +14,9 @@ use crate::{arrays, errors};
 #[derive(Clone)]
 pub struct PyEffect(pub Effect);
 
+type Shape = Vec<(&'static str, Vec<f64>)>;
+type Rebuild<'py> = (Bound<'py, PyAny>, (&'static str, Shape));
+
 #[pymethods]
 impl PyEffect {
     #[staticmethod]
@@ -63,15 +66,48 @@ impl PyEffect {
         self.0.n_columns()
     }
 
+    #[getter]
+    fn signals(&self) -> Vec<&'static str> {
+        self.0.entry().signals.to_vec()
+    }
+
+    #[getter]
+    fn has_memory(&self) -> bool {
+        self.0.entry().memory > 0
+    }
+
     /// Shape parameters by name, one value per joint.
     #[getter]
-    fn shape(&self) -> Vec<(&'static str, Vec<f64>)> {
+    fn shape(&self) -> Shape {
         self.0.shape()
+    }
+
+    /// Kind and shape are all there is: copies in other processes are built from them.
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<Rebuild<'py>> {
+        let rebuild = py.import("dynid_rs._core")?.getattr("_effect_of")?;
+        Ok((rebuild, (self.kind(), self.shape())))
+    }
+
+    /// Immutable, so a copy is the effect itself.
+    fn __copy__(slf: PyRef<'_, Self>) -> PyRef<'_, Self> {
+        slf
+    }
+
+    fn __deepcopy__<'py>(slf: PyRef<'py, Self>, _memo: &Bound<'py, PyAny>) -> PyRef<'py, Self> {
+        slf
     }
 
     fn __repr__(&self) -> String {
         format!("Effect({:?})", self.0.kind())
     }
+}
+
+/// The effect of a kind and a shape that `Effect.__reduce__` wrote.
+#[pyfunction]
+pub fn _effect_of(kind: &str, shape: Vec<(String, Vec<f64>)>) -> PyResult<PyEffect> {
+    Effect::new(kind, &shape)
+        .map(PyEffect)
+        .map_err(errors::effect)
 }
 
 /// Basis of Eqs. 9-11 at speeds `dq`, (n_samples, 8).

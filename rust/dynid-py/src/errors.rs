@@ -3,6 +3,7 @@
 use std::io;
 
 use dynid_core::{CoreError, EffectError};
+use dynid_io::mdh::MdhError as RustMdhError;
 use dynid_io::urdf::UrdfError as RustUrdfError;
 use dynid_io::ModelFileError;
 use dynid_offline::OfflineError;
@@ -15,6 +16,12 @@ create_exception!(
     UrdfError,
     PyValueError,
     "A robot file that is broken, hostile or not a serial chain."
+);
+create_exception!(
+    dynid_rs,
+    MdhError,
+    PyValueError,
+    "A robot.toml that is broken, hostile or no table of modified Denavit-Hartenberg rows."
 );
 create_exception!(
     dynid_rs,
@@ -39,6 +46,13 @@ pub fn urdf(error: RustUrdfError) -> PyErr {
     match &error {
         RustUrdfError::Io { path, source } => os_error(source, &path.display().to_string()),
         _ => UrdfError::new_err(error.to_string()),
+    }
+}
+
+pub fn mdh(error: RustMdhError) -> PyErr {
+    match &error {
+        RustMdhError::Io { path, source } => os_error(source, &path.display().to_string()),
+        _ => MdhError::new_err(error.to_string()),
     }
 }
 

@@ -4,10 +4,13 @@ mod arrays;
 mod base;
 mod effects;
 mod errors;
+mod excitation;
 mod friction_search;
 mod mixture;
 mod model;
 mod offline;
+mod physical;
+mod rbf;
 mod robot;
 mod run;
 
@@ -19,6 +22,7 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     let py = m.py();
     m.add("__version__", env!("CARGO_PKG_VERSION"))?;
     m.add("UrdfError", py.get_type::<errors::UrdfError>())?;
+    m.add("MdhError", py.get_type::<errors::MdhError>())?;
     m.add("FormatError", py.get_type::<errors::FormatError>())?;
     m.add(
         "LINK_PARAMETER_NAMES",
@@ -32,8 +36,19 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<base::PyBaseParameters>()?;
     m.add_class::<effects::PyEffect>()?;
     m.add_class::<mixture::PyGaussianMixtureRegression>()?;
+    m.add_class::<rbf::PyNormalisedRbf>()?;
     m.add_class::<model::PyTorqueModel>()?;
+    m.add_class::<excitation::PyExcitation>()?;
+    m.add_function(wrap_pyfunction!(excitation::inverse_dynamics_gradient, m)?)?;
+    m.add_function(wrap_pyfunction!(excitation::places, m)?)?;
+    m.add_function(wrap_pyfunction!(excitation::places_gradient, m)?)?;
     m.add_class::<friction_search::PyFrictionSearch>()?;
+    // What `__reduce__` names: other processes build copies with them. Set, not added: they are nobody else's.
+    m.setattr("_robot_of", wrap_pyfunction!(robot::_robot_of, m)?)?;
+    m.setattr("_model_of", wrap_pyfunction!(model::_model_of, m)?)?;
+    m.setattr("_effect_of", wrap_pyfunction!(effects::_effect_of, m)?)?;
+    m.setattr("_base_of", wrap_pyfunction!(base::_base_of, m)?)?;
+    m.add_class::<physical::PyPhysicalSet>()?;
     m.add_function(wrap_pyfunction!(effects::friction_basis, m)?)?;
     m.add_function(wrap_pyfunction!(effects::effect_catalogue, m)?)?;
     m.add_function(wrap_pyfunction!(effects::effect_columns, m)?)?;
@@ -44,5 +59,8 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(offline::filtered_friction_basis, m)?)?;
     m.add_function(wrap_pyfunction!(offline::triangular_factor, m)?)?;
     m.add_function(wrap_pyfunction!(offline::merge_factors, m)?)?;
+    m.add_function(wrap_pyfunction!(physical::pseudo_inertia, m)?)?;
+    m.add_function(wrap_pyfunction!(physical::phi_from_pseudo_inertia, m)?)?;
+    m.add_function(wrap_pyfunction!(physical::urdf_with_physical, m)?)?;
     Ok(())
 }

@@ -5,8 +5,9 @@ use std::sync::Arc;
 
 use dynid_core::model::TorqueModelParts;
 use dynid_core::{
-    Domain, EffectTerm, Residual, ResidualInputs, State, TorqueEstimator, TorqueModel,
+    Domain, EffectTerm, Regression, Residual, ResidualInputs, State, TorqueEstimator, TorqueModel,
 };
+use dynid_io::model_file;
 use dynid_offline::batch;
 use dynid_offline::observation::slice_state;
 use numpy::{PyArray1, PyArray2, PyArray3, PyUntypedArrayMethods};
@@ -15,15 +16,44 @@ use pyo3::prelude::*;
 
 use crate::effects::PyEffect;
 use crate::mixture::PyGaussianMixtureRegression;
-use crate::robot::PyRobotModel;
+use crate::physical::PyPhysicalSet;
+use crate::rbf::PyNormalisedRbf;
+use crate::robot::{PyRobotModel, Rebuild};
 use crate::run::RunArrays;
 use crate::{arrays, errors};
 
 /// A torque model: rigid body, effects, residual. Owned by Rust, immutable.
 #[pyclass(name = "TorqueModel", module = "dynid_rs._core", frozen)]
-pub struct PyTorqueModel(Arc<TorqueModel>);
+pub struct PyTorqueModel(pub Arc<TorqueModel>);
 
-type Mixtures = Vec<Option<PyGaussianMixtureRegression>>;
+/// Either regression of the third loop.
+#[derive(FromPyObject, IntoPyObject)]
+enum PyRegression {
+    Mixture(PyGaussianMixtureRegression),
+    Rbf(PyNormalisedRbf),
+}
+
+impl From<PyRegression> for Regression {
+    fn from(regression: PyRegression) -> Self {
+        match regression {
+            PyRegression::Mixture(mixture) => Self::Mixture(mixture.0),
+            PyRegression::Rbf(rbf) => Self::Rbf(rbf.0),
+        }
+    }
+}
+
+impl From<&Regression> for PyRegression {
+    fn from(regression: &Regression) -> Self {
+        match regression {
+            Regression::Mixture(mixture) => {
+                Self::Mixture(PyGaussianMixtureRegression(mixture.clone()))
+            }
+            Regression::Rbf(rbf) => Self::Rbf(PyNormalisedRbf(rbf.clone())),
+        }
+    }
+}
+
+type Regressions = Vec<Option<PyRegression>>;
 type Evaluation<'py> = (
     Bound<'py, PyArray2<f64>>,
     Bound<'py, PyArray3<f64>>,
@@ -31,12 +61,12 @@ type Evaluation<'py> = (
 );
 
 fn inputs_named(name: &str) -> PyResult<ResidualInputs> {
-    [ResidualInputs::Deflection, ResidualInputs::JointState]
+    ResidualInputs::ALL
         .into_iter()
         .find(|inputs| inputs.name() == name)
         .ok_or_else(|| {
             PyValueError::new_err(format!(
-                "inputs must be \"deflection\" or \"joint_state\", found {name:?}"
+                "inputs must be \"deflection\", \"joint_state\" or \"load_free_deflection\", found {name:?}"
             ))
         })
 }
@@ -44,7 +74,7 @@ fn inputs_named(name: &str) -> PyResult<ResidualInputs> {
 #[pymethods]
 impl PyTorqueModel {
     #[new]
-    #[pyo3(signature = (robot, phi, effects, *, residual=None, torque_scale=None, encoder_delay, noise_std, domain, torque_unit="N*m", step=None))]
+    #[pyo3(signature = (robot, phi, effects, *, residual=None, compliance=None, torque_scale=None, encoder_delay, noise_std, domain, torque_unit="N*m", step=None))]
     #[expect(
         clippy::too_many_arguments,
         reason = "a keyword constructor; the parts are the model"
@@ -53,7 +83,8 @@ impl PyTorqueModel {
         robot: &PyRobotModel,
         phi: &Bound<'_, PyAny>,
         effects: Vec<(PyEffect, Bound<'_, PyAny>)>,
-        residual: Option<(String, Mixtures)>,
+        residual: Option<(String, Regressions)>,
+        compliance: Option<Vec<f64>>,
         torque_scale: Option<Vec<f64>>,
         encoder_delay: Vec<f64>,
         noise_std: Vec<f64>,
@@ -72,8 +103,13 @@ impl PyTorqueModel {
             .collect::<PyResult<Vec<_>>>()?;
         let residual = residual
             .map(|(inputs, joints)| {
-                let joints = joints.into_iter().map(|joint| joint.map(|m| m.0)).collect();
-                Residual::new(inputs_named(&inputs)?, joints).map_err(errors::core)
+                let joints = joints.into_iter().map(|joint| joint.map(Into::into));
+                let residual = Residual::new(inputs_named(&inputs)?, joints.collect());
+                match compliance {
+                    Some(compliance) => residual.and_then(|r| r.with_compliance(compliance)),
+                    None => residual,
+                }
+                .map_err(errors::core)
             })
             .transpose()?;
         let (q, dq, ddq) = domain;
@@ -142,13 +178,36 @@ impl PyTorqueModel {
         ))
     }
 
+    /// Standard deviation (n_samples, n) that the model expects of measured minus predicted torque.
+    #[pyo3(signature = (q, dq, ddq, q_motor=None, dq_motor=None, ddq_motor=None))]
+    #[expect(clippy::too_many_arguments, reason = "the six signals of a state")]
+    fn predicted_std<'py>(
+        &self,
+        py: Python<'py>,
+        q: &Bound<'py, PyAny>,
+        dq: &Bound<'py, PyAny>,
+        ddq: &Bound<'py, PyAny>,
+        q_motor: Option<&Bound<'py, PyAny>>,
+        dq_motor: Option<&Bound<'py, PyAny>>,
+        ddq_motor: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let n = self.0.robot().n_joints();
+        let arrays = RunArrays::new([q, dq, ddq], [q_motor, dq_motor, ddq_motor], None, None, n)?;
+        let states = arrays.state()?;
+        let mut estimator = TorqueEstimator::new(Arc::clone(&self.0));
+        let mut std = vec![0.0; arrays.n_samples() * n];
+        py.detach(|| batch::predicted_std(&mut estimator, &states, &mut std))
+            .map_err(errors::core)?;
+        arrays::to_matrix(py, std, n)
+    }
+
     #[getter]
     fn robot(&self) -> PyRobotModel {
         PyRobotModel(Arc::new(self.0.robot().clone()))
     }
 
     #[getter]
-    fn term_names(&self) -> Vec<&'static str> {
+    fn term_names(&self) -> Vec<String> {
         self.0.term_names()
     }
 
@@ -174,16 +233,21 @@ impl PyTorqueModel {
             .collect()
     }
 
-    /// `(inputs, mixtures)`, one mixture or None per joint; None without a third loop.
+    /// `(inputs, regressions)`, one regression or None per joint; None without a third loop.
     #[getter]
-    fn residual(&self) -> Option<(&'static str, Mixtures)> {
+    fn residual(&self) -> Option<(&'static str, Regressions)> {
         self.0.residual().map(|residual| {
-            let mixtures = residual.joints().iter();
-            let mixtures = mixtures
-                .map(|m| m.clone().map(PyGaussianMixtureRegression))
-                .collect();
-            (residual.inputs().name(), mixtures)
+            let joints = residual.joints().iter();
+            let joints = joints.map(|joint| joint.as_ref().map(Into::into)).collect();
+            (residual.inputs().name(), joints)
         })
+    }
+
+    /// Compliance of the gears that the third loop's inputs are freed of the load with; None without a third loop.
+    #[getter]
+    fn compliance<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray1<f64>>> {
+        let residual = self.0.residual()?;
+        Some(PyArray1::from_slice(py, residual.compliance()))
     }
 
     #[getter]
@@ -218,6 +282,39 @@ impl PyTorqueModel {
         self.0.step()
     }
 
+    /// The text of its file: copies in other processes are built from it.
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<Rebuild<'py>> {
+        let text = model_file::to_text(&self.0)
+            .map_err(|error| PyValueError::new_err(error.to_string()))?;
+        Ok((py.import("dynid_rs._core")?.getattr("_model_of")?, (text,)))
+    }
+
+    /// Immutable, so a copy is the model itself.
+    fn __copy__(slf: PyRef<'_, Self>) -> PyRef<'_, Self> {
+        slf
+    }
+
+    fn __deepcopy__<'py>(slf: PyRef<'py, Self>, _memo: &Bound<'py, PyAny>) -> PyRef<'py, Self> {
+        slf
+    }
+
+    /// The same model with a physically consistent set beside it.
+    fn with_physical(&self, physical: PyPhysicalSet) -> PyResult<Self> {
+        let model = (*self.0).clone().with_physical(physical.0);
+        Ok(Self(Arc::new(model.map_err(errors::core)?)))
+    }
+
+    #[getter]
+    fn physical(&self) -> Option<PyPhysicalSet> {
+        self.0.physical().cloned().map(PyPhysicalSet)
+    }
+
+    #[getter]
+    fn physical_phi<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray1<f64>>> {
+        let physical = self.0.physical()?;
+        Some(PyArray1::from_slice(py, &physical.phi))
+    }
+
     fn __repr__(&self) -> String {
         format!(
             "TorqueModel({:?}, n_joints={}, terms={:?})",
@@ -228,8 +325,16 @@ impl PyTorqueModel {
     }
 }
 
-/// What a mixture of the third loop sees: (n_samples, n_joints, 2). The channels must be on one clock.
+/// The model of a text that `TorqueModel.__reduce__` wrote.
 #[pyfunction]
+pub fn _model_of(text: &str) -> PyResult<PyTorqueModel> {
+    let model = model_file::parse(text.as_bytes(), "<pickle>").map_err(errors::model_file)?;
+    Ok(PyTorqueModel(Arc::new(model)))
+}
+
+/// What a regression of the third loop sees: (n_samples, n_joints, 2). The channels must be on one clock.
+#[pyfunction]
+#[pyo3(signature = (inputs, q, dq, q_motor, dq_motor, wind_up=None))]
 pub fn residual_inputs<'py>(
     py: Python<'py>,
     inputs: &str,
@@ -237,6 +342,7 @@ pub fn residual_inputs<'py>(
     dq: &Bound<'py, PyAny>,
     q_motor: &Bound<'py, PyAny>,
     dq_motor: &Bound<'py, PyAny>,
+    wind_up: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArray3<f64>>> {
     let inputs = inputs_named(inputs)?;
     let n = arrays::width(&arrays::contiguous(q, "q")?, "q")?;
@@ -249,6 +355,13 @@ pub fn residual_inputs<'py>(
         ],
         n,
     )?;
+    let wind_up = wind_up
+        .map(|wind_up| arrays::samples([("q", q), ("wind_up", wind_up)], n))
+        .transpose()?;
+    let wind_up = match &wind_up {
+        Some([_, wind_up]) => Some(wind_up.as_slice()?),
+        None => None,
+    };
     let [q, dq, q_motor, dq_motor] = &signals;
     let states = State {
         q: q.as_slice()?,
@@ -263,7 +376,8 @@ pub fn residual_inputs<'py>(
     for k in 0..n_samples {
         let state = slice_state(&states, k * n..(k + 1) * n);
         for j in 0..n {
-            out.extend(Residual::inputs_at(inputs, j, &state));
+            let wind_up = wind_up.map_or(0.0, |wind_up| wind_up[k * n + j]);
+            out.extend(inputs.at(j, &state, wind_up));
         }
     }
     arrays::to_cube(py, out, [n_samples, n, 2])

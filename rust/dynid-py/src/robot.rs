@@ -1,12 +1,15 @@
 //! `RobotModel` in Python.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use dynid_core::{Joint, JointKind, RobotModel};
+use dynid_io::mdh::{self, MdhOptions};
+use dynid_io::model_file;
 use dynid_io::urdf::{self, UrdfOptions};
 use dynid_offline::batch;
 use numpy::{PyArray1, PyArray2, PyArray3, PyUntypedArrayMethods};
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use crate::base::PyBaseParameters;
@@ -25,6 +28,21 @@ impl PyRobotModel {
     ) -> Bound<'py, PyArray1<f64>> {
         PyArray1::from_iter(py, self.0.joints().iter().map(value))
     }
+}
+
+/// A function and its argument, as `pickle` wants them.
+pub type Rebuild<'py> = (Bound<'py, PyAny>, (String,));
+
+/// The robot of a text that `RobotModel.__reduce__` wrote.
+#[pyfunction]
+pub fn _robot_of(text: &str) -> PyResult<PyRobotModel> {
+    let robot = model_file::robot_from_text(text, "<pickle>").map_err(errors::model_file)?;
+    Ok(PyRobotModel(Arc::new(robot)))
+}
+
+fn is_toml(path: &Path) -> bool {
+    path.extension()
+        .is_some_and(|suffix| suffix.eq_ignore_ascii_case("toml"))
 }
 
 fn options(
@@ -76,6 +94,68 @@ impl PyRobotModel {
             .detach(|| urdf::parse(text, source_name, &options))
             .map_err(errors::urdf)?;
         Ok(Self(Arc::new(robot)))
+    }
+
+    #[staticmethod]
+    #[pyo3(signature = (path, *, gravity=None, rotor_inertia=None))]
+    fn from_mdh(
+        py: Python<'_>,
+        path: PathBuf,
+        gravity: Option<[f64; 3]>,
+        rotor_inertia: Option<Vec<f64>>,
+    ) -> PyResult<Self> {
+        let options = MdhOptions {
+            gravity,
+            rotor_inertia,
+        };
+        let robot = py
+            .detach(|| mdh::load(&path, &options))
+            .map_err(errors::mdh)?;
+        Ok(Self(Arc::new(robot)))
+    }
+
+    #[staticmethod]
+    #[pyo3(signature = (text, *, source_name="<string>", gravity=None, rotor_inertia=None))]
+    fn from_mdh_string(
+        py: Python<'_>,
+        text: &str,
+        source_name: &str,
+        gravity: Option<[f64; 3]>,
+        rotor_inertia: Option<Vec<f64>>,
+    ) -> PyResult<Self> {
+        let options = MdhOptions {
+            gravity,
+            rotor_inertia,
+        };
+        let robot = py
+            .detach(|| mdh::parse(text, source_name, &options))
+            .map_err(errors::mdh)?;
+        Ok(Self(Arc::new(robot)))
+    }
+
+    /// A `.toml` is a table of modified Denavit-Hartenberg rows, anything else a URDF.
+    #[staticmethod]
+    #[pyo3(signature = (path, *, base=None, tip=None, gravity=None, rotor_inertia=None))]
+    fn from_file(
+        py: Python<'_>,
+        path: PathBuf,
+        base: Option<String>,
+        tip: Option<String>,
+        gravity: Option<[f64; 3]>,
+        rotor_inertia: Option<Vec<f64>>,
+    ) -> PyResult<Self> {
+        if !is_toml(&path) {
+            let gravity = gravity.unwrap_or(UrdfOptions::default().gravity);
+            return Self::from_urdf(py, path, base, tip, gravity, rotor_inertia);
+        }
+        if base.is_some() || tip.is_some() {
+            let name = if base.is_some() { "base" } else { "tip" };
+            return Err(PyValueError::new_err(format!(
+                "{}: a robot.toml is one chain from its first row to its last; leave out {name}",
+                path.display()
+            )));
+        }
+        Self::from_mdh(py, path, gravity, rotor_inertia)
     }
 
     #[getter]
@@ -131,6 +211,11 @@ impl PyRobotModel {
     }
 
     #[getter]
+    fn gear_ratio<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        self.per_joint(py, |j| j.gear_ratio.unwrap_or(f64::NAN))
+    }
+
+    #[getter]
     fn lower<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
         self.per_joint(py, |j| j.limits.lower)
     }
@@ -146,12 +231,36 @@ impl PyRobotModel {
     }
 
     #[getter]
+    fn acceleration_limits<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        self.per_joint(py, |j| j.limits.acceleration)
+    }
+
+    #[getter]
     fn effort_limits<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
         self.per_joint(py, |j| j.limits.effort)
     }
 
     fn with_gravity(&self, gravity: [f64; 3]) -> PyResult<Self> {
         let robot = self.0.with_gravity(gravity.into()).map_err(errors::core)?;
+        Ok(Self(Arc::new(robot)))
+    }
+
+    fn with_joint_moved(
+        &self,
+        joint: usize,
+        offset: [f64; 3],
+        rotation_vector: [f64; 3],
+    ) -> PyResult<Self> {
+        let n_joints = self.0.n_joints();
+        if joint >= n_joints {
+            return Err(PyValueError::new_err(format!(
+                "there is no joint {joint}, the robot has {n_joints}, counted from 0"
+            )));
+        }
+        let robot = self
+            .0
+            .with_joint_moved(joint, offset.into(), rotation_vector.into())
+            .map_err(errors::core)?;
         Ok(Self(Arc::new(robot)))
     }
 
@@ -219,6 +328,13 @@ impl PyRobotModel {
             .detach(|| dynid_offline::base_parameters(&self.0, random_state, rtol))
             .map_err(errors::offline)?;
         Ok(PyBaseParameters::new(base, &self.0))
+    }
+
+    /// Name, gravity and joints as a model file holds them: copies in other processes are built from that text.
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<Rebuild<'py>> {
+        let text = model_file::robot_to_text(&self.0)
+            .map_err(|error| PyValueError::new_err(error.to_string()))?;
+        Ok((py.import("dynid_rs._core")?.getattr("_robot_of")?, (text,)))
     }
 
     /// Immutable, so a copy is the robot itself.

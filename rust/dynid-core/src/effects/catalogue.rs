@@ -4,7 +4,9 @@
 //! or "m".
 
 use super::{
-    counterbalance, friction, rotor_inertia, stribeck, torque_offset, EffectInput, FRICTION_NAMES,
+    counterbalance, coupled_friction, friction, friction_hysteresis, inertial_coupling,
+    joint_spring, load_dependent_friction, position_dependent_friction, rotor_inertia, stribeck,
+    thermal_friction, torque_offset, torque_ripple, torque_saturation, EffectInput, FRICTION_NAMES,
     N_FRICTION,
 };
 
@@ -101,6 +103,8 @@ pub enum Rule {
     Positive,
     /// At least zero.
     NonNegative,
+    /// Index along the chain of another joint, or -1 for none; a search tries every other joint, so the grid is empty.
+    Partner,
 }
 
 impl Rule {
@@ -111,19 +115,29 @@ impl Rule {
             Self::Any => "must be finite",
             Self::Positive => "must be positive",
             Self::NonNegative => "must be at least 0",
+            Self::Partner => "must be the index of another joint, or -1 for none",
         }
     }
 
-    /// True if `value` may be had.
+    /// True if joint `j` of `n_joints` may have `value`.
     #[must_use]
-    pub fn allows(self, value: f64) -> bool {
+    pub fn allows(self, value: f64, j: usize, n_joints: usize) -> bool {
         value.is_finite()
             && match self {
                 Self::Any => true,
                 Self::Positive => value > 0.0,
                 Self::NonNegative => value >= 0.0,
+                Self::Partner => {
+                    value == -1.0 || (0..n_joints).any(|other| other != j && value == other as f64)
+                }
             }
     }
+}
+
+/// The joint that a value of [`Rule::Partner`] names.
+#[must_use]
+pub fn partner_of(value: f64) -> Option<usize> {
+    (value >= 0.0).then_some(value as usize)
 }
 
 const fn coefficient(name: &'static str, unit: &'static str, sign: Sign) -> Coefficient {
@@ -158,6 +172,11 @@ const TRANSITION_WIDTH: ShapeParameter = shape(
     &[0.003, 0.01, 0.03],
 );
 
+/// Cycles per turn of the joint.
+const CYCLES: &str = "1/turn";
+
+const PARTNER: ShapeParameter = shape("partner", "joint", Rule::Partner, &[]);
+
 const FRICTION: [Coefficient; N_FRICTION] = [
     coefficient(FRICTION_NAMES[0], "{torque}", Sign::NonNegative),
     coefficient(FRICTION_NAMES[1], "{torque}", Sign::NonNegative),
@@ -170,7 +189,7 @@ const FRICTION: [Coefficient; N_FRICTION] = [
 ];
 
 /// Every kind of effect; those of every model come first.
-pub static CATALOGUE: [Entry; 5] = [
+pub static CATALOGUE: [Entry; 14] = [
     Entry {
         kind: "rotor_inertia",
         formula: "J ddq_motor",
@@ -262,6 +281,157 @@ pub static CATALOGUE: [Entry; 5] = [
         declared: false,
         check: counterbalance::check,
         columns: counterbalance::columns,
+    },
+    Entry {
+        kind: "load_dependent_friction",
+        formula: "(m0 + m1 |dq_motor|) |tau_link| s(dq_motor)",
+        coefficients: &[
+            coefficient("load_friction", "1", Sign::NonNegative),
+            coefficient("load_friction_speed", "s/{angle}", Sign::Free),
+        ],
+        shape: &[TRANSITION_WIDTH],
+        signals: &["dq_motor", "tau_link"],
+        memory: 0,
+        declared: false,
+        check: nothing_more,
+        columns: load_dependent_friction::columns,
+    },
+    Entry {
+        kind: "position_dependent_friction",
+        formula: "s(dq_motor) (a cos N q + b sin N q)",
+        coefficients: &[
+            coefficient("position_friction_cos", "{torque}", Sign::Free),
+            coefficient("position_friction_sin", "{torque}", Sign::Free),
+        ],
+        shape: &[
+            shape("cycles", CYCLES, Rule::Positive, &[1.0, 2.0, 3.0, 4.0]),
+            TRANSITION_WIDTH,
+        ],
+        signals: &["q", "dq_motor"],
+        memory: 0,
+        declared: false,
+        check: nothing_more,
+        columns: position_dependent_friction::columns,
+    },
+    Entry {
+        kind: "friction_hysteresis",
+        formula: "k z, dz = dx/d (1 - z sign(dx)) along q_motor",
+        coefficients: &[coefficient("hysteresis", "{torque}", Sign::NonNegative)],
+        shape: &[shape(
+            "presliding_distance",
+            "{angle}",
+            Rule::Positive,
+            &[1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2],
+        )],
+        signals: &["q_motor"],
+        memory: friction_hysteresis::MEMORY,
+        declared: false,
+        check: nothing_more,
+        columns: friction_hysteresis::columns,
+    },
+    Entry {
+        kind: "coupled_friction",
+        formula: "k s(dq_motor + r dq_motor of the partner)",
+        coefficients: &[coefficient(
+            "coupled_friction",
+            "{torque}",
+            Sign::NonNegative,
+        )],
+        shape: &[
+            PARTNER,
+            shape("ratio", "1", Rule::Any, &[-1.0, -0.5, 0.5, 1.0]),
+            TRANSITION_WIDTH,
+        ],
+        signals: &["dq_motor"],
+        memory: 0,
+        declared: false,
+        check: nothing_more,
+        columns: coupled_friction::columns,
+    },
+    Entry {
+        kind: "torque_ripple",
+        formula: "a1 cos N q_motor + b1 sin N q_motor + a2 cos 2 N q_motor + b2 sin 2 N q_motor",
+        coefficients: &[
+            coefficient("ripple_cos1", "{torque}", Sign::Free),
+            coefficient("ripple_sin1", "{torque}", Sign::Free),
+            coefficient("ripple_cos2", "{torque}", Sign::Free),
+            coefficient("ripple_sin2", "{torque}", Sign::Free),
+        ],
+        shape: &[shape(
+            "cycles",
+            CYCLES,
+            Rule::Positive,
+            &[1.0, 2.0, 50.0, 100.0],
+        )],
+        signals: &["q_motor"],
+        memory: 0,
+        declared: false,
+        check: nothing_more,
+        columns: torque_ripple::columns,
+    },
+    Entry {
+        kind: "inertial_coupling",
+        formula: "c ddq_motor of the partner",
+        coefficients: &[coefficient(
+            "inertial_coupling",
+            "{torque}*s^2/{angle}",
+            Sign::Free,
+        )],
+        shape: &[PARTNER],
+        signals: &["ddq_motor"],
+        memory: 0,
+        declared: false,
+        check: nothing_more,
+        columns: inertial_coupling::columns,
+    },
+    Entry {
+        kind: "joint_spring",
+        formula: "k (q - q_0)",
+        coefficients: &[coefficient(
+            "spring_stiffness",
+            "{torque}/{angle}",
+            Sign::Free,
+        )],
+        shape: &[shape("rest_position", "{angle}", Rule::Any, &[0.0])],
+        signals: &["q"],
+        memory: 0,
+        declared: false,
+        check: nothing_more,
+        columns: joint_spring::columns,
+    },
+    Entry {
+        kind: "torque_saturation",
+        formula: "c tau_link^3",
+        coefficients: &[coefficient("saturation", "1/({torque})^2", Sign::Free)],
+        shape: &[],
+        signals: &["tau_link"],
+        memory: 0,
+        declared: false,
+        check: nothing_more,
+        columns: torque_saturation::columns,
+    },
+    Entry {
+        kind: "thermal_friction",
+        formula: "f (c0 s(dq_motor) + c1 dq_motor), T df/dt = u - f, u = 1 or |dq_motor| / v_r",
+        coefficients: &[
+            coefficient("warm_coulomb", "{torque}", Sign::NonPositive),
+            coefficient("warm_viscous", "{torque}*s/{angle}", Sign::NonPositive),
+        ],
+        shape: &[
+            shape(
+                "time_constant",
+                "s",
+                Rule::Positive,
+                &[30.0, 100.0, 300.0, 1000.0, 3000.0],
+            ),
+            shape("reference_speed", SPEED, Rule::NonNegative, &[0.0, 1.0]),
+            TRANSITION_WIDTH,
+        ],
+        signals: &["dq_motor", "step"],
+        memory: thermal_friction::MEMORY,
+        declared: false,
+        check: nothing_more,
+        columns: thermal_friction::columns,
     },
 ];
 

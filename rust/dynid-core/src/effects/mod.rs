@@ -5,10 +5,19 @@
 
 pub mod catalogue;
 mod counterbalance;
+mod coupled_friction;
 mod friction;
+mod friction_hysteresis;
+mod inertial_coupling;
+mod joint_spring;
+mod load_dependent_friction;
+mod position_dependent_friction;
 mod rotor_inertia;
 mod stribeck;
+mod thermal_friction;
 mod torque_offset;
+mod torque_ripple;
+mod torque_saturation;
 
 pub use catalogue::{Entry, CATALOGUE};
 pub use friction::{friction_columns, FRICTION_NAMES, N_FRICTION};
@@ -83,7 +92,7 @@ impl Effect {
             .flat_map(|j| values.iter().map(move |values| values[j]))
             .collect();
         for (joint, row) in shape.chunks_exact(entry.shape.len().max(1)).enumerate() {
-            check_row(entry, joint, row)?;
+            check_row(entry, joint, n_joints, row)?;
         }
         Ok(Self { entry, shape })
     }
@@ -204,7 +213,12 @@ impl Effect {
 }
 
 /// Range of every shape parameter of one joint, and what holds between them.
-fn check_row(entry: &'static Entry, joint: usize, row: &[f64]) -> Result<(), CoreError> {
+fn check_row(
+    entry: &'static Entry,
+    joint: usize,
+    n_joints: usize,
+    row: &[f64],
+) -> Result<(), CoreError> {
     let shape = |what, rule| CoreError::Shape {
         kind: entry.kind,
         what,
@@ -212,7 +226,7 @@ fn check_row(entry: &'static Entry, joint: usize, row: &[f64]) -> Result<(), Cor
         rule,
     };
     for (parameter, value) in entry.shape.iter().zip(row) {
-        if !parameter.rule.allows(*value) {
+        if !parameter.rule.allows(*value, joint, n_joints) {
             return Err(shape(parameter.name, parameter.rule.words()));
         }
     }

@@ -50,6 +50,7 @@ pub fn joint() -> impl Strategy<Value = Joint> {
             axis,
             limits: JointLimits::default(),
             rotor_inertia: 0.0,
+            gear_ratio: None,
             phi,
         },
     )

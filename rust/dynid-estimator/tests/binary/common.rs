@@ -26,6 +26,7 @@ fn joint(name: &str, kind: JointKind) -> Joint {
         axis: Vector3::new(0.6, 0.0, 0.8),
         limits: JointLimits::default(),
         rotor_inertia: 0.25,
+        gear_ratio: None,
         phi: [0.0; 10],
     }
 }
@@ -51,7 +52,7 @@ pub fn model() -> TorqueModel {
             EffectTerm::new(friction, (0..16).map(f64::from).collect(), 2).unwrap(),
         ],
         residual: Some(
-            Residual::new(ResidualInputs::Deflection, vec![Some(mixture), None]).unwrap(),
+            Residual::new(ResidualInputs::Deflection, vec![Some(mixture.into()), None]).unwrap(),
         ),
         encoder_delay: vec![0.003, 0.0],
         noise_std: vec![0.5, 0.6],

@@ -145,6 +145,8 @@ fn wrong_use() {
         (&["--format", "auto", path], &["auto"]),
         (&["--format"], &["--format"]),
         (&["--json", path], &["--info"]),
+        (&["--step", "0", path], &["positive number of seconds"]),
+        (&["--step", "4ms", path], &["positive number of seconds"]),
         (&[path, path], &["model.json"]),
     ] {
         let answer = Answer::from(command(args).output().unwrap());

@@ -10,11 +10,11 @@ use std::fs;
 use std::io::{Read, Write};
 use std::path::Path;
 
-use dynid_core::TorqueModel;
+use dynid_core::{RobotModel, TorqueModel};
 use serde::Deserialize;
 use sha2::{Digest, Sha256};
 
-use schema::ModelFile;
+use schema::{ModelFile, RobotPart};
 
 /// Name in the `format` field.
 pub const FORMAT: &str = "dynid-model";
@@ -81,8 +81,9 @@ pub fn parse(bytes: &[u8], name: &str) -> Result<TorqueModel, ModelFileError> {
         path: name.to_owned(),
         message,
     };
-    let text = std::str::from_utf8(bytes)
-        .map_err(|_| invalid("not a text file; expected a model.json".into()))?;
+    let text = std::str::from_utf8(bytes).map_err(|_| {
+        invalid("not a text file; give the model.json that `dynid identify` wrote".into())
+    })?;
     check_header(text).map_err(invalid)?;
     let file: ModelFile = serde_json::from_str(text).map_err(|e| invalid(json_message(&e)))?;
     file.into_model()
@@ -126,13 +127,34 @@ fn write_atomically(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
 ///
 /// # Errors
 /// `serde_json::Error` if the model cannot be written as JSON.
-pub(crate) fn to_text(model: &TorqueModel) -> Result<String, serde_json::Error> {
+pub fn to_text(model: &TorqueModel) -> Result<String, serde_json::Error> {
     let blank = format!("{CHECKSUM_PREFIX}{}", "0".repeat(N_DIGITS));
     let file = ModelFile::from_model(model, FORMAT, VERSION, blank.clone());
     let mut text = serde_json::to_string_pretty(&file)?;
     text.push('\n');
     let sum = format!("{CHECKSUM_PREFIX}{}", digest(&text));
     Ok(text.replacen(&blank, &sum, 1))
+}
+
+/// A robot as the text that a model file holds of it, for copies in other processes.
+///
+/// # Errors
+/// `serde_json::Error` if the robot cannot be written as JSON.
+pub fn robot_to_text(robot: &RobotModel) -> Result<String, serde_json::Error> {
+    serde_json::to_string(&RobotPart::from_robot(robot))
+}
+
+/// The robot of [`robot_to_text`], to the last bit.
+///
+/// # Errors
+/// [`ModelFileError::Invalid`]; `name` is used in messages.
+pub fn robot_from_text(text: &str, name: &str) -> Result<RobotModel, ModelFileError> {
+    let invalid = |message: String| ModelFileError::Invalid {
+        path: name.to_owned(),
+        message,
+    };
+    let part: RobotPart = serde_json::from_str(text).map_err(|e| invalid(json_message(&e)))?;
+    part.into_robot().map_err(invalid)
 }
 
 fn digest(text: &str) -> String {
@@ -164,7 +186,9 @@ fn check_header(text: &str) -> Result<(), String> {
                 "written by a newer program (version {version}, this one reads {VERSION}); update dynid-rs"
             ));
         }
-        _ => return Err(format!("no usable version (expected {VERSION})")),
+        _ => return Err(format!(
+            "no usable version (expected \"version\": {VERSION}); give the model.json as `dynid identify` wrote it, or identify again"
+        )),
     }
     let stated = header.checksum.unwrap_or_default();
     let blank = format!("{CHECKSUM_PREFIX}{}", "0".repeat(N_DIGITS));

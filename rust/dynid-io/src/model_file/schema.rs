@@ -4,8 +4,8 @@
 
 use dynid_core::model::TorqueModelParts;
 use dynid_core::{
-    Domain, GaussianMixtureRegression, Joint, JointKind, JointLimits, Residual, ResidualInputs,
-    RobotModel, TorqueModel,
+    Domain, GaussianMixtureRegression, Joint, JointKind, JointLimits, NormalisedRbf, PhysicalSet,
+    Regression, Residual, ResidualInputs, RobotModel, TorqueModel,
 };
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
@@ -30,11 +30,24 @@ pub struct ModelFile {
     domain: DomainPart,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     step: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    physical: Option<PhysicalPart>,
+}
+
+/// A physically consistent set; absent in most files.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct PhysicalPart {
+    phi: Vec<[f64; 10]>,
+    rotor_inertia: Vec<f64>,
+    damping: Vec<f64>,
+    friction: Vec<f64>,
+    drive_gain: Vec<f64>,
 }
 
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct RobotPart {
+pub(super) struct RobotPart {
     name: String,
     gravity: [f64; 3],
     joints: Vec<JointPart>,
@@ -52,8 +65,12 @@ struct JointPart {
     lower: Option<f64>,
     upper: Option<f64>,
     velocity: Option<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    acceleration: Option<f64>,
     effort: Option<f64>,
     rotor_inertia: f64,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    gear_ratio: Option<f64>,
     phi: [f64; 10],
 }
 
@@ -68,7 +85,21 @@ enum KindPart {
 #[serde(deny_unknown_fields)]
 struct ResidualPart {
     inputs: InputsPart,
-    joints: Vec<Option<MixturePart>>,
+    /// Left out where the inputs do not need it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    compliance: Option<Vec<f64>>,
+    joints: Vec<Option<RegressionPart>>,
+}
+
+/// Told apart by their fields: files from before there was a choice hold mixtures.
+#[derive(Serialize, Deserialize)]
+#[serde(
+    untagged,
+    expecting = "a residual's joint needs weights, means, covariances (mixture) or centers, precision, weights, variances (rbf)"
+)]
+enum RegressionPart {
+    Mixture(MixturePart),
+    Rbf(RbfPart),
 }
 
 #[derive(Clone, Copy, Serialize, Deserialize)]
@@ -76,6 +107,7 @@ struct ResidualPart {
 enum InputsPart {
     Deflection,
     JointState,
+    LoadFreeDeflection,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -84,6 +116,15 @@ struct MixturePart {
     weights: Vec<f64>,
     means: Vec<[f64; 3]>,
     covariances: Vec<[[f64; 3]; 3]>,
+}
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RbfPart {
+    centers: Vec<[f64; 2]>,
+    precision: [f64; 2],
+    weights: Vec<f64>,
+    variances: Vec<f64>,
 }
 
 #[derive(Serialize, Deserialize)]
@@ -97,17 +138,12 @@ struct DomainPart {
 impl ModelFile {
     /// What is written for `model`.
     pub fn from_model(model: &TorqueModel, format: &str, version: u32, checksum: String) -> Self {
-        let robot = model.robot();
         Self {
             format: format.to_owned(),
             version,
             checksum,
             torque_unit: model.torque_unit().to_owned(),
-            robot: RobotPart {
-                name: robot.name().to_owned(),
-                gravity: (*robot.gravity()).into(),
-                joints: robot.joints().iter().map(JointPart::from_joint).collect(),
-            },
+            robot: RobotPart::from_robot(model.robot()),
             phi: tens(model.phi()),
             torque_scale: model.torque_scale().to_vec(),
             effects: model.effects().iter().map(EffectPart::from_term).collect(),
@@ -120,19 +156,19 @@ impl ModelFile {
                 ddq: model.domain().ddq.clone(),
             },
             step: model.step(),
+            physical: model.physical().map(|set| PhysicalPart {
+                phi: tens(&set.phi),
+                rotor_inertia: set.rotor_inertia.clone(),
+                damping: set.damping.clone(),
+                friction: set.friction.clone(),
+                drive_gain: set.drive_gain.clone(),
+            }),
         }
     }
 
     /// The model, every length and number checked.
     pub fn into_model(self) -> Result<TorqueModel, String> {
-        let joints: Vec<Joint> = self
-            .robot
-            .joints
-            .into_iter()
-            .map(JointPart::into_joint)
-            .collect();
-        let robot = RobotModel::new(self.robot.name, joints, Vector3::from(self.robot.gravity))
-            .map_err(|e| format!("robot: {e}"))?;
+        let robot = self.robot.into_robot()?;
         let n = robot.n_joints();
         let effects = self
             .effects
@@ -140,7 +176,7 @@ impl ModelFile {
             .map(|effect| effect.into_term(n))
             .collect::<Result<_, _>>()?;
         let residual = self.residual.map(ResidualPart::into_residual).transpose()?;
-        TorqueModel::new(TorqueModelParts {
+        let model = TorqueModel::new(TorqueModelParts {
             robot,
             phi: self.phi.into_iter().flatten().collect(),
             torque_scale: self.torque_scale,
@@ -156,7 +192,19 @@ impl ModelFile {
             torque_unit: self.torque_unit,
             step: self.step,
         })
-        .map_err(|e| e.to_string())
+        .map_err(|e| e.to_string())?;
+        match self.physical {
+            None => Ok(model),
+            Some(part) => model
+                .with_physical(PhysicalSet {
+                    phi: part.phi.into_iter().flatten().collect(),
+                    rotor_inertia: part.rotor_inertia,
+                    damping: part.damping,
+                    friction: part.friction,
+                    drive_gain: part.drive_gain,
+                })
+                .map_err(|e| e.to_string()),
+        }
     }
 }
 
@@ -166,6 +214,22 @@ fn tens(phi: &[f64]) -> Vec<[f64; 10]> {
 
 fn finite(x: f64) -> Option<f64> {
     x.is_finite().then_some(x)
+}
+
+impl RobotPart {
+    pub(super) fn from_robot(robot: &RobotModel) -> Self {
+        Self {
+            name: robot.name().to_owned(),
+            gravity: (*robot.gravity()).into(),
+            joints: robot.joints().iter().map(JointPart::from_joint).collect(),
+        }
+    }
+
+    pub(super) fn into_robot(self) -> Result<RobotModel, String> {
+        let joints = self.joints.into_iter().map(JointPart::into_joint).collect();
+        RobotModel::new(self.name, joints, Vector3::from(self.gravity))
+            .map_err(|e| format!("robot: {e}"))
+    }
 }
 
 impl JointPart {
@@ -183,8 +247,10 @@ impl JointPart {
             lower: finite(joint.limits.lower),
             upper: finite(joint.limits.upper),
             velocity: finite(joint.limits.velocity),
+            acceleration: finite(joint.limits.acceleration),
             effort: finite(joint.limits.effort),
             rotor_inertia: joint.rotor_inertia,
+            gear_ratio: joint.gear_ratio,
             phi: joint.phi,
         }
     }
@@ -204,9 +270,11 @@ impl JointPart {
                 lower: self.lower.unwrap_or(f64::NEG_INFINITY),
                 upper: self.upper.unwrap_or(f64::INFINITY),
                 velocity: self.velocity.unwrap_or(f64::INFINITY),
+                acceleration: self.acceleration.unwrap_or(f64::INFINITY),
                 effort: self.effort.unwrap_or(f64::INFINITY),
             },
             rotor_inertia: self.rotor_inertia,
+            gear_ratio: self.gear_ratio,
             phi: self.phi,
         }
     }
@@ -214,30 +282,88 @@ impl JointPart {
 
 impl ResidualPart {
     fn from_residual(residual: &Residual) -> Self {
+        let needed = residual.inputs() == ResidualInputs::LoadFreeDeflection
+            || residual.compliance().iter().any(|c| *c != 0.0);
         Self {
             inputs: match residual.inputs() {
                 ResidualInputs::Deflection => InputsPart::Deflection,
                 ResidualInputs::JointState => InputsPart::JointState,
+                ResidualInputs::LoadFreeDeflection => InputsPart::LoadFreeDeflection,
             },
+            compliance: needed.then(|| residual.compliance().to_vec()),
             joints: residual
                 .joints()
                 .iter()
-                .map(|mixture| mixture.as_ref().map(MixturePart::from_mixture))
+                .map(|joint| joint.as_ref().map(RegressionPart::from_regression))
                 .collect(),
         }
     }
 
     fn into_residual(self) -> Result<Residual, String> {
-        let joints = self
+        let joints: Vec<Option<Regression>> = self
             .joints
             .into_iter()
-            .map(|mixture| mixture.map(MixturePart::into_mixture).transpose())
+            .map(|joint| joint.map(RegressionPart::into_regression).transpose())
             .collect::<Result<_, _>>()?;
         let inputs = match self.inputs {
             InputsPart::Deflection => ResidualInputs::Deflection,
             InputsPart::JointState => ResidualInputs::JointState,
+            InputsPart::LoadFreeDeflection => ResidualInputs::LoadFreeDeflection,
         };
-        Residual::new(inputs, joints).map_err(|e| format!("residual: {e}"))
+        let compliance = match (inputs, self.compliance) {
+            (ResidualInputs::LoadFreeDeflection, None) => {
+                return Err(
+                    "residual: compliance is missing, which load_free_deflection needs".to_owned(),
+                )
+            }
+            (_, compliance) => compliance.unwrap_or_else(|| vec![0.0; joints.len()]),
+        };
+        Residual::new(inputs, joints)
+            .and_then(|residual| residual.with_compliance(compliance))
+            .map_err(|e| format!("residual: {e}"))
+    }
+}
+
+impl RegressionPart {
+    fn from_regression(regression: &Regression) -> Self {
+        match regression {
+            Regression::Mixture(mixture) => Self::Mixture(MixturePart::from_mixture(mixture)),
+            Regression::Rbf(rbf) => Self::Rbf(RbfPart::from_rbf(rbf)),
+        }
+    }
+
+    fn into_regression(self) -> Result<Regression, String> {
+        match self {
+            Self::Mixture(part) => part.into_mixture().map(Regression::Mixture),
+            Self::Rbf(part) => part.into_rbf().map(Regression::Rbf),
+        }
+    }
+}
+
+impl RbfPart {
+    fn from_rbf(rbf: &NormalisedRbf) -> Self {
+        // A residual takes two inputs, checked when it was built.
+        let mut precision = [0.0; 2];
+        precision
+            .iter_mut()
+            .zip(rbf.precision())
+            .for_each(|(to, h)| *to = *h);
+        Self {
+            centers: rbf.centers().as_chunks::<2>().0.to_vec(),
+            precision,
+            weights: rbf.weights().to_vec(),
+            variances: rbf.variances().to_vec(),
+        }
+    }
+
+    fn into_rbf(self) -> Result<NormalisedRbf, String> {
+        NormalisedRbf::new(
+            self.centers.concat(),
+            self.precision.to_vec(),
+            self.weights,
+            self.variances,
+        )
+        .map_err(|e| format!("residual: {e}"))
     }
 }
 

@@ -1,7 +1,7 @@
 use dynid_core::model::TorqueModelParts;
 use dynid_core::{
-    Domain, Effect, EffectTerm, GaussianMixtureRegression, Joint, JointKind, JointLimits, Residual,
-    ResidualInputs, RobotModel,
+    Domain, Effect, EffectTerm, GaussianMixtureRegression, Joint, JointKind, JointLimits,
+    NormalisedRbf, PhysicalSet, Residual, ResidualInputs, RobotModel,
 };
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use proptest::prelude::*;
@@ -21,6 +21,7 @@ fn joint(name: &str, kind: JointKind) -> Joint {
             ..JointLimits::default()
         },
         rotor_inertia: 0.25,
+        gear_ratio: Some(101.0),
         phi: [1.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9],
     }
 }
@@ -45,7 +46,7 @@ fn model() -> TorqueModel {
             EffectTerm::new(friction, (0..16).map(f64::from).collect(), 2).unwrap(),
         ],
         residual: Some(
-            Residual::new(ResidualInputs::Deflection, vec![Some(mixture), None]).unwrap(),
+            Residual::new(ResidualInputs::Deflection, vec![Some(mixture.into()), None]).unwrap(),
         ),
         encoder_delay: vec![0.003, 0.0],
         noise_std: vec![0.5, 0.6],
@@ -75,6 +76,47 @@ fn a_model_survives_the_file_exactly() {
         1,
         "no temporary file stays"
     );
+}
+
+fn physical() -> PhysicalSet {
+    let body = [2.0, 0.3, -0.1, 0.2, 0.4, 0.02, 0.5, -0.03, 0.01, 0.6];
+    PhysicalSet {
+        phi: [body, body].concat(),
+        rotor_inertia: vec![0.0, 0.3],
+        damping: vec![1.0, 2.0],
+        friction: vec![0.5, 0.0],
+        drive_gain: vec![1.0, 1.0 / 3.0],
+    }
+}
+
+#[test]
+fn a_physical_set_survives_the_file_and_is_absent_without_one() {
+    let with = model().with_physical(physical()).unwrap();
+    let text = to_text(&with).unwrap();
+    assert_eq!(
+        parse(text.as_bytes(), "x").unwrap().physical(),
+        Some(&physical())
+    );
+    assert!(!to_text(&model()).unwrap().contains("physical"));
+}
+
+#[test]
+fn a_set_that_no_body_has_is_refused() {
+    type Spoil = fn(&mut PhysicalSet);
+    let spoiled: [(&str, Spoil); 6] = [
+        ("phi", |set| set.phi[4] = -0.4),
+        ("phi", |set| set.phi.truncate(19)),
+        ("rotor_inertia", |set| set.rotor_inertia[1] = -1e-9),
+        ("friction", |set| set.friction[0] = -0.5),
+        ("drive_gain", |set| set.drive_gain[0] = 0.0),
+        ("NaN", |set| set.damping[0] = f64::NAN),
+    ];
+    for (what, spoil) in spoiled {
+        let mut set = physical();
+        spoil(&mut set);
+        let error = model().with_physical(set).unwrap_err().to_string();
+        assert!(error.contains(what), "{error}");
+    }
 }
 
 #[test]
@@ -109,7 +151,13 @@ fn every_single_byte_counts() {
 #[test]
 fn other_files_are_told_apart() {
     assert!(message(b"{}").contains("not a torque model"));
-    assert!(message(b"\xff\xfe").contains("not a text file"));
+    let mend = "give the model.json that `dynid identify` wrote";
+    assert!(message(b"\xff\xfe").contains(&format!("not a text file; {mend}")));
+    let unnumbered = message(b"{\"format\": \"dynid-model\"}");
+    assert!(
+        unnumbered.contains("no usable version (expected \"version\": 1); give the model.json as"),
+        "{unnumbered}"
+    );
     assert!(message(b"{\"format\": \"dynid-model\", \"version\": 99}").contains("newer"));
     assert!(message(b"{\"format\": \"dynid-model\", \"version\": 1}").contains("checksum"));
     assert!(message("[".repeat(1_000_000).as_bytes()).contains("not a readable model"));
@@ -142,6 +190,21 @@ fn a_resigned_file_is_checked_for_sense() {
         ("\"noise_std\": [", "\"noise_std\": [ 1.0, "),
         ("\"transition_width\": [", "\"transition_width\": [ 0.0,"),
         ("\"deflection\"", "\"measured_torque\""),
+        (
+            "\"kind\": \"torque_offset\"",
+            "\"kind\": \"torque_offsets\"",
+        ),
+        (
+            "\"kind\": \"torque_offset\",",
+            "\"kind\": \"torque_offset\", \"kind\": \"torque_offset\",",
+        ),
+        (
+            "\"kind\": \"torque_offset\",",
+            "\"kind\": \"torque_offset\", \"width\": [1.0, 1.0],",
+        ),
+        ("\"transition_width\"", "\"velocity_threshold\""),
+        ("\"transition_width\"", "\"transition_widths\""),
+        ("\"noise_std\": [", "\"step\": 0.0, \"noise_std\": ["),
     ] {
         assert!(text.contains(old), "{old}");
         assert!(
@@ -171,4 +234,116 @@ proptest! {
         let text = to_text(&changed).unwrap();
         prop_assert_eq!(parse(text.as_bytes(), "x").unwrap(), changed);
     }
+}
+
+/// Version 1 as it was written before models had a step and effects a catalogue.
+#[test]
+fn an_old_file_is_read_and_written_as_it_was() {
+    let old = include_str!("old_model.json");
+    assert!(!old.contains("\"step\""));
+    let model = parse(old.as_bytes(), "old_model.json").unwrap();
+    assert_eq!(model.step(), None);
+    assert_eq!(to_text(&model).unwrap(), old);
+}
+
+#[test]
+fn every_kind_of_the_catalogue_survives_the_file() {
+    let base = model();
+    let value = |name: &str| match name {
+        "partner" => [1.0, -1.0],
+        "a" => [1.0, 0.5],
+        "gas_length" => [0.9, -0.1],
+        _ => [0.1, 0.3],
+    };
+    let term = |entry: &'static dynid_core::effects::Entry| {
+        let shape: Vec<_> = entry
+            .shape
+            .iter()
+            .map(|parameter| (parameter.name, value(parameter.name)))
+            .collect();
+        let effect = Effect::new(entry.kind, &shape).unwrap();
+        let coefficients = vec![0.5; 2 * effect.n_columns()];
+        EffectTerm::new(effect, coefficients, 2).unwrap()
+    };
+    let all = TorqueModel::new(TorqueModelParts {
+        robot: base.robot().clone(),
+        phi: base.phi().to_vec(),
+        torque_scale: vec![1.0; 2],
+        effects: dynid_core::effects::CATALOGUE.iter().map(term).collect(),
+        residual: None,
+        encoder_delay: vec![0.0; 2],
+        noise_std: vec![0.0; 2],
+        domain: base.domain().clone(),
+        torque_unit: "N*m".into(),
+        step: Some(1.0 / 3.0),
+    })
+    .unwrap();
+    let text = to_text(&all).unwrap();
+    assert_eq!(parse(text.as_bytes(), "x").unwrap(), all);
+}
+
+/// The other choices: bumps beside a mixture, on the load-free deflection, which needs the compliance.
+fn model_with_rbf() -> TorqueModel {
+    let old = model();
+    let Some(residual) = old.residual() else {
+        unreachable!("the model has one")
+    };
+    let rbf = NormalisedRbf::new(
+        vec![0.1, 0.2, -0.3, 1e-300],
+        vec![1e6, 0.1],
+        vec![1.0 / 3.0, -2.0],
+        vec![0.0, 0.7],
+    )
+    .unwrap();
+    let joints = vec![residual.joints()[0].clone(), Some(rbf.into())];
+    TorqueModel::new(TorqueModelParts {
+        robot: old.robot().clone(),
+        phi: old.phi().to_vec(),
+        torque_scale: old.torque_scale().to_vec(),
+        effects: old.effects().to_vec(),
+        residual: Residual::new(ResidualInputs::LoadFreeDeflection, joints)
+            .and_then(|residual| residual.with_compliance(vec![1e-6, 0.0]))
+            .ok(),
+        encoder_delay: old.encoder_delay().to_vec(),
+        noise_std: old.noise_std().to_vec(),
+        domain: old.domain().clone(),
+        torque_unit: old.torque_unit().to_owned(),
+        step: old.step(),
+    })
+    .unwrap()
+}
+
+#[test]
+fn both_regressions_and_the_compliance_come_back() {
+    let model = model_with_rbf();
+    let text = to_text(&model).unwrap();
+    assert_eq!(parse(text.as_bytes(), "m").unwrap(), model);
+}
+
+#[test]
+fn a_load_free_deflection_without_compliance_is_refused() {
+    let text = to_text(&model_with_rbf()).unwrap();
+    let mut file: serde_json::Value = serde_json::from_str(&text).unwrap();
+    file["residual"]
+        .as_object_mut()
+        .unwrap()
+        .remove("compliance");
+    let file: schema::ModelFile = serde_json::from_value(file).unwrap();
+    assert_eq!(
+        file.into_model().unwrap_err(),
+        "residual: compliance is missing, which load_free_deflection needs"
+    );
+}
+
+#[test]
+fn a_regression_of_neither_kind_is_named() {
+    let text = to_text(&model_with_rbf()).unwrap();
+    let mut file: serde_json::Value = serde_json::from_str(&text).unwrap();
+    file["residual"]["joints"][1]["sigma"] = 1.0.into();
+    let error = serde_json::from_value::<schema::ModelFile>(file)
+        .err()
+        .unwrap();
+    assert!(error
+        .to_string()
+        .contains("centers, precision, weights, variances (rbf)"));
 }

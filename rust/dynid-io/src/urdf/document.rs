@@ -72,6 +72,8 @@ pub(super) struct JointFacts {
     pub(super) motion: Motion,
     pub(super) parent: Reference,
     pub(super) child: Reference,
+    /// Greatest acceleration, which urdf-rs does not know \[rad/s², m/s²\].
+    pub(super) acceleration: f64,
     pub(super) mimic_at: Option<usize>,
     pub(super) second_origin: Option<SecondOrigin>,
 }
@@ -81,6 +83,8 @@ pub(super) struct Rotor {
     pub(super) joint: String,
     /// Rotor inertia times the gear ratio squared \[kg·m², kg\].
     pub(super) reflected: f64,
+    /// Motor turns per joint turn, without its sign, if it is declared.
+    pub(super) gear_ratio: Option<f64>,
     pub(super) at: usize,
 }
 

@@ -4,6 +4,7 @@ use super::document::{Motion, Reference};
 use super::numbers::{moderate, not_negative, one, three};
 use super::source::shorten;
 use super::tag::{Attribute, Tag};
+use crate::text::nearest;
 
 /// Longest name of a link or joint \[bytes\].
 const MAX_NAME: usize = 256;
@@ -26,7 +27,14 @@ fn at<T>(attribute: &Attribute, result: Result<T, String>) -> Result<T, Fault> {
 
 fn required<'t, 'a>(tag: &'t Tag<'a>, name: &str, mend: &str) -> Result<&'t Attribute<'a>, Fault> {
     tag.get(name).ok_or_else(|| {
-        let message = format!("the attribute {name} is missing; write {mend}");
+        let others = tag.attributes.iter().map(|other| other.name);
+        let misspelt = others
+            .filter(|other| !is_foreign(other))
+            .find(|other| nearest(other, &[name]).is_some());
+        let hint = misspelt.map_or(String::new(), |other| {
+            format!(" (is {other} meant to be it?)")
+        });
+        let message = format!("the attribute {name} is missing{hint}; write {mend}");
         Fault {
             at: tag.at,
             message,
@@ -34,23 +42,40 @@ fn required<'t, 'a>(tag: &'t Tag<'a>, name: &str, mend: &str) -> Result<&'t Attr
     })
 }
 
+/// Attributes with a prefix belong to other programs.
+fn is_foreign(name: &str) -> bool {
+    name.contains(':') || name == "xmlns"
+}
+
 /// Refuses attributes beyond `known`: a misspelt one would silently count as its default.
 fn only(tag: &Tag, known: &[&str]) -> Result<(), Fault> {
     let unknown = tag
         .attributes
         .iter()
-        .find(|a| !known.contains(&a.name) && !a.name.contains(':'));
+        .find(|a| !known.contains(&a.name) && !is_foreign(a.name));
     unknown.map_or(Ok(()), |attribute| {
         let name = shorten(attribute.name);
-        let message = format!(
-            "the attribute {name} is not read here, expected {}; rename or delete it",
-            known.join(", ")
-        );
+        let mend = match nearest(attribute.name, known) {
+            Some(meant) => format!("is {meant} meant?"),
+            None => format!("expected {}; rename or delete it", known.join(", ")),
+        };
+        let message = format!("the attribute {name} is not read here; {mend}");
         Err(Fault {
             at: attribute.at,
             message,
         })
     })
+}
+
+/// A remark on attributes of a link or joint that mean nothing here. What counts is required, so none can hide a slip.
+pub(super) fn idle(tag: &Tag, known: &[&str]) -> Option<String> {
+    let idle: Vec<String> = tag
+        .attributes
+        .iter()
+        .filter(|a| !known.contains(&a.name) && !is_foreign(a.name))
+        .map(|a| shorten(a.name))
+        .collect();
+    (!idle.is_empty()).then(|| format!("attributes that do not count here: {}", idle.join(", ")))
 }
 
 /// The `name` of a link or joint.
@@ -86,6 +111,7 @@ pub(super) fn motion(tag: &Tag) -> Result<Motion, Fault> {
 
 /// The `link` of `<parent>` and `<child>`.
 pub(super) fn reference(tag: &Tag) -> Result<Reference, Fault> {
+    only(tag, &["link"])?;
     let attribute = required(tag, "link", "link=\"name of a link\"")?;
     let link = at(attribute, checked_name(attribute))?;
     Ok(Reference {
@@ -144,8 +170,15 @@ pub(super) fn axis(tag: &Tag) -> Result<([f64; 3], bool), Fault> {
     ))
 }
 
+/// `<mimic>`, whose joint is refused later if it is in the chain.
+pub(super) fn mimic(tag: &Tag) -> Result<usize, Fault> {
+    only(tag, &["joint", "multiplier", "offset"])?;
+    Ok(tag.at)
+}
+
 /// `<mass>` \[kg\].
 pub(super) fn mass(tag: &Tag) -> Result<f64, Fault> {
+    only(tag, &["value"])?;
     let mend = "value=\"mass\" in kg";
     let attribute = required(tag, "value", mend)?;
     let mass = at(attribute, one("value", &attribute.value, mend))?;
@@ -160,6 +193,7 @@ pub(super) const INERTIA: [&str; 6] = ["ixx", "ixy", "ixz", "iyy", "iyz", "izz"]
 
 /// `<inertia>` \[kg·m²\]: see [`INERTIA`].
 pub(super) fn inertia(tag: &Tag) -> Result<[f64; 6], Fault> {
+    only(tag, &INERTIA)?;
     let mut entries = [0.0; 6];
     for (entry, name) in entries.iter_mut().zip(INERTIA) {
         let mend = format!("{name}=\"inertia\" in kg m^2");
@@ -170,12 +204,24 @@ pub(super) fn inertia(tag: &Tag) -> Result<[f64; 6], Fault> {
     Ok(entries)
 }
 
+/// Attributes of `<limit>`; the last two are of URDF 1.2, and no model needs them.
+const LIMIT: [&str; 7] = [
+    "lower",
+    "upper",
+    "velocity",
+    "acceleration",
+    "effort",
+    "deceleration",
+    "jerk",
+];
+
 /// `<limit>`; infinite where nothing is declared.
 #[derive(Clone, Copy)]
 pub(super) struct Limit {
     pub(super) lower: f64,
     pub(super) upper: f64,
     pub(super) velocity: f64,
+    pub(super) acceleration: f64,
     pub(super) effort: f64,
 }
 
@@ -185,6 +231,7 @@ impl Default for Limit {
             lower: f64::NEG_INFINITY,
             upper: f64::INFINITY,
             velocity: f64::INFINITY,
+            acceleration: f64::INFINITY,
             effort: f64::INFINITY,
         }
     }
@@ -194,6 +241,7 @@ impl Default for Limit {
 ///
 /// Of `lower` and `upper` one alone leaves the other at zero, as the URDF specification has it; both absent mean no limit.
 pub(super) fn limit(tag: &Tag, motion: Motion) -> Result<(Limit, Option<&'static str>), Fault> {
+    only(tag, &LIMIT)?;
     let read = |name: &str| {
         let mend = format!("{name}=\"number\", or leave it out for no limit");
         tag.get(name)
@@ -207,6 +255,7 @@ pub(super) fn limit(tag: &Tag, motion: Motion) -> Result<(Limit, Option<&'static
     };
     let mut limit = Limit {
         velocity: positive("velocity", "a greatest speed")?,
+        acceleration: positive("acceleration", "a greatest acceleration")?,
         effort: positive("effort", "a greatest torque or force")?,
         ..Limit::default()
     };

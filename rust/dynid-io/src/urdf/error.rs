@@ -43,4 +43,12 @@ pub enum UrdfError {
         /// What was expected, what was found, and the mend.
         message: String,
     },
+    /// The file is well, and not the robot of the model.
+    #[error("{file}: is another robot than the model's: {message}; give the URDF that the model was identified with")]
+    OtherRobot {
+        /// Path, or the name given to [`with_physical`](super::with_physical).
+        file: String,
+        /// The first difference.
+        message: String,
+    },
 }

@@ -183,17 +183,20 @@ impl Guard<'_, '_> {
 
     /// Takes in an element that is read where it stands.
     fn element(&mut self, parent: Place, tag: &Tag) -> Result<Taken, Fault> {
+        let mut remark = None;
         let place = match (parent, tag.name) {
             (Place::Robot, "link") => {
                 let name = elements::name(tag)?;
                 self.claim("link", &name, tag, self.document.links.len())?;
                 self.link = Some(OpenLink::new(name, tag));
+                remark = elements::idle(tag, &["name", "type"]);
                 Place::Link
             }
             (Place::Robot, "joint") => {
                 let name = elements::name(tag)?;
                 self.claim("joint", &name, tag, self.document.joints.len())?;
                 self.joint = Some(OpenJoint::new(name, elements::motion(tag)?, tag));
+                remark = elements::idle(tag, &["name", "type"]);
                 Place::Joint
             }
             (Place::Robot, _) => {
@@ -207,10 +210,7 @@ impl Guard<'_, '_> {
                 _ => Place::Skip,
             },
         };
-        Ok(Taken {
-            place,
-            remark: None,
-        })
+        Ok(Taken { place, remark })
     }
 
     /// Refuses a name that is taken, and a file with too many links or joints.

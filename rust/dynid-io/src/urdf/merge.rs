@@ -2,50 +2,21 @@
 
 use std::collections::HashMap;
 
-use dynid_core::link_params::{from_centre, transform, LinkParams};
+use dynid_core::link_params::LinkParams;
 use dynid_core::robot::{Joint, JointKind, JointLimits, RobotModel};
-use nalgebra::{Matrix3, Rotation3, Vector3};
+use nalgebra::{Matrix3, Vector3};
+
+use crate::frame::{lump, Frame};
 
 use super::chain::Body;
-use super::document::Motion;
+use super::document::{Motion, Rotor};
 use super::error::UrdfError;
 use super::source::{Notes, Source};
 use super::tree::Tree;
 use super::UrdfOptions;
 
-/// A frame in another: `p_outer = rotation * p_inner + translation`.
-#[derive(Clone, Copy)]
-struct Frame {
-    rotation: Matrix3<f64>,
-    translation: Vector3<f64>,
-}
-
-impl Frame {
-    fn identity() -> Self {
-        Self {
-            rotation: Matrix3::identity(),
-            translation: Vector3::zeros(),
-        }
-    }
-
-    /// Fixed-axis roll, pitch, yaw: `R = Rz(yaw) Ry(pitch) Rx(roll)`.
-    fn from_pose(pose: &urdf_rs::Pose) -> Self {
-        let [roll, pitch, yaw] = pose.rpy.0;
-        Self {
-            rotation: Rotation3::from_euler_angles(roll, pitch, yaw).into_inner(),
-            translation: Vector3::from(pose.xyz.0),
-        }
-    }
-
-    /// `self` after `inner`. One Newton step keeps long products of rotations orthonormal: `R <- R (3 - RᵀR) / 2`.
-    fn compose(&self, inner: &Self) -> Self {
-        let product = self.rotation * inner.rotation;
-        let rotation = product * (Matrix3::identity() * 3.0 - product.transpose() * product) * 0.5;
-        Self {
-            rotation,
-            translation: self.rotation * inner.translation + self.translation,
-        }
-    }
+fn frame(pose: &urdf_rs::Pose) -> Frame {
+    Frame::from_xyz_rpy(pose.xyz.0, pose.rpy.0)
 }
 
 /// Builds the model.
@@ -73,36 +44,29 @@ pub(super) fn robot_model(
         let placed = body.joint.map(|j| {
             (
                 j,
-                frames[tree.edges[j].parent].compose(&Frame::from_pose(&urdf.joints[j].origin)),
+                frames[tree.edges[j].parent].compose(&frame(&urdf.joints[j].origin)),
             )
         });
         frames[body.link] = Frame::identity();
         for &fixed in &body.fixed {
             let edge = tree.edges[fixed];
-            frames[edge.child] =
-                frames[edge.parent].compose(&Frame::from_pose(&urdf.joints[fixed].origin));
+            frames[edge.child] = frames[edge.parent].compose(&frame(&urdf.joints[fixed].origin));
         }
         let Some((index, placement)) = placed else {
             continue;
         };
-        let mut phi = [0.0; 10];
-        let links = body.fixed.iter().map(|&fixed| tree.edges[fixed].child);
-        for link in std::iter::once(body.link).chain(links) {
+        let fixed = body.fixed.iter().map(|&fixed| tree.edges[fixed].child);
+        let links: Vec<usize> = std::iter::once(body.link).chain(fixed).collect();
+        for &link in &links {
             doubt_inertia(tree, link, &urdf.links[link], source, notes);
-            let frame = &frames[link];
-            let part = transform(
-                &declared_params(&urdf.links[link].inertial),
-                &frame.rotation,
-                &frame.translation,
-            );
-            for (sum, term) in phi.iter_mut().zip(part) {
-                *sum += term;
-            }
         }
+        let part = |link: usize| (frames[link], declared_params(&urdf.links[link].inertial));
+        let phi = lump(links.into_iter().map(part));
         let facts = &document.joints[index];
+        let rotor = declared.get(facts.name.as_str());
         let rotor_inertia = match overriding {
             Some(list) => list[joints.len()],
-            None => declared.get(facts.name.as_str()).copied().unwrap_or(0.0),
+            None => rotor.map_or(0.0, |rotor| rotor.reflected),
         };
         joints.push(Joint {
             name: facts.name.clone(),
@@ -115,8 +79,9 @@ pub(super) fn robot_model(
             rotation: placement.rotation,
             translation: placement.translation,
             axis: Vector3::from(urdf.joints[index].axis.xyz.0).normalize(),
-            limits: limits(&urdf.joints[index].limit),
+            limits: limits(&urdf.joints[index].limit, facts.acceleration),
             rotor_inertia,
+            gear_ratio: rotor.and_then(|rotor| rotor.gear_ratio),
             phi,
         });
     }
@@ -128,11 +93,12 @@ pub(super) fn robot_model(
     .map_err(|error| refuse(error.to_string()))
 }
 
-fn limits(limit: &urdf_rs::JointLimit) -> JointLimits {
+fn limits(limit: &urdf_rs::JointLimit, acceleration: f64) -> JointLimits {
     JointLimits {
         lower: limit.lower,
         upper: limit.upper,
         velocity: limit.velocity,
+        acceleration,
         effort: limit.effort,
     }
 }
@@ -145,9 +111,8 @@ fn inertia_matrix(i: &urdf_rs::Inertia) -> Matrix3<f64> {
 
 /// Parameters of a link about its own origin; URDF gives the inertia about the centre, in the inertial frame.
 fn declared_params(inertial: &urdf_rs::Inertial) -> LinkParams {
-    let frame = Frame::from_pose(&inertial.origin);
-    let inertia = frame.rotation * inertia_matrix(&inertial.inertia) * frame.rotation.transpose();
-    from_centre(inertial.mass.value, &frame.translation, &inertia)
+    let inertia = inertia_matrix(&inertial.inertia);
+    frame(&inertial.origin).centred(inertial.mass.value, &inertia)
 }
 
 /// Notes an inertia that no body has. It is kept: declared inertials are a start, not the truth.
@@ -196,8 +161,8 @@ fn doubt_inertia(
     }
 }
 
-/// Reflected rotor inertia by joint name, as the file declares it.
-fn rotors<'d>(tree: &Tree<'d>, source: &Source) -> Result<HashMap<&'d str, f64>, UrdfError> {
+/// Rotors by joint name, as the file declares them.
+fn rotors<'d>(tree: &Tree<'d>, source: &Source) -> Result<HashMap<&'d str, &'d Rotor>, UrdfError> {
     let document = tree.document;
     if document.rotors.is_empty() {
         return Ok(HashMap::new());
@@ -216,7 +181,7 @@ fn rotors<'d>(tree: &Tree<'d>, source: &Source) -> Result<HashMap<&'d str, f64>,
                 "no joint is named \"{name}\"; correct <joint name=\"...\"/> of the transmission"
             ));
         }
-        if declared.insert(name, rotor.reflected).is_some() {
+        if declared.insert(name, rotor).is_some() {
             return refuse(format!(
                 "a second rotor inertia for joint \"{name}\"; keep one"
             ));

@@ -11,6 +11,7 @@
 //! # What is read
 //! * `<link>` with `<inertial>`; `<joint>` with `<origin>`, `<parent>`, `<child>`, `<axis>`, `<limit>`; rotor inertia from
 //!   `<transmission>` in Drake's notation (`drake:rotor_inertia`, `drake:gear_ratio` or `mechanicalReduction`).
+//! * `<limit>` may hold `acceleration`, as in URDF 1.2.
 //! * `rpy` is fixed-axis roll, pitch, yaw \[rad\]; the inertia is about the centre of mass, in the inertial frame.
 //! * An absent `<axis>` is `1 0 0`; any length but zero is brought to one.
 //! * Limits that are not declared are infinite; so are positions of a continuous joint. Of `lower` and `upper` one alone
@@ -26,7 +27,8 @@
 //!
 //! # What is passed over
 //! `<visual>`, `<collision>`, `<material>`, `<gazebo>`, `<ros2_control>`, `<dynamics>`, `<safety_controller>`,
-//! `<calibration>` and whatever else is unknown, with all that is in it. [`load_with_notes`] lists them.
+//! `<calibration>` and whatever else is unknown, with all that is in it, attributes with a prefix (`drake:...`), and unknown
+//! attributes of `<link>` and `<joint>`. [`load_with_notes`] lists them.
 //!
 //! # What is refused
 //! Whatever two readers could understand differently, with line, column, element and mend: see [`UrdfError`].
@@ -34,14 +36,17 @@
 mod chain;
 mod clean;
 mod document;
+mod edit;
 mod elements;
 mod error;
 mod guard;
 mod merge;
+mod minimal;
 mod numbers;
 mod parts;
 mod places;
 mod source;
+mod spans;
 mod tag;
 mod transmission;
 mod tree;
@@ -53,7 +58,9 @@ use std::path::Path;
 
 use dynid_core::robot::RobotModel;
 
+pub use edit::with_physical;
 pub use error::UrdfError;
+pub use minimal::minimal;
 
 use source::{Notes, Source};
 

@@ -176,7 +176,7 @@ impl OpenJoint {
                     remark,
                 })
             }
-            "mimic" => once(&mut self.mimic_at, tag, tag.at)?,
+            "mimic" => once(&mut self.mimic_at, tag, elements::mimic(tag)?)?,
             "axis" => {
                 let (axis, scaled) = elements::axis(tag)?;
                 once(&mut self.axis, tag, axis)?;
@@ -212,6 +212,7 @@ impl OpenJoint {
     pub(super) fn finish(self, document: &mut Document) -> Result<(), Fault> {
         let parent = missing(self.parent, self.at, "<parent link=\"...\"/>")?;
         let child = missing(self.child, self.at, "<child link=\"...\"/>")?;
+        let limit = self.limit.unwrap_or_default();
         let joint = clean::Joint {
             name: &self.name,
             motion: self.motion,
@@ -219,7 +220,7 @@ impl OpenJoint {
             child: &child.link,
             origin: self.origin.unwrap_or_default(),
             axis: self.axis.unwrap_or([1.0, 0.0, 0.0]),
-            limit: self.limit.unwrap_or_default(),
+            limit,
         };
         clean::joint(&mut document.clean, &joint);
         document.joints.push(JointFacts {
@@ -228,6 +229,7 @@ impl OpenJoint {
             motion: self.motion,
             parent,
             child,
+            acceleration: limit.acceleration,
             mimic_at: self.mimic_at,
             second_origin: self.second_origin,
         });

@@ -1,5 +1,8 @@
 //! The text of one file: bytes to characters, and offsets to lines and columns.
 
+use crate::text::position;
+pub(super) use crate::text::shorten;
+
 use super::error::UrdfError;
 
 /// Largest file that is read \[bytes\]. Robots without meshes are a thousand times smaller.
@@ -57,11 +60,7 @@ impl<'a> Source<'a> {
 
     /// Line and column of an offset, both from 1; columns count characters.
     pub(super) fn position(&self, at: usize) -> (usize, usize) {
-        let before = self.text.get(..at).unwrap_or(self.text);
-        let line = before.bytes().filter(|&b| b == b'\n').count() + 1;
-        let start = before.rfind('\n').map_or(0, |newline| newline + 1);
-        let column = before.get(start..).unwrap_or_default().chars().count() + 1;
-        (line, column)
+        position(self.text, at)
     }
 
     /// The refusal of `element` at an offset.
@@ -94,16 +93,6 @@ pub(super) fn too_large(file: &str) -> UrdfError {
 pub(super) fn unprintable(text: &str) -> Option<char> {
     text.chars()
         .find(|c| !matches!(c, '\t' | '\n' | '\r' | ' '..='\u{FFFD}' | '\u{10000}'..))
-}
-
-/// Start of a text for use in a sentence.
-pub(super) fn shorten(text: &str) -> String {
-    const LENGTH: usize = 40;
-    let mut short: String = text.chars().take(LENGTH).collect();
-    if text.chars().nth(LENGTH).is_some() {
-        short.push('…');
-    }
-    short
 }
 
 /// Remarks about things that were read, but that the reader of the model should know about.

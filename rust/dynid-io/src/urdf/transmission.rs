@@ -139,6 +139,7 @@ impl OpenTransmission {
         Ok(Some(Rotor {
             joint: joint.text.clone(),
             reflected,
+            gear_ratio: ratio.map(f64::abs),
             at: inertia.at,
         }))
     }

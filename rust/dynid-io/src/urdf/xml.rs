@@ -51,7 +51,8 @@ impl<'s, 'a> Walker<'s, 'a> {
         }
     }
 
-    fn offset(&self) -> usize {
+    /// Behind what was returned last.
+    pub(super) fn offset(&self) -> usize {
         usize::try_from(self.reader.buffer_position()).unwrap_or(usize::MAX)
     }
 

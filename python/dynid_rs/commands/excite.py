@@ -1,0 +1,215 @@
+"""`dynid excite`: an exciting trajectory for a robot, as a file that a controller can play."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from dynid_rs.commands._run import print_json, run_command
+
+if TYPE_CHECKING:
+    from dynid_rs.excitation import FourierExcitation, Restart
+    from dynid_rs.friction_experiment import FrictionExperiment
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """Files of one design, side by side."""
+
+    csv: Path
+    friction: Path | None = None
+
+    @property
+    def json(self) -> Path:
+        """Figures of merit."""
+        return self.csv.with_suffix(".json")
+
+    @property
+    def page(self) -> Path:
+        """Plots."""
+        return self.csv.with_suffix(".html")
+
+    @property
+    def state(self) -> Path:
+        """Finished searches, while the command runs."""
+        return self.csv.with_suffix(".restarts.json")
+
+    @property
+    def friction_json(self) -> Path | None:
+        """Segments of the friction experiment."""
+        return None if self.friction is None else self.friction.with_suffix(".json")
+
+    def check(self, inputs: Sequence[Path]) -> None:
+        """Refuse what cannot be written before any work is done."""
+        from dynid_rs.commands._output import check_file, check_not_read
+
+        for path in (self.csv, self.friction):
+            if path is not None and path.suffix != ".csv":
+                raise ValueError(f"{path}: the trajectory is written as CSV; choose a name that ends in .csv")
+        places = [self.csv, self.json, self.page, self.state, self.friction, self.friction_json]
+        outputs = [path for path in places if path is not None]
+        if len({path.absolute() for path in outputs}) < len(outputs):
+            raise ValueError(f"{self.friction}: is written for the exciting trajectory too; choose another name")
+        for path in outputs:
+            check_file(path)
+        check_not_read(outputs, inputs)
+
+
+@run_command
+def excite(
+    robot: Annotated[Path, typer.Argument(metavar="ROBOT.urdf", help="The arm, as URDF")],
+    output: Annotated[
+        Path,
+        typer.Option(
+            "--output", "-o", metavar="TRAJ.csv", help="Trajectory; .json and .html beside it", show_default=False
+        ),
+    ],
+    limits: Annotated[
+        Path | None,
+        typer.Option(metavar="L.toml", help="Limits of the motion; the robot's own and plausible ones if left out"),
+    ] = None,
+    duration: Annotated[float, typer.Option(help="Length in s, one period")] = 20.0,
+    harmonics: Annotated[int, typer.Option(help="Terms of the Fourier series per joint")] = 5,
+    criterion: Annotated[str, typer.Option(help="block (Eq. 14), condition, D or A")] = "block",
+    samples_rate: Annotated[
+        float, typer.Option("--criterion-rate", metavar="HZ", help="Samples per second that the criterion uses")
+    ] = 10.0,
+    rate: Annotated[float, typer.Option(help="Samples per second of the CSV")] = 1000.0,
+    friction: Annotated[
+        Path | None,
+        typer.Option(metavar="FRICTION.csv", help="Plan the friction experiment too; .json beside it"),
+    ] = None,
+    start: Annotated[
+        str | None,
+        typer.Option(metavar="Q,Q,...", help="Where it starts and ends [rad, m]; zero, or the middle of the limits"),
+    ] = None,
+    noise: Annotated[
+        str | None, typer.Option(metavar="S,S,...", help="Torque noise per joint, for the whitening of Eq. 13")
+    ] = None,
+    self_collision: Annotated[
+        bool, typer.Option("--self-collision", help="Keep links apart, by the URDF's collision shapes")
+    ] = False,
+    restarts: Annotated[int, typer.Option(help="Searches, each from a random motion")] = 12,
+    iterations: Annotated[int, typer.Option(help="Most steps of one search")] = 100,
+    time_limit: Annotated[float | None, typer.Option(help="Stop searching after this many seconds")] = None,
+    jobs: Annotated[int | None, typer.Option(help="Threads; the answer does not depend on it")] = None,
+    seed: Annotated[int, typer.Option(help="Repeats the design, number for number")] = 0,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on where a killed design of the same problem stopped")
+    ] = False,
+    gravity: Annotated[str, typer.Option(metavar="X,Y,Z", help="Free fall in the base frame [m/s^2]")] = "0,0,-9.81",
+    base: Annotated[str | None, typer.Option(help="First link of the chain, where the URDF leaves a choice")] = None,
+    tip: Annotated[str | None, typer.Option(help="Last link of the chain, where the URDF branches")] = None,
+    json_output: Annotated[bool, typer.Option("--json", help="Answer as JSON on standard output")] = False,
+) -> None:
+    """Design an exciting trajectory within the limits of an arm.
+
+    TRAJ.csv holds t, q_i, dq_i, ddq_i; TRAJ.json the figures of merit and the exact extremes beside the limits;
+    TRAJ.html the plots. While it runs, TRAJ.restarts.json keeps the finished searches. FRICTION.csv holds legs of
+    constant speed in both directions and motions with their reversals, within the same limits.
+    """
+    from dynid_rs.commands._console import progress
+    from dynid_rs.commands._inputs import read_robot
+    from dynid_rs.excitation.output import n_steps_of
+
+    files = Outputs(output, friction)
+    files.check([robot, *([limits] if limits else [])])
+    n_steps_of(duration, rate)  # refused before the search, not after it
+    with progress() as say:
+        say("reading")
+        model = read_robot(robot, base, tip, gravity)
+        settings = _settings(model, robot, limits, start, noise, self_collision)
+        plan = None if friction is None else _friction_plan(model, settings, rate)
+        design = _design(
+            settings,
+            say,
+            n_harmonics=harmonics,
+            duration=duration,
+            rate=samples_rate,
+            criterion=criterion,
+            n_restarts=restarts,
+            max_iter=iterations,
+            time_limit=time_limit,
+            n_jobs=jobs,
+            state_file=files.state,
+            resume=resume,
+            random_state=seed,
+        ).fit(model, settings["limits"])
+        say("writing")
+        result = _write(design, plan, model, files, rate)
+    if json_output:
+        print_json(result)
+    else:
+        from dynid_rs.commands._excite_view import show
+
+        show(result)
+
+
+def _settings(
+    model: Any, urdf: Path, limits: Path | None, start: str | None, noise: str | None, self_collision: bool
+) -> dict[str, Any]:
+    """Limits, start, constraints and noise, from the file and from options, which win."""
+    from dynid_rs.commands._inputs import numbers
+    from dynid_rs.excitation import SelfCollision
+    from dynid_rs.excitation.limits_file import read_limits
+
+    found = None if limits is None else read_limits(limits, model, urdf)
+    constraints = () if found is None else found.constraints
+    if self_collision and not any(isinstance(constraint, SelfCollision) for constraint in constraints):
+        constraints = (*constraints, SelfCollision(urdf))
+    given = None if found is None else found.start
+    return {
+        "limits": None if found is None else found.limits,
+        "start": given if start is None else numbers("--start", start, model.n_joints),
+        "noise_std": None if noise is None else numbers("--noise", noise, model.n_joints),
+        "constraints": constraints,
+    }
+
+
+def _design(settings: dict[str, Any], say: Callable[[str], None], **options: Any) -> FourierExcitation:
+    from dynid_rs.excitation import FourierExcitation
+
+    def told(restarts: Sequence[Restart]) -> None:
+        best = min((r.objective for r in restarts if r.objective is not None), default=None)
+        found = "no motion yet" if best is None else f"best objective {best:.4g}"
+        say(f"search {len(restarts)} of {options['n_restarts']} finished, {found}")
+
+    say(f"searching, {options['n_restarts']} restarts")
+    given = {name: value for name, value in settings.items() if name != "limits"}
+    return FourierExcitation(**given, callback=told, **options)
+
+
+def _friction_plan(model: Any, settings: dict[str, Any], rate: float) -> FrictionExperiment:
+    from dynid_rs.excitation.friction_plan import friction_plan
+    from dynid_rs.excitation.output import n_steps_of
+
+    plan = friction_plan(model, settings["limits"], settings["constraints"])
+    n_steps_of(plan.duration, rate)
+    return plan
+
+
+def _write(
+    design: FourierExcitation, plan: FrictionExperiment | None, model: Any, files: Outputs, rate: float
+) -> dict[str, Any]:
+    """Write the files of the trajectory together, then forget the finished searches."""
+    from dynid_rs.commands._output import filled_together
+    from dynid_rs.excitation.output import answer, write_csv
+    from dynid_rs.excitation.plots import page
+    from dynid_rs.files import write_json, write_text
+
+    result = answer(design, model)
+    if plan is not None and files.friction is not None and files.friction_json is not None:
+        n_rows = write_csv(files.friction, plan, rate)
+        write_json(files.friction_json, plan.to_json())
+        result["friction"] = {"file": str(files.friction), "duration_s": plan.duration, "n_rows": n_rows}
+    with filled_together(files.csv.parent) as stage:
+        result["n_rows"] = write_csv(stage / files.csv.name, design.trajectory_, rate)
+        result["files"] = {"trajectory": str(files.csv), "figures": str(files.json), "plots": str(files.page)}
+        write_json(stage / files.json.name, result)
+        write_text(stage / files.page.name, page(result, design.trajectory_))
+    files.state.unlink(missing_ok=True)
+    return result

@@ -1,0 +1,95 @@
+"""Bounds on the real, sampled motion: smooth for the search, exact for the answer.
+
+Eq. 17 bounds a motion by the sum of its amplitudes, which is sufficient and wasteful. Here the greatest share of a
+limit over a grid of times is bounded by its p-norm, which is smooth in the coefficients; the motion is scaled exactly
+afterwards.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid_rs.excitation.limits import ExcitationLimits, share
+from dynid_rs.excitation.series import FourierSeries
+
+FloatArray = NDArray[np.float64]
+
+POWER = 40
+"""Of the norm that stands for the maximum."""
+GRID = 24
+"""Grid points of the smooth bounds per period of the highest harmonic."""
+STEP = 1e-3
+"""Grid of the exact bounds [s]."""
+
+_WAVE = np.abs(np.sin(np.linspace(0.0, np.pi, 1000, endpoint=False)))
+_SINE = float(np.mean(_WAVE**POWER) ** (1 / POWER))
+"""p-norm of a sine, which is made to count as its maximum."""
+
+
+def smooth_peak(shares: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Smooth maximum over the first axis of non-negative `shares` (m, n): (n,), and its slope in each entry (m, n)."""
+    largest = np.maximum(shares.max(axis=0), 1e-300)
+    relative = shares / largest
+    mean = np.mean(relative**POWER, axis=0)
+    peak = largest * mean ** (1 / POWER) / _SINE
+    slope = relative ** (POWER - 1) * mean ** (1 / POWER - 1) / (_SINE * len(shares))
+    return peak, slope
+
+
+class MotionBounds:
+    """Position, velocity and acceleration of every joint inside its limits.
+
+    Parameters
+    ----------
+    series : FourierSeries
+        The motions that are searched.
+    limits : ExcitationLimits
+        What every joint may do.
+    start : ndarray (n_joints,)
+        Where the motion starts; strictly inside the limits.
+    """
+
+    def __init__(self, series: FourierSeries, limits: ExcitationLimits, start: FloatArray) -> None:
+        self.limits = (limits.position - start, limits.velocity, limits.acceleration)
+        grid = np.linspace(0.0, series.duration, GRID * series.n_harmonics, endpoint=False)
+        self._grid = series.matrices(grid)
+        fine = series.grid(STEP)
+        self._fine = series.matrices(fine)
+        # Between two samples a trigonometric polynomial of top frequency w rises by at most (w h)^2 / 8 of its maximum.
+        self._between = (series.top_frequency * (fine[1] - fine[0])) ** 2 / 8
+
+    def values(self, x: FloatArray) -> FloatArray:
+        """Room that is left, 1 - smooth share, (3 n_joints,); negative where a bound is violated."""
+        peaks = [smooth_peak(share(m @ x, limit))[0] for m, limit in zip(self._grid, self.limits, strict=True)]
+        return 1 - np.concatenate(peaks)
+
+    def jacobian(self, x: FloatArray) -> FloatArray:
+        """Slope of `values` in `x` (n_free, n_joints): (3 n_joints, n_free, n_joints)."""
+        n_free, n_joints = x.shape
+        slopes = np.zeros((3, n_joints, n_free, n_joints))
+        every = np.arange(n_joints)
+        for out, matrix, limit in zip(slopes, self._grid, self.limits, strict=True):
+            signal = matrix @ x
+            _, slope = smooth_peak(share(signal, limit))
+            out[every, :, every] = -(matrix.T @ (slope / np.where(signal > 0, limit[1], limit[0]))).T
+        return slopes.reshape(3 * n_joints, n_free, n_joints)
+
+    def usage(self, x: FloatArray) -> FloatArray:
+        """Greatest share of each limit, (3, n_joints): exact on a 1 ms grid, and an upper bound between its samples."""
+        peaks = []
+        for matrix, limit in zip(self._fine, self.limits, strict=True):
+            signal = matrix @ x
+            between = self._between * np.abs(signal).max(axis=0) / np.abs(limit).min(axis=0)
+            peaks.append(share(signal, limit).max(axis=0) + between)
+        return np.array(peaks)
+
+    def roughly_scaled(self, x: FloatArray) -> FloatArray:
+        """As `scaled`, on the grid of the search: quick, and exact to a percent."""
+        peaks = [share(m @ x, limit).max(axis=0) for m, limit in zip(self._grid, self.limits, strict=True)]
+        return np.asarray(x / np.maximum(np.max(peaks, axis=0), 1e-300))
+
+    def scaled(self, x: FloatArray) -> FloatArray:
+        """`x` with every joint's motion scaled about its start until it touches one of its limits."""
+        # A hair less: the trajectory is evaluated by another order of operations.
+        return np.asarray(x * (1 - 1e-9) / np.maximum(self.usage(x).max(axis=0), 1e-300))

@@ -1,0 +1,292 @@
+"""`limits.toml`: what an arm may do while it is excited.
+
+```toml
+[units]
+angle = "deg"                       # or "rad" (default); also length = "mm", torque = "kN*m"
+
+[position]                          # left out: the robot's own limits
+lower = [-120, -90, -60]            # a list in chain order, ...
+upper = 120                         # ... one number for all joints, ...
+
+[velocity]                          # left out: the robot's own limits
+limit = {shoulder = 100, elbow = 60} # ... or by joint name; joints not named keep the robot's own
+
+[acceleration]                      # no URDF says it, so this one must be there for every joint
+limit = 120                         # limit: the same in both directions; or lower and upper
+
+[torque]                            # left out: the robot's effort limits, where they hold the arm
+limit = [150, 150, 60]              # N*m (N for sliding joints) of the links, friction not counted
+
+[start]
+position = [0, 0, 0]                # left out: zero, or the middle of the limits where zero is outside
+
+[workspace]                         # box in the base frame for the origins of the link frames
+lower = [-1.5, -1.5, 0.05]
+upper = [1.5, 1.5, 2.0]
+links = ["wrist_3_link"]            # only these; left out: all that move
+tool = [0, 0, 0.15]                 # one more point, in the frame of the last link
+
+[collision]                         # links keep away from each other; needs the extra [collision]
+margin = 0.02
+ignored = [["base_link", "forearm_link"]]
+package_dirs = []
+```
+
+Angles per second and per second squared follow `angle`; positions of sliding joints follow `length`.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+import tomllib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid_rs.errors import DataError
+from dynid_rs.excitation.collision import SelfCollision
+from dynid_rs.excitation.constraints import PhysicalLimits
+from dynid_rs.excitation.limits import MOTIONS, ExcitationLimits
+from dynid_rs.excitation.workspace import WorkspaceBox
+from dynid_rs.files import check_readable
+from dynid_rs.readers.config import UNITS
+from dynid_rs.readers.table import shown
+
+if TYPE_CHECKING:
+    from dynid_rs._core import RobotModel
+
+FloatArray = NDArray[np.float64]
+
+MAX_BYTES = 1 << 20
+QUANTITIES = ("angle", "length", "torque")
+TABLES: Mapping[str, tuple[str, ...]] = {
+    "units": QUANTITIES,
+    "position": ("limit", "lower", "upper"),
+    "velocity": ("limit", "lower", "upper"),
+    "acceleration": ("limit", "lower", "upper"),
+    "torque": ("limit", "lower", "upper"),
+    "start": ("position",),
+    "workspace": ("lower", "upper", "links", "tool"),
+    "collision": ("margin", "ignored", "package_dirs"),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class LimitsFile:
+    """What a `limits.toml` says.
+
+    Parameters
+    ----------
+    limits : ExcitationLimits
+        In SI units.
+    start : ndarray (n_joints,), optional
+        [rad, m].
+    constraints : tuple
+        Workspace and self-collision, where the file has them.
+    """
+
+    limits: ExcitationLimits
+    start: FloatArray | None
+    constraints: tuple[PhysicalLimits, ...]
+
+
+def read_limits(path: str | Path, robot: RobotModel, urdf: str | Path | None = None) -> LimitsFile:
+    """Read a `limits.toml` for `robot`; `urdf` is where its collision shapes are.
+
+    Raises
+    ------
+    DataError
+        Not TOML, a key, joint or unit that is not known, a value of the wrong kind, a limit that is missing or turned
+        round; names file and key.
+    OSError
+        The file cannot be opened.
+    """
+    place, file = check_readable(path), Path(path).name
+    if place.stat().st_size > MAX_BYTES:
+        raise DataError(f"{file}: is larger than {MAX_BYTES} bytes, expected a short TOML file", file=file)
+    try:
+        content = tomllib.loads(place.read_text(encoding="utf-8"))
+    except UnicodeDecodeError:
+        raise DataError(f"{file}: is not UTF-8 text; save it as UTF-8", code="bad_limits", file=file) from None
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise DataError(f"{file}: is not valid TOML: {error}", code="bad_limits", file=file) from None
+    return _Parser(file, robot, content).parse(urdf)
+
+
+@dataclass(frozen=True)
+class _Parser:
+    file: str
+    robot: RobotModel
+    content: dict[str, Any]
+
+    def fault(self, key: str, text: str) -> DataError:
+        return DataError(f"{self.file}, {shown(key, 60)}: {text}", code="bad_limits", file=self.file, column=key)
+
+    def known(self, key: str, name: str, names: Iterable[str], what: str) -> None:
+        names = list(names)
+        if name not in names:
+            close = difflib.get_close_matches(name, names, n=1)
+            hint = f"did you mean {close[0]}?" if close else f"expected one of {', '.join(names)}"
+            raise self.fault(key, f"this {what} is not known; {hint}")
+
+    def parse(self, urdf: str | Path | None) -> LimitsFile:
+        for name, table in self.content.items():
+            self.known(f"[{name}]", name, TABLES, "table")
+            if not isinstance(table, dict):
+                raise self.fault(name, f"expected a table [{name}], got {_kind(table)}")
+            for key in table:
+                self.known(f"{name}.{key}", key, TABLES[name], "key")
+        for quantity, unit in self.content.get("units", {}).items():
+            if not isinstance(unit, str) or unit not in UNITS[quantity]:
+                choices = ", ".join(UNITS[quantity])
+                raise self.fault(f"units.{quantity}", f"the unit {unit!r} is not known; choose one of {choices}")
+        position, velocity, acceleration = (self.motion(name) for name in MOTIONS)
+        torque = self.sides("torque", np.stack([np.full(self.n, -np.inf), np.full(self.n, np.inf)]))
+        try:
+            limits = ExcitationLimits(position, velocity, acceleration, torque)
+        except ValueError as error:
+            raise DataError(f"{self.file}: {error}", code="bad_limits", file=self.file) from None
+        start = self.content.get("start", {}).get("position")
+        return LimitsFile(
+            limits=limits,
+            start=None if start is None else self.per_joint("start.position", start, np.zeros(self.n), "position"),
+            constraints=tuple(self.constraints(urdf)),
+        )
+
+    @property
+    def n(self) -> int:
+        return self.robot.n_joints
+
+    def motion(self, name: str) -> FloatArray:
+        """Limits (2, n) of one quantity; the robot's own where the file says nothing."""
+        robot = self.robot
+        unknown = np.full(self.n, np.nan)
+        own = {
+            "position": np.stack([np.asarray(robot.lower), np.asarray(robot.upper)]),
+            "velocity": np.stack([-np.asarray(robot.velocity_limits), np.asarray(robot.velocity_limits)]),
+            "acceleration": np.stack([unknown, unknown]),
+        }[name]
+        own = np.where(np.isfinite(own), own, np.nan)
+        if name == "velocity":
+            own[:, own[1] <= 0] = np.nan  # a placeholder
+        found = self.sides(name, own)
+        limits = own if found is None else found
+        missing = np.flatnonzero(np.isnan(limits).any(axis=0))
+        if missing.size:
+            raise self.fault(
+                f"[{name}]",
+                f"no limit for joint {shown(robot.joint_names[missing[0]])}, and the robot file gives none either; "
+                f"add limit, or lower and upper, to [{name}]",
+            )
+        return limits
+
+    def sides(self, name: str, own: FloatArray) -> FloatArray | None:
+        """Lower and upper limits (2, n) of a table; None where the file has none."""
+        table = self.content.get(name)
+        if table is None:
+            return None
+        if "limit" in table:
+            if len(table) > 1:
+                raise self.fault(name, "limit is for both directions; give it alone, or lower and upper")
+            size = self.per_joint(f"{name}.limit", table["limit"], np.full(self.n, np.nan), name)
+            return np.where(np.isnan(size), own, np.stack([-size, size]))
+        for key in ("lower", "upper"):
+            if key not in table:
+                raise self.fault(f"{name}.{key}", "is missing; give lower and upper, or limit for both directions")
+        return np.stack(
+            [self.per_joint(f"{name}.{side}", table[side], own[k], name) for k, side in enumerate(("lower", "upper"))]
+        )
+
+    def per_joint(self, key: str, value: Any, own: FloatArray, quantity: str) -> FloatArray:
+        """Values (n,) in SI from one number, a list in chain order or a table by joint name."""
+        names = self.robot.joint_names
+        if isinstance(value, dict):
+            for name in value:
+                self.known(f"{key}.{name}", name, names, "joint")
+            numbers = [value.get(name) for name in names]
+        elif isinstance(value, list):
+            if len(value) != self.n:
+                raise self.fault(key, f"holds {len(value)} numbers, and the robot has {self.n} joints")
+            numbers = value
+        else:
+            numbers = [value] * self.n
+        for number in numbers:
+            if number is not None and not _is_number(number):
+                raise self.fault(key, f"expected numbers, got {_kind(number)}")
+        factors = self.factors(quantity)
+        return np.array([own[j] if x is None else x * factors[j] for j, x in enumerate(numbers)], dtype=np.float64)
+
+    def factors(self, quantity: str) -> list[float]:
+        """Factor to SI of every joint."""
+        units = self.content.get("units", {})
+        scale = {name: UNITS[name].get(units.get(name, ""), 1.0) for name in QUANTITIES}
+        turning, sliding = ("torque", None) if quantity == "torque" else ("angle", "length")
+        return [
+            scale[turning] if kind == "revolute" else 1.0 if sliding is None else scale[sliding]
+            for kind in self.robot.joint_kinds
+        ]
+
+    def constraints(self, urdf: str | Path | None) -> Iterable[PhysicalLimits]:
+        box = self.content.get("workspace")
+        if box is not None:
+            length = UNITS["length"].get(self.content.get("units", {}).get("length", ""), 1.0)
+            for key in ("lower", "upper"):
+                if key not in box:
+                    raise self.fault(f"workspace.{key}", "is missing; give lower and upper, x, y, z each")
+            links = box.get("links")
+            if links is not None:
+                links = tuple(self.texts("workspace.links", links))
+                for link in links:
+                    self.known(f"workspace.links {link}", link, self.robot.link_names, "link")
+            yield WorkspaceBox(
+                lower=self.place("workspace.lower", box["lower"], length),
+                upper=self.place("workspace.upper", box["upper"], length),
+                links=links,
+                tool=self.place("workspace.tool", box["tool"], length) if "tool" in box else None,
+            )
+        shapes = self.content.get("collision")
+        if shapes is not None:
+            if urdf is None:
+                raise self.fault("[collision]", "needs the URDF with the collision shapes; leave this table out")
+            margin = shapes.get("margin", SelfCollision.margin)
+            if not _is_number(margin):
+                raise self.fault("collision.margin", f"expected a distance, got {_kind(margin)}")
+            length = UNITS["length"].get(self.content.get("units", {}).get("length", ""), 1.0)
+            ignored = []
+            for pair in shapes.get("ignored", []):
+                one_other = self.texts("collision.ignored", pair)
+                if len(one_other) != 2:
+                    raise self.fault("collision.ignored", 'expected pairs of links, [["link_a", "link_b"]]')
+                ignored.append((one_other[0], one_other[1]))
+            yield SelfCollision(
+                urdf=urdf,
+                margin=margin * (length if "margin" in shapes else 1.0),
+                ignored=tuple(ignored),
+                package_dirs=tuple(self.texts("collision.package_dirs", shapes.get("package_dirs", []))),
+            )
+
+    def texts(self, key: str, value: Any) -> list[str]:
+        if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
+            raise self.fault(key, f"expected a list of names, got {_kind(value)}")
+        return value
+
+    def place(self, key: str, value: Any, length: float) -> tuple[float, float, float]:
+        if not isinstance(value, list) or len(value) != 3 or not all(_is_number(x, infinite=True) for x in value):
+            raise self.fault(key, "expected three numbers, x, y, z")
+        x, y, z = (length * float(number) for number in value)
+        return x, y, z
+
+
+def _is_number(value: Any, *, infinite: bool = False) -> bool:
+    good = isinstance(value, int | float) and not isinstance(value, bool) and not math.isnan(value)
+    return good and (infinite or math.isfinite(value))
+
+
+def _kind(value: Any) -> str:
+    """Name what stands in a file."""
+    return f"the text {shown(value)!r}" if isinstance(value, str) else shown(str(value))

@@ -1,0 +1,98 @@
+"""The page of plots beside a trajectory: position, velocity, acceleration, limits, and what the searches did."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid_rs.excitation.limits import MOTIONS
+from dynid_rs.excitation.output import Playable
+from dynid_rs.report.figures import Figure, Figures
+from dynid_rs.report.page import shell
+from dynid_rs.report.tables import cell, table
+from dynid_rs.report.text import esc, significant
+
+FloatArray = NDArray[np.float64]
+
+N_POINTS = 1000
+
+
+def page(result: dict[str, Any], trajectory: Playable) -> str:
+    """Return the whole page: figures of merit, extremes, one plot per joint and quantity."""
+    figures = Figures()
+    t = np.linspace(0.0, trajectory.duration, N_POINTS)
+    figures.array("t", t)
+    motion = trajectory.evaluate(t)
+    rows = []
+    for j, joint in enumerate(result["joints"]):
+        plots = "".join(
+            _plot(figures, f"{name}-{j}", joint, name, signal[:, j], result, j)
+            for name, signal in zip(MOTIONS, motion, strict=True)
+        )
+        rows.append(f"<h3>{esc(joint)}</h3>\n{plots}")
+    body = (
+        f"<header><h1>Exciting trajectory of {esc(result['robot'])}</h1>"
+        f"<p>{result['duration_s']:g} s, {result['n_harmonics']} harmonics, criterion "
+        f"{esc(result['criterion'])}, seed {result['seed']}.</p></header>\n"
+        f'<main><section id="merit"><h2>Figures of merit</h2>\n{_merit(result)}</section>\n'
+        f'<section id="extremes"><h2>Extremes beside the limits</h2>\n{_extremes(result)}</section>\n'
+        f'<section id="motion"><h2>Motion</h2>\n{"".join(rows)}</section></main>\n'
+    )
+    return shell(title=f"{result['robot']} \u2013 exciting trajectory", body=body, figures=figures)
+
+
+def _plot(figures: Figures, key: str, joint: str, name: str, signal: FloatArray, result: dict[str, Any], j: int) -> str:
+    values = result["motion"][name]
+    unit = result["units"][j] + {"position": "", "velocity": "/s", "acceleration": "/s\u00b2"}[name]
+    ends = figures.array("ends", np.array([0.0, result["duration_s"]]))
+    traces: list[Figure] = [
+        {
+            "type": "scatter",
+            "mode": "lines",
+            "x": "@t",
+            "y": figures.array(key, signal),
+            "line": {"color": "$blue", "width": 1.5},
+            "hovertemplate": "%{y:.4g} at %{x:.2f} s<extra></extra>",
+        }
+    ]
+    for side in ("lower_limit", "upper_limit"):
+        traces.append(
+            {
+                "type": "scatter",
+                "mode": "lines",
+                "x": ends,
+                "y": figures.array(f"{key}/{side}", np.full(2, values[side][j])),
+                "line": {"color": "$red", "width": 1.0, "dash": "dot"},
+                "hoverinfo": "skip",
+            }
+        )
+    layout = {"xaxis": {"title": {"text": "time [s]"}}, "yaxis": {"title": {"text": f"{name} [{unit}]"}}}
+    figures.add(key, traces, layout, "time")
+    label = f"{esc(joint)}: {name} over time"
+    return f'<div class="plot wide low" data-figure="{key}" role="img" aria-label="{label}"></div>\n'
+
+
+def _merit(result: dict[str, Any]) -> str:
+    rows = [["condition number of the base regressor", cell(significant(result["condition_number"]))]]
+    if result["whitened_condition_number"] is not None:
+        rows.append(["the same, whitened", cell(significant(result["whitened_condition_number"]))])
+    for block, value in result["block_condition_numbers"].items():
+        rank = result["block_ranks"][block]
+        rows.append([f"of its {block} block, rank {rank}", cell(significant(value))])
+    rows.append(["log det of the information matrix", cell(significant(result["log_det"]))])
+    rows.append(["trace of its inverse", cell(significant(result["variance_trace"]))])
+    rows.append([f"objective ({esc(result['criterion'])})", cell(significant(result["objective"]))])
+    return table(["figure", "value"], rows)
+
+
+def _extremes(result: dict[str, Any]) -> str:
+    head = ["joint", "", "lowest", "highest", "lower limit", "upper limit", "bound of Eq. 17"]
+    keys = ("lowest", "highest", "lower_limit", "upper_limit", "eq17_bound")
+    rows = [
+        [esc(joint), name, *(cell(significant(result["motion"][name][key][j], 4)) for key in keys)]
+        for j, joint in enumerate(result["joints"])
+        for name in MOTIONS
+    ]
+    return table(head, rows)

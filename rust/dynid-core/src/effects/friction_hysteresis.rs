@@ -1,0 +1,26 @@
+//! Friction before sliding (Dahl, 1968): bristles bend over a distance d until they slip, `dz = dx/d (1 - z sign(dx))`.
+//!
+//! `tau_j = k z`, z in \[-1, 1\]. Only the way counts, not the time. Between two samples the motor moves one way, and
+//! then the equation has the solution `z' = sign(dx) + (z - sign(dx)) exp(-|dx| / d)`: exact for any step.
+
+use super::EffectInput;
+
+/// Numbers per joint: z, the position of the sample before, and 1 from the first sample on.
+pub const MEMORY: usize = 3;
+
+/// One column, z; bristles are straight at the first sample. `shape`: pre-sliding distance d \[rad\].
+pub fn columns(
+    shape: &[f64],
+    j: usize,
+    input: &EffectInput<'_>,
+    memory: &mut [f64],
+    columns: &mut [f64],
+) {
+    let q = input.state.q_motor[j];
+    let [z, before, started] = [memory[0], memory[1], memory[2]];
+    let dx = if started > 0.0 { q - before } else { 0.0 };
+    let slip = if dx == 0.0 { 0.0 } else { dx.signum() };
+    let z = slip + (z - slip) * (-dx.abs() / shape[0]).exp();
+    memory.copy_from_slice(&[z, q, 1.0]);
+    columns[0] = z;
+}

@@ -1,0 +1,15 @@
+//! Inertia of another joint's motor that this joint feels, as where a drive shaft runs through it: `c ddq_motor_p`.
+
+use super::catalogue::partner_of;
+use super::EffectInput;
+
+/// One column, zero without a partner. `shape`: partner p (index along the chain, or -1).
+pub fn columns(
+    shape: &[f64],
+    _j: usize,
+    input: &EffectInput<'_>,
+    _memory: &mut [f64],
+    columns: &mut [f64],
+) {
+    columns[0] = partner_of(shape[0]).map_or(0.0, |partner| input.state.ddq_motor[partner]);
+}

@@ -1,0 +1,14 @@
+//! A spring at the joint, as a cable pack or a balancer: `k (q - q_0)`.
+
+use super::EffectInput;
+
+/// One column. `shape`: rest position q_0 \[rad\]; beside a torque offset any will do, the offset makes up for it.
+pub fn columns(
+    shape: &[f64],
+    j: usize,
+    input: &EffectInput<'_>,
+    _memory: &mut [f64],
+    columns: &mut [f64],
+) {
+    columns[0] = input.state.q[j] - shape[0];
+}

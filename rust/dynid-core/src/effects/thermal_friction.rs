@@ -1,0 +1,34 @@
+//! Friction that changes as the gear warms up: `f (c0 s(v) + c1 v)`, f from 0 (as at the start of the run) towards 1.
+//!
+//! Warmth is of first order, `T df/dt = u - f`: with a reference speed v_r of 0 the source u is 1 (warm-up in time),
+//! otherwise `|v| / v_r`, the power that Coulomb friction turns into heat, relative to that at v_r.
+
+use super::friction::direction;
+use super::EffectInput;
+
+/// Numbers per joint: the warmth f.
+pub const MEMORY: usize = 1;
+
+/// The source counts no more than this, so that one wild sample does not stay in the memory for minutes.
+const GREATEST_SOURCE: f64 = 10.0;
+
+/// Two columns: change of Coulomb and of viscous friction. `shape`: T \[s\], v_r \[rad/s\], eps \[rad/s\].
+pub fn columns(
+    shape: &[f64],
+    j: usize,
+    input: &EffectInput<'_>,
+    memory: &mut [f64],
+    columns: &mut [f64],
+) {
+    let (time_constant, reference_speed, transition_width) = (shape[0], shape[1], shape[2]);
+    let dq = input.state.dq_motor[j];
+    let warmth = memory[0];
+    columns[0] = warmth * direction(dq, transition_width);
+    columns[1] = warmth * dq;
+    let source = if reference_speed > 0.0 {
+        (dq.abs() / reference_speed).min(GREATEST_SOURCE)
+    } else {
+        1.0
+    };
+    memory[0] = warmth - (source - warmth) * (-input.step / time_constant).exp_m1();
+}

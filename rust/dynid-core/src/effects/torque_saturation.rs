@@ -1,0 +1,15 @@
+//! A torque constant that droops at high current: `c tau_link^3`, c above zero where the drive claims more than it gives.
+
+use super::EffectInput;
+
+/// One column: the cube of the rigid-body torque that the model predicts, never of a measured one.
+pub fn columns(
+    _shape: &[f64],
+    j: usize,
+    input: &EffectInput<'_>,
+    _memory: &mut [f64],
+    columns: &mut [f64],
+) {
+    let tau = input.tau_link[j];
+    columns[0] = tau * tau * tau;
+}

@@ -1,0 +1,127 @@
+//! What effects remember: as long as nothing wrong comes in, and as if nothing had come in when it does.
+
+mod every_effect;
+
+#[path = "chain/mod.rs"]
+mod chain;
+
+use std::sync::Arc;
+
+use chain::case;
+use dynid_core::model::TorqueModelParts;
+use dynid_core::{
+    CoreError, Domain, Effect, EffectInput, EffectTerm, State, Status, TorqueEstimator, TorqueModel,
+};
+use every_effect::every_effect;
+use proptest::collection::vec;
+use proptest::prelude::*;
+
+const STEP: f64 = 0.004;
+
+fn parts(robot: dynid_core::RobotModel, phi: Vec<f64>, step: Option<f64>) -> TorqueModelParts {
+    let n = robot.n_joints();
+    let term = |effect: Effect| {
+        let count = n * effect.n_columns();
+        EffectTerm::new(effect, vec![0.7; count], n).expect("a valid term")
+    };
+    TorqueModelParts {
+        robot,
+        phi,
+        torque_scale: vec![1.0; n],
+        effects: every_effect(n).into_iter().map(term).collect(),
+        residual: None,
+        encoder_delay: vec![0.0; n],
+        noise_std: vec![0.1; n],
+        domain: Domain {
+            q: vec![[-9.0, 9.0]; n],
+            dq: vec![9.0; n],
+            ddq: vec![9.0; n],
+        },
+        torque_unit: "N*m".to_owned(),
+        step,
+    }
+}
+
+fn bits(values: &[f64]) -> Vec<u64> {
+    values.iter().map(|x| x.to_bits()).collect()
+}
+
+/// Bad numbers: not finite, and finite ones that overflow.
+fn bad() -> impl Strategy<Value = f64> {
+    prop_oneof![
+        Just(f64::NAN),
+        Just(f64::INFINITY),
+        Just(f64::NEG_INFINITY),
+        Just(1e308)
+    ]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    #[test]
+    fn bad_samples_leave_no_trace(
+        case in case(4), numbers in vec(-3.0..3.0f64, 30 * 12),
+        spoiled in vec(proptest::option::weighted(0.3, (0usize..3, bad())), 30),
+    ) {
+        let n = case.q.len();
+        let model = Arc::new(TorqueModel::new(parts(case.robot, case.phi, Some(STEP))).expect("a valid model"));
+        let (mut clean, mut tried) = (TorqueEstimator::new(Arc::clone(&model)), TorqueEstimator::new(model));
+        let (mut tau, mut other) = (vec![0.0; n], vec![0.0; n]);
+        for (row, spoiled) in numbers.chunks_exact(12).zip(spoiled) {
+            let signal = |k: usize| row[4 * k..4 * k + n].to_vec();
+            if let Some((which, x)) = spoiled {
+                let mut wrong = [signal(0), signal(1), signal(2)];
+                wrong[which][0] = x;
+                let status = tried.estimate_into(&State::single(&wrong[0], &wrong[1], &wrong[2]), &mut other);
+                prop_assert_eq!(status, Ok(Status::NON_FINITE));
+                prop_assert_eq!(bits(&tau), bits(&other));
+            }
+            let (q, dq, ddq) = (signal(0), signal(1), signal(2));
+            let state = State::single(&q, &dq, &ddq);
+            clean.estimate_into(&state, &mut tau).expect("right lengths");
+            tried.estimate_into(&state, &mut other).expect("right lengths");
+            prop_assert_eq!(bits(&tau), bits(&other));
+            prop_assert_eq!(bits(clean.terms()), bits(tried.terms()));
+        }
+    }
+
+    #[test]
+    fn the_estimator_sums_terms_with_a_memory_of_their_own(case in case(3), numbers in vec(-3.0..3.0f64, 20 * 9)) {
+        let n = case.q.len();
+        let model = Arc::new(TorqueModel::new(parts(case.robot, case.phi, Some(STEP))).expect("a valid model"));
+        let mut memories: Vec<Vec<f64>> =
+            model.effects().iter().map(|term| vec![0.0; term.effect().memory_len(n)]).collect();
+        prop_assert!(memories.iter().any(|memory| !memory.is_empty()));
+        let mut estimator = TorqueEstimator::new(Arc::clone(&model));
+        let (mut tau, mut alone) = (vec![0.0; n], vec![0.0; n]);
+        for row in numbers.chunks_exact(9) {
+            let state = State::single(&row[..n], &row[3..3 + n], &row[6..6 + n]);
+            estimator.estimate_into(&state, &mut tau).expect("right lengths");
+            let input = EffectInput { state, tau_link: &estimator.terms()[..n], step: STEP };
+            for (k, (term, memory)) in model.effects().iter().zip(&mut memories).enumerate() {
+                term.torque_into(&input, memory, &mut alone);
+                prop_assert_eq!(bits(&alone), bits(&estimator.terms()[(k + 1) * n..(k + 2) * n]));
+            }
+        }
+    }
+}
+
+#[test]
+fn a_model_that_changes_with_time_needs_a_step() {
+    use proptest::strategy::ValueTree;
+    let case = case(2)
+        .new_tree(&mut proptest::test_runner::TestRunner::deterministic())
+        .expect("a chain")
+        .current();
+    let new = |step| TorqueModel::new(parts(case.robot.clone(), case.phi.clone(), step));
+    let kind = "thermal_friction";
+    assert_eq!(new(None), Err(CoreError::NoStep { kind }));
+    let range = CoreError::Range { what: "step" };
+    for step in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+        assert_eq!(new(Some(step)), Err(range));
+    }
+    let estimator = TorqueEstimator::new(Arc::new(new(Some(STEP)).expect("a valid model")));
+    assert!(estimator.clone().with_step(0.001).is_ok());
+    assert_eq!(estimator.with_step(0.0).err(), Some(range));
+}

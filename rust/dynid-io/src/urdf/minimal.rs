@@ -1,0 +1,124 @@
+//! A URDF without an original: links and joints of the chain, and nothing else.
+
+use dynid_core::physical::PhysicalSet;
+use dynid_core::robot::{JointKind, RobotModel};
+use nalgebra::{Matrix3, Vector3};
+use quick_xml::escape::escape;
+
+use super::edit::{dynamics, inertial, triple};
+
+/// A URDF of the chain alone: links without shapes, joints, inertials, friction, rotor inertias in Drake's notation.
+#[must_use]
+pub fn minimal(robot: &RobotModel, physical: &PhysicalSet) -> String {
+    let taken = |name: &str| robot.joints().iter().any(|joint| joint.link == name);
+    let mut parent = "base_link".to_owned();
+    while taken(&parent) {
+        parent.push('_');
+    }
+    let mut lines = vec![
+        "<?xml version=\"1.0\"?>".to_owned(),
+        format!(
+            "<robot name=\"{}\" xmlns:drake=\"http://drake.mit.edu\">",
+            escape(robot.name())
+        ),
+        format!("  <link name=\"{}\"/>", escape(parent.as_str())),
+    ];
+    for (k, (joint, phi)) in robot.joints().iter().zip(physical.links()).enumerate() {
+        let (name, link) = (escape(&joint.name), escape(&joint.link));
+        lines.push(format!("  <link name=\"{link}\">"));
+        lines.extend(inertial(phi).iter().map(|line| format!("    {line}")));
+        lines.push("  </link>".to_owned());
+        let limits = &joint.limits;
+        let bounded = limits.lower.is_finite() && limits.upper.is_finite();
+        let kind = match joint.kind {
+            JointKind::Prismatic => "prismatic",
+            JointKind::Revolute if bounded => "revolute",
+            JointKind::Revolute => "continuous",
+        };
+        lines.push(format!("  <joint name=\"{name}\" type=\"{kind}\">"));
+        lines.push(format!(
+            "    <origin xyz=\"{}\" rpy=\"{}\"/>",
+            triple(&joint.translation),
+            triple(&roll_pitch_yaw(&joint.rotation))
+        ));
+        lines.push(format!(
+            "    <parent link=\"{}\"/>",
+            escape(parent.as_str())
+        ));
+        lines.push(format!("    <child link=\"{link}\"/>"));
+        lines.push(format!("    <axis xyz=\"{}\"/>", triple(&joint.axis)));
+        let declared: Vec<String> = [
+            ("lower", limits.lower),
+            ("upper", limits.upper),
+            ("velocity", limits.velocity),
+            ("effort", limits.effort),
+        ]
+        .iter()
+        .filter(|(name, value)| value.is_finite() && (bounded || !name.ends_with("er")))
+        .map(|(name, value)| format!(" {name}=\"{value:?}\""))
+        .collect();
+        if !declared.is_empty() {
+            lines.push(format!("    <limit{}/>", declared.concat()));
+        }
+        let values = [
+            ("damping", physical.damping[k]),
+            ("friction", physical.friction[k]),
+        ];
+        lines.push(format!("    {}", dynamics(values)));
+        lines.push("  </joint>".to_owned());
+        parent.clone_from(&joint.link);
+    }
+    for (joint, rotor) in robot.joints().iter().zip(&physical.rotor_inertia) {
+        let name = escape(&joint.name);
+        lines.extend([
+            format!("  <transmission name=\"{name}_transmission\">"),
+            "    <type>transmission_interface/SimpleTransmission</type>".to_owned(),
+            format!("    <joint name=\"{name}\"/>"),
+            format!("    <actuator name=\"{name}_motor\">"),
+            format!("      <drake:rotor_inertia value=\"{rotor:?}\"/>"),
+            "      <drake:gear_ratio value=\"1.0\"/>".to_owned(),
+            "    </actuator>".to_owned(),
+            "  </transmission>".to_owned(),
+        ]);
+    }
+    lines.push("</robot>".to_owned());
+    lines.join("\n") + "\n"
+}
+
+/// Angles with `R = Rz(yaw) Ry(pitch) Rx(roll)`, exact beside a pitch of 90 degrees too: there yaw alone says little, and
+/// roll is taken from what yaw leaves.
+fn roll_pitch_yaw(r: &Matrix3<f64>) -> Vector3<f64> {
+    let yaw = r[(1, 0)].atan2(r[(0, 0)]);
+    let pitch = (-r[(2, 0)]).atan2(r[(0, 0)].hypot(r[(1, 0)]));
+    let (sin, cos) = yaw.sin_cos();
+    let roll = (sin * r[(0, 2)] - cos * r[(1, 2)]).atan2(cos * r[(1, 1)] - sin * r[(0, 1)]);
+    Vector3::new(roll, pitch, yaw)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Rotation3;
+
+    #[test]
+    fn angles_give_the_rotation_back_at_any_pitch() {
+        let quarter = std::f64::consts::FRAC_PI_2;
+        for pitch in [
+            0.0,
+            0.3,
+            -1.2,
+            quarter,
+            -quarter,
+            quarter - 4.9e-12,
+            quarter - 1e-8,
+            3.0,
+        ] {
+            for (roll, yaw) in [(0.0, 0.0), (0.4, -2.0), (3.1, 1.0), (-1.5, 0.7)] {
+                let rotation = Rotation3::from_euler_angles(roll, pitch, yaw).into_inner();
+                let rpy = roll_pitch_yaw(&rotation);
+                let back = Rotation3::from_euler_angles(rpy.x, rpy.y, rpy.z).into_inner();
+                assert!((back - rotation).amax() < 1e-14, "{roll} {pitch} {yaw}");
+            }
+        }
+    }
+}

@@ -1,0 +1,478 @@
+//! How well a motion excites a robot (Eqs. 13, 14), with the exact gradient.
+//!
+//! With the eigenpairs `(s_m², v_m)` of the Gram matrix `W'W` of the base columns, `d(s_m²) = 2 v_m' W' dW v_m`. A criterion
+//! `f(s_1², ..., s_n²)` therefore has the gradient `C = 2 W V diag(df) V'` with respect to W, and the reverse sweep of
+//! [`crate::adjoint`] takes it to q, dq and ddq.
+
+use std::sync::Mutex;
+
+use dynid_core::link_params::N_LINK_PARAMS;
+use dynid_core::RobotModel;
+use faer::linalg::matmul::matmul;
+use faer::linalg::matmul::triangular::{self, BlockStructure};
+use faer::{Accum, Mat, MatMut, MatRef, Par, Side};
+
+use crate::adjoint::{Sweep, SPLIT, SUMMED};
+use crate::base::{probing_states, rank};
+use crate::error::OfflineError;
+use crate::factor::triangular_factor;
+
+/// What makes a motion good; every one is smaller for a better motion.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Criterion {
+    /// Eq. 14: `(wa + wb + wg) cond(W) + wa cond(Wa) + wb cond(Wb) + wg cond(Wg)`, weights in that order.
+    Block([f64; 3]),
+    /// `cond(W)`, the blocks left alone.
+    Condition,
+    /// `-log det(W'W)`: the volume of the parameters' confidence ellipsoid.
+    D,
+    /// `trace((W'W)^-1)`: the sum of the parameters' variances.
+    A,
+}
+
+/// A block's smallest eigenvalue counts at least this part of its largest: conditions stay below 1e8 and finite.
+const FLOOR: f64 = 1e-16;
+/// Probing states that show the structural ranks, as many as the base parameters take.
+const PROBES: usize = 60;
+
+/// Criteria of one robot. Holds its scratch; shared freely between threads.
+#[derive(Debug)]
+pub struct Excitation {
+    robot: RobotModel,
+    n_base: usize,
+    /// Per link: (base column, parameter of the link).
+    columns: Vec<Vec<(usize, usize)>>,
+    /// n × n, row-major; multiplies the rows of every sample.
+    whitening: Option<Vec<f64>>,
+    ranks: [usize; 4],
+    summed: Mutex<Vec<Scratch<SUMMED>>>,
+    split: Mutex<Vec<Scratch<SPLIT>>>,
+}
+
+impl Excitation {
+    /// `pivots`: base columns, ascending. `whitening`: n × n matrix `Omega^(-1/2)` of Eq. 13, row-major.
+    ///
+    /// The structural rank of each block on these columns is found here, from the regressor at random probing states
+    /// drawn from `seed`, relative to `rtol`.
+    ///
+    /// # Errors
+    /// [`OfflineError`] if there is no column, an index is out of range or not ascending, or the whitening has the
+    /// wrong size or a number that is not finite.
+    pub fn new(
+        robot: &RobotModel,
+        pivots: &[usize],
+        whitening: Option<&[f64]>,
+        seed: u64,
+        rtol: f64,
+    ) -> Result<Self, OfflineError> {
+        let n = robot.n_joints();
+        let ascending = pivots.windows(2).all(|pair| pair[0] < pair[1]);
+        let inside = pivots.last().is_some_and(|&k| k < N_LINK_PARAMS * n);
+        if !(ascending && inside) {
+            return Err(OfflineError::Shape { what: "pivots" });
+        }
+        if let Some(whitening) = whitening {
+            if whitening.len() != n * n {
+                return Err(OfflineError::Shape { what: "whitening" });
+            }
+            if !whitening.iter().all(|x| x.is_finite()) {
+                return Err(OfflineError::NonFinite { what: "whitening" });
+            }
+        }
+        let mut columns = vec![Vec::new(); n];
+        for (column, &pivot) in pivots.iter().enumerate() {
+            columns[pivot / N_LINK_PARAMS].push((column, pivot % N_LINK_PARAMS));
+        }
+        let mut excitation = Self {
+            robot: robot.clone(),
+            n_base: pivots.len(),
+            columns,
+            whitening: whitening.map(<[f64]>::to_vec),
+            ranks: [0; 4],
+            summed: Mutex::default(),
+            split: Mutex::default(),
+        };
+        let (q, dq, ddq) = probing_states(robot, PROBES, seed);
+        let mut scratch = excitation.take(&excitation.split);
+        excitation.fill(&mut scratch, [&q, &dq, &ddq]);
+        for (found, rows) in excitation.ranks.iter_mut().zip(&scratch.rows) {
+            *found = rank(&triangular_factor(rows, pivots.len())?, pivots.len(), rtol);
+        }
+        Ok(excitation)
+    }
+
+    /// Structural ranks of W, Wa, Wb, Wg on the base columns.
+    #[must_use]
+    pub fn ranks(&self) -> [usize; 4] {
+        self.ranks
+    }
+
+    /// Whitened base columns of the blocks, each (n_samples · n) × n_base, row-major, sample by sample: acceleration
+    /// `Y(q, 0, ddq) - Y(q, 0, 0)`, velocity `Y(q, dq, 0) - Y(q, 0, 0)`, gravity `Y(q, 0, 0)`. They add up to W.
+    ///
+    /// # Errors
+    /// [`OfflineError::Shape`] if lengths disagree.
+    pub fn blocks(&self, motion: [&[f64]; 3]) -> Result<[Vec<f64>; 3], OfflineError> {
+        self.check(motion)?;
+        let mut scratch = self.take(&self.split);
+        self.fill(&mut scratch, motion);
+        let [_, acceleration, velocity, gravity] = std::mem::take(&mut scratch.rows);
+        Ok([acceleration, velocity, gravity])
+    }
+
+    /// Condition numbers `s_1 / s_r` of W, Wa, Wb, Wg over their structural ranks r; NaN for a block of rank zero.
+    ///
+    /// # Errors
+    /// [`OfflineError`] if lengths disagree or a number is not finite.
+    pub fn conditions(&self, motion: [&[f64]; 3]) -> Result<[f64; 4], OfflineError> {
+        self.check(motion)?;
+        let mut scratch = self.take(&self.split);
+        self.fill(&mut scratch, motion);
+        let mut conditions = [f64::NAN; 4];
+        for (m, condition) in conditions.iter_mut().enumerate() {
+            if self.ranks[m] > 0 {
+                let spectrum = Spectrum::new(&scratch.rows[m], self.n_base)?;
+                *condition = spectrum.condition(self.ranks[m]).0;
+            }
+        }
+        self.put_back(&self.split, scratch);
+        Ok(conditions)
+    }
+
+    /// Value of a criterion for a motion (q, dq, ddq; row-major, n_samples × n), and its gradient if memory for it is
+    /// given.
+    ///
+    /// # Errors
+    /// [`OfflineError`] if lengths disagree or a number is not finite.
+    pub fn evaluate(
+        &self,
+        criterion: Criterion,
+        motion: [&[f64]; 3],
+        gradient: Option<[&mut [f64]; 3]>,
+    ) -> Result<f64, OfflineError> {
+        self.check(motion)?;
+        if let Some(gradient) = &gradient {
+            if gradient.iter().any(|part| part.len() != motion[0].len()) {
+                return Err(OfflineError::Shape { what: "gradient" });
+            }
+        }
+        match criterion {
+            Criterion::Block(_) => self.evaluate_with(&self.split, criterion, motion, gradient),
+            _ => self.evaluate_with(&self.summed, criterion, motion, gradient),
+        }
+    }
+
+    fn evaluate_with<const P: usize>(
+        &self,
+        pool: &Mutex<Vec<Scratch<P>>>,
+        criterion: Criterion,
+        motion: [&[f64]; 3],
+        gradient: Option<[&mut [f64]; 3]>,
+    ) -> Result<f64, OfflineError> {
+        let mut scratch = self.take(pool);
+        self.fill(&mut scratch, motion);
+        let mut value = 0.0;
+        scratch.weights[0].clear();
+        for m in 0..scratch.n_matrices() {
+            let share = match criterion {
+                Criterion::Block(w) if m == 0 => w.iter().sum(),
+                Criterion::Block(w) => w[m - 1],
+                _ => 1.0,
+            };
+            // A block that this robot does not have (gravity in weightlessness) says nothing.
+            if self.ranks[m] == 0 || share == 0.0 {
+                continue;
+            }
+            let spectrum = Spectrum::new(&scratch.rows[m], self.n_base)?;
+            let (part, slopes) = match criterion {
+                Criterion::Block(_) | Criterion::Condition => spectrum.condition(self.ranks[m]),
+                Criterion::D => spectrum.log_volume(),
+                Criterion::A => spectrum.total_variance(),
+            };
+            value += share * part;
+            if gradient.is_some() {
+                scratch.push_back(m, share, &spectrum, &slopes, self.n_base);
+            }
+        }
+        if let Some(gradient) = gradient {
+            self.sweep_back(&mut scratch, motion, gradient);
+        }
+        self.put_back(pool, scratch);
+        Ok(value)
+    }
+
+    /// Rows of W and, if split, of its blocks.
+    fn fill<const P: usize>(&self, scratch: &mut Scratch<P>, [q, dq, ddq]: [&[f64]; 3]) {
+        let (n, width) = (self.robot.n_joints(), self.n_base);
+        for rows in &mut scratch.rows {
+            rows.resize(q.len() * width, 0.0);
+        }
+        let first = scratch.n_matrices() - P; // the first part; W itself if there is only one
+        for (k, start) in (0..q.len()).step_by(n).enumerate() {
+            let at = start..start + n;
+            let sweep = &mut scratch.sweep;
+            sweep.forward(&self.robot, &q[at.clone()], &dq[at.clone()], &ddq[at]);
+            let sample = k * n * width..(k + 1) * n * width;
+            for part in 0..P {
+                let rows = &mut scratch.rows[first + part][sample.clone()];
+                rows.fill(0.0);
+                for (i, columns) in self.columns.iter().enumerate() {
+                    for j in 0..=i {
+                        let row = scratch.sweep.row(part, j, i);
+                        for &(column, parameter) in columns {
+                            rows[j * width + column] = row[parameter];
+                        }
+                    }
+                }
+                if let Some(whitening) = &self.whitening {
+                    transform(whitening, false, n, rows, &mut scratch.row);
+                }
+            }
+            if P > 1 {
+                let [total, parts @ ..] = &mut scratch.rows;
+                for (x, index) in total[sample.clone()].iter_mut().zip(sample) {
+                    *x = parts.iter().map(|part| part[index]).sum();
+                }
+            }
+        }
+    }
+
+    /// From the gradient with respect to the rows to that with respect to the motion.
+    fn sweep_back<const P: usize>(
+        &self,
+        scratch: &mut Scratch<P>,
+        [q, dq, ddq]: [&[f64]; 3],
+        [out_q, out_dq, out_ddq]: [&mut [f64]; 3],
+    ) {
+        let (n, width) = (self.robot.n_joints(), self.n_base);
+        let full = N_LINK_PARAMS * n;
+        if scratch.weights[0].is_empty() {
+            for out in [out_q, out_dq, out_ddq] {
+                out.fill(0.0);
+            }
+            return;
+        }
+        scratch.spread.resize(P * n * full, 0.0);
+        for (k, start) in (0..q.len()).step_by(n).enumerate() {
+            let at = start..start + n;
+            let sample = k * n * width..(k + 1) * n * width;
+            for (part, weights) in scratch.weights.iter_mut().enumerate() {
+                let rows = &mut weights[sample.clone()];
+                if let Some(whitening) = &self.whitening {
+                    transform(whitening, true, n, rows, &mut scratch.row);
+                }
+                for (i, columns) in self.columns.iter().enumerate() {
+                    for j in 0..=i {
+                        for &(column, parameter) in columns {
+                            let to = (part * n + j) * full + i * N_LINK_PARAMS + parameter;
+                            scratch.spread[to] = rows[j * width + column];
+                        }
+                    }
+                }
+            }
+            let sweep = &mut scratch.sweep;
+            sweep.forward(
+                &self.robot,
+                &q[at.clone()],
+                &dq[at.clone()],
+                &ddq[at.clone()],
+            );
+            let gradient = [
+                &mut out_q[at.clone()],
+                &mut out_dq[at.clone()],
+                &mut out_ddq[at.clone()],
+            ];
+            sweep.reverse(&self.robot, &dq[at], &scratch.spread, gradient);
+        }
+    }
+
+    fn check(&self, motion: [&[f64]; 3]) -> Result<(), OfflineError> {
+        let length = motion[0].len();
+        let whole = length > 0 && length.is_multiple_of(self.robot.n_joints());
+        if !whole || motion.iter().any(|signal| signal.len() != length) {
+            return Err(OfflineError::Shape { what: "motion" });
+        }
+        Ok(())
+    }
+
+    fn take<const P: usize>(&self, pool: &Mutex<Vec<Scratch<P>>>) -> Scratch<P> {
+        let idle = pool.lock().ok().and_then(|mut pool| pool.pop());
+        idle.unwrap_or_else(|| Scratch::new(&self.robot))
+    }
+
+    fn put_back<const P: usize>(&self, pool: &Mutex<Vec<Scratch<P>>>, scratch: Scratch<P>) {
+        if let Ok(mut pool) = pool.lock() {
+            pool.push(scratch);
+        }
+    }
+}
+
+/// Memory of one evaluation, kept for the next.
+#[derive(Debug)]
+struct Scratch<const P: usize> {
+    sweep: Sweep<P>,
+    /// Rows of W, Wa, Wb, Wg; of W alone if the parts are summed.
+    rows: [Vec<f64>; 4],
+    /// Gradient with respect to the rows of each part.
+    weights: [Vec<f64>; P],
+    projected: Vec<f64>,
+    spread: Vec<f64>,
+    row: Vec<f64>,
+}
+
+impl<const P: usize> Scratch<P> {
+    fn new(robot: &RobotModel) -> Self {
+        Self {
+            sweep: Sweep::new(robot),
+            rows: Default::default(),
+            weights: std::array::from_fn(|_| Vec::new()),
+            projected: Vec::new(),
+            spread: Vec::new(),
+            row: Vec::new(),
+        }
+    }
+
+    /// W alone, or W and its parts.
+    fn n_matrices(&self) -> usize {
+        if P == SUMMED {
+            1
+        } else {
+            1 + P
+        }
+    }
+
+    /// Adds `share * 2 W V diag(slopes) V'` of matrix `m` to the gradients of the parts it consists of.
+    fn push_back(
+        &mut self,
+        m: usize,
+        share: f64,
+        spectrum: &Spectrum,
+        slopes: &[(usize, f64)],
+        width: usize,
+    ) {
+        let n_rows = self.rows[m].len() / width;
+        let vectors = Mat::from_fn(width, slopes.len(), |i, k| {
+            spectrum.vectors[(i, slopes[k].0)]
+        });
+        let back = Mat::from_fn(slopes.len(), width, |k, j| {
+            2.0 * share * slopes[k].1 * vectors[(j, k)]
+        });
+        self.projected.resize(n_rows * slopes.len(), 0.0);
+        let rows = MatRef::from_row_major_slice(&self.rows[m], n_rows, width);
+        let mut projected =
+            MatMut::from_row_major_slice_mut(&mut self.projected, n_rows, slopes.len());
+        matmul(
+            &mut projected,
+            Accum::Replace,
+            rows,
+            &vectors,
+            1.0,
+            Par::Seq,
+        );
+        let started = !self.weights[0].is_empty();
+        let parts = if m == 0 { 0..P } else { m - 1..m };
+        for part in 0..P {
+            let weights = &mut self.weights[part];
+            if !started {
+                weights.clear();
+                weights.resize(n_rows * width, 0.0);
+            }
+            if parts.contains(&part) {
+                let weights = MatMut::from_row_major_slice_mut(weights, n_rows, width);
+                matmul(weights, Accum::Add, &projected, &back, 1.0, Par::Seq);
+            }
+        }
+    }
+}
+
+/// Eigenvalues of a Gram matrix, falling, and its eigenvectors as columns in that order.
+struct Spectrum {
+    values: Vec<f64>,
+    vectors: Mat<f64>,
+}
+
+/// A value, and its slope in each eigenvalue that it depends on.
+type Slopes = (f64, Vec<(usize, f64)>);
+
+impl Spectrum {
+    fn new(rows: &[f64], width: usize) -> Result<Self, OfflineError> {
+        let w = MatRef::from_row_major_slice(rows, rows.len() / width, width);
+        let mut gram = Mat::zeros(width, width);
+        triangular::matmul(
+            &mut gram,
+            BlockStructure::TriangularLower,
+            Accum::Replace,
+            w.transpose(),
+            BlockStructure::Rectangular,
+            w,
+            BlockStructure::Rectangular,
+            1.0,
+            Par::Seq,
+        );
+        let failed = OfflineError::NonFinite { what: "motion" };
+        let finite = (0..width).all(|i| gram[(i, i)].is_finite());
+        let eigen = if finite {
+            gram.self_adjoint_eigen(Side::Lower)
+                .map_err(|_| failed.clone())?
+        } else {
+            return Err(failed);
+        };
+        let (values, vectors) = (eigen.S().column_vector(), eigen.U());
+        Ok(Self {
+            values: (0..width).rev().map(|k| values[k]).collect(),
+            vectors: Mat::from_fn(width, width, |i, k| vectors[(i, width - 1 - k)]),
+        })
+    }
+
+    /// Eigenvalue k, not below the floor.
+    fn floored(&self, k: usize) -> f64 {
+        self.values[k]
+            .max(FLOOR * self.values[0])
+            .max(f64::MIN_POSITIVE)
+    }
+
+    /// `s_1 / s_r`.
+    fn condition(&self, rank: usize) -> Slopes {
+        let (first, last) = (self.floored(0), self.floored(rank - 1));
+        let condition = (first / last).sqrt().min(1.0 / FLOOR.sqrt());
+        let slopes = vec![
+            (0, 0.5 * condition / first),
+            (rank - 1, -0.5 * condition / last),
+        ];
+        (condition, slopes)
+    }
+
+    /// `-sum of log s_m²`.
+    fn log_volume(&self) -> Slopes {
+        let values = (0..self.values.len()).map(|k| self.floored(k));
+        let slopes = values.clone().map(|value| -1.0 / value).enumerate();
+        (-values.map(f64::ln).sum::<f64>(), slopes.collect())
+    }
+
+    /// `sum of 1 / s_m²`.
+    fn total_variance(&self) -> Slopes {
+        let values = (0..self.values.len()).map(|k| self.floored(k));
+        let slopes = values.clone().map(|value| -value.powi(-2)).enumerate();
+        (values.map(f64::recip).sum(), slopes.collect())
+    }
+}
+
+/// `rows <- T rows` or `T' rows` for one sample (n × width, row-major).
+fn transform(t: &[f64], transposed: bool, n: usize, rows: &mut [f64], copy: &mut Vec<f64>) {
+    let width = rows.len() / n;
+    copy.clear();
+    copy.extend_from_slice(rows);
+    rows.fill(0.0);
+    for (i, row) in rows.chunks_exact_mut(width).enumerate() {
+        for (j, old) in copy.chunks_exact(width).enumerate() {
+            let factor = if transposed {
+                t[j * n + i]
+            } else {
+                t[i * n + j]
+            };
+            for (x, old) in row.iter_mut().zip(old) {
+                *x += factor * old;
+            }
+        }
+    }
+}
