@@ -27,6 +27,7 @@ from dynid_rs.columns import observe
 from dynid_rs.evaluation import compare, noise_floor, rmse_interval
 from dynid_rs.friction import friction_effect
 from dynid_rs.links import stack_one
+from dynid_rs.loops import declared_plan
 from dynid_rs.preprocessing import Band, choose_band, prepare
 from dynid_rs.simulation import bundled_robot, simulate, typical_arm
 
@@ -55,7 +56,7 @@ def flexible_runs(robot):
 def observed(robot, rigid_arm, rigid_runs):
     runs = [prepare(recording, Band(5.0), 200.0) for recording in rigid_runs]
     shape = friction_effect(np.array(rigid_arm.velocity_threshold), np.array(rigid_arm.transition_width))
-    return runs, observe(ThreeLoopIdentifier(robot)._plan(shape), runs)
+    return runs, observe(declared_plan(robot, shape), runs)
 
 
 def stacked(observations, scale=None):
@@ -113,7 +114,7 @@ def test_generalised_least_squares_whitens_across_joints(robot, rigid_arm, rigid
     noisy = [replace(r, tau=r.tau + rng.normal(size=r.tau.shape) @ mixing.T) for r in rigid_runs]
     runs = [prepare(recording, Band(5.0), 200.0) for recording in noisy]
     shape = friction_effect(np.array(rigid_arm.velocity_threshold), np.array(rigid_arm.transition_width))
-    observations = observe(ThreeLoopIdentifier(robot)._plan(shape), runs)
+    observations = observe(declared_plan(robot, shape), runs)
     weighted = LinkDynamicsIdentifier("joint_variance", ridge=0.0).fit(observations)
     general = LinkDynamicsIdentifier("full_covariance", ridge=0.0).fit(observations)
     A, b = stacked(observations)

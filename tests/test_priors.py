@@ -20,6 +20,7 @@ from dynid_rs.evidence import FRICTION_SPREAD, _Problem, fit_with_prior
 from dynid_rs.friction import friction_effect
 from dynid_rs.identification import ThreeLoopIdentifier
 from dynid_rs.links import LinkDynamicsIdentifier
+from dynid_rs.loops import declared_plan
 from dynid_rs.memory import column_memory, inflation
 from dynid_rs.preprocessing import Band, prepare
 from dynid_rs.priors import inertial_prior
@@ -43,7 +44,7 @@ def spread_of(phi):
 def arm_and_plan(robot):
     arm = replace(typical_arm(robot, noise=1.0).rigid(), delay=0.0)
     shape = friction_effect(np.array(arm.velocity_threshold), np.array(arm.transition_width))
-    return arm, ThreeLoopIdentifier(robot)._plan(shape)
+    return arm, declared_plan(robot, shape)
 
 
 def regrouping(robot):

@@ -14,6 +14,7 @@ from dynid_rs.columns import Block, Observations, observe
 from dynid_rs.friction import friction_effect
 from dynid_rs.identification import ThreeLoopIdentifier
 from dynid_rs.links import LinkDynamicsIdentifier
+from dynid_rs.loops import declared_plan
 from dynid_rs.preprocessing import Band, prepare
 from dynid_rs.simulation import bundled_robot, simulate, typical_arm
 from dynid_rs.uncertainty import NORMAL_95, parameter_covariance
@@ -32,7 +33,7 @@ def experiment():
     recordings = simulate(quiet, n_runs=3, duration=20.0, rate=250.0, seed=1, derivatives=True).recordings
     runs = [prepare(recording, Band(5.0), 250.0) for recording in recordings]
     shape = friction_effect(np.array(arm.velocity_threshold), np.array(arm.transition_width))
-    plan = ThreeLoopIdentifier(robot)._plan(shape)
+    plan = declared_plan(robot, shape)
     return plan, runs, observe(plan, runs), true_unknowns(plan, arm), np.asarray(arm.noise_std)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -10,11 +11,49 @@ from dynid_rs import _core
 from dynid_rs.checks.motion import MIN_SPAN, moving_joints
 from dynid_rs.errors import DataError
 from dynid_rs.findings import joint_words
-from dynid_rs.preprocessing import Band, States, prepare
+from dynid_rs.known import KnownTerm
+from dynid_rs.preprocessing import Band, States, choose_band, common_rate, prepare
 from dynid_rs.recording import Recording
 
 LEAST_ROWS = 20
 """Rows of the fit that a run has to have in motion."""
+
+
+@dataclass(frozen=True, eq=False)
+class TrainingData:
+    """What is learned from: states of the training runs as recorded, of slow runs, and what is known beside them.
+
+    `known` terms (`known.py`); `torque_unit` of all runs; `rate` [Hz] of the grid that `band` is applied on.
+    """
+
+    runs: list[States]
+    slow_runs: list[States]
+    known: list[KnownTerm]
+    torque_unit: str
+    rate: float
+    band: Band
+
+    @property
+    def in_ampere(self) -> bool:
+        """Whether the joints' relative drive gains are unknowns too."""
+        return self.torque_unit == "A"
+
+
+def prepare_training_data(
+    recordings: Sequence[Recording], slow: Sequence[Recording], known: list[KnownTerm], cutoff: float | None
+) -> TrainingData:
+    """States of checked runs in one band: `cutoff` [Hz], or chosen from the motion.
+
+    Raises
+    ------
+    DataError
+        Too little motion is left in a training run after standstill is taken out.
+    """
+    rate = common_rate(list(recordings))
+    band = Band(cutoff) if cutoff is not None else choose_band(list(recordings))
+    runs = prepare_training_runs(recordings, band, rate)
+    slow_runs = [prepare(recording, band, rate) for recording in slow]
+    return TrainingData(runs, slow_runs, known, recordings[0].torque_unit, rate, band)
 
 
 def check_training_runs(robot: _core.RobotModel, recordings: Sequence[Recording]) -> None:
