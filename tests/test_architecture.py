@@ -103,7 +103,7 @@ def test_the_package_never_imports_tests():
 def test_the_package_imports_only_what_it_declares():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     declared = {re.split(r"[<>=~!;\[ ]", name)[0] for name in project["dependencies"]}
-    modules = {"scikit-learn": "sklearn"}
+    modules = {"scikit-learn": "sklearn", "pin": "pinocchio"}
     brought = {
         "rich": "typer",  # typer depends on it
         "threadpoolctl": "scikit-learn",

@@ -1,6 +1,7 @@
 """Eqs. 26-39 of the paper by another route: a literal transcription, numpy.linalg, scipy, gmr, quadrature."""
 
 import numpy as np
+import printed
 import pytest
 from gmr import GMM
 from numpy.testing import assert_allclose
@@ -101,6 +102,9 @@ def test_eq_26_torque_is_friction_plus_residual_plus_link(inputs):
         assert near.sum() > 5
         assert_allclose(total[near, j] - plain[near, j], expected[near], **ALGEBRAIC)
         assert_allclose(terms[near, -1, j], expected[near], **ALGEBRAIC)
+        friction = printed.friction(dq_motor[:, j], 0.05, 0.01, np.full(8, 2.0))
+        assert_allclose(terms[:, 1, j], friction, **ALGEBRAIC)
+    assert_allclose(terms[:, 0], tau_link, **ALGEBRAIC)
     assert_allclose(terms.sum(axis=1), total, **ALGEBRAIC)
 
 
@@ -255,6 +259,48 @@ def test_eq_31_mixture_fitted_by_em_maximises_its_density():
     random = np.random.default_rng(0)
     for _ in range(20):
         assert log_likelihood(mixture.means + 0.02 * data.std(axis=0) * random.normal(size=(3, 3))) < best
+
+
+def em_step(weights, means, covariances, data):
+    """One step of expectation (Eqs. 31, 32) and maximisation by the book: new weights, means, covariances."""
+    share = np.stack(
+        [w * printed.normal(data, m, c) for w, m, c in zip(weights, means, covariances, strict=True)], axis=1
+    )
+    share /= share.sum(axis=1, keepdims=True)
+    size = share.sum(axis=0)
+    new_means = share.T @ data / size[:, None]
+    off = data[:, None, :] - new_means
+    return size / len(data), new_means, np.einsum("nk,nki,nkj->kij", share, off, off) / size[:, None, None]
+
+
+def test_eq_31_fitted_mixture_is_a_fixed_point_of_em():
+    """Weights, means and covariances are what one more literal step makes of them."""
+    u, y = gear_data()
+    mixture = GaussianMixtureRegressor(3, reg_covar=1e-9, tol=1e-10, max_iter=5000, random_state=0).fit(u, y).mixture_
+    data = np.column_stack([u, y])
+    weights, means, covariances = em_step(mixture.weights, mixture.means, mixture.covariances, data)
+    spread = data.std(axis=0)
+    assert_allclose(weights, mixture.weights, atol=1e-4)
+    assert_allclose(means / spread, mixture.means / spread, atol=1e-3)
+    size = np.outer(spread, spread)
+    assert_allclose(covariances / size, mixture.covariances / size, atol=1e-3)
+
+
+@pytest.mark.parametrize("n_inputs", [1, 2, 3])
+def test_eq_32_densities_as_printed_give_the_same_shares(n_inputs):
+    """The printed factor is right for two inputs alone; for any other number it is common to all components."""
+    rng = np.random.default_rng(n_inputs)
+    weights, means = np.array([0.2, 0.5, 0.3]), rng.uniform(-1, 1, (3, n_inputs + 1))
+    half = rng.normal(size=(3, n_inputs + 1, n_inputs + 1))
+    covariances = 0.3 * half @ half.transpose(0, 2, 1) + 0.2 * np.eye(n_inputs + 1)
+    u = rng.uniform(-2, 2, (20, n_inputs))
+    share = np.stack(
+        [w * printed.normal(u, m[:-1], c[:-1, :-1]) for w, m, c in zip(weights, means, covariances, strict=True)],
+        axis=1,
+    )
+    core = _core.GaussianMixtureRegression(weights, means, covariances)
+    assert_allclose(core.responsibilities(u), share / share.sum(axis=1, keepdims=True), **ALGEBRAIC)
+    assert_allclose(core.predict(u)[0], printed.mixture_regression(weights, means, covariances, u), **ALGEBRAIC)
 
 
 def test_eq_32_printed_normaliser_cancels():

@@ -1,4 +1,4 @@
-"""Eqs. 2, 13 and 19-25, each against a literal transcription on the full stacked matrix, with `numpy.linalg` alone.
+"""Eqs. 1, 2, 13 and 19-25, each against a literal transcription on the full stacked matrix, with `numpy.linalg` alone.
 
 The package never forms that matrix: it works on one triangular factor per joint. A small problem, 60 samples of three
 joints, lets both be done.
@@ -7,14 +7,18 @@ joints, lets both be done.
 from types import SimpleNamespace
 
 import numpy as np
+import pinocchio as pin
+import printed
 import pytest
+from engines import Pinocchio
 from numpy.testing import assert_allclose
+from robots import random_chain, random_states
 from small_arm import URDF
-from tolerances import ALGEBRAIC, statistical
+from tolerances import ALGEBRAIC, PINOCCHIO, relative_error, statistical
 
 from dynid_rs import LinkDynamicsIdentifier, RobotModel, _core
 from dynid_rs.columns import Block, Observations, make_plan
-from dynid_rs.links import residual_covariance, weighted_system
+from dynid_rs.links import block_residuals, residual_covariance, weighted_system
 
 FACTORED = {"rtol": 1e-8, "atol": 1e-8}
 """Normal equations of the transcription against orthogonal factors: the condition number is squared on one side."""
@@ -38,14 +42,15 @@ def problem(seed=0, m=M, noise=NOISE):
     Gamma = np.concatenate([robot.joint_torque_regressor(q, dq, ddq)[:, :, plan.pivots], own], axis=2)
     used = plan.estimable()
     true = np.where(used, rng.uniform(0.5, 2.0, plan.n_columns), 0.0)
-    tau = Gamma @ true + rng.multivariate_normal(np.zeros(n), noise, m)
+    delta = rng.multivariate_normal(np.zeros(n), noise, m)
+    tau = Gamma @ true + delta
     rows = [np.column_stack([Gamma[:, j][:, plan.unknowns(j)], tau[:, j]]) for j in range(n)]
     blocks = [
         Block(k, part, [_core.triangular_factor(np.ascontiguousarray(r)) for r in part]) for k, part in halves(rows)
     ]
     observations = Observations(plan, blocks)
     return SimpleNamespace(robot=robot, plan=plan, q=q, dq=dq, ddq=ddq, Gamma=Gamma[:, :, used], tau=tau, used=used,
-                           true=true[used], observations=observations)  # fmt: skip
+                           true=true[used], delta=delta, observations=observations)  # fmt: skip
 
 
 def halves(rows):
@@ -89,6 +94,87 @@ def fit(small, *arguments, **options):
     return LinkDynamicsIdentifier(*arguments, ridge=0.0, **options).fit(small.observations)
 
 
+K = np.array([3.0, 2.6, 1.1, 0.9, -0.4, 0.3, 0.05, 0.07])
+"""Friction coefficients in the order of `FRICTION_NAMES`."""
+
+
+@pytest.mark.parametrize("seed", [3, 4, 8])
+def test_eq_1_inertia_coriolis_gravity_friction_and_residual(seed):
+    """M, C and G each by an algorithm of its own in Pinocchio; friction and mixture literally, all in one model."""
+    chain = random_chain(seed)
+    robot = RobotModel.from_urdf_string(chain.urdf, gravity=chain.gravity)
+    engine, n = Pinocchio(chain.urdf, chain.gravity), robot.n_joints
+    phi = engine.phi
+    q, dq, ddq = random_states(25, n, seed)
+    rigid = []
+    for pose, speed, acceleration in zip(engine.configurations(q), dq, ddq, strict=True):
+        upper = np.triu(pin.crba(engine.model, engine.data, pose))
+        inertia = upper + np.triu(upper, 1).T
+        coriolis = pin.computeCoriolisMatrix(engine.model, engine.data, pose, speed)
+        gravity = pin.computeGeneralizedGravity(engine.model, engine.data, pose)
+        rigid.append(inertia @ acceleration + coriolis @ speed + gravity)
+    rng = np.random.default_rng(seed)
+    q_motor, dq_motor = q + 1e-3 * rng.normal(size=q.shape), dq + 1e-2 * rng.normal(size=q.shape)
+    friction = np.stack([printed.friction(speed, 0.1, 0.02, K) for speed in dq_motor.T], axis=1)
+    size = np.array([3e-3, 0.03, 5.0])
+    mixture = np.array([0.4, 0.6]), size * rng.normal(size=(2, 3)), np.stack([np.diag((3 * size) ** 2)] * 2)
+    mixture[2][1] += 0.3 * np.outer(3 * size, 3 * size)
+    regression = _core.GaussianMixtureRegression(*mixture)
+    u = np.stack([q_motor - q, dq_motor - dq], axis=2)
+    residual = np.stack([printed.mixture_regression(*mixture, u[:, j]) for j in range(n)], axis=1)
+    model = _core.TorqueModel(
+        robot,
+        phi,
+        [(_core.Effect.friction([0.1] * n, [0.02] * n), np.tile(K, (n, 1)))],
+        residual=("deflection", [regression] * n),
+        encoder_delay=[0.0] * n,
+        noise_std=[1.0] * n,
+        domain=([[-4.0, 4.0]] * n, [4.0] * n, [11.0] * n),
+    )
+    total, terms, status = model.evaluate(q, dq, ddq, q_motor, dq_motor, ddq)
+    assert (status == 0).all()
+    for k, expected in enumerate((np.array(rigid), friction, residual)):
+        assert relative_error(terms[:, k], expected) < 100 * PINOCCHIO
+    assert relative_error(total, np.array(rigid) + friction + residual) < 100 * PINOCCHIO
+
+
+def test_eq_1_contact_is_what_the_model_leaves():
+    """No term stands for J' F_ext: of the torque in contact, by Pinocchio's recursion, that is what is left."""
+    engine = Pinocchio(URDF, (0.0, 0.0, -9.81))
+    robot = RobotModel.from_urdf_string(URDF)
+    q, dq, ddq = random_states(20, 3, 0)
+    force = pin.Force(np.array([10.0, -4.0, 7.0, 0.5, -0.3, 0.2]))  # on the last link, in its own frame
+    last = engine.model.njoints - 1
+    for state in zip(q, dq, ddq, strict=True):
+        forces = pin.StdVec_Force()
+        forces.extend([pin.Force.Zero()] * last + [force])
+        in_contact = pin.rnea(engine.model, engine.data, *state, forces)
+        J = pin.computeJointJacobian(engine.model, engine.data, state[0], last)
+        left = in_contact - robot.inverse_dynamics(*(x[None] for x in state))[0]
+        assert_allclose(left, -J.T @ force.vector, **ALGEBRAIC)
+
+
+def test_eq_2_rows_of_the_fit_are_pinocchios_regressor_beside_the_printed_friction():
+    """[Gamma_link Gamma_f] of every joint as the fit takes them, and their product with [Phi_link Phi_f]."""
+    engine, robot = Pinocchio(URDF, (0.0, 0.0, -9.81)), RobotModel.from_urdf_string(URDF)
+    plan = make_plan(robot, [_core.Effect.friction([0.1] * 3, [0.02] * 3)])
+    q, dq, ddq = random_states(40, 3, 1)
+    friction = np.stack([printed.friction(speed, 0.1, 0.02, K) for speed in dq.T], axis=1)
+    tau = engine.inverse_dynamics(q, dq, ddq) + friction
+    rows = _core.observe(
+        robot, list(plan.effects), plan.pivots.tolist(), q, dq, ddq, q, dq, ddq, tau, kept=list(range(40))
+    )
+    whole = engine.joint_torque_regressor(q, dq, ddq)
+    n_base = np.linalg.matrix_rank(whole.reshape(-1, 30), tol=1e-9)
+    assert len(plan.pivots) == n_base == np.linalg.matrix_rank(whole[:, :, plan.pivots].reshape(-1, n_base), tol=1e-9)
+    phi_base = robot.base_parameters().project(engine.phi)
+    for j in range(3):
+        moved = plan.pivots >= 10 * j
+        gamma = np.column_stack([printed.friction_columns(dq[:, j], 0.1, 0.02), whole[:, j][:, plan.pivots[moved]]])
+        assert_allclose(rows[j], np.column_stack([gamma, tau[:, j]]), **ALGEBRAIC)
+        assert_allclose(gamma @ np.concatenate([K, phi_base[moved]]), tau[:, j], **ALGEBRAIC)
+
+
 def test_equation_2_the_torque_is_regressor_times_parameters(small):
     """tau = Gamma Phi, with the base columns alone and with all ten per link."""
     phi = small.robot.phi
@@ -111,6 +197,31 @@ def test_equation_13_whitened_rows_are_the_regressor_times_the_inverse_root(smal
     star = np.kron(np.eye(M), root) @ np.column_stack([Gamma, tau])
     system = weighted_system(small.observations, links)[:, np.append(small.used, True)]
     assert_allclose(system.T @ system, star.T @ star, rtol=1e-9, atol=1e-9 * np.abs(star.T @ star).max())
+
+
+def test_eq_19_the_residual_is_delta_off_the_columns(small):
+    """tau = Gamma Phi + delta: what the fit leaves is (1 - Q Q') delta with Q from numpy's own QR of Gamma."""
+    Gamma, _ = stacked(small)
+    Q, _ = np.linalg.qr(Gamma)
+    delta = small.delta.ravel()
+    links = fit(small, None)
+    left = np.concatenate(block_residuals(small.observations, links.x_, links.torque_scale_))
+    assert_allclose(left.ravel(), delta - Q @ (Q.T @ delta), **FACTORED)
+
+
+def test_eq_20_noise_of_each_joint_is_found_as_large_as_it_is():
+    """E(delta delta') over 200 draws: the variances that were put in, and no correlation between the joints."""
+    put_in = np.diag([0.09, 0.04, 0.01])
+    found = []
+    for seed in range(200):
+        links = fit(problem(seed, noise=put_in))
+        found.append(links.covariance_)
+        assert_allclose(links.noise_std_, np.sqrt(np.diag(links.covariance_)), rtol=0.2)
+    found = np.array(found)
+    error = found.std(axis=0) / np.sqrt(len(found))
+    beside = ~np.eye(3, dtype=bool)
+    assert (np.abs(found.mean(axis=0))[beside] < 5 * error[beside]).all()
+    assert_allclose(np.diagonal(found.mean(axis=0)), np.diag(put_in), rtol=0.05)
 
 
 def test_equations_19_and_20_plain_least_squares(small):

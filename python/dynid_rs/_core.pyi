@@ -912,7 +912,7 @@ def observe(
 ) -> list[_FloatArray]:
     """Rows `[effects | base columns of the links it moves | torque]` of every joint, filtered, decimated.
 
-    The same zero-phase low-pass runs over every column and over the torque (Eqs. 15-17).
+    The same zero-phase low-pass runs over every column and over the torque.
 
     Parameters
     ----------

@@ -45,7 +45,7 @@ class RowGroup:
 
 
 class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
-    """Base parameters and own coefficients of all joints in one least-squares problem.
+    """Base parameters and own coefficients of all joints in one least-squares problem (Eq. 19).
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
     torque_scale_ : ndarray (n_joints,)
         Torque channel per link torque, relative to the first joint's; ones unless asked for.
     noise_std_ : ndarray (n_joints,)
-        Standard deviation of the residual [torque unit].
+        Standard deviation of the residual [torque unit]: sigma_delta of Eq. 20, one per joint.
     covariance_ : ndarray (n_joints, n_joints)
         Covariance of the residual between joints (Eq. 24).
     ridge_ : float
@@ -293,7 +293,7 @@ def stack(plan: Plan, factors: Sequence[FloatArray], weights: FloatArray, scale:
 def weighted_system(
     observations: Observations, links: LinkDynamicsIdentifier, *, least_noise: float = 0.0
 ) -> FloatArray:
-    """System ``[columns | torque]`` that `links` was solved on, its noise of variance one.
+    """System ``[columns | torque]`` that `links` was solved on, its noise of variance one (Eq. 13).
 
     Parameters
     ----------
@@ -334,7 +334,7 @@ def solve(plan: Plan, system: FloatArray, ridges: Sequence[float]) -> list[Float
 
 
 def residual_power(plan: Plan, factors: Sequence[FloatArray], x: FloatArray, scale: FloatArray) -> FloatArray:
-    """Sum of squared residuals per joint, (n_joints,), from the factors alone."""
+    """Sum of squared residuals per joint, (n_joints,), from the factors alone: over n_rows it is Eq. 22's variance."""
     return np.array([np.sum(_residual(plan, j, R, x, scale) ** 2) for j, R in enumerate(factors)])
 
 
@@ -365,7 +365,7 @@ def _residual(plan: Plan, j: int, rows: FloatArray, x: FloatArray, scale: FloatA
 
 
 def block_residuals(observations: Observations, x: FloatArray, scale: FloatArray) -> list[FloatArray]:
-    """Residuals of every block, (n_rows, n_joints) each."""
+    """Residuals of every block, (n_rows, n_joints) each: E of Eq. 21."""
     plan = observations.plan
     return [
         np.stack([_residual(plan, j, rows, x, scale) for j, rows in enumerate(block.rows)], axis=1)

@@ -16,7 +16,7 @@ FloatArray = NDArray[np.float64]
 
 
 class GaussianMixtureRegressor(RegressorMixin, BaseEstimator):  # type: ignore[misc]
-    """Regression of y on X through the conditional of a Gaussian mixture over both.
+    """Regression of y on X through the conditional of a Gaussian mixture over both (Eq. 31), fitted by EM.
 
     Parameters
     ----------

@@ -38,7 +38,7 @@ def smooth_peak(shares: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 class MotionBounds:
-    """Position, velocity and acceleration of every joint inside its limits.
+    """Position, velocity and acceleration of every joint inside its limits (the inequalities of Eq. 16).
 
     Parameters
     ----------

@@ -32,7 +32,7 @@ LEAST_SHARE = 0.05
 
 
 class Problem:
-    """One excitation problem; shared by all restarts, changed by none.
+    """One excitation problem (Eq. 16); shared by all restarts, changed by none.
 
     The unknowns `x` (n_free, n_joints) are what Eq. 18 leaves free; any `x` starts and ends at rest in `start`.
 

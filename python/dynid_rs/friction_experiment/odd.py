@@ -69,6 +69,8 @@ def odd_friction(
 ) -> list[OddFriction]:
     """Friction by Eq. 8 from runs of the friction experiment, for every joint that moves in them.
 
+    Friction need not be odd, as Eq. 4 has it: what is found is its odd part.
+
     Pairs are found in the measured data. On constant-speed legs inertia plays no part; where a motion is played
     backwards it cancels, because the acceleration is the same on both sides.
 

@@ -1,5 +1,7 @@
 """Pairs as rows of the fit: half the difference of two rows is odd in speed, half the sum is even (Eqs. 6-8).
 
+Coriolis torque is even in speed (Eq. 3), so that it and gravity are in the even rows alone.
+
 Rows, not torques, are subtracted: what differs between the two sides (speeds are never exact) stays in the equation.
 """
 
@@ -91,7 +93,10 @@ def _window(mirror: Mirror, moving: NDArray[np.bool_]) -> PairWindow | None:
 
 
 def pair_rows(plan: Plan, windows: Sequence[PairWindow]) -> tuple[list[FloatArray], list[FloatArray]]:
-    """Odd and even rows of every joint, (n_pairs, n_own + base columns + 1) each."""
+    """Odd and even rows of every joint, (n_pairs, n_own + base columns + 1) each.
+
+    Half the difference (Eq. 7) and half the sum of the two equations (Eq. 6) of a pair.
+    """
     n = plan.robot.n_joints
     odd: list[list[FloatArray]] = [[] for _ in range(n)]
     even: list[list[FloatArray]] = [[] for _ in range(n)]

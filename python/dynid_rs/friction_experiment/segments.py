@@ -95,8 +95,9 @@ class ReversedPair:
     """Sines of all joints at once, played forwards and then backwards in time.
 
     ``q(s) = centre + e(s) amplitude sin(omega s)`` for s up to `half`, then the same with s running back: the same
-    positions with -dq and +ddq, so that inertia, Coriolis torque and gravity cancel from half the difference of the
-    torques at any speed. The envelope e rises and falls over `rise`, with two continuous derivatives.
+    positions with -dq and +ddq (Eq. 5 has -ddq, which leaves inertia in Eq. 7), so that inertia, Coriolis torque and
+    gravity cancel from half the difference of the torques at any speed. The envelope e rises and falls over `rise`,
+    with two continuous derivatives.
 
     Parameters
     ----------

@@ -117,6 +117,7 @@ fn forward_pass(robot: &RobotModel, links: &mut [LinkState], q: &[f64], dq: &[f6
 }
 
 /// Inverse dynamics `tau = M(q) ddq + C(q, dq) + G(q)` of the links alone (Eq. 1 without friction, contact and residual).
+/// `C(q, dq)` is the torque, even in dq (Eq. 3).
 ///
 /// `q, dq, ddq`: n values \[rad, rad/s, rad/s²; m for prismatic joints\]; `phi`: 10 n values in the order of
 /// [`crate::link_params`]; `tau`: n values \[N·m; N\]. Linear in `phi`, which need not be physical.

@@ -131,7 +131,7 @@ impl TorqueEstimator {
         Ok(())
     }
 
-    /// Sum of the terms (Eq. 26), written to `tau` (n values).
+    /// Sum of the terms (Eq. 26; Eq. 1 without contact, which no term stands for), written to `tau` (n values).
     ///
     /// Output is finite whatever comes in: a NaN, an infinity or an overflow repeats the last good torque (zeros
     /// before the first) and says so in the status; what effects remember stays as it was.

@@ -124,7 +124,8 @@ impl GaussianMixtureRegression {
             .sum()
     }
 
-    /// Conditional mean and variance at `u` (d values; only the first d are read).
+    /// Conditional mean (Eq. 38) and variance (instead of Eq. 39) at `u` (d values; only the first d are read): the moments
+    /// of the density of Eq. 36.
     ///
     /// Responsibilities h_k (Eq. 37) are ratios of `exp(log_wp_k - max)`, with the maximum kept while running over the
     /// components, so they sum to one at any distance from the data.
@@ -213,12 +214,14 @@ impl Component {
         })
     }
 
-    /// log(pi_k N(u)) up to the common factor; finite even where the square overflows.
+    /// log(pi_k N(u)) up to the common factor, which Eq. 32 prints for two dimensions; finite even where the square
+    /// overflows.
     fn log_weight_at(&self, distance_squared: f64) -> f64 {
         (self.log_weight - 0.5 * distance_squared).max(f64::MIN)
     }
 
-    /// Mahalanobis distance squared of the input and the component's conditional mean (Eq. 34).
+    /// Mahalanobis distance squared of the input and the component's conditional mean: the normal density of Eq. 33 has
+    /// that mean (Eq. 34) and the component's variance (Eq. 35).
     fn condition(&self, u: &[f64]) -> (f64, f64) {
         let d = self.input_mean.len();
         let (mut distance_squared, mut mean) = (0.0, self.output_mean);

@@ -1,4 +1,5 @@
-//! Base parameters by column-pivoted QR: which of the ten-per-link parameters the torque can tell apart.
+//! Base parameters by column-pivoted QR: which of the ten-per-link parameters the torque can tell apart (the minimal set
+//! of Eq. 2).
 
 use dynid_core::{JointKind, RobotModel};
 use faer::linalg::solvers::SolveLstsqCore;

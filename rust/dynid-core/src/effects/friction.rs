@@ -27,7 +27,7 @@ pub fn direction(dq: f64, eps: f64) -> f64 {
 ///
 /// With `s = tanh(dq / eps)`, for `dq >= 0`: Coulomb `s (s + 1) / 2` and, where `|dq| >= lambda`, viscous
 /// `(s + 1)/2 dq, dq^2, dq^3`; for `dq < 0` mirrored with `(1 - s)/2`. The quadratic term keeps its sign as printed, so
-/// friction is odd only if the quadratic coefficients of the two sides are opposite.
+/// friction is odd (Eq. 4) only if the quadratic coefficients of the two sides are opposite.
 #[must_use]
 pub fn friction_columns(dq: f64, lambda: f64, eps: f64) -> [f64; N_FRICTION] {
     let s = direction(dq, eps);
@@ -35,8 +35,9 @@ pub fn friction_columns(dq: f64, lambda: f64, eps: f64) -> [f64; N_FRICTION] {
     // 1 in motion, 1/2 at rest: (s + 1)/2 for dq >= 0, (1 - s)/2 for dq < 0.
     let gate = (1.0 + s.abs()) / 2.0;
     let mut columns = [0.0; N_FRICTION];
-    columns[side] = s * gate;
+    columns[side] = s * gate; // Eq. 10
     if dq.abs() >= lambda {
+        // Eq. 11, from the threshold of Eq. 9 on.
         columns[2 + side] = gate * dq;
         columns[4 + side] = dq * dq;
         columns[6 + side] = dq * dq * dq;
