@@ -128,7 +128,7 @@ def _odd_samples(mirror: Mirror, j: int) -> _Samples:
 def _summary(name: str, mirrors: Sequence[_Samples]) -> OddFriction:
     """Legs one by one, everything else in classes of speed."""
     rows: list[tuple[str, float, float, float, int]] = []
-    rest = []
+    rest, legs = [], []
     for samples in mirrors:
         leg = _constant_part(samples)
         if leg is None:
@@ -136,12 +136,29 @@ def _summary(name: str, mirrors: Sequence[_Samples]) -> OddFriction:
             continue
         speed, tau_odd = np.abs(samples.speed[leg]), samples.tau_odd[leg] * np.sign(samples.speed[leg])
         n_blocks = max(LEAST_BLOCKS, int(len(tau_odd) / (BLOCK * samples.rate)))
+        legs.append((samples.rate, tau_odd))
         rows.append(("leg", float(speed.mean()), *_mean(np.array_split(tau_odd, n_blocks))))
+    # One leg has few blocks: their spread says little, and no less than what all legs together say is believed.
+    variance = _long_variance(legs)
+    rows = [
+        (kind, speed, tau, max(error, float(np.sqrt(variance / len(leg)))), n_blocks)
+        for (kind, speed, tau, error, n_blocks), (_, leg) in zip(rows, legs, strict=True)
+    ]
     if rest:
         rows += _classes(rest)
     rows.sort(key=lambda row: row[1])
     columns = list(zip(*rows, strict=True))
     return OddFriction(name, tuple(columns[0]), *(np.array(column) for column in columns[1:]))
+
+
+def _long_variance(legs: Sequence[tuple[float, FloatArray]]) -> float:
+    """Variance of a leg's mean times its samples, from long blocks of all legs (their rates and odd torques)."""
+    power, n_free = 0.0, 0
+    for rate, tau_odd in legs:
+        blocks = np.array_split(tau_odd, max(2, int(len(tau_odd) / (2 * BLOCK * rate))))
+        power += sum(len(block) * (block.mean() - tau_odd.mean()) ** 2 for block in blocks)
+        n_free += len(blocks) - 1
+    return power / max(n_free, 1)
 
 
 def _constant_part(samples: _Samples) -> slice | None:
