@@ -115,7 +115,10 @@ def test_csv_cell_line_and_time(folder, spoil, words):
 def test_truncated_run(folder, suffix, part):
     path = write(folder / f"cut{suffix}", run(0))
     data = path.read_bytes()
-    path.write_bytes(data[: int(part * len(data)) // 97 * 97])
+    cut = data[: int(part * len(data)) // 97 * 97]
+    if suffix == ".csv":  # inside a row's last number a cut leaves a shorter number, which nobody can tell
+        cut = cut[: cut.rfind(b",")]
+    path.write_bytes(cut)
     sentence = refused(folder, path, *good(folder, 1))
     assert "cut" + suffix in sentence
 

@@ -190,7 +190,7 @@ MODELS = {
     "a robot": (URDF.encode(), "not a readable model"),
     "another format": (b'{"format": "dynid-result", "version": 1}', "not a torque model"),
     "newer": (b'{"format": "dynid-model", "version": 99}', "update dynid-rs"),
-    "binary": (b"PAR1\xff\xfe\x00" * 9, "expected a model.json"),
+    "binary": (b"PAR1\xff\xfe\x00" * 9, "give the model.json that"),
     "a digit": ("digit", "the checksum does not match"),
 }
 

@@ -308,8 +308,7 @@ def test_kinds_are_listed(run_command):
     result = run_command("--list-effects")
     assert result.exit_code == 0
     assert [line.split(":")[0] for line in result.stdout.splitlines()] == list(kind_names())
-    told = "".join(run_command("--help", env={"COLUMNS": "160"}).stdout.split())
-    assert all(kind in told for kind in kind_names())
+    assert "--list-effects" in run_command("--help", env={"COLUMNS": "160"}).stdout
 
 
 @pytest.mark.parametrize(

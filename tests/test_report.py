@@ -150,8 +150,7 @@ def make_result(n_joints: int, seed: int = 0) -> dict[str, Any]:
             for k in range(1, 6)
         ],
         "loops": {
-            kind: {"wls": wls.tolist(), "friction": wls.tolist(), "links": after.tolist(), "residual": after.tolist()}
-            for kind in ("train", "test")
+            "test": {"wls": wls.tolist(), "friction": wls.tolist(), "links": after.tolist(), "residual": after.tolist()}
         },
         "converged": True,
         "n_iter": 5,

@@ -428,6 +428,8 @@ class FrictionSearch:
         Directions of the links weaker than this (relative singular value) are taken out on request only.
     n_orders : int
         Viscous orders that are fitted, 0 to 3.
+    fixed : (n_fixed, 8), optional
+        Rows of friction's columns that no shape in question changes; their torque stands at the end of `tau`.
 
     Raises
     ------
@@ -443,6 +445,7 @@ class FrictionSearch:
         *,
         weak: float,
         n_orders: int = 3,
+        fixed: ArrayLike | None = None,
     ) -> FrictionSearch: ...
     def power(
         self, velocity_threshold: ArrayLike, transition_width: ArrayLike, *, all_links: bool = False

@@ -43,12 +43,12 @@ NOISE_WIDTHS = 1.0
 """Least transition width over the velocity's noise: a narrower one turns noise at rest into chatter of full size."""
 CLOSE = 0.1
 """A bracket of the logarithm that is narrower than this need not be narrowed unless that still pays."""
-ROUGH = 1e-3
+ROUGH = 3e-3
 """Relative error of eps that does not matter while valleys are compared: power changes with its square."""
 ZOOM = (0.1, 0.02, 4e-3, 8e-4, 1.6e-4)
 """Half widths of the scans of log lambda on pairs, each a little more than a step of the one before."""
-NEAR_JUMP = 4.0
-"""Samples up to this many times lambda place the jump there."""
+NEAR_JUMP = 12.0
+"""Samples up to this many times lambda or eps place the jump and the turn; beyond it both columns are full."""
 MOST_TURNS = 30
 """A search that still pays after so many turns is stopped."""
 
@@ -169,17 +169,26 @@ class FrictionIdentifier(BaseEstimator):  # type: ignore[misc]
         return threshold, width
 
     def _sharpen(self, power: _PowerLeft, odd: OddTorque, threshold: float, width: float) -> tuple[float, float]:
-        """Place the jump at lambda once more, by the slow samples as they were measured: a low-pass blurs it."""
+        """Place the jump at lambda and the turn at rest once more, by slow samples that no low-pass has blurred."""
         if threshold == 0 or self.as_printed:
             return threshold, width
-        slow = np.flatnonzero(np.abs(odd.sides).max(axis=0) <= NEAR_JUMP * max(threshold, width))
+        near = np.abs(odd.sides).min(axis=0) <= NEAR_JUMP * max(threshold, width)
+        slow = np.flatnonzero(near)
+        # What is faster knows nothing of the shape, but all about the coefficients: a small factor stands for it.
+        fast = [_core.friction_basis(side[~near], threshold, width) for side in odd.sides]
+        factor = _core.triangular_factor(np.column_stack([(fast[0] - fast[1]) / 2, odd.raw[~near]]))
         speeds = np.ascontiguousarray(odd.sides[:, slow].ravel())
         first = np.arange(len(slow))
         run: SearchRun = (speeds, None, first.tolist(), (first + len(slow)).tolist())
-        none = np.zeros((len(slow), 0))
-        sharp = _PowerLeft([run], none, odd.raw[slow], odd.noise, power.n_orders, of_pairs=True)
-        threshold, _ = sharp.zoom(threshold, width, sharp(threshold, width), ZOOM[1:])
-        return threshold, power.best_width(threshold, width, power(threshold, width), CLOSE)[0]
+        tau = np.concatenate([odd.raw[slow], factor[:, -1]])
+        sharp = _PowerLeft(
+            [run], np.zeros((len(tau), 0)), tau, odd.noise, power.n_orders, of_pairs=True, fixed=factor[:, :-1]
+        )
+        sharp.look_closely()
+        for spans in (ZOOM[1:], ZOOM[2:]):
+            threshold, at_best = sharp.zoom(threshold, width, sharp(threshold, width), spans)
+            width, _ = sharp.best_width(threshold, width, at_best, CLOSE)
+        return threshold, width
 
     def _best_threshold(self, power: _PowerLeft, width: float) -> float:
         """Lambda that leaves least at this eps (Eq. 12), none included."""
@@ -199,10 +208,11 @@ class FrictionIdentifier(BaseEstimator):  # type: ignore[misc]
         valleys = [(at_best, 0.0)]
         thresholds = self._thresholds(power, width, finer=4)
         for threshold in thresholds:
-            valleys.append((power.at_best_width(threshold, width, ROUGH)[0], threshold))
+            valleys.append((power.near_best_width(threshold, width), threshold))
         value, threshold = min(valleys)
         if threshold == 0:
             return threshold, width, value
+        value = power.at_best_width(threshold, width, ROUGH)[0]
         span = float(np.log(thresholds[1] / thresholds[0]))
         threshold, _ = _golden(lambda x: power.at_best_width(x, width, ROUGH)[0], threshold, value, span, CLOSE / 100)
         value, width = power.at_best_width(threshold, width)
@@ -249,10 +259,11 @@ class _PowerLeft:
         n_orders: int,
         *,
         of_pairs: bool = False,
+        fixed: FloatArray | None = None,
     ) -> None:
         self._speeds = [speed for speed, *_ in runs]
         self.of_pairs = of_pairs
-        self._search = _core.FrictionSearch(runs, links, tau, weak=WEAK, n_orders=n_orders)
+        self._search = _core.FrictionSearch(runs, links, tau, weak=WEAK, n_orders=n_orders, fixed=fixed)
         self.n_orders, self._close, self.clean = n_orders, CLOSE, False
         self._tau_power = float(tau @ tau)
         self.least_width = NOISE_WIDTHS * noise
@@ -282,6 +293,15 @@ class _PowerLeft:
         least = self.least_width
         width, value = _golden(lambda x: self(threshold, max(x, least)), width, at_best, span, self._close)
         return max(width, least), value
+
+    def near_best_width(self, threshold: float, width: float) -> float:
+        """Power at this lambda with the best eps near `width`, by a parabola: enough to tell valleys apart."""
+        span = 0.1
+        left, here, right = (self(threshold, float(width * np.exp(x))) for x in (-span, 0.0, span))
+        slope, bend = (right - left) / 2, left - 2 * here + right
+        if bend <= 0 or abs(slope) >= bend:
+            return min(left, here, right)
+        return here - slope**2 / (2 * bend)
 
     def at_best_width(self, threshold: float, width: float, close: float = 1e-6) -> tuple[float, float]:
         """Power at this lambda with the best eps near `width`, and that eps."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -189,7 +190,7 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
             if self.n_iter_ == 1:
                 self.friction_model_ = self._model(plan, self._baseline_links, own, data.raw_runs)
             beside = row_groups(pair_rows(plan, data.pairs)) if data.pairs else []
-            links.fit(observations, fit_scale=in_ampere, beside=beside)
+            links.fit(observations, fit_scale=in_ampere, beside=beside, again=self.n_iter_ > 1)
             held = links.phi_base_, links.torque_scale_
             after = after_links = rms(block_residuals(observations, links.x_, links.torque_scale_))
             if self.n_iter_ == 1:
@@ -254,7 +255,7 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         torque = [third.torque(states, load, regressions) for states, load in zip(self.runs_, loads, strict=True)]
         observations = observe(plan, self.runs_, [s.tau - u for s, u in zip(self.runs_, torque, strict=True)])
         beside = row_groups(pair_rows(plan, self._pairs)) if self._pairs else []
-        links = clone(self.links_).fit(observations, fit_scale=self.torque_unit_ == "A", beside=beside)
+        links = copy(self.links_).fit(observations, fit_scale=self.torque_unit_ == "A", beside=beside, again=True)
         kept = (third.inputs_, list(regressions), third.compliance_)
         return self._model(plan, links, links.own_, self.raw_runs_, kept)
 

@@ -20,7 +20,7 @@ from sklearn.base import BaseEstimator
 
 from dynid_rs import _core
 from dynid_rs.columns import Observations, run_rows
-from dynid_rs.links import LinkDynamicsIdentifier, block_residuals, stack_one
+from dynid_rs.links import LinkDynamicsIdentifier, block_residuals
 from dynid_rs.preprocessing import States
 from dynid_rs.uncertainty import noise_products
 
@@ -92,16 +92,19 @@ class InstrumentalVariables(BaseEstimator):  # type: ignore[misc]
             _first_stage(observations, links, [account[j] for account in accounts], j, used)
             for j in range(plan.robot.n_joints)
         ]
-        ridge = _ridge(joints, links.ridge_)
-        plain, projected = _bread([s.columns for s in joints], ridge), _bread([s.projected for s in joints], ridge)
-        least_squares = plain @ sum(s.columns.T @ s.tau for s in joints)
-        estimate = projected @ sum(s.projected.T @ s.tau for s in joints)
+        factor, instrumented = (_factor(joints, part, int(used.sum())) for part in ("columns", "projected"))
+        ridge = _ridge(factor, links.ridge_)
+        plain, projected = _bread(factor, ridge), _bread(instrumented, ridge)
+        moments = np.zeros((2, int(used.sum())))
+        for s in joints:
+            moments[:, s.known] += [s.columns.T @ s.tau, s.projected.T @ s.tau]
+        least_squares, estimate = plain @ moments[0], projected @ moments[1]
         # Both estimates are linear in the torque, x = sum_j B C_j' tau_j; so is their difference in the noise.
         products = noise_products(
             observations,
             runs,
             block_residuals(observations, links.x_, links.torque_scale_),
-            [s.on_blocks(np.column_stack([s.columns[:, s.known], s.projected[:, s.known]])) for s in joints],
+            [s.on_blocks(np.column_stack([s.columns, s.projected])) for s in joints],
             [plain[np.ix_(s.known, s.known)] for s in joints],
         )
 
@@ -182,9 +185,9 @@ def motion_band(states: States) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _Stage:
-    """Weighted rows of one joint over all blocks, in the columns in use: as they are, and projected on instruments.
+    """Weighted rows of one joint over all blocks, in the columns that it knows: as they are, and projected.
 
-    `known` marks the columns that its torque knows; `edges` where blocks begin and end.
+    `known`: the places of these columns among those in use; `edges`: where blocks begin and end.
     """
 
     columns: FloatArray
@@ -209,30 +212,42 @@ def _first_stage(
 ) -> _Stage:
     plan = observations.plan
     weight = float(links.weights_[j])
-    wide = [stack_one(plan, j, block.rows[j], links.torque_scale_) for block in observations.blocks]
-    rows = weight * np.concatenate(wide)
-    columns = rows[:, :-1][:, used]
-    known = np.flatnonzero(np.isin(np.flatnonzero(used), plan.unknowns(j)))
-    instruments = np.concatenate([stack_one(plan, j, account, links.torque_scale_) for account in accounts])
-    basis = _range_of(instruments[:, :-1][:, used][:, known])
-    projected = np.zeros_like(columns)
-    projected[:, known] = basis @ (basis.T @ columns[:, known])
-    power = np.sum(columns[:, known] ** 2, axis=0)
-    held = np.sum(projected[:, known] ** 2, axis=0)[power > 0] / power[power > 0]
+    own = used[plan.unknowns(j)]
+    known = (np.cumsum(used) - 1)[plan.unknowns(j)[own]]
+    scale = weight * np.where(np.arange(len(own)) < plan.n_own, 1.0, links.torque_scale_[j])[own]
+    columns = np.concatenate([block.rows[j][:, :-1][:, own] for block in observations.blocks]) * scale
+    tau = weight * np.concatenate([block.rows[j][:, -1] for block in observations.blocks])
+    basis = _range_of(np.concatenate([account[:, :-1][:, own] for account in accounts]))
+    projected = basis @ (basis.T @ columns)
+    power = np.sum(columns**2, axis=0)
+    held = np.sum(projected**2, axis=0)[power > 0] / power[power > 0]
     edges = np.cumsum([block.n_rows for block in observations.blocks])[:-1]
-    return _Stage(columns, projected, rows[:, -1], known, weight, float(held.min(initial=1.0)), edges)
+    return _Stage(columns, projected, tau, known, weight, float(held.min(initial=1.0)), edges)
 
 
 def _range_of(columns: FloatArray) -> FloatArray:
+    """Orthonormal basis of what the columns span, (n_rows, rank), through their triangular factor."""
     norms = np.linalg.norm(columns, axis=0)
-    u, s, _ = np.linalg.svd(columns[:, norms > 0] / norms[norms > 0], full_matrices=False)
-    basis: FloatArray = u[:, s > NEGLIGIBLE * s.max(initial=0.0)]
-    return basis
+    unit = columns[:, norms > 0] / norms[norms > 0]
+    _, s, vt = np.linalg.svd(_core.triangular_factor(unit))
+    good = s > NEGLIGIBLE * s.max(initial=0.0)
+    basis, _ = np.linalg.qr(unit @ (vt[good].T / s[good]))
+    return np.asarray(basis, dtype=np.float64)
 
 
-def _ridge(joints: Sequence[_Stage], ridge: float) -> FloatArray:
+def _factor(joints: Sequence[_Stage], part: Literal["columns", "projected"], width: int) -> FloatArray:
+    """Triangular factor of all joints' rows among the columns in use."""
+    factors = []
+    for stage in joints:
+        own = _core.triangular_factor(np.ascontiguousarray(getattr(stage, part)))
+        wide = np.zeros((len(own), width))
+        wide[:, stage.known] = own
+        factors.append(wide)
+    return _core.triangular_factor(np.concatenate(factors))
+
+
+def _ridge(factor: FloatArray, ridge: float) -> FloatArray:
     """Root (p,) of the ridge that the fit used, on the columns as they are."""
-    factor = _core.merge_factors([_core.triangular_factor(s.columns) for s in joints])
     norms = np.linalg.norm(factor, axis=0)
     norms[norms == 0] = 1.0
     greatest = np.linalg.svd(factor / norms, compute_uv=False)[0]
@@ -240,9 +255,8 @@ def _ridge(joints: Sequence[_Stage], ridge: float) -> FloatArray:
     return root
 
 
-def _bread(parts: Sequence[FloatArray], ridge: FloatArray) -> FloatArray:
-    """``(sum_j C_j' C_j + ridge^2)^-1`` (p, p)."""
-    factor = _core.merge_factors([_core.triangular_factor(np.ascontiguousarray(part)) for part in parts])
+def _bread(factor: FloatArray, ridge: FloatArray) -> FloatArray:
+    """``(sum_j C_j' C_j + ridge^2)^-1`` (p, p) from the factor of the rows."""
     system = np.concatenate([factor, np.diag(ridge)])
     norms = np.linalg.norm(system, axis=0)
     norms[norms == 0] = 1.0

@@ -110,11 +110,17 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
         self.tol = tol
 
     def fit(
-        self, observations: Observations, *, fit_scale: bool = False, beside: Sequence[RowGroup] = ()
+        self,
+        observations: Observations,
+        *,
+        fit_scale: bool = False,
+        beside: Sequence[RowGroup] = (),
+        again: bool = False,
     ) -> LinkDynamicsIdentifier:
         """Fit; `fit_scale` also estimates the drive gains of joints relative to the first (data in ampere).
 
         `beside` are rows that count too, each group weighted by its own residual (those of the friction experiment).
+        `again`: ridge or prior, and how much it counts, stay as the last fit found them.
 
         Raises
         ------
@@ -129,20 +135,23 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
             raise ValueError(f"prior must be 'auto', 'robot' or None, found {self.prior!r}")
         if self.start not in ("torque", "least_squares"):
             raise ValueError(f"start must be 'torque' or 'least_squares', found {self.start!r}")
+        found = self.posterior_ if again else None
         self.posterior_: Posterior | None = None
         self.worth_ = np.ones(observations.plan.robot.n_joints)
-        if self.prior == "robot":
-            return self.use_posterior(observations, self._posterior(observations, fit_scale=fit_scale), beside)
+        if self.prior == "robot" or found is not None:
+            spreads = None if found is None else found.spreads
+            return self.use_posterior(observations, self._posterior(observations, fit_scale, spreads), beside)
         plan, n_rows = observations.plan, observations.n_rows
         n = plan.robot.n_joints
         factors = observations.factors()
-        left_out = self._left_out_factors(observations)
+        left_out = [] if again else self._left_out_factors(observations)
         weights = np.array([np.sqrt(n_rows) / max(np.linalg.norm(R[:, -1]), 1e-300) for R in factors])
         if self.weighting is None or self.start == "least_squares":
             weights = np.ones(n)
         scale = np.ones(n)
         extra = [_Weighted(plan, group, self.weighting is not None) for group in beside]
-        self.ridge_ = 0.0 if self.ridge == "auto" else float(self.ridge)
+        if not again:
+            self.ridge_ = 0.0 if self.ridge == "auto" else float(self.ridge)
         self.converged_ = False
         for self.n_iter_ in range(1, self.max_iter + 1):
             if left_out and self.n_iter_ <= 3:  # later it would only flip between neighbours
@@ -174,7 +183,7 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
             self.covariance_ = residual_covariance(observations, x, scale)
         return self._keep(plan, x)
 
-    def _posterior(self, observations: Observations, *, fit_scale: bool) -> Posterior:
+    def _posterior(self, observations: Observations, fit_scale: bool, spreads: FloatArray | None = None) -> Posterior:
         from dynid_rs.evidence import fit_with_prior
 
         if self.weighting is None or (self.ridge != "auto" and self.ridge > 0):
@@ -183,7 +192,7 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
                 "None, and ridge must be 'auto' or 0"
             )
         # Data in ampere has drive gains to estimate, and what is declared is in N m.
-        return fit_with_prior(observations, fit_scale=fit_scale, unknown_gain=fit_scale)
+        return fit_with_prior(observations, fit_scale=fit_scale, spreads=spreads, unknown_gain=fit_scale)
 
     def _better_prior(
         self, observations: Observations, left_out: list[list[FloatArray]], *, fit_scale: bool
@@ -200,7 +209,7 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
         ):
             return None
         try:
-            posterior = self._posterior(observations, fit_scale=fit_scale)
+            posterior = self._posterior(observations, fit_scale)
         except ValueError:  # a gain that is not positive: the file and the data do not belong together
             return None
         with_ridge = np.zeros(len(self.weights_))

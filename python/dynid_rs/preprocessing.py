@@ -7,7 +7,7 @@ cancels from the equation; only positions are filtered before they are different
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +38,17 @@ EXACT = 1e-2
 """A recorded acceleration counts as the derivative of the recorded velocity below this relative difference."""
 
 
+@lru_cache(maxsize=64)
+def _design(rate: float, cutoff: float) -> Filter | None:
+    from scipy.signal import butter, sosfilt_zi
+
+    relative = cutoff / (rate / 2)
+    if relative >= 0.95:
+        return None
+    sections = butter(ORDER, relative, output="sos")
+    return sections, sosfilt_zi(sections), int(3 * rate / cutoff)
+
+
 @dataclass(frozen=True)
 class Band:
     """Where measured and predicted torque are compared: zero-phase Butterworth below `cutoff` [Hz]."""
@@ -46,13 +57,7 @@ class Band:
 
     def design(self, rate: float, cutoff: float | None = None) -> Filter | None:
         """Second-order sections, their steady state and the padding, for `rate` [Hz]; None if nothing is cut."""
-        from scipy.signal import butter, sosfilt_zi
-
-        relative = (cutoff or self.cutoff) / (rate / 2)
-        if relative >= 0.95:
-            return None
-        sections = butter(ORDER, relative, output="sos")
-        return sections, sosfilt_zi(sections), int(3 * rate / (cutoff or self.cutoff))
+        return _design(rate, cutoff or self.cutoff)
 
     def apply(self, x: FloatArray, rate: float, cutoff: float | None = None) -> FloatArray:
         """Low-passed x (n, ...) sampled at `rate` [Hz]."""

@@ -150,7 +150,7 @@ def _summarise(
             {"iteration": k + 1, "rmse_train": after["residual"], "rmse_train_after": after}
             for k, after in enumerate(identifier.history_)
         ],
-        "loops": _loops(identifier, trained, tested, train_states, test_states),
+        "loops": _loops(identifier, test_states, tested),
         "n_iter": identifier.n_iter_,
         "converged": identifier.converged_,
     }
@@ -191,16 +191,11 @@ def residual_table(
     return {column: np.concatenate([part[column] for part in parts]) for column in parts[0]}
 
 
-def _loops(
-    identifier: ThreeLoopIdentifier, trained: Scores, tested: Scores, train: list[States], test: list[States]
-) -> dict[str, Any]:
-    """What each loop gave: errors of the baseline, with the first loop's friction, with fitted links, of all."""
+def _loops(identifier: ThreeLoopIdentifier, test: list[States], tested: Scores) -> dict[str, Any]:
+    """What each loop gave: test errors of the baseline, with the first loop's friction, with fitted links, of all."""
     without = identifier.model_with([None] * identifier.robot.n_joints)
     stages = (("wls", identifier.baseline_), ("friction", identifier.friction_model_), ("links", without))
-    return {
-        name: {stage: score(model, runs).rmse for stage, model in stages} | {"residual": whole.rmse}
-        for name, runs, whole in (("train", train, trained), ("test", test, tested))
-    }
+    return {"test": {stage: score(model, test).rmse for stage, model in stages} | {"residual": tested.rmse}}
 
 
 def _residual(identifier: ThreeLoopIdentifier, test: list[States], tested: Scores) -> dict[str, Any]:

@@ -11,7 +11,6 @@ import typer
 from numpy.typing import NDArray
 
 from dynid_rs.commands._run import print_json, run_command
-from dynid_rs.simulation.effects.catalogue import KINDS
 
 if TYPE_CHECKING:
     from dynid_rs._core import RobotModel
@@ -28,6 +27,8 @@ N_RUNS = 4
 def list_effects(wanted: bool) -> None:
     """Print every kind with its place and its default size, and leave."""
     if wanted:
+        from dynid_rs.simulation.effects.catalogue import KINDS
+
         for kind in KINDS:
             typer.echo(f"{kind.name}: {kind.default} ({kind.where})")
         raise typer.Exit
@@ -84,7 +85,7 @@ def simulate(
         typer.Option(
             metavar="KIND[:JOINT[:SIZE]]",
             help=f"Put this in; repeatable. Without any, {' and '.join(ALWAYS)} act; with some, only these. "
-            f"Joint by name or index, size 1 is the default: {', '.join(kind.name for kind in KINDS)}",
+            "Joint by name or index, size 1 is the default; --list-effects names the kinds",
         ),
     ] = None,
     _list: Annotated[

@@ -112,7 +112,7 @@ _SHAPE: Mapping[str, Any] = {
     "history?": [
         {"iteration?": float, "rmse_train?": ("per joint", float), "rmse_train_after?": _AFTER},
     ],
-    "loops?": {"train?": _STAGES, "test?": _STAGES},
+    "loops?": {"test?": _STAGES},
     "converged?": bool,
     "n_iter?": float,
     "floor_method?": str,

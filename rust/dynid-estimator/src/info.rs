@@ -34,8 +34,15 @@ fn residual_joints(model: &TorqueModel) -> Vec<&str> {
 
 /// Which regressions the third loop is made of, `"mixture"` or `"rbf"`; both where joints differ.
 fn residual_methods(residual: &Residual) -> String {
-    let names = residual.joints().iter().flatten().map(Regression::name);
-    distinct(&names.collect::<Vec<_>>()).join(" and ")
+    let mut names: Vec<_> = residual
+        .joints()
+        .iter()
+        .flatten()
+        .map(Regression::name)
+        .collect();
+    names.sort_unstable();
+    names.dedup();
+    names.join(" and ")
 }
 
 /// For people.

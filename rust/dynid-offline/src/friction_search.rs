@@ -33,16 +33,41 @@ pub struct SearchRun {
 
 /// Second and third viscous order at one threshold, filtered, links taken out.
 #[derive(Clone, Debug)]
-pub struct HighOrders {
+struct HighOrders {
     threshold: f64,
     all_links: bool,
     columns: Vec<Vec<f64>>,
+}
+
+/// What one call of [`FrictionSearch::power`] leaves for the next: buffers, and columns of the same threshold.
+#[derive(Clone, Debug, Default)]
+pub struct Scratch {
+    high: Option<HighOrders>,
+    half: Buffers<HALF>,
+    whole: Buffers<N_FRICTION>,
+}
+
+/// Samples of N columns, and the filter's own copy of them.
+#[derive(Clone, Debug)]
+struct Buffers<const N: usize> {
+    samples: Vec<[f64; N]>,
+    work: Vec<[f64; N]>,
+}
+
+impl<const N: usize> Default for Buffers<N> {
+    fn default() -> Self {
+        Self {
+            samples: Vec::new(),
+            work: Vec::new(),
+        }
+    }
 }
 
 /// See the module.
 #[derive(Clone, Debug)]
 pub struct FrictionSearch {
     runs: Vec<SearchRun>,
+    fixed: Vec<[f64; N_FRICTION]>,
     n_rows: usize,
     /// Orthonormal columns that span the links', row-major, strongest first; `strong` of them are taken out.
     links: Vec<f64>,
@@ -56,7 +81,8 @@ pub struct FrictionSearch {
 impl FrictionSearch {
     /// `links`: the links' columns, row-major, rows of all runs one after the other; `tau` the torque in the same rows.
     /// Directions weaker than `weak` times the strongest are taken out on request only. `n_orders` of the
-    /// viscous torque are fitted, 0 to 3.
+    /// viscous torque are fitted, 0 to 3. `fixed` are rows of friction's columns that no shape in question changes (a
+    /// factor of fast samples); their torque stands at the end of `tau`.
     ///
     /// # Errors
     /// [`OfflineError`] if lengths disagree, a sample is out of range, a run is shorter than its filter's padding, or the
@@ -67,8 +93,9 @@ impl FrictionSearch {
         tau: Vec<f64>,
         weak: f64,
         n_orders: usize,
+        fixed: Vec<[f64; N_FRICTION]>,
     ) -> Result<Self, OfflineError> {
-        let n_rows: usize = runs.iter().map(|run| run.kept.len()).sum();
+        let n_rows = runs.iter().map(|run| run.kept.len()).sum::<usize>() + fixed.len();
         if tau.len() != n_rows {
             return Err(OfflineError::Shape { what: "tau" });
         }
@@ -84,7 +111,12 @@ impl FrictionSearch {
         if width * n_rows != links.len() {
             return Err(OfflineError::Shape { what: "links" });
         }
-        if !links.iter().chain(&tau).all(|x| x.is_finite()) {
+        if !links
+            .iter()
+            .chain(&tau)
+            .chain(fixed.as_flattened())
+            .all(|x| x.is_finite())
+        {
             return Err(OfflineError::NonFinite { what: "rows" });
         }
         let (links, strengths) = orthonormal(links, n_rows, width)?;
@@ -92,6 +124,7 @@ impl FrictionSearch {
         let strong = strengths.iter().filter(|s| **s > weak * strongest).count();
         let mut search = Self {
             runs,
+            fixed,
             n_rows,
             n_links: strengths.len(),
             links,
@@ -111,33 +144,29 @@ impl FrictionSearch {
     }
 
     /// Sum of squares of the torque that neither links nor friction of shape (lambda, eps) \[rad/s\] explain; with
-    /// `all_links` their weak directions count too. `kept` holds what can be used again at the same lambda, between calls.
-    pub fn power(
-        &self,
-        threshold: f64,
-        width: f64,
-        all_links: bool,
-        kept: &mut Option<HighOrders>,
-    ) -> f64 {
+    /// `all_links` their weak directions count too. `scratch` is of any earlier call of the same search, or new.
+    pub fn power(&self, threshold: f64, width: f64, all_links: bool, scratch: &mut Scratch) -> f64 {
         let usable = |high: &HighOrders| high.threshold == threshold && high.all_links == all_links;
         let low: [Vec<f64>; HALF];
-        if self.n_orders < 2 || kept.as_ref().is_some_and(usable) {
-            low = self.columns(all_links, |speed| {
+        if self.n_orders < 2 || scratch.high.as_ref().is_some_and(usable) {
+            low = self.columns(all_links, &mut scratch.half, |speed| {
                 let columns = friction_columns(speed, threshold, width);
                 std::array::from_fn(|k| columns[k])
             });
         } else {
             let mut both = self
-                .columns::<N_FRICTION>(all_links, |speed| friction_columns(speed, threshold, width))
+                .columns(all_links, &mut scratch.whole, |speed| {
+                    friction_columns(speed, threshold, width)
+                })
                 .into_iter();
             low = std::array::from_fn(|_| both.next().unwrap_or_default());
-            *kept = Some(HighOrders {
+            scratch.high = Some(HighOrders {
                 threshold,
                 all_links,
                 columns: both.collect(),
             });
         }
-        let high = match kept {
+        let high = match &scratch.high {
             Some(high) if self.n_orders > 1 => high.columns.as_slice(),
             _ => &[],
         };
@@ -154,13 +183,15 @@ impl FrictionSearch {
     fn columns<const N: usize>(
         &self,
         all_links: bool,
+        buffers: &mut Buffers<N>,
         at: impl Fn(f64) -> [f64; N],
     ) -> [Vec<f64>; N] {
         let mut rows = Vec::with_capacity(self.n_rows);
-        let mut work = Vec::new();
+        let Buffers { samples, work } = buffers;
         for run in &self.runs {
-            let mut samples: Vec<[f64; N]> = run.speeds.iter().map(|&speed| at(speed)).collect();
-            run.filter.apply(&mut samples, &mut work);
+            samples.clear();
+            samples.extend(run.speeds.iter().map(|&speed| at(speed)));
+            run.filter.apply(samples, work);
             match &run.mirrored {
                 None => rows.extend(run.kept.iter().map(|&k| samples[k])),
                 Some(mirrored) => rows.extend(run.kept.iter().zip(mirrored).map(|(&k, &m)| {
@@ -168,6 +199,10 @@ impl FrictionSearch {
                 })),
             }
         }
+        rows.extend(self.fixed.iter().map(|fixed| {
+            let row: [f64; N] = std::array::from_fn(|lane| fixed[lane]);
+            row
+        }));
         self.take_out_links(&mut rows, all_links);
         std::array::from_fn(|lane| rows.iter().map(|row| row[lane]).collect())
     }
@@ -331,11 +366,13 @@ mod tests {
         };
         let links: Vec<f64> = wave(3 * n, 1.3).iter().map(|x| x * x * x).collect();
         let tau: Vec<f64> = wave(n, 0.11).iter().map(|x| x + x.signum()).collect();
-        let search = FrictionSearch::new(vec![run.clone()], &links, tau.clone(), 0.0, 3).unwrap();
-        let mut kept = None;
+        let search =
+            FrictionSearch::new(vec![run.clone()], &links, tau.clone(), 0.0, 3, Vec::new())
+                .unwrap();
+        let mut scratch = Scratch::default();
         for shape in [(0.0, 0.01), (0.0, 0.1), (0.2, 0.1), (0.1, 0.3)] {
             let expected = reference(&run, &links, &tau, shape);
-            let power = search.power(shape.0, shape.1, false, &mut kept);
+            let power = search.power(shape.0, shape.1, false, &mut scratch);
             assert!(
                 (power - expected).abs() < 1e-10 * expected,
                 "{power} {expected}"
@@ -355,9 +392,50 @@ mod tests {
             mirrored: Some((n..2 * n).collect()),
         };
         let tau = wave(n, 0.2);
-        let search = FrictionSearch::new(vec![run.clone()], &[], tau.clone(), 0.0, 3).unwrap();
+        let search =
+            FrictionSearch::new(vec![run.clone()], &[], tau.clone(), 0.0, 3, Vec::new()).unwrap();
         let expected = reference(&run, &[], &tau, (0.1, 0.05));
-        let power = search.power(0.1, 0.05, false, &mut None);
+        let power = search.power(0.1, 0.05, false, &mut Scratch::default());
+        assert!(
+            (power - expected).abs() < 1e-9 * expected,
+            "{power} {expected}"
+        );
+    }
+
+    #[test]
+    fn a_factor_of_fast_rows_stands_for_them() {
+        let n = 300;
+        let mut speeds = wave(n, 0.05);
+        speeds.extend(wave(n, 0.05).iter().map(|x| 30.0 + x));
+        let run = SearchRun {
+            speeds,
+            filter: ZeroPhase::default(),
+            kept: (0..2 * n).collect(),
+            mirrored: None,
+        };
+        let tau = wave(2 * n, 0.2);
+        let all = FrictionSearch::new(vec![run.clone()], &[], tau.clone(), 0.0, 3, Vec::new());
+        let expected = all
+            .unwrap()
+            .power(0.1, 0.05, false, &mut Scratch::default());
+        let rows: Vec<f64> = (n..2 * n)
+            .flat_map(|k| {
+                let columns = friction_columns(run.speeds[k], 0.3, 0.2);
+                columns.into_iter().chain([tau[k]])
+            })
+            .collect();
+        let factor = triangular_factor(&rows, N_FRICTION + 1).unwrap();
+        let (fixed, end): (Vec<[f64; N_FRICTION]>, Vec<f64>) = factor
+            .chunks_exact(N_FRICTION + 1)
+            .map(|row| (std::array::from_fn(|c| row[c]), row[N_FRICTION]))
+            .unzip();
+        let run = SearchRun {
+            kept: (0..n).collect(),
+            ..run
+        };
+        let tau = [&tau[..n], &end].concat();
+        let search = FrictionSearch::new(vec![run], &[], tau, 0.0, 3, fixed).unwrap();
+        let power = search.power(0.1, 0.05, false, &mut Scratch::default());
         assert!(
             (power - expected).abs() < 1e-9 * expected,
             "{power} {expected}"
@@ -372,13 +450,21 @@ mod tests {
             kept: vec![3, 40],
             mirrored: None,
         };
-        assert!(FrictionSearch::new(vec![run.clone()], &[], vec![0.0; 2], 0.0, 3).is_err());
+        assert!(
+            FrictionSearch::new(vec![run.clone()], &[], vec![0.0; 2], 0.0, 3, Vec::new()).is_err()
+        );
         let run = SearchRun {
             kept: vec![3, 4],
             ..run
         };
-        assert!(FrictionSearch::new(vec![run.clone()], &[], vec![0.0; 3], 0.0, 3).is_err());
-        assert!(FrictionSearch::new(vec![run.clone()], &[], vec![0.0; 2], 0.0, 4).is_err());
-        assert!(FrictionSearch::new(vec![run], &[0.0; 3], vec![0.0; 2], 0.0, 3).is_err());
+        assert!(
+            FrictionSearch::new(vec![run.clone()], &[], vec![0.0; 3], 0.0, 3, Vec::new()).is_err()
+        );
+        assert!(
+            FrictionSearch::new(vec![run.clone()], &[], vec![0.0; 2], 0.0, 4, Vec::new()).is_err()
+        );
+        assert!(
+            FrictionSearch::new(vec![run], &[0.0; 3], vec![0.0; 2], 0.0, 3, Vec::new()).is_err()
+        );
     }
 }

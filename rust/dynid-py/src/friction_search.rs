@@ -2,7 +2,8 @@
 
 use std::sync::Mutex;
 
-use dynid_offline::friction_search::HighOrders;
+use dynid_core::effects::N_FRICTION;
+use dynid_offline::friction_search::Scratch;
 use dynid_offline::{FrictionSearch, SearchRun};
 use numpy::PyArray1;
 use pyo3::exceptions::PyRuntimeError;
@@ -22,12 +23,12 @@ type RunParts<'py> = (
 
 /// Residual power of one joint's torque as a function of friction's shape, links taken out.
 #[pyclass(name = "FrictionSearch", module = "dynid_rs._core", frozen)]
-pub struct PyFrictionSearch(Mutex<(FrictionSearch, Option<HighOrders>)>);
+pub struct PyFrictionSearch(Mutex<(FrictionSearch, Scratch)>);
 
 #[pymethods]
 impl PyFrictionSearch {
     #[new]
-    #[pyo3(signature = (runs, links, tau, *, weak, n_orders=3))]
+    #[pyo3(signature = (runs, links, tau, *, weak, n_orders=3, fixed=None))]
     fn new(
         py: Python<'_>,
         runs: Vec<RunParts<'_>>,
@@ -35,7 +36,16 @@ impl PyFrictionSearch {
         tau: &Bound<'_, PyAny>,
         weak: f64,
         n_orders: usize,
+        fixed: Option<Bound<'_, PyAny>>,
     ) -> PyResult<Self> {
+        let fixed = match fixed {
+            None => Vec::new(),
+            Some(rows) => arrays::matrix(&rows, "fixed rows", N_FRICTION)?
+                .as_slice()?
+                .as_chunks::<N_FRICTION>()
+                .0
+                .to_vec(),
+        };
         let runs = runs
             .into_iter()
             .map(|(speeds, filter, kept, mirrored)| {
@@ -58,9 +68,9 @@ impl PyFrictionSearch {
         )?;
         let links = links.as_slice()?;
         let search = py
-            .detach(|| FrictionSearch::new(runs, links, tau, weak, n_orders))
+            .detach(|| FrictionSearch::new(runs, links, tau, weak, n_orders, fixed))
             .map_err(errors::offline)?;
-        Ok(Self(Mutex::new((search, None))))
+        Ok(Self(Mutex::new((search, Scratch::default()))))
     }
 
     /// Sum of squares that is left at each shape, (n_shapes,). Shapes of one threshold are best given in a row.
@@ -81,12 +91,12 @@ impl PyFrictionSearch {
         }
         let powers = py.detach(|| {
             let mut inner = self.0.lock().map_err(|_| broken())?;
-            let (search, kept) = &mut *inner;
+            let (search, scratch) = &mut *inner;
             Ok::<_, PyErr>(
                 thresholds
                     .iter()
                     .zip(widths)
-                    .map(|(threshold, width)| search.power(*threshold, *width, all_links, kept))
+                    .map(|(threshold, width)| search.power(*threshold, *width, all_links, scratch))
                     .collect::<Vec<_>>(),
             )
         })?;
