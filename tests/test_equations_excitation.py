@@ -226,10 +226,13 @@ def test_eq_16_to_18_a_closed_form_of_two_terms():
     assert min(abs(a_1), abs(b_1)) > 0.1
 
 
-def test_eq_13_and_14_conditions_are_of_the_core(robot, design):
-    """The four numbers that the objective is made of, one by one."""
+def test_eqs_13_and_14_of_the_core(robot, design):
+    """The four numbers that the objective is made of, one by one, and their sum."""
     core = _core.Excitation(robot, robot.base_parameters().pivots.tolist(), whitening=ROOT)
     rng = np.random.default_rng(0)
     motion = rng.uniform(-2, 2, (3, 60, 3))
     a, b, g, whole = sub_regressors(robot, *motion)
-    assert_allclose(core.conditions(*motion), [condition(x) for x in (whole, a, b, g)], **EIGENVALUES)
+    parts = np.array([condition(x) for x in (whole, a, b, g)])
+    assert_allclose(core.conditions(*motion), parts, **EIGENVALUES)
+    w = 0.7, 1.9, 0.4  # not one in sum, or the first term's factor would not show
+    assert_allclose(core.value(*motion, criterion="block", weights=w), parts @ [sum(w), *w], **EIGENVALUES)
