@@ -22,7 +22,7 @@ mpl.rcParams.update(
 )
 import matplotlib.pyplot as plt  # noqa: E402  the backend is chosen first
 
-MOST_POINTS = 450
+MOST_POINTS = 400
 """Points of a curve; more cannot be seen."""
 
 
@@ -33,7 +33,7 @@ def _save(figure, path: Path, bottom: float = 0.0) -> None:
 
 
 def _thin(t, *signals):
-    step = max(1, len(t) // MOST_POINTS)
+    step = -(-len(t) // MOST_POINTS)
     return (t[::step], *(signal[::step] for signal in signals))
 
 

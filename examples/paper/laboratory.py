@@ -50,12 +50,16 @@ QUICK = Extent(
 
 @dataclass(frozen=True, eq=False)
 class Laboratory:
-    """What was measured: the arm, runs to learn from, runs that are never fitted, the friction experiment, and one to be timed."""
+    """What was measured: the arm, runs to learn from, runs never fitted, the friction experiment, a run to be timed.
+
+    `ideal_friction` is the friction experiment on the same arm without friction of the gears' teeth.
+    """
 
     arm: SimulatedArm
     train: list[Recording]
     held_out: dict[str, list[Recording]]
     friction: Recording
+    ideal_friction: Recording
     timed: Recording
 
 
@@ -67,9 +71,13 @@ def measure(robot: _core.RobotModel, designs: Sequence[FourierExcitation], exten
     runs = list(_play(arm, plans, RATE, seed=0))
     slow = plan_friction_experiment(robot, tables.table_1_of_motion(), **extent.friction)
     (friction,) = _play(arm, [slow], RATE, seed=1)
+    ideal = replace(arm, hysteresis_loss=np.zeros(robot.n_joints))
+    (without_teeth,) = _play(ideal, [slow], RATE, seed=1)
     (timed,) = _play(arm, plans[:1], extent.timed_rate, seed=2)
     *train, designed, table_3 = runs
-    return Laboratory(arm, train, {DESIGNED: [designed], TABLE_3: [table_3]}, replace(friction, name="friction"), timed)
+    return Laboratory(
+        arm, train, {DESIGNED: [designed], TABLE_3: [table_3]}, replace(friction, name="friction"), without_teeth, timed
+    )
 
 
 def _play(arm: SimulatedArm, plans: Sequence[Any], rate: float, seed: int) -> tuple[Recording, ...]:
@@ -103,6 +111,7 @@ class Friction:
     """Figure 6: odd friction by Eq. 8, by the fitted law and in truth, at `speeds` (n_joints, m) [rad/s]."""
 
     pairs: list[OddFriction]
+    ideal_pairs: list[OddFriction]
     speeds: np.ndarray
     law: np.ndarray
     truth: np.ndarray
@@ -115,6 +124,11 @@ class Friction:
         law, truth = (np.interp(odd.speed, self.speeds[j], values[j]) for values in (self.law, self.truth))
         size, pairs, fitted = (float(np.sqrt(np.mean(x**2))) for x in (truth, odd.tau_odd - truth, law - truth))
         return size, pairs, fitted
+
+    def ideal_errors(self, j: int) -> float:
+        """RMS of pairs minus truth where the gears' teeth have no friction [N m]."""
+        odd = self.ideal_pairs[j]
+        return float(np.sqrt(np.mean((odd.tau_odd - np.interp(odd.speed, self.speeds[j], self.truth[j])) ** 2)))
 
 
 def friction(lab: Laboratory) -> Friction:
@@ -135,7 +149,7 @@ def friction(lab: Laboratory) -> Friction:
         np.array([_odd(lambdas[j], widths[j], coefficients[j], speeds[j]) for j in range(len(pairs))])
         for lambdas, widths, coefficients in (fitted, true)
     )
-    return Friction(pairs, speeds, law, truth, clock, lab.friction.duration)
+    return Friction(pairs, odd_friction(lab.ideal_friction), speeds, law, truth, clock, lab.friction.duration)
 
 
 def _odd(threshold: float, width: float, coefficients: np.ndarray, speeds: np.ndarray) -> np.ndarray:
