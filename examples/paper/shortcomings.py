@@ -53,10 +53,10 @@ def _condition_numbers(experiment: Experiment) -> list[str]:
         acceleration = [design.merit_.block_condition_numbers["acceleration"] for design in (plain, block)]
         change = block.condition_number_ / plain.condition_number_ - 1
         items.append(
-            f"The paper's block objective changes the condition number by {_one(claimed)}, from one design each. On {arm} "
-            f"it changes that of the middle seed by {_one(change)}, and the ranges over the seeds {overlap}: "
-            f"{least[1]:.1f} to {most[1]:.1f}, and {least[0]:.1f} to {most[0]:.1f} with the plain objective, which asks "
-            f"for this very number. The acceleration block's becomes {acceleration[1]:.0f} instead of "
+            f"The paper's block objective changes the condition number by {_one(claimed)}, from one design each. On "
+            f"{arm} it changes that of the middle seed by {_one(change)}, and the ranges over the seeds {overlap}: "
+            f"{least[1]:.1f} to {most[1]:.1f}, and {least[0]:.1f} to {most[0]:.1f} with the plain objective, which "
+            f"asks for this very number. The acceleration block's becomes {acceleration[1]:.0f} instead of "
             f"{acceleration[0]:.0f}."
         )
     return items
@@ -135,10 +135,10 @@ def _tooth_friction(experiment: Experiment) -> list[str]:
     size, pairs, _ = sizes[j]
     ideal = found.ideal_errors(j)
     return [
-        f"Eq. 8 measures more than friction: on joint {j + 1} the pairs are off by {100 * pairs / size:.1f} % of what was "
-        f"simulated, and by {100 * ideal / size:.1f} % with the same gears without friction of their teeth. That friction "
-        "follows the load, and where gravity's load changes along the way it changes sign with the direction, as friction "
-        "in the speed does."
+        f"Eq. 8 measures more than friction: on joint {j + 1} the pairs are off by {100 * pairs / size:.1f} % of "
+        f"what was simulated, and by {100 * ideal / size:.1f} % with the same gears without friction of their teeth. "
+        "That friction follows the load, and where gravity's load changes along the way it changes sign with the "
+        "direction, as friction in the speed does."
     ]
 
 
@@ -209,10 +209,12 @@ def _forced(one: Measured) -> str:
     outcome, third = one.outcome, one.outcome.identifier.residual_
     (runs,) = outcome.held_out
     fitted = np.array([candidate is not None for candidate in third.candidates_])
-    text = (
-        "On the KUKA's real double-encoder data the third loop does not pay: it was kept on "
-        f"{joints_where(third.kept)}, for want of a gain on parts of the run it had not seen."
-    )
+    text = f"On the KUKA's real double-encoder data the third loop was kept on {joints_where(third.kept)}."
+    if (unsaid := fitted & (third.ratio_ == 1)).any():
+        text += (
+            f" On {joints_where(unsaid)} the first two loops, fitted to a part of the lone run, do not carry over to "
+            "the rest, so that whether a third one pays cannot be said from it."
+        )
     if not fitted.any():
         return text
     model = outcome.identifier.model_with(third.candidates_)
