@@ -9,7 +9,7 @@ SOURCES := Cargo.toml Cargo.lock pyproject.toml $(shell find rust build_backend 
 DEMO   ?= demo
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-rust test-python check bench clean toolchain
+.PHONY: help demo test test-rust test-python check bench paper clean toolchain
 
 help: ## this list
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
@@ -38,6 +38,10 @@ check: $(STAMP) $(TOOLS) ## format, lints, types, documentation
 
 bench: $(STAMP) $(TOOLS) ## speed and memory, side by side with a peer
 	$(BIN)/python benches/side_by_side.py
+
+paper: $(STAMP) ## repeat the source paper's experiment and write docs/paper.md with its figures
+	$(BIN)/python -m pip install --quiet --editable '.[paper]'
+	$(BIN)/python examples/paper/main.py --data "$$($(BIN)/python tests/data.py)"
 
 clean: ## remove everything that was built
 	rm -rf target $(VENV) $(DEMO) rust/dynid-py/dynid_rs.data python/dynid_rs/*.so

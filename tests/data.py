@@ -1,9 +1,10 @@
-"""Measured data of several robots, which is not part of the repository."""
+"""Measured data of several robots, which is not part of the repository.
+
+`python tests/data.py` prints where it is looked for.
+"""
 
 import os
 from pathlib import Path
-
-import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 """Root of the repository."""
@@ -18,9 +19,16 @@ URDF_ROBOTS = (
 """Folders that hold a robot.urdf."""
 
 
+def place() -> Path:
+    """Where the data is looked for: DYNID_DATA, else beside the repository."""
+    return Path(os.environ.get("DYNID_DATA", ROOT.parent / "shared" / "data"))
+
+
 def data_folder() -> Path:
-    """Folder of the data: DYNID_DATA, else beside the repository. Skips the test where it is missing."""
-    folder = Path(os.environ.get("DYNID_DATA", ROOT.parent / "shared" / "data"))
+    """Folder of the data. Skips the test where it is missing."""
+    import pytest  # late, for those who only ask for the place
+
+    folder = place()
     if not folder.is_dir():
         missing = f"no measured data at {folder}; set DYNID_DATA to the folder that holds it"
         if os.environ.get("CI") == "true":
@@ -34,3 +42,7 @@ def data_file(robot: str, name: str = "robot.urdf") -> Path:
     path = data_folder() / robot / name
     assert path.is_file(), f"{path} is missing; the data folder is not complete"
     return path
+
+
+if __name__ == "__main__":
+    print(place())

@@ -6,6 +6,7 @@ import functools
 from dataclasses import replace
 
 import numpy as np
+from paper_tables import LIMITS
 
 from dynid_rs import FrictionIdentifier, Recording, RobotModel, ThreeLoopIdentifier, _core
 from dynid_rs.friction import friction_effect
@@ -13,7 +14,7 @@ from dynid_rs.friction_experiment import FrictionExperiment, plan_friction_exper
 from dynid_rs.simulation import MotionLimits, SimulatedArm, bundled_robot, simulate, typical_arm
 from dynid_rs.simulation.limits import plausible_effort
 
-TOP = np.deg2rad([100.0, 60.0, 60.0, 80.0, 80.0, 80.0])
+TOP = LIMITS["velocity"]
 """Greatest speeds of the paper's Table 1 [rad/s]."""
 RATE = 1000.0
 
@@ -25,9 +26,9 @@ def robot() -> RobotModel:
 
 def paper_limits() -> MotionLimits:
     """Table 1: position, velocity, acceleration; the third joint about the middle of what the arm can do."""
-    reach = np.deg2rad([120.0, 90.0, 60.0, 120.0, 120.0, 120.0])
+    reach = LIMITS["position"]
     middle = np.deg2rad([0.0, 20.0, -45.0, 0.0, 0.0, 0.0])
-    return MotionLimits(middle - reach, middle + reach, TOP, np.full(6, np.deg2rad(120.0)))
+    return MotionLimits(middle - reach, middle + reach, TOP, LIMITS["acceleration"])
 
 
 def arm() -> SimulatedArm:

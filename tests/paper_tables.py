@@ -1,35 +1,19 @@
-"""The source paper's limits and trajectory (Tables 1 and 3) as this package's objects."""
+"""The source paper's tables (examples/paper/tables.py), which the tests share with the repeated experiment."""
 
 import importlib.util
 
-import numpy as np
 from data import ROOT
 
-from dynid_rs.excitation import ExcitationLimits
-from dynid_rs.simulation import FourierTrajectory
-
-_SPEC = importlib.util.spec_from_file_location("tables_of_the_paper", ROOT / "examples" / "paper" / "tables.py")
+FOLDER = ROOT / "examples" / "paper"
+_SPEC = importlib.util.spec_from_file_location("tables_of_the_paper", FOLDER / "tables.py")
 TABLES = importlib.util.module_from_spec(_SPEC)
 _SPEC.loader.exec_module(TABLES)
 
-FUNDAMENTAL, SIN_COEF, COS_COEF, OFFSET = TABLES.FUNDAMENTAL, TABLES.SIN_COEF, TABLES.COS_COEF, TABLES.OFFSET
-DURATION = 20.0
-"""[s]."""
-RATE = 10.0
-"""200 samples, every 0.1 s."""
-
-
-def table_1() -> ExcitationLimits:
-    """Limits of the experiment."""
-    limits = TABLES.LIMITS
-    return ExcitationLimits.symmetric(limits["position"], limits["velocity"], limits["acceleration"])
-
-
-def table_3() -> FourierTrajectory:
-    """The winning trajectory, with 5 harmonics."""
-    return FourierTrajectory(OFFSET, SIN_COEF, COS_COEF, FUNDAMENTAL, rest=0.0)
-
-
-def sampling_times() -> np.ndarray:
-    """The 200 instants of the criterion [s]."""
-    return np.arange(int(DURATION * RATE)) / RATE
+LIMITS, FUNDAMENTAL, SIN_COEF, COS_COEF, OFFSET = (
+    TABLES.LIMITS,
+    TABLES.FUNDAMENTAL,
+    TABLES.SIN_COEF,
+    TABLES.COS_COEF,
+    TABLES.OFFSET,
+)
+table_1, table_3, sampling_times = TABLES.table_1, TABLES.table_3, TABLES.sampling_times

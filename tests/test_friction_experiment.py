@@ -17,7 +17,7 @@ from dynid_rs.friction_experiment import FrictionExperiment, Leg, ReversedPair, 
 from dynid_rs.friction_experiment.pairs import find_mirrors
 from dynid_rs.friction_laws import LAWS, compare_friction_laws
 from dynid_rs.preprocessing import prepare
-from dynid_rs.simulation import motion_limits, simulate, typical_arm
+from dynid_rs.simulation import Tracking, motion_limits, simulate, typical_arm
 from dynid_rs.simulation.folder import run_columns
 
 JOINTS = range(6)
@@ -180,6 +180,22 @@ def test_every_planned_pair_is_found_without_the_plan(small, small_truth, rate, 
         covered[after], covered[np.round(before).astype(int)] = True, True
     for turn in planned_pairs(planned):
         assert covered[int((turn + 0.5) * states.rate)], f"the pair about {turn:.2f} s was missed"
+
+
+@pytest.mark.parametrize("cutoff", [5.0, 10.0])
+def test_a_window_holds_every_sample_that_it_uses(small, small_truth, cutoff):
+    """In a closed loop joints creep, and their motion may fall between the thinned samples at a window's end."""
+    from dynid_rs.friction_experiment.rows import pair_windows
+    from dynid_rs.preprocessing import Band
+
+    played = simulate(small_truth, n_runs=1, rate=1000.0, seed=1, trajectories=[short_plan(small)], tracking=Tracking())
+    states = prepare(played.recordings[0], Band(cutoff), 1000.0)
+    windows = pair_windows([states])
+    assert windows
+    for window in windows:
+        used = window.every[:, window.every_used.any(axis=0)]
+        assert used.min() >= 0
+        assert used.max() < len(window.states.t)
 
 
 @pytest.mark.parametrize("memory", [0.0, 0.05])

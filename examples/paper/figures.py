@@ -22,57 +22,66 @@ mpl.rcParams.update(
 )
 import matplotlib.pyplot as plt  # noqa: E402  the backend is chosen first
 
-MOST_POINTS = 600
+MOST_POINTS = 400
 """Points of a curve; more cannot be seen."""
 
 
-def _save(figure, path: Path) -> None:
-    figure.tight_layout()
+def _save(figure, path: Path, bottom: float = 0.0) -> None:
+    figure.tight_layout(rect=(0, bottom, 1, 1))
     figure.savefig(path, metadata={"Date": None})
     plt.close(figure)
 
 
 def _thin(t, *signals):
-    step = max(1, len(t) // MOST_POINTS)
+    step = -(-len(t) // MOST_POINTS)
     return (t[::step], *(signal[::step] for signal in signals))
 
 
 def exciting_trajectory(path: Path, trajectory, joints) -> None:
     """Figure 5: position, velocity and acceleration of the designed trajectory."""
     t = np.linspace(0.0, trajectory.duration, MOST_POINTS)
-    figure, axes = plt.subplots(1, 3, figsize=(9.0, 2.4))
-    for axis, signal, unit in zip(axes, trajectory.evaluate(t), ("rad", "rad/s", "rad/s$^2$"), strict=True):
-        axis.plot(t, signal, label=joints)
-        axis.set(xlabel="t [s]", title=unit)
-    axes[0].legend(joints, ncols=2, fontsize=6)
-    _save(figure, path)
+    figure, axes = plt.subplots(1, 3, figsize=(9.0, 2.9))
+    titles = ("position [rad]", "velocity [rad/s]", "acceleration [rad/s²]")
+    for axis, signal, title in zip(axes, trajectory.evaluate(t), titles, strict=True):
+        lines = axis.plot(t, signal)
+        axis.set(xlabel="t [s]", title=title)
+    figure.legend(lines, joints, ncols=len(joints), fontsize=7, loc="lower center", frameon=False)
+    _save(figure, path, bottom=0.08)
 
 
-def friction(path: Path, panels) -> None:
-    """Figure 6: friction measured by pairs and the fitted law; panels are (joint, speed, tau, speeds, law, truth)."""
-    figure, axes = plt.subplots(1, len(panels), figsize=(9.0, 2.6))
-    for axis, (joint, speed, tau, speeds, law, truth) in zip(axes, panels, strict=True):
-        axis.plot(speed, tau, ".", markersize=2.5, color="0.6", label="pairs (Eq. 8)")
-        axis.plot(speeds, truth, color="tab:orange", label="simulated")
-        axis.plot(speeds, law, "--", color="tab:blue", label="identified")
-        axis.set(xlabel="velocity [rad/s]", ylabel="friction [N m]", title=joint)
-    axes[0].legend(fontsize=6)
+def friction(path: Path, found, joints) -> None:
+    """Figure 6: friction by the pairs of Eq. 8 with its 95 % interval, the identified law, and what was simulated."""
+    figure, axes = plt.subplots(1, len(joints), figsize=(9.0, 2.8))
+    for j, (axis, joint) in enumerate(zip(axes, joints, strict=True)):
+        odd = found.pairs[j]
+        axis.plot(found.speeds[j], found.truth[j], color="tab:orange", linewidth=2.5, alpha=0.6, label="simulated")
+        axis.plot(found.speeds[j], found.law[j], "--", color="tab:blue", label="identified law")
+        for kind, marker in (("leg", "o"), ("reversed", "x")):
+            at = [k == kind for k in odd.kind]
+            name = {"leg": "constant speed, both ways", "reversed": "time-reversed motion"}[kind]
+            bars = 1.96 * odd.std_error[at]
+            axis.errorbar(
+                odd.speed[at], odd.tau_odd[at], bars, fmt=marker, color="0.3", markersize=3.5, linewidth=0.7, label=name
+            )
+        axis.set(xlabel="speed [rad/s]", ylabel="odd part of friction [N m]", title=joint, xscale="log")
+    axes[0].legend(fontsize=7)
     _save(figure, path)
 
 
 def torque(path: Path, t, measured, predicted, joints) -> None:
     """Figures 7 and 8: measured and predicted torque on a run that nothing was fitted to, and the rest."""
     columns = (len(joints) + 1) // 2
-    figure, axes = plt.subplots(2, columns, figsize=(9.0, 4.0), sharex=True)
+    figure, axes = plt.subplots(2, columns, figsize=(9.0, 4.4), sharex=True)
     t, measured, predicted = _thin(t, measured, predicted)
     for j, (axis, joint) in enumerate(zip(axes.ravel(), joints, strict=False)):
-        axis.plot(t, measured[:, j], color="0.5", label="measured")
-        axis.plot(t, predicted[:, j], "--", color="tab:blue", label="predicted")
-        axis.plot(t, measured[:, j] - predicted[:, j], color="tab:orange", label="left")
+        lines = axis.plot(t, measured[:, j], color="0.6", linewidth=2.0)
+        lines += axis.plot(t, predicted[:, j], "--", color="tab:blue")
+        lines += axis.plot(t, measured[:, j] - predicted[:, j], color="tab:orange")
         axis.set_title(joint)
     for axis in axes[:, 0]:
         axis.set_ylabel("torque [N m]")
     for axis in axes[-1]:
         axis.set_xlabel("t [s]")
-    axes[0, 0].legend(fontsize=6)
-    _save(figure, path)
+    names = ("measured", "predicted", "measured - predicted")
+    figure.legend(lines, names, ncols=3, fontsize=8, loc="lower center", frameon=False)
+    _save(figure, path, bottom=0.05)

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from dynid_rs.excitation import ExcitationLimits
+from dynid_rs.simulation import FourierTrajectory, MotionLimits
+
 LIMITS = {
     "position": np.radians([120.0, 90.0, 60.0, 120.0, 120.0, 120.0]),
     "velocity": np.radians([100.0, 60.0, 60.0, 80.0, 80.0, 80.0]),
@@ -46,3 +49,45 @@ RMSE = {
 
 SECONDS = {"friction": 1.0, "trajectory (with its 20 s of motion)": 30.0, "identification": 5.0, "mixture": 2.0}
 """Run times in MATLAB on an i7-11800H; one cycle of the online estimate is given 1 ms."""
+
+DURATION = 20.0
+"""Of the exciting trajectory [s]."""
+RATE = 10.0
+"""200 samples, every 0.1 s."""
+CLAIMED_GAIN = 0.20
+""""The RMSE of the residual torque is reduced by more than 20 %"."""
+PRINTED_FREQUENCY = 0.02
+"""Exciting frequency of the text [Hz]."""
+
+
+def table_1() -> ExcitationLimits:
+    """Limits of the experiment."""
+    return ExcitationLimits.symmetric(LIMITS["position"], LIMITS["velocity"], LIMITS["acceleration"])
+
+
+def table_1_of_motion() -> MotionLimits:
+    """The same for the friction experiment."""
+    return MotionLimits(-LIMITS["position"], LIMITS["position"], LIMITS["velocity"], LIMITS["acceleration"])
+
+
+def table_3(rest: float = 0.0) -> FourierTrajectory:
+    """The winning trajectory, with `rest` [s] before and after it."""
+    return FourierTrajectory(OFFSET, SIN_COEF, COS_COEF, FUNDAMENTAL, rest=rest)
+
+
+def sampling_times() -> np.ndarray:
+    """The 200 instants of the criterion [s]."""
+    return np.arange(int(DURATION * RATE)) / RATE
+
+
+def table_4_change() -> np.ndarray:
+    """Change of the RMSE by the paper's method, (6,)."""
+    return RMSE["three loops"] / RMSE["wls"] - 1
+
+
+def eq_18(frequency: float) -> np.ndarray:
+    """What Table 3 leaves of Eq. 18 at this frequency [Hz]: start, start velocity, start acceleration, (3, 6)."""
+    order = np.arange(1.0, len(SIN_COEF) + 1)[:, None]
+    omega = 2 * np.pi * frequency
+    start = OFFSET - (COS_COEF / (omega * order)).sum(axis=0)
+    return np.stack([start, SIN_COEF.sum(axis=0), omega * (order * COS_COEF).sum(axis=0)])
