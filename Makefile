@@ -64,5 +64,5 @@ $(STAMP): $(SOURCES) | $(VENV)/bin/python
 	@touch $@
 
 $(TOOLS): pyproject.toml $(STAMP)
-	$(BIN)/python -m pip install --quiet --editable '.[test,check]'
+	$(BIN)/python -m pip install --quiet --editable '.[test,check,physical,paper]'
 	@touch $@
