@@ -38,6 +38,7 @@ check: $(STAMP) $(TOOLS) ## format, lints, types, documentation
 
 bench: $(STAMP) $(TOOLS) ## speed and memory, side by side with a peer
 	$(BIN)/python benches/side_by_side.py
+	$(BIN)/python benches/loops.py
 
 paper: $(STAMP) ## repeat the source paper's experiment and write docs/paper.md with its figures
 	$(BIN)/python -m pip install --quiet --editable '.[paper]'

@@ -40,7 +40,7 @@ FloatArray = NDArray[np.float64]
 
 SPREADS = (1e-3, 1e-2, 3e-2, 0.1, 0.3, 1.0, 3.0, 10.0, 100.0)
 """Relative uncertainties that are tried first."""
-CLOSE = 0.02
+CLOSE = 0.05
 """Logarithms of relative uncertainties are found this closely."""
 NEAR = 3.0
 """After the first round a search in one dimension stays within this factor."""
@@ -274,13 +274,18 @@ class _Problem:
         if near:
             start, least, most = near[0], near[0].spreads / NEAR, near[0].spreads * NEAR
         else:
-            points = [self.at(np.full(n_spreads, spread), noise_std) for spread in SPREADS]
+            points: list[_Point] = []
+            for spread in SPREADS:
+                points.append(self.at(np.full(n_spreads, spread), points[-1].noise_std if points else noise_std))
             k = max(range(len(points)), key=lambda k: points[k].evidence)
             start, least, most = points[k], points[max(k - 1, 0)].spreads, points[min(k + 1, len(points) - 1)].spreads
         low, high = np.log(SPREADS[0]), np.log(SPREADS[-1])
+        last = start  # its noise is close to the next point's
 
         def less(x: Any) -> float:
-            return -self.at(np.exp(np.clip(np.atleast_1d(x), low, high)), start.noise_std).evidence
+            nonlocal last
+            last = self.at(np.exp(np.clip(np.atleast_1d(x), low, high)), last.noise_std)
+            return -last.evidence
 
         if n_spreads == 1:
             bounds = (max(float(np.log(least[0])), low), min(float(np.log(most[0])), high))
@@ -290,7 +295,7 @@ class _Problem:
             simplex = at_start + step * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
             options: Any = {"initial_simplex": simplex, "xatol": CLOSE, "fatol": CLOSE, "maxfev": MOST_TRIES}
             x = minimize(less, at_start, method="Nelder-Mead", options=options).x
-        return self.at(np.exp(np.clip(np.atleast_1d(x), low, high)), start.noise_std)
+        return self.at(np.exp(np.clip(np.atleast_1d(x), low, high)), last.noise_std)
 
     def at(self, spreads: FloatArray, noise_std: FloatArray) -> _Point:
         """Most probable unknowns and noise at these relative uncertainties; the noise is searched from `noise_std`."""
