@@ -226,8 +226,11 @@ def test_eq_12_the_search_matches_least_squares_over_all_lambda(law, width):
     fitted = FrictionIdentifier(as_printed=True).fit(plan, [states], rows)
     assert fitted.transition_width_[0] == 1e-4  # as printed
 
+    everywhere = printed.friction_columns(states.dq[:, 0], 0.0, 1e-4)
+
     def left(threshold):
-        columns = np.stack([printed.friction(states.dq[:, 0], threshold, 1e-4, unit) for unit in np.eye(8)], axis=1)
+        columns = everywhere.copy()
+        columns[np.abs(states.dq[:, 0]) < threshold, 2:] = 0.0  # Eq. 9
         columns = states.in_band(columns)[:, : 8 if law == "paper" else 4]
         links = rows[0][0][:, plan.n_own : -1]
         others = rows[0][0][:, : plan.n_own - 8][:, plan.own[0, :-8]]
