@@ -14,11 +14,12 @@ from tolerances import EXACT, FINITE_DIFFERENCE
 
 from dynid_rs import DataError, RobotModel, ThreeLoopIdentifier, _core
 from dynid_rs.friction_experiment import FrictionExperiment, Leg, ReversedPair, odd_friction, plan_friction_experiment
-from dynid_rs.friction_experiment.pairs import find_mirrors
+from dynid_rs.friction_experiment.pairs import check_reversals, find_mirrors
 from dynid_rs.friction_laws import LAWS, compare_friction_laws
-from dynid_rs.preprocessing import prepare
+from dynid_rs.preprocessing import Band, prepare
 from dynid_rs.simulation import Tracking, motion_limits, simulate, typical_arm
 from dynid_rs.simulation.folder import run_columns
+from dynid_rs.simulation.tracking import track
 
 JOINTS = range(6)
 COEFFICIENT = 0.02
@@ -415,3 +416,16 @@ def test_identify_refuses_an_unknown_law_and_a_run_without_reversal(tmp_path):
 def test_the_plan_of_these_tests_is_what_they_say():
     assert 600 < plan().duration < 720
     assert friction_arm.RATE == 1000.0
+
+
+def test_joints_that_rest_may_creep(robot):
+    """A controller lets resting joints give way a little, and not the same way in both directions."""
+    arm, rng = typical_arm(robot), np.random.default_rng(0)
+    options = {"joints": [0, 1], "n_speeds": 3, "pair_time": 4.0, "levels": (1, 0.3), "leg_time": 1.0}
+    plan = plan_friction_experiment(robot, motion_limits(robot), **options)
+    states = prepare(arm.record(track(arm, plan, Tracking(), rng), 250.0, rng), Band(5.0), 250.0)
+    assert np.ptp(states.q[:, 2:], axis=0).max() > 1e-3
+    mirrors = find_mirrors(states)
+    assert len(mirrors) >= 6
+    check_reversals([states], [mirrors], robot.joint_names)
+    assert np.any([mirror.moves for mirror in mirrors], axis=0).tolist() == [True, True] + [False] * 4

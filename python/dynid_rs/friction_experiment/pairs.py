@@ -23,6 +23,8 @@ STILL_NOISE = 6.0
 """A joint moves where its speed is above this many standard deviations of the velocity's noise."""
 STILL_SHARE = 2e-4
 """... and above this part of its greatest speed: the ripple of filters is no motion."""
+CREEP = 5e-3
+"""A joint that stays within this [rad, m] over the whole run rests: what its controller lets it creep mirrors nothing."""
 LEAST_REST = 0.1
 """Shortest rest that may be a mirror [s]."""
 LATEST_MIRROR = 0.25
@@ -72,8 +74,9 @@ def still_speed(states: States) -> FloatArray:
 
 def find_mirrors(states: States) -> list[Mirror]:
     """Every motion of the run that was also made the other way round; no sample belongs to two of them."""
-    limit = still_speed(states)
-    place = SAME_PLACE * np.ptp(states.q_motor, axis=0) + 1e-9
+    limit, span = still_speed(states), np.ptp(states.q_motor, axis=0)
+    place = SAME_PLACE * span + 1e-9
+    limit[span <= CREEP] = place[span <= CREEP] = np.inf
     still = np.all(np.abs(states.dq_motor) <= limit, axis=1)
     rests = [(a, b) for a, b in stretches(still) if b - a >= LEAST_REST * states.rate]
     found = [mirror for a, b in rests if (mirror := _mirror_at(states, a, b, limit, place)) is not None]
@@ -191,7 +194,7 @@ def check_reversals(runs: Sequence[States], mirrors: Sequence[Sequence[Mirror]],
     """
     paired = np.any([m.moves for run in mirrors for m in run] + [np.zeros(len(names), dtype=bool)], axis=0)
     for j, name in enumerate(names):
-        moving = [states for states in runs if np.ptp(states.q[:, j]) > 1e-3]
+        moving = [states for states in runs if np.ptp(states.q[:, j]) > CREEP]
         if paired[j] or not moving:
             continue
         speeds = np.concatenate([states.dq_motor[:, j] for states in moving])
