@@ -418,14 +418,15 @@ def test_the_plan_of_these_tests_is_what_they_say():
     assert friction_arm.RATE == 1000.0
 
 
-def test_joints_that_rest_may_creep(robot):
+def test_joints_that_rest_may_creep():
     """A controller lets resting joints give way a little, and not the same way in both directions."""
-    arm, rng = typical_arm(robot), np.random.default_rng(0)
+    six_axis = robot()
+    elastic, rng = typical_arm(six_axis), np.random.default_rng(0)
     options = {"joints": [0, 1], "n_speeds": 3, "pair_time": 4.0, "levels": (1, 0.3), "leg_time": 1.0}
-    plan = plan_friction_experiment(robot, motion_limits(robot), **options)
-    states = prepare(arm.record(track(arm, plan, Tracking(), rng), 250.0, rng), Band(5.0), 250.0)
+    planned = plan_friction_experiment(six_axis, motion_limits(six_axis), **options)
+    states = prepare(elastic.record(track(elastic, planned, Tracking(), rng), 250.0, rng), Band(5.0), 250.0)
     assert np.ptp(states.q[:, 2:], axis=0).max() > 1e-3
     mirrors = find_mirrors(states)
     assert len(mirrors) >= 6
-    check_reversals([states], [mirrors], robot.joint_names)
+    check_reversals([states], [mirrors], six_axis.joint_names)
     assert np.any([mirror.moves for mirror in mirrors], axis=0).tolist() == [True, True] + [False] * 4

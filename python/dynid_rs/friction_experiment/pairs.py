@@ -24,7 +24,7 @@ STILL_NOISE = 6.0
 STILL_SHARE = 2e-4
 """... and above this part of its greatest speed: the ripple of filters is no motion."""
 CREEP = 5e-3
-"""A joint that stays within this [rad, m] over the whole run rests: what its controller lets it creep mirrors nothing."""
+"""A joint that stays within this [rad, m] over a run rests: what its controller lets it creep mirrors nothing."""
 LEAST_REST = 0.1
 """Shortest rest that may be a mirror [s]."""
 LATEST_MIRROR = 0.25
