@@ -13,7 +13,7 @@ from real_robots import CASES, identify
 from robots import random_states
 from small_arm import URDF, as_current, dynid, refusal, run, snapshot, write_robot, write_runs
 from test_identify import validator
-from tolerances import ALGEBRAIC
+from tolerances import ALGEBRAIC, EXACT
 
 import dynid_rs as dyn
 from dynid_rs import PhysicalIdentifier, RobotModel, ThreeLoopIdentifier, _core
@@ -300,3 +300,27 @@ def fit_to(robot, phi, rotor=0.0, noise=QUIET):
         exact.append(replace(recording, tau=tau, q_motor=None, dq_motor=None, ddq_motor=None))
     identifier = ThreeLoopIdentifier(robot, residual=None).fit(exact)
     return (identifier.model_, identifier.raw_runs_), identifier.links_, identifier.observations_
+
+
+def test_what_is_not_identified_stays_as_it_was():
+    """Compliance of the third loop, step and known terms come over: only phi and the fitted effects are the set's."""
+    robot = RobotModel.from_urdf_string(URDF)
+    rng = np.random.default_rng(0)
+    mixture = _core.GaussianMixtureRegression([1.0], [[0.0, 0.0, 0.3]], [np.diag([1.0, 1.0, 0.1])])
+    known = (_core.Effect.of("friction_hysteresis", presliding_distance=[1e-3] * 3), np.array([[1.0], [0.0], [2.0]]))
+    model = _core.TorqueModel(
+        robot,
+        robot.phi,
+        [(_core.Effect.torque_offset(), np.array([[0.1], [0.2], [0.3]])), known],
+        residual=("load_free_deflection", [mixture] * 3),
+        compliance=[1e-2] * 3,
+        encoder_delay=[1e-3] * 3,
+        noise_std=[0.1] * 3,
+        domain=([[-1.0, 1.0]] * 3, [2.0] * 3, [1.0] * 3),
+        step=0.004,
+    )
+    fitted = PhysicalIdentifier()
+    fitted.phi_, fitted._channel_phi, fitted.own_ = robot.phi, robot.phi, np.array([[0.1], [0.2], [0.3]])
+    states = [rng.uniform(-1, 1, (20, 3)) for _ in range(6)]
+    for ours, theirs in zip(fitted.torque_model(model).evaluate(*states), model.evaluate(*states), strict=True):
+        assert_allclose(ours, theirs, **EXACT)

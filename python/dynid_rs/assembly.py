@@ -78,6 +78,25 @@ def assemble(
     )
 
 
+def with_parts(
+    model: _core.TorqueModel, phi: FloatArray, effects: Sequence[tuple[_core.Effect, FloatArray]]
+) -> _core.TorqueModel:
+    """Return `model` with other inertial parameters (10 n_links,) and effects; everything else stays."""
+    return _core.TorqueModel(
+        model.robot,
+        phi,
+        effects,
+        residual=model.residual,
+        compliance=None if model.compliance is None else model.compliance.tolist(),
+        torque_scale=model.torque_scale.tolist(),
+        encoder_delay=model.encoder_delay.tolist(),
+        noise_std=model.noise_std.tolist(),
+        domain=model.domain,
+        torque_unit=model.torque_unit,
+        step=model.step,
+    )
+
+
 def evaluate(model: _core.TorqueModel, states: States) -> tuple[FloatArray, FloatArray, NDArray[np.uint32]]:
     """Total (n, n_joints), terms (n, n_terms, n_joints) and status bits (n,) along a run, channels as recorded."""
     return model.evaluate(*states.signals())

@@ -295,6 +295,8 @@ def weighted_system(
 ) -> FloatArray:
     """System ``[columns | torque]`` that `links` was solved on, its noise of variance one (Eq. 13).
 
+    With a prior its rows stand below, and a joint's rows count as many as the independent samples they are worth.
+
     Parameters
     ----------
     least_noise : float
@@ -303,13 +305,17 @@ def weighted_system(
     plan, factors = observations.plan, observations.factors()
     size = np.array([np.linalg.norm(R[:, -1]) for R in factors]) / np.sqrt(observations.n_rows)
     least = np.maximum(least_noise * size, 1e-300)
+    root = np.sqrt(links.worth_)
     if links.weighting == "full_covariance":
         short = np.maximum(least**2 - np.diag(links.covariance_), 0.0)
-        return _whitened(observations, links.covariance_ + np.diag(short), links.torque_scale_)
-    noise = links.noise_std_
-    if links.weighting is None:
-        noise = np.full(len(factors), np.sqrt(np.mean(noise**2)))
-    return stack(plan, factors, 1 / np.maximum(noise, least), links.torque_scale_)
+        covariance = (links.covariance_ + np.diag(short)) / np.outer(root, root)
+        system = _whitened(observations, covariance, links.torque_scale_)
+    else:
+        noise = links.noise_std_
+        if links.weighting is None:
+            noise = np.full(len(factors), np.sqrt(np.mean(noise**2)))
+        system = stack(plan, factors, root / np.maximum(noise, least), links.torque_scale_)
+    return system if links.posterior_ is None else np.concatenate([system, links.posterior_.pull])
 
 
 def solve(plan: Plan, system: FloatArray, ridges: Sequence[float]) -> list[FloatArray]:

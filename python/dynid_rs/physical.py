@@ -17,6 +17,7 @@ from sklearn.base import BaseEstimator
 from sklearn.utils.validation import check_is_fitted
 
 from dynid_rs import _core
+from dynid_rs.assembly import with_parts
 from dynid_rs.bodies import Program, Terms, declared_bodies
 from dynid_rs.columns import Observations, Plan
 from dynid_rs.links import LinkDynamicsIdentifier, residual_power, weighted_system
@@ -115,20 +116,11 @@ class PhysicalIdentifier(BaseEstimator):  # type: ignore[misc]
         """Torque model of this set, in the unit of `like`; all that is not identified here is that of `like`."""
         check_is_fitted(self, "phi_")
         effects, first = [], 0
-        for effect, _ in like.effects:
-            effects.append((effect, self.own_[:, first : first + effect.n_columns]))
+        for effect, coefficients in like.effects:
+            fitted = first < self.own_.shape[1]  # known terms stand last and stay
+            effects.append((effect, self.own_[:, first : first + effect.n_columns] if fitted else coefficients))
             first += effect.n_columns
-        return _core.TorqueModel(
-            like.robot,
-            self._channel_phi,
-            effects,
-            residual=like.residual,
-            torque_scale=like.torque_scale.tolist(),
-            encoder_delay=like.encoder_delay.tolist(),
-            noise_std=like.noise_std.tolist(),
-            domain=like.domain,
-            torque_unit=like.torque_unit,
-        )
+        return with_parts(like, self._channel_phi, effects)
 
     def physical_set(self, like: _core.TorqueModel) -> _core.PhysicalSet:
         """Return what goes into `model.json` and a URDF; friction as Coulomb and viscous torque of both directions."""
