@@ -390,3 +390,10 @@ def test_errors_reach_programs_too(tmp_path):
     printed = dynid("excite", write_robot(tmp_path), "-o", tmp_path / "traj.csv", "--criterion", "E", "--json")
     assert printed.exit_code == 2
     assert json.loads(printed.stdout)["error"]["class"] == "ValueError"
+
+
+def test_limits_beyond_the_robot_file_are_refused(tmp_path):
+    """Degrees without their unit would plan many turns."""
+    text = LIMITS.replace('[units]\nangle = "deg"\n', "").replace("[start]\nposition = [10, -20, 0]\n", "")
+    with pytest.raises(DataError, match=r"\[position\].*joint .* in the robot file.*is the unit degrees"):
+        read(tmp_path, text)

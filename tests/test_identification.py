@@ -25,11 +25,13 @@ from dynid_rs import (
 from dynid_rs.assembly import evaluate
 from dynid_rs.columns import observe
 from dynid_rs.evaluation import compare, noise_floor, rmse_interval
+from dynid_rs.excitation import FourierExcitation
 from dynid_rs.friction import friction_effect
-from dynid_rs.links import stack_one
+from dynid_rs.links import ASYMMETRY, stack_one
 from dynid_rs.loops import declared_plan
 from dynid_rs.preprocessing import Band, choose_band, prepare
-from dynid_rs.simulation import bundled_robot, simulate, typical_arm
+from dynid_rs.simulation import Tracking, bundled_robot, simulate, typical_arm
+from dynid_rs.simulation.tracking import track
 
 
 @pytest.fixture(scope="module")
@@ -246,3 +248,23 @@ def test_results_do_not_depend_on_the_number_of_threads(observed):
     first = LinkDynamicsIdentifier().fit(observed[1])
     again = LinkDynamicsIdentifier().fit(observed[1])
     np.testing.assert_array_equal(first.x_, again.x_)
+
+
+def test_offset_and_friction_of_both_directions_do_not_cancel_each_other():
+    """In motion they are one column; on gears that yield what is left at rest would blow them up without the prior."""
+    robot = RobotModel.from_urdf(bundled_robot())
+    arm = typical_arm(robot)
+    runs = []
+    for seed in (0, 5):
+        plan = FourierExcitation(n_restarts=1, max_iter=20, random_state=seed).fit(robot).trajectory_
+        rng = np.random.default_rng(seed)
+        runs.append(arm.record(track(arm, plan, Tracking(), rng), 250.0, rng, f"run_{seed}"))
+    coulomb = arm.friction[:, :2].mean(axis=1)
+    worst = {}
+    for asymmetry in (None, ASYMMETRY):
+        links = LinkDynamicsIdentifier(asymmetry=asymmetry)
+        identifier = ThreeLoopIdentifier(robot, links=links, residual=None).fit(runs)
+        _, _, forwards, backwards = identifier.links_.own_.T[:4]
+        worst[asymmetry] = np.max(np.abs(forwards - backwards) / coulomb)
+    assert worst[ASYMMETRY] < 0.5, worst
+    assert worst[None] > 5, worst

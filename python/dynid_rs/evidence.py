@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 
 from dynid_rs import _core
 from dynid_rs.columns import Observations, Plan
-from dynid_rs.links import block_residuals, improve_scale, residual_power, stack_one
+from dynid_rs.links import ASYMMETRY, alike_rows, block_residuals, improve_scale, residual_power, stack_one
 from dynid_rs.memory import column_memory, inflation
 from dynid_rs.priors import InertialPrior, inertial_prior
 
@@ -51,7 +51,7 @@ SETTLED = 0.05
 FRICTION_SPREAD = 0.2
 """Size of a viscous term (root mean square over the rows) beside the joint's torque that counts as usual. Six
 cancelling terms per joint are too many for a short run; on seven training sets of three robots the evidence was
-greatest between 0.05 and 0.2, and flat in between. Coulomb friction has no prior."""
+greatest between 0.05 and 0.2, and flat in between. Coulomb friction's size has no prior."""
 MAX_ROUNDS = 6
 """Most rounds of relative uncertainty and correlation in time."""
 MAX_FIXED_POINT = 20
@@ -251,7 +251,7 @@ class _Problem:
 
     @cached_property
     def _weak(self) -> FloatArray:
-        """Viscous terms: the size of each beside the joint's torque, over `FRICTION_SPREAD`."""
+        """Viscous terms: the size of each beside the joint's torque, over `FRICTION_SPREAD`; Coulomb's directions."""
         names = [name for effect in self.plan.effects for name in effect.coefficient_names]
         rows = []
         for j, R in enumerate(self.factors):
@@ -260,7 +260,8 @@ class _Problem:
                 row = np.zeros(self.plan.n_columns + 1)
                 row[self.plan.n_base + j * self.plan.n_own + column] = np.linalg.norm(R[:, column]) / size
                 rows.append(row / FRICTION_SPREAD)
-        return np.array(rows).reshape(-1, self.plan.n_columns + 1)
+        alike = alike_rows(self.plan, self.factors, self.n_rows, ASYMMETRY)
+        return np.concatenate([np.array(rows).reshape(-1, self.plan.n_columns + 1), alike])
 
     @cached_property
     def _wide(self) -> list[FloatArray]:

@@ -18,7 +18,7 @@ from dynid_rs.columns import observe
 from dynid_rs.friction import FrictionIdentifier
 from dynid_rs.friction_laws import DEFAULT_LAW, laws_per_joint
 from dynid_rs.known import KnownTerm, check_known
-from dynid_rs.links import LinkDynamicsIdentifier
+from dynid_rs.links import ASYMMETRY, LinkDynamicsIdentifier
 from dynid_rs.loops import Loops, link_torque
 from dynid_rs.preprocessing import States, prepare
 from dynid_rs.recording import Recording
@@ -210,7 +210,7 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
     def _loops(self, data: TrainingData) -> Loops:
         """Fresh copies of the three loops around the data, so that the user's own are never changed."""
         friction = clone(self.friction) if self.friction is not None else FrictionIdentifier()
-        links = clone(self.links) if self.links is not None else LinkDynamicsIdentifier()
+        links = clone(self.links) if self.links is not None else LinkDynamicsIdentifier(asymmetry=ASYMMETRY)
         residual = ResidualCompensator() if self.residual == "default" else self.residual
         laws = laws_per_joint(self.friction_law, self.robot.n_joints)
         return Loops(self.robot, data, friction, links, clone(residual) if residual is not None else None, laws)

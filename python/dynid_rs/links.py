@@ -28,6 +28,8 @@ RIDGE_NEED = 0.5
 """A ridge biases: it has to lower the greatest regret by this much to be used at all."""
 RIDGE_COST = 1.6
 """Most that a ridge may add to a joint's residual power on the training rows."""
+ASYMMETRY = 0.1
+"""Usual difference of Coulomb friction's two directions over the joint's torque, where nothing else is said."""
 RE_WEIGHTINGS = 3
 """Rounds in which rows beside the training runs find their weight under a prior."""
 NEGLIGIBLE = 1e-12
@@ -59,6 +61,10 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
         ``"robot"``: the robot file's inertials, weighed by the evidence (`evidence.py`), instead of a ridge.
         ``"auto"``: for a lone run, where the file declares inertials and left-out parts are predicted better with them
         than with the ridge.
+    asymmetry : float, optional
+        How far Coulomb friction's two directions usually differ, over the joint's torque (root mean square). In motion
+        an offset and that difference are the same, and what little tells them apart at rest is what models get wrong:
+        without this weak prior both may grow beyond all torque and cancel. None: no such prior.
     start : {"torque", "least_squares"}
         Weights of the first step: from the torque's own power per joint, or none, as the paper has it. Its weighted
         least squares as printed (Eqs. 21-23: one plain step, one re-weighting) is
@@ -98,6 +104,7 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
         *,
         ridge: float | Literal["auto"] = "auto",
         prior: Literal["auto", "robot"] | None = "auto",
+        asymmetry: float | None = None,
         start: Start = "torque",
         max_iter: int = 30,
         tol: float = 1e-3,
@@ -105,6 +112,7 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
         self.weighting = weighting
         self.ridge = ridge
         self.prior = prior
+        self.asymmetry = asymmetry
         self.start = start
         self.max_iter = max_iter
         self.tol = tol
@@ -150,16 +158,17 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
             weights = np.ones(n)
         scale = np.ones(n)
         extra = [_Weighted(plan, group, self.weighting is not None) for group in beside]
+        alike = self._alike(observations)
         if not again:
             self.ridge_ = 0.0 if self.ridge == "auto" else float(self.ridge)
         self.converged_ = False
         for self.n_iter_ in range(1, self.max_iter + 1):
             if left_out and self.n_iter_ <= 3:  # later it would only flip between neighbours
                 self.ridge_ = _choose_ridge(observations, left_out, weights, scale)
-            x = solve(plan, _joined(stack(plan, factors, weights, scale), extra, scale), (self.ridge_,))[0]
+            x = solve(plan, _joined(stack(plan, factors, weights, scale), extra, scale, alike), (self.ridge_,))[0]
             if fit_scale:
-                scale = improve_scale(plan, factors, weights, scale, x)
-                x = solve(plan, _joined(stack(plan, factors, weights, scale), extra, scale), (self.ridge_,))[0]
+                scale = improve_scale(plan, factors, weights, scale, x, alike)
+                x = solve(plan, _joined(stack(plan, factors, weights, scale), extra, scale, alike), (self.ridge_,))[0]
             for group in extra:
                 group.weigh(x, scale)
             std = np.sqrt(residual_power(plan, factors, x, scale) / n_rows)
@@ -178,10 +187,16 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
             return self.use_posterior(observations, posterior, beside)
         self.covariance_ = residual_covariance(observations, x, scale)
         if self.weighting == "full_covariance":
-            system = _joined(_whitened(observations, self.covariance_, scale), extra, scale)
+            system = _joined(_whitened(observations, self.covariance_, scale), extra, scale, alike)
             x = solve(plan, system, (self.ridge_,))[0]
             self.covariance_ = residual_covariance(observations, x, scale)
         return self._keep(plan, x)
+
+    def _alike(self, observations: Observations) -> FloatArray:
+        """Rows of the prior that Coulomb friction is alike in both directions; none if there is no such prior."""
+        if self.asymmetry is None or self.weighting is None:
+            return np.zeros((0, observations.plan.n_columns + 1))
+        return alike_rows(observations.plan, observations.factors(), observations.n_rows, self.asymmetry)
 
     def _posterior(self, observations: Observations, fit_scale: bool, spreads: FloatArray | None = None) -> Posterior:
         from dynid_rs.evidence import fit_with_prior
@@ -280,9 +295,28 @@ class _Weighted:
         return stack(self._plan, self._group.factors, self.weights, scale)
 
 
-def _joined(system: FloatArray, extra: Sequence[_Weighted], scale: FloatArray) -> FloatArray:
-    """`system` with the rows of other groups under it."""
-    return np.concatenate([system, *(group.system(scale) for group in extra)]) if extra else system
+def _joined(
+    system: FloatArray, extra: Sequence[_Weighted], scale: FloatArray, prior: FloatArray | None = None
+) -> FloatArray:
+    """`system` with the rows of other groups and of a prior under it."""
+    below = [group.system(scale) for group in extra] + ([] if prior is None else [prior])
+    return np.concatenate([system, *below]) if below else system
+
+
+def alike_rows(plan: Plan, factors: Sequence[FloatArray], n_rows: int, asymmetry: float) -> FloatArray:
+    """Prior rows ``(coulomb_pos - coulomb_neg) / (asymmetry * torque) = 0`` of variance one, (n, n_columns + 1)."""
+    names = [name for effect in plan.effects for name in effect.coefficient_names]
+    rows: list[FloatArray] = []
+    if len(names) != plan.n_own or "coulomb_pos" not in names:
+        return np.zeros((0, plan.n_columns + 1))  # the baseline has one column for both
+    pair = [names.index("coulomb_pos"), names.index("coulomb_neg")]
+    for j, R in enumerate(factors):
+        size = np.linalg.norm(R[:, -1]) / np.sqrt(n_rows)
+        if plan.own[j, pair].all() and size > 0:
+            row = np.zeros(plan.n_columns + 1)
+            row[plan.n_base + j * plan.n_own + np.array(pair)] = np.array([1.0, -1.0]) / (asymmetry * size)
+            rows.append(row)
+    return np.array(rows).reshape(-1, plan.n_columns + 1)
 
 
 def stack(plan: Plan, factors: Sequence[FloatArray], weights: FloatArray, scale: FloatArray) -> FloatArray:
@@ -315,7 +349,8 @@ def weighted_system(
         if links.weighting is None:
             noise = np.full(len(factors), np.sqrt(np.mean(noise**2)))
         system = stack(plan, factors, root / np.maximum(noise, least), links.torque_scale_)
-    return system if links.posterior_ is None else np.concatenate([system, links.posterior_.pull])
+    pull = links._alike(observations) if links.posterior_ is None else links.posterior_.pull
+    return np.concatenate([system, pull])
 
 
 def solve(plan: Plan, system: FloatArray, ridges: Sequence[float]) -> list[FloatArray]:

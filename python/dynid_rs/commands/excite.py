@@ -61,7 +61,7 @@ class Outputs:
 
 @run_command
 def excite(
-    robot: Annotated[Path, typer.Argument(metavar="ROBOT.urdf", help="The arm, as URDF")],
+    robot: Annotated[Path, typer.Argument(metavar="ROBOT", help="The arm: URDF or robot.toml")],
     output: Annotated[
         Path,
         typer.Option(

@@ -138,7 +138,7 @@ def _identifier(
 ) -> Any:
     from dynid_rs.friction_laws import LAWS
     from dynid_rs.identification import ThreeLoopIdentifier
-    from dynid_rs.links import LinkDynamicsIdentifier
+    from dynid_rs.links import ASYMMETRY, LinkDynamicsIdentifier
     from dynid_rs.residual import METHODS, ResidualCompensator
 
     choices: dict[str, Literal["joint_variance", "full_covariance"] | None] = {
@@ -165,7 +165,7 @@ def _identifier(
     return ThreeLoopIdentifier(
         model,
         friction_law="paper" if friction_law == "auto" else friction_law,
-        links=LinkDynamicsIdentifier(choices[weighting], prior=priors[prior]),
+        links=LinkDynamicsIdentifier(choices[weighting], prior=priors[prior], asymmetry=ASYMMETRY),
         residual=None if residual == "none" else ResidualCompensator(method=compensator, inputs=residual),  # type: ignore[arg-type]
         cutoff=cutoff,
     )

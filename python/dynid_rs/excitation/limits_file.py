@@ -63,6 +63,8 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 
 MAX_BYTES = 1 << 20
+BEYOND = 0.05
+"""Limits may exceed the robot file's by this part of its span: degrees are rounded."""
 QUANTITIES = ("angle", "length", "torque")
 TABLES: Mapping[str, tuple[str, ...]] = {
     "units": QUANTITIES,
@@ -176,6 +178,7 @@ class _Parser:
             own[:, own[1] <= 0] = np.nan  # a placeholder
         found = self.sides(name, own)
         limits = own if found is None else found
+        self.within_robot(name, limits, own)
         missing = np.flatnonzero(np.isnan(limits).any(axis=0))
         if missing.size:
             raise self.fault(
@@ -184,6 +187,18 @@ class _Parser:
                 f"add limit, or lower and upper, to [{name}]",
             )
         return limits
+
+    def within_robot(self, name: str, limits: FloatArray, own: FloatArray) -> None:
+        """Refuse limits (2, n) beyond the robot file's own: a slip of the unit, or a motion that breaks something."""
+        room = BEYOND * (own[1] - own[0])
+        beyond = (limits[0] < own[0] - room) | (limits[1] > own[1] + room)  # false where the file gives none
+        for j in np.flatnonzero(beyond):
+            raise self.fault(
+                f"[{name}]",
+                f"joint {shown(self.robot.joint_names[j])} may go from {limits[0, j]:.4g} to {limits[1, j]:.4g} here "
+                f"and from {own[0, j]:.4g} to {own[1, j]:.4g} in the robot file (rad, m, s); is the unit degrees "
+                '([units] angle = "deg")? Else keep within the robot file, or correct it',
+            )
 
     def sides(self, name: str, own: FloatArray) -> FloatArray | None:
         """Lower and upper limits (2, n) of a table; None where the file has none."""

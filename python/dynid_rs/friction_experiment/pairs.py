@@ -209,7 +209,7 @@ def check_reversals(runs: Sequence[States], mirrors: Sequence[Sequence[Mirror]],
         files = ", ".join(states.name for states in moving)
         raise DataError(
             f"{files}: joint {name} {why}; friction needs the same positions passed in both directions at the same "
-            "speeds (`plan_friction_experiment` plans such a run)",
+            "speeds (`dynid excite --friction` plans such a run)",
             code="no_reversal",
             file=moving[0].name,
             column=f"q_{j}",

@@ -21,7 +21,7 @@ MAX_STEP = 0.1
 """Longest step [s] of a plan: what lies between two samples is made up."""
 
 MIN_SAMPLES = 20
-MAX_PLAN = 600.0
+MAX_PLAN = 3600.0
 _SIGNALS = ("q", "dq", "ddq")
 _RESTING = 1e-6
 _LIMIT_TOLERANCE = 1e-6
