@@ -19,7 +19,7 @@ from dynid_rs.columns import Block, Observations, observe
 from dynid_rs.evidence import FRICTION_SPREAD, _Problem, fit_with_prior
 from dynid_rs.friction import friction_effect
 from dynid_rs.identification import ThreeLoopIdentifier
-from dynid_rs.links import LinkDynamicsIdentifier
+from dynid_rs.links import ASYMMETRY, LinkDynamicsIdentifier
 from dynid_rs.loops import declared_plan
 from dynid_rs.memory import column_memory, inflation
 from dynid_rs.preprocessing import Band, prepare
@@ -178,6 +178,10 @@ def test_the_evidence_is_the_normal_density_of_the_data():
                 norm = np.linalg.norm(rows[j][:, k])
                 usual = FRICTION_SPREAD * np.linalg.norm(rows[j][:, -1]) / norm if norm > 0 else 0.0
                 covariance[place, place] = (usual if name.startswith("viscous") else 1e3) ** 2 * used[place]
+            pair = [plan.n_base + j * plan.n_own + names.index(name) for name in ("coulomb_pos", "coulomb_neg")]
+            # Their difference has a prior, their mean has none.
+            apart = (ASYMMETRY * size[j]) ** 2 / 4
+            covariance[np.ix_(pair, pair)] = 1e3**2 + apart * np.array([[1.0, -1.0], [-1.0, 1.0]])
         total = C @ covariance @ C.T + np.diag(np.repeat(point.noise_std**2, n_rows))
         root = np.linalg.cholesky(total)
         distance = np.sum(np.linalg.solve(root, tau - C @ mean) ** 2)

@@ -103,7 +103,7 @@ class FourierExcitation(BaseEstimator):  # type: ignore[misc]
         noise_covariance: Any = None,
         constraints: Sequence[PhysicalLimits] = (),
         n_restarts: int = 4,
-        max_iter: int = 40,
+        max_iter: int = 30,
         time_limit: float | None = None,
         n_jobs: int | None = None,
         state_file: str | Path | None = None,
