@@ -185,6 +185,7 @@ def test_the_command_writes_the_file(odd, tmp_path):
         ("onto_original", "would be replaced"),
         ("no_model", "does not exist"),
         ("broken_original", "never closed"),
+        ("a_table", "only a URDF can be edited"),
     ],
 )
 def test_bad_input_is_refused_in_a_sentence_and_nothing_is_written(spoil, said, odd, tmp_path):
@@ -207,6 +208,8 @@ def test_bad_input_is_refused_in_a_sentence_and_nothing_is_written(spoil, said, 
     elif spoil == "broken_original":
         original = tmp_path / "broken.urdf"
         original.write_text(ODD[1:].replace("</robot>", ""))
+    elif spoil == "a_table":
+        original = tmp_path / "robot.toml"
     before = snapshot(tmp_path)
     sentence = refusal(dynid("export", source, "--urdf", target, "--robot", original))
     assert said in sentence

@@ -31,6 +31,8 @@ def export(
     from dynid_rs.export import urdf as urdf_of
     from dynid_rs.files import check_readable, write_bytes
 
+    if robot is not None and robot.suffix.lower() == ".toml":
+        raise ValueError(f"--robot {robot}: only a URDF can be edited; leave it out for a URDF of links and joints")
     check_file(urdf)
     check_not_read([urdf], [model, *([robot] if robot else [])])
     loaded = TorqueModel.load(check_readable(model))
