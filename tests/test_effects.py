@@ -1,6 +1,7 @@
 """Effects: literal formulas, the catalogue, one road from a fit to the control loop."""
 
 import itertools
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -472,7 +473,8 @@ def test_a_fit_recovers_what_the_estimator_adds():
     tau_link = [robot.inverse_dynamics(states.q, states.dq, states.ddq, robot.phi) for states in runs]
     with pytest.raises(ValueError, match="load_dependent_friction needs tau_link"):
         observe(plan, runs)
-    observations = observe(plan, runs, tau_link=tau_link)
+    runs = [replace(states, tau_link=load) for states, load in zip(runs, tau_link, strict=True)]
+    observations = observe(plan, runs)
     links = LinkDynamicsIdentifier(ridge=0.0).fit(observations)
     assert_allclose(links.own_, own, rtol=0, atol=1e-5)
     model = assemble(plan, links, links.own_, runs, encoder_delay=np.zeros(N), torque_unit="N*m")

@@ -181,19 +181,14 @@ def observe(
     plan: Plan,
     runs: Sequence[States],
     tau: Sequence[FloatArray] | None = None,
-    *,
-    tau_link: Sequence[FloatArray] | None = None,
 ) -> Observations:
     """Rows and factors of `runs`; `tau` (n, n_joints) each replaces the measured torque, e.g. less the third loop's.
-
-    `tau_link` (n, n_joints) each is the predicted rigid-body torque, where an effect of the plan depends on the load.
 
     A lone run is cut in three blocks, so that something can always be left out.
     """
     blocks: list[Block] = []
     for k, states in enumerate(runs):
-        load = None if tau_link is None else tau_link[k]
-        rows = run_rows(plan, states, states.tau if tau is None else tau[k], tau_link=load)
+        rows = run_rows(plan, states, states.tau if tau is None else tau[k])
         for part in [slice(None)] if len(runs) > 1 else _thirds(len(states.rows)):
             cut = [joint[part] for joint in rows]
             blocks.append(Block(k, cut, [_core.triangular_factor(joint) for joint in cut]))
@@ -206,12 +201,8 @@ def run_rows(
     tau: FloatArray,
     *,
     kept: list[int] | None = None,
-    tau_link: FloatArray | None = None,
 ) -> list[FloatArray]:
-    """Filtered, decimated rows of one run: per joint (n_rows, n_own + base columns + 1).
-
-    At samples `kept` if given; `tau_link` (n, n_joints), the rigid body's predicted torque, for effects of the load.
-    """
+    """Filtered, decimated rows of one run: per joint (n_rows, n_own + base columns + 1), at samples `kept` if given."""
     q, dq, ddq, q_motor, dq_motor, ddq_motor = states.signals()
     return _core.observe(
         plan.robot,
@@ -226,7 +217,7 @@ def run_rows(
         tau,
         filter=states.filter,
         kept=states.kept if kept is None else kept,
-        tau_link=tau_link,
+        tau_link=states.tau_link,
         step=1 / states.rate,
     )
 

@@ -56,11 +56,15 @@ def laws_per_joint(law: str | Sequence[str], n_joints: int) -> tuple[str, ...]:
     return laws
 
 
-def with_laws(plan: Plan, laws: Sequence[str]) -> Plan:
-    """Return the plan without the columns that a joint's law does not have; friction's are the last own ones."""
+def with_laws(plan: Plan, laws: Sequence[str], stribeck_at: int | None = None) -> Plan:
+    """Return the plan without the columns that a joint's law does not have; friction's are the last own ones.
+
+    `stribeck_at`: place among the effects of the law's own part that falls with speed.
+    """
     own = plan.own.copy()
     names = [name for effect in plan.effects for name in effect.coefficient_names]
-    stribeck = np.array([name.startswith("stribeck") for name in names])
+    places = [place for place, effect in enumerate(plan.effects) for _ in range(effect.n_columns)]
+    stribeck = np.array([place == stribeck_at for place in places])
     high = np.arange(len(names)) >= len(names) - len(_core.FRICTION_NAMES) + N_ORDERS_KEPT
     for j, law in enumerate(laws):
         if law != "paper":

@@ -20,6 +20,7 @@ from dynid_rs.friction_laws import DEFAULT_LAW, laws_per_joint
 from dynid_rs.known import KnownTerm, check_known
 from dynid_rs.links import ASYMMETRY, LinkDynamicsIdentifier
 from dynid_rs.loops import Loops, link_torque
+from dynid_rs.placed import PlacedEffect
 from dynid_rs.preprocessing import States, prepare
 from dynid_rs.recording import Recording
 from dynid_rs.residual import ResidualCompensator
@@ -43,6 +44,8 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         Third loop; None switches it off.
     known : sequence of (Effect, ndarray (n_joints, n_columns))
         Effects whose coefficients [N*m] are known, not fitted: taken off the torque, and part of the model.
+    effects : sequence of PlacedEffect
+        What the arm has beside rigid body and friction, with its shapes; coefficients are fitted in the second loop.
     friction_law : str or sequence of str
         "paper" (Eqs. 9-11), "coulomb_viscous" or "stribeck", for all joints or one per joint.
     cutoff : float, optional
@@ -88,6 +91,7 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         links: LinkDynamicsIdentifier | None = None,
         residual: ResidualCompensator | str | None = "default",
         known: Sequence[KnownTerm] = (),
+        effects: Sequence[PlacedEffect] = (),
         friction_law: str | Sequence[str] = DEFAULT_LAW,
         cutoff: float | None = None,
         max_iter: int = 10,
@@ -98,6 +102,7 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         self.links = links
         self.residual = residual
         self.known = known
+        self.effects = effects
         self.friction_law = friction_law
         self.cutoff = cutoff
         self.max_iter = max_iter
@@ -213,7 +218,8 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         links = clone(self.links) if self.links is not None else LinkDynamicsIdentifier(asymmetry=ASYMMETRY)
         residual = ResidualCompensator() if self.residual == "default" else self.residual
         laws = laws_per_joint(self.friction_law, self.robot.n_joints)
-        return Loops(self.robot, data, friction, links, clone(residual) if residual is not None else None, laws)
+        third = clone(residual) if residual is not None else None
+        return Loops(self.robot, data, friction, links, third, laws, self.effects)
 
     def _keep(self, loops: Loops) -> None:
         data = loops.data

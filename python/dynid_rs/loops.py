@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,7 @@ from dynid_rs.friction_experiment.rows import PairWindow, odd_torques, pair_rows
 from dynid_rs.friction_laws import fit_stribeck, power_left, with_laws
 from dynid_rs.known import less_known
 from dynid_rs.links import LinkDynamicsIdentifier, RowGroup, baseline, block_residuals, own_beside
+from dynid_rs.placed import PlacedEffect, effects_of
 from dynid_rs.preprocessing import States
 from dynid_rs.residual import ResidualCompensator
 from dynid_rs.training import TrainingData
@@ -26,6 +28,8 @@ FloatArray = NDArray[np.float64]
 
 FIRST_WIDTH = 4e-3
 """Transition width [rad/s] of the first pass and of the baseline, before any search."""
+LOAD_ROUNDS = 2
+"""Fits after each other in which the load and what depends on it settle; the change falls tenfold with each."""
 
 
 class Loops:
@@ -53,8 +57,9 @@ class Loops:
         links: LinkDynamicsIdentifier,
         residual: ResidualCompensator | None,
         laws: Sequence[str],
+        effects: Sequence[PlacedEffect] = (),
     ) -> None:
-        self.robot, self.data, self.laws = robot, data, laws
+        self.robot, self.data, self.laws, self.effects = robot, data, laws, effects
         self.friction, self.links, self.residual = friction, links, residual
         self.encoder_delay: EncoderDelay | None = None
         self.stages: list[_core.TorqueModel] = []
@@ -71,9 +76,10 @@ class Loops:
     def start(self) -> None:
         """Weighted least squares as the paper compares with, the two encoders on one clock, pairs of the slow runs."""
         data = self.data
-        self.plan = self._plan(
-            friction_effect(np.zeros(self.robot.n_joints), np.full(self.robot.n_joints, FIRST_WIDTH))
-        )
+        n = self.robot.n_joints
+        first_friction = friction_effect(np.zeros(n), np.full(n, FIRST_WIDTH))
+        # The baseline knows no effects; what it says of the load is what they begin with.
+        self.plan = declared_plan(self.robot, first_friction)
         self.runs = less_known(data.known, data.runs)
         self.observations = observe(self.plan, self.runs)
         simple, regroup = baseline(self.observations)
@@ -86,8 +92,13 @@ class Loops:
             self._delay = self.encoder_delay.value
             self.runs = less_known(data.known, [states.aligned(self._delay) for states in data.runs])
             slow_runs = [states.aligned(self._delay) for states in slow_runs]
-            self.observations = observe(self.plan, self.runs)
         slow_runs = less_known(data.known, slow_runs)
+        if self.effects:
+            load = _link_load(self.plan, self._first)
+            slow_runs = [replace(states, tau_link=load(states)) for states in slow_runs]
+            self.runs = [replace(states, tau_link=load(states)) for states in self.runs]
+        self.plan = self._plan(first_friction)
+        self.observations = observe(self.plan, self.runs)
         mirrors = [find_mirrors(states) for states in slow_runs]
         check_reversals(slow_runs, mirrors, self.robot.joint_names)
         self._pairs: list[PairWindow] = pair_windows(slow_runs, mirrors)
@@ -106,12 +117,27 @@ class Loops:
     def fit_links(self) -> None:
         """Second loop: all linear coefficients, beside the rows of the pairs."""
         again = len(self.stages) > 2
-        self.links.fit(self.observations, fit_scale=self.data.in_ampere, beside=self.beside(), again=again)
+        self._fit_links(again)
+        if self.depends_on_load:
+            # Columns of the load follow from the links, which follow from them.
+            for _ in range(LOAD_ROUNDS):
+                load = _link_load(self.plan, self.links)
+                self.runs = [replace(states, tau_link=load(states)) for states in self.runs]
+                self.observations = self._without_third_loop()
+                self._fit_links(True)
         self._held = self.links.phi_base_, self.links.torque_scale_
         self._links_leave = block_residuals(self.observations, self.links.x_, self.links.torque_scale_)
         self.left["links"] = self.left["residual"] = rms(self._links_leave)
         if not again:
             self.stages.append(self.model(self.plan, self.links, self.links.own_))
+
+    @property
+    def depends_on_load(self) -> bool:
+        """Whether some effect's columns are made of the predicted load."""
+        return any("tau_link" in effect.signals for effect in self.plan.effects)
+
+    def _fit_links(self, again: bool) -> None:
+        self.links.fit(self.observations, fit_scale=self.data.in_ampere, beside=self.beside(), again=again)
 
     def fit_residual(self) -> None:
         """Third loop: what is left, from the deflection; the choice where it is kept is made in the first round."""
@@ -168,8 +194,12 @@ class Loops:
         return estimate_encoder_delay(self.data.runs, tau_link)
 
     def _plan(self, friction: _core.Effect) -> Plan:
-        between = [] if self._stribeck is None else [self._stribeck]
-        return with_laws(declared_plan(self.robot, friction, between), self.laws)
+        law = [] if self._stribeck is None else [self._stribeck]
+        placed = effects_of(self.effects, self.robot.n_joints)
+        first = 2 + len(law)
+        acts_on = {first + k: joints for k, (_, joints) in enumerate(placed)}
+        plan = declared_plan(self.robot, friction, [*law, *(effect for effect, _ in placed)], acts_on)
+        return with_laws(plan, self.laws, 2 if law else None)
 
     def _search_shape(self, rows: list[list[FloatArray]], joints: Sequence[int] | None) -> None:
         pairs = None
@@ -198,17 +228,27 @@ class Loops:
         self.plan = self._plan(self.friction.effect_)
 
 
-def declared_plan(robot: _core.RobotModel, friction: _core.Effect, between: Sequence[_core.Effect] = ()) -> Plan:
+def declared_plan(
+    robot: _core.RobotModel,
+    friction: _core.Effect,
+    between: Sequence[_core.Effect] = (),
+    acts_on: Mapping[int, Collection[int]] | None = None,
+) -> Plan:
     """Columns of the declared model: rotor inertia, offset, effects `between`, friction; then the rigid body's."""
-    return make_plan(robot, [_core.Effect.rotor_inertia(), _core.Effect.torque_offset(), *between, friction])
+    effects = [_core.Effect.rotor_inertia(), _core.Effect.torque_offset(), *between, friction]
+    return make_plan(robot, effects, acts_on=acts_on)
+
+
+def _link_load(plan: Plan, links: LinkDynamicsIdentifier) -> Callable[[States], FloatArray]:
+    """Rigid-body torque [N m] that fitted links predict at every sample, (n, n_joints)."""
+    phi = np.zeros(10 * plan.robot.n_joints)
+    phi[plan.pivots] = links.phi_base_
+    return lambda states: plan.robot.inverse_dynamics(states.q, states.dq, states.ddq, phi)
 
 
 def link_torque(plan: Plan, links: LinkDynamicsIdentifier, states: States) -> FloatArray:
     """Rigid-body torque of the second loop at every sample, (n, n_joints) in the torque unit."""
-    phi = np.zeros(10 * plan.robot.n_joints)
-    phi[plan.pivots] = links.phi_base_
-    tau: FloatArray = plan.robot.inverse_dynamics(states.q, states.dq, states.ddq, phi) * links.torque_scale_
-    return tau
+    return _link_load(plan, links)(states) * links.torque_scale_
 
 
 def _linear_columns(observations: Observations) -> list[list[FloatArray]]:

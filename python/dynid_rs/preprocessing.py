@@ -77,7 +77,8 @@ class States:
     `q, dq, ddq` link side, `q_motor, dq_motor, ddq_motor` motor side (the same arrays with one encoder), `tau` in the
     recording's unit. `moving` (n,) marks the samples that are fitted and scored, `rows` those of them that become
     rows of the fit. `notes` says what was done to the signals. `reference` is the position that the controller was
-    asked for, with its derivatives, through the same filter; None where it was not recorded.
+    asked for, with its derivatives, through the same filter; None where it was not recorded. `tau_link` is the
+    rigid-body torque [N m] that a model predicts, for effects that depend on the load; None before there is one.
     """
 
     name: str
@@ -95,6 +96,7 @@ class States:
     two_encoders: bool
     notes: tuple[str, ...] = ()
     reference: tuple[FloatArray, FloatArray, FloatArray] | None = None
+    tau_link: FloatArray | None = None
 
     @cached_property
     def filter(self) -> Filter | None:

@@ -1,0 +1,55 @@
+"""A hypothesis: an effect at a place with a shape, the columns it would add, and what accepting it means."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid_rs.diagnosis.setup import Setup
+
+FloatArray = NDArray[np.float64]
+RunColumns = dict[int, FloatArray]
+"""Joint to its torque per unit coefficient in the band at the rows of a run, (n_rows, n_coefficients)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """One hypothesis, ready to be weighed beside the whole declared model.
+
+    Parameters
+    ----------
+    kind : str
+        Name in the catalogue of effects.
+    joints : tuple of int
+        Where it acts, as a person would say it; its columns may reach other joints too.
+    coefficient_names, units : tuple of str
+        Of the linear coefficients.
+    bounds : ndarray (n_coefficients, 2)
+        What physics allows.
+    columns : list of dict
+        Per training run: joint to (n_rows, n_coefficients). Joints that are left out have zeros.
+    accept : callable
+        (setup, coefficients) to the setup with this effect in it.
+    shape : tuple of (str, float)
+        Shape parameters in use, where it has some.
+    n_searched : int
+        How many of them the search chose: each costs as much as a coefficient.
+    """
+
+    kind: str
+    joints: tuple[int, ...]
+    coefficient_names: tuple[str, ...]
+    units: tuple[str, ...]
+    bounds: FloatArray
+    columns: Sequence[RunColumns]
+    accept: Callable[[Setup, FloatArray], Setup]
+    shape: tuple[tuple[str, float], ...] = ()
+    n_searched: int = 0
+
+    @property
+    def place(self) -> tuple[str, tuple[int, ...]]:
+        """Kind and joints: what a report names."""
+        return self.kind, self.joints

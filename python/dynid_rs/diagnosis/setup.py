@@ -1,0 +1,72 @@
+"""What a model is believed to be made of: the declared model and, piece by piece, what was found beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid_rs import _core
+from dynid_rs.identification import ThreeLoopIdentifier
+from dynid_rs.placed import PlacedEffect
+from dynid_rs.recording import Recording
+
+FloatArray = NDArray[np.float64]
+Windows = tuple[tuple[float, float], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Setup:
+    """The declared model and what was found beside it. Immutable: every finding gives a new one.
+
+    Parameters
+    ----------
+    robot : RobotModel
+        Geometry and gravity as they are believed to be.
+    effects : tuple of PlacedEffect
+        Torques that were found, with their shapes; coefficients are fitted.
+    gain_joints : tuple of int
+        Joints whose torque channel has a gain of its own, which is fitted.
+    encoder_error : ndarray (n_joints, 2)
+        Cosine and sine parts [rad] of what the link encoder shows too much: `e_c cos q + e_s sin q`.
+    torque_delay : ndarray (n_joints,)
+        How late the torque channel is [s].
+    excluded : mapping of str to windows
+        Name of a run to the times [s] in which something from outside acts: neither fitted nor scored.
+    options : mapping
+        Arguments of `ThreeLoopIdentifier` that stay the same.
+    """
+
+    robot: _core.RobotModel
+    effects: tuple[PlacedEffect, ...] = ()
+    gain_joints: tuple[int, ...] = ()
+    encoder_error: FloatArray = None  # type: ignore[assignment]
+    torque_delay: FloatArray = None  # type: ignore[assignment]
+    excluded: Mapping[str, Windows] = field(default_factory=dict)
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        n = self.robot.n_joints
+        for name, shape in (("encoder_error", (n, 2)), ("torque_delay", (n,))):
+            if getattr(self, name) is None:
+                object.__setattr__(self, name, np.zeros(shape))  # the only way in, the class is frozen
+
+    def identifier(self, **options: Any) -> ThreeLoopIdentifier:
+        """Return an identifier of a model made of this."""
+        return ThreeLoopIdentifier(self.robot, effects=self.effects, **{**self.options, **options})
+
+    def corrected(self, recording: Recording) -> Recording:
+        """Return the run with its torque channel on the encoders' clock."""
+        if not np.any(self.torque_delay):
+            return recording
+        tau = np.stack(
+            [
+                np.interp(recording.t + delay, recording.t, column)
+                for delay, column in zip(self.torque_delay, recording.tau.T, strict=True)
+            ],
+            axis=1,
+        )
+        return replace(recording, tau=tau)

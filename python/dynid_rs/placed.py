@@ -1,0 +1,71 @@
+"""Effects at their places: what a fit has beside the declared model, in the words of the catalogue."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynid_rs import _core
+
+CATALOGUE = {entry["kind"]: entry for entry in _core.effect_catalogue()}
+
+
+@dataclass(frozen=True)
+class PlacedEffect:
+    """A kind of the catalogue on one joint, or on the two joints of a pair.
+
+    Parameters
+    ----------
+    kind : str
+        Name in `effect_catalogue()`.
+    joints : tuple of int
+        Where it acts; every joint has coefficients of its own.
+    shape : tuple of (str, tuple of float)
+        Shape parameters by name, one value per joint of `joints`.
+    """
+
+    kind: str
+    joints: tuple[int, ...]
+    shape: tuple[tuple[str, tuple[float, ...]], ...] = ()
+
+    @staticmethod
+    def at(kind: str, joint: int, **shape: float) -> PlacedEffect:
+        """Place `kind` on one joint."""
+        return PlacedEffect(kind, (joint,), tuple((name, (float(value),)) for name, value in shape.items()))
+
+    def shape_at(self, joint: int) -> dict[str, float]:
+        """Shape parameters on one of its joints."""
+        at = self.joints.index(joint)
+        return {name: values[at] for name, values in self.shape}
+
+
+def effects_of(placed: Sequence[PlacedEffect], n_joints: int) -> list[tuple[_core.Effect, tuple[int, ...]]]:
+    """Effects of the core and the joints that each acts on.
+
+    Places of one kind share an effect as long as they lie on different joints, so a model has few terms.
+    """
+    groups: list[list[PlacedEffect]] = []
+    for effect in placed:
+        for group in groups:
+            taken = {j for other in group for j in other.joints}
+            if group[0].kind == effect.kind and not taken & set(effect.joints):
+                group.append(effect)
+                break
+        else:
+            groups.append([effect])
+    return [(_together(group, n_joints), tuple(sorted(j for e in group for j in e.joints))) for group in groups]
+
+
+def _together(group: Sequence[PlacedEffect], n_joints: int) -> _core.Effect:
+    """One effect; joints where it does not act get a valid shape that means nothing."""
+    shape: dict[str, np.ndarray] = {}
+    for parameter in CATALOGUE[group[0].kind]["shape"]:
+        name = parameter["name"]
+        idle = -1.0 if name == "partner" else dict(group[0].shape)[name][0]
+        values = np.full(n_joints, idle)
+        for effect in group:
+            values[list(effect.joints)] = dict(effect.shape)[name]
+        shape[name] = values
+    return _core.Effect.of(group[0].kind, **shape)
