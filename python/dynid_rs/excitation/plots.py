@@ -37,7 +37,7 @@ def page(result: dict[str, Any], trajectory: Playable) -> str:
     if "separation" in result:
         separation = f'<section id="separation"><h2>Separation</h2>\n{section(result["separation"])}</section>\n'
     body = (
-        f"<header><h1>Exciting trajectory of {esc(result['robot'])}</h1>"
+        f"<header><h1>{'Separating' if separation else 'Exciting'} trajectory of {esc(result['robot'])}</h1>"
         f"<p>{result['duration_s']:g} s, {result['n_harmonics']} harmonics, criterion "
         f"{esc(result['criterion'])}, seed {result['seed']}.</p></header>\n"
         f'<main>{separation}<section id="merit"><h2>Figures of merit</h2>\n{_merit(result)}</section>\n'

@@ -30,8 +30,11 @@ RATE = 50.0
 """Samples per second along the motion; friction's corners live above the band."""
 WIDTHS = (3e-3, 1e-2, 3e-2)
 """Transition widths [rad/s] of the declared friction, all at once: its own width is free in a fit."""
-WEAK = 1e-6
-"""Directions of the declared columns weaker than this (relative) are numerically none."""
+WEAK = 1e-3
+"""Directions of a joint's own declared columns weaker than this (relative) imitate nothing: friction of three widths at
+once could, with coefficients that no joint has."""
+SINGULAR = 1e-9
+"""Directions of the base columns weaker than this are rounding."""
 SOFT = 4.0
 """Power of the mean that stands for the smallest."""
 NOTHING = 1e-12
@@ -171,7 +174,7 @@ class Separation:
             left += x.T @ x
         scale = np.sqrt(np.maximum(np.diag(base_gram), 1e-300))
         values, vectors = np.linalg.eigh(base_gram / np.outer(scale, scale))
-        kept = values > WEAK**2 * values[-1]
+        kept = values > SINGULAR * values[-1]
         part = (vectors[:, kept] / np.sqrt(values[kept])).T @ (base_products / scale[:, None])
         return plain, left - part.T @ part
 
@@ -232,7 +235,7 @@ def _soft_least(left: FloatArray) -> float:
 
 
 def _basis(columns: FloatArray) -> FloatArray:
-    """Orthonormal basis of the columns, without directions that are numerically none."""
+    """Orthonormal basis of the columns, without their weak directions."""
     norms = np.linalg.norm(columns, axis=0)
     scaled = columns[:, norms > 0] / norms[norms > 0]
     left, values, _ = np.linalg.svd(scaled, full_matrices=False)

@@ -44,7 +44,7 @@ def section(separation: Section) -> str:
             figures = entry[when]
             width = round(_WIDTH * figures["left"] / top, 1)
             bar = (
-                f'<svg width="{_WIDTH}" height="{_BAR}" role="img" aria-label="{percent(figures["left"])}">'
+                f'<svg width="{_WIDTH + 16}" height="{_BAR}" role="img" aria-label="{percent(figures["left"])}">'
                 f'<rect class="{when}" width="{width}" height="{_BAR}"/></svg>'
             )
             shape = ", ".join(f"{name} {significant(value)}" for name, value in figures["best_imitator"].items())
