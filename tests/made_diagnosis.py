@@ -118,12 +118,12 @@ def make(setup, train, test, *, placed=(), **parts) -> MadeDiagnosis:
     return MadeDiagnosis(setup, before, after, floor, **parts)
 
 
-def clean(setup, train, test, *, on_progress=print, reference=None) -> MadeDiagnosis:
+def clean(setup, train, test) -> MadeDiagnosis:
     """Nothing found."""
     return make(setup, train, test)
 
 
-def with_effects(setup, train, test, *, on_progress=print, reference=None) -> MadeDiagnosis:
+def with_effects(setup, train, test) -> MadeDiagnosis:
     """One effect with a tie, one finding on the torque channel, one leftover."""
     names = list(setup.robot.joint_names)
     where = names[1]
