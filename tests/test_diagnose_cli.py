@@ -169,7 +169,9 @@ def test_a_run_of_another_robot_is_refused(tmp_path, search):
     robot, runs = write_robot(tmp_path), write_runs(tmp_path, n_runs=1)
     columns = run(1)
     columns |= {"q_3": columns["q_0"], "tau_3": columns["tau_0"]}
-    sentence = refusal(dynid("diagnose", robot, *runs, write(tmp_path / "other.parquet", columns), "-o", tmp_path / "o"))
+    sentence = refusal(
+        dynid("diagnose", robot, *runs, write(tmp_path / "other.parquet", columns), "-o", tmp_path / "o")
+    )
     assert "other.parquet" in sentence
     assert not (tmp_path / "o").exists()
 
@@ -289,7 +291,7 @@ def test_verdicts():
     found = made_diagnosis.entry("load_dependent_friction", ["a"], [2.0, 1.0], [1.0, 1.0])
     text = verdict(outcome([2.0, 1.0], [1.0, 1.0], [1.0, 1.0], effects=[found]))
     assert text.startswith("One effect explains 100 % of what could be explained: load-dependent friction on a. ")
-    assert "changes by -50 % to +0 %" in text
+    assert "changes by -50 % to 0 %" in text
     text = verdict(outcome([2.0, 1.0], [2.0, 1.0], [1.0, 1.0], unexplained=[made_diagnosis.leftover("b", 0.3)]))
     assert text.startswith("Nothing in the catalogue of effects explains what the declared model leaves.")
     assert "Unknown: 30 % of the error's power on b is not noise, depending on q_b." in text
@@ -298,7 +300,9 @@ def test_verdicts():
 
 
 def test_experiments_follow_ties_and_leftovers():
-    tied = made_diagnosis.entry("stribeck", ["a"], [2.0], [1.0], ties=[made_diagnosis.tie("friction_hysteresis", "a", [1.0])])
+    tied = made_diagnosis.entry(
+        "stribeck", ["a"], [2.0], [1.0], ties=[made_diagnosis.tie("friction_hysteresis", "a", [1.0])]
+    )
     result = outcome([2.0, 1.0], [1.0, 1.0], [1.0, 1.0], effects=[tied], unexplained=[made_diagnosis.leftover("b")])
     first, second = next_experiments(result)
     assert "`dynid excite ROBOT -o separate.csv --separate stribeck:a friction_hysteresis:a`" in first

@@ -96,7 +96,9 @@ def test_bars_stand_for_their_numbers() -> None:
     rows = re.findall(r"<svg.*?</svg>", html)
     assert len(rows) == 3
     for j, row in enumerate(rows):
-        width = {kind: float(re.search(rf'class="{kind}"[^>]*? width="([\d.]+)"', row)[1]) for kind in ("before", "after")}
+        width = {
+            kind: float(re.search(rf'class="{kind}"[^>]*? width="([\d.]+)"', row)[1]) for kind in ("before", "after")
+        }
         assert width["after"] / width["before"] == pytest.approx(test["after"][j] / test["before"][j], abs=2e-3)
         band = re.search(r'class="floor" x="([\d.]+)"[^>]*? width="([\d.]+)"', row)
         line = re.search(r'class="floor-line" x1="([\d.]+)"', row)
@@ -144,7 +146,9 @@ def test_texts_of_files_are_never_markup(tmp_path: Path) -> None:
     assert [tag for tag, _ in page.elements].count("script") == 3
     assert "alert(1)</script>" not in source
     for figure in data_of(source)["figures"].values():
-        titles = [axis["title"]["text"] for axis in figure["layout"].values() if isinstance(axis, dict) and "title" in axis]
+        titles = [
+            axis["title"]["text"] for axis in figure["layout"].values() if isinstance(axis, dict) and "title" in axis
+        ]
         assert all("<script" not in title for title in titles)
 
 

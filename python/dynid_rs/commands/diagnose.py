@@ -117,6 +117,7 @@ def _write(outcome: Outcome, split: Split, findings: list[Finding], output: Path
     from dynid_rs.files import write_json, write_table
     from dynid_rs.report import write_report
     from dynid_rs.report.source import source_of
+
     runs = evaluated(outcome, split.train, split.test)
     check_motion([run.states for run in runs.test_after])
     result = summarise_diagnosis(outcome, runs, findings)

@@ -90,7 +90,9 @@ def next_experiments(result: Result) -> list[str]:
         for tie in entry["ties"]:
             pair = f"{named(entry, result['joints'])} and {named(tie, result['joints'])}"
             how = f": `{tie['separate']}` designs the motion that does" if tie.get("separate") else ""
-            said[f"{_sentence(pair)} explain the data equally well; a run that separates them would decide{how}."] = None
+            said[f"{_sentence(pair)} explain the data equally well; a run that separates them would decide{how}."] = (
+                None
+            )
     for entry in result["unexplained"]:
         direct = [d for d in entry["depends_on"] if d.get("direct", True)]
         for signal in (d["signal"] for d in sorted(direct, key=lambda d: -d["strength"])[:1]):
@@ -128,8 +130,12 @@ def _change(result: Result) -> str:
         return "On unseen runs there is no error to compare."
     low, high = round(min(change)), round(max(change))
     if low == high:
-        return f"On unseen runs the error changes by {low:+d} % on every joint."
-    return f"On unseen runs the error changes by {low:+d} % to {high:+d} %, joint by joint."
+        return f"On unseen runs the error changes by {_signed(low)} % on every joint."
+    return f"On unseen runs the error changes by {_signed(low)} % to {_signed(high)} %, joint by joint."
+
+
+def _signed(number: int) -> str:
+    return f"{number:+d}" if number else "0"
 
 
 def _left(result: Result) -> str:
@@ -158,7 +164,9 @@ def _against_floor(result: Result) -> str:
 
 def _unseen(result: Result) -> str:
     """Kinds that the data could not have shown."""
-    kinds = [f["message"].split(" cannot be told without")[0] for f in _missing(result) if "told without" in f["message"]]
+    kinds = [
+        f["message"].split(" cannot be told without")[0] for f in _missing(result) if "told without" in f["message"]
+    ]
     return f" Not testable with these signals: {'; '.join(kinds)}." if kinds else ""
 
 

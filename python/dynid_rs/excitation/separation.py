@@ -117,9 +117,7 @@ class Separation:
         first, second = self._rest(trajectory, imitators)
         return first.power, second.power
 
-    def soft_score(
-        self, trajectory: FourierTrajectory, imitators: tuple[Sequence[int], Sequence[int]]
-    ) -> float:
+    def soft_score(self, trajectory: FourierTrajectory, imitators: tuple[Sequence[int], Sequence[int]]) -> float:
         """Logarithm of the geometric mean of what is left of both, smooth in the motion.
 
         The smallest over the imitators is replaced by a power mean, so that a search has slopes to follow.

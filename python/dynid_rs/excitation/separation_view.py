@@ -21,7 +21,9 @@ def sentences(separation: Section) -> list[str]:
     a, b = (entry["effect"] for entry in separation["effects"])
     gain = separation["gain"]
     verb = "tells" if gain >= SMALL_GAIN else "hardly tells"
-    better = "" if gain >= SMALL_GAIN else "; the exciting trajectory does as well, and only wider limits would do better"
+    better = (
+        "" if gain >= SMALL_GAIN else "; the exciting trajectory does as well, and only wider limits would do better"
+    )
     said.append(
         f"this motion {verb} {a} and {b} apart better than the exciting trajectory: {gain:.3g} times the power{better}"
     )

@@ -86,7 +86,7 @@ def _scale(test: Result, bounds: Sequence[Sequence[float] | None]) -> float:
         for value in (after, pair[1] if pair else None)
         if (share := ratio(value, before)) is not None
     ]
-    return min(2.0, max([1.0, *shares]))
+    return next((step for step in (1.0, 1.2, 1.5) if step >= max([0.0, *shares])), 2.0)
 
 
 def _axis(scale: float) -> str:

@@ -48,11 +48,15 @@ def _tiles(result: Result) -> str:
     floors, bounds = test.get("floor") or unknown, test.get("after_interval") or unknown
     reached = [error_table.at_floor(*row) for row in zip(test["after"], bounds, floors, strict=True)]
     left = geometric_mean([ratio(a, b) for a, b in zip(test["after"], test["before"], strict=True)])
-    effects = result.get("effects") or []
+    effects = [entry for entry in result.get("effects") or [] if entry["kind"] != "unknown"]
     ties = sum(1 for entry in effects if entry.get("ties"))
     samples = data.get("n_samples") or {}
     tiles = [
-        ("Effects found", str(len(effects)), plural(ties, "tie") if ties else "no ties" if effects else "nothing to add"),
+        (
+            "Effects found",
+            str(len(effects)),
+            plural(ties, "tie") if ties else "no ties" if effects else "nothing to add",
+        ),
         (
             "Error after",
             DASH if left is None else f"{percent(abs(1 - left))} {'less' if left <= 1 else 'more'}",
@@ -99,11 +103,7 @@ def effects(figures: Figures, result: Result) -> str:
 
 def sensors(result: Result) -> str:
     """What was found in the data that bears on the answer."""
-    shown = [
-        f
-        for f in result["data"].get("findings") or []
-        if f["severity"] != "info" or f.get("code") in SHOWN_INFO
-    ]
+    shown = [f for f in result["data"].get("findings") or [] if f["severity"] != "info" or f.get("code") in SHOWN_INFO]
     return tables.findings_table(shown) if shown else "<p>Nothing was found wrong with sensors and clocks.</p>"
 
 
@@ -130,7 +130,11 @@ def steps(result: Result) -> str:
                 f'<th scope="row">{k}</th>',
                 tables.cell(esc(what), "text"),
                 tables.cell(esc(", ".join(step.get("joints") or [])), "text"),
-                *([tables.cell(significant(e)) for e in error] if error else [tables.cell(DASH)] * len(result["joints"])),
+                *(
+                    [tables.cell(significant(e)) for e in error]
+                    if error
+                    else [tables.cell(DASH)] * len(result["joints"])
+                ),
             ]
         )
     head = ["Step", "What", "Where", *(esc(joint) for joint in result["joints"])]

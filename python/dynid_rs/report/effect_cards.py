@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from dynid_rs.report.figures import Figure, Figures
 from dynid_rs.report.tables import cell, table
 from dynid_rs.report.text import (
     DASH,
+    NBSP,
     breakable,
     esc,
     interval,
@@ -85,10 +86,10 @@ def _errors(result: Result, entry: Result) -> str:
 
 def _neighbours(entry: Result) -> str:
     """What it was told apart from, and what it was not."""
-    apart = [_apart(other) for other in entry.get("told_apart_from") or []]
+    apart = [_apart(other, entry["joints"]) for other in entry.get("told_apart_from") or []]
     body = f"<p><b>Told apart from</b> {join_words(apart)}.</p>\n" if apart else ""
     for tie in entry.get("ties") or []:
-        where = f" on {esc(', '.join(tie['joints']))}" if tie.get("joints") else ""
+        where = _where(tie, entry["joints"])
         errors = tie.get("rmse_test_after") or []
         with_it = f" (test error {' / '.join(significant(e) for e in errors)})" if 0 < len(errors) <= 2 else ""
         how = f" To separate them:<br><code>{esc(tie['separate'])}</code>" if tie.get("separate") else ""
@@ -99,11 +100,16 @@ def _neighbours(entry: Result) -> str:
     return body
 
 
-def _apart(other: Result) -> str:
-    where = f" on {esc(', '.join(other['joints']))}" if other.get("joints") else ""
-    sure = ""
+def _where(other: Result, joints: Sequence[str]) -> str:
+    """Where it acts, if that is not where the effect itself does."""
+    places = other.get("joints") or []
+    return f" on {esc(', '.join(places))}" if places and list(places) != list(joints) else ""
+
+
+def _apart(other: Result, joints: Sequence[str]) -> str:
+    where, sure = _where(other, joints), ""
     if other.get("p") is not None:
-        sure = f"p = {significant(other['p'], 2)}"
+        sure = f"p{NBSP}={NBSP}{significant(other['p'], 2)}"
     elif other.get("log_evidence") is not None:
         sure = f"log evidence {significant(other['log_evidence'], 2)}"
     return f"{esc(_named(other['kind']))}{where}" + (f' <span class="soft">({sure})</span>' if sure else "")
@@ -151,7 +157,7 @@ def _dependence(depends: Any) -> str:
         bar += f' width="{width}" height="10"/></svg>'
         rows.append(
             [
-                breakable(d["signal"]),
+                esc(d["signal"]),
                 cell(DASH if strength is None else significant(strength, 2)),
                 cell(bar, "strip"),
                 cell("directly" if direct else "through the others", "word" if direct else "soft word"),

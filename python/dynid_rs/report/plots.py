@@ -108,8 +108,12 @@ def add_time_plots(figures: Figures, source: Source) -> TimePlots:
     colors = term_colors(terms)
     for j in range(len(joints)):
         shown = [term for term in terms if f"{term}_{j}" in signals.columns]
-        figures.add(f"time-{j}", _time_traces(j, shown, colors, before), _time_layout(source.result["torque_unit"]), "time")
-    return TimePlots(tuple(signals.run_names[run] for run in runs[:n_shown]), len(runs), terms, before, max_points, shortened)
+        figures.add(
+            f"time-{j}", _time_traces(j, shown, colors, before), _time_layout(source.result["torque_unit"]), "time"
+        )
+    return TimePlots(
+        tuple(signals.run_names[run] for run in runs[:n_shown]), len(runs), terms, before, max_points, shortened
+    )
 
 
 def _time_traces(j: int, terms: Sequence[str], colors: Mapping[str, str], before: Sequence[str]) -> list[Figure]:
