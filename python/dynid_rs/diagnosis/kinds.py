@@ -35,7 +35,7 @@ REFINED: dict[str, dict[str, tuple[str, float, float]]] = {
         "phase": ("linear", -4.0, 4.0),
         "gas_length": ("log", 0.05, 100.0),
     },
-    "thermal_friction": {"time_constant": ("log", 3.0, 1e5)},
+    "thermal_friction": {"time_constant": ("log", 5.0, 1e3)},
 }
 """Shape parameters that are searched between the grid's values: how, and within which bounds. What is not here stays."""
 SEARCH_STEPS = 40
@@ -231,7 +231,7 @@ class Kinds:
         )
         spans = [0.5 if how == "log" else _span(name) for name, (how, *_) in searched.items()]
         simplex = np.vstack([start, *(start + span * row for span, row in zip(spans, np.eye(len(start)), strict=True))])
-        options = {
+        options: Any = {
             "initial_simplex": simplex,
             "maxfev": SEARCH_STEPS * len(start) // 2 + 10,
             "xatol": 1e-3,
@@ -258,6 +258,19 @@ TURNING = {"counterbalance", "position_dependent_friction", "torque_ripple"}
 def stacked(columns: Sequence[RunColumns]) -> RunColumns:
     """Columns of all runs under each other."""
     return {j: np.concatenate([run[j] for run in columns]) for j in columns[0]}
+
+
+def joined(parts: Sequence[RunColumns]) -> RunColumns:
+    """Columns side by side; joints that one of them does not reach get zeros there."""
+    joints = sorted({j for part in parts for j in part})
+    widths = [next(iter(part.values())).shape[1] for part in parts]
+    n_rows = len(next(iter(parts[0].values())))
+    return {
+        j: np.concatenate(
+            [part.get(j, np.zeros((n_rows, width))) for part, width in zip(parts, widths, strict=True)], axis=1
+        )
+        for j in joints
+    }
 
 
 def bounds_of(hypothesis: Hypothesis) -> FloatArray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from dynid_rs.diagnosis.beside import Beside
 from dynid_rs.diagnosis.candidate import Candidate
 from dynid_rs.diagnosis.choice import Weighed, falls_by, independent_rows, tested, weigh
-from dynid_rs.diagnosis.kinds import Hypothesis, Kinds, bounds_of, stacked
+from dynid_rs.diagnosis.kinds import Hypothesis, Kinds, bounds_of, joined, stacked
 from dynid_rs.diagnosis.null import effective_tests
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.identification import ThreeLoopIdentifier
@@ -25,23 +26,34 @@ FAMILY_WISE = 0.01
 """Probability that anything at all is found where nothing is."""
 SHORTLIST = 6
 """Places whose shapes are refined and that are tested in a step."""
+CONTENDER = 0.2
+"""A place whose evidence in the scan is below this part of the best one's cannot win by a better shape."""
 LEAST_GAIN = 0.005
 """Part of some joint's left-out error that an effect has to take off: less is of no use, however certain."""
 MOST_EFFECTS = 4
 """Effects per joint: what needs more is no sum of effects."""
+RIVAL = 0.5
+"""Two candidates of which one takes more than this part of the other's gain are names of one thing."""
 TIE = 2.33
 """Two candidates whose errors differ by fewer standard errors are a tie (one in a hundred)."""
 
 
 @dataclass(frozen=True, eq=False)
+class Choice:
+    """A candidate that passed every test, its family-wise p value, and what explains the same as well."""
+
+    weighed: Weighed
+    p_value: float
+    ties: tuple[Choice, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
 class Step:
-    """One step of the search: what was added or dropped, why, and what is left on the training rows (n_joints,)."""
+    """One step of the search: what was "added" or "dropped", and what is left on the training rows (n_joints,)."""
 
     action: str
-    weighed: Weighed
+    choice: Choice
     rmse: FloatArray
-    family_wise_p: float
-    ties: tuple[Weighed, ...] = ()
 
 
 @dataclass
@@ -52,7 +64,8 @@ class Search:
     fit: ThreeLoopIdentifier
     kinds: Kinds
     steps: list[Step] = field(default_factory=list)
-    ties: dict[PlacedEffect, tuple[Weighed, ...]] = field(default_factory=dict)
+    n_tests: float = float("nan")
+    """Independent candidates that a scan is worth, under the residual of the first fit."""
 
 
 def search(
@@ -73,20 +86,22 @@ def search(
     further : callable
         Candidates that are no column of the catalogue.
     """
-    fit = fitted(setup, train)
-    state = Search(setup, fit, Kinds(fit))
-    for _ in range(MOST_EFFECTS * setup.robot.n_joints):
-        on_progress(f"looking for effect {len(state.setup.effects) + 1}")
-        found = best_candidate(state, further(state.fit, state.setup))
-        if found is None:
-            break
-        weighed, p, ties = found
-        state.setup = weighed.candidate.accept(state.setup, weighed.gain.coefficients)
-        refit(state, train)
-        state.steps.append(Step("added", weighed, rms(state.fit), p, ties))
-        if isinstance(state.setup.effects[-1], PlacedEffect):
-            state.ties[state.setup.effects[-1]] = ties
-        drop_needless(state, train)
+    from threadpoolctl import threadpool_limits
+
+    # Small matrices by the thousand: BLAS threads spin on each other and cost more than they give.
+    with threadpool_limits(limits=1, user_api="blas"):
+        fit = fitted(setup, train)
+        state = Search(setup, fit, Kinds(fit))
+        for _ in range(MOST_EFFECTS * setup.robot.n_joints):
+            on_progress(f"looking for effect {len(state.setup.effects) + 1}")
+            found = good_candidates(state, further(state.fit, state.setup))
+            if not found:
+                break
+            for choice in found:
+                state.setup = choice.weighed.candidate.accept(state.setup, choice.weighed.gain.coefficients)
+            refit(state, train)
+            state.steps += [Step("added", choice, rms(state.fit)) for choice in found]
+            drop_needless(state, train)
     return state
 
 
@@ -117,40 +132,55 @@ def polish(state: Search) -> Setup:
     return replace(state.setup, effects=tuple(effects))
 
 
-def best_candidate(state: Search, further: Sequence[Candidate]) -> tuple[Weighed, float, tuple[Weighed, ...]] | None:
-    """The candidate that explains most, its family-wise p value and its ties; None if none is good enough."""
+def good_candidates(state: Search, further: Sequence[Candidate]) -> list[Choice]:
+    """The candidate that explains most, and others that explain something else; none if none is good enough."""
     beside = Beside(state.fit)
     ranked, tests = scan(beside, state, further)
-    shortlist = ranked[:SHORTLIST]
-    if not shortlist:
-        return None
+    if not ranked:
+        return []
+    shortlist = [item for worth, item in ranked[:SHORTLIST] if worth > CONTENDER * ranked[0][0]]
     without = beside.left_out(None)
-    n_tests = effective_tests(beside, tests)
-    good: list[tuple[Weighed, float]] = []
+    if np.isnan(state.n_tests):
+        state.n_tests = effective_tests(beside, tests)
+    good: list[Choice] = []
     for item in shortlist:
         candidate = item if isinstance(item, Candidate) else refined_candidate(beside, state.kinds, item)
         weighed = weigh(beside, candidate)
         if weighed.evidence <= 0:
             continue
         weighed = tested(beside, weighed, without)
-        p = min(1.0, weighed.p_value * n_tests)
+        p = min(1.0, weighed.p_value * state.n_tests)
         if p < FAMILY_WISE and weighed.left_out_ratio < 1 - LEAST_GAIN and weighed.pays > 0:
-            good.append((weighed, p))
-    if not good:
-        return None
-    good.sort(key=lambda pair: -pair[0].evidence)
-    best, p = good[0]
-    ties = tuple(w for w, _ in good[1:] if _tie(beside, best, w))
-    return best, p, ties
+            good.append(Choice(weighed, p))
+    good.sort(key=lambda choice: -choice.weighed.evidence)
+    return _different(beside, good)
 
 
-def _tie(beside: Beside, best: Weighed, other: Weighed) -> bool:
-    return abs(falls_by(beside, other.after, best.after)) < TIE
+def _different(beside: Beside, good: Sequence[Choice]) -> list[Choice]:
+    """The best, its rivals as its ties, and of the others those that no better one would make needless."""
+    chosen: list[Choice] = []
+    for choice in good:
+        rival = next(
+            (k for k, better in enumerate(chosen) if overlap(beside, better.weighed, choice.weighed) > RIVAL), None
+        )
+        if rival is None:
+            chosen.append(choice)
+        elif abs(falls_by(beside, choice.weighed.after, chosen[rival].weighed.after)) < TIE:
+            chosen[rival] = replace(chosen[rival], ties=(*chosen[rival].ties, choice))
+    return chosen
+
+
+def overlap(beside: Beside, first: Weighed, second: Weighed) -> float:
+    """Part of the second's gain that the first takes away: 0 for different effects, 1 for two names of one."""
+    columns = joined([stacked(first.candidate.columns), stacked(second.candidate.columns)])
+    bounds = np.concatenate([first.candidate.bounds, second.candidate.bounds])
+    together = beside.gains(columns, [slice(None)], [bounds])[0].power
+    return 1.0 - max(together - first.gain.power, 0.0) / max(second.gain.power, 1e-300)
 
 
 def scan(
     beside: Beside, state: Search, further: Sequence[Candidate]
-) -> tuple[list[Hypothesis | Candidate], list[tuple[dict[int, FloatArray], list[slice]]]]:
+) -> tuple[list[tuple[float, Hypothesis | Candidate]], list[tuple[dict[int, FloatArray], list[slice]]]]:
     """Best shape of every place, the most likely place first; and all columns, for the null."""
     hypotheses = [h for h in state.kinds.grid() if not _there(h, state.setup)]
     columns = state.kinds.columns(hypotheses)
@@ -162,11 +192,11 @@ def scan(
     tests: list[tuple[dict[int, FloatArray], list[slice]]] = []
     for joints, members in by_joints.items():
         parts = [stacked(columns[k]) for k in members]
-        joined = {j: np.concatenate([part[j] for part in parts], axis=1) for j in joints}
+        together = joined(parts)
         edges = np.cumsum([0, *(part[joints[0]].shape[1] for part in parts)])
-        groups = [slice(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
-        tests.append((joined, groups))
-        gains = beside.gains(joined, groups, [bounds_of(hypotheses[k]) for k in members])
+        groups = [slice(int(a), int(b)) for a, b in pairwise(edges)]
+        tests.append((together, groups))
+        gains = beside.gains(together, groups, [bounds_of(hypotheses[k]) for k in members])
         for k, gain in zip(members, gains, strict=True):
             h = hypotheses[k]
             n_free = int(np.sum(gain.coefficients != 0))
@@ -181,8 +211,7 @@ def scan(
         worth = _worth(gain.power, len(part) * beside.n_rows, len(part) * rows, len(candidate.bounds))
         if worth > 0:
             best[candidate.place] = (worth, candidate)
-    ranked = sorted(best.values(), key=lambda pair: -pair[0])
-    return [item for _, item in ranked], tests
+    return sorted(best.values(), key=lambda pair: -pair[0]), tests
 
 
 def _worth(power: float, n_rows: int, independent: float, n_free: int) -> float:
@@ -246,7 +275,7 @@ def drop_needless(state: Search, train: Sequence[Recording]) -> None:
         effects = tuple(other for other in state.setup.effects if other is not effect)
         state.setup = replace(state.setup, effects=effects)
         refit(state, train)
-        state.steps.append(Step("dropped", weighed, rms(state.fit), weighed.p_value))
+        state.steps.append(Step("dropped", Choice(weighed, weighed.p_value), rms(state.fit)))
 
 
 def rms(fit: ThreeLoopIdentifier) -> FloatArray:
