@@ -139,6 +139,8 @@ def truth_of(built: Built) -> dict[str, Any]:
         "arm": built.case.arm,
         "encoders": built.case.encoders,
         "joints": names,
+        "rate": RATE,
+        "train": [recording.name for recording in built.simulation.recordings[:N_TRAIN]],
         "noise_std": bare(built.case.arm).noise_std.tolist(),
         "effects": [_told(each, names) for each in built.placed if not isinstance(each.effect, Stranger | Contact)],
         "strangers": [_told(each, names) for each in built.placed if isinstance(each.effect, Stranger)],
@@ -151,6 +153,7 @@ def _told(placed: Placed, names: list[str]) -> dict[str, Any]:
     told = effect.to_json(names) | {
         "required": [names[j] for j in placed.required],
         "ratio": placed.put.ratio,
+        "reached": None if placed.felt is None else placed.reached,
         "felt": None if placed.felt is None else placed.felt.tolist(),
     }
     if isinstance(effect, Stranger):
