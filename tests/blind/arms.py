@@ -10,7 +10,11 @@ from dynid_rs import RobotModel
 from dynid_rs.simulation import SimulatedArm, bundled_robot, typical_arm
 
 HERE = Path(__file__).parent
-ROBOT_FILES = {"four_axis": HERE / "four_axis.urdf", "six_axis": bundled_robot(), "seven_axis": HERE / "seven_axis.urdf"}
+ROBOT_FILES = {
+    "four_axis": HERE / "four_axis.urdf",
+    "six_axis": bundled_robot(),
+    "seven_axis": HERE / "seven_axis.urdf",
+}
 
 
 @cache

@@ -36,8 +36,21 @@ def page(figures: Json) -> str:
         "the least ratio that was possible on any joint, where that is less than the wanted one.",
         "",
         *_table(
-            ["kind", "ratio", "n", "recall", "or tie", "first", "power", "false", "after / oracle", "worst",
-             "error / interval", "s", "reached"],
+            [
+                "kind",
+                "ratio",
+                "n",
+                "recall",
+                "or tie",
+                "first",
+                "power",
+                "false",
+                "after / oracle",
+                "worst",
+                "error / interval",
+                "s",
+                "reached",
+            ],
             [_single_cells(row) for row in figures["single"]],
         ),
         "",
@@ -57,8 +70,14 @@ def page(figures: Json) -> str:
         *_table(
             ["kind", "n", "recall", "first", "false", "error / interval"],
             [
-                [row["kind"], row["n"], _number(row["recall"]), _number(row["top1"]), row["false"],
-                 _number(row["error_over_half_width"])]
+                [
+                    row["kind"],
+                    row["n"],
+                    _number(row["recall"]),
+                    _number(row["top1"]),
+                    row["false"],
+                    _number(row["error_over_half_width"]),
+                ]
                 for row in figures["gear"]
             ],
         ),
@@ -66,12 +85,31 @@ def page(figures: Json) -> str:
         "## Groups",
         "",
         *_table(
-            ["group", "n", "recall", "precision", "first", "first or tie", "cases with a false name", "gave up", "s",
-             "worst s"],
             [
-                [group, row["n"], _number(row["recall"]), _number(row["precision"]), _number(row["top1"]),
-                 _number(row["top1_or_tie"]), row["cases_with_false"], row["errors"], _number(row["seconds"], 1),
-                 _number(row["seconds_worst"], 1)]
+                "group",
+                "n",
+                "recall",
+                "precision",
+                "first",
+                "first or tie",
+                "cases with a false name",
+                "gave up",
+                "s",
+                "worst s",
+            ],
+            [
+                [
+                    group,
+                    row["n"],
+                    _number(row["recall"]),
+                    _number(row["precision"]),
+                    _number(row["top1"]),
+                    _number(row["top1_or_tie"]),
+                    row["cases_with_false"],
+                    row["errors"],
+                    _number(row["seconds"], 1),
+                    _number(row["seconds_worst"], 1),
+                ]
                 for group, row in figures["groups"].items()
             ],
         ),
@@ -85,8 +123,16 @@ def page(figures: Json) -> str:
         *_table(
             ["law", "ratio", "n", "said", "right signals", "forced names", "right", "removed"],
             [
-                [row["kind"], f"{row['ratio']:g}", row["n"], _number(row["said"]), _number(row["right_signals"]),
-                 row["forced"], _number(row["right"]), _number(row["share_removed"])]
+                [
+                    row["kind"],
+                    f"{row['ratio']:g}",
+                    row["n"],
+                    _number(row["said"]),
+                    _number(row["right_signals"]),
+                    row["forced"],
+                    _number(row["right"]),
+                    _number(row["share_removed"]),
+                ]
                 for row in figures["outside"]
             ],
         ),
@@ -96,8 +142,13 @@ def page(figures: Json) -> str:
         *_table(
             ["kind", "parameter", "n", "covered", "error / interval"],
             [
-                [row["kind"], row["parameter"], row["n"], _number(row["covered"]),
-                 _number(row["error_over_half_width"])]
+                [
+                    row["kind"],
+                    row["parameter"],
+                    row["n"],
+                    _number(row["covered"]),
+                    _number(row["error_over_half_width"]),
+                ]
                 for row in figures["coverage"]
             ],
         ),
@@ -112,10 +163,7 @@ def goals_table(goals: Iterable[Json]) -> list[str]:
     marks = {True: "yes", False: "**no**", None: "-"}
     return _table(
         ["goal", "wanted", "reached", "over", "met"],
-        [
-            [g["goal"], f"{g['sense']} {g['wanted']:g}", _number(g["value"], 3), g["n"], marks[g["met"]]]
-            for g in goals
-        ],
+        [[g["goal"], f"{g['sense']} {g['wanted']:g}", _number(g["value"], 3), g["n"], marks[g["met"]]] for g in goals],
     )
 
 

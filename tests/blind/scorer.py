@@ -150,9 +150,7 @@ def _parameters(truth: Json, result: Json) -> Iterator[dict[str, Any]]:
                 }
 
 
-def _unknown(
-    truth: Json, result: Json, before: np.ndarray, after: np.ndarray, oracle: np.ndarray
-) -> dict[str, Any]:
+def _unknown(truth: Json, result: Json, before: np.ndarray, after: np.ndarray, oracle: np.ndarray) -> dict[str, Any]:
     """Of effects outside the catalogue: said, with the right signals, how much of it removed, nothing forced."""
     told = truth["strangers"][0]
     pushed = [truth["joints"].index(joint) for joint in told["pushed"]]

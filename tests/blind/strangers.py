@@ -52,18 +52,15 @@ STRANGERS: dict[str, Law_] = {
     "dead_zone_spring": Law_(lambda s, j, k: 0.1 * _dead_zone(s, j, k), (("q_j",),)),
     # Bearings pressed by the load of another joint: the load is a function of positions, either may be named.
     "borrowed_load_friction": Law_(
-        lambda s, j, k: 0.1 * np.abs(s.tau_link[:, k]) / max(float(np.abs(s.tau_link[:, k]).max()), 1e-9)
-        * _sign(s.dq_motor[:, j]),
+        lambda s, j, k: (
+            0.1 * np.abs(s.tau_link[:, k]) / max(float(np.abs(s.tau_link[:, k]).max()), 1e-9) * _sign(s.dq_motor[:, j])
+        ),
         (("tau_link_k", "q_k"), ("dq_j",)),
     ),
-    "uneven_grease": Law_(
-        lambda s, j, k: 0.02 * s.dq_motor[:, j] * np.cos(2 * s.q[:, j]), (("q_j",), ("dq_j",))
-    ),
+    "uneven_grease": Law_(lambda s, j, k: 0.02 * s.dq_motor[:, j] * np.cos(2 * s.q[:, j]), (("q_j",), ("dq_j",))),
     "neighbours_drag": Law_(lambda s, j, k: 0.02 * np.abs(s.dq[:, k]) * s.dq[:, k], (("dq_k",),)),
     "differential_teeth": Law_(lambda s, j, k: 0.02 * np.sin(7 * (s.q[:, j] + s.q[:, k])), (("q_j",), ("q_k",))),
-    "leaking_damper": Law_(
-        lambda s, j, k: 0.02 * s.dq[:, j] * np.abs(s.dq[:, k]), (("dq_j",), ("dq_k",))
-    ),
+    "leaking_damper": Law_(lambda s, j, k: 0.02 * s.dq[:, j] * np.abs(s.dq[:, k]), (("dq_j",), ("dq_k",))),
 }
 
 
@@ -90,8 +87,10 @@ class Stranger(LabEffect):
         """Groups of signals that have to be named, in the words of `result.json`."""
         j, k = (joint_names[joint] for joint in self.joints)
         return [
-            [name.removesuffix("_j") + f"_{j}" if name.endswith("_j") else name.removesuffix("_k") + f"_{k}"
-             for name in group]
+            [
+                name.removesuffix("_j") + f"_{j}" if name.endswith("_j") else name.removesuffix("_k") + f"_{k}"
+                for name in group
+            ]
             for group in STRANGERS[self.kind].signals
         ]
 

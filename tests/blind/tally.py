@@ -73,7 +73,7 @@ def _goals(groups: Mapping[str, Outcomes]) -> list[dict[str, Any]]:
     goal("mixtures: recall", _recall(mixtures), "at least", 0.95, len(mixtures))
     goal("mixtures: precision", _precision(mixtures), "at least", 0.97, len(mixtures))
     clean = groups["clean"]
-    goal("clean: cases with a false attribution", _share(clean, _has_false), "at most", 0.01, len(clean))
+    goal("clean: cases with a false attribution", _share(clean, _accuses), "at most", 0.01, len(clean))
     strong = [ratio for o in singles if _ratio(o) == RATIOS[0] for ratio in _score(o).get("after_over_oracle", ())]
     goal("after / oracle at 2, median", _stat(np.median, strong), "at most", 1.02, len(strong))
     goal("after / oracle at 2, worst", _stat(np.max, strong), "at most", 1.05, len(strong))
@@ -88,7 +88,7 @@ def _goals(groups: Mapping[str, Outcomes]) -> list[dict[str, Any]]:
     goal("outside: share removed, median", _stat(np.median, removed), "at least", 0.7, len(removed))
     contacts = groups["contact"]
     goal("contacts: windows found", _windows(contacts), "at least", 0.9, len(contacts))
-    goal("contacts: cases with a false attribution", _share(contacts, _has_false), "at most", 0.01, len(contacts))
+    goal("contacts: cases with a false attribution", _share(contacts, _accuses), "at most", 0.01, len(contacts))
     return goals
 
 
@@ -214,13 +214,20 @@ def _has_false(o: Json) -> bool:
     return bool(_score(o).get("false"))
 
 
+def _accuses(o: Json) -> bool:
+    """Whether something is named wrongly; who gives up has not said that nothing is there."""
+    return _has_false(o) or "error" in o
+
+
 def _unknown_right(o: Json) -> bool:
     unknown = _score(o).get("unknown")
     return bool(unknown and unknown["said"] and unknown["right_signals"] and not _has_false(o))
 
 
 def _windows(cases: Outcomes) -> float | None:
-    return _stat(np.mean, [x for o in cases if _score(o).get("contact") for x in o["score"]["contact"]["found"]["train"]])
+    return _stat(
+        np.mean, [x for o in cases if _score(o).get("contact") for x in o["score"]["contact"]["found"]["train"]]
+    )
 
 
 def _errors(parameters: Sequence[Json]) -> list[float]:
