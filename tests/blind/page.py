@@ -17,8 +17,8 @@ def page(figures: Json) -> str:
     parts = [
         "# Blind suite",
         "",
-        f"Written by `make blind`. {figures['n_cases']} simulated cases on arms with 4, 6 and 7 joints: {N_TRAIN} "
-        f"training runs and {N_TEST} test runs of {DURATION:g} s at {RATE:g} Hz. `dynid diagnose` is given the runs and "
+        f"Written by `make blind`. {figures['n_cases']} simulated cases on arms with 4, 6 and 7 joints, {N_TRAIN} "
+        f"training and {N_TEST} test runs of {DURATION:g} s at {RATE:g} Hz. `dynid diagnose` is given the runs and "
         "the robot file; what was put in is compared afterwards. A ratio is the part of the effect that the declared "
         "model cannot absorb over the torque noise (RMS, before any filter).",
         "",

@@ -9,13 +9,14 @@ the level that leaves 1 % for all candidates together.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from arms import bare
-from cases import N_TRAIN
-from maker import Built
+from cases import N_TRAIN, RATIOS, SCALED, all_cases
+from maker import Built, Impossible, build
 from numpy.typing import NDArray
 from scipy.stats import chi2, ncx2
 
@@ -38,13 +39,13 @@ _RCOND = 1e-10
 def in_band(built: Built) -> list[dict[str, Any]]:
     """What each scaled effect leaves in the band: RMS over full-rate noise per joint, evidence and power."""
     return [
-        _evidence(built, placed.effect) | {"kind": placed.effect.kind, "ratio": placed.put.ratio}
+        _evidence(built, placed.effect, placed.reached) | {"kind": placed.effect.kind, "ratio": placed.put.ratio}
         for placed in built.placed
         if placed.put.ratio is not None
     ]
 
 
-def _evidence(built: Built, effect: Any) -> dict[str, Any]:
+def _evidence(built: Built, effect: Any, reached: float) -> dict[str, Any]:
     arm = bare(built.case.arm)
     declared = arm.robot
     plan = declared_plan(
@@ -65,13 +66,8 @@ def _evidence(built: Built, effect: Any) -> dict[str, Any]:
         "n_moving": n_moving,
         "evidence": evidence,
         "power": power(evidence, degrees),
-        "power_without_band": power(n_moving * float(built_ratio(built, effect)) ** 2, degrees),
+        "power_without_band": power(n_moving * reached**2, degrees),
     }
-
-
-def built_ratio(built: Built, effect: Any) -> float:
-    """Ratio that the effect really has."""
-    return next(placed.reached for placed in built.placed if placed.effect is effect)
 
 
 def power(evidence: float, degrees: int, level: float = FAMILY_LEVEL / N_CANDIDATES) -> float:
@@ -113,3 +109,28 @@ def _left(plan: Plan, runs: list[Recording], noise_std: FloatArray) -> tuple[Flo
     residual = target - flat / scale @ np.linalg.lstsq(flat / scale, target, rcond=_RCOND)[0]
     left = np.array([np.sqrt(np.mean(residual[of == joint] ** 2)) for joint in range(n)])
     return left, int(sum(np.count_nonzero(each.moving) for each in states) * runs[0].rate / states[0].rate)
+
+
+def main() -> None:
+    """Print the mean power over the three arms for every kind and ratio."""
+    print(
+        f"power at {FAMILY_LEVEL:g} / {N_CANDIDATES} for one who knows kind, joint and shape, in the band; without it"
+    )
+    rows = []
+    for kind in SCALED:
+        row = []
+        for ratio in RATIOS:
+            cells = []
+            for case in all_cases().values():
+                if case.group == "single" and (case.puts[0].kind, case.puts[0].ratio) == (kind, ratio):
+                    with suppress(Impossible):
+                        cells += [(e["power"], e["power_without_band"]) for e in in_band(build(case))]
+            row.append(np.mean(cells, axis=0) if cells else np.full(2, np.nan))
+        rows.append(row)
+        print(f"{kind:28s}" + "".join(f"  {r:g}: {a:.2f} {b:.2f}" for r, (a, b) in zip(RATIOS, row, strict=True)))
+    for r, (a, b) in zip(RATIOS, np.nanmean(rows, axis=0), strict=True):
+        print(f"all kinds at {r:g}: {a:.3f} {b:.3f}")
+
+
+if __name__ == "__main__":
+    main()

@@ -29,7 +29,7 @@ def _dead_zone(s: Signals, j: int, k: int) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class Law_:
+class Formula:
     """A formula and the signals in it.
 
     `signals`: one group per signal that has to be named; within a group any one will do. "j" is the own joint, "k"
@@ -41,26 +41,26 @@ class Law_:
     both: bool = False
 
 
-STRANGERS: dict[str, Law_] = {
+STRANGERS: dict[str, Formula] = {
     # Friction of a joint that a neighbour's cable squeezes.
-    "squeezed_friction": Law_(
+    "squeezed_friction": Formula(
         lambda s, j, k: 0.04 * _sign(s.dq_motor[:, j]) * np.sin(s.q[:, k]), (("q_k",), ("dq_j",))
     ),
     # A spring between two joints.
-    "twisted_hose": Law_(lambda s, j, k: 0.03 * np.sin(3 * s.q[:, j]) * np.sin(s.q[:, k]), (("q_j",), ("q_k",))),
-    "shared_cable": Law_(lambda s, j, k: 0.01 * (s.q[:, j] + s.q[:, k]) ** 3, (("q_j",), ("q_k",)), both=True),
-    "dead_zone_spring": Law_(lambda s, j, k: 0.1 * _dead_zone(s, j, k), (("q_j",),)),
+    "twisted_hose": Formula(lambda s, j, k: 0.03 * np.sin(3 * s.q[:, j]) * np.sin(s.q[:, k]), (("q_j",), ("q_k",))),
+    "shared_cable": Formula(lambda s, j, k: 0.01 * (s.q[:, j] + s.q[:, k]) ** 3, (("q_j",), ("q_k",)), both=True),
+    "dead_zone_spring": Formula(lambda s, j, k: 0.1 * _dead_zone(s, j, k), (("q_j",),)),
     # Bearings pressed by the load of another joint: the load is a function of positions, either may be named.
-    "borrowed_load_friction": Law_(
+    "borrowed_load_friction": Formula(
         lambda s, j, k: (
             0.1 * np.abs(s.tau_link[:, k]) / max(float(np.abs(s.tau_link[:, k]).max()), 1e-9) * _sign(s.dq_motor[:, j])
         ),
         (("tau_link_k", "q_k"), ("dq_j",)),
     ),
-    "uneven_grease": Law_(lambda s, j, k: 0.02 * s.dq_motor[:, j] * np.cos(2 * s.q[:, j]), (("q_j",), ("dq_j",))),
-    "neighbours_drag": Law_(lambda s, j, k: 0.02 * np.abs(s.dq[:, k]) * s.dq[:, k], (("dq_k",),)),
-    "differential_teeth": Law_(lambda s, j, k: 0.02 * np.sin(7 * (s.q[:, j] + s.q[:, k])), (("q_j",), ("q_k",))),
-    "leaking_damper": Law_(lambda s, j, k: 0.02 * s.dq[:, j] * np.abs(s.dq[:, k]), (("dq_j",), ("dq_k",))),
+    "uneven_grease": Formula(lambda s, j, k: 0.02 * s.dq_motor[:, j] * np.cos(2 * s.q[:, j]), (("q_j",), ("dq_j",))),
+    "neighbours_drag": Formula(lambda s, j, k: 0.02 * np.abs(s.dq[:, k]) * s.dq[:, k], (("dq_k",),)),
+    "differential_teeth": Formula(lambda s, j, k: 0.02 * np.sin(7 * (s.q[:, j] + s.q[:, k])), (("q_j",), ("q_k",))),
+    "leaking_damper": Formula(lambda s, j, k: 0.02 * s.dq[:, j] * np.abs(s.dq[:, k]), (("dq_j",), ("dq_k",))),
 }
 
 

@@ -1,4 +1,4 @@
-"""What counts as the right name: equal names of one thing, whole-robot kinds, and parameters under the report's names."""
+"""What counts as the right name: equal names of one thing, kinds without a joint, parameters as a report calls them."""
 
 from __future__ import annotations
 
