@@ -107,7 +107,7 @@ def _line(outcome: dict) -> str:
         parts.append(f"signals {', '.join(score['unknown']['signals'][:4]) or 'none'}")
     if score["contact"]:
         parts.append(f"windows {sum(score['contact']['found']['train'])}/{len(score['contact']['found']['train'])}")
-    worst = max((ratio for ratio in score["after_over_oracle"] if ratio == ratio), default=float("nan"))
+    worst = max((ratio for ratio in score["after_over_oracle"] if ratio is not None), default=float("nan"))
     parts += [f"after/oracle {worst:.3f}", f"{score['seconds']:.1f} s"]
     return f"{outcome['label']}: {'; '.join(parts)}"
 

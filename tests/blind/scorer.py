@@ -54,8 +54,8 @@ def score(truth: Json, result: Json, seconds: float, oracle: Sequence[float]) ->
         "top1": first in right,
         "top1_or_tie": first in right or (first is not None and _tied_right(first, result, right)),
         "parameters": list(_parameters(truth, result)),
-        "before_over_oracle": (before / np.asarray(oracle)).tolist(),
-        "after_over_oracle": (after / np.asarray(oracle)).tolist(),
+        "before_over_oracle": _plain(before / np.asarray(oracle)),
+        "after_over_oracle": _plain(after / np.asarray(oracle)),
         "unknown": _unknown(truth, result, before, after, np.asarray(oracle)) if truth["strangers"] else None,
         "says_unknown": any(e["kind"] == UNKNOWN for e in result["effects"]) or bool(result.get("unexplained")),
         "contact": _contacts(truth, result),
@@ -132,9 +132,13 @@ def _parameters(truth: Json, result: Json) -> Iterator[dict[str, Any]]:
             joints = [joint for joint in effect["joints"] if joint in told["joints"]]
             if not joints:
                 continue
-            true = expected(told, joints[0])
-            for parameter in effect["parameters"]:
+            numbers = [p["name"] for p in effect["parameters"]]
+            for at, parameter in enumerate(effect["parameters"]):
                 name, interval = parameter["name"], parameter.get("interval")
+                # A name that comes once per joint comes in the order of the joints.
+                repeated = numbers.count(name) == len(effect["joints"])
+                joint = effect["joints"][numbers[:at].count(name)] if repeated else joints[0]
+                true = expected(told, parameter.get("joint") or joint)
                 if name not in true or not interval or None in interval:
                     continue
                 low, high = interval
@@ -178,7 +182,7 @@ def _unknown(truth: Json, result: Json, before: np.ndarray, after: np.ndarray, o
         "hit": float(np.mean(hit)),
         "right_signals": all(hit),
         "first_is_right": bool(ranked) and any(ranked[0] in group for group in groups),
-        "share_removed": removed / explainable if explainable > 0 else None,
+        "share_removed": removed / explainable if explainable > 0 and np.isfinite(removed) else None,
     }
 
 
@@ -214,3 +218,7 @@ def _overlap(one: Sequence[float], other: Sequence[float]) -> float:
 
 def _numbers(values: Sequence[float | None]) -> np.ndarray:
     return np.array([np.nan if value is None else value for value in values])
+
+
+def _plain(values: np.ndarray) -> list[float | None]:
+    return [float(value) if np.isfinite(value) else None for value in values]
