@@ -17,22 +17,14 @@ FLOOR_SHARE = 0.8
 SHAPE = {"stribeck_velocity": 0.1, "exponent": 1.0, "transition_width": 0.01}
 
 
-@dataclass(frozen=True)
-class MadeFloor:
-    values: np.ndarray
-    intervals: np.ndarray
-    method: tuple[str, ...]
-
-
 @dataclass(frozen=True, eq=False)
 class MadeDiagnosis:
     setup: Setup
     before: ThreeLoopIdentifier
     after: ThreeLoopIdentifier
-    floor: MadeFloor
+    floor: dict[str, Any]
     findings: list[Finding] = field(default_factory=list)
     effects: list[dict[str, Any]] = field(default_factory=list)
-    unknown_effects: list[dict[str, Any]] = field(default_factory=list)
     unexplained: list[dict[str, Any]] = field(default_factory=list)
     steps: list[dict[str, Any]] = field(default_factory=list)
 
@@ -114,7 +106,7 @@ def make(setup, train, test, *, placed=(), **parts) -> MadeDiagnosis:
         setup = replace(setup, effects=tuple(placed))
         after = setup.identifier(residual=None).fit(train)
     left = FLOOR_SHARE * error_of(after, test)
-    floor = MadeFloor(left, np.column_stack([0.9 * left, 1.1 * left]), ("repeated periods",) * len(left))
+    floor = {"value": left, "interval": np.column_stack([0.9 * left, 1.1 * left]), "method": ["repeats"] * len(left)}
     return MadeDiagnosis(setup, before, after, floor, **parts)
 
 

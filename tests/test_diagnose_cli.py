@@ -284,7 +284,9 @@ def test_share_of_what_could_be_explained():
     half = np.sqrt((4 + 1) / 2)
     assert explained_share(outcome([2.0, 1.0], [half, 1.0], [1.0, 1.0])) == pytest.approx(0.5)
     assert explained_share(outcome([2.0, 1.0], [half, 1.0], [1.0, None])) == pytest.approx(0.5)
+    assert explained_share(outcome([2.0, 1.0], [1.0, 1.0], [1.0, 1.5])) == pytest.approx(1)
     assert explained_share(outcome([2.0, 1.0], [1.0, 1.0], [None, None])) is None
+    assert explained_share(outcome([2.0, 1.0], [1.0, 1.0], [2.0, 1.5])) is None
 
 
 def test_verdicts():

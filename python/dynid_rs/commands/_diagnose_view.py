@@ -21,7 +21,7 @@ def show(result: dict[str, Any], directory: Path) -> None:
     out.print(Text(result["verdict"]))
     out.print(_errors(result))
     for entry in result["effects"]:
-        out.print(Text(_effect(entry, result)))
+        out.print(Text(_effect(entry, result)), soft_wrap=True)
     for entry in result["unexplained"]:
         out.print(Text(_unexplained(entry)))
     for sentence in result["next_experiment"]:

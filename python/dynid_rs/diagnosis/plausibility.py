@@ -63,9 +63,9 @@ def _odd_runs(comparisons: Sequence[Comparison]) -> list[Finding]:
         if factor >= UNLIKE and np.median(errors[k]) >= LEAST_ERROR:
             name = comparison.states.name
             message = (
-                f"{name}: the declared model leaves {factor:.0f} times as much as on the other runs; it may be of another "
-                "robot, tool or payload, or in another unit. If something was changed before it, leave it out here and "
-                "diagnose it with --reference"
+                f"{name}: the declared model leaves {factor:.0f} times as much as on the other runs; it may be of "
+                "another robot, tool or payload, or in another unit. If something was changed before it, leave it out "
+                "here and diagnose it with --reference"
             )
             found.append(Finding("run_unlike_others", "warning", message, file=name, value=factor, unit="1"))
     return found

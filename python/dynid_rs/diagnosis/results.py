@@ -15,8 +15,10 @@ from dynid_rs.diagnosis.setup import Setup, Windows
 from dynid_rs.diagnosis.wording import next_experiments, verdict
 from dynid_rs.encoders import with_fitted_delay
 from dynid_rs.evaluation import rmse_interval
+from dynid_rs.excitation.named import NamedEffect, separate_command
 from dynid_rs.findings import Finding
 from dynid_rs.identification import ThreeLoopIdentifier
+from dynid_rs.placed import CATALOGUE
 from dynid_rs.preprocessing import States
 from dynid_rs.recording import Recording
 from dynid_rs.results import Evaluated, Scores
@@ -24,21 +26,8 @@ from dynid_rs.results import Evaluated, Scores
 FloatArray = NDArray[np.float64]
 Entry = Mapping[str, Any]
 
-
-class FloorEstimate(Protocol):
-    """What no model of the states can remove, per joint."""
-
-    @property
-    def values(self) -> FloatArray:
-        """Root mean square in the band, (n_joints,) [torque unit]; NaN where it cannot be seen."""
-
-    @property
-    def intervals(self) -> FloatArray:
-        """95 %, (n_joints, 2)."""
-
-    @property
-    def method(self) -> str | Sequence[str]:
-        """How it was measured, in a few words; for all joints or one per joint."""
+N_POINTS = 400
+"""Most points of a plot."""
 
 
 class Outcome(Protocol):
@@ -65,16 +54,12 @@ class Outcome(Protocol):
         """Entries of `result.json`, most useful first."""
 
     @property
-    def unknown_effects(self) -> Sequence[Entry]:
-        """Entries of kind `unknown`, with `depends_on`."""
-
-    @property
     def unexplained(self) -> Sequence[Entry]:
         """Entries of `result.json`."""
 
     @property
-    def floor(self) -> FloorEstimate:
-        """Of the test runs."""
+    def floor(self) -> Mapping[str, Any]:
+        """`value` (n_joints,), `interval` (n_joints, 2), `method` per joint; empty where it was not measured."""
 
     @property
     def steps(self) -> Sequence[Entry]:
@@ -135,23 +120,25 @@ def summarise_diagnosis(outcome: Outcome, runs: EvaluatedRuns, findings: Sequenc
     result["rmse"]["train"]["before"] = trained.rmse
     states = [run.states for run in runs.test_before]
     result["loops"] = results.loops_section(before, states, tested)
-    floor = outcome.floor
     result["rmse"]["test"] |= {
         "wls": result["loops"]["test"]["wls"],
         "before": tested.rmse,
         "before_interval": rmse_interval(tested.comparisons),
-        "floor": _or_none(floor.values),
-        "floor_interval": [None if np.isnan(pair).any() else pair for pair in np.asarray(floor.intervals, float)],
     }
-    result["floor_method"] = _method(floor.method)
-    effects = [_complete(entry, k + 1) for k, entry in enumerate((*outcome.effects, *outcome.unknown_effects))]
+    if outcome.floor:
+        floor, bounds = (np.asarray(outcome.floor[key], dtype=np.float64) for key in ("value", "interval"))
+        result["rmse"]["test"]["floor"] = [None if np.isnan(value) else value for value in floor]
+        result["rmse"]["test"]["floor_interval"] = [None if np.isnan(pair).any() else pair for pair in bounds]
+        result["floor_method"] = _method(outcome.floor["method"])
+    names = result["joints"]
+    effects = [_complete(entry, k + 1, names) for k, entry in enumerate(outcome.effects)]
     result |= {
         "effects": effects,
-        "unexplained": [{"depends_on": [], **entry} for entry in outcome.unexplained],
+        "unexplained": [_with_short_plot({"depends_on": [], **entry}) for entry in outcome.unexplained],
         "steps": list(outcome.steps),
         "nothing_to_add": not effects and not outcome.unexplained,
     }
-    result = results.plain(result)
+    result = dict(results.plain(result))
     result["next_experiment"] = next_experiments(result)
     result["verdict"] = verdict(result)
     return result
@@ -171,15 +158,34 @@ def _not_said(findings: Sequence[Finding]) -> bool:
     return all(finding.code not in ("residual_exceeds_torque", "run_unlike_others") for finding in findings)
 
 
-def _or_none(values: FloatArray) -> list[float | None]:
-    return [None if np.isnan(value) else float(value) for value in values]
-
-
 def _method(method: str | Sequence[str]) -> str:
     """One text; where joints differ, every way once."""
     return method if isinstance(method, str) else "; ".join(dict.fromkeys(method))
 
 
-def _complete(entry: Entry, rank: int) -> dict[str, Any]:
-    """An effect's entry with everything that readers may ask for."""
-    return {"parameters": [], "ties": [], "told_apart_from": [], **entry, "rank": rank}
+def _complete(entry: Entry, rank: int, joint_names: Sequence[str]) -> dict[str, Any]:
+    """An effect's entry with everything that readers may ask for; its ties with the command that separates them."""
+    own = _named(entry, joint_names)
+    ties = [{**tie, "separate": separate_command(own, _named(tie, joint_names), joint_names)} for tie in entry["ties"]]
+    ties = [{key: value for key, value in tie.items() if value != ""} for tie in ties]
+    return _with_short_plot({"parameters": [], "told_apart_from": [], **entry, "rank": rank, "ties": ties})
+
+
+def _named(entry: Entry, joint_names: Sequence[str]) -> NamedEffect:
+    """The effect as the command line takes it, with the shape that was fitted."""
+    known = [parameter["name"] for parameter in CATALOGUE.get(entry["kind"], {"shape": []})["shape"]]
+    shape = {p["name"]: float(p["value"]) for p in entry.get("parameters", ()) if p["name"] in known}
+    shape.pop("partner", None)
+    return NamedEffect(entry["kind"], tuple(joint_names.index(name) for name in entry["joints"]), shape)
+
+
+def _with_short_plot(entry: dict[str, Any]) -> dict[str, Any]:
+    """No more points than a picture needs: every so many of them."""
+    plot = entry.get("plot")
+    if not plot:
+        return entry
+    short = dict(plot)
+    for keys in (("x", "partial"), ("curve_x", "curve")):
+        step = -(-max(len(plot[key]) for key in keys) // N_POINTS) or 1
+        short |= {key: plot[key][::step] for key in keys}
+    return {**entry, "plot": short}

@@ -52,7 +52,8 @@ def explained_share(result: Result) -> float | None:
     test = result["rmse"]["test"]
     seen = [j for j, floor in enumerate(test["floor"]) if floor is not None and test["before"][j] > 0]
     before, after, floor = (np.array([test[key][j] for j in seen]) for key in ("before", "after", "floor"))
-    possible = float(np.sum(np.maximum(1 - (floor / before) ** 2, 0))) if seen else 0.0
+    floor = np.minimum(floor, before)  # an estimate may lie above what is there
+    possible = float(np.sum(1 - (floor / before) ** 2))
     if possible <= 0:
         return None
     return float(np.clip(np.sum(1 - (np.maximum(after, floor) / before) ** 2) / possible, 0, 1))

@@ -62,8 +62,8 @@ def section(separation: Section) -> str:
             )
     head = ["Effect", "Motion", "Not imitated", "", "by the declared model alone", "Best imitator"]
     return (
-        f"<p>This motion tells the two effects apart with <b>{significant(separation['gain'])} times the power</b> of the "
-        "exciting trajectory within the same limits (geometric mean of both directions). The numbers are "
+        f"<p>This motion tells the two effects apart with <b>{significant(separation['gain'])} times the power</b> of "
+        "the exciting trajectory within the same limits (geometric mean of both directions). The numbers are "
         "amplitudes: the part of an effect\u2019s torque that neither the declared model nor any shape of the other "
         "effect can imitate, in the band of the fit, over the effect\u2019s own on the exciting trajectory.</p>\n"
         f"{table(head, rows)}"

@@ -94,7 +94,8 @@ class ShapedEffect:
                 signals = [np.column_stack([s, x[:, partner]]) for s, x in zip(signals, motion, strict=True)]
                 load = None if load is None or tau_link is None else np.column_stack([load, tau_link[:, partner]])
             effect = self._core_effect(shapes, joint)
-            own = _core.effect_columns(effect, *signals, tau_link=load, step=step)[:, : len(shapes)]
+            q, dq, ddq = signals
+            own = _core.effect_columns(effect, q, dq, ddq, tau_link=load, step=step)[:, : len(shapes)]
             wide = np.zeros((*own.shape[:2], n_pairs * own.shape[2]))
             wide[..., place * own.shape[2] : (place + 1) * own.shape[2]] = own
             found[joint] = wide

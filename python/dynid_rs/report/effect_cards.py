@@ -27,6 +27,9 @@ from dynid_rs.report.text import (
 
 Result = Mapping[str, Any]
 
+LEAST_P = 1e-9
+"""Smaller ones are not told apart."""
+
 
 def effect_cards(figures: Figures, result: Result) -> str:
     """One card per effect, most useful first."""
@@ -38,7 +41,7 @@ def _effect(figures: Figures, result: Result, entry: Result, k: int) -> str:
     whole = len(entry["joints"]) == len(result["joints"]) > 2
     place = "whole robot" if whole else joints
     share = entry.get("share_explained")
-    facts = [f"p = {significant(entry['p_value'], 2)}"] if entry.get("p_value") is not None else []
+    facts = [_p(entry["p_value"])] if entry.get("p_value") is not None else []
     facts += [f"explains {percent(share)} of what could be explained"] if share is not None else []
     note = f'<p class="note">{esc(entry["note"])}</p>' if entry.get("note") else ""
     text = (
@@ -54,11 +57,12 @@ def _effect(figures: Figures, result: Result, entry: Result, k: int) -> str:
 
 
 def _parameters(entry: Result) -> str:
+    several = len(entry["joints"]) > 1
     rows = [
         [
-            esc(words(p["name"])),
+            esc(words(p["name"])) + (f" ({esc(p['joint'])})" if several and p.get("joint") else ""),
             cell(esc(with_unit(significant(p["value"]), p.get("unit"))), "num main"),
-            cell(interval(p.get("interval")), "num soft"),
+            cell(_interval(p.get("interval")), "num soft"),
         ]
         for p in entry.get("parameters") or []
     ]
@@ -68,20 +72,21 @@ def _parameters(entry: Result) -> str:
 def _errors(result: Result, entry: Result) -> str:
     """Test error before and after this effect, on the joints that it acts on."""
     before, after = entry.get("rmse_test_before") or [], entry.get("rmse_test_after") or []
-    bounds = entry.get("rmse_test_after_interval") or [None] * len(after)
+    bounds = entry.get("rmse_test_after_interval")
     names = result["joints"] if len(after) == len(result["joints"]) else entry["joints"]
     rows = [
         [
             breakable(joint),
             cell(significant(old)),
             cell(significant(new), "num main"),
-            cell(interval(pair), "num soft"),
+            *([cell(_interval(pair), "num soft")] if bounds else []),
         ]
-        for joint, old, new, pair in zip(names, before, after, bounds, strict=False)
+        for joint, old, new, pair in zip(names, before, after, bounds or [None] * len(after), strict=False)
         if joint in entry["joints"]
     ]
     said = f"<small>{esc(unit_text(result['torque_unit']))}</small>"
-    return table([f"Test error {said}", "Without", "With", "95 % interval"], rows, kind="tight") if rows else ""
+    head = [f"Test error {said}", "Without", "With", *(["95 % interval"] if bounds else [])]
+    return table(head, rows, kind="tight") if rows else ""
 
 
 def _neighbours(entry: Result) -> str:
@@ -100,6 +105,19 @@ def _neighbours(entry: Result) -> str:
     return body
 
 
+def _p(value: float) -> str:
+    """What a p-value says; how far below certainty it lies says nothing more."""
+    if value < LEAST_P:
+        return f"p{NBSP}<{NBSP}{significant(LEAST_P, 1)}"
+    return f"p{NBSP}={NBSP}{significant(value, 2)}"
+
+
+def _interval(bounds: Sequence[float] | None) -> str:
+    """An interval with as many digits as its ends need to differ."""
+    texts = (interval(bounds, digits) for digits in range(3, 8))
+    return next((text for text in texts if bounds is None or len(set(text.split(" to "))) > 1), interval(bounds))
+
+
 def _where(other: Result, joints: Sequence[str]) -> str:
     """Where it acts, if that is not where the effect itself does."""
     places = other.get("joints") or []
@@ -109,7 +127,7 @@ def _where(other: Result, joints: Sequence[str]) -> str:
 def _apart(other: Result, joints: Sequence[str]) -> str:
     where, sure = _where(other, joints), ""
     if other.get("p") is not None:
-        sure = f"p{NBSP}={NBSP}{significant(other['p'], 2)}"
+        sure = _p(other["p"])
     elif other.get("log_evidence") is not None:
         sure = f"log evidence {significant(other['log_evidence'], 2)}"
     return f"{esc(_named(other['kind']))}{where}" + (f' <span class="soft">({sure})</span>' if sure else "")
@@ -126,7 +144,7 @@ def leftovers(figures: Figures, result: Result) -> str:
 
 def _leftover(figures: Figures, result: Result, entry: Result, k: int) -> str:
     facts = [f"{percent(entry.get('share'))} of the error\u2019s power is not noise"]
-    facts += [f"p = {significant(entry['p_value'], 2)}"] if entry.get("p_value") is not None else []
+    facts += [_p(entry["p_value"])] if entry.get("p_value") is not None else []
     term = entry.get("term") or {}
     said = ""
     if term.get("kept") is not None:

@@ -7,7 +7,7 @@ from typing import Any
 
 # The shape of result.json as far as the report reads it. A key with "?" may be absent or null;
 # "per joint" is a list along `joints`, its entries may be null.
-_PARAMETER = {"name": str, "value": float, "unit?": str, "std_error?": float, "interval?": "interval"}
+_PARAMETER = {"name": str, "value": float, "joint?": str, "unit?": str, "std_error?": float, "interval?": "interval"}
 _AFTER = {loop: ("per joint", float) for loop in ("friction?", "links?", "residual?")}
 _STAGES = {"wls?": ("per joint", float), **_AFTER}
 _SEPARATION = {"share": float, "std_error": float}
