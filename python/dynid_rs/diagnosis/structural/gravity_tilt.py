@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid_rs import _core
 from dynid_rs.diagnosis.candidate import Candidate
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.structural.beside import Beside, in_band
 from dynid_rs.diagnosis.structural.frames import tilt_of, tilted_gravity
 from dynid_rs.diagnosis.structural.plausible import Plausible
+from dynid_rs.preprocessing import States
 
 FloatArray = NDArray[np.float64]
 
@@ -41,9 +44,10 @@ def tilt_candidates(beside: Beside, setup: Setup, plausible: Plausible) -> list[
         return []
     fit = beside.fit
     robot = setup.robot
-    pulls = gravity_steps(setup)
+    pulls = gravity_steps(setup.declared, setup.robot)
     directions = [(pulls[0], plausible.phi), (pulls[1], plausible.phi)]
-    unseen = _unseen(beside, pulls, plausible)
+    weights = beside.weights * fit.links_.torque_scale_
+    unseen = unseen_directions(robot, fit.runs_, weights, fit.observations_.n_rows, pulls, plausible)
     columns = []
     for states in fit.runs_:
         still = np.zeros_like(states.q)
@@ -75,30 +79,47 @@ def turned(setup: Setup, change: FloatArray) -> Setup:
     return replace(setup, robot=setup.robot.with_gravity(gravity.tolist()))
 
 
-def gravity_steps(setup: Setup) -> list[FloatArray]:
-    """Change of gravity (3,) [m/s^2] per rad of roll and of pitch."""
-    now = np.array(tilt_of(setup.declared, setup.robot))
+def gravity_steps(declared: _core.RobotModel, robot: _core.RobotModel) -> list[FloatArray]:
+    """Change of gravity (3,) [m/s^2] per rad of roll and of pitch, where `robot` stands."""
+    now = np.array(tilt_of(declared, robot))
     steps = []
     for k in range(2):
         change = STEP * np.eye(2)[k]
-        high, low = (tilted_gravity(setup.declared.gravity, *(now + sign * change)) for sign in (1, -1))
+        high, low = (tilted_gravity(declared.gravity, *(now + sign * change)) for sign in (1, -1))
         steps.append((high - low) / (2 * STEP))
     return steps
 
 
-def _unseen(
-    beside: Beside, pulls: list[FloatArray], plausible: Plausible
+def unseen_directions(
+    robot: _core.RobotModel,
+    runs: Sequence[States],
+    weights: FloatArray,
+    n_rows: int,
+    pulls: Sequence[FloatArray],
+    plausible: Plausible,
 ) -> list[list[tuple[FloatArray, FloatArray]]]:
-    """Pairs of gravity and phi whose torque a usual tilt may add beyond base parameters and the tilt itself."""
-    fit = beside.fit
-    robot = fit.robot
-    moving = [np.flatnonzero(states.moving) for states in fit.runs_]
-    at = [kept[:: max(1, len(fit.runs_) * len(kept) // N_SAMPLES)] for kept in moving]
+    """Pairs of gravity and phi whose torque a usual tilt may add beyond base parameters and the tilt itself.
+
+    Parameters
+    ----------
+    robot, runs : RobotModel, sequence of States
+        As they are believed to be, and where they were.
+    weights : ndarray (n_joints,)
+        Torque channel per N m, over its noise.
+    n_rows : int
+        Of the fit, per joint.
+    pulls : (2,) of ndarray (3,)
+        Change of gravity per rad of roll and pitch.
+    plausible : Plausible
+        Inertial parameters and what is not known of them.
+    """
+    moving = [np.flatnonzero(states.moving) for states in runs]
+    at = [kept[:: max(1, len(runs) * len(kept) // N_SAMPLES)] for kept in moving]
     q, dq, ddq = (
-        np.concatenate([getattr(states, name)[kept] for states, kept in zip(fit.runs_, at, strict=True)])
+        np.concatenate([getattr(states, name)[kept] for states, kept in zip(runs, at, strict=True)])
         for name in ("q", "dq", "ddq")
     )
-    weight = (beside.weights * fit.links_.torque_scale_)[:, None]
+    weight = weights[:, None]
     seen = (weight * robot.joint_torque_regressor(q, dq, ddq)).reshape(-1, len(plausible.phi))
     still = np.zeros_like(q)
     regressors = [
@@ -112,7 +133,7 @@ def _unseen(
     added = USUAL * np.concatenate([Y @ plausible.root for Y in regressors], axis=1)
     added -= u @ (u.T @ added)
     _, s, vt = np.linalg.svd(added, full_matrices=False)
-    signal = s * np.sqrt(WORTH * fit.observations_.n_rows / len(q))
+    signal = s * np.sqrt(WORTH * n_rows / len(q))
     width = plausible.root.shape[1]
     return [
         [(g, USUAL * plausible.root @ v[k * width : (k + 1) * width]) for k, g in enumerate(pulls)]

@@ -30,7 +30,12 @@ class Plausible:
 
 
 def plausible_phi(
-    robot: _core.RobotModel, phi_base: FloatArray, covariance: FloatArray, *, unknown_gain: bool = False
+    robot: _core.RobotModel,
+    phi_base: FloatArray,
+    covariance: FloatArray,
+    *,
+    declared: FloatArray | None = None,
+    unknown_gain: bool = False,
 ) -> Plausible:
     """Condition the declared inertials, uncertain by as much as they are, on fitted base parameters.
 
@@ -40,11 +45,13 @@ def plausible_phi(
         Geometry and gravity that the base parameters belong to, and declared inertials.
     phi_base, covariance : ndarray (n_base,), (n_base, n_base)
         Fitted base parameters and how sure they are.
+    declared : ndarray (10 n_links,), optional
+        Declared inertials, where they are not those of `robot`.
     unknown_gain : bool
         The torque is an unknown multiple of N m: the declared inertials count up to a factor.
     """
     base = robot.base_parameters()
-    declared = np.asarray(robot.phi)
+    declared = np.asarray(robot.phi if declared is None else declared)
     regroup = np.zeros((base.n_base, len(declared)))
     regroup[np.arange(base.n_base), np.asarray(base.pivots)] = 1.0
     if base.beta.size:

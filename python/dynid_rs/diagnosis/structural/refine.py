@@ -121,7 +121,7 @@ def _parts(beside: Beside, setup: Setup, plausible: Plausible) -> list[Part]:
         columns = []
         for states in fit.runs_:
             still = np.zeros_like(states.q)
-            pulled = [robot.with_gravity(g.tolist()) for g in gravity_tilt.gravity_steps(setup)]
+            pulled = [robot.with_gravity(g.tolist()) for g in gravity_tilt.gravity_steps(setup.declared, robot)]
             torque = [there.inverse_dynamics(states.q, still, still, plausible.phi) for there in pulled]
             columns.append(in_band(fit, states, np.stack(torque, axis=2)))
         value = np.array(tilt_of(setup.declared, robot))
@@ -209,7 +209,7 @@ def _covariance(beside: Beside, parts: list[Part]) -> FloatArray:
         columns_of.append(_by_block(beside, linear, j, known))
         breads.append(weight**2 * bread[np.ix_(places, places)])
     left = _residuals(beside)
-    products = noise_products(observations, fit.runs_, left, columns_of, breads)
+    products = noise_products(observations, fit.runs_, left, columns_of, breads, power=2)
     for places, product, weight in zip(places_of, products, beside.weights, strict=True):
         meat[np.ix_(places, places)] += weight**4 * product
     covariance = bread @ meat @ bread
