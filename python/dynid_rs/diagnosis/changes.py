@@ -16,6 +16,9 @@ from dynid_rs.preprocessing import States
 FloatArray = NDArray[np.float64]
 
 PAYLOAD, TILT, GAIN, FRICTION, OFFSET = "payload", "gravity_tilt", "torque_gain", "friction", "torque_offset"
+DAILY = 4
+"""Columns per joint that differ from day to day: offset, friction's factor, Coulomb, viscous."""
+_PAIRS = (("coulomb_pos", "coulomb_neg"), ("viscous1_pos", "viscous1_neg"))
 LEAST_SIGNAL = 2.0
 """What a tilt brings to light counts above this, in standard deviations of the noise over all independent rows."""
 N_SAMPLES = 150
@@ -42,8 +45,9 @@ class Believed:
         Added to the last link.
     gain, offset : ndarray (n_joints,)
         The torque channel shows (1 + gain) times the torque, and an offset [torque unit] more.
-    friction : ndarray (n_joints, 2)
-        Coulomb [torque unit] and viscous friction [torque unit * s/rad] that have been added.
+    friction : ndarray (n_joints, 3)
+        Factor by which the reference's friction has grown, Coulomb [torque unit] and viscous friction [torque unit *
+        s/rad] that have been added to it.
     """
 
     reference: _core.TorqueModel
@@ -66,9 +70,7 @@ class Believed:
         ampere = reference.torque_unit == "A"
         plausible = plausible_phi(robot, phi_base, held, declared=declared, unknown_gain=ampere)
         zero = np.zeros(n)
-        return Believed(
-            reference, robot, plausible, np.zeros(10 * n), np.zeros(10), zero, zero, np.zeros((n, 2))
-        )
+        return Believed(reference, robot, plausible, np.zeros(10 * n), np.zeros(10), zero, zero, np.zeros((n, 3)))
 
     @property
     def tilt(self) -> tuple[float, float]:
@@ -91,7 +93,8 @@ class Believed:
             changed = np.array(coefficients)
             names = effect.coefficient_names
             if effect.kind == FRICTION:
-                for column, pair in enumerate((("coulomb_pos", "coulomb_neg"), ("viscous1_pos", "viscous1_neg"))):
+                changed *= 1 + self.friction[:, :1]
+                for column, pair in enumerate(_PAIRS, start=1):
                     for name in pair:
                         changed[:, names.index(name)] += self.friction[:, column]
             changed *= factor[:, None]
@@ -111,14 +114,22 @@ class Believed:
             torque_unit=like.torque_unit,
             step=like.step,
         )
-        return model if like.physical is None or any(self.tilt) else model.with_physical(self._physical(like.physical))
+        return self._with_physical(model)
 
-    def _physical(self, like: _core.PhysicalSet) -> _core.PhysicalSet:
+    def _with_physical(self, model: _core.TorqueModel) -> _core.TorqueModel:
+        """`model` with the reference's physical set, if nothing but the payload has changed and it is a body."""
+        like = self.reference.physical
+        if like is None or any(self.tilt) or self.gain.any() or self.friction.any() or np.ptp(like.drive_gain) > 0:
+            return model
         phi = np.array(like.phi)
-        phi[-10:] += self.payload
-        return _core.PhysicalSet(
-            phi, like.rotor_inertia, damping=like.damping, friction=like.friction, drive_gain=like.drive_gain
-        )
+        phi[-10:] += self.payload * like.drive_gain[0]
+        try:
+            physical = _core.PhysicalSet(
+                phi, like.rotor_inertia, damping=like.damping, friction=like.friction, drive_gain=like.drive_gain
+            )
+        except ValueError:  # not a body
+            return model
+        return model.with_physical(physical)
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,6 +145,11 @@ class Hypothesis:
     names: tuple[str, ...]
     units: tuple[str, ...]
 
+    @property
+    def place(self) -> tuple[str, tuple[int, ...]]:
+        """Kind and joints."""
+        return self.kind, self.joints
+
     def value(self, believed: Believed) -> FloatArray:
         """Return what it amounts to so far, one number per name."""
         if self.kind == PAYLOAD:
@@ -142,7 +158,7 @@ class Hypothesis:
             return np.array(believed.tilt)
         j = self.joints[0]
         if self.kind == FRICTION:
-            return believed.friction[j]
+            return np.array(believed.friction[j])
         return np.array([{GAIN: believed.gain, OFFSET: believed.offset}[self.kind][j]])
 
     def added(self, believed: Believed, x: FloatArray, columns: ChangeColumns) -> Believed:
@@ -177,15 +193,15 @@ class ChangeColumns:
 def change_columns(believed: Believed, runs: list[States], weights: FloatArray) -> ChangeColumns:
     """Torque per unit of every change, in the band at the rows of the runs.
 
-    Places: ``3 j + (0, 1, 2)`` offset, Coulomb, viscous of joint j; then ten of the payload, roll, pitch, the gains of
-    all joints, and what a tilt brings to light.
+    Places: ``4 j + (0, 1, 2, 3)`` offset, friction's factor, Coulomb, viscous of joint j; then ten of the payload,
+    roll, pitch, the gains of all joints, and what a tilt brings to light.
     """
     model, robot = believed.model(), believed.robot
     n = robot.n_joints
     scale = np.asarray(model.torque_scale)
-    friction = next(effect for effect, _ in model.effects if effect.kind == FRICTION)
+    friction, now = next(pair for pair in believed.reference.effects if pair[0].kind == FRICTION)
     names = friction.coefficient_names
-    pairs = [[names.index(f"{kind}_{side}") for side in ("pos", "neg")] for kind in ("coulomb", "viscous1")]
+    pairs = [[names.index(name) for name in pair] for pair in _PAIRS]
     pulls = gravity_steps(believed.reference.robot, robot)
     phi = believed.plausible.phi + believed.unseen
     phi[-10:] += believed.payload
@@ -195,18 +211,19 @@ def change_columns(believed: Believed, runs: list[States], weights: FloatArray) 
         aligned = states.aligned(np.asarray(model.encoder_delay))
         motion = aligned.q, aligned.dq, aligned.ddq
         still = np.zeros_like(aligned.q)
-        wide = np.zeros((len(states.t), n, 3 * n))
+        wide = np.zeros((len(states.t), n, DAILY * n))
         basis = _core.effect_columns(friction, *aligned.signals())
         for j in range(n):
-            wide[:, j, 3 * j] = 1.0
+            wide[:, j, DAILY * j] = 1.0
+            wide[:, j, DAILY * j + 1] = basis[:, j] @ now[j]
             for k, pair in enumerate(pairs):
-                wide[:, j, 3 * j + 1 + k] = basis[:, j, pair].sum(axis=1)
+                wide[:, j, DAILY * j + 2 + k] = basis[:, j, pair].sum(axis=1)
         load = robot.joint_torque_regressor(*motion)[:, :, -10:] * scale[:, None]
         tilt = [robot.with_gravity(g.tolist()).inverse_dynamics(aligned.q, still, still, phi) for g in pulls]
-        for pair in shown:
+        for parts in shown:
             torques = [
                 robot.with_gravity(g.tolist()).inverse_dynamics(aligned.q, *((still, still) if rest else motion[1:]), p)
-                for g, p, rest in pair
+                for g, p, rest in parts
             ]
             tilt.append(np.sum(torques, axis=0))
         turned = np.stack(tilt, axis=2) * scale[:, None]
@@ -222,7 +239,7 @@ def hypotheses(believed: Believed, columns: ChangeColumns) -> list[Hypothesis]:
     unit = believed.reference.torque_unit
     per = "" if unit == "N*m" else "*A/(N*m)"
     moments = ["kg"] + ["kg*m"] * 3 + ["kg*m^2"] * 6
-    first = 3 * n
+    first = DAILY * n
     found = [
         Hypothesis(
             PAYLOAD,
@@ -240,9 +257,15 @@ def hypotheses(believed: Believed, columns: ChangeColumns) -> list[Hypothesis]:
         found.append(Hypothesis(GAIN, (j,), np.array([first + 12 + j]), ("gain",), ("1",)))
         speed = "rad" if believed.robot.joint_kinds[j] == "revolute" else "m"
         found.append(
-            Hypothesis(FRICTION, (j,), 3 * j + np.array([1, 2]), ("coulomb", "viscous"), (unit, f"{unit}*s/{speed}"))
+            Hypothesis(
+                FRICTION,
+                (j,),
+                DAILY * j + np.arange(1, 4),
+                ("growth", "coulomb", "viscous"),
+                ("1", unit, f"{unit}*s/{speed}"),
+            )
         )
-        found.append(Hypothesis(OFFSET, (j,), np.array([3 * j]), ("offset",), (unit,)))
+        found.append(Hypothesis(OFFSET, (j,), np.array([DAILY * j]), ("offset",), (unit,)))
     return found
 
 

@@ -50,7 +50,7 @@ def physical_payload(
             Finding(
                 "payload_in_ampere",
                 "info",
-                "the torque is in ampere, so the payload's mass is known up to the drive gains; give --drive-gain for kg",
+                "the torque is in ampere, so the payload's mass is known up to the drive gains; give them for kg",
             )
         )
     if np.linalg.eigvalsh(_core.pseudo_inertia(sign * payload)[0])[0] > 0:
@@ -58,7 +58,9 @@ def physical_payload(
     try:
         nearest = sign * _nearest(sign * payload, weighing, places, free, held)
     except (MissingLibraryError, ValueError) as error:
-        message = f"no body has the payload's ten parameters as they were estimated, and none nearby was found ({error})"
+        message = (
+            f"no body has the payload's ten parameters as they were estimated, and none nearby was found ({error})"
+        )
         return believed, [*findings, Finding("payload_not_physical", "warning", message)]
     return replace(believed, payload=nearest), findings
 
@@ -76,7 +78,8 @@ def _nearest(
     root[:3, 3] = np.sqrt(mass) * np.clip(payload[1:4] / mass, -1.0, 1.0)
     beside = np.concatenate([np.setdiff1d(free, places), held]).astype(np.intp)
     gram = weighing.gram(np.concatenate([places, beside]))
-    gram[range(10, len(gram)), range(10, len(gram))] += weighing.precision[beside]
+    prior = np.where(np.isin(beside, held), weighing.precision[beside], weighing.weak[beside])
+    gram[range(10, len(gram)), range(10, len(gram))] += prior
     own = gram[:10, :10]
     if len(beside):
         own = own - gram[:10, 10:] @ np.linalg.pinv(gram[10:, 10:], hermitian=True) @ gram[10:, :10]

@@ -35,8 +35,8 @@ class Weighing:
         Measured less believed torque.
     weights : ndarray (n_joints,)
         One over the noise.
-    precision : ndarray (p,)
-        Of the prior around zero on columns that are day-to-day freedom.
+    precision, weak : ndarray (p,)
+        Of the prior around zero on columns that are held, as day-to-day freedom, and that are free: zero for most.
     """
 
     runs: Sequence[States]
@@ -44,6 +44,7 @@ class Weighing:
     error: Sequence[FloatArray]
     weights: FloatArray
     precision: FloatArray
+    weak: FloatArray
 
     @cached_property
     def _grams(self) -> FloatArray:
@@ -58,7 +59,7 @@ class Weighing:
         return np.array(grams)
 
     def solve(self, free: Places, held: Places, left_out: int | None = None) -> FloatArray:
-        """Coefficients (p,) of `free` columns, without a prior, beside `held` ones, with it; zeros elsewhere."""
+        """Coefficients (p,) of `free` columns beside `held` ones, each with its prior; zeros elsewhere."""
         used = np.concatenate([free, held]).astype(np.intp)
         x = np.zeros(self._grams.shape[2] - 1)
         if not len(used):
@@ -66,7 +67,7 @@ class Weighing:
         grams = self._total if left_out is None else self._total - self._grams[left_out]
         gram = np.einsum("j,jpq->pq", self.weights**2, grams)
         normal = gram[np.ix_(used, used)]
-        normal += np.diag(np.concatenate([np.zeros(len(free)), self.precision[held]]))
+        normal += np.diag(np.concatenate([self.weak[free], self.precision[held]]))
         scale = 1 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
         inverse = np.linalg.pinv(normal * np.outer(scale, scale), rcond=1e-13, hermitian=True)
         x[used] = scale * (inverse @ (scale * gram[used, -1]))
@@ -92,7 +93,7 @@ class Weighing:
     def covariance(self, free: Places, held: Places) -> FloatArray:
         """Covariance of the `free` coefficients beside `held` ones, honest under residuals that remember."""
         used = np.concatenate([free, held]).astype(np.intp)
-        prior = np.diag(np.concatenate([np.zeros(len(free)), self.precision[held]]))
+        prior = np.diag(np.concatenate([self.weak[free], self.precision[held]]))
         normal = np.einsum("j,jpq->pq", self.weights**2, self._total)[np.ix_(used, used)] + prior
         scale = 1 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
         bread = np.linalg.pinv(normal * np.outer(scale, scale), rcond=1e-13, hermitian=True) * np.outer(scale, scale)

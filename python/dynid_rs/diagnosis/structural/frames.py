@@ -25,7 +25,9 @@ def tilted_gravity(gravity: FloatArray, roll: float, pitch: float) -> FloatArray
     from scipy.spatial.transform import Rotation
 
     level = _level(gravity)
-    result: FloatArray = level.inv().apply(Rotation.from_euler("xyz", [roll, pitch, 0.0]).inv().apply(level.apply(gravity)))
+    result: FloatArray = level.inv().apply(
+        Rotation.from_euler("xyz", [roll, pitch, 0.0]).inv().apply(level.apply(gravity))
+    )
     return result
 
 

@@ -22,7 +22,7 @@ STEP = 1e-5
 USUAL = np.array([5e-3, 5e-3, 5e-3, 1e-2, 1e-2, 1e-2])
 """Usual error of a robot file: offset [m], rotation [rad]. The prior that holds directions no torque shows."""
 LEAST_SIGNAL = 3.0
-"""A direction counts if a usual error in it stands above the noise by this, beside the whole model and over all rows."""
+"""A direction counts if a usual error in it stands above the noise of all rows by this, beside the whole model."""
 LARGEST = 10.0
 """Most usual errors at once."""
 

@@ -125,16 +125,35 @@ def _parts(beside: Beside, setup: Setup, plausible: Plausible) -> list[Part]:
             torque = [there.inverse_dynamics(states.q, still, still, plausible.phi) for there in pulled]
             columns.append(in_band(fit, states, np.stack(torque, axis=2)))
         value = np.array(tilt_of(setup.declared, robot))
-        joints, names, units = tuple(range(robot.n_joints)), ("roll", "pitch"), ("rad", "rad")
-        prior = np.full(2, free)
-        parts.append(Part(gravity_tilt.KIND, joints, names, units, value, prior, columns, gravity_tilt.turned))
+        joints, prior = tuple(range(robot.n_joints)), np.full(2, free)
+        parts.append(
+            Part(
+                gravity_tilt.KIND,
+                joints,
+                ("roll", "pitch"),
+                ("rad", "rad"),
+                value,
+                prior,
+                columns,
+                gravity_tilt.turned,
+            )
+        )
     for j in moved_joints(setup.declared, robot):
         columns = kinematic_error.displacement_columns(beside, setup, plausible, j)
         value = displacement(setup.declared, robot, j)
-        names = ("offset_x", "offset_y", "offset_z", "rotation_x", "rotation_y", "rotation_z")
+        names: tuple[str, ...] = ("offset_x", "offset_y", "offset_z", "rotation_x", "rotation_y", "rotation_z")
         apply = _at(kinematic_error.moved, j)
         parts.append(
-            Part(kinematic_error.KIND, (j,), names, ("m",) * 3 + ("rad",) * 3, value, kinematic_error.USUAL, columns, apply)
+            Part(
+                kinematic_error.KIND,
+                (j,),
+                names,
+                ("m",) * 3 + ("rad",) * 3,
+                value,
+                kinematic_error.USUAL,
+                columns,
+                apply,
+            )
         )
     for j in np.flatnonzero(np.any(setup.encoder_error, axis=1)).tolist():
         if any(states.two_encoders for states in fit.runs_):
@@ -182,7 +201,7 @@ def _solve(system: FloatArray, right: FloatArray) -> tuple[FloatArray, FloatArra
 def _covariance(beside: Beside, parts: list[Part]) -> FloatArray:
     """Sandwich covariance (k, k) of the parts' parameters beside the whole model (`uncertainty.py`)."""
     fit, observations = beside.fit, beside.fit.observations_
-    plan, links = observations.plan, fit.links_
+    plan = observations.plan
     gains = [part.joints[0] for part in parts if part.kind == torque_gain.KIND]
     linear = [part for part in parts if part.kind != torque_gain.KIND]
     n_used = int(beside.used.sum())
@@ -239,9 +258,7 @@ def _by_block(beside: Beside, linear: list[Part], j: int, known: NDArray[np.bool
         seen[block.run] = last = first + block.n_rows
         rows = block.rows[j][:, :-1]
         own = np.column_stack([rows * factor, rows[:, plan.n_own :] @ load])[:, known]
-        extra = [
-            part.columns[block.run].get(j, np.zeros((last, len(part.names))))[first:last] for part in linear
-        ]
+        extra = [part.columns[block.run].get(j, np.zeros((last, len(part.names))))[first:last] for part in linear]
         blocks.append(np.concatenate([own, *extra], axis=1))
     return blocks
 
