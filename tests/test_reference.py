@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import tolerances
 from data import data_file
 from numpy.testing import assert_allclose
 
 import dynid_rs as dyn
-import tolerances
 from dynid_rs import _core
 from dynid_rs.checks import check_recording, refused_sources
 from dynid_rs.diagnosis.reference import compare

@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import tolerances
 from numpy.testing import assert_allclose
 
 import dynid_rs as dyn
-import tolerances
 from dynid_rs.assembly import evaluate
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.structural import (
