@@ -19,11 +19,13 @@ FloatArray = NDArray[np.float64]
 
 N_COPIES = 240
 """Copies; the spread of a score is then known to 5 %, which the F distribution accounts for."""
-LEAST_LINES = 12
-"""Spectral lines that are averaged."""
-MOST_BINS = 40
-"""Stretches of the spectrum between which it is interpolated."""
-MOST_TAKEN = 0.8
+LEAST_LINES = 40.0
+"""Spectral lines that are averaged, those counted out that the fit has taken."""
+FINE_BINS = 64
+"""Stretches of the spectrum, which are joined until they hold enough lines."""
+TAIL = 0.05
+"""Part of the copies, those with the least p values, that tells how many tests the candidates are worth."""
+MOST_TAKEN = 0.9
 """A stretch of which the fit has taken more than this part of the noise says no more than this."""
 
 
@@ -35,12 +37,10 @@ def noise_copies(beside: Beside, left: FloatArray, n_copies: int = N_COPIES, ran
     taken = beside.leverage
     n_rows, n_joints = left.shape
     copies = np.empty((n_joints, n_rows, n_copies))
-    edges = _edges(beside.blocks)
-    spectra = [_spectrum(left[:, j], taken[j], beside.blocks, edges) for j in range(n_joints)]
+    spectra = [_spectrum(left[:, j], taken[j], beside.blocks) for j in range(n_joints)]
     correlation = np.atleast_2d(np.corrcoef(left.T)) if n_joints > 1 else np.eye(1)
     values, vectors = np.linalg.eigh(np.nan_to_num(correlation, nan=0.0) + 1e-9 * np.eye(n_joints))
     mix = vectors * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
-    centres = (edges[1:] + edges[:-1]) / 2
     for block in beside.blocks:
         n = block.stop - block.start
         frequency = np.arange(n // 2 + 1) / n
@@ -49,7 +49,7 @@ def noise_copies(beside: Beside, left: FloatArray, n_copies: int = N_COPIES, ran
         )
         white = np.tensordot(mix, white, axes=1)
         for j in range(n_joints):
-            density = np.interp(frequency, centres, spectra[j])
+            density = np.interp(frequency, *spectra[j])
             copies[j, block] = irfft(white[j] * np.sqrt(density * n / 2)[:, None], n, axis=0)
     return copies
 
@@ -65,23 +65,24 @@ def line_power(x: FloatArray, blocks: Sequence[slice]) -> list[FloatArray]:
     return powers
 
 
-def _edges(blocks: Sequence[slice]) -> FloatArray:
-    n_lines = sum((block.stop - block.start) // 2 for block in blocks)
-    return np.linspace(0.0, 0.5, max(2, min(MOST_BINS, n_lines // LEAST_LINES)) + 1)
-
-
-def _spectrum(left: FloatArray, taken: Sequence[FloatArray], blocks: Sequence[slice], edges: FloatArray) -> FloatArray:
-    """Mean power of the noise's lines in every stretch: the residual's over the part that the fit has left of it."""
-    power, share, count = (np.zeros(len(edges) - 1) for _ in range(3))
+def _spectrum(left: FloatArray, taken: Sequence[FloatArray], blocks: Sequence[slice]) -> tuple[FloatArray, FloatArray]:
+    """Frequencies [1/row] and mean power of the noise's lines: the residual's over the part that the fit has left."""
+    power, share, count = np.zeros(FINE_BINS), np.zeros(FINE_BINS), np.zeros(FINE_BINS)
     for lines, gone, block in zip(line_power(left, blocks), taken, blocks, strict=True):
-        n = block.stop - block.start
-        bins = np.clip(np.searchsorted(edges, np.arange(len(lines)) / n, side="right") - 1, 0, len(power) - 1)
-        power += np.bincount(bins, lines, len(power))
-        share += np.bincount(bins, gone, len(power))
-        count += np.bincount(bins, minlength=len(power))
-    count = np.maximum(count, 1.0)
-    result: FloatArray = power / count / np.maximum(1 - share / count, 1 - MOST_TAKEN)
-    return result
+        bins = np.minimum((np.arange(len(lines)) * 2 * FINE_BINS) // (block.stop - block.start), FINE_BINS - 1)
+        power += np.bincount(bins, lines, FINE_BINS)
+        share += np.bincount(bins, gone, FINE_BINS)
+        count += np.bincount(bins, minlength=FINE_BINS)
+    centres, density = [], []
+    first = 0
+    for k in range(FINE_BINS):
+        lines = slice(first, k + 1)
+        counted, gone = float(count[lines].sum()), float(share[lines].sum())
+        if counted - gone >= LEAST_LINES or (k == FINE_BINS - 1 and counted > 0):
+            centres.append((first + k + 1) / (4 * FINE_BINS))
+            density.append(float(power[lines].sum()) / max(counted - gone, (1 - MOST_TAKEN) * counted))
+            first = k + 1
+    return np.array(centres), np.array(density)
 
 
 def p_value(
@@ -129,7 +130,7 @@ def p_value(
 def effective_tests(
     beside: Beside, groups: Sequence[tuple[Mapping[int, FloatArray], Sequence[slice]]], n_copies: int = N_COPIES
 ) -> float:
-    """How many independent candidates the given ones are worth: one over their mean least p under chance, less one.
+    """How many independent candidates the given ones are worth: by the least p value that chance gives.
 
     Candidates overlap widely, so that Bonferroni's correction by their number would throw power away.
 
@@ -138,9 +139,10 @@ def effective_tests(
     groups : sequence of (columns, groups of columns)
         Columns {joint: (n_rows, K)} and which of them belong to one candidate.
     """
-    from scipy.stats import chi2
+    from scipy.stats import f
 
-    copies = noise_copies(beside, beside.residual, n_copies, random_state=1)
+    # The spread of a score comes from the first half, the least p from copies that it has not seen.
+    copies = noise_copies(beside, beside.residual, 2 * n_copies, random_state=1)
     weights = beside.weights**2
     absorbed = beside.imitated_scores(copies)
     farthest: dict[int, FloatArray] = {}
@@ -154,11 +156,12 @@ def effective_tests(
             part = scores[group][clear[group]]
             if not len(part):
                 continue
-            part = part / np.sqrt(np.mean(part**2, axis=1, keepdims=True))
-            values, vectors = np.linalg.eigh(part @ part.T / n_copies)
+            part = part / np.sqrt(np.mean(part[:, :n_copies] ** 2, axis=1, keepdims=True))
+            values, vectors = np.linalg.eigh(part[:, :n_copies] @ part[:, :n_copies].T / n_copies)
             good = values > 1e-6 * values[-1]
-            distance = np.sum((vectors[:, good].T @ part) ** 2 / values[good, None], axis=0)
+            distance = np.sum((vectors[:, good].T @ part[:, n_copies:]) ** 2 / values[good, None], axis=0)
             k = int(good.sum())
             farthest[k] = np.maximum(farthest.get(k, distance), distance)
-    least = np.min([chi2.sf(distance, k) for k, distance in farthest.items()], axis=0)
-    return max(1.0, float(1 / np.mean(least) - 1))
+    p = [f.sf(distance * (n_copies - k) / (k * n_copies), k, n_copies - k) for k, distance in farthest.items()]
+    # Candidates that overlap part in the tail, so that is where they are counted.
+    return max(1.0, float(-np.log1p(-TAIL) / np.quantile(np.min(p, axis=0), TAIL)))
