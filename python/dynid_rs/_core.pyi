@@ -51,6 +51,7 @@ __all__ = [
     "friction_basis",
     "inverse_dynamics_gradient",
     "merge_factors",
+    "named_signals",
     "observe",
     "phi_from_pseudo_inertia",
     "point_gradient",
@@ -613,7 +614,12 @@ class TorqueModel:
     effects : sequence of (Effect, (n_joints, n_columns))
         Effects with their coefficients, summed in this order.
     residual : (str, sequence of GaussianMixtureRegression, NormalisedRbf or None), optional
-        What the regressions see (`"deflection"`, `"joint_state"`, `"load_free_deflection"`), and one or None per joint.
+        What the regressions see (`"deflection"`, `"joint_state"`, `"load_free_deflection"`, or `"signals"`), and one or
+        None per joint.
+    residual_signals : sequence of sequence of (str, int), optional
+        With `"signals"`: name and joint of what each joint's regression sees, in the order of its inputs; one list per
+        joint, at most six long, empty where there is no regression. Names: `q`, `dq`, `ddq`, `q_motor`, `dq_motor`,
+        `ddq_motor`, `tau_link` (the rigid-body torque that the model predicts, before `torque_scale`).
     compliance : (n_joints,), optional
         Of the gears [rad per torque unit], for the load-free deflection; zeros by default.
     torque_scale : (n_joints,), optional
@@ -642,6 +648,7 @@ class TorqueModel:
         effects: Sequence[tuple[Effect, ArrayLike]],
         *,
         residual: tuple[str, Sequence[_Regression | None]] | None = None,
+        residual_signals: Sequence[Sequence[tuple[str, int]]] | None = None,
         compliance: Sequence[float] | None = None,
         torque_scale: Sequence[float] | None = None,
         encoder_delay: Sequence[float],
@@ -748,6 +755,10 @@ class TorqueModel:
     @property
     def residual(self) -> tuple[str, list[_Regression | None]] | None:
         """What the regressions see and one or None per joint; None without a third loop."""
+
+    @property
+    def residual_signals(self) -> list[list[tuple[str, int]]] | None:
+        """Name and joint of what each joint's regression sees; None where they see a pair, and without a third loop."""
 
     @property
     def compliance(self) -> _FloatArray | None:
@@ -886,6 +897,26 @@ def residual_inputs(
     `inputs`: `"deflection"` (motor minus link, and its rate), `"joint_state"` (of the motor side), or
     `"load_free_deflection"`: the deflection less `wind_up` (compliance times predicted rigid-body torque), and the
     deflection's rate.
+    """
+
+def named_signals(
+    signals: Sequence[tuple[str, int]],
+    q: ArrayLike,
+    dq: ArrayLike,
+    ddq: ArrayLike,
+    q_motor: ArrayLike | None = None,
+    dq_motor: ArrayLike | None = None,
+    ddq_motor: ArrayLike | None = None,
+    tau_link: ArrayLike | None = None,
+) -> _FloatArray:
+    """Return signals by name and joint along a run, (n_samples, n_signals): what a regression on them sees online.
+
+    The channels on one clock; names as for `TorqueModel(residual_signals=)`, everything else as for `effect_columns`.
+
+    Raises
+    ------
+    ValueError
+        There is no such signal or joint, or `tau_link` is named and not given.
     """
 
 def align_link_side(

@@ -6,6 +6,7 @@ use crate::dynamics::{check_length, inverse_dynamics_into, Workspace};
 use crate::effects::EffectInput;
 use crate::error::CoreError;
 use crate::model::{check_step, TorqueModel};
+use crate::residual::Load;
 use crate::state::{align_link_side, State};
 
 /// What was unusual about a step, as bits. Zero is a good step.
@@ -215,7 +216,11 @@ impl TorqueEstimator {
         }
         match (self.model.residual(), rows.next()) {
             (Some(residual), Some(row)) => {
-                Ok(residual.torque_into(state, rigid_body, row, &mut self.scratch_variance))
+                let load = Load {
+                    tau_link: &self.tau_link,
+                    scaled: rigid_body,
+                };
+                Ok(residual.torque_into(state, load, row, &mut self.scratch_variance))
             }
             _ => Ok(false),
         }

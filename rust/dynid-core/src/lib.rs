@@ -25,6 +25,7 @@ pub mod physical;
 pub mod rbf;
 pub mod residual;
 pub mod robot;
+pub mod signal;
 pub mod state;
 
 pub use dynamics::{inverse_dynamics_into, joint_torque_regressor_into, Workspace};
@@ -36,6 +37,7 @@ pub use mixture::GaussianMixtureRegression;
 pub use model::{Domain, TorqueModel};
 pub use physical::PhysicalSet;
 pub use rbf::NormalisedRbf;
-pub use residual::{Regression, Residual, ResidualInputs};
+pub use residual::{Load, Regression, Residual, ResidualInputs};
 pub use robot::{Joint, JointKind, JointLimits, RobotModel};
+pub use signal::{Signal, SignalKind, MAX_INPUTS};
 pub use state::State;

@@ -13,7 +13,7 @@ use dynid_core::model::TorqueModelParts;
 use dynid_core::{
     inverse_dynamics_into, joint_torque_regressor_into, CoreError, Domain, Effect, EffectTerm,
     GaussianMixtureRegression, JointKind, NormalisedRbf, Residual, ResidualInputs, RobotModel,
-    State, Status, TorqueEstimator, TorqueModel, Workspace,
+    Signal, SignalKind, State, Status, TorqueEstimator, TorqueModel, Workspace,
 };
 use nalgebra::{DMatrix, DVector, Matrix3, Rotation3, Unit, Vector3};
 use proptest::collection::vec;
@@ -461,18 +461,38 @@ fn residual(inputs: ResidualInputs, mixtures: &[Option<GaussianMixtureRegression
         .expect("two inputs each")
 }
 
+/// The pairs, and two signals by name for each of `n` joints.
+fn every_inputs(n: usize) -> Vec<ResidualInputs> {
+    let signals = |j: usize| {
+        let kind = |k: usize| SignalKind::ALL[(j + k) % SignalKind::ALL.len()];
+        let of = |kind, joint| Signal { kind, joint };
+        vec![of(kind(0), j), of(kind(3), (j + 1) % n)]
+    };
+    let named = ResidualInputs::Signals((0..n).map(signals).collect());
+    ResidualInputs::PAIRS.into_iter().chain([named]).collect()
+}
+
+/// The same for the first `n` joints.
+fn for_joints(inputs: ResidualInputs, n: usize) -> ResidualInputs {
+    match inputs {
+        ResidualInputs::Signals(_) => every_inputs(n).swap_remove(3),
+        pair => pair,
+    }
+}
+
 /// A model with every effect, two-encoder delays, gains and a mixture on some of the joints.
 fn model(most: usize) -> impl Strategy<Value = (Case, Arc<TorqueModel>)> {
     (
         case(most),
         vec(proptest::option::of(mixture(2, 4)), most),
-        proptest::sample::select(&ResidualInputs::ALL[..]),
+        proptest::sample::select(every_inputs(most)),
         vec(-2.0..2.0f64, most * 10),
         vec(0.5..2.0f64, most),
         vec(0.0..0.004f64, most),
     )
         .prop_map(|(case, mixtures, inputs, numbers, scale, delay)| {
             let n = case.q.len();
+            let inputs = for_joints(inputs, n);
             let friction = Effect::friction(&vec![0.05; n], &vec![0.01; n]).unwrap();
             let term = |effect: Effect, first: usize| {
                 let count = n * effect.n_columns();
