@@ -59,6 +59,7 @@ __all__ = [
     "pseudo_inertia",
     "residual_inputs",
     "triangular_factor",
+    "true_motion",
     "urdf_with_physical",
 ]
 
@@ -626,6 +627,11 @@ class TorqueModel:
         Torque channel per unit of link torque; multiplies the rigid-body term. Ones by default.
     encoder_delay : (n_joints,)
         Delay of the link channel behind the motor channel [s].
+    encoder_error : (n_joints, 2), optional
+        Cosine and sine part [rad] of what a link encoder shows too much, `c cos q + s sin q`; taken out first, as
+        `true_motion` does. Zeros by default; joints that slide have none.
+    encoder_error_sides : {"link", "both"}
+        `"both"` where joints have one encoder, so that the motor side is the same signal.
     noise_std : (n_joints,)
         Standard deviation of what the model leaves.
     domain : ((n_joints, 2), (n_joints,), (n_joints,))
@@ -652,6 +658,8 @@ class TorqueModel:
         compliance: Sequence[float] | None = None,
         torque_scale: Sequence[float] | None = None,
         encoder_delay: Sequence[float],
+        encoder_error: ArrayLike | None = None,
+        encoder_error_sides: str = "link",
         noise_std: Sequence[float],
         domain: _Box,
         torque_unit: str = "N*m",
@@ -771,6 +779,14 @@ class TorqueModel:
     @property
     def encoder_delay(self) -> _FloatArray:
         """(n_joints,) [s]."""
+
+    @property
+    def encoder_error(self) -> _FloatArray:
+        """(n_joints, 2) cosine and sine parts [rad]; zeros where the encoders are right."""
+
+    @property
+    def encoder_error_sides(self) -> str:
+        """`"link"` or `"both"`."""
 
     @property
     def noise_std(self) -> _FloatArray:
@@ -923,6 +939,20 @@ def align_link_side(
     q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, encoder_delay: ArrayLike
 ) -> tuple[_FloatArray, _FloatArray]:
     """Link-side position and velocity on the motor channel's clock; `encoder_delay` (n_joints,) [s]."""
+
+def true_motion(
+    q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, encoder_error: ArrayLike
+) -> tuple[_FloatArray, _FloatArray, _FloatArray]:
+    """Motion (n_samples, n_joints) less what eccentric encoders show too much: q, dq and ddq of `q - e(q)`.
+
+    `encoder_error` (n_joints, 2) [rad]: e(q) = c cos q + s sin q per joint. It belongs to the true angle, is taken at
+    the shown one, and so leaves half its amplitude squared: microradians of milliradians.
+
+    Raises
+    ------
+    ValueError
+        Shapes disagree, or a number is not finite.
+    """
 
 def observe(
     robot: RobotModel,

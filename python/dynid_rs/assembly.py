@@ -28,6 +28,7 @@ def assemble(
     runs: Sequence[States],
     *,
     encoder_delay: FloatArray,
+    encoder_error: FloatArray | None = None,
     torque_unit: str,
     third_loop: tuple[str, Regressions, FloatArray] | None = None,
     residual_signals: Signals | None = None,
@@ -47,6 +48,8 @@ def assemble(
         Training runs; their extremes become the model's domain.
     encoder_delay : ndarray (n_joints,)
         Delay of the link channel [s].
+    encoder_error : ndarray (n_joints, 2), optional
+        Cosine and sine part of what the link encoder shows too much [rad].
     torque_unit : {"N*m", "A"}
         Unit of the torques.
     third_loop : (inputs, regressions, compliance), optional
@@ -74,6 +77,8 @@ def assemble(
         compliance=third_loop[2].tolist() if third_loop is not None and kept else None,
         torque_scale=links.torque_scale_.tolist(),
         encoder_delay=encoder_delay.tolist(),
+        encoder_error=encoder_error,
+        encoder_error_sides="link" if all(states.two_encoders for states in runs) else "both",
         noise_std=links.noise_std_.tolist(),
         domain=(
             np.stack([q.min(axis=0), q.max(axis=0)], axis=1).tolist(),
@@ -115,6 +120,8 @@ def _changed(model: _core.TorqueModel, **parts: Any) -> _core.TorqueModel:
         "compliance": None if model.compliance is None else model.compliance.tolist(),
         "torque_scale": model.torque_scale.tolist(),
         "encoder_delay": model.encoder_delay.tolist(),
+        "encoder_error": model.encoder_error,
+        "encoder_error_sides": model.encoder_error_sides,
         "noise_std": model.noise_std.tolist(),
         "domain": model.domain,
         "torque_unit": model.torque_unit,

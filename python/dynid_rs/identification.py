@@ -46,6 +46,8 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         Effects whose coefficients [N*m] are known, not fitted: taken off the torque, and part of the model.
     effects : sequence of PlacedEffect
         What the arm has beside rigid body and friction, with its shapes; coefficients are fitted in the second loop.
+    encoder_error : ndarray (n_joints, 2), optional
+        Cosine and sine part [rad] of what each link encoder shows too much; taken off before anything else.
     friction_law : str or sequence of str
         "paper" (Eqs. 9-11), "coulomb_viscous" or "stribeck", for all joints or one per joint.
     cutoff : float, optional
@@ -72,8 +74,8 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
     observations_ : Observations
         Rows and factors of the last round.
     raw_runs_, runs_ : list of States
-        Training runs as recorded, and with the link channel on the motor channel's clock and the known terms' torque
-        taken off.
+        Training runs as recorded, and with the encoders' error taken off, the link channel on the motor channel's clock
+        and the known terms' torque taken off.
     known_ : list of (Effect, ndarray)
         Known terms as they were used.
     history_ : list of dict
@@ -92,6 +94,7 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         residual: ResidualCompensator | str | None = "default",
         known: Sequence[KnownTerm] = (),
         effects: Sequence[PlacedEffect] = (),
+        encoder_error: FloatArray | None = None,
         friction_law: str | Sequence[str] = DEFAULT_LAW,
         cutoff: float | None = None,
         max_iter: int = 10,
@@ -103,6 +106,7 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         self.residual = residual
         self.known = known
         self.effects = effects
+        self.encoder_error = encoder_error
         self.friction_law = friction_law
         self.cutoff = cutoff
         self.max_iter = max_iter
@@ -141,7 +145,10 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
             raise ValueError(f"cutoff must be a positive frequency in Hz, found {self.cutoff}")
         if not (self.residual is None or self.residual == "default" or isinstance(self.residual, ResidualCompensator)):
             raise ValueError(f"residual must be a ResidualCompensator, None or 'default', found {self.residual!r}")
-        laws_per_joint(self.friction_law, self.robot.n_joints)
+        n = self.robot.n_joints
+        if self.encoder_error is not None and np.shape(self.encoder_error) != (n, 2):
+            raise ValueError(f"encoder_error has shape {np.shape(self.encoder_error)}, expected ({n}, 2)")
+        laws_per_joint(self.friction_law, n)
         recordings = _as_list(recordings)
         slow = _as_list(friction_recording) if friction_recording is not None else []
         check_training_runs(self.robot, recordings + slow)
@@ -219,7 +226,7 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         residual = ResidualCompensator() if self.residual == "default" else self.residual
         laws = laws_per_joint(self.friction_law, self.robot.n_joints)
         third = clone(residual) if residual is not None else None
-        return Loops(self.robot, data, friction, links, third, laws, self.effects)
+        return Loops(self.robot, data, friction, links, third, laws, self.effects, self.encoder_error)
 
     def _keep(self, loops: Loops) -> None:
         data = loops.data

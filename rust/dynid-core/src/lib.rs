@@ -34,7 +34,7 @@ pub use error::{CoreError, EffectError};
 pub use estimator::{Status, TorqueEstimator};
 pub use link_params::LinkParams;
 pub use mixture::GaussianMixtureRegression;
-pub use model::{Domain, TorqueModel};
+pub use model::{Domain, EncoderError, TorqueModel};
 pub use physical::PhysicalSet;
 pub use rbf::NormalisedRbf;
 pub use residual::{Load, Regression, Residual, ResidualInputs};

@@ -12,8 +12,9 @@ use dynid_core::link_params::{inertia_matrix, transform, N_LINK_PARAMS};
 use dynid_core::model::TorqueModelParts;
 use dynid_core::{
     inverse_dynamics_into, joint_torque_regressor_into, CoreError, Domain, Effect, EffectTerm,
-    GaussianMixtureRegression, JointKind, NormalisedRbf, Residual, ResidualInputs, RobotModel,
-    Signal, SignalKind, State, Status, TorqueEstimator, TorqueModel, Workspace,
+    EncoderError, GaussianMixtureRegression, Joint, JointKind, NormalisedRbf, Residual,
+    ResidualInputs, RobotModel, Signal, SignalKind, State, Status, TorqueEstimator, TorqueModel,
+    Workspace,
 };
 use nalgebra::{DMatrix, DVector, Matrix3, Rotation3, Unit, Vector3};
 use proptest::collection::vec;
@@ -519,9 +520,23 @@ fn model(most: usize) -> impl Strategy<Value = (Case, Arc<TorqueModel>)> {
                 torque_unit: "N*m".to_owned(),
                 step: None,
             })
+            .and_then(|model| model.with_encoder_error(encoder_error(&case.robot, &numbers)))
             .expect("a valid model");
             (case, Arc::new(model))
         })
+}
+
+/// Milliradians on every joint that turns; on one of two models the motor side shows them too.
+fn encoder_error(robot: &RobotModel, numbers: &[f64]) -> EncoderError {
+    let joints = robot.joints().iter().zip(numbers.chunks_exact(2));
+    let parts = |(joint, numbers): (&Joint, &[f64])| match joint.kind {
+        JointKind::Revolute => [1e-3 * numbers[0], 1e-3 * numbers[1]],
+        JointKind::Prismatic => [0.0; 2],
+    };
+    EncoderError {
+        cos_sin: joints.map(parts).collect(),
+        both_sides: numbers[0] > 0.0,
+    }
 }
 
 fn any_float() -> impl Strategy<Value = f64> {

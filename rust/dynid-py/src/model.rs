@@ -5,8 +5,8 @@ use std::sync::Arc;
 
 use dynid_core::model::TorqueModelParts;
 use dynid_core::{
-    Domain, EffectTerm, Regression, Residual, ResidualInputs, Signal, SignalKind, State,
-    TorqueEstimator, TorqueModel,
+    Domain, EffectTerm, EncoderError, Regression, Residual, ResidualInputs, Signal, SignalKind,
+    State, TorqueEstimator, TorqueModel,
 };
 use dynid_io::model_file;
 use dynid_offline::batch;
@@ -100,10 +100,16 @@ fn inputs_named(name: &str, signals: Option<Vec<Named>>) -> PyResult<ResidualInp
     }
 }
 
+/// One row of two numbers per joint.
+fn cos_sin(error: &Bound<'_, PyAny>) -> PyResult<Vec<[f64; 2]>> {
+    let error = arrays::matrix(error, "encoder_error", 2)?;
+    Ok(error.as_slice()?.as_chunks::<2>().0.to_vec())
+}
+
 #[pymethods]
 impl PyTorqueModel {
     #[new]
-    #[pyo3(signature = (robot, phi, effects, *, residual=None, residual_signals=None, compliance=None, torque_scale=None, encoder_delay, noise_std, domain, torque_unit="N*m", step=None))]
+    #[pyo3(signature = (robot, phi, effects, *, residual=None, residual_signals=None, compliance=None, torque_scale=None, encoder_delay, encoder_error=None, encoder_error_sides="link", noise_std, domain, torque_unit="N*m", step=None))]
     #[expect(
         clippy::too_many_arguments,
         reason = "a keyword constructor; the parts are the model"
@@ -117,6 +123,8 @@ impl PyTorqueModel {
         compliance: Option<Vec<f64>>,
         torque_scale: Option<Vec<f64>>,
         encoder_delay: Vec<f64>,
+        encoder_error: Option<Bound<'_, PyAny>>,
+        encoder_error_sides: &str,
         noise_std: Vec<f64>,
         domain: (Vec<[f64; 2]>, Vec<f64>, Vec<f64>),
         torque_unit: &str,
@@ -144,6 +152,21 @@ impl PyTorqueModel {
             })
             .transpose()?;
         let (q, dq, ddq) = domain;
+        let encoder_error = EncoderError {
+            cos_sin: match encoder_error {
+                None => vec![[0.0; 2]; n],
+                Some(error) => cos_sin(&error)?,
+            },
+            both_sides: match encoder_error_sides {
+                "link" => false,
+                "both" => true,
+                other => {
+                    return Err(PyValueError::new_err(format!(
+                        "encoder_error_sides must be \"link\" or \"both\", found {other:?}"
+                    )))
+                }
+            },
+        };
         TorqueModel::new(TorqueModelParts {
             robot: (*robot.0).clone(),
             phi: arrays::vector(phi, "phi", Some(10 * n))?
@@ -158,6 +181,7 @@ impl PyTorqueModel {
             torque_unit: torque_unit.to_owned(),
             step,
         })
+        .and_then(|model| model.with_encoder_error(encoder_error))
         .map(|model| Self(Arc::new(model)))
         .map_err(errors::core)
     }
@@ -301,6 +325,25 @@ impl PyTorqueModel {
     #[getter]
     fn encoder_delay<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
         PyArray1::from_slice(py, self.0.encoder_delay())
+    }
+
+    /// Cosine and sine part of what the encoders show too much, (n, 2).
+    #[getter]
+    fn encoder_error<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let values = match self.0.encoder_error() {
+            Some(error) => error.cos_sin.concat(),
+            None => vec![0.0; 2 * self.0.robot().n_joints()],
+        };
+        arrays::to_matrix(py, values, 2)
+    }
+
+    /// `"link"`, or `"both"` where the motor side is the same signal.
+    #[getter]
+    fn encoder_error_sides(&self) -> &'static str {
+        match self.0.encoder_error() {
+            Some(error) if error.both_sides => "both",
+            _ => "link",
+        }
     }
 
     #[getter]
@@ -497,5 +540,42 @@ pub fn align_link_side<'py>(
     Ok((
         arrays::to_matrix(py, q_aligned, n)?,
         arrays::to_matrix(py, dq_aligned, n)?,
+    ))
+}
+
+type Motion<'py> = (
+    Bound<'py, PyArray2<f64>>,
+    Bound<'py, PyArray2<f64>>,
+    Bound<'py, PyArray2<f64>>,
+);
+
+/// Motion less what eccentric encoders show too much, each (n_samples, n_joints).
+#[pyfunction]
+pub fn true_motion<'py>(
+    py: Python<'py>,
+    q: &Bound<'py, PyAny>,
+    dq: &Bound<'py, PyAny>,
+    ddq: &Bound<'py, PyAny>,
+    encoder_error: &Bound<'py, PyAny>,
+) -> PyResult<Motion<'py>> {
+    let error = cos_sin(encoder_error)?;
+    let n = error.len();
+    let signals = arrays::samples([("q", q), ("dq", dq), ("ddq", ddq)], n)?;
+    let [q, dq, ddq] = &signals;
+    let mut motion = [
+        q.as_slice()?.to_vec(),
+        dq.as_slice()?.to_vec(),
+        ddq.as_slice()?.to_vec(),
+    ];
+    let [q, dq, ddq] = &mut motion;
+    let samples = q.iter_mut().zip(dq).zip(ddq).enumerate();
+    for (k, ((q, dq), ddq)) in samples {
+        [*q, *dq, *ddq] = dynid_core::state::true_motion(*q, *dq, *ddq, error[k % n]);
+    }
+    let [q, dq, ddq] = motion;
+    Ok((
+        arrays::to_matrix(py, q, n)?,
+        arrays::to_matrix(py, dq, n)?,
+        arrays::to_matrix(py, ddq, n)?,
     ))
 }

@@ -4,8 +4,8 @@
 
 use dynid_core::model::TorqueModelParts;
 use dynid_core::{
-    Domain, GaussianMixtureRegression, Joint, JointKind, JointLimits, NormalisedRbf, PhysicalSet,
-    Regression, Residual, ResidualInputs, RobotModel, Signal, TorqueModel, MAX_INPUTS,
+    Domain, EncoderError, GaussianMixtureRegression, Joint, JointKind, JointLimits, NormalisedRbf,
+    PhysicalSet, Regression, Residual, ResidualInputs, RobotModel, Signal, TorqueModel, MAX_INPUTS,
 };
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
@@ -26,12 +26,30 @@ pub struct ModelFile {
     effects: Vec<EffectPart>,
     residual: Option<ResidualPart>,
     encoder_delay: Vec<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    encoder_error: Option<EncoderErrorPart>,
     noise_std: Vec<f64>,
     domain: DomainPart,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     step: Option<f64>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     physical: Option<PhysicalPart>,
+}
+
+/// What encoders show too much; absent where they are right.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct EncoderErrorPart {
+    sides: SidesPart,
+    /// Cosine and sine part per joint.
+    cos_sin: Vec<[f64; 2]>,
+}
+
+#[derive(Clone, Copy, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum SidesPart {
+    Link,
+    Both,
 }
 
 /// A physically consistent set; absent in most files.
@@ -154,6 +172,14 @@ impl ModelFile {
             effects: model.effects().iter().map(EffectPart::from_term).collect(),
             residual: model.residual().map(ResidualPart::from_residual),
             encoder_delay: model.encoder_delay().to_vec(),
+            encoder_error: model.encoder_error().map(|error| EncoderErrorPart {
+                sides: if error.both_sides {
+                    SidesPart::Both
+                } else {
+                    SidesPart::Link
+                },
+                cos_sin: error.cos_sin.clone(),
+            }),
             noise_std: model.noise_std().to_vec(),
             domain: DomainPart {
                 q: model.domain().q.clone(),
@@ -198,6 +224,15 @@ impl ModelFile {
             step: self.step,
         })
         .map_err(|e| e.to_string())?;
+        let model = match self.encoder_error {
+            None => model,
+            Some(part) => model
+                .with_encoder_error(EncoderError {
+                    cos_sin: part.cos_sin,
+                    both_sides: matches!(part.sides, SidesPart::Both),
+                })
+                .map_err(|e| e.to_string())?,
+        };
         match self.physical {
             None => Ok(model),
             Some(part) => model

@@ -1,7 +1,7 @@
 use dynid_core::model::TorqueModelParts;
 use dynid_core::{
-    Domain, Effect, EffectTerm, GaussianMixtureRegression, Joint, JointKind, JointLimits,
-    NormalisedRbf, PhysicalSet, Residual, ResidualInputs, RobotModel, Signal,
+    Domain, Effect, EffectTerm, EncoderError, GaussianMixtureRegression, Joint, JointKind,
+    JointLimits, NormalisedRbf, PhysicalSet, Residual, ResidualInputs, RobotModel, Signal,
 };
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use proptest::prelude::*;
@@ -437,4 +437,37 @@ fn signals_that_make_no_sense_are_refused() {
         let error = file.into_model().unwrap_err();
         assert!(error.contains(words), "{error}");
     }
+}
+
+#[test]
+fn an_encoder_error_survives_the_file_and_is_absent_without_one() {
+    let mut joints = model().robot().joints().to_vec();
+    joints[1].kind = JointKind::Revolute;
+    let old = model();
+    let parts = TorqueModelParts {
+        robot: RobotModel::new("arm".into(), joints, *old.robot().gravity()).unwrap(),
+        phi: old.phi().to_vec(),
+        torque_scale: old.torque_scale().to_vec(),
+        effects: old.effects().to_vec(),
+        residual: old.residual().cloned(),
+        encoder_delay: old.encoder_delay().to_vec(),
+        noise_std: old.noise_std().to_vec(),
+        domain: old.domain().clone(),
+        torque_unit: old.torque_unit().to_owned(),
+        step: old.step(),
+    };
+    let plain = TorqueModel::new(parts).unwrap();
+    for both_sides in [false, true] {
+        let cos_sin = vec![[1e-3, -1e-3 / 3.0], [0.0, 2e-3]];
+        let error = EncoderError {
+            cos_sin,
+            both_sides,
+        };
+        let with = plain.clone().with_encoder_error(error).unwrap();
+        let text = to_text(&with).unwrap();
+        assert_eq!(parse(text.as_bytes(), "x").unwrap(), with);
+        let sides = if both_sides { "both" } else { "link" };
+        assert!(text.contains(&format!("\"sides\": \"{sides}\"")));
+    }
+    assert!(!to_text(&plain).unwrap().contains("encoder_error"));
 }
