@@ -102,7 +102,7 @@ def effective_tests(
     copies = phase_randomised(beside.residual, beside.blocks, n_copies, random_state=1)
     weights = beside.weights**2
     absorbed = beside.imitated_scores(copies)
-    least = np.ones(n_copies)
+    farthest: dict[int, FloatArray] = {}
     for columns, slices in groups:
         imitated, gram, _, _ = beside.products(columns)
         scores = sum(weights[j] * (C.T @ copies[j]) for j, C in columns.items()) - imitated.T @ absorbed
@@ -117,5 +117,7 @@ def effective_tests(
             values, vectors = np.linalg.eigh(part @ part.T / n_copies)
             good = values > 1e-6 * values[-1]
             distance = np.sum((vectors[:, good].T @ part) ** 2 / values[good, None], axis=0)
-            least = np.minimum(least, chi2.sf(distance, int(good.sum())))
+            k = int(good.sum())
+            farthest[k] = np.maximum(farthest.get(k, distance), distance)
+    least = np.min([chi2.sf(distance, k) for k, distance in farthest.items()], axis=0)
     return max(1.0, float(1 / np.mean(least) - 1))
