@@ -46,9 +46,9 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         Effects whose coefficients [N*m] are known, not fitted: taken off the torque, and part of the model.
     effects : sequence of PlacedEffect
         What the arm has beside rigid body and friction, with its shapes; coefficients are fitted in the second loop.
-    free_gains : sequence of int
-        Joints whose torque channel has a gain of its own against the others', which is fitted; one has to hold the
-        unit. In ampere all gains but the first are fitted anyway.
+        return Loops(
+            self.robot, data, friction, links, third, laws, self.effects, self.free_gains, self.encoder_error
+        )
     friction_law : str or sequence of str
         "paper" (Eqs. 9-11), "coulomb_viscous" or "stribeck", for all joints or one per joint.
     cutoff : float, optional
@@ -75,8 +75,8 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
     observations_ : Observations
         Rows and factors of the last round.
     raw_runs_, runs_ : list of States
-        Training runs as recorded, and with the link channel on the motor channel's clock and the known terms' torque
-        taken off.
+        Training runs as recorded, and with the encoders' error taken off, the link channel on the motor channel's clock
+        and the known terms' torque taken off.
     known_ : list of (Effect, ndarray)
         Known terms as they were used.
     history_ : list of dict
@@ -95,7 +95,9 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         residual: ResidualCompensator | str | None = "default",
         known: Sequence[KnownTerm] = (),
         effects: Sequence[PlacedEffect] = (),
-        free_gains: Sequence[int] = (),
+        return Loops(
+            self.robot, data, friction, links, third, laws, self.effects, self.free_gains, self.encoder_error
+        )
         friction_law: str | Sequence[str] = DEFAULT_LAW,
         cutoff: float | None = None,
         max_iter: int = 10,
@@ -107,7 +109,9 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         self.residual = residual
         self.known = known
         self.effects = effects
-        self.free_gains = free_gains
+        return Loops(
+            self.robot, data, friction, links, third, laws, self.effects, self.free_gains, self.encoder_error
+        )
         self.friction_law = friction_law
         self.cutoff = cutoff
         self.max_iter = max_iter
@@ -146,8 +150,9 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
             raise ValueError(f"cutoff must be a positive frequency in Hz, found {self.cutoff}")
         if not (self.residual is None or self.residual == "default" or isinstance(self.residual, ResidualCompensator)):
             raise ValueError(f"residual must be a ResidualCompensator, None or 'default', found {self.residual!r}")
-        laws_per_joint(self.friction_law, self.robot.n_joints)
-        free_scales(self.robot.n_joints, False, self.free_gains)
+        return Loops(
+            self.robot, data, friction, links, third, laws, self.effects, self.free_gains, self.encoder_error
+        )
         recordings = _as_list(recordings)
         slow = _as_list(friction_recording) if friction_recording is not None else []
         check_training_runs(self.robot, recordings + slow)
@@ -231,7 +236,9 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         residual = ResidualCompensator() if self.residual == "default" else self.residual
         laws = laws_per_joint(self.friction_law, self.robot.n_joints)
         third = clone(residual) if residual is not None else None
-        return Loops(self.robot, data, friction, links, third, laws, self.effects, self.free_gains)
+        return Loops(
+            self.robot, data, friction, links, third, laws, self.effects, self.free_gains, self.encoder_error
+        )
 
     def _keep(self, loops: Loops) -> None:
         data = loops.data

@@ -59,10 +59,12 @@ class Loops:
         laws: Sequence[str],
         effects: Sequence[PlacedEffect] = (),
         free_gains: Sequence[int] = (),
+        encoder_error: FloatArray | None = None,
     ) -> None:
         self.robot, self.data, self.laws, self.effects = robot, data, laws, effects
         # In ampere all gains but one are free already.
         self.free_gains = () if data.in_ampere else tuple(free_gains)
+        self.encoder_error = encoder_error
         self.friction, self.links, self.residual = friction, links, residual
         self.encoder_delay: EncoderDelay | None = None
         self.stages: list[_core.TorqueModel] = []
@@ -83,19 +85,17 @@ class Loops:
         first_friction = friction_effect(np.zeros(n), np.full(n, FIRST_WIDTH))
         # The baseline knows no effects; what it says of the load is what they begin with.
         self.plan = declared_plan(self.robot, first_friction)
-        self.runs = less_known(data.known, data.runs)
+        self.runs = less_known(data.known, [self._as_seen(states) for states in data.runs])
         self.observations = observe(self.plan, self.runs)
         simple, regroup = baseline(self.observations)
         self._first = LinkDynamicsIdentifier(ridge=0.0, prior=None).fit(simple, fit_scale=data.in_ampere)
         self._held = self._first.phi_base_, self._first.torque_scale_
         self.stages = [self.model(self.plan, self._first, self._first.own_ @ regroup.T)]
-        slow_runs = data.slow_runs
         if all(states.two_encoders for states in data.runs):
             self.encoder_delay = self._measure_encoder_delay()
             self._delay = self.encoder_delay.value
-            self.runs = less_known(data.known, [states.aligned(self._delay) for states in data.runs])
-            slow_runs = [states.aligned(self._delay) for states in slow_runs]
-        slow_runs = less_known(data.known, slow_runs)
+            self.runs = less_known(data.known, [self._as_seen(states) for states in data.runs])
+        slow_runs = less_known(data.known, [self._as_seen(states) for states in data.slow_runs])
         if self.effects:
             load = link_load(self.plan, self._first)
             slow_runs = [replace(states, tau_link=load(states)) for states in slow_runs]
@@ -190,6 +190,7 @@ class Loops:
             own,
             self.data.runs,
             encoder_delay=self._delay,
+            encoder_error=self.encoder_error,
             torque_unit=self.data.torque_unit,
             third_loop=third_loop,
             known=self.data.known,
@@ -200,7 +201,11 @@ class Loops:
 
     def _measure_encoder_delay(self) -> EncoderDelay:
         tau_link = [evaluate(self.stages[0], states)[1][:, 0] for states in self.data.runs]
-        return estimate_encoder_delay(self.data.runs, tau_link)
+        return estimate_encoder_delay(self.runs, tau_link)
+
+    def _as_seen(self, states: States) -> States:
+        """Return a run less what is known of its encoders' error and delay so far."""
+        return states.aligned(self._delay, self.encoder_error)
 
     def _plan(self, friction: _core.Effect) -> Plan:
         law = [] if self._stribeck is None else [self._stribeck]

@@ -76,11 +76,11 @@ def _spectrum(left: FloatArray, taken: Sequence[FloatArray], blocks: Sequence[sl
     centres, density = [], []
     first = 0
     for k in range(FINE_BINS):
-        lines = slice(first, k + 1)
-        counted, gone = float(count[lines].sum()), float(share[lines].sum())
-        if counted - gone >= LEAST_LINES or (k == FINE_BINS - 1 and counted > 0):
+        held = slice(first, k + 1)
+        counted, missing = float(count[held].sum()), float(share[held].sum())
+        if counted - missing >= LEAST_LINES or (k == FINE_BINS - 1 and counted > 0):
             centres.append((first + k + 1) / (4 * FINE_BINS))
-            density.append(float(power[lines].sum()) / max(counted - gone, (1 - MOST_TAKEN) * counted))
+            density.append(float(power[held].sum()) / max(counted - missing, (1 - MOST_TAKEN) * counted))
             first = k + 1
     return np.array(centres), np.array(density)
 

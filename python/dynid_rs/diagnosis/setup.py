@@ -61,7 +61,7 @@ class Setup:
 
     def identifier(self, **options: Any) -> ThreeLoopIdentifier:
         """Return an identifier of a model made of this."""
-        parts = {"effects": self.effects, "free_gains": self.gain_joints}
+        parts = {"effects": self.effects, "free_gains": self.gain_joints, "encoder_error": self.encoder_error}
         return ThreeLoopIdentifier(self.robot, **{**parts, **self.options, **options})
 
     def corrected(self, recording: Recording) -> Recording:
