@@ -21,10 +21,10 @@ from dynid_rs.known import KnownTerm, check_known
 from dynid_rs.links import ASYMMETRY, LinkDynamicsIdentifier
 from dynid_rs.loops import Loops, link_torque
 from dynid_rs.placed import PlacedEffect
-from dynid_rs.preprocessing import States, prepare
+from dynid_rs.preprocessing import States, prepare, without
 from dynid_rs.recording import Recording
 from dynid_rs.residual import ResidualCompensator
-from dynid_rs.training import TrainingData, check_training_runs, prepare_training_data
+from dynid_rs.training import Excluded, TrainingData, check_training_runs, prepare_training_data
 
 FloatArray = NDArray[np.float64]
 
@@ -46,6 +46,8 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         Effects whose coefficients [N*m] are known, not fitted: taken off the torque, and part of the model.
     effects : sequence of PlacedEffect
         What the arm has beside rigid body and friction, with its shapes; coefficients are fitted in the second loop.
+    excluded : mapping of str to windows, optional
+        Name of a run to the times (start, end) [s] in which something from outside acts: neither fitted nor scored.
     friction_law : str or sequence of str
         "paper" (Eqs. 9-11), "coulomb_viscous" or "stribeck", for all joints or one per joint.
     cutoff : float, optional
@@ -92,6 +94,7 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         residual: ResidualCompensator | str | None = "default",
         known: Sequence[KnownTerm] = (),
         effects: Sequence[PlacedEffect] = (),
+        excluded: Excluded | None = None,
         friction_law: str | Sequence[str] = DEFAULT_LAW,
         cutoff: float | None = None,
         max_iter: int = 10,
@@ -103,6 +106,7 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         self.residual = residual
         self.known = known
         self.effects = effects
+        self.excluded = excluded
         self.friction_law = friction_law
         self.cutoff = cutoff
         self.max_iter = max_iter
@@ -149,7 +153,7 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         # Small matrices by the thousand: BLAS threads spin on each other and cost more than they give.
         with threadpool_limits(limits=1, user_api="blas"):
             on_progress("filtering the runs")
-            loops = self._loops(prepare_training_data(recordings, slow, self.known_, self.cutoff))
+            loops = self._loops(prepare_training_data(recordings, slow, self.known_, self.cutoff, self.excluded))
             self._iterate(loops, on_progress)
         self._keep(loops)
         return self
@@ -187,9 +191,9 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         return np.stack([np.interp(recording.t, states.t, column) for column in total.T], axis=1)
 
     def states(self, recording: Recording) -> States:
-        """States of a run in the band and at the rate of the training runs, channels as recorded."""
+        """States of a run in the band and at the rate of the training runs, channels as recorded; less `excluded`."""
         check_is_fitted(self, "band_")
-        return prepare(recording, self.band_, self.rate_)
+        return without(prepare(recording, self.band_, self.rate_), (self.excluded or {}).get(recording.name, ()))
 
     def model_with(self, regressions: Regressions) -> _core.TorqueModel:
         """Return the model with other regressions in its third loop; all None leaves it out.

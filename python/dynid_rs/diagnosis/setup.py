@@ -56,7 +56,8 @@ class Setup:
 
     def identifier(self, **options: Any) -> ThreeLoopIdentifier:
         """Return an identifier of a model made of this."""
-        return ThreeLoopIdentifier(self.robot, effects=self.effects, **{**self.options, **options})
+        made = {"effects": self.effects, "excluded": dict(self.excluded) or None}
+        return ThreeLoopIdentifier(self.robot, **{**made, **self.options, **options})
 
     def corrected(self, recording: Recording) -> Recording:
         """Return the run with its torque channel on the encoders' clock."""

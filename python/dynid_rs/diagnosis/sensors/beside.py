@@ -1,7 +1,8 @@
 """Columns weighed beside the whole declared model: what it can absorb of them is taken out first.
 
-Rows of all joints and runs stand under each other, each over its joint's noise, ``W x = y``. With Q an orthonormal basis
-of W, a column z counts with ``z - Q Q' z`` only: its coefficient is the one that a fit with everything else would give.
+Rows of all joints and runs stand under each other, each over its joint's noise, ``W x = y``. With Q an orthonormal
+basis of W, a column z counts with ``z - Q Q' z`` only: its coefficient is the one that a fit with everything else would
+give.
 """
 
 from __future__ import annotations
@@ -50,30 +51,31 @@ class Beside:
     ----------
     fit : ThreeLoopIdentifier
         Fitted; its rows, noise and drive gains are used.
+    scale : ndarray (n_joints,), optional
+        Torque channel per link torque, instead of the fit's.
 
     Attributes
     ----------
-    Q : ndarray (n_rows_all, rank)
-        Orthonormal basis of the declared columns, drive gains included where the data is in ampere.
+    Q : ndarray (n_rows_all + n_prior_rows, rank)
+        Orthonormal basis of the declared columns, drive gains included where the data is in ampere, on the rows of the
+        fit and, below them, those of its prior.
     weights : ndarray (n_joints,)
         One over the noise per joint.
     block : ndarray (n_rows_all,)
         Number of the stretch that a row belongs to; the same for all joints.
     """
 
-    def __init__(self, fit: ThreeLoopIdentifier) -> None:
+    def __init__(self, fit: ThreeLoopIdentifier, scale: FloatArray | None = None) -> None:
         self.fit = fit
         observations, links = fit.observations_, fit.links_
+        self.scale: FloatArray = links.torque_scale_ if scale is None else scale
         plan = observations.plan
         self.n_joints: int = plan.robot.n_joints
         rows = [observations.by_run([block.rows[j] for block in observations.blocks]) for j in range(self.n_joints)]
         size = np.array([np.sqrt(np.mean(np.concatenate([run[:, -1] for run in joint]) ** 2)) for joint in rows])
         self.weights: FloatArray = 1 / np.maximum(links.noise_std_, 1e-9 * np.maximum(size, 1e-300))
         wide = np.concatenate(
-            [
-                self.weights[j] * stack_one(plan, j, np.concatenate(joint), links.torque_scale_)
-                for j, joint in enumerate(rows)
-            ]
+            [self.weights[j] * stack_one(plan, j, np.concatenate(joint), self.scale) for j, joint in enumerate(rows)]
         )
         self._columns, self._torque = wide[:, :-1], wide[:, -1]
         self._used = plan.estimable()
@@ -104,7 +106,7 @@ class Beside:
         for place, j in enumerate(self._scaled_joints):
             own = self._joint == j
             load = self._columns[own][:, : plan.n_base] @ links.phi_base_
-            changes[: len(self._joint)][own, place] = load / links.torque_scale_[j]
+            changes[: len(self._joint)][own, place] = load / self.scale[j]
         columns = np.concatenate([columns[:, self._used], changes], axis=1)
         norms = np.linalg.norm(columns, axis=0)
         columns = columns[:, norms > NEGLIGIBLE * norms.max(initial=0.0)]
@@ -114,8 +116,19 @@ class Beside:
             top = np.linalg.norm(columns / unit, 2)
             columns = np.concatenate([columns, np.diag(ridge * top * unit)])
         Q, _, _ = qr(columns / np.linalg.norm(columns, axis=0), mode="economic", pivoting=True)
-        # Prior rows count in the basis; columns and residuals have none of their own there.
-        return np.ascontiguousarray(Q[: len(self._joint)])
+        return np.ascontiguousarray(Q)
+
+    @cached_property
+    def load(self) -> FloatArray:
+        """Rigid-body torque that these columns fit, weighted and with the channel's gain, (n_rows_all, n_joints)."""
+        n_base = self.fit.observations_.plan.n_base
+        norms = np.linalg.norm(self._columns, axis=0)
+        norms[norms == 0] = 1.0
+        x = np.zeros(self._columns.shape[1])
+        A = np.concatenate([self._columns, self._pull[:, :-1]])[:, self._used] / norms[self._used]
+        b = np.concatenate([self._torque, self._pull[:, -1]])
+        x[self._used] = np.linalg.lstsq(A, b, rcond=NEGLIGIBLE)[0] / norms[self._used]
+        return self._by_joint(self._columns[:, :n_base] @ x[:n_base])
 
     @cached_property
     def torque(self) -> FloatArray:
@@ -124,11 +137,15 @@ class Beside:
 
     def stacked(self, runs: Sequence[FloatArray]) -> FloatArray:
         """Rows (n_rows, n_joints) of every run, one signal for all joints, as one weighted column of all rows."""
-        return np.concatenate([self.weights[j] * np.concatenate([run[:, j] for run in runs]) for j in range(self.n_joints)])
+        return np.concatenate(
+            [self.weights[j] * np.concatenate([run[:, j] for run in runs]) for j in range(self.n_joints)]
+        )
 
     def apart(self, runs: Sequence[FloatArray]) -> FloatArray:
         """The same, with a column per joint: (n_rows_all, n_joints)."""
-        total = self.stacked(runs)
+        return self._by_joint(self.stacked(runs))
+
+    def _by_joint(self, total: FloatArray) -> FloatArray:
         columns = np.zeros((len(total), self.n_joints))
         for j in range(self.n_joints):
             own = self._joint == j
@@ -136,12 +153,13 @@ class Beside:
         return columns
 
     def left(self, x: FloatArray) -> FloatArray:
-        """What the declared model leaves of rows (n_rows_all, ...)."""
-        result: FloatArray = x - self.Q @ (self.Q.T @ x)
+        """What the declared model leaves of rows (n_rows_all, ...); below them what it costs its prior."""
+        below = np.zeros((len(self.Q) - len(x), *x.shape[1:]))
+        result: FloatArray = np.concatenate([x, below]) - self.Q @ (self.Q[: len(x)].T @ x)
         return result
 
     def weigh(self, columns: FloatArray, torque: FloatArray | None = None) -> Weighed:
-        """Coefficients of `columns` (n_rows_all, k) beside the model; `torque` (n_rows_all,) instead of the measured."""
+        """Coefficients of `columns` (n_rows_all, k) beside the model, on the measured torque or on `torque`."""
         k = columns.shape[1]
         residual = self.left(self._torque if torque is None else torque)
         kept = self.left(columns)
@@ -157,10 +175,11 @@ class Beside:
         inverse = np.linalg.pinv(Z.T @ Z, rcond=1e-9, hermitian=True)
         c = inverse @ (Z.T @ residual)
         error = residual - Z @ c
-        n_free = len(error) - self.Q.shape[1] - int(good.sum())
-        plain = inverse * float(error @ error) / n_free
+        rows = len(self.block)
+        n_free = rows - self.Q.shape[1] - int(good.sum())
+        plain = inverse * float(error[:rows] @ error[:rows]) / n_free
         scores = np.zeros((n_blocks, Z.shape[1]))
-        np.add.at(scores, self.block, Z * error[:, None])
+        np.add.at(scores, self.block, Z[:rows] * error[:rows, None])
         robust = inverse @ (scores.T @ scores) @ inverse * n_blocks / dof
         # Few blocks: their variances can be had, their correlations hardly; those are the plain ones.
         scale = np.sqrt(np.maximum(np.diag(robust) / np.diag(plain), 1.0))

@@ -26,6 +26,8 @@ LEVEL = 2e-3
 """Chance that an arm without any delay is given one; shared by all places that are tried."""
 AGREES = 1e-2
 """Parts of the torque disagree about the delay where chance alone would do so less often."""
+POINTS = 5e-2
+"""Gravity's and inertia's parts point to a delay where chance alone would do so less often."""
 N_STEPS = 4
 """Gauss-Newton steps; each leaves about a tenth of the error of the one before."""
 FARTHEST = 0.5
@@ -97,9 +99,9 @@ def delay_parts(fit: ThreeLoopIdentifier, beside: Beside | None = None) -> Delay
     """
     beside = Beside(fit) if beside is None else beside
     n = beside.n_joints
-    parts = [_torque_parts(fit, k) for k in range(len(fit.runs_))]
+    parts = [torque_parts(fit, k) for k in range(len(fit.runs_))]
     slopes = [[_slope(states, part) for part in run] for states, run in zip(fit.runs_, parts, strict=True)]
-    whole = beside.apart([sum(run) for run in slopes])
+    whole = beside.apart([np.sum(run, axis=0) for run in slopes])
     gears = _gear_friction(beside, fit, [gravity + inertia for gravity, inertia, _ in parts], whole)
     farthest = FARTHEST / fit.band_.cutoff
     delay = np.zeros(n)
@@ -118,8 +120,7 @@ def delay_parts(fit: ThreeLoopIdentifier, beside: Beside | None = None) -> Delay
 def choose_delay(parts: DelayParts) -> TorqueDelay:
     """Find the places that are late: all joints together, single ones, or none.
 
-    Forward steps by the greatest drop of the weighted squares of gravity's and inertia's delays, each against the
-    scatter that is left, then the chance to drop a place again.
+    Forward steps by the surest place, each against the scatter that is left, then the chance to drop a place again.
     """
     n = parts.value.shape[1]
     everywhere = tuple(range(n))
@@ -131,13 +132,13 @@ def choose_delay(parts: DelayParts) -> TorqueDelay:
     chosen: list[tuple[int, ...]] = []
     while len(chosen) < len(places):
         rest = [joints for joints in places if joints not in chosen]
-        trials = [_Adjusted(parts, [*chosen, joints], friction=False) for joints in rest]
-        best = int(np.argmin([trial.squares for trial in trials]))
-        if trials[best].dof < 0 or trials[best].p_values()[-1] > level:
+        p_values = [_p_values(parts, [*chosen, joints])[-1] for joints in rest]
+        best = int(np.argmin(p_values))
+        if p_values[best] > level:
             break
         chosen.append(rest[best])
     while chosen:
-        p_values = _Adjusted(parts, chosen, friction=False).p_values()
+        p_values = _p_values(parts, chosen)
         worst = int(np.argmax(p_values))
         if p_values[worst] <= level:
             break
@@ -150,20 +151,37 @@ def measure_delay(parts: DelayParts, places: Sequence[tuple[int, ...]]) -> Torqu
     n = parts.value.shape[1]
     if not places:
         return TorqueDelay(n)
-    from scipy.stats import chi2
-
     smooth, every = (_Adjusted(parts, places, friction=friction) for friction in (False, True))
-    more = every.n_values - smooth.n_values
-    agrees = more > 0 and chi2.sf(every.squares - smooth.squares, more) > AGREES
-    used = every if agrees else smooth
+    used = every if _friction_agrees(smooth, every) else smooth
     return TorqueDelay(
         n,
         tuple(places),
         tuple(used.value.tolist()),
         tuple(used.std_error.tolist()),
-        tuple(smooth.p_values().tolist()),
+        tuple(_p_values(parts, places)),
         used.t_dof,
     )
+
+
+def _p_values(parts: DelayParts, places: Sequence[tuple[int, ...]]) -> list[float]:
+    """Chance of delays this great where there are none, place by place.
+
+    Friction's part adds its weight where gravity's and inertia's point the same way by themselves.
+    """
+    smooth, every = (_Adjusted(parts, places, friction=friction) for friction in (False, True))
+    if smooth.dof < 0:
+        return [1.0] * len(places)
+    alone, together = smooth.p_values(), every.p_values()
+    helps = (alone < POINTS) & (smooth.value * every.value > 0) & _friction_agrees(smooth, every)
+    result: list[float] = np.where(helps, np.minimum(alone, together), alone).tolist()
+    return result
+
+
+def _friction_agrees(smooth: _Adjusted, every: _Adjusted) -> bool:
+    from scipy.stats import chi2
+
+    more = every.n_values - smooth.n_values
+    return bool(more > 0 and chi2.sf(every.squares - smooth.squares, more) > AGREES)
 
 
 class _Adjusted:
@@ -210,7 +228,7 @@ def _shifted(beside: Beside, fit: ThreeLoopIdentifier, delay: FloatArray) -> Flo
     return beside.stacked(runs)
 
 
-def _torque_parts(fit: ThreeLoopIdentifier, run: int) -> list[FloatArray]:
+def torque_parts(fit: ThreeLoopIdentifier, run: int) -> list[FloatArray]:
     """Gravity's, inertia's and friction's predicted torque at every sample of a run, (n, n_joints) each."""
     model, states = fit.model_, fit.runs_[run]
     # The runs of the fit are on the motor's clock; the model puts the link channel there by itself.
