@@ -117,8 +117,8 @@ def _flip(robot: _core.RobotModel, j: int, signal: str) -> Finding:
             "joint_flipped",
             "error",
             f"{joint_words(name)} turns the other way than the robot file says, position and torque together: the "
-            f"links' parameters fit with both signs turned only; write -1 for q and tau of joint {j} in dynid.toml under "
-            "[signs]",
+            f"links' parameters fit with both signs turned only; write -1 for q and tau of joint {j} in dynid.toml "
+            "under [signs]",
             column=f"q_{j}",
             value=-1.0,
             unit="1",

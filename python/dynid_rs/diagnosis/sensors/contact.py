@@ -1,26 +1,20 @@
 """Contact: an outside force for a limited time, as bursts of residual on one or several joints.
 
-Only what is local in time counts (a running median is taken off), against the scale that the same joint's residual has
-elsewhere, near its reversals against other reversals. Where a joint has just turned round, friction can be anything up to
-its own size: that much of a burst says nothing; nor does a joint that is faster or more loaded than in any other run
-that was learned from. Joints that rest are only looked at in runs in which the whole arm rests; then nothing but a force from outside can
-change their torque.
+What counts is the residual that is local in time, against the scale that the same joint's has elsewhere: near its
+reversals against other reversals, and beyond what the model itself is unsure of.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs import _core
-from dynid_rs.assembly import evaluate
-from dynid_rs.columns import run_rows
+from dynid_rs.diagnosis.sensors.watch import Usual, Watch, watch_run
 from dynid_rs.identification import ThreeLoopIdentifier
-from dynid_rs.links import stack_one, weighted_system
-from dynid_rs.memory import WEAK
 from dynid_rs.preprocessing import States, stretches
 
 FloatArray = NDArray[np.float64]
@@ -28,8 +22,6 @@ BoolArray = NDArray[np.bool_]
 
 LENGTHS = (0.3, 0.6, 1.0)
 """Bursts [s] that are looked for; longer ones are found by their parts."""
-LOCAL = 5.0
-"""What changes more slowly than this [s] is no burst."""
 SURE, LIKELY = 5.8, 4.8
 """Standard deviations of a burst, on one joint or taken together over all: of the first, and of more beside it.
 
@@ -39,14 +31,6 @@ EDGE = 2.0
 """A window reaches as far as its burst stands out by this many standard deviations of the narrowest kernel."""
 NEAREST = 0.25
 """Windows closer than this [s] are one."""
-REST_TIME, REST_RANGE = 2.0, 0.01
-"""A joint rests while it stays within this part of its usual range for this time [s]."""
-REST_RUN = 0.8
-"""An arm that rests for this part of a run was held there on purpose; shorter rest is a pause, with brakes in it."""
-PRESLIDING, SLOW = 0.01, 0.02
-"""Since a reversal friction is not settled for this way [rad], and below this part of the usual speed."""
-UNFITTED_SPEED = 0.8
-"""Runs that were not learned from are looked at below this part of the training runs' greatest speed."""
 REVERSAL_EDGES = (0.15, 0.3, 0.5, 0.8)
 """Times from a reversal [s] between which residuals are compared with each other."""
 QUANTILES, REST_QUANTILES = (0.5, 0.75, 0.9), (0.5, 0.75)
@@ -66,26 +50,6 @@ class Contact:
     strength: float
 
 
-@dataclass(frozen=True, eq=False)
-class Watch:
-    """Residual of one run on its rows' grid, ready to be searched; every matrix (n_grid, n_joints).
-
-    `residual` with the running median taken off; `seen` where a joint says something; `slack` how much of it friction
-    may be; `unsure` standard deviation of the model's own prediction; `since` time [s] to the nearest reversal;
-    `resting` (n_grid,) whether the whole arm rests.
-    """
-
-    name: str
-    t: FloatArray
-    residual: FloatArray
-    seen: BoolArray
-    slack: FloatArray
-    unsure: FloatArray
-    since: FloatArray
-    resting: BoolArray
-    step: float
-
-
 def find_contacts(fit: ThreeLoopIdentifier, runs: Sequence[States]) -> list[Contact]:
     """Find bursts in runs that were prepared without any exclusion, training and test runs alike.
 
@@ -96,8 +60,8 @@ def find_contacts(fit: ThreeLoopIdentifier, runs: Sequence[States]) -> list[Cont
     runs : sequence of States
         Channels as recorded.
     """
-    usual = _Usual(fit)
-    watches = [_watch(fit, states, usual) for states in runs]
+    usual = Usual(fit)
+    watches = [watch_run(fit, states, usual) for states in runs]
     scores = [[_smooth(watch, length) for watch in watches] for length in LENGTHS]
     scales = [_scales(watches, level) for level in scores]
     z = [
@@ -155,110 +119,12 @@ def _joined(windows: Sequence[tuple[float, float]]) -> tuple[tuple[float, float]
     return tuple(joined)
 
 
-class _Usual:
-    """What joints do in the training runs, and how well the model knows what it predicts."""
-
-    def __init__(self, fit: ThreeLoopIdentifier) -> None:
-        from scipy.linalg import svd
-
-        runs = fit.runs_
-        self._fit = fit
-        self._plan = fit.observations_.plan
-        system = weighted_system(fit.observations_, fit.links_)[:, :-1]
-        norms = np.linalg.norm(system, axis=0)
-        norms[norms == 0] = 1.0
-        _, s, vt = svd(_core.triangular_factor(system / norms), full_matrices=False, lapack_driver="gesvd")
-        good = s > WEAK * s[0]
-        self._root: FloatArray = vt[good].T / s[good] / norms[:, None]
-        self.range: FloatArray = np.ptp(np.concatenate([states.q for states in runs]), axis=0)
-        self._most = {states.name: self._extremes(states) for states in runs}
-        self.top: FloatArray = np.max(list(self._most.values()), axis=0)[0]
-        names = [name for effect in fit.observations_.plan.effects for name in effect.coefficient_names]
-        sides = [names.index(name) for name in ("coulomb_pos", "coulomb_neg")]
-        self.coulomb: FloatArray = np.abs(fit.links_.own_[:, sides]).max(axis=1)
-
-    def unsure(self, states: States, load: FloatArray) -> FloatArray:
-        """Standard deviation of the predicted torque in the band on the rows' grid, (n_grid, n_joints)."""
-        fit, plan = self._fit, self._plan
-        rows = run_rows(plan, replace(states, tau_link=load), states.tau, kept=states.grid.tolist())
-        scale = fit.links_.torque_scale_
-        return np.stack(
-            [np.linalg.norm(stack_one(plan, j, x, scale)[:, :-1] @ self._root, axis=1) for j, x in enumerate(rows)],
-            axis=1,
-        )
-
-    def _extremes(self, states: States) -> FloatArray:
-        return np.stack([np.abs(states.dq).max(axis=0), np.abs(self.load(states)).max(axis=0)])
-
-    def load(self, states: States) -> FloatArray:
-        """Rigid-body torque [N m] that is predicted at every sample, (n, n_joints)."""
-        return self._plan.robot.inverse_dynamics(states.q, states.dq, states.ddq, self._fit.model_.phi)
-
-    def familiar(self, states: States, load: FloatArray) -> BoolArray:
-        """Samples of joints no faster and no more loaded than in another training run; a lone run knows its own."""
-        others = [most for run, most in self._most.items() if run != states.name]
-        speed, torque = np.max(others or list(self._most.values()), axis=0)
-        if states.name not in self._most:
-            speed = UNFITTED_SPEED * speed  # friction's powers of speed go astray before they leave the data
-        result: BoolArray = (np.abs(states.dq) <= speed) & (np.abs(load) <= torque)
-        return result
-
-
-def _watch(fit: ThreeLoopIdentifier, states: States, usual: _Usual) -> Watch:
-    from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d
-
-    grid, step = states.grid, states.step / states.rate
-    aligned = states if fit.encoder_delay_ is None else states.aligned(fit.encoder_delay_.value)
-    load = usual.load(aligned)
-    error = states.band.apply(states.tau - evaluate(fit.model_, states)[0], states.rate)[grid]
-    q, dq, t = states.q[grid], states.dq[grid], states.t[grid]
-    width = max(3, int(REST_TIME / step))
-    rests = maximum_filter1d(q, width, axis=0) - minimum_filter1d(q, width, axis=0) < REST_RANGE * usual.range
-    resting = rests.all(axis=1)
-    resting &= resting.mean() > REST_RUN
-    guard = max(1, int(1 / states.band.cutoff / step))
-    inside = np.ones(len(t), dtype=bool)
-    inside[:guard] = inside[-guard:] = False
-    known = ~rests & usual.familiar(aligned, load)[grid]
-    seen = np.where(resting[:, None], inside[:, None], states.moving[grid][:, None] & known)
-    # Pauses have another torque; what the median bridges there is what lies on both sides.
-    usable = seen.any(axis=1)
-    local = np.zeros_like(error)
-    if usable.any():
-        bridged = np.stack([np.interp(t, t[usable], column[usable]) for column in error.T], axis=1)
-        local = bridged - median_filter(bridged, size=(max(3, int(LOCAL / step)), 1), mode="nearest")
-    since, way = _since_reversal(t, q, dq)
-    unsettled = ((way < PRESLIDING) | (np.abs(dq) < SLOW * usual.top)) & ~resting[:, None]
-    return Watch(
-        states.name,
-        t,
-        np.where(seen, local, 0.0),
-        seen,
-        unsettled * usual.coulomb,
-        usual.unsure(aligned, load) * ~resting[:, None],
-        since,
-        resting,
-        step,
-    )
-
-
-def _since_reversal(t: FloatArray, q: FloatArray, dq: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Time to the nearest reversal and way from where it was, per sample and joint."""
-    time, way = np.full(q.shape, np.inf), np.full(q.shape, np.inf)
-    for j in range(q.shape[1]):
-        turns = np.flatnonzero(np.diff(np.signbit(dq[:, j])))
-        if len(turns):
-            right = np.clip(np.searchsorted(turns, np.arange(len(t))), 0, len(turns) - 1)
-            for nearest in (turns[np.maximum(right - 1, 0)], turns[right]):
-                time[:, j] = np.minimum(time[:, j], np.abs(t - t[nearest]))
-                way[:, j] = np.minimum(way[:, j], np.abs(q[:, j] - q[nearest, j]))
-    return time, way
-
-
 @dataclass(frozen=True, eq=False)
 class _Level:
-    """Residual of one run through a kernel of unit power, what friction and the model's own doubt may be of it,
-    and where most of the kernel saw something; (n_grid, n_joints) each."""
+    """One run through a kernel of unit power; (n_grid, n_joints) each.
+
+    Residual, what friction and the model's own doubt may be of it, and where most of the kernel saw something.
+    """
 
     m: FloatArray
     slack: FloatArray
@@ -277,13 +143,11 @@ def _smooth(watch: Watch, length: float) -> _Level:
     share = np.sqrt(np.maximum(convolve1d(watch.seen.astype(float), kernel**2, axis=0, mode="constant"), 1e-12))
     enough = watch.seen & (share > np.sqrt(0.5))
     # What the model does not know is wrong in the same direction all over the kernel.
-    return _Level(
-        *(
-            np.where(enough, convolve1d(x * watch.seen, kernel, axis=0, mode="constant") / share, 0.0)
-            for x in (watch.residual, watch.slack, watch.unsure)
-        ),
-        enough,
+    m, slack, unsure = (
+        np.where(enough, convolve1d(x * watch.seen, kernel, axis=0, mode="constant") / share, 0.0)
+        for x in (watch.residual, watch.slack, watch.unsure)
     )
+    return _Level(m, slack, unsure, enough)
 
 
 def _scales(watches: Sequence[Watch], level: Sequence[_Level]) -> list[FloatArray]:
@@ -302,7 +166,7 @@ def _scales(watches: Sequence[Watch], level: Sequence[_Level]) -> list[FloatArra
                 scale[mask, j] = size if size > 0 else np.inf
             if at_rest:
                 continue
-            for low, high in zip(edges[:-1], edges[1:], strict=True):
+            for low, high in pairwise(edges):
                 near = [
                     mask & (watch.since[:, j] >= low) & (watch.since[:, j] < high)
                     for mask, watch in zip(masks, watches, strict=True)
@@ -348,6 +212,6 @@ def _windows(strength: FloatArray, near: FloatArray, watch: Watch) -> list[tuple
         marked[first : last + 1] = True
     gap = max(1, round(NEAREST / watch.step))
     for first, last in stretches(~marked):
-        if 0 < first and last < len(marked) and last - first <= gap:
+        if first > 0 and last < len(marked) and last - first <= gap:
             marked[first:last] = True
     return stretches(marked)

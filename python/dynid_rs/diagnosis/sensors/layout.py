@@ -87,7 +87,7 @@ class Rows:
             x = solve(plan, stack(plan, factors, weights, np.ones(n)), (RIDGE,))[0]
             for j, rows in enumerate(block.rows):
                 left[j] += np.sum((rows[:, -1] - rows[:, :-1] @ x[plan.unknowns(j)]) ** 2)
-        return left / power
+        return np.asarray(left / power)
 
     def prior_slopes(self) -> tuple[FloatArray, NDArray[np.bool_]]:
         """Torque over what the robot file's inertials predict, beside own columns, and where that says something."""
