@@ -61,7 +61,12 @@ class Setup:
 
     def identifier(self, **options: Any) -> ThreeLoopIdentifier:
         """Return an identifier of a model made of this."""
-        parts = {"effects": self.effects, "free_gains": self.gain_joints, "encoder_error": self.encoder_error}
+        parts = {
+            "effects": self.effects,
+            "free_gains": self.gain_joints,
+            "encoder_error": self.encoder_error,
+            "excluded": dict(self.excluded) or None,
+        }
         return ThreeLoopIdentifier(self.robot, **{**parts, **self.options, **options})
 
     def corrected(self, recording: Recording) -> Recording:
