@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid_rs import _core
 from dynid_rs.diagnosis.entries import effect_entries, ranked
 from dynid_rs.diagnosis.kinds import Kinds
+from dynid_rs.diagnosis.reference import compare
 from dynid_rs.diagnosis.search import Search, search
 from dynid_rs.diagnosis.sensors import examine
 from dynid_rs.diagnosis.setup import Setup
@@ -62,6 +65,7 @@ def diagnose(
     train: Sequence[Recording],
     test: Sequence[Recording],
     *,
+    reference: _core.TorqueModel | None = None,
     on_progress: Callable[[str], None] = lambda step: None,
 ) -> Diagnosis:
     """Trace the residual to what the model lacks, and add it.
@@ -74,6 +78,8 @@ def diagnose(
         Runs to fit and to choose on.
     test : sequence of Recording
         Runs that only the reported errors see.
+    reference : TorqueModel, optional
+        Trusted model: then the question is what has changed against it, and nothing of it is fitted again.
     on_progress : callable
         Called with a few words before every step.
 
@@ -82,6 +88,9 @@ def diagnose(
     DataError
         As `ThreeLoopIdentifier.fit`.
     """
+    if reference is not None:
+        on_progress("comparing with the reference")
+        return _changed(setup, train, test, reference)
     asked, findings, clocks = examine(setup, train, test, on_progress)
     on_progress("the declared model")
     before = replace(setup, excluded=asked.excluded).identifier().fit(list(train))
@@ -106,6 +115,18 @@ def diagnose(
         ),
         steps=[_step(found, step) for step in found.steps],
     )
+
+
+def _changed(
+    setup: Setup, train: Sequence[Recording], test: Sequence[Recording], reference: _core.TorqueModel
+) -> Diagnosis:
+    """What has changed since the reference was made; the model with what was found is the reference with it."""
+    changes = compare(reference, setup.robot, train, test, cutoff=setup.options.get("cutoff"))
+    fit = setup.identifier(residual=None).fit(list(train))
+    before, after = copy(fit), copy(fit)
+    before.model_, after.model_ = reference, changes.model
+    nothing = Search(setup, fit, Kinds(fit))
+    return Diagnosis(setup, before, after, nothing, findings=list(changes.findings), effects=list(changes.effects))
 
 
 def _step(found: Search, step: Any) -> dict[str, Any]:
