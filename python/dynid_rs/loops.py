@@ -94,7 +94,7 @@ class Loops:
             slow_runs = [states.aligned(self._delay) for states in slow_runs]
         slow_runs = less_known(data.known, slow_runs)
         if self.effects:
-            load = _link_load(self.plan, self._first)
+            load = link_load(self.plan, self._first)
             slow_runs = [replace(states, tau_link=load(states)) for states in slow_runs]
             self.runs = [replace(states, tau_link=load(states)) for states in self.runs]
         self.plan = self._plan(first_friction)
@@ -121,7 +121,7 @@ class Loops:
         if self.depends_on_load:
             # Columns of the load follow from the links, which follow from them.
             for _ in range(LOAD_ROUNDS):
-                load = _link_load(self.plan, self.links)
+                load = link_load(self.plan, self.links)
                 self.runs = [replace(states, tau_link=load(states)) for states in self.runs]
                 self.observations = self._without_third_loop()
                 self._fit_links(True)
@@ -239,7 +239,7 @@ def declared_plan(
     return make_plan(robot, effects, acts_on=acts_on)
 
 
-def _link_load(plan: Plan, links: LinkDynamicsIdentifier) -> Callable[[States], FloatArray]:
+def link_load(plan: Plan, links: LinkDynamicsIdentifier) -> Callable[[States], FloatArray]:
     """Rigid-body torque [N m] that fitted links predict at every sample, (n, n_joints)."""
     phi = np.zeros(10 * plan.robot.n_joints)
     phi[plan.pivots] = links.phi_base_
@@ -248,7 +248,7 @@ def _link_load(plan: Plan, links: LinkDynamicsIdentifier) -> Callable[[States], 
 
 def link_torque(plan: Plan, links: LinkDynamicsIdentifier, states: States) -> FloatArray:
     """Rigid-body torque of the second loop at every sample, (n, n_joints) in the torque unit."""
-    return _link_load(plan, links)(states) * links.torque_scale_
+    return link_load(plan, links)(states) * links.torque_scale_
 
 
 def _linear_columns(observations: Observations) -> list[list[FloatArray]]:
