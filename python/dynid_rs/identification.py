@@ -20,7 +20,7 @@ from dynid_rs.friction_laws import DEFAULT_LAW, laws_per_joint
 from dynid_rs.known import KnownTerm, check_known
 from dynid_rs.links import ASYMMETRY, LinkDynamicsIdentifier
 from dynid_rs.loops import Loops, link_torque
-from dynid_rs.placed import PlacedEffect
+from dynid_rs.placed import HeldEffect, PlacedEffect, held_terms
 from dynid_rs.preprocessing import States, prepare
 from dynid_rs.recording import Recording
 from dynid_rs.residual import ResidualCompensator
@@ -46,6 +46,9 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         Effects whose coefficients [N*m] are known, not fitted: taken off the torque, and part of the model.
     effects : sequence of PlacedEffect
         What the arm has beside rigid body and friction, with its shapes; coefficients are fitted in the second loop.
+    held : sequence of HeldEffect
+        Effects on single joints whose coefficients were fitted elsewhere (ripple, at full rate): taken off the torque
+        and part of the model, as known terms are, but in the unit of the torque channel.
     friction_law : str or sequence of str
         "paper" (Eqs. 9-11), "coulomb_viscous" or "stribeck", for all joints or one per joint.
     cutoff : float, optional
@@ -92,6 +95,7 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         residual: ResidualCompensator | str | None = "default",
         known: Sequence[KnownTerm] = (),
         effects: Sequence[PlacedEffect] = (),
+        held: Sequence[HeldEffect] = (),
         friction_law: str | Sequence[str] = DEFAULT_LAW,
         cutoff: float | None = None,
         max_iter: int = 10,
@@ -103,6 +107,7 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         self.residual = residual
         self.known = known
         self.effects = effects
+        self.held = held
         self.friction_law = friction_law
         self.cutoff = cutoff
         self.max_iter = max_iter
@@ -149,7 +154,8 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         # Small matrices by the thousand: BLAS threads spin on each other and cost more than they give.
         with threadpool_limits(limits=1, user_api="blas"):
             on_progress("filtering the runs")
-            loops = self._loops(prepare_training_data(recordings, slow, self.known_, self.cutoff))
+            taken_off = self.known_ + held_terms(self.held, self.robot.n_joints)
+            loops = self._loops(prepare_training_data(recordings, slow, taken_off, self.cutoff))
             self._iterate(loops, on_progress)
         self._keep(loops)
         return self

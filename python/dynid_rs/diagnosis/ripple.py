@@ -23,6 +23,8 @@ FloatArray = NDArray[np.float64]
 
 HARMONIC = 0.5
 """Of a resolution cell: an order this near to twice another is its second harmonic."""
+VISIBLE = 0.8
+"""Ripple of which the band lets through more than this part of its power is fitted there, with everything else."""
 KIND = "torque_ripple"
 REVERSING = "position_dependent_friction"
 
@@ -165,9 +167,13 @@ def _candidate(
     entry = CATALOGUE[KIND]
     cycles = ripple.shape_at(j)["cycles"]
     before, after = _rms(parts, []), _rms(parts, family)
+    in_band = _in_band(fit, ripple, j)
+    visible = 2 * float(np.mean(np.concatenate(in_band)[:, :2] ** 2))  # a sine that the band lets through has a half
 
     def accept(setup: Setup, coefficients: FloatArray) -> Setup:
-        del coefficients  # of the band, where there is little of it; those of the full rate are held
+        del coefficients  # those of the band are fitted again, or say little beside those of the full rate
+        if visible > VISIBLE:
+            return replace(setup, effects=(*setup.effects, *(one.effect for one in held)))
         return replace(setup, held=(*setup.held, *held))
 
     return RippleCandidate(
@@ -176,7 +182,7 @@ def _candidate(
         coefficient_names=tuple(c["name"] for c in entry["coefficients"]),
         units=(fit.torque_unit_,) * len(entry["coefficients"]),
         bounds=np.array([[c["lower"], c["upper"]] for c in entry["coefficients"]]),
-        columns=[{j: columns} for columns in _in_band(fit, ripple, j)],
+        columns=[{j: columns} for columns in in_band],
         accept=accept,
         shape=(("cycles", cycles),),
         n_searched=1,

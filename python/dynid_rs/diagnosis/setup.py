@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from dynid_rs import _core
 from dynid_rs.identification import ThreeLoopIdentifier
-from dynid_rs.placed import PlacedEffect
+from dynid_rs.placed import HeldEffect, PlacedEffect
 from dynid_rs.recording import Recording
 
 FloatArray = NDArray[np.float64]
@@ -28,6 +28,8 @@ class Setup:
         Geometry and gravity as they are believed to be.
     effects : tuple of PlacedEffect
         Torques that were found, with their shapes; coefficients are fitted.
+    held : tuple of HeldEffect
+        Torques that were found and fitted at full rate; coefficients stay as they are.
     gain_joints : tuple of int
         Joints whose torque channel has a gain of its own, which is fitted.
     encoder_error : ndarray (n_joints, 2)
@@ -42,6 +44,7 @@ class Setup:
 
     robot: _core.RobotModel
     effects: tuple[PlacedEffect, ...] = ()
+    held: tuple[HeldEffect, ...] = ()
     gain_joints: tuple[int, ...] = ()
     encoder_error: FloatArray = None  # type: ignore[assignment]
     torque_delay: FloatArray = None  # type: ignore[assignment]
@@ -56,7 +59,7 @@ class Setup:
 
     def identifier(self, **options: Any) -> ThreeLoopIdentifier:
         """Return an identifier of a model made of this."""
-        return ThreeLoopIdentifier(self.robot, effects=self.effects, **{**self.options, **options})
+        return ThreeLoopIdentifier(self.robot, effects=self.effects, held=self.held, **{**self.options, **options})
 
     def corrected(self, recording: Recording) -> Recording:
         """Return the run with its torque channel on the encoders' clock."""
