@@ -9,13 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
+from dynid_rs.columns import Observations, Plan
 from dynid_rs.identification import ThreeLoopIdentifier
-from dynid_rs.links import alike_rows, stack
+from dynid_rs.links import alike_rows, block_residuals, stack
 
 FloatArray = NDArray[np.float64]
 
@@ -60,8 +62,10 @@ class Beside:
     """
 
     def __init__(self, fit: ThreeLoopIdentifier, without: Sequence[tuple[int, int]] = ()) -> None:
-        self._observations = observations = fit.observations_
-        self._plan = plan = observations.plan
+        self._observations: Observations = fit.observations_
+        observations = self._observations
+        self._plan: Plan = observations.plan
+        plan = self._plan
         self._scale = fit.links_.torque_scale_
         self.n_joints = plan.robot.n_joints
         used = plan.estimable().copy()
@@ -69,7 +73,7 @@ class Beside:
             used[plan.n_base + j * plan.n_own + column] = False
         self._used = used
         edges = np.cumsum([0, *(block.n_rows for block in observations.blocks)])
-        self.blocks = [slice(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+        self.blocks = [slice(int(a), int(b)) for a, b in pairwise(edges)]
         self.n_rows = int(edges[-1])
         noise = np.maximum(fit.links_.noise_std_, 1e-300)
         self.weights: FloatArray = 1 / noise
@@ -96,6 +100,14 @@ class Beside:
         """Residual (n_rows, n_joints) of unknowns `x`."""
         parts = zip(self._columns, self._tau, self._places, strict=True)
         return np.stack([tau - columns @ x[places] for columns, tau, places in parts], axis=1)
+
+    def error_on(self, rows: Observations) -> FloatArray:
+        """RMSE (n_joints,) of this model on other rows of the same plan."""
+        x = np.zeros(self._plan.n_columns)
+        x[self._used] = self._x
+        left = np.concatenate(block_residuals(rows, x, self._scale))
+        error: FloatArray = np.sqrt(np.mean(left**2, axis=0))
+        return error
 
     def imitate(self, columns: Mapping[int, FloatArray]) -> FloatArray:
         """``R^-T A'W^2 C``: how the model imitates the columns, (n_unknowns, k)."""

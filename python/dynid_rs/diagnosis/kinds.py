@@ -37,7 +37,7 @@ REFINED: dict[str, dict[str, tuple[str, float, float]]] = {
     },
     "thermal_friction": {"time_constant": ("log", 5.0, 1e3)},
 }
-"""Shape parameters that are searched between the grid's values: how, and within which bounds. What is not here stays."""
+"""Shape parameters that are searched between the grid's values: how, and within which bounds."""
 SEARCH_STEPS = 40
 """Most evaluations of one search."""
 
@@ -223,7 +223,7 @@ class Kinds:
             h = at(x)
             if not _valid(h.kind, h.shape):
                 return 0.0
-            columns = self._once(h)
+            columns = self.once(h)
             return -float(power(columns))
 
         start = np.array(
@@ -240,7 +240,7 @@ class Kinds:
         found = minimize(cost, start, method="Nelder-Mead", options=options)
         return at(found.x) if found.fun < cost(start) else hypothesis
 
-    def _once(self, h: Hypothesis) -> RunColumns:
+    def once(self, h: Hypothesis) -> RunColumns:
         """Columns over all runs, not kept."""
         pack = {j: (h, _of_partner(h, at)) for at, j in enumerate(h.joints)}
         effect = self._effect(h.kind, pack)

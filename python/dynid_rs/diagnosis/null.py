@@ -82,7 +82,7 @@ def p_value(
 def effective_tests(
     beside: Beside, groups: Sequence[tuple[Mapping[int, FloatArray], Sequence[slice]]], n_copies: int = N_COPIES
 ) -> float:
-    """How many independent candidates the given ones are worth: one over the mean of their least p under chance, less one.
+    """How many independent candidates the given ones are worth: one over their mean least p under chance, less one.
 
     Candidates overlap widely, so that Bonferroni's correction by their number would throw power away.
 

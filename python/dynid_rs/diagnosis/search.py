@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any
@@ -32,6 +32,8 @@ LEAST_GAIN = 0.005
 """Part of some joint's left-out error that an effect has to take off: less is of no use, however certain."""
 MOST_EFFECTS = 4
 """Effects per joint: what needs more is no sum of effects."""
+CLEAR = 20.0
+"""An effect with more evidence than this beside all others needs no further test to stay."""
 RIVAL = 0.5
 """Two candidates of which one takes more than this part of the other's gain are names of one thing."""
 TIE = 2.33
@@ -92,14 +94,14 @@ def search(
     with threadpool_limits(limits=1, user_api="blas"):
         fit = fitted(setup, train)
         state = Search(setup, fit, Kinds(fit))
-        for _ in range(MOST_EFFECTS * setup.robot.n_joints):
+        while len(state.setup.effects) < MOST_EFFECTS * setup.robot.n_joints:
             on_progress(f"looking for effect {len(state.setup.effects) + 1}")
             found = good_candidates(state, further(state.fit, state.setup))
             if not found:
                 break
             for choice in found:
                 state.setup = choice.weighed.candidate.accept(state.setup, choice.weighed.gain.coefficients)
-            refit(state, train)
+            refit(state, train, new=len(found))
             state.steps += [Step("added", choice, rms(state.fit)) for choice in found]
             drop_needless(state, train)
     return state
@@ -110,25 +112,24 @@ def fitted(setup: Setup, train: Sequence[Recording]) -> ThreeLoopIdentifier:
     return setup.identifier(residual=None).fit([setup.corrected(recording) for recording in train])
 
 
-def refit(state: Search, train: Sequence[Recording]) -> None:
-    """Fit everything again; shapes of the effects and of friction settle in turn."""
+def refit(state: Search, train: Sequence[Recording], new: int = 0) -> None:
+    """Fit everything again; the shapes of the last `new` effects and of friction settle in turn."""
     state.fit = fitted(state.setup, train)
     state.kinds = Kinds(state.fit, state.kinds)
-    polished = polish(state)
+    polished = polish(state, range(len(state.setup.effects) - new, len(state.setup.effects)))
     if polished.effects != state.setup.effects:
         state.setup = polished
         state.fit = fitted(state.setup, train)
         state.kinds = Kinds(state.fit, state.kinds)
 
 
-def polish(state: Search) -> Setup:
-    """Shapes of all effects, each refined beside all the rest."""
+def polish(state: Search, places: Iterable[int]) -> Setup:
+    """Shapes of the effects at `places`, each refined beside all the rest."""
     effects = list(state.setup.effects)
-    for k, effect in enumerate(effects):
-        hypothesis = hypothesis_of(effect, state.kinds)
+    for k in places:
+        hypothesis = hypothesis_of(effects[k], state.kinds)
         beside = Beside(state.fit, columns_in(state)[k])
-        better = state.kinds.refined(hypothesis, _power(beside, hypothesis))
-        effects[k] = better.placed()
+        effects[k] = state.kinds.refined(hypothesis, _power(beside, hypothesis)).placed()
     return replace(state.setup, effects=tuple(effects))
 
 
@@ -264,18 +265,24 @@ def columns_in(state: Search) -> list[list[tuple[int, int]]]:
 def drop_needless(state: Search, train: Sequence[Recording]) -> None:
     """Take out effects that later ones have made needless."""
     while len(state.setup.effects) > 1:
-        for k, effect in enumerate(state.setup.effects):
-            beside = Beside(state.fit, columns_in(state)[k])
-            candidate = state.kinds.candidate(hypothesis_of(effect, state.kinds))
-            weighed = tested(beside, weigh(beside, candidate), beside.left_out(None))
-            if weighed.evidence <= 0 or weighed.p_value * len(state.setup.effects) > FAMILY_WISE:
-                break
-        else:
+        weakest = min((_standing(state, k) for k in range(len(state.setup.effects))), key=lambda item: item[0].evidence)
+        weighed, k = weakest
+        if weighed.evidence > CLEAR:
             return
-        effects = tuple(other for other in state.setup.effects if other is not effect)
+        beside = Beside(state.fit, columns_in(state)[k])
+        weighed = tested(beside, weighed, beside.left_out(None))
+        if weighed.evidence > 0 and weighed.p_value * len(state.setup.effects) < FAMILY_WISE:
+            return
+        effects = state.setup.effects[:k] + state.setup.effects[k + 1 :]
         state.setup = replace(state.setup, effects=effects)
         refit(state, train)
         state.steps.append(Step("dropped", Choice(weighed, weighed.p_value), rms(state.fit)))
+
+
+def _standing(state: Search, k: int) -> tuple[Weighed, int]:
+    """What still speaks for effect k beside all others."""
+    beside = Beside(state.fit, columns_in(state)[k])
+    return weigh(beside, state.kinds.candidate(hypothesis_of(state.setup.effects[k], state.kinds))), k
 
 
 def rms(fit: ThreeLoopIdentifier) -> FloatArray:
