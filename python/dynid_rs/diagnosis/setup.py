@@ -36,6 +36,8 @@ class Setup:
         Cosine and sine parts [rad] of what the link encoder shows too much: `e_c cos q + e_s sin q`.
     torque_delay : ndarray (n_joints,)
         How late the torque channel is [s].
+    torque_zero : mapping of str to ndarray (n_joints,)
+        Name of a run to what its torque channel shows too much [torque unit], from the mean of the training runs.
     excluded : mapping of str to windows
         Name of a run to the times [s] in which something from outside acts: neither fitted nor scored.
     options : mapping
@@ -48,6 +50,7 @@ class Setup:
     gain_joints: tuple[int, ...] = ()
     encoder_error: FloatArray = None  # type: ignore[assignment]
     torque_delay: FloatArray = None  # type: ignore[assignment]
+    torque_zero: Mapping[str, FloatArray] = field(default_factory=dict)
     excluded: Mapping[str, Windows] = field(default_factory=dict)
     options: Mapping[str, Any] = field(default_factory=dict)
 
@@ -62,7 +65,10 @@ class Setup:
         return ThreeLoopIdentifier(self.robot, effects=self.effects, held=self.held, **{**self.options, **options})
 
     def corrected(self, recording: Recording) -> Recording:
-        """Return the run with its torque channel on the encoders' clock."""
+        """Return the run with its torque channel on the encoders' clock, and its zero where it is known."""
+        zero = self.torque_zero.get(recording.name)
+        if zero is not None:
+            recording = replace(recording, tau=recording.tau - zero)
         if not np.any(self.torque_delay):
             return recording
         tau = np.stack(
