@@ -59,6 +59,8 @@ class Beside:
         Rows of every block that can be left out.
     weights : ndarray (n_joints,)
         One over the residual's standard deviation.
+    blown_up : ndarray (n_joints,)
+        Noise over residual: a fit takes some of the noise away.
     """
 
     def __init__(self, fit: ThreeLoopIdentifier, without: Sequence[tuple[int, int]] = ()) -> None:
@@ -95,6 +97,10 @@ class Beside:
             self._places.append(where[unknowns[kept]])
         self._root, self._x = self._solve(range(len(self.blocks)))
         self.residual: FloatArray = self.left(self._x)
+        # Each joint pays for its own coefficients and its share of the common ones.
+        paid = (used.sum() - plan.own.sum()) / self.n_joints + plan.own.sum(axis=1)
+        independent = independent_rows(self.residual, self.blocks)
+        self.blown_up: FloatArray = np.sqrt(independent / np.maximum(independent - paid, 0.2 * independent))
 
     def left(self, x: FloatArray) -> FloatArray:
         """Residual (n_rows, n_joints) of unknowns `x`."""
@@ -243,3 +249,26 @@ def bounded_gain(own: FloatArray, power: FloatArray, score: FloatArray, bounds: 
         held[free[int(np.argmax(beyond))]] = True
     gained = float(2 * score @ coefficients - coefficients @ own @ coefficients)
     return Gain(max(gained, 0.0), coefficients, float(share.max(initial=0.0)), held & used)
+
+
+def independent_rows(residual: FloatArray, blocks: Sequence[slice]) -> FloatArray:
+    """How many independent rows the power of a residual is known as well as from, (n_joints,).
+
+    ``N / (1 + 2 sum rho_k^2)``, rho the autocorrelation: Bartlett's formula for a variance.
+    """
+    from scipy.fft import irfft, next_fast_len, rfft
+
+    n_joints = residual.shape[1]
+    longest = max(block.stop - block.start for block in blocks)
+    sums, counts = np.zeros((longest, n_joints)), np.zeros(longest)
+    for block in blocks:
+        part = residual[block]
+        n = len(part)
+        size = next_fast_len(2 * n)
+        sums[:n] += irfft(np.abs(rfft(part, size, axis=0)) ** 2, size, axis=0)[:n]
+        counts[:n] += n - np.arange(n)
+    rho = sums / np.maximum(counts, 1.0)[:, None]
+    rho = rho[1:] / np.maximum(rho[0], 1e-300)
+    reach = max(1, longest // 10)
+    result: FloatArray = len(residual) / (1 + 2 * np.sum(rho[:reach] ** 2, axis=0))
+    return result

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs.diagnosis.beside import Beside, Gain
+from dynid_rs.diagnosis.beside import Beside, Gain, independent_rows
 from dynid_rs.diagnosis.candidate import Candidate
 from dynid_rs.diagnosis.kinds import stacked
 from dynid_rs.diagnosis.null import p_value
@@ -64,7 +63,7 @@ def tested(beside: Beside, weighed: Weighed, without: FloatArray) -> Weighed:
     candidate = weighed.candidate
     columns = stacked(candidate.columns)
     free = weighed.gain.coefficients != 0
-    p = p_value(beside, columns, weighed.after, free)
+    p = p_value(beside, columns, weighed.after, free, n_searched=candidate.n_searched)
     left = beside.left_out(columns, candidate.bounds)
     ratio = float(np.sqrt(np.min(np.sum(left**2, axis=0) / np.maximum(np.sum(without**2, axis=0), 1e-300))))
     return Weighed(candidate, weighed.gain, weighed.evidence, weighed.after, p, ratio, falls_by(beside, without, left))
@@ -93,26 +92,3 @@ def falls_by(beside: Beside, first: FloatArray, second: FloatArray) -> float:
     variance = float(2 * (taper * covariances[: len(taper)]).sum() - covariances[0])
     variance = max(variance, covariances[0] / 4)
     return mean * float(np.sqrt(len(difference) / variance))
-
-
-def independent_rows(residual: FloatArray, blocks: Sequence[slice]) -> FloatArray:
-    """How many independent rows the power of a residual is known as well as from, (n_joints,).
-
-    ``N / (1 + 2 sum rho_k^2)``, rho the autocorrelation: Bartlett's formula for a variance.
-    """
-    from scipy.fft import irfft, next_fast_len, rfft
-
-    n_joints = residual.shape[1]
-    longest = max(block.stop - block.start for block in blocks)
-    sums, counts = np.zeros((longest, n_joints)), np.zeros(longest)
-    for block in blocks:
-        part = residual[block]
-        n = len(part)
-        size = next_fast_len(2 * n)
-        sums[:n] += irfft(np.abs(rfft(part, size, axis=0)) ** 2, size, axis=0)[:n]
-        counts[:n] += n - np.arange(n)
-    rho = sums / np.maximum(counts, 1.0)[:, None]
-    rho = rho[1:] / np.maximum(rho[0], 1e-300)
-    reach = max(1, longest // 10)
-    result: FloatArray = len(residual) / (1 + 2 * np.sum(rho[:reach] ** 2, axis=0))
-    return result

@@ -47,6 +47,8 @@ def p_value(
     columns: Mapping[int, FloatArray],
     after: FloatArray,
     free: NDArray[np.bool_],
+    *,
+    n_searched: int = 0,
     n_copies: int = N_COPIES,
 ) -> float:
     """Probability that chance gives a score as large as this, one candidate alone.
@@ -59,13 +61,16 @@ def p_value(
         What is left with the candidate: its own null, for before it the residual holds the effect itself.
     free : ndarray (k,)
         Coefficients that were fitted, not held at a bound.
+    n_searched : int
+        Shape parameters that were chosen on the same rows: to first order each is one more coefficient.
     """
     from scipy.stats import f
 
     if not free.any():
         return 1.0
     own = beside.own_part(columns)
-    copies = phase_randomised(after, beside.blocks, n_copies)
+    # What the fit has taken away of the noise is missing in its residual.
+    copies = phase_randomised(after, beside.blocks, n_copies) * beside.blown_up[:, None, None]
     weights = beside.weights**2
     scores = sum(weights[j] * (own[j][:, free].T @ copies[j]) for j in range(beside.n_joints))
     score = sum(weights[j] * (own[j][:, free].T @ beside.residual[:, j]) for j in range(beside.n_joints))
@@ -76,6 +81,7 @@ def p_value(
     good = values > 1e-6 * values[-1]
     k = int(good.sum())
     distance = float(np.sum((vectors[:, good].T @ score) ** 2 / values[good]))
+    k += n_searched
     return float(f.sf(distance * (n_copies - k) / (k * n_copies), k, n_copies - k))
 
 

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs.diagnosis.beside import Beside
+from dynid_rs.diagnosis.beside import Beside, independent_rows
 from dynid_rs.diagnosis.candidate import Candidate
-from dynid_rs.diagnosis.choice import Weighed, falls_by, independent_rows, tested, weigh
+from dynid_rs.diagnosis.choice import Weighed, falls_by, tested, weigh
 from dynid_rs.diagnosis.kinds import Hypothesis, Kinds, bounds_of, joined, stacked
 from dynid_rs.diagnosis.null import effective_tests
 from dynid_rs.diagnosis.setup import Setup
