@@ -53,6 +53,8 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         "paper" (Eqs. 9-11), "coulomb_viscous" or "stribeck", for all joints or one per joint.
     cutoff : float, optional
         Band [Hz] in which torques are fitted and compared; chosen from the motion if None.
+    standstill : bool
+        Whether pauses are fitted and scored too, which only a model with memory can do well.
     max_iter : int
         Most rounds of the three loops.
     tol : float
@@ -98,6 +100,7 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         held: Sequence[HeldEffect] = (),
         friction_law: str | Sequence[str] = DEFAULT_LAW,
         cutoff: float | None = None,
+        standstill: bool = False,
         max_iter: int = 10,
         tol: float = 2e-2,
     ) -> None:
@@ -110,6 +113,7 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         self.held = held
         self.friction_law = friction_law
         self.cutoff = cutoff
+        self.standstill = standstill
         self.max_iter = max_iter
         self.tol = tol
 
@@ -154,8 +158,7 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         # Small matrices by the thousand: BLAS threads spin on each other and cost more than they give.
         with threadpool_limits(limits=1, user_api="blas"):
             on_progress("filtering the runs")
-            taken_off = self.known_ + held_terms(self.held, self.robot.n_joints)
-            loops = self._loops(prepare_training_data(recordings, slow, taken_off, self.cutoff))
+            loops = self._loops(self._training_data(recordings, slow))
             self._iterate(loops, on_progress)
         self._keep(loops)
         return self
@@ -195,7 +198,7 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
     def states(self, recording: Recording) -> States:
         """States of a run in the band and at the rate of the training runs, channels as recorded."""
         check_is_fitted(self, "band_")
-        return prepare(recording, self.band_, self.rate_)
+        return prepare(recording, self.band_, self.rate_, standstill=self.standstill)
 
     def model_with(self, regressions: Regressions) -> _core.TorqueModel:
         """Return the model with other regressions in its third loop; all None leaves it out.
@@ -217,6 +220,10 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         links.fit(observations, fit_scale=self.torque_unit_ == "A", beside=self._ended.beside(), again=True)
         kept = (third.inputs_, list(regressions), third.compliance_)
         return self._ended.model(plan, links, links.own_, kept)
+
+    def _training_data(self, recordings: list[Recording], slow: list[Recording]) -> TrainingData:
+        taken_off = self.known_ + held_terms(self.held, self.robot.n_joints)
+        return prepare_training_data(recordings, slow, taken_off, self.cutoff, standstill=self.standstill)
 
     def _loops(self, data: TrainingData) -> Loops:
         """Fresh copies of the three loops around the data, so that the user's own are never changed."""

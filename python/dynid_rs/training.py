@@ -40,7 +40,12 @@ class TrainingData:
 
 
 def prepare_training_data(
-    recordings: Sequence[Recording], slow: Sequence[Recording], known: list[KnownTerm], cutoff: float | None
+    recordings: Sequence[Recording],
+    slow: Sequence[Recording],
+    known: list[KnownTerm],
+    cutoff: float | None,
+    *,
+    standstill: bool = False,
 ) -> TrainingData:
     """States of checked runs in one band: `cutoff` [Hz], or chosen from the motion.
 
@@ -51,7 +56,7 @@ def prepare_training_data(
     """
     rate = common_rate(list(recordings))
     band = Band(cutoff) if cutoff is not None else choose_band(list(recordings))
-    runs = prepare_training_runs(recordings, band, rate)
+    runs = prepare_training_runs(recordings, band, rate, standstill=standstill)
     slow_runs = [prepare(recording, band, rate) for recording in slow]
     return TrainingData(runs, slow_runs, known, recordings[0].torque_unit, rate, band)
 
@@ -121,7 +126,9 @@ def check_torque(recordings: Sequence[Recording]) -> None:
         )
 
 
-def prepare_training_runs(recordings: Sequence[Recording], band: Band, rate: float) -> list[States]:
+def prepare_training_runs(
+    recordings: Sequence[Recording], band: Band, rate: float, *, standstill: bool = False
+) -> list[States]:
     """States of the runs in `band` at `rate` [Hz].
 
     Raises
@@ -129,7 +136,7 @@ def prepare_training_runs(recordings: Sequence[Recording], band: Band, rate: flo
     DataError
         Too little motion is left in a run after standstill is taken out.
     """
-    runs = [prepare(recording, band, rate) for recording in recordings]
+    runs = [prepare(recording, band, rate, standstill=standstill) for recording in recordings]
     for states in runs:
         if len(states.rows) < LEAST_ROWS:
             raise DataError(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -18,7 +19,7 @@ FloatArray = NDArray[np.float64]
 LEAST_SPAN = 0.2
 """A run that moves the joint by less [rad] says nothing about ripple."""
 STILL = 0.03
-"""Samples slower than this part of the joint's usual speed are left out: the angle stands, friction does what it likes."""
+"""Samples slower than this part of the joint's usual speed are left out: the angle stands still."""
 USUAL = 0.5
 """The usual speed is this quantile of the speeds at which the joint moves."""
 SWEEP_TRAVEL = 2 * np.pi
@@ -58,7 +59,7 @@ class AngleRun:
                     continue
                 n_parts = int(np.ceil(travel / SWEEP_TRAVEL))
                 edges = np.linspace(first, last, n_parts + 1).astype(int)
-                found += [slice(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+                found += [slice(int(a), int(b)) for a, b in itertools.pairwise(edges)]
         return sorted(found, key=lambda part: part.start)
 
 

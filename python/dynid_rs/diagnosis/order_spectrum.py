@@ -50,7 +50,8 @@ class OrderGrid:
     @property
     def orders(self) -> FloatArray:
         """(n_orders,) cycles per turn."""
-        return self.step * np.arange(self.first, self.last + 1)
+        orders: FloatArray = self.step * np.arange(self.first, self.last + 1, dtype=np.float64)
+        return orders
 
 
 def order_grid(runs: Sequence[AngleRun]) -> OrderGrid:
@@ -80,11 +81,17 @@ def amplitudes(angle: FloatArray, values: FloatArray, grid: OrderGrid) -> NDArra
     at = left.astype(np.int64)
     cells = np.bincount(at % size, values * (1 - share), size) + np.bincount((at + 1) % size, values * share, size)
     found = np.conj(rfft(cells))[grid.first : grid.last + 1]
-    result: NDArray[np.complex128] = found / np.sinc(grid.orders * cell / (2 * np.pi)) ** 2
-    return result
+    spread: FloatArray = np.sinc(grid.orders * cell / (2 * np.pi)) ** 2
+    return np.asarray(found / spread, dtype=np.complex128)
 
 
-def power(runs: Sequence[AngleRun], whitener: Whitener, white: Sequence[FloatArray], masks: Sequence[FloatArray], grid: OrderGrid) -> FloatArray:
+def power(
+    runs: Sequence[AngleRun],
+    whitener: Whitener,
+    white: Sequence[FloatArray],
+    masks: Sequence[FloatArray],
+    grid: OrderGrid,
+) -> FloatArray:
     """Power that a sine of each order takes off, (n_orders,), over what noise gives in each of two coefficients.
 
     Parameters
@@ -118,7 +125,8 @@ def over_background(spectrum: FloatArray) -> FloatArray:
 
     size = min(2 * BACKGROUND * OVERSAMPLING + 1, len(spectrum))
     level = median_filter(spectrum, size, mode="nearest") / (2 * np.log(2))
-    return spectrum / np.maximum(level, 1.0)
+    relative: FloatArray = spectrum / np.maximum(level, 1.0)
+    return relative
 
 
 def alias_distance(runs: Sequence[AngleRun], whitener: Whitener) -> float | None:

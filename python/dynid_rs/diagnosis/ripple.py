@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from dynid_rs import _core
 from dynid_rs.diagnosis.angle_data import AngleRun, FullRateRun, angle_runs, full_rate_runs
 from dynid_rs.diagnosis.candidate import Candidate
-from dynid_rs.diagnosis.ripple_fit import LineFit, line_columns
+from dynid_rs.diagnosis.ripple_fit import LineFit, Order, line_columns
 from dynid_rs.diagnosis.ripple_search import search_lines
+from dynid_rs.diagnosis.ripple_size import sized
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.identification import ThreeLoopIdentifier
 from dynid_rs.placed import CATALOGUE, HeldEffect, PlacedEffect
@@ -99,14 +100,40 @@ def ripple_orders(fit: ThreeLoopIdentifier, recordings: Sequence[Recording]) -> 
 
 
 def ripple_candidates(fit: ThreeLoopIdentifier, recordings: Sequence[Recording], setup: Setup) -> list[Candidate]:
-    """Ripple of every joint by families: an order and twice it. `setup` is what `fit` was made of."""
-    del setup  # candidates take the setup that they are accepted into
-    runs = full_rate_runs(fit, recordings)
-    candidates: list[Candidate] = []
+    """Ripple of every joint by families: an order and twice it; a joint's strongest first.
+
+    Parameters
+    ----------
+    fit : ThreeLoopIdentifier
+        Of `setup`.
+    recordings : sequence of Recording
+        As recorded, at full rate.
+    setup : Setup
+        What is believed of the channels.
+    """
+    return list(_candidates(fit, recordings, setup))
+
+
+def add_ripple(
+    setup: Setup, fit: ThreeLoopIdentifier, recordings: Sequence[Recording]
+) -> tuple[Setup, list[RippleCandidate]]:
+    """Return the setup with all ripple that stands out at full rate, and the candidates that were accepted.
+
+    Parameters as of `ripple_candidates`. Nothing is left to choose: lines are orthogonal to each other and to what the
+    band holds, and each has passed its test against chance and its test on sweeps that were left out.
+    """
+    found = _candidates(fit, recordings, setup)
+    for candidate in found:
+        setup = candidate.accept(setup, np.zeros(len(candidate.bounds)))
+    return setup, found
+
+
+def _candidates(fit: ThreeLoopIdentifier, recordings: Sequence[Recording], setup: Setup) -> list[RippleCandidate]:
+    runs = full_rate_runs(fit, [setup.corrected(recording) for recording in recordings])
+    candidates = []
     for j in range(fit.robot.n_joints):
         lines, parts = _lines(runs, j)
-        for family in _families(lines, parts):
-            candidates.append(_candidate(fit, j, family, parts))
+        candidates += [_candidate(fit, j, family, parts) for family in _families(lines, parts)]
     return candidates
 
 
@@ -115,6 +142,7 @@ def _lines(runs: Sequence[FullRateRun], j: int) -> tuple[list[RippleLine], list[
     if not parts:
         return [], []
     found, log_p = search_lines(parts)
+    found = sized(parts, found)
     n_joints = runs[0].residual.shape[1]
     first = np.cumsum([0, *(order.n_columns for order in found.orders)])
     lines = [_line(found, j, k, int(first[k]), min(0.0, log_p[k] + np.log(n_joints))) for k in range(len(log_p))]
@@ -127,7 +155,7 @@ def _line(found: LineFit, j: int, k: int, first: int, log_p: float) -> RippleLin
     whole = np.zeros(4)
     whole[: len(c)] = c
     amplitude = float(np.linalg.norm(c))
-    spread = NORMAL_95 * float(np.sqrt(max(c @ covariance @ c, 0.0))) / amplitude
+    spread = NORMAL_95 * float(np.sqrt(max(float(c @ covariance @ c), 0.0))) / amplitude
     forward = whole[:2] + whole[2:]
     half = NORMAL_95 * float(found.cycles_std[k])
     return RippleLine(
@@ -218,13 +246,11 @@ def _cycles(family: Sequence[RippleLine]) -> float:
 
 def _in_band(fit: ThreeLoopIdentifier, ripple: PlacedEffect, j: int) -> list[FloatArray]:
     cycles = np.full(fit.robot.n_joints, ripple.shape_at(j)["cycles"])
-    effect = _core.Effect.of(KIND, **{"cycles": cycles})
+    effect = _core.Effect.of(KIND, cycles=cycles)
     return [s.in_band(_core.effect_columns(effect, *s.signals())[:, j]) for s in fit.runs_]
 
 
 def _rms(parts: Sequence[AngleRun], lines: Sequence[RippleLine]) -> float:
-    from dynid_rs.diagnosis.ripple_fit import Order
-
     squares, count = 0.0, 0
     for part in parts:
         left = part.residual.copy()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -84,7 +85,9 @@ def declared_basis(runs: Sequence[AngleRun], whitener: Whitener) -> FloatArray:
     return basis
 
 
-def fit_lines(runs: Sequence[AngleRun], orders: Sequence[Order], guess: LineFit | None = None, *, refine: bool = True) -> LineFit:
+def fit_lines(
+    runs: Sequence[AngleRun], orders: Sequence[Order], guess: LineFit | None = None, *, refine: bool = True
+) -> LineFit:
     """Least squares over amplitudes, phases and orders.
 
     Parameters
@@ -115,7 +118,7 @@ def fit_lines(runs: Sequence[AngleRun], orders: Sequence[Order], guess: LineFit 
     for step in range(n_steps + 1):
         columns = np.column_stack([whitened([line_columns(run, order) for run in runs]) for order in found])
         x = _solve(columns, target)
-        parts = [x[a:b] for a, b in zip(edges[:-1], edges[1:], strict=True)]
+        parts = [x[a:b] for a, b in itertools.pairwise(edges)]
         slopes = np.column_stack(
             [whitened([_slope(run, o, c) for run in runs]) for o, c in zip(found, parts, strict=True)]
         )
@@ -128,8 +131,8 @@ def fit_lines(runs: Sequence[AngleRun], orders: Sequence[Order], guess: LineFit 
     residual = target - columns @ x
     n_free = np.sum(np.concatenate(whitener.weights) > 0) - basis.shape[1] - whole.shape[1]
     covariance = np.linalg.pinv(whole.T @ whole, rcond=1e-12) * float(residual @ residual) / max(float(n_free), 1.0)
-    std = np.sqrt(np.maximum(np.diag(covariance)[edges[-1] :], 0.0))
-    inner = covariance[: edges[-1], : edges[-1]]
+    std = np.sqrt(np.maximum(np.diag(covariance)[edges[-1] :], 0.0)).astype(np.float64)
+    inner = covariance[: edges[-1], : edges[-1]].astype(np.float64)
     return LineFit(tuple(found), parts, inner, std, whitener, np.split(residual, cuts), basis)
 
 

@@ -49,7 +49,7 @@ class Peak:
     log_p: float
 
 
-def search_lines(runs: Sequence[AngleRun], *, false_alarm: float = FALSE_ALARM) -> tuple[LineFit, list[float]]:
+def search_lines(runs: Sequence[AngleRun]) -> tuple[LineFit, list[float]]:
     """All lines of one joint, and the logarithm of each one's p-value, corrected for the orders that were tried."""
     grid = order_grid(runs)
     lines = fit_lines(runs, [])
@@ -57,7 +57,7 @@ def search_lines(runs: Sequence[AngleRun], *, false_alarm: float = FALSE_ALARM) 
     log_p: list[float] = []
     while len(lines.orders) < MOST_LINES and len(refused) < MOST_LINES:
         taken = [*refused, *(order.cycles for order in lines.orders)]
-        peaks = [peak for peak in peaks_of(runs, lines, grid, taken) if peak.log_p < np.log(false_alarm)]
+        peaks = [peak for peak in peaks_of(runs, lines, grid, taken) if peak.log_p < np.log(FALSE_ALARM)]
         if not peaks:
             break
         more = fit_lines(runs, [*lines.orders, *(peak.order for peak in peaks)], lines)
@@ -69,8 +69,23 @@ def search_lines(runs: Sequence[AngleRun], *, false_alarm: float = FALSE_ALARM) 
         lines = more if all(sound) else fit_lines(runs, orders, lines)
     if lines.orders:
         lines = fit_lines(runs, lines.orders, lines)  # once more, with the noise that all of them leave
-        lines = unfold(runs, lines)
+        lines = unfold(runs, simplified(runs, lines))
     return lines, log_p
+
+
+def simplified(runs: Sequence[AngleRun], lines: LineFit) -> LineFit:
+    """Lines of which only those keep a phase per direction whose two phases differ beyond chance."""
+    from scipy.stats import chi2
+
+    first = np.cumsum([0, *(order.n_columns for order in lines.orders)])
+    orders = list(lines.orders)
+    for k, (order, c) in enumerate(zip(lines.orders, lines.coefficients, strict=True)):
+        if order.per_way:
+            odd = slice(int(first[k]) + 2, int(first[k]) + 4)
+            level = float(c[2:] @ np.linalg.solve(lines.covariance[odd, odd], c[2:]))
+            if chi2.sf(level, 2) > FALSE_ALARM:
+                orders[k] = replace(order, per_way=False)
+    return lines if orders == list(lines.orders) else fit_lines(runs, orders, lines)
 
 
 def unfold(runs: Sequence[AngleRun], lines: LineFit) -> LineFit:

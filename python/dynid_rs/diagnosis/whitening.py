@@ -12,7 +12,13 @@ FloatArray = NDArray[np.float64]
 
 MEMORY = 0.15
 """Memory [s] of the filter."""
-MOST_TAPS = 60
+MOST_TAPS = 40
+RESOLUTION = 0.5
+"""Of the noise's spectrum [Hz],"""
+LINE_WIDTH = 13
+"""which is a running median over so many lines, so that none of them is taken for noise where the speed is constant;"""
+SLOW = 3.0
+"""below this [Hz] it stays as it is: the torque of a wrong model is steep there."""
 BURST = 0.5
 """The noise's size is followed over this time [s]."""
 QUIET = 0.3
@@ -61,10 +67,9 @@ def fit_whitener(residuals: Sequence[FloatArray], used: Sequence[NDArray[np.bool
     from scipy.ndimage import uniform_filter1d
     from scipy.signal import lfilter
 
-    masked = [np.where(keep, r - r[keep].mean(), 0.0) for r, keep in zip(residuals, used, strict=True)]
     n = sum(int(keep.sum()) for keep in used)
     n_taps = int(min(MOST_TAPS, max(2, MEMORY * rate), n / 40))
-    covariance = sum(np.array([x[: len(x) - k] @ x[k:] for k in range(n_taps + 1)]) for x in masked)
+    covariance = smooth_covariance(residuals, used, rate, n_taps + 1)
     covariance[0] *= 1 + 1e-9
     taps = np.concatenate([[1.0], -solve_toeplitz(covariance[:-1], covariance[1:])])
     weights = []
@@ -72,9 +77,30 @@ def fit_whitener(residuals: Sequence[FloatArray], used: Sequence[NDArray[np.bool
         white = lfilter(taps, [1.0], r)
         length = max(5, int(BURST * rate))
         count = uniform_filter1d(keep.astype(np.float64), length)
-        size = np.sqrt(uniform_filter1d(white**2 * keep, length) / np.maximum(count, 1 / length))
+        size = np.sqrt(np.maximum(uniform_filter1d(white**2 * keep, length), 0.0) / np.maximum(count, 1 / length))
         usual = np.median(size[keep])
         weight = np.where(keep, 1 / np.maximum(size, QUIET * usual), 0.0)
         weight[:n_taps] = 0.0
         weights.append(weight)
     return Whitener(taps, weights)
+
+
+def smooth_covariance(
+    residuals: Sequence[FloatArray], used: Sequence[NDArray[np.bool_]], rate: float, n_lags: int
+) -> FloatArray:
+    """Autocovariance (n_lags,) of the noise under whatever stands in single lines of the spectrum."""
+    from scipy.ndimage import median_filter
+    from scipy.signal import welch
+
+    longest = max(len(r) for r in residuals)
+    length = int(min(rate / RESOLUTION, longest / 2))
+    total = np.zeros(length // 2 + 1)
+    for r, keep in zip(residuals, used, strict=True):
+        if len(r) >= length:
+            frequency, density = welch(np.where(keep, r - r[keep].mean(), 0.0), rate, nperseg=length)
+            total += len(r) * density
+    smooth = median_filter(total, min(LINE_WIDTH, len(total)), mode="nearest")
+    slow = frequency < SLOW
+    smooth[slow] = np.maximum(smooth, total)[slow]
+    covariance: FloatArray = np.fft.irfft(np.maximum(smooth, 1e-12 * smooth.max()))[:n_lags]
+    return covariance

@@ -12,8 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs.diagnosis.beside import Beside
-from dynid_rs.diagnosis.choice import independent_rows
+from dynid_rs.diagnosis.beside import Beside, independent_rows
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.findings import Finding, joint_words
 from dynid_rs.identification import ThreeLoopIdentifier
@@ -70,7 +69,8 @@ def _contrasts(lengths: Sequence[int]) -> FloatArray:
     """Columns (n_rows, n_runs - 1): one constant per run, all of them with the mean zero over all rows."""
     runs = np.repeat(np.arange(len(lengths)), lengths)
     constants = (runs[:, None] == np.arange(len(lengths) - 1)).astype(np.float64)
-    return constants - constants.mean(axis=0)
+    apart: FloatArray = constants - constants.mean(axis=0)
+    return apart
 
 
 def _shift(beside: Beside, apart: FloatArray, j: int) -> FloatArray | None:
