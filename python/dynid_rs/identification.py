@@ -18,7 +18,7 @@ from dynid_rs.columns import observe
 from dynid_rs.friction import FrictionIdentifier
 from dynid_rs.friction_laws import DEFAULT_LAW, laws_per_joint
 from dynid_rs.known import KnownTerm, check_known
-from dynid_rs.links import ASYMMETRY, LinkDynamicsIdentifier
+from dynid_rs.links import ASYMMETRY, LinkDynamicsIdentifier, free_scales
 from dynid_rs.loops import Loops, link_torque
 from dynid_rs.placed import HeldEffect, PlacedEffect, held_terms
 from dynid_rs.preprocessing import States, prepare
@@ -49,6 +49,9 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
     held : sequence of HeldEffect
         Effects on single joints whose coefficients were fitted elsewhere (ripple, at full rate): taken off the torque
         and part of the model, as known terms are, but in the unit of the torque channel.
+    free_gains : sequence of int
+        Joints whose torque channel has a gain of its own against the others', which is fitted; one has to hold the
+        unit. In ampere all gains but the first are fitted anyway.
     friction_law : str or sequence of str
         "paper" (Eqs. 9-11), "coulomb_viscous" or "stribeck", for all joints or one per joint.
     cutoff : float, optional
@@ -98,6 +101,7 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         known: Sequence[KnownTerm] = (),
         effects: Sequence[PlacedEffect] = (),
         held: Sequence[HeldEffect] = (),
+        free_gains: Sequence[int] = (),
         friction_law: str | Sequence[str] = DEFAULT_LAW,
         cutoff: float | None = None,
         standstill: bool = False,
@@ -111,6 +115,7 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         self.known = known
         self.effects = effects
         self.held = held
+        self.free_gains = free_gains
         self.friction_law = friction_law
         self.cutoff = cutoff
         self.standstill = standstill
@@ -151,6 +156,7 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         if not (self.residual is None or self.residual == "default" or isinstance(self.residual, ResidualCompensator)):
             raise ValueError(f"residual must be a ResidualCompensator, None or 'default', found {self.residual!r}")
         laws_per_joint(self.friction_law, self.robot.n_joints)
+        free_scales(self.robot.n_joints, False, self.free_gains)
         recordings = _as_list(recordings)
         slow = _as_list(friction_recording) if friction_recording is not None else []
         check_training_runs(self.robot, recordings + slow)
@@ -217,7 +223,13 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         torque = [third.torque(states, load, regressions) for states, load in zip(self.runs_, loads, strict=True)]
         observations = observe(plan, self.runs_, [s.tau - u for s, u in zip(self.runs_, torque, strict=True)])
         links = copy(self.links_)
-        links.fit(observations, fit_scale=self.torque_unit_ == "A", beside=self._ended.beside(), again=True)
+        links.fit(
+            observations,
+            fit_scale=self.torque_unit_ == "A",
+            free_gains=self._ended.free_gains,
+            beside=self._ended.beside(),
+            again=True,
+        )
         kept = (third.inputs_, list(regressions), third.compliance_)
         return self._ended.model(plan, links, links.own_, kept)
 
@@ -232,7 +244,7 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         residual = ResidualCompensator() if self.residual == "default" else self.residual
         laws = laws_per_joint(self.friction_law, self.robot.n_joints)
         third = clone(residual) if residual is not None else None
-        return Loops(self.robot, data, friction, links, third, laws, self.effects)
+        return Loops(self.robot, data, friction, links, third, laws, self.effects, self.free_gains)
 
     def _keep(self, loops: Loops) -> None:
         data = loops.data

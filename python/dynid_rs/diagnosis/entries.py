@@ -34,6 +34,8 @@ def effect_entries(found: Search, test: Sequence[Recording]) -> list[dict[str, A
     columns = columns_in(found)
     order, told = _order(found, columns), _choices(found)
     rows = _test_rows(found, test)
+    plan = found.fit.observations_.plan
+    friction = found.fit.links_.own_[:, plan.friction[1]]
     entries = []
     for rank, k in enumerate(order):
         effect = found.setup.effects[k]
@@ -49,7 +51,8 @@ def effect_entries(found: Search, test: Sequence[Recording]) -> list[dict[str, A
                 "kind": effect.kind,
                 "joints": [found.setup.robot.joint_names[j] for j in effect.joints],
                 "parameters": [
-                    _parameter(e, found) for e in estimates(beside, found.kinds, hypothesis, weighed.gain.coefficients)
+                    _parameter(e, found)
+                    for e in estimates(beside, found.kinds, hypothesis, weighed.gain.coefficients, friction)
                 ],
                 "p_value": 1.0 if choice is None else choice.p_value,
                 "evidence": weighed.evidence,

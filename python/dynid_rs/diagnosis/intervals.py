@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from dynid_rs.diagnosis.beside import Beside
 from dynid_rs.diagnosis.kinds import REFINED, Hypothesis, Kinds, joined, stacked
-from dynid_rs.diagnosis.null import phase_randomised
+from dynid_rs.diagnosis.null import noise_copies
 from dynid_rs.placed import CATALOGUE
+from dynid_rs.uncertainty import WIDTH_STEP
 
 FloatArray = NDArray[np.float64]
 
@@ -29,7 +30,9 @@ class Estimate:
     unit: str
 
 
-def estimates(beside: Beside, kinds: Kinds, hypothesis: Hypothesis, coefficients: FloatArray) -> list[Estimate]:
+def estimates(
+    beside: Beside, kinds: Kinds, hypothesis: Hypothesis, coefficients: FloatArray, friction: FloatArray
+) -> list[Estimate]:
     """Coefficients and searched shape parameters of an effect with their standard errors.
 
     The sandwich ``S^-1 V S^-1``: S what of the columns (and of their derivatives by the shape) is the effect's own
@@ -41,17 +44,20 @@ def estimates(beside: Beside, kinds: Kinds, hypothesis: Hypothesis, coefficients
         The fitted model without this effect's columns.
     coefficients : ndarray (k,)
         Of the effect, in the order of its columns.
+    friction : ndarray (n_joints, 8)
+        Coefficients of friction: the width of its transition was fitted too, and is one more unknown.
     """
     columns = stacked(kinds.columns([hypothesis])[0])
     shape = [name for name in REFINED.get(hypothesis.kind, {}) if name in dict(hypothesis.shape)]
     slopes = [_slope(kinds, hypothesis, name, coefficients) for name in shape]
-    wide = joined([columns, *slopes])
-    active = np.concatenate([coefficients != 0, np.ones(len(shape), dtype=bool)])
+    widths = [_width_slope(kinds, hypothesis, j, coefficients, friction[j]) for j in hypothesis.joints]
+    wide = joined([columns, *slopes, *widths])
+    active = np.concatenate([coefficients != 0, np.ones(len(shape) + len(widths), dtype=bool)])
     own = beside.own_part(wide)
     after = beside.with_columns(columns, coefficients)
     weights = beside.weights**2
     S = sum(weights[j] * (own[j].T @ own[j]) for j in range(beside.n_joints))
-    copies = phase_randomised(after, beside.blocks, random_state=2)
+    copies = noise_copies(beside, after, random_state=2)
     scores = sum(weights[j] * (own[j].T @ copies[j]) for j in range(beside.n_joints))
     std = _sandwich(np.asarray(S), np.asarray(scores), active)
     entry = CATALOGUE[hypothesis.kind]
@@ -78,6 +84,19 @@ def _slope(kinds: Kinds, hypothesis: Hypothesis, name: str, coefficients: FloatA
         for d in (-step, step)
     )
     return {j: ((high[j] - low[j]) @ coefficients / (2 * step))[:, None] for j in high}
+
+
+def _width_slope(
+    kinds: Kinds, hypothesis: Hypothesis, j: int, coefficients: FloatArray, friction: FloatArray
+) -> dict[int, FloatArray]:
+    """Derivative of joint j's friction and of the effect by the width of their common transition, one column."""
+    width = float(kinds.widths[j])
+    low, high = (kinds.friction(j, width * factor)[j] @ friction for factor in (1 - WIDTH_STEP, 1 + WIDTH_STEP))
+    slope = {j: ((high - low) / (2 * WIDTH_STEP))[:, None]}
+    if "transition_width" in dict(hypothesis.shape) and len(hypothesis.joints) == 1:
+        own = _slope(kinds, hypothesis, "transition_width", coefficients)[j]
+        slope[j] = slope[j] + width * own
+    return slope
 
 
 def _sandwich(S: FloatArray, scores: FloatArray, active: NDArray[np.bool_]) -> list[float]:

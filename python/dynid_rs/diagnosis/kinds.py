@@ -86,6 +86,7 @@ class Kinds:
         self.runs: list[States] = [replace(states, tau_link=load(states)) for states in fit.runs_]
         friction, _ = fit.observations_.plan.friction
         self.widths = np.asarray(dict(friction.shape)["transition_width"])
+        self.thresholds = np.asarray(dict(friction.shape)["velocity_threshold"])
         self._cache: dict[Hypothesis, list[RunColumns]] = {}
         if before is not None:
             self._cache = {
@@ -202,28 +203,37 @@ class Kinds:
             n_searched=len(REFINED.get(hypothesis.kind, {})) + ("cycles" in dict(hypothesis.shape)),
         )
 
-    def refined(self, hypothesis: Hypothesis, power: Any) -> Hypothesis:
-        """Hypothesis with the shape near its own that takes off most; `power` of columns {joint: (n_rows, k)}."""
+    def refined(self, hypothesis: Hypothesis, power: Any, *, with_friction: bool = False) -> Hypothesis:
+        """Hypothesis with the shape near its own that takes off most; `power` of columns {joint: (n_rows, k)}.
+
+        `with_friction`: the width of friction's transition is searched too, and friction's columns with it stand
+        behind the hypothesis' own in what `power` is given.
+        """
         from scipy.optimize import minimize
 
-        searched = REFINED.get(hypothesis.kind, {})
+        searched = dict(REFINED.get(hypothesis.kind, {}))
+        shape = dict(hypothesis.shape)
+        if with_friction:
+            searched["transition_width"] = ("log", 1e-4, 1.0)
+            shape.setdefault("transition_width", float(self.widths[hypothesis.joints[0]]))
         if not searched:
             return hypothesis
-        shape = dict(hypothesis.shape)
 
-        def at(x: FloatArray) -> Hypothesis:
+        def at(x: FloatArray) -> tuple[Hypothesis, dict[str, float]]:
             moved = dict(shape)
             for (name, (how, low, high)), value in zip(searched.items(), x, strict=True):
                 sign = -1.0 if how == "log" and shape[name] < 0 else 1.0
                 real = sign * float(np.exp2(value)) if how == "log" else float(value)
                 moved[name] = sign * min(max(abs(real), low), high) if how == "log" else min(max(real, low), high)
-            return replace(hypothesis, shape=tuple(moved.items()))
+            return replace(hypothesis, shape=tuple((name, moved[name]) for name, _ in hypothesis.shape)), moved
 
         def cost(x: FloatArray) -> float:
-            h = at(x)
+            h, moved = at(x)
             if not _valid(h.kind, h.shape):
                 return 0.0
             columns = self.once(h)
+            if with_friction:
+                columns = joined([columns, self.friction(h.joints[0], moved["transition_width"])])
             return -float(power(columns))
 
         start = np.array(
@@ -238,7 +248,12 @@ class Kinds:
             "fatol": 1e-3,
         }
         found = minimize(cost, start, method="Nelder-Mead", options=options)
-        return at(found.x) if found.fun < cost(start) else hypothesis
+        return at(found.x)[0] if found.fun < cost(start) else hypothesis
+
+    def friction(self, j: int, width: float) -> RunColumns:
+        """Friction of joint j with another transition width, over all runs."""
+        shape = (("velocity_threshold", float(self.thresholds[j])), ("transition_width", width))
+        return self.once(Hypothesis("friction", (j,), shape))
 
     def once(self, h: Hypothesis) -> RunColumns:
         """Columns over all runs, not kept."""

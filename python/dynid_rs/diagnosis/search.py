@@ -28,10 +28,14 @@ SHORTLIST = 6
 """Places whose shapes are refined and that are tested in a step."""
 CONTENDER = 0.2
 """A place whose evidence in the scan is below this part of the best one's cannot win by a better shape."""
+SLACK = 10.0
+"""However small the evidence, places within this of the best one are looked at."""
 LEAST_GAIN = 0.005
 """Part of some joint's left-out error that an effect has to take off: less is of no use, however certain."""
 MOST_EFFECTS = 4
 """Effects per joint: what needs more is no sum of effects."""
+BESIDE_FRICTION = ("stribeck", "friction_hysteresis", "load_dependent_friction", "position_dependent_friction")
+"""Kinds that turn round with the joint's own direction, as friction does."""
 CLEAR = 20.0
 """An effect with more evidence than this beside all others needs no further test to stay."""
 RIVAL = 0.5
@@ -126,10 +130,22 @@ def refit(state: Search, train: Sequence[Recording], new: int = 0) -> None:
 def polish(state: Search, places: Iterable[int]) -> Setup:
     """Shapes of the effects at `places`, each refined beside all the rest."""
     effects = list(state.setup.effects)
+    plan = state.fit.observations_.plan
+    friction = np.arange(plan.n_own)[plan.friction[1]]
     for k in places:
         hypothesis = hypothesis_of(effects[k], state.kinds)
-        beside = Beside(state.fit, columns_in(state)[k])
-        effects[k] = state.kinds.refined(hypothesis, _power(beside, hypothesis)).placed()
+        without = columns_in(state)[k]
+        # Where friction begins to slip and what its neighbours in the catalogue do look alike: both move at once.
+        together = hypothesis.kind in BESIDE_FRICTION
+        bounds = bounds_of(hypothesis)
+        if together:
+            j = hypothesis.joints[0]
+            without = [*without, *((j, int(column)) for column in friction)]
+            used = plan.own[j, plan.friction[1]]
+            bounds = np.concatenate([bounds, np.where(used, np.inf, 0.0)[:, None] * np.array([-1.0, 1.0])])
+        beside = Beside(state.fit, without)
+        power = _power(beside, np.nan_to_num(bounds, nan=0.0))
+        effects[k] = state.kinds.refined(hypothesis, power, with_friction=together).placed()
     return replace(state.setup, effects=tuple(effects))
 
 
@@ -139,7 +155,9 @@ def good_candidates(state: Search, further: Sequence[Candidate]) -> list[Choice]
     ranked, tests = scan(beside, state, further)
     if not ranked:
         return []
-    shortlist = [item for worth, item in ranked[:SHORTLIST] if worth > CONTENDER * ranked[0][0]]
+    shortlist = [
+        item for worth, item in ranked[:SHORTLIST] if worth >= min(CONTENDER * ranked[0][0], ranked[0][0] - SLACK)
+    ]
     without = beside.left_out(None)
     if np.isnan(state.n_tests):
         state.n_tests = effective_tests(beside, tests)
@@ -147,7 +165,7 @@ def good_candidates(state: Search, further: Sequence[Candidate]) -> list[Choice]
     for item in shortlist:
         candidate = item if isinstance(item, Candidate) else refined_candidate(beside, state.kinds, item)
         weighed = weigh(beside, candidate)
-        if weighed.evidence <= 0:
+        if weighed.gain.power <= 0:
             continue
         weighed = tested(beside, weighed, without)
         p = min(1.0, weighed.p_value * state.n_tests)
@@ -203,15 +221,14 @@ def scan(
             n_free = int(np.sum(gain.coefficients != 0))
             worth = _worth(gain.power, len(joints) * beside.n_rows, len(joints) * rows, n_free)
             place = (h.kind, h.joints)
-            if worth > best.get(place, (0.0, h))[0]:
+            if worth > best.get(place, (-np.inf, h))[0]:
                 best[place] = (worth, h)
     for candidate in further:
         part = stacked(candidate.columns)
         gain = beside.gains(part, [slice(None)], [candidate.bounds])[0]
         tests.append((part, [slice(None)]))
         worth = _worth(gain.power, len(part) * beside.n_rows, len(part) * rows, len(candidate.bounds))
-        if worth > 0:
-            best[candidate.place] = (worth, candidate)
+        best[candidate.place] = (worth, candidate)
     return sorted(best.values(), key=lambda pair: -pair[0]), tests
 
 
@@ -233,12 +250,11 @@ def _there(h: Hypothesis, setup: Setup) -> bool:
 
 def refined_candidate(beside: Beside, kinds: Kinds, hypothesis: Hypothesis) -> Candidate:
     """Candidate of the hypothesis with the best shape near its own."""
-    return kinds.candidate(kinds.refined(hypothesis, _power(beside, hypothesis)))
+    return kinds.candidate(kinds.refined(hypothesis, _power(beside, bounds_of(hypothesis))))
 
 
-def _power(beside: Beside, hypothesis: Hypothesis) -> Callable[[Any], float]:
-    bounds = [bounds_of(hypothesis)]
-    return lambda columns: beside.gains(columns, [slice(None)], bounds)[0].power
+def _power(beside: Beside, bounds: FloatArray) -> Callable[[Any], float]:
+    return lambda columns: beside.gains(columns, [slice(None)], [bounds])[0].power
 
 
 def hypothesis_of(effect: PlacedEffect, kinds: Kinds) -> Hypothesis:
@@ -271,7 +287,7 @@ def drop_needless(state: Search, train: Sequence[Recording]) -> None:
             return
         beside = Beside(state.fit, columns_in(state)[k])
         weighed = tested(beside, weighed, beside.left_out(None))
-        if weighed.evidence > 0 and weighed.p_value * len(state.setup.effects) < FAMILY_WISE:
+        if weighed.p_value * len(state.setup.effects) < FAMILY_WISE:
             return
         effects = state.setup.effects[:k] + state.setup.effects[k + 1 :]
         state.setup = replace(state.setup, effects=effects)
