@@ -141,11 +141,10 @@ def _lines(runs: Sequence[FullRateRun], j: int) -> tuple[list[RippleLine], list[
     parts = angle_runs(runs, j)
     if not parts:
         return [], []
-    found, log_p = search_lines(parts)
+    found, log_p = search_lines(parts, runs[0].residual.shape[1])
     found = sized(parts, found)
-    n_joints = runs[0].residual.shape[1]
     first = np.cumsum([0, *(order.n_columns for order in found.orders)])
-    lines = [_line(found, j, k, int(first[k]), min(0.0, log_p[k] + np.log(n_joints))) for k in range(len(log_p))]
+    lines = [_line(found, j, k, int(first[k]), log_p[k]) for k in range(len(log_p))]
     return sorted(lines, key=lambda line: -line.amplitude), parts
 
 

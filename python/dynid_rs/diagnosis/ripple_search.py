@@ -24,7 +24,7 @@ from dynid_rs.diagnosis.ripple_fit import LineFit, Order, fit_lines, line_column
 FloatArray = NDArray[np.float64]
 
 FALSE_ALARM = 1e-3
-"""Chance, over all orders of a joint, that noise alone makes a line."""
+"""Chance, over all orders of all joints, that noise alone makes a line."""
 EVERYWHERE = 0.01
 """Chance that a line which most sweeps deny is taken for one: a vibration has its frequency in time, not in angle."""
 LEAST_WAY = 0.1
@@ -49,15 +49,16 @@ class Peak:
     log_p: float
 
 
-def search_lines(runs: Sequence[AngleRun]) -> tuple[LineFit, list[float]]:
-    """All lines of one joint, and the logarithm of each one's p-value, corrected for the orders that were tried."""
+def search_lines(runs: Sequence[AngleRun], n_joints: int = 1) -> tuple[LineFit, list[float]]:
+    """All lines of one of `n_joints`, and the logarithm of each one's p-value, corrected for all orders and joints."""
     grid = order_grid(runs)
     lines = fit_lines(runs, [])
     refused: list[float] = []
     log_p: list[float] = []
     while len(lines.orders) < MOST_LINES and len(refused) < MOST_LINES:
         taken = [*refused, *(order.cycles for order in lines.orders)]
-        peaks = [peak for peak in peaks_of(runs, lines, grid, taken) if peak.log_p < np.log(FALSE_ALARM)]
+        corrected = [replace(peak, log_p=peak.log_p + np.log(n_joints)) for peak in peaks_of(runs, lines, grid, taken)]
+        peaks = [peak for peak in corrected if peak.log_p < np.log(FALSE_ALARM)]
         if not peaks:
             break
         more = fit_lines(runs, [*lines.orders, *(peak.order for peak in peaks)], lines)
