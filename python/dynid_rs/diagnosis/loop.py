@@ -14,7 +14,9 @@ from dynid_rs import _core
 from dynid_rs.diagnosis.entries import effect_entries, ranked
 from dynid_rs.diagnosis.kinds import Kinds
 from dynid_rs.diagnosis.reference import compare
-from dynid_rs.diagnosis.search import Search, search
+from dynid_rs.diagnosis.ripple import RippleCandidate, add_ripple
+from dynid_rs.diagnosis.ripple_entries import ripple_entries
+from dynid_rs.diagnosis.search import Search, fitted, search
 from dynid_rs.diagnosis.sensors import examine
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.structural_entries import clock_entries, structural_entries
@@ -97,6 +99,8 @@ def diagnose(
     if any(finding.severity == "error" for finding in findings):
         return Diagnosis(setup, before, before, Search(setup, before, Kinds(before)), findings=findings)
     found = search(asked, train, on_progress=on_progress)
+    on_progress("lines in the angle")
+    lines = hold_ripple(found, train)
     on_progress("the model with what was found")
     after = found.setup.identifier().fit([found.setup.corrected(recording) for recording in train])
     tests = [found.setup.corrected(recording) for recording in test]
@@ -111,10 +115,21 @@ def diagnose(
                 *clock_entries(clocks, setup.robot),
                 *structural_entries(found, train, tests),
                 *effect_entries(found, tests),
+                *ripple_entries(lines, found.fit),
             ]
         ),
         steps=[_step(found, step) for step in found.steps],
     )
+
+
+def hold_ripple(found: Search, train: Sequence[Recording]) -> list[RippleCandidate]:
+    """Add the ripple that stands out at full rate to the state of the search, and fit everything else beside it."""
+    setup, lines = add_ripple(found.setup, found.fit, train)
+    if lines:
+        found.setup = setup
+        found.fit = fitted(setup, train)
+        found.kinds = Kinds(found.fit, found.kinds)
+    return lines
 
 
 def _changed(
