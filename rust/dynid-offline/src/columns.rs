@@ -12,7 +12,7 @@ const CHUNK: usize = 256;
 /// What effects see of a run on a uniform time grid; every slice is row-major, n_samples × n_joints.
 #[derive(Clone, Copy, Debug)]
 pub struct RunSignals<'a> {
-    /// Link-side and motor-side signals, on one clock.
+    /// Link-side and motor-side signals, on one clock; temperatures are needed by effects that follow them.
     pub state: State<'a>,
     /// Rigid-body torque that the model predicts \[N·m\]; needed by effects of the load.
     pub tau_link: Option<&'a [f64]>,
@@ -31,7 +31,8 @@ impl<'a> RunSignals<'a> {
     ) -> Result<(), OfflineError> {
         self.state.check(n_samples * n_joints)?;
         let finite = |values: &[f64]| values.iter().all(|x| x.is_finite());
-        if !self.state.is_finite() || !self.tau_link.is_none_or(finite) {
+        let optional = [self.tau_link, self.state.temperature];
+        if !self.state.is_finite() || !optional.into_iter().flatten().all(finite) {
             return Err(OfflineError::NonFinite { what: "run" });
         }
         if self
@@ -48,6 +49,7 @@ impl<'a> RunSignals<'a> {
             for (what, there) in [
                 ("tau_link", self.tau_link.is_some()),
                 ("step", self.step.is_some()),
+                ("temperature", self.state.temperature.is_some()),
             ] {
                 if !there && effect.entry().needs(what) {
                     return Err(OfflineError::Missing {
