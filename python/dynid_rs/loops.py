@@ -58,9 +58,12 @@ class Loops:
         residual: ResidualCompensator | None,
         laws: Sequence[str],
         effects: Sequence[PlacedEffect] = (),
+        free_gains: Sequence[int] = (),
         encoder_error: FloatArray | None = None,
     ) -> None:
         self.robot, self.data, self.laws, self.effects = robot, data, laws, effects
+        # In ampere all gains but one are free already.
+        self.free_gains = () if data.in_ampere else tuple(free_gains)
         self.encoder_error = encoder_error
         self.friction, self.links, self.residual = friction, links, residual
         self.encoder_delay: EncoderDelay | None = None
@@ -137,7 +140,13 @@ class Loops:
         return any("tau_link" in effect.signals for effect in self.plan.effects)
 
     def _fit_links(self, again: bool) -> None:
-        self.links.fit(self.observations, fit_scale=self.data.in_ampere, beside=self.beside(), again=again)
+        self.links.fit(
+            self.observations,
+            fit_scale=self.data.in_ampere,
+            free_gains=self.free_gains,
+            beside=self.beside(),
+            again=again,
+        )
 
     def fit_residual(self) -> None:
         """Third loop: what is left, from the deflection; the choice where it is kept is made in the first round."""

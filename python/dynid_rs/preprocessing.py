@@ -6,6 +6,7 @@ cancels from the equation; only positions are filtered before they are different
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
@@ -236,6 +237,18 @@ def prepare(recording: Recording, band: Band, rate: float) -> States:
         reference=None if reference is None else (reference[0], reference[1], reference[2]),
         temperature=temperature,
     )
+
+
+def without(states: States, windows: Sequence[tuple[float, float]], guard: float | None = None) -> States:
+    """Return the same run with windows (start, end) [s] neither fitted nor scored.
+
+    `guard` [s] on both sides keeps out what the band's filter smears; one over the cutoff by default.
+    """
+    guard = 1 / states.band.cutoff if guard is None else guard
+    outside = np.ones(len(states.t), dtype=bool)
+    for start, end in windows:
+        outside &= (states.t < start - guard) | (states.t > end + guard)
+    return states if outside.all() else replace(states, moving=states.moving & outside)
 
 
 def _grid(recording: Recording, rate: float) -> FloatArray:

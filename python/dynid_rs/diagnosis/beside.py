@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -59,8 +60,6 @@ class Beside:
         Rows of every block that can be left out.
     weights : ndarray (n_joints,)
         One over the residual's standard deviation.
-    blown_up : ndarray (n_joints,)
-        Noise over residual: a fit takes some of the noise away.
     """
 
     def __init__(self, fit: ThreeLoopIdentifier, without: Sequence[tuple[int, int]] = ()) -> None:
@@ -97,10 +96,24 @@ class Beside:
             self._places.append(where[unknowns[kept]])
         self._root, self._x = self._solve(range(len(self.blocks)))
         self.residual: FloatArray = self.left(self._x)
-        # Each joint pays for its own coefficients and its share of the common ones.
-        paid = (used.sum() - plan.own.sum()) / self.n_joints + plan.own.sum(axis=1)
-        independent = independent_rows(self.residual, self.blocks)
-        self.blown_up: FloatArray = np.sqrt(independent / np.maximum(independent - paid, 0.2 * independent))
+
+    @cached_property
+    def leverage(self) -> list[list[FloatArray]]:
+        """Part of every spectral line's power that the fit takes away, per joint and block."""
+        from scipy.fft import rfft
+        from scipy.linalg import solve_triangular
+
+        taken = []
+        for j, columns in enumerate(self._columns):
+            inverse = solve_triangular(self._root, np.eye(len(self._root)), check_finite=False)[self._places[j]]
+            basis = self.weights[j] * (columns @ inverse)
+            taken.append(
+                [
+                    np.sum(np.abs(rfft(basis[block], axis=0)) ** 2, axis=1) / (block.stop - block.start)
+                    for block in self.blocks
+                ]
+            )
+        return taken
 
     def left(self, x: FloatArray) -> FloatArray:
         """Residual (n_rows, n_joints) of unknowns `x`."""

@@ -67,6 +67,11 @@ def effect_entries(found: Search, test: Sequence[Recording]) -> list[dict[str, A
     return entries
 
 
+def ranked(entries: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Entries with their ranks: sensors and clocks first, then by what they take off."""
+    return [{**entry, "rank": rank + 1} for rank, entry in enumerate(entries)]
+
+
 def _choices(found: Search) -> dict[tuple[str, tuple[int, ...]], Choice]:
     return {step.choice.weighed.candidate.place: step.choice for step in found.steps if step.action == "added"}
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from dynid_rs.diagnosis.beside import Beside
 from dynid_rs.diagnosis.kinds import REFINED, Hypothesis, Kinds, joined, stacked
-from dynid_rs.diagnosis.null import phase_randomised
+from dynid_rs.diagnosis.null import noise_copies
 from dynid_rs.placed import CATALOGUE
 from dynid_rs.uncertainty import WIDTH_STEP
 
@@ -57,7 +57,7 @@ def estimates(
     after = beside.with_columns(columns, coefficients)
     weights = beside.weights**2
     S = sum(weights[j] * (own[j].T @ own[j]) for j in range(beside.n_joints))
-    copies = phase_randomised(after, beside.blocks, random_state=2)
+    copies = noise_copies(beside, after, random_state=2)
     scores = sum(weights[j] * (own[j].T @ copies[j]) for j in range(beside.n_joints))
     std = _sandwich(np.asarray(S), np.asarray(scores), active)
     entry = CATALOGUE[hypothesis.kind]

@@ -91,7 +91,7 @@ class Kinds:
         self.widths = np.asarray(dict(friction.shape)["transition_width"])
         self.thresholds = np.asarray(dict(friction.shape)["velocity_threshold"])
         self._cache: dict[Hypothesis, list[RunColumns]] = {}
-        if before is not None:
+        if before is not None and _same_motion(before.runs, self.runs):
             self._cache = {
                 h: columns for h, columns in before._cache.items() if "tau_link" not in CATALOGUE[h.kind]["signals"]
             }
@@ -281,6 +281,12 @@ class Kinds:
             )
             parts.append({j: _own_place(h, j, states.in_band(raw[:, j])) for j in h.joints})
         return stacked(parts)
+
+
+def _same_motion(first: Sequence[States], second: Sequence[States]) -> bool:
+    """Whether the states are the same, so that columns of them are: encoders may have been corrected."""
+    pairs = zip(first, second, strict=True)
+    return all(np.array_equal(a.q, b.q) and np.array_equal(a.rows, b.rows) for a, b in pairs)
 
 
 TURNING = {"counterbalance", "position_dependent_friction", "torque_ripple"}

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs.diagnosis.entries import effect_entries
+from dynid_rs.diagnosis.entries import effect_entries, ranked
+from dynid_rs.diagnosis.kinds import Kinds
 from dynid_rs.diagnosis.search import Search, search
+from dynid_rs.diagnosis.sensors import examine
 from dynid_rs.diagnosis.setup import Setup
+from dynid_rs.diagnosis.structural_entries import clock_entries, structural_entries
 from dynid_rs.findings import Finding
 from dynid_rs.identification import ThreeLoopIdentifier
 from dynid_rs.recording import Recording
@@ -79,19 +82,28 @@ def diagnose(
     DataError
         As `ThreeLoopIdentifier.fit`.
     """
+    asked, findings, clocks = examine(setup, train, test, on_progress)
     on_progress("the declared model")
-    before = setup.identifier().fit(list(train))
-    found = search(setup, train, on_progress=on_progress)
+    before = replace(setup, excluded=asked.excluded).identifier().fit(list(train))
+    if any(finding.severity == "error" for finding in findings):
+        return Diagnosis(setup, before, before, Search(setup, before, Kinds(before)), findings=findings)
+    found = search(asked, train, on_progress=on_progress)
     on_progress("the model with what was found")
-    corrected = [found.setup.corrected(recording) for recording in train]
-    after = found.setup.identifier().fit(corrected)
+    after = found.setup.identifier().fit([found.setup.corrected(recording) for recording in train])
     tests = [found.setup.corrected(recording) for recording in test]
     return Diagnosis(
         found.setup,
         before,
         after,
         found,
-        effects=effect_entries(found, tests),
+        findings=[f for f in findings if f.code != "torque_gain" or found.setup.gain_joints],
+        effects=ranked(
+            [
+                *clock_entries(clocks, setup.robot),
+                *structural_entries(found, train, tests),
+                *effect_entries(found, tests),
+            ]
+        ),
         steps=[_step(found, step) for step in found.steps],
     )
 

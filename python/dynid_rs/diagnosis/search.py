@@ -16,6 +16,7 @@ from dynid_rs.diagnosis.choice import Weighed, falls_by, tested, weigh
 from dynid_rs.diagnosis.kinds import Hypothesis, Kinds, bounds_of, joined, stacked
 from dynid_rs.diagnosis.null import effective_tests
 from dynid_rs.diagnosis.setup import Setup
+from dynid_rs.diagnosis.structural import refine, structural_candidates
 from dynid_rs.identification import ThreeLoopIdentifier
 from dynid_rs.placed import PlacedEffect, own_columns
 from dynid_rs.recording import Recording
@@ -32,8 +33,10 @@ SLACK = 10.0
 """However small the evidence, places within this of the best one are looked at."""
 LEAST_GAIN = 0.005
 """Part of some joint's left-out error that an effect has to take off: less is of no use, however certain."""
-MOST_EFFECTS = 4
-"""Effects per joint: what needs more is no sum of effects."""
+MOST_STEPS = 12
+"""Steps of the search; each may add several effects."""
+REFINEMENTS = 3
+"""Most Gauss-Newton steps on geometry, gravity and encoders, each with a fit of its own."""
 BESIDE_FRICTION = ("stribeck", "friction_hysteresis", "load_dependent_friction", "position_dependent_friction")
 """Kinds that turn round with the joint's own direction, as friction does."""
 CLEAR = 20.0
@@ -78,7 +81,6 @@ def search(
     setup: Setup,
     train: Sequence[Recording],
     *,
-    further: Callable[[ThreeLoopIdentifier, Setup], list[Candidate]] = lambda fit, setup: [],
     on_progress: Callable[[str], None] = lambda step: None,
 ) -> Search:
     """Find what the model lacks on training runs.
@@ -89,8 +91,6 @@ def search(
         What is believed at the beginning.
     train : sequence of Recording
         Training runs, on one clock.
-    further : callable
-        Candidates that are no column of the catalogue.
     """
     from threadpoolctl import threadpool_limits
 
@@ -98,14 +98,15 @@ def search(
     with threadpool_limits(limits=1, user_api="blas"):
         fit = fitted(setup, train)
         state = Search(setup, fit, Kinds(fit))
-        while len(state.setup.effects) < MOST_EFFECTS * setup.robot.n_joints:
-            on_progress(f"looking for effect {len(state.setup.effects) + 1}")
-            found = good_candidates(state, further(state.fit, state.setup))
+        for step in range(MOST_STEPS):
+            on_progress(f"step {step + 1}: {len(state.steps)} effects so far" if state.steps else "looking for effects")
+            found = good_candidates(state, structural_candidates(state.fit, state.setup))
             if not found:
                 break
+            before = len(state.setup.effects)
             for choice in found:
                 state.setup = choice.weighed.candidate.accept(state.setup, choice.weighed.gain.coefficients)
-            refit(state, train, new=len(found))
+            refit(state, train, new=len(state.setup.effects) - before)
             state.steps += [Step("added", choice, rms(state.fit)) for choice in found]
             drop_needless(state, train)
     return state
@@ -119,6 +120,12 @@ def fitted(setup: Setup, train: Sequence[Recording]) -> ThreeLoopIdentifier:
 def refit(state: Search, train: Sequence[Recording], new: int = 0) -> None:
     """Fit everything again; the shapes of the last `new` effects and of friction settle in turn."""
     state.fit = fitted(state.setup, train)
+    for _ in range(REFINEMENTS):
+        refined = refine(state.setup, state.fit)
+        if refined is state.setup:
+            break
+        state.setup = refined
+        state.fit = fitted(state.setup, train)
     state.kinds = Kinds(state.fit, state.kinds)
     polished = polish(state, range(len(state.setup.effects) - new, len(state.setup.effects)))
     if polished.effects != state.setup.effects:
