@@ -251,12 +251,13 @@ def bounded_gain(own: FloatArray, power: FloatArray, score: FloatArray, bounds: 
         coefficients[:] = 0.0
         if not len(free):
             break
-        scale = 1 / np.sqrt(np.diag(own)[free])
+        root = np.sqrt(np.diag(own)[free])
+        scale = 1 / root
         S = own[np.ix_(free, free)] * np.outer(scale, scale)
         values, vectors = np.linalg.eigh(S)
         good = values > 1e-8 * values[-1]
         coefficients[free] = scale * (vectors[:, good] / values[good] @ (vectors[:, good].T @ (scale * score[free])))
-        beyond = np.maximum(bounds[free, 0] - coefficients[free], coefficients[free] - bounds[free, 1]) / scale
+        beyond = np.maximum(bounds[free, 0] - coefficients[free], coefficients[free] - bounds[free, 1]) * root
         if np.all(beyond <= 0):
             break
         held[free[int(np.argmax(beyond))]] = True
