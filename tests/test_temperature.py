@@ -15,6 +15,7 @@ from test_estimator import run as answer_of
 import dynid_rs as dyn
 from dynid_rs import _core
 from dynid_rs.assembly import evaluate
+from dynid_rs.diagnosis.kinds import Kinds
 from dynid_rs.placed import PlacedEffect
 from dynid_rs.preprocessing import Band, prepare
 from dynid_rs.simulation import build_effects, bundled_robot, equip, parse_wish, simulate, typical_arm
@@ -68,6 +69,20 @@ def test_a_session_that_warms_up_is_told_by_its_thermometers(robot, session, fit
     assert effect.coefficient_names == ["temperature_coulomb", "temperature_viscous"]
     coulomb = arm.friction[:, 0]
     assert_allclose(coefficients[:3, 0], (drift.change * coulomb)[:3] / 20.0, rtol=0.1)
+
+
+def test_it_is_looked_for_where_thermometers_move(fitted):
+    """On every joint; not where one is stuck, and not at all where there is none."""
+    kinds = Kinds(fitted)
+    assert [h.joints for h in kinds.grid(["temperature_friction"])] == [(j,) for j in range(N)]
+    whole = kinds.runs
+    stuck = [states.temperature.copy() for states in whole]
+    for temperature in stuck:
+        temperature[:, 2] = 31.5
+    kinds.runs = [replace(states, temperature=t) for states, t in zip(whole, stuck, strict=True)]
+    assert [h.joints for h in kinds.grid(["temperature_friction"])] == [(j,) for j in range(N) if j != 2]
+    kinds.runs = [*whole[1:], replace(whole[0], temperature=None)]
+    assert kinds.grid(["temperature_friction"]) == []
 
 
 def test_states_carry_the_temperature_on_their_grid(session):
