@@ -696,6 +696,7 @@ class TorqueModel:
         ddq_motor: ArrayLike | None = None,
         *,
         step: float | None = None,
+        temperature: ArrayLike | None = None,
     ) -> tuple[_FloatArray, _FloatArray, NDArray[np.uint32]]:
         """Torque by the estimator that runs online: total, terms and status.
 
@@ -707,6 +708,8 @@ class TorqueModel:
             Motor side, divided by the gear ratio; the link side by default.
         step : float, optional
             Time between samples [s], where it is not the model's.
+        temperature : (n_samples, n_joints), optional
+            Measured [degC]; needed where the model's friction follows it.
 
         Returns
         -------
@@ -715,12 +718,13 @@ class TorqueModel:
         terms : (n_samples, n_terms, n_joints)
             In the order of `term_names`.
         status : (n_samples,)
-            Bits: 1 overflow, the last good torque is repeated; 2 outside of the domain; 4 residual faded out.
+            Bits: 1 overflow, the last good torque is repeated; 2 outside of the domain; 4 residual faded out;
+            online also 8, a signal that an effect needs is missing and its torque zero.
 
         Raises
         ------
         ValueError
-            An argument has the wrong shape or holds a NaN or an infinity.
+            An argument has the wrong shape or holds a NaN or an infinity; the temperature is needed and not given.
         """
 
     def predicted_std(
@@ -842,8 +846,8 @@ def effect_catalogue() -> list[dict[str, Any]]:
     list of dict
         `kind`; `formula`; `coefficients`: of one joint, in order, dicts of `name`, `unit`, `lower` and `upper` (what
         physics allows); `shape`: dicts of `name`, `unit`, `rule`, `grid` (values that a search begins with); `signals`
-        that it needs, `tau_link` and `step` among them; `memory`: whether it depends on the samples before; `declared`:
-        whether every model has it. Units hold `{torque}` and `{angle}`, for `str.format`.
+        that it needs, `tau_link`, `temperature` and `step` among them; `memory`: whether it depends on the samples
+        before; `declared`: whether every model has it. Units hold `{torque}` and `{angle}`, for `str.format`.
     """
 
 def effect_columns(
@@ -857,6 +861,7 @@ def effect_columns(
     tau_link: ArrayLike | None = None,
     *,
     step: float | None = None,
+    temperature: ArrayLike | None = None,
 ) -> _FloatArray:
     """Torque per unit coefficient along a run, from a fresh memory: (n_samples, n_joints, n_columns).
 
@@ -870,6 +875,8 @@ def effect_columns(
         Rigid-body torque that the model predicts, before `torque_scale`; needed by effects of the load.
     step : float, optional
         Time between samples [s]; needed by effects that remember in time.
+    temperature : (n_samples, n_joints), optional
+        Measured [degC]; needed by friction that follows it.
 
     Raises
     ------
@@ -889,6 +896,7 @@ def effect_torque(
     tau_link: ArrayLike | None = None,
     *,
     step: float | None = None,
+    temperature: ArrayLike | None = None,
 ) -> _FloatArray:
     """Torque along a run, (n_samples, n_joints), to the bits of `TorqueModel.evaluate`.
 
@@ -970,6 +978,7 @@ def observe(
     kept: Sequence[int],
     tau_link: ArrayLike | None = None,
     step: float | None = None,
+    temperature: ArrayLike | None = None,
 ) -> list[_FloatArray]:
     """Rows `[effects | base columns of the links it moves | torque]` of every joint, filtered, decimated.
 
@@ -983,7 +992,7 @@ def observe(
         As `scipy.signal` gives them; None filters nothing.
     kept : sequence of int
         Samples that become rows, ascending.
-    tau_link, step : optional
+    tau_link, step, temperature : optional
         As for `effect_columns`.
 
     Returns

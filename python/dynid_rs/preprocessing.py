@@ -80,6 +80,7 @@ class States:
     rows of the fit. `notes` says what was done to the signals. `reference` is the position that the controller was
     asked for, with its derivatives, through the same filter; None where it was not recorded. `tau_link` is the
     rigid-body torque [N m] that a model predicts, for effects that depend on the load; None before there is one.
+    `temperature` [degC] as it was measured, on the grid; None where it was not.
     """
 
     name: str
@@ -98,6 +99,7 @@ class States:
     notes: tuple[str, ...] = ()
     reference: tuple[FloatArray, FloatArray, FloatArray] | None = None
     tau_link: FloatArray | None = None
+    temperature: FloatArray | None = None
 
     @cached_property
     def filter(self) -> Filter | None:
@@ -217,6 +219,9 @@ def prepare(recording: Recording, band: Band, rate: float, *, standstill: bool =
     if recording.q_reference is not None:
         asked = _side(recording, recording.q_reference, None, None, grid, band, rate, "q_reference", notes)[:3]
         reference = [np.ascontiguousarray(x[::step]) for x in asked]
+    temperature = recording.temperature
+    if temperature is not None:
+        temperature = np.ascontiguousarray(_linear(recording.t, temperature, grid)[::step])
     moving = _moving(link[1][::step], rate / step, band, standstill)
     names = ("q", "dq", "ddq", "q_motor", "dq_motor", "ddq_motor")
     signals = dict(zip(names, (np.ascontiguousarray(x[::step]) for x in (*link[:3], *motor[:3])), strict=True))
@@ -231,6 +236,7 @@ def prepare(recording: Recording, band: Band, rate: float, *, standstill: bool =
         two_encoders=two_encoders,
         notes=tuple(notes),
         reference=None if reference is None else (reference[0], reference[1], reference[2]),
+        temperature=temperature,
     )
 
 

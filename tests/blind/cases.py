@@ -36,7 +36,9 @@ SCALED = (
     "torque_delay",
     "encoder_eccentricity",
 )
-"""Kinds that leave torque, by the share of which they are sized."""
+"""Kinds that leave torque, by the share of which they are sized; mixtures are drawn from these."""
+LATER = ("load_hysteresis",)
+"""More of them, that came after the mixtures were drawn."""
 GEARS = (
     (("joint_elasticity", 1.0),),
     (("joint_elasticity", 0.3),),
@@ -124,7 +126,7 @@ Entry = tuple[str, int, tuple[Put, ...], bool]
 
 def _singles() -> Iterator[Entry]:
     """Every kind at every ratio on every arm; one and two encoders by turns."""
-    for k, kind in enumerate(SCALED):
+    for k, kind in enumerate((*SCALED, *LATER)):
         for r, ratio in enumerate(RATIOS):
             for a, arm in enumerate(ARMS):
                 # Each kind once among the quick ones, at a ratio where it must be found.

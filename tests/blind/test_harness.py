@@ -7,7 +7,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from arms import bare
-from cases import GEARS, SCALED, all_cases
+from cases import GEARS, LATER, SCALED, all_cases
 from maker import build, truth_of, write_seen, write_truth
 from oracle import oracle_error
 from page import page
@@ -64,7 +64,8 @@ def test_the_suite_has_every_kind_and_enough_of_each():
     assert len(cases) >= 300
     kinds = {put.kind for case in cases.values() for put in case.puts}
     assert set(kind_names()) <= kinds
-    assert set(SCALED) | {kind for kinds in GEARS for kind, _ in kinds} | {"payload", "contact"} == set(kind_names())
+    gears = {kind for kinds in GEARS for kind, _ in kinds}
+    assert {*SCALED, *LATER, "payload", "contact"} | gears == set(kind_names())
     assert len([case for case in cases.values() if case.group == "clean"]) >= 60
     for arm in ("four_axis", "six_axis", "seven_axis"):
         assert {case.encoders for case in cases.values() if case.arm == arm} == {1, 2}

@@ -15,6 +15,7 @@ FloatArray = NDArray[np.float64]
 FACTORS = {
     "stribeck": ("stribeck_velocity", 0.5, 2.0),
     "friction_hysteresis": ("presliding_distance", 0.3, 3.0),
+    "load_hysteresis": ("presliding_distance", 0.3, 3.0),
     "thermal_friction": ("time_constant", 0.15, 1.5),
     "counterbalance": ("b", 0.6, 1.4),
 }

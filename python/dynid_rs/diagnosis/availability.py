@@ -26,7 +26,7 @@ def missing_signals(runs: Sequence[Recording]) -> list[Finding]:
     if not all(run.temperature is not None for run in runs):
         found.append(
             _untestable(
-                ("thermal_friction",),
+                ("thermal_friction", "temperature_friction"),
                 "temperature",
                 "temperature_i, which the runs do not hold: only a warm-up in time or in dissipated power "
                 f"was looked for{_too_short(runs)}",

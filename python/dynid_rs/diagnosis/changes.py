@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
+from dynid_rs.assembly import evaluate
 from dynid_rs.diagnosis.structural.frames import tilt_of, tilted_gravity
 from dynid_rs.diagnosis.structural.gravity_tilt import gravity_steps, unseen_directions
 from dynid_rs.diagnosis.structural.plausible import Plausible, plausible_phi
@@ -227,7 +228,7 @@ def change_columns(believed: Believed, runs: list[States], weights: FloatArray) 
             ]
             tilt.append(np.sum(torques, axis=0))
         turned = np.stack(tilt, axis=2) * scale[:, None]
-        gains = model.evaluate(*states.signals())[0][:, :, None] * np.eye(n)
+        gains = evaluate(model, states)[0][:, :, None] * np.eye(n)
         rows.append(states.in_band(np.concatenate([wide, load, turned[:, :, :2], gains, turned[:, :, 2:]], axis=2)))
     return ChangeColumns(rows, unseen, len(shown))
 

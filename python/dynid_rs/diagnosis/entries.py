@@ -145,6 +145,8 @@ SIGNALS = {
     "torque_saturation": ("tau_link", "N*m"),
     "inertial_coupling": ("ddq", "rad/s^2"),
     "thermal_friction": ("t", "s"),
+    "temperature_friction": ("temperature", "degC"),
+    "load_hysteresis": ("tau_link", "N*m"),
 }
 """What an effect is drawn against, and its unit; others against their own column."""
 
@@ -184,6 +186,9 @@ def _signal(found: Search, hypothesis: Hypothesis, signal: str, column: FloatArr
         elif signal == "tau_link":
             assert states.tau_link is not None  # `Kinds` puts it in
             parts.append(states.tau_link[states.rows, at])
+        elif signal == "temperature":
+            assert states.temperature is not None  # or the effect would not have been looked for
+            parts.append(states.temperature[states.rows, at])
         else:
             parts.append(getattr(states, f"{signal}_motor")[states.rows, at])
     return np.concatenate(parts)

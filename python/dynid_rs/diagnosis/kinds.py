@@ -28,6 +28,7 @@ CHUNK = 48
 REFINED: dict[str, dict[str, tuple[str, float, float]]] = {
     "stribeck": {"stribeck_velocity": ("log", 1e-3, 10.0), "exponent": ("log", 0.5, 4.0)},
     "friction_hysteresis": {"presliding_distance": ("log", 1e-5, 0.3)},
+    "load_hysteresis": {"presliding_distance": ("log", 1e-5, 0.3)},
     "coupled_friction": {"ratio": ("linear", -5.0, 5.0)},
     "torque_ripple": {"cycles": ("linear", 0.5, 1e4)},
     "counterbalance": {
@@ -44,6 +45,8 @@ COARSE = {
     ("thermal_friction", "time_constant"): [10.0, 30.0, 100.0],
 }
 """Grids of the scan where the catalogue's is finer than a search needs to begin with, or reaches beyond a run."""
+LEAST_WARMTH = 1.0
+"""A thermometer that moves less than this over all runs [K] tells nothing about friction."""
 SEARCH_STEPS = 40
 """Most evaluations of one search."""
 
@@ -113,8 +116,15 @@ class Kinds:
             for place in places:
                 if kind in TURNING and any(self._robot.joint_kinds[j] != "revolute" for j in place):
                     continue
+                if "temperature" in CATALOGUE[kind]["signals"] and not all(map(self._warms, place)):
+                    continue
                 out += [Hypothesis(kind, place, shape) for shape in self._shapes(kind, place[0])]
         return out
+
+    def _warms(self, j: int) -> bool:
+        """Whether the temperature of joint j is measured, and changes enough to tell anything."""
+        shown = [states.temperature[:, j] for states in self.runs if states.temperature is not None]
+        return len(shown) == len(self.runs) and float(np.ptp(np.concatenate(shown))) > LEAST_WARMTH
 
     def _shapes(self, kind: str, j: int) -> Iterator[Shape]:
         parameters = CATALOGUE[kind]["shape"]
@@ -188,6 +198,7 @@ class Kinds:
             kept=states.kept,
             tau_link=states.tau_link,
             step=1 / states.rate,
+            temperature=states.temperature,
         )
 
     def candidate(self, hypothesis: Hypothesis) -> Candidate:
@@ -269,7 +280,13 @@ class Kinds:
         effect = self._effect(h.kind, pack)
         parts: list[RunColumns] = []
         for states in self.runs:
-            raw = _core.effect_columns(effect, *states.signals(), tau_link=states.tau_link, step=1 / states.rate)
+            raw = _core.effect_columns(
+                effect,
+                *states.signals(),
+                tau_link=states.tau_link,
+                step=1 / states.rate,
+                temperature=states.temperature,
+            )
             parts.append({j: _own_place(h, j, states.in_band(raw[:, j])) for j in h.joints})
         return stacked(parts)
 

@@ -37,7 +37,13 @@ MOST_STEPS = 12
 """Steps of the search; each may add several effects."""
 REFINEMENTS = 3
 """Most Gauss-Newton steps on geometry, gravity and encoders, each with a fit of its own."""
-BESIDE_FRICTION = ("stribeck", "friction_hysteresis", "load_dependent_friction", "position_dependent_friction")
+BESIDE_FRICTION = (
+    "stribeck",
+    "friction_hysteresis",
+    "load_hysteresis",
+    "load_dependent_friction",
+    "position_dependent_friction",
+)
 """Kinds that turn round with the joint's own direction, as friction does."""
 CLEAR = 20.0
 """An effect with more evidence than this beside all others needs no further test to stay."""

@@ -18,6 +18,7 @@ TILT = "gravity_tilt"
 COLUMN_KINDS = tuple(kind for kind, entry in CATALOGUE.items() if not entry["declared"])
 OTHERS = (
     "thermal_friction",
+    "temperature_friction",
     "joint_elasticity",
     "nonlinear_elasticity",
     "backlash",

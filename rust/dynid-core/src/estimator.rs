@@ -22,6 +22,8 @@ impl Status {
     pub const OUTSIDE_DOMAIN: Self = Self(2);
     /// The third loop was asked far from its data; its torque was faded out.
     pub const RESIDUAL_FADED: Self = Self(4);
+    /// An effect needs a signal that the state does not have (a temperature); its torque is zero on that joint.
+    pub const SIGNAL_MISSING: Self = Self(8);
 
     /// The bits.
     #[must_use]
@@ -55,6 +57,8 @@ pub struct TorqueEstimator {
     motor: [Vec<f64>; 3],
     /// Rigid-body torque before the channel's scale.
     tau_link: Vec<f64>,
+    /// Joints on which an effect follows the temperature.
+    wants_temperature: Vec<bool>,
     /// Time between samples.
     step: f64,
     /// What the effects remember, after the last good step and after this one.
@@ -83,6 +87,7 @@ impl TorqueEstimator {
             link: std::array::from_fn(|_| vec![0.0; n]),
             motor: std::array::from_fn(|_| vec![0.0; n]),
             tau_link: vec![0.0; n],
+            wants_temperature: model.wants_temperature(),
             step: model.step().unwrap_or(0.0),
             memory: vec![0.0; n_memory],
             next_memory: vec![0.0; n_memory],
@@ -156,6 +161,7 @@ impl TorqueEstimator {
         };
         if usable {
             status.set(Status::OUTSIDE_DOMAIN, !self.inside_domain(state));
+            status.set(Status::SIGNAL_MISSING, self.misses_temperature(state));
             self.terms.copy_from_slice(&self.scratch);
             self.variance.copy_from_slice(&self.scratch_variance);
             self.memory.copy_from_slice(&self.next_memory);
@@ -185,6 +191,7 @@ impl TorqueEstimator {
             q_motor,
             dq_motor,
             ddq_motor,
+            temperature: state.temperature,
         };
         let (rigid_body, rest) = self.scratch.split_at_mut(n);
         inverse_dynamics_into(
@@ -248,6 +255,12 @@ impl TorqueEstimator {
                 self.motor[k][j] = motor;
             }
         }
+    }
+
+    fn misses_temperature(&self, state: &State<'_>) -> bool {
+        let known = |j: usize| state.temperature.is_some_and(|t| t[j].is_finite());
+        let mut wanted = self.wants_temperature.iter().enumerate();
+        wanted.any(|(j, wants)| *wants && !known(j))
     }
 
     fn inside_domain(&self, state: &State<'_>) -> bool {

@@ -284,6 +284,21 @@ impl TorqueModel {
         1 + self.effects.len() + usize::from(self.residual.is_some())
     }
 
+    /// Per joint, whether an effect with a size there follows its measured temperature.
+    #[must_use]
+    pub fn wants_temperature(&self) -> Vec<bool> {
+        let mut wants = vec![false; self.robot.n_joints()];
+        for term in &self.effects {
+            if term.effect().entry().needs("temperature") {
+                let rows = term.coefficients().chunks_exact(term.effect().n_columns());
+                for (wants, row) in wants.iter_mut().zip(rows) {
+                    *wants |= row.iter().any(|c| *c != 0.0);
+                }
+            }
+        }
+        wants
+    }
+
     /// Names of the terms in order of summation: `rigid_body`, the effects, `residual`. Of a kind that comes again the
     /// second is called kind2, and so on.
     #[must_use]

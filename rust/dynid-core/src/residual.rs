@@ -354,6 +354,7 @@ mod tests {
             q_motor,
             dq_motor,
             ddq_motor,
+            temperature: None,
         }
     }
 

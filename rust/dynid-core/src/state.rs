@@ -18,6 +18,8 @@ pub struct State<'a> {
     pub dq_motor: &'a [f64],
     /// Motor acceleration divided by the gear ratio \[rad/s²\].
     pub ddq_motor: &'a [f64],
+    /// Measured temperature per joint \[degC\], where there is one; NaN for joints where it is not known.
+    pub temperature: Option<&'a [f64]>,
 }
 
 impl<'a> State<'a> {
@@ -31,10 +33,11 @@ impl<'a> State<'a> {
             q_motor: q,
             dq_motor: dq,
             ddq_motor: ddq,
+            temperature: None,
         }
     }
 
-    /// The six signals with their names, in the order of the fields.
+    /// The six signals of motion with their names, in the order of the fields.
     #[must_use]
     pub fn signals(&self) -> [(&'static str, &'a [f64]); 6] {
         [
@@ -52,10 +55,13 @@ impl<'a> State<'a> {
     pub fn check(&self, n_joints: usize) -> Result<(), CoreError> {
         self.signals()
             .iter()
-            .try_for_each(|(name, signal)| check_length(name, signal, n_joints))
+            .try_for_each(|(name, signal)| check_length(name, signal, n_joints))?;
+        self.temperature.map_or(Ok(()), |temperature| {
+            check_length("temperature", temperature, n_joints)
+        })
     }
 
-    /// True if every number is finite.
+    /// True if every number of the motion is finite. A temperature need not be.
     #[must_use]
     pub fn is_finite(&self) -> bool {
         self.signals()

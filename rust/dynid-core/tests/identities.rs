@@ -593,7 +593,7 @@ proptest! {
         let mut spoiled = [&case.q, &case.dq, &case.ddq, &case.q, &case.dq, &case.ddq].map(Clone::clone);
         spoiled[signal][joint % n] = bad;
         let [q, dq, ddq, q_motor, dq_motor, ddq_motor] = &spoiled;
-        let spoiled = State { q, dq, ddq, q_motor, dq_motor, ddq_motor };
+        let spoiled = State { q, dq, ddq, q_motor, dq_motor, ddq_motor, temperature: None };
         let (mut before, mut during, mut after, mut fresh) = (vec![1.0; n], vec![1.0; n], vec![1.0; n], vec![1.0; n]);
 
         // Before any good step: zeros.
@@ -626,7 +626,7 @@ proptest! {
             let signal = |k: usize| &step[k * N..k * N + n];
             let state = State {
                 q: signal(0), dq: signal(1), ddq: signal(2),
-                q_motor: signal(3), dq_motor: signal(4), ddq_motor: signal(5),
+                q_motor: signal(3), dq_motor: signal(4), ddq_motor: signal(5), temperature: None,
             };
             let status = estimator.estimate_into(&state, &mut tau).expect("right lengths");
             prop_assert!(tau.iter().chain(estimator.terms()).all(|x| x.is_finite()));
@@ -657,7 +657,7 @@ proptest! {
         let signal = |k: usize| &numbers[..if k == which { wrong } else { n }];
         let state = State {
             q: signal(0), dq: signal(1), ddq: signal(2),
-            q_motor: signal(3), dq_motor: signal(4), ddq_motor: signal(5),
+            q_motor: signal(3), dq_motor: signal(4), ddq_motor: signal(5), temperature: None,
         };
         let mut tau = vec![7.0; if which == 6 { wrong } else { n }];
         let what = ["q", "dq", "ddq", "q_motor", "dq_motor", "ddq_motor", "tau"][which];

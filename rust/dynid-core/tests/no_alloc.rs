@@ -158,8 +158,9 @@ fn ten_thousand_steps_allocate_nothing() {
     };
     for (k, inputs) in every().chain(every()).enumerate() {
         let mut estimator = TorqueEstimator::new(Arc::new(model(inputs.clone(), k % 2 == 0)));
-        let mut seen = [0usize; 4]; // good, bad, outside of the box, faded
+        let mut seen = [0usize; 5]; // good, bad, outside of the box, faded, without temperature
         let (mut signals, mut tau) = ([[0.0; N]; 6], [0.0; N]);
+        let temperature = [31.5; N];
 
         let before = CALLS.with(Cell::get);
         for step in 0..STEPS {
@@ -187,6 +188,7 @@ fn ten_thousand_steps_allocate_nothing() {
                 q_motor,
                 dq_motor,
                 ddq_motor,
+                temperature: (step % 50 != 5).then_some(&temperature[..]),
             };
             let status = estimator.estimate_into(black_box(&state), &mut tau);
             let status = black_box(status).unwrap_or(Status::NON_FINITE);
@@ -194,6 +196,7 @@ fn ten_thousand_steps_allocate_nothing() {
             seen[1] += usize::from(status.contains(Status::NON_FINITE));
             seen[2] += usize::from(status.contains(Status::OUTSIDE_DOMAIN));
             seen[3] += usize::from(status.contains(Status::RESIDUAL_FADED));
+            seen[4] += usize::from(status.contains(Status::SIGNAL_MISSING));
             // A wrong length is reported without allocating either.
             let _ = black_box(estimator.estimate_into(&state, &mut tau[1..]));
         }

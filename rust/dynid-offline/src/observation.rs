@@ -198,7 +198,8 @@ pub fn slice_state<'a>(state: &State<'a>, at: std::ops::Range<usize>) -> State<'
         ddq: &state.ddq[at.clone()],
         q_motor: &state.q_motor[at.clone()],
         dq_motor: &state.dq_motor[at.clone()],
-        ddq_motor: &state.ddq_motor[at],
+        ddq_motor: &state.ddq_motor[at.clone()],
+        temperature: state.temperature.map(|t| &t[at]),
     }
 }
 

@@ -200,8 +200,8 @@ impl PyTorqueModel {
     }
 
     /// Total (n_samples, n), terms (n_samples, n_terms, n) and status bits (n_samples,) by the estimator that runs online.
-    #[pyo3(signature = (q, dq, ddq, q_motor=None, dq_motor=None, ddq_motor=None, *, step=None))]
-    #[expect(clippy::too_many_arguments, reason = "the six signals of a state")]
+    #[pyo3(signature = (q, dq, ddq, q_motor=None, dq_motor=None, ddq_motor=None, *, step=None, temperature=None))]
+    #[expect(clippy::too_many_arguments, reason = "the signals of a state")]
     fn evaluate<'py>(
         &self,
         py: Python<'py>,
@@ -212,9 +212,16 @@ impl PyTorqueModel {
         dq_motor: Option<&Bound<'py, PyAny>>,
         ddq_motor: Option<&Bound<'py, PyAny>>,
         step: Option<f64>,
+        temperature: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Evaluation<'py>> {
         let n = self.0.robot().n_joints();
-        let arrays = RunArrays::new([q, dq, ddq], [q_motor, dq_motor, ddq_motor], None, step, n)?;
+        let motor = [q_motor, dq_motor, ddq_motor];
+        let arrays = RunArrays::new([q, dq, ddq], motor, None, temperature, step, n)?;
+        if temperature.is_none() && self.0.wants_temperature().contains(&true) {
+            return Err(PyValueError::new_err(
+                "the model's friction follows a measured temperature, which was not given",
+            ));
+        }
         let (states, n_samples) = (arrays.state()?, arrays.n_samples());
         let mut estimator = TorqueEstimator::new(Arc::clone(&self.0));
         if let Some(step) = step {
@@ -247,7 +254,8 @@ impl PyTorqueModel {
         ddq_motor: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let n = self.0.robot().n_joints();
-        let arrays = RunArrays::new([q, dq, ddq], [q_motor, dq_motor, ddq_motor], None, None, n)?;
+        let motor = [q_motor, dq_motor, ddq_motor];
+        let arrays = RunArrays::new([q, dq, ddq], motor, None, None, None, n)?;
         let states = arrays.state()?;
         let mut estimator = TorqueEstimator::new(Arc::clone(&self.0));
         let mut std = vec![0.0; arrays.n_samples() * n];
@@ -456,6 +464,7 @@ pub fn residual_inputs<'py>(
         q_motor: q_motor.as_slice()?,
         dq_motor: dq_motor.as_slice()?,
         ddq_motor: dq.as_slice()?,
+        temperature: None,
     };
     let n_samples = q.shape()[0];
     let mut out = Vec::with_capacity(n_samples * n * 2);
@@ -496,7 +505,7 @@ pub fn named_signals<'py>(
         )));
     }
     let motor = [q_motor, dq_motor, ddq_motor];
-    let arrays = RunArrays::new([q, dq, ddq], motor, tau_link, None, n)?;
+    let arrays = RunArrays::new([q, dq, ddq], motor, tau_link, None, None, n)?;
     let run = arrays.signals()?;
     let of_load = |signal: &Signal| signal.kind == SignalKind::TauLink;
     if run.tau_link.is_none() && signals.iter().any(of_load) {
