@@ -1,0 +1,1 @@
+"""What two encoders per joint reveal of its gear."""

@@ -1,0 +1,81 @@
+"""From signals to a gear with its shapes: compliance, the load's spread, width, distance and orders in turn."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid_rs.diagnosis.deflection.gear import Gear
+from dynid_rs.diagnosis.deflection.lines import find_orders
+from dynid_rs.diagnosis.deflection.shapes import find_distance, find_width
+from dynid_rs.diagnosis.deflection.signals import GearSignals
+from dynid_rs.diagnosis.deflection.system import System, centred
+from dynid_rs.diagnosis.deflection.terms import Shapes
+
+FloatArray = NDArray[np.float64]
+
+ROUNDS = 3
+"""Fits after each other in which compliance, the load's spread and the shapes settle."""
+SEARCH_RATE = 80.0
+"""Shapes are searched on samples thinned to about this rate [Hz]."""
+LEAST_COMPLIANCE = 1e-3
+"""Of deflection over load: a gear is softer than this where a number above zero is needed to begin with."""
+WIDEST_SPREAD = 100.0
+"""The load is at most so many times as far off as the covariance of its parameters says."""
+FIRST_WIDTH, FIRST_DISTANCE = 0.02, 0.1
+"""Of the load's greatest value, and of the wind-up's range."""
+
+
+def fit_gear(runs: Sequence[GearSignals], turning: bool) -> Gear:
+    """Fit everything to training runs: coefficients, shapes, orders of the kinematic error, the load's spread."""
+    whole = _first(runs, turning)
+    gear = whole.thinned(max(1, int(runs[0].rate / SEARCH_RATE)))
+    for k in range(ROUNDS):
+        names = [name for name in gear.names if k > 0 or name not in ("hysteresis", "backlash")]
+        gear = _settled(gear, gear.system(names))
+        gear = find_width(find_distance(gear))
+    whole = replace(
+        whole, shapes=gear.shapes, compliance=gear.compliance, spread=gear.spread, turn=gear.turn
+    )
+    system = gear.system()
+    whole = whole.on(runs, gear.names, *system.coefficients(gear.names))
+    if turning:
+        left = whole.system().left(whole.names)
+        whole = replace(whole, shapes=replace(whole.shapes, orders=find_orders(runs, left)))
+    system = whole.system()
+    return whole.believing(whole.compliance, whole.spread, system.slow_noise)
+
+
+def _first(runs: Sequence[GearSignals], turning: bool) -> Gear:
+    top = max(float(np.abs(run.load).max()) for run in runs)
+    least = _least_compliance(runs)
+    reach = least * max(float(np.ptp(run.load)) for run in runs)
+    size = float(np.var(np.concatenate([centred(run, run.deflection - run.shift) for run in runs])))
+    turn = np.zeros((runs[0].load_error.shape[1], 0))
+    gear = Gear(runs, turning, Shapes(FIRST_WIDTH * top, FIRST_DISTANCE * reach), least, 1.0, size, turn, [])
+    return gear.remembering([run.load * least for run in runs])
+
+
+def _least_compliance(runs: Sequence[GearSignals]) -> float:
+    size = float(np.std(np.concatenate([centred(run, run.deflection - run.shift) for run in runs])))
+    load = float(np.std(np.concatenate([centred(run, run.load) for run in runs])))
+    return LEAST_COMPLIANCE * size / max(load, 1e-300)
+
+
+def _settled(gear: Gear, system: System) -> Gear:
+    """Compliance, noise and the load's spread after a fit."""
+    names = list(system.columns)
+    u, x = system.coefficients(names)
+    compliance = max(float(x[system.among(names, "compliance")[0]]), _least_compliance(gear.runs))
+    spread = gear.spread
+    n_known = len(u) - (bool(np.any(gear.turn[-1])) if gear.turn.size else 0)
+    if n_known > 0:
+        known = np.concatenate([errors[:, :n_known] for errors in system.errors])
+        powers = np.linalg.eigvalsh(known.T @ known)
+        determined = float(np.sum(powers / (powers + system.noise_power)))
+        # MacKay's fixed point: the parameters' mean square over how many of them the data determine.
+        spread *= float(np.sqrt(np.sum(u[:n_known] ** 2) / max(determined, 1e-3)))
+    return gear.believing(compliance, float(np.clip(spread, 1.0, WIDEST_SPREAD)), system.slow_noise)

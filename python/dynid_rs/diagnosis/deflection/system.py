@@ -1,0 +1,170 @@
+"""The deflection of one gear as a linear system: terms, the load's own error beside them, and honest covariances.
+
+The load is predicted from parameters that are known up to their covariance, and a deflection is a far better torque
+sensor than a motor current. So the load's error is fitted beside the terms, as random as its covariance says:
+``w = X x + E u + e`` with u of unit variance (a ridge, or a random effect).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid_rs import _core
+from dynid_rs.diagnosis.deflection.signals import GearSignals
+from dynid_rs.uncertainty import NoiseSpectrum, toeplitz_product
+
+FloatArray = NDArray[np.float64]
+
+MEMORY = 0.3
+"""Longest memory of the noise [s]; the spectrum is as smooth as that, so that the terms cannot take all of a band."""
+SLOW = 2.0
+"""Noise below this frequency [Hz] is what the load's error is weighed against; motion lives there."""
+
+
+@dataclass(frozen=True, eq=False)
+class System:
+    """Runs of one gear, columns about their mean in every run, zero where nothing is fitted.
+
+    Parameters
+    ----------
+    runs : sequence of GearSignals
+        The signals.
+    columns : mapping
+        Term to its columns, (n, n_columns) per run.
+    errors : list of ndarray (n, n_u)
+        Deflection from the load's error, one standard deviation each.
+    noise_power : float
+        Of the slow noise per sample [rad^2]: the variance that `errors` compete with.
+    """
+
+    runs: Sequence[GearSignals]
+    columns: Mapping[str, list[FloatArray]]
+    errors: list[FloatArray]
+    noise_power: float
+
+    @cached_property
+    def deflection(self) -> list[FloatArray]:
+        """What is explained, (n,) per run: without the part of the delay that is known."""
+        return [centred(run, run.deflection - run.shift) for run in self.runs]
+
+    @property
+    def n_errors(self) -> int:
+        """Directions of the load's error."""
+        return int(self.errors[0].shape[1])
+
+    @property
+    def n_used(self) -> int:
+        """Samples that are fitted, all runs together."""
+        return sum(int(run.used.sum()) for run in self.runs)
+
+    @cached_property
+    def places(self) -> dict[str, list[int]]:
+        """Places of every term among all columns [errors | terms]."""
+        places, first = {}, self.n_errors
+        for name, columns in self.columns.items():
+            places[name] = list(range(first, first + columns[0].shape[1]))
+            first += columns[0].shape[1]
+        return places
+
+    def chosen(self, names: Sequence[str]) -> list[int]:
+        """Places of the load's errors and of the terms `names`, in this order."""
+        return [*range(self.n_errors), *(place for name in names for place in self.places[name])]
+
+    def among(self, names: Sequence[str], name: str) -> list[int]:
+        """Places of one term among the coefficients of `names`."""
+        first = sum(len(self.places[other]) for other in names[: list(names).index(name)])
+        return list(range(first, first + len(self.places[name])))
+
+    @cached_property
+    def _rows(self) -> list[FloatArray]:
+        return [
+            np.column_stack([self.errors[k], *(columns[k] for columns in self.columns.values()), self.deflection[k]])
+            for k in range(len(self.runs))
+        ]
+
+    @cached_property
+    def _factors(self) -> list[FloatArray]:
+        """Triangular factor of [errors | all columns | deflection] per run: data is read once."""
+        return [_core.triangular_factor(rows[run.used]) for rows, run in zip(self._rows, self.runs, strict=True)]
+
+    def coefficients(self, names: Sequence[str], without: int | None = None) -> tuple[FloatArray, FloatArray]:
+        """Coefficients u (n_u,) and x (n_x,) fitted to all runs, or to all but one."""
+        factors = [factor for k, factor in enumerate(self._factors) if k != without]
+        rows = np.concatenate([factor[:, [*self.chosen(names), -1]] for factor in factors])
+        ridge = np.zeros((self.n_errors, rows.shape[1]))
+        np.fill_diagonal(ridge, np.sqrt(self.noise_power))
+        rows = np.concatenate([rows, ridge])
+        norms = np.maximum(np.linalg.norm(rows[:, :-1], axis=0), 1e-300)
+        solution = np.linalg.lstsq(rows[:, :-1] / norms, rows[:, -1], rcond=1e-12)[0] / norms
+        return solution[: self.n_errors], solution[self.n_errors :]
+
+    def power(self, names: Sequence[str], without: int | None = None) -> float:
+        """Power left [rad^2]: of all runs by a fit to all, or of one run by a fit to the others."""
+        solution = np.concatenate(self.coefficients(names, without))
+        runs = self._factors if without is None else [self._factors[without]]
+        chosen = self.chosen(names)
+        return float(sum(np.sum((factor[:, -1] - factor[:, chosen] @ solution) ** 2) for factor in runs))
+
+    def fitted(self, names: Sequence[str], u: FloatArray, x: FloatArray) -> list[FloatArray]:
+        """What the terms explain, (n,) per run."""
+        return [rows[:, self.chosen(names)] @ np.concatenate([u, x]) for rows in self._rows]
+
+    def left(self, names: Sequence[str]) -> list[FloatArray]:
+        """What a fit of the terms to all runs leaves, (n,) per run."""
+        fitted = self.fitted(names, *self.coefficients(names))
+        return [w - part for w, part in zip(self.deflection, fitted, strict=True)]
+
+    @cached_property
+    def _normal(self) -> FloatArray:
+        normal: FloatArray = np.sum([factor[:, :-1].T @ factor[:, :-1] for factor in self._factors], axis=0)
+        normal[: self.n_errors, : self.n_errors] += self.noise_power * np.eye(self.n_errors)
+        return normal
+
+    @cached_property
+    def noise(self) -> NoiseSpectrum:
+        """Noise of the deflection: from what all terms together leave, and what they took away with it."""
+        masks = [run.used.astype(float) for run in self.runs]
+        grids = [rows[:, :-1] for rows in self._rows]
+        max_lag = max(2, int(MEMORY * self.runs[0].rate))
+        return NoiseSpectrum(self.left(list(self.columns)), masks, grids, inverse(self._normal), max_lag=max_lag)
+
+    @cached_property
+    def slow_noise(self) -> float:
+        """Power of the noise below `SLOW` as if it were white [rad^2]."""
+        size = 2 * max(len(run.load) for run in self.runs)
+        lines = self.noise.spectrum(size)
+        return float(lines[: max(2, int(SLOW / self.runs[0].rate * size))].mean())
+
+    @cached_property
+    def _products(self) -> FloatArray:
+        """``A' Gamma A`` of all columns."""
+        return np.asarray(sum(toeplitz_product(rows[:, :-1], self.noise.spectrum) for rows in self._rows))
+
+    def covariance(self, names: Sequence[str]) -> FloatArray:
+        """Covariance of x (n_x, n_x): of correlated noise, and of a load that is as far off as its own says."""
+        chosen = self.chosen(names)
+        bread = inverse(self._normal[np.ix_(chosen, chosen)])[self.n_errors :]
+        meat = self._products[np.ix_(chosen, chosen)].copy()
+        meat[: self.n_errors, : self.n_errors] += self.noise_power**2 * np.eye(self.n_errors)
+        result: FloatArray = bread @ meat @ bread.T
+        return result
+
+
+def inverse(matrix: FloatArray) -> FloatArray:
+    """Inverse of a positive semidefinite matrix in its own units."""
+    norms = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    scaled = np.linalg.pinv(matrix / np.outer(norms, norms), rcond=1e-13, hermitian=True)
+    result: FloatArray = scaled / np.outer(norms, norms)
+    return result
+
+
+def centred(run: GearSignals, x: FloatArray) -> FloatArray:
+    """`x` (n, ...) about its mean in use (an encoder's zero is its own in every run), zero elsewhere."""
+    about = x - x[run.used].mean(axis=0)
+    about[~run.used] = 0.0
+    return np.asarray(about)
