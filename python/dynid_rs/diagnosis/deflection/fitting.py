@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from dynid_rs.diagnosis.deflection.gear import Gear
 from dynid_rs.diagnosis.deflection.lines import find_orders
-from dynid_rs.diagnosis.deflection.shapes import find_distance, find_width
+from dynid_rs.diagnosis.deflection.shapes import find_distance, find_width, rotor_share
 from dynid_rs.diagnosis.deflection.signals import GearSignals
 from dynid_rs.diagnosis.deflection.system import System, centred
 from dynid_rs.diagnosis.deflection.terms import Shapes
@@ -25,6 +25,10 @@ LEAST_COMPLIANCE = 1e-3
 """Of deflection over load: a gear is softer than this where a number above zero is needed to begin with."""
 WIDEST_SPREAD = 100.0
 """The load is at most so many times as far off as the covariance of its parameters says."""
+POLISHES = 2
+"""Steps of the shapes' last refinement."""
+BOLDEST = 0.3
+"""Longest of these steps, in the logarithm of a width or a distance; of an order in cycles."""
 FIRST_WIDTH, FIRST_DISTANCE = 0.02, 0.1
 """Of the load's greatest value, and of the wind-up's range."""
 
@@ -33,20 +37,35 @@ def fit_gear(runs: Sequence[GearSignals], turning: bool) -> Gear:
     """Fit everything to training runs: coefficients, shapes, orders of the kinematic error, the load's spread."""
     whole = _first(runs, turning)
     gear = whole.thinned(max(1, int(runs[0].rate / SEARCH_RATE)))
+    if np.any(runs[0].load_error[:, -1:]):
+        whole, gear = (x.without_rotor(share) for share in [rotor_share(gear)] for x in (whole, gear))
     for k in range(ROUNDS):
         names = [name for name in gear.names if k > 0 or name not in ("hysteresis", "backlash")]
         gear = _settled(gear, gear.system(names))
         gear = find_width(find_distance(gear))
-    whole = replace(
-        whole, shapes=gear.shapes, compliance=gear.compliance, spread=gear.spread, turn=gear.turn
-    )
-    system = gear.system()
-    whole = whole.on(runs, gear.names, *system.coefficients(gear.names))
+    gear = replace(gear, runs=whole.runs).on(whole.runs, gear.names, *gear.system().coefficients(gear.names))
     if turning:
-        left = whole.system().left(whole.names)
-        whole = replace(whole, shapes=replace(whole.shapes, orders=find_orders(runs, left)))
-    system = whole.system()
-    return whole.believing(whole.compliance, whole.spread, system.slow_noise)
+        left = gear.system().left(gear.names)
+        gear = replace(gear, shapes=replace(gear.shapes, orders=find_orders(gear.runs, left)))
+    return polished(gear, gear.names)
+
+
+def polished(gear: Gear, names: Sequence[str]) -> Gear:
+    """Return the gear with the shapes of `names` at their best: Gauss-Newton from the search's end."""
+    for _ in range(POLISHES):
+        u, x = gear.system(names).coefficients(names)
+        changes = gear.shape_columns(names, u, x)
+        system = gear.system(names, changes)
+        every = [*names, *changes]
+        u, x = system.coefficients(every)
+        shapes = gear.shapes
+        for change in changes:
+            shapes = shapes.bent(change[:-1], float(np.clip(x[system.among(every, change)[0]], -BOLDEST, BOLDEST)))
+        gear = replace(gear, shapes=shapes)
+        if "hysteresis" in names:
+            gear = gear.remembering(gear.path(names, u, x[: len(x) - len(changes)]))
+        gear = gear.believing(gear.compliance, gear.spread, system.slow_noise)
+    return gear
 
 
 def _first(runs: Sequence[GearSignals], turning: bool) -> Gear:

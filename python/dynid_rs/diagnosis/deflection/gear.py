@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from dynid_rs.diagnosis.deflection.signals import GearSignals
 from dynid_rs.diagnosis.deflection.system import System, centred
-from dynid_rs.diagnosis.deflection.terms import TERMS, Shapes, columns_of, presliding, ripple_name
+from dynid_rs.diagnosis.deflection.terms import TERMS, Shapes, columns_of, has_shape, presliding, ripple_name
 
 FloatArray = NDArray[np.float64]
 
@@ -19,6 +19,8 @@ SPRING = ("compliance", "damping", "cubic", "hysteresis")
 """Terms that make the way along which hysteresis remembers."""
 MATTERS = 0.05
 """Directions of the load's error whose power is below this part of the noise they compete with are left out."""
+BEND = 0.01
+"""Relative change of a shape (of an order: absolute) over which its derivative is taken."""
 PATHS = 4
 """Times that the way is found again from the state that it leads to; the change falls at least threefold each time."""
 
@@ -60,7 +62,7 @@ class Gear:
     def names(self) -> list[str]:
         """Terms that this gear can have."""
         plain = [name for name, term in TERMS.items() if self.turning or not term.turning]
-        return plain + [ripple_name(cycles) for cycles in self.shapes.orders]
+        return plain + [ripple_name(index) for index in range(len(self.shapes.orders))]
 
     @cached_property
     def errors(self) -> list[FloatArray]:
@@ -71,14 +73,36 @@ class Gear:
         """Deflection per unit coefficient, (n, n_columns) per run."""
         return [columns_of(name, run, self.shapes, z) for run, z in zip(self.runs, self.z, strict=True)]
 
-    def system(self, names: Sequence[str] | None = None) -> System:
-        """All terms, or `names`, beside the load's error."""
+    def system(
+        self, names: Sequence[str] | None = None, further: Mapping[str, list[FloatArray]] | None = None
+    ) -> System:
+        """All terms, or `names`, and `further` columns (n, n_columns) beside the load's error."""
         names = self.names if names is None else names
         columns = {
             name: [centred(run, x) for run, x in zip(self.runs, self.columns(name), strict=True)] for name in names
         }
+        for name, added in (further or {}).items():
+            columns[name] = [centred(run, x) for run, x in zip(self.runs, added, strict=True)]
         errors = [centred(run, x) for run, x in zip(self.runs, self.errors, strict=True)]
         return System(self.runs, columns, errors, self.noise_power)
+
+    def shape_columns(self, names: Sequence[str], u: FloatArray, x: FloatArray) -> dict[str, list[FloatArray]]:
+        """Deflection per change of every shape in use (see `Shapes.bent`), at coefficients u, x; (n, 1) per run."""
+        changes, first = {}, 0
+        paths = self.path(names, u, x) if "hysteresis" in names else []
+        for name in names:
+            width = 2 if name == "eccentricity" or name.startswith("ripple") else 1
+            own = x[first : first + width]
+            first += width
+            if not has_shape(name):
+                continue
+            ends = []
+            for by in (-BEND, BEND):
+                bent = replace(self, shapes=self.shapes.bent(name, by))
+                bent = bent.remembering(paths) if name == "hysteresis" else bent
+                ends.append([column @ own for column in bent.columns(name)])
+            changes[f"{name}'"] = [(high - low)[:, None] / (2 * BEND) for low, high in zip(*ends, strict=True)]
+        return changes
 
     def path(self, names: Sequence[str], u: FloatArray, x: FloatArray) -> list[FloatArray]:
         """Wind-up of the spring over every run, standstill included, (n,) each [rad]."""
@@ -102,6 +126,11 @@ class Gear:
         for _ in range(PATHS if "hysteresis" in names else 0):
             gear = gear.remembering(gear.path(names, u, x))
         return gear
+
+    def without_rotor(self, share: float) -> Gear:
+        """Return the same gear with a load that does not hold `share` of what follows the hidden rotor's motion."""
+        runs = [replace(run, load=run.load - share * run.load_error[:, -1]) for run in self.runs]
+        return replace(self, runs=runs)
 
     def thinned(self, step: int) -> Gear:
         """Return the same gear with every `step`-th sample."""

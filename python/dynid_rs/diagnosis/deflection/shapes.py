@@ -21,6 +21,8 @@ WIDTHS = (0.002, 0.005, 0.012, 0.03, 0.07)
 """Of the load's greatest value."""
 DISTANCES = (0.01, 0.03, 0.1, 0.3)
 """Of the wind-up's range."""
+ROTOR_SHARES = (0.0, 0.2, 0.4, 0.6, 0.8, 0.95)
+"""Of the load's standard deviation, in what follows the acceleration."""
 NEAR = 1.5
 """Factor within which a distance is searched again along the way that it led to."""
 REFINED = 8
@@ -47,14 +49,45 @@ class Beside:
         self._left = w - self._rows @ self._solution
         self._n_errors = system.n_errors
 
-    def gain(self, column: Sequence[FloatArray]) -> tuple[float, FloatArray, FloatArray]:
-        """Power that one column, (n,) per run, takes off, and the coefficients u, x with it in the last place."""
-        z = np.concatenate([centred(run, x)[run.used] for run, x in zip(self._runs, column, strict=True)])
+    def gain(self, *columns: Sequence[FloatArray]) -> tuple[float, FloatArray, FloatArray]:
+        """Power that columns, (n,) per run, take off, and the coefficients u, x with theirs in the last places."""
+        z = np.stack(
+            [
+                np.concatenate([centred(run, x)[run.used] for run, x in zip(self._runs, column, strict=True)])
+                for column in columns
+            ],
+            axis=1,
+        )
         shared = self._inverse @ (self._rows.T @ z)
-        free = float(z @ (z - self._rows @ shared))
-        along = float(z @ self._left) / free if free > 1e-9 * float(z @ z) else 0.0
-        solution = np.append(self._solution - along * shared, along)
-        return along**2 * free, solution[: self._n_errors], solution[self._n_errors :]
+        free = z.T @ (z - self._rows @ shared)
+        along = inverse(free) @ (z.T @ self._left)
+        solution = np.concatenate([self._solution - shared @ along, along])
+        return float(along @ free @ along), solution[: self._n_errors], solution[self._n_errors :]
+
+
+def rotor_share(gear: Gear) -> float:
+    """How much of the load is a rotor that moves on the motor's side of the gear, over the last error direction.
+
+    A torque does not tell such a rotor from the link's own inertia; wind-up and play do.
+    """
+    smooth = [name for name in gear.names if name in ("delay", "eccentricity")]
+    beside = Beside(gear, smooth)
+
+    def gain(share: float) -> float:
+        tried = gear.without_rotor(share)
+        loads = [run.load for run in tried.runs]
+        steps = [columns_of("backlash", run, gear.shapes, run.load)[:, 0] for run in tried.runs]
+        return beside.gain(loads, steps)[0]
+
+    gains = [gain(share) for share in ROTOR_SHARES]
+    at = int(np.argmax(gains))
+    from scipy.optimize import minimize_scalar
+
+    bounds = (ROTOR_SHARES[max(at - 1, 0)], ROTOR_SHARES[min(at + 1, len(ROTOR_SHARES) - 1)])
+    found = minimize_scalar(
+        lambda share: -gain(float(share)), bounds=bounds, method="bounded", options={"maxiter": REFINED}
+    )
+    return float(found.x)
 
 
 def find_width(gear: Gear) -> Gear:

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs import _core
-from dynid_rs.diagnosis.deflection.uncertainty import load_directions
+from dynid_rs.diagnosis.deflection.load import Load
 from dynid_rs.preprocessing import Band, States
 from dynid_rs.recording import Recording
 
@@ -19,8 +18,6 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
-LINK_SIDE = ("joint_spring", "counterbalance")
-"""Effects that pass through the gear beside the rigid body; friction and rotor act on the motor's side of it."""
 SMOOTH = 10.0
 """Positions of plain arrays are low-passed here [Hz] before they are differentiated."""
 
@@ -91,30 +88,28 @@ class GearSignals:
 
 
 def gear_signals(
-    fit: ThreeLoopIdentifier, runs: Sequence[Recording | States], delay: FloatArray, *, with_error: bool = True
+    load: Load, fit: ThreeLoopIdentifier, runs: Sequence[Recording | States], delay: FloatArray
 ) -> list[list[GearSignals]]:
     """Signals of every joint and run: one list per joint.
 
     Parameters
     ----------
+    load : Load
+        Predicts what the gears transmit.
     fit : ThreeLoopIdentifier
-        Fitted; predicts the load.
+        Fitted; gives band and rate.
     runs : sequence of Recording or States
         With two encoders. States show the deflection only as far as their low-pass lets it through.
     delay : ndarray (n_joints,)
         Of the link channel behind the motor channel, as far as it is known [s].
-    with_error : bool
-        Whether the load's uncertainty is wanted too.
     """
-    directions = load_directions(fit) if with_error else None
-    joints: list[list[GearSignals]] = [[] for _ in range(fit.robot.n_joints)]
+    joints: list[list[GearSignals]] = [[] for _ in range(load.robot.n_joints)]
     for run in runs:
         states = run if isinstance(run, States) else fit.states(run)
         raw = states.q_motor - states.q if isinstance(run, States) else _raw_deflection(run, states)
         ahead = _ahead(states, delay)
-        load = _link_side_torque(fit, ahead)
-        none = [np.zeros((len(load), 0))] * len(joints)
-        errors = none if directions is None else directions.torques(ahead.q, ahead.dq, ahead.ddq, load)
+        torque = load.torque(ahead)
+        errors = load.errors(ahead, torque)
         for j, joint in enumerate(joints):
             joint.append(
                 GearSignals(
@@ -125,7 +120,7 @@ def gear_signals(
                     q=ahead.q[:, j],
                     dq=ahead.dq[:, j],
                     q_motor=states.q_motor[:, j],
-                    load=load[:, j],
+                    load=torque[:, j],
                     load_error=errors[j],
                     used=states.moving,
                     rate=states.rate,
@@ -163,13 +158,3 @@ def _ahead(states: States, delay: FloatArray) -> States:
             columns.append(CubicSpline(states.t, x[:, j])(at))
         moved[name] = np.stack(columns, axis=1)
     return replace(states, **moved)
-
-
-def _link_side_torque(fit: ThreeLoopIdentifier, states: States) -> FloatArray:
-    """Torque that the gears transmit according to the fitted model, (n, n_joints) [torque unit]."""
-    model = fit.model_
-    torque: FloatArray = fit.robot.inverse_dynamics(states.q, states.dq, states.ddq, model.phi) * model.torque_scale
-    for effect, coefficients in model.effects:
-        if effect.kind in LINK_SIDE:
-            torque = torque + _core.effect_torque(effect, coefficients, *states.signals())
-    return torque

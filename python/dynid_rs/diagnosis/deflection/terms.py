@@ -5,8 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,7 +57,7 @@ TERMS = {
 
 
 def term(name: str) -> Term:
-    """Return the term of a name; `ripple 50.02` is a kinematic error of that many cycles."""
+    """Return the term of a name; `ripple 0` is the first of the gear's kinematic errors."""
     return TERMS.get(name) or Term(name, turning=True)
 
 
@@ -80,21 +79,29 @@ class Shapes:
     distance: float = 1.0
     orders: tuple[float, ...] = ()
 
-    def with_order(self, cycles: float) -> Shapes:
-        """Return the same with one more kinematic error."""
-        return replace(self, orders=(*self.orders, cycles))
+    def bent(self, name: str, by: float) -> Shapes:
+        """Return the same with the shape of one term changed: `by` in the logarithm, of an order in cycles."""
+        if name == "backlash":
+            return replace(self, width=self.width * float(np.e**by))
+        if name == "hysteresis":
+            return replace(self, distance=self.distance * float(np.e**by))
+        orders = list(self.orders)
+        orders[_index(name)] += by
+        return replace(self, orders=tuple(orders))
 
 
-@dataclass(frozen=True, eq=False)
-class Memory:
-    """Where the hysteretic part stands in every run: z in [-1, 1], (n,) each, and how the gear yields to the load."""
-
-    z: Sequence[FloatArray] = field(default_factory=tuple)
-
-
-def ripple_name(cycles: float) -> str:
+def ripple_name(index: int) -> str:
     """Name of the term of one kinematic error."""
-    return f"ripple {cycles:.6g}"
+    return f"ripple {index}"
+
+
+def _index(name: str) -> int:
+    return int(name.removeprefix("ripple "))
+
+
+def has_shape(name: str) -> bool:
+    """Whether a term has a shape parameter."""
+    return name in ("backlash", "hysteresis") or name.startswith("ripple ")
 
 
 def columns_of(name: str, run: GearSignals, shapes: Shapes, z: FloatArray) -> FloatArray:
@@ -116,7 +123,7 @@ def columns_of(name: str, run: GearSignals, shapes: Shapes, z: FloatArray) -> Fl
         return step(run.dq, REVERSAL_WIDTH * float(np.abs(run.dq).max()))[:, None]
     if name == "eccentricity":
         return np.stack([np.cos(run.q_shown), np.sin(run.q_shown)], axis=1)
-    angle = float(name.removeprefix("ripple ")) * run.q_motor
+    angle = shapes.orders[_index(name)] * run.q_motor
     return np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
 
