@@ -33,21 +33,47 @@ FIRST_WIDTH, FIRST_DISTANCE = 0.02, 0.1
 """Of the load's greatest value, and of the wind-up's range."""
 
 
-def fit_gear(runs: Sequence[GearSignals], turning: bool) -> Gear:
-    """Fit everything to training runs: coefficients, shapes, orders of the kinematic error, the load's spread."""
-    whole = _first(runs, turning)
-    gear = whole.thinned(max(1, int(runs[0].rate / SEARCH_RATE)))
+def search_gear(runs: Sequence[GearSignals], turning: bool) -> Gear:
+    """Look for the shapes of a gear on thinned samples; kinematic errors come later.
+
+    Parameters
+    ----------
+    runs : sequence of GearSignals
+        Training runs.
+    turning : bool
+        Whether the joint turns.
+    """
+    gear = _first(runs, turning).thinned(max(1, int(runs[0].rate / SEARCH_RATE)))
     if np.any(runs[0].load_error[:, -1:]):
-        whole, gear = (x.without_rotor(share) for share in [rotor_share(gear)] for x in (whole, gear))
+        gear = gear.without_rotor(rotor_share(gear))
     for k in range(ROUNDS):
         names = [name for name in gear.names if k > 0 or name not in ("hysteresis", "backlash")]
-        gear = _settled(gear, gear.system(names))
+        gear = settled(gear, gear.system(names))
         gear = find_width(find_distance(gear))
-    gear = replace(gear, runs=whole.runs).on(whole.runs, gear.names, *gear.system().coefficients(gear.names))
-    if turning:
-        left = gear.system().left(gear.names)
-        gear = replace(gear, shapes=replace(gear.shapes, orders=find_orders(gear.runs, left)))
-    return polished(gear, gear.names)
+    return gear
+
+
+def finished_gear(gear: Gear, runs: Sequence[GearSignals]) -> Gear:
+    """Return the gear of a search with a better load, every sample, refined shapes and its kinematic errors."""
+    step = max(1, round(runs[0].rate / gear.runs[0].rate))
+    coarse = replace(gear, runs=[run.thinned(step) for run in runs], rotor=0.0).without_rotor(gear.rotor)
+    # A load that is better known begins with what its own covariance says.
+    coarse = coarse.believing(coarse.compliance, 1.0, coarse.noise_power)
+    coarse = polished(settled(coarse, coarse.system()), coarse.names)
+    whole = _on_all(coarse, runs)
+    if whole.turning:
+        system = whole.system()
+        orders = find_orders(whole.runs, system.left(whole.names))
+        if orders:
+            coarse = replace(coarse, shapes=replace(coarse.shapes, orders=orders))
+            whole = _on_all(polished(coarse, coarse.names), runs)
+    return whole
+
+
+def _on_all(gear: Gear, runs: Sequence[GearSignals]) -> Gear:
+    """Return the gear of thinned runs on all samples."""
+    whole = replace(gear, runs=runs, rotor=0.0).without_rotor(gear.rotor)
+    return whole.on(whole.runs, gear.names, *gear.system().coefficients(gear.names))
 
 
 def polished(gear: Gear, names: Sequence[str]) -> Gear:
@@ -64,7 +90,7 @@ def polished(gear: Gear, names: Sequence[str]) -> Gear:
         gear = replace(gear, shapes=shapes)
         if "hysteresis" in names:
             gear = gear.remembering(gear.path(names, u, x[: len(x) - len(changes)]))
-        gear = gear.believing(gear.compliance, gear.spread, system.slow_noise)
+        gear = settled(gear, system)
     return gear
 
 
@@ -84,7 +110,7 @@ def _least_compliance(runs: Sequence[GearSignals]) -> float:
     return LEAST_COMPLIANCE * size / max(load, 1e-300)
 
 
-def _settled(gear: Gear, system: System) -> Gear:
+def settled(gear: Gear, system: System) -> Gear:
     """Compliance, noise and the load's spread after a fit."""
     names = list(system.columns)
     u, x = system.coefficients(names)

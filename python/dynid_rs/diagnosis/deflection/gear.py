@@ -47,6 +47,8 @@ class Gear:
         From the load's directions to those that matter beside the noise, `spread` and `compliance` included.
     z : list of ndarray (n,)
         State of the hysteretic part.
+    rotor : float
+        How much of the last error direction was taken off the load: a rotor on the motor's side of the gear.
     """
 
     runs: Sequence[GearSignals]
@@ -57,6 +59,7 @@ class Gear:
     noise_power: float
     turn: FloatArray
     z: list[FloatArray]
+    rotor: float = 0.0
 
     @property
     def names(self) -> list[str]:
@@ -130,7 +133,7 @@ class Gear:
     def without_rotor(self, share: float) -> Gear:
         """Return the same gear with a load that does not hold `share` of what follows the hidden rotor's motion."""
         runs = [replace(run, load=run.load - share * run.load_error[:, -1]) for run in self.runs]
-        return replace(self, runs=runs)
+        return replace(self, runs=runs, rotor=self.rotor + share)
 
     def thinned(self, step: int) -> Gear:
         """Return the same gear with every `step`-th sample."""

@@ -1,0 +1,146 @@
+"""Which terms a gear's deflection needs: conditional tests beside all others, signs, left-out runs, ties."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynid_rs.diagnosis.deflection.system import System
+from dynid_rs.diagnosis.deflection.terms import TERMS, term
+
+FAMILY_WISE = 0.01
+"""Chance of one false term or more, over all joints and kinds."""
+SHAPES_TRIED = 10
+"""Shapes that a search tries for each term, counted as tests of their own."""
+AS_GOOD = 1.02
+"""Two terms are tied where exchanging them raises the power left on left-out runs by less than this."""
+BASIC = ("delay",)
+"""Always fitted: two channels are never exactly on one clock."""
+MOST_CHANGES = 40
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """Terms that a gear needs, with the p-value of each beside the others, and which others would do as well."""
+
+    names: tuple[str, ...]
+    p_values: dict[str, float]
+    ties: dict[str, tuple[str, ...]]
+
+
+def choose(system: System, n_joints: int) -> Choice:
+    """Take out what is not needed, the least needed first, from a system of all terms.
+
+    Significance comes from a Wald test beside all other terms under the residual's own spectrum (what phase-randomised
+    residuals would give, without drawing them), at a level for all joints, terms and shapes together. A term of the
+    wrong sign, or one that does not help to predict runs left out, is none.
+    """
+    level = FAMILY_WISE / (n_joints * len(TERMS) * SHAPES_TRIED)
+    names = list(system.columns)
+    for _ in range(MOST_CHANGES):
+        worst = _worst(system, names, level)
+        if worst is not None:
+            names = _without(names, worst)
+            continue
+        missed = _missed(system, names, level)
+        if missed is None:
+            break
+        names = [name for name in system.columns if name in names or name == missed]
+    p_values = {name: wald(system, names, name) for name in names}
+    return Choice(tuple(names), p_values, {name: _ties(system, names, name) for name in names})
+
+
+def wald(system: System, names: Sequence[str], name: str) -> float:
+    """Probability of a coefficient as large as that of `name` where there is nothing, beside all other `names`."""
+    from scipy.stats import chi2
+
+    places = system.among(names, name)
+    x = system.coefficients(names)[1][places]
+    covariance = system.covariance(names)[np.ix_(places, places)]
+    return float(chi2.sf(x @ np.linalg.pinv(covariance, hermitian=True) @ x, len(places)))
+
+
+def _worst(system: System, names: Sequence[str], level: float) -> str | None:
+    """Term that has to go first; None if all are needed."""
+    x, covariance = system.coefficients(names)[1], system.covariance(names)
+    wrong = {}
+    p_values = {}
+    for name in names:
+        if name in BASIC:
+            continue
+        place = system.among(names, name)
+        sign = term(name).sign
+        if sign and sign * x[place[0]] <= 0:
+            wrong[name] = float(abs(x[place[0]]) / np.sqrt(covariance[place[0], place[0]]))
+        p_values[name] = wald(system, names, name)
+    leaves = [name for name in p_values if not any(term(other).parent == name for other in names)]
+    doubtful = [name for name in leaves if p_values[name] > level]
+    if doubtful:
+        return max(doubtful, key=lambda name: p_values[name])
+    if wrong:
+        return min(wrong, key=lambda name: wrong[name])
+    parents = [name for name in p_values if p_values[name] > level]
+    if parents:
+        return parents[0]
+    useless = {name: _gain(system, names, name) for name in leaves}
+    least = min(useless, key=lambda name: useless[name], default=None)
+    return least if least is not None and useless[least] <= 0 else None
+
+
+def _gain(system: System, names: Sequence[str], name: str) -> float:
+    """Relative power that a term takes off runs left out; not above zero where most runs are worse with it."""
+    others = _without(names, name)
+    runs = range(len(system.runs))
+    if len(system.runs) < 2:
+        return 1.0
+    with_it = np.array([system.power(names, k) for k in runs])
+    without = np.array([system.power(others, k) for k in runs])
+    if np.mean(with_it < without) <= 0.5:
+        return 0.0
+    return float(1 - with_it.sum() / without.sum())
+
+
+def _missed(system: System, names: Sequence[str], level: float) -> str | None:
+    """Term that went too early, beside others that went later."""
+    best, found = 1.0, None
+    before = system.power(names)
+    for name in system.columns:
+        if name in names or (term(name).parent and term(name).parent not in names):
+            continue
+        more = [other for other in system.columns if other in names or other == name]
+        sign = term(name).sign
+        x = system.coefficients(more)[1][system.among(more, name)]
+        if (sign and sign * x[0] <= 0) or wald(system, more, name) > level or _gain(system, more, name) <= 0:
+            continue
+        if _worst(system, more, level) is not None:
+            continue
+        power = system.power(more) / before
+        if power < best:
+            best, found = power, name
+    return found
+
+
+def _without(names: Sequence[str], gone: str) -> list[str]:
+    """`names` without a term and what presupposes it."""
+    return [name for name in names if name != gone and term(name).parent != gone]
+
+
+def _ties(system: System, names: Sequence[str], name: str) -> tuple[str, ...]:
+    """Terms that would explain as much as `name` on runs left out, in its place."""
+    if len(system.runs) < 2:
+        return ()
+    runs = range(len(system.runs))
+    others = _without(names, name)
+    now = sum(system.power(names, k) for k in runs)
+    tied = []
+    for other in system.columns:
+        if other in names or (term(other).parent and term(other).parent not in others):
+            continue
+        swapped = [*others, other]
+        sign = term(other).sign
+        right = not sign or sign * system.coefficients(swapped)[1][-1] > 0
+        if right and sum(system.power(swapped, k) for k in runs) <= AS_GOOD * now:
+            tied.append(other)
+    return tuple(tied)
