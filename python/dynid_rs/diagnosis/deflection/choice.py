@@ -14,8 +14,8 @@ FAMILY_WISE = 0.01
 """Chance of one false term or more, over all joints and kinds."""
 SHAPES_TRIED = 10
 """Shapes that a search tries for each term, counted as tests of their own."""
-AS_GOOD = 1.02
-"""Two terms are tied where exchanging them raises the power left on left-out runs by less than this."""
+AS_GOOD = 0.1
+"""Two terms are tied where exchanging them costs less than this part of what the first takes off runs left out."""
 BASIC = ("delay",)
 """Always fitted: two channels are never exactly on one clock."""
 MOST_CHANGES = 40
@@ -134,6 +134,7 @@ def _ties(system: System, names: Sequence[str], name: str) -> tuple[str, ...]:
     runs = range(len(system.runs))
     others = _without(names, name)
     now = sum(system.power(names, k) for k in runs)
+    most = now + AS_GOOD * max(sum(system.power(others, k) for k in runs) - now, 0.0)
     tied = []
     for other in system.columns:
         if other in names or (term(other).parent and term(other).parent not in others):
@@ -141,6 +142,6 @@ def _ties(system: System, names: Sequence[str], name: str) -> tuple[str, ...]:
         swapped = [*others, other]
         sign = term(other).sign
         right = not sign or sign * system.coefficients(swapped)[1][-1] > 0
-        if right and sum(system.power(swapped, k) for k in runs) <= AS_GOOD * now:
+        if right and sum(system.power(swapped, k) for k in runs) <= most:
             tied.append(other)
     return tuple(tied)

@@ -19,7 +19,7 @@ FloatArray = NDArray[np.float64]
 
 ROUNDS = 3
 """Fits after each other in which compliance, the load's spread and the shapes settle."""
-SEARCH_RATE = 80.0
+SEARCH_RATE = 50.0
 """Shapes are searched on samples thinned to about this rate [Hz]."""
 LEAST_COMPLIANCE = 1e-3
 """Of deflection over load: a gear is softer than this where a number above zero is needed to begin with."""
@@ -60,20 +60,23 @@ def finished_gear(gear: Gear, runs: Sequence[GearSignals]) -> Gear:
     # A load that is better known begins with what its own covariance says.
     coarse = coarse.believing(coarse.compliance, 1.0, coarse.noise_power)
     coarse = polished(settled(coarse, coarse.system()), coarse.names)
-    whole = _on_all(coarse, runs)
+    whole = on_all_samples(coarse, runs)
     if whole.turning:
         system = whole.system()
         orders = find_orders(whole.runs, system.left(whole.names))
         if orders:
             coarse = replace(coarse, shapes=replace(coarse.shapes, orders=orders))
-            whole = _on_all(polished(coarse, coarse.names), runs)
+            whole = on_all_samples(polished(coarse, coarse.names), runs)
     return whole
 
 
-def _on_all(gear: Gear, runs: Sequence[GearSignals]) -> Gear:
+def on_all_samples(gear: Gear, runs: Sequence[GearSignals]) -> Gear:
     """Return the gear of thinned runs on all samples."""
-    whole = replace(gear, runs=runs, rotor=0.0).without_rotor(gear.rotor)
-    return whole.on(whole.runs, gear.names, *gear.system().coefficients(gear.names))
+    system = gear.system()
+    u, x = system.coefficients(gear.names)
+    whole = replace(gear, runs=runs, rotor=0.0, late=float(x[system.among(gear.names, "delay")[0]]))
+    whole = whole.without_rotor(gear.rotor)
+    return whole.on(whole.runs, gear.names, u, x)
 
 
 def polished(gear: Gear, names: Sequence[str]) -> Gear:

@@ -49,6 +49,8 @@ class Gear:
         State of the hysteretic part.
     rotor : float
         How much of the last error direction was taken off the load: a rotor on the motor's side of the gear.
+    late : float
+        Delay of the link channel beyond the one that is taken off already, of the last search [s].
     """
 
     runs: Sequence[GearSignals]
@@ -60,6 +62,7 @@ class Gear:
     turn: FloatArray
     z: list[FloatArray]
     rotor: float = 0.0
+    late: float = 0.0
 
     @property
     def names(self) -> list[str]:

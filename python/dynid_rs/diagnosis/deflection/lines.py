@@ -19,6 +19,8 @@ NEIGHBOURS = 20
 """Resolutions whose median is the level that a line stands above."""
 MOST = 4
 """Lines of one gear at most."""
+BESIDE, WEAK = 5.0, 0.1
+"""A line within so many cycles of a stronger one, and below this part of it, is the other one's foot."""
 LEVEL = 1e-4
 """Chance of a line in noise alone, for the whole range of orders of one gear."""
 
@@ -28,7 +30,7 @@ def find_orders(runs: Sequence[GearSignals], left: Sequence[FloatArray]) -> tupl
     angle = [run.q_motor[run.used] for run in runs]
     values = np.concatenate([e[run.used] for e, run in zip(left, runs, strict=True)])
     angles = np.concatenate(angle)
-    orders: list[float] = []
+    found: list[tuple[float, float]] = []
     for _ in range(MOST):
         cycles, power = angle_spectrum(angles, values)
         if len(cycles) < 4 * NEIGHBOURS * PER_RESOLUTION:
@@ -39,10 +41,14 @@ def find_orders(runs: Sequence[GearSignals], left: Sequence[FloatArray]) -> tupl
         if stands[at] < -np.log(LEVEL * PER_RESOLUTION / len(cycles)):
             break
         order = _refined(angles, values, float(cycles[at]), float(cycles[1] - cycles[0]))
-        orders.append(order)
         wave = _wave(angles, order)
-        values = values - wave @ np.linalg.lstsq(wave, values, rcond=None)[0]
-    return tuple(orders)
+        x = np.linalg.lstsq(wave, values, rcond=None)[0]
+        values = values - wave @ x
+        size = float(np.hypot(*x))
+        if any(abs(order - other) < BESIDE and size < WEAK * strong for other, strong in found):
+            continue  # what a strong line leaves beside it
+        found.append((order, size))
+    return tuple(order for order, _ in found)
 
 
 def angle_spectrum(angles: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -69,10 +75,12 @@ def _wave(angles: FloatArray, order: float) -> FloatArray:
 def _refined(angles: FloatArray, values: FloatArray, order: float, step: float) -> float:
     from scipy.optimize import minimize_scalar
 
-    def power(cycles: float) -> float:
-        return -float(np.sum((values @ _wave(angles, cycles)) ** 2))
+    def gain(cycles: float) -> float:
+        wave = _wave(angles, cycles)
+        along = wave.T @ values
+        return -float(along @ np.linalg.solve(wave.T @ wave, along))
 
-    found = minimize_scalar(power, bounds=(order - 2 * step, order + 2 * step), method="bounded")
+    found = minimize_scalar(gain, bounds=(order - 2 * step, order + 2 * step), method="bounded")
     return float(found.x)
 
 
