@@ -58,7 +58,8 @@ def wald(system: System, names: Sequence[str], name: str) -> float:
 
     places = system.among(names, name)
     x = system.coefficients(names)[1][places]
-    covariance = system.covariance(names)[np.ix_(places, places)]
+    # Without compliance the load's error is nothing either: it does not speak against the gear's yielding.
+    covariance = system.covariance(names, load_known=name == "compliance")[np.ix_(places, places)]
     return float(chi2.sf(x @ np.linalg.pinv(covariance, hermitian=True) @ x, len(places)))
 
 
@@ -72,8 +73,8 @@ def _worst(system: System, names: Sequence[str], level: float) -> str | None:
             continue
         place = system.among(names, name)
         sign = term(name).sign
-        if sign and sign * x[place[0]] <= 0:
-            wrong[name] = float(abs(x[place[0]]) / np.sqrt(covariance[place[0], place[0]]))
+        if (sign and sign * x[place[0]] <= 0) or float(np.hypot.reduce(x[place])) > term(name).most:
+            wrong[name] = float(abs(x[place[0]]) / np.sqrt(max(covariance[place[0], place[0]], 1e-300)))
         p_values[name] = wald(system, names, name)
     leaves = [name for name in p_values if not any(term(other).parent == name for other in names)]
     doubtful = [name for name in leaves if p_values[name] > level]
@@ -92,9 +93,7 @@ def _worst(system: System, names: Sequence[str], level: float) -> str | None:
 def _gain(system: System, names: Sequence[str], name: str) -> float:
     """Relative power that a term takes off runs left out; not above zero where most runs are worse with it."""
     others = _without(names, name)
-    runs = range(len(system.runs))
-    if len(system.runs) < 2:
-        return 1.0
+    runs = range(system.n_blocks)
     with_it = np.array([system.power(names, k) for k in runs])
     without = np.array([system.power(others, k) for k in runs])
     if np.mean(with_it < without) <= 0.5:
@@ -129,9 +128,7 @@ def _without(names: Sequence[str], gone: str) -> list[str]:
 
 def _ties(system: System, names: Sequence[str], name: str) -> tuple[str, ...]:
     """Terms that would explain as much as `name` on runs left out, in its place."""
-    if len(system.runs) < 2:
-        return ()
-    runs = range(len(system.runs))
+    runs = range(system.n_blocks)
     others = _without(names, name)
     now = sum(system.power(names, k) for k in runs)
     most = now + AS_GOOD * max(sum(system.power(others, k) for k in runs) - now, 0.0)

@@ -88,6 +88,35 @@ def _examine(
     return [*delay_findings(late), *found]
 
 
+def examine_signals(
+    train: Sequence[GearSignals],
+    test: Sequence[GearSignals],
+    *,
+    joint: int = 0,
+    n_joints: int = 1,
+    turning: bool = True,
+) -> list[DeflectionFinding]:
+    """Name what makes the encoders of one joint disagree whose load is known otherwise, e.g. from a torque sensor.
+
+    Parameters
+    ----------
+    train, test : sequence of GearSignals
+        See `GearSignals.of_arrays`.
+    joint : int
+        Its number, for the findings.
+    n_joints : int
+        How many are looked at in all: the chance of a false finding is shared among them.
+    turning : bool
+        Whether the joint turns.
+    """
+    if not has_two(train):
+        return []
+    gear = finished_gear(search_gear(train, turning), train)
+    examined = examine_gear(gear, joint, n_joints, ("rad" if turning else "m", "N*m" if turning else "N"))
+    tested = Tested.of(examined, test)
+    return [*delay_findings([(examined, tested)]), *findings_of(examined, tested)]
+
+
 def has_two(runs: Sequence[GearSignals]) -> bool:
     """Whether the joint has two channels that are not copies of each other, and moves."""
     return all(np.ptp(run.deflection) > 1e-12 for run in runs) and any(np.ptp(run.dq[run.used]) > 0 for run in runs)
@@ -100,7 +129,8 @@ def examine_gear(gear: Gear, joint: int, n_joints: int, units: tuple[str, str]) 
     u, x = gear.system(names).coefficients(names)
     system = gear.system(names, gear.shape_columns(names, u, x))
     every = list(system.columns)
-    u, x = system.coefficients(every)
+    # Shapes are at their best already: their columns widen the intervals and change nothing else.
+    x = np.concatenate([x, np.zeros(len(every) - len(names))])
     return Examined(joint, gear, choice, u, x, system.covariance(every), system, units)
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from dynid_rs.diagnosis.deflection.signals import GearSignals
 from dynid_rs.diagnosis.deflection.system import System, centred
-from dynid_rs.diagnosis.deflection.terms import TERMS, Shapes, columns_of, has_shape, presliding, ripple_name
+from dynid_rs.diagnosis.deflection.terms import LEAST_SIDE, LEAST_TURN, TERMS, Shapes, columns_of, has_shape, presliding, ripple_name
 
 FloatArray = NDArray[np.float64]
 
@@ -64,11 +64,16 @@ class Gear:
     rotor: float = 0.0
     late: float = 0.0
 
-    @property
+    @cached_property
     def names(self) -> list[str]:
         """Terms that this gear can have."""
-        plain = [name for name, term in TERMS.items() if self.turning or not term.turning]
-        return plain + [ripple_name(index) for index in range(len(self.shapes.orders))]
+        possible = [name for name, term in TERMS.items() if self.turning or not term.turning]
+        if max(float(np.ptp(run.q[run.used])) for run in self.runs) < LEAST_TURN and self.turning:
+            possible.remove("eccentricity")
+        pushed = np.concatenate([run.load[run.used] > 0 for run in self.runs]).mean()
+        if not LEAST_SIDE < pushed < 1 - LEAST_SIDE:
+            possible.remove("backlash")
+        return possible + [ripple_name(index) for index in range(len(self.shapes.orders))]
 
     @cached_property
     def errors(self) -> list[FloatArray]:

@@ -11,11 +11,11 @@ from dynid_rs.diagnosis.deflection.signals import GearSignals
 
 FloatArray = NDArray[np.float64]
 
-LOWEST, HIGHEST = 5.0, 400.0
+LOWEST, HIGHEST = 5.0, 1000.0
 """Cycles per turn: slower ones are not told from load and eccentricity, faster ones not sampled by any run."""
 PER_RESOLUTION = 4
 """Orders tried within the resolution that the travelled angle gives."""
-NEIGHBOURS = 20
+NEIGHBOURS = 12
 """Resolutions whose median is the level that a line stands above."""
 MOST = 4
 """Lines of one gear at most."""
@@ -33,7 +33,7 @@ def find_orders(runs: Sequence[GearSignals], left: Sequence[FloatArray]) -> tupl
     found: list[tuple[float, float]] = []
     for _ in range(MOST):
         cycles, power = angle_spectrum(angles, values)
-        if len(cycles) < 4 * NEIGHBOURS * PER_RESOLUTION:
+        if len(cycles) < 2 * NEIGHBOURS * PER_RESOLUTION:
             break
         stands = power / _level(power)
         at = int(np.argmax(stands))

@@ -92,6 +92,8 @@ def rotor_share(gear: Gear) -> float:
 
 def find_width(gear: Gear) -> Gear:
     """Return the gear with the width of its play that explains most."""
+    if "backlash" not in gear.names:
+        return gear
     beside = Beside(gear, [name for name in gear.names if name != "backlash"])
     top = max(float(np.abs(run.load).max()) for run in gear.runs)
 

@@ -79,7 +79,7 @@ class GearSignals:
         grid = t[0] + np.arange(len(t)) / rate
         q, q_motor, load = (np.interp(grid, t, x) for x in (q, q_motor, load))
         smooth = Band(min(SMOOTH, 0.4 * rate)).apply(q, rate)
-        none = np.zeros((len(t), 0))
+        none = np.zeros((len(t), 1))
         dq = np.gradient(smooth, 1 / rate)
         used = np.ones(len(t), dtype=bool)
         return GearSignals(

@@ -22,6 +22,8 @@ FloatArray = NDArray[np.float64]
 
 MEMORY = 0.3
 """Longest memory of the noise [s]; the spectrum is as smooth as that, so that the terms cannot take all of a band."""
+LEAST_BLOCKS = 3
+"""Fewer runs than this are cut in as many parts each, so that something can be left out."""
 SLOW = 2.0
 """Noise below this frequency [Hz] is what the load's error is weighed against; motion lives there."""
 
@@ -71,9 +73,10 @@ class System:
             first += columns[0].shape[1]
         return places
 
-    def chosen(self, names: Sequence[str]) -> list[int]:
-        """Places of the load's errors and of the terms `names`, in this order."""
-        return [*range(self.n_errors), *(place for name in names for place in self.places[name])]
+    def chosen(self, names: Sequence[str], errors: bool = True) -> list[int]:
+        """Places of the load's errors, if the gear yields to it, and of the terms `names`, in this order."""
+        n_errors = self.n_errors if errors and "compliance" in names else 0
+        return [*range(n_errors), *(place for name in names for place in self.places[name])]
 
     def among(self, names: Sequence[str], name: str) -> list[int]:
         """Places of one term among the coefficients of `names`."""
@@ -89,30 +92,51 @@ class System:
 
     @cached_property
     def _factors(self) -> list[FloatArray]:
-        """Triangular factor of [errors | all columns | deflection] per run: data is read once."""
-        return [_core.triangular_factor(rows[run.used]) for rows, run in zip(self._rows, self.runs, strict=True)]
+        """Triangular factor of [errors | all columns | deflection] per block: data is read once."""
+        n_parts = 1 if len(self.runs) >= LEAST_BLOCKS else LEAST_BLOCKS
+        return [
+            _core.triangular_factor(np.ascontiguousarray(part))
+            for rows, run in zip(self._rows, self.runs, strict=True)
+            for part in np.array_split(rows[run.used], n_parts)
+        ]
+
+    @property
+    def n_blocks(self) -> int:
+        """What can be left out: whole runs, or thirds of them where there are few."""
+        return len(self._factors)
 
     def coefficients(self, names: Sequence[str], without: int | None = None) -> tuple[FloatArray, FloatArray]:
-        """Coefficients u (n_u,) and x (n_x,) fitted to all runs, or to all but one."""
+        """Coefficients u (n_u,) and x (n_x,) fitted to all blocks, or to all but one."""
         factors = [factor for k, factor in enumerate(self._factors) if k != without]
-        rows = np.concatenate([factor[:, [*self.chosen(names), -1]] for factor in factors])
-        ridge = np.zeros((self.n_errors, rows.shape[1]))
+        chosen = self.chosen(names)
+        n_x = sum(len(self.places[name]) for name in names)
+        rows = np.concatenate([factor[:, [*chosen, -1]] for factor in factors])
+        ridge = np.zeros((len(chosen) - n_x, rows.shape[1]))
         np.fill_diagonal(ridge, np.sqrt(self.noise_power))
         rows = np.concatenate([rows, ridge])
         norms = np.maximum(np.linalg.norm(rows[:, :-1], axis=0), 1e-300)
         solution = np.linalg.lstsq(rows[:, :-1] / norms, rows[:, -1], rcond=1e-12)[0] / norms
-        return solution[: self.n_errors], solution[self.n_errors :]
+        u = np.zeros(self.n_errors)
+        u[: len(ridge)] = solution[: len(ridge)]
+        return u, solution[len(ridge) :]
 
     def power(self, names: Sequence[str], without: int | None = None) -> float:
-        """Power left [rad^2]: of all runs by a fit to all, or of one run by a fit to the others."""
-        solution = np.concatenate(self.coefficients(names, without))
-        runs = self._factors if without is None else [self._factors[without]]
-        chosen = self.chosen(names)
-        return float(sum(np.sum((factor[:, -1] - factor[:, chosen] @ solution) ** 2) for factor in runs))
+        """Power left [rad^2]: of all blocks by a fit to all, or of one block by a fit to the others."""
+        solution = self._full(names, *self.coefficients(names, without))
+        blocks = self._factors if without is None else [self._factors[without]]
+        return float(sum(np.sum((factor[:, -1] - factor[:, :-1] @ solution) ** 2) for factor in blocks))
+
+    def _full(self, names: Sequence[str], u: FloatArray, x: FloatArray) -> FloatArray:
+        """Coefficients of all columns."""
+        solution = np.zeros(self.n_errors + sum(map(len, self.places.values())))
+        solution[: self.n_errors] = u
+        solution[self.chosen(names, errors=False)] = x
+        return solution
 
     def fitted(self, names: Sequence[str], u: FloatArray, x: FloatArray) -> list[FloatArray]:
         """What the terms explain, (n,) per run."""
-        return [rows[:, self.chosen(names)] @ np.concatenate([u, x]) for rows in self._rows]
+        solution = self._full(names, u, x)
+        return [rows[:, :-1] @ solution for rows in self._rows]
 
     def left(self, names: Sequence[str]) -> list[FloatArray]:
         """What a fit of the terms to all runs leaves, (n,) per run."""
@@ -145,12 +169,13 @@ class System:
         """``A' Gamma A`` of all columns."""
         return np.asarray(sum(toeplitz_product(rows[:, :-1], self.noise.spectrum) for rows in self._rows))
 
-    def covariance(self, names: Sequence[str]) -> FloatArray:
+    def covariance(self, names: Sequence[str], *, load_known: bool = False) -> FloatArray:
         """Covariance of x (n_x, n_x): of correlated noise, and of a load that is as far off as its own says."""
-        chosen = self.chosen(names)
-        bread = inverse(self._normal[np.ix_(chosen, chosen)])[self.n_errors :]
+        chosen = self.chosen(names, errors=not load_known)
+        n_errors = len(chosen) - sum(len(self.places[name]) for name in names)
+        bread = inverse(self._normal[np.ix_(chosen, chosen)])[n_errors:]
         meat = self._products[np.ix_(chosen, chosen)].copy()
-        meat[: self.n_errors, : self.n_errors] += self.noise_power**2 * np.eye(self.n_errors)
+        meat[:n_errors, :n_errors] += self.noise_power**2 * np.eye(n_errors)
         result: FloatArray = bread @ meat @ bread.T
         return result
 

@@ -15,6 +15,12 @@ from dynid_rs.diagnosis.deflection.signals import GearSignals
 
 FloatArray = NDArray[np.float64]
 
+MOST_ECCENTRICITY = 0.01
+"""An encoder disc whose error is larger [rad] would be seen with the eye."""
+LEAST_SIDE = 0.02
+"""Play is seen where the load has either sign in this part of the samples at least."""
+LEAST_TURN = 1.0
+"""Over less than this angle [rad] an error once per turn is a mere bend, which everything slow can imitate."""
 REVERSAL_WIDTH = 0.01
 """Of the greatest speed: where friction on the link's side changes its sign."""
 
@@ -33,12 +39,15 @@ class Term:
         Term without which it has no meaning; empty where it stands by itself.
     turning : bool
         Whether only joints that turn can have it.
+    most : float
+        Greatest size of its coefficients that is no nonsense.
     """
 
     name: str
     sign: int = 0
     parent: str = ""
     turning: bool = False
+    most: float = np.inf
 
 
 TERMS = {
@@ -51,7 +60,7 @@ TERMS = {
         Term("hysteresis", sign=-1, parent="compliance"),
         Term("link_friction", sign=1, parent="compliance"),
         Term("backlash", sign=1),
-        Term("eccentricity", turning=True),
+        Term("eccentricity", turning=True, most=MOST_ECCENTRICITY),
     )
 }
 
