@@ -6,16 +6,23 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from dynid_rs.diagnosis.deflection.system import System
+from dynid_rs.diagnosis.deflection.system import System, inverse
 from dynid_rs.diagnosis.deflection.terms import TERMS, term
+
+FloatArray = NDArray[np.float64]
 
 FAMILY_WISE = 0.01
 """Chance of one false term or more, over all joints and kinds."""
-SHAPES_TRIED = 10
-"""Shapes that a search tries for each term, counted as tests of their own."""
+SHAPES_TRIED, ORDERS_TRIED = 10, 1000
+"""Shapes that a search tries for each term, and orders for a kinematic error, counted as tests of their own."""
 AS_GOOD = 0.1
 """Two terms are tied where exchanging them costs less than this part of what the first takes off runs left out."""
+DETERMINED = 3.0
+"""A stiffness is one if it stands so many standard errors, the load's included, above zero compliance."""
+LEADING = ("delay", "compliance", "cubic", "backlash", "eccentricity")
+"""Terms that name a kind."""
 BASIC = ("delay",)
 """Always fitted: two channels are never exactly on one clock."""
 MOST_CHANGES = 40
@@ -37,7 +44,7 @@ def choose(system: System, n_joints: int) -> Choice:
     residuals would give, without drawing them), at a level for all joints, terms and shapes together. A term of the
     wrong sign, or one that does not help to predict runs left out, is none.
     """
-    level = FAMILY_WISE / (n_joints * len(TERMS) * SHAPES_TRIED)
+    level = FAMILY_WISE / (n_joints * len(TERMS))
     names = list(system.columns)
     for _ in range(MOST_CHANGES):
         worst = _worst(system, names, level)
@@ -49,33 +56,48 @@ def choose(system: System, n_joints: int) -> Choice:
             break
         names = [name for name in system.columns if name in names or name == missed]
     p_values = {name: wald(system, names, name) for name in names}
-    return Choice(tuple(names), p_values, {name: _ties(system, names, name) for name in names})
+    return Choice(tuple(names), p_values, {name: _ties(system, names, name) for name in names if name in LEADING})
 
 
 def wald(system: System, names: Sequence[str], name: str) -> float:
     """Probability of a coefficient as large as that of `name` where there is nothing, beside all other `names`."""
+    # Without compliance the load's error is nothing either: it does not speak against the gear's yielding.
+    covariance = system.covariance(names, load_known=name == "compliance")
+    return _probability(system.coefficients(names)[1], covariance, system.among(names, name))
+
+
+def _probability(x: FloatArray, covariance: FloatArray, places: Sequence[int]) -> float:
     from scipy.stats import chi2
 
-    places = system.among(names, name)
-    x = system.coefficients(names)[1][places]
-    # Without compliance the load's error is nothing either: it does not speak against the gear's yielding.
-    covariance = system.covariance(names, load_known=name == "compliance")[np.ix_(places, places)]
-    return float(chi2.sf(x @ np.linalg.pinv(covariance, hermitian=True) @ x, len(places)))
+    own = covariance[np.ix_(places, places)]
+    return float(chi2.sf(x[places] @ inverse(own) @ x[places], len(places)))
+
+
+def tried(name: str) -> int:
+    """How many tests a term stands for."""
+    return ORDERS_TRIED if name.startswith("ripple") else SHAPES_TRIED
 
 
 def _worst(system: System, names: Sequence[str], level: float) -> str | None:
     """Term that has to go first; None if all are needed."""
     x, covariance = system.coefficients(names)[1], system.covariance(names)
-    wrong = {}
-    p_values = {}
+    wrong, p_values = {}, {}
     for name in names:
         if name in BASIC:
             continue
-        place = system.among(names, name)
+        places = system.among(names, name)
+        size = float(np.linalg.norm(x[places]))
+        std = float(np.sqrt(max(covariance[places[0], places[0]], 1e-300)))
         sign = term(name).sign
-        if (sign and sign * x[place[0]] <= 0) or float(np.hypot.reduce(x[place])) > term(name).most:
-            wrong[name] = float(abs(x[place[0]]) / np.sqrt(max(covariance[place[0], place[0]], 1e-300)))
-        p_values[name] = wald(system, names, name)
+        if (sign and sign * x[places[0]] <= 0) or size > term(name).most:
+            wrong[name] = size / std
+        if name == "compliance":
+            p = wald(system, names, name)
+            if size < DETERMINED * std:
+                wrong[name] = size / std
+        else:
+            p = _probability(x, covariance, places)
+        p_values[name] = min(1.0, p * tried(name))
     leaves = [name for name in p_values if not any(term(other).parent == name for other in names)]
     doubtful = [name for name in leaves if p_values[name] > level]
     if doubtful:
@@ -111,7 +133,7 @@ def _missed(system: System, names: Sequence[str], level: float) -> str | None:
         more = [other for other in system.columns if other in names or other == name]
         sign = term(name).sign
         x = system.coefficients(more)[1][system.among(more, name)]
-        if (sign and sign * x[0] <= 0) or wald(system, more, name) > level or _gain(system, more, name) <= 0:
+        if (sign and sign * x[0] <= 0) or wald(system, more, name) * tried(name) > level or _gain(system, more, name) <= 0:
             continue
         if _worst(system, more, level) is not None:
             continue

@@ -33,7 +33,7 @@ def _finding(gears: Sequence[tuple[Examined, Tested]], value: float, std: float)
     from scipy.stats import norm
 
     spread = NORMAL_95 * std
-    ties = {other for gear, _ in gears for other in gear.choice.ties["delay"]}
+    ties = {other for gear, _ in gears for other in gear.choice.ties.get("delay", ())}
     return DeflectionFinding(
         kind="encoder_delay",
         joints=tuple(gear.joint for gear, _ in gears),

@@ -141,7 +141,7 @@ def findings_of(gear: Examined, tested: Tested) -> list[DeflectionFinding]:
     for kind, terms in gear.groups().items():
         before = rms(tested.left(kept))
         kept = [name for name in gear.names if name in kept or name in terms]
-        ties = {other for name in terms for other in gear.choice.ties[name] if name in (terms[0], "cubic")}
+        ties = {other for name in terms for other in gear.choice.ties.get(name, ())}
         found.append(
             DeflectionFinding(
                 kind=kind,

@@ -17,16 +17,17 @@ PER_RESOLUTION = 4
 """Orders tried within the resolution that the travelled angle gives."""
 NEIGHBOURS = 12
 """Resolutions whose median is the level that a line stands above."""
-MOST = 4
+MOST = 3
 """Lines of one gear at most."""
 BESIDE, WEAK = 5.0, 0.1
 """A line within so many cycles of a stronger one, and below this part of it, is the other one's foot."""
-LEVEL = 1e-4
-"""Chance of a line in noise alone, for the whole range of orders of one gear."""
 
 
 def find_orders(runs: Sequence[GearSignals], left: Sequence[FloatArray]) -> tuple[float, ...]:
-    """Return the orders of the lines that stand out of what all other terms leave, (n,) per run; strongest first."""
+    """Return the orders of lines that stand out of what all other terms leave, (n,) per run; strongest first.
+
+    These are proposals: one in two comes from noise alone, and the choice of terms counts how many orders were tried.
+    """
     angle = [run.q_motor[run.used] for run in runs]
     values = np.concatenate([e[run.used] for e, run in zip(left, runs, strict=True)])
     angles = np.concatenate(angle)
@@ -37,8 +38,8 @@ def find_orders(runs: Sequence[GearSignals], left: Sequence[FloatArray]) -> tupl
             break
         stands = power / _level(power)
         at = int(np.argmax(stands))
-        # A line of noise is exponentially distributed about its mean.
-        if stands[at] < -np.log(LEVEL * PER_RESOLUTION / len(cycles)):
+        # A line of noise is exponentially distributed about its mean: the greatest of many is about their logarithm.
+        if stands[at] < np.log(len(cycles) / PER_RESOLUTION):
             break
         order = _refined(angles, values, float(cycles[at]), float(cycles[1] - cycles[0]))
         wave = _wave(angles, order)

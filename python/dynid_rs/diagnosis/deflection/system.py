@@ -24,6 +24,8 @@ MEMORY = 0.3
 """Longest memory of the noise [s]; the spectrum is as smooth as that, so that the terms cannot take all of a band."""
 LEAST_BLOCKS = 3
 """Fewer runs than this are cut in as many parts each, so that something can be left out."""
+WEAK = 1e-13
+"""Power of a direction, in the columns' own units, that is as good as none."""
 SLOW = 2.0
 """Noise below this frequency [Hz] is what the load's error is weighed against; motion lives there."""
 
@@ -181,9 +183,9 @@ class System:
 
 
 def inverse(matrix: FloatArray) -> FloatArray:
-    """Inverse of a positive semidefinite matrix in its own units."""
+    """Inverse of a positive semidefinite matrix in its own units; directions without any power get little."""
     norms = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    scaled = np.linalg.pinv(matrix / np.outer(norms, norms), rcond=1e-13, hermitian=True)
+    scaled = np.linalg.inv(matrix / np.outer(norms, norms) + WEAK * np.eye(len(matrix)))
     result: FloatArray = scaled / np.outer(norms, norms)
     return result
 
