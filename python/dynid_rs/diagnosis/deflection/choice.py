@@ -21,6 +21,9 @@ AS_GOOD = 0.1
 """Two terms are tied where exchanging them costs less than this part of what the first takes off runs left out."""
 DETERMINED = 3.0
 """A stiffness is one if it stands so many standard errors, the load's included, above zero compliance."""
+LEAST_GAIN = {"compliance": 0.1, "backlash": 0.1, "eccentricity": 0.1, "cubic": 0.01}
+"""Part of the power on runs left out that a term has to take off. With encoders a thousand times as fine as the
+deflection, what the columns of other terms get slightly wrong is significant too, but it is no effect."""
 LEADING = ("delay", "compliance", "cubic", "backlash", "eccentricity")
 """Terms that name a kind."""
 BASIC = ("delay",)
@@ -107,7 +110,7 @@ def _worst(system: System, names: Sequence[str], level: float) -> str | None:
     parents = [name for name in p_values if p_values[name] > level]
     if parents:
         return parents[0]
-    useless = {name: _gain(system, names, name) for name in leaves}
+    useless = {name: _gain(system, names, name) - LEAST_GAIN.get(name, 0.0) for name in p_values}
     least = min(useless, key=lambda name: useless[name], default=None)
     return least if least is not None and useless[least] <= 0 else None
 
@@ -133,7 +136,7 @@ def _missed(system: System, names: Sequence[str], level: float) -> str | None:
         more = [other for other in system.columns if other in names or other == name]
         sign = term(name).sign
         x = system.coefficients(more)[1][system.among(more, name)]
-        if (sign and sign * x[0] <= 0) or wald(system, more, name) * tried(name) > level or _gain(system, more, name) <= 0:
+        if (sign and sign * x[0] <= 0) or wald(system, more, name) * tried(name) > level or _gain(system, more, name) <= LEAST_GAIN.get(name, 0.0):
             continue
         if _worst(system, more, level) is not None:
             continue

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -30,6 +31,8 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
+SMALL_STEP = 0.1
+"""Of a shape: in the logarithm of widths and distances, of an order in cycles."""
 SIGNAL = {"backlash": "load", "encoder_eccentricity": "q", "gear_kinematic_error": "tooth"}
 
 
@@ -126,12 +129,24 @@ def examine_gear(gear: Gear, joint: int, n_joints: int, units: tuple[str, str]) 
     """Choose a gear's terms, and fit them once more beside the shapes' own uncertainty."""
     choice = choose(gear.system(), n_joints)
     names = list(choice.names)
-    u, x = gear.system(names).coefficients(names)
-    system = gear.system(names, gear.shape_columns(names, u, x))
+    changes = gear.shape_columns(names, *gear.system(names).coefficients(names))
+    system = gear.system(names, changes)
     every = list(system.columns)
-    # Shapes are at their best already: their columns widen the intervals and change nothing else.
-    x = np.concatenate([x, np.zeros(len(every) - len(names))])
-    return Examined(joint, gear, choice, u, x, system.covariance(every), system, units)
+    u, x = system.coefficients(every)
+    covariance = system.covariance(every)
+    # The search's shapes come from thinned samples: one more step of Gauss-Newton on all of them, where it is small.
+    for name in changes:
+        place = system.among(every, name)[0]
+        if max(abs(x[place]), np.sqrt(max(covariance[place, place], 0.0))) > SMALL_STEP:
+            u, x = system.coefficients(names)
+            x = np.concatenate([x, np.zeros(len(changes))])
+            break
+    else:
+        shapes = gear.shapes
+        for name in changes:
+            shapes = shapes.bent(name[:-1], float(x[system.among(every, name)[0]]))
+        gear = replace(gear, shapes=shapes)
+    return Examined(joint, gear, choice, u, x, covariance, system, units)
 
 
 def findings_of(gear: Examined, tested: Tested) -> list[DeflectionFinding]:

@@ -22,6 +22,8 @@ SPRING = ("compliance", "damping", "cubic", "hysteresis", "link_friction")
 KIND_OF = {"delay": "encoder_delay", "backlash": "backlash", "eccentricity": "encoder_eccentricity"}
 LEAST_DELAY = 5e-3
 """Of a sample: clocks are not compared more finely."""
+CLOSED = 1.83
+"""Widths of the smooth sign within which 95 % of a gap are closed."""
 PLOTTED = 800
 """Points of a picture at most."""
 
@@ -171,7 +173,7 @@ def parameters_of(gear: Examined, kind: str, terms: Sequence[str]) -> tuple[Para
     if kind == "backlash":
         (half,), (std,) = gear.value("backlash")
         found.append(_parameter("gap", 2 * half, 2 * std, angle))
-        width, relative = gear.gear.shapes.width, float(gear.value("backlash'")[1][0])
+        width, relative = CLOSED * gear.gear.shapes.width, float(gear.value("backlash'")[1][0])
         found.append(_positive("transition_torque", width, relative, torque))
     if kind == "encoder_eccentricity":
         (cosine, sine), (cosine_std, sine_std) = gear.value("eccentricity")
@@ -258,9 +260,10 @@ class Tested:
 
     def left(self, names: Sequence[str]) -> FloatArray:
         """Deflection that the terms `names` leave, in use, all runs."""
-        u, x = self.gear.system.coefficients(names)
-        if "compliance" not in names:
-            u = np.zeros_like(u)
+        if set(names) == set(self.gear.names):
+            u, x = self.gear.u, self.gear.x[: sum(len(self.gear.system.places[name]) for name in names)]
+        else:
+            u, x = self.gear.system.coefficients(names)
         fitted = self.system.fitted(names, u, x)
         runs = self.system.runs
         return np.concatenate(

@@ -24,6 +24,8 @@ FloatArray = NDArray[np.float64]
 
 LINK_SIDE = ("joint_spring", "counterbalance")
 """Effects that pass through the gear beside the rigid body; friction and rotor act on the motor's side of it."""
+SCALE = 2e-3
+"""No torque is known better than this part of it, whatever its noise: one standard deviation of a common scale."""
 WEAK = 1e-12
 """Directions below this part of the greatest variance (in standard deviations of their own) do not count."""
 
@@ -77,7 +79,8 @@ class Load:
             error = base[:, j, own] @ self.root[own] * self.torque_scale[j]
             # One standard deviation of what nothing is known of: as much as the whole load.
             hidden = states.ddq[:, j] * (torque[:, j].std() / max(float(states.ddq[:, j].std()), 1e-300))
-            errors.append(np.column_stack([error, hidden if j in self.rotor_hidden else np.zeros(len(hidden))]))
+            scale = SCALE * torque[:, j]
+            errors.append(np.column_stack([error, scale, hidden if j in self.rotor_hidden else np.zeros(len(hidden))]))
         return errors
 
 

@@ -131,7 +131,8 @@ def columns_of(name: str, run: GearSignals, shapes: Shapes, z: FloatArray) -> Fl
     if name == "link_friction":
         return step(run.dq, REVERSAL_WIDTH * float(np.abs(run.dq).max()))[:, None]
     if name == "eccentricity":
-        return np.stack([np.cos(run.q_shown), np.sin(run.q_shown)], axis=1)
+        # The motor's angle: it does not hold the error itself.
+        return np.stack([np.cos(run.q_motor), np.sin(run.q_motor)], axis=1)
     angle = shapes.orders[_index(name)] * run.q_motor
     return np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
