@@ -52,7 +52,9 @@ def parameter_covariance(
     meat = pull.T @ pull
     for j, (places, grids) in enumerate(columns):
         own = np.ix_(places, places)
-        noise = NoiseSpectrum([run[:, j] for run in residuals], [run[:, 0] for run in masks], grids, weights[j] * bread[own])
+        noise = NoiseSpectrum(
+            [run[:, j] for run in residuals], [run[:, 0] for run in masks], grids, weights[j] * bread[own]
+        )
         meat[own] += weights[j] ** 2 * sum(toeplitz_product(run, noise.spectrum) for run in grids)
     covariance = np.zeros((plan.n_columns, plan.n_columns))
     n_used = int(used.sum())

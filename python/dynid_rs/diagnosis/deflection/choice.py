@@ -19,9 +19,9 @@ SHAPES_TRIED, ORDERS_TRIED = 10, 1000
 """Shapes that a search tries for each term, and orders for a kinematic error, counted as tests of their own."""
 AS_GOOD = 0.1
 """Two terms are tied where exchanging them costs less than this part of what the first takes off runs left out."""
-DETERMINED = 3.0
+DETERMINED = 2.5
 """A stiffness is one if it stands so many standard errors, the load's included, above zero compliance."""
-LEAST_GAIN = {"compliance": 0.1, "backlash": 0.1, "eccentricity": 0.1, "cubic": 0.01}
+LEAST_GAIN = {"compliance": 0.05, "backlash": 0.1, "eccentricity": 0.1, "cubic": 0.01}
 """Part of the power on runs left out that a term has to take off. With encoders a thousand times as fine as the
 deflection, what the columns of other terms get slightly wrong is significant too, but it is no effect."""
 LEADING = ("delay", "compliance", "cubic", "backlash", "eccentricity")
@@ -136,7 +136,11 @@ def _missed(system: System, names: Sequence[str], level: float) -> str | None:
         more = [other for other in system.columns if other in names or other == name]
         sign = term(name).sign
         x = system.coefficients(more)[1][system.among(more, name)]
-        if (sign and sign * x[0] <= 0) or wald(system, more, name) * tried(name) > level or _gain(system, more, name) <= LEAST_GAIN.get(name, 0.0):
+        if (
+            (sign and sign * x[0] <= 0)
+            or wald(system, more, name) * tried(name) > level
+            or _gain(system, more, name) <= LEAST_GAIN.get(name, 0.0)
+        ):
             continue
         if _worst(system, more, level) is not None:
             continue

@@ -6,9 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from dynid_rs.diagnosis.deflection.findings import DeflectionFinding, Examined, Parameter, Tested, kinds_of, rms
+from dynid_rs.diagnosis.deflection.examined import Examined, kinds_of
+from dynid_rs.diagnosis.deflection.findings import DeflectionFinding
+from dynid_rs.diagnosis.deflection.parameters import Parameter
+from dynid_rs.diagnosis.deflection.tested import Tested, rms
 from dynid_rs.uncertainty import NORMAL_95
 
+FINEST = 1e-4
+"""Of a sample: what interpolation and smoothing leave of a clock, one standard deviation."""
 ALIKE = 0.05
 """Delays that differ by less than this part of themselves are one."""
 
@@ -32,7 +37,7 @@ def delay_findings(gears: Sequence[tuple[Examined, Tested]]) -> list[DeflectionF
 def _finding(gears: Sequence[tuple[Examined, Tested]], value: float, std: float) -> DeflectionFinding:
     from scipy.stats import norm
 
-    spread = NORMAL_95 * std
+    spread = NORMAL_95 * float(np.hypot(std, FINEST / gears[0][0].gear.runs[0].rate))
     ties = {other for gear, _ in gears for other in gear.choice.ties.get("delay", ())}
     return DeflectionFinding(
         kind="encoder_delay",

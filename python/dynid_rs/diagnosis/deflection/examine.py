@@ -11,18 +11,14 @@ from numpy.typing import NDArray
 
 from dynid_rs.diagnosis.deflection.choice import choose
 from dynid_rs.diagnosis.deflection.clock import delay_findings
-from dynid_rs.diagnosis.deflection.findings import (
-    DeflectionFinding,
-    Examined,
-    Tested,
-    kinds_of,
-    parameters_of,
-    rms,
-)
+from dynid_rs.diagnosis.deflection.examined import Examined, kinds_of
+from dynid_rs.diagnosis.deflection.findings import DeflectionFinding
 from dynid_rs.diagnosis.deflection.fitting import finished_gear, on_all_samples, search_gear
 from dynid_rs.diagnosis.deflection.gear import Gear
 from dynid_rs.diagnosis.deflection.load import identified_load
+from dynid_rs.diagnosis.deflection.parameters import parameters_of
 from dynid_rs.diagnosis.deflection.signals import GearSignals, gear_signals
+from dynid_rs.diagnosis.deflection.tested import Tested, rms
 from dynid_rs.preprocessing import States
 from dynid_rs.recording import Recording
 
@@ -84,10 +80,10 @@ def _examine(
     found, late = [], []
     for j in joints:
         units = ("rad" if turning[j] else "m", _torque_unit(fit.torque_unit_, turning[j]))
-        gear = examine_gear(finished_gear(searched[j], signals[j]), j, len(joints), units)
-        tested = Tested.of(gear, tests[j])
-        late.append((gear, tested))
-        found += findings_of(gear, tested)
+        examined = examine_gear(finished_gear(searched[j], signals[j]), j, len(joints), units)
+        tested = Tested.of(examined, tests[j])
+        late.append((examined, tested))
+        found += findings_of(examined, tested)
     return [*delay_findings(late), *found]
 
 

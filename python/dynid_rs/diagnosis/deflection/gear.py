@@ -11,12 +11,21 @@ from numpy.typing import NDArray
 
 from dynid_rs.diagnosis.deflection.signals import GearSignals
 from dynid_rs.diagnosis.deflection.system import System, centred
-from dynid_rs.diagnosis.deflection.terms import LEAST_SIDE, LEAST_TURN, TERMS, Shapes, columns_of, has_shape, presliding, ripple_name
+from dynid_rs.diagnosis.deflection.terms import (
+    LEAST_SIDE,
+    LEAST_TURN,
+    TERMS,
+    Shapes,
+    columns_of,
+    has_shape,
+    presliding,
+    ripple_name,
+)
 
 FloatArray = NDArray[np.float64]
 
-SPRING = ("compliance", "damping", "cubic", "hysteresis")
-"""Terms that make the way along which hysteresis remembers."""
+SPRING = ("compliance", "damping", "hysteresis")
+"""Terms that make the way along which hysteresis remembers: a cubic part is one more gear in the row."""
 MATTERS = 0.05
 """Directions of the load's error whose power is below this part of the noise they compete with are left out."""
 BEND = 0.01

@@ -63,10 +63,10 @@ def angle_spectrum(angles: FloatArray, values: FloatArray) -> tuple[FloatArray, 
     width = 2 * np.pi / (16 * HIGHEST)
     sums = np.bincount(((angles - low) / width).astype(int), weights=values)
     size = PER_RESOLUTION * len(sums)
-    power = np.abs(np.fft.rfft(sums, size)) ** 2
-    cycles = np.arange(len(power)) * 2 * np.pi / (size * width)
+    power = np.asarray(np.abs(np.fft.rfft(sums, size)) ** 2, dtype=np.float64)
+    cycles = np.arange(len(power)) * (2 * np.pi / (size * width))
     inside = (cycles >= LOWEST) & (cycles <= HIGHEST)
-    return cycles[inside], power[inside]
+    return np.asarray(cycles[inside], dtype=np.float64), power[inside]
 
 
 def _wave(angles: FloatArray, order: float) -> FloatArray:

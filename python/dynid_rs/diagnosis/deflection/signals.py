@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,7 +67,7 @@ class GearSignals:
     def thinned(self, step: int) -> GearSignals:
         """Return the same with every `step`-th sample."""
         arrays = {f.name: getattr(self, f.name) for f in fields(self)}
-        kept = {name: x[::step] for name, x in arrays.items() if isinstance(x, np.ndarray)}
+        kept: dict[str, Any] = {name: x[::step] for name, x in arrays.items() if isinstance(x, np.ndarray)}
         return replace(self, **kept, rate=self.rate / step)
 
     @staticmethod
@@ -149,7 +149,7 @@ def _ahead(states: States, delay: FloatArray) -> States:
 
     if not np.any(delay):
         return states
-    moved = {}
+    moved: dict[str, Any] = {}
     for name in ("q", "dq", "ddq"):
         x = getattr(states, name)
         columns = []
