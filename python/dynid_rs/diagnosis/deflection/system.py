@@ -183,8 +183,9 @@ class System:
 
 
 def inverse(matrix: FloatArray) -> FloatArray:
-    """Inverse of a positive semidefinite matrix in its own units; directions without any power get little."""
-    norms = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    """Inverse of a positive semidefinite matrix in its own units; what has no power has no part."""
+    power = np.diag(matrix)
+    norms = np.where(power > 0, np.sqrt(np.maximum(power, 1e-300)), np.inf)
     scaled = np.linalg.inv(matrix / np.outer(norms, norms) + WEAK * np.eye(len(matrix)))
     result: FloatArray = scaled / np.outer(norms, norms)
     return result
