@@ -18,7 +18,7 @@ FAMILY_WISE = 0.01
 SHAPES_TRIED, ORDERS_TRIED = 10, 1000
 """Shapes that a search tries for each term, and orders for a kinematic error, counted as tests of their own."""
 AS_GOOD = 0.1
-"""Two terms are tied where exchanging them costs less than this part of what the first takes off runs left out."""
+"""Two terms are tied where exchanging them costs less than this part of the first one's gain, in the logarithm."""
 DETERMINED = 2.5
 """A stiffness is one if it stands so many standard errors, the load's included, above zero compliance."""
 LEAST_GAIN = {"compliance": 0.05, "backlash": 0.1, "eccentricity": 0.1, "cubic": 0.01}
@@ -117,13 +117,16 @@ def _worst(system: System, names: Sequence[str], level: float) -> str | None:
 
 def _gain(system: System, names: Sequence[str], name: str) -> float:
     """Relative power that a term takes off runs left out; not above zero where most runs are worse with it."""
+    from scipy.stats import gmean
+
     others = _without(names, name)
     runs = range(system.n_blocks)
     with_it = np.array([system.power(names, k) for k in runs])
     without = np.array([system.power(others, k) for k in runs])
     if np.mean(with_it < without) <= 0.5:
         return 0.0
-    return float(1 - with_it.sum() / without.sum())
+    # In the logarithm: the run that goes worst with and without it must not decide alone.
+    return float(1 - gmean(with_it / np.maximum(without, 1e-300)))
 
 
 def _missed(system: System, names: Sequence[str], level: float) -> str | None:
@@ -157,17 +160,21 @@ def _without(names: Sequence[str], gone: str) -> list[str]:
 
 def _ties(system: System, names: Sequence[str], name: str) -> tuple[str, ...]:
     """Terms that would explain as much as `name` on runs left out, in its place."""
-    runs = range(system.n_blocks)
+    back = system.runs[0].delay if name == "delay" else 0.0
     others = _without(names, name)
-    now = sum(system.power(names, k) for k in runs)
-    most = now + AS_GOOD * max(sum(system.power(others, k) for k in runs) - now, 0.0)
+
+    def left(terms: Sequence[str]) -> float:
+        return float(np.mean([np.log(system.power(terms, k, late=back)) for k in range(system.n_blocks)]))
+
+    without = left(others)
+    gain = without - left(names)
     tied = []
-    for other in system.columns:
-        if other in names or (term(other).parent and term(other).parent not in others):
+    for other in LEADING:
+        if other not in system.columns or other in names or term(other).parent not in ("", *others):
             continue
         swapped = [*others, other]
         sign = term(other).sign
-        right = not sign or sign * system.coefficients(swapped)[1][-1] > 0
-        if right and sum(system.power(swapped, k) for k in runs) <= most:
+        right = not sign or sign * system.coefficients(swapped, late=back)[1][-1] > 0
+        if right and without - left(swapped) >= (1 - AS_GOOD) * gain > 0:
             tied.append(other)
     return tuple(tied)

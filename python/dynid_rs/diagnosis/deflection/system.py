@@ -107,9 +107,20 @@ class System:
         """What can be left out: whole runs, or thirds of them where there are few."""
         return len(self._factors)
 
-    def coefficients(self, names: Sequence[str], without: int | None = None) -> tuple[FloatArray, FloatArray]:
+    def _blocks(self, late: float) -> list[FloatArray]:
+        """The factors, with a delay [s] that was taken off already put back."""
+        if not late:
+            return self._factors
+        blocks = [factor.copy() for factor in self._factors]
+        for block in blocks:
+            block[:, -1] += late * block[:, self.places["delay"][0]]
+        return blocks
+
+    def coefficients(
+        self, names: Sequence[str], without: int | None = None, *, late: float = 0.0
+    ) -> tuple[FloatArray, FloatArray]:
         """Coefficients u (n_u,) and x (n_x,) fitted to all blocks, or to all but one."""
-        factors = [factor for k, factor in enumerate(self._factors) if k != without]
+        factors = [factor for k, factor in enumerate(self._blocks(late)) if k != without]
         chosen = self.chosen(names)
         n_x = sum(len(self.places[name]) for name in names)
         rows = np.concatenate([factor[:, [*chosen, -1]] for factor in factors])
@@ -122,10 +133,10 @@ class System:
         u[: len(ridge)] = solution[: len(ridge)]
         return u, solution[len(ridge) :]
 
-    def power(self, names: Sequence[str], without: int | None = None) -> float:
+    def power(self, names: Sequence[str], without: int | None = None, *, late: float = 0.0) -> float:
         """Power left [rad^2]: of all blocks by a fit to all, or of one block by a fit to the others."""
-        solution = self._full(names, *self.coefficients(names, without))
-        blocks = self._factors if without is None else [self._factors[without]]
+        solution = self._full(names, *self.coefficients(names, without, late=late))
+        blocks = self._blocks(late) if without is None else [self._blocks(late)[without]]
         return float(sum(np.sum((factor[:, -1] - factor[:, :-1] @ solution) ** 2) for factor in blocks))
 
     def _full(self, names: Sequence[str], u: FloatArray, x: FloatArray) -> FloatArray:
