@@ -20,7 +20,8 @@ SHAPES_TRIED, ORDERS_TRIED = 10, 1000
 AS_GOOD = 0.1
 """Two terms are tied where exchanging them costs less than this part of the first one's gain, in the logarithm."""
 DETERMINED = 2.5
-"""A stiffness is one if it stands so many standard errors, the load's included, above zero compliance."""
+"""A stiffness is one if it stands so many standard errors, the load's included, above zero compliance; twice as many
+where a lone run is all there is, because its load and its deflection err alike."""
 LEAST_GAIN = {"compliance": 0.05, "backlash": 0.1, "eccentricity": 0.1, "cubic": 0.01}
 """Part of the power on runs left out that a term has to take off. With encoders a thousand times as fine as the
 deflection, what the columns of other terms get slightly wrong is significant too, but it is no effect."""
@@ -96,7 +97,7 @@ def _worst(system: System, names: Sequence[str], level: float) -> str | None:
             wrong[name] = size / std
         if name == "compliance":
             p = wald(system, names, name)
-            if size < DETERMINED * std:
+            if size < DETERMINED * (1 if len(system.runs) > 1 else 2) * std:
                 wrong[name] = size / std
         else:
             p = _probability(x, covariance, places)
@@ -126,7 +127,11 @@ def _gain(system: System, names: Sequence[str], name: str) -> float:
     if np.mean(with_it < without) <= 0.5:
         return 0.0
     # In the logarithm: the run that goes worst with and without it must not decide alone.
-    return float(1 - gmean(with_it / np.maximum(without, 1e-300)))
+    gain = float(1 - gmean(with_it / np.maximum(without, 1e-300)))
+    if len(system.runs) < system.n_blocks:
+        # Parts of one run resemble each other: here it must.
+        gain = min(gain, float(1 - with_it.sum() / without.sum()))
+    return gain
 
 
 def _missed(system: System, names: Sequence[str], level: float) -> str | None:
