@@ -51,6 +51,7 @@ __all__ = [
     "friction_basis",
     "inverse_dynamics_gradient",
     "merge_factors",
+    "named_signals",
     "observe",
     "phi_from_pseudo_inertia",
     "point_gradient",
@@ -58,6 +59,7 @@ __all__ = [
     "pseudo_inertia",
     "residual_inputs",
     "triangular_factor",
+    "true_motion",
     "urdf_with_physical",
 ]
 
@@ -613,13 +615,23 @@ class TorqueModel:
     effects : sequence of (Effect, (n_joints, n_columns))
         Effects with their coefficients, summed in this order.
     residual : (str, sequence of GaussianMixtureRegression, NormalisedRbf or None), optional
-        What the regressions see (`"deflection"`, `"joint_state"`, `"load_free_deflection"`), and one or None per joint.
+        What the regressions see (`"deflection"`, `"joint_state"`, `"load_free_deflection"`, or `"signals"`), and one or
+        None per joint.
+    residual_signals : sequence of sequence of (str, int), optional
+        With `"signals"`: name and joint of what each joint's regression sees, in the order of its inputs; one list per
+        joint, at most six long, empty where there is no regression. Names: `q`, `dq`, `ddq`, `q_motor`, `dq_motor`,
+        `ddq_motor`, `tau_link` (the rigid-body torque that the model predicts, before `torque_scale`).
     compliance : (n_joints,), optional
         Of the gears [rad per torque unit], for the load-free deflection; zeros by default.
     torque_scale : (n_joints,), optional
         Torque channel per unit of link torque; multiplies the rigid-body term. Ones by default.
     encoder_delay : (n_joints,)
         Delay of the link channel behind the motor channel [s].
+    encoder_error : (n_joints, 2), optional
+        Cosine and sine part [rad] of what a link encoder shows too much, `c cos q + s sin q`; taken out first, as
+        `true_motion` does. Zeros by default; joints that slide have none.
+    encoder_error_sides : {"link", "both"}
+        `"both"` where joints have one encoder, so that the motor side is the same signal.
     noise_std : (n_joints,)
         Standard deviation of what the model leaves.
     domain : ((n_joints, 2), (n_joints,), (n_joints,))
@@ -642,9 +654,12 @@ class TorqueModel:
         effects: Sequence[tuple[Effect, ArrayLike]],
         *,
         residual: tuple[str, Sequence[_Regression | None]] | None = None,
+        residual_signals: Sequence[Sequence[tuple[str, int]]] | None = None,
         compliance: Sequence[float] | None = None,
         torque_scale: Sequence[float] | None = None,
         encoder_delay: Sequence[float],
+        encoder_error: ArrayLike | None = None,
+        encoder_error_sides: str = "link",
         noise_std: Sequence[float],
         domain: _Box,
         torque_unit: str = "N*m",
@@ -750,6 +765,10 @@ class TorqueModel:
         """What the regressions see and one or None per joint; None without a third loop."""
 
     @property
+    def residual_signals(self) -> list[list[tuple[str, int]]] | None:
+        """Name and joint of what each joint's regression sees; None where they see a pair, and without a third loop."""
+
+    @property
     def compliance(self) -> _FloatArray | None:
         """Of the gears [rad per torque unit], (n_joints,); None without a third loop."""
 
@@ -760,6 +779,14 @@ class TorqueModel:
     @property
     def encoder_delay(self) -> _FloatArray:
         """(n_joints,) [s]."""
+
+    @property
+    def encoder_error(self) -> _FloatArray:
+        """(n_joints, 2) cosine and sine parts [rad]; zeros where the encoders are right."""
+
+    @property
+    def encoder_error_sides(self) -> str:
+        """`"link"` or `"both"`."""
 
     @property
     def noise_std(self) -> _FloatArray:
@@ -888,10 +915,44 @@ def residual_inputs(
     deflection's rate.
     """
 
+def named_signals(
+    signals: Sequence[tuple[str, int]],
+    q: ArrayLike,
+    dq: ArrayLike,
+    ddq: ArrayLike,
+    q_motor: ArrayLike | None = None,
+    dq_motor: ArrayLike | None = None,
+    ddq_motor: ArrayLike | None = None,
+    tau_link: ArrayLike | None = None,
+) -> _FloatArray:
+    """Return signals by name and joint along a run, (n_samples, n_signals): what a regression on them sees online.
+
+    The channels on one clock; names as for `TorqueModel(residual_signals=)`, everything else as for `effect_columns`.
+
+    Raises
+    ------
+    ValueError
+        There is no such signal or joint, or `tau_link` is named and not given.
+    """
+
 def align_link_side(
     q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, encoder_delay: ArrayLike
 ) -> tuple[_FloatArray, _FloatArray]:
     """Link-side position and velocity on the motor channel's clock; `encoder_delay` (n_joints,) [s]."""
+
+def true_motion(
+    q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, encoder_error: ArrayLike
+) -> tuple[_FloatArray, _FloatArray, _FloatArray]:
+    """Motion (n_samples, n_joints) less what eccentric encoders show too much: q, dq and ddq of `q - e(q)`.
+
+    `encoder_error` (n_joints, 2) [rad]: e(q) = c cos q + s sin q per joint. It belongs to the true angle, is taken at
+    the shown one, and so leaves half its amplitude squared: microradians of milliradians.
+
+    Raises
+    ------
+    ValueError
+        Shapes disagree, or a number is not finite.
+    """
 
 def observe(
     robot: RobotModel,

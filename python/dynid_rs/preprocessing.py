@@ -6,6 +6,7 @@ cancels from the equation; only positions are filtered before they are different
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
@@ -137,12 +138,26 @@ class States:
         """Return q, dq, ddq, q_motor, dq_motor, ddq_motor."""
         return self.q, self.dq, self.ddq, self.q_motor, self.dq_motor, self.ddq_motor
 
-    def aligned(self, encoder_delay: FloatArray) -> States:
-        """Return the same run with the link channel on the motor channel's clock; `encoder_delay` (n_joints,) [s]."""
-        if not self.two_encoders:
-            return self
-        q, dq = _core.align_link_side(self.q, self.dq, self.ddq, encoder_delay)
-        return replace(self, q=q, dq=dq)
+    def aligned(self, encoder_delay: FloatArray, encoder_error: FloatArray | None = None) -> States:
+        """Return the same run as a model sees it that knows about the encoders.
+
+        Parameters
+        ----------
+        encoder_delay : ndarray (n_joints,)
+            How late the link channel is behind the motor channel [s].
+        encoder_error : ndarray (n_joints, 2), optional
+            Cosine and sine part of what the link encoder shows too much [rad]; with one encoder the motor side is the
+            same signal and shows it too.
+        """
+        q, dq, ddq = self.q, self.dq, self.ddq
+        q_motor, dq_motor, ddq_motor = self.q_motor, self.dq_motor, self.ddq_motor
+        if encoder_error is not None and np.any(encoder_error):
+            q, dq, ddq = _core.true_motion(q, dq, ddq, encoder_error)
+            if not self.two_encoders:
+                q_motor, dq_motor, ddq_motor = q, dq, ddq
+        if self.two_encoders:
+            q, dq = _core.align_link_side(q, dq, ddq, encoder_delay)
+        return replace(self, q=q, dq=dq, ddq=ddq, q_motor=q_motor, dq_motor=dq_motor, ddq_motor=ddq_motor)
 
 
 def common_rate(recordings: list[Recording]) -> float:
@@ -216,6 +231,18 @@ def prepare(recording: Recording, band: Band, rate: float) -> States:
         notes=tuple(notes),
         reference=None if reference is None else (reference[0], reference[1], reference[2]),
     )
+
+
+def without(states: States, windows: Sequence[tuple[float, float]], guard: float | None = None) -> States:
+    """Return the same run with windows (start, end) [s] neither fitted nor scored.
+
+    `guard` [s] on both sides keeps out what the band's filter smears; one over the cutoff by default.
+    """
+    guard = 1 / states.band.cutoff if guard is None else guard
+    outside = np.ones(len(states.t), dtype=bool)
+    for start, end in windows:
+        outside &= (states.t < start - guard) | (states.t > end + guard)
+    return states if outside.all() else replace(states, moving=states.moving & outside)
 
 
 def _grid(recording: Recording, rate: float) -> FloatArray:

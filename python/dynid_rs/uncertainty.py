@@ -206,6 +206,8 @@ def noise_products(
     residuals: Sequence[FloatArray],
     columns: Sequence[Sequence[FloatArray]],
     weighted_breads: Sequence[FloatArray],
+    *,
+    power: int = 1,
 ) -> list[FloatArray]:
     """``C_j' Gamma_j C_j`` (k, k) of every joint, Gamma_j its noise's own autocovariance, estimated without bias.
 
@@ -217,13 +219,37 @@ def noise_products(
         C_j. The first of them are those of the fit.
     weighted_breads : per joint
         ``w_j (sum w C' C)^-1`` of the fit, in the places of its columns.
+    power : int
+        As for `grid_noise_products`.
     """
     left = _on_grid(observations, runs, residuals)
     masks = [mask[:, 0] for mask in _on_grid(observations, runs, [np.ones((len(part), 1)) for part in residuals])]
+    grids = [_on_grid(observations, runs, parts) for parts in columns]
+    return grid_noise_products(left, masks, grids, weighted_breads, power=power)
+
+
+def grid_noise_products(
+    residuals: Sequence[FloatArray],
+    masks: Sequence[FloatArray],
+    columns: Sequence[Sequence[FloatArray]],
+    weighted_breads: Sequence[FloatArray],
+    *,
+    power: int = 1,
+) -> list[FloatArray]:
+    """As `noise_products`, on every run's full grid: zeros where `masks` (n_grid,) is zero.
+
+    `power` 2 makes up for shapes and weights that were fitted too (`NoiseSpectrum`).
+
+    Parameters
+    ----------
+    residuals : per run (n_grid, n_joints)
+        What a fit leaves.
+    columns : per joint and run (n_grid, k)
+        C_j.
+    """
     products = []
     for j, bread in enumerate(weighted_breads):
-        grids = _on_grid(observations, runs, columns[j])
-        fitted = [grid[:, : len(bread)] for grid in grids]
-        noise = NoiseSpectrum([run[:, j] for run in left], masks, fitted, bread, power=1)
-        products.append(np.sum([toeplitz_product(run, noise.spectrum) for run in grids], axis=0))
+        fitted = [grid[:, : len(bread)] for grid in columns[j]]
+        noise = NoiseSpectrum([run[:, j] for run in residuals], masks, fitted, bread, power=power)
+        products.append(np.sum([toeplitz_product(run, noise.spectrum) for run in columns[j]], axis=0))
     return products

@@ -38,6 +38,8 @@ class Setup:
         Name of a run to the times [s] in which something from outside acts: neither fitted nor scored.
     options : mapping
         Arguments of `ThreeLoopIdentifier` that stay the same.
+    declared : RobotModel
+        Geometry and gravity as the robot file has them; `robot` as it was at first, if left out.
     """
 
     robot: _core.RobotModel
@@ -47,16 +49,25 @@ class Setup:
     torque_delay: FloatArray = None  # type: ignore[assignment]
     excluded: Mapping[str, Windows] = field(default_factory=dict)
     options: Mapping[str, Any] = field(default_factory=dict)
+    declared: _core.RobotModel = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
         n = self.robot.n_joints
+        if self.declared is None:
+            object.__setattr__(self, "declared", self.robot)
         for name, shape in (("encoder_error", (n, 2)), ("torque_delay", (n,))):
             if getattr(self, name) is None:
                 object.__setattr__(self, name, np.zeros(shape))  # the only way in, the class is frozen
 
     def identifier(self, **options: Any) -> ThreeLoopIdentifier:
         """Return an identifier of a model made of this."""
-        return ThreeLoopIdentifier(self.robot, effects=self.effects, **{**self.options, **options})
+        parts = {
+            "effects": self.effects,
+            "free_gains": self.gain_joints,
+            "encoder_error": self.encoder_error,
+            "excluded": dict(self.excluded) or None,
+        }
+        return ThreeLoopIdentifier(self.robot, **{**parts, **self.options, **options})
 
     def corrected(self, recording: Recording) -> Recording:
         """Return the run with its torque channel on the encoders' clock."""

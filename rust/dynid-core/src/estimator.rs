@@ -6,7 +6,8 @@ use crate::dynamics::{check_length, inverse_dynamics_into, Workspace};
 use crate::effects::EffectInput;
 use crate::error::CoreError;
 use crate::model::{check_step, TorqueModel};
-use crate::state::{align_link_side, State};
+use crate::residual::Load;
+use crate::state::{align_link_side, true_motion, State};
 
 /// What was unusual about a step, as bits. Zero is a good step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
@@ -49,9 +50,9 @@ const OVERFLOW: f64 = 1e300;
 pub struct TorqueEstimator {
     model: Arc<TorqueModel>,
     workspace: Workspace,
-    /// Link-side position and velocity on the motor channel's clock.
-    q: Vec<f64>,
-    dq: Vec<f64>,
+    /// The true state, on the motor channel's clock.
+    link: [Vec<f64>; 3],
+    motor: [Vec<f64>; 3],
     /// Rigid-body torque before the channel's scale.
     tau_link: Vec<f64>,
     /// Time between samples.
@@ -79,8 +80,8 @@ impl TorqueEstimator {
         let n_memory = effects.map(|term| term.effect().memory_len(n)).sum();
         Self {
             workspace: Workspace::new(model.robot()),
-            q: vec![0.0; n],
-            dq: vec![0.0; n],
+            link: std::array::from_fn(|_| vec![0.0; n]),
+            motor: std::array::from_fn(|_| vec![0.0; n]),
             tau_link: vec![0.0; n],
             step: model.step().unwrap_or(0.0),
             memory: vec![0.0; n_memory],
@@ -174,14 +175,16 @@ impl TorqueEstimator {
     /// Every term into `scratch`; true if the third loop was faded.
     fn evaluate(&mut self, state: &State<'_>) -> Result<bool, CoreError> {
         let n = self.model.robot().n_joints();
-        for (j, delay) in self.model.encoder_delay().iter().enumerate() {
-            [self.q[j], self.dq[j]] =
-                align_link_side(state.q[j], state.dq[j], state.ddq[j], *delay);
-        }
+        self.take_true_state(state);
+        let [q, dq, ddq] = &self.link;
+        let [q_motor, dq_motor, ddq_motor] = &self.motor;
         let state = &State {
-            q: &self.q,
-            dq: &self.dq,
-            ..*state
+            q,
+            dq,
+            ddq,
+            q_motor,
+            dq_motor,
+            ddq_motor,
         };
         let (rigid_body, rest) = self.scratch.split_at_mut(n);
         inverse_dynamics_into(
@@ -215,9 +218,35 @@ impl TorqueEstimator {
         }
         match (self.model.residual(), rows.next()) {
             (Some(residual), Some(row)) => {
-                Ok(residual.torque_into(state, rigid_body, row, &mut self.scratch_variance))
+                let load = Load {
+                    tau_link: &self.tau_link,
+                    scaled: rigid_body,
+                };
+                Ok(residual.torque_into(state, load, row, &mut self.scratch_variance))
             }
             _ => Ok(false),
+        }
+    }
+
+    /// What the channels show, less the encoders' error, all on the motor channel's clock.
+    fn take_true_state(&mut self, shown: &State<'_>) {
+        let error = self.model.encoder_error();
+        let both_sides = error.is_some_and(|error| error.both_sides);
+        for (j, delay) in self.model.encoder_delay().iter().enumerate() {
+            let of_link = error.map(|error| error.cos_sin[j]);
+            let of_motor = of_link.filter(|_| both_sides);
+            let less = |of: Option<[f64; 2]>, [q, dq, ddq]: [f64; 3]| {
+                of.map_or([q, dq, ddq], |parts| true_motion(q, dq, ddq, parts))
+            };
+            // An encoder's error is that of the angle at the time that it shows, so it goes before the delay does.
+            let [q, dq, ddq] = less(of_link, [shown.q[j], shown.dq[j], shown.ddq[j]]);
+            let [q, dq] = align_link_side(q, dq, ddq, *delay);
+            let motor = [shown.q_motor[j], shown.dq_motor[j], shown.ddq_motor[j]];
+            let motor = less(of_motor, motor);
+            for (k, (link, motor)) in [q, dq, ddq].into_iter().zip(motor).enumerate() {
+                self.link[k][j] = link;
+                self.motor[k][j] = motor;
+            }
         }
     }
 
