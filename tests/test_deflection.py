@@ -136,6 +136,17 @@ def test_a_run_without_a_second_encoder_is_refused(robot):
         examine_deflection(fit, sim.recordings[:2], [replace(sim.recordings[2], q_motor=None)])
 
 
+def test_an_encoder_error_that_the_fit_knows_is_not_found_again(robot):
+    sim = measured(robot, ["encoder_eccentricity:1:0.5"], DELAY)
+    runs = list(sim.recordings)
+    found = examined(robot, sim)
+    assert [finding.kind for finding in found] == ["encoder_delay", "encoder_eccentricity"]
+    error = np.zeros((robot.n_joints, 2))
+    error[1] = [value(found[1], name).value for name in ("e_c", "e_s")]
+    fit = ThreeLoopIdentifier(robot, residual=None, encoder_error=error).fit(runs[:3])
+    assert [finding.kind for finding in examine_deflection(fit, runs[:3], runs[3:])] == ["encoder_delay"]
+
+
 def gear(deflection, *, seed, load=None, noise=1e-6, late=0.0, n=4000, rate=200.0):
     """One joint whose load is known: `deflection(load, dq)`, white noise."""
     rng = np.random.default_rng(seed)

@@ -31,7 +31,7 @@ class GearSignals:
     deflection : ndarray (n,)
         `q_motor - q` as the encoders show it, at the full rate, and not low-passed [rad].
     shift : ndarray (n,)
-        How much of it is known to come from the link channel's delay so far [rad].
+        How much of it is known to come from the link channel's delay and encoder error so far [rad].
     delay : float
         That delay [s].
     q_shown, q, dq : ndarray (n,)
@@ -107,7 +107,8 @@ def gear_signals(
     for run in runs:
         states = run if isinstance(run, States) else fit.states(run)
         raw = states.q_motor - states.q if isinstance(run, States) else _raw_deflection(run, states)
-        ahead = _ahead(states, delay)
+        # The link channel on the motor channel's clock, without the encoder errors that the fit knows of already.
+        ahead = _ahead(states, delay).aligned(np.zeros(len(delay)), fit.encoder_error)
         torque = load.torque(ahead)
         errors = load.errors(ahead, torque)
         for j, joint in enumerate(joints):
