@@ -16,8 +16,12 @@ FloatArray = NDArray[np.float64]
 
 PARTS = 3
 """Parts of the training blocks, each left out once."""
+STRETCHES = 15
+"""Stretches of a block over which squares are summed up to see how they scatter."""
 MOST_ROWS = 1500
 """More rows of a joint are thinned: a search needs no more."""
+NOTICED = 0.1
+"""Directions in which the declared model's prediction is surer than this part of the noise need no whitening."""
 WEAK = 1e-10
 """Directions of the declared columns below this relative singular value are rounding."""
 
@@ -84,7 +88,10 @@ class Beside:
 
     def of_joint(self, j: int) -> JointRows:
         """Rows and splits of joint j."""
-        wide = [stack_one(self._observations.plan, j, block.rows[j], self._links.torque_scale_) for block in self._observations.blocks]
+        wide = [
+            stack_one(self._observations.plan, j, block.rows[j], self._links.torque_scale_)
+            for block in self._observations.blocks
+        ]
         rows = np.concatenate(wide)[self._rows]
         splits = [self._split(j, rows, kept, *system) for kept, system in zip(self._kept, self._systems, strict=True)]
         residual = rows[:, -1] - rows[:, :-1] @ self._links.x_
@@ -112,6 +119,7 @@ class Beside:
         good = s > 1e-9
         fitted, others = np.flatnonzero(seen), np.flatnonzero(~seen)
         unsure, size, _ = np.linalg.svd(columns[others], full_matrices=False)
+        unsure, size = unsure[:, size > NOTICED], size[size > NOTICED]
         none = np.zeros((len(others), 0))
         split = Split(
             fitted,
@@ -128,3 +136,10 @@ class Beside:
             elsewhere=split.weighed(columns[others] @ vt[good].T),
             e_left=split.weighed(left[others, None])[:, 0],
         )
+
+
+def spread_of_sum(x: FloatArray, block: NDArray[np.intp]) -> float:
+    """Standard error of the sum of `x` (n_rows,), which remembers, from stretches of about a second of each block."""
+    parts = [part for k in np.unique(block) for part in np.array_split(np.flatnonzero(block == k), STRETCHES)]
+    sums = np.array([x[part].sum() - len(part) * x.mean() for part in parts])
+    return float(np.sqrt(np.sum(sums**2)))

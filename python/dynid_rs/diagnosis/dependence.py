@@ -57,33 +57,37 @@ class Dependence:
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """Every single signal and every pair, scored; the first target is the residual, the others surrogates.
+    """Every single signal and pair, and some of three, scored; the first target is the residual, the others surrogates.
 
-    `gain` (n_targets,) is the greatest part of the power that any of them predicts.
+    `scores` the best first; `without` the residual's power on rows left out; `gain` (n_targets,) the greatest part of
+    the power that any of them predicts.
     """
 
     scores: tuple[Score, ...]
+    without: float
     gain: FloatArray
 
 
-def search(rows: LeftOutRows, signals: Sequence[Signal]) -> Search:
-    """Score singles and pairs."""
+def search(rows: LeftOutRows, signals: Sequence[Signal], noise: float) -> Search:
+    """Score singles and pairs, and where pairs leave much more than `noise`, the best of them with a third signal.
+
+    `noise` is the power that nothing can explain, summed over the rows.
+    """
     sets = [(signal,) for signal in signals] + list(combinations(signals, 2))
-    scores = [rows.score(chosen) for chosen in sets]
-    least = np.min([score.power for score in scores], axis=0)
-    return Search(tuple(sorted(scores, key=lambda s: float(s.power[0]))), 1 - least / rows.without)
-
-
-def dependence(rows: LeftOutRows, found: Search, signals: Sequence[Signal], noise: float) -> Dependence:
-    """Name the signals; `noise` is the power that nothing can explain, summed over the rows."""
-    scores = list(found.scores)
+    scores = sorted((rows.score(chosen) for chosen in sets), key=_power)
     without = float(rows.without[0])
-    best = _power(scores[0])
-    if best - noise > THIRD * (without - noise):
+    if _power(scores[0]) - noise > THIRD * (without - noise):
         pairs = [s.signals for s in scores if len(s.signals) == 2][:BEAM]
         more = {tuple(sorted((*pair, signal))) for pair in pairs for signal in signals if signal not in pair}
-        scores += [rows.score(chosen) for chosen in sorted(more)]
-        best = min(map(_power, scores))
+        scores = sorted([*scores, *(rows.score(chosen) for chosen in sorted(more))], key=_power)
+    least = np.min([score.power for score in scores], axis=0)
+    return Search(tuple(scores), without, 1 - least / rows.without)
+
+
+def dependence(rows: LeftOutRows, found: Search) -> Dependence:
+    """Name the signals."""
+    scores, without = found.scores, found.without
+    best = _power(scores[0])
     limit = best + ENOUGH * max(without - best, 0.0)
     enough = sorted((s for s in scores if _power(s) <= limit), key=lambda s: (len(s.signals), _power(s)))
     chosen = _pruned(rows, _identified(rows, enough))

@@ -81,19 +81,19 @@ class LeftOutRows:
     def _score(self, signals: tuple[Signal, ...]) -> Score:
         columns = product_columns(signals, self._candidates, self._rows.rows)
         power = np.zeros((len(RIDGES), len(self.without)))
-        squares: list[list[FloatArray]] = [[] for _ in RIDGES]
+        paths = []
         for split, (fitted, left) in zip(self._rows.splits, self._targets, strict=True):
-            b, elsewhere = columns[split.fitted], split.weighed(columns[split.left])
+            b = columns[split.fitted]
             taken = split.taken.T @ b
-            solve = RidgePath(b, taken, fitted)
-            shown = elsewhere - split.elsewhere @ taken
-            moment, cross = shown.T @ shown, shown.T @ left
-            for i, ridge in enumerate(RIDGES):
-                beta = solve.at(ridge)
-                power[i] += np.sum(left**2, axis=0) + np.sum(beta * (moment @ beta - 2 * cross), axis=0)
-                squares[i].append((left[:, 0] - shown @ beta[:, 0]) ** 2)
+            path = RidgePath(b, taken, fitted)
+            shown = split.weighed(columns[split.left]) - split.elsewhere @ taken
+            moment, cross, power_left = shown.T @ shown, shown.T @ left, np.sum(left**2, axis=0)
+            beta = [path.at(ridge) for ridge in RIDGES]
+            power += [power_left + np.sum(x * (moment @ x - 2 * cross), axis=0) for x in beta]
+            paths.append((left[:, 0], shown, beta))
         best = int(np.argmin(power[:, 0]))
-        return Score(signals, power.min(axis=0), RIDGES[best], self._in_order(squares[best]))
+        squares = [(left - shown @ beta[best][:, 0]) ** 2 for left, shown, beta in paths]
+        return Score(signals, power.min(axis=0), RIDGES[best], self._in_order(squares))
 
     def _in_order(self, parts: Sequence[FloatArray]) -> FloatArray:
         out = np.zeros(len(self._rows.rows))
@@ -117,11 +117,14 @@ class RidgePath:
 
     def at(self, ridge: float) -> FloatArray:
         """Coefficients (p, n_targets)."""
-        from scipy.linalg import cho_factor, cho_solve
+        from scipy.linalg.lapack import dposv  # thousands of small systems: checks would cost more than they
 
         padded = self._gram.copy()
-        padded[np.diag_indices_from(padded)] += ridge * self._unit
-        return np.asarray(cho_solve(cho_factor(padded, check_finite=False), self._moment, check_finite=False))
+        padded.flat[:: len(padded) + 1] += ridge * self._unit
+        _, beta, failed = dposv(padded, self._moment)
+        if failed:
+            raise np.linalg.LinAlgError("the products' moments are not positive definite")
+        return np.asarray(beta)
 
 
 def _targets(split: Split, surrogates: FloatArray | None) -> tuple[FloatArray, FloatArray]:

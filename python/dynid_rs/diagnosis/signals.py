@@ -94,13 +94,14 @@ def direction(x: FloatArray, width: float) -> FloatArray:
 class Candidates:
     """Candidate signals of a fit's training rows.
 
-    `signals` in order; `bases` of those of `STATE` and of time; `values` {signal: (n_rows,)} in the band over all
-    blocks; `functions` {signal: (n_rows, n_functions)} in the band, of unit spread times weight; `scales` what they
-    were divided by.
+    `signals` in order; `bases` of those of `STATE` and of time; `states` {signal: (n_samples,)} as they are at every
+    sample of all runs; `values` {signal: (n_rows,)} in the band over all blocks; `functions`
+    {signal: (n_rows, n_functions)} in the band, of unit spread times weight; `scales` what they were divided by.
     """
 
     signals: tuple[Signal, ...]
     bases: dict[Signal, Basis]
+    states: dict[Signal, FloatArray]
     values: dict[Signal, FloatArray]
     functions: dict[Signal, FloatArray]
     scales: dict[Signal, FloatArray]
@@ -121,14 +122,17 @@ def candidate_signals(fit: ThreeLoopIdentifier) -> Candidates:
     kinds, widths = fit.robot.joint_kinds, dict(plan.friction[0].shape)["transition_width"]
     load = [link_torque(plan, fit.links_, states) for states in runs]
     given: dict[Signal, list[FloatArray]] = {}
-    for name, parts in zip(STATE, zip(*(state_signals(s, u) for s, u in zip(runs, load, strict=True)), strict=True), strict=True):
+    for name, parts in zip(
+        STATE, zip(*(state_signals(s, u) for s, u in zip(runs, load, strict=True)), strict=True), strict=True
+    ):
         for j in range(fit.robot.n_joints):
             given[name, j] = [part[:, j] for part in parts]
     given["time", -1] = [states.t - states.t[0] for states in runs]
-    bases, values, functions, scales = {}, {}, {}, {}
+    bases, every, values, functions, scales = {}, {}, {}, {}, {}
     for signal, x in given.items():
         name, j = signal
-        basis = _basis(signal, np.concatenate(x), name == "q" and kinds[j] != "prismatic", widths[j])
+        every[signal] = np.concatenate(x)
+        basis = _basis(signal, every[signal], name == "q" and kinds[j] != "prismatic", widths[j])
         bases[signal] = basis
         values[signal] = np.concatenate([s.in_band(part) for s, part in zip(runs, x, strict=True)])
         columns = [s.in_band(basis(part)) for s, part in zip(runs, x, strict=True)]
@@ -139,7 +143,7 @@ def candidate_signals(fit: ThreeLoopIdentifier) -> Candidates:
         values[signal] = np.concatenate([s.in_band(way) for s, (way, _) in zip(runs, ways, strict=True)])
         columns = [s.in_band(_memory(way, direction(dq, widths[j]))) for s, (way, dq) in zip(runs, ways, strict=True)]
         functions[signal], scales[signal] = _scaled(np.concatenate(columns), np.ones(len(PRESLIDING)))
-    return Candidates(tuple(values), bases, values, functions, scales)
+    return Candidates(tuple(values), bases, every, values, functions, scales)
 
 
 def state_signals(states: States, tau_link: FloatArray) -> tuple[FloatArray, ...]:
