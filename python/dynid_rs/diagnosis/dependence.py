@@ -22,6 +22,8 @@ BEAM = 4
 """Best pairs that are tried with a third signal."""
 ENOUGH = 0.06
 """A smaller set is enough if it leaves at most this part more of what the best one explains."""
+RIVALS = 20
+"""Best other sets that are compared with the chosen one."""
 NEEDED = 0.04
 """A signal without which a set explains less by a smaller part is not direct."""
 NEEDED_THIRD = 0.15
@@ -43,7 +45,7 @@ class Dependence:
     explained : float
         Part of the power that the set predicts on rows left out.
     ties : tuple of tuple of Signal
-        Other sets of that size or less that predict as well.
+        Other sets of that size or less that predict about as well, or no worse than chance could have it.
     score : Score
         Of the set.
     """
@@ -91,7 +93,8 @@ def dependence(rows: LeftOutRows, found: Search) -> Dependence:
     limit = best + ENOUGH * max(without - best, 0.0)
     enough = sorted((s for s in scores if _power(s) <= limit), key=lambda s: (len(s.signals), _power(s)))
     chosen = _pruned(rows, _identified(rows, enough))
-    alike = tuple(s.signals for s in enough if s is not chosen and len(s.signals) <= len(chosen.signals))
+    rivals = [s for s in scores if s is not chosen and len(s.signals) <= len(chosen.signals)][:RIVALS]
+    alike = tuple(s.signals for s in rivals if _power(s) <= limit or not rows.worse(s, chosen))
     lost = {signal: _lost(rows, chosen, signal) for signal in chosen.signals}
     order = tuple(sorted(lost, key=lambda signal: -lost[signal]))
     explained = 1 - _power(chosen) / without

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs.diagnosis.beside import JointRows, Split
+from dynid_rs.diagnosis.beside import JointRows, Split, spread_of_sum
 from dynid_rs.diagnosis.signals import Candidates, Signal
 
 FloatArray = NDArray[np.float64]
@@ -77,6 +77,11 @@ class LeftOutRows:
         if key not in self._known:
             self._known[key] = self._score(key)
         return self._known[key]
+
+    def worse(self, score: Score, than: Score) -> bool:
+        """Whether a set of signals leaves more than another by over two standard errors of the difference."""
+        difference = score.squares - than.squares
+        return bool(difference.sum() > 2 * spread_of_sum(difference, self._rows.block))
 
     def _score(self, signals: tuple[Signal, ...]) -> Score:
         columns = product_columns(signals, self._candidates, self._rows.rows)

@@ -85,9 +85,10 @@ class Basis:
 
 
 def direction(x: FloatArray, width: float) -> FloatArray:
-    """Smoothed sign of `x` (n,), the one of the core's friction."""
-    basis = _core.friction_basis(np.ascontiguousarray(x), 0.0, width)
-    return np.asarray(basis[:, 0] + basis[:, 1])
+    """Smoothed sign of `x` (n,), that of the core's effects: what friction is under a load of one."""
+    effect = _core.Effect.of("load_dependent_friction", transition_width=[width])
+    still, load = np.zeros((len(x), 1)), np.ones((len(x), 1))
+    return np.asarray(_core.effect_columns(effect, still, x[:, None], still, tau_link=load)[:, 0, 0])
 
 
 @dataclass(frozen=True, eq=False)
