@@ -202,7 +202,7 @@ THIRD = np.array([1.0, 1.0, -1.0, 1.0, 1.0, 1.0])
     ],
 )
 def test_channels_that_are_not_what_they_are_called_are_errors(signals, code, column):
-    recordings = changed(runs(duration=8.0)[1][:3], **signals)
+    recordings = changed(runs()[1][:3], **signals)
     findings = channel_findings(robot(), states(recordings))
     assert [(finding.code, finding.severity, finding.column) for finding in findings] == [(code, "error", column)]
 

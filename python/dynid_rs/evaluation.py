@@ -18,6 +18,8 @@ LEAST_BLOCK = 1.0
 """Block [s] that is resampled as a whole; errors stay alike for about as long."""
 LEAST_BLOCKS = 8
 """Fewer blocks have nothing to resample; a short run is cut finer."""
+WELCH = 1024
+"""Samples of a segment of the noise's spectrum."""
 FLOOR_METHOD = (
     "wide-band noise of the torque channel inside the band, from the quietest part of its spectrum above the band; "
     "no model of the states can go below it"
@@ -84,17 +86,20 @@ def noise_floor(runs: Sequence[States]) -> FloatArray:
     from below.
     """
     from scipy.signal import freqz_sos, welch
+    from scipy.stats import chi2
 
     floors = []
     for states in runs:
-        frequency, density = welch(states.tau, states.rate, nperseg=min(len(states.tau), 1024), axis=0)
+        frequency, density = welch(states.tau, states.rate, nperseg=min(len(states.tau), WELCH), axis=0)
         # Torques that were thinned out carry an anti-aliasing edge at 0.4 of the rate.
         high = density[(frequency > 2 * states.band.cutoff) & (frequency < 0.35 * states.rate)]
         if states.filter is None or len(high) < 4:
             continue  # no room above the band
         stretches = np.array_split(high, min(8, len(high) // 4))
-        # A line's power is exponentially distributed: its mean is its median over log 2.
-        level = np.min([np.median(stretch, axis=0) / np.log(2) for stretch in stretches], axis=0)
+        # A line's power is chi-squared distributed over the segments that were averaged: its median is below its mean.
+        n_segments = max(1, (len(states.tau) - WELCH) // (WELCH // 2) + 1)
+        middle = chi2.median(2 * n_segments) / (2 * n_segments)
+        level = np.min([np.median(stretch, axis=0) / middle for stretch in stretches], axis=0)
         _, response = freqz_sos(states.filter[0], worN=frequency, fs=states.rate)
         passed = np.trapezoid(np.abs(response) ** 4, frequency)  # forwards and backwards
         floors.append(np.sqrt(level * passed))

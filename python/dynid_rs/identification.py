@@ -20,7 +20,7 @@ from dynid_rs.friction_laws import DEFAULT_LAW, laws_per_joint
 from dynid_rs.known import KnownTerm, check_known
 from dynid_rs.links import ASYMMETRY, LinkDynamicsIdentifier, free_scales
 from dynid_rs.loops import Loops, link_torque
-from dynid_rs.placed import PlacedEffect
+from dynid_rs.placed import HeldEffect, PlacedEffect, held_terms
 from dynid_rs.preprocessing import States, prepare, without
 from dynid_rs.recording import Recording
 from dynid_rs.residual import ResidualCompensator
@@ -46,6 +46,9 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         Effects whose coefficients [N*m] are known, not fitted: taken off the torque, and part of the model.
     effects : sequence of PlacedEffect
         What the arm has beside rigid body and friction, with its shapes; coefficients are fitted in the second loop.
+    held : sequence of HeldEffect
+        Effects on single joints whose coefficients were fitted elsewhere (ripple, at full rate): taken off the torque
+        and part of the model, as known terms are, but in the unit of the torque channel.
     free_gains : sequence of int
         Joints whose torque channel has a gain of its own against the others', which is fitted; one has to hold the
         unit. In ampere all gains but the first are fitted anyway.
@@ -57,6 +60,8 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         "paper" (Eqs. 9-11), "coulomb_viscous" or "stribeck", for all joints or one per joint.
     cutoff : float, optional
         Band [Hz] in which torques are fitted and compared; chosen from the motion if None.
+    standstill : bool
+        Whether pauses are fitted and scored too, which only a model with memory can do well.
     max_iter : int
         Most rounds of the three loops.
     tol : float
@@ -99,11 +104,13 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         residual: ResidualCompensator | str | None = "default",
         known: Sequence[KnownTerm] = (),
         effects: Sequence[PlacedEffect] = (),
+        held: Sequence[HeldEffect] = (),
         free_gains: Sequence[int] = (),
         encoder_error: FloatArray | None = None,
         excluded: Excluded | None = None,
         friction_law: str | Sequence[str] = DEFAULT_LAW,
         cutoff: float | None = None,
+        standstill: bool = False,
         max_iter: int = 10,
         tol: float = 2e-2,
     ) -> None:
@@ -113,11 +120,13 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         self.residual = residual
         self.known = known
         self.effects = effects
+        self.held = held
         self.free_gains = free_gains
         self.encoder_error = encoder_error
         self.excluded = excluded
         self.friction_law = friction_law
         self.cutoff = cutoff
+        self.standstill = standstill
         self.max_iter = max_iter
         self.tol = tol
 
@@ -166,7 +175,7 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         # Small matrices by the thousand: BLAS threads spin on each other and cost more than they give.
         with threadpool_limits(limits=1, user_api="blas"):
             on_progress("filtering the runs")
-            loops = self._loops(prepare_training_data(recordings, slow, self.known_, self.cutoff, self.excluded))
+            loops = self._loops(self._training_data(recordings, slow))
             self._iterate(loops, on_progress)
         self._keep(loops)
         return self
@@ -206,7 +215,8 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
     def states(self, recording: Recording) -> States:
         """States of a run in the band and at the rate of the training runs, channels as recorded; less `excluded`."""
         check_is_fitted(self, "band_")
-        return without(prepare(recording, self.band_, self.rate_), (self.excluded or {}).get(recording.name, ()))
+        states = prepare(recording, self.band_, self.rate_, standstill=self.standstill)
+        return without(states, (self.excluded or {}).get(recording.name, ()))
 
     def model_with(self, regressions: Regressions) -> _core.TorqueModel:
         """Return the model with other regressions in its third loop; all None leaves it out.
@@ -234,6 +244,12 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         )
         kept = (third.inputs_, list(regressions), third.compliance_)
         return self._ended.model(plan, links, links.own_, kept)
+
+    def _training_data(self, recordings: list[Recording], slow: list[Recording]) -> TrainingData:
+        taken_off = self.known_ + held_terms(self.held, self.robot.n_joints)
+        return prepare_training_data(
+            recordings, slow, taken_off, self.cutoff, self.excluded, standstill=self.standstill
+        )
 
     def _loops(self, data: TrainingData) -> Loops:
         """Fresh copies of the three loops around the data, so that the user's own are never changed."""

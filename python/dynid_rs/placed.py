@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynid_rs import _core
+from dynid_rs.known import KnownTerm
 
 CATALOGUE = {entry["kind"]: entry for entry in _core.effect_catalogue()}
 
@@ -39,6 +40,27 @@ class PlacedEffect:
         """Shape parameters on one of its joints."""
         at = self.joints.index(joint)
         return {name: values[at] for name, values in self.shape}
+
+
+@dataclass(frozen=True)
+class HeldEffect:
+    """An effect on one joint with coefficients that were fitted elsewhere, in the unit of the torque channel."""
+
+    effect: PlacedEffect
+    coefficients: tuple[float, ...]
+
+
+def held_terms(held: Sequence[HeldEffect], n_joints: int) -> list[KnownTerm]:
+    """Terms of a model, coefficients (n_joints, n_columns) zero where an effect does not act."""
+    placed = [one.effect for one in held]
+    terms: list[KnownTerm] = []
+    for group in _groups(placed):
+        effect = _together([placed[k] for k in group], n_joints)
+        coefficients = np.zeros((n_joints, effect.n_columns))
+        for k in group:
+            coefficients[placed[k].joints[0]] = held[k].coefficients
+        terms.append((effect, coefficients))
+    return terms
 
 
 def effects_of(placed: Sequence[PlacedEffect], n_joints: int) -> list[tuple[_core.Effect, tuple[int, ...]]]:

@@ -185,12 +185,13 @@ def choose_band(recordings: list[Recording], least: float = 5.0) -> Band:
     return Band(float(min(max(least, 5 * np.median(frequencies)), 0.8 * nyquist)))
 
 
-def prepare(recording: Recording, band: Band, rate: float) -> States:
+def prepare(recording: Recording, band: Band, rate: float, *, standstill: bool = False) -> States:
     """States of `recording` at `rate` [Hz] or a whole fraction of it.
 
     Recorded velocity and acceleration are taken as they are where both are there and belong together (a simulation, or
     a careful logger). Otherwise positions are low-passed at twice the band and differentiated; a recorded velocity
-    replaces the derivative unless it lags behind.
+    replaces the derivative unless it lags behind. With `standstill` pauses are fitted and scored too: friction at rest
+    is no function of the state, but a model with memory can know it.
 
     Raises
     ------
@@ -221,7 +222,7 @@ def prepare(recording: Recording, band: Band, rate: float) -> States:
     temperature = recording.temperature
     if temperature is not None:
         temperature = np.ascontiguousarray(_linear(recording.t, temperature, grid)[::step])
-    moving = _moving(link[1][::step], rate / step, band)
+    moving = _moving(link[1][::step], rate / step, band, standstill)
     names = ("q", "dq", "ddq", "q_motor", "dq_motor", "ddq_motor")
     signals = dict(zip(names, (np.ascontiguousarray(x[::step]) for x in (*link[:3], *motor[:3])), strict=True))
     return States(
@@ -329,7 +330,7 @@ def _velocity_lag(
     return lag, agrees
 
 
-def _moving(dq: FloatArray, rate: float, band: Band) -> NDArray[np.bool_]:
+def _moving(dq: FloatArray, rate: float, band: Band, standstill: bool = False) -> NDArray[np.bool_]:
     """Samples in motion: friction at rest is not a function of the state, so pauses are neither fitted nor scored.
 
     A guard on both sides of a pause, and at both ends of the run, keeps the filters' transients out.
@@ -338,6 +339,8 @@ def _moving(dq: FloatArray, rate: float, band: Band) -> NDArray[np.bool_]:
     still: NDArray[np.bool_] = np.all(np.abs(dq) <= STILL_SPEED * np.where(top > 0, top, np.inf), axis=1)
     guard = int(rate / band.cutoff)
     moving = np.ones(len(dq), dtype=bool)
+    if standstill:
+        still[:] = False
     for first, last in stretches(still):
         at_an_end = first == 0 or last == len(still)
         if at_an_end or last - first > STILL_TIME * rate:

@@ -47,6 +47,8 @@ def prepare_training_data(
     known: list[KnownTerm],
     cutoff: float | None,
     excluded: Excluded | None = None,
+    *,
+    standstill: bool = False,
 ) -> TrainingData:
     """States of checked runs in one band: `cutoff` [Hz], or chosen from the motion; `excluded` windows by run name.
 
@@ -57,7 +59,7 @@ def prepare_training_data(
     """
     rate = common_rate(list(recordings))
     band = Band(cutoff) if cutoff is not None else choose_band(list(recordings))
-    runs = prepare_training_runs(recordings, band, rate, excluded)
+    runs = prepare_training_runs(recordings, band, rate, excluded, standstill=standstill)
     slow_runs = [prepare(recording, band, rate) for recording in slow]
     return TrainingData(runs, slow_runs, known, recordings[0].torque_unit, rate, band)
 
@@ -128,7 +130,12 @@ def check_torque(recordings: Sequence[Recording]) -> None:
 
 
 def prepare_training_runs(
-    recordings: Sequence[Recording], band: Band, rate: float, excluded: Excluded | None = None
+    recordings: Sequence[Recording],
+    band: Band,
+    rate: float,
+    excluded: Excluded | None = None,
+    *,
+    standstill: bool = False,
 ) -> list[States]:
     """States of the runs in `band` at `rate` [Hz], without the windows [s] of `excluded`.
 
@@ -138,7 +145,8 @@ def prepare_training_runs(
         Too little motion is left in a run after standstill is taken out.
     """
     windows = excluded or {}
-    runs = [without(prepare(recording, band, rate), windows.get(recording.name, ())) for recording in recordings]
+    prepared = [prepare(recording, band, rate, standstill=standstill) for recording in recordings]
+    runs = [without(states, windows.get(states.name, ())) for states in prepared]
     for states in runs:
         if len(states.rows) < LEAST_ROWS:
             raise DataError(

@@ -257,7 +257,8 @@ def bounded_gain(own: FloatArray, power: FloatArray, score: FloatArray, bounds: 
         values, vectors = np.linalg.eigh(S)
         good = values > 1e-8 * values[-1]
         coefficients[free] = scale * (vectors[:, good] / values[good] @ (vectors[:, good].T @ (scale * score[free])))
-        beyond = np.maximum(bounds[free, 0] - coefficients[free], coefficients[free] - bounds[free, 1]) * root
+        with np.errstate(over="ignore"):  # no bound is the greatest number there is
+            beyond = np.maximum(bounds[free, 0] - coefficients[free], coefficients[free] - bounds[free, 1]) * root
         if np.all(beyond <= 0):
             break
         held[free[int(np.argmax(beyond))]] = True

@@ -36,9 +36,15 @@ REFINED: dict[str, dict[str, tuple[str, float, float]]] = {
         "phase": ("linear", -4.0, 4.0),
         "gas_length": ("log", 0.05, 100.0),
     },
-    "thermal_friction": {"time_constant": ("log", 5.0, 1e3)},
+    "thermal_friction": {"time_constant": ("log", 5.0, 300.0)},
 }
 """Shape parameters that are searched between the grid's values: how, and within which bounds."""
+COARSE = {
+    ("counterbalance", "b"): [0.2, 0.5],
+    ("counterbalance", "gas_length"): [1.25, 10.0, -1.5],
+    ("thermal_friction", "time_constant"): [10.0, 30.0, 100.0],
+}
+"""Grids of the scan where the catalogue's is finer than a search needs to begin with, or reaches beyond a run."""
 LEAST_WARMTH = 1.0
 """A thermometer that moves less than this over all runs [K] tells nothing about friction."""
 SEARCH_STEPS = 40
@@ -129,6 +135,8 @@ class Kinds:
                 values.append([float(self.widths[j])])
             elif name == "partner":
                 values.append([-1.0])
+            elif (kind, name) in COARSE:
+                values.append(COARSE[kind, name])
             elif name == "cycles" and kind == "torque_ripple":
                 values.append([float(k) for k in range(1, N_RIPPLES + 1)])
             else:

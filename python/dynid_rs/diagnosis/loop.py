@@ -3,15 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid_rs import _core
+from dynid_rs.diagnosis.deflection import examine_deflection
+from dynid_rs.diagnosis.deflection_entries import deflection_entries, with_true_encoders
 from dynid_rs.diagnosis.entries import effect_entries, ranked
 from dynid_rs.diagnosis.kinds import Kinds
-from dynid_rs.diagnosis.search import Search, search
+from dynid_rs.diagnosis.reference import compare
+from dynid_rs.diagnosis.remainder import Remainder, remainder_entries, unknown_entries, what_is_left, with_terms
+from dynid_rs.diagnosis.ripple import RippleCandidate, add_ripple
+from dynid_rs.diagnosis.ripple_entries import ripple_entries
+from dynid_rs.diagnosis.search import Search, fitted, search
 from dynid_rs.diagnosis.sensors import examine
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.structural_entries import clock_entries, structural_entries
@@ -20,6 +28,12 @@ from dynid_rs.identification import ThreeLoopIdentifier
 from dynid_rs.recording import Recording
 
 FloatArray = NDArray[np.float64]
+
+FLOOR_METHODS = {
+    "repetition": "deviation of the torque where the motion repeats",
+    "left_out": "what one or two signals can predict of rows left out is taken off the residual",
+    "noise": "wide-band noise of the torque channel in the band",
+}
 
 
 @dataclass
@@ -62,6 +76,7 @@ def diagnose(
     train: Sequence[Recording],
     test: Sequence[Recording],
     *,
+    reference: _core.TorqueModel | None = None,
     on_progress: Callable[[str], None] = lambda step: None,
 ) -> Diagnosis:
     """Trace the residual to what the model lacks, and add it.
@@ -74,6 +89,8 @@ def diagnose(
         Runs to fit and to choose on.
     test : sequence of Recording
         Runs that only the reported errors see.
+    reference : TorqueModel, optional
+        Trusted model: then the question is what has changed against it, and nothing of it is fitted again.
     on_progress : callable
         Called with a few words before every step.
 
@@ -82,15 +99,28 @@ def diagnose(
     DataError
         As `ThreeLoopIdentifier.fit`.
     """
+    if reference is not None:
+        on_progress("comparing with the reference")
+        return _changed(setup, train, test, reference)
     asked, findings, clocks = examine(setup, train, test, on_progress)
     on_progress("the declared model")
     before = replace(setup, excluded=asked.excluded).identifier().fit(list(train))
     if any(finding.severity == "error" for finding in findings):
         return Diagnosis(setup, before, before, Search(setup, before, Kinds(before)), findings=findings)
+    on_progress("two encoders")
+    gears = examine_deflection(before, list(train), list(test))
+    asked = with_true_encoders(asked, gears)
     found = search(asked, train, on_progress=on_progress)
+    on_progress("lines in the angle")
+    lines = hold_ripple(found, train)
+    on_progress("what is left")
+    remainder = what_is_left(found, train)
     on_progress("the model with what was found")
-    after = found.setup.identifier().fit([found.setup.corrected(recording) for recording in train])
+    after = _final(found, remainder, train)
     tests = [found.setup.corrected(recording) for recording in test]
+    names = setup.robot.joint_names
+    if gears:  # they know the delay better than the first look
+        clocks = [clock for clock in clocks if clock["kind"] != "encoder_delay"]
     return Diagnosis(
         found.setup,
         before,
@@ -100,12 +130,51 @@ def diagnose(
         effects=ranked(
             [
                 *clock_entries(clocks, setup.robot),
+                *deflection_entries(gears, names),
                 *structural_entries(found, train, tests),
                 *effect_entries(found, tests),
+                *unknown_entries(remainder, names),
+                *ripple_entries(lines, found.fit),
             ]
         ),
         steps=[_step(found, step) for step in found.steps],
+        floor={
+            "value": remainder.floor.value,
+            "interval": remainder.floor.interval,
+            "method": [FLOOR_METHODS[method] for method in remainder.floor.method],
+        },
+        unexplained=remainder_entries(remainder, names),
     )
+
+
+def _final(found: Search, remainder: Remainder, train: Sequence[Recording]) -> ThreeLoopIdentifier:
+    """Model with what was found: the third loop where nothing unknown takes its place."""
+    corrected = [found.setup.corrected(recording) for recording in train]
+    if remainder.terms:
+        return with_terms(found, remainder.terms, corrected)
+    return found.setup.identifier().fit(corrected)
+
+
+def hold_ripple(found: Search, train: Sequence[Recording]) -> list[RippleCandidate]:
+    """Add the ripple that stands out at full rate to the state of the search, and fit everything else beside it."""
+    setup, lines = add_ripple(found.setup, found.fit, train)
+    if lines:
+        found.setup = setup
+        found.fit = fitted(setup, train)
+        found.kinds = Kinds(found.fit, found.kinds)
+    return lines
+
+
+def _changed(
+    setup: Setup, train: Sequence[Recording], test: Sequence[Recording], reference: _core.TorqueModel
+) -> Diagnosis:
+    """What has changed since the reference was made; the model with what was found is the reference with it."""
+    changes = compare(reference, setup.robot, train, test, cutoff=setup.options.get("cutoff"))
+    fit = setup.identifier(residual=None).fit(list(train))
+    before, after = copy(fit), copy(fit)
+    before.model_, after.model_ = reference, changes.model
+    nothing = Search(setup, fit, Kinds(fit))
+    return Diagnosis(setup, before, after, nothing, findings=list(changes.findings), effects=list(changes.effects))
 
 
 def _step(found: Search, step: Any) -> dict[str, Any]:

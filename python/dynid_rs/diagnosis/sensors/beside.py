@@ -57,8 +57,8 @@ class Beside:
     Attributes
     ----------
     Q : ndarray (n_rows_all + n_prior_rows, rank)
-        Orthonormal basis of the declared columns, drive gains included where the data is in ampere, on the rows of the
-        fit and, below them, those of its prior.
+        Orthonormal basis of the declared columns, drive gains included where they are fitted, on the rows
+        of the fit and, below them, those of its prior.
     weights : ndarray (n_joints,)
         One over the noise per joint.
     block : ndarray (n_rows_all,)
@@ -84,7 +84,8 @@ class Beside:
         blocks = self._blocks()
         self.block = np.tile(blocks, self.n_joints)
         self._pull = links._alike(observations) if links.posterior_ is None else links.posterior_.pull
-        self._scaled_joints = range(1, self.n_joints) if fit.torque_unit_ == "A" else range(0)
+        in_ampere = fit.torque_unit_ == "A"
+        self._scaled_joints = list(range(1, self.n_joints)) if in_ampere else list(fit.free_gains)
         self.Q = self._basis()
 
     def _blocks(self) -> NDArray[np.intp]:

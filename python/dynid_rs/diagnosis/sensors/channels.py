@@ -67,7 +67,7 @@ def channel_findings(
     spoilt = (whole > LEAST_SPOILT) & (whole > SPOILT * alone)
     several = len({block.run for block in rows.observations.blocks}) > 1
     hopeless = (whole > 1) & several
-    if not findings and (np.any(spoilt) or np.any(hopeless)):
+    if not findings and (np.any(spoilt) or (several and np.any(whole > EXPLAINED))):
         findings = _other_layout(robot, runs, rows, whole) if thorough else [_larger_than_torque(robot, whole)]
     if not findings and np.any(hopeless):
         findings = [_larger_than_torque(robot, whole)]

@@ -109,7 +109,8 @@ def watch_run(fit: ThreeLoopIdentifier, states: States, usual: Usual) -> Watch:
     from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d
 
     grid, step = states.grid, states.step / states.rate
-    aligned = states if fit.encoder_delay_ is None else states.aligned(fit.encoder_delay_.value)
+    delay = np.zeros(states.q.shape[1]) if fit.encoder_delay_ is None else fit.encoder_delay_.value
+    aligned = states.aligned(delay, fit.encoder_error)
     load = usual.load(aligned)
     error = states.band.apply(states.tau - evaluate(fit.model_, states)[0], states.rate)[grid]
     q, dq, t = states.q[grid], states.dq[grid], states.t[grid]

@@ -1,0 +1,202 @@
+"""A data-driven torque on named signals, for what no physical effect explains.
+
+The leftover is fitted as products of functions of its signals beside the declared model (`products.py`), and that
+function is handed to a Gaussian mixture regression (Eqs. 31-38), which the core evaluates online. The mixture's inputs
+stand on a grid, so its responsibilities are products of smooth steps along each signal; two components at plus and
+minus m with variance m w share a velocity by half of one plus the hyperbolic tangent of dq / w, which is how friction
+turns round. What is left to find, a level and a slope per component, is linear.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid_rs import _core
+from dynid_rs.diagnosis.products import RidgePath, product_columns
+from dynid_rs.diagnosis.rows_beside import JointRows, Split, spread_of_sum
+from dynid_rs.diagnosis.signals import STATE, Basis, Candidates, Signal, state_signals
+from dynid_rs.preprocessing import States
+
+FloatArray = NDArray[np.float64]
+
+CENTERS = {1: {"q": 16, "ddq": 5, "tau_link": 8}, 2: {"q": 10, "ddq": 4, "tau_link": 6}}
+"""Components along each signal, by the number of signals; with three of them as in `MANY_CENTERS`."""
+MANY_CENTERS = {"q": 8, "ddq": 3, "tau_link": 4}
+SPEEDS = (0.1, 0.5)
+"""Where components stand on both sides of standstill, over the greatest speed; the first only where there are three."""
+OVERLAP = 0.6
+"""Standard deviation of a component over the distance to the next."""
+SAMPLES = 4000
+"""Most states at which the mixture is fitted to the products."""
+INNER = 0.3
+"""Weight of states that combine values which the data has only one by one: they keep the mixture tame."""
+SLOPE_RIDGE = 1e-4
+"""Pull on levels and slopes, relative to the data's."""
+WORTH = 0.1
+"""A term is kept where it takes this part of the power off rows left out, less one standard error."""
+
+
+@dataclass(frozen=True, eq=False)
+class DataTerm:
+    """Torque of one joint as a regression on signals.
+
+    Parameters
+    ----------
+    joint : int
+        Where it acts.
+    signals : tuple of Signal
+        Inputs in order: name of `STATE` and joint.
+    mixture : GaussianMixtureRegression
+        From inputs (n, k) to the torque [torque unit].
+    power : (float, float)
+        Mean square on rows left out without it and with it [torque unit squared].
+    gain_error : float
+        Standard error of the part of the power that it takes.
+    """
+
+    joint: int
+    signals: tuple[Signal, ...]
+    mixture: _core.GaussianMixtureRegression
+    power: tuple[float, float]
+    gain_error: float
+
+    @property
+    def gain(self) -> float:
+        """Part of the power that it takes off rows left out."""
+        return 1 - self.power[1] / self.power[0]
+
+    @property
+    def pays(self) -> bool:
+        """Whether it is worth keeping."""
+        return self.gain - self.gain_error > WORTH
+
+    def torque(self, states: States, tau_link: FloatArray) -> FloatArray:
+        """Torque (n,) along a run; `tau_link` (n, n_joints) the predicted load [N m]."""
+        given = dict(zip(STATE, state_signals(states, tau_link), strict=True))
+        inputs = np.stack([given[name][:, j] for name, j in self.signals], axis=1)
+        return np.asarray(self.mixture.predict(inputs)[0])
+
+
+def fit_data_term(
+    joint: int, signals: Sequence[Signal], ridge: float, rows: JointRows, candidates: Candidates, runs: Sequence[States]
+) -> DataTerm | None:
+    """Fit a term beside the declared model; None where a signal is no input of a model (time, or a memory).
+
+    Parameters
+    ----------
+    joint : int
+        Where it acts.
+    signals : sequence of Signal
+        At most three.
+    ridge : float
+        That predicted best on rows left out.
+    rows, candidates : JointRows, Candidates
+        Of the training runs.
+    runs : sequence of States
+        The training runs, in the order of the rows.
+    """
+    signals = tuple(sorted(signals))
+    if any(name not in STATE for name, _ in signals):
+        return None
+    columns = product_columns(signals, candidates, rows.rows)
+    mixture = _mixture(signals, candidates, _coefficients(rows.whole, columns, ridge))
+    squares = np.zeros((2, len(rows.rows)))
+    for split in rows.splits:
+        part = _mixture(signals, candidates, _coefficients(split, columns, ridge))
+        u = np.stack([candidates.states[signal] for signal in signals], axis=1)
+        torque = _in_band(part.predict(u)[0], runs)[rows.rows][:, None]
+        taken = split.taken.T @ torque[split.fitted]
+        shown = split.weighed(torque[split.left]) - split.elsewhere @ taken
+        squares[0, split.left] = split.e_left**2
+        squares[1, split.left] = (split.e_left - shown[:, 0]) ** 2
+    return DataTerm(
+        joint, signals, mixture, (float(squares[0].mean()), float(squares[1].mean())), _gain_error(squares, rows.block)
+    )
+
+
+def _coefficients(split: Split, columns: FloatArray, ridge: float) -> FloatArray:
+    b = columns[split.fitted]
+    return RidgePath(b, split.taken.T @ b, split.e_fitted[:, None]).at(ridge)[:, 0]
+
+
+def _in_band(torque: FloatArray, runs: Sequence[States]) -> FloatArray:
+    """Torque at every sample of all runs through the band, at their rows."""
+    edges = np.cumsum([len(states.t) for states in runs])[:-1]
+    return np.concatenate([s.in_band(part) for s, part in zip(runs, np.split(torque, edges), strict=True)])
+
+
+def _gain_error(squares: FloatArray, block: NDArray[np.intp]) -> float:
+    """Standard error of the gain, from stretches of about a second of each block."""
+    ratio = squares[1].sum() / squares[0].sum()
+    return spread_of_sum(squares[1] - ratio * squares[0], block) / float(squares[0].sum())
+
+
+def _mixture(signals: tuple[Signal, ...], candidates: Candidates, beta: FloatArray) -> _core.GaussianMixtureRegression:
+    """Mixture with the values of the products at the states of the data and between them."""
+    rng = np.random.default_rng(0)
+    u = np.stack([candidates.states[signal] for signal in signals], axis=1)
+    u = u[:: max(1, -(-len(u) // SAMPLES))]
+    mixed = np.stack([rng.permutation(column) for column in u.T], axis=1)
+    points = np.concatenate([u, mixed]) if len(signals) > 1 else u
+    weight = np.where(np.arange(len(points)) < len(u), 1.0, INNER)
+    y = raw_columns(signals, candidates, points) @ beta
+    means, variances = _grid(signals, [candidates.bases[signal] for signal in signals], u)
+    k, n = means.shape
+    bare = _mixture_of(means, variances, np.zeros(k), np.zeros((k, n)), 1.0)
+    share = bare.responsibilities(points)
+    steps = np.sqrt(variances)
+    scaled = (points[:, None, :] - means) / np.maximum(np.ptp(points, axis=0), 1e-300)
+    design = np.concatenate([share[:, :, None], share[:, :, None] * scaled], axis=2).reshape(len(points), -1)
+    design, target = design * weight[:, None], y * weight
+    gram = design.T @ design
+    gram[np.diag_indices_from(gram)] += SLOPE_RIDGE * np.trace(gram) / len(gram)
+    found = np.linalg.solve(gram, design.T @ target).reshape(k, n + 1)
+    slopes = found[:, 1:] / np.maximum(np.ptp(points, axis=0), 1e-300)
+    noise = float(np.sqrt(np.mean((target - design @ found.ravel()) ** 2)))
+    return _mixture_of(means, steps**2, found[:, 0], slopes, max(noise, 1e-9 * float(np.abs(y).max()), 1e-12))
+
+
+def raw_columns(signals: Sequence[Signal], candidates: Candidates, u: FloatArray) -> FloatArray:
+    """Products of functions at states `u` (n, n_signals), before any band."""
+    columns = np.ones((len(u), 1))
+    for i, signal in enumerate(signals):
+        own = candidates.bases[signal](np.ascontiguousarray(u[:, i])) / candidates.scales[signal]
+        own = own if len(signals) <= 2 else own[:, candidates.few(signal)]
+        own = np.column_stack([np.ones(len(u)), own])
+        columns = (columns[:, :, None] * own[:, None, :]).reshape(len(u), -1)
+    return columns[:, 1:]
+
+
+def _grid(signals: Sequence[Signal], bases: Sequence[Basis], u: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Centres (n_components, n_signals) and variances (n_signals,) of the components."""
+    centers, variances = [], []
+    for i, ((name, _), basis) in enumerate(zip(signals, bases, strict=True)):
+        low, high = float(u[:, i].min()), float(u[:, i].max())
+        if name == "dq":
+            top = max(-low, high)
+            sides = np.array(SPEEDS if len(signals) < 3 else SPEEDS[:1]) * top
+            centers.append(np.concatenate([-sides[::-1], sides]))
+            variances.append(sides[0] * basis.width)
+            continue
+        n = CENTERS.get(len(signals), MANY_CENTERS)[name]
+        line = np.linspace(low, high, n)
+        centers.append(line)
+        variances.append((OVERLAP * max(float(line[1] - line[0]), 1e-9)) ** 2)
+    return np.array(list(product(*centers))), np.array(variances)
+
+
+def _mixture_of(
+    means: FloatArray, variances: FloatArray, levels: FloatArray, slopes: FloatArray, noise: float
+) -> _core.GaussianMixtureRegression:
+    """Mixture whose components predict ``level + slope (u - mean)``."""
+    k, n = means.shape
+    covariances = np.zeros((k, n + 1, n + 1))
+    covariances[:, :n, :n] = np.diag(variances)
+    covariances[:, :n, n] = covariances[:, n, :n] = slopes * variances
+    covariances[:, n, n] = np.sum(slopes**2 * variances, axis=1) + noise**2
+    return _core.GaussianMixtureRegression(np.full(k, 1 / k), np.column_stack([means, levels]), covariances)

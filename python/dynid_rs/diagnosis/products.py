@@ -1,0 +1,144 @@
+"""Products of functions of several signals, and how well they predict rows that were left out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid_rs.diagnosis.rows_beside import JointRows, Split, spread_of_sum
+from dynid_rs.diagnosis.signals import Candidates, Signal
+
+FloatArray = NDArray[np.float64]
+
+RIDGES = (1e-3, 1e-2, 1e-1, 1.0, 10.0, 100.0)
+"""Ridges that are tried, relative to the mean power of a row."""
+ABSORBED = 1e-3
+"""Part of the columns' power that always counts for the ridge, however little the declared model leaves of them."""
+FULL = 2
+"""Products of more signals than this use only the tamest functions of each."""
+
+
+def product_columns(signals: Sequence[Signal], candidates: Candidates, rows: NDArray[np.intp]) -> FloatArray:
+    """All products of functions of different signals, alone too, (n_rows, n_columns)."""
+    columns = np.ones((len(rows), 1))
+    for signal in signals:
+        own = candidates.functions[signal]
+        own = own if len(signals) <= FULL else own[:, candidates.few(signal)]
+        own = np.column_stack([np.ones(len(rows)), own[rows]])
+        columns = (columns[:, :, None] * own[:, None, :]).reshape(len(rows), -1)
+    return columns[:, 1:]
+
+
+@dataclass(frozen=True, eq=False)
+class Score:
+    """Squares that products of some signals leave on the rows left out.
+
+    `power` (n_targets,) sum of squares, at the best ridge for each target; `ridge` the first target's; `squares`
+    (n_rows,) of the first target row by row.
+    """
+
+    signals: tuple[Signal, ...]
+    power: FloatArray
+    ridge: float
+    squares: FloatArray
+
+
+class LeftOutRows:
+    """Scores sets of signals on rows left out; the first target is the residual, others are surrogates of it.
+
+    Parameters
+    ----------
+    rows : JointRows
+        Of the joint.
+    candidates : Candidates
+        Functions of the signals.
+    surrogates : ndarray (n_rows, n_surrogates), optional
+        Scored in the same breath as the residual.
+    """
+
+    def __init__(self, rows: JointRows, candidates: Candidates, surrogates: FloatArray | None = None) -> None:
+        self._rows, self._candidates = rows, candidates
+        self._targets = [_targets(split, surrogates) for split in rows.splits]
+        self.without = np.asarray(sum(np.sum(left**2, axis=0) for _, left in self._targets))
+        """What the declared model alone leaves, (n_targets,)."""
+        self._known: dict[tuple[Signal, ...], Score] = {}
+
+    @property
+    def squares_without(self) -> FloatArray:
+        """What the declared model alone leaves of the residual, row by row, (n_rows,)."""
+        return self._in_order([left[:, 0] ** 2 for _, left in self._targets])
+
+    def score(self, signals: Sequence[Signal]) -> Score:
+        """Score a set of signals."""
+        key = tuple(sorted(signals))
+        if key not in self._known:
+            self._known[key] = self._score(key)
+        return self._known[key]
+
+    def worse(self, score: Score, than: Score) -> bool:
+        """Whether a set of signals leaves more than another by over two standard errors of the difference."""
+        difference = score.squares - than.squares
+        return bool(difference.sum() > 2 * spread_of_sum(difference, self._rows.block))
+
+    def _score(self, signals: tuple[Signal, ...]) -> Score:
+        columns = product_columns(signals, self._candidates, self._rows.rows)
+        power = np.zeros((len(RIDGES), len(self.without)))
+        paths = []
+        for split, (fitted, left) in zip(self._rows.splits, self._targets, strict=True):
+            b = columns[split.fitted]
+            taken = split.taken.T @ b
+            path = RidgePath(b, taken, fitted)
+            shown = split.weighed(columns[split.left]) - split.elsewhere @ taken
+            moment, cross, power_left = shown.T @ shown, shown.T @ left, np.sum(left**2, axis=0)
+            beta = [path.at(ridge) for ridge in RIDGES]
+            power += [power_left + np.sum(x * (moment @ x - 2 * cross), axis=0) for x in beta]
+            paths.append((left[:, 0], shown, beta))
+        best = int(np.argmin(power[:, 0]))
+        squares = [(left - shown @ beta[best][:, 0]) ** 2 for left, shown, beta in paths]
+        return Score(signals, power.min(axis=0), RIDGES[best], self._in_order(squares))
+
+    def _in_order(self, parts: Sequence[FloatArray]) -> FloatArray:
+        out = np.zeros(len(self._rows.rows))
+        for split, part in zip(self._rows.splits, parts, strict=True):
+            out[split.left] = part
+        return out
+
+
+class RidgePath:
+    """Ridge solutions of columns B (n, p) beside the declared model, which takes `taken` (rank, p) of them.
+
+    ``targets`` (n, n_targets) are residuals of the declared model, so they are not projected again.
+    """
+
+    def __init__(self, columns: FloatArray, taken: FloatArray, targets: FloatArray) -> None:
+        self._gram = columns.T @ columns - taken.T @ taken
+        self._moment = columns.T @ targets
+        # Columns that the declared model takes whole leave rounding, which must not be fitted.
+        power = max(float(np.trace(self._gram)), ABSORBED * float(np.sum(columns**2)))
+        self._unit = max(power / len(columns), 1e-300)
+
+    def at(self, ridge: float) -> FloatArray:
+        """Coefficients (p, n_targets)."""
+        from scipy.linalg.lapack import dposv  # thousands of small systems: checks would cost more than they
+
+        padded = self._gram.copy()
+        padded.flat[:: len(padded) + 1] += ridge * self._unit
+        _, beta, failed = dposv(padded, self._moment)
+        if failed:
+            raise np.linalg.LinAlgError("the products' moments are not positive definite")
+        return np.asarray(beta)
+
+
+def _targets(split: Split, surrogates: FloatArray | None) -> tuple[FloatArray, FloatArray]:
+    """Residuals of the fitted rows and of those left out, (n, n_targets) each, the declared model taken off."""
+    fitted, left = split.e_fitted[:, None], split.e_left[:, None]
+    if surrogates is None:
+        return fitted, left
+    taken = split.taken.T @ surrogates[split.fitted]
+    return (
+        np.column_stack([fitted, surrogates[split.fitted] - split.taken @ taken]),
+        np.column_stack([left, split.weighed(surrogates[split.left]) - split.elsewhere @ taken]),
+    )
