@@ -286,8 +286,9 @@ class Kinds:
                 tau_link=states.tau_link,
                 step=1 / states.rate,
                 temperature=states.temperature,
+                joints=list(h.joints),
             )
-            parts.append({j: _own_place(h, j, states.in_band(raw[:, j])) for j in h.joints})
+            parts.append({j: _own_place(h, j, states.in_band(raw[:, at])) for at, j in enumerate(h.joints)})
         return stacked(parts)
 
 
