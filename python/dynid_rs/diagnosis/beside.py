@@ -18,7 +18,7 @@ PARTS = 3
 """Parts of the training blocks, each left out once."""
 STRETCHES = 15
 """Stretches of a block over which squares are summed up to see how they scatter."""
-MOST_ROWS = 1500
+MOST_ROWS = 1200
 """More rows of a joint are thinned: a search needs no more."""
 NOTICED = 0.1
 """Directions in which the declared model's prediction is surer than this part of the noise need no whitening."""
@@ -116,6 +116,7 @@ class Beside:
         left = rows[:, -1] - rows[:, :-1] @ x
         columns = weight * (rows[:, :-1] @ inverse)
         u, s, vt = np.linalg.svd(columns[seen], full_matrices=False)
+        s = np.minimum(s, 1.0)  # thinned rows may stand a little too high for all of them
         good = s > 1e-9
         fitted, others = np.flatnonzero(seen), np.flatnonzero(~seen)
         unsure, size, _ = np.linalg.svd(columns[others], full_matrices=False)

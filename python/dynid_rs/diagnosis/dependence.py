@@ -18,7 +18,7 @@ from dynid_rs.diagnosis.signals import Signal
 
 FloatArray = NDArray[np.float64]
 
-BEAM = 4
+BEAM = 3
 """Best pairs that are tried with a third signal."""
 ENOUGH = 0.06
 """A smaller set is enough if it leaves at most this part more of what the best one explains."""
@@ -28,7 +28,7 @@ NEEDED = 0.04
 """A signal without which a set explains less by a smaller part is not direct."""
 NEEDED_THIRD = 0.15
 """The same for a third signal: products of three are flexible enough to follow what they do not depend on."""
-NULL_BEAMS = 4
+NULL_BEAMS = 2
 """Surrogates whose best pair is tried with a third signal too."""
 THIRD = 0.25
 """A third signal is looked for where pairs leave this part of what exceeds the noise."""
