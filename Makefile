@@ -9,7 +9,7 @@ SOURCES := Cargo.toml Cargo.lock pyproject.toml $(shell find rust build_backend 
 DEMO   ?= demo
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-rust test-python check bench paper clean toolchain
+.PHONY: help demo test test-rust test-python check bench blind paper clean toolchain
 
 help: ## this list
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
@@ -39,6 +39,9 @@ check: $(STAMP) $(TOOLS) ## format, lints, types, documentation
 bench: $(STAMP) $(TOOLS) ## speed and memory, side by side with a peer
 	$(BIN)/python benches/side_by_side.py
 	$(BIN)/python benches/loops.py
+
+blind: $(STAMP) ## diagnose 432 simulated cases whose answers are hidden; writes docs/blind.md, goes on where it broke off
+	$(BIN)/python tests/blind/run.py --page docs/blind.md
 
 paper: $(STAMP) ## repeat the source paper's experiment and write docs/paper.md with its figures
 	$(BIN)/python -m pip install --quiet --editable '.[paper]'

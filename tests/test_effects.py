@@ -37,6 +37,7 @@ SHAPES = {
     "load_dependent_friction": {"transition_width": [0.01, 0.02, 0.03]},
     "position_dependent_friction": {"cycles": [1.0, 2.0, 3.0], "transition_width": [0.01, 0.02, 0.03]},
     "friction_hysteresis": {"presliding_distance": [0.001, 0.01, 0.1]},
+    "load_hysteresis": {"presliding_distance": [0.002, 0.02, 0.2]},
     "coupled_friction": {
         "partner": [1.0, 0.0, -1.0],
         "ratio": [0.5, 2.0, 1.0],
@@ -51,6 +52,7 @@ SHAPES = {
         "reference_speed": [0.0, 0.5, 2.0],
         "transition_width": [0.01, 0.02, 0.03],
     },
+    "temperature_friction": {"reference_temperature": [20.0, 30.0, -5.0], "transition_width": [0.01, 0.02, 0.03]},
 }
 """One valid shape of every kind, another on every joint."""
 
@@ -63,6 +65,15 @@ def signals(seed=0, n_samples=N_SAMPLES, n=N):
     angle = rate * t + phase
     link = [amplitude * np.sin(angle), amplitude * rate * np.cos(angle), -amplitude * rate**2 * np.sin(angle)]
     return [*link, *(x + 1e-3 * np.sin(angle + k) for k, x in enumerate(link))]
+
+
+REMEMBER = {"friction_hysteresis", "load_hysteresis", "thermal_friction"}
+"""Kinds that depend on the samples before."""
+
+
+def temperature_of(q):
+    """A temperature of every joint that moves with it, which none does."""
+    return 30 + 10 * np.sin(q)
 
 
 def three_joints():
@@ -106,6 +117,11 @@ def inertial_coupling(p, x):
     return [x.ddq_motor[:, [2, 1, 0]] * [1, 0, 1]]
 
 
+def temperature_friction(p, x):
+    above = x.temperature - p.reference_temperature
+    return [above * step(x.dq_motor, p.transition_width), above * x.dq_motor]
+
+
 FORMULAS = {
     "rotor_inertia": lambda p, x: [x.ddq_motor],
     "torque_offset": lambda p, x: [np.ones_like(x.q)],
@@ -117,6 +133,7 @@ FORMULAS = {
     "inertial_coupling": inertial_coupling,
     "joint_spring": lambda p, x: [x.q - p.rest_position],
     "torque_saturation": lambda p, x: [x.tau_link**3],
+    "temperature_friction": temperature_friction,
 }
 """Columns as the documentation prints them; `p` has the shape parameters, `x` the signals."""
 
@@ -127,14 +144,16 @@ def test_columns_are_the_formula(kind):
     x = SimpleNamespace(**dict(zip(names, signals(), strict=True)))
     x.dq_motor[:4] = [[0.0] * N, [1e-3] * N, [-1e-3] * N, [5.0] * N]
     x.tau_link = 3 * np.sin(x.q) - x.ddq
+    x.temperature = temperature_of(x.q)
     p = SimpleNamespace(**{name: np.array(values) for name, values in SHAPES[kind].items()})
     expected = np.stack(FORMULAS[kind](p, x), axis=-1)
-    columns = _core.effect_columns(effect_of(kind), *(getattr(x, name) for name in names), x.tau_link)
+    motion = (getattr(x, name) for name in names)
+    columns = _core.effect_columns(effect_of(kind), *motion, x.tau_link, temperature=x.temperature)
     assert_allclose(columns, expected, **ALGEBRAIC)
 
 
 def test_every_kind_has_a_formula_here():
-    elsewhere = {"friction", "counterbalance", "friction_hysteresis", "thermal_friction"}
+    elsewhere = {"friction", "counterbalance", "friction_hysteresis", "load_hysteresis", "thermal_friction"}
     assert set(FORMULAS) | elsewhere == set(CATALOGUE)
 
 
@@ -155,6 +174,16 @@ def test_friction_hysteresis_is_dahls_equation():
     assert np.abs(columns).max() <= 1.0
     assert columns.max() > 0.99
     assert columns.min() < -0.99
+
+
+def test_load_hysteresis_is_the_load_times_the_same_bristles():
+    q = signals()[0]
+    load = 5 * np.cos(3 * q)
+    shape = SHAPES["load_hysteresis"]
+    columns = _core.effect_columns(effect_of("load_hysteresis"), q, q, q, tau_link=load)
+    bristles = _core.effect_columns(_core.Effect.of("friction_hysteresis", **shape), q, q, q)
+    assert_allclose(columns, np.abs(load)[:, :, None] * bristles, **ALGEBRAIC)
+    assert np.ptp(columns, axis=0).min() > 1.0
 
 
 def test_hysteresis_depends_on_the_way_only():
@@ -195,6 +224,14 @@ def test_what_an_effect_needs_must_be_there():
         _core.effect_columns(effect_of("thermal_friction"), q, q, q, step=0.0)
     with pytest.raises(ValueError, match="load_dependent_friction needs tau_link"):
         _core.observe(three_joints(), [effect_of("load_dependent_friction")], [], q, q, q, q, q, q, q, kept=[0])
+    with pytest.raises(ValueError, match="temperature_friction needs temperature, which was not given"):
+        _core.effect_columns(effect_of("temperature_friction"), q, q, q)
+    with pytest.raises(ValueError, match="temperature has 9 samples"):
+        _core.effect_columns(effect_of("temperature_friction"), q, q, q, temperature=q[1:])
+    with pytest.raises(ValueError, match="temperature holds NaN at row 0"):
+        _core.effect_columns(effect_of("temperature_friction"), q, q, q, temperature=q + np.nan)
+    with pytest.raises(ValueError, match="follows a measured temperature, which was not given"):
+        model_of(["temperature_friction"]).evaluate(q, q, q)
     with pytest.raises(ValueError, match="thermal_friction changes with time"):
         model_of(["thermal_friction"])
 
@@ -258,7 +295,7 @@ def test_every_kind_is_in_the_catalogue_and_tested():
         units = [x["unit"].format(torque="N*m", angle="rad") for x in (*entry["coefficients"], *entry["shape"])]
         assert not any("{" in unit for unit in units)
         assert effect.signals == entry["signals"]
-        assert effect.has_memory == entry["memory"] == (kind in {"friction_hysteresis", "thermal_friction"})
+        assert effect.has_memory == entry["memory"] == (kind in REMEMBER)
         assert entry["declared"] == (kind in {"rotor_inertia", "torque_offset", "friction"})
 
 
@@ -337,15 +374,16 @@ def test_one_effect_is_its_term_of_the_model(kind):
     step = 0.004 if "step" in CATALOGUE[kind]["signals"] else None
     model = model_of([kind], step=step)
     q, dq, ddq, *motor = signals(1)
-    _, terms, status = model.evaluate(q, dq, ddq, *motor)
+    more = {"step": step, "temperature": temperature_of(q)}
+    _, terms, status = model.evaluate(q, dq, ddq, *motor, temperature=more["temperature"])
     assert_array_equal(status, 0)
     q, dq = _core.align_link_side(q, dq, ddq, model.encoder_delay)
     tau_link = model.robot.inverse_dynamics(q, dq, ddq, model.phi)
     ((effect, coefficients),) = model.effects
-    tau = _core.effect_torque(effect, coefficients, q, dq, ddq, *motor, tau_link, step=step)
+    tau = _core.effect_torque(effect, coefficients, q, dq, ddq, *motor, tau_link, **more)
     assert_allclose(terms[:, 1], tau, **EXACT)
     assert np.ptp(tau) > 0 or kind == "torque_offset"
-    columns = _core.effect_columns(effect, q, dq, ddq, *motor, tau_link, step=step)
+    columns = _core.effect_columns(effect, q, dq, ddq, *motor, tau_link, **more)
     assert columns.shape == (N_SAMPLES, N, effect.n_columns)
     assert_allclose(np.einsum("njk,jk->nj", columns, coefficients), tau, **ALGEBRAIC)
 
@@ -353,7 +391,8 @@ def test_one_effect_is_its_term_of_the_model(kind):
 def test_all_effects_sum_and_survive_the_file(tmp_path):
     model = model_of(CATALOGUE, step=0.004)
     run = signals(2)
-    total, terms, _ = model.evaluate(*run)
+    warm = {"temperature": temperature_of(run[0])}
+    total, terms, _ = model.evaluate(*run, **warm)
     summed = np.zeros_like(total)
     for k in range(terms.shape[1]):
         summed += terms[:, k]
@@ -365,7 +404,7 @@ def test_all_effects_sum_and_survive_the_file(tmp_path):
     for (effect, coefficients), (other, others) in zip(model.effects, loaded.effects, strict=True):
         assert (effect.kind, effect.shape) == (other.kind, other.shape)
         assert_array_equal(coefficients, others)
-    assert_array_equal(loaded.evaluate(*run)[0], total)
+    assert_array_equal(loaded.evaluate(*run, **warm)[0], total)
 
 
 @pytest.mark.parametrize("kind", CATALOGUE)
@@ -378,8 +417,9 @@ def test_rows_of_the_fit_are_the_filtered_columns(kind):
     effect, step = effect_of(kind), 0.004
     band = Band(10.0).design(1 / step)
     kept = list(range(3, N_SAMPLES, 7))
-    rows = _core.observe(robot, [effect], [], *run, tau_link, filter=band, kept=kept, tau_link=tau_link, step=step)
-    columns = _core.effect_columns(effect, *run, tau_link, step=step)
+    more = {"tau_link": tau_link, "step": step, "temperature": temperature_of(run[0])}
+    rows = _core.observe(robot, [effect], [], *run, tau_link, filter=band, kept=kept, **more)
+    columns = _core.effect_columns(effect, *run, **more)
     filtered = sosfiltfilt(band[0], columns, axis=0, padlen=band[2])[kept]
     for j in range(N):
         assert_allclose(rows[j][:, :-1], filtered[:, j], rtol=1e-9, atol=1e-9 * np.abs(columns).max())

@@ -91,22 +91,24 @@ def assert_same_bits(actual: np.ndarray, expected: np.ndarray) -> None:
     np.testing.assert_array_equal(actual.view(np.uint64), expected.view(np.uint64))
 
 
-def mixture(rng: np.random.Generator, scale: tuple[float, float]) -> _core.GaussianMixtureRegression:
+def mixture(rng: np.random.Generator, scale: tuple[float, ...]) -> _core.GaussianMixtureRegression:
     """Four components over inputs of about this size."""
     size = np.array([*scale, 1.0])
-    half = 0.4 * rng.normal(size=(4, 3, 3)) + 0.5 * np.eye(3)
+    width = len(size)
+    half = 0.4 * rng.normal(size=(4, width, width)) + 0.5 * np.eye(width)
     covariances = (half @ half.transpose(0, 2, 1)) * np.outer(size, size)
     return _core.GaussianMixtureRegression(
         rng.dirichlet(np.ones(4)),
-        rng.normal(size=(4, 3)) * size,
+        rng.normal(size=(4, width)) * size,
         0.5 * (covariances + covariances.transpose(0, 2, 1)),
     )
 
 
-def rbf(rng: np.random.Generator, scale: tuple[float, float]) -> _core.NormalisedRbf:
+def rbf(rng: np.random.Generator, scale: tuple[float, ...]) -> _core.NormalisedRbf:
     """Eight centres over inputs of about this size."""
     size = np.array(scale)
-    return _core.NormalisedRbf(rng.normal(size=(8, 2)) * size, 4 / size**2, rng.normal(size=8), rng.uniform(0.1, 1, 8))
+    centers = rng.normal(size=(8, len(size))) * size
+    return _core.NormalisedRbf(centers, 4 / size**2, rng.normal(size=8), rng.uniform(0.1, 1, 8))
 
 
 def random_model(robot: _core.RobotModel, inputs: str | None, *, delayed: bool, seed: int) -> _core.TorqueModel:
@@ -114,8 +116,15 @@ def random_model(robot: _core.RobotModel, inputs: str | None, *, delayed: bool, 
     rng = np.random.default_rng(seed)
     n = robot.n_joints
     friction = _core.Effect.friction(rng.uniform(0, 0.1, n).tolist(), rng.uniform(1e-3, 0.05, n).tolist())
-    residual = None
-    if inputs is not None:
+    residual = signals = None
+    if inputs == "signals":
+        # Joint 0 has them all but one, of itself and its neighbours; the others have fewer.
+        names = ("dq", "tau_link", "q_motor", "q", "ddq", "dq_motor")
+        signals = [[(name, (j + k) % n) for k, name in enumerate(names[j % 6 :])] for j in range(n)]
+        scale = dict.fromkeys(names, 3.0) | {"tau_link": 100.0, "ddq": 8.0}
+        sizes = [tuple(scale[name] for name, _ in joint) for joint in signals]
+        residual = (inputs, [None if j == 1 else (rbf if j == 2 else mixture)(rng, sizes[j]) for j in range(n)])
+    elif inputs is not None:
         scale = (2.0, 1.5) if inputs == "joint_state" else (2e-3, 2e-2)
         joints = [None if j == 1 else (rbf if j == 2 else mixture)(rng, scale) for j in range(n)]
         residual = (inputs, joints)
@@ -128,6 +137,7 @@ def random_model(robot: _core.RobotModel, inputs: str | None, *, delayed: bool, 
             (friction, rng.normal(size=(n, 8)) * 5),
         ],
         residual=residual,
+        residual_signals=signals,
         compliance=rng.uniform(0, 1e-5, n).tolist() if inputs == "load_free_deflection" else None,
         torque_scale=rng.uniform(0.5, 2, n).tolist(),
         encoder_delay=(rng.uniform(1e-3, 4e-3, n) if delayed else np.zeros(n)).tolist(),
@@ -162,6 +172,8 @@ CASES = {
     "two encoders, delayed": ((*LINK_SIDE, *MOTOR_SIDE), "deflection", True),
     "two encoders, positions and speeds": ((*LINK_SIDE, "q_motor", "dq_motor"), "deflection", True),
     "two encoders, load-free": ((*LINK_SIDE, *MOTOR_SIDE), "load_free_deflection", True),
+    "one encoder, signals": (LINK_SIDE, "signals", False),
+    "two encoders, signals": ((*LINK_SIDE, *MOTOR_SIDE), "signals", True),
     "two encoders, positions": ((*LINK_SIDE, "q_motor"), "joint_state", True),
 }
 

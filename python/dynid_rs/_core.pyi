@@ -51,6 +51,7 @@ __all__ = [
     "friction_basis",
     "inverse_dynamics_gradient",
     "merge_factors",
+    "named_signals",
     "observe",
     "phi_from_pseudo_inertia",
     "point_gradient",
@@ -58,6 +59,7 @@ __all__ = [
     "pseudo_inertia",
     "residual_inputs",
     "triangular_factor",
+    "true_motion",
     "urdf_with_physical",
 ]
 
@@ -613,13 +615,23 @@ class TorqueModel:
     effects : sequence of (Effect, (n_joints, n_columns))
         Effects with their coefficients, summed in this order.
     residual : (str, sequence of GaussianMixtureRegression, NormalisedRbf or None), optional
-        What the regressions see (`"deflection"`, `"joint_state"`, `"load_free_deflection"`), and one or None per joint.
+        What the regressions see (`"deflection"`, `"joint_state"`, `"load_free_deflection"`, or `"signals"`), and one or
+        None per joint.
+    residual_signals : sequence of sequence of (str, int), optional
+        With `"signals"`: name and joint of what each joint's regression sees, in the order of its inputs; one list per
+        joint, at most six long, empty where there is no regression. Names: `q`, `dq`, `ddq`, `q_motor`, `dq_motor`,
+        `ddq_motor`, `tau_link` (the rigid-body torque that the model predicts, before `torque_scale`).
     compliance : (n_joints,), optional
         Of the gears [rad per torque unit], for the load-free deflection; zeros by default.
     torque_scale : (n_joints,), optional
         Torque channel per unit of link torque; multiplies the rigid-body term. Ones by default.
     encoder_delay : (n_joints,)
         Delay of the link channel behind the motor channel [s].
+    encoder_error : (n_joints, 2), optional
+        Cosine and sine part [rad] of what a link encoder shows too much, `c cos q + s sin q`; taken out first, as
+        `true_motion` does. Zeros by default; joints that slide have none.
+    encoder_error_sides : {"link", "both"}
+        `"both"` where joints have one encoder, so that the motor side is the same signal.
     noise_std : (n_joints,)
         Standard deviation of what the model leaves.
     domain : ((n_joints, 2), (n_joints,), (n_joints,))
@@ -642,9 +654,12 @@ class TorqueModel:
         effects: Sequence[tuple[Effect, ArrayLike]],
         *,
         residual: tuple[str, Sequence[_Regression | None]] | None = None,
+        residual_signals: Sequence[Sequence[tuple[str, int]]] | None = None,
         compliance: Sequence[float] | None = None,
         torque_scale: Sequence[float] | None = None,
         encoder_delay: Sequence[float],
+        encoder_error: ArrayLike | None = None,
+        encoder_error_sides: str = "link",
         noise_std: Sequence[float],
         domain: _Box,
         torque_unit: str = "N*m",
@@ -681,6 +696,7 @@ class TorqueModel:
         ddq_motor: ArrayLike | None = None,
         *,
         step: float | None = None,
+        temperature: ArrayLike | None = None,
     ) -> tuple[_FloatArray, _FloatArray, NDArray[np.uint32]]:
         """Torque by the estimator that runs online: total, terms and status.
 
@@ -692,6 +708,8 @@ class TorqueModel:
             Motor side, divided by the gear ratio; the link side by default.
         step : float, optional
             Time between samples [s], where it is not the model's.
+        temperature : (n_samples, n_joints), optional
+            Measured [degC]; needed where the model's friction follows it.
 
         Returns
         -------
@@ -700,12 +718,13 @@ class TorqueModel:
         terms : (n_samples, n_terms, n_joints)
             In the order of `term_names`.
         status : (n_samples,)
-            Bits: 1 overflow, the last good torque is repeated; 2 outside of the domain; 4 residual faded out.
+            Bits: 1 overflow, the last good torque is repeated; 2 outside of the domain; 4 residual faded out;
+            online also 8, a signal that an effect needs is missing and its torque zero.
 
         Raises
         ------
         ValueError
-            An argument has the wrong shape or holds a NaN or an infinity.
+            An argument has the wrong shape or holds a NaN or an infinity; the temperature is needed and not given.
         """
 
     def predicted_std(
@@ -750,6 +769,10 @@ class TorqueModel:
         """What the regressions see and one or None per joint; None without a third loop."""
 
     @property
+    def residual_signals(self) -> list[list[tuple[str, int]]] | None:
+        """Name and joint of what each joint's regression sees; None where they see a pair, and without a third loop."""
+
+    @property
     def compliance(self) -> _FloatArray | None:
         """Of the gears [rad per torque unit], (n_joints,); None without a third loop."""
 
@@ -760,6 +783,14 @@ class TorqueModel:
     @property
     def encoder_delay(self) -> _FloatArray:
         """(n_joints,) [s]."""
+
+    @property
+    def encoder_error(self) -> _FloatArray:
+        """(n_joints, 2) cosine and sine parts [rad]; zeros where the encoders are right."""
+
+    @property
+    def encoder_error_sides(self) -> str:
+        """`"link"` or `"both"`."""
 
     @property
     def noise_std(self) -> _FloatArray:
@@ -815,8 +846,8 @@ def effect_catalogue() -> list[dict[str, Any]]:
     list of dict
         `kind`; `formula`; `coefficients`: of one joint, in order, dicts of `name`, `unit`, `lower` and `upper` (what
         physics allows); `shape`: dicts of `name`, `unit`, `rule`, `grid` (values that a search begins with); `signals`
-        that it needs, `tau_link` and `step` among them; `memory`: whether it depends on the samples before; `declared`:
-        whether every model has it. Units hold `{torque}` and `{angle}`, for `str.format`.
+        that it needs, `tau_link`, `temperature` and `step` among them; `memory`: whether it depends on the samples
+        before; `declared`: whether every model has it. Units hold `{torque}` and `{angle}`, for `str.format`.
     """
 
 def effect_columns(
@@ -830,6 +861,8 @@ def effect_columns(
     tau_link: ArrayLike | None = None,
     *,
     step: float | None = None,
+    temperature: ArrayLike | None = None,
+    joints: Sequence[int] | None = None,
 ) -> _FloatArray:
     """Torque per unit coefficient along a run, from a fresh memory: (n_samples, n_joints, n_columns).
 
@@ -843,6 +876,10 @@ def effect_columns(
         Rigid-body torque that the model predicts, before `torque_scale`; needed by effects of the load.
     step : float, optional
         Time between samples [s]; needed by effects that remember in time.
+    temperature : (n_samples, n_joints), optional
+        Measured [degC]; needed by friction that follows it.
+    joints : sequence of int, optional
+        Only these, in this order; all by default.
 
     Raises
     ------
@@ -862,6 +899,7 @@ def effect_torque(
     tau_link: ArrayLike | None = None,
     *,
     step: float | None = None,
+    temperature: ArrayLike | None = None,
 ) -> _FloatArray:
     """Torque along a run, (n_samples, n_joints), to the bits of `TorqueModel.evaluate`.
 
@@ -888,10 +926,44 @@ def residual_inputs(
     deflection's rate.
     """
 
+def named_signals(
+    signals: Sequence[tuple[str, int]],
+    q: ArrayLike,
+    dq: ArrayLike,
+    ddq: ArrayLike,
+    q_motor: ArrayLike | None = None,
+    dq_motor: ArrayLike | None = None,
+    ddq_motor: ArrayLike | None = None,
+    tau_link: ArrayLike | None = None,
+) -> _FloatArray:
+    """Return signals by name and joint along a run, (n_samples, n_signals): what a regression on them sees online.
+
+    The channels on one clock; names as for `TorqueModel(residual_signals=)`, everything else as for `effect_columns`.
+
+    Raises
+    ------
+    ValueError
+        There is no such signal or joint, or `tau_link` is named and not given.
+    """
+
 def align_link_side(
     q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, encoder_delay: ArrayLike
 ) -> tuple[_FloatArray, _FloatArray]:
     """Link-side position and velocity on the motor channel's clock; `encoder_delay` (n_joints,) [s]."""
+
+def true_motion(
+    q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, encoder_error: ArrayLike
+) -> tuple[_FloatArray, _FloatArray, _FloatArray]:
+    """Motion (n_samples, n_joints) less what eccentric encoders show too much: q, dq and ddq of `q - e(q)`.
+
+    `encoder_error` (n_joints, 2) [rad]: e(q) = c cos q + s sin q per joint. It belongs to the true angle, is taken at
+    the shown one, and so leaves half its amplitude squared: microradians of milliradians.
+
+    Raises
+    ------
+    ValueError
+        Shapes disagree, or a number is not finite.
+    """
 
 def observe(
     robot: RobotModel,
@@ -909,6 +981,7 @@ def observe(
     kept: Sequence[int],
     tau_link: ArrayLike | None = None,
     step: float | None = None,
+    temperature: ArrayLike | None = None,
 ) -> list[_FloatArray]:
     """Rows `[effects | base columns of the links it moves | torque]` of every joint, filtered, decimated.
 
@@ -922,7 +995,7 @@ def observe(
         As `scipy.signal` gives them; None filters nothing.
     kept : sequence of int
         Samples that become rows, ascending.
-    tau_link, step : optional
+    tau_link, step, temperature : optional
         As for `effect_columns`.
 
     Returns

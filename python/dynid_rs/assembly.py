@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,8 @@ from dynid_rs.preprocessing import States
 
 FloatArray = NDArray[np.float64]
 Regressions = Sequence[_core.GaussianMixtureRegression | _core.NormalisedRbf | None]
+Signals = Sequence[Sequence[tuple[str, int]]]
+"""Per joint: name and joint of what its regression sees."""
 
 
 def assemble(
@@ -25,8 +28,10 @@ def assemble(
     runs: Sequence[States],
     *,
     encoder_delay: FloatArray,
+    encoder_error: FloatArray | None = None,
     torque_unit: str,
     third_loop: tuple[str, Regressions, FloatArray] | None = None,
+    residual_signals: Signals | None = None,
     known: Sequence[KnownTerm] = (),
 ) -> _core.TorqueModel:
     """Model of the fitted numbers.
@@ -43,10 +48,14 @@ def assemble(
         Training runs; their extremes become the model's domain.
     encoder_delay : ndarray (n_joints,)
         Delay of the link channel [s].
+    encoder_error : ndarray (n_joints, 2), optional
+        Cosine and sine part of what the link encoder shows too much [rad].
     torque_unit : {"N*m", "A"}
         Unit of the torques.
     third_loop : (inputs, regressions, compliance), optional
         One regression or None per joint; compliance (n_joints,) of the gears [rad per torque unit].
+    residual_signals : sequence of sequence of (str, int), optional
+        What the regressions of a third loop on `"signals"` see, per joint.
     known : sequence of (Effect, ndarray (n_joints, n_columns))
         Effects that were not fitted; they stand behind the plan's.
     """
@@ -64,9 +73,12 @@ def assemble(
         phi,
         effects,
         residual=(third_loop[0], list(third_loop[1])) if third_loop is not None and kept else None,
+        residual_signals=residual_signals if kept else None,
         compliance=third_loop[2].tolist() if third_loop is not None and kept else None,
         torque_scale=links.torque_scale_.tolist(),
         encoder_delay=encoder_delay.tolist(),
+        encoder_error=encoder_error,
+        encoder_error_sides="link" if all(states.two_encoders for states in runs) else "both",
         noise_std=links.noise_std_.tolist(),
         domain=(
             np.stack([q.min(axis=0), q.max(axis=0)], axis=1).tolist(),
@@ -82,21 +94,42 @@ def with_parts(
     model: _core.TorqueModel, phi: FloatArray, effects: Sequence[tuple[_core.Effect, FloatArray]]
 ) -> _core.TorqueModel:
     """Return `model` with other inertial parameters (10 n_links,) and effects; everything else stays."""
-    return _core.TorqueModel(
-        model.robot,
-        phi,
-        effects,
-        residual=model.residual,
-        compliance=None if model.compliance is None else model.compliance.tolist(),
-        torque_scale=model.torque_scale.tolist(),
-        encoder_delay=model.encoder_delay.tolist(),
-        noise_std=model.noise_std.tolist(),
-        domain=model.domain,
-        torque_unit=model.torque_unit,
-        step=model.step,
-    )
+    return _changed(model, phi=phi, effects=effects)
+
+
+def with_residual(model: _core.TorqueModel, signals: Signals, regressions: Regressions) -> _core.TorqueModel:
+    """Return `model` with a third loop on named signals in the place of its own; everything else stays.
+
+    Parameters
+    ----------
+    signals : sequence of sequence of (str, int)
+        Per joint: name and joint of what its regression sees, one to six; as for `_core.named_signals`.
+    regressions : sequence of GaussianMixtureRegression, NormalisedRbf or None
+        One per joint, None where there is none.
+    """
+    return _changed(model, residual=("signals", list(regressions)), residual_signals=signals, compliance=None)
+
+
+def _changed(model: _core.TorqueModel, **parts: Any) -> _core.TorqueModel:
+    """Return `model` with some parts exchanged, in the words of its constructor."""
+    given = {
+        "phi": model.phi,
+        "effects": model.effects,
+        "residual": model.residual,
+        "residual_signals": model.residual_signals,
+        "compliance": None if model.compliance is None else model.compliance.tolist(),
+        "torque_scale": model.torque_scale.tolist(),
+        "encoder_delay": model.encoder_delay.tolist(),
+        "encoder_error": model.encoder_error,
+        "encoder_error_sides": model.encoder_error_sides,
+        "noise_std": model.noise_std.tolist(),
+        "domain": model.domain,
+        "torque_unit": model.torque_unit,
+        "step": model.step,
+    }
+    return _core.TorqueModel(model.robot, **(given | parts))
 
 
 def evaluate(model: _core.TorqueModel, states: States) -> tuple[FloatArray, FloatArray, NDArray[np.uint32]]:
     """Total (n, n_joints), terms (n, n_terms, n_joints) and status bits (n,) along a run, channels as recorded."""
-    return model.evaluate(*states.signals())
+    return model.evaluate(*states.signals(), temperature=states.temperature)

@@ -95,7 +95,7 @@ def make_plan(
     pivots = np.asarray(base.pivots)
     n = robot.n_joints
     widths = [effect.n_columns for effect in effects]
-    q, dq, ddq, tau_link = _probing_states(n, 40 + 2 * sum(widths), random_state)
+    q, dq, ddq, tau_link, temperature = _probing_states(n, 40 + 2 * sum(widths), random_state)
     rigid = base.reduce(robot.joint_torque_regressor(q, dq, ddq)).reshape(-1, base.n_base)
     known, _ = np.linalg.qr(rigid / np.linalg.norm(rigid, axis=0))
     own = np.ones((n, sum(widths)), dtype=bool)
@@ -105,7 +105,7 @@ def make_plan(
         own[[j for j in range(n) if j not in acting], first : first + effect.n_columns] = False
         if effect.has_memory:
             continue
-        columns = _core.effect_columns(effect, q, dq, ddq, tau_link=tau_link)
+        columns = _core.effect_columns(effect, q, dq, ddq, tau_link=tau_link, temperature=temperature)
         for j, k in product(acting, range(effect.n_columns)):
             probe = np.zeros((len(q), n))
             probe[:, j] = columns[:, j, k]
@@ -123,11 +123,11 @@ def make_plan(
 
 
 def _probing_states(n: int, n_samples: int, random_state: int) -> list[FloatArray]:
-    """Random q, dq, ddq and load (n_samples, n); every other speed is small, where friction has its corners."""
+    """Random q, dq, ddq, load, temperature (n_samples, n); every other speed is small, where friction turns."""
     rng = np.random.default_rng(random_state)
     q, dq, ddq, tau_link = rng.uniform(-3.0, 3.0, (4, n_samples, n))
     dq[::2] *= 10.0 ** rng.uniform(-4.0, 0.0, dq[::2].shape)
-    return [q, dq, ddq, tau_link]
+    return [q, dq, ddq, tau_link, rng.uniform(15.0, 60.0, q.shape)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,6 +219,7 @@ def run_rows(
         kept=states.kept if kept is None else kept,
         tau_link=states.tau_link,
         step=1 / states.rate,
+        temperature=states.temperature,
     )
 
 

@@ -122,7 +122,7 @@ class Posterior:
 def fit_with_prior(
     observations: Observations,
     *,
-    fit_scale: bool = False,
+    free: NDArray[np.bool_] | None = None,
     spreads: FloatArray | None = None,
     unknown_gain: bool = False,
 ) -> Posterior:
@@ -132,8 +132,8 @@ def fit_with_prior(
     ----------
     observations : Observations
         Rows and factors.
-    fit_scale : bool
-        Also estimate the drive gains of joints relative to the first (data in ampere).
+    free : ndarray (n_joints,), optional
+        Joints whose drive gains relative to the others are estimated too; none by default.
     spreads : ndarray (1,) or (2,), optional
         Relative uncertainty of the links, and of the rotors if they are declared; found by the evidence if None.
     unknown_gain : bool
@@ -157,8 +157,9 @@ def fit_with_prior(
     while not converged and len(rounds) < MAX_ROUNDS:
         problem = _Problem(plan, factors, scale, prior, n_rows, n_effective, 1e-9 * size)
         found = problem.best(0.1 * size, rounds[-1:]) if spreads is None else problem.at(spreads, 0.1 * size)
-        if fit_scale:
-            scale = improve_scale(plan, factors, problem.weights(found), scale, found.x, problem.pull(found.spreads)[0])
+        if free is not None and free.any():
+            pull = problem.pull(found.spreads)[0]
+            scale = improve_scale(plan, factors, problem.weights(found), scale, found.x, free, pull)
         left = observations.by_run(block_residuals(observations, found.x, scale))
         n_effective = np.array([n_rows / inflation([run[:, j] for run in left], memory[j]) for j in range(n)])
         converged = bool(rounds) and bool(np.all(np.abs(np.log(found.spreads / rounds[-1].spreads)) < SETTLED))

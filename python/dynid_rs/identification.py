@@ -18,13 +18,13 @@ from dynid_rs.columns import observe
 from dynid_rs.friction import FrictionIdentifier
 from dynid_rs.friction_laws import DEFAULT_LAW, laws_per_joint
 from dynid_rs.known import KnownTerm, check_known
-from dynid_rs.links import ASYMMETRY, LinkDynamicsIdentifier
+from dynid_rs.links import ASYMMETRY, LinkDynamicsIdentifier, free_scales
 from dynid_rs.loops import Loops, link_torque
-from dynid_rs.placed import PlacedEffect
-from dynid_rs.preprocessing import States, prepare
+from dynid_rs.placed import HeldEffect, PlacedEffect, held_terms
+from dynid_rs.preprocessing import States, prepare, without
 from dynid_rs.recording import Recording
 from dynid_rs.residual import ResidualCompensator
-from dynid_rs.training import TrainingData, check_training_runs, prepare_training_data
+from dynid_rs.training import Excluded, TrainingData, check_training_runs, prepare_training_data
 
 FloatArray = NDArray[np.float64]
 
@@ -46,10 +46,22 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         Effects whose coefficients [N*m] are known, not fitted: taken off the torque, and part of the model.
     effects : sequence of PlacedEffect
         What the arm has beside rigid body and friction, with its shapes; coefficients are fitted in the second loop.
+    held : sequence of HeldEffect
+        Effects on single joints whose coefficients were fitted elsewhere (ripple, at full rate): taken off the torque
+        and part of the model, as known terms are, but in the unit of the torque channel.
+    free_gains : sequence of int
+        Joints whose torque channel has a gain of its own against the others', which is fitted; one has to hold the
+        unit. In ampere all gains but the first are fitted anyway.
+    encoder_error : ndarray (n_joints, 2), optional
+        Cosine and sine part [rad] of what each link encoder shows too much; taken off before anything else.
+    excluded : mapping of str to windows, optional
+        Name of a run to the times (start, end) [s] in which something from outside acts: neither fitted nor scored.
     friction_law : str or sequence of str
         "paper" (Eqs. 9-11), "coulomb_viscous" or "stribeck", for all joints or one per joint.
     cutoff : float, optional
         Band [Hz] in which torques are fitted and compared; chosen from the motion if None.
+    standstill : bool
+        Whether pauses are fitted and scored too, which only a model with memory can do well.
     max_iter : int
         Most rounds of the three loops.
     tol : float
@@ -72,8 +84,8 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
     observations_ : Observations
         Rows and factors of the last round.
     raw_runs_, runs_ : list of States
-        Training runs as recorded, and with the link channel on the motor channel's clock and the known terms' torque
-        taken off.
+        Training runs as recorded, and with the encoders' error taken off, the link channel on the motor channel's clock
+        and the known terms' torque taken off.
     known_ : list of (Effect, ndarray)
         Known terms as they were used.
     history_ : list of dict
@@ -92,8 +104,13 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         residual: ResidualCompensator | str | None = "default",
         known: Sequence[KnownTerm] = (),
         effects: Sequence[PlacedEffect] = (),
+        held: Sequence[HeldEffect] = (),
+        free_gains: Sequence[int] = (),
+        encoder_error: FloatArray | None = None,
+        excluded: Excluded | None = None,
         friction_law: str | Sequence[str] = DEFAULT_LAW,
         cutoff: float | None = None,
+        standstill: bool = False,
         max_iter: int = 10,
         tol: float = 2e-2,
     ) -> None:
@@ -103,8 +120,13 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         self.residual = residual
         self.known = known
         self.effects = effects
+        self.held = held
+        self.free_gains = free_gains
+        self.encoder_error = encoder_error
+        self.excluded = excluded
         self.friction_law = friction_law
         self.cutoff = cutoff
+        self.standstill = standstill
         self.max_iter = max_iter
         self.tol = tol
 
@@ -142,6 +164,10 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         if not (self.residual is None or self.residual == "default" or isinstance(self.residual, ResidualCompensator)):
             raise ValueError(f"residual must be a ResidualCompensator, None or 'default', found {self.residual!r}")
         laws_per_joint(self.friction_law, self.robot.n_joints)
+        free_scales(self.robot.n_joints, False, self.free_gains)
+        n = self.robot.n_joints
+        if self.encoder_error is not None and np.shape(self.encoder_error) != (n, 2):
+            raise ValueError(f"encoder_error has shape {np.shape(self.encoder_error)}, expected ({n}, 2)")
         recordings = _as_list(recordings)
         slow = _as_list(friction_recording) if friction_recording is not None else []
         check_training_runs(self.robot, recordings + slow)
@@ -149,7 +175,7 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         # Small matrices by the thousand: BLAS threads spin on each other and cost more than they give.
         with threadpool_limits(limits=1, user_api="blas"):
             on_progress("filtering the runs")
-            loops = self._loops(prepare_training_data(recordings, slow, self.known_, self.cutoff))
+            loops = self._loops(self._training_data(recordings, slow))
             self._iterate(loops, on_progress)
         self._keep(loops)
         return self
@@ -187,9 +213,10 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         return np.stack([np.interp(recording.t, states.t, column) for column in total.T], axis=1)
 
     def states(self, recording: Recording) -> States:
-        """States of a run in the band and at the rate of the training runs, channels as recorded."""
+        """States of a run in the band and at the rate of the training runs, channels as recorded; less `excluded`."""
         check_is_fitted(self, "band_")
-        return prepare(recording, self.band_, self.rate_)
+        states = prepare(recording, self.band_, self.rate_, standstill=self.standstill)
+        return without(states, (self.excluded or {}).get(recording.name, ()))
 
     def model_with(self, regressions: Regressions) -> _core.TorqueModel:
         """Return the model with other regressions in its third loop; all None leaves it out.
@@ -208,9 +235,21 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         torque = [third.torque(states, load, regressions) for states, load in zip(self.runs_, loads, strict=True)]
         observations = observe(plan, self.runs_, [s.tau - u for s, u in zip(self.runs_, torque, strict=True)])
         links = copy(self.links_)
-        links.fit(observations, fit_scale=self.torque_unit_ == "A", beside=self._ended.beside(), again=True)
+        links.fit(
+            observations,
+            fit_scale=self.torque_unit_ == "A",
+            free_gains=self._ended.free_gains,
+            beside=self._ended.beside(),
+            again=True,
+        )
         kept = (third.inputs_, list(regressions), third.compliance_)
         return self._ended.model(plan, links, links.own_, kept)
+
+    def _training_data(self, recordings: list[Recording], slow: list[Recording]) -> TrainingData:
+        taken_off = self.known_ + held_terms(self.held, self.robot.n_joints)
+        return prepare_training_data(
+            recordings, slow, taken_off, self.cutoff, self.excluded, standstill=self.standstill
+        )
 
     def _loops(self, data: TrainingData) -> Loops:
         """Fresh copies of the three loops around the data, so that the user's own are never changed."""
@@ -219,7 +258,7 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         residual = ResidualCompensator() if self.residual == "default" else self.residual
         laws = laws_per_joint(self.friction_law, self.robot.n_joints)
         third = clone(residual) if residual is not None else None
-        return Loops(self.robot, data, friction, links, third, laws, self.effects)
+        return Loops(self.robot, data, friction, links, third, laws, self.effects, self.free_gains, self.encoder_error)
 
     def _keep(self, loops: Loops) -> None:
         data = loops.data

@@ -60,7 +60,9 @@ def known_torque(known: Sequence[KnownTerm], states: States) -> FloatArray:
     """Torque of all terms along a run, (n, n_joints) [N m], by the code that runs online."""
     total = np.zeros_like(states.tau)
     for effect, coefficients in known:
-        total += _core.effect_torque(effect, coefficients, *states.signals(), step=1 / states.rate)
+        total += _core.effect_torque(
+            effect, coefficients, *states.signals(), step=1 / states.rate, temperature=states.temperature
+        )
     return total
 
 

@@ -122,10 +122,13 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
         observations: Observations,
         *,
         fit_scale: bool = False,
+        free_gains: Sequence[int] = (),
         beside: Sequence[RowGroup] = (),
         again: bool = False,
     ) -> LinkDynamicsIdentifier:
         """Fit; `fit_scale` also estimates the drive gains of joints relative to the first (data in ampere).
+
+        `free_gains`: joints whose gain is estimated although the unit is that of the others (data in N m).
 
         `beside` are rows that count too, each group weighted by its own residual (those of the friction experiment).
         `again`: ridge or prior, and how much it counts, stay as the last fit found them.
@@ -143,12 +146,13 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
             raise ValueError(f"prior must be 'auto', 'robot' or None, found {self.prior!r}")
         if self.start not in ("torque", "least_squares"):
             raise ValueError(f"start must be 'torque' or 'least_squares', found {self.start!r}")
+        free = free_scales(observations.plan.robot.n_joints, fit_scale, free_gains)
         found = self.posterior_ if again else None
         self.posterior_: Posterior | None = None
         self.worth_ = np.ones(observations.plan.robot.n_joints)
         if self.prior == "robot" or found is not None:
             spreads = None if found is None else found.spreads
-            return self.use_posterior(observations, self._posterior(observations, fit_scale, spreads), beside)
+            return self.use_posterior(observations, self._posterior(observations, fit_scale, free, spreads), beside)
         plan, n_rows = observations.plan, observations.n_rows
         n = plan.robot.n_joints
         factors = observations.factors()
@@ -166,8 +170,8 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
             if left_out and self.n_iter_ <= 3:  # later it would only flip between neighbours
                 self.ridge_ = _choose_ridge(observations, left_out, weights, scale)
             x = solve(plan, _joined(stack(plan, factors, weights, scale), extra, scale, alike), (self.ridge_,))[0]
-            if fit_scale:
-                scale = improve_scale(plan, factors, weights, scale, x, alike)
+            if free.any():
+                scale = improve_scale(plan, factors, weights, scale, x, free, alike)
                 x = solve(plan, _joined(stack(plan, factors, weights, scale), extra, scale, alike), (self.ridge_,))[0]
             for group in extra:
                 group.weigh(x, scale)
@@ -177,12 +181,12 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
             weights = update
             # Without noise the weights chase rounding; what is left no longer matters.
             exact = np.all(std * np.sqrt(n_rows) <= 1e-10 * np.array([np.linalg.norm(R[:, -1]) for R in factors]))
-            if (change < self.tol or exact) and not (fit_scale and self.n_iter_ < 5):
+            if (change < self.tol or exact) and not (free.any() and self.n_iter_ < 5):
                 self.converged_ = True
                 break
         self.weights_ = weights
         self.torque_scale_ = scale
-        posterior = self._better_prior(observations, left_out, fit_scale=fit_scale)
+        posterior = self._better_prior(observations, left_out, fit_scale=fit_scale, free=free)
         if posterior is not None:
             return self.use_posterior(observations, posterior, beside)
         self.covariance_ = residual_covariance(observations, x, scale)
@@ -198,7 +202,13 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
             return np.zeros((0, observations.plan.n_columns + 1))
         return alike_rows(observations.plan, observations.factors(), observations.n_rows, self.asymmetry)
 
-    def _posterior(self, observations: Observations, fit_scale: bool, spreads: FloatArray | None = None) -> Posterior:
+    def _posterior(
+        self,
+        observations: Observations,
+        fit_scale: bool,
+        free: NDArray[np.bool_],
+        spreads: FloatArray | None = None,
+    ) -> Posterior:
         from dynid_rs.evidence import fit_with_prior
 
         if self.weighting is None or (self.ridge != "auto" and self.ridge > 0):
@@ -207,10 +217,15 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
                 "None, and ridge must be 'auto' or 0"
             )
         # Data in ampere has drive gains to estimate, and what is declared is in N m.
-        return fit_with_prior(observations, fit_scale=fit_scale, spreads=spreads, unknown_gain=fit_scale)
+        return fit_with_prior(observations, free=free, spreads=spreads, unknown_gain=fit_scale)
 
     def _better_prior(
-        self, observations: Observations, left_out: list[list[FloatArray]], *, fit_scale: bool
+        self,
+        observations: Observations,
+        left_out: list[list[FloatArray]],
+        *,
+        fit_scale: bool,
+        free: NDArray[np.bool_],
     ) -> Posterior | None:
         """Posterior if left-out parts of the training data prefer it to the ridge in use, over all joints."""
         from dynid_rs.evidence import left_out_power
@@ -224,7 +239,7 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
         ):
             return None
         try:
-            posterior = self._posterior(observations, fit_scale)
+            posterior = self._posterior(observations, fit_scale, free)
         except ValueError:  # a gain that is not positive: the file and the data do not belong together
             return None
         with_ridge = np.zeros(len(self.weights_))
@@ -451,15 +466,33 @@ def _choose_ridge(
     return RIDGES[int(np.flatnonzero(regret <= regret.min() + RIDGE_WORTH)[0])]
 
 
+def free_scales(n_joints: int, fit_scale: bool, free_gains: Sequence[int]) -> NDArray[np.bool_]:
+    """Which joints' torque scales are estimated, (n_joints,): all but the first in ampere, `free_gains` in N m.
+
+    Raises
+    ------
+    ValueError
+        `free_gains` names a joint that is not there, or all of them: one has to hold the unit.
+    """
+    if any(not 0 <= j < n_joints for j in free_gains) or (free_gains and len(set(free_gains)) >= n_joints):
+        raise ValueError(
+            f"free_gains must name joints from 0 to {n_joints - 1} and leave one that holds the unit, "
+            f"found {tuple(free_gains)}"
+        )
+    joints = np.arange(n_joints)
+    return joints > 0 if fit_scale else np.isin(joints, list(free_gains))
+
+
 def improve_scale(
     plan: Plan,
     factors: Sequence[FloatArray],
     weights: FloatArray,
     scale: FloatArray,
     x: FloatArray,
+    free: NDArray[np.bool_],
     pull: FloatArray | None = None,
 ) -> FloatArray:
-    """One Gauss-Newton step on the torque scales beside all other unknowns; the first joint's is the unit.
+    """One Gauss-Newton step on the torque scales of the joints in `free` beside all other unknowns.
 
     `pull`, rows ``[A | b]`` of a prior on the other unknowns.
     """
@@ -478,7 +511,7 @@ def improve_scale(
     prior[:, -1] = (1 - scale) / SCALE_SPREAD
     system = np.concatenate([np.concatenate([system[:, :-1], changes, system[:, -1:]], axis=1), prior])
     norms = np.linalg.norm(system[:, :-1], axis=0)
-    used = np.concatenate([plan.estimable(), np.arange(n) > 0]) & (norms > 0)
+    used = np.concatenate([plan.estimable(), free]) & (norms > 0)
     step = np.zeros(plan.n_columns + n)
     step[used] = np.linalg.lstsq(system[:, :-1][:, used] / norms[used], system[:, -1], rcond=1e-6)[0] / norms[used]
     change = np.clip(step[plan.n_columns :], -0.3 * scale, 0.5 * scale)

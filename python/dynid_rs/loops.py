@@ -58,8 +58,13 @@ class Loops:
         residual: ResidualCompensator | None,
         laws: Sequence[str],
         effects: Sequence[PlacedEffect] = (),
+        free_gains: Sequence[int] = (),
+        encoder_error: FloatArray | None = None,
     ) -> None:
         self.robot, self.data, self.laws, self.effects = robot, data, laws, effects
+        # In ampere all gains but one are free already.
+        self.free_gains = () if data.in_ampere else tuple(free_gains)
+        self.encoder_error = encoder_error
         self.friction, self.links, self.residual = friction, links, residual
         self.encoder_delay: EncoderDelay | None = None
         self.stages: list[_core.TorqueModel] = []
@@ -80,21 +85,19 @@ class Loops:
         first_friction = friction_effect(np.zeros(n), np.full(n, FIRST_WIDTH))
         # The baseline knows no effects; what it says of the load is what they begin with.
         self.plan = declared_plan(self.robot, first_friction)
-        self.runs = less_known(data.known, data.runs)
+        self.runs = less_known(data.known, [self._as_seen(states) for states in data.runs])
         self.observations = observe(self.plan, self.runs)
         simple, regroup = baseline(self.observations)
         self._first = LinkDynamicsIdentifier(ridge=0.0, prior=None).fit(simple, fit_scale=data.in_ampere)
         self._held = self._first.phi_base_, self._first.torque_scale_
         self.stages = [self.model(self.plan, self._first, self._first.own_ @ regroup.T)]
-        slow_runs = data.slow_runs
         if all(states.two_encoders for states in data.runs):
             self.encoder_delay = self._measure_encoder_delay()
             self._delay = self.encoder_delay.value
-            self.runs = less_known(data.known, [states.aligned(self._delay) for states in data.runs])
-            slow_runs = [states.aligned(self._delay) for states in slow_runs]
-        slow_runs = less_known(data.known, slow_runs)
+            self.runs = less_known(data.known, [self._as_seen(states) for states in data.runs])
+        slow_runs = less_known(data.known, [self._as_seen(states) for states in data.slow_runs])
         if self.effects:
-            load = _link_load(self.plan, self._first)
+            load = link_load(self.plan, self._first)
             slow_runs = [replace(states, tau_link=load(states)) for states in slow_runs]
             self.runs = [replace(states, tau_link=load(states)) for states in self.runs]
         self.plan = self._plan(first_friction)
@@ -121,7 +124,7 @@ class Loops:
         if self.depends_on_load:
             # Columns of the load follow from the links, which follow from them.
             for _ in range(LOAD_ROUNDS):
-                load = _link_load(self.plan, self.links)
+                load = link_load(self.plan, self.links)
                 self.runs = [replace(states, tau_link=load(states)) for states in self.runs]
                 self.observations = self._without_third_loop()
                 self._fit_links(True)
@@ -137,7 +140,13 @@ class Loops:
         return any("tau_link" in effect.signals for effect in self.plan.effects)
 
     def _fit_links(self, again: bool) -> None:
-        self.links.fit(self.observations, fit_scale=self.data.in_ampere, beside=self.beside(), again=again)
+        self.links.fit(
+            self.observations,
+            fit_scale=self.data.in_ampere,
+            free_gains=self.free_gains,
+            beside=self.beside(),
+            again=again,
+        )
 
     def fit_residual(self) -> None:
         """Third loop: what is left, from the deflection; the choice where it is kept is made in the first round."""
@@ -181,6 +190,7 @@ class Loops:
             own,
             self.data.runs,
             encoder_delay=self._delay,
+            encoder_error=self.encoder_error,
             torque_unit=self.data.torque_unit,
             third_loop=third_loop,
             known=self.data.known,
@@ -191,7 +201,11 @@ class Loops:
 
     def _measure_encoder_delay(self) -> EncoderDelay:
         tau_link = [evaluate(self.stages[0], states)[1][:, 0] for states in self.data.runs]
-        return estimate_encoder_delay(self.data.runs, tau_link)
+        return estimate_encoder_delay(self.runs, tau_link)
+
+    def _as_seen(self, states: States) -> States:
+        """Return a run less what is known of its encoders' error and delay so far."""
+        return states.aligned(self._delay, self.encoder_error)
 
     def _plan(self, friction: _core.Effect) -> Plan:
         law = [] if self._stribeck is None else [self._stribeck]
@@ -239,7 +253,7 @@ def declared_plan(
     return make_plan(robot, effects, acts_on=acts_on)
 
 
-def _link_load(plan: Plan, links: LinkDynamicsIdentifier) -> Callable[[States], FloatArray]:
+def link_load(plan: Plan, links: LinkDynamicsIdentifier) -> Callable[[States], FloatArray]:
     """Rigid-body torque [N m] that fitted links predict at every sample, (n, n_joints)."""
     phi = np.zeros(10 * plan.robot.n_joints)
     phi[plan.pivots] = links.phi_base_
@@ -248,7 +262,7 @@ def _link_load(plan: Plan, links: LinkDynamicsIdentifier) -> Callable[[States], 
 
 def link_torque(plan: Plan, links: LinkDynamicsIdentifier, states: States) -> FloatArray:
     """Rigid-body torque of the second loop at every sample, (n, n_joints) in the torque unit."""
-    return _link_load(plan, links)(states) * links.torque_scale_
+    return link_load(plan, links)(states) * links.torque_scale_
 
 
 def _linear_columns(observations: Observations) -> list[list[FloatArray]]:

@@ -6,6 +6,7 @@ cancels from the equation; only positions are filtered before they are different
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
@@ -79,6 +80,7 @@ class States:
     rows of the fit. `notes` says what was done to the signals. `reference` is the position that the controller was
     asked for, with its derivatives, through the same filter; None where it was not recorded. `tau_link` is the
     rigid-body torque [N m] that a model predicts, for effects that depend on the load; None before there is one.
+    `temperature` [degC] as it was measured, on the grid; None where it was not.
     """
 
     name: str
@@ -97,6 +99,7 @@ class States:
     notes: tuple[str, ...] = ()
     reference: tuple[FloatArray, FloatArray, FloatArray] | None = None
     tau_link: FloatArray | None = None
+    temperature: FloatArray | None = None
 
     @cached_property
     def filter(self) -> Filter | None:
@@ -137,12 +140,26 @@ class States:
         """Return q, dq, ddq, q_motor, dq_motor, ddq_motor."""
         return self.q, self.dq, self.ddq, self.q_motor, self.dq_motor, self.ddq_motor
 
-    def aligned(self, encoder_delay: FloatArray) -> States:
-        """Return the same run with the link channel on the motor channel's clock; `encoder_delay` (n_joints,) [s]."""
-        if not self.two_encoders:
-            return self
-        q, dq = _core.align_link_side(self.q, self.dq, self.ddq, encoder_delay)
-        return replace(self, q=q, dq=dq)
+    def aligned(self, encoder_delay: FloatArray, encoder_error: FloatArray | None = None) -> States:
+        """Return the same run as a model sees it that knows about the encoders.
+
+        Parameters
+        ----------
+        encoder_delay : ndarray (n_joints,)
+            How late the link channel is behind the motor channel [s].
+        encoder_error : ndarray (n_joints, 2), optional
+            Cosine and sine part of what the link encoder shows too much [rad]; with one encoder the motor side is the
+            same signal and shows it too.
+        """
+        q, dq, ddq = self.q, self.dq, self.ddq
+        q_motor, dq_motor, ddq_motor = self.q_motor, self.dq_motor, self.ddq_motor
+        if encoder_error is not None and np.any(encoder_error):
+            q, dq, ddq = _core.true_motion(q, dq, ddq, encoder_error)
+            if not self.two_encoders:
+                q_motor, dq_motor, ddq_motor = q, dq, ddq
+        if self.two_encoders:
+            q, dq = _core.align_link_side(q, dq, ddq, encoder_delay)
+        return replace(self, q=q, dq=dq, ddq=ddq, q_motor=q_motor, dq_motor=dq_motor, ddq_motor=ddq_motor)
 
 
 def common_rate(recordings: list[Recording]) -> float:
@@ -168,12 +185,13 @@ def choose_band(recordings: list[Recording], least: float = 5.0) -> Band:
     return Band(float(min(max(least, 5 * np.median(frequencies)), 0.8 * nyquist)))
 
 
-def prepare(recording: Recording, band: Band, rate: float) -> States:
+def prepare(recording: Recording, band: Band, rate: float, *, standstill: bool = False) -> States:
     """States of `recording` at `rate` [Hz] or a whole fraction of it.
 
     Recorded velocity and acceleration are taken as they are where both are there and belong together (a simulation, or
     a careful logger). Otherwise positions are low-passed at twice the band and differentiated; a recorded velocity
-    replaces the derivative unless it lags behind.
+    replaces the derivative unless it lags behind. With `standstill` pauses are fitted and scored too: friction at rest
+    is no function of the state, but a model with memory can know it.
 
     Raises
     ------
@@ -201,7 +219,10 @@ def prepare(recording: Recording, band: Band, rate: float) -> States:
     if recording.q_reference is not None:
         asked = _side(recording, recording.q_reference, None, None, grid, band, rate, "q_reference", notes)[:3]
         reference = [np.ascontiguousarray(x[::step]) for x in asked]
-    moving = _moving(link[1][::step], rate / step, band)
+    temperature = recording.temperature
+    if temperature is not None:
+        temperature = np.ascontiguousarray(_linear(recording.t, temperature, grid)[::step])
+    moving = _moving(link[1][::step], rate / step, band, standstill)
     names = ("q", "dq", "ddq", "q_motor", "dq_motor", "ddq_motor")
     signals = dict(zip(names, (np.ascontiguousarray(x[::step]) for x in (*link[:3], *motor[:3])), strict=True))
     return States(
@@ -215,7 +236,20 @@ def prepare(recording: Recording, band: Band, rate: float) -> States:
         two_encoders=two_encoders,
         notes=tuple(notes),
         reference=None if reference is None else (reference[0], reference[1], reference[2]),
+        temperature=temperature,
     )
+
+
+def without(states: States, windows: Sequence[tuple[float, float]], guard: float | None = None) -> States:
+    """Return the same run with windows (start, end) [s] neither fitted nor scored.
+
+    `guard` [s] on both sides keeps out what the band's filter smears; one over the cutoff by default.
+    """
+    guard = 1 / states.band.cutoff if guard is None else guard
+    outside = np.ones(len(states.t), dtype=bool)
+    for start, end in windows:
+        outside &= (states.t < start - guard) | (states.t > end + guard)
+    return states if outside.all() else replace(states, moving=states.moving & outside)
 
 
 def _grid(recording: Recording, rate: float) -> FloatArray:
@@ -296,7 +330,7 @@ def _velocity_lag(
     return lag, agrees
 
 
-def _moving(dq: FloatArray, rate: float, band: Band) -> NDArray[np.bool_]:
+def _moving(dq: FloatArray, rate: float, band: Band, standstill: bool = False) -> NDArray[np.bool_]:
     """Samples in motion: friction at rest is not a function of the state, so pauses are neither fitted nor scored.
 
     A guard on both sides of a pause, and at both ends of the run, keeps the filters' transients out.
@@ -305,6 +339,8 @@ def _moving(dq: FloatArray, rate: float, band: Band) -> NDArray[np.bool_]:
     still: NDArray[np.bool_] = np.all(np.abs(dq) <= STILL_SPEED * np.where(top > 0, top, np.inf), axis=1)
     guard = int(rate / band.cutoff)
     moving = np.ones(len(dq), dtype=bool)
+    if standstill:
+        still[:] = False
     for first, last in stretches(still):
         at_an_end = first == 0 or last == len(still)
         if at_an_end or last - first > STILL_TIME * rate:

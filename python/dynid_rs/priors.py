@@ -105,7 +105,9 @@ def inertial_prior(plan: Plan) -> InertialPrior:
         )
     regroup = _regrouping(plan)
     # An offset that base parameters absorb (gravity on a vertical slide) is not declared: its spread stays zero.
-    spread = np.concatenate([*(_spread(phi[first : first + 10]) for first in range(0, n_phi, 10)), rotors, np.zeros(n)])
+    spread = np.concatenate(
+        [*(link_spread(phi[first : first + 10]) for first in range(0, n_phi, 10)), rotors, np.zeros(n)]
+    )
     declared = spread > 0
     known = np.flatnonzero(np.any(regroup, axis=1))
     outside = _left_null_space(regroup[np.ix_(known, ~declared)])
@@ -123,7 +125,7 @@ def declares_inertia(robot: _core.RobotModel) -> bool:
     return bool(np.any(np.asarray(robot.phi)[::10] > 0))
 
 
-def _spread(phi: FloatArray) -> FloatArray:
+def link_spread(phi: FloatArray) -> FloatArray:
     """Standard deviation of a link's ten parameters at relative uncertainty one; zeros if it is not declared."""
     mass = phi[0]
     if mass <= 0:

@@ -150,7 +150,7 @@ def _summarise(
             {"iteration": k + 1, "rmse_train": after["residual"], "rmse_train_after": after}
             for k, after in enumerate(identifier.history_)
         ],
-        "loops": _loops(identifier, test_states, tested),
+        "loops": loops_section(identifier, test_states, tested),
         "n_iter": identifier.n_iter_,
         "converged": identifier.converged_,
     }
@@ -161,8 +161,8 @@ def _summarise(
         result["physical"] = physical_section(physical, identifier.model_, tested.rmse, error)
     result["residual"]["reason"] = residual_reason(result)
     result["verdict"] = verdict(result)
-    plain: dict[str, Any] = _plain(result)
-    return plain
+    content: dict[str, Any] = plain(result)
+    return content
 
 
 def residual_table(
@@ -191,7 +191,7 @@ def residual_table(
     return {column: np.concatenate([part[column] for part in parts]) for column in parts[0]}
 
 
-def _loops(identifier: ThreeLoopIdentifier, test: list[States], tested: Scores) -> dict[str, Any]:
+def loops_section(identifier: ThreeLoopIdentifier, test: list[States], tested: Scores) -> dict[str, Any]:
     """What each loop gave: test errors of the baseline, with the first loop's friction, with fitted links, of all."""
     without = identifier.model_with([None] * identifier.robot.n_joints)
     stages = (("wls", identifier.baseline_), ("friction", identifier.friction_model_), ("links", without))
@@ -369,12 +369,12 @@ def _standstill(runs: Sequence[States], errors: Sequence[FloatArray]) -> list[Fi
     return found
 
 
-def _plain(value: Any) -> Any:
+def plain(value: Any) -> Any:
     """Arrays to lists, numpy scalars to Python's, for JSON."""
     if isinstance(value, dict):
-        return {key: _plain(entry) for key, entry in value.items()}
+        return {key: plain(entry) for key, entry in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(entry) for entry in value]
+        return [plain(entry) for entry in value]
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
     return value

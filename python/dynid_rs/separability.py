@@ -87,8 +87,10 @@ def _examine(identifier: ThreeLoopIdentifier, term: KnownTerm, j: int, test: Seq
             links.own_,
             identifier.raw_runs_,
             encoder_delay=np.asarray(identifier.model_.encoder_delay),
+            encoder_error=identifier.model_.encoder_error,
             torque_unit=identifier.torque_unit_,
             third_loop=third_loop,
+            residual_signals=identifier.model_.residual_signals,
             known=known,
         )
         return float(rmse([compare(states, evaluate(model, states)[0]).error for states in test])[j])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,9 +12,11 @@ from dynid_rs.checks.motion import MIN_SPAN, moving_joints
 from dynid_rs.errors import DataError
 from dynid_rs.findings import joint_words
 from dynid_rs.known import KnownTerm
-from dynid_rs.preprocessing import Band, States, choose_band, common_rate, prepare
+from dynid_rs.preprocessing import Band, States, choose_band, common_rate, prepare, without
 from dynid_rs.recording import Recording
 
+Excluded = Mapping[str, Sequence[tuple[float, float]]]
+"""Name of a run to the windows (start, end) [s] in which something from outside acts."""
 LEAST_ROWS = 20
 """Rows of the fit that a run has to have in motion."""
 
@@ -40,9 +42,15 @@ class TrainingData:
 
 
 def prepare_training_data(
-    recordings: Sequence[Recording], slow: Sequence[Recording], known: list[KnownTerm], cutoff: float | None
+    recordings: Sequence[Recording],
+    slow: Sequence[Recording],
+    known: list[KnownTerm],
+    cutoff: float | None,
+    excluded: Excluded | None = None,
+    *,
+    standstill: bool = False,
 ) -> TrainingData:
-    """States of checked runs in one band: `cutoff` [Hz], or chosen from the motion.
+    """States of checked runs in one band: `cutoff` [Hz], or chosen from the motion; `excluded` windows by run name.
 
     Raises
     ------
@@ -51,7 +59,7 @@ def prepare_training_data(
     """
     rate = common_rate(list(recordings))
     band = Band(cutoff) if cutoff is not None else choose_band(list(recordings))
-    runs = prepare_training_runs(recordings, band, rate)
+    runs = prepare_training_runs(recordings, band, rate, excluded, standstill=standstill)
     slow_runs = [prepare(recording, band, rate) for recording in slow]
     return TrainingData(runs, slow_runs, known, recordings[0].torque_unit, rate, band)
 
@@ -121,20 +129,30 @@ def check_torque(recordings: Sequence[Recording]) -> None:
         )
 
 
-def prepare_training_runs(recordings: Sequence[Recording], band: Band, rate: float) -> list[States]:
-    """States of the runs in `band` at `rate` [Hz].
+def prepare_training_runs(
+    recordings: Sequence[Recording],
+    band: Band,
+    rate: float,
+    excluded: Excluded | None = None,
+    *,
+    standstill: bool = False,
+) -> list[States]:
+    """States of the runs in `band` at `rate` [Hz], without the windows [s] of `excluded`.
 
     Raises
     ------
     DataError
         Too little motion is left in a run after standstill is taken out.
     """
-    runs = [prepare(recording, band, rate) for recording in recordings]
+    windows = excluded or {}
+    prepared = [prepare(recording, band, rate, standstill=standstill) for recording in recordings]
+    runs = [without(states, windows.get(states.name, ())) for states in prepared]
     for states in runs:
         if len(states.rows) < LEAST_ROWS:
             raise DataError(
                 f"{states.name}: only {len(states.rows) * states.step / states.rate:.2f} s of motion are left "
-                f"after standstill and {1 / band.cutoff:.2g} s (1/cutoff) beside it and at both ends are taken out; "
+                f"after standstill {'and what was excluded ' if windows.get(states.name) else ''}and "
+                f"{1 / band.cutoff:.2g} s (1/cutoff) beside it and at both ends are taken out; "
                 "record a longer motion, or raise the cutoff",
                 code="too_little_motion",
                 file=states.name,

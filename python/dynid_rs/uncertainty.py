@@ -52,8 +52,10 @@ def parameter_covariance(
     meat = pull.T @ pull
     for j, (places, grids) in enumerate(columns):
         own = np.ix_(places, places)
-        noise = _Noise([run[:, j] for run in residuals], [run[:, 0] for run in masks], grids, weights[j] * bread[own])
-        meat[own] += weights[j] ** 2 * sum(_toeplitz_product(run, noise.spectrum) for run in grids)
+        noise = NoiseSpectrum(
+            [run[:, j] for run in residuals], [run[:, 0] for run in masks], grids, weights[j] * bread[own]
+        )
+        meat[own] += weights[j] ** 2 * sum(toeplitz_product(run, noise.spectrum) for run in grids)
     covariance = np.zeros((plan.n_columns, plan.n_columns))
     n_used = int(used.sum())
     covariance[np.ix_(used, used)] = (bread @ meat @ bread)[:n_used, :n_used]
@@ -123,13 +125,14 @@ def _bread(
     return bread
 
 
-class _Noise:
+class NoiseSpectrum:
     """Spectrum of one joint's noise, from its residual and from what the fit took away with it.
 
     The fit takes noise away where the columns have their power (at low frequencies): of a line's power, the leverage
     ``h(f) = w a(f)* B a(f)``, a(f) the transform of the columns. Residual and leverage are smoothed alike, then
     ``S = S_residual / (1 - h / n)^2``: once is unbiased, twice is what leaving samples out would give (the
-    jackknife, HC3 of MacKinnon and White 1985), and makes up for shapes and weights that were fitted too.
+    jackknife, HC3 of MacKinnon and White 1985), and makes up for shapes and weights that were fitted too. `max_lag`
+    keeps the spectrum smooth where many columns share a narrow band, which would have taken all of its noise away.
     """
 
     def __init__(
@@ -139,6 +142,7 @@ class _Noise:
         columns: Sequence[FloatArray],
         weighted_bread: FloatArray,
         power: int = 2,
+        max_lag: int | None = None,
     ) -> None:
         from scipy.fft import irfft, next_fast_len, rfft
 
@@ -154,7 +158,7 @@ class _Noise:
             leverage += np.sum((lines.imag @ weighted_bread) * lines.imag, axis=1)
             taken[:n] += irfft(leverage, size)[:n]
         covariances = sums / np.maximum(np.round(pairs), 1.0)
-        taper = flat_top(covariances, float(pairs[0]))
+        taper = flat_top(covariances[:max_lag], float(pairs[0]))
         self._power = power
         self._covariances = covariances[: len(taper)] * taper
         self._taken = taken[: len(taper)] * taper / pairs[0]
@@ -169,7 +173,7 @@ class _Noise:
         return spectrum
 
 
-def _toeplitz_product(columns: FloatArray, spectrum: Callable[[int], FloatArray]) -> FloatArray:
+def toeplitz_product(columns: FloatArray, spectrum: Callable[[int], FloatArray]) -> FloatArray:
     """``C' Gamma C`` for C (n, p) and the Toeplitz matrix with this spectrum."""
     from scipy.fft import next_fast_len, rfft
 
@@ -202,6 +206,8 @@ def noise_products(
     residuals: Sequence[FloatArray],
     columns: Sequence[Sequence[FloatArray]],
     weighted_breads: Sequence[FloatArray],
+    *,
+    power: int = 1,
 ) -> list[FloatArray]:
     """``C_j' Gamma_j C_j`` (k, k) of every joint, Gamma_j its noise's own autocovariance, estimated without bias.
 
@@ -213,13 +219,37 @@ def noise_products(
         C_j. The first of them are those of the fit.
     weighted_breads : per joint
         ``w_j (sum w C' C)^-1`` of the fit, in the places of its columns.
+    power : int
+        As for `grid_noise_products`.
     """
     left = _on_grid(observations, runs, residuals)
     masks = [mask[:, 0] for mask in _on_grid(observations, runs, [np.ones((len(part), 1)) for part in residuals])]
+    grids = [_on_grid(observations, runs, parts) for parts in columns]
+    return grid_noise_products(left, masks, grids, weighted_breads, power=power)
+
+
+def grid_noise_products(
+    residuals: Sequence[FloatArray],
+    masks: Sequence[FloatArray],
+    columns: Sequence[Sequence[FloatArray]],
+    weighted_breads: Sequence[FloatArray],
+    *,
+    power: int = 1,
+) -> list[FloatArray]:
+    """As `noise_products`, on every run's full grid: zeros where `masks` (n_grid,) is zero.
+
+    `power` 2 makes up for shapes and weights that were fitted too (`NoiseSpectrum`).
+
+    Parameters
+    ----------
+    residuals : per run (n_grid, n_joints)
+        What a fit leaves.
+    columns : per joint and run (n_grid, k)
+        C_j.
+    """
     products = []
     for j, bread in enumerate(weighted_breads):
-        grids = _on_grid(observations, runs, columns[j])
-        fitted = [grid[:, : len(bread)] for grid in grids]
-        noise = _Noise([run[:, j] for run in left], masks, fitted, bread, power=1)
-        products.append(np.sum([_toeplitz_product(run, noise.spectrum) for run in grids], axis=0))
+        fitted = [grid[:, : len(bread)] for grid in columns[j]]
+        noise = NoiseSpectrum([run[:, j] for run in residuals], masks, fitted, bread, power=power)
+        products.append(np.sum([toeplitz_product(run, noise.spectrum) for run in columns[j]], axis=0))
     return products

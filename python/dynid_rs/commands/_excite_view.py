@@ -16,6 +16,11 @@ _QUANTITIES = {"position": "", "velocity": "/s", "acceleration": "/s^2"}
 def show(result: dict[str, Any]) -> None:
     """Print figures of merit, extremes beside limits, notes, and where the files are."""
     out = console()
+    if "separation" in result:
+        from dynid_rs.excitation.separation_view import sentences
+
+        for sentence in sentences(result["separation"]):
+            out.print(Text(sentence), soft_wrap=True)
     blocks = ", ".join(
         f"{name} {'-' if value is None else f'{value:.4g}'} (rank {result['block_ranks'][name]})"
         for name, value in result["block_condition_numbers"].items()

@@ -49,7 +49,7 @@ def show(result: dict[str, Any], directory: Path) -> None:
         out.print(Text(_known(entry, result)))
     for finding in result["data"]["findings"]:
         if finding["severity"] != "info":
-            out.print(Text(f"{finding['severity']}: {_with_file(finding)}"))
+            out.print(Text(f"{finding['severity']}: {with_file(finding)}"))
     out.print(Text(f"report: {directory / REPORT_FILE}"), soft_wrap=True)
 
 
@@ -69,7 +69,7 @@ def _known(entry: dict[str, Any], result: dict[str, Any]) -> str:
     return f"{text}{_with_share(alone['with'], std)} with it, {_with_share(alone['without'], std)} without it."
 
 
-def _with_file(finding: dict[str, Any]) -> str:
+def with_file(finding: dict[str, Any]) -> str:
     """Return the message, with the file where the message does not name it."""
     file, message = finding.get("file"), finding["message"]
     return message if file is None or file in message else f"{shown(file)}: {message}"

@@ -11,6 +11,7 @@ import typer
 from dynid_rs.commands._run import print_json, run_command
 
 if TYPE_CHECKING:
+    from dynid_rs._core import TorqueModel
     from dynid_rs.recording import FloatArray, Recording
 
 SIGNALS = ("q", "dq", "ddq", "q_motor", "dq_motor", "ddq_motor")
@@ -57,8 +58,9 @@ def estimate(
     check_cutoff(cutoff, [recording])
     if source.has_torque and recording.torque_unit != torque_model.torque_unit:
         raise _other_unit(recording, torque_model.torque_unit)
-    t, signals, tau = states_of(recording, cutoff)
-    total, terms, status = torque_model.evaluate(*signals)
+    _check_temperature(torque_model, recording)
+    t, signals, tau, temperature = states_of(recording, cutoff)
+    total, terms, status = torque_model.evaluate(*signals, temperature=temperature)
     errors = rmse([tau - total]) if source.has_torque else None
     columns: dict[str, Any] = {"t": t, **_by_joint("tau", total)}
     for k, name in enumerate(torque_model.term_names):
@@ -69,7 +71,7 @@ def estimate(
     if output is not None:
         write_table(output, columns)
     if states is not None:
-        write_states(states, t, signals)
+        write_states(states, t, signals, temperature)
     unusual = int(np.count_nonzero(status))
     joints, unit = list(torque_model.robot.joint_names), torque_model.torque_unit
     if json_output:
@@ -118,6 +120,21 @@ def _check_outputs(output: Path | None, states: Path | None, inputs: tuple[Path,
             raise ValueError(f"{target}: is written as {kind}; give it a suffix that says so")
 
 
+def _check_temperature(model: TorqueModel, recording: Recording) -> None:
+    """Refuse a run that lacks the temperature which the model's friction follows."""
+    from dynid_rs.errors import DataError
+
+    follows = any("temperature" in effect.signals and values.any() for effect, values in model.effects)
+    if follows and recording.temperature is None:
+        raise DataError(
+            f"{recording.name}: the model's friction follows the joints' temperature, which the run does not hold; add "
+            'the columns temperature_0, ..., or name them in dynid.toml: [columns] temperature = "..."',
+            code="missing_column",
+            file=recording.name,
+            column="temperature_0",
+        )
+
+
 def _other_unit(recording: Recording, unit: str) -> ValueError:
     from dynid_rs.errors import DataError
 
@@ -131,8 +148,10 @@ def _other_unit(recording: Recording, unit: str) -> ValueError:
     )
 
 
-def states_of(recording: Recording, cutoff: float | None) -> tuple[FloatArray, tuple[FloatArray, ...], FloatArray]:
-    """Time (n,), the six signals of the states and the measured torque, (n, n_joints) each."""
+def states_of(
+    recording: Recording, cutoff: float | None
+) -> tuple[FloatArray, tuple[FloatArray, ...], FloatArray, FloatArray | None]:
+    """Time (n,), the six signals of the states, measured torque and, if any, temperature, (n, n_joints) each."""
     from dynid_rs.preprocessing import Band, choose_band, common_rate, prepare
 
     q, dq, ddq = recording.q, recording.dq, recording.ddq
@@ -140,18 +159,21 @@ def states_of(recording: Recording, cutoff: float | None) -> tuple[FloatArray, t
         # What the motor side lacks it has from the link side, signal by signal, as in `dynid-estimator`.
         motor = (recording.q_motor, recording.dq_motor, recording.ddq_motor)
         given = [x if own is None else own for own, x in zip(motor, (q, dq, ddq), strict=True)]
-        return recording.t, (q, dq, ddq, *given), recording.tau
+        return recording.t, (q, dq, ddq, *given), recording.tau, recording.temperature
     band = choose_band([recording]) if cutoff is None else Band(cutoff)
     states = prepare(recording, band, common_rate([recording]))
-    return states.t, states.signals(), states.tau
+    return states.t, states.signals(), states.tau, states.temperature
 
 
-def write_states(path: Path, t: FloatArray, signals: tuple[FloatArray, ...]) -> None:
+def write_states(path: Path, t: FloatArray, signals: tuple[FloatArray, ...], temperature: FloatArray | None) -> None:
     """Write states as CSV; every number in the shortest form that reads back to the same bits."""
     from dynid_rs.files import write_text
 
     n = signals[0].shape[1]
-    header = ["t", *(f"{name}_{j}" for name in SIGNALS for j in range(n))]
-    rows = np.concatenate([t[:, None], *signals], axis=1).tolist()
+    columns = dict(zip(SIGNALS, signals, strict=True))
+    if temperature is not None:
+        columns["temperature"] = temperature
+    header = ["t", *(f"{name}_{j}" for name in columns for j in range(n))]
+    rows = np.concatenate([t[:, None], *columns.values()], axis=1).tolist()
     lines = [",".join(header), *(",".join(map(repr, row)) for row in rows)]
     write_text(path, "\n".join(lines) + "\n")

@@ -13,6 +13,8 @@ from dynid_rs.commands._run import print_json, run_command
 
 if TYPE_CHECKING:
     from dynid_rs.excitation import FourierExcitation, Restart
+    from dynid_rs.excitation.named import NamedEffect
+    from dynid_rs.excitation.separating import Separated
     from dynid_rs.friction_experiment import FrictionExperiment
 
 
@@ -83,6 +85,14 @@ def excite(
         Path | None,
         typer.Option(metavar="FRICTION.csv", help="Plan the friction experiment too; .json beside it"),
     ] = None,
+    separate: Annotated[
+        tuple[str, str] | None,
+        typer.Option(
+            metavar="A B",
+            help="Tell these effects apart instead: KIND:JOINT[:SHAPE=VALUE...], e.g. stribeck:1 friction_hysteresis:1",
+            show_default=False,
+        ),
+    ] = None,
     start: Annotated[
         str | None,
         typer.Option(metavar="Q,Q,...", help="Where it starts and ends [rad, m]; zero, or the middle of the limits"),
@@ -110,7 +120,8 @@ def excite(
 
     TRAJ.csv holds t, q_i, dq_i, ddq_i; TRAJ.json the figures of merit and the exact extremes beside the limits;
     TRAJ.html the plots. While it runs, TRAJ.restarts.json keeps the finished searches. FRICTION.csv holds legs of
-    constant speed in both directions and motions with their reversals, within the same limits.
+    constant speed in both directions and motions with their reversals, within the same limits. With --separate the
+    trajectory is the one that tells two effects apart best, and the exciting one is what it is compared with.
     """
     from dynid_rs.commands._console import progress
     from dynid_rs.commands._inputs import read_robot
@@ -124,6 +135,7 @@ def excite(
         model = read_robot(robot, base, tip, gravity)
         settings = _settings(model, robot, limits, start, noise, self_collision)
         plan = None if friction is None else _friction_plan(model, settings, rate)
+        effects = None if separate is None else _effects(separate, model, duration)
         design = _design(
             settings,
             say,
@@ -139,8 +151,11 @@ def excite(
             resume=resume,
             random_state=seed,
         ).fit(model, settings["limits"])
+        separated = None
+        if effects is not None:
+            design, separated = _separate(design, effects, iterations, time_limit, say)
         say("writing")
-        result = _write(design, plan, model, files, rate)
+        result = _write(design, plan, model, files, rate, separated)
     if json_output:
         print_json(result)
     else:
@@ -183,6 +198,29 @@ def _design(settings: dict[str, Any], say: Callable[[str], None], **options: Any
     return FourierExcitation(**given, callback=told, **options)
 
 
+def _effects(texts: tuple[str, str], model: Any, duration: float) -> tuple[NamedEffect, NamedEffect]:
+    """Read both effects; what cannot be designed for is refused before the search, not after it."""
+    from dynid_rs.excitation.named import parse_effect
+    from dynid_rs.excitation.separation import Separation
+    from dynid_rs.excitation.shapes import ShapedEffect
+
+    a, b = (parse_effect(text, model) for text in texts)
+    Separation(model, model.base_parameters(), ShapedEffect.of(a, model), ShapedEffect.of(b, model), duration)
+    return a, b
+
+
+def _separate(
+    design: FourierExcitation,
+    effects: tuple[NamedEffect, NamedEffect],
+    iterations: int,
+    time_limit: float | None,
+    say: Callable[[str], None],
+) -> tuple[FourierExcitation, Separated]:
+    from dynid_rs.excitation.separating import separate
+
+    return separate(design, *effects, max_iter=iterations, time_limit=time_limit, on_progress=say)
+
+
 def _friction_plan(model: Any, settings: dict[str, Any], rate: float) -> FrictionExperiment:
     from dynid_rs.excitation.friction_plan import friction_plan
     from dynid_rs.excitation.output import n_steps_of
@@ -193,7 +231,12 @@ def _friction_plan(model: Any, settings: dict[str, Any], rate: float) -> Frictio
 
 
 def _write(
-    design: FourierExcitation, plan: FrictionExperiment | None, model: Any, files: Outputs, rate: float
+    design: FourierExcitation,
+    plan: FrictionExperiment | None,
+    model: Any,
+    files: Outputs,
+    rate: float,
+    separated: Separated | None = None,
 ) -> dict[str, Any]:
     """Write the files of the trajectory together, then forget the finished searches."""
     from dynid_rs.commands._output import filled_together
@@ -202,6 +245,8 @@ def _write(
     from dynid_rs.files import write_json, write_text
 
     result = answer(design, model)
+    if separated is not None:
+        result["separation"] = separated.to_json()
     if plan is not None and files.friction is not None and files.friction_json is not None:
         n_rows = write_csv(files.friction, plan, rate)
         write_json(files.friction_json, plan.to_json())

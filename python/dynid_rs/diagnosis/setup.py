@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from dynid_rs import _core
 from dynid_rs.identification import ThreeLoopIdentifier
-from dynid_rs.placed import PlacedEffect
+from dynid_rs.placed import HeldEffect, PlacedEffect
 from dynid_rs.recording import Recording
 
 FloatArray = NDArray[np.float64]
@@ -28,38 +28,59 @@ class Setup:
         Geometry and gravity as they are believed to be.
     effects : tuple of PlacedEffect
         Torques that were found, with their shapes; coefficients are fitted.
+    held : tuple of HeldEffect
+        Torques that were found and fitted at full rate; coefficients stay as they are.
     gain_joints : tuple of int
         Joints whose torque channel has a gain of its own, which is fitted.
     encoder_error : ndarray (n_joints, 2)
         Cosine and sine parts [rad] of what the link encoder shows too much: `e_c cos q + e_s sin q`.
     torque_delay : ndarray (n_joints,)
         How late the torque channel is [s].
+    torque_zero : mapping of str to ndarray (n_joints,)
+        Name of a run to what its torque channel shows too much [torque unit], from the mean of the training runs.
     excluded : mapping of str to windows
         Name of a run to the times [s] in which something from outside acts: neither fitted nor scored.
     options : mapping
         Arguments of `ThreeLoopIdentifier` that stay the same.
+    declared : RobotModel
+        Geometry and gravity as the robot file has them; `robot` as it was at first, if left out.
     """
 
     robot: _core.RobotModel
     effects: tuple[PlacedEffect, ...] = ()
+    held: tuple[HeldEffect, ...] = ()
     gain_joints: tuple[int, ...] = ()
     encoder_error: FloatArray = None  # type: ignore[assignment]
     torque_delay: FloatArray = None  # type: ignore[assignment]
+    torque_zero: Mapping[str, FloatArray] = field(default_factory=dict)
     excluded: Mapping[str, Windows] = field(default_factory=dict)
     options: Mapping[str, Any] = field(default_factory=dict)
+    declared: _core.RobotModel = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
         n = self.robot.n_joints
+        if self.declared is None:
+            object.__setattr__(self, "declared", self.robot)
         for name, shape in (("encoder_error", (n, 2)), ("torque_delay", (n,))):
             if getattr(self, name) is None:
                 object.__setattr__(self, name, np.zeros(shape))  # the only way in, the class is frozen
 
     def identifier(self, **options: Any) -> ThreeLoopIdentifier:
         """Return an identifier of a model made of this."""
-        return ThreeLoopIdentifier(self.robot, effects=self.effects, **{**self.options, **options})
+        parts = {
+            "effects": self.effects,
+            "held": self.held,
+            "free_gains": self.gain_joints,
+            "encoder_error": self.encoder_error,
+            "excluded": dict(self.excluded) or None,
+        }
+        return ThreeLoopIdentifier(self.robot, **{**parts, **self.options, **options})
 
     def corrected(self, recording: Recording) -> Recording:
-        """Return the run with its torque channel on the encoders' clock."""
+        """Return the run with its torque channel on the encoders' clock, and its zero where it is known."""
+        zero = self.torque_zero.get(recording.name)
+        if zero is not None:
+            recording = replace(recording, tau=recording.tau - zero)
         if not np.any(self.torque_delay):
             return recording
         tau = np.stack(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs.diagnosis.beside import JointRows
+from dynid_rs.diagnosis.rows_beside import JointRows
 
 FloatArray = NDArray[np.float64]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from copy import copy
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -83,7 +84,9 @@ class FourierExcitation(BaseEstimator):  # type: ignore[misc]
         Extremes of torque, workspace and self-collision beside their bounds.
     history_ : tuple of Restart
         What every search began with, reached and cost.
-    limits_, start_, base_ : ExcitationLimits, ndarray (n_joints,), BaseParameters
+    x_ : ndarray (n_free, n_joints)
+        Its free coefficients (`series.py`).
+    robot_, limits_, start_, base_ : RobotModel, ExcitationLimits, ndarray (n_joints,), BaseParameters
         What was used.
     notes_ : tuple of str
         What the user should know about the limits.
@@ -151,21 +154,8 @@ class FourierExcitation(BaseEstimator):  # type: ignore[misc]
                 f"robot {robot.name} has no base parameter: its torque does not depend on any inertial parameter, so "
                 "there is nothing to excite; check joints, axes and gravity of the robot file"
             )
-        start = limits.start(self.start)
-        constraints, self.notes_ = self._constraints(robot, limits, start)
-        whitening = _whitening(self.noise_std, self.noise_covariance, robot.n_joints)
-        t = np.arange(round(self.duration * self.rate)) / self.rate
-        problem = Problem(
-            robot,
-            base,
-            FourierSeries(self.n_harmonics, self.duration),
-            t,
-            limits,
-            start,
-            criterion=self.criterion,
-            whitening=whitening,
-            constraints=constraints,
-        )
+        self.robot_, self.base_, self.limits_, self.start_ = robot, base, limits, limits.start(self.start)
+        problem = self.problem()
         self.seed_ = int(np.random.SeedSequence(self.random_state).entropy)  # type: ignore[arg-type]
         restarts = search(problem, self._plan(), self.callback)
         best = min(
@@ -174,28 +164,56 @@ class FourierExcitation(BaseEstimator):  # type: ignore[misc]
             default=None,
         )
         if best is None:
-            kept = " and ".join(constraint.name for constraint in constraints)
+            kept = " and ".join(constraint.name for constraint in problem.constraints)
             raise ValueError(
                 f"none of {len(restarts)} searches found a motion that keeps {kept}; choose another start, "
                 "widen these limits, or allow more restarts"
             )
-        self.base_, self.limits_, self.start_ = base, limits, start
-        self.trajectory_ = problem.series.trajectory(np.array(best.x), start)
-        self.merit_ = merit_of(self.trajectory_, robot, base, problem.excitation, t, whitened=whitening is not None)
-        self.condition_number_ = self.merit_.condition_number
-        self.objective_ = best.objective
         self.block_weights_ = problem.weights
         self.history_ = tuple(restarts)
+        self._keep(problem, np.array(best.x), float(best.objective))  # type: ignore[arg-type]
         if not self.condition_number_ < BLIND:
             raise RankDeficientError(
                 f"the best trajectory within these limits has a condition number of {self.condition_number_:.1e}: some "
                 "parameters are hardly excited; widen the limits, or use a longer duration or more harmonics"
             )
+        return self
+
+    def problem(self) -> Problem:
+        """What `fit` searched, made again: series, limits, constraints and criterion."""
+        constraints, self.notes_ = self._constraints(self.robot_, self.limits_, self.start_)
+        return Problem(
+            self.robot_,
+            self.base_,
+            FourierSeries(self.n_harmonics, self.duration),
+            np.arange(round(self.duration * self.rate)) / self.rate,
+            self.limits_,
+            self.start_,
+            criterion=self.criterion,
+            whitening=_whitening(self.noise_std, self.noise_covariance, self.robot_.n_joints),
+            constraints=constraints,
+        )
+
+    def with_motion(self, x: FloatArray) -> FourierExcitation:
+        """Return the same design with another motion, free coefficients (n_free, n_joints) of `problem()`."""
+        other = copy(self)
+        problem = self.problem()
+        other._keep(problem, x, problem.value(x))
+        return other
+
+    def _keep(self, problem: Problem, x: FloatArray, objective: float) -> None:
+        """Keep a motion and everything that is known of it."""
+        t = np.arange(round(self.duration * self.rate)) / self.rate
+        whitened = self.noise_std is not None or self.noise_covariance is not None
+        self.x_ = x
+        self.trajectory_ = problem.series.trajectory(x, self.start_)
+        self.merit_ = merit_of(self.trajectory_, self.robot_, self.base_, problem.excitation, t, whitened=whitened)
+        self.condition_number_ = self.merit_.condition_number
+        self.objective_ = objective
         self.constraint_report_ = {
             constraint.name: constraint.report(self.trajectory_.evaluate(problem.series.grid(constraint.fine_step)))
-            for constraint in constraints
+            for constraint in problem.constraints
         }
-        return self
 
     def _constraints(
         self, robot: RobotModel, limits: ExcitationLimits, start: FloatArray

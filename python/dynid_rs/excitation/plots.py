@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from dynid_rs.excitation.limits import MOTIONS
 from dynid_rs.excitation.output import Playable
+from dynid_rs.excitation.separation_view import section
 from dynid_rs.report.figures import Figure, Figures
 from dynid_rs.report.page import shell
 from dynid_rs.report.tables import cell, table
@@ -32,11 +33,14 @@ def page(result: dict[str, Any], trajectory: Playable) -> str:
             for name, signal in zip(MOTIONS, motion, strict=True)
         )
         rows.append(f"<h3>{esc(joint)}</h3>\n{plots}")
+    separation = ""
+    if "separation" in result:
+        separation = f'<section id="separation"><h2>Separation</h2>\n{section(result["separation"])}</section>\n'
     body = (
-        f"<header><h1>Exciting trajectory of {esc(result['robot'])}</h1>"
+        f"<header><h1>{'Separating' if separation else 'Exciting'} trajectory of {esc(result['robot'])}</h1>"
         f"<p>{result['duration_s']:g} s, {result['n_harmonics']} harmonics, criterion "
         f"{esc(result['criterion'])}, seed {result['seed']}.</p></header>\n"
-        f'<main><section id="merit"><h2>Figures of merit</h2>\n{_merit(result)}</section>\n'
+        f'<main>{separation}<section id="merit"><h2>Figures of merit</h2>\n{_merit(result)}</section>\n'
         f'<section id="extremes"><h2>Extremes beside the limits</h2>\n{_extremes(result)}</section>\n'
         f'<section id="motion"><h2>Motion</h2>\n{"".join(rows)}</section></main>\n'
     )

@@ -126,7 +126,7 @@ class Problem:
     def drawn(self, rng: np.random.Generator) -> FloatArray | None:
         """Random motion that uses its limits and keeps the constraints, to the accuracy of the search."""
         x = self.bounds.roughly_scaled(rng.standard_normal(self.shape))
-        return _shrunk(x, self._smoothly_kept, DRAW_STEPS)
+        return _shrunk(x, self.smoothly_kept, DRAW_STEPS)
 
     def identity(self) -> str:
         """Hash of everything that the answer of a restart depends on, but its number."""
@@ -149,7 +149,8 @@ class Problem:
         position, velocity, acceleration = (matrix @ x for matrix in matrices)
         return position + self.start, velocity, acceleration
 
-    def _smoothly_kept(self, x: FloatArray) -> bool:
+    def smoothly_kept(self, x: FloatArray) -> bool:
+        """Whether the constraints beside the limits are kept, to the accuracy of the search."""
         pairs = zip(self.constraints, self._grids, strict=True)
         return all(constraint.smooth_room(self._at(m, x), slopes=False)[0] >= 0 for constraint, m in pairs)
 

@@ -12,7 +12,7 @@ from importlib.resources import files
 from importlib.util import find_spec
 from pathlib import Path
 
-from dynid_rs.report import declared, explanations, sections
+from dynid_rs.report import declared, diagnosis, explanations, sections
 from dynid_rs.report.figures import Figures
 from dynid_rs.report.source import Source
 from dynid_rs.report.text import esc
@@ -22,13 +22,48 @@ def build_page(source: Source) -> str:
     """Return the whole page; `source` is checked already."""
     result = source.result
     figures = Figures()
-    parts = [
+    if diagnosis.is_diagnosis(result):
+        body, title = _diagnosis(figures, source), f"{result['robot']} \u2013 what the torque model lacks"
+    else:
+        body, title = _identified(figures, source), f"{result['robot']} \u2013 identified torque model"
+    return shell(title=title, body=body, figures=figures)
+
+
+def _identified(figures: Figures, source: Source) -> str:
+    """Body of the page of `dynid identify`."""
+    result = source.result
+    first = [
         ("errors", "Errors", sections.errors(result)),
         (
             "effects",
             "Effects found" if result.get("effects") else "Not explained yet",
             sections.effects(result),
         ),
+    ]
+    parts = first + _details(figures, source)
+    return _body(sections.head(result), parts, "".join(_section(*part) for part in parts if part[2]))
+
+
+def _diagnosis(figures: Figures, source: Source) -> str:
+    """Body of the page of `dynid diagnose`: the answer first, everything else folded."""
+    result = source.result
+    parts = [
+        ("errors", "Before and after", diagnosis.errors(result)),
+        ("effects", "Effects found", diagnosis.effects(figures, result)),
+        ("sensors", "Sensors, clocks and signals", diagnosis.sensors(result)),
+        ("left", "What is left", diagnosis.left(figures, result)),
+        ("next", "What would tell more", diagnosis.next_experiment(result)),
+    ]
+    folded = [("steps", "How it was found", diagnosis.steps(result)), *_details(figures, source)]
+    answer = "".join(_section(*part) for part in parts if part[2])
+    rest = "".join(_section(*part, folded=True) for part in folded if part[2])
+    return _body(diagnosis.head(result), [*parts, *folded], answer + rest)
+
+
+def _details(figures: Figures, source: Source) -> list[tuple[str, str, str]]:
+    """Sections that both pages have: key, title and HTML, which may be empty."""
+    result = source.result
+    return [
         ("torque", "Torque over time", sections.torque(figures, source)),
         ("velocity", "Friction and residual", sections.velocity(figures, source)),
         ("parameters", "Parameters", explanations.parameters(figures, result)),
@@ -37,14 +72,17 @@ def build_page(source: Source) -> str:
         ("data", "Data", explanations.data(result)),
         ("provenance", "Where this comes from", explanations.provenance(source)),
     ]
-    shown = [(key, title, body) for key, title, body in parts if body]
-    links = "".join(f'<a href="#{key}">{title}</a>' for key, title, _ in shown)
-    body = "".join(f'<section id="{key}"><h2>{title}</h2>\n{html}</section>\n' for key, title, html in shown)
-    return shell(
-        title=f"{result['robot']} \u2013 identified torque model",
-        body=f"<header>{sections.head(result)}<nav>{links}</nav></header>\n<main>{body}</main>\n",
-        figures=figures,
-    )
+
+
+def _body(head: str, parts: list[tuple[str, str, str]], html: str) -> str:
+    links = "".join(f'<a href="#{key}">{title}</a>' for key, title, body in parts if body)
+    return f"<header>{head}<nav>{links}</nav></header>\n<main>{html}</main>\n"
+
+
+def _section(key: str, title: str, html: str, *, folded: bool = False) -> str:
+    if folded:
+        return f'<section><details id="{key}"><summary><h2>{title}</h2></summary>\n{html}</details></section>\n'
+    return f'<section id="{key}"><h2>{title}</h2>\n{html}</section>\n'
 
 
 def shell(*, title: str, body: str, figures: Figures) -> str:

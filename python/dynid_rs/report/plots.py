@@ -32,7 +32,9 @@ _TERM_COLORS = {
     "residual_term": "$sky",
 }
 _SPARE_COLORS = ("$yellow", "$green", "$purple", "$sky", "$orange", "$brown")
-_TERM_WORDS = {"rigid_body": "rigid body", "residual_term": "residual term (third loop)"}
+BEFORE = "residual_before"
+"""Column: what the declared model left, where effects were added to it."""
+_TERM_WORDS = {"rigid_body": "rigid body", "residual_term": "residual term (third loop)", BEFORE: "residual before"}
 
 
 @dataclass(frozen=True)
@@ -42,13 +44,14 @@ class TimePlots:
     run_names: tuple[str, ...]
     n_runs: int
     terms: tuple[str, ...]
+    before: tuple[str, ...]
     n_points: int
     shortened: bool
 
 
 def terms_of(signals: Signals, n_joints: int) -> tuple[str, ...]:
     """Names of the torque terms in the table that are not zero throughout, in the order of its columns."""
-    other = {"measured", "predicted", "residual", "q", "dq"}
+    other = {"measured", "predicted", "residual", BEFORE, "q", "dq"}
     names: dict[str, bool] = {}
     for column, values in signals.columns.items():
         name, _, index = column.rpartition("_")
@@ -85,7 +88,8 @@ def add_time_plots(figures: Figures, source: Source) -> TimePlots:
     rows = shown_rows(signals)
     runs = list(dict.fromkeys(signals.run[rows].tolist()))
     terms = terms_of(signals, len(joints))
-    names = ("measured", "predicted", *terms, "residual")
+    before = (BEFORE,) if f"{BEFORE}_0" in signals.columns else ()
+    names = ("measured", "predicted", *terms, *before, "residual")
     n_shown = min(len(runs), _MAX_RUNS)
     fitting = _TIME_BUDGET / (16 / 3 * n_shown * (len(joints) * len(names) + 1))
     max_points = int(np.clip(fitting, *_POINTS))
@@ -104,14 +108,19 @@ def add_time_plots(figures: Figures, source: Source) -> TimePlots:
     colors = term_colors(terms)
     for j in range(len(joints)):
         shown = [term for term in terms if f"{term}_{j}" in signals.columns]
-        figures.add(f"time-{j}", _time_traces(j, shown, colors), _time_layout(source.result["torque_unit"]), "time")
-    return TimePlots(tuple(signals.run_names[run] for run in runs[:n_shown]), len(runs), terms, max_points, shortened)
+        figures.add(
+            f"time-{j}", _time_traces(j, shown, colors, before), _time_layout(source.result["torque_unit"]), "time"
+        )
+    return TimePlots(
+        tuple(signals.run_names[run] for run in runs[:n_shown]), len(runs), terms, before, max_points, shortened
+    )
 
 
-def _time_traces(j: int, terms: Sequence[str], colors: Mapping[str, str]) -> list[Figure]:
+def _time_traces(j: int, terms: Sequence[str], colors: Mapping[str, str], before: Sequence[str]) -> list[Figure]:
     looks = [("measured", "measured", {"color": "$measured", "width": 2.6}, "y", True)]
     looks += [(term, term_words(term), {"color": colors[term], "width": 1.3}, "y", False) for term in terms]
     looks += [("predicted", "predicted", {"color": "$blue", "width": 1.3}, "y", True)]
+    looks += [(term, term_words(term), {"color": "$faint", "width": 1.3}, "y2", True) for term in before]
     looks += [("residual", "residual", {"color": "$red", "width": 1.1}, "y2", True)]
     return [
         {

@@ -148,9 +148,10 @@ def torque(figures: Figures, source: Source) -> str:
         "measured": "$measured",
         "predicted": "$blue",
         "residual": "$red",
+        plots.BEFORE: "$faint",
         **plots.term_colors(shown.terms),
     }
-    on = ("measured", "predicted", "residual")
+    on = ("measured", "predicted", "residual", *shown.before)
     boxes = "".join(
         f'<label><input type="checkbox" data-term="{esc(term)}"{" checked" if term in on else ""}>'
         '<span class="swatch" '

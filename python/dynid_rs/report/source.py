@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from dynid_rs.errors import DataError
 from dynid_rs.files import check_readable, with_sentence
+from dynid_rs.report.shape import RESULT_SHAPE
 
 Array = NDArray[np.float64]
 
@@ -21,103 +22,6 @@ RESULT_FILE = "result.json"
 RESIDUALS_FILE = "residuals.parquet"
 FORMAT, VERSION = "dynid-result", 1
 _MEND = "write it again with `dynid identify`"
-
-# The shape of result.json as far as the report reads it. A key with "?" may be absent or null;
-# "per joint" is a list along `joints`, its entries may be null.
-_PARAMETER = {"name": str, "value": float, "unit?": str, "std_error?": float, "interval?": "interval"}
-_AFTER = {loop: ("per joint", float) for loop in ("friction?", "links?", "residual?")}
-_STAGES = {"wls?": ("per joint", float), **_AFTER}
-_SEPARATION = {"share": float, "std_error": float}
-_SHAPE: Mapping[str, Any] = {
-    "robot": str,
-    "joints": [str],
-    "torque_unit": str,
-    "data": {
-        "train": [str],
-        "test": [str],
-        "n_samples?": {"train?": float, "test?": float},
-        "n_dropped?": {"train?": float, "test?": float},
-        "rate_hz?": float,
-        "cutoff_hz?": float,
-        "findings?": [
-            {
-                "severity": str,
-                "message": str,
-                "code?": str,
-                "file?": str,
-                "column?": str,
-                "rows?": [float],
-                "value?": float,
-                "unit?": str,
-            }
-        ],
-    },
-    "rmse": {
-        "test": {
-            "torque_std": ("per joint", float),
-            "wls": ("per joint", float),
-            "before": ("per joint", float),
-            "after": ("per joint", float),
-            "after_interval?": ("per joint", "interval"),
-            "floor?": ("per joint", float),
-        },
-    },
-    "prior?": {
-        "relative_uncertainty": {"links": float, "rotors?": float},
-        "n_directions": float,
-        "n_determined": float,
-        "moved?": [{"name": str, "link": str, "declared": float, "value": float, "std": float, "shift": float}],
-    },
-    "known?": [
-        {
-            "kind": str,
-            "joint": str,
-            "unit": str,
-            "torque_rms": float,
-            "data_alone": _SEPARATION,
-            "with_prior?": _SEPARATION,
-            "rmse_test_alone": {"with": float, "without": float},
-            "rmse_test_with_prior?": {"with": float, "without_same_weight": float, "without": float},
-        }
-    ],
-    "effects?": [
-        {
-            "kind": str,
-            "joints": [str],
-            "rank?": float,
-            "parameters?": [_PARAMETER],
-            "rmse_test_before?": [float],
-            "rmse_test_after?": [float],
-            "p_value?": float,
-            "ties?": [{"kind": str, "joints?": [str], "rmse_test_after?": [float]}],
-        }
-    ],
-    "residual?": {
-        "kind?": str,
-        "inputs?": str,
-        "reason?": str,
-        "kept?": "kept",
-        "rmse_test_without?": ("per joint", float),
-        "rmse_test_with?": ("per joint", float),
-        "n_components?": ("per joint", float),
-    },
-    "unexplained?": [{"joint": str, "share?": float, "depends_on?": [{"signal": str, "strength?": float}]}],
-    "parameters?": {
-        "base?": [{"link?": str, **_PARAMETER}],
-        "joint?": [{"joint": str, **_PARAMETER}],
-        "friction_shape?": [{"joint": str, "velocity_threshold?": float, "transition_width?": float, "unit?": str}],
-    },
-    "encoder_delay?": {"value": ("per joint", float), "interval?": ("per joint", "interval"), "unit?": str},
-    "base_parameters?": {"n_base?": float, "n_standard?": float, "gap?": float, "condition_number?": float},
-    "history?": [
-        {"iteration?": float, "rmse_train?": ("per joint", float), "rmse_train_after?": _AFTER},
-    ],
-    "loops?": {"test?": _STAGES},
-    "converged?": bool,
-    "n_iter?": float,
-    "floor_method?": str,
-    "verdict?": str,
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,7 +116,7 @@ def _read_result(path: Path) -> dict[str, Any]:
     joints = result.get("joints")
     if not isinstance(joints, list) or not joints:
         _refuse(path, '"joints" must be a list of at least one name')
-    fault = _find_fault(result, _SHAPE, "", len(joints))
+    fault = _find_fault(result, RESULT_SHAPE, "", len(joints))
     if fault:
         _refuse(path, fault)
     return result

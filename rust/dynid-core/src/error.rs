@@ -49,6 +49,22 @@ pub enum CoreError {
         /// What it must be, as the end of a sentence.
         rule: &'static str,
     },
+    /// A regression of the third loop has another number of inputs than there are signals to feed them.
+    ResidualInputs {
+        /// Index along the chain.
+        joint: usize,
+        /// Inputs that it has.
+        actual: usize,
+        /// Signals that there are.
+        expected: usize,
+    },
+    /// A signal is named of a joint that the chain does not have.
+    SignalJoint {
+        /// Joint whose torque is meant.
+        joint: usize,
+        /// Joint that the signal is of.
+        other: usize,
+    },
     /// An effect remembers in time, and the model has no sample step.
     NoStep {
         /// Kind of the effect.
@@ -76,6 +92,12 @@ impl fmt::Display for CoreError {
             Self::Range { what } => write!(f, "{what} is outside its range"),
             Self::Shape { kind, what, joint, rule } => {
                 write!(f, "{kind}: {what} of joint {joint} {rule}")
+            }
+            Self::ResidualInputs { joint, actual, expected } => {
+                write!(f, "the residual of joint {joint} has {actual} inputs, expected {expected}")
+            }
+            Self::SignalJoint { joint, other } => {
+                write!(f, "the residual of joint {joint} names a signal of joint {other}, which the chain does not have")
             }
             Self::NoStep { kind } => {
                 write!(f, "{kind} changes with time: the model needs the step between samples in seconds")

@@ -6,7 +6,8 @@ use crate::dynamics::{check_length, inverse_dynamics_into, Workspace};
 use crate::effects::EffectInput;
 use crate::error::CoreError;
 use crate::model::{check_step, TorqueModel};
-use crate::state::{align_link_side, State};
+use crate::residual::Load;
+use crate::state::{align_link_side, true_motion, State};
 
 /// What was unusual about a step, as bits. Zero is a good step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
@@ -21,6 +22,8 @@ impl Status {
     pub const OUTSIDE_DOMAIN: Self = Self(2);
     /// The third loop was asked far from its data; its torque was faded out.
     pub const RESIDUAL_FADED: Self = Self(4);
+    /// An effect needs a signal that the state does not have (a temperature); its torque is zero on that joint.
+    pub const SIGNAL_MISSING: Self = Self(8);
 
     /// The bits.
     #[must_use]
@@ -49,11 +52,13 @@ const OVERFLOW: f64 = 1e300;
 pub struct TorqueEstimator {
     model: Arc<TorqueModel>,
     workspace: Workspace,
-    /// Link-side position and velocity on the motor channel's clock.
-    q: Vec<f64>,
-    dq: Vec<f64>,
+    /// The true state, on the motor channel's clock.
+    link: [Vec<f64>; 3],
+    motor: [Vec<f64>; 3],
     /// Rigid-body torque before the channel's scale.
     tau_link: Vec<f64>,
+    /// Joints on which an effect follows the temperature.
+    wants_temperature: Vec<bool>,
     /// Time between samples.
     step: f64,
     /// What the effects remember, after the last good step and after this one.
@@ -79,9 +84,10 @@ impl TorqueEstimator {
         let n_memory = effects.map(|term| term.effect().memory_len(n)).sum();
         Self {
             workspace: Workspace::new(model.robot()),
-            q: vec![0.0; n],
-            dq: vec![0.0; n],
+            link: std::array::from_fn(|_| vec![0.0; n]),
+            motor: std::array::from_fn(|_| vec![0.0; n]),
             tau_link: vec![0.0; n],
+            wants_temperature: model.wants_temperature(),
             step: model.step().unwrap_or(0.0),
             memory: vec![0.0; n_memory],
             next_memory: vec![0.0; n_memory],
@@ -155,6 +161,7 @@ impl TorqueEstimator {
         };
         if usable {
             status.set(Status::OUTSIDE_DOMAIN, !self.inside_domain(state));
+            status.set(Status::SIGNAL_MISSING, self.misses_temperature(state));
             self.terms.copy_from_slice(&self.scratch);
             self.variance.copy_from_slice(&self.scratch_variance);
             self.memory.copy_from_slice(&self.next_memory);
@@ -174,14 +181,17 @@ impl TorqueEstimator {
     /// Every term into `scratch`; true if the third loop was faded.
     fn evaluate(&mut self, state: &State<'_>) -> Result<bool, CoreError> {
         let n = self.model.robot().n_joints();
-        for (j, delay) in self.model.encoder_delay().iter().enumerate() {
-            [self.q[j], self.dq[j]] =
-                align_link_side(state.q[j], state.dq[j], state.ddq[j], *delay);
-        }
+        self.take_true_state(state);
+        let [q, dq, ddq] = &self.link;
+        let [q_motor, dq_motor, ddq_motor] = &self.motor;
         let state = &State {
-            q: &self.q,
-            dq: &self.dq,
-            ..*state
+            q,
+            dq,
+            ddq,
+            q_motor,
+            dq_motor,
+            ddq_motor,
+            temperature: state.temperature,
         };
         let (rigid_body, rest) = self.scratch.split_at_mut(n);
         inverse_dynamics_into(
@@ -215,10 +225,42 @@ impl TorqueEstimator {
         }
         match (self.model.residual(), rows.next()) {
             (Some(residual), Some(row)) => {
-                Ok(residual.torque_into(state, rigid_body, row, &mut self.scratch_variance))
+                let load = Load {
+                    tau_link: &self.tau_link,
+                    scaled: rigid_body,
+                };
+                Ok(residual.torque_into(state, load, row, &mut self.scratch_variance))
             }
             _ => Ok(false),
         }
+    }
+
+    /// What the channels show, less the encoders' error, all on the motor channel's clock.
+    fn take_true_state(&mut self, shown: &State<'_>) {
+        let error = self.model.encoder_error();
+        let both_sides = error.is_some_and(|error| error.both_sides);
+        for (j, delay) in self.model.encoder_delay().iter().enumerate() {
+            let of_link = error.map(|error| error.cos_sin[j]);
+            let of_motor = of_link.filter(|_| both_sides);
+            let less = |of: Option<[f64; 2]>, [q, dq, ddq]: [f64; 3]| {
+                of.map_or([q, dq, ddq], |parts| true_motion(q, dq, ddq, parts))
+            };
+            // An encoder's error is that of the angle at the time that it shows, so it goes before the delay does.
+            let [q, dq, ddq] = less(of_link, [shown.q[j], shown.dq[j], shown.ddq[j]]);
+            let [q, dq] = align_link_side(q, dq, ddq, *delay);
+            let motor = [shown.q_motor[j], shown.dq_motor[j], shown.ddq_motor[j]];
+            let motor = less(of_motor, motor);
+            for (k, (link, motor)) in [q, dq, ddq].into_iter().zip(motor).enumerate() {
+                self.link[k][j] = link;
+                self.motor[k][j] = motor;
+            }
+        }
+    }
+
+    fn misses_temperature(&self, state: &State<'_>) -> bool {
+        let known = |j: usize| state.temperature.is_some_and(|t| t[j].is_finite());
+        let mut wanted = self.wants_temperature.iter().enumerate();
+        wanted.any(|(j, wants)| *wants && !known(j))
     }
 
     fn inside_domain(&self, state: &State<'_>) -> bool {

@@ -6,7 +6,16 @@ use crate::error::CoreError;
 use crate::link_params::N_LINK_PARAMS;
 use crate::physical::PhysicalSet;
 use crate::residual::Residual;
-use crate::robot::RobotModel;
+use crate::robot::{Joint, JointKind, RobotModel};
+
+/// What the encoders show too much, because their discs are not centred: once per turn of the joint.
+#[derive(Clone, Debug, PartialEq)]
+pub struct EncoderError {
+    /// `[cosine, sine]` per joint \[rad\]: the link encoder shows `cosine cos q + sine sin q` too much.
+    pub cos_sin: Vec<[f64; 2]>,
+    /// True where every joint has one encoder, so that the motor side is the same signal and shows the same error.
+    pub both_sides: bool,
+}
 
 /// The box of states that the model was trained on; outside of it the answer is an extrapolation.
 #[derive(Clone, Debug, PartialEq, Default)]
@@ -28,6 +37,7 @@ pub struct TorqueModel {
     effects: Vec<EffectTerm>,
     residual: Option<Residual>,
     encoder_delay: Vec<f64>,
+    encoder_error: Option<EncoderError>,
     noise_std: Vec<f64>,
     domain: Domain,
     torque_unit: String,
@@ -145,12 +155,49 @@ impl TorqueModel {
             effects,
             residual,
             encoder_delay,
+            encoder_error: None,
             noise_std,
             domain,
             torque_unit,
             step,
             physical: None,
         })
+    }
+
+    /// The same model for encoders that show too much. Zeros are no error.
+    ///
+    /// # Errors
+    /// [`CoreError`] if the length is wrong, a number is not finite, or a joint that slides has an error.
+    pub fn with_encoder_error(self, error: EncoderError) -> Result<Self, CoreError> {
+        let what = "encoder_error";
+        let joints = self.robot.joints();
+        if error.cos_sin.len() != joints.len() {
+            return Err(CoreError::Length {
+                what,
+                expected: joints.len(),
+                actual: error.cos_sin.len(),
+            });
+        }
+        if !error.cos_sin.iter().flatten().all(|x| x.is_finite()) {
+            return Err(CoreError::NonFiniteParameter);
+        }
+        let none = |parts: &[f64; 2]| *parts == [0.0; 2];
+        let turns = |joint: &Joint| joint.kind == JointKind::Revolute;
+        let mut pairs = error.cos_sin.iter().zip(joints);
+        if !pairs.all(|(parts, joint)| none(parts) || turns(joint)) {
+            return Err(CoreError::Range { what });
+        }
+        let encoder_error = (!error.cos_sin.iter().all(none)).then_some(error);
+        Ok(Self {
+            encoder_error,
+            ..self
+        })
+    }
+
+    /// What the encoders show too much, where they do.
+    #[must_use]
+    pub fn encoder_error(&self) -> Option<&EncoderError> {
+        self.encoder_error.as_ref()
     }
 
     /// The same model with a physically consistent set beside it.
@@ -235,6 +282,21 @@ impl TorqueModel {
     #[must_use]
     pub fn n_terms(&self) -> usize {
         1 + self.effects.len() + usize::from(self.residual.is_some())
+    }
+
+    /// Per joint, whether an effect with a size there follows its measured temperature.
+    #[must_use]
+    pub fn wants_temperature(&self) -> Vec<bool> {
+        let mut wants = vec![false; self.robot.n_joints()];
+        for term in &self.effects {
+            if term.effect().entry().needs("temperature") {
+                let rows = term.coefficients().chunks_exact(term.effect().n_columns());
+                for (wants, row) in wants.iter_mut().zip(rows) {
+                    *wants |= row.iter().any(|c| *c != 0.0);
+                }
+            }
+        }
+        wants
     }
 
     /// Names of the terms in order of summation: `rigid_body`, the effects, `residual`. Of a kind that comes again the

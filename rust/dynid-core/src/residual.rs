@@ -1,12 +1,13 @@
-//! The third loop online: one regression per joint on a pair of signals of that joint.
+//! The third loop online: one regression per joint on a pair of that joint's signals, or on signals that it names.
 
 use crate::error::CoreError;
 use crate::mixture::{GaussianMixtureRegression, Prediction};
 use crate::rbf::NormalisedRbf;
+use crate::signal::{Signal, SignalKind, MAX_INPUTS};
 use crate::state::State;
 
-/// The two signals that a joint's regression sees. Section 5 of the paper names the first two pairs.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// What the regressions see. Section 5 of the paper names the first two pairs.
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub enum ResidualInputs {
     /// Deflection `q_motor - q` and its rate, channel delay taken out (two encoders).
     Deflection,
@@ -16,41 +17,128 @@ pub enum ResidualInputs {
     /// rigid-body torque, and the deflection's rate. What the gear holds back is left over; the load, which is a
     /// hundred times larger and already in the rigid body, is not.
     LoadFreeDeflection,
+    /// Signals by name, of any joint: one list per joint, at most [`MAX_INPUTS`] long, empty where there is no regression.
+    Signals(Vec<Vec<Signal>>),
+}
+
+/// The load of the gears as the model predicts it, one value per joint.
+#[derive(Clone, Copy, Debug)]
+pub struct Load<'a> {
+    /// Rigid-body torque \[N·m\].
+    pub tau_link: &'a [f64],
+    /// The same as the torque channel shows it \[torque unit\]; what compliances multiply.
+    pub scaled: &'a [f64],
 }
 
 impl ResidualInputs {
-    /// Every choice.
-    pub const ALL: [Self; 3] = [Self::Deflection, Self::JointState, Self::LoadFreeDeflection];
+    /// The pairs that have a name of their own.
+    pub const PAIRS: [Self; 3] = [Self::Deflection, Self::JointState, Self::LoadFreeDeflection];
 
     /// Name in files.
     #[must_use]
-    pub fn name(self) -> &'static str {
+    pub fn name(&self) -> &'static str {
         match self {
             Self::Deflection => "deflection",
             Self::JointState => "joint_state",
             Self::LoadFreeDeflection => "load_free_deflection",
+            Self::Signals(_) => "signals",
         }
     }
 
-    /// True if they need an encoder on either side of the gear.
+    /// True if they need an encoder on either side of the gear: signals do where they name both sides of one.
     #[must_use]
-    pub fn two_encoders(self) -> bool {
-        !matches!(self, Self::JointState)
-    }
-
-    /// The two inputs of joint `j` at a state; `wind_up` is `compliance * tau_link` \[rad\], read by the last choice.
-    #[must_use]
-    pub fn at(self, j: usize, state: &State<'_>, wind_up: f64) -> [f64; 2] {
-        let [deflection, rate] = state.deflection(j);
+    pub fn two_encoders(&self) -> bool {
         match self {
-            Self::Deflection => [deflection, rate],
-            Self::JointState => [state.q_motor[j], state.dq_motor[j]],
-            Self::LoadFreeDeflection => [deflection - wind_up, rate],
+            Self::JointState => false,
+            Self::Deflection | Self::LoadFreeDeflection => true,
+            Self::Signals(joints) => joints.iter().any(|signals| names_both_sides(signals)),
         }
+    }
+
+    /// Signals by name, one list per joint; `None` for the pairs.
+    #[must_use]
+    pub fn signals(&self) -> Option<&[Vec<Signal>]> {
+        match self {
+            Self::Signals(joints) => Some(joints),
+            _ => None,
+        }
+    }
+
+    /// Number of inputs of joint `j`.
+    #[must_use]
+    pub fn len(&self, j: usize) -> usize {
+        self.signals().map_or(2, |joints| joints[j].len())
+    }
+
+    /// The inputs of joint `j` at a state, [`Self::len`] of them in front. `wind_up` is `compliance * tau_link` \[rad\], read
+    /// by the load-free deflection; `tau_link` is read by signals of that name.
+    #[must_use]
+    pub fn at(
+        &self,
+        j: usize,
+        state: &State<'_>,
+        wind_up: f64,
+        tau_link: &[f64],
+    ) -> [f64; MAX_INPUTS] {
+        let mut u = [0.0; MAX_INPUTS];
+        match self {
+            Self::Deflection => [u[0], u[1]] = state.deflection(j),
+            Self::JointState => [u[0], u[1]] = [state.q_motor[j], state.dq_motor[j]],
+            Self::LoadFreeDeflection => {
+                let [deflection, rate] = state.deflection(j);
+                [u[0], u[1]] = [deflection - wind_up, rate];
+            }
+            Self::Signals(joints) => {
+                for (u, signal) in u.iter_mut().zip(&joints[j]) {
+                    *u = signal.at(state, tau_link);
+                }
+            }
+        }
+        u
+    }
+
+    /// # Errors
+    /// [`CoreError`] if signals are not one list per joint, too many, or of joints that there are not.
+    fn check(&self, n_joints: usize) -> Result<(), CoreError> {
+        let Some(joints) = self.signals() else {
+            return Ok(());
+        };
+        if joints.len() != n_joints {
+            return Err(CoreError::Length {
+                what: "residual signals",
+                expected: n_joints,
+                actual: joints.len(),
+            });
+        }
+        for (joint, signals) in joints.iter().enumerate() {
+            if signals.len() > MAX_INPUTS {
+                return Err(CoreError::Range {
+                    what: "number of signals of a joint's residual",
+                });
+            }
+            if let Some(signal) = signals.iter().find(|signal| signal.joint >= n_joints) {
+                return Err(CoreError::SignalJoint {
+                    joint,
+                    other: signal.joint,
+                });
+            }
+        }
+        Ok(())
     }
 }
 
-/// How a joint's residual torque follows from the two inputs. The choice is the user's.
+fn names_both_sides(signals: &[Signal]) -> bool {
+    use SignalKind::{Ddq, DdqMotor, Dq, DqMotor, QMotor, Q};
+    let names = |kind, joint| signals.contains(&Signal { kind, joint });
+    signals.iter().any(|signal| match signal.kind {
+        Q => names(QMotor, signal.joint),
+        Dq => names(DqMotor, signal.joint),
+        Ddq => names(DdqMotor, signal.joint),
+        _ => false,
+    })
+}
+
+/// How a joint's residual torque follows from its inputs. The choice is the user's.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Regression {
     /// Eqs. 31-39.
@@ -115,9 +203,13 @@ pub struct Residual {
     joints: Vec<Option<Regression>>,
 }
 
-/// Distance in widths up to which a regression is trusted fully, and the one from which it is not trusted at all.
-/// Between them its torque fades, so that leaving the data is not a step.
+/// Distance in widths up to which a regression on two inputs is trusted fully, and the one from which it is not trusted
+/// at all. Between them its torque fades, so that leaving the data is not a step.
 const TRUSTED: (f64, f64) = (4.0, 6.0);
+
+/// What every further input adds to both: a normal cloud of any dimension (1 to 6) then has the same part of its samples
+/// beyond them (3e-4 and 2e-8, within a factor of two), because distances grow with the number of inputs.
+const TRUSTED_PER_INPUT: f64 = 0.25;
 
 /// Greater variances are an overflow.
 const MOST_VARIANCE: f64 = 1e300;
@@ -126,12 +218,21 @@ impl Residual {
     /// `joints`: one regression per joint, `None` where the third loop did not pay.
     ///
     /// # Errors
-    /// [`CoreError::Range`] if a regression does not have two inputs.
+    /// [`CoreError`] if a regression does not have as many inputs as there are (two, or the signals that are named for
+    /// its joint), or signals do not fit the joints.
     pub fn new(inputs: ResidualInputs, joints: Vec<Option<Regression>>) -> Result<Self, CoreError> {
-        if joints.iter().flatten().any(|joint| joint.n_inputs() != 2) {
-            return Err(CoreError::Range {
-                what: "number of residual inputs",
-            });
+        inputs.check(joints.len())?;
+        for (joint, regression) in joints.iter().enumerate() {
+            let Some(regression) = regression else {
+                continue;
+            };
+            if regression.n_inputs() != inputs.len(joint) {
+                return Err(CoreError::ResidualInputs {
+                    joint,
+                    actual: regression.n_inputs(),
+                    expected: inputs.len(joint),
+                });
+            }
         }
         Ok(Self {
             inputs,
@@ -155,8 +256,8 @@ impl Residual {
 
     /// Which signals the regressions see.
     #[must_use]
-    pub fn inputs(&self) -> ResidualInputs {
-        self.inputs
+    pub fn inputs(&self) -> &ResidualInputs {
+        &self.inputs
     }
 
     /// Compliance of the gears \[rad per torque unit\], one per joint.
@@ -173,13 +274,13 @@ impl Residual {
 
     /// Torque of every joint \[N·m\] into `tau`; true if some joint was so far from the data that its torque was faded.
     ///
-    /// `tau_link` is the predicted rigid-body torque. `variance` \[(N·m)²\] comes with what the model leaves on each
+    /// `load` is the predicted rigid-body torque. `variance` \[(N·m)²\] comes with what the model leaves on each
     /// joint. Where a regression is trusted it is replaced by the regression's own, which holds that noise too; where
     /// it fades, by that of a residual about which nothing is known, on top of the noise.
     pub fn torque_into(
         &self,
         state: &State<'_>,
-        tau_link: &[f64],
+        load: Load<'_>,
         tau: &mut [f64],
         variance: &mut [f64],
     ) -> bool {
@@ -188,10 +289,13 @@ impl Residual {
         for (j, (joint, (tau, variance))) in self.joints.iter().zip(outputs).enumerate() {
             *tau = 0.0;
             let Some(joint) = joint else { continue };
-            let u = self.inputs.at(j, state, self.compliance[j] * tau_link[j]);
-            let prediction = joint.predict(&u);
+            let wind_up = self.compliance[j] * load.scaled[j];
+            let u = self.inputs.at(j, state, wind_up, load.tau_link);
+            let d = joint.n_inputs();
+            let prediction = joint.predict(&u[..d]);
             let distance = prediction.distance_squared.sqrt();
-            let (near, far) = TRUSTED;
+            let further = TRUSTED_PER_INPUT * (d as f64 - 2.0);
+            let (near, far) = (TRUSTED.0 + further, TRUSTED.1 + further);
             // A NaN distance (an overflow) compares false everywhere and so trusts nothing.
             let trust = if distance <= near {
                 1.0
@@ -209,5 +313,169 @@ impl Residual {
             *variance = variance.min(MOST_VARIANCE);
         }
         faded
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::*;
+
+    fn rbf(d: usize) -> Regression {
+        // One bump: its weight is the torque anywhere, its width 1.
+        NormalisedRbf::new(vec![0.0; d], vec![1.0; d], vec![2.0], vec![0.0])
+            .unwrap()
+            .into()
+    }
+
+    fn signals(named: &[(&str, usize)]) -> Vec<Signal> {
+        let named = named.iter();
+        named
+            .map(|(name, j)| Signal::named(name, *j).unwrap())
+            .collect()
+    }
+
+    const NUMBERS: [[f64; 2]; 7] = [
+        [0.1, 0.2],
+        [1.1, 1.2],
+        [2.1, 2.2],
+        [3.1, 3.2],
+        [4.1, 4.2],
+        [5.1, 5.2],
+        [6.1, 6.2],
+    ];
+
+    fn state() -> State<'static> {
+        let [q, dq, ddq, q_motor, dq_motor, ddq_motor, _] = &NUMBERS;
+        State {
+            q,
+            dq,
+            ddq,
+            q_motor,
+            dq_motor,
+            ddq_motor,
+            temperature: None,
+        }
+    }
+
+    #[test]
+    fn signals_are_read_by_name_and_joint() {
+        let names = [
+            "q",
+            "dq",
+            "ddq",
+            "q_motor",
+            "dq_motor",
+            "ddq_motor",
+            "tau_link",
+        ];
+        for (k, name) in names.into_iter().enumerate() {
+            for (j, expected) in NUMBERS[k].into_iter().enumerate() {
+                let signal = Signal::named(name, j).unwrap();
+                assert_eq!(signal.at(&state(), &NUMBERS[6]), expected, "{name}");
+            }
+        }
+        let named = signals(&[("tau_link", 1), ("q", 0), ("dq_motor", 1)]);
+        let inputs = ResidualInputs::Signals(vec![named, vec![]]);
+        let u = inputs.at(0, &state(), 9.0, &NUMBERS[6]);
+        assert_eq!(u[..inputs.len(0)], [6.2, 0.1, 4.2]);
+        assert_eq!(inputs.len(1), 0);
+    }
+
+    #[test]
+    fn a_signal_of_another_name_is_refused_with_the_names_there_are() {
+        let words = Signal::named("tau", 0).unwrap_err().to_string();
+        assert!(words.contains("there is no signal \"tau\", expected one of q, dq, ddq, q_motor"));
+    }
+
+    #[test]
+    fn signals_that_do_not_fit_are_refused() {
+        let two = [("q", 0), ("dq", 1)];
+        let good = vec![signals(&two), vec![]];
+        let new = |joints, regressions| {
+            let residual = Residual::new(ResidualInputs::Signals(joints), regressions);
+            residual.map_err(|error| error.to_string())
+        };
+        assert!(new(good.clone(), vec![Some(rbf(2)), None]).is_ok());
+        let six = vec![Signal::named("q", 0).unwrap(); MAX_INPUTS];
+        assert!(new(vec![vec![], six.clone()], vec![None, Some(rbf(6))]).is_ok());
+        let seven = [six, signals(&[("q", 0)])].concat();
+        for (joints, regressions, words) in [
+            (
+                good.clone(),
+                vec![Some(rbf(3)), None],
+                "the residual of joint 0 has 3 inputs, expected 2",
+            ),
+            (
+                good.clone(),
+                vec![None, Some(rbf(1))],
+                "the residual of joint 1 has 1 inputs, expected 0",
+            ),
+            (
+                good.clone(),
+                vec![None],
+                "residual signals has 2 values, expected 1",
+            ),
+            (
+                vec![seven, vec![]],
+                vec![Some(rbf(7)), None],
+                "number of signals of a joint's residual is outside its range",
+            ),
+            (
+                vec![signals(&[("q", 2)]), vec![]],
+                vec![Some(rbf(1)), None],
+                "the residual of joint 0 names a signal of joint 2, which the chain does not have",
+            ),
+        ] {
+            assert_eq!(new(joints, regressions).unwrap_err(), words);
+        }
+    }
+
+    #[test]
+    fn two_encoders_are_needed_where_both_sides_of_a_gear_are_named() {
+        let need =
+            |named: &[(&str, usize)]| ResidualInputs::Signals(vec![signals(named)]).two_encoders();
+        assert!(need(&[("q_motor", 1), ("tau_link", 0), ("q", 1)]));
+        assert!(need(&[("dq", 0), ("dq_motor", 0)]));
+        assert!(!need(&[("q_motor", 0), ("dq_motor", 0)]));
+        assert!(!need(&[("q", 0), ("q_motor", 1)]));
+    }
+
+    /// Of a normal cloud the part that is not fully trusted does not depend on how many inputs there are.
+    #[test]
+    fn trust_reaches_as_far_in_any_dimension() {
+        // Distances beyond which a normal cloud of d dimensions has 3.35e-4 of its samples, from tables of chi square.
+        for (d, distance) in [
+            (1, 3.587),
+            (2, 4.0),
+            (3, 4.303),
+            (4, 4.568),
+            (5, 4.805),
+            (6, 5.023),
+        ] {
+            let trusted = |radius: f64| {
+                let mut u = [0.0; 2];
+                u[0] = radius;
+                let named = [signals(&[
+                    ("q", 0),
+                    ("q", 1),
+                    ("dq", 1),
+                    ("ddq", 1),
+                    ("dq", 0),
+                    ("ddq", 0),
+                ])];
+                let inputs = ResidualInputs::Signals(vec![named[0][..d].to_vec(), vec![]]);
+                let residual = Residual::new(inputs, vec![Some(rbf(d)), None]).unwrap();
+                let state = State::single(&u, &[0.0; 2], &[0.0; 2]);
+                let load = Load {
+                    tau_link: &[0.0; 2],
+                    scaled: &[0.0; 2],
+                };
+                let (mut tau, mut variance) = ([0.0; 2], [0.0; 2]);
+                !residual.torque_into(&state, load, &mut tau, &mut variance)
+            };
+            assert!(trusted(0.95 * distance), "{d}");
+            assert!(!trusted(1.06 * distance), "{d}");
+        }
     }
 }

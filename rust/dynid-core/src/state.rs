@@ -18,6 +18,8 @@ pub struct State<'a> {
     pub dq_motor: &'a [f64],
     /// Motor acceleration divided by the gear ratio \[rad/s²\].
     pub ddq_motor: &'a [f64],
+    /// Measured temperature per joint \[degC\], where there is one; NaN for joints where it is not known.
+    pub temperature: Option<&'a [f64]>,
 }
 
 impl<'a> State<'a> {
@@ -31,10 +33,11 @@ impl<'a> State<'a> {
             q_motor: q,
             dq_motor: dq,
             ddq_motor: ddq,
+            temperature: None,
         }
     }
 
-    /// The six signals with their names, in the order of the fields.
+    /// The six signals of motion with their names, in the order of the fields.
     #[must_use]
     pub fn signals(&self) -> [(&'static str, &'a [f64]); 6] {
         [
@@ -52,10 +55,13 @@ impl<'a> State<'a> {
     pub fn check(&self, n_joints: usize) -> Result<(), CoreError> {
         self.signals()
             .iter()
-            .try_for_each(|(name, signal)| check_length(name, signal, n_joints))
+            .try_for_each(|(name, signal)| check_length(name, signal, n_joints))?;
+        self.temperature.map_or(Ok(()), |temperature| {
+            check_length("temperature", temperature, n_joints)
+        })
     }
 
-    /// True if every number is finite.
+    /// True if every number of the motion is finite. A temperature need not be.
     #[must_use]
     pub fn is_finite(&self) -> bool {
         self.signals()
@@ -78,4 +84,65 @@ impl<'a> State<'a> {
 #[must_use]
 pub fn align_link_side(q: f64, dq: f64, ddq: f64, delay: f64) -> [f64; 2] {
     [q + delay * dq + 0.5 * delay * delay * ddq, dq + delay * ddq]
+}
+
+/// One joint's true motion from what an eccentric encoder shows: `[q, dq, ddq]` of `q - e(q)` \[rad, rad/s, rad/s²\], with
+/// `e(q) = cosine cos q + sine sin q` what it shows too much.
+///
+/// e belongs to the true angle and is taken at the shown one, so an error of second order stays: half the amplitude
+/// squared at most, microradians where the amplitude is milliradians.
+#[must_use]
+pub fn true_motion(q: f64, dq: f64, ddq: f64, [cosine, sine]: [f64; 2]) -> [f64; 3] {
+    let (s, c) = q.sin_cos();
+    let error = cosine * c + sine * s;
+    let rate = sine * c - cosine * s; // de/dq; the second derivative is -e
+    [
+        q - error,
+        (1.0 - rate) * dq,
+        (1.0 - rate) * ddq + error * dq * dq,
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        /// What an eccentric disc shows, computed forwards, comes back up to the amplitude squared.
+        #[test]
+        fn an_encoder_error_is_taken_out_to_second_order(
+            q in -7.0..7.0f64, dq in -3.0..3.0f64, ddq in -9.0..9.0f64,
+            amplitude in 0.0..0.02f64, phase in -3.2..3.2f64,
+        ) {
+            let (s, c) = (q + phase).sin_cos();
+            let slope = 1.0 + amplitude * c;
+            let shown = [q + amplitude * s, slope * dq, slope * ddq - amplitude * s * dq * dq];
+            let parts = [amplitude * phase.sin(), amplitude * phase.cos()];
+            let [q_true, dq_true, ddq_true] = true_motion(shown[0], shown[1], shown[2], parts);
+            let second = 1.1 * amplitude * amplitude + 1e-14;
+            prop_assert!((q_true - q).abs() <= 0.5 * second);
+            prop_assert!((dq_true - dq).abs() <= second * dq.abs() + 1e-14);
+            prop_assert!((ddq_true - ddq).abs() <= second * (ddq.abs() + 2.0 * dq * dq) + 1e-13);
+        }
+
+        /// Velocity and acceleration are the derivatives of the position that comes with them.
+        #[test]
+        fn the_chain_rule_holds(
+            q in -7.0..7.0f64, dq in -3.0..3.0f64, ddq in -9.0..9.0f64, a in -0.5..0.5f64, b in -0.5..0.5f64,
+        ) {
+            let h = 1e-4;
+            let at = |t: f64| true_motion(q + dq * t + 0.5 * ddq * t * t, dq + ddq * t, ddq, [a, b]);
+            let (before, now, after) = (at(-h), at(0.0), at(h));
+            for k in 0..2 {
+                let difference = (after[k] - before[k]) / (2.0 * h);
+                prop_assert!((difference - now[k + 1]).abs() < 1e-4, "{k}: {difference} {}", now[k + 1]);
+            }
+        }
+    }
+
+    #[test]
+    fn no_error_changes_nothing() {
+        assert_eq!(true_motion(0.3, -1.0, 2.0, [0.0; 2]), [0.3, -1.0, 2.0]);
+    }
 }

@@ -12,8 +12,9 @@ use dynid_core::link_params::{inertia_matrix, transform, N_LINK_PARAMS};
 use dynid_core::model::TorqueModelParts;
 use dynid_core::{
     inverse_dynamics_into, joint_torque_regressor_into, CoreError, Domain, Effect, EffectTerm,
-    GaussianMixtureRegression, JointKind, NormalisedRbf, Residual, ResidualInputs, RobotModel,
-    State, Status, TorqueEstimator, TorqueModel, Workspace,
+    EncoderError, GaussianMixtureRegression, Joint, JointKind, NormalisedRbf, Residual,
+    ResidualInputs, RobotModel, Signal, SignalKind, State, Status, TorqueEstimator, TorqueModel,
+    Workspace,
 };
 use nalgebra::{DMatrix, DVector, Matrix3, Rotation3, Unit, Vector3};
 use proptest::collection::vec;
@@ -461,18 +462,38 @@ fn residual(inputs: ResidualInputs, mixtures: &[Option<GaussianMixtureRegression
         .expect("two inputs each")
 }
 
+/// The pairs, and two signals by name for each of `n` joints.
+fn every_inputs(n: usize) -> Vec<ResidualInputs> {
+    let signals = |j: usize| {
+        let kind = |k: usize| SignalKind::ALL[(j + k) % SignalKind::ALL.len()];
+        let of = |kind, joint| Signal { kind, joint };
+        vec![of(kind(0), j), of(kind(3), (j + 1) % n)]
+    };
+    let named = ResidualInputs::Signals((0..n).map(signals).collect());
+    ResidualInputs::PAIRS.into_iter().chain([named]).collect()
+}
+
+/// The same for the first `n` joints.
+fn for_joints(inputs: ResidualInputs, n: usize) -> ResidualInputs {
+    match inputs {
+        ResidualInputs::Signals(_) => every_inputs(n).swap_remove(3),
+        pair => pair,
+    }
+}
+
 /// A model with every effect, two-encoder delays, gains and a mixture on some of the joints.
 fn model(most: usize) -> impl Strategy<Value = (Case, Arc<TorqueModel>)> {
     (
         case(most),
         vec(proptest::option::of(mixture(2, 4)), most),
-        proptest::sample::select(&ResidualInputs::ALL[..]),
+        proptest::sample::select(every_inputs(most)),
         vec(-2.0..2.0f64, most * 10),
         vec(0.5..2.0f64, most),
         vec(0.0..0.004f64, most),
     )
         .prop_map(|(case, mixtures, inputs, numbers, scale, delay)| {
             let n = case.q.len();
+            let inputs = for_joints(inputs, n);
             let friction = Effect::friction(&vec![0.05; n], &vec![0.01; n]).unwrap();
             let term = |effect: Effect, first: usize| {
                 let count = n * effect.n_columns();
@@ -499,9 +520,23 @@ fn model(most: usize) -> impl Strategy<Value = (Case, Arc<TorqueModel>)> {
                 torque_unit: "N*m".to_owned(),
                 step: None,
             })
+            .and_then(|model| model.with_encoder_error(encoder_error(&case.robot, &numbers)))
             .expect("a valid model");
             (case, Arc::new(model))
         })
+}
+
+/// Milliradians on every joint that turns; on one of two models the motor side shows them too.
+fn encoder_error(robot: &RobotModel, numbers: &[f64]) -> EncoderError {
+    let joints = robot.joints().iter().zip(numbers.chunks_exact(2));
+    let parts = |(joint, numbers): (&Joint, &[f64])| match joint.kind {
+        JointKind::Revolute => [1e-3 * numbers[0], 1e-3 * numbers[1]],
+        JointKind::Prismatic => [0.0; 2],
+    };
+    EncoderError {
+        cos_sin: joints.map(parts).collect(),
+        both_sides: numbers[0] > 0.0,
+    }
 }
 
 fn any_float() -> impl Strategy<Value = f64> {
@@ -558,7 +593,7 @@ proptest! {
         let mut spoiled = [&case.q, &case.dq, &case.ddq, &case.q, &case.dq, &case.ddq].map(Clone::clone);
         spoiled[signal][joint % n] = bad;
         let [q, dq, ddq, q_motor, dq_motor, ddq_motor] = &spoiled;
-        let spoiled = State { q, dq, ddq, q_motor, dq_motor, ddq_motor };
+        let spoiled = State { q, dq, ddq, q_motor, dq_motor, ddq_motor, temperature: None };
         let (mut before, mut during, mut after, mut fresh) = (vec![1.0; n], vec![1.0; n], vec![1.0; n], vec![1.0; n]);
 
         // Before any good step: zeros.
@@ -591,7 +626,7 @@ proptest! {
             let signal = |k: usize| &step[k * N..k * N + n];
             let state = State {
                 q: signal(0), dq: signal(1), ddq: signal(2),
-                q_motor: signal(3), dq_motor: signal(4), ddq_motor: signal(5),
+                q_motor: signal(3), dq_motor: signal(4), ddq_motor: signal(5), temperature: None,
             };
             let status = estimator.estimate_into(&state, &mut tau).expect("right lengths");
             prop_assert!(tau.iter().chain(estimator.terms()).all(|x| x.is_finite()));
@@ -622,7 +657,7 @@ proptest! {
         let signal = |k: usize| &numbers[..if k == which { wrong } else { n }];
         let state = State {
             q: signal(0), dq: signal(1), ddq: signal(2),
-            q_motor: signal(3), dq_motor: signal(4), ddq_motor: signal(5),
+            q_motor: signal(3), dq_motor: signal(4), ddq_motor: signal(5), temperature: None,
         };
         let mut tau = vec![7.0; if which == 6 { wrong } else { n }];
         let what = ["q", "dq", "ddq", "q_motor", "dq_motor", "ddq_motor", "tau"][which];

@@ -12,8 +12,8 @@ use std::sync::Arc;
 use dynid_core::model::TorqueModelParts;
 use dynid_core::{
     Domain, Effect, EffectTerm, GaussianMixtureRegression, Joint, JointKind, JointLimits,
-    NormalisedRbf, Regression, Residual, ResidualInputs, RobotModel, State, Status,
-    TorqueEstimator, TorqueModel,
+    NormalisedRbf, Regression, Residual, ResidualInputs, RobotModel, Signal, SignalKind, State,
+    Status, TorqueEstimator, TorqueModel,
 };
 use every_effect::every_effect;
 use nalgebra::{Rotation3, Vector3};
@@ -81,20 +81,44 @@ fn robot() -> RobotModel {
     RobotModel::new("arm".to_owned(), joints, Vector3::new(0.0, 0.0, -9.81)).unwrap()
 }
 
+/// Six signals of other joints, the load among them.
+fn six_signals() -> ResidualInputs {
+    let of = |j: usize| {
+        let kinds = SignalKind::ALL[1..].iter().enumerate();
+        kinds
+            .map(|(k, &kind)| Signal {
+                kind,
+                joint: (j + k) % N,
+            })
+            .collect()
+    };
+    ResidualInputs::Signals((0..N).map(of).collect())
+}
+
 fn model(inputs: ResidualInputs, rbf: bool) -> TorqueModel {
-    let mixture = GaussianMixtureRegression::new(
-        2,
-        vec![0.5, 0.3, 0.2],
-        vec![0.0, 0.0, 0.1, 0.5, -0.5, 0.2, -0.5, 0.5, -0.3],
-        [[0.2, 0.0, 0.05, 0.0, 0.2, 0.0, 0.05, 0.0, 0.1]; 3].concat(),
-    )
-    .unwrap();
+    let d = inputs.len(0);
+    // Loads are larger than deflections.
+    let variance = if d == 2 { 0.2 } else { 1e4 };
+    let spread = |width: usize| -> Vec<f64> {
+        let cell = |at: usize| {
+            if at.is_multiple_of(width + 1) {
+                variance
+            } else {
+                0.01
+            }
+        };
+        (0..width * width).map(cell).collect()
+    };
+    let wave = |n: usize| -> Vec<f64> { (0..n).map(|k| 0.5 * (2.0 * k as f64).sin()).collect() };
     let regression = if rbf {
-        let centers = vec![-0.1, -0.2, 0.1, 0.2, 0.3, -0.4];
-        NormalisedRbf::new(centers, vec![5.0, 4.0], vec![1.0, -2.0, 0.5], vec![0.1; 3])
+        let (weights, variances) = (vec![1.0, -2.0, 0.5], vec![0.1; 3]);
+        NormalisedRbf::new(wave(3 * d), vec![1.0 / variance; d], weights, variances)
             .unwrap()
             .into()
     } else {
+        let (weights, covariances) = (vec![0.5, 0.3, 0.2], vec![spread(d + 1); 3].concat());
+        let mixture =
+            GaussianMixtureRegression::new(d, weights, wave(3 * (d + 1)), covariances).unwrap();
         Regression::Mixture(mixture)
     };
     let term = |effect: Effect| {
@@ -127,14 +151,16 @@ fn model(inputs: ResidualInputs, rbf: bool) -> TorqueModel {
 
 #[test]
 fn ten_thousand_steps_allocate_nothing() {
-    for (k, inputs) in ResidualInputs::ALL
-        .into_iter()
-        .chain(ResidualInputs::ALL)
-        .enumerate()
-    {
-        let mut estimator = TorqueEstimator::new(Arc::new(model(inputs, k % 2 == 0)));
-        let mut seen = [0usize; 4]; // good, bad, outside of the box, faded
+    let every = || {
+        ResidualInputs::PAIRS
+            .into_iter()
+            .chain([six_signals(), six_signals()])
+    };
+    for (k, inputs) in every().chain(every()).enumerate() {
+        let mut estimator = TorqueEstimator::new(Arc::new(model(inputs.clone(), k % 2 == 0)));
+        let mut seen = [0usize; 5]; // good, bad, outside of the box, faded, without temperature
         let (mut signals, mut tau) = ([[0.0; N]; 6], [0.0; N]);
+        let temperature = [31.5; N];
 
         let before = CALLS.with(Cell::get);
         for step in 0..STEPS {
@@ -162,6 +188,7 @@ fn ten_thousand_steps_allocate_nothing() {
                 q_motor,
                 dq_motor,
                 ddq_motor,
+                temperature: (step % 50 != 5).then_some(&temperature[..]),
             };
             let status = estimator.estimate_into(black_box(&state), &mut tau);
             let status = black_box(status).unwrap_or(Status::NON_FINITE);
@@ -169,6 +196,7 @@ fn ten_thousand_steps_allocate_nothing() {
             seen[1] += usize::from(status.contains(Status::NON_FINITE));
             seen[2] += usize::from(status.contains(Status::OUTSIDE_DOMAIN));
             seen[3] += usize::from(status.contains(Status::RESIDUAL_FADED));
+            seen[4] += usize::from(status.contains(Status::SIGNAL_MISSING));
             // A wrong length is reported without allocating either.
             let _ = black_box(estimator.estimate_into(&state, &mut tau[1..]));
         }

@@ -58,8 +58,8 @@ States in, SI units, joints by index along the chain or by name:
   CSV   t,q_0,...,dq_0,...,ddq_0,...           one header line (q_shoulder_joint is q_0 of a chain that begins there)
   JSON  {\"t\":0.0,\"q\":[...],\"dq\":[...],\"ddq\":[...]}
   t is optional. q_motor, dq_motor, ddq_motor (motor side, divided by the gear ratio) are optional, for all joints or
-  none; a signal that is not given equals the link side. Other names: time, timestamp; qd, qdd, qm, qmd. Columns and keys
-  that are not named here are ignored.
+  none; a signal that is not given equals the link side. Other names: time, timestamp; qd, qdd, qm, qmd. temperature (or
+  temp, degC) is read where the model's friction follows it. Columns and keys that are not named here are ignored.
 
 Torques out, in the model's unit:
   CSV   t,tau_0,...,rigid_body_0,...,status    tau is the sum, then every term
@@ -67,7 +67,8 @@ Torques out, in the model's unit:
   Numbers are the shortest decimals that come back bit for bit. Every line is flushed as soon as no further state waits.
 
 Status, a sum of: 0 good, 1 the state held a NaN or an infinity (CSV nan, JSON null) and the last good torque is repeated,
-  2 outside the states that the model was trained on, 4 far from the data of the residual, whose torque was faded out.
+  2 outside the states that the model was trained on, 4 far from the data of the residual, whose torque was faded out,
+  8 without a temperature that friction follows, whose torque is then zero.
 
 A line that cannot be read ends the program: exit 2 and one sentence on stderr, as for wrong use or an unreadable model.
 ";

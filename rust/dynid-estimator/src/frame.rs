@@ -15,6 +15,9 @@ pub const NAMES: [&[&str]; N_SIGNALS] = [
     &["ddq_motor"],
 ];
 
+/// Names of the temperature, which only some models want, and which need not be there.
+pub const TEMPERATURE_NAMES: [&str; 2] = ["temperature", "temp"];
+
 /// Names of the time.
 pub const TIME_NAMES: [&str; 3] = ["t", "time", "timestamp"];
 
@@ -28,6 +31,18 @@ pub struct Present {
     pub time: bool,
     /// The signals, in the order of [`NAMES`].
     pub signals: [bool; N_SIGNALS],
+    /// Temperature, where the model wants it.
+    pub temperature: bool,
+}
+
+impl Present {
+    /// Without the temperature, which may come and go.
+    pub fn motion(self) -> Self {
+        Self {
+            temperature: false,
+            ..self
+        }
+    }
 }
 
 /// The numbers of one state, reused from line to line.
@@ -38,6 +53,8 @@ pub struct Frame {
     pub time: f64,
     /// Signal by signal, joint by joint.
     values: Vec<f64>,
+    /// Joint by joint \[degC\], NaN where it is not known; `None` where the model does not want it.
+    temperature: Option<Vec<f64>>,
     present: Present,
 }
 
@@ -48,8 +65,22 @@ impl Frame {
             n_joints,
             time: f64::NAN,
             values: vec![f64::NAN; N_SIGNALS * n_joints],
+            temperature: None,
             present: Present::default(),
         }
+    }
+
+    /// The same for a model that wants the temperature.
+    pub fn with_temperature(self) -> Self {
+        Self {
+            temperature: Some(vec![f64::NAN; self.n_joints]),
+            ..self
+        }
+    }
+
+    /// Where the temperature goes, if the model wants it.
+    pub fn temperature_mut(&mut self) -> Option<&mut [f64]> {
+        self.temperature.as_deref_mut()
     }
 
     /// Number of joints.
@@ -96,6 +127,7 @@ impl Frame {
             q_motor: self.signal(3),
             dq_motor: self.signal(4),
             ddq_motor: self.signal(5),
+            temperature: self.temperature.as_deref(),
         }
     }
 }
@@ -121,8 +153,8 @@ mod tests {
         }
         let given = [true, true, true, false, true, false];
         frame.set_present(Present {
-            time: false,
             signals: given,
+            ..Present::default()
         });
         let values = frame.state().signals().map(|(_, signal)| signal[0]);
         assert_eq!(values, [0.0, 1.0, 2.0, 0.0, 4.0, 2.0]);

@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use dynid_core::{JointKind, Regression, Residual, TorqueModel};
+use dynid_core::{JointKind, Regression, Residual, Signal, TorqueModel};
 use serde_json::json;
 
 fn kind_name(kind: JointKind) -> &'static str {
@@ -43,6 +43,18 @@ fn residual_methods(residual: &Residual) -> String {
     names.sort_unstable();
     names.dedup();
     names.join(" and ")
+}
+
+/// Name and joint of what every joint's regression sees, where they see signals by name.
+fn signals(residual: &Residual) -> Option<Vec<Vec<(&'static str, usize)>>> {
+    let of_joint = |signals: &Vec<Signal>| {
+        let signals = signals.iter();
+        signals
+            .map(|signal| (signal.kind.name(), signal.joint))
+            .collect()
+    };
+    let joints = residual.inputs().signals()?.iter();
+    Some(joints.map(of_joint).collect())
 }
 
 /// For people.
@@ -138,6 +150,7 @@ fn table(model: &TorqueModel) -> String {
 pub fn json(model: &TorqueModel) -> String {
     let robot = model.robot();
     let domain = model.domain();
+    let error = model.encoder_error();
     let joints: Vec<_> = robot
         .joints()
         .iter()
@@ -148,13 +161,14 @@ pub fn json(model: &TorqueModel) -> String {
                 "kind": kind_name(joint.kind),
                 "domain": {"q": domain.q[j], "dq": domain.dq[j], "ddq": domain.ddq[j]},
                 "encoder_delay": model.encoder_delay()[j],
+                "encoder_error": error.map_or([0.0; 2], |error| error.cos_sin[j]),
                 "noise_std": model.noise_std()[j],
                 "torque_scale": model.torque_scale()[j],
             })
         })
         .collect();
     let residual = model.residual().map(
-        |residual| json!({"inputs": residual.inputs().name(), "method": residual_methods(residual), "joints": residual_joints(model)}),
+        |residual| json!({"inputs": residual.inputs().name(), "signals": signals(residual), "method": residual_methods(residual), "joints": residual_joints(model)}),
     );
     let info = json!({
         "robot": robot.name(),

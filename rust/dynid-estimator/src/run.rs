@@ -32,12 +32,22 @@ pub fn run(
     }
     let mut clock = Clock::new(&model, step);
     let mut frame = Frame::new(model.robot().n_joints());
+    let follows_temperature = model.wants_temperature().contains(&true);
+    if follows_temperature {
+        frame = frame.with_temperature();
+    }
     let mut tau = vec![0.0; frame.n_joints()];
 
     let mut lines = Lines::new(source);
     let mut parser = Parser::begin(input, &mut lines, model.robot(), &mut frame)?;
     let writer = Writer::new(output.unwrap_or(parser.format()), &model);
     note_a_missing_encoder(&model, frame.present());
+    if follows_temperature && !frame.present().temperature {
+        tell(
+            "note",
+            "the model's friction follows a measured temperature, the input has none: that term is zero, status bit 8 says so",
+        );
+    }
     writer
         .begin(frame.present().time, out)
         .map_err(Stop::output)?;

@@ -12,7 +12,7 @@ const CHUNK: usize = 256;
 /// What effects see of a run on a uniform time grid; every slice is row-major, n_samples × n_joints.
 #[derive(Clone, Copy, Debug)]
 pub struct RunSignals<'a> {
-    /// Link-side and motor-side signals, on one clock.
+    /// Link-side and motor-side signals, on one clock; temperatures are needed by effects that follow them.
     pub state: State<'a>,
     /// Rigid-body torque that the model predicts \[N·m\]; needed by effects of the load.
     pub tau_link: Option<&'a [f64]>,
@@ -31,7 +31,8 @@ impl<'a> RunSignals<'a> {
     ) -> Result<(), OfflineError> {
         self.state.check(n_samples * n_joints)?;
         let finite = |values: &[f64]| values.iter().all(|x| x.is_finite());
-        if !self.state.is_finite() || !self.tau_link.is_none_or(finite) {
+        let optional = [self.tau_link, self.state.temperature];
+        if !self.state.is_finite() || !optional.into_iter().flatten().all(finite) {
             return Err(OfflineError::NonFinite { what: "run" });
         }
         if self
@@ -48,6 +49,7 @@ impl<'a> RunSignals<'a> {
             for (what, there) in [
                 ("tau_link", self.tau_link.is_some()),
                 ("step", self.step.is_some()),
+                ("temperature", self.state.temperature.is_some()),
             ] {
                 if !there && effect.entry().needs(what) {
                     return Err(OfflineError::Missing {
@@ -71,38 +73,50 @@ impl<'a> RunSignals<'a> {
     }
 }
 
-/// Columns of `effect` at every sample, n_samples × n_joints × n_columns, from a fresh memory.
+/// Columns of `effect` on some joints at every sample, n_samples × joints × n_columns, from a fresh memory.
 ///
 /// # Errors
-/// As [`RunSignals::check`].
+/// As [`RunSignals::check`]; [`OfflineError::Shape`] if there is no such joint.
 pub fn effect_columns(
     effect: &Effect,
     n_joints: usize,
     run: &RunSignals<'_>,
+    joints: &[usize],
 ) -> Result<Vec<f64>, OfflineError> {
     let n_samples = run.state.q.len() / n_joints;
     run.check(std::slice::from_ref(effect), n_joints, n_samples)?;
-    Ok(columns(effect, n_joints, run))
+    if joints.iter().any(|j| *j >= n_joints) {
+        return Err(OfflineError::Shape { what: "joints" });
+    }
+    Ok(columns(effect, n_joints, run, joints))
 }
 
 /// [`effect_columns`] of what has been checked.
-pub(crate) fn columns(effect: &Effect, n_joints: usize, run: &RunSignals<'_>) -> Vec<f64> {
+pub(crate) fn columns(
+    effect: &Effect,
+    n_joints: usize,
+    run: &RunSignals<'_>,
+    joints: &[usize],
+) -> Vec<f64> {
     let width = effect.n_columns();
     let n_samples = run.state.q.len() / n_joints;
-    let mut out = vec![0.0; n_samples * n_joints * width];
+    let mut out = vec![0.0; n_samples * joints.len() * width];
     let fill = |first: usize, out: &mut [f64]| {
         let mut memory = vec![0.0; effect.memory_len(n_joints)];
-        for (k, sample) in out.chunks_exact_mut(n_joints * width).enumerate() {
+        for (k, sample) in out.chunks_exact_mut(joints.len() * width).enumerate() {
             let input = run.input(first + k, n_joints);
-            for (j, columns) in sample.chunks_exact_mut(width).enumerate() {
-                effect.columns_into(j, &input, &mut memory, columns);
+            for (j, columns) in joints.iter().zip(sample.chunks_exact_mut(width)) {
+                effect.columns_into(*j, &input, &mut memory, columns);
             }
         }
     };
+    if out.is_empty() {
+        return out;
+    }
     if effect.entry().memory > 0 {
         fill(0, &mut out);
     } else {
-        out.par_chunks_mut(CHUNK * n_joints * width)
+        out.par_chunks_mut(CHUNK * joints.len() * width)
             .enumerate()
             .for_each(|(chunk, out)| fill(chunk * CHUNK, out));
     }

@@ -74,9 +74,10 @@ pub fn observe(
     let plan: Vec<Vec<Wanted>> = (0..n).map(|j| columns_of(j, effects, pivots)).collect();
     let width: usize = plan.iter().map(Vec::len).sum();
     // What remembers runs once along the whole run; everything else is evaluated where it is needed.
+    let all: Vec<usize> = (0..n).collect();
     let history: Vec<Option<Vec<f64>>> = effects
         .par_iter()
-        .map(|effect| (effect.entry().memory > 0).then(|| columns(effect, n, &run.signals)))
+        .map(|effect| (effect.entry().memory > 0).then(|| columns(effect, n, &run.signals, &all)))
         .collect();
     let mut raw = vec![0.0; n_samples * width];
     raw.par_chunks_mut(width * 256)
@@ -198,7 +199,8 @@ pub fn slice_state<'a>(state: &State<'a>, at: std::ops::Range<usize>) -> State<'
         ddq: &state.ddq[at.clone()],
         q_motor: &state.q_motor[at.clone()],
         dq_motor: &state.dq_motor[at.clone()],
-        ddq_motor: &state.ddq_motor[at],
+        ddq_motor: &state.ddq_motor[at.clone()],
+        temperature: state.temperature.map(|t| &t[at]),
     }
 }
 

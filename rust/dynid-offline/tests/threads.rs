@@ -55,21 +55,31 @@ fn low_pass(pad: usize) -> ZeroPhase {
 
 /// Signals of a run with two encoders.
 struct Run {
-    signals: [Vec<f64>; 8],
+    signals: [Vec<f64>; 9],
 }
 
 impl Run {
     fn new(case: &Case, seed: u64) -> Self {
         let (q, dq, ddq) = probing_states(&case.robot, N_SAMPLES, seed);
         let (q_motor, dq_motor, ddq_motor) = probing_states(&case.robot, N_SAMPLES, seed ^ 1);
-        let (tau, tau_link, _) = probing_states(&case.robot, N_SAMPLES, seed ^ 2);
+        let (tau, tau_link, temperature) = probing_states(&case.robot, N_SAMPLES, seed ^ 2);
         Self {
-            signals: [q, dq, ddq, q_motor, dq_motor, ddq_motor, tau, tau_link],
+            signals: [
+                q,
+                dq,
+                ddq,
+                q_motor,
+                dq_motor,
+                ddq_motor,
+                tau,
+                tau_link,
+                temperature,
+            ],
         }
     }
 
     fn states(&self) -> RunStates<'_> {
-        let [q, dq, ddq, q_motor, dq_motor, ddq_motor, tau, tau_link] = &self.signals;
+        let [q, dq, ddq, q_motor, dq_motor, ddq_motor, tau, tau_link, temperature] = &self.signals;
         RunStates {
             signals: RunSignals {
                 state: State {
@@ -79,6 +89,7 @@ impl Run {
                     q_motor,
                     dq_motor,
                     ddq_motor,
+                    temperature: Some(temperature),
                 },
                 tau_link: Some(tau_link),
                 step: Some(STEP),

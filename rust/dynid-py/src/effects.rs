@@ -183,7 +183,7 @@ pub fn effect_catalogue(py: Python<'_>) -> PyResult<Bound<'_, PyList>> {
 
 /// Torque per unit coefficient along a run, (n_samples, n_joints, n_columns).
 #[pyfunction]
-#[pyo3(signature = (effect, q, dq, ddq, q_motor=None, dq_motor=None, ddq_motor=None, tau_link=None, *, step=None))]
+#[pyo3(signature = (effect, q, dq, ddq, q_motor=None, dq_motor=None, ddq_motor=None, tau_link=None, *, step=None, temperature=None, joints=None))]
 #[expect(clippy::too_many_arguments, reason = "all that an effect may see")]
 pub fn effect_columns<'py>(
     py: Python<'py>,
@@ -196,20 +196,27 @@ pub fn effect_columns<'py>(
     ddq_motor: Option<&Bound<'py, PyAny>>,
     tau_link: Option<&Bound<'py, PyAny>>,
     step: Option<f64>,
+    temperature: Option<&Bound<'py, PyAny>>,
+    joints: Option<Vec<usize>>,
 ) -> PyResult<Bound<'py, PyArray3<f64>>> {
     let n = arrays::width(&arrays::contiguous(q, "q")?, "q")?;
     let motor = [q_motor, dq_motor, ddq_motor];
-    let arrays = RunArrays::new([q, dq, ddq], motor, tau_link, step, n)?;
+    let arrays = RunArrays::new([q, dq, ddq], motor, tau_link, temperature, step, n)?;
     let run = arrays.signals()?;
+    let joints = joints.unwrap_or_else(|| (0..n).collect());
     let columns = py
-        .detach(|| dynid_offline::effect_columns(&effect.0, n, &run))
+        .detach(|| dynid_offline::effect_columns(&effect.0, n, &run, &joints))
         .map_err(errors::offline)?;
-    arrays::to_cube(py, columns, [arrays.n_samples(), n, effect.0.n_columns()])
+    arrays::to_cube(
+        py,
+        columns,
+        [arrays.n_samples(), joints.len(), effect.0.n_columns()],
+    )
 }
 
 /// Torque along a run, (n_samples, n_joints).
 #[pyfunction]
-#[pyo3(signature = (effect, coefficients, q, dq, ddq, q_motor=None, dq_motor=None, ddq_motor=None, tau_link=None, *, step=None))]
+#[pyo3(signature = (effect, coefficients, q, dq, ddq, q_motor=None, dq_motor=None, ddq_motor=None, tau_link=None, *, step=None, temperature=None))]
 #[expect(clippy::too_many_arguments, reason = "all that an effect may see")]
 pub fn effect_torque<'py>(
     py: Python<'py>,
@@ -223,10 +230,11 @@ pub fn effect_torque<'py>(
     ddq_motor: Option<&Bound<'py, PyAny>>,
     tau_link: Option<&Bound<'py, PyAny>>,
     step: Option<f64>,
+    temperature: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArray2<f64>>> {
     let n = arrays::width(&arrays::contiguous(q, "q")?, "q")?;
     let motor = [q_motor, dq_motor, ddq_motor];
-    let arrays = RunArrays::new([q, dq, ddq], motor, tau_link, step, n)?;
+    let arrays = RunArrays::new([q, dq, ddq], motor, tau_link, temperature, step, n)?;
     let run = arrays.signals()?;
     let coefficients = arrays::matrix(coefficients, "coefficients", effect.0.n_columns())?;
     let term = EffectTerm::new(effect.0.clone(), coefficients.as_slice()?.to_vec(), n)

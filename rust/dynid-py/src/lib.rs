@@ -54,7 +54,9 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(effects::effect_columns, m)?)?;
     m.add_function(wrap_pyfunction!(effects::effect_torque, m)?)?;
     m.add_function(wrap_pyfunction!(model::residual_inputs, m)?)?;
+    m.add_function(wrap_pyfunction!(model::named_signals, m)?)?;
     m.add_function(wrap_pyfunction!(model::align_link_side, m)?)?;
+    m.add_function(wrap_pyfunction!(model::true_motion, m)?)?;
     m.add_function(wrap_pyfunction!(offline::observe, m)?)?;
     m.add_function(wrap_pyfunction!(offline::filtered_friction_basis, m)?)?;
     m.add_function(wrap_pyfunction!(offline::triangular_factor, m)?)?;

@@ -5,12 +5,13 @@ use std::sync::Arc;
 
 use dynid_core::model::TorqueModelParts;
 use dynid_core::{
-    Domain, EffectTerm, Regression, Residual, ResidualInputs, State, TorqueEstimator, TorqueModel,
+    Domain, EffectTerm, EncoderError, Regression, Residual, ResidualInputs, Signal, SignalKind,
+    State, TorqueEstimator, TorqueModel,
 };
 use dynid_io::model_file;
 use dynid_offline::batch;
 use dynid_offline::observation::slice_state;
-use numpy::{PyArray1, PyArray2, PyArray3, PyUntypedArrayMethods};
+use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
@@ -60,8 +61,11 @@ type Evaluation<'py> = (
     Bound<'py, PyArray1<u32>>,
 );
 
-fn inputs_named(name: &str) -> PyResult<ResidualInputs> {
-    ResidualInputs::ALL
+/// Name and joint of every signal that one regression sees.
+type Named = Vec<(String, usize)>;
+
+fn pair_named(name: &str) -> PyResult<ResidualInputs> {
+    ResidualInputs::PAIRS
         .into_iter()
         .find(|inputs| inputs.name() == name)
         .ok_or_else(|| {
@@ -71,10 +75,41 @@ fn inputs_named(name: &str) -> PyResult<ResidualInputs> {
         })
 }
 
+fn signals_named(named: Named) -> PyResult<Vec<Signal>> {
+    named
+        .into_iter()
+        .map(|(name, joint)| Signal::named(&name, joint))
+        .collect::<Result<_, _>>()
+        .map_err(|error| PyValueError::new_err(error.to_string()))
+}
+
+/// What the regressions see: a pair by its name, or `"signals"` with the signals of every joint.
+fn inputs_named(name: &str, signals: Option<Vec<Named>>) -> PyResult<ResidualInputs> {
+    match (name, signals) {
+        ("signals", Some(joints)) => {
+            let joints = joints.into_iter().map(signals_named);
+            Ok(ResidualInputs::Signals(joints.collect::<PyResult<_>>()?))
+        }
+        ("signals", None) => Err(PyValueError::new_err(
+            "residual_signals is missing, one list of (name, joint) per joint",
+        )),
+        (name, Some(_)) => Err(PyValueError::new_err(format!(
+            "residual_signals is for a residual of \"signals\", found {name:?}"
+        ))),
+        (name, None) => pair_named(name),
+    }
+}
+
+/// One row of two numbers per joint.
+fn cos_sin(error: &Bound<'_, PyAny>) -> PyResult<Vec<[f64; 2]>> {
+    let error = arrays::matrix(error, "encoder_error", 2)?;
+    Ok(error.as_slice()?.as_chunks::<2>().0.to_vec())
+}
+
 #[pymethods]
 impl PyTorqueModel {
     #[new]
-    #[pyo3(signature = (robot, phi, effects, *, residual=None, compliance=None, torque_scale=None, encoder_delay, noise_std, domain, torque_unit="N*m", step=None))]
+    #[pyo3(signature = (robot, phi, effects, *, residual=None, residual_signals=None, compliance=None, torque_scale=None, encoder_delay, encoder_error=None, encoder_error_sides="link", noise_std, domain, torque_unit="N*m", step=None))]
     #[expect(
         clippy::too_many_arguments,
         reason = "a keyword constructor; the parts are the model"
@@ -84,9 +119,12 @@ impl PyTorqueModel {
         phi: &Bound<'_, PyAny>,
         effects: Vec<(PyEffect, Bound<'_, PyAny>)>,
         residual: Option<(String, Regressions)>,
+        residual_signals: Option<Vec<Named>>,
         compliance: Option<Vec<f64>>,
         torque_scale: Option<Vec<f64>>,
         encoder_delay: Vec<f64>,
+        encoder_error: Option<Bound<'_, PyAny>>,
+        encoder_error_sides: &str,
         noise_std: Vec<f64>,
         domain: (Vec<[f64; 2]>, Vec<f64>, Vec<f64>),
         torque_unit: &str,
@@ -104,7 +142,8 @@ impl PyTorqueModel {
         let residual = residual
             .map(|(inputs, joints)| {
                 let joints = joints.into_iter().map(|joint| joint.map(Into::into));
-                let residual = Residual::new(inputs_named(&inputs)?, joints.collect());
+                let residual =
+                    Residual::new(inputs_named(&inputs, residual_signals)?, joints.collect());
                 match compliance {
                     Some(compliance) => residual.and_then(|r| r.with_compliance(compliance)),
                     None => residual,
@@ -113,6 +152,21 @@ impl PyTorqueModel {
             })
             .transpose()?;
         let (q, dq, ddq) = domain;
+        let encoder_error = EncoderError {
+            cos_sin: match encoder_error {
+                None => vec![[0.0; 2]; n],
+                Some(error) => cos_sin(&error)?,
+            },
+            both_sides: match encoder_error_sides {
+                "link" => false,
+                "both" => true,
+                other => {
+                    return Err(PyValueError::new_err(format!(
+                        "encoder_error_sides must be \"link\" or \"both\", found {other:?}"
+                    )))
+                }
+            },
+        };
         TorqueModel::new(TorqueModelParts {
             robot: (*robot.0).clone(),
             phi: arrays::vector(phi, "phi", Some(10 * n))?
@@ -127,6 +181,7 @@ impl PyTorqueModel {
             torque_unit: torque_unit.to_owned(),
             step,
         })
+        .and_then(|model| model.with_encoder_error(encoder_error))
         .map(|model| Self(Arc::new(model)))
         .map_err(errors::core)
     }
@@ -145,8 +200,8 @@ impl PyTorqueModel {
     }
 
     /// Total (n_samples, n), terms (n_samples, n_terms, n) and status bits (n_samples,) by the estimator that runs online.
-    #[pyo3(signature = (q, dq, ddq, q_motor=None, dq_motor=None, ddq_motor=None, *, step=None))]
-    #[expect(clippy::too_many_arguments, reason = "the six signals of a state")]
+    #[pyo3(signature = (q, dq, ddq, q_motor=None, dq_motor=None, ddq_motor=None, *, step=None, temperature=None))]
+    #[expect(clippy::too_many_arguments, reason = "the signals of a state")]
     fn evaluate<'py>(
         &self,
         py: Python<'py>,
@@ -157,9 +212,16 @@ impl PyTorqueModel {
         dq_motor: Option<&Bound<'py, PyAny>>,
         ddq_motor: Option<&Bound<'py, PyAny>>,
         step: Option<f64>,
+        temperature: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Evaluation<'py>> {
         let n = self.0.robot().n_joints();
-        let arrays = RunArrays::new([q, dq, ddq], [q_motor, dq_motor, ddq_motor], None, step, n)?;
+        let motor = [q_motor, dq_motor, ddq_motor];
+        let arrays = RunArrays::new([q, dq, ddq], motor, None, temperature, step, n)?;
+        if temperature.is_none() && self.0.wants_temperature().contains(&true) {
+            return Err(PyValueError::new_err(
+                "the model's friction follows a measured temperature, which was not given",
+            ));
+        }
         let (states, n_samples) = (arrays.state()?, arrays.n_samples());
         let mut estimator = TorqueEstimator::new(Arc::clone(&self.0));
         if let Some(step) = step {
@@ -192,7 +254,8 @@ impl PyTorqueModel {
         ddq_motor: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let n = self.0.robot().n_joints();
-        let arrays = RunArrays::new([q, dq, ddq], [q_motor, dq_motor, ddq_motor], None, None, n)?;
+        let motor = [q_motor, dq_motor, ddq_motor];
+        let arrays = RunArrays::new([q, dq, ddq], motor, None, None, None, n)?;
         let states = arrays.state()?;
         let mut estimator = TorqueEstimator::new(Arc::clone(&self.0));
         let mut std = vec![0.0; arrays.n_samples() * n];
@@ -243,6 +306,18 @@ impl PyTorqueModel {
         })
     }
 
+    /// Signals that the regressions see, one list of `(name, joint)` per joint; None where they see a pair.
+    #[getter]
+    fn residual_signals(&self) -> Option<Vec<Vec<(&'static str, usize)>>> {
+        let joints = self.0.residual()?.inputs().signals()?.iter();
+        let named = |signal: &Signal| (signal.kind.name(), signal.joint);
+        Some(
+            joints
+                .map(|signals| signals.iter().map(named).collect())
+                .collect(),
+        )
+    }
+
     /// Compliance of the gears that the third loop's inputs are freed of the load with; None without a third loop.
     #[getter]
     fn compliance<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray1<f64>>> {
@@ -258,6 +333,25 @@ impl PyTorqueModel {
     #[getter]
     fn encoder_delay<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
         PyArray1::from_slice(py, self.0.encoder_delay())
+    }
+
+    /// Cosine and sine part of what the encoders show too much, (n, 2).
+    #[getter]
+    fn encoder_error<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let values = match self.0.encoder_error() {
+            Some(error) => error.cos_sin.concat(),
+            None => vec![0.0; 2 * self.0.robot().n_joints()],
+        };
+        arrays::to_matrix(py, values, 2)
+    }
+
+    /// `"link"`, or `"both"` where the motor side is the same signal.
+    #[getter]
+    fn encoder_error_sides(&self) -> &'static str {
+        match self.0.encoder_error() {
+            Some(error) if error.both_sides => "both",
+            _ => "link",
+        }
     }
 
     #[getter]
@@ -344,7 +438,7 @@ pub fn residual_inputs<'py>(
     dq_motor: &Bound<'py, PyAny>,
     wind_up: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArray3<f64>>> {
-    let inputs = inputs_named(inputs)?;
+    let inputs = pair_named(inputs)?;
     let n = arrays::width(&arrays::contiguous(q, "q")?, "q")?;
     let signals = arrays::samples(
         [
@@ -370,6 +464,7 @@ pub fn residual_inputs<'py>(
         q_motor: q_motor.as_slice()?,
         dq_motor: dq_motor.as_slice()?,
         ddq_motor: dq.as_slice()?,
+        temperature: None,
     };
     let n_samples = q.shape()[0];
     let mut out = Vec::with_capacity(n_samples * n * 2);
@@ -377,10 +472,56 @@ pub fn residual_inputs<'py>(
         let state = slice_state(&states, k * n..(k + 1) * n);
         for j in 0..n {
             let wind_up = wind_up.map_or(0.0, |wind_up| wind_up[k * n + j]);
-            out.extend(inputs.at(j, &state, wind_up));
+            out.extend_from_slice(&inputs.at(j, &state, wind_up, &[])[..2]);
         }
     }
     arrays::to_cube(py, out, [n_samples, n, 2])
+}
+
+/// Signals by name along a run, (n_samples, n_signals): what a regression on them sees online, to the same bits.
+#[pyfunction]
+#[pyo3(signature = (signals, q, dq, ddq, q_motor=None, dq_motor=None, ddq_motor=None, tau_link=None))]
+#[expect(
+    clippy::too_many_arguments,
+    reason = "the six signals of a state and the load"
+)]
+pub fn named_signals<'py>(
+    py: Python<'py>,
+    signals: Named,
+    q: &Bound<'py, PyAny>,
+    dq: &Bound<'py, PyAny>,
+    ddq: &Bound<'py, PyAny>,
+    q_motor: Option<&Bound<'py, PyAny>>,
+    dq_motor: Option<&Bound<'py, PyAny>>,
+    ddq_motor: Option<&Bound<'py, PyAny>>,
+    tau_link: Option<&Bound<'py, PyAny>>,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let signals = signals_named(signals)?;
+    let n = arrays::width(&arrays::contiguous(q, "q")?, "q")?;
+    if let Some(signal) = signals.iter().find(|signal| signal.joint >= n) {
+        return Err(PyValueError::new_err(format!(
+            "there is no joint {}, the signals are those of {n} joints",
+            signal.joint
+        )));
+    }
+    let motor = [q_motor, dq_motor, ddq_motor];
+    let arrays = RunArrays::new([q, dq, ddq], motor, tau_link, None, None, n)?;
+    let run = arrays.signals()?;
+    let of_load = |signal: &Signal| signal.kind == SignalKind::TauLink;
+    if run.tau_link.is_none() && signals.iter().any(of_load) {
+        return Err(PyValueError::new_err(
+            "the signals name tau_link, which was not given",
+        ));
+    }
+    let n_samples = arrays.n_samples();
+    let mut out = Vec::with_capacity(n_samples * signals.len());
+    for k in 0..n_samples {
+        let at = k * n..(k + 1) * n;
+        let state = slice_state(&run.state, at.clone());
+        let tau_link = run.tau_link.map_or(&[][..], |tau| &tau[at]);
+        out.extend(signals.iter().map(|signal| signal.at(&state, tau_link)));
+    }
+    PyArray1::from_vec(py, out).reshape([n_samples, signals.len()])
 }
 
 type Aligned<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>);
@@ -408,5 +549,42 @@ pub fn align_link_side<'py>(
     Ok((
         arrays::to_matrix(py, q_aligned, n)?,
         arrays::to_matrix(py, dq_aligned, n)?,
+    ))
+}
+
+type Motion<'py> = (
+    Bound<'py, PyArray2<f64>>,
+    Bound<'py, PyArray2<f64>>,
+    Bound<'py, PyArray2<f64>>,
+);
+
+/// Motion less what eccentric encoders show too much, each (n_samples, n_joints).
+#[pyfunction]
+pub fn true_motion<'py>(
+    py: Python<'py>,
+    q: &Bound<'py, PyAny>,
+    dq: &Bound<'py, PyAny>,
+    ddq: &Bound<'py, PyAny>,
+    encoder_error: &Bound<'py, PyAny>,
+) -> PyResult<Motion<'py>> {
+    let error = cos_sin(encoder_error)?;
+    let n = error.len();
+    let signals = arrays::samples([("q", q), ("dq", dq), ("ddq", ddq)], n)?;
+    let [q, dq, ddq] = &signals;
+    let mut motion = [
+        q.as_slice()?.to_vec(),
+        dq.as_slice()?.to_vec(),
+        ddq.as_slice()?.to_vec(),
+    ];
+    let [q, dq, ddq] = &mut motion;
+    let samples = q.iter_mut().zip(dq).zip(ddq).enumerate();
+    for (k, ((q, dq), ddq)) in samples {
+        [*q, *dq, *ddq] = dynid_core::state::true_motion(*q, *dq, *ddq, error[k % n]);
+    }
+    let [q, dq, ddq] = motion;
+    Ok((
+        arrays::to_matrix(py, q, n)?,
+        arrays::to_matrix(py, dq, n)?,
+        arrays::to_matrix(py, ddq, n)?,
     ))
 }

@@ -36,7 +36,7 @@ pub fn sampling(filter: FilterParts<'_>, kept: Vec<usize>) -> PyResult<Sampling>
 
 /// Filtered, decimated rows of every joint: a list of (n_rows, n_columns) arrays.
 #[pyfunction]
-#[pyo3(signature = (robot, effects, pivots, q, dq, ddq, q_motor, dq_motor, ddq_motor, tau, *, filter=None, kept, tau_link=None, step=None))]
+#[pyo3(signature = (robot, effects, pivots, q, dq, ddq, q_motor, dq_motor, ddq_motor, tau, *, filter=None, kept, tau_link=None, step=None, temperature=None))]
 #[expect(
     clippy::too_many_arguments,
     reason = "a run's seven signals and the plan"
@@ -57,10 +57,11 @@ pub fn observe<'py>(
     kept: Vec<usize>,
     tau_link: Option<&Bound<'py, PyAny>>,
     step: Option<f64>,
+    temperature: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Vec<Bound<'py, PyArray2<f64>>>> {
     let n = robot.0.n_joints();
     let motor = [Some(q_motor), Some(dq_motor), Some(ddq_motor)];
-    let arrays = RunArrays::new([q, dq, ddq], motor, tau_link, step, n)?;
+    let arrays = RunArrays::new([q, dq, ddq], motor, tau_link, temperature, step, n)?;
     let [_, tau] = arrays::samples([("q", q), ("tau", tau)], n)?;
     let run = RunStates {
         signals: arrays.signals()?,

@@ -11,11 +11,13 @@ use crate::arrays;
 pub struct RunArrays<'py> {
     signals: [PyReadonlyArray2<'py, f64>; 6],
     tau_link: Option<PyReadonlyArray2<'py, f64>>,
+    temperature: Option<PyReadonlyArray2<'py, f64>>,
     step: Option<f64>,
 }
 
 impl<'py> RunArrays<'py> {
-    /// Link side, motor side (the link side where it is not given), predicted rigid-body torque, time between samples.
+    /// Link side, motor side (the link side where it is not given), predicted rigid-body torque, measured temperature, time
+    /// between samples.
     ///
     /// # Errors
     /// As [`arrays::samples`].
@@ -23,6 +25,7 @@ impl<'py> RunArrays<'py> {
         link: [&Bound<'py, PyAny>; 3],
         motor: [Option<&Bound<'py, PyAny>>; 3],
         tau_link: Option<&Bound<'py, PyAny>>,
+        temperature: Option<&Bound<'py, PyAny>>,
         step: Option<f64>,
         n_joints: usize,
     ) -> PyResult<Self> {
@@ -43,9 +46,14 @@ impl<'py> RunArrays<'py> {
             .map(|tau| arrays::samples([("q", q), ("tau_link", tau)], n_joints))
             .transpose()?
             .map(|[_, tau]| tau);
+        let temperature = temperature
+            .map(|t| arrays::samples([("q", q), ("temperature", t)], n_joints))
+            .transpose()?
+            .map(|[_, t]| t);
         Ok(Self {
             signals,
             tau_link,
+            temperature,
             step,
         })
     }
@@ -55,7 +63,7 @@ impl<'py> RunArrays<'py> {
         self.signals[0].shape()[0]
     }
 
-    /// The six signals, row-major.
+    /// The six signals and the temperature, row-major.
     ///
     /// # Errors
     /// Never for arrays that came through [`Self::new`].
@@ -68,6 +76,10 @@ impl<'py> RunArrays<'py> {
             q_motor: q_motor.as_slice()?,
             dq_motor: dq_motor.as_slice()?,
             ddq_motor: ddq_motor.as_slice()?,
+            temperature: match &self.temperature {
+                Some(t) => Some(t.as_slice()?),
+                None => None,
+            },
         })
     }
 

@@ -117,6 +117,12 @@ KINDS: tuple[Kind, ...] = (
         column_kinds.friction_hysteresis,
     ),
     Kind(
+        "load_hysteresis",
+        "every joint",
+        "6 % of the link torque, turning round over 10 mrad (mm)",
+        column_kinds.load_hysteresis,
+    ),
+    Kind(
         "coupled_friction",
         "pair",
         "3 % of the weaker joint's effort limit on both, at the sum of their speeds",

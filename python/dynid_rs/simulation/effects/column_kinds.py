@@ -16,7 +16,7 @@ STRIBECK, STRIBECK_SPEED = 0.03, 0.05
 LOAD_FRICTION, LOAD_FRICTION_SPEED = 0.06, 0.02
 POSITION_FRICTION = (0.02, 0.01)
 POSITION_CYCLES = 1.0
-HYSTERESIS, PRESLIDING = 0.03, 1e-2
+HYSTERESIS, PRESLIDING, LOAD_HYSTERESIS = 0.03, 1e-2, 0.06
 COUPLED, RATIO = 0.03, 1.0
 RIPPLE = (0.010, 0.005, 0.003, 0.002)
 RIPPLE_CYCLES = 16.0
@@ -67,6 +67,13 @@ def friction_hysteresis(site: Site, joints: Joints, size: float) -> LabEffect:
     shape = {"presliding_distance": np.full(site.n_joints, PRESLIDING)}
     coefficients = {"hysteresis": at_joints(joints, site.n_joints, HYSTERESIS * size * site.effort)}
     return column_effect("friction_hysteresis", joints, size, shape, coefficients)
+
+
+def load_hysteresis(site: Site, joints: Joints, size: float) -> LabEffect:
+    """Friction that turns round over a way and grows with the load."""
+    shape = {"presliding_distance": np.full(site.n_joints, PRESLIDING)}
+    coefficients = {"load_hysteresis": at_joints(joints, site.n_joints, LOAD_HYSTERESIS * size)}
+    return column_effect("load_hysteresis", joints, size, shape, coefficients)
 
 
 def coupled_friction(site: Site, joints: Joints, size: float) -> LabEffect:

@@ -5,9 +5,9 @@
 
 use super::{
     counterbalance, coupled_friction, friction, friction_hysteresis, inertial_coupling,
-    joint_spring, load_dependent_friction, position_dependent_friction, rotor_inertia, stribeck,
-    thermal_friction, torque_offset, torque_ripple, torque_saturation, EffectInput, FRICTION_NAMES,
-    N_FRICTION,
+    joint_spring, load_dependent_friction, load_hysteresis, position_dependent_friction,
+    rotor_inertia, stribeck, temperature_friction, thermal_friction, torque_offset, torque_ripple,
+    torque_saturation, EffectInput, FRICTION_NAMES, N_FRICTION,
 };
 
 /// One kind of effect. Its formula is in the file of the same name.
@@ -172,6 +172,14 @@ const TRANSITION_WIDTH: ShapeParameter = shape(
     &[0.003, 0.01, 0.03],
 );
 
+/// Way over which bristles bend until they slip.
+const PRESLIDING_DISTANCE: ShapeParameter = shape(
+    "presliding_distance",
+    "{angle}",
+    Rule::Positive,
+    &[1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2],
+);
+
 /// Cycles per turn of the joint.
 const CYCLES: &str = "1/turn";
 
@@ -189,7 +197,7 @@ const FRICTION: [Coefficient; N_FRICTION] = [
 ];
 
 /// Every kind of effect; those of every model come first.
-pub static CATALOGUE: [Entry; 14] = [
+pub static CATALOGUE: [Entry; 16] = [
     Entry {
         kind: "rotor_inertia",
         formula: "J ddq_motor",
@@ -317,17 +325,23 @@ pub static CATALOGUE: [Entry; 14] = [
         kind: "friction_hysteresis",
         formula: "k z, dz = dx/d (1 - z sign(dx)) along q_motor",
         coefficients: &[coefficient("hysteresis", "{torque}", Sign::NonNegative)],
-        shape: &[shape(
-            "presliding_distance",
-            "{angle}",
-            Rule::Positive,
-            &[1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2],
-        )],
+        shape: &[PRESLIDING_DISTANCE],
         signals: &["q_motor"],
         memory: friction_hysteresis::MEMORY,
         declared: false,
         check: nothing_more,
         columns: friction_hysteresis::columns,
+    },
+    Entry {
+        kind: "load_hysteresis",
+        formula: "k |tau_link| z, dz = dx/d (1 - z sign(dx)) along q_motor",
+        coefficients: &[coefficient("load_hysteresis", "1", Sign::NonNegative)],
+        shape: &[PRESLIDING_DISTANCE],
+        signals: &["q_motor", "tau_link"],
+        memory: friction_hysteresis::MEMORY,
+        declared: false,
+        check: nothing_more,
+        columns: load_hysteresis::columns,
     },
     Entry {
         kind: "coupled_friction",
@@ -432,6 +446,28 @@ pub static CATALOGUE: [Entry; 14] = [
         declared: false,
         check: nothing_more,
         columns: thermal_friction::columns,
+    },
+    Entry {
+        kind: "temperature_friction",
+        formula: "(T - T_0) (c0 s(dq_motor) + c1 dq_motor), T the measured temperature",
+        coefficients: &[
+            coefficient("temperature_coulomb", "{torque}/K", Sign::NonPositive),
+            coefficient(
+                "temperature_viscous",
+                "{torque}*s/({angle}*K)",
+                Sign::NonPositive,
+            ),
+        ],
+        shape: &[
+            // Friction beside it takes up any other choice, so a search holds one.
+            shape("reference_temperature", "degC", Rule::Any, &[25.0]),
+            TRANSITION_WIDTH,
+        ],
+        signals: &["dq_motor", "temperature"],
+        memory: 0,
+        declared: false,
+        check: nothing_more,
+        columns: temperature_friction::columns,
     },
 ];
 

@@ -16,11 +16,15 @@ pub fn columns(
     memory: &mut [f64],
     columns: &mut [f64],
 ) {
-    let q = input.state.q_motor[j];
+    columns[0] = bristles(shape[0], input.state.q_motor[j], memory);
+}
+
+/// z after the motor has come to position `q`; `memory` (length [`MEMORY`]) goes one sample on.
+pub(super) fn bristles(distance: f64, q: f64, memory: &mut [f64]) -> f64 {
     let [z, before, started] = [memory[0], memory[1], memory[2]];
     let dx = if started > 0.0 { q - before } else { 0.0 };
     let slip = if dx == 0.0 { 0.0 } else { dx.signum() };
-    let z = slip + (z - slip) * (-dx.abs() / shape[0]).exp();
+    let z = slip + (z - slip) * (-dx.abs() / distance).exp();
     memory.copy_from_slice(&[z, q, 1.0]);
-    columns[0] = z;
+    z
 }

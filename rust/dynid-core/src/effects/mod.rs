@@ -11,9 +11,11 @@ mod friction_hysteresis;
 mod inertial_coupling;
 mod joint_spring;
 mod load_dependent_friction;
+mod load_hysteresis;
 mod position_dependent_friction;
 mod rotor_inertia;
 mod stribeck;
+mod temperature_friction;
 mod thermal_friction;
 mod torque_offset;
 mod torque_ripple;
@@ -32,7 +34,7 @@ pub const MAX_COLUMNS: usize = N_FRICTION;
 /// What an effect sees of one sample. No measured torque is among it.
 #[derive(Clone, Copy, Debug)]
 pub struct EffectInput<'a> {
-    /// Link side and motor side, on one clock.
+    /// Link side and motor side, on one clock, and the temperature where it is measured.
     pub state: State<'a>,
     /// Rigid-body torque that the model predicts, per joint \[N·m\]: the load of the gears.
     pub tau_link: &'a [f64],

@@ -7,7 +7,7 @@ use dynid_core::RobotModel;
 
 use super::cells::{delimiter_of, number, Cells};
 use super::{shown, Fault, Lines};
-use crate::frame::{Frame, Present, NAMES, N_NEEDED, N_SIGNALS, TIME_NAMES};
+use crate::frame::{Frame, Present, NAMES, N_NEEDED, N_SIGNALS, TEMPERATURE_NAMES, TIME_NAMES};
 use crate::stop::Stop;
 
 /// What a column holds.
@@ -16,6 +16,7 @@ enum Column {
     Ignored,
     Time,
     Value { signal: usize, joint: usize },
+    Temperature { joint: usize },
 }
 
 /// The columns of a stream.
@@ -56,13 +57,19 @@ impl Columns {
             }
         };
         let joints: Vec<&str> = robot.joints().iter().map(|joint| &*joint.name).collect();
+        let wanted = frame.temperature_mut().is_some();
         let (columns, present) =
-            Self::from_header(&header, &joints).map_err(|fault| lines.fault(&fault))?;
+            Self::from_header(&header, &joints, wanted).map_err(|fault| lines.fault(&fault))?;
         frame.set_present(present);
         Ok(columns)
     }
 
-    fn from_header(header: &[u8], joints: &[&str]) -> Result<(Self, Present), Fault> {
+    /// `temperature`: whether it is wanted; else its columns are ignored like any other.
+    fn from_header(
+        header: &[u8],
+        joints: &[&str],
+        temperature: bool,
+    ) -> Result<(Self, Present), Fault> {
         let delimiter = delimiter_of(header);
         let names = Cells::new(header, delimiter)
             .map(|cell| cell.map(|cell| String::from_utf8_lossy(cell).into_owned()))
@@ -74,7 +81,7 @@ impl Columns {
                 shown(header)
             )));
         }
-        let meanings = meanings(joints);
+        let meanings = meanings(joints, temperature);
         let columns = names
             .iter()
             .map(|name| match meanings.get(name.as_str()).map(Vec::as_slice) {
@@ -116,6 +123,12 @@ impl Columns {
                 Column::Ignored => {}
                 Column::Time => frame.time = value()?,
                 Column::Value { signal, joint } => *frame.value_mut(signal, joint) = value()?,
+                Column::Temperature { joint } => {
+                    let value = value()?;
+                    if let Some(temperature) = frame.temperature_mut() {
+                        temperature[joint] = value;
+                    }
+                }
             }
             n_cells += 1;
         }
@@ -146,7 +159,7 @@ fn starts_with_number(line: &[u8], header: &[u8]) -> bool {
 }
 
 /// Every name that a column can have, with what it can mean.
-fn meanings(joints: &[&str]) -> HashMap<String, Vec<Column>> {
+fn meanings(joints: &[&str], temperature: bool) -> HashMap<String, Vec<Column>> {
     let mut meanings: HashMap<String, Vec<Column>> = HashMap::new();
     let mut add = |name: String, column| {
         let known = meanings.entry(name).or_default();
@@ -157,14 +170,19 @@ fn meanings(joints: &[&str]) -> HashMap<String, Vec<Column>> {
     for name in TIME_NAMES {
         add(name.to_owned(), Column::Time);
     }
-    for (signal, aliases) in NAMES.iter().enumerate() {
-        for alias in *aliases {
+    let mut add_all = |aliases: &[&str], column: &dyn Fn(usize) -> Column| {
+        for alias in aliases {
             for (joint, joint_name) in joints.iter().enumerate() {
-                let column = Column::Value { signal, joint };
-                add(format!("{alias}_{joint}"), column);
-                add(format!("{alias}_{joint_name}"), column);
+                add(format!("{alias}_{joint}"), column(joint));
+                add(format!("{alias}_{joint_name}"), column(joint));
             }
         }
+    };
+    for (signal, aliases) in NAMES.iter().enumerate() {
+        add_all(aliases, &|joint| Column::Value { signal, joint });
+    }
+    if temperature {
+        add_all(&TEMPERATURE_NAMES, &|joint| Column::Temperature { joint });
     }
     meanings
 }
@@ -176,6 +194,7 @@ fn refuse_twice(names: &[String], columns: &[Column]) -> Result<(), Fault> {
             Column::Ignored => continue,
             Column::Time => (N_SIGNALS, 0),
             Column::Value { signal, joint } => (signal, joint),
+            Column::Temperature { joint } => (N_SIGNALS + 1, joint),
         };
         if let Some(first) = seen.insert(place, name) {
             let sentence = format!(
@@ -192,6 +211,9 @@ fn refuse_twice(names: &[String], columns: &[Column]) -> Result<(), Fault> {
 fn present(columns: &[Column], joints: &[&str]) -> Result<Present, Fault> {
     let mut present = Present {
         time: columns.contains(&Column::Time),
+        temperature: columns
+            .iter()
+            .any(|column| matches!(column, Column::Temperature { .. })),
         ..Present::default()
     };
     for (signal, names) in NAMES.iter().enumerate() {
@@ -254,7 +276,7 @@ mod tests {
     const ARM: [&str; 2] = ["shoulder", "elbow"];
 
     fn fault(header: &str, joints: &[&str]) -> String {
-        Columns::from_header(header.as_bytes(), joints)
+        Columns::from_header(header.as_bytes(), joints, true)
             .unwrap_err()
             .to_string()
     }
@@ -262,7 +284,7 @@ mod tests {
     #[test]
     fn columns_are_found_by_index_name_and_alias() {
         let header = "tau_0,time,qd_elbow,q_0,qdd_0,q_elbow,dq_0,ddq_1,qm_0,q_motor_elbow,note,";
-        let (columns, present) = Columns::from_header(header.as_bytes(), &ARM).unwrap();
+        let (columns, present) = Columns::from_header(header.as_bytes(), &ARM, false).unwrap();
         assert!(present.time);
         assert_eq!(present.signals, [true, true, true, true, false, false]);
         let mut frame = Frame::new(2);
@@ -283,7 +305,28 @@ mod tests {
         let numbers = ["1", "2"];
         assert!(fault("q_0,q_1,dq_0,dq_1,ddq_0,ddq_1", &numbers).contains("can mean two joints"));
         assert!(fault("q_motor_0", &["motor_0", "b"]).contains("can mean two joints"));
-        assert!(Columns::from_header(b"q_0,dq_0,ddq_0", &["0"]).is_ok());
+        assert!(Columns::from_header(b"q_0,dq_0,ddq_0", &["0"], true).is_ok());
+    }
+
+    #[test]
+    fn temperatures_are_read_where_they_are_wanted_and_may_be_missing() {
+        let header = "q_0,q_1,dq_0,dq_1,ddq_0,ddq_1,temp_elbow,temperature_7";
+        let row = b"0,0,0,0,0,0,41.5,hot";
+        let (columns, present) = Columns::from_header(header.as_bytes(), &ARM, false).unwrap();
+        assert!(!present.temperature);
+        let mut frame = Frame::new(2);
+        columns.parse(row, &mut frame).unwrap();
+        assert_eq!(frame.state().temperature, None);
+        let (columns, present) = Columns::from_header(header.as_bytes(), &ARM, true).unwrap();
+        assert!(present.temperature);
+        let mut frame = Frame::new(2).with_temperature();
+        columns.parse(row, &mut frame).unwrap();
+        let temperature = frame.state().temperature.unwrap();
+        assert!(temperature[0].is_nan());
+        assert_eq!(temperature[1], 41.5);
+        let valid = "q_0,q_1,dq_0,dq_1,ddq_0,ddq_1,temp_0";
+        let twice = fault(&format!("{valid},temperature_shoulder"), &ARM);
+        assert!(twice.contains("repeats column \"temp_0\""));
     }
 
     #[test]

@@ -6,7 +6,7 @@ use serde::de::{self, DeserializeSeed, Deserializer, IgnoredAny, MapAccess, SeqA
 use serde::Deserialize;
 
 use super::Fault;
-use crate::frame::{Frame, Present, NAMES, N_NEEDED, TIME_NAMES};
+use crate::frame::{Frame, Present, NAMES, N_NEEDED, TEMPERATURE_NAMES, TIME_NAMES};
 
 /// The objects of a stream.
 #[derive(Debug, Default)]
@@ -48,7 +48,8 @@ impl Objects {
                 frame.set_present(present);
                 Ok(())
             }
-            Some(first) if first == present => Ok(()),
+            // A temperature may come and go: the answer's status says where it is missing.
+            Some(first) if first.motion() == present.motion() => Ok(()),
             Some(first) => Err(Fault::line(difference(first, present))),
         }
     }
@@ -109,6 +110,7 @@ fn nulls_for_nans(line: &[u8], out: &mut Vec<u8>) {
 enum Key {
     Time,
     Signal(usize),
+    Temperature,
     Unknown,
 }
 
@@ -125,6 +127,9 @@ impl<'de> Deserialize<'de> for Key {
             fn visit_str<E>(self, text: &str) -> Result<Key, E> {
                 if TIME_NAMES.contains(&text) {
                     return Ok(Key::Time);
+                }
+                if TEMPERATURE_NAMES.contains(&text) {
+                    return Ok(Key::Temperature);
                 }
                 let signal = NAMES.iter().position(|names| names.contains(&text));
                 Ok(signal.map_or(Key::Unknown, Key::Signal))
@@ -155,11 +160,17 @@ impl<'de> Visitor<'de> for Keys<'_> {
     fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Present, A::Error> {
         let frame = self.0;
         let mut present = Present::default();
+        if let Some(temperature) = frame.temperature_mut() {
+            temperature.fill(f64::NAN);
+        }
         while let Some(key) = map.next_key::<Key>()? {
             let (name, seen) = match key {
                 Key::Time => (TIME_NAMES[0], &mut present.time),
                 Key::Signal(signal) => (NAMES[signal][0], &mut present.signals[signal]),
-                Key::Unknown => {
+                Key::Temperature if frame.temperature_mut().is_some() => {
+                    (TEMPERATURE_NAMES[0], &mut present.temperature)
+                }
+                Key::Temperature | Key::Unknown => {
                     map.next_value::<IgnoredAny>()?;
                     continue;
                 }
@@ -171,6 +182,10 @@ impl<'de> Visitor<'de> for Keys<'_> {
                 Key::Signal(signal) => map.next_value_seed(Signal {
                     name,
                     values: frame.signal_mut(signal),
+                })?,
+                Key::Temperature => map.next_value_seed(Signal {
+                    name,
+                    values: frame.temperature_mut().unwrap_or_default(),
                 })?,
                 _ => frame.time = map.next_value_seed(Number { name, joint: None })?,
             }
@@ -335,6 +350,32 @@ mod tests {
             assert!(sentence.contains(expected), "{line}: {sentence}");
             assert!(!sentence.contains("line 1"), "{sentence}");
         }
+    }
+
+    #[test]
+    fn a_temperature_may_come_and_go() {
+        let mut objects = Objects::default();
+        let mut frame = Frame::new(1).with_temperature();
+        let state = r#""q":[1],"dq":[1],"ddq":[1]"#;
+        for (more, expected) in [
+            (r#","temp":[30.5]"#, Some(30.5)),
+            ("", None),
+            (r#","temperature":[null]"#, None),
+            (r#","temperature":[31]"#, Some(31.0)),
+        ] {
+            let line = format!("{{{state}{more}}}");
+            objects.parse(line.as_bytes(), &mut frame).unwrap();
+            let temperature = frame.state().temperature.unwrap()[0];
+            assert_eq!((!temperature.is_nan()).then_some(temperature), expected);
+        }
+        let line = format!("{{{state},\"temperature\":[1,2]}}");
+        let fault = objects.parse(line.as_bytes(), &mut frame).unwrap_err();
+        assert!(fault.to_string().contains("more than 1 values"));
+        // A model that does not want it does not read it.
+        let line = format!("{{{state},\"temperature\":\"hot\"}}");
+        Objects::default()
+            .parse(line.as_bytes(), &mut Frame::new(1))
+            .unwrap();
     }
 
     #[test]

@@ -26,6 +26,7 @@ fn expected(saved: &Saved, rows: &[Row]) -> Vec<Numbers> {
                 q_motor: &row[6..8],
                 dq_motor: &row[8..10],
                 ddq_motor: &row[10..12],
+                temperature: None,
             };
             let status = estimator.estimate_into(&state, &mut tau).unwrap();
             [&tau[..], estimator.terms(), &[f64::from(status.bits())]].concat()

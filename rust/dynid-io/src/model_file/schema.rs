@@ -4,8 +4,8 @@
 
 use dynid_core::model::TorqueModelParts;
 use dynid_core::{
-    Domain, GaussianMixtureRegression, Joint, JointKind, JointLimits, NormalisedRbf, PhysicalSet,
-    Regression, Residual, ResidualInputs, RobotModel, TorqueModel,
+    Domain, EncoderError, GaussianMixtureRegression, Joint, JointKind, JointLimits, NormalisedRbf,
+    PhysicalSet, Regression, Residual, ResidualInputs, RobotModel, Signal, TorqueModel, MAX_INPUTS,
 };
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
@@ -26,12 +26,30 @@ pub struct ModelFile {
     effects: Vec<EffectPart>,
     residual: Option<ResidualPart>,
     encoder_delay: Vec<f64>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    encoder_error: Option<EncoderErrorPart>,
     noise_std: Vec<f64>,
     domain: DomainPart,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     step: Option<f64>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     physical: Option<PhysicalPart>,
+}
+
+/// What encoders show too much; absent where they are right.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct EncoderErrorPart {
+    sides: SidesPart,
+    /// Cosine and sine part per joint.
+    cos_sin: Vec<[f64; 2]>,
+}
+
+#[derive(Clone, Copy, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum SidesPart {
+    Link,
+    Both,
 }
 
 /// A physically consistent set; absent in most files.
@@ -85,6 +103,9 @@ enum KindPart {
 #[serde(deny_unknown_fields)]
 struct ResidualPart {
     inputs: InputsPart,
+    /// Of every joint, by name and joint; for inputs of that name only.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    signals: Option<Vec<Vec<(String, usize)>>>,
     /// Left out where the inputs do not need it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     compliance: Option<Vec<f64>>,
@@ -108,21 +129,23 @@ enum InputsPart {
     Deflection,
     JointState,
     LoadFreeDeflection,
+    Signals,
 }
 
+/// K components over d inputs and one output: `means` K × (d + 1), `covariances` K × (d + 1) × (d + 1).
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct MixturePart {
     weights: Vec<f64>,
-    means: Vec<[f64; 3]>,
-    covariances: Vec<[[f64; 3]; 3]>,
+    means: Vec<Vec<f64>>,
+    covariances: Vec<Vec<Vec<f64>>>,
 }
 
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct RbfPart {
-    centers: Vec<[f64; 2]>,
-    precision: [f64; 2],
+    centers: Vec<Vec<f64>>,
+    precision: Vec<f64>,
     weights: Vec<f64>,
     variances: Vec<f64>,
 }
@@ -149,6 +172,14 @@ impl ModelFile {
             effects: model.effects().iter().map(EffectPart::from_term).collect(),
             residual: model.residual().map(ResidualPart::from_residual),
             encoder_delay: model.encoder_delay().to_vec(),
+            encoder_error: model.encoder_error().map(|error| EncoderErrorPart {
+                sides: if error.both_sides {
+                    SidesPart::Both
+                } else {
+                    SidesPart::Link
+                },
+                cos_sin: error.cos_sin.clone(),
+            }),
             noise_std: model.noise_std().to_vec(),
             domain: DomainPart {
                 q: model.domain().q.clone(),
@@ -193,6 +224,15 @@ impl ModelFile {
             step: self.step,
         })
         .map_err(|e| e.to_string())?;
+        let model = match self.encoder_error {
+            None => model,
+            Some(part) => model
+                .with_encoder_error(EncoderError {
+                    cos_sin: part.cos_sin,
+                    both_sides: matches!(part.sides, SidesPart::Both),
+                })
+                .map_err(|e| e.to_string())?,
+        };
         match self.physical {
             None => Ok(model),
             Some(part) => model
@@ -282,14 +322,22 @@ impl JointPart {
 
 impl ResidualPart {
     fn from_residual(residual: &Residual) -> Self {
-        let needed = residual.inputs() == ResidualInputs::LoadFreeDeflection
+        let needed = *residual.inputs() == ResidualInputs::LoadFreeDeflection
             || residual.compliance().iter().any(|c| *c != 0.0);
+        let named = |signal: &Signal| (signal.kind.name().to_owned(), signal.joint);
         Self {
             inputs: match residual.inputs() {
                 ResidualInputs::Deflection => InputsPart::Deflection,
                 ResidualInputs::JointState => InputsPart::JointState,
                 ResidualInputs::LoadFreeDeflection => InputsPart::LoadFreeDeflection,
+                ResidualInputs::Signals(_) => InputsPart::Signals,
             },
+            signals: residual.inputs().signals().map(|joints| {
+                let joints = joints.iter();
+                joints
+                    .map(|signals| signals.iter().map(named).collect())
+                    .collect()
+            }),
             compliance: needed.then(|| residual.compliance().to_vec()),
             joints: residual
                 .joints()
@@ -305,12 +353,26 @@ impl ResidualPart {
             .into_iter()
             .map(|joint| joint.map(RegressionPart::into_regression).transpose())
             .collect::<Result<_, _>>()?;
-        let inputs = match self.inputs {
-            InputsPart::Deflection => ResidualInputs::Deflection,
-            InputsPart::JointState => ResidualInputs::JointState,
-            InputsPart::LoadFreeDeflection => ResidualInputs::LoadFreeDeflection,
+        let inputs = match (self.inputs, self.signals) {
+            (InputsPart::Signals, Some(joints)) => {
+                let signals = |named: Vec<(String, usize)>| {
+                    let named = named.into_iter();
+                    named.map(|(name, j)| Signal::named(&name, j)).collect()
+                };
+                let joints = joints.into_iter().map(signals).collect::<Result<_, _>>();
+                ResidualInputs::Signals(joints.map_err(|e| format!("residual: {e}"))?)
+            }
+            (InputsPart::Signals, None) => {
+                return Err("residual: signals are missing, which its inputs need".to_owned())
+            }
+            (_, Some(_)) => {
+                return Err("residual: there are signals, but its inputs are others".to_owned())
+            }
+            (InputsPart::Deflection, None) => ResidualInputs::Deflection,
+            (InputsPart::JointState, None) => ResidualInputs::JointState,
+            (InputsPart::LoadFreeDeflection, None) => ResidualInputs::LoadFreeDeflection,
         };
-        let compliance = match (inputs, self.compliance) {
+        let compliance = match (&inputs, self.compliance) {
             (ResidualInputs::LoadFreeDeflection, None) => {
                 return Err(
                     "residual: compliance is missing, which load_free_deflection needs".to_owned(),
@@ -340,26 +402,48 @@ impl RegressionPart {
     }
 }
 
+/// Rows of `width` as they stand in the file.
+fn rows(values: &[f64], width: usize) -> Vec<Vec<f64>> {
+    values.chunks_exact(width).map(<[f64]>::to_vec).collect()
+}
+
+/// All of `rows` in a line, each `width` long.
+fn flat(what: &str, rows: Vec<Vec<f64>>, width: usize) -> Result<Vec<f64>, String> {
+    match rows.iter().find(|row| row.len() != width) {
+        None => Ok(rows.concat()),
+        Some(row) => Err(format!(
+            "residual: {what} has a row of {} values, expected {width}",
+            row.len()
+        )),
+    }
+}
+
+/// Number of inputs, before memory is taken for their squares.
+fn inputs_of(what: &str, n_inputs: usize) -> Result<usize, String> {
+    if (1..=MAX_INPUTS).contains(&n_inputs) {
+        Ok(n_inputs)
+    } else {
+        Err(format!(
+            "residual: {what} has rows for {n_inputs} inputs, expected 1 to {MAX_INPUTS}"
+        ))
+    }
+}
+
 impl RbfPart {
     fn from_rbf(rbf: &NormalisedRbf) -> Self {
-        // A residual takes two inputs, checked when it was built.
-        let mut precision = [0.0; 2];
-        precision
-            .iter_mut()
-            .zip(rbf.precision())
-            .for_each(|(to, h)| *to = *h);
         Self {
-            centers: rbf.centers().as_chunks::<2>().0.to_vec(),
-            precision,
+            centers: rows(rbf.centers(), rbf.n_inputs()),
+            precision: rbf.precision().to_vec(),
             weights: rbf.weights().to_vec(),
             variances: rbf.variances().to_vec(),
         }
     }
 
     fn into_rbf(self) -> Result<NormalisedRbf, String> {
+        let d = inputs_of("precision", self.precision.len())?;
         NormalisedRbf::new(
-            self.centers.concat(),
-            self.precision.to_vec(),
+            flat("centers", self.centers, d)?,
+            self.precision,
             self.weights,
             self.variances,
         )
@@ -369,30 +453,29 @@ impl RbfPart {
 
 impl MixturePart {
     fn from_mixture(mixture: &GaussianMixtureRegression) -> Self {
+        let width = mixture.n_inputs() + 1;
+        let covariances = mixture.covariances().chunks_exact(width * width);
         Self {
             weights: mixture.weights().to_vec(),
-            means: mixture.means().as_chunks::<3>().0.to_vec(),
-            covariances: mixture
-                .covariances()
-                .as_chunks::<9>()
-                .0
-                .iter()
-                .map(|c| [[c[0], c[1], c[2]], [c[3], c[4], c[5]], [c[6], c[7], c[8]]])
-                .collect(),
+            means: rows(mixture.means(), width),
+            covariances: covariances.map(|c| rows(c, width)).collect(),
         }
     }
 
     fn into_mixture(self) -> Result<GaussianMixtureRegression, String> {
+        let width = self.means.first().map_or(0, Vec::len);
+        let d = inputs_of("means", width.saturating_sub(1))?;
+        if let Some(covariance) = self.covariances.iter().find(|c| c.len() != width) {
+            return Err(format!(
+                "residual: covariances has a matrix of {} rows, expected {width}",
+                covariance.len()
+            ));
+        }
         GaussianMixtureRegression::new(
-            2,
+            d,
             self.weights,
-            self.means.concat(),
-            self.covariances
-                .iter()
-                .flatten()
-                .flatten()
-                .copied()
-                .collect(),
+            flat("means", self.means, width)?,
+            flat("covariances", self.covariances.concat(), width)?,
         )
         .map_err(|e| format!("residual: {e}"))
     }

@@ -1,7 +1,7 @@
 use dynid_core::model::TorqueModelParts;
 use dynid_core::{
-    Domain, Effect, EffectTerm, GaussianMixtureRegression, Joint, JointKind, JointLimits,
-    NormalisedRbf, PhysicalSet, Residual, ResidualInputs, RobotModel,
+    Domain, Effect, EffectTerm, EncoderError, GaussianMixtureRegression, Joint, JointKind,
+    JointLimits, NormalisedRbf, PhysicalSet, Residual, ResidualInputs, RobotModel, Signal,
 };
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use proptest::prelude::*;
@@ -346,4 +346,128 @@ fn a_regression_of_neither_kind_is_named() {
     assert!(error
         .to_string()
         .contains("centers, precision, weights, variances (rbf)"));
+}
+
+/// A regression on three signals of either joint, and none.
+fn model_on_signals() -> TorqueModel {
+    let old = model();
+    let covariance: Vec<f64> = (0..16)
+        .map(|at| if at % 5 == 0 { 1.0 / 3.0 } else { 1e-3 })
+        .collect();
+    let means = vec![0.1, 0.2, 0.3, 0.4, -0.1, -0.2, -0.3, -0.4];
+    let covariances = [covariance.clone(), covariance].concat();
+    let mixture = GaussianMixtureRegression::new(3, vec![0.3, 0.7], means, covariances).unwrap();
+    let signal = |name, joint| Signal::named(name, joint).unwrap();
+    let named = vec![
+        signal("q", 1),
+        signal("tau_link", 0),
+        signal("ddq_motor", 0),
+    ];
+    let inputs = ResidualInputs::Signals(vec![named, vec![]]);
+    TorqueModel::new(TorqueModelParts {
+        robot: old.robot().clone(),
+        phi: old.phi().to_vec(),
+        torque_scale: old.torque_scale().to_vec(),
+        effects: old.effects().to_vec(),
+        residual: Residual::new(inputs, vec![Some(mixture.into()), None]).ok(),
+        encoder_delay: old.encoder_delay().to_vec(),
+        noise_std: old.noise_std().to_vec(),
+        domain: old.domain().clone(),
+        torque_unit: old.torque_unit().to_owned(),
+        step: old.step(),
+    })
+    .unwrap()
+}
+
+#[test]
+fn signals_come_back_by_name() {
+    let model = model_on_signals();
+    let text = to_text(&model).unwrap();
+    assert_eq!(parse(text.as_bytes(), "m").unwrap(), model);
+    let file: serde_json::Value = serde_json::from_str(&text).unwrap();
+    assert_eq!(file["residual"]["inputs"], "signals");
+    let expected = serde_json::json!([[["q", 1], ["tau_link", 0], ["ddq_motor", 0]], []]);
+    assert_eq!(file["residual"]["signals"], expected);
+}
+
+#[test]
+fn signals_that_make_no_sense_are_refused() {
+    use serde_json::json;
+    type Spoil = fn(&mut serde_json::Value);
+    let spoiled: [(&str, Spoil); 10] = [
+        ("there is no signal \"tau\", expected one of q,", |r| {
+            r["signals"][0][1] = json!(["tau", 0]);
+        }),
+        ("names a signal of joint 2, which", |r| {
+            r["signals"][0][1] = json!(["q", 2]);
+        }),
+        ("has 3 inputs, expected 2", |r| {
+            r["signals"][0] = json!([["q", 0], ["q", 1]]);
+        }),
+        ("residual signals has 1 values, expected 2", |r| {
+            r["signals"] = json!([[["q", 0]]]);
+        }),
+        ("number of signals of a joint's residual", |r| {
+            r["signals"][1] = vec![json!(["q", 0]); 7].into();
+        }),
+        ("signals are missing", |r| {
+            r.as_object_mut().unwrap().remove("signals");
+        }),
+        ("there are signals, but its inputs are others", |r| {
+            r["inputs"] = "deflection".into();
+        }),
+        ("means has a row of 3 values, expected 4", |r| {
+            r["joints"][0]["means"][1] = json!([0.0, 0.0, 0.0]);
+        }),
+        ("covariances has a matrix of 3 rows, expected 4", |r| {
+            r["joints"][0]["covariances"][1]
+                .as_array_mut()
+                .unwrap()
+                .pop();
+        }),
+        ("means has rows for 99999 inputs, expected 1 to 6", |r| {
+            r["joints"][0]["means"][0] = vec![0.5; 100_000].into();
+        }),
+    ];
+    let text = to_text(&model_on_signals()).unwrap();
+    for (words, spoil) in spoiled {
+        let mut file: serde_json::Value = serde_json::from_str(&text).unwrap();
+        spoil(&mut file["residual"]);
+        let file: schema::ModelFile = serde_json::from_value(file).unwrap();
+        let error = file.into_model().unwrap_err();
+        assert!(error.contains(words), "{error}");
+    }
+}
+
+#[test]
+fn an_encoder_error_survives_the_file_and_is_absent_without_one() {
+    let mut joints = model().robot().joints().to_vec();
+    joints[1].kind = JointKind::Revolute;
+    let old = model();
+    let parts = TorqueModelParts {
+        robot: RobotModel::new("arm".into(), joints, *old.robot().gravity()).unwrap(),
+        phi: old.phi().to_vec(),
+        torque_scale: old.torque_scale().to_vec(),
+        effects: old.effects().to_vec(),
+        residual: old.residual().cloned(),
+        encoder_delay: old.encoder_delay().to_vec(),
+        noise_std: old.noise_std().to_vec(),
+        domain: old.domain().clone(),
+        torque_unit: old.torque_unit().to_owned(),
+        step: old.step(),
+    };
+    let plain = TorqueModel::new(parts).unwrap();
+    for both_sides in [false, true] {
+        let cos_sin = vec![[1e-3, -1e-3 / 3.0], [0.0, 2e-3]];
+        let error = EncoderError {
+            cos_sin,
+            both_sides,
+        };
+        let with = plain.clone().with_encoder_error(error).unwrap();
+        let text = to_text(&with).unwrap();
+        assert_eq!(parse(text.as_bytes(), "x").unwrap(), with);
+        let sides = if both_sides { "both" } else { "link" };
+        assert!(text.contains(&format!("\"sides\": \"{sides}\"")));
+    }
+    assert!(!to_text(&plain).unwrap().contains("encoder_error"));
 }

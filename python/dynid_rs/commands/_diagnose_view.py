@@ -1,0 +1,66 @@
+"""The tables that `dynid diagnose` ends with."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from rich.table import Table
+from rich.text import Text
+
+from dynid_rs.commands._console import console
+from dynid_rs.commands._identify_view import with_file
+from dynid_rs.diagnosis.wording import named
+from dynid_rs.readers.table import shown
+from dynid_rs.report import REPORT_FILE
+
+
+def show(result: dict[str, Any], directory: Path) -> None:
+    """Print the verdict, errors before and after, effects with their ties, what is left, and where the report is."""
+    out = console()
+    out.print(Text(result["verdict"]))
+    out.print(_errors(result))
+    for entry in result["effects"]:
+        out.print(Text(_effect(entry, result)), soft_wrap=True)
+    for entry in result["unexplained"]:
+        out.print(Text(_unexplained(entry)))
+    for sentence in result["next_experiment"]:
+        out.print(Text(f"next: {sentence}"), soft_wrap=True)
+    for finding in result["data"]["findings"]:
+        if finding["severity"] != "info" or finding["code"] == "signal_missing":
+            out.print(Text(f"{finding['severity']}: {with_file(finding)}"))
+    out.print(Text(f"report: {directory / REPORT_FILE}"), soft_wrap=True)
+
+
+def _errors(result: dict[str, Any]) -> Table:
+    test = result["rmse"]["test"]
+    table = Table(title=Text(f"RMSE on test runs [{result['torque_unit']}]"), title_justify="left")
+    table.add_column("joint")
+    for heading in ("before", "after", "95 % interval", "change", "floor"):
+        table.add_column(heading, justify="right")
+    for j, joint in enumerate(result["joints"]):
+        before, after, floor = test["before"][j], test["after"][j], test["floor"][j]
+        low, high = test["after_interval"][j]
+        change = f"{100 * (after / before - 1):+.0f} %" if before > 0 else "-"
+        numbers = (f"{before:.3g}", f"{after:.3g}", f"{low:.3g} - {high:.3g}", change)
+        table.add_row(Text(shown(joint)), *numbers, "unknown" if floor is None else f"{floor:.3g}")
+    return table
+
+
+def _effect(entry: dict[str, Any], result: dict[str, Any]) -> str:
+    sizes = ", ".join(f"{p['name']} {p['value']:.3g}{_unit(p['unit'])}" for p in entry["parameters"])
+    text = f"{entry['rank']}. {named(entry, result['joints'])}" + (f": {sizes}" if sizes else "")
+    for tie in entry["ties"]:
+        text += f"\n   not told apart from {named(tie, result['joints'])}"
+        text += f": {tie['separate']}" if tie.get("separate") else ""
+    return text
+
+
+def _unit(unit: str) -> str:
+    return "" if unit == "1" else f" {unit}"
+
+
+def _unexplained(entry: dict[str, Any]) -> str:
+    signals = ", ".join(f"{d['signal']} ({d['strength']:.2f})" for d in entry["depends_on"])
+    text = f"unexplained on {entry['joint']}: {100 * entry['share']:.0f} % of the error's power"
+    return f"{text}, depends on {signals}" if signals else text

@@ -1,0 +1,131 @@
+"""From options to an identifier, and its fit: what `dynid identify` and `dynid diagnose` share."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+if TYPE_CHECKING:
+    from dynid_rs.findings import Finding
+    from dynid_rs.preprocessing import States
+    from dynid_rs.recording import Recording
+
+MODEL_FILE, RESULT_FILE, RESIDUALS_FILE = "model.json", "result.json", "residuals.parquet"
+LEAST_TEST_ROWS = 20
+"""Fewer rows of a test run say nothing."""
+
+
+def check_places(output: Path, inputs: list[Path | None]) -> None:
+    """Refuse before any work is done: a folder that cannot be written, results that would replace what is read."""
+    from dynid_rs.commands._output import check_folder, check_not_read
+    from dynid_rs.report import REPORT_FILE
+
+    results = (MODEL_FILE, RESULT_FILE, RESIDUALS_FILE, REPORT_FILE)
+    check_folder(output, results)
+    check_not_read([output / name for name in results], [path for path in inputs if path is not None])
+
+
+def known_terms(path: Path | None, robot: Any) -> list[Any]:
+    """Terms of `--known`; none where there is no file."""
+    if path is None:
+        return []
+    from dynid_rs.terms import read_terms
+
+    return list(read_terms(path, robot))
+
+
+def identifier_options(weighting: str, prior: str, cutoff: float | None, friction_law: str) -> dict[str, Any]:
+    """Arguments of `ThreeLoopIdentifier` for the first two loops.
+
+    Raises
+    ------
+    ValueError
+        A word that is not known, or two that contradict each other; names the option.
+    """
+    from dynid_rs.friction_laws import LAWS
+    from dynid_rs.links import ASYMMETRY, LinkDynamicsIdentifier
+
+    choices: dict[str, Literal["joint_variance", "full_covariance"] | None] = {
+        "joint_variance": "joint_variance",
+        "full_covariance": "full_covariance",
+        "none": None,
+    }
+    if weighting not in choices:
+        raise ValueError(f"--weighting must be one of {', '.join(choices)}, found {weighting!r}")
+    priors: dict[str, Literal["auto", "robot"] | None] = {"auto": "auto", "robot": "robot", "none": None}
+    if prior not in priors:
+        raise ValueError(f"--prior must be auto, robot or none, found {prior!r}")
+    if prior == "robot" and choices[weighting] is None:
+        raise ValueError(
+            "--prior robot is weighed against the noise, which --weighting none leaves out; choose another"
+        )
+    if friction_law not in (*LAWS, "auto"):
+        raise ValueError(f"--friction-law must be {', '.join(LAWS)} or auto, found {friction_law!r}")
+    return {
+        "friction_law": "paper" if friction_law == "auto" else friction_law,
+        "links": LinkDynamicsIdentifier(choices[weighting], prior=priors[prior], asymmetry=ASYMMETRY),
+        "cutoff": cutoff,
+    }
+
+
+def chosen_laws(identifier: Any, train: list[Recording], slow: list[Recording] | None = None) -> tuple[str, ...]:
+    """Law of every joint, by a training run that is left out for it; the test runs stay untouched."""
+    from threadpoolctl import threadpool_limits
+
+    from dynid_rs.friction_laws import choose_friction_laws
+
+    options = {"links": identifier.links, "cutoff": identifier.cutoff, "friction_recording": slow}
+    with threadpool_limits(limits=1, user_api="blas"):
+        return choose_friction_laws(identifier.robot, train, **options)
+
+
+@contextmanager
+def convergence_findings() -> Iterator[Callable[[], list[Finding]]]:
+    """What does not converge in the body is a finding, as everything else that the user should know.
+
+    Yields a function that lists them, to be called after the body.
+    """
+    from sklearn.exceptions import ConvergenceWarning
+
+    from dynid_rs.findings import Finding
+
+    caught: list[warnings.WarningMessage]
+
+    def findings() -> list[Finding]:
+        messages = dict.fromkeys(str(w.message) for w in caught if issubclass(w.category, ConvergenceWarning))
+        return [Finding("not_converged", "warning", message) for message in messages]
+
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", ConvergenceWarning)
+        yield findings
+    for warning in caught:
+        if not issubclass(warning.category, ConvergenceWarning):
+            warnings.warn_explicit(warning.message, warning.category, warning.filename, warning.lineno)
+
+
+def scored_states(identifier: Any, test: list[Recording]) -> list[States]:
+    """States of the test runs; refuses one that stands still or whose torque does: there would be nothing to score."""
+    from dynid_rs.training import check_torque
+
+    check_torque(test)
+    runs: list[States] = [identifier.states(recording) for recording in test]
+    check_motion(runs)
+    return runs
+
+
+def check_motion(runs: list[States]) -> None:
+    """Refuse test runs with hardly any motion."""
+    from dynid_rs.errors import DataError
+
+    for states in runs:
+        if len(states.rows) < LEAST_TEST_ROWS:
+            seconds = len(states.rows) * states.step / states.rate
+            raise DataError(
+                f"{states.name}: only {seconds:.2f} s of motion are left to test on after standstill is taken "
+                "out; test on a longer motion",
+                code="too_little_motion",
+                file=states.name,
+            )

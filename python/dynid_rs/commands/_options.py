@@ -1,0 +1,42 @@
+"""Arguments and options that `dynid identify` and `dynid diagnose` share: one meaning, one wording."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+Robot = Annotated[Path, typer.Argument(metavar="ROBOT", help="The arm: URDF or robot.toml")]
+Runs = Annotated[list[Path], typer.Argument(metavar="RUN...", help="Runs to learn from: Parquet, CSV or NPZ")]
+Output = Annotated[
+    Path, typer.Option("--output", "-o", metavar="DIR", help="Folder for the results", show_default=False)
+]
+Test = Annotated[
+    list[Path] | None,
+    typer.Option(metavar="RUN", help="Run to test on; repeat for more. Left out: the last run, or its last third"),
+]
+TestFrom = Annotated[float | None, typer.Option(help="With a lone run: test on what comes after this many seconds")]
+Config = Annotated[Path | None, typer.Option(help="dynid.toml: column names, units, gears, signs")]
+Gravity = Annotated[
+    str | None,
+    typer.Option(metavar="X,Y,Z", help="Free fall in the base frame [m/s^2]; the robot file's, or 0,0,-9.81"),
+]
+Base = Annotated[str | None, typer.Option(help="First link of the chain, where the URDF leaves a choice")]
+Tip = Annotated[str | None, typer.Option(help="Last link of the chain, where the URDF branches")]
+DriveGain = Annotated[
+    str | None,
+    typer.Option(metavar="G[,G...]", help="Joint torque per motor current [N*m/A], one per joint or one for all"),
+]
+Weighting = Annotated[str, typer.Option(help="joint_variance, full_covariance or none")]
+Prior = Annotated[
+    str, typer.Option(help="The URDF's inertials beside the data: robot, none, or auto (a lone run that they help)")
+]
+Known = Annotated[
+    Path | None, typer.Option(metavar="TERMS.toml", help="Effects whose coefficients you know; they are not fitted")
+]
+FrictionLaw = Annotated[
+    str, typer.Option(help="paper, coulomb_viscous, stribeck, or auto: by a training run left out, joint by joint")
+]
+Cutoff = Annotated[float | None, typer.Option(help="Band [Hz]; chosen from the motion if left out")]
+Json = Annotated[bool, typer.Option("--json", help="Answer as JSON on standard output")]

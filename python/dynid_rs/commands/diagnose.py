@@ -1,0 +1,137 @@
+"""`dynid diagnose`: measured runs and a robot in; what the model lacks, added, before and after on unseen runs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from dynid_rs.commands import _options
+from dynid_rs.commands._run import EXIT_NO, print_json, run_command
+
+if TYPE_CHECKING:
+    from dynid_rs.diagnosis.results import Outcome
+    from dynid_rs.findings import Finding
+    from dynid_rs.recording import Recording
+    from dynid_rs.splitting import Split
+
+
+@run_command
+def diagnose(
+    robot: _options.Robot,
+    runs: _options.Runs,
+    output: _options.Output,
+    test: _options.Test = None,
+    test_from: _options.TestFrom = None,
+    reference: Annotated[
+        Path | None,
+        typer.Option(metavar="MODEL", help="model.json that is trusted: tell what has changed since"),
+    ] = None,
+    config: _options.Config = None,
+    gravity: _options.Gravity = None,
+    base: _options.Base = None,
+    tip: _options.Tip = None,
+    drive_gain: _options.DriveGain = None,
+    weighting: _options.Weighting = "joint_variance",
+    prior: _options.Prior = "auto",
+    known: _options.Known = None,
+    friction_law: _options.FrictionLaw = "paper",
+    cutoff: _options.Cutoff = None,
+    json_output: _options.Json = False,
+) -> int:
+    """Find the physical effects that an arm's model lacks, add them, and report the error before and after.
+
+    DIR then holds model.json with the effects in it, result.json, residuals.parquet and report.html. "Nothing to add"
+    is an answer. Ends with 1 if the data has an error in it or the model is no better than weighted least squares.
+    """
+    from dynid_rs.commands._console import progress
+    from dynid_rs.commands._identifier import (
+        check_places,
+        chosen_laws,
+        convergence_findings,
+        identifier_options,
+        known_terms,
+    )
+    from dynid_rs.commands._inputs import check_cutoff, read_robot, read_settings, read_split, with_rotors
+    from dynid_rs.training import check_torque
+
+    check_places(output, [robot, *runs, *(test or []), config, known, reference])
+    with progress() as say:
+        say("reading")
+        model = read_robot(robot, base, tip, gravity)
+        settings = read_settings(config, drive_gain, model.n_joints)
+        model = with_rotors(model, settings, robot, base, tip)
+        options = identifier_options(weighting, prior, cutoff, friction_law)
+        options["known"] = known_terms(known, model)
+        split, findings = read_split(runs, test or [], test_from, model, settings)
+        check_cutoff(cutoff, [*split.train, *split.test])
+        check_torque(split.test)
+        more = {} if reference is None else {"reference": _reference(reference, model, split.train[0])}
+
+        from dynid_rs.diagnosis.availability import missing_signals
+        from dynid_rs.diagnosis.loop import diagnose as find_effects
+        from dynid_rs.diagnosis.setup import Setup
+
+        setup = Setup(model, options=options)
+        if friction_law == "auto":
+            say("comparing laws of friction")
+            options["friction_law"] = chosen_laws(setup.identifier(), split.train)
+        findings += missing_signals(split.train)
+        with convergence_findings() as unsettled:
+            outcome = find_effects(setup, split.train, split.test, on_progress=say, **more)
+        say("testing")
+        result = _write(outcome, split, [*findings, *unsettled()], output)
+    if json_output:
+        print_json(result)
+    else:
+        from dynid_rs.commands._diagnose_view import show
+
+        show(result, output)
+    return _exit_code(result)
+
+
+def _reference(path: Path, robot: Any, run: Recording) -> Any:
+    """Read the trusted model; it must be of this robot, in the unit of the runs."""
+    from dynid_rs import _core
+    from dynid_rs.files import check_readable
+
+    model = _core.TorqueModel.load(check_readable(path))
+    if list(model.robot.joint_names) != list(robot.joint_names):
+        raise ValueError(
+            f"{path}: is a model of {model.robot.name} with the joints {', '.join(model.robot.joint_names)}, and the "
+            f"robot file has {', '.join(robot.joint_names)}; give a model of the same robot"
+        )
+    if model.torque_unit != run.torque_unit:
+        raise ValueError(
+            f"{path}: is a model in {model.torque_unit}, and the runs hold torque in {run.torque_unit}; "
+            "give a model in the same unit, or --drive-gain"
+        )
+    return model
+
+
+def _write(outcome: Outcome, split: Split, findings: list[Finding], output: Path) -> dict[str, Any]:
+    from dynid_rs.commands._identifier import MODEL_FILE, RESIDUALS_FILE, RESULT_FILE, check_motion
+    from dynid_rs.commands._output import filled_together
+    from dynid_rs.diagnosis.results import evaluated, residual_table, summarise_diagnosis
+    from dynid_rs.files import write_json, write_table
+    from dynid_rs.report import write_report
+    from dynid_rs.report.source import source_of
+
+    runs = evaluated(outcome, split.train, split.test)
+    check_motion([run.states for run in runs.test_after])
+    result = summarise_diagnosis(outcome, runs, findings)
+    table = residual_table(outcome, runs)
+    with filled_together(output) as folder:
+        outcome.after.model_.save(folder / MODEL_FILE)
+        write_table(folder / RESIDUALS_FILE, table)
+        write_json(folder / RESULT_FILE, result)
+        write_report(folder, source_of(result, table))
+    return result
+
+
+def _exit_code(result: dict[str, Any]) -> int:
+    from dynid_rs.diagnosis.wording import not_worse
+
+    errors = any(finding["severity"] == "error" for finding in result["data"]["findings"])
+    return EXIT_NO if errors or not not_worse(result) else 0

@@ -1,0 +1,64 @@
+"""What the data cannot show, whatever is in it: said, so that silence is not taken for absence."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from dynid_rs.findings import Finding
+from dynid_rs.placed import CATALOGUE
+from dynid_rs.recording import Recording
+
+TWO_ENCODERS = ("joint_elasticity", "nonlinear_elasticity", "backlash", "encoder_delay")
+"""Kinds that show themselves between motor and link."""
+IN_NEWTON_METRES = ("payload", "torque_gain")
+"""Kinds whose sizes are in kg, or in parts of a torque that is known."""
+
+
+def missing_signals(runs: Sequence[Recording]) -> list[Finding]:
+    """One finding for every signal that some effects need and the runs lack; (severity "info")."""
+    found = []
+    if not all(run.has_motor_encoder for run in runs):
+        found.append(
+            _untestable(
+                TWO_ENCODERS, "q_motor", "motor and link positions, and the runs hold one of them; record q_motor_i too"
+            )
+        )
+    if not all(run.temperature is not None for run in runs):
+        found.append(
+            _untestable(
+                ("thermal_friction", "temperature_friction"),
+                "temperature",
+                "temperature_i, which the runs do not hold: only a warm-up in time or in dissipated power "
+                f"was looked for{_too_short(runs)}",
+                partly=True,
+            )
+        )
+    if any(run.torque_unit == "A" for run in runs):
+        found.append(
+            _untestable(
+                IN_NEWTON_METRES,
+                "tau",
+                "torque in N*m, and the runs hold currents: masses and common drive gains are known up to a factor; "
+                "give --drive-gain",
+                partly=True,
+            )
+        )
+    return found
+
+
+def _too_short(runs: Sequence[Recording]) -> str:
+    """Say where no run lasts as long as the fastest warm-up that is searched."""
+    times = next(shape["grid"] for shape in CATALOGUE["thermal_friction"]["shape"] if shape["name"] == "time_constant")
+    longest, fastest = max(run.duration for run in runs), min(times)
+    if longest >= fastest:
+        return ""
+    return (
+        f", and the longest run of {longest:.0f} s is shorter than the fastest of these ({fastest:g} s): "
+        "record some minutes from a cold start"
+    )
+
+
+def _untestable(kinds: Sequence[str], column: str, text: str, *, partly: bool = False) -> Finding:
+    names = ", ".join(kinds)
+    verb = "cannot be told in full without" if partly else "cannot be told without"
+    return Finding("signal_missing", "info", f"{names} {verb} {text}", column=column)

@@ -1,0 +1,94 @@
+"""Which candidate, if any: weighed by what it takes off, tested against chance and on blocks it has not seen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid_rs.diagnosis.beside import Beside, Gain, independent_rows
+from dynid_rs.diagnosis.candidate import Candidate
+from dynid_rs.diagnosis.kinds import stacked
+from dynid_rs.diagnosis.null import p_value
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Weighed:
+    """A candidate and what speaks for it.
+
+    Attributes
+    ----------
+    gain : Gain
+        What it takes off the weighted residual power, and its coefficients.
+    evidence : float
+        Logarithm of the likelihood ratio less what its parameters cost (half the logarithm of the number of
+        independent samples each, as in the Bayesian information criterion).
+    after : ndarray (n_rows, n_joints)
+        What is left with it.
+    p_value : float
+        Of its score under chance, by itself; NaN before it was tested.
+    left_out_ratio : float
+        Least ratio over the joints of the error with it over without on left-out blocks; NaN before it was tested.
+    pays : float
+        How many standard errors the left-out power falls by; NaN before it was tested.
+    """
+
+    candidate: Candidate
+    gain: Gain
+    evidence: float
+    after: FloatArray
+    p_value: float = float("nan")
+    left_out_ratio: float = float("nan")
+    pays: float = float("nan")
+
+
+def weigh(beside: Beside, candidate: Candidate) -> Weighed:
+    """Weigh one candidate beside the whole model."""
+    columns = stacked(candidate.columns)
+    gain = beside.gains(columns, [slice(None)], [candidate.bounds])[0]
+    after = beside.with_columns(columns, gain.coefficients)
+    free = int(np.sum(gain.coefficients != 0))
+    independent = independent_rows(after, beside.blocks)
+    before_power, after_power = np.sum(beside.residual**2, axis=0), np.sum(after**2, axis=0)
+    ratio = np.log(np.maximum(before_power, 1e-300) / np.maximum(after_power, 1e-300))
+    cost = 0.5 * (free + candidate.n_searched) * np.log(max(float(np.mean(independent)), 2.0))
+    return Weighed(candidate, gain, float(0.5 * independent @ ratio - cost), after)
+
+
+def tested(beside: Beside, weighed: Weighed, without: FloatArray) -> Weighed:
+    """`weighed` with its tests; `without` is `beside.left_out(None)`."""
+    candidate = weighed.candidate
+    columns = stacked(candidate.columns)
+    free = weighed.gain.coefficients != 0
+    p = p_value(beside, columns, weighed.after, free, n_searched=candidate.n_searched)
+    left = beside.left_out(columns, candidate.bounds)
+    ratio = float(np.sqrt(np.min(np.sum(left**2, axis=0) / np.maximum(np.sum(without**2, axis=0), 1e-300))))
+    return Weighed(candidate, weighed.gain, weighed.evidence, weighed.after, p, ratio, falls_by(beside, without, left))
+
+
+def falls_by(beside: Beside, first: FloatArray, second: FloatArray) -> float:
+    """By how many of its standard errors the weighted power of `second` lies below that of `first` (Vuong 1989).
+
+    Both (n_rows, n_joints); the error of the difference respects its memory.
+    """
+    from dynid_rs.memory import flat_top
+
+    difference = ((first**2 - second**2) * beside.weights**2).sum(axis=1)
+    mean = float(difference.mean())
+    parts = [difference[block] - mean for block in beside.blocks]
+    longest = max(map(len, parts))
+    sums, counts = np.zeros(longest), np.zeros(longest)
+    for part in parts:
+        full = np.correlate(part, part, "full")[len(part) - 1 :]
+        sums[: len(part)] += full
+        counts[: len(part)] += len(part) - np.arange(len(part))
+    covariances = sums / np.maximum(counts, 1.0)
+    if covariances[0] <= 0:
+        return 0.0
+    taper = flat_top(covariances, float(counts[0]))
+    variance = float(2 * (taper * covariances[: len(taper)]).sum() - covariances[0])
+    variance = max(variance, covariances[0] / 4)
+    return mean * float(np.sqrt(len(difference) / variance))

@@ -1,0 +1,112 @@
+"""Coefficients in the words of the catalogue: stiffness, damping, gap, ..., with units and 95 % intervals."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynid_rs.diagnosis.deflection.examined import Examined
+from dynid_rs.uncertainty import NORMAL_95
+
+IDEAL, IDEAL_SHAPE = 2e-3, 2e-2
+"""No gear follows a law more closely than this part of its coefficients and of its shapes: one standard deviation."""
+CLOSED = 1.83
+"""Widths of the smooth sign within which 95 % of a gap are closed."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A value with its unit and its 95 % interval."""
+
+    name: str
+    value: float
+    unit: str
+    interval: tuple[float, float]
+
+
+def parameters_of(gear: Examined, kind: str, terms: Sequence[str]) -> tuple[Parameter, ...]:
+    """Parameters of one kind in the words of the catalogue."""
+    angle, torque = gear.units
+    found: list[Parameter] = []
+    if "compliance" in terms:
+        found += _spring(gear, terms)
+    for name in terms:
+        if name.startswith("ripple"):
+            found += _ripple(gear, name)
+    if kind == "backlash":
+        (half,), (std,) = gear.value("backlash")
+        found.append(_parameter("gap", 2 * half, 2 * std, angle))
+        width, relative = CLOSED * gear.gear.shapes.width, float(gear.value("backlash'")[1][0])
+        found.append(_positive("transition_torque", width, relative, torque))
+    if kind == "encoder_eccentricity":
+        (cosine, sine), (cosine_std, sine_std) = gear.value("eccentricity")
+        found.append(_parameter("e_c", -cosine, cosine_std, angle))
+        found.append(_parameter("e_s", -sine, sine_std, angle))
+    return tuple(found)
+
+
+def _spring(gear: Examined, terms: Sequence[str]) -> list[Parameter]:
+    angle, torque = gear.units
+    found = [_propagated(gear, "stiffness", f"{torque}/{angle}", lambda c: 1 / c, "compliance")]
+    if "damping" in terms:
+        unit = f"{torque}*s/{angle}"
+        found.append(_propagated(gear, "damping", unit, lambda c, b: -b / c**2, "compliance", "damping"))
+    if "cubic" in terms:
+        found.append(_propagated(gear, "cubic", f"{angle}/({torque})^3", lambda a: a, "cubic"))
+    if "hysteresis" in terms:
+        found.append(_propagated(gear, "hysteresis", torque, lambda c, h: -h / c, "compliance", "hysteresis"))
+        relative = float(gear.value("hysteresis'")[1][0])
+        found.append(_positive("hysteresis_distance", gear.gear.shapes.distance, relative, angle))
+    if "link_friction" in terms:
+        found.append(_propagated(gear, "link_friction", torque, lambda c, f: f / c, "compliance", "link_friction"))
+    return found
+
+
+def _propagated(gear: Examined, name: str, unit: str, formula: Callable[..., float], *terms: str) -> Parameter:
+    """A function of coefficients with the interval that their covariance gives it."""
+    places = [gear.places(term)[0] for term in terms]
+    x = gear.x[places]
+    value = float(formula(*x))
+    slope = []
+    for k in range(len(x)):
+        by = 1e-6 * abs(x[k]) + 1e-300
+        moved = x.copy()
+        moved[k] += by
+        slope.append((float(formula(*moved)) - value) / by)
+    variance = float(np.array(slope) @ gear.covariance[np.ix_(places, places)] @ np.array(slope))
+    return _parameter(name, value, np.sqrt(max(variance, 0.0)), unit)
+
+
+def _ripple(gear: Examined, name: str) -> list[Parameter]:
+    x, _ = gear.value(name)
+    places = gear.places(name)
+    size = float(np.hypot(*x))
+    covariance = gear.covariance[np.ix_(places, places)]
+    along, across = x / size, np.array([-x[1], x[0]]) / size
+    radial = np.sqrt(max(float(along @ covariance @ along), 0.0))
+    turned = np.sqrt(max(float(across @ covariance @ across), 0.0)) / size
+    index = int(name.removeprefix("ripple "))
+    ending = "" if index == 0 else f"_{index + 1}"
+    order = gear.gear.shapes.orders[index]
+    order_std = float(gear.value(f"{name}'")[1][0])
+    return [
+        _parameter(f"kinematic_error{ending}", size, radial, gear.units[0]),
+        Parameter(
+            f"kinematic_cycles{ending}", order, "1", (order - NORMAL_95 * order_std, order + NORMAL_95 * order_std)
+        ),
+        # a cos + b sin = size sin(N q_motor + phase)
+        _parameter(f"kinematic_phase{ending}", float(np.arctan2(x[0], x[1])), turned, "rad"),
+    ]
+
+
+def _parameter(name: str, value: float, std: float, unit: str) -> Parameter:
+    value, spread = float(value), NORMAL_95 * float(np.hypot(std, IDEAL * value))
+    return Parameter(name, value, unit, (value - spread, value + spread))
+
+
+def _positive(name: str, value: float, relative: float, unit: str) -> Parameter:
+    """A shape, whose logarithm was fitted."""
+    factor = float(np.e ** min(NORMAL_95 * float(np.hypot(relative, IDEAL_SHAPE)), 50.0))
+    return Parameter(name, value, unit, (value / factor, value * factor))

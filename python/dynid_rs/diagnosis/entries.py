@@ -1,0 +1,194 @@
+"""Effects that were found, as `result.json` and the report tell them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid_rs.columns import Observations, observe
+from dynid_rs.diagnosis.beside import Beside
+from dynid_rs.diagnosis.choice import weigh
+from dynid_rs.diagnosis.intervals import Estimate, estimates
+from dynid_rs.diagnosis.kinds import Hypothesis, stacked
+from dynid_rs.diagnosis.search import Choice, Search, columns_in, hypothesis_of
+from dynid_rs.loops import link_load
+from dynid_rs.recording import Recording
+from dynid_rs.uncertainty import NORMAL_95
+
+FloatArray = NDArray[np.float64]
+
+N_POINTS = 400
+"""Most points of a plot."""
+N_BINS = 60
+"""Points of a fitted curve."""
+
+
+def effect_entries(found: Search, test: Sequence[Recording]) -> list[dict[str, Any]]:
+    """One entry per effect of the final setup, the one that takes off most first."""
+    if not found.setup.effects:
+        return []
+    columns = columns_in(found)
+    order, told = _order(found, columns), _choices(found)
+    rows = _test_rows(found, test)
+    plan = found.fit.observations_.plan
+    friction = found.fit.links_.own_[:, plan.friction[1]]
+    entries = []
+    for rank, k in enumerate(order):
+        effect = found.setup.effects[k]
+        hypothesis = hypothesis_of(effect, found.kinds)
+        beside = Beside(found.fit, columns[k])
+        weighed = weigh(beside, found.kinds.candidate(hypothesis))
+        choice = told.get((effect.kind, effect.joints))
+        without = [c for other in order[rank:] for c in columns[other]]
+        later = [c for other in order[rank + 1 :] for c in columns[other]]
+        entries.append(
+            {
+                "rank": rank + 1,
+                "kind": effect.kind,
+                "joints": [found.setup.robot.joint_names[j] for j in effect.joints],
+                "parameters": [
+                    _parameter(e, found)
+                    for e in estimates(beside, found.kinds, hypothesis, weighed.gain.coefficients, friction)
+                ],
+                "p_value": 1.0 if choice is None else choice.p_value,
+                "evidence": weighed.evidence,
+                "rmse_train_before": _left(Beside(found.fit, without).residual),
+                "rmse_train_after": _left(Beside(found.fit, later).residual),
+                "rmse_test_before": _test_error(found, without, rows),
+                "rmse_test_after": _test_error(found, later, rows),
+                "ties": [] if choice is None else [_tie(found, tie) for tie in choice.ties],
+                "plot": _plot(found, beside, hypothesis, weighed.gain.coefficients),
+            }
+        )
+    return entries
+
+
+def ranked(entries: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Entries with their ranks: sensors and clocks first, then by what they take off."""
+    return [{**entry, "rank": rank + 1} for rank, entry in enumerate(entries)]
+
+
+def _choices(found: Search) -> dict[tuple[str, tuple[int, ...]], Choice]:
+    return {step.choice.weighed.candidate.place: step.choice for step in found.steps if step.action == "added"}
+
+
+def _order(found: Search, columns: list[list[tuple[int, int]]]) -> list[int]:
+    """Effects by what they take off beside all others, most first."""
+    worth = [weigh_again(found, k, columns) for k in range(len(columns))]
+    return sorted(range(len(columns)), key=lambda k: -worth[k])
+
+
+def weigh_again(found: Search, k: int, columns: list[list[tuple[int, int]]]) -> float:
+    """Evidence for effect k of the final setup, beside all others."""
+    beside = Beside(found.fit, columns[k])
+    return weigh(beside, found.kinds.candidate(hypothesis_of(found.setup.effects[k], found.kinds))).evidence
+
+
+def _test_rows(found: Search, test: Sequence[Recording]) -> Observations | None:
+    if not test:
+        return None
+    fit = found.fit
+    load = link_load(fit.observations_.plan, fit.links_)
+    runs = [fit.states(recording).aligned(fit.model_.encoder_delay, fit.model_.encoder_error) for recording in test]
+    return observe(fit.observations_.plan, [replace(states, tau_link=load(states)) for states in runs])
+
+
+def _test_error(found: Search, without: Sequence[tuple[int, int]], rows: Observations | None) -> list[float]:
+    """RMSE per joint on the test rows, the model fitted again without some columns."""
+    if rows is None:
+        return []
+    error: list[float] = Beside(found.fit, without).error_on(rows).tolist()
+    return error
+
+
+def _left(residual: FloatArray) -> list[float]:
+    left: list[float] = np.sqrt(np.mean(residual**2, axis=0)).tolist()
+    return left
+
+
+def _parameter(estimate: Estimate, found: Search) -> dict[str, Any]:
+    robot = found.setup.robot
+    angle = "m" if robot.joint_kinds[estimate.joint] == "prismatic" else "rad"
+    unit = estimate.unit.replace("{torque}", found.fit.torque_unit_).replace("{angle}", angle)
+    spread = NORMAL_95 * estimate.std_error
+    known = bool(np.isfinite(spread))
+    return {
+        "name": estimate.name,
+        "joint": robot.joint_names[estimate.joint],
+        "value": estimate.value,
+        "unit": unit,
+        "interval": [estimate.value - spread, estimate.value + spread] if known else None,
+    }
+
+
+def _tie(found: Search, choice: Choice) -> dict[str, Any]:
+    candidate = choice.weighed.candidate
+    return {
+        "kind": candidate.kind,
+        "joints": [found.setup.robot.joint_names[j] for j in candidate.joints],
+        "evidence": choice.weighed.evidence,
+        "p_value": choice.p_value,
+    }
+
+
+SIGNALS = {
+    "stribeck": ("dq", "rad/s"),
+    "load_dependent_friction": ("tau_link", "N*m"),
+    "position_dependent_friction": ("q", "rad"),
+    "torque_ripple": ("q", "rad"),
+    "joint_spring": ("q", "rad"),
+    "counterbalance": ("q", "rad"),
+    "torque_saturation": ("tau_link", "N*m"),
+    "inertial_coupling": ("ddq", "rad/s^2"),
+    "thermal_friction": ("t", "s"),
+    "temperature_friction": ("temperature", "degC"),
+    "load_hysteresis": ("tau_link", "N*m"),
+}
+"""What an effect is drawn against, and its unit; others against their own column."""
+
+
+def _plot(found: Search, beside: Beside, hypothesis: Hypothesis, coefficients: FloatArray) -> dict[str, Any]:
+    """Partial residual (what is left and the effect's own torque) against the effect's signal, and the fitted curve."""
+    j = hypothesis.joints[0]
+    columns = stacked(found.kinds.columns([hypothesis])[0])
+    torque = columns[j] @ coefficients
+    partial = beside.with_columns(columns, coefficients)[:, j] + torque
+    signal, unit = SIGNALS.get(hypothesis.kind, ("", ""))
+    x = _signal(found, hypothesis, signal, columns[j][:, 0])
+    order = np.argsort(x, kind="stable")
+    bins = [b for b in np.array_split(order, min(N_BINS, len(order))) if len(b)]
+    thin = order[:: max(1, len(order) // N_POINTS)]
+    name = f"{signal}_{found.setup.robot.joint_names[j]}" if signal and signal != "t" else signal or "column"
+    return {
+        "signal": name,
+        "unit": unit or "1",
+        "joint": found.setup.robot.joint_names[j],
+        "x": x[thin].tolist(),
+        "partial": partial[thin].tolist(),
+        "curve_x": [float(x[b].mean()) for b in bins],
+        "curve": [float(torque[b].mean()) for b in bins],
+    }
+
+
+def _signal(found: Search, hypothesis: Hypothesis, signal: str, column: FloatArray) -> FloatArray:
+    j = hypothesis.joints[0]
+    at = hypothesis.joints[1] if signal == "ddq" and len(hypothesis.joints) > 1 else j
+    if not signal:
+        return column
+    parts = []
+    for states in found.kinds.runs:
+        if signal == "t":
+            parts.append(states.t[states.rows] - states.t[0])
+        elif signal == "tau_link":
+            assert states.tau_link is not None  # `Kinds` puts it in
+            parts.append(states.tau_link[states.rows, at])
+        elif signal == "temperature":
+            assert states.temperature is not None  # or the effect would not have been looked for
+            parts.append(states.temperature[states.rows, at])
+        else:
+            parts.append(getattr(states, f"{signal}_motor")[states.rows, at])
+    return np.concatenate(parts)

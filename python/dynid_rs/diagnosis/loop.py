@@ -1,0 +1,190 @@
+"""`diagnose`: closes the loop. What the model lacks is found, added, and the error is reported before and after."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from copy import copy
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid_rs import _core
+from dynid_rs.diagnosis.deflection import examine_deflection
+from dynid_rs.diagnosis.deflection_entries import deflection_entries, with_true_encoders
+from dynid_rs.diagnosis.entries import effect_entries, ranked
+from dynid_rs.diagnosis.kinds import Kinds
+from dynid_rs.diagnosis.reference import compare
+from dynid_rs.diagnosis.remainder import Remainder, remainder_entries, unknown_entries, what_is_left, with_terms
+from dynid_rs.diagnosis.ripple import RippleCandidate, add_ripple
+from dynid_rs.diagnosis.ripple_entries import ripple_entries
+from dynid_rs.diagnosis.search import Search, fitted, search
+from dynid_rs.diagnosis.sensors import examine
+from dynid_rs.diagnosis.setup import Setup
+from dynid_rs.diagnosis.structural_entries import clock_entries, structural_entries
+from dynid_rs.findings import Finding
+from dynid_rs.identification import ThreeLoopIdentifier
+from dynid_rs.recording import Recording
+
+FloatArray = NDArray[np.float64]
+
+FLOOR_METHODS = {
+    "repetition": "deviation of the torque where the motion repeats",
+    "left_out": "what one or two signals can predict of rows left out is taken off the residual",
+    "noise": "wide-band noise of the torque channel in the band",
+}
+
+
+@dataclass
+class Diagnosis:
+    """What was found.
+
+    Attributes
+    ----------
+    setup : Setup
+        The model as it is believed to be now.
+    before, after : ThreeLoopIdentifier
+        The declared model with its three loops, and the model with what was found.
+    findings : list of Finding
+        On sensors, clocks and contacts.
+    effects : list of dict
+        One per effect, most important first; the entries of `result.json`.
+    steps : list of dict
+        History of the search.
+    floor : dict
+        `value` (n_joints,), `interval` (n_joints, 2), `method` per joint [torque unit].
+    unexplained : list of dict
+        Structure that is left, joint by joint.
+    search : Search
+        Its last state.
+    """
+
+    setup: Setup
+    before: ThreeLoopIdentifier
+    after: ThreeLoopIdentifier
+    search: Search
+    findings: list[Finding] = field(default_factory=list)
+    effects: list[dict[str, Any]] = field(default_factory=list)
+    steps: list[dict[str, Any]] = field(default_factory=list)
+    floor: dict[str, Any] = field(default_factory=dict)
+    unexplained: list[dict[str, Any]] = field(default_factory=list)
+
+
+def diagnose(
+    setup: Setup,
+    train: Sequence[Recording],
+    test: Sequence[Recording],
+    *,
+    reference: _core.TorqueModel | None = None,
+    on_progress: Callable[[str], None] = lambda step: None,
+) -> Diagnosis:
+    """Trace the residual to what the model lacks, and add it.
+
+    Parameters
+    ----------
+    setup : Setup
+        Robot and options; what is already believed.
+    train : sequence of Recording
+        Runs to fit and to choose on.
+    test : sequence of Recording
+        Runs that only the reported errors see.
+    reference : TorqueModel, optional
+        Trusted model: then the question is what has changed against it, and nothing of it is fitted again.
+    on_progress : callable
+        Called with a few words before every step.
+
+    Raises
+    ------
+    DataError
+        As `ThreeLoopIdentifier.fit`.
+    """
+    if reference is not None:
+        on_progress("comparing with the reference")
+        return _changed(setup, train, test, reference)
+    asked, findings, clocks = examine(setup, train, test, on_progress)
+    on_progress("the declared model")
+    before = replace(setup, excluded=asked.excluded).identifier().fit(list(train))
+    if any(finding.severity == "error" for finding in findings):
+        return Diagnosis(setup, before, before, Search(setup, before, Kinds(before)), findings=findings)
+    on_progress("two encoders")
+    gears = examine_deflection(before, list(train), list(test))
+    asked = with_true_encoders(asked, gears)
+    found = search(asked, train, on_progress=on_progress)
+    on_progress("lines in the angle")
+    lines = hold_ripple(found, train)
+    on_progress("what is left")
+    remainder = what_is_left(found, train)
+    on_progress("the model with what was found")
+    after = _final(found, remainder, train)
+    tests = [found.setup.corrected(recording) for recording in test]
+    names = setup.robot.joint_names
+    if gears:  # they know the delay better than the first look
+        clocks = [clock for clock in clocks if clock["kind"] != "encoder_delay"]
+    return Diagnosis(
+        found.setup,
+        before,
+        after,
+        found,
+        findings=[f for f in findings if f.code != "torque_gain" or found.setup.gain_joints],
+        effects=ranked(
+            [
+                *clock_entries(clocks, setup.robot),
+                *deflection_entries(gears, names),
+                *structural_entries(found, train, tests),
+                *effect_entries(found, tests),
+                *unknown_entries(remainder, names),
+                *ripple_entries(lines, found.fit),
+            ]
+        ),
+        steps=[_step(found, step) for step in found.steps],
+        floor={
+            "value": remainder.floor.value,
+            "interval": remainder.floor.interval,
+            "method": [FLOOR_METHODS[method] for method in remainder.floor.method],
+        },
+        unexplained=remainder_entries(remainder, names),
+    )
+
+
+def _final(found: Search, remainder: Remainder, train: Sequence[Recording]) -> ThreeLoopIdentifier:
+    """Model with what was found: the third loop where nothing unknown takes its place."""
+    corrected = [found.setup.corrected(recording) for recording in train]
+    if remainder.terms:
+        return with_terms(found, remainder.terms, corrected)
+    return found.setup.identifier().fit(corrected)
+
+
+def hold_ripple(found: Search, train: Sequence[Recording]) -> list[RippleCandidate]:
+    """Add the ripple that stands out at full rate to the state of the search, and fit everything else beside it."""
+    setup, lines = add_ripple(found.setup, found.fit, train)
+    if lines:
+        found.setup = setup
+        found.fit = fitted(setup, train)
+        found.kinds = Kinds(found.fit, found.kinds)
+    return lines
+
+
+def _changed(
+    setup: Setup, train: Sequence[Recording], test: Sequence[Recording], reference: _core.TorqueModel
+) -> Diagnosis:
+    """What has changed since the reference was made; the model with what was found is the reference with it."""
+    changes = compare(reference, setup.robot, train, test, cutoff=setup.options.get("cutoff"))
+    fit = setup.identifier(residual=None).fit(list(train))
+    before, after = copy(fit), copy(fit)
+    before.model_, after.model_ = reference, changes.model
+    nothing = Search(setup, fit, Kinds(fit))
+    return Diagnosis(setup, before, after, nothing, findings=list(changes.findings), effects=list(changes.effects))
+
+
+def _step(found: Search, step: Any) -> dict[str, Any]:
+    candidate = step.choice.weighed.candidate
+    names = found.setup.robot.joint_names
+    return {
+        "action": step.action,
+        "kind": candidate.kind,
+        "joints": [names[j] for j in candidate.joints],
+        "evidence": step.choice.weighed.evidence,
+        "p_value": step.choice.p_value,
+        "rmse_train": step.rmse.tolist(),
+    }

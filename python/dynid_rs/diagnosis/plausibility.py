@@ -1,0 +1,71 @@
+"""Is there a model to look for effects in at all? Errors as large as the torque have other causes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dynid_rs import _core
+from dynid_rs.evaluation import Comparison, rmse, torque_std
+from dynid_rs.findings import Finding, joint_words
+
+UNLIKE = 5.0
+"""A run whose error is this many times that of the other runs, on most joints, is another robot or another unit."""
+LEAST_ERROR = 0.02
+"""Of the torque's standard deviation: smaller errors may differ by any factor between good runs."""
+
+
+def implausible(robot: _core.RobotModel, comparisons: Sequence[Comparison]) -> list[Finding]:
+    """Errors of the declared model that no missing effect explains.
+
+    Parameters
+    ----------
+    robot : RobotModel
+        Names the joints.
+    comparisons : sequence of Comparison
+        Declared model and measured torque of every run, training and test.
+
+    Returns
+    -------
+    list of Finding
+        `residual_exceeds_torque` (error): on some joint the model leaves as much as there is;
+        `run_unlike_others` (warning): one run does not belong to the others.
+    """
+    return _lost_joints(robot, comparisons) + _odd_runs(comparisons)
+
+
+def _lost_joints(robot: _core.RobotModel, comparisons: Sequence[Comparison]) -> list[Finding]:
+    left, size = rmse([c.error for c in comparisons]), torque_std(comparisons)
+    lost = np.flatnonzero((size > 0) & (left >= size))
+    if not len(lost):
+        return []
+    worst = int(lost[np.argmax(left[lost] / size[lost])])
+    names = joint_words(*(robot.joint_names[j] for j in lost))
+    message = (
+        f"on {names} the declared model leaves as much as the torque itself ({left[worst]:.3g} of {size[worst]:.3g} on "
+        f"{robot.joint_names[worst]}); that is no missing effect: check units and signs of the torque, the order of "
+        "the joints and the robot file (`dynid inspect --robot`)"
+    )
+    ratio = float(left[worst] / size[worst])
+    return [Finding("residual_exceeds_torque", "error", message, column=f"tau_{worst}", value=ratio, unit="1")]
+
+
+def _odd_runs(comparisons: Sequence[Comparison]) -> list[Finding]:
+    if len(comparisons) < 2:
+        return []
+    size = np.maximum(torque_std(comparisons), 1e-300)
+    errors = np.array([rmse([c.error]) for c in comparisons]) / size
+    found = []
+    for k, comparison in enumerate(comparisons):
+        others = np.median(np.delete(errors, k, axis=0), axis=0)
+        factor = float(np.median(errors[k] / np.maximum(others, 1e-300)))
+        if factor >= UNLIKE and np.median(errors[k]) >= LEAST_ERROR:
+            name = comparison.states.name
+            message = (
+                f"{name}: the declared model leaves {factor:.0f} times as much as on the other runs; it may be of "
+                "another robot, tool or payload, or in another unit. If something was changed before it, leave it out "
+                "here and diagnose it with --reference"
+            )
+            found.append(Finding("run_unlike_others", "warning", message, file=name, value=factor, unit="1"))
+    return found

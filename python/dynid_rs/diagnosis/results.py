@@ -1,0 +1,191 @@
+"""From a finished diagnosis to `result.json` and `residuals.parquet`: those of identify, and before beside after."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid_rs import results
+from dynid_rs.diagnosis.plausibility import implausible
+from dynid_rs.diagnosis.setup import Setup, Windows
+from dynid_rs.diagnosis.wording import next_experiments, verdict
+from dynid_rs.encoders import with_fitted_delay
+from dynid_rs.evaluation import rmse_interval
+from dynid_rs.excitation.named import NamedEffect, separate_command
+from dynid_rs.findings import Finding
+from dynid_rs.identification import ThreeLoopIdentifier
+from dynid_rs.placed import CATALOGUE
+from dynid_rs.preprocessing import States
+from dynid_rs.recording import Recording
+from dynid_rs.results import Evaluated, Scores
+
+FloatArray = NDArray[np.float64]
+Entry = Mapping[str, Any]
+
+N_POINTS = 400
+"""Most points of a plot."""
+
+
+class Outcome(Protocol):
+    """What the search for effects leaves behind."""
+
+    @property
+    def setup(self) -> Setup:
+        """The declared model with what was found."""
+
+    @property
+    def before(self) -> ThreeLoopIdentifier:
+        """Fitted as `dynid identify` does."""
+
+    @property
+    def after(self) -> ThreeLoopIdentifier:
+        """Fitted with the effects; its model is saved."""
+
+    @property
+    def findings(self) -> Sequence[Finding]:
+        """On sensors, clocks and contact."""
+
+    @property
+    def effects(self) -> Sequence[Entry]:
+        """Entries of `result.json`, most useful first."""
+
+    @property
+    def unexplained(self) -> Sequence[Entry]:
+        """Entries of `result.json`."""
+
+    @property
+    def floor(self) -> Mapping[str, Any]:
+        """`value` (n_joints,), `interval` (n_joints, 2), `method` per joint; empty where it was not measured."""
+
+    @property
+    def steps(self) -> Sequence[Entry]:
+        """What was added or dropped, in order, and the error then."""
+
+
+@dataclass(frozen=True, eq=False)
+class EvaluatedRuns:
+    """Every run under the declared model and under the one with effects, at the same rows."""
+
+    train_before: list[Evaluated]
+    test_before: list[Evaluated]
+    train_after: list[Evaluated]
+    test_after: list[Evaluated]
+
+
+def evaluated(outcome: Outcome, train: Sequence[Recording], test: Sequence[Recording]) -> EvaluatedRuns:
+    """Predict every run with both models; what lies in an excluded window is scored by neither."""
+    before, after = outcome.before, outcome.after
+
+    def both(recordings: Sequence[Recording]) -> tuple[list[Evaluated], list[Evaluated]]:
+        corrected = [outcome.setup.corrected(recording) for recording in recordings]
+        plain = [before.states(recording) for recording in recordings]
+        mended = [after.states(recording) for recording in corrected]
+        for k, recording in enumerate(recordings):
+            windows = outcome.setup.excluded.get(recording.name, ())
+            plain[k], mended[k] = _outside(plain[k], mended[k], windows)
+        return (
+            results.evaluate_runs(before.model_, recordings, plain),
+            results.evaluate_runs(after.model_, corrected, mended),
+        )
+
+    (train_before, train_after), (test_before, test_after) = both(train), both(test)
+    return EvaluatedRuns(train_before, test_before, train_after, test_after)
+
+
+def _outside(plain: States, mended: States, windows: Windows) -> tuple[States, States]:
+    """The same run twice, without what lies in the windows [s] or stands still in either."""
+    moving = plain.moving & mended.moving if len(plain.t) == len(mended.t) else mended.moving
+    for start, end in windows:
+        moving = moving & ~((mended.t >= start) & (mended.t <= end))
+    plain = replace(plain, moving=moving) if len(plain.t) == len(moving) else plain
+    return plain, replace(mended, moving=moving)
+
+
+def summarise_diagnosis(outcome: Outcome, runs: EvaluatedRuns, findings: Sequence[Finding]) -> dict[str, Any]:
+    """Content of `result.json`: what `dynid identify` says of the model with effects, and what was found on the way.
+
+    `findings` are those on the files; the outcome's own follow them.
+    """
+    before, after = outcome.before, outcome.after
+    comparisons = [run.comparison for run in (*runs.train_before, *runs.test_before)]
+    said = [*findings, *outcome.findings]
+    said += implausible(after.robot, comparisons) if _not_said(said) else []
+    said = with_fitted_delay(said, after.encoder_delay_)
+    result = results.summarise(after, runs.train_after, runs.test_after, said)
+    trained, tested = (Scores([run.comparison for run in part]) for part in (runs.train_before, runs.test_before))
+    result["rmse"]["train"]["before"] = trained.rmse
+    states = [run.states for run in runs.test_before]
+    result["loops"] = results.loops_section(before, states, tested)
+    result["rmse"]["test"] |= {
+        "wls": result["loops"]["test"]["wls"],
+        "before": tested.rmse,
+        "before_interval": rmse_interval(tested.comparisons),
+    }
+    if outcome.floor:
+        floor, bounds = (np.asarray(outcome.floor[key], dtype=np.float64) for key in ("value", "interval"))
+        result["rmse"]["test"]["floor"] = [None if np.isnan(value) else value for value in floor]
+        result["rmse"]["test"]["floor_interval"] = [None if np.isnan(pair).any() else pair for pair in bounds]
+        result["floor_method"] = _method(outcome.floor["method"])
+    names = result["joints"]
+    effects = [_complete(entry, k + 1, names) for k, entry in enumerate(outcome.effects)]
+    result |= {
+        "effects": effects,
+        "unexplained": [_with_short_plot({"depends_on": [], **entry}) for entry in outcome.unexplained],
+        "steps": list(outcome.steps),
+        "nothing_to_add": not effects and not outcome.unexplained,
+    }
+    result = dict(results.plain(result))
+    result["next_experiment"] = next_experiments(result)
+    result["verdict"] = verdict(result)
+    return result
+
+
+def residual_table(outcome: Outcome, runs: EvaluatedRuns) -> dict[str, NDArray[Any]]:
+    """Content of `residuals.parquet`: the model with effects, and what the declared one left, `residual_before_j`."""
+    table = results.residual_table(outcome.after.model_, runs.train_after, runs.test_after)
+    parts = [run.comparison.error for run in (*runs.train_before, *runs.test_before)]
+    left = np.concatenate(parts)
+    if len(left) == len(table["t"]):
+        table |= {f"residual_before_{j}": np.ascontiguousarray(column) for j, column in enumerate(left.T)}
+    return table
+
+
+def _not_said(findings: Sequence[Finding]) -> bool:
+    return all(finding.code not in ("residual_exceeds_torque", "run_unlike_others") for finding in findings)
+
+
+def _method(method: str | Sequence[str]) -> str:
+    """One text; where joints differ, every way once."""
+    return method if isinstance(method, str) else "; ".join(dict.fromkeys(method))
+
+
+def _complete(entry: Entry, rank: int, joint_names: Sequence[str]) -> dict[str, Any]:
+    """An effect's entry with everything that readers may ask for; its ties with the command that separates them."""
+    own = _named(entry, joint_names)
+    ties = [{**tie, "separate": separate_command(own, _named(tie, joint_names), joint_names)} for tie in entry["ties"]]
+    ties = [{key: value for key, value in tie.items() if value != ""} for tie in ties]
+    return _with_short_plot({"parameters": [], "told_apart_from": [], **entry, "rank": rank, "ties": ties})
+
+
+def _named(entry: Entry, joint_names: Sequence[str]) -> NamedEffect:
+    """The effect as the command line takes it, with the shape that was fitted."""
+    known = [parameter["name"] for parameter in CATALOGUE.get(entry["kind"], {"shape": []})["shape"]]
+    shape = {p["name"]: float(p["value"]) for p in entry.get("parameters", ()) if p["name"] in known}
+    shape.pop("partner", None)
+    return NamedEffect(entry["kind"], tuple(joint_names.index(name) for name in entry["joints"]), shape)
+
+
+def _with_short_plot(entry: dict[str, Any]) -> dict[str, Any]:
+    """No more points than a picture needs: every so many of them."""
+    plot = entry.get("plot")
+    if not plot:
+        return entry
+    short = dict(plot)
+    for keys in (("x", "partial"), ("curve_x", "curve")):
+        step = -(-max(len(plot[key]) for key in keys) // N_POINTS) or 1
+        short |= {key: plot[key][::step] for key in keys}
+    return {**entry, "plot": short}

@@ -1,0 +1,320 @@
+"""The search: forward one effect at a time, everything fitted again, earlier ones dropped where they are needless."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid_rs.diagnosis.beside import Beside, independent_rows
+from dynid_rs.diagnosis.candidate import Candidate
+from dynid_rs.diagnosis.choice import Weighed, falls_by, tested, weigh
+from dynid_rs.diagnosis.kinds import Hypothesis, Kinds, bounds_of, joined, stacked
+from dynid_rs.diagnosis.null import effective_tests
+from dynid_rs.diagnosis.setup import Setup
+from dynid_rs.diagnosis.structural import refine, structural_candidates
+from dynid_rs.identification import ThreeLoopIdentifier
+from dynid_rs.placed import PlacedEffect, own_columns
+from dynid_rs.recording import Recording
+
+FloatArray = NDArray[np.float64]
+
+FAMILY_WISE = 0.01
+"""Probability that anything at all is found where nothing is."""
+SHORTLIST = 6
+"""Places whose shapes are refined and that are tested in a step."""
+CONTENDER = 0.2
+"""A place whose evidence in the scan is below this part of the best one's cannot win by a better shape."""
+SLACK = 10.0
+"""However small the evidence, places within this of the best one are looked at."""
+LEAST_GAIN = 0.005
+"""Part of some joint's left-out error that an effect has to take off: less is of no use, however certain."""
+MOST_STEPS = 12
+"""Steps of the search; each may add several effects."""
+REFINEMENTS = 3
+"""Most Gauss-Newton steps on geometry, gravity and encoders, each with a fit of its own."""
+BESIDE_FRICTION = (
+    "stribeck",
+    "friction_hysteresis",
+    "load_hysteresis",
+    "load_dependent_friction",
+    "position_dependent_friction",
+)
+"""Kinds that turn round with the joint's own direction, as friction does."""
+CLEAR = 20.0
+"""An effect with more evidence than this beside all others needs no further test to stay."""
+RIVAL = 0.5
+"""Two candidates of which one takes more than this part of the other's gain are names of one thing."""
+TIE = 2.33
+"""Two candidates whose errors differ by fewer standard errors are a tie (one in a hundred)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """A candidate that passed every test, its family-wise p value, and what explains the same as well."""
+
+    weighed: Weighed
+    p_value: float
+    ties: tuple[Choice, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """One step of the search: what was "added" or "dropped", and what is left on the training rows (n_joints,)."""
+
+    action: str
+    choice: Choice
+    rmse: FloatArray
+
+
+@dataclass
+class Search:
+    """State of the search."""
+
+    setup: Setup
+    fit: ThreeLoopIdentifier
+    kinds: Kinds
+    steps: list[Step] = field(default_factory=list)
+    n_tests: float = float("nan")
+    """Independent candidates that a scan is worth, under the residual of the first fit."""
+
+
+def search(
+    setup: Setup,
+    train: Sequence[Recording],
+    *,
+    on_progress: Callable[[str], None] = lambda step: None,
+) -> Search:
+    """Find what the model lacks on training runs.
+
+    Parameters
+    ----------
+    setup : Setup
+        What is believed at the beginning.
+    train : sequence of Recording
+        Training runs, on one clock.
+    """
+    from threadpoolctl import threadpool_limits
+
+    # Small matrices by the thousand: BLAS threads spin on each other and cost more than they give.
+    with threadpool_limits(limits=1, user_api="blas"):
+        fit = fitted(setup, train)
+        state = Search(setup, fit, Kinds(fit))
+        for step in range(MOST_STEPS):
+            on_progress(f"step {step + 1}: {len(state.steps)} effects so far" if state.steps else "looking for effects")
+            found = good_candidates(state, structural_candidates(state.fit, state.setup))
+            if not found:
+                break
+            before = len(state.setup.effects)
+            for choice in found:
+                state.setup = choice.weighed.candidate.accept(state.setup, choice.weighed.gain.coefficients)
+            refit(state, train, new=len(state.setup.effects) - before)
+            state.steps += [Step("added", choice, rms(state.fit)) for choice in found]
+            drop_needless(state, train)
+    return state
+
+
+def fitted(setup: Setup, train: Sequence[Recording]) -> ThreeLoopIdentifier:
+    """Declared model and what was found, without a third loop."""
+    return setup.identifier(residual=None).fit([setup.corrected(recording) for recording in train])
+
+
+def refit(state: Search, train: Sequence[Recording], new: int = 0) -> None:
+    """Fit everything again; the shapes of the last `new` effects and of friction settle in turn."""
+    state.fit = fitted(state.setup, train)
+    for _ in range(REFINEMENTS):
+        refined = refine(state.setup, state.fit)
+        if refined is state.setup:
+            break
+        state.setup = refined
+        state.fit = fitted(state.setup, train)
+    state.kinds = Kinds(state.fit, state.kinds)
+    polished = polish(state, range(len(state.setup.effects) - new, len(state.setup.effects)))
+    if polished.effects != state.setup.effects:
+        state.setup = polished
+        state.fit = fitted(state.setup, train)
+        state.kinds = Kinds(state.fit, state.kinds)
+
+
+def polish(state: Search, places: Iterable[int]) -> Setup:
+    """Shapes of the effects at `places`, each refined beside all the rest."""
+    effects = list(state.setup.effects)
+    plan = state.fit.observations_.plan
+    friction = np.arange(plan.n_own)[plan.friction[1]]
+    for k in places:
+        hypothesis = hypothesis_of(effects[k], state.kinds)
+        without = columns_in(state)[k]
+        # Where friction begins to slip and what its neighbours in the catalogue do look alike: both move at once.
+        together = hypothesis.kind in BESIDE_FRICTION
+        bounds = bounds_of(hypothesis)
+        if together:
+            j = hypothesis.joints[0]
+            without = [*without, *((j, int(column)) for column in friction)]
+            used = plan.own[j, plan.friction[1]]
+            bounds = np.concatenate([bounds, np.where(used, np.inf, 0.0)[:, None] * np.array([-1.0, 1.0])])
+        beside = Beside(state.fit, without)
+        power = _power(beside, np.nan_to_num(bounds, nan=0.0))
+        effects[k] = state.kinds.refined(hypothesis, power, with_friction=together).placed()
+    return replace(state.setup, effects=tuple(effects))
+
+
+def good_candidates(state: Search, further: Sequence[Candidate]) -> list[Choice]:
+    """The candidate that explains most, and others that explain something else; none if none is good enough."""
+    beside = Beside(state.fit)
+    ranked, tests = scan(beside, state, further)
+    if not ranked:
+        return []
+    shortlist = [
+        item for worth, item in ranked[:SHORTLIST] if worth >= min(CONTENDER * ranked[0][0], ranked[0][0] - SLACK)
+    ]
+    without = beside.left_out(None)
+    if np.isnan(state.n_tests):
+        state.n_tests = effective_tests(beside, tests)
+    good: list[Choice] = []
+    for item in shortlist:
+        candidate = item if isinstance(item, Candidate) else refined_candidate(beside, state.kinds, item)
+        weighed = weigh(beside, candidate)
+        if weighed.gain.power <= 0:
+            continue
+        weighed = tested(beside, weighed, without)
+        p = min(1.0, weighed.p_value * state.n_tests)
+        if p < FAMILY_WISE and weighed.left_out_ratio < 1 - LEAST_GAIN and weighed.pays > 0:
+            good.append(Choice(weighed, p))
+    good.sort(key=lambda choice: -choice.weighed.evidence)
+    return _different(beside, good)
+
+
+def _different(beside: Beside, good: Sequence[Choice]) -> list[Choice]:
+    """The best, its rivals as its ties, and of the others those that no better one would make needless."""
+    chosen: list[Choice] = []
+    for choice in good:
+        rival = next(
+            (k for k, better in enumerate(chosen) if overlap(beside, better.weighed, choice.weighed) > RIVAL), None
+        )
+        if rival is None:
+            chosen.append(choice)
+        elif abs(falls_by(beside, choice.weighed.after, chosen[rival].weighed.after)) < TIE:
+            chosen[rival] = replace(chosen[rival], ties=(*chosen[rival].ties, choice))
+    return chosen
+
+
+def overlap(beside: Beside, first: Weighed, second: Weighed) -> float:
+    """Part of the second's gain that the first takes away: 0 for different effects, 1 for two names of one."""
+    columns = joined([stacked(first.candidate.columns), stacked(second.candidate.columns)])
+    bounds = np.concatenate([first.candidate.bounds, second.candidate.bounds])
+    together = beside.gains(columns, [slice(None)], [bounds])[0].power
+    return 1.0 - max(together - first.gain.power, 0.0) / max(second.gain.power, 1e-300)
+
+
+def scan(
+    beside: Beside, state: Search, further: Sequence[Candidate]
+) -> tuple[list[tuple[float, Hypothesis | Candidate]], list[tuple[dict[int, FloatArray], list[slice]]]]:
+    """Best shape of every place, the most likely place first; and all columns, for the null."""
+    hypotheses = [h for h in state.kinds.grid() if not _there(h, state.setup)]
+    columns = state.kinds.columns(hypotheses)
+    by_joints: dict[tuple[int, ...], list[int]] = {}
+    for k, h in enumerate(hypotheses):
+        by_joints.setdefault(h.joints, []).append(k)
+    rows = float(np.mean(independent_rows(beside.residual, beside.blocks)))
+    best: dict[tuple[str, tuple[int, ...]], tuple[float, Hypothesis | Candidate]] = {}
+    tests: list[tuple[dict[int, FloatArray], list[slice]]] = []
+    for joints, members in by_joints.items():
+        parts = [stacked(columns[k]) for k in members]
+        together = joined(parts)
+        edges = np.cumsum([0, *(part[joints[0]].shape[1] for part in parts)])
+        groups = [slice(int(a), int(b)) for a, b in pairwise(edges)]
+        tests.append((together, groups))
+        gains = beside.gains(together, groups, [bounds_of(hypotheses[k]) for k in members])
+        for k, gain in zip(members, gains, strict=True):
+            h = hypotheses[k]
+            n_free = int(np.sum(gain.coefficients != 0))
+            worth = _worth(gain.power, len(joints) * beside.n_rows, len(joints) * rows, n_free)
+            place = (h.kind, h.joints)
+            if worth > best.get(place, (-np.inf, h))[0]:
+                best[place] = (worth, h)
+    for candidate in further:
+        part = stacked(candidate.columns)
+        gain = beside.gains(part, [slice(None)], [candidate.bounds])[0]
+        tests.append((part, [slice(None)]))
+        worth = _worth(gain.power, len(part) * beside.n_rows, len(part) * rows, len(candidate.bounds))
+        best[candidate.place] = (worth, candidate)
+    return sorted(best.values(), key=lambda pair: -pair[0]), tests
+
+
+def _worth(power: float, n_rows: int, independent: float, n_free: int) -> float:
+    """Approximate evidence of a gain, from the scan alone."""
+    share = min(power / n_rows, 1 - 1e-9)
+    return float(-0.5 * independent * np.log1p(-share) - 0.5 * n_free * np.log(max(independent, 2.0)))
+
+
+def _there(h: Hypothesis, setup: Setup) -> bool:
+    """Whether the setup has this kind at this place already; of periodic ones, with about this period."""
+    for effect in setup.effects:
+        if effect.kind == h.kind and set(effect.joints) == set(h.joints):
+            cycles = dict(effect.shape).get("cycles")
+            if cycles is None or abs(cycles[0] - dict(h.shape)["cycles"]) < 0.6:
+                return True
+    return False
+
+
+def refined_candidate(beside: Beside, kinds: Kinds, hypothesis: Hypothesis) -> Candidate:
+    """Candidate of the hypothesis with the best shape near its own."""
+    return kinds.candidate(kinds.refined(hypothesis, _power(beside, bounds_of(hypothesis))))
+
+
+def _power(beside: Beside, bounds: FloatArray) -> Callable[[Any], float]:
+    return lambda columns: beside.gains(columns, [slice(None)], [bounds])[0].power
+
+
+def hypothesis_of(effect: PlacedEffect, kinds: Kinds) -> Hypothesis:
+    """A placed effect as a hypothesis, friction's transition at its new width."""
+    shape = effect.shape_at(effect.joints[0])
+    if "transition_width" in shape:
+        shape["transition_width"] = float(kinds.widths[effect.joints[0]])
+    if "partner" in shape:
+        shape["partner"] = -1.0
+    return Hypothesis(effect.kind, effect.joints, tuple(shape.items()))
+
+
+def columns_in(state: Search) -> list[list[tuple[int, int]]]:
+    """Joint and own column of every coefficient of every effect of the setup, in the fit's plan."""
+    plan: Any = state.fit.observations_.plan
+    first = 0
+    for effect in plan.effects:
+        if effect.kind not in ("rotor_inertia", "torque_offset"):
+            break
+        first += effect.n_columns
+    return own_columns(state.setup.effects, first)
+
+
+def drop_needless(state: Search, train: Sequence[Recording]) -> None:
+    """Take out effects that later ones have made needless."""
+    while len(state.setup.effects) > 1:
+        weakest = min((_standing(state, k) for k in range(len(state.setup.effects))), key=lambda item: item[0].evidence)
+        weighed, k = weakest
+        if weighed.evidence > CLEAR:
+            return
+        beside = Beside(state.fit, columns_in(state)[k])
+        weighed = tested(beside, weighed, beside.left_out(None))
+        if weighed.p_value * len(state.setup.effects) < FAMILY_WISE:
+            return
+        effects = state.setup.effects[:k] + state.setup.effects[k + 1 :]
+        state.setup = replace(state.setup, effects=effects)
+        refit(state, train)
+        state.steps.append(Step("dropped", Choice(weighed, weighed.p_value), rms(state.fit)))
+
+
+def _standing(state: Search, k: int) -> tuple[Weighed, int]:
+    """What still speaks for effect k beside all others."""
+    beside = Beside(state.fit, columns_in(state)[k])
+    return weigh(beside, state.kinds.candidate(hypothesis_of(state.setup.effects[k], state.kinds))), k
+
+
+def rms(fit: ThreeLoopIdentifier) -> FloatArray:
+    """What the fit leaves on its training rows, (n_joints,)."""
+    left: FloatArray = np.sqrt(np.mean(Beside(fit).residual ** 2, axis=0))
+    return left

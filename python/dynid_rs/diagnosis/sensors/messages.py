@@ -1,0 +1,120 @@
+"""What was found about sensors and clocks, for people and for the list of effects."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from dynid_rs import _core
+from dynid_rs.diagnosis.sensors.clocks import LEVEL, TorqueDelay
+from dynid_rs.diagnosis.sensors.contact import Contact
+from dynid_rs.encoders import N_PARTS, EncoderDelay
+from dynid_rs.findings import Finding, joint_words
+from dynid_rs.recording import Recording
+
+LEAST_ENCODER_DELAY = 1e-4
+"""Encoder channels closer than this [s] are on one clock: their steps alone shift them as much."""
+
+
+def contact_findings(contacts: Sequence[Contact], recordings: Sequence[Recording]) -> list[Finding]:
+    """One warning per burst, with its rows in the run."""
+    runs = {recording.name: recording for recording in recordings}
+    findings = []
+    for contact in contacts:
+        recording = runs[contact.run]
+        rows = np.searchsorted(recording.t, [contact.start, contact.end])
+        strongest = int(np.argmax(np.abs(contact.peak)))
+        joint, peak = contact.joints[strongest], contact.peak[strongest]
+        unit = "N m" if recording.torque_unit == "N*m" else recording.torque_unit
+        findings.append(
+            Finding(
+                "contact",
+                "warning",
+                f"something from outside acts from {contact.start:.2f} to {contact.end:.2f} s on "
+                f"{joint_words(*(recording.joints[j] for j in contact.joints))} (up to {abs(peak):.3g} {unit} on "
+                f"{joint_words(recording.joints[joint])}); these samples are neither fitted nor scored",
+                contact.run,
+                f"tau_{joint}",
+                (int(rows[0]), int(rows[1])),
+                float(peak),
+                recording.torque_unit,
+            )
+        )
+    return findings
+
+
+def delay_findings(robot: _core.RobotModel, delay: TorqueDelay, *, two_encoders: bool) -> list[Finding]:
+    """One warning per place whose torque channel is on another clock."""
+    findings = []
+    for joints, value, (low, high) in zip(delay.places, delay.value, delay.intervals(), strict=True):
+        everywhere = len(joints) == robot.n_joints
+        where = "all joints" if everywhere else joint_words(*(robot.joint_names[j] for j in joints))
+        clock = "late" if value >= 0 else "early"
+        also = "" if everywhere or len(delay.places) == 1 else ", on top of what all joints are"
+        other = (
+            ""
+            if two_encoders
+            else f"; with one encoder the positions may as well be {'early' if value >= 0 else 'late'}"
+        )
+        size = sorted((abs(1e3 * low), abs(1e3 * high)))
+        findings.append(
+            Finding(
+                "torque_delay",
+                "warning",
+                f"the torque of {where} comes {abs(1e3 * value):.2f} ms {clock} against the motion (95 %: "
+                f"{size[0]:.2f} to {size[1]:.2f} ms){also}{other}; the model is fitted with the channels on one clock",
+                column=None if everywhere else f"tau_{joints[0]}",
+                value=value,
+                unit="s",
+            )
+        )
+    return findings
+
+
+def delay_entries(delay: TorqueDelay) -> list[dict[str, Any]]:
+    """Places with a delay, for the list of effects."""
+    rows = zip(delay.places, delay.value, delay.std_error, delay.intervals(), delay.p_value, strict=True)
+    return [
+        {
+            "kind": "torque_delay",
+            "joints": joints,
+            "value": value,
+            "std_error": std_error,
+            "interval": interval,
+            "p_value": p_value,
+            "significant": True,
+        }
+        for joints, value, std_error, interval, p_value in rows
+    ]
+
+
+def encoder_entries(delay: EncoderDelay | None) -> list[dict[str, Any]]:
+    """Return the delay between the encoder channels, one for all axes that have two, for the list of effects."""
+    from scipy.stats import t
+
+    if delay is None or not delay.measured.any():
+        return []
+    value, std_error = delay.value[delay.measured], np.maximum(delay.std_error[delay.measured], 1e-9)
+    weights = 1 / std_error**2
+    mean = float(np.sum(weights * value) / np.sum(weights))
+    count = len(value)
+    # One clock: axes that differ by more than their errors say how little the errors say.
+    spread = max(1.0, float(np.sum(weights * (value - mean) ** 2) / (count - 1))) if count > 1 else 1.0
+    error = float(np.sqrt(spread / np.sum(weights)))
+    dof = count - 1 if spread > 1 else N_PARTS - 1
+    reach = float(t.ppf(0.975, dof)) * error
+    p_value = float(2 * t.sf(abs(mean) / error, dof))
+    return [
+        {
+            "kind": "encoder_delay",
+            "joints": tuple(np.flatnonzero(delay.measured).tolist()),
+            "value": mean,
+            "std_error": error,
+            "interval": (mean - reach, mean + reach),
+            "p_value": p_value,
+            "significant": bool(p_value < LEVEL and abs(mean) > LEAST_ENCODER_DELAY),
+            "per_joint": tuple(value.tolist()),
+        }
+    ]

@@ -1,0 +1,157 @@
+"""What a run shows of forces from outside: the residual that is local in time, and where it may be trusted.
+
+Where a joint has just turned round, friction can be anything up to its own size: that much of a burst says nothing; nor
+does a joint that is faster or more loaded than in any other run that was learned from. Joints that rest are only looked
+at in runs in which the whole arm rests; then nothing but a force from outside can change their torque.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid_rs import _core
+from dynid_rs.assembly import evaluate
+from dynid_rs.columns import run_rows
+from dynid_rs.identification import ThreeLoopIdentifier
+from dynid_rs.links import stack_one, weighted_system
+from dynid_rs.memory import WEAK
+from dynid_rs.preprocessing import States
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+LOCAL = 5.0
+"""What changes more slowly than this [s] is no burst."""
+REST_TIME, REST_RANGE = 2.0, 0.01
+"""A joint rests while it stays within this part of its usual range for this time [s]."""
+REST_RUN = 0.8
+"""An arm that rests for this part of a run was held there on purpose; shorter rest is a pause, with brakes in it."""
+PRESLIDING, SLOW = 0.01, 0.02
+"""Since a reversal friction is not settled for this way [rad], and below this part of the usual speed."""
+UNFITTED_SPEED = 0.8
+"""Runs that were not learned from are looked at below this part of the training runs' greatest speed."""
+
+
+@dataclass(frozen=True, eq=False)
+class Watch:
+    """Residual of one run on its rows' grid, ready to be searched; every matrix (n_grid, n_joints).
+
+    `residual` with the running median taken off; `seen` where a joint says something; `slack` how much of it friction
+    may be; `unsure` standard deviation of the model's own prediction; `since` time [s] to the nearest reversal;
+    `resting` (n_grid,) whether the whole arm rests.
+    """
+
+    name: str
+    t: FloatArray
+    residual: FloatArray
+    seen: BoolArray
+    slack: FloatArray
+    unsure: FloatArray
+    since: FloatArray
+    resting: BoolArray
+    step: float
+
+
+class Usual:
+    """What joints do in the training runs, and how well the model knows what it predicts."""
+
+    def __init__(self, fit: ThreeLoopIdentifier) -> None:
+        from scipy.linalg import svd
+
+        runs = fit.runs_
+        self._fit = fit
+        self._plan = fit.observations_.plan
+        system = weighted_system(fit.observations_, fit.links_)[:, :-1]
+        norms = np.linalg.norm(system, axis=0)
+        norms[norms == 0] = 1.0
+        _, s, vt = svd(_core.triangular_factor(system / norms), full_matrices=False, lapack_driver="gesvd")
+        good = s > WEAK * s[0]
+        self._root: FloatArray = vt[good].T / s[good] / norms[:, None]
+        self.range: FloatArray = np.ptp(np.concatenate([states.q for states in runs]), axis=0)
+        self._most = {states.name: self._extremes(states) for states in runs}
+        self.top: FloatArray = np.max(list(self._most.values()), axis=0)[0]
+        names = [name for effect in fit.observations_.plan.effects for name in effect.coefficient_names]
+        sides = [names.index(name) for name in ("coulomb_pos", "coulomb_neg")]
+        self.coulomb: FloatArray = np.abs(fit.links_.own_[:, sides]).max(axis=1)
+
+    def unsure(self, states: States, load: FloatArray) -> FloatArray:
+        """Standard deviation of the predicted torque in the band on the rows' grid, (n_grid, n_joints)."""
+        fit, plan = self._fit, self._plan
+        rows = run_rows(plan, replace(states, tau_link=load), states.tau, kept=states.grid.tolist())
+        scale = fit.links_.torque_scale_
+        return np.stack(
+            [np.linalg.norm(stack_one(plan, j, x, scale)[:, :-1] @ self._root, axis=1) for j, x in enumerate(rows)],
+            axis=1,
+        )
+
+    def _extremes(self, states: States) -> FloatArray:
+        return np.stack([np.abs(states.dq).max(axis=0), np.abs(self.load(states)).max(axis=0)])
+
+    def load(self, states: States) -> FloatArray:
+        """Rigid-body torque [N m] that is predicted at every sample, (n, n_joints)."""
+        return self._plan.robot.inverse_dynamics(states.q, states.dq, states.ddq, self._fit.model_.phi)
+
+    def familiar(self, states: States, load: FloatArray) -> BoolArray:
+        """Samples of joints no faster and no more loaded than in another training run; a lone run knows its own."""
+        others = [most for run, most in self._most.items() if run != states.name]
+        speed, torque = np.max(others or list(self._most.values()), axis=0)
+        if states.name not in self._most:
+            speed = UNFITTED_SPEED * speed  # friction's powers of speed go astray before they leave the data
+        result: BoolArray = (np.abs(states.dq) <= speed) & (np.abs(load) <= torque)
+        return result
+
+
+def watch_run(fit: ThreeLoopIdentifier, states: States, usual: Usual) -> Watch:
+    """Look at a run (channels as recorded) for what the fitted model does not hold."""
+    from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d
+
+    grid, step = states.grid, states.step / states.rate
+    delay = np.zeros(states.q.shape[1]) if fit.encoder_delay_ is None else fit.encoder_delay_.value
+    aligned = states.aligned(delay, fit.encoder_error)
+    load = usual.load(aligned)
+    error = states.band.apply(states.tau - evaluate(fit.model_, states)[0], states.rate)[grid]
+    q, dq, t = states.q[grid], states.dq[grid], states.t[grid]
+    width = max(3, int(REST_TIME / step))
+    rests = maximum_filter1d(q, width, axis=0) - minimum_filter1d(q, width, axis=0) < REST_RANGE * usual.range
+    resting = rests.all(axis=1)
+    resting &= resting.mean() > REST_RUN
+    guard = max(1, int(1 / states.band.cutoff / step))
+    inside = np.ones(len(t), dtype=bool)
+    inside[:guard] = inside[-guard:] = False
+    known = ~rests & usual.familiar(aligned, load)[grid]
+    seen = np.where(resting[:, None], inside[:, None], states.moving[grid][:, None] & known)
+    # Pauses have another torque; what the median bridges there is what lies on both sides.
+    usable = seen.any(axis=1)
+    local = np.zeros_like(error)
+    if usable.any():
+        bridged = np.stack([np.interp(t, t[usable], column[usable]) for column in error.T], axis=1)
+        local = bridged - median_filter(bridged, size=(max(3, int(LOCAL / step)), 1), mode="nearest")
+    since, way = _since_reversal(t, q, dq)
+    unsettled = ((way < PRESLIDING) | (np.abs(dq) < SLOW * usual.top)) & ~resting[:, None]
+    return Watch(
+        states.name,
+        t,
+        np.where(seen, local, 0.0),
+        seen,
+        unsettled * usual.coulomb,
+        usual.unsure(aligned, load) * ~resting[:, None],
+        since,
+        resting,
+        step,
+    )
+
+
+def _since_reversal(t: FloatArray, q: FloatArray, dq: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Time to the nearest reversal and way from where it was, per sample and joint."""
+    time, way = np.full(q.shape, np.inf), np.full(q.shape, np.inf)
+    for j in range(q.shape[1]):
+        turns = np.flatnonzero(np.diff(np.signbit(dq[:, j])))
+        if len(turns):
+            right = np.clip(np.searchsorted(turns, np.arange(len(t))), 0, len(turns) - 1)
+            for nearest in (turns[np.maximum(right - 1, 0)], turns[right]):
+                time[:, j] = np.minimum(time[:, j], np.abs(t - t[nearest]))
+                way[:, j] = np.minimum(way[:, j], np.abs(q[:, j] - q[nearest, j]))
+    return time, way

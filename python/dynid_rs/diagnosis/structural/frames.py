@@ -1,0 +1,101 @@
+"""Where gravity and joint frames are, against what the robot file says."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid_rs import _core
+from dynid_rs.diagnosis.setup import Setup
+
+FloatArray = NDArray[np.float64]
+
+SAME = 1e-12
+"""Displacements [m, rad] below this are rounding."""
+
+
+def tilted_gravity(gravity: FloatArray, roll: float, pitch: float) -> FloatArray:
+    """Gravity (3,) in the frame of a base that stands turned by ``Ry(pitch) Rx(roll)`` [rad] against the declared one.
+
+    The axes are the base's own where gravity is declared along z; else those of the frame that the shortest turn
+    brings there (a base on a wall rolls and pitches about horizontal axes too).
+    """
+    from scipy.spatial.transform import Rotation
+
+    level = _level(gravity)
+    result: FloatArray = level.inv().apply(
+        Rotation.from_euler("xyz", [roll, pitch, 0.0]).inv().apply(level.apply(gravity))
+    )
+    return result
+
+
+def tilt_of(declared: _core.RobotModel, robot: _core.RobotModel) -> tuple[float, float]:
+    """Roll and pitch [rad] by which the base of `robot` is turned against `declared`."""
+    x, y, z = _level(declared.gravity).apply(robot.gravity) / max(float(np.linalg.norm(robot.gravity)), 1e-300)
+    return float(np.arctan2(-y, -z)), float(np.arcsin(np.clip(x, -1.0, 1.0)))
+
+
+def is_tilted(declared: _core.RobotModel, robot: _core.RobotModel) -> bool:
+    """Whether gravity differs from the declared one."""
+    return bool(np.any(np.abs(robot.gravity - declared.gravity) > SAME))
+
+
+def displacement(declared: _core.RobotModel, robot: _core.RobotModel, joint: int) -> FloatArray:
+    """How far a joint's frame sits from its declared place: offset [m] and rotation vector [rad], (6,).
+
+    What `declared.with_joint_moved(joint, offset, rotation_vector)` takes.
+    """
+    from scipy.spatial.transform import Rotation
+
+    (place, turn), (place_now, turn_now) = (_frame(model, joint) for model in (declared, robot))
+    return np.concatenate([place_now - place, Rotation.from_matrix(turn.T @ turn_now).as_rotvec()])
+
+
+def moved_joints(declared: _core.RobotModel, robot: _core.RobotModel) -> tuple[int, ...]:
+    """Joints whose frames are elsewhere than declared."""
+    joints = range(declared.n_joints)
+    return tuple(j for j in joints if np.any(np.abs(displacement(declared, robot, j)) > 1e3 * SAME))
+
+
+def with_displacement(robot: _core.RobotModel, joint: int, change: FloatArray) -> _core.RobotModel:
+    """Return the robot with a joint's frame moved by `change` (6,) [m, rad]."""
+    return robot.with_joint_moved(joint, change[:3].tolist(), change[3:].tolist())
+
+
+def levelled(setup: Setup) -> Setup:
+    """Return the setup with gravity as declared."""
+    return replace(setup, robot=setup.robot.with_gravity(setup.declared.gravity.tolist()))
+
+
+def put_back(setup: Setup, joint: int) -> Setup:
+    """Return the setup with a joint's frame where the file has it."""
+    change = displacement(setup.robot, setup.declared, joint)
+    return replace(setup, robot=with_displacement(setup.robot, joint, change))
+
+
+def _level(gravity: FloatArray):  # type: ignore[no-untyped-def]  # scipy's Rotation, imported late
+    """Rotation that takes the declared gravity to minus z, by the shortest way."""
+    from scipy.spatial.transform import Rotation
+
+    down = np.asarray(gravity) / max(float(np.linalg.norm(gravity)), 1e-300)
+    axis = np.cross(down, [0.0, 0.0, -1.0])
+    sine, cosine = float(np.linalg.norm(axis)), -float(down[2])
+    if sine < SAME:
+        return Rotation.identity() if cosine >= 0 else Rotation.from_rotvec([np.pi, 0.0, 0.0])
+    return Rotation.from_rotvec(axis / sine * np.arctan2(sine, cosine))
+
+
+def _frame(robot: _core.RobotModel, joint: int) -> tuple[FloatArray, FloatArray]:
+    """Place (3,) and orientation (3, 3) of a joint's frame in its parent link's."""
+    points = np.concatenate([np.zeros((1, 3)), np.eye(3)])
+    place, turn = np.zeros(3), np.eye(3)
+    frames = []
+    for link in range(max(joint - 1, 0), joint + 1):
+        at = _core.point_places(robot, np.zeros((1, robot.n_joints)), [link] * 4, points)[0]
+        frames.append((at[0], (at[1:] - at[0]).T))
+    if joint > 0:
+        place, turn = frames[0]
+    own_place, own_turn = frames[-1]
+    return turn.T @ (own_place - place), turn.T @ own_turn

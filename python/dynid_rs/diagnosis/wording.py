@@ -1,0 +1,179 @@
+"""What a diagnosis means, in plain words: the verdict, and which experiment would tell more."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from dynid_rs.wording import is_better
+
+Result = Mapping[str, Any]
+
+NUMBERS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten")
+NOT_WORSE = 1.02
+"""Mean ratio of the errors after and before up to which effects have done no harm."""
+FATAL = ("residual_exceeds_torque",)
+
+_EXPERIMENTS = {
+    "q": "move {joint} slowly and steadily through its whole range, there and back",
+    "q_motor": "move {joint} slowly and steadily through its whole range, there and back",
+    "dq": "move {joint} at some ten constant speeds in both directions (`dynid excite --friction`)",
+    "dq_motor": "move {joint} at some ten constant speeds in both directions (`dynid excite --friction`)",
+    "ddq": "move {joint} with short, strong accelerations about one place",
+    "ddq_motor": "move {joint} with short, strong accelerations about one place",
+    "tau_link": "repeat a run with a known payload on the flange",
+    "t": "record one motion again and again for half an hour from a cold start",
+    "temperature": "record one motion again and again for half an hour from a cold start",
+    "deflection": "record with both encoders while {joint} is loaded and unloaded slowly",
+}
+"""What would tell more about a leftover that depends on a signal."""
+
+
+def kind_words(kind: str) -> str:
+    """``load_dependent_friction`` as people write it."""
+    return kind.replace("_dependent_", "-dependent ").replace("_", " ")
+
+
+def named(entry: Result, joints: Sequence[str]) -> str:
+    """An effect and its place, in words; `joints` are all joints of the robot."""
+    places = entry["joints"]
+    if len(places) == len(joints) > 2:
+        return f"{kind_words(entry['kind'])} of the whole robot"
+    return f"{kind_words(entry['kind'])} on {_listed(places)}"
+
+
+def explained_share(result: Result) -> float | None:
+    """Part of the error's power above the floor that the effects took away, joints alike; None without a floor.
+
+    Joints count by the part of their own error that could be explained.
+    """
+    test = result["rmse"]["test"]
+    seen = [j for j, floor in enumerate(test["floor"]) if floor is not None and test["before"][j] > 0]
+    before, after, floor = (np.array([test[key][j] for j in seen]) for key in ("before", "after", "floor"))
+    floor = np.minimum(floor, before)  # an estimate may lie above what is there
+    possible = float(np.sum(1 - (floor / before) ** 2))
+    if possible <= 0:
+        return None
+    return float(np.clip(np.sum(1 - (np.maximum(after, floor) / before) ** 2) / possible, 0, 1))
+
+
+def not_worse(result: Result) -> bool:
+    """Whether the model with effects beats the simple baseline and does no worse than the declared model."""
+    test = result["rmse"]["test"]
+    before, after = (np.maximum(test[key], 1e-300) for key in ("before", "after"))
+    return is_better(dict(result)) and float(np.mean(np.log(after / before))) <= float(np.log(NOT_WORSE))
+
+
+def verdict(result: Result) -> str:
+    """One to three sentences for an engineer who has a minute."""
+    fatal = [f["message"] for f in result["data"]["findings"] if f["code"] in FATAL]
+    if fatal:
+        return f"Look at the data first: {fatal[0]}."
+    joints, found = result["joints"], [e for e in result["effects"] if e["kind"] != "unknown"]
+    if result["nothing_to_add"]:
+        return f"Nothing to add: {_against_floor(result)}{_unseen(result)}"
+    if not found:
+        return f"Nothing in the catalogue of effects explains what the declared model leaves.{_left(result)}"
+    share = explained_share(result)
+    number = NUMBERS[len(found)] if len(found) < len(NUMBERS) else str(len(found))
+    who = f"{number.capitalize()} effect{'s explain' if len(found) > 1 else ' explains'}"
+    what = " what the declared model lacked" if share is None else f" {100 * share:.0f} % of what could be explained"
+    names = "; ".join(named(entry, joints) for entry in found)
+    return f"{who}{what}: {names}. {_change(result)}{_left(result)}"
+
+
+def next_experiments(result: Result) -> list[str]:
+    """Sentences: what to record next, the most telling first."""
+    said: dict[str, None] = {}
+    for entry in result["effects"]:
+        for tie in entry["ties"]:
+            pair = f"{named(entry, result['joints'])} and {named(tie, result['joints'])}"
+            how = f": `{tie['separate']}` designs the motion that does" if tie.get("separate") else ""
+            said[f"{_sentence(pair)} explain the data equally well; a run that separates them would decide{how}."] = (
+                None
+            )
+    for entry in result["unexplained"]:
+        direct = [d for d in entry["depends_on"] if d.get("direct", True)]
+        for signal in (d["signal"] for d in sorted(direct, key=lambda d: -d["strength"])[:1]):
+            wish = _experiment(signal, entry["joint"], result["joints"])
+            if wish:
+                said[f"What is left on {entry['joint']} depends on {signal}: {wish}."] = None
+    codes = {f["code"] for f in result["data"]["findings"]}
+    if result["unexplained"] and any(f.get("column") == "q_motor" for f in _missing(result)):
+        said["Record motor and link positions: what the gears do would show between them."] = None
+    if "test_part_chosen" in codes:
+        said["Record a second run with another motion: what was found would be tested on more than its own run."] = None
+    return list(said)
+
+
+def _experiment(signal: str, joint: str, joints: Sequence[str]) -> str | None:
+    """What to do for a leftover on `joint` that depends on `signal`, the name of a signal with its joint behind it."""
+    name = signal
+    for other in sorted(joints, key=len, reverse=True):
+        if signal.endswith(f"_{other}"):
+            name, joint = signal.removesuffix(f"_{other}"), other
+            break
+    wish = _EXPERIMENTS.get(name)
+    return None if wish is None else wish.format(joint=joint)
+
+
+def _missing(result: Result) -> list[Result]:
+    return [f for f in result["data"]["findings"] if f["code"] == "signal_missing"]
+
+
+def _change(result: Result) -> str:
+    """By how much the error on unseen runs changed, smallest and largest over the joints."""
+    test = result["rmse"]["test"]
+    change = [100 * (b / a - 1) for a, b in zip(test["before"], test["after"], strict=True) if a > 0]
+    if not change:
+        return "On unseen runs there is no error to compare."
+    low, high = round(min(change)), round(max(change))
+    if low == high:
+        return f"On unseen runs the error changes by {_signed(low)} % on every joint."
+    return f"On unseen runs the error changes by {_signed(low)} % to {_signed(high)} %, joint by joint."
+
+
+def _signed(number: int) -> str:
+    return f"{number:+d}" if number else "0"
+
+
+def _left(result: Result) -> str:
+    """What stays unexplained, and where."""
+    left = sorted(result["unexplained"], key=lambda entry: -entry["share"])
+    if not left:
+        return ""
+    worst = left[0]
+    signals = [d["signal"] for d in worst["depends_on"] if d.get("direct", True)][:2]
+    on = f", depending on {_listed(signals)}" if signals else ""
+    others = f" (and less on {_listed([entry['joint'] for entry in left[1:]])})" if len(left) > 1 else ""
+    return f" Unknown: {100 * worst['share']:.0f} % of the error's power on {worst['joint']} is not noise{on}{others}."
+
+
+def _against_floor(result: Result) -> str:
+    test, joints = result["rmse"]["test"], result["joints"]
+    rows = zip(joints, test["after_interval"], test["floor"], strict=True)
+    above = [joint for joint, (low, _), floor in rows if floor is not None and low > floor]
+    if not above:
+        return "on runs that it has not seen the declared model leaves no more than the noise."
+    return (
+        f"what the declared model leaves on {_listed(above)} is above the floor, but it depends on no signal "
+        "strongly enough to be told from chance."
+    )
+
+
+def _unseen(result: Result) -> str:
+    """Kinds that the data could not have shown."""
+    kinds = [
+        f["message"].split(" cannot be told without")[0] for f in _missing(result) if "told without" in f["message"]
+    ]
+    return f" Not testable with these signals: {'; '.join(kinds)}." if kinds else ""
+
+
+def _listed(items: Sequence[str]) -> str:
+    return items[0] if len(items) == 1 else ", ".join(items[:-1]) + " and " + items[-1]
+
+
+def _sentence(text: str) -> str:
+    return text[0].upper() + text[1:]

@@ -1,0 +1,161 @@
+"""Columns of an effect over all its shapes at once, along a motion."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid_rs import _core
+from dynid_rs.excitation.named import TILT, NamedEffect
+from dynid_rs.placed import CATALOGUE
+
+if TYPE_CHECKING:
+    from dynid_rs._core import RobotModel
+    from dynid_rs.excitation.constraints import Motion
+
+FloatArray = NDArray[np.float64]
+Shape = dict[str, float]
+
+TILT_STEP = 1e-3
+"""Angle [rad] of the tilt's columns; the torque is linear in gravity, so that any small one will do."""
+
+
+@dataclass(frozen=True, eq=False)
+class ShapedEffect:
+    """A named effect with every shape that it may have; the first one stands for the effect itself.
+
+    Parameters
+    ----------
+    robot : RobotModel
+        The arm.
+    effect : NamedEffect
+        Kind, joints and given shape parameters.
+    shapes : list of dict
+        Shape parameters by name; a kind without any has one empty shape.
+    """
+
+    robot: RobotModel
+    effect: NamedEffect
+    shapes: list[Shape]
+
+    @classmethod
+    def of(cls, effect: NamedEffect, robot: RobotModel) -> ShapedEffect:
+        """All shapes of the catalogue's grid, the given one (its gaps filled from the middle of the grid) first.
+
+        Raises
+        ------
+        ValueError
+            The effect needs the links' inertials, which the robot file does not declare; or a given shape is out of
+            its range.
+        """
+        signals = [] if effect.kind == TILT else CATALOGUE[effect.kind]["signals"]
+        if (effect.kind == TILT or "tau_link" in signals) and not np.any(robot.phi):
+            raise ValueError(
+                f"--separate {effect.kind}: acts through the links' load, and {robot.name} declares no inertials; "
+                "add them to the robot file"
+            )
+        if effect.kind == TILT:
+            return cls(robot, effect, [{}])
+        grids = _grids(effect, robot)
+        middle = {name: effect.shape.get(name, grid[len(grid) // 2]) for name, grid in grids.items()}
+        every = [dict(zip(grids, values, strict=True)) for values in product(*grids.values())]
+        shaped = cls(robot, effect, [middle])
+        try:
+            shaped._core_effect([middle], effect.joints[0])
+        except ValueError as error:
+            text = str(error).replace(" of joint 0", "")  # the core counts shapes as joints here
+            raise ValueError(f"--separate {effect.text(robot.joint_names)}: {text}") from None
+        others = (shape for shape in every if shape != middle)
+        return cls(robot, effect, [middle, *(shape for shape in others if shaped._exists(shape))])
+
+    def columns(self, motion: Motion, chosen: Sequence[int], step: float) -> dict[int, FloatArray]:
+        """Per joint (n_samples, len(chosen), n_columns): torque per unit coefficient under the `chosen` shapes.
+
+        Both joints of a pair have columns of their own: zero where the other's act.
+        """
+        if self.effect.kind == TILT:
+            return self._tilt(motion)
+        tau_link = None
+        if "tau_link" in CATALOGUE[self.effect.kind]["signals"]:
+            tau_link = self.robot.inverse_dynamics(*motion)
+        shapes = [self.shapes[k] for k in chosen]
+        n_pairs = len(self.effect.joints)
+        found = {}
+        for place, joint in enumerate(self.effect.joints):
+            signals = [np.repeat(x[:, [joint]], len(shapes), axis=1) for x in motion]
+            load = None if tau_link is None else np.repeat(tau_link[:, [joint]], len(shapes), axis=1)
+            if n_pairs == 2:  # the partner stands behind the copies
+                partner = self.effect.joints[1 - place]
+                signals = [np.column_stack([s, x[:, partner]]) for s, x in zip(signals, motion, strict=True)]
+                load = None if load is None or tau_link is None else np.column_stack([load, tau_link[:, partner]])
+            effect = self._core_effect(shapes, joint)
+            q, dq, ddq = signals
+            own = _core.effect_columns(effect, q, dq, ddq, tau_link=load, step=step)[:, : len(shapes)]
+            wide = np.zeros((*own.shape[:2], n_pairs * own.shape[2]))
+            wide[..., place * own.shape[2] : (place + 1) * own.shape[2]] = own
+            found[joint] = wide
+        return found
+
+    def _exists(self, shape: Shape) -> bool:
+        """Whether the parameters fit each other."""
+        try:
+            self._core_effect([shape], self.effect.joints[0])
+        except ValueError:
+            return False
+        return True
+
+    def _core_effect(self, shapes: Sequence[Shape], joint: int) -> _core.Effect:
+        """One effect whose "joints" are the shapes; for a pair, one more for the partner's signals."""
+        paired = len(self.effect.joints) == 2
+        values = {}
+        for name in shapes[0]:
+            mirrored = paired and joint == self.effect.joints[1]
+            row = [_mirrored(name, shape) if mirrored else shape[name] for shape in shapes]
+            values[name] = np.array([*row, row[0]] if paired else row)
+        if paired:
+            values["partner"] = np.array([float(len(shapes))] * len(shapes) + [-1.0])
+        return _core.Effect.of(self.effect.kind, **values)
+
+    def _tilt(self, motion: Motion) -> dict[int, FloatArray]:
+        """Torque per radian of roll and pitch of the base, on every joint."""
+        gravity, level = self.robot.gravity, self.robot.inverse_dynamics(*motion)
+        turned = [
+            self.robot.with_gravity((gravity + TILT_STEP * np.cross(axis, gravity)).tolist())
+            for axis in np.eye(3)[_across(gravity)]
+        ]
+        columns = np.stack([(robot.inverse_dynamics(*motion) - level) / TILT_STEP for robot in turned], axis=2)
+        return {j: columns[:, j, None, :] for j in range(self.robot.n_joints)}
+
+
+def _across(gravity: FloatArray) -> list[int]:
+    """Two of the base's axes about which it can be tilted: those least along gravity."""
+    return sorted(np.argsort(np.abs(gravity))[:2].tolist())
+
+
+def _grids(effect: NamedEffect, robot: RobotModel) -> dict[str, list[float]]:
+    """Values of every shape parameter: those of the catalogue, and the given one."""
+    grids = {}
+    for parameter in CATALOGUE[effect.kind]["shape"]:
+        name = parameter["name"]
+        if name == "partner":
+            continue
+        values = [float(value) for value in parameter["grid"]]
+        if name in effect.shape and effect.shape[name] not in values:
+            values.append(effect.shape[name])
+        grids[name] = values
+    return grids
+
+
+def _mirrored(name: str, shape: Shape) -> float:
+    """Shape parameter of a pair's second joint: what moves with v_j + r v_k moves with v_k + v_j / r."""
+    ratio = shape.get("ratio")
+    if ratio is None or ratio == 0:
+        return shape[name]
+    return {"ratio": 1 / ratio, "transition_width": shape.get("transition_width", 0.0) / abs(ratio)}.get(
+        name, shape[name]
+    )

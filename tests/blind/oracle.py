@@ -1,0 +1,102 @@
+"""Error of a model that was told the truth: what remains if nothing has to be found, only fitted."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from cases import N_TRAIN
+from maker import Built
+from numpy.typing import NDArray
+
+from dynid_rs.identification import ThreeLoopIdentifier
+from dynid_rs.placed import PlacedEffect
+from dynid_rs.recording import Recording
+from dynid_rs.results import score
+from dynid_rs.simulation.effects.columns import ColumnEffect
+from dynid_rs.simulation.effects.sensors import EncoderEccentricity, TorqueDelay, TorqueGain
+from dynid_rs.simulation.effects.structure import GravityTilt, KinematicError
+
+FloatArray = NDArray[np.float64]
+
+FIXED_POINTS = 50
+_STRUCTURE = (GravityTilt, KinematicError)
+
+
+def oracle_error(built: Built) -> FloatArray:
+    """Error on the test runs (n_joints,) [N m], in the band, of a model that knows what is there.
+
+    Columns of the catalogue are fitted with their true shapes; the robot is the true one; channels are corrected
+    by their true faults; torque of anything else is taken off. What is free in the declared model stays free.
+    """
+    shown = [_told(built, run) for run in range(len(built.simulation.recordings))]
+    robot = built.simulation.arm.robot
+    model = ThreeLoopIdentifier(robot, residual=None, effects=_columns(built))
+    model.fit(shown[:N_TRAIN])
+    error = score(model.model_, [model.states(recording) for recording in shown[N_TRAIN:]]).rmse
+    return np.asarray(error * _gain(built))
+
+
+def _columns(built: Built) -> list[PlacedEffect]:
+    return [
+        PlacedEffect(
+            effect.kind,
+            effect.joints,
+            tuple((name, tuple(values[list(effect.joints)].tolist())) for name, values in effect.shape.items()),
+        )
+        for effect in (placed.effect for placed in built.placed)
+        if isinstance(effect, ColumnEffect)
+    ]
+
+
+def _gain(built: Built) -> FloatArray:
+    gain = np.ones(built.simulation.arm.robot.n_joints)
+    for placed in built.placed:
+        if isinstance(placed.effect, TorqueGain):
+            gain = gain * (1 + placed.effect.gain)
+    return gain
+
+
+def _told(built: Built, run: int) -> Recording:
+    """A run as it would have been without what the model cannot hold."""
+    recording = built.shown(run)
+    for placed in built.placed:
+        effect = placed.effect
+        if isinstance(effect, TorqueDelay):
+            recording = replace(recording, tau=_earlier(recording, effect.delays))
+        elif isinstance(effect, EncoderEccentricity):
+            recording = replace(recording, q=_centred(recording.q, effect))
+    recording = replace(recording, tau=recording.tau / _gain(built))
+    return replace(recording, tau=recording.tau - _foreign(built, run, recording))
+
+
+def _foreign(built: Built, run: int, recording: Recording) -> FloatArray:
+    """Torque (n, n_joints) [N m] that neither a column nor the robot explains: strangers, contacts, warmth, gears."""
+    arm, total = built.simulation.arms[run], np.zeros_like(recording.tau)
+    gears = bool((arm.hysteresis_loss * arm.hysteresis).any())
+    known = (ColumnEffect, TorqueDelay, TorqueGain, EncoderEccentricity, *_STRUCTURE)
+    if not gears and all(isinstance(effect, known) for effect in arm.effects):
+        return total
+    motion = arm.motion(built.simulation.motions[run], np.arange(recording.n_samples) / built.simulation.rate)
+    for effect, torque in zip(arm.effects, motion.effects, strict=True):
+        if not isinstance(effect, known):
+            total += torque
+    return total + arm.hysteresis_loss * motion.hysteresis
+
+
+def _earlier(recording: Recording, delays: FloatArray) -> FloatArray:
+    from scipy.interpolate import CubicSpline
+
+    late = [(j, delay) for j, delay in enumerate(delays.tolist()) if delay]
+    tau = recording.tau.copy()
+    for j, delay in late:
+        tau[:, j] = CubicSpline(recording.t, tau[:, j])(np.minimum(recording.t + delay, recording.t[-1]))
+    return tau
+
+
+def _centred(shown: FloatArray, effect: EncoderEccentricity) -> FloatArray:
+    """Solve `shown = q + amplitude sin(q + phase)` for q; the amplitude is far below 1."""
+    q = shown.copy()
+    for _ in range(FIXED_POINTS):
+        q = shown - effect.amplitude * np.sin(q + effect.phase)
+    return q
