@@ -15,7 +15,7 @@ from dynid_rs.diagnosis.deflection.signals import GearSignals
 
 FloatArray = NDArray[np.float64]
 
-MOST_ECCENTRICITY = 0.01
+MOST_ECCENTRICITY = 0.1
 """An encoder disc whose error is larger [rad] would be seen with the eye."""
 LEAST_SIDE = 0.02
 """Play is seen where the load has either sign in this part of the samples at least."""
