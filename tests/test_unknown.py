@@ -9,9 +9,9 @@ from tolerances import ALGEBRAIC
 
 from dynid_rs._core import GaussianMixtureRegression
 from dynid_rs.columns import observe, run_rows
-from dynid_rs.diagnosis.rows_beside import Beside
 from dynid_rs.diagnosis.floor import Floor, floor
 from dynid_rs.diagnosis.leftovers import run_residuals, search_leftovers
+from dynid_rs.diagnosis.rows_beside import Beside
 from dynid_rs.diagnosis.signals import candidate_signals, direction, way_since_reversal
 from dynid_rs.diagnosis.surrogates import phase_randomised, upper_tail
 from dynid_rs.diagnosis.unknown import explains_well, find_unknown, names

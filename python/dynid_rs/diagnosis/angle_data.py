@@ -82,9 +82,8 @@ def full_rate_runs(fit: ThreeLoopIdentifier, recordings: Sequence[Recording]) ->
 
 
 def _full_rate(fit: ThreeLoopIdentifier, recording: Recording) -> FullRateRun:
-    states = fit.states(recording)
-    if fit.encoder_delay_ is not None:
-        states = states.aligned(fit.encoder_delay_.value)
+    delay = np.zeros(fit.robot.n_joints) if fit.encoder_delay_ is None else fit.encoder_delay_.value
+    states = fit.states(recording).aligned(delay, fit.encoder_error)
     plan = fit.observations_.plan
     phi = np.zeros(10 * plan.robot.n_joints)
     phi[plan.pivots] = fit.links_.phi_base_
@@ -99,6 +98,7 @@ def _full_rate(fit: ThreeLoopIdentifier, recording: Recording) -> FullRateRun:
         kept=list(range(len(states.t))),
         tau_link=load,
         step=1 / states.rate,
+        temperature=states.temperature,
     )
     return FullRateRun(recording, replace(states, tau_link=load), recording.tau - fit.predict(recording), rows)
 

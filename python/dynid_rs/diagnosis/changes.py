@@ -209,7 +209,7 @@ def change_columns(believed: Believed, runs: list[States], weights: FloatArray) 
     shown, unseen = _tilt_extras(believed, runs, weights * scale, pulls)
     rows = []
     for states in runs:
-        aligned = states.aligned(np.asarray(model.encoder_delay))
+        aligned = states.aligned(model.encoder_delay, model.encoder_error)
         motion = aligned.q, aligned.dq, aligned.ddq
         still = np.zeros_like(aligned.q)
         wide = np.zeros((len(states.t), n, DAILY * n))

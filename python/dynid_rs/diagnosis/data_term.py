@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
-from dynid_rs.diagnosis.rows_beside import JointRows, Split, spread_of_sum
 from dynid_rs.diagnosis.products import RidgePath, product_columns
+from dynid_rs.diagnosis.rows_beside import JointRows, Split, spread_of_sum
 from dynid_rs.diagnosis.signals import STATE, Basis, Candidates, Signal, state_signals
 from dynid_rs.preprocessing import States
 

@@ -93,7 +93,7 @@ def _test_rows(found: Search, test: Sequence[Recording]) -> Observations | None:
         return None
     fit = found.fit
     load = link_load(fit.observations_.plan, fit.links_)
-    runs = [fit.states(recording).aligned(np.asarray(fit.model_.encoder_delay)) for recording in test]
+    runs = [fit.states(recording).aligned(fit.model_.encoder_delay, fit.model_.encoder_error) for recording in test]
     return observe(fit.observations_.plan, [replace(states, tau_link=load(states)) for states in runs])
 
 

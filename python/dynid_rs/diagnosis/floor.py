@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs.diagnosis.rows_beside import spread_of_sum
 from dynid_rs.diagnosis.leftovers import NOTABLE, Leftovers, search_leftovers
 from dynid_rs.diagnosis.repeats import Repeat, find_repeats, overlap
+from dynid_rs.diagnosis.rows_beside import spread_of_sum
 from dynid_rs.evaluation import N_RESAMPLES
 from dynid_rs.identification import ThreeLoopIdentifier
 from dynid_rs.preprocessing import States

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs.diagnosis.rows_beside import Beside, JointRows
 from dynid_rs.diagnosis.dependence import Search, search
 from dynid_rs.diagnosis.products import LeftOutRows
+from dynid_rs.diagnosis.rows_beside import Beside, JointRows
 from dynid_rs.diagnosis.signals import Candidates, candidate_signals
 from dynid_rs.diagnosis.surrogates import phase_randomised, upper_tail
 from dynid_rs.evaluation import noise_floor

@@ -11,9 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
+from dynid_rs.diagnosis.deflection import examine_deflection
+from dynid_rs.diagnosis.deflection_entries import deflection_entries, with_true_encoders
 from dynid_rs.diagnosis.entries import effect_entries, ranked
 from dynid_rs.diagnosis.kinds import Kinds
 from dynid_rs.diagnosis.reference import compare
+from dynid_rs.diagnosis.remainder import Remainder, remainder_entries, unknown_entries, what_is_left, with_terms
 from dynid_rs.diagnosis.ripple import RippleCandidate, add_ripple
 from dynid_rs.diagnosis.ripple_entries import ripple_entries
 from dynid_rs.diagnosis.search import Search, fitted, search
@@ -25,6 +28,12 @@ from dynid_rs.identification import ThreeLoopIdentifier
 from dynid_rs.recording import Recording
 
 FloatArray = NDArray[np.float64]
+
+FLOOR_METHODS = {
+    "repetition": "deviation of the torque where the motion repeats",
+    "left_out": "what one or two signals can predict of rows left out is taken off the residual",
+    "noise": "wide-band noise of the torque channel in the band",
+}
 
 
 @dataclass
@@ -98,12 +107,20 @@ def diagnose(
     before = replace(setup, excluded=asked.excluded).identifier().fit(list(train))
     if any(finding.severity == "error" for finding in findings):
         return Diagnosis(setup, before, before, Search(setup, before, Kinds(before)), findings=findings)
+    on_progress("two encoders")
+    gears = examine_deflection(before, list(train), list(test))
+    asked = with_true_encoders(asked, gears)
     found = search(asked, train, on_progress=on_progress)
     on_progress("lines in the angle")
     lines = hold_ripple(found, train)
+    on_progress("what is left")
+    remainder = what_is_left(found, train)
     on_progress("the model with what was found")
-    after = found.setup.identifier().fit([found.setup.corrected(recording) for recording in train])
+    after = _final(found, remainder, train)
     tests = [found.setup.corrected(recording) for recording in test]
+    names = setup.robot.joint_names
+    if gears:  # they know the delay better than the first look
+        clocks = [clock for clock in clocks if clock["kind"] != "encoder_delay"]
     return Diagnosis(
         found.setup,
         before,
@@ -113,13 +130,29 @@ def diagnose(
         effects=ranked(
             [
                 *clock_entries(clocks, setup.robot),
+                *deflection_entries(gears, names),
                 *structural_entries(found, train, tests),
                 *effect_entries(found, tests),
+                *unknown_entries(remainder, names),
                 *ripple_entries(lines, found.fit),
             ]
         ),
         steps=[_step(found, step) for step in found.steps],
+        floor={
+            "value": remainder.floor.value,
+            "interval": remainder.floor.interval,
+            "method": [FLOOR_METHODS[method] for method in remainder.floor.method],
+        },
+        unexplained=remainder_entries(remainder, names),
     )
+
+
+def _final(found: Search, remainder: Remainder, train: Sequence[Recording]) -> ThreeLoopIdentifier:
+    """Model with what was found: the third loop where nothing unknown takes its place."""
+    corrected = [found.setup.corrected(recording) for recording in train]
+    if remainder.terms:
+        return with_terms(found, remainder.terms, corrected)
+    return found.setup.identifier().fit(corrected)
 
 
 def hold_ripple(found: Search, train: Sequence[Recording]) -> list[RippleCandidate]:

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs.diagnosis.rows_beside import JointRows
 from dynid_rs.diagnosis.dependence import Dependence
 from dynid_rs.diagnosis.products import RidgePath, product_columns
+from dynid_rs.diagnosis.rows_beside import JointRows
 from dynid_rs.diagnosis.signals import Candidates, Signal
 
 FloatArray = NDArray[np.float64]

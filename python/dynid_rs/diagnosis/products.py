@@ -107,6 +107,10 @@ class LeftOutRows:
         return out
 
 
+MOST_PADS = 6
+"""Times that a ridge is raised tenfold where rounding has made the moments indefinite."""
+
+
 class RidgePath:
     """Ridge solutions of columns B (n, p) beside the declared model, which takes `taken` (rank, p) of them.
 
@@ -124,12 +128,14 @@ class RidgePath:
         """Coefficients (p, n_targets)."""
         from scipy.linalg.lapack import dposv  # thousands of small systems: checks would cost more than they
 
-        padded = self._gram.copy()
-        padded.flat[:: len(padded) + 1] += ridge * self._unit
-        _, beta, failed = dposv(padded, self._moment)
-        if failed:
-            raise np.linalg.LinAlgError("the products' moments are not positive definite")
-        return np.asarray(beta)
+        for _ in range(MOST_PADS):
+            padded = self._gram.copy()
+            padded.flat[:: len(padded) + 1] += ridge * self._unit
+            _, beta, failed = dposv(padded, self._moment)
+            if not failed:
+                return np.asarray(beta)
+            ridge *= 10  # the difference of two moments may be rounding where the declared model takes nearly all
+        raise np.linalg.LinAlgError("the products' moments are not positive definite")
 
 
 def _targets(split: Split, surrogates: FloatArray | None) -> tuple[FloatArray, FloatArray]:

@@ -1,0 +1,159 @@
+"""What is left when the search has ended: the floor, structure that no name explains, and a term on its signals."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid_rs.assembly import with_residual
+from dynid_rs.diagnosis.beside import Beside
+from dynid_rs.diagnosis.data_term import DataTerm
+from dynid_rs.diagnosis.floor import Floor, floor
+from dynid_rs.diagnosis.kinds import Kinds
+from dynid_rs.diagnosis.leftovers import run_residuals, search_leftovers
+from dynid_rs.diagnosis.picture import Picture
+from dynid_rs.diagnosis.search import Search, columns_in, fitted
+from dynid_rs.diagnosis.unknown import Unexplained, find_unknown, names
+from dynid_rs.identification import ThreeLoopIdentifier
+from dynid_rs.loops import link_load
+from dynid_rs.recording import Recording
+
+FloatArray = NDArray[np.float64]
+
+FORCED = 0.7
+"""Named effects that explain less than this of what could be explained on a joint, while structure is left there that
+its signals predict, are the nearest names and not the cause: they are taken back."""
+
+
+@dataclass(frozen=True, eq=False)
+class Remainder:
+    """The floor of every joint, what is unexplained, and the names that were taken back."""
+
+    floor: Floor
+    unexplained: list[Unexplained]
+    taken_back: list[tuple[str, tuple[int, ...]]]
+
+    @property
+    def terms(self) -> list[DataTerm]:
+        """Data-driven terms that pay on rows left out."""
+        return [u.term for u in self.unexplained if u.term is not None and u.term.pays]
+
+
+def what_is_left(found: Search, train: Sequence[Recording]) -> Remainder:
+    """Look at what the search leaves; names that were forced on a joint are taken out of `found`."""
+    found_floor, unexplained = _look(found)
+    forced = _forced(found, found_floor, unexplained)
+    taken_back = [(found.setup.effects[k].kind, found.setup.effects[k].joints) for k in forced]
+    if forced:
+        kept = tuple(effect for k, effect in enumerate(found.setup.effects) if k not in forced)
+        found.setup = replace(found.setup, effects=kept)
+        found.fit = fitted(found.setup, train)
+        found.kinds = Kinds(found.fit, found.kinds)
+        found_floor, unexplained = _look(found)
+    return Remainder(found_floor, unexplained, taken_back)
+
+
+def _look(found: Search) -> tuple[Floor, list[Unexplained]]:
+    leftovers = search_leftovers(found.fit)
+    measured = floor(found.fit, found.fit.runs_, run_residuals(found.fit), leftovers)
+    return measured, find_unknown(found.fit, measured, leftovers)
+
+
+def _forced(found: Search, measured: Floor, unexplained: Sequence[Unexplained]) -> set[int]:
+    """Places among the effects of those that explain too little on a joint where structure is left."""
+    columns = columns_in(found)
+    after = np.mean(Beside(found.fit).residual ** 2, axis=0)
+    forced: set[int] = set()
+    for j in (u.joint for u in unexplained if u.depends_on):
+        there = [k for k, effect in enumerate(found.setup.effects) if effect.joints == (j,)]
+        if not there:
+            continue
+        without = Beside(found.fit, [c for k in there for c in columns[k]])
+        before = float(np.mean(without.residual[:, j] ** 2))
+        if before - after[j] < FORCED * (before - measured.value[j] ** 2):
+            forced |= set(there)
+    return forced
+
+
+def with_terms(found: Search, terms: Sequence[DataTerm], train: Sequence[Recording]) -> ThreeLoopIdentifier:
+    """Fit everything beside the data-driven terms and put them into the model, in the place of a third loop."""
+    load = link_load(found.fit.observations_.plan, found.fit.links_)
+    lessened = []
+    for recording, states in zip(train, found.fit.runs_, strict=True):
+        tau = np.array(recording.tau)
+        for term in terms:
+            tau[:, term.joint] -= np.interp(recording.t, states.t, term.torque(states, load(states)))
+        lessened.append(replace(recording, tau=tau))
+    fit = found.setup.identifier(residual=None).fit(lessened)
+    n = found.setup.robot.n_joints
+    signals: list[list[tuple[str, int]]] = [[] for _ in range(n)]
+    regressions: list[Any] = [None] * n
+    for term in terms:
+        signals[term.joint], regressions[term.joint] = list(term.signals), term.mixture
+    fit.model_ = with_residual(fit.model_, signals, regressions)
+    return fit
+
+
+def remainder_entries(remainder: Remainder, joint_names: Sequence[str]) -> list[dict[str, Any]]:
+    """Entries of `unexplained` in `result.json`."""
+    return [
+        {
+            "joint": joint_names[u.joint],
+            "share": u.share,
+            "p_value": u.p_value,
+            "depends_on": _depends_on(u, joint_names),
+            **({} if u.term is None else {"term": {"kind": "gmr", "kept": u.term.pays}}),
+            **({} if u.picture is None else {"plot": _plot(u.picture, joint_names, u.joint)}),
+        }
+        for u in remainder.unexplained
+    ]
+
+
+def unknown_entries(remainder: Remainder, joint_names: Sequence[str]) -> list[dict[str, Any]]:
+    """Effects that have no name but a term in the model."""
+    return [
+        {
+            "kind": "unknown",
+            "joints": [joint_names[u.joint]],
+            "parameters": [],
+            "p_value": u.p_value,
+            "ties": [],
+            "depends_on": _depends_on(u, joint_names),
+            "note": "nothing in the catalogue explains it; a regression on these signals is in the model",
+        }
+        for u in remainder.unexplained
+        if u.term is not None and u.term.pays
+    ]
+
+
+def _depends_on(u: Unexplained, joint_names: Sequence[str]) -> list[dict[str, Any]]:
+    return [{"signal": name, "strength": strength, "direct": True} for name, strength in names(u, joint_names)]
+
+
+def _plot(picture: Picture, joint_names: Sequence[str], joint: int) -> dict[str, Any] | None:
+    """Mean partial residual over the strongest signal."""
+    name, j = picture.signals[0]
+    centres = (picture.edges[0][1:] + picture.edges[0][:-1]) / 2
+    count, partial, curve = picture.count, picture.partial, picture.fitted
+    if partial.ndim == 2:
+        count = np.where(np.isfinite(partial), count, 0.0)
+        total = np.maximum(count.sum(axis=1), 1.0)
+        partial, curve = ((np.nan_to_num(x) * count).sum(axis=1) / total for x in (partial, curve))
+        count = count.sum(axis=1)
+    seen = (count > 0) & np.isfinite(partial) & np.isfinite(curve)
+    if not seen.any():
+        return None
+    unit = {"q": "rad", "dq": "rad/s", "ddq": "rad/s^2", "tau_link": "N*m"}.get(name.replace("_motor", ""), "1")
+    return {
+        "joint": joint_names[joint],
+        "signal": name if j < 0 else f"{name}_{joint_names[j]}",
+        "unit": unit,
+        "x": centres[seen].tolist(),
+        "partial": partial[seen].tolist(),
+        "curve_x": centres[seen].tolist(),
+        "curve": curve[seen].tolist(),
+    }
