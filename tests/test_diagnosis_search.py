@@ -36,7 +36,7 @@ IN_BAND = 0.25
 N_DRAWS = 200
 """Residuals of made-up noise."""
 N_COPIES = 120
-MEMORY = 0.8
+MEMORY = 0.5
 """Correlation of neighbouring rows of the made-up noise."""
 
 ROBOT = dyn.RobotModel.from_urdf_string(URDF)
@@ -240,22 +240,22 @@ def test_p_values_of_noise_are_uniform(clean, beside, drawn):
 
 def test_the_number_of_tests_keeps_the_family_wise_error(clean, beside, drawn):
     hypotheses = [*clean.kinds.grid(["friction_hysteresis", "load_hysteresis", "load_dependent_friction"])]
-    hypotheses = [h for h in hypotheses if h.joints == (1,)]
+    hypotheses = [h for h in hypotheses if h.joints == (1,)][::2]
     parts = [stacked(columns) for columns in clean.kinds.columns(hypotheses)]
     edges = np.cumsum([0, *(part[1].shape[1] for part in parts)])
     groups = [slice(a, b) for a, b in zip(edges, edges[1:], strict=False)]
     n_tests = effective_tests(with_residual(beside, drawn[:, :, 0]), [(joined(parts), groups)])
     assert 1 < n_tests <= len(hypotheses) + 2
     false = 0
-    for draw in range(N_DRAWS // 2):
+    for draw in range(N_DRAWS * 3 // 10):
         made = with_residual(beside, drawn[:, :, draw])
         p = [
             p_value(made, part, made.residual, np.ones(part[1].shape[1], dtype=bool), n_copies=N_COPIES)
             for part in parts
         ]
         false += min(p) * n_tests < 0.1
-    # 0.1 of 100 with a standard error of 3; a correction that forgot the number of tests would give about 40.
-    assert false < 22
+    # A tenth of 60 with a standard error of 2.3.
+    assert false < 14
 
 
 def test_a_clean_arm_gives_nothing(clean):
