@@ -121,6 +121,7 @@ class Beside:
         columns = weight * (rows[:, :-1] @ inverse)
         u, s, vt = np.linalg.svd(columns[seen], full_matrices=False)
         good = s > 1e-9
+        s = np.minimum(s, 1.0)  # thinned rows may hold more of a direction than their share, and no model takes more
         fitted, others = np.flatnonzero(seen), np.flatnonzero(~seen)
         unsure, size, _ = np.linalg.svd(columns[others], full_matrices=False)
         unsure, size = unsure[:, size > NOTICED], size[size > NOTICED]
