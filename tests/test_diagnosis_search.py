@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import replace
+from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
@@ -19,8 +20,8 @@ from tolerances import EXACT
 
 import dynid_rs as dyn
 from dynid_rs import _core
-from dynid_rs.diagnosis.beside import Beside, bounded_gain
 from dynid_rs.diagnosis import choice
+from dynid_rs.diagnosis.beside import Beside, bounded_gain
 from dynid_rs.diagnosis.kinds import Hypothesis, Kinds, joined, stacked
 from dynid_rs.diagnosis.loop import diagnose
 from dynid_rs.diagnosis.null import effective_tests, noise_copies, p_value
@@ -86,7 +87,7 @@ def coupled(kinds: Kinds) -> Hypothesis:
 
 
 class Dense:
-    """The whole model as one matrix, written down from the rows: [A | tau] / noise, and the wish for equal directions."""
+    """The whole model as one matrix, written down from the rows: [A | tau] / noise; the prior on friction below."""
 
     def __init__(self, fit, left_out: int | None = None):
         observations = fit.observations_
@@ -243,7 +244,7 @@ def test_the_number_of_tests_keeps_the_family_wise_error(clean, beside, drawn):
     hypotheses = [h for h in hypotheses if h.joints == (1,)][::2]
     parts = [stacked(columns) for columns in clean.kinds.columns(hypotheses)]
     edges = np.cumsum([0, *(part[1].shape[1] for part in parts)])
-    groups = [slice(a, b) for a, b in zip(edges, edges[1:], strict=False)]
+    groups = [slice(a, b) for a, b in pairwise(edges)]
     n_tests = effective_tests(with_residual(beside, drawn[:, :, 0]), [(joined(parts), groups)])
     assert 1 < n_tests <= len(hypotheses) + 2
     false = 0
