@@ -38,6 +38,7 @@ SHAPES = {
     "position_dependent_friction": {"cycles": [1.0, 2.0, 3.0], "transition_width": [0.01, 0.02, 0.03]},
     "friction_hysteresis": {"presliding_distance": [0.001, 0.01, 0.1]},
     "load_hysteresis": {"presliding_distance": [0.002, 0.02, 0.2]},
+    "gear_hysteresis": {"hysteresis_distance": [0.0001, 0.001, 0.003]},
     "coupled_friction": {
         "partner": [1.0, 0.0, -1.0],
         "ratio": [0.5, 2.0, 1.0],
@@ -67,7 +68,7 @@ def signals(seed=0, n_samples=N_SAMPLES, n=N):
     return [*link, *(x + 1e-3 * np.sin(angle + k) for k, x in enumerate(link))]
 
 
-REMEMBER = {"friction_hysteresis", "load_hysteresis", "thermal_friction"}
+REMEMBER = {"friction_hysteresis", "load_hysteresis", "gear_hysteresis", "thermal_friction"}
 """Kinds that depend on the samples before."""
 
 
@@ -153,7 +154,7 @@ def test_columns_are_the_formula(kind):
 
 
 def test_every_kind_has_a_formula_here():
-    elsewhere = {"friction", "counterbalance", "friction_hysteresis", "load_hysteresis", "thermal_friction"}
+    elsewhere = REMEMBER | {"friction", "counterbalance"}
     assert set(FORMULAS) | elsewhere == set(CATALOGUE)
 
 
@@ -184,6 +185,53 @@ def test_load_hysteresis_is_the_load_times_the_same_bristles():
     bristles = _core.effect_columns(_core.Effect.of("friction_hysteresis", **shape), q, q, q)
     assert_allclose(columns, np.abs(load)[:, :, None] * bristles, **ALGEBRAIC)
     assert np.ptp(columns, axis=0).min() > 1.0
+
+
+def deflected(n_samples, n_cycles):
+    """Link and motor positions (n_samples, N) of a gear that is wound to and fro while the joint moves far."""
+    turn = np.linspace(0, 2 * np.pi * n_cycles, n_samples)[:, None]
+    q = np.sin(turn + np.arange(N))
+    return q, q + np.array([3e-4, 2e-3, 5e-3]) * (np.sin(turn) + 0.3 * np.sin(3 * turn))
+
+
+def gear_hysteresis(q, q_motor):
+    return _core.effect_columns(effect_of("gear_hysteresis"), q, q, q, q_motor, q, q)[:, :, 0]
+
+
+def test_gear_hysteresis_is_dahls_equation_along_the_deflection():
+    """Against an integrator of dz/ds = x'/d (1 - z sign(x')) along the deflection x, straight between the samples."""
+    from scipy.integrate import solve_ivp
+
+    q, q_motor = deflected(400, 2)
+    columns = gear_hysteresis(q, q_motor)
+    for j, d in enumerate(SHAPES["gear_hysteresis"]["hysteresis_distance"]):
+        z = [0.0]
+        for dx in np.diff((q_motor - q)[:120, j]):
+            bent = solve_ivp(
+                lambda _, z, v=dx, d=d: v / d * (1 - z * np.sign(v)), (0, 1), z[-1:], rtol=1e-10, atol=1e-12
+            )
+            z.append(bent.y[0, -1])
+        assert_allclose(columns[:120, j], z, rtol=0, atol=1e-7)
+    assert np.abs(columns).max() <= 1.0
+    assert (np.ptp(columns, axis=0) > 1.5).all()
+
+
+def test_gear_hysteresis_takes_energy_in_every_cycle():
+    """Work along a closed loop of the deflection, the last of three alike, is never given back."""
+    q, q_motor = deflected(30_001, 3)
+    deflection, z = (q_motor - q)[20_000:], gear_hysteresis(q, q_motor)[20_000:]
+    assert_allclose(deflection[-1], deflection[0], rtol=0, atol=1e-12)
+    assert_allclose(z[-1], z[0], rtol=0, atol=1e-6)
+    work = np.trapezoid(z, deflection, axis=0)
+    # Between none and that of dry friction along the same way.
+    way = np.sum(np.abs(np.diff(deflection, axis=0)), axis=0)
+    assert (work > 0.1 * way).all()
+    assert (work < way).all()
+
+
+def test_gear_hysteresis_is_nothing_with_one_encoder():
+    q = signals()[0]
+    assert_array_equal(_core.effect_columns(effect_of("gear_hysteresis"), q, q, q), 0.0)
 
 
 def test_hysteresis_depends_on_the_way_only():

@@ -244,6 +244,7 @@ def test_effects_that_remember_give_the_bits_of_python(estimator, tmp_path):
             "thermal_friction", time_constant=[0.3] * n, reference_speed=[0.0, 1.0] * 3, transition_width=[0.01] * n
         ),
         _core.Effect.of("load_dependent_friction", transition_width=[0.01] * n),
+        _core.Effect.of("gear_hysteresis", hysteresis_distance=[1e-4] * n),
         _core.Effect.of("friction_hysteresis", presliding_distance=[0.2] * n),
     ]
     model = _core.TorqueModel(
@@ -260,8 +261,10 @@ def test_effects_that_remember_give_the_bits_of_python(estimator, tmp_path):
     t = 0.004 * np.arange(N_STATES)[:, None]
     angle = rng.uniform(1, 9, n) * t + rng.uniform(0, 6, n)
     states = {"q": np.sin(angle), "dq": np.cos(angle), "ddq": -np.sin(angle)}
+    states |= {f"{name}_motor": x * (1 + 2e-4) for name, x in states.items()}
     total, terms, _ = model.evaluate(**states)
     names = model.term_names
+    assert (np.ptp(terms[:, names.index("gear_hysteresis")], axis=0) > 0).all()
     assert names[-1] == "friction_hysteresis2"
     answers = from_csv(run(estimator, path, csv_text(states)), names, n)
     assert_same_bits(answers.total, total)

@@ -122,3 +122,11 @@ def test_a_run_recorded_twice_is_aligned_between_samples(arm, plans):
 
 def test_different_motions_are_no_repetition(clean):
     assert find_repeats(clean.runs_) == []
+
+
+def test_slow_motion_does_not_repeat_itself_two_seconds_later(clean):
+    states = clean.runs_[0]
+    t = states.t
+    q = np.tile(np.sin(0.05 * t)[:, None], (1, states.q.shape[1]))
+    dq = np.tile((0.05 * np.cos(0.05 * t))[:, None], (1, states.q.shape[1]))
+    assert find_repeats([replace(states, q=q, dq=dq)]) == []

@@ -9,9 +9,9 @@ from tolerances import ALGEBRAIC
 
 from dynid_rs._core import GaussianMixtureRegression
 from dynid_rs.columns import observe, run_rows
+from dynid_rs.diagnosis import rows_beside
 from dynid_rs.diagnosis.floor import Floor, floor
 from dynid_rs.diagnosis.leftovers import run_residuals, search_leftovers
-from dynid_rs.diagnosis.rows_beside import Beside
 from dynid_rs.diagnosis.signals import candidate_signals, direction, way_since_reversal
 from dynid_rs.diagnosis.surrogates import phase_randomised, upper_tail
 from dynid_rs.diagnosis.unknown import explains_well, find_unknown, names
@@ -102,6 +102,18 @@ def test_signals_are_named_and_a_term_on_them_pays(arm, plans, name, ratio):
     assert picture.count.sum() == sum(len(states.rows) for states in fit.runs_)
 
 
+def test_many_rows_are_thinned_to_the_same_answer(arm, plans, monkeypatch):
+    joint, torque, signals = EFFECTS["load of another joint"]
+    fit, _ = fitted(with_nameless(arm, joint, torque, 1.5, plans[:3]), plans, 3)
+    monkeypatch.setattr(rows_beside, "MOST_ROWS", 600)
+    rows = rows_beside.Beside(fit).of_joint(joint)
+    assert len(rows.rows) <= 600
+    for split in (*rows.splits, rows.whole):
+        assert np.linalg.norm(split.taken, 2) <= 1 + 1e-12
+    best = search_leftovers(fit).joints[joint].found.scores[0]
+    assert signals <= set(best.signals)
+
+
 def test_names_are_those_of_columns(arm, plans):
     joint, torque, _ = EFFECTS["direction and another position"]
     fit, _ = fitted(with_nameless(arm, joint, torque, 1.0, plans[:3]), plans, 4)
@@ -115,7 +127,7 @@ def test_clean_data_has_nothing_unknown(clean):
 
 
 def test_what_the_declared_model_has_is_taken_whole(clean):
-    rows = Beside(clean).of_joint(2)
+    rows = rows_beside.Beside(clean).of_joint(2)
     declared = np.concatenate([block.rows[2][:, 3:10] for block in clean.observations_.blocks])[rows.rows]
     declared = declared / np.linalg.norm(declared, axis=0)
     for split in rows.splits:

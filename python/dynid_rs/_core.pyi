@@ -862,6 +862,7 @@ def effect_columns(
     *,
     step: float | None = None,
     temperature: ArrayLike | None = None,
+    joints: Sequence[int] | None = None,
 ) -> _FloatArray:
     """Torque per unit coefficient along a run, from a fresh memory: (n_samples, n_joints, n_columns).
 
@@ -877,6 +878,8 @@ def effect_columns(
         Time between samples [s]; needed by effects that remember in time.
     temperature : (n_samples, n_joints), optional
         Measured [degC]; needed by friction that follows it.
+    joints : sequence of int, optional
+        Only these, in this order; all by default.
 
     Raises
     ------

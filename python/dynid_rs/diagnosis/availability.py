@@ -8,7 +8,7 @@ from dynid_rs.findings import Finding
 from dynid_rs.placed import CATALOGUE
 from dynid_rs.recording import Recording
 
-TWO_ENCODERS = ("joint_elasticity", "nonlinear_elasticity", "backlash", "encoder_delay")
+TWO_ENCODERS = ("joint_elasticity", "nonlinear_elasticity", "backlash", "gear_hysteresis", "encoder_delay")
 """Kinds that show themselves between motor and link."""
 IN_NEWTON_METRES = ("payload", "torque_gain")
 """Kinds whose sizes are in kg, or in parts of a torque that is known."""

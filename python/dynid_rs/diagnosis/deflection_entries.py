@@ -12,6 +12,8 @@ from dynid_rs.diagnosis.deflection import DeflectionFinding
 from dynid_rs.diagnosis.setup import Setup
 
 ECCENTRICITY = "encoder_eccentricity"
+ELASTIC = ("joint_elasticity", "nonlinear_elasticity")
+LOSS = "gear_hysteresis"
 
 
 def with_true_encoders(setup: Setup, found: Sequence[DeflectionFinding]) -> Setup:
@@ -48,3 +50,18 @@ def deflection_entries(found: Sequence[DeflectionFinding], joint_names: Sequence
         }
         entries.append(entry)
     return entries
+
+
+def merged_gears(entries: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Entries with the torque that a gear loses told by the elasticity of that gear, where that was found."""
+    losses = {entry["joints"][0]: entry for entry in entries if entry["kind"] == LOSS}
+    out = []
+    for entry in entries:
+        loss = losses.get(entry["joints"][0]) if entry["kind"] in ELASTIC else None
+        if loss is not None:
+            errors = {name: value for name, value in loss.items() if name.startswith("rmse")}
+            entry = {**entry, **errors, "parameters": [*entry["parameters"], *loss["parameters"]]}
+            losses.pop(entry["joints"][0])
+            entry["note"] += "; the errors here are those of the torque that it loses in its teeth"
+        out.append(entry)
+    return [entry for entry in out if entry["kind"] != LOSS or entry["joints"][0] in losses]

@@ -18,7 +18,7 @@ from dynid_rs.diagnosis.signals import Signal
 
 FloatArray = NDArray[np.float64]
 
-BEAM = 4
+BEAM = 3
 """Best pairs that are tried with a third signal."""
 ENOUGH = 0.06
 """A smaller set is enough if it leaves at most this part more of what the best one explains."""
@@ -28,6 +28,8 @@ NEEDED = 0.04
 """A signal without which a set explains less by a smaller part is not direct."""
 NEEDED_THIRD = 0.15
 """The same for a third signal: products of three are flexible enough to follow what they do not depend on."""
+NULL_BEAMS = 2
+"""Surrogates whose best pair is tried with a third signal too."""
 THIRD = 0.25
 """A third signal is looked for where pairs leave this part of what exceeds the noise."""
 
@@ -61,8 +63,8 @@ class Dependence:
 class Search:
     """Every single signal and pair, and some of three, scored; the first target is the residual, the others surrogates.
 
-    `scores` the best first; `without` the residual's power on rows left out; `gain` (n_targets,) the greatest part of
-    the power that any of them predicts.
+    `scores` the best first; `without` the residual's power on rows left out; `gain` (n_targets,) the logarithm of the
+    power over the least that any of them leaves.
     """
 
     scores: tuple[Score, ...]
@@ -76,14 +78,28 @@ def search(rows: LeftOutRows, signals: Sequence[Signal], noise: float) -> Search
     `noise` is the power that nothing can explain, summed over the rows.
     """
     sets = [(signal,) for signal in signals] + list(combinations(signals, 2))
-    scores = sorted((rows.score(chosen) for chosen in sets), key=_power)
-    without = float(rows.without[0])
-    if _power(scores[0]) - noise > THIRD * (without - noise):
-        pairs = [s.signals for s in scores if len(s.signals) == 2][:BEAM]
-        more = {tuple(sorted((*pair, signal))) for pair in pairs for signal in signals if signal not in pair}
-        scores = sorted([*scores, *(rows.score(chosen) for chosen in sorted(more))], key=_power)
-    least = np.min([score.power for score in scores], axis=0)
-    return Search(tuple(scores), without, 1 - least / rows.without)
+    scores = [rows.score(chosen) for chosen in sets]
+    gain = np.log(rows.without / np.min([score.power for score in scores], axis=0))
+    without, best = float(rows.without[0]), min(map(_power, scores))
+    if best - noise > THIRD * (without - noise):
+        more = _with_a_third(rows, scores, signals, 0, BEAM)
+        # Surrogates would gain from a third signal of their own as well; a few of them tell how much.
+        targets = range(1, min(1 + NULL_BEAMS, len(gain)))
+        own = [min(float(s.power[k]) for s in _with_a_third(rows, scores, signals, k, 1)) for k in targets]
+        extra = [max(float(np.log(rows.without[k] / p) - gain[k]), 0.0) for k, p in zip(targets, own, strict=True)]
+        gain[1:] += np.mean(extra) if extra else 0.0
+        scores += more
+        gain[0] = np.log(without / min(map(_power, scores)))
+    return Search(tuple(sorted(scores, key=_power)), without, gain)
+
+
+def _with_a_third(
+    rows: LeftOutRows, scores: Sequence[Score], signals: Sequence[Signal], target: int, n_pairs: int
+) -> list[Score]:
+    """Score the best pairs of one target with every third signal."""
+    pairs = sorted((s for s in scores if len(s.signals) == 2), key=lambda s: float(s.power[target]))[:n_pairs]
+    more = {tuple(sorted((*p.signals, signal))) for p in pairs for signal in signals if signal not in p.signals}
+    return [rows.score(chosen) for chosen in sorted(more)]
 
 
 def dependence(rows: LeftOutRows, found: Search) -> Dependence:

@@ -29,6 +29,7 @@ REFINED: dict[str, dict[str, tuple[str, float, float]]] = {
     "stribeck": {"stribeck_velocity": ("log", 1e-3, 10.0), "exponent": ("log", 0.5, 4.0)},
     "friction_hysteresis": {"presliding_distance": ("log", 1e-5, 0.3)},
     "load_hysteresis": {"presliding_distance": ("log", 1e-5, 0.3)},
+    "gear_hysteresis": {"hysteresis_distance": ("log", 1e-5, 1e-2)},
     "coupled_friction": {"ratio": ("linear", -5.0, 5.0)},
     "torque_ripple": {"cycles": ("linear", 0.5, 1e4)},
     "counterbalance": {
@@ -118,6 +119,8 @@ class Kinds:
                     continue
                 if "temperature" in CATALOGUE[kind]["signals"] and not all(map(self._warms, place)):
                     continue
+                if kind in BENDING and not all(map(self._bends, place)):
+                    continue
                 out += [Hypothesis(kind, place, shape) for shape in self._shapes(kind, place[0])]
         return out
 
@@ -125,6 +128,11 @@ class Kinds:
         """Whether the temperature of joint j is measured, and changes enough to tell anything."""
         shown = [states.temperature[:, j] for states in self.runs if states.temperature is not None]
         return len(shown) == len(self.runs) and float(np.ptp(np.concatenate(shown))) > LEAST_WARMTH
+
+    def _bends(self, j: int) -> bool:
+        """Whether all runs have two encoders, and those of joint j ever show a deflection."""
+        both = all(states.two_encoders for states in self.runs)
+        return both and any(np.ptp(states.q_motor[:, j] - states.q[:, j]) > 0 for states in self.runs)
 
     def _shapes(self, kind: str, j: int) -> Iterator[Shape]:
         parameters = CATALOGUE[kind]["shape"]
@@ -286,19 +294,25 @@ class Kinds:
                 tau_link=states.tau_link,
                 step=1 / states.rate,
                 temperature=states.temperature,
+                joints=list(h.joints),
             )
-            parts.append({j: _own_place(h, j, states.in_band(raw[:, j])) for j in h.joints})
+            parts.append({j: _own_place(h, j, states.in_band(raw[:, at])) for at, j in enumerate(h.joints)})
         return stacked(parts)
 
 
 def _same_motion(first: Sequence[States], second: Sequence[States]) -> bool:
     """Whether the states are the same, so that columns of them are: encoders may have been corrected."""
     pairs = zip(first, second, strict=True)
-    return all(np.array_equal(a.q, b.q) and np.array_equal(a.rows, b.rows) for a, b in pairs)
+    return all(
+        np.array_equal(a.q, b.q) and np.array_equal(a.q_motor, b.q_motor) and np.array_equal(a.rows, b.rows)
+        for a, b in pairs
+    )
 
 
 TURNING = {"counterbalance", "position_dependent_friction", "torque_ripple"}
 """Kinds that go round with the joint."""
+BENDING = {"gear_hysteresis"}
+"""Kinds that act along the gear's deflection, which takes two encoders."""
 
 
 def stacked(columns: Sequence[RunColumns]) -> RunColumns:

@@ -12,7 +12,7 @@ from dynid_rs.diagnosis.dependence import Search, search
 from dynid_rs.diagnosis.products import LeftOutRows
 from dynid_rs.diagnosis.rows_beside import Beside, JointRows
 from dynid_rs.diagnosis.signals import Candidates, candidate_signals
-from dynid_rs.diagnosis.surrogates import phase_randomised, upper_tail
+from dynid_rs.diagnosis.surrogates import surrogates, upper_tail
 from dynid_rs.evaluation import noise_floor
 from dynid_rs.identification import ThreeLoopIdentifier
 from dynid_rs.links import block_residuals
@@ -23,6 +23,8 @@ N_SURROGATES = 24
 """Surrogates of each joint's residual."""
 NOTABLE = 1.1
 """A residual within this factor of what is known of its floor is at it: floors are not known better."""
+NOTICED = 0.1
+"""Less of the residual's power (in its logarithm) than this is not spoken of, however significant."""
 N_WORKERS = 2
 """Joints that are searched at a time."""
 
@@ -32,7 +34,7 @@ class Leftover:
     """What one joint leaves, searched.
 
     `rows` with their splits; `found` every single signal and pair; `p_value` the chance of predicting rows left out so
-    well from some signals if the residual depended on none.
+    well from some signals if the residual depended on none; 1 where it is too little to speak of.
     """
 
     joint: int
@@ -84,7 +86,9 @@ def search_leftovers(fit: ThreeLoopIdentifier, *, random_state: int = 0) -> Left
 
 
 def _look(j: int, rows: JointRows, candidates: Candidates, noise: float, random_state: int) -> Leftover:
-    surrogates = phase_randomised(rows.residual, rows.block, N_SURROGATES, random_state)
     least = len(rows.rows) * noise**2 if np.isfinite(noise) else 0.0
-    found = search(LeftOutRows(rows, candidates, surrogates), candidates.of_joint(j), least)
-    return Leftover(j, rows, found, upper_tail(float(found.gain[0]), found.gain[1:]))
+    found = search(
+        LeftOutRows(rows, candidates, surrogates(rows, N_SURROGATES, random_state)), candidates.of_joint(j), least
+    )
+    gain = float(found.gain[0])
+    return Leftover(j, rows, found, upper_tail(gain, found.gain[1:]) if gain > NOTICED else 1.0)

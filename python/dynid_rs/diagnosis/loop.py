@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from dynid_rs import _core
 from dynid_rs.diagnosis.deflection import examine_deflection
-from dynid_rs.diagnosis.deflection_entries import deflection_entries, with_true_encoders
+from dynid_rs.diagnosis.deflection_entries import deflection_entries, merged_gears, with_true_encoders
 from dynid_rs.diagnosis.entries import effect_entries, ranked
 from dynid_rs.diagnosis.kinds import Kinds
 from dynid_rs.diagnosis.reference import compare
@@ -128,14 +128,16 @@ def diagnose(
         found,
         findings=[f for f in findings if f.code != "torque_gain" or found.setup.gain_joints],
         effects=ranked(
-            [
-                *clock_entries(clocks, setup.robot),
-                *deflection_entries(gears, names),
-                *structural_entries(found, train, tests),
-                *effect_entries(found, tests),
-                *unknown_entries(remainder, names),
-                *ripple_entries(lines, found.fit),
-            ]
+            merged_gears(
+                [
+                    *clock_entries(clocks, setup.robot),
+                    *deflection_entries(gears, names),
+                    *structural_entries(found, train, tests),
+                    *effect_entries(found, tests),
+                    *unknown_entries(remainder, names),
+                    *ripple_entries(lines, found.fit),
+                ]
+            )
         ),
         steps=[_step(found, step) for step in found.steps],
         floor={

@@ -64,7 +64,10 @@ def _shift(one: States, other: States, spread: FloatArray, *, same: bool) -> Ite
     mean = np.where(allowed[:, None], distance / np.maximum(pairs, 1.0), np.inf)
     # A coarse grid misses the shift by up to half a sample; refined below before it is judged.
     best = int(np.argmin(mean.sum(axis=1)))
-    shift = _refined(one, other, float(lag[best] / rate))
+    coarse = float(lag[best] / rate)
+    shift = _refined(one, other, coarse)
+    if abs(shift - coarse) > 1.5 / rate:
+        return  # nothing alike there: the steps went to where the motion is compared with itself
     q, q_again = overlap(one, other, shift, one.q, other.q)
     if len(q) > LEAST_OVERLAP * one.rate and np.all(np.sqrt(np.mean((q_again - q) ** 2, axis=0)) < ALIKE * spread):
         yield shift

@@ -22,7 +22,7 @@ PARTS = 3
 """Parts of the training blocks, each left out once."""
 STRETCHES = 15
 """Stretches of a block over which squares are summed up to see how they scatter."""
-MOST_ROWS = 1500
+MOST_ROWS = 1200
 """More rows of a joint are thinned: a search needs no more."""
 NOTICED = 0.1
 """Directions in which the declared model's prediction is surer than this part of the noise need no whitening."""

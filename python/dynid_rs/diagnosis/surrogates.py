@@ -5,7 +5,40 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid_rs.diagnosis.rows_beside import JointRows
+
 FloatArray = NDArray[np.float64]
+
+
+SMOOTH = 9
+"""Lines of a spectrum that are averaged before two are compared."""
+MOST = 10.0
+"""Most by which a line's power is raised."""
+
+
+def surrogates(rows: JointRows, n: int, random_state: int) -> FloatArray:
+    """Copies (n_rows, n) of a joint's residual that have its spectrum once the declared model was fitted to them.
+
+    The residual has lost to the declared columns what looks like them, mostly slow motion. A copy of its spectrum would
+    lose that twice, and gain less by chance than the residual does; so it is raised by what a first copy loses.
+    """
+    first = phase_randomised(rows.residual, rows.block, n, random_state)
+    left = first - rows.whole.taken @ (rows.whole.taken.T @ first)
+    raised = rows.residual.copy()
+    for k in np.unique(rows.block):
+        here = rows.block == k
+        kept = _smooth_power(left[here]) / np.maximum(_smooth_power(first[here]), 1e-300)
+        spectrum = np.fft.rfft(raised[here]) / np.sqrt(np.clip(kept, 1 / MOST, 1.0))
+        raised[here] = np.fft.irfft(spectrum, int(here.sum()))
+    return phase_randomised(raised, rows.block, n, random_state + 1)
+
+
+def _smooth_power(x: FloatArray) -> FloatArray:
+    """Mean spectrum of the columns of `x` (n, k), smoothed, (n // 2 + 1,)."""
+    from scipy.ndimage import uniform_filter1d
+
+    power = np.mean(np.abs(np.fft.rfft(x, axis=0)) ** 2, axis=1)
+    return np.asarray(uniform_filter1d(power, SMOOTH, mode="nearest"))
 
 
 def phase_randomised(residual: FloatArray, block: NDArray[np.intp], n: int, random_state: int) -> FloatArray:

@@ -19,6 +19,7 @@ COLUMN_KINDS = tuple(kind for kind, entry in CATALOGUE.items() if not entry["dec
 OTHERS = (
     "thermal_friction",
     "temperature_friction",
+    "gear_hysteresis",
     "joint_elasticity",
     "nonlinear_elasticity",
     "backlash",

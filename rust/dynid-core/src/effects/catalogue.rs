@@ -4,10 +4,10 @@
 //! or "m".
 
 use super::{
-    counterbalance, coupled_friction, friction, friction_hysteresis, inertial_coupling,
-    joint_spring, load_dependent_friction, load_hysteresis, position_dependent_friction,
-    rotor_inertia, stribeck, temperature_friction, thermal_friction, torque_offset, torque_ripple,
-    torque_saturation, EffectInput, FRICTION_NAMES, N_FRICTION,
+    counterbalance, coupled_friction, friction, friction_hysteresis, gear_hysteresis,
+    inertial_coupling, joint_spring, load_dependent_friction, load_hysteresis,
+    position_dependent_friction, rotor_inertia, stribeck, temperature_friction, thermal_friction,
+    torque_offset, torque_ripple, torque_saturation, EffectInput, FRICTION_NAMES, N_FRICTION,
 };
 
 /// One kind of effect. Its formula is in the file of the same name.
@@ -197,7 +197,7 @@ const FRICTION: [Coefficient; N_FRICTION] = [
 ];
 
 /// Every kind of effect; those of every model come first.
-pub static CATALOGUE: [Entry; 16] = [
+pub static CATALOGUE: [Entry; 17] = [
     Entry {
         kind: "rotor_inertia",
         formula: "J ddq_motor",
@@ -342,6 +342,26 @@ pub static CATALOGUE: [Entry; 16] = [
         declared: false,
         check: nothing_more,
         columns: load_hysteresis::columns,
+    },
+    Entry {
+        kind: "gear_hysteresis",
+        formula: "k z, dz = dx/d (1 - z sign(dx)) along q_motor - q",
+        coefficients: &[coefficient(
+            "gear_hysteresis",
+            "{torque}",
+            Sign::NonNegative,
+        )],
+        shape: &[shape(
+            "hysteresis_distance",
+            "{angle}",
+            Rule::Positive,
+            &[3e-5, 1e-4, 3e-4, 1e-3],
+        )],
+        signals: &["q", "q_motor"],
+        memory: friction_hysteresis::MEMORY,
+        declared: false,
+        check: nothing_more,
+        columns: gear_hysteresis::columns,
     },
     Entry {
         kind: "coupled_friction",

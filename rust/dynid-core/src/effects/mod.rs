@@ -8,6 +8,7 @@ mod counterbalance;
 mod coupled_friction;
 mod friction;
 mod friction_hysteresis;
+mod gear_hysteresis;
 mod inertial_coupling;
 mod joint_spring;
 mod load_dependent_friction;
