@@ -1,5 +1,6 @@
 """README.md does what it says: its commands and its Python are run against simulated files in an empty folder."""
 
+import json
 import os
 import re
 import shlex
@@ -67,6 +68,47 @@ def test_the_five_lines(folder):
     assert said
     names = re.findall(r"`([\w.]+)`", said[1])
     assert sorted(names) == sorted(path.name for path in (folder / "result").iterdir())
+
+
+NUMBER = r"(?<![\w.])[+-]?\d+(?:\.\d+)?(?!\w)"
+
+
+def words(text: str) -> list[str]:
+    """Words of a printed answer, frames left out, with # for every number."""
+    return re.sub(r"[━┏┳┓┡╇╉╋┩│└┴┘┃─]+", " ", re.sub(NUMBER, "#", text)).split()
+
+
+def numbers(text: str) -> tuple[list[float], list[float]]:
+    """Percentages, and all other numbers."""
+    every = [(float(number), bool(percent)) for number, percent in re.findall(rf"({NUMBER})(\s*%)?", text)]
+    return [x for x, percent in every if percent], [x for x, percent in every if not percent]
+
+
+def test_the_diagnosis_prints_what_stands_there(tmp_path):
+    environment = on_the_path(tmp_path)
+    for line in block("sh", "dynid diagnose").splitlines():
+        done = subprocess.run(
+            ["sh", "-c", line], cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=240, check=False
+        )
+        assert done.returncode == 0, f"{line}\n{done.stdout}{done.stderr}"
+    said = block("text", "friction hysteresis on")
+    assert words(said) == words(done.stdout)[: len(words(said))]
+    for shown, printed, tolerance in zip(numbers(said), numbers(done.stdout), ((0, 3), (0.1, 0)), strict=True):
+        np.testing.assert_allclose(printed[: len(shown)], shown, rtol=tolerance[0], atol=tolerance[1])
+    (effect,) = json.loads((tmp_path / "found" / "result.json").read_text())["effects"]
+    (truth,) = json.loads((tmp_path / "lab" / "truth.json").read_text())["effects"]
+    assert (effect["kind"], effect["joints"]) == (truth["kind"], truth["joints"])
+    put_in = {parameter["name"]: parameter["value"] for parameter in truth["parameters"]}
+    assert f"{put_in['hysteresis'][0]:.3g} N m over {put_in['presliding_distance'][0]:.3g} rad" in README
+
+
+def test_the_diagnosis_in_python(folder, monkeypatch, capsys):
+    monkeypatch.chdir(folder)
+    names = {}
+    exec(block("python", "dyn.diagnose"), names)
+    assert capsys.readouterr().out.startswith("[")
+    assert names["found"].search.fit.n_iter_ > 0
+    assert (folder / "model.json").is_file()
 
 
 def test_the_python_block(folder, monkeypatch):

@@ -22,6 +22,8 @@ from dynid_rs.errors import DataError, MissingLibraryError, RankDeficientError
 from dynid_rs.recording import Recording
 
 if TYPE_CHECKING:
+    from dynid_rs.diagnosis.loop import diagnose
+    from dynid_rs.diagnosis.setup import Setup
     from dynid_rs.excitation import FourierExcitation
     from dynid_rs.friction import FrictionIdentifier
     from dynid_rs.identification import ThreeLoopIdentifier
@@ -43,7 +45,9 @@ _LATE = {
     "PhysicalIdentifier": "physical",
     "RbfRegressor": "rbf",
     "ResidualCompensator": "residual",
+    "Setup": "diagnosis.setup",
     "ThreeLoopIdentifier": "identification",
+    "diagnose": "diagnosis.loop",
     "read_recording": "readers",
 }
 
@@ -66,10 +70,12 @@ __all__ = [
     "Recording",
     "ResidualCompensator",
     "RobotModel",
+    "Setup",
     "ThreeLoopIdentifier",
     "TorqueModel",
     "UrdfError",
     "__version__",
+    "diagnose",
     "read_recording",
     "rmse",
 ]

@@ -3,6 +3,9 @@
 A declared model has absorbed part of what it lacks, so a candidate is never fitted to the residual: its columns C stand
 beside the model's A, ``min |W (A x + C c - tau)|``. With ``R'R = A'W^2 A`` and ``T = R^-T A'W^2 C`` the candidate's own
 part is ``S = C'W^2 C - T'T`` and its score ``s = C'W^2 e``, e the declared residual; then ``c = S^-1 s``.
+
+Of the four modules of this kind only this one weighs thousands of candidates, from the fit's stored triangular factors,
+under bounds of sign, with whole blocks left out and own columns taken out of the model.
 """
 
 from __future__ import annotations

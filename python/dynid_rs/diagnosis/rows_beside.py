@@ -1,4 +1,8 @@
-"""What the declared model can still take of one joint's rows, with blocks left out in turn."""
+"""What the declared model can still take of one joint's rows, with blocks left out in turn.
+
+Of the four modules of this kind only this one looks at one joint at a time and whitens its rows for the model's own
+uncertainty, so that flexible functions of signals, which have no physical columns, can be scored on rows left out.
+"""
 
 from __future__ import annotations
 

@@ -3,6 +3,9 @@
 Rows of all joints and runs stand under each other, each over its joint's noise, ``W x = y``. With Q an orthonormal
 basis of W, a column z counts with ``z - Q Q' z`` only: its coefficient is the one that a fit with everything else would
 give.
+
+Of the four modules of this kind only this one gives the coefficients of many columns with one covariance between them,
+from stretches of the runs, so that parts of a torque can be asked whether they agree about a delay or a gain.
 """
 
 from __future__ import annotations

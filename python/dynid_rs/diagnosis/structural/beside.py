@@ -1,4 +1,8 @@
-"""The whole fitted model as one weighted system, so that columns can be weighed beside it."""
+"""The whole fitted model as one weighted system, so that columns can be weighed beside it.
+
+Of the four modules of this kind only this one keeps what the fit's priors leave as rows of their own, with the torque
+scales that the fit estimated among the unknowns: Gauss-Newton steps on the robot or on a channel need both.
+"""
 
 from __future__ import annotations
 
