@@ -48,6 +48,10 @@ COARSE = {
 """Grids of the scan where the catalogue's is finer than a search needs to begin with, or reaches beyond a run."""
 LEAST_WARMTH = 1.0
 """A thermometer that moves less than this over all runs [K] tells nothing about friction."""
+AT_BOUND = 0.01
+"""A shape parameter this near to a bound, relatively, stands at it."""
+STARTS = {"stribeck": ("exponent", (1.0, 2.0))}
+"""Shape parameters whose search has several valleys, and where it begins besides."""
 SEARCH_STEPS = 40
 """Most evaluations of one search."""
 
@@ -236,6 +240,15 @@ class Kinds:
         `with_friction`: the width of friction's transition is searched too, and friction's columns with it stand
         behind the hypothesis' own in what `power` is given.
         """
+        name, starts = STARTS.get(hypothesis.kind, ("", ()))
+        tried = [self._refined(hypothesis, power, with_friction)]
+        for start in starts if with_friction else ():
+            shape = tuple((n, start if n == name else v) for n, v in hypothesis.shape)
+            tried.append(self._refined(replace(hypothesis, shape=shape), power, with_friction))
+        return max(tried, key=lambda pair: pair[0])[1]
+
+    def _refined(self, hypothesis: Hypothesis, power: Any, with_friction: bool) -> tuple[float, Hypothesis]:
+        """Power and hypothesis of one search from the hypothesis' own shape."""
         from scipy.optimize import minimize
 
         searched = dict(REFINED.get(hypothesis.kind, {}))
@@ -244,7 +257,7 @@ class Kinds:
             searched["transition_width"] = ("log", 1e-4, 1.0)
             shape.setdefault("transition_width", float(self.widths[hypothesis.joints[0]]))
         if not searched:
-            return hypothesis
+            return 0.0, hypothesis
 
         def at(x: FloatArray) -> tuple[Hypothesis, dict[str, float]]:
             moved = dict(shape)
@@ -275,7 +288,7 @@ class Kinds:
             "fatol": 1e-3,
         }
         found = minimize(cost, start, method="Nelder-Mead", options=options)
-        return at(found.x)[0] if found.fun < cost(start) else hypothesis
+        return (-float(found.fun), at(found.x)[0]) if found.fun < cost(start) else (-cost(start), hypothesis)
 
     def friction(self, j: int, width: float) -> RunColumns:
         """Friction of joint j with another transition width, over all runs."""
@@ -298,6 +311,19 @@ class Kinds:
             )
             parts.append({j: _own_place(h, j, states.in_band(raw[:, at])) for at, j in enumerate(h.joints)})
         return stacked(parts)
+
+
+def at_a_bound(hypothesis: Hypothesis) -> bool:
+    """Whether a searched shape ended where its search had to stop: another kind is meant, or nothing.
+
+    A pre-sliding way of nothing is Coulomb friction, a time constant beyond the run is a drift.
+    """
+    shape = dict(hypothesis.shape)
+    for name, (how, low, high) in REFINED.get(hypothesis.kind, {}).items():
+        value = abs(shape[name]) if how == "log" else shape[name]
+        if name != "phase" and not low * (1 + AT_BOUND) < value < high * (1 - AT_BOUND) and how == "log":
+            return True
+    return False
 
 
 def _same_motion(first: Sequence[States], second: Sequence[States]) -> bool:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from dynid_rs.diagnosis.beside import Beside, independent_rows
 from dynid_rs.diagnosis.candidate import Candidate
 from dynid_rs.diagnosis.choice import Weighed, falls_by, tested, weigh
-from dynid_rs.diagnosis.kinds import Hypothesis, Kinds, bounds_of, joined, stacked
+from dynid_rs.diagnosis.kinds import Hypothesis, Kinds, at_a_bound, bounds_of, joined, stacked
 from dynid_rs.diagnosis.null import effective_tests
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.structural import refine, structural_candidates
@@ -115,12 +115,23 @@ def search(
             refit(state, train, new=len(state.setup.effects) - before)
             state.steps += [Step("added", choice, rms(state.fit)) for choice in found]
             drop_needless(state, train)
+        if state.setup.effects:
+            settle(state, train)
     return state
 
 
 def fitted(setup: Setup, train: Sequence[Recording]) -> ThreeLoopIdentifier:
     """Declared model and what was found, without a third loop."""
     return setup.identifier(residual=None).fit([setup.corrected(recording) for recording in train])
+
+
+def settle(state: Search, train: Sequence[Recording]) -> None:
+    """Shapes of all effects once more, now that everything is there."""
+    polished = polish(state, range(len(state.setup.effects)))
+    if polished.effects != state.setup.effects:
+        state.setup = polished
+        state.fit = fitted(state.setup, train)
+        state.kinds = Kinds(state.fit, state.kinds)
 
 
 def refit(state: Search, train: Sequence[Recording], new: int = 0) -> None:
@@ -177,6 +188,8 @@ def good_candidates(state: Search, further: Sequence[Candidate]) -> list[Choice]
     good: list[Choice] = []
     for item in shortlist:
         candidate = item if isinstance(item, Candidate) else refined_candidate(beside, state.kinds, item)
+        if candidate is None:
+            continue
         weighed = weigh(beside, candidate)
         if weighed.gain.power <= 0:
             continue
@@ -261,9 +274,10 @@ def _there(h: Hypothesis, setup: Setup) -> bool:
     return False
 
 
-def refined_candidate(beside: Beside, kinds: Kinds, hypothesis: Hypothesis) -> Candidate:
-    """Candidate of the hypothesis with the best shape near its own."""
-    return kinds.candidate(kinds.refined(hypothesis, _power(beside, bounds_of(hypothesis))))
+def refined_candidate(beside: Beside, kinds: Kinds, hypothesis: Hypothesis) -> Candidate | None:
+    """Candidate of the hypothesis with the best shape near its own; None where that stands at a bound."""
+    refined = kinds.refined(hypothesis, _power(beside, bounds_of(hypothesis)))
+    return None if at_a_bound(refined) else kinds.candidate(refined)
 
 
 def _power(beside: Beside, bounds: FloatArray) -> Callable[[Any], float]:
