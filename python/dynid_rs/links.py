@@ -61,6 +61,8 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
         ``"robot"``: the robot file's inertials, weighed by the evidence (`evidence.py`), instead of a ridge.
         ``"auto"``: for a lone run, where the file declares inertials and left-out parts are predicted better with them
         than with the ridge.
+    prior_spread : float, optional
+        Relative uncertainty of the declared inertials under ``prior="robot"``; found by the evidence if None.
     asymmetry : float, optional
         How far Coulomb friction's two directions usually differ, over the joint's torque (root mean square). In motion
         an offset and that difference are the same, and what little tells them apart at rest is what models get wrong:
@@ -104,6 +106,7 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
         *,
         ridge: float | Literal["auto"] = "auto",
         prior: Literal["auto", "robot"] | None = "auto",
+        prior_spread: float | None = None,
         asymmetry: float | None = None,
         start: Start = "torque",
         max_iter: int = 30,
@@ -112,6 +115,7 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
         self.weighting = weighting
         self.ridge = ridge
         self.prior = prior
+        self.prior_spread = prior_spread
         self.asymmetry = asymmetry
         self.start = start
         self.max_iter = max_iter
@@ -210,7 +214,10 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
         spreads: FloatArray | None = None,
     ) -> Posterior:
         from dynid_rs.evidence import fit_with_prior
+        from dynid_rs.priors import inertial_prior
 
+        if spreads is None and self.prior_spread is not None:
+            spreads = np.full(len(inertial_prior(observations.plan).roots), self.prior_spread)
         if self.weighting is None or (self.ridge != "auto" and self.ridge > 0):
             raise ValueError(
                 "a prior is weighed against the noise and replaces the ridge: with prior='robot' weighting must not be "

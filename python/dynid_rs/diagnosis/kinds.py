@@ -41,8 +41,8 @@ REFINED: dict[str, dict[str, tuple[str, float, float]]] = {
 }
 """Shape parameters that are searched between the grid's values: how, and within which bounds."""
 COARSE = {
-    ("counterbalance", "b"): [0.2, 0.5],
-    ("counterbalance", "gas_length"): [1.25, 10.0, -1.5],
+    ("counterbalance", "b"): [0.2, 0.35, 0.6],
+    ("counterbalance", "gas_length"): [0.75, 1.25, 10.0, -1.5],
     ("thermal_friction", "time_constant"): [10.0, 30.0, 100.0],
 }
 """Grids of the scan where the catalogue's is finer than a search needs to begin with, or reaches beyond a run."""
@@ -321,7 +321,11 @@ def at_a_bound(hypothesis: Hypothesis) -> bool:
     shape = dict(hypothesis.shape)
     for name, (how, low, high) in REFINED.get(hypothesis.kind, {}).items():
         value = abs(shape[name]) if how == "log" else shape[name]
-        if name != "phase" and not low * (1 + AT_BOUND) < value < high * (1 - AT_BOUND) and how == "log":
+        if (
+            name not in ("phase", "gas_length")
+            and not low * (1 + AT_BOUND) < value < high * (1 - AT_BOUND)
+            and how == "log"
+        ):
             return True
     return False
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from sklearn.base import clone
 
 from dynid_rs.diagnosis.beside import Beside, independent_rows
 from dynid_rs.diagnosis.candidate import Candidate
@@ -27,6 +28,8 @@ FAMILY_WISE = 0.01
 """Probability that anything at all is found where nothing is."""
 SHORTLIST = 6
 """Places whose shapes are refined and that are tested in a step."""
+TRUSTED = 0.05
+"""Relative uncertainty of a robot file's inertials while effects are searched for under them."""
 CONTENDER = 0.2
 """A place whose evidence in the scan is below this part of the best one's cannot win by a better shape."""
 SLACK = 10.0
@@ -122,7 +125,13 @@ def search(
 
 def fitted(setup: Setup, train: Sequence[Recording]) -> ThreeLoopIdentifier:
     """Declared model and what was found, without a third loop."""
-    return setup.identifier(residual=None).fit([setup.corrected(recording) for recording in train])
+    options = {"residual": None}
+    links = setup.options.get("links")
+    if links is not None and links.prior == "robot":
+        # Under the weight that the evidence finds without an effect the parameters imitate it; in a search the file
+        # is trusted as far as such files usually can be.
+        options["links"] = clone(links).set_params(prior_spread=TRUSTED)
+    return setup.identifier(**options).fit([setup.corrected(recording) for recording in train])
 
 
 def settle(state: Search, train: Sequence[Recording]) -> None:
