@@ -21,8 +21,9 @@ from dynid_rs.preprocessing import States
 FloatArray = NDArray[np.float64]
 Shape = tuple[tuple[str, float], ...]
 
-N_RIPPLES = 24
-"""Ripple orders that the band's scan tries, once to this many times per turn; higher ones are sought in the angle."""
+RIPPLES = (4, 24)
+"""Ripple orders that the band's scan tries: slower ones are not told from gravity, springs and cylinders, faster ones
+are sought in the angle."""
 CHUNK = 48
 """Effects whose columns are built in one pass over a run; more would only take more memory."""
 REFINED: dict[str, dict[str, tuple[str, float, float]]] = {
@@ -31,7 +32,7 @@ REFINED: dict[str, dict[str, tuple[str, float, float]]] = {
     "load_hysteresis": {"presliding_distance": ("log", 1e-5, 0.3)},
     "gear_hysteresis": {"hysteresis_distance": ("log", 1e-5, 1e-2)},
     "coupled_friction": {"ratio": ("linear", -5.0, 5.0)},
-    "torque_ripple": {"cycles": ("linear", 0.5, 1e4)},
+    "torque_ripple": {"cycles": ("linear", 3.0, 1e4)},
     "counterbalance": {
         "b": ("log", 0.02, 0.95),
         "phase": ("linear", -4.0, 4.0),
@@ -150,7 +151,7 @@ class Kinds:
             elif (kind, name) in COARSE:
                 values.append(COARSE[kind, name])
             elif name == "cycles" and kind == "torque_ripple":
-                values.append([float(k) for k in range(1, N_RIPPLES + 1)])
+                values.append([float(k) for k in range(RIPPLES[0], RIPPLES[1] + 1)])
             else:
                 values.append(list(parameter["grid"]))
         for combination in product(*values):
