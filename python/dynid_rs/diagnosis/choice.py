@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,8 @@ class Weighed:
         Least ratio over the joints of the error with it over without on left-out blocks; NaN before it was tested.
     pays : float
         How many standard errors the left-out power falls by; NaN before it was tested.
+    mean_log_ratio : float
+        Mean over left-out blocks of the logarithm of the power on its joints with it over without.
     """
 
     candidate: Candidate
@@ -43,6 +45,7 @@ class Weighed:
     p_value: float = float("nan")
     left_out_ratio: float = float("nan")
     pays: float = float("nan")
+    mean_log_ratio: float = float("nan")
 
 
 def weigh(beside: Beside, candidate: Candidate) -> Weighed:
@@ -66,7 +69,15 @@ def tested(beside: Beside, weighed: Weighed, without: FloatArray) -> Weighed:
     p = p_value(beside, columns, weighed.after, free, n_searched=candidate.n_searched)
     left = beside.left_out(columns, candidate.bounds)
     ratio = float(np.sqrt(np.min(np.sum(left**2, axis=0) / np.maximum(np.sum(without**2, axis=0), 1e-300))))
-    return Weighed(candidate, weighed.gain, weighed.evidence, weighed.after, p, ratio, falls_by(beside, without, left))
+    joints = list(candidate.joints)
+    powers = [[np.sum(x[block][:, joints] ** 2, axis=0) + 1e-300 for x in (left, without)] for block in beside.blocks]
+    return replace(
+        weighed,
+        p_value=p,
+        left_out_ratio=ratio,
+        pays=falls_by(beside, without, left),
+        mean_log_ratio=float(np.mean([np.log(first / second) for first, second in powers])),
+    )
 
 
 def falls_by(beside: Beside, first: FloatArray, second: FloatArray) -> float:

@@ -284,7 +284,7 @@ class Kinds:
         simplex = np.vstack([start, *(start + span * row for span, row in zip(spans, np.eye(len(start)), strict=True))])
         options: Any = {
             "initial_simplex": simplex,
-            "maxfev": SEARCH_STEPS * len(start) // 2 + 10,
+            "maxfev": SEARCH_STEPS * len(start),
             "xatol": 1e-3,
             "fatol": 1e-3,
         }

@@ -26,7 +26,7 @@ FloatArray = NDArray[np.float64]
 
 FAMILY_WISE = 0.01
 """Probability that anything at all is found where nothing is."""
-SHORTLIST = 6
+SHORTLIST = 7
 """Places whose shapes are refined and that are tested in a step."""
 TRUSTED = 0.05
 """Relative uncertainty of a robot file's inertials while effects are searched for under them."""
@@ -204,10 +204,18 @@ def good_candidates(state: Search, further: Sequence[Candidate]) -> list[Choice]
             continue
         weighed = tested(beside, weighed, without)
         p = min(1.0, weighed.p_value * state.n_tests)
-        if p < FAMILY_WISE and weighed.left_out_ratio < 1 - LEAST_GAIN and weighed.pays > 0:
+        if p < FAMILY_WISE and weighed.left_out_ratio < 1 - LEAST_GAIN and carries_over(weighed):
             good.append(Choice(weighed, p))
     good.sort(key=lambda choice: -choice.weighed.evidence)
     return _different(beside, good)
+
+
+def carries_over(weighed: Weighed) -> bool:
+    """Whether blocks that were left out are predicted better, on the whole or most of them.
+
+    One run that goes where the others have not been may lose more to every extrapolated parameter than all gain.
+    """
+    return weighed.pays > 0 or weighed.mean_log_ratio < 0
 
 
 def _different(beside: Beside, good: Sequence[Choice]) -> list[Choice]:
@@ -219,6 +227,8 @@ def _different(beside: Beside, good: Sequence[Choice]) -> list[Choice]:
         )
         if rival is None:
             chosen.append(choice)
+        elif chosen[rival].weighed.candidate.place == choice.weighed.candidate.place:
+            continue
         elif abs(falls_by(beside, choice.weighed.after, chosen[rival].weighed.after)) < TIE:
             chosen[rival] = replace(chosen[rival], ties=(*chosen[rival].ties, choice))
     return chosen
@@ -242,7 +252,7 @@ def scan(
     for k, h in enumerate(hypotheses):
         by_joints.setdefault(h.joints, []).append(k)
     rows = float(np.mean(independent_rows(beside.residual, beside.blocks)))
-    best: dict[tuple[str, tuple[int, ...]], tuple[float, Hypothesis | Candidate]] = {}
+    best: dict[tuple[str, tuple[int, ...], bool], tuple[float, Hypothesis | Candidate]] = {}
     tests: list[tuple[dict[int, FloatArray], list[slice]]] = []
     for joints, members in by_joints.items():
         parts = [stacked(columns[k]) for k in members]
@@ -255,7 +265,8 @@ def scan(
             h = hypotheses[k]
             n_free = int(np.sum(gain.coefficients != 0))
             worth = _worth(gain.power, len(joints) * beside.n_rows, len(joints) * rows, n_free)
-            place = (h.kind, h.joints)
+            # A cylinder that pulls and one that pushes are two valleys of one search.
+            place = (h.kind, h.joints, dict(h.shape).get("gas_length", 1.0) > 0)
             if worth > best.get(place, (-np.inf, h))[0]:
                 best[place] = (worth, h)
     for candidate in further:
@@ -263,7 +274,7 @@ def scan(
         gain = beside.gains(part, [slice(None)], [candidate.bounds])[0]
         tests.append((part, [slice(None)]))
         worth = _worth(gain.power, len(part) * beside.n_rows, len(part) * rows, len(candidate.bounds))
-        best[candidate.place] = (worth, candidate)
+        best[(*candidate.place, True)] = (worth, candidate)
     return sorted(best.values(), key=lambda pair: -pair[0]), tests
 
 
