@@ -40,7 +40,7 @@ bench: $(STAMP) $(TOOLS) ## speed and memory, side by side with a peer
 	$(BIN)/python benches/side_by_side.py
 	$(BIN)/python benches/loops.py
 
-blind: $(STAMP) ## diagnose 432 simulated cases whose answers are hidden; writes docs/blind.md, goes on where it broke off
+blind: $(STAMP) ## diagnose 420 simulated cases whose answers are hidden; writes docs/blind.md, goes on where it broke off
 	$(BIN)/python tests/blind/run.py --page docs/blind.md
 
 paper: $(STAMP) ## repeat the source paper's experiment and write docs/paper.md with its figures

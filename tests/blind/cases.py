@@ -38,7 +38,7 @@ SCALED = (
 )
 """Kinds that leave torque, by the share of which they are sized; mixtures are drawn from these."""
 LATER = ("load_hysteresis",)
-"""More of them, that came after the mixtures were drawn."""
+"""Kinds of the lab that the diagnosis does not look for: it tells them by the two that they are made of."""
 GEARS = (
     (("joint_elasticity", 1.0),),
     (("joint_elasticity", 0.3),),
@@ -126,7 +126,7 @@ Entry = tuple[str, int, tuple[Put, ...], bool]
 
 def _singles() -> Iterator[Entry]:
     """Every kind at every ratio on every arm; one and two encoders by turns."""
-    for k, kind in enumerate((*SCALED, *LATER)):
+    for k, kind in enumerate(SCALED):
         for r, ratio in enumerate(RATIOS):
             for a, arm in enumerate(ARMS):
                 # Each kind once among the quick ones, at a ratio where it must be found.

@@ -49,6 +49,9 @@ COARSE = {
 """Grids of the scan where the catalogue's is finer than a search needs to begin with, or reaches beyond a run."""
 LEAST_WARMTH = 1.0
 """A thermometer that moves less than this over all runs [K] tells nothing about friction."""
+UNSOUGHT = ("load_hysteresis",)
+"""Kinds that can be declared and are not looked for: load with memory is what load-dependent friction and hysteresis
+tell together, and those are two causes that a person can act on."""
 AT_BOUND = 0.01
 """A shape parameter this near to a bound, relatively, stands at it."""
 STARTS = {"stribeck": ("exponent", (1.0, 2.0))}
@@ -112,7 +115,8 @@ class Kinds:
     def grid(self, kinds: Sequence[str] | None = None) -> list[Hypothesis]:
         """Every kind at every place with every shape of its grid."""
         n = self._robot.n_joints
-        wanted = [k for k, e in CATALOGUE.items() if not e["declared"] and (kinds is None or k in kinds)]
+        wanted = [k for k, e in CATALOGUE.items() if not e["declared"]]
+        wanted = [k for k in wanted if (k not in UNSOUGHT if kinds is None else k in kinds)]
         out: list[Hypothesis] = []
         for kind in wanted:
             if any(rule == "partner" for rule in _rules(kind)):

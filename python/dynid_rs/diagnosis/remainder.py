@@ -29,6 +29,10 @@ FORCED = 0.7
 its signals predict, are the nearest names and not the cause: they are taken back."""
 
 
+BETTER = 0.7
+"""Part of the power left with names, of which a term in their place may leave no more on rows left out."""
+
+
 @dataclass(frozen=True, eq=False)
 class Remainder:
     """The floor of every joint, what is unexplained, and the names that were taken back."""
@@ -44,17 +48,27 @@ class Remainder:
 
 
 def what_is_left(found: Search, train: Sequence[Recording]) -> Remainder:
-    """Look at what the search leaves; names that were forced on a joint are taken out of `found`."""
-    found_floor, unexplained = _look(found)
-    forced = _forced(found, found_floor, unexplained)
-    taken_back = [(found.setup.effects[k].kind, found.setup.effects[k].joints) for k in forced]
-    if forced:
-        kept = tuple(effect for k, effect in enumerate(found.setup.effects) if k not in forced)
-        found.setup = replace(found.setup, effects=kept)
-        found.fit = fitted(found.setup, train)
-        found.kinds = Kinds(found.fit, found.kinds)
-        found_floor, unexplained = _look(found)
-    return Remainder(found_floor, unexplained, taken_back)
+    """Look at what the search leaves; names that were forced on a joint are taken out of `found`.
+
+    Without something better to put in its place, the nearest name stays and what it leaves is said beside it.
+    """
+    named = _look(found)
+    forced = _forced(found, *named)
+    if not forced:
+        return Remainder(*named, [])
+    kept = found.setup, found.fit, found.kinds
+    taken_back = [found.setup.effects[k] for k in sorted(forced)]
+    after = np.mean(Beside(found.fit).residual ** 2, axis=0)
+    effects = tuple(effect for k, effect in enumerate(found.setup.effects) if k not in forced)
+    found.setup = replace(found.setup, effects=effects)
+    found.fit = fitted(found.setup, train)
+    found.kinds = Kinds(found.fit, found.kinds)
+    bare = Remainder(*_look(found), [(effect.kind, effect.joints) for effect in taken_back])
+    better = {term.joint for term in bare.terms if term.power[1] < BETTER * after[term.joint]}
+    if {effect.joints[0] for effect in taken_back} <= better:
+        return bare
+    found.setup, found.fit, found.kinds = kept
+    return Remainder(*named, [])
 
 
 def _look(found: Search) -> tuple[Floor, list[Unexplained]]:
