@@ -57,6 +57,8 @@ class DataTerm:
         Mean square on rows left out without it and with it [torque unit squared].
     gain_error : float
         Standard error of the part of the power that it takes.
+    ridge : float
+        That predicted best on rows left out.
     """
 
     joint: int
@@ -64,6 +66,7 @@ class DataTerm:
     mixture: _core.GaussianMixtureRegression
     power: tuple[float, float]
     gain_error: float
+    ridge: float
 
     @property
     def gain(self) -> float:
@@ -114,9 +117,8 @@ def fit_data_term(
         shown = split.weighed(torque[split.left]) - split.elsewhere @ taken
         squares[0, split.left] = split.e_left**2
         squares[1, split.left] = (split.e_left - shown[:, 0]) ** 2
-    return DataTerm(
-        joint, signals, mixture, (float(squares[0].mean()), float(squares[1].mean())), _gain_error(squares, rows.block)
-    )
+    power = float(squares[0].mean()), float(squares[1].mean())
+    return DataTerm(joint, signals, mixture, power, _gain_error(squares, rows.block), ridge)
 
 
 def _coefficients(split: Split, columns: FloatArray, ridge: float) -> FloatArray:

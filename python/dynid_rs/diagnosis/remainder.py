@@ -11,16 +11,20 @@ from numpy.typing import NDArray
 
 from dynid_rs.assembly import with_residual
 from dynid_rs.diagnosis.beside import Beside
-from dynid_rs.diagnosis.data_term import DataTerm
+from dynid_rs.diagnosis.data_term import WORTH, DataTerm, fit_data_term
 from dynid_rs.diagnosis.floor import Floor, floor
 from dynid_rs.diagnosis.kinds import Kinds
 from dynid_rs.diagnosis.leftovers import run_residuals, search_leftovers
 from dynid_rs.diagnosis.picture import Picture
+from dynid_rs.diagnosis.rows_beside import Beside as Rows
 from dynid_rs.diagnosis.search import Search, columns_in, fitted
+from dynid_rs.diagnosis.setup import Setup
+from dynid_rs.diagnosis.signals import candidate_signals
 from dynid_rs.diagnosis.unknown import Unexplained, find_unknown, names
 from dynid_rs.identification import ThreeLoopIdentifier
 from dynid_rs.loops import link_load
 from dynid_rs.recording import Recording
+from dynid_rs.results import score
 
 FloatArray = NDArray[np.float64]
 
@@ -39,12 +43,8 @@ class Remainder:
 
     floor: Floor
     unexplained: list[Unexplained]
+    terms: list[DataTerm]
     taken_back: list[tuple[str, tuple[int, ...]]]
-
-    @property
-    def terms(self) -> list[DataTerm]:
-        """Data-driven terms that pay on rows left out."""
-        return [u.term for u in self.unexplained if u.term is not None and u.term.pays]
 
 
 def what_is_left(found: Search, train: Sequence[Recording]) -> Remainder:
@@ -55,7 +55,7 @@ def what_is_left(found: Search, train: Sequence[Recording]) -> Remainder:
     named = _look(found)
     forced = _forced(found, *named)
     if not forced:
-        return Remainder(*named, [])
+        return Remainder(*named, _terms(found, named[1], train), [])
     kept = found.setup, found.fit, found.kinds
     taken_back = [found.setup.effects[k] for k in sorted(forced)]
     after = np.mean(Beside(found.fit).residual ** 2, axis=0)
@@ -63,12 +63,14 @@ def what_is_left(found: Search, train: Sequence[Recording]) -> Remainder:
     found.setup = replace(found.setup, effects=effects)
     found.fit = fitted(found.setup, train)
     found.kinds = Kinds(found.fit, found.kinds)
-    bare = Remainder(*_look(found), [(effect.kind, effect.joints) for effect in taken_back])
+    bare_floor, bare_left = _look(found)
+    terms = _terms(found, bare_left, train)
+    bare = Remainder(bare_floor, bare_left, terms, [(effect.kind, effect.joints) for effect in taken_back])
     better = {term.joint for term in bare.terms if term.power[1] < BETTER * after[term.joint]}
     if {effect.joints[0] for effect in taken_back} <= better:
         return bare
     found.setup, found.fit, found.kinds = kept
-    return Remainder(*named, [])
+    return Remainder(*named, _terms(found, named[1], train), [])
 
 
 def _look(found: Search) -> tuple[Floor, list[Unexplained]]:
@@ -93,17 +95,47 @@ def _forced(found: Search, measured: Floor, unexplained: Sequence[Unexplained]) 
     return forced
 
 
+def _terms(found: Search, unexplained: Sequence[Unexplained], train: Sequence[Recording]) -> list[DataTerm]:
+    """Data-driven terms that pay: on rows left out, and as part of a whole model on every run left out."""
+    terms = [u.term for u in unexplained if u.term is not None and u.term.pays]
+    return [term for term in terms if len(train) < 2 or _carries_over(found, term, train)]
+
+
+def _carries_over(found: Search, term: DataTerm, train: Sequence[Recording]) -> bool:
+    """Whether models with the term, made without one run each, predict those runs better than models without it."""
+    j, without, with_it = term.joint, 0.0, 0.0
+    corrected = [found.setup.corrected(recording) for recording in train]
+    for k, left_out in enumerate(corrected):
+        others = [recording for i, recording in enumerate(corrected) if i != k]
+        bare = found.setup.identifier(residual=None).fit(others)
+        rows = Rows(bare).of_joint(j)
+        again = fit_data_term(j, term.signals, term.ridge, rows, candidate_signals(bare), bare.runs_)
+        if again is None:
+            return False
+        whole = _with_terms(found.setup, bare, [again], others)
+        states = bare.states(left_out)
+        without += float(score(bare.model_, [states]).rmse[j] ** 2)
+        with_it += float(score(whole.model_, [states]).rmse[j] ** 2)
+    return with_it < (1 - WORTH) * without
+
+
 def with_terms(found: Search, terms: Sequence[DataTerm], train: Sequence[Recording]) -> ThreeLoopIdentifier:
     """Fit everything beside the data-driven terms and put them into the model, in the place of a third loop."""
-    load = link_load(found.fit.observations_.plan, found.fit.links_)
+    return _with_terms(found.setup, found.fit, terms, train)
+
+
+def _with_terms(
+    setup: Setup, bare: ThreeLoopIdentifier, terms: Sequence[DataTerm], train: Sequence[Recording]
+) -> ThreeLoopIdentifier:
+    load = link_load(bare.observations_.plan, bare.links_)
     lessened = []
-    for recording, states in zip(train, found.fit.runs_, strict=True):
+    for recording, states in zip(train, bare.runs_, strict=True):
         tau = np.array(recording.tau)
         for term in terms:
             tau[:, term.joint] -= np.interp(recording.t, states.t, term.torque(states, load(states)))
         lessened.append(replace(recording, tau=tau))
-    fit = found.setup.identifier(residual=None).fit(lessened)
-    n = found.setup.robot.n_joints
+    fit = setup.identifier(residual=None).fit(lessened)
+    n = setup.robot.n_joints
     signals: list[list[tuple[str, int]]] = [[] for _ in range(n)]
     regressions: list[Any] = [None] * n
     for term in terms:
@@ -120,7 +152,7 @@ def remainder_entries(remainder: Remainder, joint_names: Sequence[str]) -> list[
             "share": u.share,
             "p_value": u.p_value,
             "depends_on": _depends_on(u, joint_names),
-            **({} if u.term is None else {"term": {"kind": "gmr", "kept": u.term.pays}}),
+            **({} if u.term is None else {"term": {"kind": "gmr", "kept": u.term in remainder.terms}}),
             **({} if u.picture is None else {"plot": _plot(u.picture, joint_names, u.joint)}),
         }
         for u in remainder.unexplained
@@ -137,10 +169,15 @@ def unknown_entries(remainder: Remainder, joint_names: Sequence[str]) -> list[di
             "p_value": u.p_value,
             "ties": [],
             "depends_on": _depends_on(u, joint_names),
-            "note": "nothing in the catalogue explains it; a regression on these signals is in the model",
+            "note": "nothing in the catalogue explains it; "
+            + (
+                "a regression on these signals is in the model"
+                if u.term in remainder.terms
+                else "a regression on these signals does not carry over to runs left out, so it is not in the model"
+            ),
         }
         for u in remainder.unexplained
-        if u.term is not None and u.term.pays
+        if u.term is not None and u.depends_on
     ]
 
 
