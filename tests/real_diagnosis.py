@@ -176,11 +176,14 @@ def close_the_loop(runs: Runs) -> Outcome:
     setup, findings = zero_shifts(declared, start)
     setup = diagnose(setup, runs.train, runs.test).setup
     model = fitted(setup, runs.train)
+    known = setup.held
     setup, ripple = add_ripple(setup, model, [*runs.train, *runs.further])
     model = fitted(setup, runs.train)
     before, raw_before = _errors(declared, runs.test)
     after, raw_after = _errors(model, runs.test)
     named = [f"{effect.kind} ({', '.join(map(str, effect.joints))})" for effect in setup.effects]
+    held = [one.effect for one in known if one.effect.kind == "torque_ripple"]
+    named += [f"torque_ripple ({e.joints[0]}): {e.shape_at(e.joints[0])['cycles']:.1f} per turn" for e in held]
     named += [
         f"torque_ripple ({candidate.joints[0]}): {', '.join(f'{line.order:.1f}' for line in candidate.lines)} per turn"
         for candidate in ripple

@@ -50,18 +50,9 @@ def measured(arm, wish, robot, seed=0):
     return effects, [dyn.Recording(r.t, r.q, tau=r.tau, name=r.name, joints=r.joints) for r in runs]
 
 
-def shown(recording, error):
-    """The run with the encoders' error taken out."""
-    q = recording.q
-    for _ in range(3):
-        q = recording.q - error[:, 0] * np.cos(q) - error[:, 1] * np.sin(q)
-    return replace(recording, q=q)
-
-
 def fitted(setup, runs):
-    fit = setup.identifier().fit([shown(run, setup.encoder_error) for run in runs[:2]])
-    test = fit.states(shown(runs[2], setup.encoder_error))
-    return fit, score(fit.model_, [test]).rmse
+    fit = setup.identifier().fit(runs[:2])
+    return fit, score(fit.model_, [fit.states(runs[2])]).rmse
 
 
 def explained(fit, candidates):
