@@ -61,6 +61,8 @@ class Beside:
         What the model leaves, over all runs [torque unit].
     blocks : list of slice
         Rows of every block that can be left out.
+    n_runs : int
+        Runs that the rows come from.
     weights : ndarray (n_joints,)
         One over the residual's standard deviation.
     """
@@ -79,6 +81,7 @@ class Beside:
         edges = np.cumsum([0, *(block.n_rows for block in observations.blocks)])
         self.blocks = [slice(int(a), int(b)) for a, b in pairwise(edges)]
         self.n_rows = int(edges[-1])
+        self.n_runs = len({block.run for block in observations.blocks})
         noise = np.maximum(fit.links_.noise_std_, 1e-300)
         self.weights: FloatArray = 1 / noise
         posterior = fit.links_.posterior_

@@ -32,7 +32,7 @@ REFINED: dict[str, dict[str, tuple[str, float, float]]] = {
     "load_hysteresis": {"presliding_distance": ("log", 1e-5, 0.3)},
     "gear_hysteresis": {"hysteresis_distance": ("log", 1e-5, 1e-2)},
     "coupled_friction": {"ratio": ("linear", -5.0, 5.0)},
-    "torque_ripple": {"cycles": ("linear", 3.0, 1e4)},
+    "torque_ripple": {"cycles": ("linear", 3.0, 48.0)},
     "counterbalance": {
         "b": ("log", 0.02, 0.95),
         "phase": ("linear", -4.0, 4.0),
@@ -52,6 +52,8 @@ LEAST_WARMTH = 1.0
 UNSOUGHT = ("load_hysteresis",)
 """Kinds that can be declared and are not looked for: load with memory is what load-dependent friction and hysteresis
 tell together, and those are two causes that a person can act on."""
+NEIGHBOURS = ("coupled_friction",)
+"""Kinds of two joints in one housing: only joints that follow each other share a gear."""
 AT_BOUND = 0.01
 """A shape parameter this near to a bound, relatively, stands at it."""
 STARTS = {"stribeck": ("exponent", (1.0, 2.0))}
@@ -120,7 +122,8 @@ class Kinds:
         out: list[Hypothesis] = []
         for kind in wanted:
             if any(rule == "partner" for rule in _rules(kind)):
-                places: list[tuple[int, ...]] = [(j, k) for j in range(n) for k in range(j + 1, n)]
+                reach = 1 if kind in NEIGHBOURS else n
+                places: list[tuple[int, ...]] = [(j, k) for j in range(n) for k in range(j + 1, min(j + reach + 1, n))]
             else:
                 places = [(j,) for j in range(n)]
             for place in places:

@@ -36,6 +36,8 @@ SLACK = 10.0
 """However small the evidence, places within this of the best one are looked at."""
 LEAST_GAIN = 0.005
 """Part of some joint's left-out error that an effect has to take off: less is of no use, however certain."""
+LONE_GAIN, LONE_PAYS = 0.05, 1.0
+"""The same where there is one run, and by how many standard errors the power on its left-out thirds has to fall."""
 MOST_STEPS = 12
 """Steps of the search; each may add several effects."""
 REFINEMENTS = 3
@@ -204,18 +206,22 @@ def good_candidates(state: Search, further: Sequence[Candidate]) -> list[Choice]
             continue
         weighed = tested(beside, weighed, without)
         p = min(1.0, weighed.p_value * state.n_tests)
-        if p < FAMILY_WISE and weighed.left_out_ratio < 1 - LEAST_GAIN and carries_over(weighed):
+        if p < FAMILY_WISE and carries_over(weighed, lone=beside.n_runs == 1):
             good.append(Choice(weighed, p))
     good.sort(key=lambda choice: -choice.weighed.evidence)
     return _different(beside, good)
 
 
-def carries_over(weighed: Weighed) -> bool:
+def carries_over(weighed: Weighed, *, lone: bool) -> bool:
     """Whether blocks that were left out are predicted better, on the whole or most of them.
 
-    One run that goes where the others have not been may lose more to every extrapolated parameter than all gain.
+    One run that goes where the others have not been may lose more to every extrapolated parameter than all gain. The
+    thirds of a lone run resemble each other, so there both are asked, and more of each.
     """
-    return weighed.pays > 0 or weighed.mean_log_ratio < 0
+    if lone:
+        clear = weighed.left_out_ratio < 1 - LONE_GAIN and weighed.pays > LONE_PAYS
+        return clear and weighed.mean_log_ratio < 0 and weighed.evidence > 0
+    return weighed.left_out_ratio < 1 - LEAST_GAIN and (weighed.pays > 0 or weighed.mean_log_ratio < 0)
 
 
 def _different(beside: Beside, good: Sequence[Choice]) -> list[Choice]:
