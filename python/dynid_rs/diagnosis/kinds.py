@@ -32,7 +32,7 @@ REFINED: dict[str, dict[str, tuple[str, float, float]]] = {
     "load_hysteresis": {"presliding_distance": ("log", 1e-5, 0.3)},
     "gear_hysteresis": {"hysteresis_distance": ("log", 1e-5, 1e-2)},
     "coupled_friction": {"ratio": ("linear", -5.0, 5.0)},
-    "torque_ripple": {"cycles": ("linear", 3.0, 48.0)},
+    "torque_ripple": {"cycles": ("linear", 3.0, 1e4)},
     "counterbalance": {
         "b": ("log", 0.02, 0.95),
         "phase": ("linear", -4.0, 4.0),
@@ -54,6 +54,8 @@ UNSOUGHT = ("load_hysteresis",)
 tell together, and those are two causes that a person can act on."""
 NEIGHBOURS = ("coupled_friction",)
 """Kinds of two joints in one housing: only joints that follow each other share a gear."""
+LEAST_LOAD = 0.05
+"""Part of some joint's torque that weight has to be, or nothing is looked for that follows the load."""
 AT_BOUND = 0.01
 """A shape parameter this near to a bound, relatively, stands at it."""
 STARTS = {"stribeck": ("exponent", (1.0, 2.0))}
@@ -104,6 +106,11 @@ class Kinds:
         self._robot = fit.robot
         load = link_load(fit.observations_.plan, fit.links_)
         self.runs: list[States] = [replace(states, tau_link=load(states)) for states in fit.runs_]
+        # A rotor without weight has a load of its own acceleration alone, and that is mostly the encoder's noise.
+        still = [replace(states, dq=0 * states.dq, ddq=0 * states.ddq) for states in fit.runs_]
+        weight = np.concatenate([load(states) for states in still])
+        tau = np.concatenate([states.tau for states in fit.runs_])
+        self._carries_weight = bool(np.any(weight.std(axis=0) > LEAST_LOAD * tau.std(axis=0)))
         friction, _ = fit.observations_.plan.friction
         self.widths = np.asarray(dict(friction.shape)["transition_width"])
         self.thresholds = np.asarray(dict(friction.shape)["velocity_threshold"])
@@ -127,6 +134,8 @@ class Kinds:
             else:
                 places = [(j,) for j in range(n)]
             for place in places:
+                if "tau_link" in CATALOGUE[kind]["signals"] and not self._carries_weight:
+                    continue
                 if kind in TURNING and any(self._robot.joint_kinds[j] != "revolute" for j in place):
                     continue
                 if "temperature" in CATALOGUE[kind]["signals"] and not all(map(self._warms, place)):

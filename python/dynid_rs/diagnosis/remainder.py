@@ -85,7 +85,12 @@ def _forced(found: Search, measured: Floor, unexplained: Sequence[Unexplained]) 
     after = np.mean(Beside(found.fit).residual ** 2, axis=0)
     forced: set[int] = set()
     for j in (u.joint for u in unexplained if u.depends_on):
-        there = [k for k, effect in enumerate(found.setup.effects) if effect.joints == (j,)]
+        # A sharp line in the angle is no approximation of anything else.
+        there = [
+            k
+            for k, effect in enumerate(found.setup.effects)
+            if effect.joints == (j,) and "cycles" not in dict(effect.shape)
+        ]
         if not there:
             continue
         without = Beside(found.fit, [c for k in there for c in columns[k]])
