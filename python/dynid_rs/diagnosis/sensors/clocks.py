@@ -40,6 +40,10 @@ GEAR_SURE = 4.0
 """Gears whose inner friction stands out by this many standard errors have it beside the delay."""
 
 
+LATEST = 0.1
+"""A torque channel that is later than this [s] is no channel of a controller."""
+
+
 @dataclass(frozen=True, eq=False)
 class DelayParts:
     """Delay [s] of gravity's, inertia's and friction's part of every joint's torque, (3, n_joints), NaN where unseen.
@@ -143,7 +147,9 @@ def choose_delay(parts: DelayParts) -> TorqueDelay:
         if p_values[worst] <= level:
             break
         chosen.pop(worst)
-    return measure_delay(parts, chosen)
+    found = measure_delay(parts, chosen)
+    # Slow motion or friction with memory can look like a delay of seconds; no channel is that late.
+    return found if np.all(np.abs(found.per_joint) <= LATEST) else measure_delay(parts, [])
 
 
 def measure_delay(parts: DelayParts, places: Sequence[tuple[int, ...]]) -> TorqueDelay:
