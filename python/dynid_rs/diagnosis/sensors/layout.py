@@ -124,6 +124,8 @@ class Rows:
                 continue
             # The odd Coulomb column is the sign of the speed, in the band.
             sign = rows[:, places][:, :2].sum(axis=1)
+            if np.ptp(sign) == 0 or np.ptp(friction) == 0:
+                continue  # one direction at one speed: nothing to correlate
             result[j] = np.corrcoef(friction, sign)[0, 1]
         return result
 
