@@ -25,7 +25,16 @@ from dynid_rs.diagnosis.beside import Beside, bounded_gain
 from dynid_rs.diagnosis.kinds import Hypothesis, Kinds, joined, stacked
 from dynid_rs.diagnosis.loop import diagnose
 from dynid_rs.diagnosis.null import effective_tests, noise_copies, p_value
-from dynid_rs.diagnosis.search import Search, drop_needless, fitted, good_candidates, refined_candidate, rms, search
+from dynid_rs.diagnosis.search import (
+    Search,
+    columns_in,
+    drop_needless,
+    fitted,
+    good_candidates,
+    refined_candidate,
+    rms,
+    search,
+)
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.simulation import build_effects, equip, parse_wish, simulate, typical_arm
 from dynid_rs.simulation.folder import run_columns
@@ -69,6 +78,16 @@ def clean():
 @pytest.fixture(scope="module")
 def beside(clean):
     return Beside(clean.fit)
+
+
+@pytest.mark.parametrize("law", ["paper", "stribeck"])
+def test_an_effects_own_columns_are_found_beside_every_law_of_friction(law):
+    setup = Setup(ROBOT, effects=(STRIBECK.placed(), HYSTERESIS.placed()), options={"friction_law": law})
+    state = start(setup, measured(n_runs=2))
+    names = [name for effect in state.fit.observations_.plan.effects for name in effect.coefficient_names]
+    named = [[(j, names[column]) for j, column in places] for places in columns_in(state)]
+    assert named == [[(2, "stribeck_pos"), (2, "stribeck_neg")], [(1, "hysteresis")]]
+    assert columns_in(state)[0][0][1] == len(names) - 8 - 3  # right before friction, behind the law's own
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,6 @@ from cases import RATIOS, all_cases
 from suite import run_cases
 from tally import tally
 
-pytest.importorskip("dynid_rs.commands.diagnose", reason="dynid diagnose is not there yet")
 pytestmark = pytest.mark.timeout(1800)
 
 QUICK = [case for case in all_cases().values() if case.quick]

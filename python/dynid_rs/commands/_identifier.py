@@ -129,3 +129,17 @@ def check_motion(runs: list[States]) -> None:
                 code="too_little_motion",
                 file=states.name,
             )
+
+
+def write_results(output: Path, model: Any, result: dict[str, Any], table: dict[str, Any]) -> None:
+    """Fill the folder: model, residuals, result and report, all of them or none."""
+    from dynid_rs.commands._output import filled_together
+    from dynid_rs.files import write_json, write_table
+    from dynid_rs.report import write_report
+    from dynid_rs.report.source import source_of
+
+    with filled_together(output) as folder:
+        model.save(folder / MODEL_FILE)
+        write_table(folder / RESIDUALS_FILE, table)
+        write_json(folder / RESULT_FILE, result)
+        write_report(folder, source_of(result, table))

@@ -111,22 +111,14 @@ def _reference(path: Path, robot: Any, run: Recording) -> Any:
 
 
 def _write(outcome: Outcome, split: Split, findings: list[Finding], output: Path) -> dict[str, Any]:
-    from dynid_rs.commands._identifier import MODEL_FILE, RESIDUALS_FILE, RESULT_FILE, check_motion
-    from dynid_rs.commands._output import filled_together
+    from dynid_rs.commands._identifier import check_motion, write_results
     from dynid_rs.diagnosis.results import evaluated, residual_table, summarise_diagnosis
-    from dynid_rs.files import write_json, write_table
-    from dynid_rs.report import write_report
-    from dynid_rs.report.source import source_of
 
     runs = evaluated(outcome, split.train, split.test)
     check_motion([run.states for run in runs.test_after])
     result = summarise_diagnosis(outcome, runs, findings)
     table = residual_table(outcome, runs)
-    with filled_together(output) as folder:
-        outcome.after.model_.save(folder / MODEL_FILE)
-        write_table(folder / RESIDUALS_FILE, table)
-        write_json(folder / RESULT_FILE, result)
-        write_report(folder, source_of(result, table))
+    write_results(output, outcome.after.model_, result, table)
     return result
 
 

@@ -147,12 +147,8 @@ def _write(
     output: Path,
     physical: Any = None,
 ) -> dict[str, Any]:
-    from dynid_rs.commands._identifier import MODEL_FILE, RESIDUALS_FILE, RESULT_FILE, scored_states
-    from dynid_rs.commands._output import filled_together
+    from dynid_rs.commands._identifier import scored_states, write_results
     from dynid_rs.encoders import with_fitted_delay
-    from dynid_rs.files import write_json, write_table
-    from dynid_rs.report import write_report
-    from dynid_rs.report.source import source_of
     from dynid_rs.results import evaluate_runs, residual_table, summarise
 
     model = identifier.model_
@@ -163,11 +159,7 @@ def _write(
     if physical is not None:
         model = model.with_physical(physical.physical_set(model))
     table = residual_table(model, trained, tested)
-    with filled_together(output) as folder:
-        model.save(folder / MODEL_FILE)
-        write_table(folder / RESIDUALS_FILE, table)
-        write_json(folder / RESULT_FILE, result)
-        write_report(folder, source_of(result, table))
+    write_results(output, model, result, table)
     return result
 
 

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from dynid_rs import _core
 from dynid_rs.columns import Observations, Plan
 from dynid_rs.identification import ThreeLoopIdentifier
-from dynid_rs.links import alike_rows, block_residuals, stack
+from dynid_rs.links import ASYMMETRY, alike_rows, block_residuals, stack
 
 FloatArray = NDArray[np.float64]
 
@@ -86,7 +86,7 @@ class Beside:
         self.weights: FloatArray = 1 / noise
         posterior = fit.links_.posterior_
         self._pull = (
-            alike_rows(plan, observations.factors(), observations.n_rows, fit.links_.asymmetry or 0.1)
+            alike_rows(plan, observations.factors(), observations.n_rows, fit.links_.asymmetry or ASYMMETRY)
             if posterior is None
             else posterior.pull
         )
@@ -106,19 +106,12 @@ class Beside:
     @cached_property
     def leverage(self) -> list[list[FloatArray]]:
         """Part of every spectral line's power that the fit takes away, per joint and block."""
-        from scipy.fft import rfft
         from scipy.linalg import solve_triangular
 
+        inverse = solve_triangular(self._root, np.eye(len(self._root)), check_finite=False)
         taken = []
         for j, columns in enumerate(self._columns):
-            inverse = solve_triangular(self._root, np.eye(len(self._root)), check_finite=False)[self._places[j]]
-            basis = self.weights[j] * (columns @ inverse)
-            taken.append(
-                [
-                    np.sum(np.abs(rfft(basis[block], axis=0)) ** 2, axis=1) / (block.stop - block.start)
-                    for block in self.blocks
-                ]
-            )
+            taken.append(line_power(self.weights[j] * (columns @ inverse[self._places[j]]), self.blocks))
         return taken
 
     def left(self, x: FloatArray) -> FloatArray:
@@ -165,19 +158,18 @@ class Beside:
             rest[j] = rest[j] + C
         return rest
 
-    def products(self, columns: Mapping[int, FloatArray]) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """T (n_unknowns, k), ``C'W^2 C`` (k, k) and ``C'W^2 e`` (k,), and the columns' norms (k,)."""
+    def products(self, columns: Mapping[int, FloatArray]) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """T (n_unknowns, k), ``C'W^2 C`` (k, k) and ``C'W^2 e`` (k,)."""
         imitated = self.imitate(columns)
         gram = sum(self.weights[j] ** 2 * (C.T @ C) for j, C in columns.items())
         score = sum(self.weights[j] ** 2 * (C.T @ self.residual[:, j]) for j, C in columns.items())
-        gram = np.asarray(gram)
-        return imitated, gram, np.asarray(score), np.sqrt(np.diag(gram))
+        return imitated, np.asarray(gram), np.asarray(score)
 
     def gains(
         self, columns: Mapping[int, FloatArray], groups: Sequence[slice], bounds: Sequence[FloatArray]
     ) -> list[Gain]:
         """What each group of columns would take off by itself; `bounds` (k, 2) per group."""
-        imitated, gram, score, _ = self.products(columns)
+        imitated, gram, score = self.products(columns)
         return [
             bounded_gain(gram[g, g] - imitated[:, g].T @ imitated[:, g], np.diag(gram)[g], score[g], bound)
             for g, bound in zip(groups, bounds, strict=True)
@@ -194,10 +186,7 @@ class Beside:
         for k, block in enumerate(self.blocks):
             others = [b for b in range(len(self.blocks)) if b != k]
             root, x = self._solve(others)
-            left = np.stack(
-                [tau - A @ x[places] for A, tau, places in zip(self._columns, self._tau, self._places, strict=True)],
-                axis=1,
-            )
+            left = self.left(x)
             if columns is not None and bounds is not None:
                 left = self._with_candidate(root, left, columns, bounds, block)
             out[block] = left[block]
@@ -263,8 +252,7 @@ def bounded_gain(own: FloatArray, power: FloatArray, score: FloatArray, bounds: 
         values, vectors = np.linalg.eigh(S)
         good = values > 1e-8 * values[-1]
         coefficients[free] = scale * (vectors[:, good] / values[good] @ (vectors[:, good].T @ (scale * score[free])))
-        with np.errstate(over="ignore"):  # no bound is the greatest number there is
-            beyond = np.maximum(bounds[free, 0] - coefficients[free], coefficients[free] - bounds[free, 1]) * root
+        beyond = np.maximum(bounds[free, 0] - coefficients[free], coefficients[free] - bounds[free, 1]) * root
         if np.all(beyond <= 0):
             break
         held[free[int(np.argmax(beyond))]] = True
@@ -293,3 +281,14 @@ def independent_rows(residual: FloatArray, blocks: Sequence[slice]) -> FloatArra
     reach = max(1, longest // 10)
     result: FloatArray = len(residual) / (1 + 2 * np.sum(rho[:reach] ** 2, axis=0))
     return result
+
+
+def line_power(x: FloatArray, blocks: Sequence[slice]) -> list[FloatArray]:
+    """Power of every spectral line per sample, summed over the columns of `x` (n_rows, ...), block by block."""
+    from scipy.fft import rfft
+
+    powers = []
+    for block in blocks:
+        part = x[block].reshape(block.stop - block.start, -1)
+        powers.append(np.sum(np.abs(rfft(part, axis=0)) ** 2, axis=1) / len(part))
+    return powers

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from dynid_rs.columns import Observations, observe
 from dynid_rs.diagnosis.beside import Beside
-from dynid_rs.diagnosis.choice import weigh
 from dynid_rs.diagnosis.intervals import Estimate, estimates
 from dynid_rs.diagnosis.kinds import Hypothesis, stacked
-from dynid_rs.diagnosis.search import Choice, Search, columns_in, hypothesis_of
+from dynid_rs.diagnosis.search import Choice, Search, columns_in, hypothesis_of, standing
+from dynid_rs.evaluation import rmse
 from dynid_rs.loops import link_load
 from dynid_rs.recording import Recording
 from dynid_rs.uncertainty import NORMAL_95
@@ -32,19 +32,21 @@ def effect_entries(found: Search, test: Sequence[Recording]) -> list[dict[str, A
     if not found.setup.effects:
         return []
     columns = columns_in(found)
-    order, told = _order(found, columns), _choices(found)
-    rows = _test_rows(found, test)
+    told, rows = _choices(found), _test_rows(found, test)
+    order = sorted((standing(found, k) for k in range(len(columns))), key=lambda pair: -pair[0].evidence)
+    # One model more than effects: without any of them, with the first, with the first two, ...
+    places = [k for _, k in order]
+    models = [Beside(found.fit, [c for k in places[n:] for c in columns[k]]) for n in range(len(places) + 1)]
+    trained = [rmse([model.residual]).tolist() for model in models]
+    tested = [[] if rows is None else model.error_on(rows).tolist() for model in models]
     plan = found.fit.observations_.plan
     friction = found.fit.links_.own_[:, plan.friction[1]]
     entries = []
-    for rank, k in enumerate(order):
+    for rank, (weighed, k) in enumerate(order):
         effect = found.setup.effects[k]
         hypothesis = hypothesis_of(effect, found.kinds)
         beside = Beside(found.fit, columns[k])
-        weighed = weigh(beside, found.kinds.candidate(hypothesis))
         choice = told.get((effect.kind, effect.joints))
-        without = [c for other in order[rank:] for c in columns[other]]
-        later = [c for other in order[rank + 1 :] for c in columns[other]]
         entries.append(
             {
                 "rank": rank + 1,
@@ -56,10 +58,10 @@ def effect_entries(found: Search, test: Sequence[Recording]) -> list[dict[str, A
                 ],
                 "p_value": 1.0 if choice is None else choice.p_value,
                 "evidence": weighed.evidence,
-                "rmse_train_before": _left(Beside(found.fit, without).residual),
-                "rmse_train_after": _left(Beside(found.fit, later).residual),
-                "rmse_test_before": _test_error(found, without, rows),
-                "rmse_test_after": _test_error(found, later, rows),
+                "rmse_train_before": trained[rank],
+                "rmse_train_after": trained[rank + 1],
+                "rmse_test_before": tested[rank],
+                "rmse_test_after": tested[rank + 1],
                 "ties": [] if choice is None else [_tie(found, tie) for tie in choice.ties],
                 "plot": _plot(found, beside, hypothesis, weighed.gain.coefficients),
             }
@@ -76,18 +78,6 @@ def _choices(found: Search) -> dict[tuple[str, tuple[int, ...]], Choice]:
     return {step.choice.weighed.candidate.place: step.choice for step in found.steps if step.action == "added"}
 
 
-def _order(found: Search, columns: list[list[tuple[int, int]]]) -> list[int]:
-    """Effects by what they take off beside all others, most first."""
-    worth = [weigh_again(found, k, columns) for k in range(len(columns))]
-    return sorted(range(len(columns)), key=lambda k: -worth[k])
-
-
-def weigh_again(found: Search, k: int, columns: list[list[tuple[int, int]]]) -> float:
-    """Evidence for effect k of the final setup, beside all others."""
-    beside = Beside(found.fit, columns[k])
-    return weigh(beside, found.kinds.candidate(hypothesis_of(found.setup.effects[k], found.kinds))).evidence
-
-
 def _test_rows(found: Search, test: Sequence[Recording]) -> Observations | None:
     if not test:
         return None
@@ -95,19 +85,6 @@ def _test_rows(found: Search, test: Sequence[Recording]) -> Observations | None:
     load = link_load(fit.observations_.plan, fit.links_)
     runs = [fit.states(recording).aligned(fit.model_.encoder_delay, fit.model_.encoder_error) for recording in test]
     return observe(fit.observations_.plan, [replace(states, tau_link=load(states)) for states in runs])
-
-
-def _test_error(found: Search, without: Sequence[tuple[int, int]], rows: Observations | None) -> list[float]:
-    """RMSE per joint on the test rows, the model fitted again without some columns."""
-    if rows is None:
-        return []
-    error: list[float] = Beside(found.fit, without).error_on(rows).tolist()
-    return error
-
-
-def _left(residual: FloatArray) -> list[float]:
-    left: list[float] = np.sqrt(np.mean(residual**2, axis=0)).tolist()
-    return left
 
 
 def _parameter(estimate: Estimate, found: Search) -> dict[str, Any]:

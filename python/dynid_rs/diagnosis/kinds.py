@@ -119,7 +119,6 @@ class Kinds:
             self._cache = {
                 h: columns for h, columns in before._cache.items() if "tau_link" not in CATALOGUE[h.kind]["signals"]
             }
-        self.unit = fit.torque_unit_
 
     def grid(self, kinds: Sequence[str] | None = None) -> list[Hypothesis]:
         """Every kind at every place with every shape of its grid."""
@@ -337,12 +336,10 @@ def at_a_bound(hypothesis: Hypothesis) -> bool:
     """
     shape = dict(hypothesis.shape)
     for name, (how, low, high) in REFINED.get(hypothesis.kind, {}).items():
-        value = abs(shape[name]) if how == "log" else shape[name]
-        if (
-            name not in ("phase", "gas_length")
-            and not low * (1 + AT_BOUND) < value < high * (1 - AT_BOUND)
-            and how == "log"
-        ):
+        if how != "log" or name == "gas_length":
+            continue  # an angle, a ratio or an order may be any; a gas column without end is a plain spring
+        value = abs(shape[name])
+        if not low * (1 + AT_BOUND) < value < high * (1 - AT_BOUND):
             return True
     return False
 

@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs.diagnosis.beside import ABSORBED, Beside
+from dynid_rs.diagnosis.beside import ABSORBED, Beside, line_power
 
 FloatArray = NDArray[np.float64]
 
@@ -52,17 +52,6 @@ def noise_copies(beside: Beside, left: FloatArray, n_copies: int = N_COPIES, ran
             density = np.interp(frequency, *spectra[j])
             copies[j, block] = irfft(white[j] * np.sqrt(density * n / 2)[:, None], n, axis=0)
     return copies
-
-
-def line_power(x: FloatArray, blocks: Sequence[slice]) -> list[FloatArray]:
-    """Power of every spectral line per sample, summed over the columns of `x` (n_rows, ...), block by block."""
-    from scipy.fft import rfft
-
-    powers = []
-    for block in blocks:
-        part = x[block].reshape(block.stop - block.start, -1)
-        powers.append(np.sum(np.abs(rfft(part, axis=0)) ** 2, axis=1) / len(part))
-    return powers
 
 
 def _spectrum(left: FloatArray, taken: Sequence[FloatArray], blocks: Sequence[slice]) -> tuple[FloatArray, FloatArray]:
@@ -147,7 +136,7 @@ def effective_tests(
     absorbed = beside.imitated_scores(copies)
     farthest: dict[int, FloatArray] = {}
     for columns, slices in groups:
-        imitated, gram, _, _ = beside.products(columns)
+        imitated, gram, _ = beside.products(columns)
         scores = sum(weights[j] * (C.T @ copies[j]) for j, C in columns.items()) - imitated.T @ absorbed
         scores = np.asarray(scores)
         own = np.diag(gram) - np.sum(imitated**2, axis=0)

@@ -66,11 +66,6 @@ class LeftOutRows:
         """What the declared model alone leaves, (n_targets,)."""
         self._known: dict[tuple[Signal, ...], Score] = {}
 
-    @property
-    def squares_without(self) -> FloatArray:
-        """What the declared model alone leaves of the residual, row by row, (n_rows,)."""
-        return self._in_order([left[:, 0] ** 2 for _, left in self._targets])
-
     def score(self, signals: Sequence[Signal]) -> Score:
         """Score a set of signals."""
         key = tuple(sorted(signals))

@@ -39,12 +39,11 @@ BETTER = 0.7
 
 @dataclass(frozen=True, eq=False)
 class Remainder:
-    """The floor of every joint, what is unexplained, and the names that were taken back."""
+    """The floor of every joint, what is unexplained, and the data-driven terms that are worth keeping."""
 
     floor: Floor
     unexplained: list[Unexplained]
     terms: list[DataTerm]
-    taken_back: list[tuple[str, tuple[int, ...]]]
 
 
 def what_is_left(found: Search, train: Sequence[Recording]) -> Remainder:
@@ -55,7 +54,7 @@ def what_is_left(found: Search, train: Sequence[Recording]) -> Remainder:
     named = _look(found)
     forced = _forced(found, *named)
     if not forced:
-        return Remainder(*named, _terms(found, named[1], train), [])
+        return Remainder(*named, _terms(found, named[1], train))
     kept = found.setup, found.fit, found.kinds
     taken_back = [found.setup.effects[k] for k in sorted(forced)]
     after = np.mean(Beside(found.fit).residual ** 2, axis=0)
@@ -65,12 +64,12 @@ def what_is_left(found: Search, train: Sequence[Recording]) -> Remainder:
     found.kinds = Kinds(found.fit, found.kinds)
     bare_floor, bare_left = _look(found)
     terms = _terms(found, bare_left, train)
-    bare = Remainder(bare_floor, bare_left, terms, [(effect.kind, effect.joints) for effect in taken_back])
+    bare = Remainder(bare_floor, bare_left, terms)
     better = {term.joint for term in bare.terms if term.power[1] < BETTER * after[term.joint]}
     if {effect.joints[0] for effect in taken_back} <= better:
         return bare
     found.setup, found.fit, found.kinds = kept
-    return Remainder(*named, _terms(found, named[1], train), [])
+    return Remainder(*named, _terms(found, named[1], train))
 
 
 def _look(found: Search) -> tuple[Floor, list[Unexplained]]:

@@ -18,6 +18,7 @@ from dynid_rs.diagnosis.kinds import Hypothesis, Kinds, at_a_bound, bounds_of, j
 from dynid_rs.diagnosis.null import effective_tests
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.structural import refine, structural_candidates
+from dynid_rs.evaluation import rmse
 from dynid_rs.identification import ThreeLoopIdentifier
 from dynid_rs.placed import PlacedEffect, own_columns
 from dynid_rs.recording import Recording
@@ -120,8 +121,8 @@ def search(
             refit(state, train, new=len(state.setup.effects) - before)
             state.steps += [Step("added", choice, rms(state.fit)) for choice in found]
             drop_needless(state, train)
-        if state.setup.effects:
-            settle(state, train)
+        # Shapes once more, now that everything is there.
+        settle(state, train, range(len(state.setup.effects)))
     return state
 
 
@@ -136,9 +137,9 @@ def fitted(setup: Setup, train: Sequence[Recording]) -> ThreeLoopIdentifier:
     return setup.identifier(**options).fit([setup.corrected(recording) for recording in train])
 
 
-def settle(state: Search, train: Sequence[Recording]) -> None:
-    """Shapes of all effects once more, now that everything is there."""
-    polished = polish(state, range(len(state.setup.effects)))
+def settle(state: Search, train: Sequence[Recording], places: Iterable[int]) -> None:
+    """Shapes of the effects at `places` and of friction in turn; everything is fitted again where one has moved."""
+    polished = polish(state, places)
     if polished.effects != state.setup.effects:
         state.setup = polished
         state.fit = fitted(state.setup, train)
@@ -155,11 +156,7 @@ def refit(state: Search, train: Sequence[Recording], new: int = 0) -> None:
         state.setup = refined
         state.fit = fitted(state.setup, train)
     state.kinds = Kinds(state.fit, state.kinds)
-    polished = polish(state, range(len(state.setup.effects) - new, len(state.setup.effects)))
-    if polished.effects != state.setup.effects:
-        state.setup = polished
-        state.fit = fitted(state.setup, train)
-        state.kinds = Kinds(state.fit, state.kinds)
+    settle(state, train, range(len(state.setup.effects) - new, len(state.setup.effects)))
 
 
 def polish(state: Search, places: Iterable[int]) -> Setup:
@@ -177,10 +174,10 @@ def polish(state: Search, places: Iterable[int]) -> Setup:
             j = hypothesis.joints[0]
             without = [*without, *((j, int(column)) for column in friction)]
             used = plan.own[j, plan.friction[1]]
-            bounds = np.concatenate([bounds, np.where(used, np.inf, 0.0)[:, None] * np.array([-1.0, 1.0])])
+            free = np.where(used, np.inf, 0.0)
+            bounds = np.concatenate([bounds, np.stack([-free, free], axis=1)])
         beside = Beside(state.fit, without)
-        power = _power(beside, np.nan_to_num(bounds, nan=0.0))
-        effects[k] = state.kinds.refined(hypothesis, power, with_friction=together).placed()
+        effects[k] = state.kinds.refined(hypothesis, _power(beside, bounds), with_friction=together).placed()
     return replace(state.setup, effects=tuple(effects))
 
 
@@ -322,19 +319,17 @@ def hypothesis_of(effect: PlacedEffect, kinds: Kinds) -> Hypothesis:
 
 def columns_in(state: Search) -> list[list[tuple[int, int]]]:
     """Joint and own column of every coefficient of every effect of the setup, in the fit's plan."""
-    plan: Any = state.fit.observations_.plan
-    first = 0
-    for effect in plan.effects:
-        if effect.kind not in ("rotor_inertia", "torque_offset"):
-            break
-        first += effect.n_columns
-    return own_columns(state.setup.effects, first)
+    columns = own_columns(state.setup.effects, 0)
+    width = 1 + max((column for places in columns for _, column in places), default=-1)
+    # They stand right before friction, whatever a law of friction has put before them.
+    first = state.fit.observations_.plan.friction[1].start - width
+    return [[(j, first + column) for j, column in places] for places in columns]
 
 
 def drop_needless(state: Search, train: Sequence[Recording]) -> None:
     """Take out effects that later ones have made needless."""
     while len(state.setup.effects) > 1:
-        weakest = min((_standing(state, k) for k in range(len(state.setup.effects))), key=lambda item: item[0].evidence)
+        weakest = min((standing(state, k) for k in range(len(state.setup.effects))), key=lambda item: item[0].evidence)
         weighed, k = weakest
         if weighed.evidence > CLEAR:
             return
@@ -348,13 +343,12 @@ def drop_needless(state: Search, train: Sequence[Recording]) -> None:
         state.steps.append(Step("dropped", Choice(weighed, weighed.p_value), rms(state.fit)))
 
 
-def _standing(state: Search, k: int) -> tuple[Weighed, int]:
-    """What still speaks for effect k beside all others."""
+def standing(state: Search, k: int) -> tuple[Weighed, int]:
+    """What still speaks for effect k beside all others, and k."""
     beside = Beside(state.fit, columns_in(state)[k])
     return weigh(beside, state.kinds.candidate(hypothesis_of(state.setup.effects[k], state.kinds))), k
 
 
 def rms(fit: ThreeLoopIdentifier) -> FloatArray:
     """What the fit leaves on its training rows, (n_joints,)."""
-    left: FloatArray = np.sqrt(np.mean(Beside(fit).residual ** 2, axis=0))
-    return left
+    return rmse([Beside(fit).residual])

@@ -18,9 +18,8 @@ Signal = tuple[str, int]
 """Name and joint; the joint of what belongs to the whole run is -1."""
 
 STATE = ("q", "dq", "ddq", "tau_link")
-"""Signals that a model can be given online; position and velocity are the motor side's, the load is predicted."""
-HISTORY = ("reversal", "time")
-"""The way since the joint last turned round, and the time since the run began: named, but no input of a model."""
+"""Signals that a model can be given online; position and velocity are the motor side's, the load is predicted.
+"reversal", the way since the joint last turned round, and "time" since the run began are named, but no inputs."""
 
 HARMONICS = 4
 """Cycles per turn up to which a position's functions go: faster ones are ripple, which has a kind of its own."""
