@@ -863,8 +863,12 @@ def effect_columns(
     step: float | None = None,
     temperature: ArrayLike | None = None,
     joints: Sequence[int] | None = None,
+    filter: _Filter | None = None,
+    kept: Sequence[int] | None = None,
 ) -> _FloatArray:
     """Torque per unit coefficient along a run, from a fresh memory: (n_samples, n_joints, n_columns).
+
+    With `kept`, in the band at these samples, as `observe` gives them: (n_kept, n_joints, n_columns).
 
     Parameters
     ----------
@@ -880,11 +884,14 @@ def effect_columns(
         Measured [degC]; needed by friction that follows it.
     joints : sequence of int, optional
         Only these, in this order; all by default.
+    filter, kept : optional
+        As for `observe`.
 
     Raises
     ------
     ValueError
-        Shapes disagree, a number is not finite, or the effect needs a signal that is not given.
+        Shapes disagree, a number is not finite, the effect needs a signal that is not given, an index is out of range,
+        or the run is shorter than the filter's padding.
     """
 
 def effect_torque(

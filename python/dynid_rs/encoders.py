@@ -91,10 +91,9 @@ def _system(states: States, tau_link: FloatArray, j: int) -> tuple[FloatArray, F
 
 
 def _delay(columns: FloatArray, gap: FloatArray) -> float:
-    from scipy.optimize import lsq_linear
-
     scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
     factor = _core.triangular_factor(np.column_stack([columns / scale, gap]))
-    # A gear yields in the direction of its load: stiffness is not negative.
-    bounds = ([-np.inf, 0.0, -np.inf, -np.inf], np.inf)
-    return float(lsq_linear(factor[:, :-1], factor[:, -1], bounds=bounds).x[0] / scale[0])
+    x = np.linalg.lstsq(factor[:, :-1], factor[:, -1], rcond=None)[0]
+    if x[1] < 0:  # a gear yields in the direction of its load; with one bound, the best within it is on it
+        x = np.linalg.lstsq(factor[:, [0, 2, 3]], factor[:, -1], rcond=None)[0]
+    return float(x[0] / scale[0])

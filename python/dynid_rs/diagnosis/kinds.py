@@ -61,7 +61,10 @@ AT_BOUND = 0.01
 STARTS = {"stribeck": ("exponent", (1.0, 2.0))}
 """Shape parameters whose search has several valleys, and where it begins besides."""
 SEARCH_STEPS = 40
-"""Most evaluations of one search."""
+"""Most evaluations of one search, for each parameter."""
+NEAR, ALIKE = 3e-3, 1e-2
+"""Where a search ends: shapes this near (octaves), and weighted residual powers this near (chance alone moves them by
+about 1)."""
 
 
 @dataclass(frozen=True)
@@ -300,16 +303,22 @@ class Kinds:
         options: Any = {
             "initial_simplex": simplex,
             "maxfev": SEARCH_STEPS * len(start),
-            "xatol": 1e-3,
-            "fatol": 1e-3,
+            "xatol": NEAR,
+            "fatol": ALIKE,
         }
         found = minimize(cost, start, method="Nelder-Mead", options=options)
         return (-float(found.fun), at(found.x)[0]) if found.fun < cost(start) else (-cost(start), hypothesis)
 
     def friction(self, j: int, width: float) -> RunColumns:
         """Friction of joint j with another transition width, over all runs."""
-        shape = (("velocity_threshold", float(self.thresholds[j])), ("transition_width", width))
-        return self.once(Hypothesis("friction", (j,), shape))
+        threshold = float(self.thresholds[j])
+        parts = [
+            _core.filtered_friction_basis(
+                np.ascontiguousarray(states.dq_motor[:, j]), threshold, width, filter=states.filter, kept=states.kept
+            )
+            for states in self.runs
+        ]
+        return {j: np.concatenate(parts)}
 
     def once(self, h: Hypothesis) -> RunColumns:
         """Columns over all runs, not kept."""
@@ -317,15 +326,17 @@ class Kinds:
         effect = self._effect(h.kind, pack)
         parts: list[RunColumns] = []
         for states in self.runs:
-            raw = _core.effect_columns(
+            rows = _core.effect_columns(
                 effect,
                 *states.signals(),
                 tau_link=states.tau_link,
                 step=1 / states.rate,
                 temperature=states.temperature,
                 joints=list(h.joints),
+                filter=states.filter,
+                kept=states.kept,
             )
-            parts.append({j: _own_place(h, j, states.in_band(raw[:, at])) for at, j in enumerate(h.joints)})
+            parts.append({j: _own_place(h, j, rows[:, at]) for at, j in enumerate(h.joints)})
         return stacked(parts)
 
 

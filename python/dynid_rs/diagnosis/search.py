@@ -121,8 +121,8 @@ def search(
             refit(state, train, new=len(state.setup.effects) - before)
             state.steps += [Step("added", choice, rms(state.fit)) for choice in found]
             drop_needless(state, train)
-        # Shapes once more, now that everything is there.
-        settle(state, train, range(len(state.setup.effects)))
+        if len(state.setup.effects) > 1:  # shapes once more, now that everything is there; one alone has settled
+            settle(state, train, range(len(state.setup.effects)))
     return state
 
 

@@ -27,6 +27,58 @@ pub struct Sampling {
     pub kept: Vec<usize>,
 }
 
+impl Sampling {
+    /// `raw` (n_samples × width, row-major) in the band at the kept samples, [`LANES`] columns in each block.
+    fn kept_in_band(&self, raw: &[f64], width: usize) -> Vec<Vec<Lanes>> {
+        (0..width.div_ceil(LANES))
+            .into_par_iter()
+            .map_init(Vec::new, |work, block| {
+                let first = block * LANES;
+                let used = LANES.min(width - first);
+                let mut samples: Vec<Lanes> = raw
+                    .chunks_exact(width)
+                    .map(|row| {
+                        let mut lanes = [0.0; LANES];
+                        lanes[..used].copy_from_slice(&row[first..first + used]);
+                        lanes
+                    })
+                    .collect();
+                self.filter.apply(&mut samples, work);
+                self.kept.iter().map(|&k| samples[k]).collect()
+            })
+            .collect()
+    }
+
+    fn check(&self, n_samples: usize) -> Result<(), OfflineError> {
+        if !rising(&self.kept, n_samples) {
+            return Err(OfflineError::Shape {
+                what: "kept samples",
+            });
+        }
+        let needed = self.filter.min_samples();
+        if n_samples < needed {
+            return Err(OfflineError::TooFewSamples {
+                actual: n_samples,
+                needed,
+            });
+        }
+        Ok(())
+    }
+
+    /// Rows (kept × width) of `raw` (n_samples × width, row-major) in the band.
+    ///
+    /// # Errors
+    /// [`OfflineError`] if the run is shorter than the filter's padding or a kept sample lies outside of it.
+    pub fn rows_of(&self, raw: &[f64], width: usize) -> Result<Vec<f64>, OfflineError> {
+        self.check(raw.len() / width.max(1))?;
+        let blocks = self.kept_in_band(raw, width);
+        Ok((0..self.kept.len())
+            .flat_map(|k| (0..width).map(move |c| (k, c)))
+            .map(|(k, c)| blocks[c / LANES][k][c % LANES])
+            .collect())
+    }
+}
+
 /// Rows `[effects of joint j | base columns of the links it moves | torque]` of every joint.
 #[derive(Clone, Debug)]
 pub struct Observation {
@@ -86,24 +138,7 @@ pub fn observe(
             fill(robot, effects, &history, run, &plan, chunk * 256, out)
         })?;
 
-    // Filter LANES columns at a time along the run, then keep the wanted samples.
-    let blocks: Vec<Vec<Lanes>> = (0..width.div_ceil(LANES))
-        .into_par_iter()
-        .map_init(Vec::new, |work, block| {
-            let first = block * LANES;
-            let used = LANES.min(width - first);
-            let mut samples: Vec<Lanes> = raw
-                .chunks_exact(width)
-                .map(|row| {
-                    let mut lanes = [0.0; LANES];
-                    lanes[..used].copy_from_slice(&row[first..first + used]);
-                    lanes
-                })
-                .collect();
-            sampling.filter.apply(&mut samples, work);
-            sampling.kept.iter().map(|&k| samples[k]).collect()
-        })
-        .collect();
+    let blocks = sampling.kept_in_band(&raw, width);
 
     let mut first = 0;
     let joints = plan
@@ -153,19 +188,25 @@ fn fill(
     let width: usize = plan.iter().map(Vec::len).sum();
     let mut workspace = Workspace::new(robot);
     let mut regressor = vec![0.0; n * n * N_LINK_PARAMS];
+    let any_links = plan
+        .iter()
+        .flatten()
+        .any(|wanted| matches!(wanted, Wanted::Link { .. }));
     let mut columns = vec![[0.0; MAX_COLUMNS]; effects.len()];
     for (k, row) in out.chunks_exact_mut(width).enumerate() {
         let at = (start + k) * n..(start + k + 1) * n;
         let input = run.signals.input(start + k, n);
         let state = &input.state;
-        joint_torque_regressor_into(
-            robot,
-            &mut workspace,
-            state.q,
-            state.dq,
-            state.ddq,
-            &mut regressor,
-        )?;
+        if any_links {
+            joint_torque_regressor_into(
+                robot,
+                &mut workspace,
+                state.q,
+                state.dq,
+                state.ddq,
+                &mut regressor,
+            )?;
+        }
         let mut cell = row.iter_mut();
         for (j, wanted) in plan.iter().enumerate() {
             for ((effect, history), columns) in effects.iter().zip(history).zip(&mut columns) {
@@ -220,23 +261,13 @@ fn check(
         return Err(OfflineError::NonFinite { what: "run" });
     }
     run.signals.check(effects, n, n_samples)?;
-    let rising = |indices: &[usize], end: usize| {
-        indices.windows(2).all(|pair| pair[0] < pair[1]) && indices.last().is_none_or(|&k| k < end)
-    };
     if !rising(pivots, n * N_LINK_PARAMS) {
         return Err(OfflineError::Shape { what: "pivots" });
     }
-    if !rising(&sampling.kept, n_samples) {
-        return Err(OfflineError::Shape {
-            what: "kept samples",
-        });
-    }
-    let needed = sampling.filter.min_samples();
-    if n_samples < needed {
-        return Err(OfflineError::TooFewSamples {
-            actual: n_samples,
-            needed,
-        });
-    }
-    Ok(())
+    sampling.check(n_samples)
+}
+
+/// Whether `indices` ascend and end before `end`.
+fn rising(indices: &[usize], end: usize) -> bool {
+    indices.windows(2).all(|pair| pair[0] < pair[1]) && indices.last().is_none_or(|&k| k < end)
 }

@@ -6,6 +6,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
 
+use crate::offline::{sampling, FilterParts};
 use crate::run::RunArrays;
 use crate::{arrays, errors};
 
@@ -181,9 +182,9 @@ pub fn effect_catalogue(py: Python<'_>) -> PyResult<Bound<'_, PyList>> {
     Ok(list)
 }
 
-/// Torque per unit coefficient along a run, (n_samples, n_joints, n_columns).
+/// Torque per unit coefficient along a run, (n_samples, n_joints, n_columns); in the band at the kept samples if given.
 #[pyfunction]
-#[pyo3(signature = (effect, q, dq, ddq, q_motor=None, dq_motor=None, ddq_motor=None, tau_link=None, *, step=None, temperature=None, joints=None))]
+#[pyo3(signature = (effect, q, dq, ddq, q_motor=None, dq_motor=None, ddq_motor=None, tau_link=None, *, step=None, temperature=None, joints=None, filter=None, kept=None))]
 #[expect(clippy::too_many_arguments, reason = "all that an effect may see")]
 pub fn effect_columns<'py>(
     py: Python<'py>,
@@ -198,20 +199,27 @@ pub fn effect_columns<'py>(
     step: Option<f64>,
     temperature: Option<&Bound<'py, PyAny>>,
     joints: Option<Vec<usize>>,
+    filter: FilterParts<'py>,
+    kept: Option<Vec<usize>>,
 ) -> PyResult<Bound<'py, PyArray3<f64>>> {
     let n = arrays::width(&arrays::contiguous(q, "q")?, "q")?;
     let motor = [q_motor, dq_motor, ddq_motor];
     let arrays = RunArrays::new([q, dq, ddq], motor, tau_link, temperature, step, n)?;
     let run = arrays.signals()?;
     let joints = joints.unwrap_or_else(|| (0..n).collect());
+    let n_columns = effect.0.n_columns();
+    let n_rows = kept.as_ref().map_or(arrays.n_samples(), Vec::len);
+    let sampling = kept.map(|kept| sampling(filter, kept)).transpose()?;
     let columns = py
-        .detach(|| dynid_offline::effect_columns(&effect.0, n, &run, &joints))
+        .detach(|| {
+            let columns = dynid_offline::effect_columns(&effect.0, n, &run, &joints)?;
+            match sampling {
+                Some(sampling) => sampling.rows_of(&columns, joints.len() * n_columns),
+                None => Ok(columns),
+            }
+        })
         .map_err(errors::offline)?;
-    arrays::to_cube(
-        py,
-        columns,
-        [arrays.n_samples(), joints.len(), effect.0.n_columns()],
-    )
+    arrays::to_cube(py, columns, [n_rows, joints.len(), n_columns])
 }
 
 /// Torque along a run, (n_samples, n_joints).
