@@ -19,6 +19,7 @@ from dynid_rs.results import own_unit
 
 N, N_SAMPLES = 3, 600
 CATALOGUE = {entry["kind"]: entry for entry in _core.effect_catalogue()}
+FRICTION_NAMES = [coefficient["name"] for coefficient in CATALOGUE["friction"]["coefficients"]]
 SHAPES = {
     "rotor_inertia": {},
     "torque_offset": {},
@@ -35,10 +36,11 @@ SHAPES = {
         "gas_length": [0.6, 0.9, -0.3],
     },
     "load_dependent_friction": {"transition_width": [0.01, 0.02, 0.03]},
+    "bearing_friction": {"bent_by": [1.0, 2.0, -1.0], "transition_width": [0.01, 0.02, 0.03]},
     "position_dependent_friction": {"cycles": [1.0, 2.0, 3.0], "transition_width": [0.01, 0.02, 0.03]},
     "friction_hysteresis": {"presliding_distance": [0.001, 0.01, 0.1]},
     "load_hysteresis": {"presliding_distance": [0.002, 0.02, 0.2]},
-    "gear_hysteresis": {"hysteresis_distance": [0.0001, 0.001, 0.003]},
+    "gear_hysteresis": {"hysteresis_load": [1.0, 4.0, 0.5]},
     "coupled_friction": {
         "partner": [1.0, 0.0, -1.0],
         "ratio": [0.5, 2.0, 1.0],
@@ -53,7 +55,11 @@ SHAPES = {
         "reference_speed": [0.0, 0.5, 2.0],
         "transition_width": [0.01, 0.02, 0.03],
     },
-    "temperature_friction": {"reference_temperature": [20.0, 30.0, -5.0], "transition_width": [0.01, 0.02, 0.03]},
+    "temperature_friction": {
+        "reference_temperature": [20.0, 30.0, -5.0],
+        "transition_width": [0.01, 0.02, 0.03],
+        **{name: [3.0 - k, 0.5 * k, 1.0] for k, name in enumerate(FRICTION_NAMES)},
+    },
 }
 """One valid shape of every kind, another on every joint."""
 
@@ -119,8 +125,16 @@ def inertial_coupling(p, x):
 
 
 def temperature_friction(p, x):
-    above = x.temperature - p.reference_temperature
-    return [above * step(x.dq_motor, p.transition_width), above * x.dq_motor]
+    basis = [_core.friction_basis(x.dq_motor[:, j], 0.0, p.transition_width[j]) for j in range(N)]
+    levels = np.array([getattr(p, name) for name in FRICTION_NAMES])
+    friction = np.stack([basis[j] @ levels[:, j] for j in range(N)], axis=1)
+    return [(x.temperature - p.reference_temperature) * friction]
+
+
+def bearing_friction(p, x):
+    next_load = np.column_stack([np.abs(x.tau_link[:, 1:]), np.zeros(len(x.q))])
+    at_rest = next_load * step(x.dq_motor, p.transition_width)
+    return [at_rest, at_rest * np.abs(x.dq_motor)]
 
 
 FORMULAS = {
@@ -128,6 +142,7 @@ FORMULAS = {
     "torque_offset": lambda p, x: [np.ones_like(x.q)],
     "stribeck": stribeck,
     "load_dependent_friction": load_dependent_friction,
+    "bearing_friction": bearing_friction,
     "position_dependent_friction": position_dependent_friction,
     "coupled_friction": coupled_friction,
     "torque_ripple": torque_ripple,
@@ -187,26 +202,26 @@ def test_load_hysteresis_is_the_load_times_the_same_bristles():
     assert np.ptp(columns, axis=0).min() > 1.0
 
 
-def deflected(n_samples, n_cycles):
-    """Link and motor positions (n_samples, N) of a gear that is wound to and fro while the joint moves far."""
+def wound(n_samples, n_cycles):
+    """Load (n_samples, N) [N m] of gears that are wound to and fro."""
     turn = np.linspace(0, 2 * np.pi * n_cycles, n_samples)[:, None]
-    q = np.sin(turn + np.arange(N))
-    return q, q + np.array([3e-4, 2e-3, 5e-3]) * (np.sin(turn) + 0.3 * np.sin(3 * turn))
+    return np.array([3.0, 7.0, 5.0]) * (np.sin(turn) + 0.3 * np.sin(3 * turn))
 
 
-def gear_hysteresis(q, q_motor):
-    return _core.effect_columns(effect_of("gear_hysteresis"), q, q, q, q_motor, q, q)[:, :, 0]
+def gear_hysteresis(load):
+    q = np.sin(np.linspace(0, 9, len(load)))[:, None] + np.zeros(N)
+    return _core.effect_columns(effect_of("gear_hysteresis"), q, q, q, tau_link=load)[:, :, 0]
 
 
-def test_gear_hysteresis_is_dahls_equation_along_the_deflection():
-    """Against an integrator of dz/ds = x'/d (1 - z sign(x')) along the deflection x, straight between the samples."""
+def test_gear_hysteresis_is_dahls_equation_along_the_load():
+    """Against an integrator of dz/ds = x'/d (1 - z sign(x')) along the load x, straight between the samples."""
     from scipy.integrate import solve_ivp
 
-    q, q_motor = deflected(400, 2)
-    columns = gear_hysteresis(q, q_motor)
-    for j, d in enumerate(SHAPES["gear_hysteresis"]["hysteresis_distance"]):
+    load = wound(400, 2)
+    columns = gear_hysteresis(load)
+    for j, d in enumerate(SHAPES["gear_hysteresis"]["hysteresis_load"]):
         z = [0.0]
-        for dx in np.diff((q_motor - q)[:120, j]):
+        for dx in np.diff(load[:120, j]):
             bent = solve_ivp(
                 lambda _, z, v=dx, d=d: v / d * (1 - z * np.sign(v)), (0, 1), z[-1:], rtol=1e-10, atol=1e-12
             )
@@ -217,21 +232,16 @@ def test_gear_hysteresis_is_dahls_equation_along_the_deflection():
 
 
 def test_gear_hysteresis_takes_energy_in_every_cycle():
-    """Work along a closed loop of the deflection, the last of three alike, is never given back."""
-    q, q_motor = deflected(30_001, 3)
-    deflection, z = (q_motor - q)[20_000:], gear_hysteresis(q, q_motor)[20_000:]
-    assert_allclose(deflection[-1], deflection[0], rtol=0, atol=1e-12)
+    """Work along a closed loop of the wind-up, the last of three alike, is never given back."""
+    load = wound(30_001, 3)
+    wind_up, z = load[20_000:] / 1e4, gear_hysteresis(load)[20_000:]
+    assert_allclose(wind_up[-1], wind_up[0], rtol=0, atol=1e-12)
     assert_allclose(z[-1], z[0], rtol=0, atol=1e-6)
-    work = np.trapezoid(z, deflection, axis=0)
+    work = np.trapezoid(z, wind_up, axis=0)
     # Between none and that of dry friction along the same way.
-    way = np.sum(np.abs(np.diff(deflection, axis=0)), axis=0)
+    way = np.sum(np.abs(np.diff(wind_up, axis=0)), axis=0)
     assert (work > 0.1 * way).all()
     assert (work < way).all()
-
-
-def test_gear_hysteresis_is_nothing_with_one_encoder():
-    q = signals()[0]
-    assert_array_equal(_core.effect_columns(effect_of("gear_hysteresis"), q, q, q), 0.0)
 
 
 def test_hysteresis_depends_on_the_way_only():
@@ -352,7 +362,9 @@ def test_a_search_can_begin(kind):
     """Most combinations of the grid make an effect; every parameter has values."""
     entry = CATALOGUE[kind]
     names = [s["name"] for s in entry["shape"]]
-    grids = [range(-1, 0) if s["name"] == "partner" else s["grid"] for s in entry["shape"]]
+    # What names another joint, follows the load or repeats friction comes from the fit.
+    by_the_fit = {"partner": -1.0, "bent_by": -1.0, "hysteresis_load": 1.0, **dict.fromkeys(FRICTION_NAMES, 1.0)}
+    grids = [[by_the_fit[s["name"]]] if s["name"] in by_the_fit else s["grid"] for s in entry["shape"]]
     assert all(len(grid) > 0 for grid in grids)
     made, refused = 0, []
     for values in itertools.product(*grids):
@@ -493,6 +505,8 @@ def test_a_plan_knows_what_can_be_told_apart():
     for at in range(edges[3], plan.n_own):
         told = {
             "coupled_friction": [1, 1, 0],  # no partner
+            "bearing_friction": [1, 1, 0],  # nothing bends it
+            "bearing_friction_speed": [1, 1, 0],
             "inertial_coupling": [1, 0, 0],  # no partner; as joint 0's, with its link and both rotors
             "ripple_cos1": [0, 1, 1],  # once per turn of the first joint is its gravity
             "ripple_sin1": [0, 1, 1],

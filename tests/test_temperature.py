@@ -16,7 +16,7 @@ import dynid_rs as dyn
 from dynid_rs import _core
 from dynid_rs.assembly import evaluate
 from dynid_rs.diagnosis.kinds import Kinds
-from dynid_rs.placed import PlacedEffect
+from dynid_rs.placed import CATALOGUE, PlacedEffect
 from dynid_rs.preprocessing import Band, prepare
 from dynid_rs.simulation import build_effects, bundled_robot, equip, parse_wish, simulate, typical_arm
 
@@ -46,15 +46,17 @@ def session(robot):
 
 @pytest.fixture(scope="module")
 def fitted(robot, session):
-    _, _, runs = session
+    arm, _, runs = session
+    names = [coefficient["name"] for coefficient in CATALOGUE["friction"]["coefficients"]]
+    shapes = [dict(zip(names, arm.friction[j], strict=True)) | {"transition_width": 0.01} for j in range(N)]
     effects = [
-        PlacedEffect.at("temperature_friction", j, reference_temperature=25.0, transition_width=0.01) for j in range(N)
+        PlacedEffect.at("temperature_friction", j, reference_temperature=25.0, **shape) for j, shape in enumerate(shapes)
     ]
     return dyn.ThreeLoopIdentifier(robot, residual=None, effects=effects).fit(runs[:3])
 
 
 def test_a_session_that_warms_up_is_told_by_its_thermometers(robot, session, fitted):
-    """On the run that nothing has seen; warmth takes change / 20 K of friction's Coulomb part per kelvin."""
+    """On the run that nothing has seen; warmth takes change / 20 K of friction per kelvin."""
     arm, drift, runs = session
     without = dyn.ThreeLoopIdentifier(robot, residual=None).fit(runs[:3])
 
@@ -66,9 +68,8 @@ def test_a_session_that_warms_up_is_told_by_its_thermometers(robot, session, fit
     assert np.all(error(fitted)[:3] < 0.5 * error(without)[:3])
     assert np.all(error(fitted) < 1.02 * error(without))
     effect, coefficients = next((e, c) for e, c in fitted.model_.effects if e.kind == "temperature_friction")
-    assert effect.coefficient_names == ["temperature_coulomb", "temperature_viscous"]
-    coulomb = arm.friction[:, 0]
-    assert_allclose(coefficients[:3, 0], (drift.change * coulomb)[:3] / 20.0, rtol=0.1)
+    assert effect.coefficient_names == ["friction_per_kelvin"]
+    assert_allclose(coefficients[:, 0], drift.change / 20.0, rtol=0.1)
 
 
 def test_it_is_looked_for_where_thermometers_move(fitted):

@@ -46,7 +46,7 @@ def effect_entries(found: Search, test: Sequence[Recording]) -> list[dict[str, A
         effect = found.setup.effects[k]
         hypothesis = hypothesis_of(effect, found.kinds)
         beside = Beside(found.fit, columns[k])
-        choice = told.get((effect.kind, effect.joints))
+        choice = told.get((effect.kind, effect.joints[:1]))
         entries.append(
             {
                 "rank": rank + 1,
@@ -62,7 +62,7 @@ def effect_entries(found: Search, test: Sequence[Recording]) -> list[dict[str, A
                 "rmse_train_after": trained[rank + 1],
                 "rmse_test_before": tested[rank],
                 "rmse_test_after": tested[rank + 1],
-                "ties": [] if choice is None else [_tie(found, tie) for tie in choice.ties],
+                "ties": tie_entries(found, choice),
                 "plot": _plot(found, beside, hypothesis, weighed.gain.coefficients),
             }
         )
@@ -75,7 +75,9 @@ def ranked(entries: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def _choices(found: Search) -> dict[tuple[str, tuple[int, ...]], Choice]:
-    return {step.choice.weighed.candidate.place: step.choice for step in found.steps if step.action == "added"}
+    """By kind and joint: what acts on several joints was chosen once for all of them."""
+    candidates = [(s.choice.weighed.candidate, s.choice) for s in found.steps if s.action == "added"]
+    return {(candidate.kind, (j,)): choice for candidate, choice in candidates for j in candidate.joints}
 
 
 def _test_rows(found: Search, test: Sequence[Recording]) -> Observations | None:
@@ -102,14 +104,17 @@ def _parameter(estimate: Estimate, found: Search) -> dict[str, Any]:
     }
 
 
-def _tie(found: Search, choice: Choice) -> dict[str, Any]:
-    candidate = choice.weighed.candidate
-    return {
-        "kind": candidate.kind,
-        "joints": [found.setup.robot.joint_names[j] for j in candidate.joints],
-        "evidence": choice.weighed.evidence,
-        "p_value": choice.p_value,
-    }
+def tie_entries(found: Search, choice: Choice | None) -> list[dict[str, Any]]:
+    """What explains the same as well as what was chosen."""
+    return [
+        {
+            "kind": tie.weighed.candidate.kind,
+            "joints": [found.setup.robot.joint_names[j] for j in tie.weighed.candidate.joints],
+            "evidence": tie.weighed.evidence,
+            "p_value": tie.p_value,
+        }
+        for tie in (() if choice is None else choice.ties)
+    ]
 
 
 SIGNALS = {
@@ -124,6 +129,7 @@ SIGNALS = {
     "thermal_friction": ("t", "s"),
     "temperature_friction": ("temperature", "degC"),
     "load_hysteresis": ("tau_link", "N*m"),
+    "bearing_friction": ("tau_link", "N*m"),
 }
 """What an effect is drawn against, and its unit; others against their own column."""
 
@@ -154,6 +160,7 @@ def _plot(found: Search, beside: Beside, hypothesis: Hypothesis, coefficients: F
 def _signal(found: Search, hypothesis: Hypothesis, signal: str, column: FloatArray) -> FloatArray:
     j = hypothesis.joints[0]
     at = hypothesis.joints[1] if signal == "ddq" and len(hypothesis.joints) > 1 else j
+    at = int(dict(hypothesis.shape).get("bent_by", at))
     if not signal:
         return column
     parts = []

@@ -15,7 +15,7 @@ from dynid_rs.diagnosis.candidate import Candidate, RunColumns
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.identification import ThreeLoopIdentifier
 from dynid_rs.loops import link_load
-from dynid_rs.placed import CATALOGUE, PlacedEffect
+from dynid_rs.placed import CATALOGUE, OTHER_JOINTS, PlacedEffect
 from dynid_rs.preprocessing import States
 
 FloatArray = NDArray[np.float64]
@@ -30,7 +30,7 @@ REFINED: dict[str, dict[str, tuple[str, float, float]]] = {
     "stribeck": {"stribeck_velocity": ("log", 1e-3, 10.0), "exponent": ("log", 0.5, 4.0)},
     "friction_hysteresis": {"presliding_distance": ("log", 1e-5, 0.3)},
     "load_hysteresis": {"presliding_distance": ("log", 1e-5, 0.3)},
-    "gear_hysteresis": {"hysteresis_distance": ("log", 1e-5, 1e-2)},
+    "gear_hysteresis": {"hysteresis_load": ("log", 1e-4, 1e5)},
     "coupled_friction": {"ratio": ("linear", -5.0, 5.0)},
     "torque_ripple": {"cycles": ("linear", 3.0, 1e4)},
     "counterbalance": {
@@ -47,6 +47,8 @@ COARSE = {
     ("thermal_friction", "time_constant"): [10.0, 30.0, 100.0],
 }
 """Grids of the scan where the catalogue's is finer than a search needs to begin with, or reaches beyond a run."""
+WINDS = (0.03, 0.1, 0.3, 1.0)
+"""Loads over which a gear's teeth turn round, over the load's standard deviation."""
 LEAST_WARMTH = 1.0
 """A thermometer that moves less than this over all runs [K] tells nothing about friction."""
 UNSOUGHT = ("load_hysteresis",)
@@ -112,11 +114,13 @@ class Kinds:
         # A rotor without weight has a load of its own acceleration alone, and that is mostly the encoder's noise.
         still = [replace(states, dq=0 * states.dq, ddq=0 * states.ddq) for states in fit.runs_]
         weight = np.concatenate([load(states) for states in still])
+        self._load_scatter = np.concatenate([states.tau_link for states in self.runs]).std(axis=0)
         tau = np.concatenate([states.tau for states in fit.runs_])
         self._carries_weight = bool(np.any(weight.std(axis=0) > LEAST_LOAD * tau.std(axis=0)))
         friction, _ = fit.observations_.plan.friction
         self.widths = np.asarray(dict(friction.shape)["transition_width"])
         self.thresholds = np.asarray(dict(friction.shape)["velocity_threshold"])
+        self._friction = fit.links_.own_[:, fit.observations_.plan.friction[1]]
         self._cache: dict[Hypothesis, list[RunColumns]] = {}
         if before is not None and _same_motion(before.runs, self.runs):
             self._cache = {
@@ -166,6 +170,12 @@ class Kinds:
                 values.append([float(self.widths[j])])
             elif name == "partner":
                 values.append([-1.0])
+            elif name == "bent_by":  # what hangs on the next joint
+                values.append([j + 1.0] if j + 1 < self._robot.n_joints else [])
+            elif name == "hysteresis_load":
+                values.append([part * float(self._load_scatter[j]) for part in WINDS])
+            elif name in self.friction_of(j):
+                values.append([self.friction_of(j)[name]])
             elif (kind, name) in COARSE:
                 values.append(COARSE[kind, name])
             elif name == "cycles" and kind == "torque_ripple":
@@ -209,8 +219,7 @@ class Kinds:
 
     def _effect(self, kind: str, pack: dict[int, tuple[Hypothesis, Shape]]) -> _core.Effect:
         idle = dict(next(iter(pack.values()))[1])
-        if "partner" in idle:
-            idle["partner"] = -1.0
+        idle |= {name: -1.0 for name in OTHER_JOINTS if name in idle}
         shape = {name: np.full(self._robot.n_joints, value) for name, value in idle.items()}
         for j, (_, values) in pack.items():
             for name, value in values:
@@ -309,6 +318,11 @@ class Kinds:
         found = minimize(cost, start, method="Nelder-Mead", options=options)
         return (-float(found.fun), at(found.x)[0]) if found.fun < cost(start) else (-cost(start), hypothesis)
 
+    def friction_of(self, j: int) -> dict[str, float]:
+        """Fitted coefficients of joint j's friction, by name."""
+        names = [coefficient["name"] for coefficient in CATALOGUE["friction"]["coefficients"]]
+        return dict(zip(names, self._friction[j].tolist(), strict=True))
+
     def friction(self, j: int, width: float) -> RunColumns:
         """Friction of joint j with another transition width, over all runs."""
         threshold = float(self.thresholds[j])
@@ -367,7 +381,7 @@ def _same_motion(first: Sequence[States], second: Sequence[States]) -> bool:
 TURNING = {"counterbalance", "position_dependent_friction", "torque_ripple"}
 """Kinds that go round with the joint."""
 BENDING = {"gear_hysteresis"}
-"""Kinds that act along the gear's deflection, which takes two encoders."""
+"""Kinds of gears that yield, which two encoders show."""
 
 
 def stacked(columns: Sequence[RunColumns]) -> RunColumns:

@@ -18,6 +18,7 @@ from dynid_rs.diagnosis.kinds import Hypothesis, Kinds, at_a_bound, bounds_of, j
 from dynid_rs.diagnosis.null import effective_tests
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.structural import refine, structural_candidates
+from dynid_rs.diagnosis.warmth import WARMTH, warm_arm
 from dynid_rs.evaluation import rmse
 from dynid_rs.identification import ThreeLoopIdentifier
 from dynid_rs.placed import PlacedEffect, own_columns
@@ -57,6 +58,10 @@ RIVAL = 0.5
 """Two candidates of which one takes more than this part of the other's gain are names of one thing."""
 TIE = 2.33
 """Two candidates whose errors differ by fewer standard errors are a tie (one in a hundred)."""
+N_VALLEYS, NEXT_VALLEY = 3, 0.6
+"""Starts of the search for a cylinder's shape, and by how much [rad] their phases differ."""
+EVEN = 3.0
+"""Two candidates whose logarithmic evidence differs by less are a tie (odds of twenty to one)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +117,8 @@ def search(
         state = Search(setup, fit, Kinds(fit))
         for step in range(MOST_STEPS):
             on_progress(f"step {step + 1}: {len(state.steps)} effects so far" if state.steps else "looking for effects")
-            found = good_candidates(state, structural_candidates(state.fit, state.setup))
+            further = [*structural_candidates(state.fit, state.setup), *warm_arm(state.kinds, state.setup)]
+            found = good_candidates(state, further)
             if not found:
                 break
             before = len(state.setup.effects)
@@ -232,9 +238,15 @@ def _different(beside: Beside, good: Sequence[Choice]) -> list[Choice]:
             chosen.append(choice)
         elif chosen[rival].weighed.candidate.place == choice.weighed.candidate.place:
             continue
-        elif abs(falls_by(beside, choice.weighed.after, chosen[rival].weighed.after)) < TIE:
+        elif _as_good(beside, choice.weighed, chosen[rival].weighed):
             chosen[rival] = replace(chosen[rival], ties=(*chosen[rival].ties, choice))
     return chosen
+
+
+def _as_good(beside: Beside, first: Weighed, second: Weighed) -> bool:
+    """Whether nothing tells which of two candidates it is: by the scatter of their difference, or by the odds."""
+    odds = abs(first.evidence - second.evidence)
+    return odds < EVEN or abs(falls_by(beside, first.after, second.after)) < TIE
 
 
 def overlap(beside: Beside, first: Weighed, second: Weighed) -> float:
@@ -268,8 +280,7 @@ def scan(
             h = hypotheses[k]
             n_free = int(np.sum(gain.coefficients != 0))
             worth = _worth(gain.power, len(joints) * beside.n_rows, len(joints) * rows, n_free)
-            # A cylinder that pulls and one that pushes are two valleys of one search.
-            place = (h.kind, h.joints, dict(h.shape).get("gas_length", 1.0) > 0)
+            place = (h.kind, h.joints, _pulls(h))
             if worth > best.get(place, (-np.inf, h))[0]:
                 best[place] = (worth, h)
     for candidate in further:
@@ -299,8 +310,31 @@ def _there(h: Hypothesis, setup: Setup) -> bool:
 
 def refined_candidate(beside: Beside, kinds: Kinds, hypothesis: Hypothesis) -> Candidate | None:
     """Candidate of the hypothesis with the best shape near its own; None where that stands at a bound."""
-    refined = kinds.refined(hypothesis, _power(beside, bounds_of(hypothesis)))
+    power = _power(beside, bounds_of(hypothesis))
+    ends = [kinds.refined(start, power) for start in _valleys(beside, kinds, hypothesis)]
+    refined = ends[0] if len(ends) == 1 else max(ends, key=lambda end: power(stacked(kinds.columns([end])[0])))
     return None if at_a_bound(refined) else kinds.candidate(refined)
+
+
+def _valleys(beside: Beside, kinds: Kinds, hypothesis: Hypothesis) -> list[Hypothesis]:
+    """Where a search of the shape begins: the hypothesis, and for a cylinder the best ones that stand elsewhere."""
+    if hypothesis.kind != "counterbalance":
+        return [hypothesis]
+    same = [h for h in kinds.grid([hypothesis.kind]) if h.joints == hypothesis.joints and _pulls(h) == _pulls(hypothesis)]
+    columns = [stacked(c) for c in kinds.columns(same)]
+    groups = [slice(k, k + 1) for k in range(len(same))]
+    gains = beside.gains(joined(columns), groups, [bounds_of(h) for h in same])
+    starts = [hypothesis]
+    for k in np.argsort([-gain.power for gain in gains]):
+        turned = [dict(same[k].shape)["phase"] - dict(start.shape)["phase"] for start in starts]
+        if len(starts) < N_VALLEYS and np.all(np.abs(np.angle(np.exp(1j * np.array(turned)))) > NEXT_VALLEY):
+            starts.append(same[k])
+    return starts
+
+
+def _pulls(h: Hypothesis) -> bool:
+    """Whether a cylinder's gas pulls: one that pulls and one that pushes are two valleys of one search."""
+    return dict(h.shape).get("gas_length", 1.0) > 0
 
 
 def _power(beside: Beside, bounds: FloatArray) -> Callable[[Any], float]:
@@ -314,6 +348,8 @@ def hypothesis_of(effect: PlacedEffect, kinds: Kinds) -> Hypothesis:
         shape["transition_width"] = float(kinds.widths[effect.joints[0]])
     if "partner" in shape:
         shape["partner"] = -1.0
+    if effect.kind == "temperature_friction":  # a part of friction as it is fitted now
+        shape |= kinds.friction_of(effect.joints[0])
     return Hypothesis(effect.kind, effect.joints, tuple(shape.items()))
 
 
@@ -327,10 +363,13 @@ def columns_in(state: Search) -> list[list[tuple[int, int]]]:
 
 
 def drop_needless(state: Search, train: Sequence[Recording]) -> None:
-    """Take out effects that later ones have made needless."""
-    while len(state.setup.effects) > 1:
-        weakest = min((standing(state, k) for k in range(len(state.setup.effects))), key=lambda item: item[0].evidence)
-        weighed, k = weakest
+    """Take out effects that later findings have made needless."""
+    while state.setup.effects:
+        # An arm that warms up does so as a whole.
+        alone = [k for k, effect in enumerate(state.setup.effects) if effect.kind != WARMTH]
+        if not alone:
+            return
+        weighed, k = min((standing(state, k) for k in alone), key=lambda item: item[0].evidence)
         if weighed.evidence > CLEAR:
             return
         beside = Beside(state.fit, columns_in(state)[k])

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from dynid_rs import _core
+from dynid_rs.diagnosis.entries import tie_entries
 from dynid_rs.diagnosis.search import Choice, Search, fitted, rms
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.structural import Parameters, levelled, put_back, structural_parameters
@@ -59,10 +60,15 @@ def structural_entries(found: Search, train: Sequence[Recording], test: Sequence
                 "rmse_train_after": rms(found.fit).tolist(),
                 "rmse_test_before": score(without.model_, states).rmse.tolist() if test else [],
                 "rmse_test_after": after,
-                "ties": [],
+                "ties": [*tie_entries(found, choice), *_same_thing(part, names)],
             }
         )
     return entries
+
+
+def _same_thing(part: Parameters, joint_names: Sequence[str]) -> list[dict[str, Any]]:
+    """Names that no data can tell from this one: a first joint whose frame is turned stands on a tilted base."""
+    return [{"kind": "kinematic_error", "joints": [joint_names[0]]}] if part.kind == "gravity_tilt" else []
 
 
 def _without(setup: Setup, part: Parameters) -> Setup:

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use dynid_core::effects::FRICTION_NAMES;
 use dynid_core::model::TorqueModelParts;
 use dynid_core::{
     CoreError, Domain, Effect, EffectTerm, Joint, JointKind, JointLimits, RobotModel, State,
@@ -24,13 +25,21 @@ fn estimator() -> TorqueEstimator {
         phi: [0.0; 10],
     };
     let robot = RobotModel::new("arm".into(), vec![joint; 2], Vector3::zeros()).expect("a chain");
-    let shape = [
+    // Friction of 2 N m to the one side, of 1 N m and 0.5 N m s/rad to the other.
+    let friction = [2.0, 1.0, 0.0, 0.5, 0.0, 0.0, 0.0, 0.0];
+    let mut shape = vec![
         ("reference_temperature", vec![20.0, 20.0]),
         ("transition_width", vec![1e-9, 1e-9]),
     ];
+    shape.extend(
+        FRICTION_NAMES
+            .iter()
+            .zip(friction)
+            .map(|(name, k)| (*name, vec![k, k])),
+    );
     let effect = Effect::new("temperature_friction", &shape).expect("a shape");
     let terms = [
-        (effect, vec![-0.5, -0.25, 0.0, 0.0]),
+        (effect, vec![-0.5, 0.0]),
         (Effect::torque_offset(), vec![3.0, 4.0]),
     ];
     let terms = terms.map(|(effect, sizes)| EffectTerm::new(effect, sizes, 2).expect("a term"));
@@ -70,7 +79,7 @@ fn answer(temperature: Option<&[f64]>) -> (Status, [f64; 2]) {
 
 #[test]
 fn friction_changes_with_what_the_joint_is_above_its_reference() {
-    // (30 - 20) (-0.5 sign(-2) - 0.25 * -2) = 10, beside the offsets.
+    // -0.5 (30 - 20) (-1 + 0.5 * -2) = 10, beside the offsets.
     assert_eq!(answer(Some(&[30.0, 99.0])), (Status::OK, [13.0, 4.0]));
     assert_eq!(answer(Some(&[20.0, 99.0])), (Status::OK, [3.0, 4.0]));
     assert_eq!(answer(Some(&[10.0, 99.0])), (Status::OK, [-7.0, 4.0]));

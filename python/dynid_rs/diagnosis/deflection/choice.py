@@ -25,6 +25,8 @@ where a lone run is all there is, because its load and its deflection err alike.
 LEAST_GAIN = {"compliance": 0.05, "backlash": 0.1, "eccentricity": 0.1, "cubic": 0.01}
 """Part of the power on runs left out that a term has to take off. With encoders a thousand times as fine as the
 deflection, what the columns of other terms get slightly wrong is significant too, but it is no effect."""
+LEAST_BEND = 0.005
+"""Part of the linear wind-up that the curved part has to reach somewhere; a gear as straight as that is a spring."""
 LEADING = ("delay", "compliance", "cubic", "backlash", "eccentricity")
 """Terms that name a kind."""
 BASIC = ("delay",)
@@ -93,7 +95,7 @@ def _worst(system: System, names: Sequence[str], level: float) -> str | None:
         size = float(np.linalg.norm(x[places]))
         std = float(np.sqrt(max(covariance[places[0], places[0]], 1e-300)))
         sign = term(name).sign
-        if (sign and sign * x[places[0]] <= 0) or size > term(name).most:
+        if (sign and sign * x[places[0]] <= 0) or size > term(name).most or _straight(system, names, x, name):
             wrong[name] = size / std
         if name == "compliance":
             p = wald(system, names, name)
@@ -114,6 +116,17 @@ def _worst(system: System, names: Sequence[str], level: float) -> str | None:
     useless = {name: _gain(system, names, name) - LEAST_GAIN.get(name, 0.0) for name in p_values}
     least = min(useless, key=lambda name: useless[name], default=None)
     return least if least is not None and useless[least] <= 0 else None
+
+
+def _straight(system: System, names: Sequence[str], x: FloatArray, name: str) -> bool:
+    """Whether `name` is a curved part that no one would see beside the linear one."""
+    if name != "cubic" or "compliance" not in names:
+        return False
+    curved, linear = (
+        abs(float(x[system.among(names, part)[0]])) * max(float(np.abs(c).max()) for c in system.columns[part])
+        for part in ("cubic", "compliance")
+    )
+    return curved < LEAST_BEND * linear
 
 
 def _gain(system: System, names: Sequence[str], name: str) -> float:

@@ -52,6 +52,8 @@ def examine(
     train: Sequence[Recording],
     test: Sequence[Recording] = (),
     on_progress: Callable[[str], None] = lambda step: None,
+    *,
+    of_one: bool = True,
 ) -> tuple[Setup, list[Finding], list[dict[str, Any]]]:
     """Look at sensors and clocks.
 
@@ -63,6 +65,8 @@ def examine(
         As recorded. Test runs are searched for contact only, so that they are scored fairly; nothing is fitted to them.
     on_progress : callable
         Called with a few words before every step.
+    of_one : bool
+        Whether a single joint's torque channel may have a clock of its own.
 
     Returns
     -------
@@ -90,7 +94,7 @@ def examine(
         fit, setup, contacts = _without_contacts(declared, train, test)
         on_progress("clocks")
         beside = Beside(fit)
-        delay = choose_delay(delay_parts(fit, beside))
+        delay = choose_delay(delay_parts(fit, beside), of_one=of_one)
         for _ in range(N_REFITS if delay.places else 0):
             # What looked like contact may have been the delay: searched for anew.
             late = replace(declared, torque_delay=declared.torque_delay + delay.per_joint)

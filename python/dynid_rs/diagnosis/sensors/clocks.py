@@ -121,14 +121,14 @@ def delay_parts(fit: ThreeLoopIdentifier, beside: Beside | None = None) -> Delay
     return DelayParts(found.value[every].reshape(3, n) + delay, found.covariance[every, every], found.dof)
 
 
-def choose_delay(parts: DelayParts) -> TorqueDelay:
-    """Find the places that are late: all joints together, single ones, or none.
+def choose_delay(parts: DelayParts, *, of_one: bool = True) -> TorqueDelay:
+    """Find the places that are late: all joints together, single ones if asked for, or none.
 
     Forward steps by the surest place, each against the scatter that is left, then the chance to drop a place again.
     """
     n = parts.value.shape[1]
     everywhere = tuple(range(n))
-    places = [everywhere, *((j,) for j in range(n))] if n > 1 else [everywhere]
+    places = [everywhere, *((j,) for j in range(n))] if n > 1 and of_one else [everywhere]
     seen = np.isfinite(parts.value[:2])
     seen_joints = np.flatnonzero(seen.any(axis=0))
     places = [joints for joints in places if set(joints) & set(seen_joints.tolist())]

@@ -4,8 +4,8 @@
 //! or "m".
 
 use super::{
-    counterbalance, coupled_friction, friction, friction_hysteresis, gear_hysteresis,
-    inertial_coupling, joint_spring, load_dependent_friction, load_hysteresis,
+    bearing_friction, counterbalance, coupled_friction, friction, friction_hysteresis,
+    gear_hysteresis, inertial_coupling, joint_spring, load_dependent_friction, load_hysteresis,
     position_dependent_friction, rotor_inertia, stribeck, temperature_friction, thermal_friction,
     torque_offset, torque_ripple, torque_saturation, EffectInput, FRICTION_NAMES, N_FRICTION,
 };
@@ -197,7 +197,7 @@ const FRICTION: [Coefficient; N_FRICTION] = [
 ];
 
 /// Every kind of effect; those of every model come first.
-pub static CATALOGUE: [Entry; 17] = [
+pub static CATALOGUE: [Entry; 18] = [
     Entry {
         kind: "rotor_inertia",
         formula: "J ddq_motor",
@@ -305,6 +305,23 @@ pub static CATALOGUE: [Entry; 17] = [
         columns: load_dependent_friction::columns,
     },
     Entry {
+        kind: "bearing_friction",
+        formula: "(m0 + m1 |dq_motor|) |tau_link of the joint that bends it| s(dq_motor)",
+        coefficients: &[
+            coefficient("bearing_friction", "1", Sign::NonNegative),
+            coefficient("bearing_friction_speed", "s/{angle}", Sign::NonNegative),
+        ],
+        shape: &[
+            shape("bent_by", "joint", Rule::Partner, &[]),
+            TRANSITION_WIDTH,
+        ],
+        signals: &["dq_motor", "tau_link"],
+        memory: 0,
+        declared: false,
+        check: nothing_more,
+        columns: bearing_friction::columns,
+    },
+    Entry {
         kind: "position_dependent_friction",
         formula: "s(dq_motor) (a cos N q + b sin N q)",
         coefficients: &[
@@ -345,19 +362,20 @@ pub static CATALOGUE: [Entry; 17] = [
     },
     Entry {
         kind: "gear_hysteresis",
-        formula: "k z, dz = dx/d (1 - z sign(dx)) along q_motor - q",
+        formula: "k z, dz = dx/d (1 - z sign(dx)) along x = tau_link",
         coefficients: &[coefficient(
             "gear_hysteresis",
             "{torque}",
             Sign::NonNegative,
         )],
         shape: &[shape(
-            "hysteresis_distance",
-            "{angle}",
+            "hysteresis_load",
+            "N*m",
             Rule::Positive,
-            &[3e-5, 1e-4, 3e-4, 1e-3],
+            // Of the load's own scatter, so a search brings them.
+            &[],
         )],
-        signals: &["q", "q_motor"],
+        signals: &["tau_link"],
         memory: friction_hysteresis::MEMORY,
         declared: false,
         check: nothing_more,
@@ -469,19 +487,22 @@ pub static CATALOGUE: [Entry; 17] = [
     },
     Entry {
         kind: "temperature_friction",
-        formula: "(T - T_0) (c0 s(dq_motor) + c1 dq_motor), T the measured temperature",
-        coefficients: &[
-            coefficient("temperature_coulomb", "{torque}/K", Sign::NonPositive),
-            coefficient(
-                "temperature_viscous",
-                "{torque}*s/({angle}*K)",
-                Sign::NonPositive,
-            ),
-        ],
+        formula:
+            "c (T - T_0) F(dq_motor), T the measured temperature, F the joint's friction at T_0",
+        coefficients: &[coefficient("friction_per_kelvin", "1/K", Sign::NonPositive)],
         shape: &[
             // Friction beside it takes up any other choice, so a search holds one.
             shape("reference_temperature", "degC", Rule::Any, &[25.0]),
             TRANSITION_WIDTH,
+            // F is the fitted friction, so there is nothing to search.
+            shape(FRICTION[0].name, FRICTION[0].unit, Rule::Any, &[]),
+            shape(FRICTION[1].name, FRICTION[1].unit, Rule::Any, &[]),
+            shape(FRICTION[2].name, FRICTION[2].unit, Rule::Any, &[]),
+            shape(FRICTION[3].name, FRICTION[3].unit, Rule::Any, &[]),
+            shape(FRICTION[4].name, FRICTION[4].unit, Rule::Any, &[]),
+            shape(FRICTION[5].name, FRICTION[5].unit, Rule::Any, &[]),
+            shape(FRICTION[6].name, FRICTION[6].unit, Rule::Any, &[]),
+            shape(FRICTION[7].name, FRICTION[7].unit, Rule::Any, &[]),
         ],
         signals: &["dq_motor", "temperature"],
         memory: 0,

@@ -1,10 +1,14 @@
-//! Torque that an elastic gear loses in its teeth: `k z`, z in \[-1, 1\] as in
-//! [`friction_hysteresis`](super::friction_hysteresis), but along the gear's deflection q_motor - q.
+//! Torque that an elastic gear loses in its teeth while it winds up: `k z`, z in \[-1, 1\] as in
+//! [`friction_hysteresis`](super::friction_hysteresis), but along the gear's load.
+//!
+//! The wind-up is the load over the stiffness, so the load tells its way as well as two encoders would, without their
+//! noise and without the teeth's own errors.
 
 use super::friction_hysteresis::bristles;
 use super::EffectInput;
 
-/// One column, zero where one encoder shows both sides. `shape`: deflection d within which z turns round \[rad\].
+/// One column. `shape`: change of load d within which z turns round \[N·m\]. The load is the rigid-body torque that the
+/// model predicts, never a measured one.
 pub fn columns(
     shape: &[f64],
     j: usize,
@@ -12,6 +16,5 @@ pub fn columns(
     memory: &mut [f64],
     columns: &mut [f64],
 ) {
-    let deflection = input.state.q_motor[j] - input.state.q[j];
-    columns[0] = bristles(shape[0], deflection, memory);
+    columns[0] = bristles(shape[0], input.tau_link[j], memory);
 }

@@ -1,10 +1,10 @@
-//! Friction that follows a measured temperature: `(T - T_0) (c0 s(v) + c1 v)`, `s(v) = tanh(v / eps)`.
+//! Friction that follows a measured temperature: `c (T - T_0) F(v)`, F the joint's friction at T_0 (Eqs. 9-11).
 
-use super::friction::direction;
+use super::friction::{friction_columns, N_FRICTION};
 use super::EffectInput;
 
-/// Two columns: change of Coulomb and of viscous friction per kelvin. `shape`: T_0 \[degC\], eps \[rad/s\]. Nothing where the
-/// temperature is not known.
+/// One column: change per kelvin, as a part of friction. `shape`: T_0 \[degC\], eps \[rad/s\], the eight coefficients of F.
+/// Nothing where the temperature is not known.
 pub fn columns(
     shape: &[f64],
     j: usize,
@@ -12,11 +12,11 @@ pub fn columns(
     _memory: &mut [f64],
     columns: &mut [f64],
 ) {
-    let dq = input.state.dq_motor[j];
     let above = input.state.temperature.map_or(f64::NAN, |t| t[j]) - shape[0];
-    columns.fill(0.0);
+    columns[0] = 0.0;
     if above.is_finite() {
-        columns[0] = above * direction(dq, shape[1]);
-        columns[1] = above * dq;
+        let basis = friction_columns(input.state.dq_motor[j], 0.0, shape[1]);
+        let friction: f64 = (0..N_FRICTION).map(|k| basis[k] * shape[2 + k]).sum();
+        columns[0] = above * friction;
     }
 }
