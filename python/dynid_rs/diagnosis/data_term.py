@@ -4,7 +4,8 @@ The leftover is fitted as products of functions of its signals beside the declar
 function is handed to a Gaussian mixture regression (Eqs. 31-38), which the core evaluates online. The mixture's inputs
 stand on a grid, so its responsibilities are products of smooth steps along each signal; two components at plus and
 minus m with variance m w share a velocity by half of one plus the hyperbolic tangent of dq / w, which is how friction
-turns round. What is left to find, a level and a slope per component, is linear.
+turns round; farther out they grow wider, so that all speeds are near some component. What is left to find, a level and
+a slope per component, is linear.
 """
 
 from __future__ import annotations
@@ -27,8 +28,13 @@ FloatArray = NDArray[np.float64]
 CENTERS = {1: {"q": 16, "ddq": 5, "tau_link": 8}, 2: {"q": 10, "ddq": 4, "tau_link": 6}}
 """Components along each signal, by the number of signals; with three of them as in `MANY_CENTERS`."""
 MANY_CENTERS = {"q": 8, "ddq": 3, "tau_link": 4}
-SPEEDS = (0.1, 0.5)
-"""Where components stand on both sides of standstill, over the greatest speed; the first only where there are three."""
+SLOWEST, SPREAD = 2.0, 1.4
+"""Where the pair of components next to standstill has its means, and how wide it is, over the width of friction's step:
+the one's square over the other is that width."""
+GROWTH = {1: 2.0, 2: 3.0}
+"""Each component along a velocity stands so many times farther out than the one before, and is as much wider."""
+MANY_GROWTH = 5.0
+"""The same where there are three signals."""
 OVERLAP = 0.6
 """Standard deviation of a component over the distance to the next."""
 SAMPLES = 4000
@@ -151,7 +157,6 @@ def _mixture(signals: tuple[Signal, ...], candidates: Candidates, beta: FloatArr
     k, n = means.shape
     bare = _mixture_of(means, variances, np.zeros(k), np.zeros((k, n)), 1.0)
     share = bare.responsibilities(points)
-    steps = np.sqrt(variances)
     scaled = (points[:, None, :] - means) / np.maximum(np.ptp(points, axis=0), 1e-300)
     design = np.concatenate([share[:, :, None], share[:, :, None] * scaled], axis=2).reshape(len(points), -1)
     design, target = design * weight[:, None], y * weight
@@ -160,7 +165,7 @@ def _mixture(signals: tuple[Signal, ...], candidates: Candidates, beta: FloatArr
     found = np.linalg.solve(gram, design.T @ target).reshape(k, n + 1)
     slopes = found[:, 1:] / np.maximum(np.ptp(points, axis=0), 1e-300)
     noise = float(np.sqrt(np.mean((target - design @ found.ravel()) ** 2)))
-    return _mixture_of(means, steps**2, found[:, 0], slopes, max(noise, 1e-9 * float(np.abs(y).max()), 1e-12))
+    return _mixture_of(means, variances, found[:, 0], slopes, max(noise, 1e-9 * float(np.abs(y).max()), 1e-12))
 
 
 def raw_columns(signals: Sequence[Signal], candidates: Candidates, u: FloatArray) -> FloatArray:
@@ -175,30 +180,31 @@ def raw_columns(signals: Sequence[Signal], candidates: Candidates, u: FloatArray
 
 
 def _grid(signals: Sequence[Signal], bases: Sequence[Basis], u: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Centres (n_components, n_signals) and variances (n_signals,) of the components."""
+    """Centres and variances of the components, (n_components, n_signals) each."""
     centers, variances = [], []
     for i, ((name, _), basis) in enumerate(zip(signals, bases, strict=True)):
         low, high = float(u[:, i].min()), float(u[:, i].max())
         if name == "dq":
-            top = max(-low, high)
-            sides = np.array(SPEEDS if len(signals) < 3 else SPEEDS[:1]) * top
-            centers.append(np.concatenate([-sides[::-1], sides]))
-            variances.append(sides[0] * basis.width)
+            growth = GROWTH.get(len(signals), MANY_GROWTH)
+            n_sides = 1 + max(0, int(np.ceil(np.log(max(-low, high) / (SLOWEST * basis.width)) / np.log(growth))))
+            scales = basis.width * growth ** np.arange(n_sides)
+            centers.append(SLOWEST * np.concatenate([-scales[::-1], scales]))
+            variances.append((SPREAD * np.concatenate([scales[::-1], scales])) ** 2)
             continue
         n = CENTERS.get(len(signals), MANY_CENTERS)[name]
         line = np.linspace(low, high, n)
         centers.append(line)
-        variances.append((OVERLAP * max(float(line[1] - line[0]), 1e-9)) ** 2)
-    return np.array(list(product(*centers))), np.array(variances)
+        variances.append(np.full(n, (OVERLAP * max(float(line[1] - line[0]), 1e-9)) ** 2))
+    return np.array(list(product(*centers))), np.array(list(product(*variances)))
 
 
 def _mixture_of(
     means: FloatArray, variances: FloatArray, levels: FloatArray, slopes: FloatArray, noise: float
 ) -> _core.GaussianMixtureRegression:
-    """Mixture whose components predict ``level + slope (u - mean)``."""
+    """Mixture whose components predict ``level + slope (u - mean)``; means, variances and slopes (k, n_signals)."""
     k, n = means.shape
     covariances = np.zeros((k, n + 1, n + 1))
-    covariances[:, :n, :n] = np.diag(variances)
+    covariances[:, range(n), range(n)] = variances
     covariances[:, :n, n] = covariances[:, n, :n] = slopes * variances
     covariances[:, n, n] = np.sum(slopes**2 * variances, axis=1) + noise**2
     return _core.GaussianMixtureRegression(np.full(k, 1 / k), np.column_stack([means, levels]), covariances)

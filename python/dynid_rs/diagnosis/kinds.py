@@ -38,7 +38,7 @@ REFINED: dict[str, dict[str, tuple[str, float, float]]] = {
         "phase": ("linear", -4.0, 4.0),
         "gas_length": ("log", 0.05, 100.0),
     },
-    "thermal_friction": {"time_constant": ("log", 5.0, 300.0)},
+    "thermal_friction": {"time_constant": ("log", 7.0, 300.0)},
 }
 """Shape parameters that are searched between the grid's values: how, and within which bounds."""
 COARSE = {
@@ -426,7 +426,8 @@ def _rules(kind: str) -> list[str]:
 
 def _valid(kind: str, shape: Shape) -> bool:
     try:
-        _core.Effect.of(kind, **{name: [value] for name, value in shape})
+        # Of one joint, which sees no other one.
+        _core.Effect.of(kind, **{name: [-1.0 if name in OTHER_JOINTS else value] for name, value in shape})
     except ValueError:
         return False
     return True
