@@ -19,13 +19,16 @@ WIDTH = 0.02
 """Speed [rad/s] over which friction changes its sign."""
 
 
+PLAY = 0.5
+"""Half of a spring's dead zone [rad]; the same in every run, as all laws here are."""
+
+
 def _sign(speed: FloatArray) -> FloatArray:
     return np.tanh(speed / WIDTH)
 
 
 def _dead_zone(s: Signals, j: int, k: int) -> FloatArray:
-    beyond = s.q[:, j] - np.mean(s.q[:, j])
-    return np.sign(beyond) * np.maximum(np.abs(beyond) - 0.4 * np.ptp(s.q[:, j]) / 2, 0.0)
+    return np.sign(s.q[:, j]) * np.maximum(np.abs(s.q[:, j]) - PLAY, 0.0)
 
 
 @dataclass(frozen=True)
@@ -52,9 +55,7 @@ STRANGERS: dict[str, Formula] = {
     "dead_zone_spring": Formula(lambda s, j, k: 0.1 * _dead_zone(s, j, k), (("q_j",),)),
     # Bearings pressed by the load of another joint: the load is a function of positions, either may be named.
     "borrowed_load_friction": Formula(
-        lambda s, j, k: (
-            0.1 * np.abs(s.tau_link[:, k]) / max(float(np.abs(s.tau_link[:, k]).max()), 1e-9) * _sign(s.dq_motor[:, j])
-        ),
+        lambda s, j, k: 1e-3 * np.abs(s.tau_link[:, k]) * _sign(s.dq_motor[:, j]),
         (("tau_link_k", "q_k"), ("dq_j",)),
     ),
     "uneven_grease": Formula(lambda s, j, k: 0.02 * s.dq_motor[:, j] * np.cos(2 * s.q[:, j]), (("q_j",), ("dq_j",))),

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.diagnosis.beside import Beside
-from dynid_rs.diagnosis.kinds import REFINED, Hypothesis, Kinds, joined, stacked
+from dynid_rs.diagnosis.kinds import REFINED, Hypothesis, Kinds, is_valid, joined, stacked
 from dynid_rs.diagnosis.null import noise_copies
 from dynid_rs.placed import CATALOGUE
 from dynid_rs.uncertainty import WIDTH_STEP
@@ -79,11 +79,15 @@ def _slope(kinds: Kinds, hypothesis: Hypothesis, name: str, coefficients: FloatA
     """Derivative of the effect's torque by a shape parameter, one column."""
     value = dict(hypothesis.shape)[name]
     step = STEP * max(abs(value), 1e-3)
-    low, high = (
-        kinds.once(replace(hypothesis, shape=tuple((n, v + d if n == name else v) for n, v in hypothesis.shape)))
+    moved = [
+        replace(hypothesis, shape=tuple((n, v + d if n == name else v) for n, v in hypothesis.shape))
         for d in (-step, step)
-    )
-    return {j: ((high[j] - low[j]) @ coefficients / (2 * step))[:, None] for j in high}
+    ]
+    # At the edge of what there can be, to the one side only.
+    low, high = (h if is_valid(h.kind, h.shape) else hypothesis for h in moved)
+    columns = kinds.once(low), kinds.once(high)
+    width = (step if high is not hypothesis else 0.0) + (step if low is not hypothesis else 0.0)
+    return {j: ((columns[1][j] - columns[0][j]) @ coefficients / max(width, step))[:, None] for j in columns[0]}
 
 
 def _width_slope(

@@ -184,7 +184,7 @@ class Kinds:
                 values.append(list(parameter["grid"]))
         for combination in product(*values):
             shape = tuple(zip([p["name"] for p in parameters], combination, strict=True))
-            if _valid(kind, shape):
+            if is_valid(kind, shape):
                 yield shape
 
     def columns(self, hypotheses: Sequence[Hypothesis]) -> list[list[RunColumns]]:
@@ -297,7 +297,7 @@ class Kinds:
 
         def cost(x: FloatArray) -> float:
             h, moved = at(x)
-            if not _valid(h.kind, h.shape):
+            if not is_valid(h.kind, h.shape):
                 return 0.0
             columns = self.once(h)
             if with_friction:
@@ -424,7 +424,8 @@ def _rules(kind: str) -> list[str]:
     return [parameter["name"] for parameter in CATALOGUE[kind]["shape"]]
 
 
-def _valid(kind: str, shape: Shape) -> bool:
+def is_valid(kind: str, shape: Shape) -> bool:
+    """Whether there is an effect of this shape."""
     try:
         # Of one joint, which sees no other one.
         _core.Effect.of(kind, **{name: [-1.0 if name in OTHER_JOINTS else value] for name, value in shape})
