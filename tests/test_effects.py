@@ -36,7 +36,6 @@ SHAPES = {
         "gas_length": [0.6, 0.9, -0.3],
     },
     "load_dependent_friction": {"transition_width": [0.01, 0.02, 0.03]},
-    "bearing_friction": {"bent_by": [1.0, 2.0, -1.0], "transition_width": [0.01, 0.02, 0.03]},
     "position_dependent_friction": {"cycles": [1.0, 2.0, 3.0], "transition_width": [0.01, 0.02, 0.03]},
     "friction_hysteresis": {"presliding_distance": [0.001, 0.01, 0.1]},
     "load_hysteresis": {"presliding_distance": [0.002, 0.02, 0.2]},
@@ -131,18 +130,11 @@ def temperature_friction(p, x):
     return [(x.temperature - p.reference_temperature) * friction]
 
 
-def bearing_friction(p, x):
-    next_load = np.column_stack([np.abs(x.tau_link[:, 1:]), np.zeros(len(x.q))])
-    at_rest = next_load * step(x.dq_motor, p.transition_width)
-    return [at_rest, at_rest * np.abs(x.dq_motor)]
-
-
 FORMULAS = {
     "rotor_inertia": lambda p, x: [x.ddq_motor],
     "torque_offset": lambda p, x: [np.ones_like(x.q)],
     "stribeck": stribeck,
     "load_dependent_friction": load_dependent_friction,
-    "bearing_friction": bearing_friction,
     "position_dependent_friction": position_dependent_friction,
     "coupled_friction": coupled_friction,
     "torque_ripple": torque_ripple,
@@ -363,7 +355,7 @@ def test_a_search_can_begin(kind):
     entry = CATALOGUE[kind]
     names = [s["name"] for s in entry["shape"]]
     # What names another joint, follows the load or repeats friction comes from the fit.
-    by_the_fit = {"partner": -1.0, "bent_by": -1.0, "hysteresis_load": 1.0, **dict.fromkeys(FRICTION_NAMES, 1.0)}
+    by_the_fit = {"partner": -1.0, "hysteresis_load": 1.0, **dict.fromkeys(FRICTION_NAMES, 1.0)}
     grids = [[by_the_fit[s["name"]]] if s["name"] in by_the_fit else s["grid"] for s in entry["shape"]]
     assert all(len(grid) > 0 for grid in grids)
     made, refused = 0, []
@@ -505,8 +497,6 @@ def test_a_plan_knows_what_can_be_told_apart():
     for at in range(edges[3], plan.n_own):
         told = {
             "coupled_friction": [1, 1, 0],  # no partner
-            "bearing_friction": [1, 1, 0],  # nothing bends it
-            "bearing_friction_speed": [1, 1, 0],
             "inertial_coupling": [1, 0, 0],  # no partner; as joint 0's, with its link and both rotors
             "ripple_cos1": [0, 1, 1],  # once per turn of the first joint is its gravity
             "ripple_sin1": [0, 1, 1],

@@ -245,7 +245,6 @@ def test_effects_that_remember_give_the_bits_of_python(estimator, tmp_path):
         ),
         _core.Effect.of("load_dependent_friction", transition_width=[0.01] * n),
         _core.Effect.of("gear_hysteresis", hysteresis_load=[3.0] * n),
-        _core.Effect.of("bearing_friction", bent_by=[1.0, 2.0, 3.0, 4.0, 5.0, -1.0], transition_width=[0.01] * n),
         _core.Effect.of("friction_hysteresis", presliding_distance=[0.2] * n),
     ]
     model = _core.TorqueModel(

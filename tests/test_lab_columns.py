@@ -66,11 +66,6 @@ def load_dependent_friction(p, m, j):
     return (p("load_friction") + p("load_friction_speed") * np.abs(v)) * load * np.tanh(v / p("transition_width"))
 
 
-def bearing_friction(p, m, j):
-    v, load = m.dq[:, j], np.abs(m.tau_link[:, j + 1])
-    return (p("bearing_friction") + p("bearing_friction_speed") * np.abs(v)) * load * np.tanh(v / p("transition_width"))
-
-
 def position_dependent_friction(p, m, j):
     angle = p("cycles") * m.q[:, j]
     around = p("position_friction_cos") * np.cos(angle) + p("position_friction_sin") * np.sin(angle)
@@ -108,7 +103,6 @@ def thermal_friction(p, m, j):
 DEFINITIONS = (
     stribeck,
     load_dependent_friction,
-    bearing_friction,
     position_dependent_friction,
     torque_ripple,
     torque_saturation,

@@ -11,8 +11,6 @@ from dynid_rs import _core
 from dynid_rs.known import KnownTerm
 
 CATALOGUE = {entry["kind"]: entry for entry in _core.effect_catalogue()}
-OTHER_JOINTS = ("partner", "bent_by")
-"""Shape parameters that name another joint by its index, -1 for none."""
 
 
 @dataclass(frozen=True)
@@ -105,7 +103,7 @@ def _together(group: Sequence[PlacedEffect], n_joints: int) -> _core.Effect:
     shape: dict[str, np.ndarray] = {}
     for parameter in CATALOGUE[group[0].kind]["shape"]:
         name = parameter["name"]
-        idle = -1.0 if name in OTHER_JOINTS else dict(group[0].shape)[name][0]
+        idle = -1.0 if name == "partner" else dict(group[0].shape)[name][0]
         values = np.full(n_joints, idle)
         for effect in group:
             values[list(effect.joints)] = dict(effect.shape)[name]

@@ -129,7 +129,6 @@ SIGNALS = {
     "thermal_friction": ("t", "s"),
     "temperature_friction": ("temperature", "degC"),
     "load_hysteresis": ("tau_link", "N*m"),
-    "bearing_friction": ("tau_link", "N*m"),
 }
 """What an effect is drawn against, and its unit; others against their own column."""
 
@@ -160,7 +159,6 @@ def _plot(found: Search, beside: Beside, hypothesis: Hypothesis, coefficients: F
 def _signal(found: Search, hypothesis: Hypothesis, signal: str, column: FloatArray) -> FloatArray:
     j = hypothesis.joints[0]
     at = hypothesis.joints[1] if signal == "ddq" and len(hypothesis.joints) > 1 else j
-    at = int(dict(hypothesis.shape).get("bent_by", at))
     if not signal:
         return column
     parts = []

@@ -15,7 +15,7 @@ from dynid_rs.diagnosis.candidate import Candidate, RunColumns
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.identification import ThreeLoopIdentifier
 from dynid_rs.loops import link_load
-from dynid_rs.placed import CATALOGUE, OTHER_JOINTS, PlacedEffect
+from dynid_rs.placed import CATALOGUE, PlacedEffect
 from dynid_rs.preprocessing import States
 
 FloatArray = NDArray[np.float64]
@@ -170,8 +170,6 @@ class Kinds:
                 values.append([float(self.widths[j])])
             elif name == "partner":
                 values.append([-1.0])
-            elif name == "bent_by":  # what hangs on the next joint
-                values.append([j + 1.0] if j + 1 < self._robot.n_joints else [])
             elif name == "hysteresis_load":
                 values.append([part * float(self._load_scatter[j]) for part in WINDS])
             elif name in self.friction_of(j):
@@ -219,7 +217,8 @@ class Kinds:
 
     def _effect(self, kind: str, pack: dict[int, tuple[Hypothesis, Shape]]) -> _core.Effect:
         idle = dict(next(iter(pack.values()))[1])
-        idle |= {name: -1.0 for name in OTHER_JOINTS if name in idle}
+        if "partner" in idle:
+            idle["partner"] = -1.0
         shape = {name: np.full(self._robot.n_joints, value) for name, value in idle.items()}
         for j, (_, values) in pack.items():
             for name, value in values:
@@ -427,8 +426,7 @@ def _rules(kind: str) -> list[str]:
 def is_valid(kind: str, shape: Shape) -> bool:
     """Whether there is an effect of this shape."""
     try:
-        # Of one joint, which sees no other one.
-        _core.Effect.of(kind, **{name: [-1.0 if name in OTHER_JOINTS else value] for name, value in shape})
+        _core.Effect.of(kind, **{name: [value] for name, value in shape})
     except ValueError:
         return False
     return True

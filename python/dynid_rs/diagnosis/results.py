@@ -18,7 +18,7 @@ from dynid_rs.evaluation import rmse_interval
 from dynid_rs.excitation.named import NamedEffect, separate_command
 from dynid_rs.findings import Finding
 from dynid_rs.identification import ThreeLoopIdentifier
-from dynid_rs.placed import CATALOGUE, OTHER_JOINTS
+from dynid_rs.placed import CATALOGUE
 from dynid_rs.preprocessing import States
 from dynid_rs.recording import Recording
 from dynid_rs.results import Evaluated, Scores
@@ -175,7 +175,7 @@ def _named(entry: Entry, joint_names: Sequence[str]) -> NamedEffect:
     """The effect as the command line takes it, with the shape that was fitted."""
     known = [parameter["name"] for parameter in CATALOGUE.get(entry["kind"], {"shape": []})["shape"]]
     shape = {p["name"]: float(p["value"]) for p in entry.get("parameters", ()) if p["name"] in known}
-    shape = {name: value for name, value in shape.items() if name not in OTHER_JOINTS}
+    shape.pop("partner", None)
     return NamedEffect(entry["kind"], tuple(joint_names.index(name) for name in entry["joints"]), shape)
 
 

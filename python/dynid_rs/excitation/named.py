@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from dynid_rs.placed import CATALOGUE, OTHER_JOINTS
+from dynid_rs.placed import CATALOGUE
 
 if TYPE_CHECKING:
     from dynid_rs._core import RobotModel
@@ -128,7 +128,7 @@ def _joint(name: str, text: str, robot: RobotModel) -> int:
 
 
 def _parameter(part: str, kind: str, text: str) -> tuple[str, float]:
-    names = [entry["name"] for entry in CATALOGUE[kind]["shape"] if entry["name"] not in OTHER_JOINTS]
+    names = [entry["name"] for entry in CATALOGUE[kind]["shape"] if entry["name"] != "partner"]
     name, sign, value = part.partition("=")
     if name not in names or not sign:
         expected = ", ".join(f"{known}=..." for known in names) or "none"

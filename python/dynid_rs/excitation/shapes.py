@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from dynid_rs import _core
 from dynid_rs.excitation.named import TILT, NamedEffect
-from dynid_rs.placed import CATALOGUE, OTHER_JOINTS
+from dynid_rs.placed import CATALOGUE
 
 if TYPE_CHECKING:
     from dynid_rs._core import RobotModel
@@ -61,8 +61,6 @@ class ShapedEffect:
             )
         if effect.kind == TILT:
             return cls(robot, effect, [{}])
-        if effect.kind == "bearing_friction" and effect.joints[0] == robot.n_joints - 1:
-            raise ValueError(f"--separate {effect.kind}: nothing bends the bearing of the last joint; name another one")
         grids = _grids(effect, robot)
         middle = {name: effect.shape.get(name, grid[len(grid) // 2]) for name, grid in grids.items()}
         every = [dict(zip(grids, values, strict=True)) for values in product(*grids.values())]
@@ -91,8 +89,8 @@ class ShapedEffect:
         for place, joint in enumerate(self.effect.joints):
             signals = [np.repeat(x[:, [joint]], len(shapes), axis=1) for x in motion]
             load = None if tau_link is None else np.repeat(tau_link[:, [joint]], len(shapes), axis=1)
-            partner = self._other(place)
-            if partner is not None:  # it stands behind the copies
+            if n_pairs == 2:  # the partner stands behind the copies
+                partner = self.effect.joints[1 - place]
                 signals = [np.column_stack([s, x[:, partner]]) for s, x in zip(signals, motion, strict=True)]
                 load = None if load is None or tau_link is None else np.column_stack([load, tau_link[:, partner]])
             effect = self._core_effect(shapes, joint)
@@ -103,18 +101,6 @@ class ShapedEffect:
             found[joint] = wide
         return found
 
-    def _other(self, place: int) -> int | None:
-        """The joint that the one at `place` sees besides itself."""
-        if len(self.effect.joints) == 2:
-            return self.effect.joints[1 - place]
-        return self.effect.joints[0] + 1 if self._sees == "bent_by" else None
-
-    @property
-    def _sees(self) -> str | None:
-        """Shape parameter that names another joint."""
-        names = [] if self.effect.kind == TILT else [p["name"] for p in CATALOGUE[self.effect.kind]["shape"]]
-        return next((name for name in names if name in OTHER_JOINTS), None)
-
     def _exists(self, shape: Shape) -> bool:
         """Whether the parameters fit each other."""
         try:
@@ -124,16 +110,15 @@ class ShapedEffect:
         return True
 
     def _core_effect(self, shapes: Sequence[Shape], joint: int) -> _core.Effect:
-        """One effect whose "joints" are the shapes, and one more for the signals of another joint that it sees."""
+        """One effect whose "joints" are the shapes; for a pair, one more for the partner's signals."""
         paired = len(self.effect.joints) == 2
-        sees = self._sees
         values = {}
         for name in shapes[0]:
             mirrored = paired and joint == self.effect.joints[1]
             row = [_mirrored(name, shape) if mirrored else shape[name] for shape in shapes]
-            values[name] = np.array([*row, row[0]] if sees else row)
-        if sees:
-            values[sees] = np.array([float(len(shapes))] * len(shapes) + [-1.0])
+            values[name] = np.array([*row, row[0]] if paired else row)
+        if paired:
+            values["partner"] = np.array([float(len(shapes))] * len(shapes) + [-1.0])
         return _core.Effect.of(self.effect.kind, **values)
 
     def _tilt(self, motion: Motion) -> dict[int, FloatArray]:
@@ -157,7 +142,7 @@ def _grids(effect: NamedEffect, robot: RobotModel) -> dict[str, list[float]]:
     grids = {}
     for parameter in CATALOGUE[effect.kind]["shape"]:
         name = parameter["name"]
-        if name in OTHER_JOINTS:
+        if name == "partner":
             continue
         values = [float(value) for value in parameter["grid"]]
         if name in effect.shape and effect.shape[name] not in values:

@@ -104,12 +104,6 @@ KINDS: tuple[Kind, ...] = (
         column_kinds.load_dependent_friction,
     ),
     Kind(
-        "bearing_friction",
-        "every joint",
-        "3 % of the next joint's link torque, 4 % at the greatest speed; none on the last joint",
-        column_kinds.bearing_friction,
-    ),
-    Kind(
         "position_dependent_friction",
         "turning joints",
         "2.2 % of the effort limit, once per turn",

@@ -14,7 +14,6 @@ Joints = tuple[int, ...]
 
 STRIBECK, STRIBECK_SPEED = 0.03, 0.05
 LOAD_FRICTION, LOAD_FRICTION_SPEED = 0.06, 0.02
-BEARING_FRICTION, BEARING_FRICTION_SPEED = 0.03, 0.01
 POSITION_FRICTION = (0.02, 0.01)
 POSITION_CYCLES = 1.0
 HYSTERESIS, PRESLIDING, LOAD_HYSTERESIS = 0.03, 1e-2, 0.06
@@ -50,22 +49,6 @@ def load_dependent_friction(site: Site, joints: Joints, size: float) -> LabEffec
     }
     shape = {"transition_width": site.arm.transition_width}
     return column_effect("load_dependent_friction", joints, size, shape, coefficients)
-
-
-def bearing_friction(site: Site, joints: Joints, size: float) -> LabEffect:
-    """Friction of a bearing that grows with the next joint's load; the last joint's has none."""
-    last = site.n_joints - 1
-    if joints == (last,):
-        raise ValueError("bearing_friction: nothing bends the bearing of the last joint; name another one")
-    joints = tuple(joint for joint in joints if joint != last)
-    bent_by = np.arange(1.0, site.n_joints + 1)
-    bent_by[last] = _NO_PARTNER
-    coefficients = {
-        "bearing_friction": at_joints(joints, site.n_joints, BEARING_FRICTION * size),
-        "bearing_friction_speed": at_joints(joints, site.n_joints, BEARING_FRICTION_SPEED * size / site.limits.velocity),
-    }
-    shape = {"bent_by": bent_by, "transition_width": site.arm.transition_width}
-    return column_effect("bearing_friction", joints, size, shape, coefficients)
 
 
 def position_dependent_friction(site: Site, joints: Joints, size: float) -> LabEffect:

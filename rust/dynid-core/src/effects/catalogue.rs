@@ -4,8 +4,8 @@
 //! or "m".
 
 use super::{
-    bearing_friction, counterbalance, coupled_friction, friction, friction_hysteresis,
-    gear_hysteresis, inertial_coupling, joint_spring, load_dependent_friction, load_hysteresis,
+    counterbalance, coupled_friction, friction, friction_hysteresis, gear_hysteresis,
+    inertial_coupling, joint_spring, load_dependent_friction, load_hysteresis,
     position_dependent_friction, rotor_inertia, stribeck, temperature_friction, thermal_friction,
     torque_offset, torque_ripple, torque_saturation, EffectInput, FRICTION_NAMES, N_FRICTION,
 };
@@ -197,7 +197,7 @@ const FRICTION: [Coefficient; N_FRICTION] = [
 ];
 
 /// Every kind of effect; those of every model come first.
-pub static CATALOGUE: [Entry; 18] = [
+pub static CATALOGUE: [Entry; 17] = [
     Entry {
         kind: "rotor_inertia",
         formula: "J ddq_motor",
@@ -303,23 +303,6 @@ pub static CATALOGUE: [Entry; 18] = [
         declared: false,
         check: nothing_more,
         columns: load_dependent_friction::columns,
-    },
-    Entry {
-        kind: "bearing_friction",
-        formula: "(m0 + m1 |dq_motor|) |tau_link of the joint that bends it| s(dq_motor)",
-        coefficients: &[
-            coefficient("bearing_friction", "1", Sign::NonNegative),
-            coefficient("bearing_friction_speed", "s/{angle}", Sign::NonNegative),
-        ],
-        shape: &[
-            shape("bent_by", "joint", Rule::Partner, &[]),
-            TRANSITION_WIDTH,
-        ],
-        signals: &["dq_motor", "tau_link"],
-        memory: 0,
-        declared: false,
-        check: nothing_more,
-        columns: bearing_friction::columns,
     },
     Entry {
         kind: "position_dependent_friction",
