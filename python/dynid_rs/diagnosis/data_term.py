@@ -25,7 +25,7 @@ from dynid_rs.preprocessing import States
 
 FloatArray = NDArray[np.float64]
 
-CENTERS = {1: {"q": 16, "ddq": 5, "tau_link": 8}, 2: {"q": 10, "ddq": 4, "tau_link": 6}}
+CENTERS = {1: {"q": 24, "ddq": 5, "tau_link": 8}, 2: {"q": 14, "ddq": 5, "tau_link": 7}}
 """Components along each signal, by the number of signals; with three of them as in `MANY_CENTERS`."""
 MANY_CENTERS = {"q": 8, "ddq": 3, "tau_link": 4}
 SLOWEST, SPREAD = 2.0, 1.4
@@ -37,7 +37,7 @@ MANY_GROWTH = 5.0
 """The same where there are three signals."""
 OVERLAP = 0.6
 """Standard deviation of a component over the distance to the next."""
-SAMPLES = 4000
+SAMPLES = 3000
 """Most states at which the mixture is fitted to the products."""
 INNER = 0.3
 """Weight of states that combine values which the data has only one by one: they keep the mixture tame."""

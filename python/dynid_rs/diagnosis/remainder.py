@@ -23,18 +23,21 @@ from dynid_rs.diagnosis.signals import candidate_signals
 from dynid_rs.diagnosis.unknown import Unexplained, find_unknown, names
 from dynid_rs.identification import ThreeLoopIdentifier
 from dynid_rs.loops import link_load
+from dynid_rs.placed import PlacedEffect
 from dynid_rs.recording import Recording
 from dynid_rs.results import score
 
 FloatArray = NDArray[np.float64]
 
-FORCED = 0.7
+FORCED = 0.8
 """Named effects that explain less than this of what could be explained on a joint, while structure is left there that
 its signals predict, are the nearest names and not the cause: they are taken back."""
 
 
-BETTER = 0.7
-"""Part of the power left with names, of which a term in their place may leave no more on rows left out."""
+AS_WELL = 2.0
+"""Times the power that is left with names, and a term beside them: a term alone that leaves no more replaces them."""
+SHARP = 12.0
+"""Cycles per turn from which a ripple is a line, and no approximation of anything slower."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +60,7 @@ def what_is_left(found: Search, train: Sequence[Recording]) -> Remainder:
         return Remainder(*named, _terms(found, named[1], train))
     kept = found.setup, found.fit, found.kinds
     taken_back = [found.setup.effects[k] for k in sorted(forced)]
-    after = np.mean(Beside(found.fit).residual ** 2, axis=0)
+    with_names = _left_with(found, _terms(found, named[1], train))
     effects = tuple(effect for k, effect in enumerate(found.setup.effects) if k not in forced)
     found.setup = replace(found.setup, effects=effects)
     found.fit = fitted(found.setup, train)
@@ -65,8 +68,8 @@ def what_is_left(found: Search, train: Sequence[Recording]) -> Remainder:
     bare_floor, bare_left = _look(found)
     terms = _terms(found, bare_left, train)
     bare = Remainder(bare_floor, bare_left, terms)
-    better = {term.joint for term in bare.terms if term.power[1] < BETTER * after[term.joint]}
-    if {effect.joints[0] for effect in taken_back} <= better:
+    as_well = _left_with(found, terms) <= AS_WELL * with_names
+    if all(as_well[list(effect.joints)].all() for effect in taken_back):
         return bare
     found.setup, found.fit, found.kinds = kept
     return Remainder(*named, _terms(found, named[1], train))
@@ -84,12 +87,7 @@ def _forced(found: Search, measured: Floor, unexplained: Sequence[Unexplained]) 
     after = np.mean(Beside(found.fit).residual ** 2, axis=0)
     forced: set[int] = set()
     for j in (u.joint for u in unexplained if u.depends_on):
-        # A sharp line in the angle is no approximation of anything else.
-        there = [
-            k
-            for k, effect in enumerate(found.setup.effects)
-            if effect.joints == (j,) and "cycles" not in dict(effect.shape)
-        ]
+        there = [k for k, effect in enumerate(found.setup.effects) if j in effect.joints and not _is_line(effect)]
         if not there:
             continue
         without = Beside(found.fit, [c for k in there for c in columns[k]])
@@ -97,6 +95,18 @@ def _forced(found: Search, measured: Floor, unexplained: Sequence[Unexplained]) 
         if before - after[j] < FORCED * (before - measured.value[j] ** 2):
             forced |= set(there)
     return forced
+
+
+def _is_line(effect: PlacedEffect) -> bool:
+    return effect.kind == "torque_ripple" and dict(effect.shape)["cycles"][0] >= SHARP
+
+
+def _left_with(found: Search, terms: Sequence[DataTerm]) -> FloatArray:
+    """Power that every joint has left, by rows left out where it has a term, (n_joints,)."""
+    power = np.mean(Beside(found.fit).residual ** 2, axis=0)
+    for term in terms:
+        power[term.joint] *= term.power[1] / term.power[0]
+    return power
 
 
 def _terms(found: Search, unexplained: Sequence[Unexplained], train: Sequence[Recording]) -> list[DataTerm]:
