@@ -50,7 +50,8 @@ def fitted(robot, session):
     names = [coefficient["name"] for coefficient in CATALOGUE["friction"]["coefficients"]]
     shapes = [dict(zip(names, arm.friction[j], strict=True)) | {"transition_width": 0.01} for j in range(N)]
     effects = [
-        PlacedEffect.at("temperature_friction", j, reference_temperature=25.0, **shape) for j, shape in enumerate(shapes)
+        PlacedEffect.at("temperature_friction", j, reference_temperature=25.0, **shape)
+        for j, shape in enumerate(shapes)
     ]
     return dyn.ThreeLoopIdentifier(robot, residual=None, effects=effects).fit(runs[:3])
 

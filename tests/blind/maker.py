@@ -171,10 +171,17 @@ def _windows(simulation: Simulation) -> dict[str, list[list[float]]]:
     }
 
 
+NOT_AT_THE_BASE = ("kinematic_error", "counterbalance")
+"""A first frame that is turned is a tilted base, and so, to the cosine, is a cylinder that pulls at an upright axis, where
+there is nothing to balance: other kinds, by any measurement."""
+
+
 def _place(case: Case, put: Put, trajectories: Sequence[Trajectory], rng: np.random.Generator) -> Placed:
     """Try the joints in a drawn order; where none can have the ratio, the one that comes nearest gets its most."""
     seed, whole = int(rng.integers(2**31)), put.kind in BY_NAME and BY_NAME[put.kind].where == "robot"
     joints = rng.permutation(bare(case.arm).robot.n_joints).tolist()
+    if put.kind in NOT_AT_THE_BASE:
+        joints.remove(0)
     tried: list[Placed] = []
     reason = ""
     for joint in joints[:1] if whole or put.everywhere else joints:

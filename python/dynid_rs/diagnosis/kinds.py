@@ -363,7 +363,9 @@ def at_a_bound(hypothesis: Hypothesis) -> bool:
         if how != "log" or name == "gas_length":
             continue  # an angle, a ratio or an order may be any; a gas column without end is a plain spring
         value = abs(shape[name])
-        if not low * (1 + AT_BOUND) < value < high * (1 - AT_BOUND):
+        # A lever as short as can be is a cylinder all the same, one that pulls like a weight.
+        too_low = value <= low * (1 + AT_BOUND) and name != "b"
+        if too_low or value >= high * (1 - AT_BOUND):
             return True
     return False
 

@@ -133,6 +133,8 @@ def diagnose(
     after = _final(found, remainder, train)
     tests = [found.setup.corrected(recording) for recording in test]
     names = setup.robot.joint_names
+    # The first look at gains is told apart from everything else by the search.
+    own_gains = {f"tau_{j}" for j in found.setup.gain_joints}
     if gears:  # they know the delay better than the first look
         clocks = [clock for clock in clocks if clock["kind"] != "encoder_delay"]
     return Diagnosis(
@@ -140,7 +142,7 @@ def diagnose(
         before,
         after,
         found,
-        findings=[f for f in findings if f.code != "torque_gain" or found.setup.gain_joints],
+        findings=[f for f in findings if f.code != "torque_gain" or f.column in own_gains],
         effects=ranked(
             merged_gears(
                 [

@@ -320,7 +320,9 @@ def _valleys(beside: Beside, kinds: Kinds, hypothesis: Hypothesis) -> list[Hypot
     """Where a search of the shape begins: the hypothesis, and for a cylinder the best ones that stand elsewhere."""
     if hypothesis.kind != "counterbalance":
         return [hypothesis]
-    same = [h for h in kinds.grid([hypothesis.kind]) if h.joints == hypothesis.joints and _pulls(h) == _pulls(hypothesis)]
+    same = [
+        h for h in kinds.grid([hypothesis.kind]) if h.joints == hypothesis.joints and _pulls(h) == _pulls(hypothesis)
+    ]
     columns = [stacked(c) for c in kinds.columns(same)]
     groups = [slice(k, k + 1) for k in range(len(same))]
     gains = beside.gains(joined(columns), groups, [bounds_of(h) for h in same])
