@@ -1,4 +1,4 @@
-"""Torque that elastic gears lose: fitted along the load that winds them up, sought where two encoders show gears that yield."""
+"""Torque that elastic gears lose: fitted along the load, sought where two encoders show that they yield."""
 
 from dataclasses import replace
 

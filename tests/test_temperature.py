@@ -58,7 +58,7 @@ def fitted(robot, session):
 
 def test_a_session_that_warms_up_is_told_by_its_thermometers(robot, session, fitted):
     """On the run that nothing has seen; warmth takes change / 20 K of friction per kelvin."""
-    arm, drift, runs = session
+    _, drift, runs = session
     without = dyn.ThreeLoopIdentifier(robot, residual=None).fit(runs[:3])
 
     def error(fit):

@@ -172,8 +172,8 @@ def _windows(simulation: Simulation) -> dict[str, list[list[float]]]:
 
 
 NOT_AT_THE_BASE = ("kinematic_error", "counterbalance")
-"""A first frame that is turned is a tilted base, and so, to the cosine, is a cylinder that pulls at an upright axis, where
-there is nothing to balance: other kinds, by any measurement."""
+"""A first frame that is turned is a tilted base, and so, to the cosine, is a cylinder that pulls at an upright axis,
+where there is nothing to balance: other kinds, by any measurement."""
 
 
 def _place(case: Case, put: Put, trajectories: Sequence[Trajectory], rng: np.random.Generator) -> Placed:

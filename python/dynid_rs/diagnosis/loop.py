@@ -114,13 +114,13 @@ def diagnose(
     on_progress("two encoders")
     gears = examine_deflection(before, list(train), list(test))
     found = search(with_true_encoders(asked, gears), train, on_progress=on_progress)
-    late = [joints for joints in _late_by_themselves(clocks) if len(joints) < setup.robot.n_joints]
+    late = {j for joints in _late(clocks) if len(joints) < setup.robot.n_joints for j in joints}
     if late:
         # A drive that is late by itself is rare, and physics that lags looks like one: the better explanation stays.
         on_progress("the same with all drives on one clock")
         one_clock = examine(setup, train, test, on_progress, of_one=False)
         other = search(with_true_encoders(one_clock[0], gears), train, on_progress=on_progress)
-        if explains_more(other, found, sorted({j for joints in late for j in joints})):
+        if explains_more(other, found, sorted(late)):
             found, (_, findings, clocks) = other, one_clock
     if gears:  # once more, with the load of a model that lacks nothing
         seen = [found.setup.corrected(recording) for recording in (*train, *test)]
@@ -165,7 +165,8 @@ def diagnose(
     )
 
 
-def _late_by_themselves(clocks: Sequence[dict[str, Any]]) -> list[tuple[int, ...]]:
+def _late(clocks: Sequence[dict[str, Any]]) -> list[tuple[int, ...]]:
+    """Places of the torque channels' delays."""
     return [tuple(clock["joints"]) for clock in clocks if clock["kind"] == "torque_delay"]
 
 
@@ -179,7 +180,7 @@ def explains_more(first: Search, second: Search, joints: Sequence[int]) -> bool:
         evidence.append((rows, float(np.log(rms(state.fit)[list(joints)]).mean()), n_found))
     rows = min(n for n, *_ in evidence)
     (_, left, n_first), (_, left_second, n_second) = evidence
-    return rows * (left_second - left) > 0.5 * (n_first - n_second) * np.log(max(rows, 2.0))
+    return bool(rows * (left_second - left) > 0.5 * (n_first - n_second) * np.log(max(rows, 2.0)))
 
 
 def _final(found: Search, remainder: Remainder, train: Sequence[Recording]) -> ThreeLoopIdentifier:

@@ -103,7 +103,7 @@ def _is_line(effect: PlacedEffect) -> bool:
 
 def _left_with(found: Search, terms: Sequence[DataTerm]) -> FloatArray:
     """Power that every joint has left, by rows left out where it has a term, (n_joints,)."""
-    power = np.mean(Beside(found.fit).residual ** 2, axis=0)
+    power: FloatArray = np.mean(Beside(found.fit).residual ** 2, axis=0)
     for term in terms:
         power[term.joint] *= term.power[1] / term.power[0]
     return power

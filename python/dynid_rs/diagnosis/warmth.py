@@ -1,4 +1,4 @@
-"""An arm that warms up: friction of all joints follows their thermometers alike, which shows long before one joint does."""
+"""An arm that warms up: friction of all joints follows their thermometers, which shows long before one joint does."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ WARMTH = "temperature_friction"
 
 
 def warm_arm(kinds: Kinds, setup: Setup) -> list[Candidate]:
-    """Friction of all joints that have a thermometer, times one and the same ``1 + c (T - T_0)``; none or one candidate.
+    """Friction of all joints with a thermometer, times one and the same ``1 + c (T - T_0)``: one candidate or none.
 
     Once it is accepted every joint has a coefficient of its own.
     """
