@@ -8,6 +8,7 @@ from nameless import in_band_noise, measured, plain_arm, with_nameless
 from tolerances import ALGEBRAIC
 
 from dynid_rs._core import GaussianMixtureRegression
+from dynid_rs.assembly import evaluate, with_residual
 from dynid_rs.columns import observe, run_rows
 from dynid_rs.diagnosis import rows_beside
 from dynid_rs.diagnosis.floor import Floor, floor
@@ -100,6 +101,24 @@ def test_signals_are_named_and_a_term_on_them_pays(arm, plans, name, ratio):
     seen = picture.count > 3
     assert np.corrcoef(picture.partial[seen], picture.fitted[seen])[0, 1] > 0.8
     assert picture.count.sum() == sum(len(states.rows) for states in fit.runs_)
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_a_model_adds_the_term_s_own_torque_at_every_speed(arm, plans, name):
+    """A whole model predicts with the term what was fitted: no speed is so far from all components as to fade."""
+    joint, torque, _ = EFFECTS[name]
+    fit, test = fitted(with_nameless(arm, joint, torque, 1.5, plans[:3]), plans, 3)
+    leftovers = search_leftovers(fit)
+    (unknown,) = find_unknown(fit, floor(fit, fit.runs_, run_residuals(fit), leftovers), leftovers)
+    n = len(arm.noise_std)
+    signals = [list(unknown.term.signals) if j == joint else [] for j in range(n)]
+    regressions = [unknown.term.mixture if j == joint else None for j in range(n)]
+    model = with_residual(fit.model_, signals, regressions)
+    states = fit.states(test)
+    _, terms, _ = evaluate(model, states)
+    expected = unknown.term.torque(states, link_torque(fit.observations_.plan, fit.links_, states))
+    faded = np.abs(terms[:, -1, joint] - expected) > 1e-6 * np.abs(expected).max()
+    assert faded.mean() < 0.01
 
 
 def test_many_rows_are_thinned_to_the_same_answer(arm, plans, monkeypatch):

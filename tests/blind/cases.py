@@ -9,6 +9,9 @@ from functools import cache
 import numpy as np
 from strangers import STRANGERS
 
+ONCE_WRONG = (27, 62, 101, 369)
+"""Cases that an earlier program got wrong: physics that looks like one drive's delay, a line that the band shows as a
+slower one, a cylinder in the wrong valley, a lever that shrinks to nothing."""
 SEED = 20250
 """Of the whole suite; joints, shapes, signs and trajectories of a case follow from it and the case's number."""
 N_TRAIN, N_TEST = 3, 2
@@ -117,7 +120,7 @@ def all_cases() -> dict[int, Case]:
         for offset, (arm, encoders, puts, quick) in enumerate(maker()):
             number = first + offset
             assert number not in cases, f"group {group} is too long"
-            cases[number] = Case(number, group, arm, encoders, puts, quick)
+            cases[number] = Case(number, group, arm, encoders, puts, quick or number in ONCE_WRONG)
     return cases
 
 

@@ -329,7 +329,7 @@ def _valleys(beside: Beside, kinds: Kinds, hypothesis: Hypothesis) -> list[Hypot
     starts = [hypothesis]
     for k in np.argsort([-gain.power for gain in gains]):
         turned = [dict(same[k].shape)["phase"] - dict(start.shape)["phase"] for start in starts]
-        if len(starts) < N_VALLEYS and np.all(np.abs(np.angle(np.exp(1j * np.array(turned)))) > NEXT_VALLEY):
+        if len(starts) < N_VALLEYS and np.all(np.cos(turned) < np.cos(NEXT_VALLEY)):
             starts.append(same[k])
     return starts
 
