@@ -11,11 +11,11 @@ from dynid_rs._core import GaussianMixtureRegression
 from dynid_rs.assembly import evaluate, with_residual
 from dynid_rs.columns import observe, run_rows
 from dynid_rs.diagnosis import rows_beside
-from dynid_rs.diagnosis.floor import Floor, floor
+from dynid_rs.diagnosis.floor import floor
 from dynid_rs.diagnosis.leftovers import run_residuals, search_leftovers
 from dynid_rs.diagnosis.signals import candidate_signals, direction, way_since_reversal
 from dynid_rs.diagnosis.surrogates import phase_randomised, upper_tail
-from dynid_rs.diagnosis.unknown import explains_well, find_unknown, names
+from dynid_rs.diagnosis.unknown import find_unknown, names
 from dynid_rs.identification import ThreeLoopIdentifier
 from dynid_rs.links import stack_one
 from dynid_rs.loops import link_torque
@@ -202,12 +202,3 @@ def test_candidates_are_signals_of_all_joints(clean):
     n = clean.robot.n_joints
     assert len(candidates.of_joint(0)) == 4 * n + 2
     assert ("reversal", 1) not in candidates.of_joint(0)
-
-
-def test_a_name_explains_what_it_takes():
-    found = Floor(np.array([1.0]), np.array([[0.9, 1.1]]), ("repetition",), np.array([0.0]))
-    share, (low, high) = explains_well(5.0, 1.0, found, 0, 400.0)
-    assert share == high == 1.0
-    assert low > 0.9
-    share, (low, high) = explains_well(5.0, 3.0, found, 0, 400.0)
-    assert low < share == 0.5 < high < 0.7

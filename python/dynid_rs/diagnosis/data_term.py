@@ -92,7 +92,14 @@ class DataTerm:
 
 
 def fit_data_term(
-    joint: int, signals: Sequence[Signal], ridge: float, rows: JointRows, candidates: Candidates, runs: Sequence[States]
+    joint: int,
+    signals: Sequence[Signal],
+    ridge: float,
+    rows: JointRows,
+    candidates: Candidates,
+    runs: Sequence[States],
+    *,
+    scored: bool = True,
 ) -> DataTerm | None:
     """Fit a term beside the declared model; None where a signal is no input of a model (time, or a memory).
 
@@ -108,12 +115,16 @@ def fit_data_term(
         Of the training runs.
     runs : sequence of States
         The training runs, in the order of the rows.
+    scored : bool
+        Whether rows are left out to see what it is worth; `power` and `gain_error` are NaN otherwise.
     """
     signals = tuple(sorted(signals))
     if any(name not in STATE for name, _ in signals):
         return None
     columns = product_columns(signals, candidates, rows.rows)
     mixture = _mixture(signals, candidates, _coefficients(rows.whole, columns, ridge))
+    if not scored:
+        return DataTerm(joint, signals, mixture, (float("nan"), float("nan")), float("nan"), ridge)
     squares = np.zeros((2, len(rows.rows)))
     for split in rows.splits:
         part = _mixture(signals, candidates, _coefficients(split, columns, ridge))

@@ -123,7 +123,7 @@ def _carries_over(found: Search, term: DataTerm, train: Sequence[Recording]) -> 
         others = [recording for i, recording in enumerate(corrected) if i != k]
         bare = found.setup.identifier(residual=None).fit(others)
         rows = Rows(bare).of_joint(j)
-        again = fit_data_term(j, term.signals, term.ridge, rows, candidate_signals(bare), bare.runs_)
+        again = fit_data_term(j, term.signals, term.ridge, rows, candidate_signals(bare), bare.runs_, scored=False)
         if again is None:
             return False
         whole = _with_terms(found.setup, bare, [again], others)

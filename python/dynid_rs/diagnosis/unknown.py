@@ -104,37 +104,6 @@ def _named(fit: ThreeLoopIdentifier, leftover: Leftover, candidates: Candidates,
     )
 
 
-def explains_well(
-    power_before: float, power_after: float, floor: Floor, joint: int, n_independent: float
-) -> tuple[float, tuple[float, float]]:
-    """Part of what could be explained of a joint that a named effect explains, and its 95 % interval.
-
-    ``(before - after) / (before - floor^2)`` of mean squares on rows left out; 1 where the effect leaves the floor,
-    less where structure stays. The interval has the floor's own uncertainty and that of the mean squares in it.
-
-    Parameters
-    ----------
-    power_before, power_after : float
-        Mean square of the residual without and with the effect [torque unit squared].
-    floor : Floor
-        Of the joints.
-    joint : int
-        Which one.
-    n_independent : float
-        Independent samples that the mean squares rest on.
-    """
-    rng = np.random.default_rng(0)
-    low, high = floor.interval[joint]
-    # Both mean squares share the rows, and so most of their chance; what is left after has its own.
-    own = power_after * (1 + np.sqrt(2 / max(n_independent, 1.0)) * rng.standard_normal(2000))
-    noise = np.clip(rng.uniform(low, high, 2000) ** 2, 0.0, None)
-    noise = np.minimum(noise, 0.999 * power_before)
-    draws = (power_before - np.maximum(own, 0.0)) / (power_before - noise)
-    value = (power_before - power_after) / max(power_before - floor.value[joint] ** 2, 1e-3 * power_before)
-    bounds = np.percentile(np.clip(draws, 0.0, 1.0), [2.5, 97.5])
-    return float(np.clip(value, 0.0, 1.0)), (float(bounds[0]), float(bounds[1]))
-
-
 def names(unexplained: Unexplained, joint_names: Sequence[str]) -> list[tuple[str, float]]:
     """Signals as columns are called, with their strengths: ``q_elbow_joint``; ``time`` for that of the run."""
     return [(name if j < 0 else f"{name}_{joint_names[j]}", strength) for (name, j), strength in unexplained.depends_on]
