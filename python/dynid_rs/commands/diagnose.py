@@ -10,6 +10,9 @@ import typer
 from dynid_rs.commands import _options
 from dynid_rs.commands._run import EXIT_NO, print_json, run_command
 
+N_STATES, OTHER_ROBOT = 8, 0.1
+"""Random states at which two robots are compared, and the part of their links' torque by which they may differ."""
+
 if TYPE_CHECKING:
     from dynid_rs.diagnosis.results import Outcome
     from dynid_rs.findings import Finding
@@ -102,12 +105,27 @@ def _reference(path: Path, robot: Any, run: Recording) -> Any:
             f"{path}: is a model of {model.robot.name} with the joints {', '.join(model.robot.joint_names)}, and the "
             f"robot file has {', '.join(robot.joint_names)}; give a model of the same robot"
         )
+    if _moves_otherwise(model.robot, robot):
+        raise ValueError(
+            f"{path}: is a model of {model.robot.name} with other joint frames, axes or gravity than the robot file "
+            "has; give a model of the same robot, or the robot file that it was made with"
+        )
     if model.torque_unit != run.torque_unit:
         raise ValueError(
             f"{path}: is a model in {model.torque_unit}, and the runs hold torque in {run.torque_unit}; "
             "give a model in the same unit, or --drive-gain"
         )
     return model
+
+
+def _moves_otherwise(trusted: Any, robot: Any) -> bool:
+    """Whether two robots are more than a correction of frames and gravity apart, by the torque of their links."""
+    import numpy as np
+
+    rng = np.random.default_rng(0)
+    motion = [rng.uniform(-1.0, 1.0, (N_STATES, robot.n_joints)) for _ in range(3)]
+    ours, theirs = (np.asarray(r.joint_torque_regressor(*motion)) for r in (robot, trusted))
+    return bool(np.linalg.norm(ours - theirs) > OTHER_ROBOT * np.linalg.norm(ours))
 
 
 def _write(outcome: Outcome, split: Split, findings: list[Finding], output: Path) -> dict[str, Any]:

@@ -4,10 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+from numpy.typing import NDArray
+
 from dynid_rs.findings import Finding
 from dynid_rs.placed import CATALOGUE
 from dynid_rs.recording import Recording
 
+LEAST_WARMTH = 1.0
+"""A thermometer that moves less than this over all runs [K] tells nothing about friction."""
 TWO_ENCODERS = ("joint_elasticity", "nonlinear_elasticity", "backlash", "gear_hysteresis", "encoder_delay")
 """Kinds that show themselves between motor and link."""
 IN_NEWTON_METRES = ("payload", "torque_gain")
@@ -33,6 +38,14 @@ def missing_signals(runs: Sequence[Recording]) -> list[Finding]:
                 partly=True,
             )
         )
+    elif not any(np.ptp(column) > LEAST_WARMTH for column in _temperatures(runs).T):
+        found.append(
+            _untestable(
+                ("temperature_friction",),
+                "temperature",
+                f"a temperature that moves by more than {LEAST_WARMTH:g} K over all runs; record from a cold start",
+            )
+        )
     if any(run.torque_unit == "A" for run in runs):
         found.append(
             _untestable(
@@ -44,6 +57,10 @@ def missing_signals(runs: Sequence[Recording]) -> list[Finding]:
             )
         )
     return found
+
+
+def _temperatures(runs: Sequence[Recording]) -> NDArray[np.float64]:
+    return np.concatenate([run.temperature for run in runs if run.temperature is not None])
 
 
 def _too_short(runs: Sequence[Recording]) -> str:

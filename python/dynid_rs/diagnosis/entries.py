@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from dynid_rs.columns import Observations, observe
 from dynid_rs.diagnosis.beside import Beside
+from dynid_rs.diagnosis.candidate import Candidate
 from dynid_rs.diagnosis.intervals import Estimate, estimates
 from dynid_rs.diagnosis.kinds import Hypothesis, stacked
 from dynid_rs.diagnosis.search import Choice, Search, columns_in, hypothesis_of, standing
@@ -63,6 +64,7 @@ def effect_entries(found: Search, test: Sequence[Recording]) -> list[dict[str, A
                 "rmse_test_before": tested[rank],
                 "rmse_test_after": tested[rank + 1],
                 "ties": tie_entries(found, choice),
+                "told_apart_from": refuted_entries(found, choice),
                 "plot": _plot(found, beside, hypothesis, weighed.gain.coefficients),
             }
         )
@@ -105,16 +107,30 @@ def _parameter(estimate: Estimate, found: Search) -> dict[str, Any]:
 
 
 def tie_entries(found: Search, choice: Choice | None) -> list[dict[str, Any]]:
-    """What explains the same as well as what was chosen."""
+    """What explains the same as well as what was chosen, each name once."""
+    ties = {tie.weighed.candidate.place: tie for tie in reversed(() if choice is None else choice.ties)}
     return [
         {
-            "kind": tie.weighed.candidate.kind,
-            "joints": [found.setup.robot.joint_names[j] for j in tie.weighed.candidate.joints],
+            **_where(found, tie.weighed.candidate),
             "evidence": tie.weighed.evidence,
             "p_value": tie.p_value,
         }
-        for tie in (() if choice is None else choice.ties)
+        for tie in reversed(ties.values())
     ]
+
+
+def refuted_entries(found: Search, choice: Choice | None) -> list[dict[str, Any]]:
+    """What explains the same worse than what was chosen, with its evidence against that."""
+    if choice is None:
+        return []
+    return [
+        {**_where(found, other.candidate), "log_evidence": other.evidence - choice.weighed.evidence}
+        for other in choice.refuted
+    ]
+
+
+def _where(found: Search, candidate: Candidate) -> dict[str, Any]:
+    return {"kind": candidate.kind, "joints": [found.setup.robot.joint_names[j] for j in candidate.joints]}
 
 
 SIGNALS = {

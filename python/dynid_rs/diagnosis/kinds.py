@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
+from dynid_rs.diagnosis.availability import LEAST_WARMTH
 from dynid_rs.diagnosis.candidate import Candidate, RunColumns
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.identification import ThreeLoopIdentifier
@@ -49,8 +50,6 @@ COARSE = {
 """Grids of the scan where the catalogue's is finer than a search needs to begin with, or reaches beyond a run."""
 WINDS = (0.03, 0.1, 0.3, 1.0)
 """Loads over which a gear's teeth turn round, over the load's standard deviation."""
-LEAST_WARMTH = 1.0
-"""A thermometer that moves less than this over all runs [K] tells nothing about friction."""
 UNSOUGHT = ("load_hysteresis",)
 """Kinds that can be declared and are not looked for: load with memory is what load-dependent friction and hysteresis
 tell together, and those are two causes that a person can act on."""

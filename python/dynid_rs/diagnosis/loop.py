@@ -21,7 +21,7 @@ from dynid_rs.diagnosis.remainder import Remainder, remainder_entries, unknown_e
 from dynid_rs.diagnosis.ripple import RippleCandidate, add_ripple
 from dynid_rs.diagnosis.ripple_entries import ripple_entries
 from dynid_rs.diagnosis.search import Search, columns_in, drop_needless, fitted, rms, search
-from dynid_rs.diagnosis.sensors import examine
+from dynid_rs.diagnosis.sensors import channel_errors, examine
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.structural_entries import clock_entries, structural_entries
 from dynid_rs.findings import Finding
@@ -101,6 +101,10 @@ def diagnose(
         As `ThreeLoopIdentifier.fit`.
     """
     if reference is not None:
+        errors = channel_errors(setup, train)
+        if errors:
+            stopped = setup.identifier(residual=None).fit(list(train))
+            return Diagnosis(setup, stopped, stopped, Search(setup, stopped, Kinds(stopped)), findings=errors)
         on_progress("comparing with the reference")
         return _changed(setup, train, test, reference)
     asked, findings, clocks = examine(setup, train, test, on_progress)

@@ -34,7 +34,7 @@ FORCED = 0.8
 its signals predict, are the nearest names and not the cause: they are taken back."""
 
 
-AS_WELL = 2.0
+AS_WELL = 1.4
 """Times the power that is left with names, and a term beside them: a term alone that leaves no more replaces them."""
 SHARP = 12.0
 """Cycles per turn from which a ripple is a line, and no approximation of anything slower."""
@@ -69,7 +69,8 @@ def what_is_left(found: Search, train: Sequence[Recording]) -> Remainder:
     terms = _terms(found, bare_left, train)
     bare = Remainder(bare_floor, bare_left, terms)
     as_well = _left_with(found, terms) <= AS_WELL * with_names
-    if all(as_well[list(effect.joints)].all() for effect in taken_back):
+    replaced = {term.joint for term in terms}
+    if all(as_well[list(effect.joints)].all() and replaced & set(effect.joints) for effect in taken_back):
         return bare
     found.setup, found.fit, found.kinds = kept
     return Remainder(*named, _terms(found, named[1], train))

@@ -136,7 +136,7 @@ def summarise_diagnosis(outcome: Outcome, runs: EvaluatedRuns, findings: Sequenc
         "effects": effects,
         "unexplained": [_with_short_plot({"depends_on": [], **entry}) for entry in outcome.unexplained],
         "steps": list(outcome.steps),
-        "nothing_to_add": not effects and not outcome.unexplained,
+        "nothing_to_add": not effects and not outcome.unexplained and all(f.severity != "error" for f in said),
     }
     result = dict(results.plain(result))
     result["next_experiment"] = next_experiments(result)
@@ -155,7 +155,8 @@ def residual_table(outcome: Outcome, runs: EvaluatedRuns) -> dict[str, NDArray[A
 
 
 def _not_said(findings: Sequence[Finding]) -> bool:
-    return all(finding.code not in ("residual_exceeds_torque", "run_unlike_others") for finding in findings)
+    """Whether nothing yet says that data and robot file do not belong together; a known cause needs no consequence."""
+    return all(finding.severity != "error" and finding.code != "run_unlike_others" for finding in findings)
 
 
 def _method(method: str | Sequence[str]) -> str:

@@ -66,11 +66,12 @@ EVEN = 3.0
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """A candidate that passed every test, its family-wise p value, and what explains the same as well."""
+    """A candidate that passed every test, its family-wise p value, what explains the same as well, and what worse."""
 
     weighed: Weighed
     p_value: float
     ties: tuple[Choice, ...] = ()
+    refuted: tuple[Weighed, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,6 +201,7 @@ def good_candidates(state: Search, further: Sequence[Candidate]) -> list[Choice]
     if np.isnan(state.n_tests):
         state.n_tests = effective_tests(beside, tests)
     good: list[Choice] = []
+    looked: list[Weighed] = []
     for item in shortlist:
         candidate = item if isinstance(item, Candidate) else refined_candidate(beside, state.kinds, item)
         if candidate is None:
@@ -208,11 +210,12 @@ def good_candidates(state: Search, further: Sequence[Candidate]) -> list[Choice]
         if weighed.gain.power <= 0:
             continue
         weighed = tested(beside, weighed, without)
+        looked.append(weighed)
         p = min(1.0, weighed.p_value * state.n_tests)
         if p < FAMILY_WISE and carries_over(weighed, lone=beside.n_runs == 1):
             good.append(Choice(weighed, p))
     good.sort(key=lambda choice: -choice.weighed.evidence)
-    return _different(beside, good)
+    return [_told_apart(beside, choice, looked) for choice in _different(beside, good)]
 
 
 def carries_over(weighed: Weighed, *, lone: bool) -> bool:
@@ -241,6 +244,17 @@ def _different(beside: Beside, good: Sequence[Choice]) -> list[Choice]:
         elif _as_good(beside, choice.weighed, chosen[rival].weighed):
             chosen[rival] = replace(chosen[rival], ties=(*chosen[rival].ties, choice))
     return chosen
+
+
+def _told_apart(beside: Beside, choice: Choice, looked: Sequence[Weighed]) -> Choice:
+    """The choice with those that would explain the same, and explain less of it."""
+    names = {other.weighed.candidate.place for other in (choice, *choice.ties)}
+    rivals = [
+        other
+        for other in sorted(looked, key=lambda w: -w.evidence)
+        if other.candidate.place not in names and overlap(beside, choice.weighed, other) > RIVAL
+    ]
+    return replace(choice, refuted=tuple({other.candidate.place: other for other in reversed(rivals)}.values())[::-1])
 
 
 def _as_good(beside: Beside, first: Weighed, second: Weighed) -> bool:

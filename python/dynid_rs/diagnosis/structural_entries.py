@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from dynid_rs import _core
-from dynid_rs.diagnosis.entries import tie_entries
+from dynid_rs.diagnosis.entries import refuted_entries, tie_entries
 from dynid_rs.diagnosis.search import Choice, Search, fitted, rms
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.structural import Parameters, levelled, put_back, structural_parameters
@@ -61,6 +61,7 @@ def structural_entries(found: Search, train: Sequence[Recording], test: Sequence
                 "rmse_test_before": score(without.model_, states).rmse.tolist() if test else [],
                 "rmse_test_after": after,
                 "ties": [*tie_entries(found, choice), *_same_thing(part, names)],
+                "told_apart_from": refuted_entries(found, choice),
             }
         )
     return entries

@@ -14,7 +14,10 @@ Result = Mapping[str, Any]
 NUMBERS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten")
 NOT_WORSE = 1.02
 """Mean ratio of the errors after and before up to which effects have done no harm."""
-FATAL = ("residual_exceeds_torque",)
+CONSEQUENCE = "residual_exceeds_torque"
+"""What any error in the data ends in: its cause is said first, where one was found."""
+WORSE = 1.05
+"""Ratio of the errors after and before from which a joint is said to be worse."""
 
 _EXPERIMENTS = {
     "q": "move {joint} slowly and steadily through its whole range, there and back",
@@ -68,20 +71,29 @@ def not_worse(result: Result) -> bool:
 
 def verdict(result: Result) -> str:
     """One to three sentences for an engineer who has a minute."""
-    fatal = [f["message"] for f in result["data"]["findings"] if f["code"] in FATAL]
-    if fatal:
-        return f"Look at the data first: {fatal[0]}."
+    errors = [f for f in result["data"]["findings"] if f["severity"] == "error"]
+    if errors:
+        first = min(errors, key=lambda f: f["code"] == CONSEQUENCE)
+        rest = "" if searched(result) else " No effect was searched for."
+        return f"Look at the data first: {first['message']}.{rest}"
     joints, found = result["joints"], [e for e in result["effects"] if e["kind"] != "unknown"]
     if result["nothing_to_add"]:
         return f"Nothing to add: {_against_floor(result)}{_unseen(result)}"
     if not found:
-        return f"Nothing in the catalogue of effects explains what the declared model leaves.{_left(result)}"
+        change = f" {_change(result)}" if result["effects"] else ""
+        return f"Nothing in the catalogue of effects explains what the declared model leaves.{change}{_left(result)}"
     share = explained_share(result)
     number = NUMBERS[len(found)] if len(found) < len(NUMBERS) else str(len(found))
     who = f"{number.capitalize()} effect{'s explain' if len(found) > 1 else ' explains'}"
     what = " what the declared model lacked" if share is None else f" {100 * share:.0f} % of what could be explained"
     names = "; ".join(named(entry, joints) for entry in found)
     return f"{who}{what}: {names}. {_change(result)}{_left(result)}"
+
+
+def searched(result: Result) -> bool:
+    """Whether effects were looked for: an error in the data ends the diagnosis before."""
+    floor = result["rmse"]["test"].get("floor") or ()
+    return bool(result["effects"]) or any(value is not None for value in floor)
 
 
 def next_experiments(result: Result) -> list[str]:
@@ -130,9 +142,12 @@ def _change(result: Result) -> str:
     if not change:
         return "On unseen runs there is no error to compare."
     low, high = round(min(change)), round(max(change))
+    pairs = zip(result["joints"], test["before"], test["after"], strict=True)
+    worse = [joint for joint, before, after in pairs if after > WORSE * before > 0]
+    than = f" It is worse on {_listed(worse)}." if worse else ""
     if low == high:
-        return f"On unseen runs the error changes by {_signed(low)} % on every joint."
-    return f"On unseen runs the error changes by {_signed(low)} % to {_signed(high)} %, joint by joint."
+        return f"On unseen runs the error changes by {_signed(low)} % on every joint.{than}"
+    return f"On unseen runs the error changes by {_signed(low)} % to {_signed(high)} %, joint by joint.{than}"
 
 
 def _signed(number: int) -> str:

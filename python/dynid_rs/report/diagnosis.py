@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from dynid_rs.diagnosis.wording import searched
 from dynid_rs.report import before_after, effect_cards, error_table, tables
 from dynid_rs.report.figures import Figures
 from dynid_rs.report.text import (
@@ -22,6 +23,9 @@ from dynid_rs.report.text import (
 )
 
 Result = Mapping[str, Any]
+NOT_SEARCHED = (
+    "Not searched for: the data have an error in them, and no physics can be read from them before it is mended."
+)
 SHOWN_INFO = ("signal_missing", "test_run_chosen", "test_part_chosen")
 """Findings that bear on the answer although nothing is wrong."""
 
@@ -55,7 +59,7 @@ def _tiles(result: Result) -> str:
         (
             "Effects found",
             str(len(effects)),
-            plural(ties, "tie") if ties else "no ties" if effects else "nothing to add",
+            plural(ties, "tie") if ties else "no ties" if effects else _none(result),
         ),
         (
             "Error after",
@@ -80,6 +84,13 @@ def _tiles(result: Result) -> str:
     return f'<div class="tiles">{"".join(cells)}</div>'
 
 
+def _none(result: Result) -> str:
+    """Why there are no effects."""
+    if not searched(result):
+        return "none was searched for"
+    return "nothing to add" if result.get("nothing_to_add") else "nothing with a name"
+
+
 def errors(result: Result) -> str:
     """Before and after per joint, with the key."""
     data = result["data"]
@@ -96,6 +107,8 @@ def errors(result: Result) -> str:
 
 def effects(figures: Figures, result: Result) -> str:
     """Effects that were added, each with its plot."""
+    if not searched(result):
+        return f"<p>{NOT_SEARCHED}</p>"
     if not result.get("effects"):
         return "<p>Nothing was added: no effect of the catalogue lowers the error on runs that were left out.</p>"
     return effect_cards.effect_cards(figures, result)
@@ -109,6 +122,8 @@ def sensors(result: Result) -> str:
 
 def left(figures: Figures, result: Result) -> str:
     """What the model with effects still leaves, beyond noise."""
+    if not searched(result):
+        return f"<p>{NOT_SEARCHED}</p>"
     if not result.get("unexplained"):
         return "<p>Nothing that could be told from noise.</p>"
     return effect_cards.leftovers(figures, result)

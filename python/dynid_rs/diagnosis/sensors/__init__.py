@@ -28,6 +28,7 @@ from dynid_rs.training import prepare_training_runs
 __all__ = [
     "Contact",
     "TorqueDelay",
+    "channel_errors",
     "channel_findings",
     "choose_delay",
     "delay_parts",
@@ -83,7 +84,7 @@ def examine(
 
     with threadpool_limits(limits=1, user_api="blas"):
         on_progress("channels")
-        errors = _channels(setup, train, thorough=False)
+        errors = channel_errors(setup, train, thorough=False)
         on_progress("contacts")
         if errors:
             # A hard push may look like anything: with it taken out, the channels are asked again.
@@ -114,7 +115,8 @@ def examine(
     return setup, findings, [*delay_entries(delay), *encoder_entries(fit.encoder_delay_)]
 
 
-def _channels(setup: Setup, train: Sequence[Recording], *, thorough: bool) -> list[Finding]:
+def channel_errors(setup: Setup, train: Sequence[Recording], *, thorough: bool = True) -> list[Finding]:
+    """Channels that are not what they are called; `thorough`: the cause is searched for."""
     recordings = [setup.corrected(recording) for recording in train]
     runs = prepare_training_runs(recordings, choose_band(recordings), common_rate(recordings), setup.excluded)
     findings = channel_findings(setup.robot, runs, recordings[0].torque_unit, thorough=thorough)
@@ -125,9 +127,9 @@ def _still_wrong(setup: Setup, train: Sequence[Recording]) -> list[Finding]:
     """Errors that are left when what looks like contact is taken out, after a thorough search for their cause."""
     try:
         _, without, contacts = _without_contacts(setup, train, ())
-        return _channels(without if contacts else setup, train, thorough=True)
+        return channel_errors(without if contacts else setup, train, thorough=True)
     except ValueError:  # nothing can be fitted to such channels
-        return _channels(setup, train, thorough=True)
+        return channel_errors(setup, train, thorough=True)
 
 
 def _without_contacts(

@@ -34,6 +34,8 @@ RESISTS = 0.5
 """Friction's correlation with the direction of motion; below minus this it would drive."""
 UNIT_RANGE = 3.0
 """A unit is recognised within this factor: inertials of robot files are that wrong."""
+ODD = 50.0
+"""One joint's torque that is so many times off what that of the others is has a unit of its own."""
 ABSURD = 10.0
 """Inertials of a robot file are never wrong by this factor."""
 MOST_PERCENT = 400.0
@@ -72,7 +74,7 @@ def channel_findings(
     if not findings and np.any(hopeless):
         findings = [_larger_than_torque(robot, whole)]
     if not findings and judged:
-        findings = _unknown_unit(rows)
+        findings = _unknown_unit(robot, rows)
     return findings
 
 
@@ -89,9 +91,9 @@ def _swapped_torque(robot: _core.RobotModel, shares: FloatArray) -> list[Finding
     pairs = ", ".join(f"tau_{channels[j]} moves {joint_words(names[j])}" for j in moved)
     column = f"tau_{channels[moved[0]]}"
     message = (
-        f"torque columns are swapped: {pairs}; map them in dynid.toml under [columns] (a channel left out explains "
-        f"{100 * max(shares[j, channels[j]] for j in moved):.2g} % or less unexplained there, "
-        f"{100 * min(shares[j, j] for j in moved):.3g} % or more on the joint it is named after)"
+        f"torque columns are swapped: {pairs}; map them in dynid.toml under [columns] (a run left out is unexplained "
+        f"there by {100 * max(shares[j, channels[j]] for j in moved):.2g} % at most, on the joints they are named "
+        f"after by {100 * min(shares[j, j] for j in moved):.3g} % at least)"
     )
     return [Finding("torque_swapped", "error", message, column=column)]
 
@@ -117,8 +119,8 @@ def _flip(robot: _core.RobotModel, j: int, signal: str) -> Finding:
             "joint_flipped",
             "error",
             f"{joint_words(name)} turns the other way than the robot file says, position and torque together: the "
-            f"links' parameters fit with both signs turned only; write -1 for q and tau of joint {j} in dynid.toml "
-            "under [signs]",
+            f"links' parameters fit with both signs turned only; write in dynid.toml under [signs]: "
+            f"q = {_signs(robot, j)} and tau = {_signs(robot, j)}",
             column=f"q_{j}",
             value=-1.0,
             unit="1",
@@ -129,11 +131,15 @@ def _flip(robot: _core.RobotModel, j: int, signal: str) -> Finding:
         code,
         "error",
         f"the sign of the {what} of {joint_words(name)} is flipped: friction would drive the joint, or its links would "
-        f"contradict those of the others; write -1 for {signal} of joint {j} in dynid.toml under [signs]",
+        f"contradict those of the others; write in dynid.toml under [signs]: {signal} = {_signs(robot, j)}",
         column=f"{signal}_{j}",
         value=-1.0,
         unit="1",
     )
+
+
+def _signs(robot: _core.RobotModel, j: int) -> list[int]:
+    return [-1 if k == j else 1 for k in range(robot.n_joints)]
 
 
 def _other_layout(robot: _core.RobotModel, runs: Sequence[States], rows: Rows, whole: FloatArray) -> list[Finding]:
@@ -229,11 +235,23 @@ def _known_units(robot: _core.RobotModel, rows: Rows) -> list[Finding]:
     return [_unit(rows, f"the torque looks as if it were {units[best][0]}", units[best][2])]
 
 
-def _unknown_unit(rows: Rows) -> list[Finding]:
+def _odd_unit(robot: _core.RobotModel, j: int, slope: float, others: float) -> Finding:
+    message = (
+        f"the torque of {joint_words(robot.joint_names[j])} is {slope:.3g} times what the robot file's inertials need, "
+        f"and that of the other joints {others:.3g} times: check its unit and its gear ratio"
+    )
+    return Finding("torque_unit", "error", message, column=f"tau_{j}", value=float(slope), unit="1")
+
+
+def _unknown_unit(robot: _core.RobotModel, rows: Rows) -> list[Finding]:
     """Torque that is far from what the robot file's inertials need, for no reason that is known."""
     slope, sure = rows.prior_slopes()
     sure &= slope > 0
-    if not sure.any() or 1 / ABSURD < np.median(slope[sure]) < ABSURD:
+    middle = float(np.median(slope[sure])) if sure.any() else 1.0
+    odd = np.flatnonzero(sure & (np.abs(np.log(np.maximum(slope, 1e-300) / middle)) > np.log(ODD)))
+    if len(odd) and sure.sum() > 2:
+        return [_odd_unit(robot, int(j), slope[j], middle) for j in odd]
+    if 1 / ABSURD < middle < ABSURD:
         return []
     return [
         _unit(rows, "the torque does not fit the robot file", "check its unit, its gear ratios, and the robot file")

@@ -12,6 +12,8 @@ from dynid_rs.diagnosis.setup import FloatArray, Setup
 from dynid_rs.diagnosis.structural.beside import Beside
 
 KIND = "torque_gain"
+MOST_GAIN = 3.0
+"""A channel that shows more than so many times the torque, or less than its inverse, is in another unit: no gain."""
 
 
 def gain_candidates(beside: Beside, setup: Setup) -> list[Candidate]:
@@ -38,7 +40,7 @@ def gain_candidates(beside: Beside, setup: Setup) -> list[Candidate]:
                 (j,),
                 ("gain",),
                 ("1",),
-                np.array([[-1.0, np.inf]]),
+                np.array([[1 / MOST_GAIN - 1, MOST_GAIN - 1]]),
                 [{j: part[:, None]} for part in load],
                 _acceptance(j),
             )
