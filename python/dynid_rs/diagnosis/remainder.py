@@ -117,8 +117,8 @@ def _terms(found: Search, unexplained: Sequence[Unexplained], train: Sequence[Re
 
 
 def _carries_over(found: Search, term: DataTerm, train: Sequence[Recording]) -> bool:
-    """Whether models with the term, made without one run each, predict those runs better than models without it."""
-    j, without, with_it = term.joint, 0.0, 0.0
+    """Whether models with the term, made without one run each, predict every one of those runs better than without it."""
+    j, power = term.joint, np.zeros((2, len(train)))
     corrected = [found.setup.corrected(recording) for recording in train]
     for k, left_out in enumerate(corrected):
         others = [recording for i, recording in enumerate(corrected) if i != k]
@@ -129,9 +129,8 @@ def _carries_over(found: Search, term: DataTerm, train: Sequence[Recording]) -> 
             return False
         whole = _with_terms(found.setup, bare, [again], others)
         states = bare.states(left_out)
-        without += float(score(bare.model_, [states]).rmse[j] ** 2)
-        with_it += float(score(whole.model_, [states]).rmse[j] ** 2)
-    return with_it < (1 - WORTH) * without
+        power[:, k] = [score(fit.model_, [states]).rmse[j] ** 2 for fit in (bare, whole)]
+    return bool(np.all(power[1] < power[0]) and power[1].sum() < (1 - WORTH) * power[0].sum())
 
 
 def with_terms(found: Search, terms: Sequence[DataTerm], train: Sequence[Recording]) -> ThreeLoopIdentifier:
