@@ -117,7 +117,7 @@ def _terms(found: Search, unexplained: Sequence[Unexplained], train: Sequence[Re
 
 
 def _carries_over(found: Search, term: DataTerm, train: Sequence[Recording]) -> bool:
-    """Whether models with the term, made without one run each, predict every one of those runs better than without it."""
+    """Whether models with the term, made without one run each, predict every one of those runs better with it."""
     j, power = term.joint, np.zeros((2, len(train)))
     corrected = [found.setup.corrected(recording) for recording in train]
     for k, left_out in enumerate(corrected):
