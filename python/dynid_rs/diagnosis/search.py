@@ -128,8 +128,8 @@ def search(
             refit(state, train, new=len(state.setup.effects) - before)
             state.steps += [Step("added", choice, rms(state.fit)) for choice in found]
             drop_needless(state, train)
-        if len(state.setup.effects) > 1:  # shapes once more, now that everything is there; one alone has settled
-            settle(state, train, range(len(state.setup.effects)))
+        # Shapes once more, now that everything is there; friction's and an effect's settle in turn.
+        settle(state, train, range(len(state.setup.effects)))
     return state
 
 
