@@ -20,7 +20,9 @@ from dynid_rs.diagnosis.availability import missing_signals
 from dynid_rs.diagnosis.plausibility import implausible
 from dynid_rs.diagnosis.wording import explained_share, next_experiments, not_worse, verdict
 from dynid_rs.evaluation import Comparison
+from dynid_rs.findings import Finding
 from dynid_rs.recording import Recording
+from dynid_rs.report import diagnosis as report_diagnosis
 
 
 @pytest.fixture
@@ -162,6 +164,15 @@ def test_torque_in_another_unit_on_the_test_run_is_an_error(tmp_path, search):
     assert {"residual_exceeds_torque", "run_unlike_others"} <= codes
     assert result["verdict"].startswith("Look at the data first: ")
     validator().validate(result)
+
+
+def test_a_known_error_in_the_data_is_the_verdict_and_nothing_is_concluded():
+    cause = Finding("torque_swapped", "error", "torque columns are swapped: tau_1 moves a", column="tau_1")
+    after = Finding("residual_exceeds_torque", "error", "robot file and runs do not belong together", column="tau_0")
+    result = outcome([1.0, 1.0], [1.0, 1.0], [1.0, 1.0], data={"findings": [f.to_json() for f in (after, cause)]})
+    assert verdict(result) == f"Look at the data first: {cause.message}. Nothing is concluded before that is mended."
+    assert "no physics can be read" in report_diagnosis.left(None, result)
+    assert "no physics can be read" in report_diagnosis.effects(None, result)
 
 
 def test_a_run_of_another_robot_is_refused(tmp_path, search):

@@ -74,7 +74,7 @@ def verdict(result: Result) -> str:
     errors = [f for f in result["data"]["findings"] if f["severity"] == "error"]
     if errors:
         first = min(errors, key=lambda f: f["code"] == CONSEQUENCE)
-        rest = "" if searched(result) else " No effect was searched for."
+        rest = "" if concluded(result) else " Nothing is concluded before that is mended."
         return f"Look at the data first: {first['message']}.{rest}"
     joints, found = result["joints"], [e for e in result["effects"] if e["kind"] != "unknown"]
     if result["nothing_to_add"]:
@@ -90,10 +90,10 @@ def verdict(result: Result) -> str:
     return f"{who}{what}: {names}. {_change(result)}{_left(result)}"
 
 
-def searched(result: Result) -> bool:
-    """Whether effects were looked for: an error in the data ends the diagnosis before."""
-    floor = result["rmse"]["test"].get("floor") or ()
-    return bool(result["effects"]) or any(value is not None for value in floor)
+def concluded(result: Result) -> bool:
+    """Whether the answer stands: an error in the data ends the diagnosis before there is one."""
+    errors = any(finding["severity"] == "error" for finding in result["data"]["findings"])
+    return not errors or bool(result["effects"] or result["unexplained"])
 
 
 def next_experiments(result: Result) -> list[str]:

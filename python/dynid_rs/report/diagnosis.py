@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from dynid_rs.diagnosis.wording import searched
+from dynid_rs.diagnosis.wording import concluded
 from dynid_rs.report import before_after, effect_cards, error_table, tables
 from dynid_rs.report.figures import Figures
 from dynid_rs.report.text import (
@@ -23,9 +23,7 @@ from dynid_rs.report.text import (
 )
 
 Result = Mapping[str, Any]
-NOT_SEARCHED = (
-    "Not searched for: the data have an error in them, and no physics can be read from them before it is mended."
-)
+NOT_CONCLUDED = "Nothing is concluded: no physics can be read from these data before the error in them is mended."
 SHOWN_INFO = ("signal_missing", "test_run_chosen", "test_part_chosen")
 """Findings that bear on the answer although nothing is wrong."""
 
@@ -86,8 +84,8 @@ def _tiles(result: Result) -> str:
 
 def _none(result: Result) -> str:
     """Why there are no effects."""
-    if not searched(result):
-        return "none was searched for"
+    if not concluded(result):
+        return "nothing is concluded"
     return "nothing to add" if result.get("nothing_to_add") else "nothing with a name"
 
 
@@ -107,8 +105,8 @@ def errors(result: Result) -> str:
 
 def effects(figures: Figures, result: Result) -> str:
     """Effects that were added, each with its plot."""
-    if not searched(result):
-        return f"<p>{NOT_SEARCHED}</p>"
+    if not concluded(result):
+        return f"<p>{NOT_CONCLUDED}</p>"
     if not result.get("effects"):
         return "<p>Nothing was added: no effect of the catalogue lowers the error on runs that were left out.</p>"
     return effect_cards.effect_cards(figures, result)
@@ -122,8 +120,8 @@ def sensors(result: Result) -> str:
 
 def left(figures: Figures, result: Result) -> str:
     """What the model with effects still leaves, beyond noise."""
-    if not searched(result):
-        return f"<p>{NOT_SEARCHED}</p>"
+    if not concluded(result):
+        return f"<p>{NOT_CONCLUDED}</p>"
     if not result.get("unexplained"):
         return "<p>Nothing that could be told from noise.</p>"
     return effect_cards.leftovers(figures, result)
