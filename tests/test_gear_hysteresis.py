@@ -34,7 +34,7 @@ def plain(elastic):
 
 
 def wind_up_load(arm):
-    """Load [N m] over which the simulated teeth turn round: their way times the stiffness, and their own part of it."""
+    """Load [N m] over which the simulated teeth turn round: their way times the stiffness."""
     return arm.hysteresis_distance * arm.stiffness
 
 

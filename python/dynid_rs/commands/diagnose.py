@@ -10,14 +10,14 @@ import typer
 from dynid_rs.commands import _options
 from dynid_rs.commands._run import EXIT_NO, print_json, run_command
 
-N_STATES, OTHER_ROBOT = 8, 0.1
-"""Random states at which two robots are compared, and the part of their links' torque by which they may differ."""
-
 if TYPE_CHECKING:
     from dynid_rs.diagnosis.results import Outcome
     from dynid_rs.findings import Finding
     from dynid_rs.recording import Recording
     from dynid_rs.splitting import Split
+
+N_STATES, OTHER_ROBOT = 8, 0.1
+"""Random states at which two robots are compared, and the part of their links' torque by which they may differ."""
 
 
 @run_command

@@ -14,7 +14,7 @@ from dynid_rs.diagnosis.beside import Beside
 from dynid_rs.diagnosis.candidate import Candidate
 from dynid_rs.diagnosis.intervals import Estimate, estimates
 from dynid_rs.diagnosis.kinds import Hypothesis, stacked
-from dynid_rs.diagnosis.search import Choice, Search, columns_in, hypothesis_of, standing
+from dynid_rs.diagnosis.search import Choice, Search, columns_in, hypothesis_of, once_each, standing
 from dynid_rs.evaluation import rmse
 from dynid_rs.loops import link_load
 from dynid_rs.recording import Recording
@@ -108,14 +108,14 @@ def _parameter(estimate: Estimate, found: Search) -> dict[str, Any]:
 
 def tie_entries(found: Search, choice: Choice | None) -> list[dict[str, Any]]:
     """What explains the same as well as what was chosen, each name once."""
-    ties = {tie.weighed.candidate.place: tie for tie in reversed(() if choice is None else choice.ties)}
+    ties = () if choice is None else choice.ties
     return [
         {
             **_where(found, tie.weighed.candidate),
             "evidence": tie.weighed.evidence,
             "p_value": tie.p_value,
         }
-        for tie in reversed(ties.values())
+        for tie in once_each(ties, lambda tie: tie.weighed.candidate.place)
     ]
 
 

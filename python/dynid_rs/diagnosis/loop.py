@@ -103,8 +103,7 @@ def diagnose(
     if reference is not None:
         errors = channel_errors(setup, train)
         if errors:
-            stopped = setup.identifier(residual=None).fit(list(train))
-            return Diagnosis(setup, stopped, stopped, Search(setup, stopped, Kinds(stopped)), findings=errors)
+            return _stopped(setup, setup.identifier(residual=None).fit(list(train)), errors)
         on_progress("comparing with the reference")
         return _changed(setup, train, test, reference)
     asked, findings, clocks = examine(setup, train, test, on_progress)
@@ -114,17 +113,18 @@ def diagnose(
     on_progress("the declared model")
     before = replace(setup, excluded=asked.excluded).identifier().fit(list(train))
     if any(finding.severity == "error" for finding in findings):
-        return Diagnosis(setup, before, before, Search(setup, before, Kinds(before)), findings=findings)
+        return _stopped(setup, before, findings)
     on_progress("two encoders")
     gears = examine_deflection(before, list(train), list(test))
     found = search(with_true_encoders(asked, gears), train, on_progress=on_progress)
-    late = {j for joints in _late(clocks) if len(joints) < setup.robot.n_joints for j in joints}
+    delays = [clock["joints"] for clock in clocks if clock["kind"] == "torque_delay"]
+    late = {j for joints in delays if len(joints) < setup.robot.n_joints for j in joints}
     if late:
         # A drive that is late by itself is rare, and physics that lags looks like one: the better explanation stays.
         on_progress("the same with all drives on one clock")
         one_clock = examine(setup, train, test, on_progress, of_one=False)
         other = search(with_true_encoders(one_clock[0], gears), train, on_progress=on_progress)
-        if explains_more(other, found, sorted(late)):
+        if _explains_more(other, found, sorted(late)):
             found, (_, findings, clocks) = other, one_clock
     if gears:  # once more, with the load of a model that lacks nothing
         seen = [found.setup.corrected(recording) for recording in (*train, *test)]
@@ -169,12 +169,12 @@ def diagnose(
     )
 
 
-def _late(clocks: Sequence[dict[str, Any]]) -> list[tuple[int, ...]]:
-    """Places of the torque channels' delays."""
-    return [tuple(clock["joints"]) for clock in clocks if clock["kind"] == "torque_delay"]
+def _stopped(setup: Setup, fit: ThreeLoopIdentifier, findings: list[Finding]) -> Diagnosis:
+    """Where the data have an error, nothing is searched for: before and after are the declared model."""
+    return Diagnosis(setup, fit, fit, Search(setup, fit, Kinds(fit)), findings=findings)
 
 
-def explains_more(first: Search, second: Search, joints: Sequence[int]) -> bool:
+def _explains_more(first: Search, second: Search, joints: Sequence[int]) -> bool:
     """Whether the first leaves less on `joints` than the second, its further coefficients paid for."""
     evidence = []
     for state in (first, second):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,7 @@ from dynid_rs.placed import PlacedEffect, own_columns
 from dynid_rs.recording import Recording
 
 FloatArray = NDArray[np.float64]
+Item = TypeVar("Item")
 
 FAMILY_WISE = 0.01
 """Probability that anything at all is found where nothing is."""
@@ -254,7 +255,15 @@ def _told_apart(beside: Beside, choice: Choice, looked: Sequence[Weighed]) -> Ch
         for other in sorted(looked, key=lambda w: -w.evidence)
         if other.candidate.place not in names and overlap(beside, choice.weighed, other) > RIVAL
     ]
-    return replace(choice, refuted=tuple({other.candidate.place: other for other in reversed(rivals)}.values())[::-1])
+    return replace(choice, refuted=tuple(once_each(rivals, lambda other: other.candidate.place)))
+
+
+def once_each(items: Iterable[Item], place: Callable[[Item], object]) -> list[Item]:
+    """The first item of every place: two shapes of one effect have one name."""
+    first: dict[object, Item] = {}
+    for item in items:
+        first.setdefault(place(item), item)
+    return list(first.values())
 
 
 def _as_good(beside: Beside, first: Weighed, second: Weighed) -> bool:
