@@ -145,6 +145,9 @@ def _parameters(truth: Json, result: Json) -> Iterator[dict[str, Any]]:
                 if name not in true or name in OWN_DEFINITION or not interval or None in interval:
                     continue
                 low, high = interval
+                if name == "phase":  # whole turns are nothing
+                    value = true[name]
+                    true[name] = value + 2 * np.pi * np.round(((low + high) / 2 - value) / (2 * np.pi))
                 yield {
                     "kind": told["kind"],
                     "ratio": told["ratio"],

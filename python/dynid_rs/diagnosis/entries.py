@@ -18,7 +18,6 @@ from dynid_rs.diagnosis.search import Choice, Search, columns_in, hypothesis_of,
 from dynid_rs.evaluation import rmse
 from dynid_rs.loops import link_load
 from dynid_rs.recording import Recording
-from dynid_rs.uncertainty import NORMAL_95
 
 FloatArray = NDArray[np.float64]
 
@@ -95,14 +94,12 @@ def _parameter(estimate: Estimate, found: Search) -> dict[str, Any]:
     robot = found.setup.robot
     angle = "m" if robot.joint_kinds[estimate.joint] == "prismatic" else "rad"
     unit = estimate.unit.replace("{torque}", found.fit.torque_unit_).replace("{angle}", angle)
-    spread = NORMAL_95 * estimate.std_error
-    known = bool(np.isfinite(spread))
     return {
         "name": estimate.name,
         "joint": robot.joint_names[estimate.joint],
         "value": estimate.value,
         "unit": unit,
-        "interval": [estimate.value - spread, estimate.value + spread] if known else None,
+        "interval": None if estimate.interval is None else list(estimate.interval),
     }
 
 

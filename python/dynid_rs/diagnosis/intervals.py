@@ -8,35 +8,40 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.diagnosis.beside import Beside
-from dynid_rs.diagnosis.kinds import REFINED, Hypothesis, Kinds, is_valid, joined, stacked
+from dynid_rs.diagnosis.kinds import REFINED, Hypothesis, Kinds, bounds_of, is_valid, joined, stacked
 from dynid_rs.diagnosis.null import noise_copies
+from dynid_rs.diagnosis.valleys import mirrored
 from dynid_rs.placed import CATALOGUE
-from dynid_rs.uncertainty import WIDTH_STEP
+from dynid_rs.uncertainty import NORMAL_95, WIDTH_STEP
 
 FloatArray = NDArray[np.float64]
 
 STEP = 1e-3
 """Relative step of a shape parameter's derivative."""
+ROTOR_SHARE = 0.5
+"""Rotor's part of a joint's inertia where nothing tells, and its standard deviation."""
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """One number of an effect: value and standard error; `joint` where it belongs to one of several."""
+    """One number of an effect: value and 95 % `interval`, None where it is not known; `joint` that it belongs to."""
 
     name: str
     joint: int
     value: float
-    std_error: float
+    interval: tuple[float, float] | None
     unit: str
 
 
 def estimates(
     beside: Beside, kinds: Kinds, hypothesis: Hypothesis, coefficients: FloatArray, friction: FloatArray
 ) -> list[Estimate]:
-    """Coefficients and searched shape parameters of an effect with their standard errors.
+    """Coefficients and searched shape parameters of an effect with their intervals.
 
     The sandwich ``S^-1 V S^-1``: S what of the columns (and of their derivatives by the shape) is the effect's own
-    beside the model, V the spread of its score over copies of the residual that keep its memory.
+    beside the model, V the spread of its score over copies of the residual that keep its memory. An interval holds
+    whatever the data leave open besides: how much of the joint's inertia is the rotor's, which the gear does not
+    carry, and which of two shapes it is that explain the same.
 
     Parameters
     ----------
@@ -47,32 +52,84 @@ def estimates(
     friction : ndarray (n_joints, 8)
         Coefficients of friction: the width of its transition was fitted too, and is one more unknown.
     """
-    columns = stacked(kinds.columns([hypothesis])[0])
-    shape = [name for name in REFINED.get(hypothesis.kind, {}) if name in dict(hypothesis.shape)]
-    slopes = [_slope(kinds, hypothesis, name, coefficients) for name in shape]
-    widths = [_width_slope(kinds, hypothesis, j, coefficients, friction[j]) for j in hypothesis.joints]
-    wide = joined([columns, *slopes, *widths])
-    active = np.concatenate([coefficients != 0, np.ones(len(shape) + len(widths), dtype=bool)])
-    own = beside.own_part(wide)
-    after = beside.with_columns(columns, coefficients)
-    weights = beside.weights**2
-    S = sum(weights[j] * (own[j].T @ own[j]) for j in range(beside.n_joints))
-    copies = noise_copies(beside, after, random_state=2)
-    scores = sum(weights[j] * (own[j].T @ copies[j]) for j in range(beside.n_joints))
-    std = _sandwich(np.asarray(S), np.asarray(scores), active)
+    numbers = _numbers(hypothesis, coefficients)
+    low, high = _interval(beside, kinds, hypothesis, coefficients, friction)
+    other = mirrored(beside, kinds, hypothesis)
+    if other is not None:
+        also = beside.gains(stacked(kinds.columns([other])[0]), [slice(None)], [bounds_of(other)])[0].coefficients
+        low_also, high_also = _interval(beside, kinds, other, also, friction)
+        low, high = np.fmin(low, low_also), np.fmax(high, high_also)
+    known = np.isfinite(low) & np.isfinite(high)
+    return [
+        replace(number, interval=(float(low[k]), float(high[k])) if known[k] else None)
+        for k, number in enumerate(numbers)
+    ]
+
+
+def _numbers(hypothesis: Hypothesis, coefficients: FloatArray) -> list[Estimate]:
+    """Values alone: coefficients joint by joint, then the shape parameters that are searched."""
     entry = CATALOGUE[hypothesis.kind]
     width = len(entry["coefficients"])
     units = {p["name"]: p["unit"] for p in entry["shape"]}
     found = []
     for k, value in enumerate(coefficients):
         coefficient = entry["coefficients"][k % width]
-        found.append(
-            Estimate(coefficient["name"], hypothesis.joints[k // width], float(value), std[k], coefficient["unit"])
-        )
-    for k, name in enumerate(shape):
-        value = dict(hypothesis.shape)[name]
-        found.append(Estimate(name, hypothesis.joints[0], value, std[len(coefficients) + k], units[name]))
-    return found
+        joint = hypothesis.joints[k // width]
+        found.append(Estimate(coefficient["name"], joint, float(value), None, coefficient["unit"]))
+    shape = dict(hypothesis.shape)
+    return found + [Estimate(n, hypothesis.joints[0], shape[n], None, units[n]) for n in _searched(hypothesis)]
+
+
+def _searched(hypothesis: Hypothesis) -> list[str]:
+    return [name for name in REFINED.get(hypothesis.kind, {}) if name in dict(hypothesis.shape)]
+
+
+def _interval(
+    beside: Beside, kinds: Kinds, hypothesis: Hypothesis, coefficients: FloatArray, friction: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Lower and upper ends of 95 % intervals of coefficients and searched shape, NaN where nothing is known."""
+    columns = stacked(kinds.columns([hypothesis])[0])
+    shape = _searched(hypothesis)
+    slopes = [_slope(kinds, hypothesis, name, coefficients) for name in shape]
+    widths = [_width_slope(kinds, hypothesis, j, coefficients, friction[j]) for j in hypothesis.joints]
+    rotors = [_rotor_slope(kinds, hypothesis, j, coefficients) for j in _hidden_rotors(kinds, hypothesis)]
+    wide = joined([columns, *slopes, *widths, *rotors])
+    active = np.concatenate([coefficients != 0, np.ones(len(shape) + len(widths) + len(rotors), dtype=bool)])
+    own = beside.own_part(wide)
+    after = beside.with_columns(columns, coefficients)
+    weights = beside.weights**2
+    S = np.asarray(sum(weights[j] * (own[j].T @ own[j]) for j in range(beside.n_joints)))
+    copies = noise_copies(beside, after, random_state=2)
+    scores = np.asarray(sum(weights[j] * (own[j].T @ copies[j]) for j in range(beside.n_joints)))
+    n = len(coefficients) + len(shape)
+    values = np.array([number.value for number in _numbers(hypothesis, coefficients)])
+    known = len(S) - len(rotors)
+    half = NORMAL_95 * _sandwich(S[:known, :known], scores[:known], active[:known])[:n]
+    low, high = values - half, values + half
+    if rotors:
+        # As a part of the joint's whole inertia the rotor's is anything from nothing to all: 0.5 and as much again.
+        S[known:, known:] += np.eye(len(rotors)) / ROTOR_SHARE**2
+        score = np.asarray(sum(weights[j] * (own[j].T @ after[:, j]) for j in range(beside.n_joints)))
+        score[known:] += 1 / ROTOR_SHARE
+        score[:known] = 0.0  # the fit is at its best in these
+        step = _inverse(S, active) @ score
+        half = NORMAL_95 * _sandwich(S, scores, active)[:n]
+        low, high = np.fmin(low, values + step[:n] - half), np.fmax(high, values + step[:n] + half)
+    return low, high
+
+
+def _hidden_rotors(kinds: Kinds, hypothesis: Hypothesis) -> list[int]:
+    """Joints whose load the effect follows and whose rotor no motion tells from the link."""
+    if "tau_link" not in CATALOGUE[hypothesis.kind]["signals"]:
+        return []
+    return [j for j in hypothesis.joints if kinds.hidden_rotor[j] > 0]
+
+
+def _rotor_slope(kinds: Kinds, hypothesis: Hypothesis, j: int, coefficients: FloatArray) -> dict[int, FloatArray]:
+    """Derivative of the effect's torque by the rotor's part of joint j's inertia, one column."""
+    there = kinds.with_rotor(j, STEP * float(kinds.hidden_rotor[j])).once(hypothesis)
+    here = kinds.once(hypothesis)
+    return {k: ((there[k] - here[k]) @ coefficients / STEP)[:, None] for k in here}
 
 
 def _slope(kinds: Kinds, hypothesis: Hypothesis, name: str, coefficients: FloatArray) -> dict[int, FloatArray]:
@@ -103,12 +160,18 @@ def _width_slope(
     return slope
 
 
-def _sandwich(S: FloatArray, scores: FloatArray, active: NDArray[np.bool_]) -> list[float]:
+def _inverse(S: FloatArray, active: NDArray[np.bool_]) -> FloatArray:
+    """Inverse of S over what is active and seen, zeros elsewhere."""
     scale = 1 / np.sqrt(np.maximum(np.diag(S), 1e-300))
     used = np.flatnonzero(active & (np.diag(S) > 0))
+    inverse = np.zeros_like(S)
     bread = np.linalg.pinv(S[np.ix_(used, used)] * np.outer(scale[used], scale[used]), rcond=1e-10)
-    meat = scores[used] * scale[used][:, None]
-    covariance = bread @ (meat @ meat.T / meat.shape[1]) @ bread
-    std = np.full(len(S), np.nan)
-    std[used] = scale[used] * np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    return [float(x) for x in std]
+    inverse[np.ix_(used, used)] = bread * np.outer(scale[used], scale[used])
+    return inverse
+
+
+def _sandwich(S: FloatArray, scores: FloatArray, active: NDArray[np.bool_]) -> FloatArray:
+    """Standard errors, NaN of what is not active or not seen."""
+    drawn = _inverse(S, active) @ scores
+    std: FloatArray = np.sqrt(np.mean(drawn**2, axis=1))
+    return np.where(active & (np.diag(S) > 0), std, np.nan)

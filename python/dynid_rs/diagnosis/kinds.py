@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any
@@ -61,6 +62,10 @@ AT_BOUND = 0.01
 """A shape parameter this near to a bound, relatively, stands at it."""
 STARTS = {"stribeck": ("exponent", (1.0, 2.0))}
 """Shape parameters whose search has several valleys, and where it begins besides."""
+N_PLACES = 50
+"""Places of a run at which joint inertias are looked at."""
+OCTAVE = 0.02
+"""Part of what a ripple takes off that its first harmonic has to be: less is the chance of two more coefficients."""
 SEARCH_STEPS = 40
 """Most evaluations of one search, for each parameter."""
 NEAR, ALIKE = 3e-3, 1e-2
@@ -75,6 +80,10 @@ class Hypothesis:
     kind: str
     joints: tuple[int, ...]
     shape: Shape
+
+    def with_shape(self, name: str, value: float) -> Hypothesis:
+        """Return it with one shape parameter at `value`."""
+        return replace(self, shape=tuple((n, value if n == name else v) for n, v in self.shape))
 
     def placed(self) -> PlacedEffect:
         """Return it as an effect of a model."""
@@ -116,6 +125,7 @@ class Kinds:
         self._load_scatter = np.concatenate([states.tau_link for states in self.runs]).std(axis=0)
         tau = np.concatenate([states.tau for states in fit.runs_])
         self._carries_weight = bool(np.any(weight.std(axis=0) > LEAST_LOAD * tau.std(axis=0)))
+        self.hidden_rotor = np.where(fit.observations_.plan.own[:, 0], 0.0, _inertias(fit))
         friction, _ = fit.observations_.plan.friction
         self.widths = np.asarray(dict(friction.shape)["transition_width"])
         self.thresholds = np.asarray(dict(friction.shape)["velocity_threshold"])
@@ -269,9 +279,19 @@ class Kinds:
         name, starts = STARTS.get(hypothesis.kind, ("", ()))
         tried = [self._refined(hypothesis, power, with_friction)]
         for start in starts if with_friction else ():
-            shape = tuple((n, start if n == name else v) for n, v in hypothesis.shape)
-            tried.append(self._refined(replace(hypothesis, shape=shape), power, with_friction))
+            tried.append(self._refined(hypothesis.with_shape(name, start), power, with_friction))
+        if hypothesis.kind == "torque_ripple":
+            return self._fundamental(*tried[0], power)
         return max(tried, key=lambda pair: pair[0])[1]
+
+    def _fundamental(self, taken: float, ripple: Hypothesis, power: Any) -> Hypothesis:
+        """The ripple at twice its order where that takes off as much: its second harmonic was the line."""
+        low, high = REFINED[ripple.kind]["cycles"][1:]
+        double = 2 * dict(ripple.shape)["cycles"]
+        if not low <= double <= high:
+            return ripple
+        found, other = self._refined(ripple.with_shape("cycles", double), power, False)
+        return other if found > (1 - OCTAVE) * taken else ripple
 
     def _refined(self, hypothesis: Hypothesis, power: Any, with_friction: bool) -> tuple[float, Hypothesis]:
         """Power and hypothesis of one search from the hypothesis' own shape."""
@@ -332,6 +352,13 @@ class Kinds:
         ]
         return {j: np.concatenate(parts)}
 
+    def with_rotor(self, j: int, inertia: float) -> Kinds:
+        """Return the same with `inertia` of joint j in its rotor, whose torque the gear does not carry."""
+        other = copy(self)
+        other._cache = {}
+        other.runs = [replace(states, tau_link=_less_rotor(states, j, inertia)) for states in self.runs]
+        return other
+
     def once(self, h: Hypothesis) -> RunColumns:
         """Columns over all runs, not kept."""
         pack = {j: (h, _of_partner(h, at)) for at, j in enumerate(h.joints)}
@@ -350,6 +377,16 @@ class Kinds:
             )
             parts.append({j: _own_place(h, j, rows[:, at]) for at, j in enumerate(h.joints)})
         return stacked(parts)
+
+
+def _inertias(fit: ThreeLoopIdentifier) -> FloatArray:
+    """What every joint turns about its axis (n_joints,) [N m s^2/rad], on average along the training runs."""
+    robot = fit.robot.with_gravity([0.0, 0.0, 0.0])
+    q = np.concatenate([states.q[:: max(1, len(states.q) // N_PLACES)] for states in fit.runs_])
+    still = np.zeros_like(q)
+    each = np.eye(robot.n_joints)
+    turned = [robot.inverse_dynamics(q, still, still + row, fit.model_.phi)[:, j] for j, row in enumerate(each)]
+    return np.asarray(np.mean(turned, axis=1))
 
 
 def at_a_bound(hypothesis: Hypothesis) -> bool:
@@ -407,6 +444,13 @@ def bounds_of(hypothesis: Hypothesis) -> FloatArray:
     entry = CATALOGUE[hypothesis.kind]
     bounds = [(c["lower"], c["upper"]) for c in entry["coefficients"]]
     return np.array(bounds * len(hypothesis.joints), dtype=np.float64)
+
+
+def _less_rotor(states: States, j: int, inertia: float) -> FloatArray:
+    assert states.tau_link is not None  # `Kinds` puts it in
+    load = states.tau_link.copy()
+    load[:, j] -= inertia * states.ddq_motor[:, j]
+    return load
 
 
 def _own_place(h: Hypothesis, j: int, columns: FloatArray) -> FloatArray:

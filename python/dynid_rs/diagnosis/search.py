@@ -18,6 +18,7 @@ from dynid_rs.diagnosis.kinds import Hypothesis, Kinds, at_a_bound, bounds_of, j
 from dynid_rs.diagnosis.null import effective_tests
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.structural import refine, structural_candidates
+from dynid_rs.diagnosis.valleys import pulls, valleys
 from dynid_rs.diagnosis.warmth import WARMTH, warm_arm
 from dynid_rs.evaluation import rmse
 from dynid_rs.identification import ThreeLoopIdentifier
@@ -59,8 +60,6 @@ RIVAL = 0.5
 """Two candidates of which one takes more than this part of the other's gain are names of one thing."""
 TIE = 2.33
 """Two candidates whose errors differ by fewer standard errors are a tie (one in a hundred)."""
-N_VALLEYS, NEXT_VALLEY = 3, 0.6
-"""Starts of the search for a cylinder's shape, and by how much [rad] their phases differ."""
 EVEN = 3.0
 """Two candidates whose logarithmic evidence differs by less are a tie (odds of twenty to one)."""
 
@@ -303,7 +302,7 @@ def scan(
             h = hypotheses[k]
             n_free = int(np.sum(gain.coefficients != 0))
             worth = _worth(gain.power, len(joints) * beside.n_rows, len(joints) * rows, n_free)
-            place = (h.kind, h.joints, _pulls(h))
+            place = (h.kind, h.joints, pulls(h))
             if worth > best.get(place, (-np.inf, h))[0]:
                 best[place] = (worth, h)
     for candidate in further:
@@ -334,32 +333,9 @@ def _there(h: Hypothesis, setup: Setup) -> bool:
 def refined_candidate(beside: Beside, kinds: Kinds, hypothesis: Hypothesis) -> Candidate | None:
     """Candidate of the hypothesis with the best shape near its own; None where that stands at a bound."""
     power = _power(beside, bounds_of(hypothesis))
-    ends = [kinds.refined(start, power) for start in _valleys(beside, kinds, hypothesis)]
+    ends = [kinds.refined(start, power) for start in valleys(beside, kinds, hypothesis)]
     refined = ends[0] if len(ends) == 1 else max(ends, key=lambda end: power(stacked(kinds.columns([end])[0])))
     return None if at_a_bound(refined) else kinds.candidate(refined)
-
-
-def _valleys(beside: Beside, kinds: Kinds, hypothesis: Hypothesis) -> list[Hypothesis]:
-    """Where a search of the shape begins: the hypothesis, and for a cylinder the best ones that stand elsewhere."""
-    if hypothesis.kind != "counterbalance":
-        return [hypothesis]
-    same = [
-        h for h in kinds.grid([hypothesis.kind]) if h.joints == hypothesis.joints and _pulls(h) == _pulls(hypothesis)
-    ]
-    columns = [stacked(c) for c in kinds.columns(same)]
-    groups = [slice(k, k + 1) for k in range(len(same))]
-    gains = beside.gains(joined(columns), groups, [bounds_of(h) for h in same])
-    starts = [hypothesis]
-    for k in np.argsort([-gain.power for gain in gains]):
-        turned = [dict(same[k].shape)["phase"] - dict(start.shape)["phase"] for start in starts]
-        if len(starts) < N_VALLEYS and np.all(np.cos(turned) < np.cos(NEXT_VALLEY)):
-            starts.append(same[k])
-    return starts
-
-
-def _pulls(h: Hypothesis) -> bool:
-    """Whether a cylinder's gas pulls: one that pulls and one that pushes are two valleys of one search."""
-    return dict(h.shape).get("gas_length", 1.0) > 0
 
 
 def _power(beside: Beside, bounds: FloatArray) -> Callable[[Any], float]:

@@ -27,6 +27,15 @@ LARGEST = 10.0
 """Most usual errors at once."""
 
 
+def spread(value: FloatArray) -> FloatArray:
+    """Standard deviations (6,) [m, rad] of a frame's error, of which `value` (6,) is what is seen.
+
+    Where one part is out by ten usual errors, the parts that no torque shows may be as well.
+    """
+    largest: FloatArray = USUAL * max(1.0, float(np.max(np.abs(value) / USUAL)))
+    return largest
+
+
 def kinematic_candidates(beside: Beside, setup: Setup, plausible: Plausible) -> list[Candidate]:
     """Return one candidate per joint from the second on, in those directions that nothing else imitates.
 

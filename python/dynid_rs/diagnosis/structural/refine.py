@@ -150,7 +150,7 @@ def _parts(beside: Beside, setup: Setup, plausible: Plausible) -> list[Part]:
                 names,
                 ("m",) * 3 + ("rad",) * 3,
                 value,
-                kinematic_error.USUAL,
+                kinematic_error.spread(value),
                 columns,
                 apply,
             )

@@ -1,0 +1,67 @@
+"""A cylinder's shape has several valleys: where a search begins, and which others explain the same."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from dynid_rs.diagnosis.beside import Beside, Gain, independent_rows
+from dynid_rs.diagnosis.candidate import RunColumns
+from dynid_rs.diagnosis.kinds import Hypothesis, Kinds, bounds_of, joined, stacked
+
+KIND = "counterbalance"
+N_VALLEYS, NEXT_VALLEY = 3, 0.6
+"""Starts of the search for a cylinder's shape, and by how much [rad] their phases differ."""
+AS_LIKELY = 1.92
+"""Logarithm of the likelihood ratio up to which a shape lies within 95 % of the best one's."""
+
+
+def valleys(beside: Beside, kinds: Kinds, hypothesis: Hypothesis) -> list[Hypothesis]:
+    """Where a search of the shape begins: the hypothesis, and for a cylinder the best ones that stand elsewhere."""
+    if hypothesis.kind != KIND:
+        return [hypothesis]
+    starts = [hypothesis]
+    for other in _best_first(beside, kinds, hypothesis, pulling=pulls(hypothesis)):
+        turned = [dict(other.shape)["phase"] - dict(start.shape)["phase"] for start in starts]
+        if len(starts) < N_VALLEYS and np.all(np.cos(turned) < np.cos(NEXT_VALLEY)):
+            starts.append(other)
+    return starts
+
+
+def mirrored(beside: Beside, kinds: Kinds, hypothesis: Hypothesis) -> Hypothesis | None:
+    """The best cylinder that pushes where this one pulls (or the other way), if it explains as much; else None.
+
+    With a short lever both are little more than one sine of the joint's angle, half a turn apart.
+    """
+    if hypothesis.kind != KIND:
+        return None
+    others = _best_first(beside, kinds, hypothesis, pulling=not pulls(hypothesis))
+    if not others:
+        return None
+    other = kinds.refined(others[0], lambda columns: _gain(beside, columns, others[0]).power)
+    lost = _taken(beside, kinds, hypothesis) - _taken(beside, kinds, other)
+    rows = float(np.mean(independent_rows(beside.residual, beside.blocks)))
+    return other if 0.5 * lost * rows / beside.n_rows < AS_LIKELY else None
+
+
+def pulls(h: Hypothesis) -> bool:
+    """Whether a cylinder's gas pulls: one that pulls and one that pushes are two valleys of one search."""
+    return dict(h.shape).get("gas_length", 1.0) > 0
+
+
+def _best_first(beside: Beside, kinds: Kinds, hypothesis: Hypothesis, *, pulling: bool) -> Sequence[Hypothesis]:
+    """Cylinders of the grid at the same joint that pull, or push, the one that takes off most first."""
+    same = [h for h in kinds.grid([KIND]) if h.joints == hypothesis.joints and pulls(h) == pulling]
+    columns = [stacked(c) for c in kinds.columns(same)]
+    groups = [slice(k, k + 1) for k in range(len(same))]
+    gains = beside.gains(joined(columns), groups, [bounds_of(h) for h in same])
+    return [same[k] for k in np.argsort([-gain.power for gain in gains], kind="stable")]
+
+
+def _taken(beside: Beside, kinds: Kinds, h: Hypothesis) -> float:
+    return _gain(beside, stacked(kinds.columns([h])[0]), h).power
+
+
+def _gain(beside: Beside, columns: RunColumns, h: Hypothesis) -> Gain:
+    return beside.gains(columns, [slice(None)], [bounds_of(h)])[0]
