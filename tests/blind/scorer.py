@@ -142,6 +142,8 @@ def _parameters(truth: Json, result: Json) -> Iterator[dict[str, Any]]:
                 repeated = numbers.count(name) == len(effect["joints"])
                 joint = effect["joints"][numbers[:at].count(name)] if repeated else joints[0]
                 true = expected(told, parameter.get("joint") or joint)
+                if parameter.get("unit", "").startswith("N*m"):  # of the torque channel, as its gain shows it
+                    true = {key: number * _gain(truth, parameter.get("joint") or joint) for key, number in true.items()}
                 if name not in true or name in OWN_DEFINITION or not interval or None in interval:
                     continue
                 low, high = interval
@@ -158,6 +160,12 @@ def _parameters(truth: Json, result: Json) -> Iterator[dict[str, Any]]:
                     "covered": bool(low <= true[name] <= high),
                     "error_over_half_width": float((parameter["value"] - true[name]) / max((high - low) / 2, 1e-300)),
                 }
+
+
+def _gain(truth: Json, joint: str) -> float:
+    """What the torque channel of a joint shows of one N m."""
+    gains = [told for told in truth["effects"] if told["kind"] == "torque_gain" and joint in told["joints"]]
+    return float(np.prod([1 + expected(told, joint)["gain"] for told in gains]))
 
 
 def _unknown(truth: Json, result: Json, before: np.ndarray, after: np.ndarray, oracle: np.ndarray) -> dict[str, Any]:

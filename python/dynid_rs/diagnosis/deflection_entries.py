@@ -26,6 +26,14 @@ def with_true_encoders(setup: Setup, found: Sequence[DeflectionFinding]) -> Setu
     return setup if np.array_equal(error, setup.encoder_error) else replace(setup, encoder_error=error)
 
 
+def seen_again(again: Sequence[DeflectionFinding], first: Sequence[DeflectionFinding]) -> list[DeflectionFinding]:
+    """Findings of the second look, and of the first the encoders' errors, which the second no longer shows."""
+    corrected = [finding for finding in first if finding.kind == ECCENTRICITY]
+    joints = {finding.joints for finding in corrected}
+    further = [finding for finding in again if finding.kind != ECCENTRICITY or finding.joints not in joints]
+    return [*corrected, *further]
+
+
 def deflection_entries(found: Sequence[DeflectionFinding], joint_names: Sequence[str]) -> list[dict[str, Any]]:
     """Entries of effects that show in the deflection; their errors are angles, so they stand in a note."""
     entries = []

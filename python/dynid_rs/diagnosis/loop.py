@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from dynid_rs import _core
 from dynid_rs.diagnosis.beside import Beside, independent_rows
 from dynid_rs.diagnosis.deflection import examine_deflection
-from dynid_rs.diagnosis.deflection_entries import deflection_entries, merged_gears, with_true_encoders
+from dynid_rs.diagnosis.deflection_entries import deflection_entries, merged_gears, seen_again, with_true_encoders
 from dynid_rs.diagnosis.entries import effect_entries, ranked
 from dynid_rs.diagnosis.kinds import Kinds
 from dynid_rs.diagnosis.reference import compare
@@ -24,6 +24,7 @@ from dynid_rs.diagnosis.search import Search, columns_in, drop_needless, fitted,
 from dynid_rs.diagnosis.sensors import channel_errors, examine
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.structural_entries import clock_entries, structural_entries
+from dynid_rs.diagnosis.wrong_geometry import with_other_geometry
 from dynid_rs.findings import Finding
 from dynid_rs.identification import ThreeLoopIdentifier
 from dynid_rs.recording import Recording
@@ -116,19 +117,23 @@ def diagnose(
         return _stopped(setup, before, findings)
     on_progress("two encoders")
     gears = examine_deflection(before, list(train), list(test))
-    found = search(with_true_encoders(asked, gears), train, on_progress=on_progress)
+    began = with_true_encoders(asked, gears)
+    found = search(began, train, on_progress=on_progress)
     delays = [clock["joints"] for clock in clocks if clock["kind"] == "torque_delay"]
     late = {j for joints in delays if len(joints) < setup.robot.n_joints for j in joints}
     if late:
         # A drive that is late by itself is rare, and physics that lags looks like one: the better explanation stays.
         on_progress("the same with all drives on one clock")
         one_clock = examine(setup, train, test, on_progress, of_one=False)
-        other = search(with_true_encoders(one_clock[0], gears), train, on_progress=on_progress)
+        on_one_clock = with_true_encoders(one_clock[0], gears)
+        other = search(on_one_clock, train, on_progress=on_progress)
         if _explains_more(other, found, sorted(late)):
-            found, (_, findings, clocks) = other, one_clock
+            found, began, (_, findings, clocks) = other, on_one_clock, one_clock
+    found = with_other_geometry(found, began, train, on_progress=on_progress)
     if gears:  # once more, with the load of a model that lacks nothing
         seen = [found.setup.corrected(recording) for recording in (*train, *test)]
-        gears = examine_deflection(found.fit, seen[: len(train)], seen[len(train) :])
+        again = examine_deflection(found.fit, seen[: len(train)], seen[len(train) :])
+        gears = seen_again(again, gears)
     on_progress("lines in the angle")
     lines = hold_ripple(found, train)
     on_progress("what is left")

@@ -15,8 +15,8 @@ from dynid_rs.diagnosis.deflection.signals import GearSignals
 
 FloatArray = NDArray[np.float64]
 
-MOST_ECCENTRICITY = 0.1
-"""An encoder disc whose error is larger [rad] would be seen with the eye."""
+MOST_ECCENTRICITY = 0.25
+"""An encoder whose error is larger [rad] shows another joint."""
 LEAST_SIDE = 0.02
 """Play is seen where the load has either sign in this part of the samples at least."""
 LEAST_TURN = 1.0
