@@ -17,8 +17,8 @@ import dynid_rs as dyn
 from dynid_rs.checks import check_recording, refused_sources
 from dynid_rs.diagnosis.loop import diagnose
 from dynid_rs.diagnosis.ripple import RippleCandidate, add_ripple
-from dynid_rs.diagnosis.search import fitted
 from dynid_rs.diagnosis.setup import Setup
+from dynid_rs.diagnosis.state import fitted
 from dynid_rs.diagnosis.zero_shift import zero_shifts
 from dynid_rs.identification import ThreeLoopIdentifier
 from dynid_rs.readers import Config

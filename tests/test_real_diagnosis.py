@@ -8,7 +8,7 @@ from real_diagnosis import CASES, close_the_loop, load
 
 from dynid_rs.assembly import evaluate
 from dynid_rs.diagnosis.ripple import ripple_orders
-from dynid_rs.diagnosis.search import fitted
+from dynid_rs.diagnosis.state import fitted
 
 MOTOR = "bare motor, held"
 ARM = "seven axes, currents"

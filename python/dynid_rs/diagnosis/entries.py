@@ -14,7 +14,8 @@ from dynid_rs.diagnosis.beside import Beside
 from dynid_rs.diagnosis.candidate import Candidate
 from dynid_rs.diagnosis.intervals import Estimate, estimates
 from dynid_rs.diagnosis.kinds import Hypothesis, stacked
-from dynid_rs.diagnosis.search import Choice, Search, columns_in, hypothesis_of, once_each, standing
+from dynid_rs.diagnosis.search import once_each, standing
+from dynid_rs.diagnosis.state import Choice, Search, columns_in, hypothesis_of
 from dynid_rs.evaluation import rmse
 from dynid_rs.loops import link_load
 from dynid_rs.recording import Recording

@@ -20,9 +20,10 @@ from dynid_rs.diagnosis.reference import compare
 from dynid_rs.diagnosis.remainder import Remainder, remainder_entries, unknown_entries, what_is_left, with_terms
 from dynid_rs.diagnosis.ripple import RippleCandidate, add_ripple
 from dynid_rs.diagnosis.ripple_entries import ripple_entries
-from dynid_rs.diagnosis.search import Search, columns_in, drop_needless, fitted, rms, search
+from dynid_rs.diagnosis.search import drop_needless, search
 from dynid_rs.diagnosis.sensors import channel_errors, examine
 from dynid_rs.diagnosis.setup import Setup
+from dynid_rs.diagnosis.state import Search, columns_in, fitted, rms
 from dynid_rs.diagnosis.structural_entries import clock_entries, structural_entries
 from dynid_rs.diagnosis.wrong_geometry import with_other_geometry
 from dynid_rs.findings import Finding

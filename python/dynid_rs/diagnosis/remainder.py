@@ -17,9 +17,9 @@ from dynid_rs.diagnosis.kinds import Kinds
 from dynid_rs.diagnosis.leftovers import run_residuals, search_leftovers
 from dynid_rs.diagnosis.picture import Picture
 from dynid_rs.diagnosis.rows_beside import Beside as Rows
-from dynid_rs.diagnosis.search import Search, columns_in, fitted
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.signals import candidate_signals
+from dynid_rs.diagnosis.state import Search, columns_in, fitted
 from dynid_rs.diagnosis.unknown import Unexplained, find_unknown, names
 from dynid_rs.identification import ThreeLoopIdentifier
 from dynid_rs.loops import link_load

@@ -3,26 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from sklearn.base import clone
 
 from dynid_rs.diagnosis.beside import Beside, independent_rows
 from dynid_rs.diagnosis.candidate import Candidate
 from dynid_rs.diagnosis.choice import Weighed, falls_by, tested, weigh
 from dynid_rs.diagnosis.kinds import Hypothesis, Kinds, at_a_bound, bounds_of, joined, stacked
 from dynid_rs.diagnosis.null import effective_tests
+from dynid_rs.diagnosis.one_cylinder import PATCHES, without_patches
 from dynid_rs.diagnosis.setup import Setup
+from dynid_rs.diagnosis.state import Choice, Search, Step, columns_in, fitted, hypothesis_of, rms, worth
 from dynid_rs.diagnosis.structural import refine, structural_candidates
 from dynid_rs.diagnosis.valleys import pulls, valleys
 from dynid_rs.diagnosis.warmth import WARMTH, warm_arm
-from dynid_rs.evaluation import rmse
-from dynid_rs.identification import ThreeLoopIdentifier
-from dynid_rs.placed import PlacedEffect, own_columns
 from dynid_rs.recording import Recording
 
 FloatArray = NDArray[np.float64]
@@ -32,8 +30,6 @@ FAMILY_WISE = 0.01
 """Probability that anything at all is found where nothing is."""
 SHORTLIST = 7
 """Places whose shapes are refined and that are tested in a step."""
-TRUSTED = 0.05
-"""Relative uncertainty of a robot file's inertials while effects are searched for under them."""
 CONTENDER = 0.2
 """A place whose evidence in the scan is below this part of the best one's cannot win by a better shape."""
 SLACK = 10.0
@@ -62,37 +58,6 @@ TIE = 2.33
 """Two candidates whose errors differ by fewer standard errors are a tie (one in a hundred)."""
 EVEN = 3.0
 """Two candidates whose logarithmic evidence differs by less are a tie (odds of twenty to one)."""
-
-
-@dataclass(frozen=True, eq=False)
-class Choice:
-    """A candidate that passed every test, its family-wise p value, what explains the same as well, and what worse."""
-
-    weighed: Weighed
-    p_value: float
-    ties: tuple[Choice, ...] = ()
-    refuted: tuple[Weighed, ...] = ()
-
-
-@dataclass(frozen=True, eq=False)
-class Step:
-    """One step of the search: what was "added" or "dropped", and what is left on the training rows (n_joints,)."""
-
-    action: str
-    choice: Choice
-    rmse: FloatArray
-
-
-@dataclass
-class Search:
-    """State of the search."""
-
-    setup: Setup
-    fit: ThreeLoopIdentifier
-    kinds: Kinds
-    steps: list[Step] = field(default_factory=list)
-    n_tests: float = float("nan")
-    """Independent candidates that a scan is worth, under the residual of the first fit."""
 
 
 def search(
@@ -130,18 +95,15 @@ def search(
             drop_needless(state, train)
         # Shapes once more, now that everything is there; friction's and an effect's settle in turn.
         settle(state, train, range(len(state.setup.effects)))
+        simpler = without_patches(state)
+        if simpler is not state.setup:
+            places = {(effect.kind, effect.joints) for effect in simpler.effects}
+            state.setup = simpler
+            refit(state, train, new=len(simpler.effects))
+            gone = [s for s in state.steps if s.action == "added" and _is_gone(s.choice, places)]
+            state.steps += [Step("dropped", step.choice, rms(state.fit)) for step in gone]
+            drop_needless(state, train)
     return state
-
-
-def fitted(setup: Setup, train: Sequence[Recording]) -> ThreeLoopIdentifier:
-    """Declared model and what was found, without a third loop."""
-    options = {"residual": None}
-    links = setup.options.get("links")
-    if links is not None and links.prior == "robot":
-        # Under the weight that the evidence finds without an effect the parameters imitate it; in a search the file
-        # is trusted as far as such files usually can be.
-        options["links"] = clone(links).set_params(prior_spread=TRUSTED)
-    return setup.identifier(**options).fit([setup.corrected(recording) for recording in train])
 
 
 def settle(state: Search, train: Sequence[Recording], places: Iterable[int]) -> None:
@@ -195,7 +157,7 @@ def good_candidates(state: Search, further: Sequence[Candidate]) -> list[Choice]
     if not ranked:
         return []
     shortlist = [
-        item for worth, item in ranked[:SHORTLIST] if worth >= min(CONTENDER * ranked[0][0], ranked[0][0] - SLACK)
+        item for value, item in ranked[:SHORTLIST] if value >= min(CONTENDER * ranked[0][0], ranked[0][0] - SLACK)
     ]
     without = beside.left_out(None)
     if np.isnan(state.n_tests):
@@ -301,23 +263,17 @@ def scan(
         for k, gain in zip(members, gains, strict=True):
             h = hypotheses[k]
             n_free = int(np.sum(gain.coefficients != 0))
-            worth = _worth(gain.power, len(joints) * beside.n_rows, len(joints) * rows, n_free)
+            value = worth(gain.power, len(joints) * beside.n_rows, len(joints) * rows, n_free)
             place = (h.kind, h.joints, pulls(h))
-            if worth > best.get(place, (-np.inf, h))[0]:
-                best[place] = (worth, h)
+            if value > best.get(place, (-np.inf, h))[0]:
+                best[place] = (value, h)
     for candidate in further:
         part = stacked(candidate.columns)
         gain = beside.gains(part, [slice(None)], [candidate.bounds])[0]
         tests.append((part, [slice(None)]))
-        worth = _worth(gain.power, len(part) * beside.n_rows, len(part) * rows, len(candidate.bounds))
-        best[(*candidate.place, True)] = (worth, candidate)
+        value = worth(gain.power, len(part) * beside.n_rows, len(part) * rows, len(candidate.bounds))
+        best[(*candidate.place, True)] = (value, candidate)
     return sorted(best.values(), key=lambda pair: -pair[0]), tests
-
-
-def _worth(power: float, n_rows: int, independent: float, n_free: int) -> float:
-    """Approximate evidence of a gain, from the scan alone."""
-    share = min(power / n_rows, 1 - 1e-9)
-    return float(-0.5 * independent * np.log1p(-share) - 0.5 * n_free * np.log(max(independent, 2.0)))
 
 
 def _there(h: Hypothesis, setup: Setup) -> bool:
@@ -340,27 +296,6 @@ def refined_candidate(beside: Beside, kinds: Kinds, hypothesis: Hypothesis) -> C
 
 def _power(beside: Beside, bounds: FloatArray) -> Callable[[Any], float]:
     return lambda columns: beside.gains(columns, [slice(None)], [bounds])[0].power
-
-
-def hypothesis_of(effect: PlacedEffect, kinds: Kinds) -> Hypothesis:
-    """A placed effect as a hypothesis, friction's transition at its new width."""
-    shape = effect.shape_at(effect.joints[0])
-    if "transition_width" in shape:
-        shape["transition_width"] = float(kinds.widths[effect.joints[0]])
-    if "partner" in shape:
-        shape["partner"] = -1.0
-    if effect.kind == "temperature_friction":  # a part of friction as it is fitted now
-        shape |= kinds.friction_of(effect.joints[0])
-    return Hypothesis(effect.kind, effect.joints, tuple(shape.items()))
-
-
-def columns_in(state: Search) -> list[list[tuple[int, int]]]:
-    """Joint and own column of every coefficient of every effect of the setup, in the fit's plan."""
-    columns = own_columns(state.setup.effects, 0)
-    width = 1 + max((column for places in columns for _, column in places), default=-1)
-    # They stand right before friction, whatever a law of friction has put before them.
-    first = state.fit.observations_.plan.friction[1].start - width
-    return [[(j, first + column) for j, column in places] for places in columns]
 
 
 def drop_needless(state: Search, train: Sequence[Recording]) -> None:
@@ -389,6 +324,6 @@ def standing(state: Search, k: int) -> tuple[Weighed, int]:
     return weigh(beside, state.kinds.candidate(hypothesis_of(state.setup.effects[k], state.kinds))), k
 
 
-def rms(fit: ThreeLoopIdentifier) -> FloatArray:
-    """What the fit leaves on its training rows, (n_joints,)."""
-    return rmse([Beside(fit).residual])
+def _is_gone(choice: Choice, places: set[tuple[str, tuple[int, ...]]]) -> bool:
+    candidate = choice.weighed.candidate
+    return candidate.kind in PATCHES and candidate.place not in places

@@ -10,8 +10,8 @@ import numpy as np
 
 from dynid_rs import _core
 from dynid_rs.diagnosis.entries import refuted_entries, tie_entries
-from dynid_rs.diagnosis.search import Choice, Search, fitted, rms
 from dynid_rs.diagnosis.setup import Setup
+from dynid_rs.diagnosis.state import Choice, Search, fitted, rms
 from dynid_rs.diagnosis.structural import Parameters, levelled, put_back, structural_parameters
 from dynid_rs.recording import Recording
 from dynid_rs.results import score

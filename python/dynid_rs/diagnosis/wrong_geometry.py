@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from dynid_rs.diagnosis.beside import Beside, Gain, independent_rows
 from dynid_rs.diagnosis.candidate import Candidate
 from dynid_rs.diagnosis.choice import Weighed
-from dynid_rs.diagnosis.search import Choice, Search, Step, fitted, rms, search
+from dynid_rs.diagnosis.search import search
 from dynid_rs.diagnosis.setup import Setup
+from dynid_rs.diagnosis.state import Choice, Search, Step, fitted, rms
 from dynid_rs.diagnosis.structural import displacement, refine
 from dynid_rs.diagnosis.structural.frames import moved_joints
 from dynid_rs.diagnosis.structural.kinematic_error import KIND, moved
