@@ -85,8 +85,8 @@ def test_parameters_are_near_and_their_intervals_cover(mixed):
         (cubic, "stiffness", truth["nonlinear_elasticity"]["stiffness"][0], STIFFNESS),
         (cubic, "cubic", truth["nonlinear_elasticity"]["cubic"][0], CUBIC),
         (of(findings, "backlash"), "gap", truth["backlash"]["gap"][0], GAP),
-        (of(findings, "encoder_eccentricity"), "e_c", amplitude * np.sin(phase), GAP),
-        (of(findings, "encoder_eccentricity"), "e_s", amplitude * np.cos(phase), GAP),
+        (of(findings, "encoder_eccentricity"), "cosine", amplitude * np.sin(phase), GAP),
+        (of(findings, "encoder_eccentricity"), "sine", amplitude * np.cos(phase), GAP),
     ]
     for finding, name, true, near in wanted:
         parameter = value(finding, name)
@@ -142,7 +142,7 @@ def test_an_encoder_error_that_the_fit_knows_is_not_found_again(robot):
     found = examined(robot, sim)
     assert [finding.kind for finding in found] == ["encoder_delay", "encoder_eccentricity"]
     error = np.zeros((robot.n_joints, 2))
-    error[1] = [value(found[1], name).value for name in ("e_c", "e_s")]
+    error[1] = [value(found[1], name).value for name in ("cosine", "sine")]
     fit = ThreeLoopIdentifier(robot, residual=None, encoder_error=error).fit(runs[:3])
     assert [finding.kind for finding in examine_deflection(fit, runs[:3], runs[3:])] == ["encoder_delay"]
 

@@ -22,7 +22,7 @@ def with_true_encoders(setup: Setup, found: Sequence[DeflectionFinding]) -> Setu
     for finding in found:
         if finding.kind == ECCENTRICITY:
             values = {parameter.name: parameter.value for parameter in finding.parameters}
-            error[finding.joints[0]] += [values["e_c"], values["e_s"]]
+            error[finding.joints[0]] += [values["cosine"], values["sine"]]
     return setup if np.array_equal(error, setup.encoder_error) else replace(setup, encoder_error=error)
 
 

@@ -42,8 +42,8 @@ def parameters_of(gear: Examined, kind: str, terms: Sequence[str]) -> tuple[Para
         found.append(_positive("transition_torque", width, relative, torque))
     if kind == "encoder_eccentricity":
         (cosine, sine), (cosine_std, sine_std) = gear.value("eccentricity")
-        found.append(_parameter("e_c", -cosine, cosine_std, angle))
-        found.append(_parameter("e_s", -sine, sine_std, angle))
+        found.append(_parameter("cosine", -cosine, cosine_std, angle))
+        found.append(_parameter("sine", -sine, sine_std, angle))
     return tuple(found)
 
 
