@@ -33,7 +33,9 @@ GROSS = 1.5
 FEWEST = 2
 """A wrong frame shows on this many joints at least."""
 N_STEPS = 4
-"""Gauss-Newton steps on a frame, a fit after each."""
+"""Gauss-Newton steps on a frame after the first, a fit after each."""
+WORTH_A_STEP = 0.1
+"""Logarithm of what the first step on the best frame has to take off for more of them."""
 TOUCH = 1e-7
 """Displacement [m] with which the steps begin."""
 N_PARTS = 6
@@ -69,8 +71,11 @@ def with_other_geometry(
         return found
     on_progress("the same with one joint's frame elsewhere")
     plain = fitted(setup, train)
-    trials = [_tried(setup, joint, train) for joint in range(1, setup.robot.n_joints)]
+    trials = [_first_step(setup, plain, joint, train) for joint in range(1, setup.robot.n_joints)]
     best = min(trials, key=lambda trial: _left(trial.fit))
+    if _left(best.fit) > _left(plain) - WORTH_A_STEP:
+        return found
+    best = _further(best, train)
     step, gained = _as_step(plain, best)
     if gained <= 0 or _left(best.fit) >= _left(found.fit):
         return found
@@ -86,15 +91,20 @@ def _much_is_left(found: Search) -> bool:
     return int(np.count_nonzero(left)) >= FEWEST
 
 
-def _tried(setup: Setup, joint: int, train: Sequence[Recording]) -> _Trial:
-    there = moved(setup, joint, TOUCH * np.eye(N_PARTS)[0])
-    fit = fitted(there, train)
+def _first_step(setup: Setup, plain: ThreeLoopIdentifier, joint: int, train: Sequence[Recording]) -> _Trial:
+    # So small a touch that the fit without it will do; it only says which frame may move.
+    there = refine(moved(setup, joint, TOUCH * np.eye(N_PARTS)[0]), plain)
+    return _Trial(joint, there, fitted(there, train))
+
+
+def _further(trial: _Trial, train: Sequence[Recording]) -> _Trial:
+    there, fit = trial.setup, trial.fit
     for _ in range(N_STEPS):
         refined = refine(there, fit)
         if refined is there:
             break
         there, fit = refined, fitted(refined, train)
-    return _Trial(joint, there, fit)
+    return _Trial(trial.joint, there, fit)
 
 
 def _left(fit: ThreeLoopIdentifier) -> float:
