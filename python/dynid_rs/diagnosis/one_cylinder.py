@@ -5,14 +5,17 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynid_rs.diagnosis.beside import Beside, independent_rows
 from dynid_rs.diagnosis.candidate import RunColumns
 from dynid_rs.diagnosis.kinds import RIPPLES, Hypothesis, Kinds, bounds_of, joined, stacked
 from dynid_rs.diagnosis.setup import Setup
-from dynid_rs.diagnosis.state import Search, columns_in, hypothesis_of, worth
+from dynid_rs.diagnosis.state import Search, columns_in, hypothesis_of
 from dynid_rs.diagnosis.valleys import KIND, valleys
 from dynid_rs.placed import PlacedEffect
+
+FloatArray = NDArray[np.float64]
 
 PATCHES = ("joint_spring", "torque_ripple")
 """Kinds that depend on nothing but the same joint's position."""
@@ -32,7 +35,7 @@ def without_patches(state: Search) -> Setup:
         beside = Beside(state.fit, [place for p in (k, *patches) for place in places[p]])
         together = [hypothesis_of(state.setup.effects[p], state.kinds) for p in (k, *patches)]
         alone = _best_alone(beside, state.kinds, together[0])
-        if _worth(beside, state.kinds, [alone]) >= _worth(beside, state.kinds, together):
+        if _explains_as_much(beside, state.kinds, alone, together):
             effects = [
                 e for e in setup.effects if e is not effect and not any(e is state.setup.effects[p] for p in patches)
             ]
@@ -57,10 +60,18 @@ def _best_alone(beside: Beside, kinds: Kinds, cylinder: Hypothesis) -> Hypothesi
     return max(ends, key=lambda end: power(stacked(kinds.columns([end])[0])))
 
 
-def _worth(beside: Beside, kinds: Kinds, hypotheses: list[Hypothesis]) -> float:
+def _explains_as_much(beside: Beside, kinds: Kinds, alone: Hypothesis, together: list[Hypothesis]) -> bool:
+    """Whether what `alone` leaves more than all `together` is worth less than their coefficients and shapes."""
+    (left, n_alone), (left_by_all, n_all) = (_left(beside, kinds, each) for each in ([alone], together))
+    rows = independent_rows(left_by_all, beside.blocks)
+    more = 0.5 * float(rows @ np.log(np.sum(left**2, axis=0) / np.sum(left_by_all**2, axis=0)))
+    return more <= 0.5 * (n_all - n_alone) * float(np.log(max(float(np.mean(rows)), 2.0)))
+
+
+def _left(beside: Beside, kinds: Kinds, hypotheses: list[Hypothesis]) -> tuple[FloatArray, int]:
+    """What the model with the hypotheses leaves (n_rows, n_joints), and how many numbers they have."""
     columns = joined([stacked(c) for c in kinds.columns(hypotheses)])
     bounds = np.concatenate([bounds_of(h) for h in hypotheses])
-    gain = beside.gains(columns, [slice(None)], [bounds])[0]
+    coefficients = beside.gains(columns, [slice(None)], [bounds])[0].coefficients
     n_searched = sum(kinds.candidate(h).n_searched for h in hypotheses)
-    rows = float(np.mean(independent_rows(beside.residual, beside.blocks)))
-    return worth(gain.power, beside.n_rows, rows, int(np.count_nonzero(gain.coefficients)) + n_searched)
+    return beside.with_columns(columns, coefficients), int(np.count_nonzero(coefficients)) + n_searched
