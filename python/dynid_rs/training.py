@@ -15,6 +15,9 @@ from dynid_rs.known import KnownTerm
 from dynid_rs.preprocessing import Band, States, choose_band, common_rate, prepare, without
 from dynid_rs.recording import Recording
 
+LEAST_TEST_ROWS = 20
+"""Fewer rows of a test run say nothing."""
+
 Excluded = Mapping[str, Sequence[tuple[float, float]]]
 """Name of a run to the windows (start, end) [s] in which something from outside acts."""
 LEAST_ROWS = 20
@@ -106,6 +109,25 @@ def check_training_runs(robot: _core.RobotModel, recordings: Sequence[Recording]
             file=first.name,
             column=f"q_{j}",
         )
+
+
+def check_motion(runs: Sequence[States]) -> None:
+    """Refuse test runs with hardly any motion.
+
+    Raises
+    ------
+    DataError
+        A run of which next to nothing is left after standstill is taken out.
+    """
+    for states in runs:
+        if len(states.rows) < LEAST_TEST_ROWS:
+            seconds = len(states.rows) * states.step / states.rate
+            raise DataError(
+                f"{states.name}: only {seconds:.2f} s of motion are left to test on after standstill is taken "
+                "out; test on a longer motion",
+                code="too_little_motion",
+                file=states.name,
+            )
 
 
 def check_torque(recordings: Sequence[Recording]) -> None:

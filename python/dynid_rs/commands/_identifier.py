@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from dynid_rs.recording import Recording
 
 MODEL_FILE, RESULT_FILE, RESIDUALS_FILE = "model.json", "result.json", "residuals.parquet"
-LEAST_TEST_ROWS = 20
-"""Fewer rows of a test run say nothing."""
 
 
 def check_places(output: Path, inputs: list[Path | None]) -> None:
@@ -108,27 +106,12 @@ def convergence_findings() -> Iterator[Callable[[], list[Finding]]]:
 
 def scored_states(identifier: Any, test: list[Recording]) -> list[States]:
     """States of the test runs; refuses one that stands still or whose torque does: there would be nothing to score."""
-    from dynid_rs.training import check_torque
+    from dynid_rs.training import check_motion, check_torque
 
     check_torque(test)
     runs: list[States] = [identifier.states(recording) for recording in test]
     check_motion(runs)
     return runs
-
-
-def check_motion(runs: list[States]) -> None:
-    """Refuse test runs with hardly any motion."""
-    from dynid_rs.errors import DataError
-
-    for states in runs:
-        if len(states.rows) < LEAST_TEST_ROWS:
-            seconds = len(states.rows) * states.step / states.rate
-            raise DataError(
-                f"{states.name}: only {seconds:.2f} s of motion are left to test on after standstill is taken "
-                "out; test on a longer motion",
-                code="too_little_motion",
-                file=states.name,
-            )
 
 
 def write_results(output: Path, model: Any, result: dict[str, Any], table: dict[str, Any]) -> None:

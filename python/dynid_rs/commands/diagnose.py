@@ -129,11 +129,12 @@ def _moves_otherwise(trusted: Any, robot: Any) -> bool:
 
 
 def _write(outcome: Outcome, split: Split, findings: list[Finding], output: Path) -> dict[str, Any]:
-    from dynid_rs.commands._identifier import check_motion, write_results
+    from dynid_rs.commands._identifier import write_results
     from dynid_rs.diagnosis.results import evaluated, residual_table, summarise_diagnosis
+    from dynid_rs.training import check_motion
 
     runs = evaluated(outcome, split.train, split.test)
-    check_motion([run.states for run in runs.test_after])
+    check_motion([run.states for run in runs.test_after])  # what counts as standstill follows the fitted friction
     result = summarise_diagnosis(outcome, runs, findings)
     table = residual_table(outcome, runs)
     write_results(output, outcome.after.model_, result, table)

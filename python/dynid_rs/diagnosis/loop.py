@@ -29,6 +29,7 @@ from dynid_rs.diagnosis.wrong_geometry import with_other_geometry
 from dynid_rs.findings import Finding
 from dynid_rs.identification import ThreeLoopIdentifier
 from dynid_rs.recording import Recording
+from dynid_rs.training import check_motion
 
 FloatArray = NDArray[np.float64]
 
@@ -100,7 +101,7 @@ def diagnose(
     Raises
     ------
     DataError
-        As `ThreeLoopIdentifier.fit`.
+        As `ThreeLoopIdentifier.fit`; a test run with hardly any motion.
     """
     if reference is not None:
         errors = channel_errors(setup, train)
@@ -114,6 +115,7 @@ def diagnose(
         findings = [finding for finding in findings if finding.code != "residual_exceeds_torque"]
     on_progress("the declared model")
     before = replace(setup, excluded=asked.excluded).identifier().fit(list(train))
+    check_motion([before.states(recording) for recording in test])  # before the long part
     if any(finding.severity == "error" for finding in findings):
         return _stopped(setup, before, findings)
     on_progress("two encoders")
