@@ -13,8 +13,10 @@ from dynid_rs.commands._run import EXIT_NO, print_json, run_command
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from dynid_rs.commands._given import Given
     from dynid_rs.findings import Finding
     from dynid_rs.recording import Recording
+    from dynid_rs.results import LearnedFrom
 
 
 @run_command
@@ -44,6 +46,7 @@ def identify(
     physical: Annotated[
         bool, typer.Option("--physical", help="Also masses and inertias that bodies can have, for `dynid export`")
     ] = False,
+    memory: _options.Memory = "4GB",
     json_output: _options.Json = False,
 ) -> int:
     """Identify friction, link dynamics and residual of an arm from measured runs.
@@ -53,18 +56,13 @@ def identify(
     squares.
     """
     from dynid_rs.commands._console import progress
+    from dynid_rs.commands._given import read_given
     from dynid_rs.commands._identifier import check_places, chosen_laws, known_terms
-    from dynid_rs.commands._inputs import (
-        check_cutoff,
-        read_friction,
-        read_robot,
-        read_settings,
-        read_split,
-        with_rotors,
-    )
+    from dynid_rs.commands._inputs import read_friction, read_robot, read_settings, size_in_bytes, with_rotors
 
     if physical:
         _check_physical()
+    limit = size_in_bytes("--memory", memory)
     check_places(output, [robot, *runs, *(test or []), *(friction or []), config, known])
     with progress() as say:
         say("reading")
@@ -73,16 +71,15 @@ def identify(
         model = with_rotors(model, settings, robot, base, tip)
         identifier = _identifier(model, weighting, prior, residual, compensator, cutoff, friction_law)
         identifier.known = known_terms(known, model)
-        split, findings = read_split(runs, test or [], test_from, model, settings)
-        check_cutoff(cutoff, [*split.train, *split.test])
+        given = read_given(runs, test or [], test_from, model, settings, memory=limit, cutoff=cutoff, say=say)
         slow = read_friction(friction, model, settings) if friction else None
         if friction_law == "auto":
             say("comparing laws of friction")
-            identifier.friction_law = chosen_laws(identifier, split.train, slow)
-        findings += _fit(identifier, split.train, slow, say)
+            identifier.friction_law = chosen_laws(identifier, given.train, slow)
+        identifier, learned_from, findings = _fit(identifier, given, slow, say)
         bodies = _physical(identifier, say) if physical else None
         say("testing")
-        result = _write(identifier, split.train, split.test, findings, output, bodies)
+        result = _write(identifier, given, [*given.findings, *findings], output, bodies, learned_from)
     if json_output:
         print_json(result)
     else:
@@ -116,13 +113,13 @@ def _identifier(
 
 
 def _fit(
-    identifier: Any, train: list[Recording], slow: list[Recording] | None, say: Callable[[str], None]
-) -> list[Finding]:
+    identifier: Any, given: Given, slow: list[Recording] | None, say: Callable[[str], None]
+) -> tuple[Any, LearnedFrom | None, list[Finding]]:
     from dynid_rs.commands._identifier import convergence_findings
 
     with convergence_findings() as findings:
-        identifier.fit(train, slow, on_progress=say)
-    return findings()
+        fitted, learned_from = given.fit(identifier, slow, say)
+    return fitted, learned_from, findings()
 
 
 def _check_physical() -> None:
@@ -141,21 +138,21 @@ def _physical(identifier: Any, say: Callable[[str], None]) -> Any:
 
 def _write(
     identifier: Any,
-    train: list[Recording],
-    test: list[Recording],
+    given: Given,
     findings: list[Finding],
     output: Path,
     physical: Any = None,
+    learned_from: LearnedFrom | None = None,
 ) -> dict[str, Any]:
     from dynid_rs.commands._identifier import scored_states, write_results
     from dynid_rs.encoders import with_fitted_delay
     from dynid_rs.results import evaluate_runs, residual_table, summarise
 
     model = identifier.model_
-    tested = evaluate_runs(model, test, scored_states(identifier, test))
-    trained = evaluate_runs(model, train, identifier.raw_runs_)
+    tested = evaluate_runs(model, given.test, scored_states(identifier, given.test))
+    trained = evaluate_runs(model, given.train, identifier.raw_runs_)
     findings = with_fitted_delay(findings, identifier.encoder_delay_)
-    result = summarise(identifier, trained, tested, findings, physical)
+    result = summarise(identifier, trained, tested, findings, physical, learned_from)
     if physical is not None:
         model = model.with_physical(physical.physical_set(model))
     table = residual_table(model, trained, tested)
