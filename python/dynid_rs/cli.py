@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import typer
 
+from dynid_rs.commands.cache import cache
 from dynid_rs.commands.diagnose import diagnose
 from dynid_rs.commands.estimate import estimate
 from dynid_rs.commands.excite import excite
@@ -19,7 +20,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-for command in (inspect, excite, identify, diagnose, estimate, export, simulate, report):
+for command in (inspect, excite, identify, diagnose, estimate, export, simulate, report, cache):
     app.command()(command)
 
 

@@ -35,13 +35,14 @@ class Learned:
     """What an archive gave.
 
     `identifier`: fitted; linear parts to all runs, shapes and third loop to `sample`. `n_dropped`, `rmse` (n_joints,)
-    [torque unit]: samples at rest in all runs, and the model's error on all of them.
+    [torque unit]: samples at rest in all runs, and the model's error on all of them. `findings`: on the work itself.
     """
 
     identifier: ThreeLoopIdentifier
     sample: list[Recording]
     n_dropped: int
     rmse: FloatArray
+    findings: list[Finding]
 
 
 class Archive:
@@ -80,7 +81,7 @@ class Archive:
         self.robot, self.sources, self.memory = robot, list(sources), memory
         self._work = Work() if work is None else work
         self._say = on_progress
-        units = self._work.map(survey_run, self.sources, label="reading")
+        units = self._work.map(survey_run, self.sources)
         self.surveys: list[Survey] = []
         for entry in units:
             self.surveys.append(Survey.from_entry(entry))
@@ -171,11 +172,11 @@ class Archive:
         identifier.fit(sample, slow, on_progress=lambda words: self._say(f"sample, {words}"))
         reduction = Reduction.of(identifier)
         totals = Totals(reduction)
-        for entry in self._work.map(reduce_run, self.sources, reduction, label="reducing"):
+        for entry in self._work.map(reduce_run, self.sources, reduction):
             totals.add(Reduced.from_entry(entry))
             self._say(f"reducing: {totals.n_runs} of {len(self.sources)} runs")
         whole, rmse = settled(identifier, totals)
-        return Learned(whole, sample, totals.n_dropped, rmse)
+        return Learned(whole, sample, totals.n_dropped, rmse, self._work.findings())
 
     def _refuse_prior(self, identifier: ThreeLoopIdentifier) -> None:
         if identifier.links is not None and identifier.links.prior == "robot":

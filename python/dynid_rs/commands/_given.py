@@ -32,14 +32,29 @@ class Given:
     def fit(
         self, identifier: Any, slow: list[Recording] | None, say: Callable[[str], None]
     ) -> tuple[Any, LearnedFrom | None]:
-        """Fitted identifier, and what it has learned from where that is more than `train`."""
+        """Fitted identifier, and what it has learned from where that is more than `train`; adds to the findings."""
         if self.archive is None:
             return identifier.fit(self.train, slow, on_progress=say), None
         from dynid_rs.results import LearnedFrom
 
         learned = self.archive.fit(identifier, self.train, slow)
+        self.findings += learned.findings
         whole = LearnedFrom(self.archive.names, self.archive.n_samples, learned.n_dropped, learned.rmse)
         return learned.identifier, whole
+
+
+def opened_work(cache: Path | None) -> Work:
+    """Where units of work are kept; refuses a folder that cannot be written before any work is done."""
+    from dynid_rs.archive.cache import Cache
+    from dynid_rs.archive.work import Work
+    from dynid_rs.commands._output import check_folder
+
+    if cache is None:
+        return Work()
+    check_folder(cache, [])
+    held = Cache(cache)
+    held.sweep()
+    return Work(held)
 
 
 def read_given(
@@ -52,7 +67,7 @@ def read_given(
     memory: int,
     cutoff: float | None,
     say: Callable[[str], None],
-    work: Work | None = None,
+    work: Work,
 ) -> Given:
     """Read, check and split; runs that do not fit into `memory` [bytes] are surveyed and sampled.
 
@@ -95,7 +110,7 @@ def _survey(
     memory: int,
     cutoff: float | None,
     say: Callable[[str], None],
-    work: Work | None,
+    work: Work,
 ) -> Given:
     from dynid_rs.archive import Archive
     from dynid_rs.archive.archive import fits

@@ -45,4 +45,10 @@ Memory = Annotated[
         metavar="SIZE", help="Most memory to take; training runs that need more are streamed (docs/archive.md)"
     ),
 ]
+Cache = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="DIR", help="Keep every streamed run's results here; the same command goes on where it broke off"
+    ),
+]
 Json = Annotated[bool, typer.Option("--json", help="Answer as JSON on standard output")]

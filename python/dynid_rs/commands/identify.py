@@ -47,6 +47,7 @@ def identify(
         bool, typer.Option("--physical", help="Also masses and inertias that bodies can have, for `dynid export`")
     ] = False,
     memory: _options.Memory = "4GB",
+    cache: _options.Cache = None,
     json_output: _options.Json = False,
 ) -> int:
     """Identify friction, link dynamics and residual of an arm from measured runs.
@@ -56,7 +57,7 @@ def identify(
     squares.
     """
     from dynid_rs.commands._console import progress
-    from dynid_rs.commands._given import read_given
+    from dynid_rs.commands._given import opened_work, read_given
     from dynid_rs.commands._identifier import check_places, chosen_laws, known_terms
     from dynid_rs.commands._inputs import read_friction, read_robot, read_settings, size_in_bytes, with_rotors
 
@@ -64,6 +65,7 @@ def identify(
         _check_physical()
     limit = size_in_bytes("--memory", memory)
     check_places(output, [robot, *runs, *(test or []), *(friction or []), config, known])
+    work = opened_work(cache)
     with progress() as say:
         say("reading")
         model = read_robot(robot, base, tip, gravity)
@@ -71,7 +73,9 @@ def identify(
         model = with_rotors(model, settings, robot, base, tip)
         identifier = _identifier(model, weighting, prior, residual, compensator, cutoff, friction_law)
         identifier.known = known_terms(known, model)
-        given = read_given(runs, test or [], test_from, model, settings, memory=limit, cutoff=cutoff, say=say)
+        given = read_given(
+            runs, test or [], test_from, model, settings, memory=limit, cutoff=cutoff, say=say, work=work
+        )
         slow = read_friction(friction, model, settings) if friction else None
         if friction_law == "auto":
             say("comparing laws of friction")
