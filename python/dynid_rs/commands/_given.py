@@ -43,18 +43,20 @@ class Given:
         return learned.identifier, whole
 
 
-def opened_work(cache: Path | None) -> Work:
-    """Where units of work are kept; refuses a folder that cannot be written before any work is done."""
+def opened_work(cache: Path | None, jobs: int) -> Work:
+    """Where units of work are done and kept; refuses a folder that cannot be written before any work is done."""
     from dynid_rs.archive.cache import Cache
     from dynid_rs.archive.work import Work
     from dynid_rs.commands._output import check_folder
 
+    if jobs < 1 and jobs != -1:
+        raise ValueError(f"--jobs must be at least 1, or -1 for one per core, found {jobs}")
     if cache is None:
-        return Work()
+        return Work(n_jobs=jobs)
     check_folder(cache, [])
     held = Cache(cache)
     held.sweep()
-    return Work(held)
+    return Work(held, jobs)
 
 
 def read_given(

@@ -45,6 +45,7 @@ Memory = Annotated[
         metavar="SIZE", help="Most memory to take; training runs that need more are streamed (docs/archive.md)"
     ),
 ]
+Jobs = Annotated[int, typer.Option("--jobs", metavar="N", help="Processes for streamed runs; -1: one per core")]
 Cache = Annotated[
     Path | None,
     typer.Option(

@@ -48,6 +48,7 @@ def identify(
     ] = False,
     memory: _options.Memory = "4GB",
     cache: _options.Cache = None,
+    jobs: _options.Jobs = 1,
     json_output: _options.Json = False,
 ) -> int:
     """Identify friction, link dynamics and residual of an arm from measured runs.
@@ -65,7 +66,7 @@ def identify(
         _check_physical()
     limit = size_in_bytes("--memory", memory)
     check_places(output, [robot, *runs, *(test or []), *(friction or []), config, known])
-    work = opened_work(cache)
+    work = opened_work(cache, jobs)
     with progress() as say:
         say("reading")
         model = read_robot(robot, base, tip, gravity)
