@@ -1,7 +1,7 @@
 """Streams runs that are made on the fly: samples per second from first to last, and peak memory.
 
 `python benches/stream.py --gigabytes 2` makes and reduces 2 GB of signals (six joints, two encoders, 1 kHz) that are
-never stored. `--jobs 2` uses two processes. `--space` prints what identification in memory takes per sample instead,
+never stored. `--space` prints what identification in memory takes per sample instead,
 which `archive/sample.py` estimates memory with.
 """
 

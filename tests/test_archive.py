@@ -14,7 +14,7 @@ import pytest
 from made_runs import MadeRun, arm
 from numpy.testing import assert_allclose, assert_array_equal
 from run_files import write
-from small_arm import dynid, refusal, run, snapshot, study, write_robot, write_runs
+from small_arm import as_current, dynid, refusal, run, snapshot, study, write_robot, write_runs
 from tolerances import ALGEBRAIC
 
 from dynid_rs import DataError, LinkDynamicsIdentifier, RobotModel, ThreeLoopIdentifier, _core
@@ -25,6 +25,7 @@ from dynid_rs.archive.survey import Survey, gathered_findings, survey_run
 from dynid_rs.archive.wide import FactorTree, cut_at_joints, wide_factor
 from dynid_rs.commands._inputs import size_in_bytes
 from dynid_rs.findings import Finding
+from dynid_rs.placed import PlacedEffect
 from dynid_rs.readers import Config
 from dynid_rs.recording import Recording
 from dynid_rs.results import evaluate_runs, score
@@ -99,6 +100,50 @@ def test_with_a_third_loop_all_stages_but_the_last_are_as_in_memory():
         assert_allclose(one.evaluate(*motion.signals())[0], other.evaluate(*motion.signals())[0], **ALGEBRAIC)
     assert streamed.model_.residual is not None
     assert_allclose(score(streamed.model_, held.raw_runs_).rmse, score(held.model_, held.raw_runs_).rmse, rtol=1e-2)
+
+
+def held_runs(change=lambda columns: columns):
+    """The small arm's runs with changed columns."""
+    names = ("q", "tau")
+    for k in range(3):
+        columns = change(run(k))
+        unit = "A" if "current_0" in columns else "N*m"
+        q, tau = (
+            np.stack([columns[f"{'current' if unit == 'A' and name == 'tau' else name}_{j}"] for j in range(3)], axis=1)
+            for name in names
+        )
+        yield Held(Recording(columns["t"], q, tau=tau, name=f"run_{k}", torque_unit=unit))
+
+
+COUNTERBALANCE = _core.Effect.of("counterbalance", a=[0.5] * 3, b=[0.12] * 3, phase=[0.7] * 3, gas_length=[0.4] * 3)
+OPTIONS = {
+    "currents": ({}, as_current),
+    "known term": ({"known": [(COUNTERBALANCE, np.array([[0.0], [60.0], [0.0]]))]}, lambda columns: columns),
+    "free gain": ({"free_gains": (2,)}, lambda columns: columns),
+    "stribeck": ({"friction_law": "stribeck"}, lambda columns: columns),
+    "windows": ({"excluded": {"run_1": [(2.0, 3.5)]}}, lambda columns: columns),
+    "standstill": ({"standstill": True}, lambda columns: columns),
+    "load": (
+        {"effects": (PlacedEffect.at("load_dependent_friction", 1, transition_width=0.01),)},
+        lambda columns: columns,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", OPTIONS)
+def test_what_stands_beside_the_declared_model_is_streamed_too(name):
+    options, change = OPTIONS[name]
+    robot, _ = small_runs(1)
+    sources = list(held_runs(change))
+    archive = Archive(robot, sources, memory=PLENTY)
+    learned = archive.fit(ThreeLoopIdentifier(robot, residual=None, **options), archive.sample(), None)
+    held = ThreeLoopIdentifier(robot, residual=None, **options).fit([source.recording for source in sources])
+    size = np.abs(held.links_.x_).max()
+    near = {"rtol": 1e-3, "atol": 1e-4 * size} if name == "load" else {"rtol": 1e-7, "atol": 1e-9 * size}
+    assert_allclose(learned.identifier.links_.x_, held.links_.x_, **near)
+    assert_allclose(learned.identifier.links_.torque_scale_, held.links_.torque_scale_, rtol=1e-6)
+    std = np.sqrt(np.diag(held.parameter_covariance()))
+    assert_allclose(np.sqrt(np.diag(learned.identifier.parameter_covariance())), std, rtol=1e-2, atol=1e-9)
 
 
 def test_linear_coefficients_come_from_all_runs():
