@@ -18,11 +18,12 @@ from run_files import write
 from small_arm import dynid, refusal, run, snapshot, write_robot, write_runs
 
 import dynid_rs.archive.work as work_module
-from dynid_rs import RobotModel, ThreeLoopIdentifier
+from dynid_rs import ResidualCompensator, RobotModel, ThreeLoopIdentifier
 from dynid_rs.archive import Archive, RunFile
 from dynid_rs.archive.cache import SUFFIX, Cache, packed, unpacked
 from dynid_rs.archive.survey import survey_run
 from dynid_rs.archive.work import Work
+from dynid_rs.commands._inputs import size_in_bytes
 from dynid_rs.readers import Config
 
 ENTRY = ({"name": "a", "value": 0.1, "none": None}, {"x": np.arange(6.0).reshape(2, 3), "flags": np.array([True])})
@@ -230,6 +231,26 @@ def test_a_kill_loses_at_most_one_run(tmp_path, killed_at):
     assert len(now) == 16
     assert {name: now[name] for name in kept} == kept  # nothing that was there was made again
     assert set(now) == set(entries_of(tmp_path / "other"))
+
+
+@pytest.mark.parametrize(("memory", "compensator"), [("1GB", "mixture"), ("1GB", "rbf"), ("8MB", "mixture")])
+def test_third_loops_and_priors_of_the_sample_are_hashed_too(tmp_path, memory, compensator):
+    """A sample of all runs with a third loop, and one of a lone piece, beside which a prior stands."""
+    robot = RobotModel.from_urdf(write_robot(tmp_path))
+    sources = [RunFile(path, path.name, robot, Config()) for path in write_runs(tmp_path, encoders=2)]
+    cache = Cache(tmp_path / "cache")
+
+    def fitted():
+        archive = Archive(robot, sources, memory=size_in_bytes("", memory), work=Work(cache))
+        identifier = ThreeLoopIdentifier(robot, residual=ResidualCompensator(method=compensator))
+        return archive.fit(identifier, archive.sample(), None).identifier
+
+    first = fitted()
+    kept = entries_of(tmp_path / "cache")
+    assert len(kept) == 6
+    second = fitted()
+    assert entries_of(tmp_path / "cache") == kept
+    assert second.model_.__reduce__()[1] == first.model_.__reduce__()[1]
 
 
 def test_streaming_from_a_cache_alone_gives_the_same_bits(tmp_path):
