@@ -20,7 +20,7 @@ from tolerances import ALGEBRAIC
 from dynid_rs import DataError, LinkDynamicsIdentifier, RobotModel, ThreeLoopIdentifier, _core
 from dynid_rs.archive import Archive, RunFile
 from dynid_rs.archive.fingerprint import fingerprint
-from dynid_rs.archive.sample import Piece, choose_pieces, pieces_of, work_space
+from dynid_rs.archive.sample import Piece, choose_pieces, cut_out, pieces_of, work_space
 from dynid_rs.archive.survey import Survey, gathered_findings, survey_run
 from dynid_rs.archive.wide import FactorTree, cut_at_joints, wide_factor
 from dynid_rs.commands._inputs import size_in_bytes
@@ -197,7 +197,7 @@ def test_surveys_come_back_from_what_is_kept():
 
 def pieces(n=40):
     rng = np.random.default_rng(1)
-    return [Piece(0, 1, fingerprint(k), np.unique(rng.integers(0, 30, 6)).astype(np.int32), 10) for k in range(n)]
+    return [Piece(0, 1, fingerprint(k), np.unique(rng.integers(0, 30, 6)).astype(np.uint16), 10) for k in range(n)]
 
 
 def test_the_sample_knows_no_order():
@@ -210,7 +210,7 @@ def test_the_sample_knows_no_order():
 
 
 def test_the_sample_is_bounded_and_reaches_rare_states():
-    rare = Piece(0, 1, "f" * 64, np.array([99], dtype=np.int32), 10)
+    rare = Piece(0, 1, "f" * 64, np.array([99], dtype=np.uint16), 10)
     mixed = [*pieces(), rare]
     for n_bytes in (20, 50, 120, 10**6):
         chosen = choose_pieces(mixed, n_bytes)
@@ -226,6 +226,9 @@ def test_pieces_of_a_run_cover_it():
     assert [part.start for part in parts[1:]] == [part.stop for part in parts[:-1]]
     assert (parts[0].start, parts[-1].stop) == (0, recording.n_samples)
     assert len({part.key for part in parts}) == 3
+    alone = cut_out(recording, parts[1])
+    assert_array_equal(alone.q, recording.q[parts[1].start : parts[1].stop])
+    assert not any(np.shares_memory(alone.q, x) for x in (recording.q, recording.tau))
     assert len(pieces_of(recording.slice(0, 300))) == 1
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from dynid_rs import _core
 from dynid_rs.archive.reduction import Reduced, Reduction, Totals, reduce_run
 from dynid_rs.archive.runs import RunSource
-from dynid_rs.archive.sample import choose_pieces, recording_bytes, work_space
+from dynid_rs.archive.sample import choose_pieces, cut_out, recording_bytes, work_space
 from dynid_rs.archive.settle import settled
 from dynid_rs.archive.survey import Survey, check_surveys, gathered_findings, survey_run
 from dynid_rs.archive.work import Work
@@ -137,7 +137,7 @@ class Archive:
             self._say(f"sample: {self.surveys[k].facts.name}")
             recording, _ = self.sources[k].read()
             whole = len(self.surveys[k].pieces) == 1
-            recordings += [recording if whole else recording.slice(piece.start, piece.stop) for _, piece in group]
+            recordings += [recording if whole else cut_out(recording, piece) for _, piece in group]
         band = Band(cutoff) if cutoff is not None else choose_band(recordings)
         moving = [part for part in recordings if _moves(part, band, common_rate(recordings), standstill)]
         if not moving:

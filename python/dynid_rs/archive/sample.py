@@ -10,8 +10,9 @@ from __future__ import annotations
 import hashlib
 from collections import Counter, defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,7 +44,7 @@ class Piece:
     start: int
     stop: int
     key: str
-    cells: NDArray[np.int32]
+    cells: NDArray[np.uint16]
     n_bytes: int
 
 
@@ -74,6 +75,13 @@ def pieces_of(recording: Recording, duration: float = PIECE) -> list[Piece]:
     return pieces
 
 
+def cut_out(recording: Recording, piece: Piece) -> Recording:
+    """Return a piece with memory of its own: a view would hold the whole run."""
+    part = recording.slice(piece.start, piece.stop)
+    own: dict[str, Any] = {name: x.copy() for name, x in vars(part).items() if isinstance(x, np.ndarray)}
+    return replace(part, **own)
+
+
 def content_key(recording: Recording) -> str:
     """Hash of what a run measured: time, position and torque."""
     state = hashlib.sha256()
@@ -82,7 +90,7 @@ def content_key(recording: Recording) -> str:
     return state.hexdigest()
 
 
-def _cells(recording: Recording) -> NDArray[np.int32]:
+def _cells(recording: Recording) -> NDArray[np.uint16]:
     speed = block_velocity(recording)
     position = recording.q[block_edges(recording)][: len(speed)]
     place = np.clip(np.floor(position / POSITION_CELL) + N_POSITIONS // 2, 0, N_POSITIONS - 1)
@@ -90,7 +98,7 @@ def _cells(recording: Recording) -> NDArray[np.int32]:
     pace = np.sign(speed) * np.where(np.abs(speed) > 2.0**SLOWEST, np.clip(octave, 0, N_OCTAVES - 1) + 1, 0)
     joint = np.arange(speed.shape[1])
     cells = (joint * N_POSITIONS + place) * (2 * N_OCTAVES + 1) + pace + N_OCTAVES
-    return np.unique(cells).astype(np.int32)
+    return np.unique(cells).astype(np.uint16)
 
 
 def choose_pieces(pieces: Sequence[Piece], n_bytes: int) -> list[int]:
