@@ -156,9 +156,12 @@ def test_a_dask_worker_that_is_killed_midway_costs_nothing_but_time(cluster, tmp
 
 @pytest.mark.filterwarnings("ignore")
 def test_dask_workers_that_keep_dying_are_one_sentence(cluster, tmp_path, monkeypatch):
-    monkeypatch.setattr(work_module, "LONGEST_UNIT", 15.0)
+    """Dask says nothing of a run that killed four workers; how many it kills before the wait ends, the machine says."""
+    monkeypatch.setattr(work_module, "LONGEST_UNIT", 20.0)
     deadly = Deadly(3, 10.0, folder=tmp_path, deaths=100, home=os.getpid())
-    with joblib.parallel_config(backend="dask"), pytest.raises(ChildProcessError, match="died again and again"):
+    with (
+        joblib.parallel_config(backend="dask"),
+        pytest.raises(ChildProcessError, match=r"died again and again or gave"),
+    ):
         fitted(Work(n_jobs=None), sources(deadly))
-    assert len(list(tmp_path.iterdir())) > 1
     assert cluster.status == "running"
