@@ -97,6 +97,13 @@ def with_parts(
     return _changed(model, phi=phi, effects=effects)
 
 
+def with_domain(
+    model: _core.TorqueModel, domain: tuple[list[list[float]], list[float], list[float]]
+) -> _core.TorqueModel:
+    """Return `model` trained within other extremes: [lowest, highest] of q, greatest |dq| and |ddq|, per joint."""
+    return _changed(model, domain=domain)
+
+
 def with_residual(model: _core.TorqueModel, signals: Signals, regressions: Regressions) -> _core.TorqueModel:
     """Return `model` with a third loop on named signals in the place of its own; everything else stays.
 

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import typer
 
+from dynid_rs.commands.cache import cache
 from dynid_rs.commands.diagnose import diagnose
 from dynid_rs.commands.estimate import estimate
 from dynid_rs.commands.excite import excite
 from dynid_rs.commands.export import export
+from dynid_rs.commands.fleet import fleet
 from dynid_rs.commands.identify import identify
 from dynid_rs.commands.inspect import inspect
 from dynid_rs.commands.report import report
@@ -19,7 +21,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-for command in (inspect, excite, identify, diagnose, estimate, export, simulate, report):
+for command in (inspect, excite, identify, diagnose, estimate, export, simulate, report, fleet, cache):
     app.command()(command)
 
 

@@ -132,16 +132,21 @@ def _probing_states(n: int, n_samples: int, random_state: int) -> list[FloatArra
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """A stretch of consecutive rows that is fitted or left out as a whole: a run, or a part of a lone one."""
+    """A stretch of consecutive rows that is fitted or left out as a whole: a run, or a part of a lone one.
+
+    `stands_for`: rows per joint that `rows` are a factor of (`archive/wide.py`); None where they are the rows
+    themselves.
+    """
 
     run: int
     rows: list[FloatArray]
     factors: list[FloatArray]
+    stands_for: int | None = None
 
     @property
     def n_rows(self) -> int:
         """Rows per joint."""
-        return len(self.rows[0])
+        return len(self.rows[0]) if self.stands_for is None else self.stands_for
 
 
 @dataclass(frozen=True, eq=False)

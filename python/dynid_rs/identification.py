@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Sequence
 from copy import copy
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from dynid_rs import _core
 from dynid_rs.assembly import Regressions, evaluate
-from dynid_rs.columns import observe
+from dynid_rs.columns import Observations, observe
 from dynid_rs.friction import FrictionIdentifier
 from dynid_rs.friction_laws import DEFAULT_LAW, laws_per_joint
 from dynid_rs.known import KnownTerm, check_known
@@ -25,8 +26,17 @@ from dynid_rs.preprocessing import States, prepare, without
 from dynid_rs.recording import Recording
 from dynid_rs.residual import ResidualCompensator
 from dynid_rs.training import Excluded, TrainingData, check_training_runs, prepare_training_data
+from dynid_rs.uncertainty import parameter_covariance
 
 FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class FitInMemory:
+    """Rows in time of the runs that are held in memory, and the links fitted to them alone."""
+
+    observations: Observations
+    links: LinkDynamicsIdentifier
 
 
 class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
@@ -86,14 +96,21 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
     raw_runs_, runs_ : list of States
         Training runs as recorded, and with the encoders' error taken off, the link channel on the motor channel's clock
         and the known terms' torque taken off.
+    in_memory_ : FitInMemory
+        Observations and links of `runs_`, row by row in time: `observations_` and `links_` themselves, unless
+        `archive.Archive.settle` has fitted those to more runs than memory holds.
     known_ : list of (Effect, ndarray)
         Known terms as they were used.
+    loops_ : Loops
+        The loops as they ended, with the data that they ran over.
     history_ : list of dict
         RMS per joint (n_joints,) that is left on the training runs after every loop of every round: `friction` with
         the links held, `links`, `residual`.
     n_iter_, converged_ : int, bool
         Of the three loops.
     """
+
+    _covariance: FloatArray | None
 
     def __init__(
         self,
@@ -238,12 +255,23 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         links.fit(
             observations,
             fit_scale=self.torque_unit_ == "A",
-            free_gains=self._ended.free_gains,
-            beside=self._ended.beside(),
+            free_gains=self.loops_.free_gains,
+            beside=self.loops_.beside(),
             again=True,
         )
         kept = (third.inputs_, list(regressions), third.compliance_)
-        return self._ended.model(plan, links, links.own_, kept)
+        return self.loops_.model(plan, links, links.own_, kept)
+
+    def parameter_covariance(self) -> FloatArray:
+        """Covariance of all unknowns of the second loop, (n_columns, n_columns), as in `uncertainty.py`."""
+        check_is_fitted(self, "links_")
+        if self._covariance is None:
+            return parameter_covariance(self.observations_, self.links_, self.runs_)
+        return self._covariance
+
+    def take_covariance(self, covariance: FloatArray) -> None:
+        """Use a covariance that was found from more than `runs_`."""
+        self._covariance = covariance
 
     def _training_data(self, recordings: list[Recording], slow: list[Recording]) -> TrainingData:
         taken_off = self.known_ + held_terms(self.held, self.robot.n_joints)
@@ -266,9 +294,11 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         self.friction_, self.links_, self.residual_ = loops.friction, loops.links, loops.residual
         self.encoder_delay_ = loops.encoder_delay
         self.observations_, self.raw_runs_, self.runs_ = loops.observations, data.runs, loops.runs
+        self.in_memory_ = FitInMemory(loops.observations, loops.links)
+        self._covariance = None
         self.baseline_, self.friction_model_, self.two_loop_model_ = loops.stages
         self.model_ = loops.whole_model()
-        self._ended = loops
+        self.loops_ = loops
 
     def _settled(self) -> bool:
         if len(self.history_) < 2:

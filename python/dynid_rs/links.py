@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from sklearn.base import BaseEstimator
 
 from dynid_rs import _core
-from dynid_rs.columns import Block, Observations, Plan
+from dynid_rs.columns import Observations, Plan
 
 if TYPE_CHECKING:
     from dynid_rs.evidence import Posterior
@@ -448,7 +448,7 @@ def residual_covariance(
     left = np.concatenate(block_residuals(observations, x, scale))
     rank = plan.estimable().sum()
     share = rank if as_printed else rank / plan.robot.n_joints
-    covariance: FloatArray = left.T @ left / max(len(left) - share, 1.0)
+    covariance: FloatArray = left.T @ left / max(observations.n_rows - share, 1.0)
     return covariance
 
 
@@ -570,7 +570,11 @@ def baseline(observations: Observations) -> tuple[Observations, FloatArray]:
         return np.ascontiguousarray(np.concatenate([x[:, : plan.n_own] @ regroup, x[:, plan.n_own :]], axis=1))
 
     blocks = [
-        Block(block.run, [narrow(x) for x in block.rows], [_core.triangular_factor(narrow(R)) for R in block.factors])
+        replace(
+            block,
+            rows=[narrow(x) for x in block.rows],
+            factors=[_core.triangular_factor(narrow(R)) for R in block.factors],
+        )
         for block in observations.blocks
     ]
     return Observations(reduced, blocks), regroup

@@ -41,6 +41,8 @@ class Loops:
         Training runs, link channel on the motor channel's clock, known terms taken off.
     plan, observations : Plan, Observations
         Columns with friction's shape so far, and their rows without the third loop's torque.
+    two_loop_plan : Plan
+        Columns with friction's shape before there was a third loop.
     left : dict
         RMS per joint (n_joints,) that each loop of this round leaves: `friction`, `links`, `residual`.
     stages : list of TorqueModel
@@ -132,6 +134,7 @@ class Loops:
         self._links_leave = block_residuals(self.observations, self.links.x_, self.links.torque_scale_)
         self.left["links"] = self.left["residual"] = rms(self._links_leave)
         if not again:
+            self.two_loop_plan = self.plan
             self.stages.append(self.model(self.plan, self.links, self.links.own_))
 
     @property

@@ -22,7 +22,7 @@ from dynid_rs.physical_result import physical_section
 from dynid_rs.preprocessing import States
 from dynid_rs.recording import Recording
 from dynid_rs.separability import examine, not_separable
-from dynid_rs.uncertainty import NORMAL_95, parameter_covariance
+from dynid_rs.uncertainty import NORMAL_95
 from dynid_rs.wording import residual_reason, verdict
 
 FloatArray = NDArray[np.float64]
@@ -74,19 +74,40 @@ def evaluate_runs(model: _core.TorqueModel, recordings: Sequence[Recording], run
     return evaluated
 
 
+@dataclass(frozen=True, eq=False)
+class LearnedFrom:
+    """Training runs in all: names, samples, samples at rest, and the model's error on them, (n_joints,)."""
+
+    names: list[str]
+    n_samples: int
+    n_dropped: int
+    rmse: FloatArray
+
+    @staticmethod
+    def of(train: Sequence[Evaluated]) -> LearnedFrom:
+        """What runs in memory are."""
+        error = Scores([run.comparison for run in train]).rmse
+        names = [run.recording.name for run in train]
+        return LearnedFrom(names, _count(train), _standing_still([run.states for run in train]), error)
+
+
 def summarise(
     identifier: ThreeLoopIdentifier,
     train: Sequence[Evaluated],
     test: Sequence[Evaluated],
     findings: Sequence[Finding],
     physical: PhysicalIdentifier | None = None,
+    learned_from: LearnedFrom | None = None,
 ) -> dict[str, Any]:
-    """Content of `result.json`: errors on the test runs, parameters with intervals, what was found in the data."""
+    """Content of `result.json`: errors on the test runs, parameters with intervals, what was found in the data.
+
+    `learned_from`: the training runs, where `train` is only what memory holds of them.
+    """
     from threadpoolctl import threadpool_limits
 
     # One BLAS thread: the last digits must not depend on the machine's cores.
     with threadpool_limits(limits=1, user_api="blas"):
-        return _summarise(identifier, train, test, findings, physical)
+        return _summarise(identifier, train, test, findings, physical, learned_from or LearnedFrom.of(train))
 
 
 def _summarise(
@@ -95,10 +116,11 @@ def _summarise(
     test: Sequence[Evaluated],
     findings: Sequence[Finding],
     physical: PhysicalIdentifier | None,
+    learned_from: LearnedFrom,
 ) -> dict[str, Any]:
     robot = identifier.robot
     train_states, test_states = [run.states for run in train], [run.states for run in test]
-    trained, tested = Scores([run.comparison for run in train]), Scores([run.comparison for run in test])
+    tested = Scores([run.comparison for run in test])
     baseline = score(identifier.baseline_, test_states)
     whole = [run.states.band.apply(run.states.tau - run.total, run.states.rate)[run.states.grid] for run in test]
     with_standstill = rmse(whole)
@@ -116,16 +138,16 @@ def _summarise(
         "joints": list(robot.joint_names),
         "torque_unit": identifier.torque_unit_,
         "data": {
-            "train": [run.recording.name for run in train],
+            "train": learned_from.names,
             "test": [run.recording.name for run in test],
-            "n_samples": {"train": _count(train), "test": _count(test)},
-            "n_dropped": {"train": _standing_still(train_states), "test": _standing_still(test_states)},
+            "n_samples": {"train": learned_from.n_samples, "test": _count(test)},
+            "n_dropped": {"train": learned_from.n_dropped, "test": _standing_still(test_states)},
             "rate_hz": train_states[0].rate,
             "cutoff_hz": identifier.band_.cutoff,
             "findings": [finding.to_json() for finding in (*findings, *told, *_standstill(test_states, whole), *notes)],
         },
         "rmse": {
-            "train": {"before": trained.rmse, "after": trained.rmse},
+            "train": {"before": learned_from.rmse, "after": learned_from.rmse},
             "test": {
                 "torque_std": torque_std(tested.comparisons),
                 "wls": baseline.rmse,
@@ -154,7 +176,8 @@ def _summarise(
         "n_iter": identifier.n_iter_,
         "converged": identifier.converged_,
     }
-    instruments = InstrumentalVariables().fit(identifier.observations_, identifier.links_, identifier.runs_)
+    in_memory = identifier.in_memory_
+    instruments = InstrumentalVariables().fit(in_memory.observations, in_memory.links, identifier.runs_)
     result["endogeneity"] = endogeneity(instruments, _unknowns(identifier.observations_.plan))
     if physical is not None:
         error = score(physical.torque_model(identifier.model_), test_states).rmse
@@ -283,7 +306,7 @@ def _prior(identifier: ThreeLoopIdentifier) -> dict[str, Any] | None:
 def _parameters(identifier: ThreeLoopIdentifier) -> dict[str, Any]:
     plan = identifier.observations_.plan
     robot, links = identifier.robot, identifier.links_
-    covariance = parameter_covariance(identifier.observations_, links, identifier.runs_)
+    covariance = identifier.parameter_covariance()
     std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     units = {"m": "kg", "h": "kg*m", "I": "kg*m^2"}
     current = "" if identifier.torque_unit_ == "N*m" else "*A/(N*m)"

@@ -70,7 +70,7 @@ def examine(identifier: ThreeLoopIdentifier, test: Sequence[States]) -> list[dic
 
 def _examine(identifier: ThreeLoopIdentifier, term: KnownTerm, j: int, test: Sequence[States]) -> dict[str, Any]:
     effect, coefficients = term
-    observations = identifier.observations_
+    observations = identifier.in_memory_.observations
     torque = [states.in_band(known_torque([term], states)) for states in identifier.runs_]
     only = _with_torque(observations, torque)
     measured = observations.by_run([np.stack([r[:, -1] for r in b.rows], axis=1) for b in observations.blocks])

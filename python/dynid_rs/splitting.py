@@ -10,6 +10,7 @@ import numpy as np
 from dynid_rs.errors import DataError
 from dynid_rs.findings import Finding
 from dynid_rs.recording import Recording
+from dynid_rs.training import RunFacts
 
 LAST_PART = 1 / 3
 """Part of a lone run that is kept aside."""
@@ -48,13 +49,12 @@ def split_runs(runs: Sequence[Recording], test: Sequence[Recording], test_from: 
     _refuse_repeats(runs, test)
     if test:
         for recording in test:
-            _refuse_another_kind(runs[0], recording)
+            refuse_another_kind(runs[0], recording)
         return Split(list(runs), list(test))
     if len(runs) > 1:
         *train, last = runs
-        message = f"no test run was named; {last.name}, the last one, was kept aside for testing"
-        _refuse_another_kind(train[0], last)
-        return Split(train, [last], Finding("test_run_chosen", "info", message, file=last.name))
+        refuse_another_kind(train[0], last)
+        return Split(train, [last], last_run_kept(last.name))
     return _cut(runs[0], test_from)
 
 
@@ -81,20 +81,31 @@ def _refuse_repeats(runs: Sequence[Recording], test: Sequence[Recording]) -> Non
         for earlier, was_test in seen:
             if not _same_samples(earlier, recording):
                 continue
-            names = recording.name if recording.name == earlier.name else f"{recording.name} ({earlier.name})"
-            if is_test and not was_test:
-                text = "is both learned from and tested on; name it once, and test on another run"
-            else:
-                text = f"is given twice {'to test on' if is_test else 'to learn from'}; name it once"
-            raise DataError(f"{names} {text}", code="run_twice", file=recording.name)
+            raise repeated(recording.name, earlier.name, is_test=is_test, was_test=was_test)
         seen.append((recording, is_test))
+
+
+def repeated(name: str, earlier: str, *, is_test: bool, was_test: bool) -> DataError:
+    """Error that the run `name` holds the samples of the run `earlier`."""
+    names = name if name == earlier else f"{name} ({earlier})"
+    if is_test and not was_test:
+        text = "is both learned from and tested on; name it once, and test on another run"
+    else:
+        text = f"is given twice {'to test on' if is_test else 'to learn from'}; name it once"
+    return DataError(f"{names} {text}", code="run_twice", file=name)
 
 
 def _same_samples(a: Recording, b: Recording) -> bool:
     return all(np.array_equal(x, y) for x, y in ((a.t, b.t), (a.q, b.q), (a.tau, b.tau)))
 
 
-def _refuse_another_kind(train: Recording, test: Recording) -> None:
+def last_run_kept(name: str) -> Finding:
+    """Say that the last run is not learned from."""
+    message = f"no test run was named; {name}, the last one, was kept aside for testing"
+    return Finding("test_run_chosen", "info", message, file=name)
+
+
+def refuse_another_kind(train: Recording | RunFacts, test: Recording) -> None:
     """Refuse to test a model in ampere on newton metres, or one of two encoders on one."""
     if train.torque_unit != test.torque_unit:
         raise DataError(

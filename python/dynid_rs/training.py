@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynid_rs import _core
 from dynid_rs.checks.motion import MIN_SPAN, moving_joints
@@ -15,13 +16,47 @@ from dynid_rs.known import KnownTerm
 from dynid_rs.preprocessing import Band, States, choose_band, common_rate, prepare, without
 from dynid_rs.recording import Recording
 
+FloatArray = NDArray[np.float64]
+
 LEAST_TEST_ROWS = 20
 """Fewer rows of a test run say nothing."""
-
 Excluded = Mapping[str, Sequence[tuple[float, float]]]
 """Name of a run to the windows (start, end) [s] in which something from outside acts."""
 LEAST_ROWS = 20
 """Rows of the fit that a run has to have in motion."""
+
+
+MOST_NAMES = 8
+"""More runs than this are not all named in one sentence."""
+
+
+@dataclass(frozen=True, eq=False)
+class RunFacts:
+    """What decides whether runs belong together: enough to check them without holding them.
+
+    `moves` (n_joints,) which joints move; `lowest, highest` (n_joints,) of the torque.
+    """
+
+    name: str
+    joints: tuple[str, ...]
+    torque_unit: str
+    has_motor_encoder: bool
+    moves: NDArray[np.bool_]
+    lowest: FloatArray
+    highest: FloatArray
+
+    @staticmethod
+    def of(recording: Recording) -> RunFacts:
+        """Facts of a run."""
+        return RunFacts(
+            recording.name,
+            recording.joints,
+            recording.torque_unit,
+            recording.has_motor_encoder,
+            moving_joints(recording),
+            recording.tau.min(axis=0),
+            recording.tau.max(axis=0),
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,14 +112,18 @@ def check_training_runs(robot: _core.RobotModel, recordings: Sequence[Recording]
     DataError
         Runs of another robot or of different kinds, or a joint that never moves in any of them.
     """
-    n = robot.n_joints
     if not recordings:
         raise ValueError("no recording to learn from; give at least one")
-    first = recordings[0]
-    for recording in recordings:
-        if recording.n_joints != n:
+    check_facts(robot, [RunFacts.of(recording) for recording in recordings])
+
+
+def check_facts(robot: _core.RobotModel, runs: Sequence[RunFacts]) -> None:
+    """`check_training_runs` on facts alone; at least one."""
+    n, first = robot.n_joints, runs[0]
+    for recording in runs:
+        if len(recording.joints) != n:
             raise DataError(
-                f"{recording.name} has {recording.n_joints} joints, the robot {robot.name!r} has {n}; "
+                f"{recording.name} has {len(recording.joints)} joints, the robot {robot.name!r} has {n}; "
                 "is it a run of this robot?",
                 code="wrong_robot",
                 file=recording.name,
@@ -98,11 +137,11 @@ def check_training_runs(robot: _core.RobotModel, recordings: Sequence[Recording]
                 code="mixed_runs",
                 file=recording.name,
             )
-    check_torque(recordings)
-    moves = np.any([moving_joints(recording) for recording in recordings], axis=0)
+    _check_torque(runs)
+    moves = np.any([run.moves for run in runs], axis=0)
     for j in np.flatnonzero(~moves):
         raise DataError(
-            f"{', '.join(recording.name for recording in recordings)}: {joint_words(robot.joint_names[j])} never "
+            f"{_names(runs)}: {joint_words(robot.joint_names[j])} never "
             f"moves (q_{j} stays within {MIN_SPAN:g}); its friction and inertia cannot be learned, record a run that "
             "moves it",
             code="joint_never_moves",
@@ -138,17 +177,27 @@ def check_torque(recordings: Sequence[Recording]) -> None:
     DataError
         A joint's torque is one and the same number in all of `recordings`.
     """
-    lowest = np.min([recording.tau.min(axis=0) for recording in recordings], axis=0)
-    highest = np.max([recording.tau.max(axis=0) for recording in recordings], axis=0)
+    _check_torque([RunFacts.of(recording) for recording in recordings])
+
+
+def _check_torque(runs: Sequence[RunFacts]) -> None:
+    lowest = np.min([run.lowest for run in runs], axis=0)
+    highest = np.max([run.highest for run in runs], axis=0)
     for j in np.flatnonzero(highest <= lowest):
-        names = ", ".join(recording.name for recording in recordings)
         raise DataError(
-            f"{names}: the torque of {joint_words(recordings[0].joints[j])} is {lowest[j]:g} in every row; is its "
+            f"{_names(runs)}: the torque of {joint_words(runs[0].joints[j])} is {lowest[j]:g} in every row; is its "
             "channel connected, and is it the right column?",
             code="torque_never_changes",
-            file=recordings[0].name,
+            file=runs[0].name,
             column=f"tau_{j}",
         )
+
+
+def _names(runs: Sequence[RunFacts]) -> str:
+    names = [run.name for run in runs]
+    if len(names) <= MOST_NAMES:
+        return ", ".join(names)
+    return f"{', '.join(names[:3])} and {len(names) - 3} more runs"
 
 
 def prepare_training_runs(
@@ -167,16 +216,29 @@ def prepare_training_runs(
         Too little motion is left in a run after standstill is taken out.
     """
     windows = excluded or {}
-    prepared = [prepare(recording, band, rate, standstill=standstill) for recording in recordings]
-    runs = [without(states, windows.get(states.name, ())) for states in prepared]
-    for states in runs:
-        if len(states.rows) < LEAST_ROWS:
-            raise DataError(
-                f"{states.name}: only {len(states.rows) * states.step / states.rate:.2f} s of motion are left "
-                f"after standstill {'and what was excluded ' if windows.get(states.name) else ''}and "
-                f"{1 / band.cutoff:.2g} s (1/cutoff) beside it and at both ends are taken out; "
-                "record a longer motion, or raise the cutoff",
-                code="too_little_motion",
-                file=states.name,
-            )
-    return runs
+    return [
+        prepare_training_run(recording, band, rate, windows.get(recording.name, ()), standstill=standstill)
+        for recording in recordings
+    ]
+
+
+def prepare_training_run(
+    recording: Recording,
+    band: Band,
+    rate: float,
+    excluded: Sequence[tuple[float, float]] = (),
+    *,
+    standstill: bool = False,
+) -> States:
+    """`prepare_training_runs` of one run, less its `excluded` windows [s]."""
+    states = without(prepare(recording, band, rate, standstill=standstill), excluded)
+    if len(states.rows) < LEAST_ROWS:
+        raise DataError(
+            f"{states.name}: only {len(states.rows) * states.step / states.rate:.2f} s of motion are left "
+            f"after standstill {'and what was excluded ' if excluded else ''}and "
+            f"{1 / band.cutoff:.2g} s (1/cutoff) beside it and at both ends are taken out; "
+            "record a longer motion, or raise the cutoff",
+            code="too_little_motion",
+            file=states.name,
+        )
+    return states

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
-from dynid_rs.columns import Observations
+from dynid_rs.columns import Observations, Plan
 from dynid_rs.links import LinkDynamicsIdentifier, block_residuals
 from dynid_rs.memory import flat_top
 from dynid_rs.preprocessing import States
@@ -38,28 +38,87 @@ def parameter_covariance(
     Under a prior P of the inertials the truth is as far from its mean as it says: ``B (sum_j C_j' Gamma_j C_j + P) B``
     with ``B = (sum_j w_j C_j' C_j + P)^-1``.
     """
-    plan = observations.plan
-    n = plan.robot.n_joints
-    weights = links.weights_**2
+    fit = _Weighed(observations, links, runs, fitted_widths)
+    meat = fit.pull.T @ fit.pull
+    for j, (places, grids) in enumerate(fit.columns):
+        noise = fit.noise(j)
+        products = sum(toeplitz_product(run, noise.spectrum) for run in grids)
+        meat[np.ix_(places, places)] += fit.weights[j] ** 2 * products
+    return _of_all_unknowns(fit.bread @ meat @ fit.bread, fit.used)
+
+
+def noise_spectra(
+    observations: Observations, links: LinkDynamicsIdentifier, runs: Sequence[States]
+) -> list[NoiseSpectrum]:
+    """Spectrum of every joint's noise, as `parameter_covariance` takes it."""
+    fit = _Weighed(observations, links, runs, fitted_widths=True)
+    return [fit.noise(j) for j in range(observations.plan.robot.n_joints)]
+
+
+def covariance_of_products(
+    plan: Plan, links: LinkDynamicsIdentifier, factors: Sequence[FloatArray], products: Sequence[FloatArray]
+) -> FloatArray:
+    """`parameter_covariance` without the rows: from every joint's factor and its ``C_j' Gamma_j C_j`` (k, k).
+
+    Both in the columns ``[own | base | width_slope]`` of the joint, k of them, torque scales not applied.
+    """
+    used, weights = plan.estimable(), row_weights(links)
+    width = int(used.sum()) + plan.robot.n_joints
+    pull = _prior_rows(links, used, width)
+    places, stacked, meat = [], [pull], pull.T @ pull
+    for j, (R, product) in enumerate(zip(factors, products, strict=True)):
+        known, at, factor = _known_columns(plan, links, j, used)
+        kept, scale = np.append(known, True), np.append(factor, 1.0)
+        places.append(np.append(at, int(used.sum()) + j))
+        wide = np.zeros((len(R), width))
+        wide[:, places[j]] = np.sqrt(weights[j]) * R[:, kept] * scale
+        stacked.append(wide)
+        meat[np.ix_(places[j], places[j])] += weights[j] ** 2 * (product[np.ix_(kept, kept)] * np.outer(scale, scale))
+    bread = _inverse(np.concatenate(stacked))
+    return _of_all_unknowns(bread @ meat @ bread, used)
+
+
+def row_weights(links: LinkDynamicsIdentifier) -> FloatArray:
+    """Weight of every joint's squared residual, (n_joints,)."""
     if links.weighting == "full_covariance":
-        weights = np.diag(np.linalg.inv(links.covariance_)) * links.worth_
-    used = plan.estimable()
-    columns = [_columns(observations, links, runs, j, used, fitted_widths) for j in range(n)]
-    pull = _prior_rows(links, used, int(used.sum()) + n * fitted_widths)
-    bread = _bread(columns, np.sqrt(weights), pull)
-    residuals = _on_grid(observations, runs, block_residuals(observations, links.x_, links.torque_scale_))
-    masks = _on_grid(observations, runs, [np.ones((block.n_rows, 1)) for block in observations.blocks])
-    meat = pull.T @ pull
-    for j, (places, grids) in enumerate(columns):
-        own = np.ix_(places, places)
-        noise = NoiseSpectrum(
-            [run[:, j] for run in residuals], [run[:, 0] for run in masks], grids, weights[j] * bread[own]
-        )
-        meat[own] += weights[j] ** 2 * sum(toeplitz_product(run, noise.spectrum) for run in grids)
-    covariance = np.zeros((plan.n_columns, plan.n_columns))
+        weights: FloatArray = np.diag(np.linalg.inv(links.covariance_)) * links.worth_
+        return weights
+    return links.weights_**2
+
+
+def _of_all_unknowns(covariance: FloatArray, used: NDArray[np.bool_]) -> FloatArray:
+    """Covariance among all unknowns from that of the ones in use, which come first; zeros for the others."""
     n_used = int(used.sum())
-    covariance[np.ix_(used, used)] = (bread @ meat @ bread)[:n_used, :n_used]
-    return covariance
+    whole = np.zeros((len(used), len(used)))
+    whole[np.ix_(used, used)] = covariance[:n_used, :n_used]
+    return whole
+
+
+class _Weighed:
+    """A fit's columns on every run's grid, their weights, and the inverse of their weighted sum of squares."""
+
+    def __init__(
+        self,
+        observations: Observations,
+        links: LinkDynamicsIdentifier,
+        runs: Sequence[States],
+        fitted_widths: bool,
+    ) -> None:
+        plan = observations.plan
+        n = plan.robot.n_joints
+        self.weights = row_weights(links)
+        self.used = plan.estimable()
+        self.columns = [_columns(observations, links, runs, j, self.used, fitted_widths) for j in range(n)]
+        self.pull = _prior_rows(links, self.used, int(self.used.sum()) + n * fitted_widths)
+        self.bread = _bread(self.columns, np.sqrt(self.weights), self.pull)
+        self._residuals = _on_grid(observations, runs, block_residuals(observations, links.x_, links.torque_scale_))
+        self._masks = _on_grid(observations, runs, [np.ones((block.n_rows, 1)) for block in observations.blocks])
+
+    def noise(self, j: int) -> NoiseSpectrum:
+        """Spectrum of joint j's noise."""
+        places, grids = self.columns[j]
+        bread = self.weights[j] * self.bread[np.ix_(places, places)]
+        return NoiseSpectrum([run[:, j] for run in self._residuals], [run[:, 0] for run in self._masks], grids, bread)
 
 
 def _columns(
@@ -75,27 +134,40 @@ def _columns(
     The fit's are the unknowns in use, then the torque's change with each joint's log width.
     """
     plan = observations.plan
-    known = used[plan.unknowns(j)]
-    places = (np.cumsum(used) - 1)[plan.unknowns(j)[known]]
-    factor = np.where(np.arange(len(known)) < plan.n_own, 1.0, links.torque_scale_[j])[known]
+    known, places, factor = _known_columns(plan, links, j, used)
     grids = _on_grid(observations, runs, [block.rows[j][:, :-1][:, known] * factor for block in observations.blocks])
     if not fitted_widths:
         return places, grids
-    friction, own = plan.friction
-    shape = dict(friction.shape)
-    threshold, width = shape["velocity_threshold"][j], shape["transition_width"][j]
-    coefficients = links.own_[j, own]
+    coefficients = links.own_[j, plan.friction[1]]
     widened = []
     for states, grid in zip(runs, grids, strict=True):
-        speed = np.ascontiguousarray(states.dq_motor[:, j])
-        low, high = (
-            _core.filtered_friction_basis(speed, threshold, width * factor, filter=states.filter, kept=states.kept)
-            for factor in (1 - WIDTH_STEP, 1 + WIDTH_STEP)
-        )
         change = np.zeros(len(grid))
-        change[states.moving[states.grid]] = (high - low) @ coefficients / (2 * WIDTH_STEP)
+        change[states.moving[states.grid]] = width_slope(plan, states, j, coefficients)
         widened.append(np.column_stack([grid, change]))
     return np.append(places, int(used.sum()) + j), widened
+
+
+def _known_columns(
+    plan: Plan, links: LinkDynamicsIdentifier, j: int, used: NDArray[np.bool_]
+) -> tuple[NDArray[np.bool_], NDArray[np.intp], FloatArray]:
+    """Which of joint j's columns ``[own | base]`` are in use, their places among those in use, their scale."""
+    known = used[plan.unknowns(j)]
+    places = (np.cumsum(used) - 1)[plan.unknowns(j)[known]]
+    factor = np.where(np.arange(len(known)) < plan.n_own, 1.0, links.torque_scale_[j])[known]
+    return known, places, factor
+
+
+def width_slope(plan: Plan, states: States, j: int, coefficients: FloatArray) -> FloatArray:
+    """Change of joint j's filtered friction with the logarithm of its width, (n_rows,)."""
+    shape = dict(plan.friction[0].shape)
+    threshold, width = shape["velocity_threshold"][j], shape["transition_width"][j]
+    speed = np.ascontiguousarray(states.dq_motor[:, j])
+    low, high = (
+        _core.filtered_friction_basis(speed, threshold, width * factor, filter=states.filter, kept=states.kept)
+        for factor in (1 - WIDTH_STEP, 1 + WIDTH_STEP)
+    )
+    slope: FloatArray = (high - low) @ coefficients / (2 * WIDTH_STEP)
+    return slope
 
 
 def _prior_rows(links: LinkDynamicsIdentifier, used: NDArray[np.bool_], width: int) -> FloatArray:
@@ -116,7 +188,12 @@ def _bread(
         wide = np.zeros((len(own), pull.shape[1]))
         wide[:, places] = own
         factors.append(wide)
-    system = _core.triangular_factor(np.concatenate(factors))
+    return _inverse(np.concatenate(factors))
+
+
+def _inverse(rows: FloatArray) -> FloatArray:
+    """``(A' A)^-1`` of rows A; directions that they do not hold stay zero."""
+    system = _core.triangular_factor(rows)
     norms = np.linalg.norm(system, axis=0)
     norms[norms == 0] = 1.0
     _, s, vt = np.linalg.svd(system / norms, full_matrices=False)

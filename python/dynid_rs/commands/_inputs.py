@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from dynid_rs.archive.runs import RunFile
     from dynid_rs.findings import Finding
     from dynid_rs.readers import Config
     from dynid_rs.recording import Recording
@@ -98,25 +100,24 @@ def read_friction(paths: list[Path], robot: Any, settings: Settings) -> list[Rec
 
 def _read(paths: list[Path], robot: Any, settings: Settings) -> tuple[list[Recording], list[Finding]]:
     """Read runs without the signals that contradict their positions; with all findings."""
-    from dynid_rs.checks import check_recording, refused_sources
-    from dynid_rs.errors import DataError
-    from dynid_rs.readers import read_run
-
     recordings: list[Recording] = []
     findings: list[Finding] = []
-    for path, name in zip(paths, _names(paths), strict=True):
-        run = read_run(path, robot, settings.config)
-        if settings.gain_given and "current" not in run.columns.signals:
-            raise DataError(
-                f"{name}: holds torque, and --drive-gain is for currents; leave it out",
-                code="no_current",
-                file=name,
-            )
-        recording = replace(run.recording, name=name)
-        found = check_recording(recording, robot)
-        recordings.append(recording.without(*refused_sources(found)))
+    for source in run_sources(paths, robot, settings):
+        recording, found = source.read()
+        recordings.append(recording)
         findings += found
     return recordings, findings
+
+
+def run_sources(paths: Sequence[Path], robot: Any, settings: Settings) -> list[RunFile]:
+    """Return the runs, to be read when they are needed."""
+    from dynid_rs.archive.runs import RunFile
+
+    names = _names(paths)
+    return [
+        RunFile(path, name, robot, settings.config, settings.gain_given)
+        for path, name in zip(paths, names, strict=True)
+    ]
 
 
 def _names(paths: Sequence[Path]) -> list[str]:
@@ -139,6 +140,18 @@ def check_cutoff(cutoff: float | None, recordings: Sequence[Recording]) -> None:
             f"--cutoff must lie below half the sampling rate, {slowest.rate / 2:.4g} Hz for {slowest.name}, "
             f"found {cutoff:g}"
         )
+
+
+def size_in_bytes(option: str, text: str) -> int:
+    """Return a size such as 500MB, 4GB or 2e9 in bytes."""
+    found = re.fullmatch(r"\s*([0-9.]+(?:e[0-9]+)?)\s*([kmgt]?)b?\s*", text.lower())
+    try:
+        size = float(found[1]) * 1000 ** ("", *"kmgt").index(found[2]) if found else 0.0
+    except (ValueError, OverflowError):
+        size = 0.0
+    if not 0 < size < math.inf:
+        raise ValueError(f"{option} must be a size such as 500MB or 4GB, found {text!r}")
+    return int(size)
 
 
 def numbers(option: str, text: str, count: int, *, or_one: bool = False) -> tuple[float, ...]:

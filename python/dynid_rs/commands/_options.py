@@ -39,4 +39,17 @@ FrictionLaw = Annotated[
     str, typer.Option(help="paper, coulomb_viscous, stribeck, or auto: by a training run left out, joint by joint")
 ]
 Cutoff = Annotated[float | None, typer.Option(help="Band [Hz]; chosen from the motion if left out")]
+Memory = Annotated[
+    str,
+    typer.Option(
+        metavar="SIZE", help="Most memory to take; training runs that need more are streamed (docs/archive.md)"
+    ),
+]
+Jobs = Annotated[int, typer.Option("--jobs", metavar="N", help="Processes for streamed runs; -1: one per core")]
+Cache = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="DIR", help="Keep every streamed run's results here; the same command goes on where it broke off"
+    ),
+]
 Json = Annotated[bool, typer.Option("--json", help="Answer as JSON on standard output")]

@@ -3,18 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import typer
 
 from dynid_rs.commands import _options
-from dynid_rs.commands._run import EXIT_NO, print_json, run_command
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from dynid_rs.findings import Finding
-    from dynid_rs.recording import Recording
+from dynid_rs.commands._run import print_json, run_command
 
 
 @run_command
@@ -44,6 +38,9 @@ def identify(
     physical: Annotated[
         bool, typer.Option("--physical", help="Also masses and inertias that bodies can have, for `dynid export`")
     ] = False,
+    memory: _options.Memory = "4GB",
+    cache: _options.Cache = None,
+    jobs: _options.Jobs = 1,
     json_output: _options.Json = False,
 ) -> int:
     """Identify friction, link dynamics and residual of an arm from measured runs.
@@ -53,118 +50,37 @@ def identify(
     squares.
     """
     from dynid_rs.commands._console import progress
-    from dynid_rs.commands._identifier import check_places, chosen_laws, known_terms
-    from dynid_rs.commands._inputs import (
-        check_cutoff,
-        read_friction,
-        read_robot,
-        read_settings,
-        read_split,
-        with_rotors,
-    )
+    from dynid_rs.commands._given import opened_work
+    from dynid_rs.commands._job import Job, exit_code
 
-    if physical:
-        _check_physical()
-    check_places(output, [robot, *runs, *(test or []), *(friction or []), config, known])
+    job = Job(
+        robot=robot,
+        runs=tuple(runs),
+        output=output,
+        test=tuple(test or ()),
+        test_from=test_from,
+        config=config,
+        gravity=gravity,
+        base=base,
+        tip=tip,
+        drive_gain=drive_gain,
+        weighting=weighting,
+        prior=prior,
+        known=known,
+        friction=tuple(friction or ()),
+        friction_law=friction_law,
+        residual=residual,
+        compensator=compensator,
+        cutoff=cutoff,
+        physical=physical,
+        memory=memory,
+    )
     with progress() as say:
-        say("reading")
-        model = read_robot(robot, base, tip, gravity)
-        settings = read_settings(config, drive_gain, model.n_joints)
-        model = with_rotors(model, settings, robot, base, tip)
-        identifier = _identifier(model, weighting, prior, residual, compensator, cutoff, friction_law)
-        identifier.known = known_terms(known, model)
-        split, findings = read_split(runs, test or [], test_from, model, settings)
-        check_cutoff(cutoff, [*split.train, *split.test])
-        slow = read_friction(friction, model, settings) if friction else None
-        if friction_law == "auto":
-            say("comparing laws of friction")
-            identifier.friction_law = chosen_laws(identifier, split.train, slow)
-        findings += _fit(identifier, split.train, slow, say)
-        bodies = _physical(identifier, say) if physical else None
-        say("testing")
-        result = _write(identifier, split.train, split.test, findings, output, bodies)
+        result = job.run(lambda: opened_work(cache, jobs), say)
     if json_output:
         print_json(result)
     else:
         from dynid_rs.commands._identify_view import show
 
         show(result, output)
-    return _exit_code(result)
-
-
-def _identifier(
-    model: Any,
-    weighting: str,
-    prior: str,
-    residual: str,
-    compensator: str,
-    cutoff: float | None,
-    friction_law: str,
-) -> Any:
-    from dynid_rs.commands._identifier import identifier_options
-    from dynid_rs.identification import ThreeLoopIdentifier
-    from dynid_rs.residual import METHODS, ResidualCompensator
-
-    options = identifier_options(weighting, prior, cutoff, friction_law)
-    inputs = ("auto", "load_free_deflection", "deflection", "joint_state")
-    if residual not in (*inputs, "none"):
-        raise ValueError(f"--residual must be {', '.join(inputs)} or none, found {residual!r}")
-    if compensator not in METHODS:
-        raise ValueError(f"--compensator must be {' or '.join(METHODS)}, found {compensator!r}")
-    third = None if residual == "none" else ResidualCompensator(method=compensator, inputs=residual)  # type: ignore[arg-type]
-    return ThreeLoopIdentifier(model, residual=third, **options)
-
-
-def _fit(
-    identifier: Any, train: list[Recording], slow: list[Recording] | None, say: Callable[[str], None]
-) -> list[Finding]:
-    from dynid_rs.commands._identifier import convergence_findings
-
-    with convergence_findings() as findings:
-        identifier.fit(train, slow, on_progress=say)
-    return findings()
-
-
-def _check_physical() -> None:
-    """Refuse before any work is done where the solver is not installed."""
-    from dynid_rs.bodies import import_cvxpy
-
-    import_cvxpy()
-
-
-def _physical(identifier: Any, say: Callable[[str], None]) -> Any:
-    from dynid_rs.physical import PhysicalIdentifier
-
-    say("physically consistent parameters")
-    return PhysicalIdentifier().fit(identifier.observations_, identifier.links_, torque_unit=identifier.torque_unit_)
-
-
-def _write(
-    identifier: Any,
-    train: list[Recording],
-    test: list[Recording],
-    findings: list[Finding],
-    output: Path,
-    physical: Any = None,
-) -> dict[str, Any]:
-    from dynid_rs.commands._identifier import scored_states, write_results
-    from dynid_rs.encoders import with_fitted_delay
-    from dynid_rs.results import evaluate_runs, residual_table, summarise
-
-    model = identifier.model_
-    tested = evaluate_runs(model, test, scored_states(identifier, test))
-    trained = evaluate_runs(model, train, identifier.raw_runs_)
-    findings = with_fitted_delay(findings, identifier.encoder_delay_)
-    result = summarise(identifier, trained, tested, findings, physical)
-    if physical is not None:
-        model = model.with_physical(physical.physical_set(model))
-    table = residual_table(model, trained, tested)
-    write_results(output, model, result, table)
-    return result
-
-
-def _exit_code(result: dict[str, Any]) -> int:
-    from dynid_rs.wording import is_better
-
-    errors = any(finding["severity"] == "error" for finding in result["data"]["findings"])
-    return EXIT_NO if errors or not is_better(result) else 0
+    return exit_code(result)

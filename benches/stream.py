@@ -1,0 +1,114 @@
+"""Streams runs that are made on the fly: samples per second from first to last, and peak memory.
+
+`python benches/stream.py --gigabytes 2` makes and reduces 2 GB of signals (six joints, two encoders, 1 kHz) that are
+never stored. `--space` prints what identification in memory takes per sample instead,
+which `archive/sample.py` estimates memory with.
+"""
+
+from __future__ import annotations
+
+import argparse
+import resource
+import sys
+import time
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+
+import numpy as np
+from made_runs import MadeRun, arm
+
+from dynid_rs import ThreeLoopIdentifier
+from dynid_rs.archive import Archive
+from dynid_rs.archive.sample import KEPT_RATE, recording_bytes
+from dynid_rs.results import evaluate_runs, residual_table, summarise
+
+N_PARTS = 10
+
+
+def peak() -> float:
+    """Most memory of this process so far [MB]."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+class Speed:
+    """Samples per second of processor time and of the wall clock, tenth by tenth of a pass."""
+
+    def __init__(self, n_runs: int, n_samples: int) -> None:
+        self._edges = set(np.linspace(0, n_runs, N_PARTS + 1).astype(int)[1:].tolist())
+        self._n_samples, self._passes, self._phase, self._done = n_samples, {}, "", 0
+        self._since = (time.perf_counter(), time.process_time())
+
+    def __call__(self, words: str) -> None:
+        phase, _, count = words.partition(": ")
+        if phase not in ("reading", "reducing"):
+            return
+        if phase != self._phase:
+            # From the first run's end on: what comes before it is not the pass.
+            self._phase, self._done = phase, 1
+            self._since = (time.perf_counter(), time.process_time())
+        done = int(count.split()[0])
+        if done in self._edges:
+            now = (time.perf_counter(), time.process_time())
+            wall, processor = (b - a for a, b in zip(self._since, now, strict=True))
+            samples = (done - self._done) * self._n_samples
+            self._passes.setdefault(phase, []).append((samples / wall, samples / processor, peak()))
+            self._since, self._done = now, done
+
+    def report(self) -> None:
+        for phase, parts in self._passes.items():
+            for k, (wall, processor, memory) in enumerate(parts):
+                print(
+                    f"  {phase} {10 * k:3d} to {10 * k + 10:3d} %: {wall:9.0f} samples/s, {processor:9.0f} per second "
+                    f"of processor, peak {memory:6.0f} MB"
+                )
+            for clock, name in enumerate(("wall clock", "processor")):
+                print(f"  {phase}, last tenth over first, {name}: {parts[-1][clock] / parts[0][clock]:.3f}")
+
+
+def stream(gigabytes: float, duration: float, memory: int) -> None:
+    one = recording_bytes(MadeRun(0, duration).recording())
+    n_runs = max(N_PARTS, round(1e9 * gigabytes / one))
+    sources = [MadeRun(seed, duration) for seed in range(n_runs)]
+    n_samples = int(duration * sources[0].rate)
+    print(f"{n_runs} runs of {duration:g} s, {n_runs * one / 1e9:.2f} GB of signals, memory limit {memory / 1e9:g} GB")
+    speed = Speed(n_runs, n_samples)
+    archive = Archive(arm(), sources, memory=memory, on_progress=speed)
+    archive.check()
+    sample = archive.sample()
+    surveyed = peak()
+    learned = archive.fit(ThreeLoopIdentifier(arm(), residual=None), sample, None)
+    speed.report()
+    print(f"  peak after the first pass {surveyed:.0f} MB, at the end {peak():.0f} MB; sample of {len(sample)} pieces")
+    print(f"  error on all runs [N m]: {' '.join(f'{x:.3g}' for x in learned.rmse)}")
+
+
+def space() -> None:
+    """Peak memory of identification in memory per joint and sample at 200 Hz."""
+    MadeRun(0).recording()
+    recordings = [MadeRun(seed, 60.0).read()[0] for seed in range(8)]
+    before = peak()
+    identifier = ThreeLoopIdentifier(arm()).fit(recordings[:-1])
+    train = evaluate_runs(identifier.model_, recordings[:-1], identifier.raw_runs_)
+    test = evaluate_runs(identifier.model_, recordings[-1:], [identifier.states(recordings[-1])])
+    summarise(identifier, train, test, [])
+    residual_table(identifier.model_, train, test)
+    n_kept = sum(recording.duration for recording in recordings) * KEPT_RATE
+    print(f"{1e6 * 1.048576 * (peak() - before) / (n_kept * recordings[0].n_joints):.0f} bytes per joint and sample")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--gigabytes", type=float, default=2.0)
+    parser.add_argument("--duration", type=float, default=60.0)
+    parser.add_argument("--memory", type=float, default=0.5, help="limit in GB")
+    parser.add_argument("--space", action="store_true")
+    options = parser.parse_args()
+    if options.space:
+        space()
+    else:
+        stream(options.gigabytes, options.duration, int(1e9 * options.memory))
+
+
+if __name__ == "__main__":
+    main()

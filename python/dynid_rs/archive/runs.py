@@ -1,0 +1,85 @@
+"""Where runs come from: something small that can be sent to another process and reads its run there."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Protocol
+
+from dynid_rs import _core
+from dynid_rs.archive.fingerprint import fingerprint
+from dynid_rs.checks import check_recording, refused_sources
+from dynid_rs.errors import DataError
+from dynid_rs.files import check_readable, with_sentence
+from dynid_rs.findings import Finding
+from dynid_rs.readers import Config, read_run
+from dynid_rs.recording import Recording
+
+
+class RunSource(Protocol):
+    """One run that is read when it is needed, the same every time; it has to be picklable."""
+
+    @property
+    def name(self) -> str:
+        """Short name for every message."""
+
+    def read(self) -> tuple[Recording, list[Finding]]:
+        """Read the run without the signals that contradict its positions; and what its checks found."""
+
+    def content(self) -> str:
+        """Return a hash of all that `read` depends on: what is kept of the run is kept under it."""
+
+
+@dataclass(frozen=True)
+class RunFile:
+    """A run in a file.
+
+    Parameters
+    ----------
+    path : Path
+        Parquet, CSV or NPZ.
+    name : str
+        Short name for every message.
+    robot : RobotModel
+        The arm.
+    config : Config
+        Names, units and signs of the file.
+    gain_given : bool
+        Whether the drive gains in `config` come from the command line, and currents are expected.
+    """
+
+    path: Path
+    name: str
+    robot: _core.RobotModel
+    config: Config
+    gain_given: bool = False
+
+    def read(self) -> tuple[Recording, list[Finding]]:
+        """Read and check the file.
+
+        Raises
+        ------
+        DataError, OSError
+            It cannot be read, or is no run of this robot; the text is a sentence.
+        """
+        run = read_run(self.path, self.robot, self.config)
+        if self.gain_given and "current" not in run.columns.signals:
+            raise DataError(
+                f"{self.name}: holds torque, and --drive-gain is for currents; leave it out",
+                code="no_current",
+                file=self.name,
+            )
+        recording = replace(run.recording, name=self.name)
+        findings = check_recording(recording, self.robot)
+        return recording.without(*refused_sources(findings)), findings
+
+    def content(self) -> str:
+        """Hash of the file's bytes, its name, its rules and the robot."""
+        place = check_readable(self.path)
+        try:
+            with place.open("rb") as file:
+                content = hashlib.file_digest(file, "sha256").hexdigest()
+        except OSError as error:
+            raise with_sentence(error, self.path, "read") from None
+        return fingerprint(content, self.name, self.path.suffix.lower(), self.robot, self.config, self.gain_given)

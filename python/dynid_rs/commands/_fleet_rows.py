@@ -1,0 +1,176 @@
+"""One row per robot of a fleet: identified, or looked up where nothing has changed, or the reason why not."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from dynid_rs.archive.fingerprint import fingerprint
+from dynid_rs.commands._fleet_file import FleetRobot
+from dynid_rs.commands._run import sentence
+
+if TYPE_CHECKING:
+    from dynid_rs.archive.survey import Entry
+    from dynid_rs.archive.work import Work
+    from dynid_rs.commands._job import Job
+
+COLUMNS: dict[str, type] = {
+    "name": str,
+    "status": str,
+    "message": str,
+    "n_joints": int,
+    "n_runs": int,
+    "n_samples": int,
+    "n_test_runs": int,
+    "error_percent": float,
+    "least_percent": float,
+    "most_percent": float,
+    "wls_percent": float,
+    "output": str,
+}
+"""Of the table: errors on test runs over the torque's standard deviation, mean, least and most over the joints."""
+STATUS = ("done", "no", "failed")
+"""As the exit codes of `dynid identify`."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """A robot and the folder in which its row is kept."""
+
+    robot: FleetRobot
+    rows: Path
+    shared: str
+    cache: Path | None
+
+    @property
+    def name(self) -> str:
+        """Of the robot."""
+        return self.robot.name
+
+    @property
+    def row(self) -> Path:
+        """File of the row."""
+        return self.rows / f"{self.name}.json"
+
+
+def rows_of(
+    places: Sequence[Place], work: Work, unit: Callable[[Place], Entry] | None = None
+) -> Iterator[dict[str, Any]]:
+    """Rows in order; a robot whose process keeps dying is a row too."""
+    unit = identify_one if unit is None else unit
+    done = 0
+    try:
+        for row, _ in work.map(unit, places):  # type: ignore[arg-type]
+            done += 1
+            yield row
+        return
+    except ChildProcessError:
+        pass
+    # One after the other, so that a death has one name; what was done is looked up.
+    for place in places[done:]:
+        try:
+            yield next(work.map(unit, [place]))[0]  # type: ignore[list-item]
+        except ChildProcessError:
+            yield failed(place.robot, "its process died again and again (out of memory, or killed)")
+
+
+def identify_one(place: Place) -> Entry:
+    """Row of a robot: a unit of work. Whatever is wrong with this robot stops no other."""
+    from dynid_rs.commands._identifier import MODEL_FILE, RESULT_FILE
+    from dynid_rs.files import write_json
+
+    robot = place.robot
+    try:
+        job = robot.job()
+        key = fingerprint(place.shared, robot.options, str(robot.output), [_content(path) for path in job.inputs])
+        kept = _kept(place.row, key)
+        if kept is not None and all((robot.output / name).is_file() for name in (MODEL_FILE, RESULT_FILE)):
+            return kept, {}
+        row = _identified(place, job)
+        place.rows.mkdir(parents=True, exist_ok=True)
+        write_json(place.row, {"key": key, "row": row})
+    except (ValueError, OSError) as error:
+        return failed(robot, sentence(error)), {}
+    except Exception as error:  # our own bug, on this robot alone
+        return failed(robot, f"an error of the program: {type(error).__name__}: {sentence(error)}"), {}
+    return row, {}
+
+
+def _identified(place: Place, job: Job) -> dict[str, Any]:
+    from dynid_rs.commands._given import opened_work
+    from dynid_rs.commands._job import exit_code
+
+    result = job.run(lambda: opened_work(place.cache, 1), lambda words: None)
+    test, data = result["rmse"]["test"], result["data"]
+    std = np.asarray(test["torque_std"])
+    known = std > 0
+    share, baseline = (100 * np.asarray(test[name])[known] / std[known] for name in ("after", "wls"))
+    joints = zip(result["joints"], test["after"], test["wls"], test["torque_std"], strict=True)
+    return {
+        "name": place.name,
+        "status": "no" if exit_code(result) else "done",
+        "message": result["verdict"],
+        "n_joints": len(result["joints"]),
+        "n_runs": len(data["train"]),
+        "n_samples": data["n_samples"]["train"],
+        "n_test_runs": len(data["test"]),
+        "error_percent": float(share.mean()),
+        "least_percent": float(share.min()),
+        "most_percent": float(share.max()),
+        "wls_percent": float(baseline.mean()),
+        "output": str(place.robot.output),
+        "torque_unit": result["torque_unit"],
+        "joints": [dict(zip(("joint", "rmse", "wls", "torque_std"), joint, strict=True)) for joint in joints],
+    }
+
+
+def failed(robot: FleetRobot, message: str) -> dict[str, Any]:
+    """Row of a robot that could not be identified."""
+    nothing = dict.fromkeys(COLUMNS)
+    return nothing | {"name": robot.name, "status": "failed", "message": message, "output": str(robot.output)}
+
+
+def table_of(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Columns of the table, numbers that are not known as NaN."""
+    table = {}
+    for column, kind in COLUMNS.items():
+        values = [row[column] for row in rows]
+        if kind is not str:
+            values = [np.nan if value is None else float(value) for value in values]
+        table[column] = np.array(values, dtype=object if kind is str else np.float64)
+    return table
+
+
+def shared_key() -> str:
+    """What every row depends on beside its own robot."""
+    from dynid_rs.archive.work import program
+
+    return program()
+
+
+def _kept(path: Path, key: str) -> dict[str, Any] | None:
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        return dict(content["row"]) if content["key"] == key else None
+    except (OSError, ValueError, TypeError, KeyError):
+        return None
+
+
+def _content(path: Path) -> str:
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError:
+        return "unreadable"  # the identification says why
+
+
+def as_json(robots: Sequence[FleetRobot], rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Content of `fleet.json`."""
+    counts = {status: sum(row["status"] == status for row in rows) for status in STATUS}
+    return {"format": "dynid-fleet", "version": 1, "n_robots": len(robots), **counts, "robots": list(rows)}
