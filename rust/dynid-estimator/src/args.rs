@@ -2,8 +2,10 @@
 
 use std::path::PathBuf;
 
+use dynid_core::differentiator::{MAX_WINDOW, MIN_WINDOW};
 use lexopt::{Arg, Parser, ValueExt};
 
+use crate::cycle::Settings;
 use crate::stop::Stop;
 
 /// How states or torques are written.
@@ -26,6 +28,8 @@ pub enum Command {
         model: PathBuf,
         /// For machines.
         json: bool,
+        /// How answers would be made.
+        settings: Settings,
     },
     /// Answer states.
     Run {
@@ -35,43 +39,12 @@ pub enum Command {
         input: Option<Format>,
         /// None: as the input.
         output: Option<Format>,
-        /// Time between states \[s\]; none: as the model says.
-        step: Option<f64>,
+        /// How answers are made.
+        settings: Settings,
     },
 }
 
-const HELP: &str = "\
-The torque of an identified model, online: one state per line in, one line of torques out.
-
-Usage: dynid-estimator MODEL.json [OPTIONS] < STATES > TORQUES
-
-Options:
-  --input-format auto|csv|jsonl  how states are written; auto (default): JSON lines if the first byte is '{'
-  --format csv|jsonl             how torques are written; default: as the states
-  --step SECONDS                 time between states, for effects that change with time; default: as at identification
-  --info                         print what the model is, and read nothing
-  --json                         with --info: as JSON
-  -h, --help                     print this
-  -V, --version                  print the version
-
-States in, SI units, joints by index along the chain or by name:
-  CSV   t,q_0,...,dq_0,...,ddq_0,...           one header line (q_shoulder_joint is q_0 of a chain that begins there)
-  JSON  {\"t\":0.0,\"q\":[...],\"dq\":[...],\"ddq\":[...]}
-  t is optional. q_motor, dq_motor, ddq_motor (motor side, divided by the gear ratio) are optional, for all joints or
-  none; a signal that is not given equals the link side. Other names: time, timestamp; qd, qdd, qm, qmd. temperature (or
-  temp, degC) is read where the model's friction follows it. Columns and keys that are not named here are ignored.
-
-Torques out, in the model's unit:
-  CSV   t,tau_0,...,rigid_body_0,...,status    tau is the sum, then every term
-  JSON  {\"t\":0.0,\"tau\":[...],\"terms\":{\"rigid_body\":[...],...},\"status\":0}
-  Numbers are the shortest decimals that come back bit for bit. Every line is flushed as soon as no further state waits.
-
-Status, a sum of: 0 good, 1 the state held a NaN or an infinity (CSV nan, JSON null) and the last good torque is repeated,
-  2 outside the states that the model was trained on, 4 far from the data of the residual, whose torque was faded out,
-  8 without a temperature that friction follows, whose torque is then zero.
-
-A line that cannot be read ends the program: exit 2 and one sentence on stderr, as for wrong use or an unreadable model.
-";
+const HELP: &str = include_str!("help.txt");
 
 /// Reads the command line.
 ///
@@ -86,7 +59,7 @@ pub fn parse(parser: Parser) -> Result<Command, Stop> {
 
 fn read(mut parser: Parser) -> Result<Command, lexopt::Error> {
     let (mut model, mut input, mut output) = (None, None, None);
-    let mut step = None;
+    let mut settings = Settings::default();
     let (mut info, mut json) = (false, false);
     while let Some(arg) = parser.next()? {
         match arg {
@@ -103,7 +76,8 @@ fn read(mut parser: Parser) -> Result<Command, lexopt::Error> {
                     other => format_named(other, "auto, csv or jsonl").map(Some),
                 })?;
             }
-            Arg::Long("step") => step = Some(parser.value()?.parse_with(seconds)?),
+            Arg::Long("step") => settings.step = Some(parser.value()?.parse_with(seconds)?),
+            Arg::Long("window") => settings.window = Some(parser.value()?.parse_with(window)?),
             Arg::Long("format") => {
                 let named = |text: &str| format_named(text, "csv or jsonl");
                 output = Some(parser.value()?.parse_with(named)?);
@@ -114,7 +88,11 @@ fn read(mut parser: Parser) -> Result<Command, lexopt::Error> {
     }
     let model = model.ok_or("no model given, expected dynid-estimator MODEL.json")?;
     match (info, json) {
-        (true, json) => Ok(Command::Info { model, json }),
+        (true, json) => Ok(Command::Info {
+            model,
+            json,
+            settings,
+        }),
         (false, true) => {
             Err("--json goes with --info; for torques as JSON lines give --format jsonl".into())
         }
@@ -122,7 +100,7 @@ fn read(mut parser: Parser) -> Result<Command, lexopt::Error> {
             model,
             input,
             output,
-            step,
+            settings,
         }),
     }
 }
@@ -133,6 +111,13 @@ fn format_named(text: &str, expected: &str) -> Result<Format, String> {
         "jsonl" => Ok(Format::Jsonl),
         _ => Err(format!("expected {expected}")),
     }
+}
+
+fn window(text: &str) -> Result<usize, String> {
+    let samples: Option<usize> = text.parse().ok();
+    samples
+        .filter(|samples| (MIN_WINDOW..=MAX_WINDOW).contains(samples) && samples % 2 == 1)
+        .ok_or_else(|| format!("expected an odd number of samples, {MIN_WINDOW} to {MAX_WINDOW}"))
 }
 
 fn seconds(text: &str) -> Result<f64, &'static str> {

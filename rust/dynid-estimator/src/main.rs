@@ -1,10 +1,10 @@
 //! `dynid-estimator MODEL.json`: states in on stdin, the torque of every term out on stdout, one line per line.
 //!
 //! ```text
-//! stdin -> Lines -> csv / json -> Frame -> TorqueEstimator -> Writer -> stdout
+//! stdin -> Lines -> csv / json -> Frame -> Cycle (OnlineEstimator) -> Writer -> stdout
 //! ```
 //!
-//! No formula lives here: the numbers are those of [`dynid_core::TorqueEstimator`].
+//! No formula lives here: the numbers are those of [`dynid_core::OnlineEstimator`].
 
 #![cfg_attr(
     not(test),
@@ -18,6 +18,7 @@
 )]
 
 mod args;
+mod cycle;
 mod frame;
 mod info;
 mod input;
@@ -46,23 +47,33 @@ fn main() -> ExitCode {
 fn work() -> Result<(), Stop> {
     match args::parse(lexopt::Parser::from_env())? {
         Command::Print(text) => print(&text),
-        Command::Info { model, json } => {
+        Command::Info {
+            model,
+            json,
+            settings,
+        } => {
             let model = dynid_io::load(&model)?;
             print(&if json {
-                info::json(&model)
+                info::json(&model, &settings)
             } else {
-                info::text(&model)
+                info::text(&model, &settings)
             })
         }
         Command::Run {
             model,
             input,
             output,
-            step,
+            settings,
         } => {
             let model = dynid_io::load(&model)?;
             let mut out = BufWriter::with_capacity(1 << 16, io::stdout().lock());
-            let done = run::run(model, (input, output), step, io::stdin().lock(), &mut out);
+            let done = run::run(
+                model,
+                (input, output),
+                &settings,
+                io::stdin().lock(),
+                &mut out,
+            );
             // What was answered before a broken line still leaves.
             out.flush().map_err(Stop::output)?;
             done

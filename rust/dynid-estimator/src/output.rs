@@ -15,6 +15,8 @@ pub struct Answer<'a> {
     pub tau: &'a [f64],
     /// The terms, row-major by term; finite.
     pub terms: &'a [f64],
+    /// Standard deviation expected of measured minus predicted torque; finite.
+    pub std: &'a [f64],
     /// What was unusual.
     pub status: Status,
 }
@@ -45,7 +47,8 @@ impl Writer {
         if with_time {
             out.write_all(b"t,")?;
         }
-        for name in std::iter::once("tau").chain(self.term_names.iter().map(String::as_str)) {
+        let terms = self.term_names.iter().map(String::as_str);
+        for name in ["tau"].into_iter().chain(terms).chain(["std"]) {
             for joint in 0..self.n_joints {
                 write!(out, "{name}_{joint},")?;
             }
@@ -67,7 +70,7 @@ impl Writer {
             Some(time) => write!(out, "{time:?},")?, // an infinity is written as inf
             None => {}
         }
-        for torque in answer.tau.iter().chain(answer.terms) {
+        for torque in answer.tau.iter().chain(answer.terms).chain(answer.std) {
             write!(out, "{torque:?},")?;
         }
         writeln!(out, "{}", answer.status.bits())
@@ -88,7 +91,9 @@ impl Writer {
             write!(out, "{}\"{name}\":", if k == 0 { "" } else { "," })?;
             write_array(term, out)?;
         }
-        writeln!(out, "}},\"status\":{}}}", answer.status.bits())
+        out.write_all(b"},\"std\":")?;
+        write_array(answer.std, out)?;
+        writeln!(out, ",\"status\":{}}}", answer.status.bits())
     }
 }
 
@@ -115,6 +120,7 @@ mod tests {
             time,
             tau: &[1.0, -0.0],
             terms: &[0.1, 1e-7, 1e22, 5e-324, -1.0, 2.0],
+            std: &[0.5, 0.25],
             status: Status::OUTSIDE_DOMAIN,
         };
         let mut out = Vec::new();
@@ -127,13 +133,13 @@ mod tests {
     fn answers_look_as_documented() {
         assert_eq!(
             line(Format::Csv, Some(f64::NAN)),
-            "t,tau_0,tau_1,rigid_body_0,rigid_body_1,friction_0,friction_1,friction2_0,friction2_1,status\n\
-             nan,1.0,-0.0,0.1,1e-7,1e22,5e-324,-1.0,2.0,2\n"
+            "t,tau_0,tau_1,rigid_body_0,rigid_body_1,friction_0,friction_1,friction2_0,friction2_1,std_0,std_1,status\n\
+             nan,1.0,-0.0,0.1,1e-7,1e22,5e-324,-1.0,2.0,0.5,0.25,2\n"
         );
         assert_eq!(
             line(Format::Jsonl, Some(0.25)),
             "{\"t\":0.25,\"tau\":[1.0,-0.0],\"terms\":{\"rigid_body\":[0.1,1e-7],\"friction\":[1e22,5e-324],\
-             \"friction2\":[-1.0,2.0]},\"status\":2}\n"
+             \"friction2\":[-1.0,2.0]},\"std\":[0.5,0.25],\"status\":2}\n"
         );
         assert!(line(Format::Jsonl, Some(f64::INFINITY)).starts_with("{\"t\":null,"));
         assert!(line(Format::Jsonl, None).starts_with("{\"tau\":"));
