@@ -6,6 +6,8 @@ use dynid_core::differentiator::{MAX_WINDOW, MIN_WINDOW};
 use lexopt::{Arg, Parser, ValueExt};
 
 use crate::cycle::Settings;
+use crate::live::Transport;
+use crate::realtime::RealTime;
 use crate::stop::Stop;
 
 /// How states or torques are written.
@@ -32,16 +34,24 @@ pub enum Command {
         settings: Settings,
     },
     /// Answer states.
-    Run {
-        /// `model.json`.
-        model: PathBuf,
-        /// None: told by the first byte.
-        input: Option<Format>,
-        /// None: as the input.
-        output: Option<Format>,
-        /// How answers are made.
-        settings: Settings,
-    },
+    Run(Run),
+}
+
+/// How states are answered.
+#[derive(Debug)]
+pub struct Run {
+    /// `model.json`.
+    pub model: PathBuf,
+    /// Of the input (none: told by the first byte) and of the output (none: as the input).
+    pub formats: (Option<Format>, Option<Format>),
+    /// How answers are made.
+    pub settings: Settings,
+    /// What is asked of the machine.
+    pub real_time: RealTime,
+    /// None: stdin and stdout.
+    pub transport: Option<Transport>,
+    /// Whether the model's file is watched.
+    pub watch: bool,
 }
 
 const HELP: &str = include_str!("help.txt");
@@ -58,9 +68,10 @@ pub fn parse(parser: Parser) -> Result<Command, Stop> {
 }
 
 fn read(mut parser: Parser) -> Result<Command, lexopt::Error> {
-    let (mut model, mut input, mut output) = (None, None, None);
+    let (mut model, mut input, mut output, mut transport) = (None, None, None, None);
     let mut settings = Settings::default();
-    let (mut info, mut json) = (false, false);
+    let mut real_time = RealTime::default();
+    let (mut info, mut json, mut watch) = (false, false, false);
     while let Some(arg) = parser.next()? {
         match arg {
             Arg::Short('h') | Arg::Long("help") => return Ok(Command::Print(HELP.to_owned())),
@@ -76,33 +87,59 @@ fn read(mut parser: Parser) -> Result<Command, lexopt::Error> {
                     other => format_named(other, "auto, csv or jsonl").map(Some),
                 })?;
             }
-            Arg::Long("step") => settings.step = Some(parser.value()?.parse_with(seconds)?),
-            Arg::Long("window") => settings.window = Some(parser.value()?.parse_with(window)?),
             Arg::Long("format") => {
                 let named = |text: &str| format_named(text, "csv or jsonl");
                 output = Some(parser.value()?.parse_with(named)?);
             }
+            Arg::Long("step") => settings.step = Some(parser.value()?.parse_with(seconds)?),
+            Arg::Long("window") => settings.window = Some(parser.value()?.parse_with(window)?),
+            Arg::Long("udp") => transport = Some(Transport::Udp(parser.value()?.string()?)),
+            Arg::Long("shm") => transport = Some(Transport::Shm(parser.value()?.into())),
+            Arg::Long("rate") => real_time.rate = Some(parser.value()?.parse_with(hertz)?),
+            Arg::Long("duration") => {
+                real_time.duration = Some(parser.value()?.parse_with(seconds)?);
+            }
+            Arg::Long("histogram") => real_time.histogram = true,
+            Arg::Long("jitter") => real_time.jitter = true,
+            Arg::Long("mlock") => real_time.mlock = true,
+            Arg::Long("fifo") => real_time.fifo = Some(parser.value()?.parse_with(priority)?),
+            Arg::Long("core") => real_time.core = Some(parser.value()?.parse_with(core)?),
+            Arg::Long("watch") => watch = true,
             Arg::Value(path) if model.is_none() => model = Some(PathBuf::from(path)),
             other => return Err(other.unexpected()),
         }
     }
     let model = model.ok_or("no model given, expected dynid-estimator MODEL.json")?;
-    match (info, json) {
-        (true, json) => Ok(Command::Info {
+    if info {
+        return Ok(Command::Info {
             model,
             json,
             settings,
-        }),
-        (false, true) => {
-            Err("--json goes with --info; for torques as JSON lines give --format jsonl".into())
-        }
-        (false, false) => Ok(Command::Run {
-            model,
-            input,
-            output,
-            settings,
-        }),
+        });
     }
+    if json && !real_time.histogram {
+        return Err(
+            "--json goes with --info or --histogram; for torques as JSON lines give --format jsonl"
+                .into(),
+        );
+    }
+    if real_time.jitter && !(real_time.histogram && real_time.rate.is_some()) {
+        return Err("--jitter goes with --histogram and --rate".into());
+    }
+    if transport.is_some() && (input.is_some() || output.is_some()) {
+        return Err(
+            "--input-format and --format are for standard input, not for --udp or --shm".into(),
+        );
+    }
+    real_time.json = json;
+    Ok(Command::Run(Run {
+        model,
+        formats: (input, output),
+        settings,
+        real_time,
+        transport,
+        watch,
+    }))
 }
 
 fn format_named(text: &str, expected: &str) -> Result<Format, String> {
@@ -118,6 +155,24 @@ fn window(text: &str) -> Result<usize, String> {
     samples
         .filter(|samples| (MIN_WINDOW..=MAX_WINDOW).contains(samples) && samples % 2 == 1)
         .ok_or_else(|| format!("expected an odd number of samples, {MIN_WINDOW} to {MAX_WINDOW}"))
+}
+
+fn hertz(text: &str) -> Result<f64, &'static str> {
+    let rate: Option<f64> = text.parse().ok();
+    rate.filter(|rate| (0.01..=100_000.0).contains(rate))
+        .ok_or("expected cycles per second, 0.01 to 100000")
+}
+
+fn priority(text: &str) -> Result<i32, &'static str> {
+    let priority: Option<i32> = text.parse().ok();
+    priority
+        .filter(|priority| (1..=99).contains(priority))
+        .ok_or("expected a priority, 1 to 99")
+}
+
+fn core(text: &str) -> Result<usize, &'static str> {
+    text.parse()
+        .map_err(|_| "expected the number of a core, counted from 0")
 }
 
 fn seconds(text: &str) -> Result<f64, &'static str> {

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use dynid_core::online::USUAL_STEP;
 use dynid_core::{CoreError, OnlineEstimator, Sample, Status, TorqueModel};
 
 use crate::output::Answer;
@@ -16,12 +17,22 @@ pub struct Settings {
     pub window: Option<usize>,
 }
 
+/// What is said of every state of a cycle, not of the newest alone.
+const PASSING: Status = Status::LOST
+    .and(Status::OUT_OF_ORDER)
+    .and(Status::TIME_BACKWARDS)
+    .and(Status::STUCK);
+
 /// The memory of a running estimator.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Cycle {
     online: OnlineEstimator,
+    step_seconds: f64,
     std: Vec<f64>,
     status: Status,
+    /// Of this cycle's states so far.
+    passing: Status,
+    any_new: bool,
 }
 
 impl Cycle {
@@ -31,16 +42,18 @@ impl Cycle {
     /// [`Stop`] if the settings do not fit.
     pub fn new(model: Arc<TorqueModel>, settings: &Settings) -> Result<Self, Stop> {
         let n = model.robot().n_joints();
-        let online = OnlineEstimator::new(model, settings.step, settings.window)
-            .map_err(|error| Stop::Because(error.to_string()))?;
+        let step_seconds = settings.step.or(model.step()).unwrap_or(USUAL_STEP);
+        let stop = |error: CoreError| Stop::Because(error.to_string());
+        let online = OnlineEstimator::new(model, settings.step, settings.window).map_err(stop)?;
         let mut cycle = Self {
             online,
+            step_seconds,
             std: vec![0.0; n],
             status: Status::OK,
+            passing: Status::OK,
+            any_new: false,
         };
-        cycle
-            .take_deviation()
-            .map_err(|error| Stop::Because(error.to_string()))?;
+        cycle.take_deviation().map_err(stop)?;
         Ok(cycle)
     }
 
@@ -49,13 +62,63 @@ impl Cycle {
         self.online.delay()
     }
 
+    /// Usual time between measurements \[s\].
+    pub fn step_seconds(&self) -> f64 {
+        self.step_seconds
+    }
+
+    /// Touches what a step touches, on a copy, so that the first cycle is like the others.
+    pub fn warm_up(&self) {
+        let mut copy = self.clone();
+        let zeros = vec![0.0; self.std.len()];
+        for (k, with_derivatives) in [true, false].into_iter().cycle().take(8).enumerate() {
+            let signal = Some(&zeros[..]);
+            let derivative = signal.filter(|_| with_derivatives);
+            let sample = Sample {
+                sequence: Some(k as u64),
+                time: k as f64 * self.step_seconds,
+                motion: [signal, derivative, derivative, None, None, None],
+                temperature: None,
+                tau: signal,
+            };
+            copy.begin();
+            // The answer is of no interest, and neither is a refusal.
+            let _ = copy.step(&sample);
+            copy.hold();
+        }
+    }
+
+    /// A new cycle: nothing has come yet.
+    pub fn begin(&mut self) {
+        self.passing = Status::OK;
+        self.any_new = false;
+    }
+
     /// Uses a measurement.
     ///
     /// # Errors
     /// [`CoreError`] if it is not one of this robot.
     pub fn step(&mut self, sample: &Sample<'_>) -> Result<(), CoreError> {
-        self.status = self.online.step(sample)?;
+        let status = self.online.step(sample)?;
+        self.passing = self.passing.and(status.only(PASSING));
+        let is_new = !status.contains(Status::REPEATED);
+        if is_new || !self.any_new {
+            self.status = status;
+        }
+        self.any_new |= is_new;
         self.take_deviation()
+    }
+
+    /// Nothing came in this cycle.
+    pub fn hold(&mut self) {
+        self.status = self.online.hold();
+    }
+
+    /// Goes on with another model; this one stands in `new` afterwards. One of another number of joints is not taken.
+    pub fn swap(&mut self, new: &mut Self) {
+        if self.online.swap(&mut new.online).is_ok() {
+            std::mem::swap(&mut self.step_seconds, &mut new.step_seconds);
+        }
     }
 
     fn take_deviation(&mut self) -> Result<(), CoreError> {
@@ -69,7 +132,8 @@ impl Cycle {
             tau: self.online.tau(),
             terms: self.online.estimator().terms(),
             std: &self.std,
-            status: self.status,
+            external: None,
+            status: self.status.and(self.passing),
         }
     }
 }

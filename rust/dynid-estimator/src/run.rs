@@ -1,6 +1,7 @@
 //! The loop over lines: a line in, a measurement, an answer, a line out.
 
 use std::io::{self, Read, Write};
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use dynid_core::TorqueModel;
@@ -10,7 +11,11 @@ use crate::cycle::{Cycle, Settings};
 use crate::frame::{Frame, Present, TEMPERATURE};
 use crate::input::{Lines, Parser};
 use crate::output::Writer;
+use crate::realtime::RealTime;
 use crate::stop::Stop;
+use crate::swap;
+use crate::sys;
+use crate::timing::{Pace, Timing};
 
 /// Answers every state of `source` on `out`. Nothing waits: as soon as no further line is there to be read, all answers
 /// are flushed. A line that is not a state ends the work, because what follows a broken line cannot be trusted either,
@@ -22,17 +27,20 @@ pub fn run(
     model: TorqueModel,
     (input, output): (Option<Format>, Option<Format>),
     settings: &Settings,
+    real_time: &RealTime,
+    watched: Option<PathBuf>,
     source: impl Read,
     out: &mut impl Write,
-) -> Result<(), Stop> {
+) -> Result<Option<String>, Stop> {
     let model = Arc::new(model);
     let mut cycle = Cycle::new(Arc::clone(&model), settings)?;
+    let inbox = watched.map(|path| swap::watch(path, Arc::clone(&model), *settings, true));
     let mut clock = Clock::new(&model, settings.step);
-    let mut frame = frame_for(&model);
+    let mut frame = frame_for(&model, settings);
 
     let mut lines = Lines::new(source);
     let mut parser = Parser::begin(input, &mut lines, model.robot(), &mut frame)?;
-    let writer = Writer::new(output.unwrap_or(parser.format()), &model);
+    let writer = Writer::new(output.unwrap_or(parser.format()), &model, false);
     note_what_is_missing(&model, frame.present(), &cycle);
     if frame.present().is_differentiated() {
         clock.watch_for_the_filter(&model, settings.step);
@@ -40,27 +48,46 @@ pub fn run(
     writer
         .begin(frame.present().time, out)
         .map_err(Stop::output)?;
+    cycle.warm_up();
+    let sleeper = real_time.begin()?;
+    let (mut pace, end) = (real_time.pace(), real_time.end());
+    let mut timing = Timing::new(pace.as_ref().map(Pace::period));
     loop {
         if !lines.line_waits() {
             out.flush().map_err(Stop::output)?;
         }
-        if !lines.advance()? {
-            return Ok(());
+        if sys::now() >= end || !lines.advance()? {
+            break;
+        }
+        let due = pace.as_mut().map(|pace| {
+            let begin = pace.wait();
+            timing.begin(begin, sys::now());
+            begin.due
+        });
+        let start = sys::now();
+        if let Some(inbox) = &inbox {
+            inbox.take(&mut cycle);
         }
         parser
             .parse(lines.line(), &mut frame)
             .map_err(|fault| lines.fault(&fault))?;
         clock.note_another_step(frame.time);
+        cycle.begin();
         cycle
             .step(&frame.sample())
             .map_err(|error| Stop::Because(error.to_string()))?;
+        let computed = sys::now();
         let answer = cycle.answer(frame.present().time.then_some(frame.time));
         writer.write(&answer, out).map_err(Stop::output)?;
+        timing.end(computed - start, sys::now() - due.unwrap_or(start));
     }
+    out.flush().map_err(Stop::output)?;
+    timing.stop();
+    Ok(real_time.report(&timing, sleeper))
 }
 
 /// A frame for what the model wants to know.
-pub fn frame_for(model: &TorqueModel) -> Frame {
+pub fn frame_for(model: &TorqueModel, _settings: &Settings) -> Frame {
     let follows_temperature = model.wants_temperature().contains(&true);
     Frame::new(model.robot().n_joints()).wanting(TEMPERATURE, follows_temperature)
 }
