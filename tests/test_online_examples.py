@@ -13,7 +13,7 @@ from data import ROOT
 from robots import random_chain
 from tolerances import EXACT
 
-from dynid_rs import TorqueModel
+from dynid_rs import RobotModel, TorqueModel
 
 EXAMPLES = ROOT / "examples" / "online"
 
@@ -29,7 +29,7 @@ def clients(monkeypatch):
 @pytest.fixture
 def model(tmp_path):
     n = 3
-    robot = random_chain(n, seed=3)
+    robot = RobotModel.from_urdf_string(random_chain(1).urdf)
     model = TorqueModel(
         robot,
         robot.phi,

@@ -34,7 +34,9 @@ def main(host, port, n_joints, count=1000):
             t = 0.001 * k
             q, dq, ddq = 0.5 * np.sin(t + phase), 0.5 * np.cos(t + phase), -0.5 * np.sin(t + phase)
             link.send(state(k, t, q, dq, ddq))
-            status, sequence, rows = answer(link.recv(65536))
+            sequence = None
+            while sequence != k:  # silence before was answered too, as stale
+                status, sequence, rows = answer(link.recv(65536))
             if k % 100 == 0:
                 print(f"{sequence:6d}  status {status}  tau {np.round(rows[0], 3)}  +- {np.round(rows[1], 3)}")
             time.sleep(0.001)

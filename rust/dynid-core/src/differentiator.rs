@@ -93,6 +93,12 @@ impl Differentiator {
         delay(self.window, self.step)
     }
 
+    /// Samples in the window.
+    #[must_use]
+    pub fn n_samples(&self) -> usize {
+        self.len
+    }
+
     /// Forgets everything.
     pub fn reset(&mut self) {
         self.len = 0;

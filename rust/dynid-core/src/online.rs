@@ -12,6 +12,7 @@ use crate::dynamics::check_length;
 use crate::error::CoreError;
 use crate::estimator::{Status, TorqueEstimator};
 use crate::model::TorqueModel;
+use crate::observer::{MomentumObserver, ObserverSettings};
 use crate::state::State;
 use crate::stream::{Place, Stream};
 
@@ -78,6 +79,9 @@ pub struct OnlineEstimator {
     /// Greatest plausible speed per joint.
     most_speed: Vec<f64>,
     tau: Vec<f64>,
+    observer: Option<MomentumObserver>,
+    /// Time of the last sample that the observer took \[s\].
+    observed: f64,
 }
 
 /// Time between samples where neither the model nor the caller says one \[s\].
@@ -120,7 +124,25 @@ impl OnlineEstimator {
             misses: 0,
             most_speed,
             tau: vec![0.0; n],
+            observer: None,
+            observed: f64::NAN,
         })
+    }
+
+    /// The same with an observer, for samples that hold the measured torque.
+    ///
+    /// # Errors
+    /// [`CoreError::Range`] if a setting is none.
+    pub fn observing(mut self, settings: ObserverSettings) -> Result<Self, CoreError> {
+        let model = self.estimator.shared_model();
+        self.observer = Some(MomentumObserver::new(model, settings)?);
+        Ok(self)
+    }
+
+    /// The observer, if there is one.
+    #[must_use]
+    pub fn observer(&self) -> Option<&MomentumObserver> {
+        self.observer.as_ref()
     }
 
     /// Torque of the last good step, n values \[torque unit\]; zeros before the first. Finite.
@@ -152,6 +174,10 @@ impl OnlineEstimator {
         new.estimator.continue_from(&self.estimator);
         core::mem::swap(&mut self.estimator, &mut new.estimator);
         core::mem::swap(&mut self.most_speed, &mut new.most_speed);
+        if let (Some(new), Some(old)) = (&mut new.observer, &self.observer) {
+            new.continue_from(old);
+        }
+        core::mem::swap(&mut self.observer, &mut new.observer);
         Ok(())
     }
 
@@ -160,7 +186,14 @@ impl OnlineEstimator {
         self.misses = self.misses.saturating_add(1);
         let mut status = Status::REPEATED;
         status.set(Status::STALE, self.misses >= STALE_AFTER);
+        status.set(Status::CONTACT, self.in_contact());
         status
+    }
+
+    fn in_contact(&self) -> bool {
+        self.observer
+            .as_ref()
+            .is_some_and(MomentumObserver::contact)
     }
 
     /// Takes a sample. Whatever it holds, [`Self::tau`] stays finite; a sample that is not used leaves it as it was.
@@ -200,12 +233,38 @@ impl OnlineEstimator {
             self.time + elapsed
         };
         status.set(Status::STUCK, numbered && self.is_stuck(sample, elapsed));
-        let answered = if direct(&present) {
+        let is_direct = direct(&present);
+        let answered = if is_direct {
             self.answer(sample, elapsed, numbered)?
         } else {
             self.answer_filtered(sample, elapsed, numbered)?
         };
-        Ok(status.and(answered))
+        let tau = sample.tau.filter(|tau| tau.iter().all(|x| x.is_finite()));
+        let observed = match (&mut self.observer, tau) {
+            (None, _) => Status::OK,
+            (Some(observer), tau) => {
+                let unusable = Status::NON_FINITE.and(Status::REPEATED);
+                let used = answered.only(unusable) == Status::OK;
+                let mut status = Status::OK;
+                status.set(Status::SIGNAL_MISSING, tau.is_none());
+                match tau {
+                    Some(tau) if used => {
+                        let tau = if is_direct { tau } else { &self.measured };
+                        let apart = self.time - self.observed;
+                        if !(apart > 0.0) {
+                            observer.interrupt();
+                        }
+                        let apart = if apart > 0.0 { apart } else { self.step };
+                        observer.step(&self.estimator, tau, apart)?;
+                        self.observed = self.time;
+                    }
+                    _ => observer.interrupt(),
+                }
+                status.set(Status::CONTACT, observer.contact());
+                status
+            }
+        };
+        Ok(status.and(answered).and(observed))
     }
 
     fn check(&self, sample: &Sample<'_>) -> Result<(), CoreError> {
@@ -221,7 +280,8 @@ impl OnlineEstimator {
 
     fn channels<'a>(&self, sample: &Sample<'a>) -> [Option<&'a [f64]>; N_CHANNELS] {
         let [q, dq, ddq, q_motor, dq_motor, ddq_motor] = sample.motion;
-        [q, dq, ddq, q_motor, dq_motor, ddq_motor, sample.tau]
+        let tau = sample.tau.filter(|_| self.observer.is_some());
+        [q, dq, ddq, q_motor, dq_motor, ddq_motor, tau]
     }
 
     /// The state as it came.
@@ -260,10 +320,11 @@ impl OnlineEstimator {
     ) -> Result<Status, CoreError> {
         let n = self.tau.len();
         let finite = |signal: &[f64]| signal.iter().all(|x| x.is_finite());
-        if !sample.motion.iter().flatten().all(|signal| finite(signal)) {
+        let channels = self.channels(sample);
+        // A torque that is none would stay in the window.
+        if !channels.iter().flatten().all(|signal| finite(signal)) {
             return Ok(Status::NON_FINITE);
         }
-        let channels = self.channels(sample);
         for (row, channel) in self.row.chunks_exact_mut(n).zip(channels) {
             match channel {
                 Some(channel) => row.copy_from_slice(channel),
@@ -271,6 +332,11 @@ impl OnlineEstimator {
             }
         }
         if self.jumps() {
+            // Of two alone nobody knows which is wrong: the newer one begins the window again.
+            if self.filter.n_samples() < 2 {
+                self.filter.reset();
+                self.filter.push(self.time, &self.row)?;
+            }
             return Ok(Status::OUTSIDE_DOMAIN.and(Status::REPEATED));
         }
         if !self.filter.push(self.time, &self.row)? {
@@ -335,7 +401,7 @@ impl OnlineEstimator {
     }
 
     /// True if a position of the row is too far from the one before it to be one.
-    fn jumps(&self) -> bool {
+    fn jumps(&mut self) -> bool {
         let n = self.tau.len();
         let Some((time, newest)) = self.filter.newest() else {
             return false;
@@ -343,6 +409,7 @@ impl OnlineEstimator {
         let elapsed = self.time - time;
         // Longer than the window: the old position says nothing.
         if !(elapsed > 0.0 && elapsed < 2.0 * self.filter.delay()) {
+            self.filter.reset();
             return false;
         }
         let rows = self.row.chunks_exact(n).zip(newest.chunks_exact(n));

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use dynid_core::differentiator::{MAX_WINDOW, MIN_WINDOW};
+use dynid_core::ObserverSettings;
 use lexopt::{Arg, Parser, ValueExt};
 
 use crate::cycle::Settings;
@@ -70,6 +71,7 @@ pub fn parse(parser: Parser) -> Result<Command, Stop> {
 fn read(mut parser: Parser) -> Result<Command, lexopt::Error> {
     let (mut model, mut input, mut output, mut transport) = (None, None, None, None);
     let mut settings = Settings::default();
+    let (mut observe, mut listening) = (false, ObserverSettings::default());
     let mut real_time = RealTime::default();
     let (mut info, mut json, mut watch) = (false, false, false);
     while let Some(arg) = parser.next()? {
@@ -93,6 +95,16 @@ fn read(mut parser: Parser) -> Result<Command, lexopt::Error> {
             }
             Arg::Long("step") => settings.step = Some(parser.value()?.parse_with(seconds)?),
             Arg::Long("window") => settings.window = Some(parser.value()?.parse_with(window)?),
+            Arg::Long("observe") => observe = true,
+            Arg::Long("observer-time") => {
+                listening.time_constant = parser.value()?.parse_with(seconds)?;
+            }
+            Arg::Long("noise-correlation") => {
+                listening.correlation_time = Some(parser.value()?.parse_with(seconds)?);
+            }
+            Arg::Long("false-contacts") => {
+                listening.false_per_hour = parser.value()?.parse_with(per_hour)?;
+            }
             Arg::Long("udp") => transport = Some(Transport::Udp(parser.value()?.string()?)),
             Arg::Long("shm") => transport = Some(Transport::Shm(parser.value()?.into())),
             Arg::Long("rate") => real_time.rate = Some(parser.value()?.parse_with(hertz)?),
@@ -121,6 +133,13 @@ fn read(mut parser: Parser) -> Result<Command, lexopt::Error> {
         return Err(
             "--json goes with --info or --histogram; for torques as JSON lines give --format jsonl"
                 .into(),
+        );
+    }
+    if observe {
+        settings.observer = Some(listening);
+    } else if listening != ObserverSettings::default() {
+        return Err(
+            "--observer-time, --noise-correlation and --false-contacts go with --observe".into(),
         );
     }
     if real_time.jitter && !(real_time.histogram && real_time.rate.is_some()) {
@@ -173,6 +192,13 @@ fn priority(text: &str) -> Result<i32, &'static str> {
 fn core(text: &str) -> Result<usize, &'static str> {
     text.parse()
         .map_err(|_| "expected the number of a core, counted from 0")
+}
+
+fn per_hour(text: &str) -> Result<f64, &'static str> {
+    let count: Option<f64> = text.parse().ok();
+    count
+        .filter(|count| *count > 0.0 && count.is_finite())
+        .ok_or("expected a positive number of false contacts per hour")
 }
 
 fn seconds(text: &str) -> Result<f64, &'static str> {

@@ -3,7 +3,9 @@
 use std::sync::Arc;
 
 use dynid_core::online::USUAL_STEP;
-use dynid_core::{CoreError, OnlineEstimator, Sample, Status, TorqueModel};
+use dynid_core::{
+    CoreError, MomentumObserver, ObserverSettings, OnlineEstimator, Sample, Status, TorqueModel,
+};
 
 use crate::output::Answer;
 use crate::stop::Stop;
@@ -15,6 +17,8 @@ pub struct Settings {
     pub step: Option<f64>,
     /// Samples that are differentiated over, where positions come alone; none: about 20 ms.
     pub window: Option<usize>,
+    /// How the observer listens; none: there is no observer.
+    pub observer: Option<ObserverSettings>,
 }
 
 /// What is said of every state of a cycle, not of the newest alone.
@@ -44,7 +48,11 @@ impl Cycle {
         let n = model.robot().n_joints();
         let step_seconds = settings.step.or(model.step()).unwrap_or(USUAL_STEP);
         let stop = |error: CoreError| Stop::Because(error.to_string());
-        let online = OnlineEstimator::new(model, settings.step, settings.window).map_err(stop)?;
+        let mut online =
+            OnlineEstimator::new(model, settings.step, settings.window).map_err(stop)?;
+        if let Some(observer) = settings.observer {
+            online = online.observing(observer).map_err(stop)?;
+        }
         let mut cycle = Self {
             online,
             step_seconds,
@@ -132,7 +140,7 @@ impl Cycle {
             tau: self.online.tau(),
             terms: self.online.estimator().terms(),
             std: &self.std,
-            external: None,
+            external: self.online.observer().map(MomentumObserver::external),
             status: self.status.and(self.passing),
         }
     }

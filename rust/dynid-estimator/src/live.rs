@@ -13,7 +13,7 @@ use std::time::Duration;
 use dynid_core::TorqueModel;
 
 use crate::cycle::{Cycle, Settings};
-use crate::frame::Frame;
+use crate::frame::{Frame, TORQUE};
 use crate::realtime::RealTime;
 use crate::run::{frame_for, note_what_is_missing, tell};
 use crate::shm::SharedMemory;
@@ -171,7 +171,13 @@ impl Live {
             if done.is_new && !met {
                 // The first state says what the input has; nothing is said after it, and page faults count from here.
                 met = true;
-                note_what_is_missing(model, self.frame.present(), cycle);
+                note_what_is_missing(model, &self.frame, cycle);
+                if self.frame.wants(TORQUE) && !self.frame.present().signals[TORQUE] {
+                    tell(
+                        "note",
+                        "--observe needs the measured torque, which the first state does not have: status bit 8 says so",
+                    );
+                }
                 timing.start();
             }
         }

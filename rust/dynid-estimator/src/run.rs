@@ -8,7 +8,7 @@ use dynid_core::TorqueModel;
 
 use crate::args::Format;
 use crate::cycle::{Cycle, Settings};
-use crate::frame::{Frame, Present, TEMPERATURE};
+use crate::frame::{Frame, Present, TEMPERATURE, TORQUE};
 use crate::input::{Lines, Parser};
 use crate::output::Writer;
 use crate::realtime::RealTime;
@@ -40,8 +40,17 @@ pub fn run(
 
     let mut lines = Lines::new(source);
     let mut parser = Parser::begin(input, &mut lines, model.robot(), &mut frame)?;
-    let writer = Writer::new(output.unwrap_or(parser.format()), &model, false);
-    note_what_is_missing(&model, frame.present(), &cycle);
+    let writer = Writer::new(
+        output.unwrap_or(parser.format()),
+        &model,
+        settings.observer.is_some(),
+    );
+    note_what_is_missing(&model, &frame, &cycle);
+    if frame.wants(TORQUE) && !frame.present().signals[TORQUE] {
+        return Err(Stop::Because(
+            "--observe needs the measured torque of every joint, tau_0 and so on, which the input does not have".to_owned(),
+        ));
+    }
     if frame.present().is_differentiated() {
         clock.watch_for_the_filter(&model, settings.step);
     }
@@ -87,9 +96,11 @@ pub fn run(
 }
 
 /// A frame for what the model wants to know.
-pub fn frame_for(model: &TorqueModel, _settings: &Settings) -> Frame {
+pub fn frame_for(model: &TorqueModel, settings: &Settings) -> Frame {
     let follows_temperature = model.wants_temperature().contains(&true);
-    Frame::new(model.robot().n_joints()).wanting(TEMPERATURE, follows_temperature)
+    Frame::new(model.robot().n_joints())
+        .wanting(TEMPERATURE, follows_temperature)
+        .wanting(TORQUE, settings.observer.is_some())
 }
 
 /// Watches that states come as far apart as the effects that change with time were told.
@@ -134,7 +145,8 @@ impl Clock {
 }
 
 /// What the input does not have is made up for, but not silently.
-pub fn note_what_is_missing(model: &TorqueModel, present: Present, cycle: &Cycle) {
+pub fn note_what_is_missing(model: &TorqueModel, frame: &Frame, cycle: &Cycle) {
+    let present = frame.present();
     note_a_missing_encoder(model, present);
     if model.wants_temperature().contains(&true) && !present.signals[TEMPERATURE] {
         tell(

@@ -1,8 +1,10 @@
 //! What a running estimator needs beside its step: another time between samples, another model, its true state.
 
+use std::sync::Arc;
+
 use super::TorqueEstimator;
 use crate::error::CoreError;
-use crate::model::check_step;
+use crate::model::{check_step, TorqueModel};
 use crate::state::State;
 
 impl TorqueEstimator {
@@ -20,6 +22,12 @@ impl TorqueEstimator {
     #[must_use]
     pub fn step(&self) -> f64 {
         self.step
+    }
+
+    /// The model, to share.
+    #[must_use]
+    pub fn shared_model(&self) -> Arc<TorqueModel> {
+        Arc::clone(&self.model)
     }
 
     /// Takes over what the effects of `before` remember and its last good torque, so that a new model goes on where the
