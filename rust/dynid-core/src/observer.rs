@@ -207,6 +207,7 @@ impl MomentumObserver {
 
     /// Goes on with what `before` saw, under this one's model.
     pub fn continue_from(&mut self, before: &Self) {
+        self.interrupt();
         if before.external.len() == self.external.len() {
             self.external.copy_from_slice(&before.external);
             self.contact = before.contact;

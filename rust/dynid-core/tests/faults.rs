@@ -227,7 +227,8 @@ fn stream(seed: u64, models: &[Arc<TorqueModel>; 2], scratch: &OnlineEstimator) 
         }
     };
     let motion = Motion {
-        speed: [0; N].map(|_| 0.5 + random.part()),
+        // Fast enough to cover, in one cycle, the way after which a position that stands still is stuck.
+        speed: [0; N].map(|_| 0.7 + random.part()),
         phase: [0; N].map(|_| random.part() - 0.5),
     };
     let mut stream = fresh();

@@ -7,8 +7,10 @@ use dynid_core::{
     CoreError, MomentumObserver, ObserverSettings, OnlineEstimator, Sample, Status, TorqueModel,
 };
 
+use crate::frame::Frame;
 use crate::output::Answer;
 use crate::stop::Stop;
+use crate::wire;
 
 /// How answers are made.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -75,25 +77,39 @@ impl Cycle {
         self.step_seconds
     }
 
-    /// Touches what a step touches, on a copy, so that the first cycle is like the others.
-    pub fn warm_up(&self) {
+    /// The same with every page of its memory and of its code in place, so that the first cycle is like the others: memory
+    /// of zeros is only there once something was written to it, and a copy was.
+    pub fn warm(&self) -> Self {
         let mut copy = self.clone();
         let zeros = vec![0.0; self.std.len()];
-        for (k, with_derivatives) in [true, false].into_iter().cycle().take(8).enumerate() {
-            let signal = Some(&zeros[..]);
-            let derivative = signal.filter(|_| with_derivatives);
+        let bad = [f64::NAN, 1e200].map(|x| vec![x; zeros.len()]);
+        // Good states, alone and with derivatives, one that came already, and bad ones.
+        for (k, q) in [&zeros, &zeros, &bad[0], &bad[1]]
+            .into_iter()
+            .cycle()
+            .take(24)
+            .enumerate()
+        {
+            let derivative = Some(&zeros[..]).filter(|_| k < 12);
             let sample = Sample {
-                sequence: Some(k as u64),
+                sequence: Some(k as u64 - u64::from(k % 5 == 4)),
                 time: k as f64 * self.step_seconds,
-                motion: [signal, derivative, derivative, None, None, None],
+                motion: [Some(&q[..]), derivative, derivative, None, None, None],
                 temperature: None,
-                tau: signal,
+                tau: Some(&zeros[..]),
             };
             copy.begin();
             // The answer is of no interest, and neither is a refusal.
             let _ = copy.step(&sample);
+            let answer = copy.answer(None);
+            let mut bytes = vec![0xff; wire::answer_bytes(zeros.len(), answer.terms.len())];
+            wire::encode(&answer, 0, &mut bytes);
+            let mut frame = Frame::new(zeros.len());
+            let _ = wire::decode(&wire::zero_state(zeros.len()), zeros.len(), &mut frame);
+            let _ = wire::decode(&bytes, zeros.len(), &mut frame);
             copy.hold();
         }
+        self.clone()
     }
 
     /// A new cycle: nothing has come yet.

@@ -16,10 +16,12 @@ pub struct Histogram {
 }
 
 impl Histogram {
-    /// Empty.
+    /// Empty, with its pages in place: zeros would only be there once something was written to them.
     pub fn new() -> Self {
+        let mut counts = vec![1; N_BUCKETS];
+        std::hint::black_box(&mut counts).fill(0);
         Self {
-            counts: vec![0; N_BUCKETS],
+            counts,
             n: 0,
             most: 0,
         }

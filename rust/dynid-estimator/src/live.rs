@@ -122,12 +122,13 @@ pub fn run(
         link,
         frame: frame_for(&model, settings),
         n_joints: n,
-        received: vec![0; wire::most_state_bytes(n).div_ceil(8) * 8 + 8],
-        sent: vec![0; wire::answer_bytes(n, most_terms)],
+        // One word more than any state, so that a longer message is seen to be one.
+        received: touched(wire::most_state_bytes(n).div_ceil(8) * 8 + 8),
+        sent: touched(wire::answer_bytes(n, most_terms)),
         inbox,
         counts: Counts::default(),
     };
-    cycle.warm_up();
+    cycle = cycle.warm();
     let sleeper = real_time.begin()?;
     let mut timing = Timing::new(real_time.pace().map(|pace| pace.period()));
     live.work(&model, &mut cycle, real_time, &mut timing);
@@ -136,6 +137,11 @@ pub fn run(
         tell("note", &format!("{refused} messages were no states of this robot and not used, beside {states} that were"));
     }
     Ok(real_time.report(&timing, sleeper))
+}
+
+/// Bytes whose pages are in place.
+fn touched(length: usize) -> Vec<u8> {
+    vec![0xff; length]
 }
 
 struct Live {

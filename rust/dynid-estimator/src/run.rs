@@ -57,7 +57,7 @@ pub fn run(
     writer
         .begin(frame.present().time, out)
         .map_err(Stop::output)?;
-    cycle.warm_up();
+    cycle = cycle.warm();
     let sleeper = real_time.begin()?;
     let (mut pace, end) = (real_time.pace(), real_time.end());
     let mut timing = Timing::new(pace.as_ref().map(Pace::period));

@@ -146,8 +146,9 @@ fn load(
     } else if new.n_terms() > MOST_TERMS.max(old.n_terms()) {
         "number of terms"
     } else {
-        return Cycle::new(Arc::new(new), settings)
-            .map(Box::new)
+        let cycle = Cycle::new(Arc::new(new), settings);
+        return cycle
+            .map(|cycle| Box::new(cycle.warm()))
             .map_err(|stop| stop.to_string());
     };
     Err(format!(

@@ -26,6 +26,21 @@ pub const VERSION: u16 = 1;
 /// Bytes before the numbers.
 pub const HEADER: usize = 32;
 
+/// A state of rest: q, dq and ddq of zeros.
+pub fn zero_state(n_joints: usize) -> Vec<u8> {
+    let mut bytes = vec![0; HEADER + 3 * 8 * n_joints];
+    let [version, n] = [VERSION, n_joints as u16].map(u16::to_le_bytes);
+    let head = STATE_MAGIC
+        .into_iter()
+        .chain(version)
+        .chain(n)
+        .chain([0b111]);
+    for (byte, of_head) in bytes.iter_mut().zip(head) {
+        *byte = of_head;
+    }
+    bytes
+}
+
 /// Why bytes are no state of this robot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NoState;
@@ -146,6 +161,18 @@ mod tests {
             }
         }
         bytes
+    }
+
+    #[test]
+    fn a_state_of_rest_is_one() {
+        let mut frame = Frame::new(3);
+        decode(&zero_state(3), 3, &mut frame).unwrap();
+        let motion = frame.sample().motion;
+        assert_eq!(
+            motion.map(|signal| signal.is_some()),
+            [true, true, true, false, false, false]
+        );
+        assert_eq!(motion[2], Some(&[0.0; 3][..]));
     }
 
     #[test]

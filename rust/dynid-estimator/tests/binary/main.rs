@@ -3,4 +3,5 @@
 mod answers;
 mod common;
 mod live;
+mod quiet;
 mod refused;
