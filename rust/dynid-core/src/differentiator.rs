@@ -18,6 +18,7 @@
 use crate::dynamics::check_length;
 use crate::error::CoreError;
 use crate::model::check_step;
+use crate::slices::copy;
 
 /// Fewest samples of a window: one more than a parabola needs, and odd.
 pub const MIN_WINDOW: usize = 5;
@@ -134,11 +135,15 @@ impl Differentiator {
         if !self.newest().is_some_and(|(newest, _)| time > newest) {
             self.len = 0;
         }
-        self.newest = (self.newest + 1) % self.window;
+        self.newest = if self.newest + 1 < self.window {
+            self.newest + 1
+        } else {
+            0
+        };
         let start = self.newest * self.n_channels;
         let place = self.samples.get_mut(start..start + self.n_channels);
         if let (Some(place), Some(at)) = (place, self.times.get_mut(self.newest)) {
-            place.copy_from_slice(sample);
+            copy(sample, place);
             *at = time;
             self.len = (self.len + 1).min(self.window);
         }
@@ -154,8 +159,8 @@ impl Differentiator {
 
     /// Time of the sample `age` places before the newest one.
     fn time_of(&self, age: usize) -> f64 {
-        let place = (self.newest + self.window - age) % self.window;
-        self.times.get(place).copied().unwrap_or(f64::NEG_INFINITY)
+        let time = self.times.get(place(self.newest, self.window, age));
+        time.copied().unwrap_or(f64::NEG_INFINITY)
     }
 
     /// Fits around the middle of the window, in units of its half.
@@ -197,7 +202,7 @@ impl Differentiator {
             fitted.fill(0.0);
         }
         for (s, age) in at.iter().zip((0..self.len).rev()) {
-            let row = (self.newest + self.window - age) % self.window * self.n_channels;
+            let row = place(self.newest, self.window, age) * self.n_channels;
             let Some(sample) = self.samples.get(row..row + self.n_channels) else {
                 return;
             };
@@ -220,6 +225,16 @@ impl Differentiator {
         {
             fitted.iter_mut().for_each(|x| *x *= scale);
         }
+    }
+}
+
+/// Where the sample `age` places before the newest one stands in a ring.
+fn place(newest: usize, window: usize, age: usize) -> usize {
+    let ahead = newest + window - age;
+    if ahead < window {
+        ahead
+    } else {
+        ahead - window
     }
 }
 

@@ -30,6 +30,7 @@ pub mod rbf;
 pub mod residual;
 pub mod robot;
 pub mod signal;
+mod slices;
 pub mod state;
 pub mod stream;
 

@@ -33,6 +33,7 @@ use crate::error::CoreError;
 use crate::estimator::TorqueEstimator;
 use crate::model::{check_step, TorqueModel};
 use crate::momentum::{momentum_into, MomentumWorkspace};
+use crate::slices::{copy, rows};
 use crate::state::State;
 
 /// A contact ends where every joint is below this part of its threshold.
@@ -209,7 +210,7 @@ impl MomentumObserver {
     pub fn continue_from(&mut self, before: &Self) {
         self.interrupt();
         if before.external.len() == self.external.len() {
-            self.external.copy_from_slice(&before.external);
+            copy(&before.external, &mut self.external);
             self.contact = before.contact;
         }
     }
@@ -242,8 +243,8 @@ impl MomentumObserver {
         if self.before.valid && elapsed < LONGEST * self.settings.time_constant {
             self.advance(elapsed);
         }
-        self.before.momentum.copy_from_slice(&self.momentum);
-        self.before.torque.copy_from_slice(&self.torque);
+        copy(&self.momentum, &mut self.before.momentum);
+        copy(&self.torque, &mut self.before.torque);
         self.before.valid = true;
         self.judge(state.dq_motor, elapsed);
         Ok(())
@@ -256,10 +257,10 @@ impl MomentumObserver {
         state: &State<'_>,
         tau: &[f64],
     ) -> Result<(), CoreError> {
-        self.torque.copy_from_slice(tau);
+        copy(tau, &mut self.torque);
         let n = tau.len();
         let effects = self.model.effects().iter().map(Some);
-        let terms = estimator.terms().chunks_exact(n).skip(1);
+        let terms = rows(estimator.terms(), n).skip(1);
         for (term, effect) in terms.zip(effects.chain([None])) {
             if effect.is_some_and(|effect| effect.effect().entry().needs(ACCELERATION)) {
                 continue;

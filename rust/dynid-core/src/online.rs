@@ -13,6 +13,7 @@ use crate::error::CoreError;
 use crate::estimator::{Status, TorqueEstimator};
 use crate::model::TorqueModel;
 use crate::observer::{MomentumObserver, ObserverSettings};
+use crate::slices::{copy, rows, rows_mut};
 use crate::state::State;
 use crate::stream::{Place, Stream};
 
@@ -325,9 +326,9 @@ impl OnlineEstimator {
         if !channels.iter().flatten().all(|signal| finite(signal)) {
             return Ok(Status::NON_FINITE);
         }
-        for (row, channel) in self.row.chunks_exact_mut(n).zip(channels) {
+        for (row, channel) in rows_mut(&mut self.row, n).zip(channels) {
             match channel {
-                Some(channel) => row.copy_from_slice(channel),
+                Some(channel) => copy(channel, row),
                 None => row.fill(0.0),
             }
         }
@@ -371,32 +372,25 @@ impl OnlineEstimator {
                 .get(order)
                 .and_then(|fitted| fitted.get(start..start + n))
         };
-        let present = &self.present;
-        let motor_has_own = present[3..N_MOTION].contains(&true);
+        let there = |signal: usize| self.present.get(signal) == Some(&true);
         for (signal, motion) in self.motion.iter_mut().enumerate() {
-            let side = if signal >= 3 && motor_has_own && present[3] {
-                3
-            } else {
-                0
-            };
+            // A motor side that has a position of its own has derivatives of its own.
+            let side = if signal >= 3 && there(3) { 3 } else { 0 };
             let order = signal % 3;
-            // The highest signal at or below this one that came: itself on the motor side, else along its side.
-            let source = if present[signal] {
+            // The signal itself, or the highest one below it of its side that came.
+            let source = if there(signal) {
                 (signal, 0)
             } else {
-                let below = (0..order)
-                    .rev()
-                    .find(|below| present[side + below])
-                    .unwrap_or(0);
-                let own = present[side + order].then_some((side + order, 0));
-                own.unwrap_or((side + below, order - below))
+                let below = (0..=order).rev().find(|below| there(side + below));
+                let below = below.unwrap_or(0);
+                (side + below, order - below)
             };
             if let Some(values) = of(source.0, source.1) {
-                motion.copy_from_slice(values);
+                copy(values, motion);
             }
         }
         if let Some(values) = of(TORQUE, 0) {
-            self.measured.copy_from_slice(values);
+            copy(values, &mut self.measured);
         }
     }
 
@@ -412,8 +406,8 @@ impl OnlineEstimator {
             self.filter.reset();
             return false;
         }
-        let rows = self.row.chunks_exact(n).zip(newest.chunks_exact(n));
-        let positions = rows.step_by(3).take(2);
+        let pairs = rows(&self.row, n).zip(rows(newest, n));
+        let positions = pairs.step_by(3).take(2);
         positions.into_iter().any(|(now, before)| {
             let mut joints = now.iter().zip(before).zip(&self.most_speed);
             joints.any(|((now, before), most)| (now - before).abs() > most * elapsed)
@@ -428,8 +422,8 @@ impl OnlineEstimator {
         let mut stuck = false;
         let has_before = self.has_before;
         let sides = sample.motion.chunks_exact(3);
-        let rows = self.before.chunks_exact_mut(3 * n);
-        for ((side, before), way) in sides.zip(rows).zip(&mut self.way) {
+        let before = rows_mut(&mut self.before, 3 * n);
+        for ((side, before), way) in sides.zip(before).zip(&mut self.way) {
             let [q, dq, _] = side else { continue };
             if let (Some(q), Some(dq)) = (q, dq) {
                 let joints = q
@@ -447,11 +441,11 @@ impl OnlineEstimator {
                     stuck |= *way > STUCK_WAY;
                 }
             }
-            for (signal, before) in side.iter().zip(before.chunks_exact_mut(n)) {
+            for (signal, before) in side.iter().zip(rows_mut(before, n)) {
                 if let Some(signal) = signal {
                     let mut pairs = signal.iter().zip(before.iter());
                     all_same &= pairs.all(|(now, before)| now.to_bits() == before.to_bits());
-                    before.copy_from_slice(signal);
+                    copy(signal, before);
                 }
             }
         }
@@ -462,7 +456,7 @@ impl OnlineEstimator {
 
 /// True if the state needs no filter.
 fn direct(present: &[bool; N_CHANNELS]) -> bool {
-    present[..3].iter().all(|there| *there)
+    present.iter().take(3).all(|there| *there)
 }
 
 fn estimate(

@@ -80,7 +80,7 @@ fn read(bytes: &[u8], n_joints: usize, frame: &mut Frame) -> Option<()> {
     if !(good_head && known && numbers.len() == length) {
         return None;
     }
-    let mut rows = numbers.chunks_exact(8 * n_joints);
+    let mut rows = numbers.chunks_exact((8 * n_joints).max(1));
     let mut present = Present {
         time: !time.is_nan(),
         ..Present::default()

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use super::TorqueEstimator;
 use crate::error::CoreError;
 use crate::model::{check_step, TorqueModel};
+use crate::slices::copy;
 use crate::state::State;
 
 impl TorqueEstimator {
@@ -38,7 +39,7 @@ impl TorqueEstimator {
         if before.model.robot().n_joints() != n {
             return;
         }
-        self.total.copy_from_slice(&before.total);
+        copy(&before.total, &mut self.total);
         let mut at = 0;
         for (k, term) in self.model.effects().iter().enumerate() {
             let effect = term.effect();
@@ -55,7 +56,7 @@ impl TorqueEstimator {
                 .nth(count)
                 .and_then(|start| before.memory.get(start..start + len));
             if let (Some(memory), Some(source)) = (self.memory.get_mut(at..at + len), source) {
-                memory.copy_from_slice(source);
+                copy(source, memory);
             }
             at += len;
         }
