@@ -261,3 +261,100 @@ struct Done {
     left: u64,
     is_new: bool,
 }
+
+#[cfg(all(test, target_os = "linux"))]
+mod tests {
+    use super::*;
+    use crate::counting;
+    use dynid_core::model::TorqueModelParts;
+    use dynid_core::{Domain, Joint, JointKind, JointLimits, ObserverSettings, RobotModel, Status};
+    use nalgebra::{Matrix3, Vector3};
+
+    fn model() -> Arc<TorqueModel> {
+        let joint = Joint {
+            name: "joint".into(),
+            link: "link".into(),
+            kind: JointKind::Revolute,
+            rotation: Matrix3::identity(),
+            translation: Vector3::zeros(),
+            axis: Vector3::x(),
+            limits: JointLimits::default(),
+            rotor_inertia: 0.0,
+            gear_ratio: None,
+            phi: [1.0, 0.0, 0.1, 0.2, 0.1, 0.0, 0.1, 0.0, 0.0, 0.1],
+        };
+        let robot = RobotModel::new("arm".into(), vec![joint], Vector3::new(0.0, 0.0, -9.81));
+        let robot = robot.unwrap();
+        let parts = TorqueModelParts {
+            phi: robot.phi(),
+            robot,
+            torque_scale: vec![1.0],
+            effects: vec![],
+            residual: None,
+            encoder_delay: vec![0.0],
+            noise_std: vec![0.1],
+            domain: Domain {
+                q: vec![[-3.0, 3.0]],
+                dq: vec![3.0],
+                ddq: vec![9.0],
+            },
+            torque_unit: "N*m".into(),
+            step: None,
+        };
+        Arc::new(TorqueModel::new(parts).unwrap())
+    }
+
+    #[test]
+    fn cycles_allocate_nothing() {
+        let settings = Settings {
+            observer: Some(ObserverSettings::default()),
+            ..Settings::default()
+        };
+        let model = model();
+        let patience = Some(Duration::from_millis(2));
+        for patience in [None, patience] {
+            let udp = Udp::listen("127.0.0.1:0", patience, 1, MOST_TERMS).unwrap();
+            let address = udp.address().unwrap();
+            let sender = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
+            sender.connect(address).unwrap();
+            let mut live = Live {
+                link: Link::Udp(udp),
+                frame: frame_for(&model, &settings),
+                n_joints: 1,
+                received: touched(200),
+                sent: touched(wire::answer_bytes(1, MOST_TERMS)),
+                inbox: None,
+                counts: Counts::default(),
+            };
+            let mut cycle = Cycle::new(Arc::clone(&model), &settings).unwrap().warm();
+            let mut good = wire::zero_state(1);
+            let (mut buffer, mut seen) = ([0; 4096], Status::OK);
+            let before = counting::calls();
+            for k in 0..5000_u64 {
+                good[16..24].copy_from_slice(&k.to_le_bytes());
+                good[24..32].copy_from_slice(&(0.001 * k as f64).to_le_bytes());
+                if k % 10 != 0 {
+                    sender
+                        .send(&good[..if k % 7 == 0 { 20 } else { 56 }])
+                        .unwrap();
+                }
+                live.cycle(&mut cycle, patience.is_none());
+                seen = seen.and(cycle.answer(None).status);
+                // A broken message is not answered where nothing else came.
+                if k % 7 != 0 && k % 10 != 0 {
+                    sender.recv(&mut buffer).unwrap();
+                }
+            }
+            assert_eq!(counting::calls() - before, 0);
+            assert!(seen.contains(
+                Status::REPEATED
+                    .and(Status::LOST)
+                    .and(Status::SIGNAL_MISSING)
+            ));
+            assert!(live.counts.refused > 500 && live.counts.states > 3000);
+        }
+        let before = counting::calls();
+        drop(std::hint::black_box(vec![1.0; 100]));
+        assert_eq!(counting::calls() - before, 2, "the counter counts");
+    }
+}

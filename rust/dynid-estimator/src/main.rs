@@ -21,6 +21,8 @@
 )]
 
 mod args;
+#[cfg(test)]
+mod counting;
 mod cycle;
 mod frame;
 mod histogram;

@@ -2,6 +2,7 @@
 //! loop exchanges two pointers.
 
 use std::fs;
+use std::panic::catch_unwind;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, TryLockError};
@@ -85,7 +86,11 @@ pub fn watch(
                 continue;
             }
             read = now;
-            match load(&path, &model, &settings, same_terms) {
+            // A first step is taken there: a model that could panic does so here, and is refused.
+            let found = catch_unwind(|| load(&path, &model, &settings, same_terms));
+            let found =
+                found.unwrap_or_else(|_| Err(format!("{}: its first step failed", path.display())));
+            match found {
                 Ok(new) => {
                     lock(&table).ready = Some(new);
                     table.offered.store(true, Ordering::Release);
