@@ -1,12 +1,13 @@
 """The binary at 1 kHz: what a cycle takes, beside a thread that only sleeps. `python benches/online.py --duration 600`.
 
-Six joints, rigid body, friction and a mixture of ten components per joint; states come through shared memory. Options after
-`--` go to dynid-estimator, such as `-- --mlock --fifo 80 --core 1`.
+Six joints, rigid body, friction and a mixture of ten components per joint; states come through shared memory. Options
+after `--` go to dynid-estimator, such as `-- --mlock --fifo 80 --core 1`.
 """
 
 from __future__ import annotations
 
 import argparse
+import os
 import subprocess
 import sys
 import tempfile
@@ -15,16 +16,10 @@ from pathlib import Path
 
 import numpy as np
 
-ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT / "examples" / "online"), str(ROOT / "tests"), str(ROOT / "python")]
-
-from binaries import find_estimator
-from shm_client import Slots
-from udp_client import state
-
 from dynid_rs import TorqueModel, _core
 from dynid_rs.simulation import bundled_robot
 
+ROOT = Path(__file__).resolve().parents[1]
 N, COMPONENTS = 6, 10
 
 
@@ -36,7 +31,9 @@ def model() -> TorqueModel:
     def mixture() -> _core.GaussianMixtureRegression:
         half = 0.4 * rng.normal(size=(COMPONENTS, 3, 3)) + 0.5 * np.eye(3)
         weights = rng.dirichlet(np.full(COMPONENTS, 5.0))
-        return _core.GaussianMixtureRegression(weights, rng.normal(size=(COMPONENTS, 3)), half @ half.transpose(0, 2, 1))
+        return _core.GaussianMixtureRegression(
+            weights, rng.normal(size=(COMPONENTS, 3)), half @ half.transpose(0, 2, 1)
+        )
 
     friction = _core.Effect.friction([0.0] * N, [0.01] * N)
     effects = [
@@ -58,6 +55,11 @@ def model() -> TorqueModel:
 
 def main() -> int:
     """Run, and print what the binary says."""
+    sys.path[:0] = [str(ROOT / "examples" / "online"), str(ROOT / "tests")]
+    from binaries import find_estimator
+    from shm_client import Slots
+    from udp_client import state
+
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--duration", type=float, default=10.0, help="seconds")
     parser.add_argument("--rate", type=float, default=1000.0, help="cycles per second")
@@ -66,14 +68,18 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "model.json"
         model().save(path)
-        options = ["--shm", f"{folder}/slot", "--rate", arguments.rate, "--duration", arguments.duration]
+        # A name in memory: writing back a file on a disk costs a page fault every time.
+        slot = Path("/dev/shm") / f"dynid-bench-{os.getpid()}"
+        options = ["--shm", slot, "--rate", arguments.rate, "--duration", arguments.duration]
         command = [find_estimator(), path, *options, "--histogram", "--jitter", *arguments.rest]
         process = subprocess.Popen(list(map(str, command)), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-        assert process.stdout is not None and process.stderr is not None
+        assert process.stdout is not None
+        assert process.stderr is not None
         if not (said := process.stderr.readline()).startswith("note: sharing"):
             print(said, end="")
             return process.wait()
-        slots, k = Slots(f"{folder}/slot"), 0
+        slots, k = Slots(slot), 0
+        slot.unlink()  # the mappings stay
         phase, begin = 0.3 * np.arange(N), time.monotonic()
         while process.poll() is None:
             t = k / arguments.rate

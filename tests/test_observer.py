@@ -27,9 +27,7 @@ def model():
         (_core.Effect.friction([0.0] * N, [0.005] * N), friction),
     ]
     domain = ([[-7.0, 7.0]] * N, [9.0] * N, [99.0] * N)
-    return dyn.TorqueModel(
-        robot, robot.phi, effects, encoder_delay=[0.0] * N, noise_std=NOISE.tolist(), domain=domain
-    )
+    return dyn.TorqueModel(robot, robot.phi, effects, encoder_delay=[0.0] * N, noise_std=NOISE.tolist(), domain=domain)
 
 
 def motion(duration):

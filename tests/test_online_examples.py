@@ -65,7 +65,9 @@ def test_datagrams(clients, model, start, capsys):
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) == 2
     t, phase = 0.1, 0.3 * np.arange(3)
-    total, _, _ = model.evaluate(*(x[None] for x in (0.5 * np.sin(t + phase), 0.5 * np.cos(t + phase), -0.5 * np.sin(t + phase))))
+    total, _, _ = model.evaluate(
+        *(x[None] for x in (0.5 * np.sin(t + phase), 0.5 * np.cos(t + phase), -0.5 * np.sin(t + phase)))
+    )
     assert str(np.round(total[0], 3)) in lines[1]
 
 

@@ -52,8 +52,8 @@ __all__ = [
     "inverse_dynamics_gradient",
     "merge_factors",
     "named_signals",
-    "observe_momentum",
     "observe",
+    "observe_momentum",
     "phi_from_pseudo_inertia",
     "point_gradient",
     "point_places",
@@ -993,7 +993,8 @@ def observe_momentum(
     t : (n_samples,)
         Time [s].
     motion : tuple of six arrays or None
-        q, dq, ddq, q_motor, dq_motor, ddq_motor. q is needed; without dq or ddq all signals go through the causal filter.
+        q, dq, ddq, q_motor, dq_motor, ddq_motor. q is needed; without dq or ddq all signals go through the causal
+        filter.
     tau : (n_samples, n_joints)
         Measured torque.
     step : float

@@ -52,9 +52,9 @@ class Observation:
 class MomentumObserver:
     """External torque by the generalised momentum (De Luca and Mattone, 2003), without acceleration.
 
-    Runs that hold dq and ddq are taken as they are; else positions, torque and motor side go through the causal filter of
-    `dynid-estimator`. Thresholds follow from the deviation that the model expects, the time over which it forgets, and how
-    many false contacts per hour are put up with.
+    Runs that hold dq and ddq are taken as they are; else positions, torque and motor side go through the causal
+    filter of `dynid-estimator`. Thresholds follow from the deviation that the model expects, the time over which it
+    forgets, and how many false contacts per hour are put up with.
 
     Parameters
     ----------
@@ -93,8 +93,8 @@ class MomentumObserver:
     def fit(self, recordings: Sequence[Recording]) -> MomentumObserver:
         """Find the correlation time on runs without contact.
 
-        What the model leaves has the deviation s and the correlation time c, and the observer sees s sqrt(c / (c + T)) of
-        it; so c follows from what it does see. The joint that averages out least decides.
+        What the model leaves has the deviation s and the correlation time c, and the observer sees
+        s sqrt(c / (c + T)) of it; so c follows from what it does see. The joint that averages out least decides.
 
         Raises
         ------
@@ -143,7 +143,9 @@ class MomentumObserver:
             )
         follows = any("temperature" in effect.signals and values.any() for effect, values in self.model.effects)
         if follows and recording.temperature is None:
-            raise ValueError(f"{recording.name}: the model's friction follows a temperature, which the run does not hold")
+            raise ValueError(
+                f"{recording.name}: the model's friction follows a temperature, which the run does not hold"
+            )
         motion = tuple(getattr(recording, name) for name in ("q", "dq", "ddq", "q_motor", "dq_motor", "ddq_motor"))
         return _core.observe_momentum(
             self.model,

@@ -344,3 +344,62 @@ fn the_delay_stands_in_the_information() {
         (&21.into(), &0.01.into())
     );
 }
+
+#[test]
+fn a_push_is_observed() {
+    let saved = Saved::new();
+    let (step, begin) = (0.001, 200);
+    let (text, rows) = sine(400);
+    let _ = text;
+    let exact = expected(&saved, &rows);
+    let mut input = "t,q_0,q_1,dq_0,dq_1,ddq_0,ddq_1,tau_0,tau_1\n".to_owned();
+    for (k, (row, answer)) in rows.iter().zip(&exact).enumerate() {
+        let push = if k >= begin { 300.0 } else { 0.0 };
+        let cells: Vec<String> = [k as f64 * step]
+            .iter()
+            .chain(&row[..6])
+            .chain(&[answer[0], answer[1] - push])
+            .map(|x| format!("{x:?}"))
+            .collect();
+        input += &(cells.join(",") + "\n");
+    }
+    let answer = saved
+        .run(&["--observe", "--observer-time", "0.01"], &input)
+        .good();
+    assert!(answer.lines()[0].ends_with("std_0,std_1,external_0,external_1,status"));
+    let found = from_csv(&answer.out);
+    for (k, row) in found.iter().enumerate() {
+        let (external, status) = (
+            &row[row.len() - 3..row.len() - 1],
+            row[row.len() - 1] as u32,
+        );
+        let expected = if k >= begin { 300.0 } else { 0.0 };
+        if !(begin..begin + 100).contains(&k) && k > 0 {
+            assert!(
+                (external[1] - expected).abs() < 3.0 && external[0].abs() < 3.0,
+                "{k} {external:?}"
+            );
+            assert_eq!(status & 2048 != 0, k >= begin, "{k} {external:?}");
+        }
+    }
+    let json = saved
+        .run(&["--observe", "--format", "jsonl"], &input)
+        .good();
+    assert!(
+        json.lines()[5].contains(",\"external\":["),
+        "{}",
+        json.lines()[5]
+    );
+    saved
+        .run(&["--observe"], format!("{HEADER}\n0,0,0,0,0,0\n"))
+        .refused(&["--observe", "tau_0"]);
+    saved
+        .run(&["--observer-time", "1"], "")
+        .refused(&["--observer-time", "go with --observe"]);
+    saved
+        .run(&["--observe", "--observer-time", "0"], "")
+        .refused(&["positive number of seconds"]);
+    saved
+        .run(&["--observe", "--false-contacts", "0"], "")
+        .refused(&["false contacts per hour"]);
+}
