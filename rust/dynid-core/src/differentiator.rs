@@ -244,12 +244,9 @@ fn parabola(&[m0, m1, m2, m3, m4]: &[f64; 5]) -> Option<[[f64; 3]; 3]> {
     let (c11, c12, c22) = (m0 * m4 - m2 * m2, m1 * m2 - m0 * m3, m0 * m2 - m1 * m1);
     let determinant = m0 * c00 + m1 * c01 + m2 * c02;
     // Written so that a NaN fails too.
-    if !(determinant > LEAST_DETERMINANT * m0 * m2 * m4) {
-        return None;
-    }
-    Some(
-        [[c00, c01, c02], [c01, c11, c12], [c02, c12, c22]].map(|row| row.map(|c| c / determinant)),
-    )
+    (determinant > LEAST_DETERMINANT * m0 * m2 * m4).then(|| {
+        [[c00, c01, c02], [c01, c11, c12], [c02, c12, c22]].map(|row| row.map(|c| c / determinant))
+    })
 }
 
 #[cfg(test)]

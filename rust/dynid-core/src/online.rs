@@ -252,10 +252,13 @@ impl OnlineEstimator {
                     Some(tau) if used => {
                         let tau = if is_direct { tau } else { &self.measured };
                         let apart = self.time - self.observed;
-                        if !(apart > 0.0) {
+                        // Written so that a NaN, before the first sample, is no time either.
+                        let apart = if apart > 0.0 {
+                            apart
+                        } else {
                             observer.interrupt();
-                        }
-                        let apart = if apart > 0.0 { apart } else { self.step };
+                            self.step
+                        };
                         observer.step(&self.estimator, tau, apart)?;
                         self.observed = self.time;
                     }
@@ -402,7 +405,8 @@ impl OnlineEstimator {
         };
         let elapsed = self.time - time;
         // Longer than the window: the old position says nothing.
-        if !(elapsed > 0.0 && elapsed < 2.0 * self.filter.delay()) {
+        let comparable = elapsed > 0.0 && elapsed < 2.0 * self.filter.delay();
+        if !comparable {
             self.filter.reset();
             return false;
         }

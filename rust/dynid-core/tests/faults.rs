@@ -154,14 +154,12 @@ impl Motion {
     fn at(&self, k: u64) -> [[f64; N]; 6] {
         let mut rows = [[0.0; N]; 6];
         let t = k as f64 * STEP;
-        for j in 0..N {
+        for (j, (w, phase)) in self.speed.iter().zip(&self.phase).enumerate() {
             // Within a tenth of a second, about the middle of the swing.
-            let w = self.speed[j];
-            let (sin, cos) = (w * t + self.phase[j]).sin_cos();
-            for side in [0, 3] {
-                rows[side][j] = sin + 1e-4 * side as f64;
-                rows[side + 1][j] = w * cos;
-                rows[side + 2][j] = -w * w * sin;
+            let (sin, cos) = (w * t + phase).sin_cos();
+            let signals = [sin, w * cos, -w * w * sin];
+            for (k, row) in rows.iter_mut().enumerate() {
+                row[j] = signals[k % 3] + if k == 3 { 3e-4 } else { 0.0 };
             }
         }
         rows

@@ -119,15 +119,14 @@ fn model() -> Arc<TorqueModel> {
 
 /// q, dq, ddq of a motion that never stands still at once.
 fn motion(t: f64) -> [[f64; N]; 3] {
-    let mut rows = [[0.0; N]; 3];
-    for j in 0..N {
-        let w = TAU * (0.3 + 0.17 * j as f64);
-        let (sin, cos) = (w * t + j as f64).sin_cos();
-        rows[0][j] = sin;
-        rows[1][j] = w * cos;
-        rows[2][j] = -w * w * sin;
-    }
-    rows
+    let angles: [f64; N] = std::array::from_fn(|j| TAU * (0.3 + 0.17 * j as f64));
+    [0, 1, 2].map(|order| {
+        std::array::from_fn(|j| {
+            let w = angles[j];
+            let (sin, cos) = (w * t + j as f64).sin_cos();
+            [sin, w * cos, -w * w * sin][order]
+        })
+    })
 }
 
 /// Runs the observer along the motion; `push` is what pushes, `noise` what the model leaves.

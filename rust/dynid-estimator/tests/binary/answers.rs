@@ -375,8 +375,9 @@ fn a_push_is_observed() {
         );
         let expected = if k >= begin { 300.0 } else { 0.0 };
         if !(begin..begin + 100).contains(&k) && k > 0 {
+            // Torques here are of the order of a thousand.
             assert!(
-                (external[1] - expected).abs() < 3.0 && external[0].abs() < 3.0,
+                (external[1] - expected).abs() < 10.0 && external[0].abs() < 10.0,
                 "{k} {external:?}"
             );
             assert_eq!(status & 2048 != 0, k >= begin, "{k} {external:?}");
