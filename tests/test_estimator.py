@@ -28,11 +28,12 @@ def estimator() -> Path:
 
 @dataclass(frozen=True)
 class Answers:
-    """What came out: t (n,) or None, total (n, n_joints), terms (n, n_terms, n_joints), status (n,)."""
+    """What came out: t (n,) or None, total, std (n, n_joints), terms (n, n_terms, n_joints), status (n,)."""
 
     t: np.ndarray | None
     total: np.ndarray
     terms: np.ndarray
+    std: np.ndarray
     status: np.ndarray
 
 
@@ -67,12 +68,12 @@ def from_csv(text: str, names: list[str], n: int) -> Answers:
     header, *lines = text.splitlines()
     columns = header.split(",")
     timed = columns[0] == "t"
-    expected = [f"{name}_{j}" for name in ["tau", *names] for j in range(n)]
+    expected = [f"{name}_{j}" for name in ["tau", *names, "std"] for j in range(n)]
     assert columns == ["t"] * timed + expected + ["status"]
     rows = [line.split(",") for line in lines]
     numbers = np.array([[float(cell) for cell in row[timed:-1]] for row in rows]).reshape(len(rows), -1, n)
     t = np.array([float(row[0]) for row in rows]) if timed else None
-    return Answers(t, numbers[:, 0], numbers[:, 1:], np.array([int(row[-1]) for row in rows]))
+    return Answers(t, numbers[:, 0], numbers[:, 1:-1], numbers[:, -1], np.array([int(row[-1]) for row in rows]))
 
 
 def from_json(text: str, names: list[str], n: int) -> Answers:
@@ -83,6 +84,7 @@ def from_json(text: str, names: list[str], n: int) -> Answers:
         np.array([o["t"] for o in objects], dtype=float) if timed else None,
         np.array([o["tau"] for o in objects], dtype=float),
         np.array([list(o["terms"].values()) for o in objects], dtype=float),
+        np.array([o["std"] for o in objects], dtype=float),
         np.array([o["status"] for o in objects]),
     )
 
@@ -198,6 +200,7 @@ def test_the_binary_gives_the_bits_of_python(estimator, tmp_path, robot, case):
             answers = parse(run(estimator, path, text, "--format", output), names, n)
             assert_same_bits(answers.total, total)
             assert_same_bits(answers.terms, terms)
+            assert_same_bits(answers.std, model.predicted_std(**states))
             np.testing.assert_array_equal(answers.status, status)
             assert answers.t is None
 

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from dynid_rs.instruments import InstrumentalVariables
     from dynid_rs.links import LinkDynamicsIdentifier
     from dynid_rs.mixture import GaussianMixtureRegressor
+    from dynid_rs.observer import MomentumObserver
     from dynid_rs.physical import PhysicalIdentifier
     from dynid_rs.rbf import RbfRegressor
     from dynid_rs.readers import read_recording
@@ -42,6 +43,7 @@ _LATE = {
     "GaussianMixtureRegressor": "mixture",
     "InstrumentalVariables": "instruments",
     "LinkDynamicsIdentifier": "links",
+    "MomentumObserver": "observer",
     "PhysicalIdentifier": "physical",
     "RbfRegressor": "rbf",
     "ResidualCompensator": "residual",
@@ -63,6 +65,7 @@ __all__ = [
     "LinkDynamicsIdentifier",
     "MdhError",
     "MissingLibraryError",
+    "MomentumObserver",
     "PhysicalIdentifier",
     "PhysicalSet",
     "RankDeficientError",

@@ -53,6 +53,7 @@ __all__ = [
     "merge_factors",
     "named_signals",
     "observe",
+    "observe_momentum",
     "phi_from_pseudo_inertia",
     "point_gradient",
     "point_places",
@@ -970,6 +971,53 @@ def true_motion(
     ------
     ValueError
         Shapes disagree, or a number is not finite.
+    """
+
+def observe_momentum(
+    model: TorqueModel,
+    t: ArrayLike,
+    motion: tuple[ArrayLike | None, ...],
+    tau: ArrayLike,
+    *,
+    temperature: ArrayLike | None = None,
+    step: float,
+    window: int | None = None,
+    time_constant: float,
+    correlation_time: float | None = None,
+    false_per_hour: float,
+) -> tuple[_FloatArray, _FloatArray, _FloatArray, _FloatArray, NDArray[np.uint32], float]:
+    """External torque by the generalised momentum, sample by sample, by the code that runs online.
+
+    Parameters
+    ----------
+    t : (n_samples,)
+        Time [s].
+    motion : tuple of six arrays or None
+        q, dq, ddq, q_motor, dq_motor, ddq_motor. q is needed; without dq or ddq all signals go through the causal
+        filter.
+    tau : (n_samples, n_joints)
+        Measured torque.
+    step : float
+        Usual time between samples [s].
+    window : int, optional
+        Samples to differentiate over.
+    time_constant, correlation_time, false_per_hour : float
+        Of the observer [s], of what the model leaves [s], and how many contacts noise may make.
+
+    Returns
+    -------
+    external, threshold, rest, std : ndarray (n_samples, n_joints)
+        External torque, beyond what it is a contact, what of that is friction at rest, and the deviation that the model
+        expects.
+    status : ndarray (n_samples,)
+        Status bits; 2048 in contact.
+    delay : float
+        Of all of it [s].
+
+    Raises
+    ------
+    ValueError
+        Shapes disagree, q is missing, or a setting is not positive.
     """
 
 def observe(

@@ -1,5 +1,7 @@
 //! One state in, one torque per term out: no allocation, no panic, a finite answer always.
 
+mod live;
+
 use std::sync::Arc;
 
 use crate::dynamics::{check_length, inverse_dynamics_into, Workspace};
@@ -24,6 +26,22 @@ impl Status {
     pub const RESIDUAL_FADED: Self = Self(4);
     /// An effect needs a signal that the state does not have (a temperature); its torque is zero on that joint.
     pub const SIGNAL_MISSING: Self = Self(8);
+    /// Nothing new could be used; the last good torque is repeated.
+    pub const REPEATED: Self = Self(16);
+    /// The state is older than one that came already, and is not used.
+    pub const OUT_OF_ORDER: Self = Self(32);
+    /// The state's time went back. It is not used if states are numbered; otherwise it begins the stream again.
+    pub const TIME_BACKWARDS: Self = Self(64);
+    /// Nothing new for two cycles or more.
+    pub const STALE: Self = Self(128);
+    /// States were lost before this one, or the sender began again.
+    pub const LOST: Self = Self(256);
+    /// Velocities and accelerations cannot be told from the positions yet.
+    pub const SETTLING: Self = Self(512);
+    /// A position stands still in the sensor while the joint moves.
+    pub const STUCK: Self = Self(1024);
+    /// Something pushes the arm.
+    pub const CONTACT: Self = Self(2048);
 
     /// The bits.
     #[must_use]
@@ -37,7 +55,19 @@ impl Status {
         self.0 & other.0 == other.0
     }
 
-    fn set(&mut self, other: Self, on: bool) {
+    /// The bits of both.
+    #[must_use]
+    pub const fn and(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+
+    /// The bits that `other` has too.
+    #[must_use]
+    pub const fn only(self, other: Self) -> Self {
+        Self(self.0 & other.0)
+    }
+
+    pub(crate) fn set(&mut self, other: Self, on: bool) {
         if on {
             self.0 |= other.0;
         }

@@ -13,6 +13,7 @@
     clippy::print_stdout
 )]
 
+pub mod differentiator;
 pub mod dynamics;
 pub mod effects;
 pub mod error;
@@ -21,13 +22,19 @@ pub mod kernel;
 pub mod link_params;
 pub mod mixture;
 pub mod model;
+pub mod momentum;
+pub mod observer;
+pub mod online;
 pub mod physical;
 pub mod rbf;
 pub mod residual;
 pub mod robot;
 pub mod signal;
+mod slices;
 pub mod state;
+pub mod stream;
 
+pub use differentiator::Differentiator;
 pub use dynamics::{inverse_dynamics_into, joint_torque_regressor_into, Workspace};
 pub use effects::{Effect, EffectInput, EffectTerm};
 pub use error::{CoreError, EffectError};
@@ -35,6 +42,9 @@ pub use estimator::{Status, TorqueEstimator};
 pub use link_params::LinkParams;
 pub use mixture::GaussianMixtureRegression;
 pub use model::{Domain, EncoderError, TorqueModel};
+pub use momentum::{momentum_into, MomentumWorkspace};
+pub use observer::{MomentumObserver, ObserverSettings};
+pub use online::{OnlineEstimator, Sample};
 pub use physical::PhysicalSet;
 pub use rbf::NormalisedRbf;
 pub use residual::{Load, Regression, Residual, ResidualInputs};

@@ -125,3 +125,77 @@ fn a_model_that_changes_with_time_needs_a_step() {
     assert!(estimator.clone().with_step(0.001).is_ok());
     assert_eq!(estimator.with_step(0.0).err(), Some(range));
 }
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    /// A model whose effects stand in another order, with other sizes and other ones between them, goes on where the old one
+    /// was; an effect of another shape begins anew.
+    #[test]
+    fn another_model_goes_on_with_what_the_same_effects_remember(
+        case in case(3), numbers in vec(-3.0..3.0f64, 30 * 9), turn in 0usize..17,
+    ) {
+        let n = case.q.len();
+        let parts = parts(case.robot, case.phi, Some(STEP));
+        let mut turned = parts.clone();
+        turned.effects.rotate_left(turn);
+        turned.effects.retain(|term| term.effect().kind() != "torque_ripple");
+        // The first that remembers gets another shape.
+        let other = Effect::new("friction_hysteresis", &[("presliding_distance", vec![0.123; n])]).expect("a valid shape");
+        turned.effects.insert(0, EffectTerm::new(other, vec![0.0; n], n).expect("a valid term"));
+        let old = TorqueEstimator::new(Arc::new(TorqueModel::new(parts).expect("a valid model")));
+        let new = Arc::new(TorqueModel::new(turned).expect("a valid model"));
+        let (mut swapped, mut always) = (old, TorqueEstimator::new(Arc::clone(&new)));
+        let (mut tau, mut expected) = (vec![0.0; n], vec![0.0; n]);
+        for (k, row) in numbers.chunks_exact(9).enumerate() {
+            let signal = |at: usize| &row[3 * at..3 * at + n];
+            let state = State::single(signal(0), signal(1), signal(2));
+            if k == 15 {
+                let mut next = TorqueEstimator::new(Arc::clone(&new));
+                next.continue_from(&swapped);
+                swapped = next;
+            }
+            swapped.estimate_into(&state, &mut tau).expect("right lengths");
+            always.estimate_into(&state, &mut expected).expect("right lengths");
+            if k >= 15 {
+                // All but the effect of the other shape, which has no size.
+                prop_assert_eq!(bits(&tau), bits(&expected));
+            }
+        }
+    }
+}
+
+#[test]
+fn nothing_goes_over_to_another_number_of_joints() {
+    let model = |n: usize| {
+        let joint = dynid_core::Joint {
+            name: "joint".into(),
+            link: "link".into(),
+            kind: dynid_core::JointKind::Revolute,
+            rotation: nalgebra::Matrix3::identity(),
+            translation: nalgebra::Vector3::x(),
+            axis: nalgebra::Vector3::z(),
+            limits: dynid_core::JointLimits::default(),
+            rotor_inertia: 0.0,
+            gear_ratio: None,
+            phi: [1.0; 10],
+        };
+        let robot =
+            dynid_core::RobotModel::new("arm".into(), vec![joint; n], nalgebra::Vector3::x())
+                .unwrap();
+        let phi = robot.phi();
+        TorqueEstimator::new(Arc::new(
+            TorqueModel::new(parts(robot, phi, Some(STEP))).unwrap(),
+        ))
+    };
+    let (mut one, mut fresh) = (model(1), model(1));
+    let mut two = model(2);
+    let (mut tau, mut expected) = ([0.0; 2], [0.0; 1]);
+    two.estimate_into(&State::single(&[0.3; 2], &[0.2; 2], &[0.1; 2]), &mut tau)
+        .unwrap();
+    one.continue_from(&two);
+    let state = State::single(&[0.5], &[0.4], &[0.3]);
+    one.estimate_into(&state, &mut tau[..1]).unwrap();
+    fresh.estimate_into(&state, &mut expected).unwrap();
+    assert_eq!(bits(&tau[..1]), bits(&expected));
+}

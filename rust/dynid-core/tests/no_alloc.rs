@@ -12,8 +12,8 @@ use std::sync::Arc;
 use dynid_core::model::TorqueModelParts;
 use dynid_core::{
     Domain, Effect, EffectTerm, GaussianMixtureRegression, Joint, JointKind, JointLimits,
-    NormalisedRbf, Regression, Residual, ResidualInputs, RobotModel, Signal, SignalKind, State,
-    Status, TorqueEstimator, TorqueModel,
+    NormalisedRbf, ObserverSettings, OnlineEstimator, Regression, Residual, ResidualInputs,
+    RobotModel, Sample, Signal, SignalKind, State, Status, TorqueEstimator, TorqueModel,
 };
 use every_effect::every_effect;
 use nalgebra::{Rotation3, Vector3};
@@ -205,6 +205,69 @@ fn ten_thousand_steps_allocate_nothing() {
         assert_eq!(after - before, 0, "{inputs:?}");
         assert!(seen.iter().all(|count| *count > 0), "{inputs:?}: {seen:?}");
         assert_eq!(seen[1], STEPS / 50 * 3, "{inputs:?}");
+    }
+}
+
+#[test]
+fn a_stream_with_faults_and_an_observer_allocates_nothing() {
+    for with_derivatives in [true, false] {
+        let model = Arc::new(model(ResidualInputs::JointState, false));
+        let online = |model: &Arc<TorqueModel>| {
+            OnlineEstimator::new(Arc::clone(model), None, Some(11))
+                .and_then(|online| online.observing(ObserverSettings::default()))
+                .unwrap()
+        };
+        let (mut running, mut other) = (online(&model), online(&model));
+        let mut seen = 0;
+        let before = CALLS.with(Cell::get);
+        for step in 0..STEPS as u64 {
+            let mut signals = [[0.0; N]; 4];
+            for (k, signal) in signals.iter_mut().enumerate() {
+                for (j, x) in signal.iter_mut().enumerate() {
+                    *x = (0.01 * step as f64 + k as f64 + 0.7 * j as f64).sin();
+                }
+            }
+            let mut sequence = step;
+            match step % 50 {
+                10 => signals[0][3] = f64::NAN,
+                20 => signals[0][3] = 1e300,
+                25 => sequence -= 5,
+                30 => signals[3][0] = f64::INFINITY,
+                40 => seen |= running.hold().bits(),
+                45 => running.swap(&mut other).unwrap(),
+                _ => {}
+            }
+            let [q, dq, ddq, tau] = &signals;
+            let derivative = |signal| Some(signal).filter(|_| with_derivatives);
+            let sample = Sample {
+                sequence: Some(sequence),
+                time: 0.001 * sequence as f64,
+                motion: [
+                    Some(&q[..]),
+                    derivative(&dq[..]),
+                    derivative(&ddq[..]),
+                    None,
+                    None,
+                    None,
+                ],
+                temperature: None,
+                tau: Some(tau),
+            };
+            let status = running.step(black_box(&sample)).unwrap_or(Status::STALE);
+            seen |= black_box(status).bits();
+        }
+        let after = CALLS.with(Cell::get);
+        assert_eq!(after - before, 0);
+        let expected = [
+            Status::NON_FINITE,
+            Status::OUTSIDE_DOMAIN,
+            Status::OUT_OF_ORDER,
+            Status::REPEATED,
+        ];
+        assert!(
+            expected.iter().all(|status| seen & status.bits() != 0),
+            "{seen}"
+        );
     }
 }
 

@@ -2,8 +2,13 @@
 
 use std::path::PathBuf;
 
+use dynid_core::differentiator::{MAX_WINDOW, MIN_WINDOW};
+use dynid_core::ObserverSettings;
 use lexopt::{Arg, Parser, ValueExt};
 
+use crate::cycle::Settings;
+use crate::live::Transport;
+use crate::realtime::RealTime;
 use crate::stop::Stop;
 
 /// How states or torques are written.
@@ -26,52 +31,31 @@ pub enum Command {
         model: PathBuf,
         /// For machines.
         json: bool,
+        /// How answers would be made.
+        settings: Settings,
     },
     /// Answer states.
-    Run {
-        /// `model.json`.
-        model: PathBuf,
-        /// None: told by the first byte.
-        input: Option<Format>,
-        /// None: as the input.
-        output: Option<Format>,
-        /// Time between states \[s\]; none: as the model says.
-        step: Option<f64>,
-    },
+    Run(Run),
 }
 
-const HELP: &str = "\
-The torque of an identified model, online: one state per line in, one line of torques out.
+/// How states are answered.
+#[derive(Debug)]
+pub struct Run {
+    /// `model.json`.
+    pub model: PathBuf,
+    /// Of the input (none: told by the first byte) and of the output (none: as the input).
+    pub formats: (Option<Format>, Option<Format>),
+    /// How answers are made.
+    pub settings: Settings,
+    /// What is asked of the machine.
+    pub real_time: RealTime,
+    /// None: stdin and stdout.
+    pub transport: Option<Transport>,
+    /// Whether the model's file is watched.
+    pub watch: bool,
+}
 
-Usage: dynid-estimator MODEL.json [OPTIONS] < STATES > TORQUES
-
-Options:
-  --input-format auto|csv|jsonl  how states are written; auto (default): JSON lines if the first byte is '{'
-  --format csv|jsonl             how torques are written; default: as the states
-  --step SECONDS                 time between states, for effects that change with time; default: as at identification
-  --info                         print what the model is, and read nothing
-  --json                         with --info: as JSON
-  -h, --help                     print this
-  -V, --version                  print the version
-
-States in, SI units, joints by index along the chain or by name:
-  CSV   t,q_0,...,dq_0,...,ddq_0,...           one header line (q_shoulder_joint is q_0 of a chain that begins there)
-  JSON  {\"t\":0.0,\"q\":[...],\"dq\":[...],\"ddq\":[...]}
-  t is optional. q_motor, dq_motor, ddq_motor (motor side, divided by the gear ratio) are optional, for all joints or
-  none; a signal that is not given equals the link side. Other names: time, timestamp; qd, qdd, qm, qmd. temperature (or
-  temp, degC) is read where the model's friction follows it. Columns and keys that are not named here are ignored.
-
-Torques out, in the model's unit:
-  CSV   t,tau_0,...,rigid_body_0,...,status    tau is the sum, then every term
-  JSON  {\"t\":0.0,\"tau\":[...],\"terms\":{\"rigid_body\":[...],...},\"status\":0}
-  Numbers are the shortest decimals that come back bit for bit. Every line is flushed as soon as no further state waits.
-
-Status, a sum of: 0 good, 1 the state held a NaN or an infinity (CSV nan, JSON null) and the last good torque is repeated,
-  2 outside the states that the model was trained on, 4 far from the data of the residual, whose torque was faded out,
-  8 without a temperature that friction follows, whose torque is then zero.
-
-A line that cannot be read ends the program: exit 2 and one sentence on stderr, as for wrong use or an unreadable model.
-";
+const HELP: &str = include_str!("help.txt");
 
 /// Reads the command line.
 ///
@@ -85,9 +69,11 @@ pub fn parse(parser: Parser) -> Result<Command, Stop> {
 }
 
 fn read(mut parser: Parser) -> Result<Command, lexopt::Error> {
-    let (mut model, mut input, mut output) = (None, None, None);
-    let mut step = None;
-    let (mut info, mut json) = (false, false);
+    let (mut model, mut input, mut output, mut transport) = (None, None, None, None);
+    let mut settings = Settings::default();
+    let (mut observe, mut listening) = (false, ObserverSettings::default());
+    let mut real_time = RealTime::default();
+    let (mut info, mut json, mut watch) = (false, false, false);
     while let Some(arg) = parser.next()? {
         match arg {
             Arg::Short('h') | Arg::Long("help") => return Ok(Command::Print(HELP.to_owned())),
@@ -103,28 +89,76 @@ fn read(mut parser: Parser) -> Result<Command, lexopt::Error> {
                     other => format_named(other, "auto, csv or jsonl").map(Some),
                 })?;
             }
-            Arg::Long("step") => step = Some(parser.value()?.parse_with(seconds)?),
             Arg::Long("format") => {
                 let named = |text: &str| format_named(text, "csv or jsonl");
                 output = Some(parser.value()?.parse_with(named)?);
             }
+            Arg::Long("step") => settings.step = Some(parser.value()?.parse_with(seconds)?),
+            Arg::Long("window") => settings.window = Some(parser.value()?.parse_with(window)?),
+            Arg::Long("observe") => observe = true,
+            Arg::Long("observer-time") => {
+                listening.time_constant = parser.value()?.parse_with(seconds)?;
+            }
+            Arg::Long("noise-correlation") => {
+                listening.correlation_time = Some(parser.value()?.parse_with(seconds)?);
+            }
+            Arg::Long("false-contacts") => {
+                listening.false_per_hour = parser.value()?.parse_with(per_hour)?;
+            }
+            Arg::Long("udp") => transport = Some(Transport::Udp(parser.value()?.string()?)),
+            Arg::Long("shm") => transport = Some(Transport::Shm(parser.value()?.into())),
+            Arg::Long("rate") => real_time.rate = Some(parser.value()?.parse_with(hertz)?),
+            Arg::Long("duration") => {
+                real_time.duration = Some(parser.value()?.parse_with(seconds)?);
+            }
+            Arg::Long("histogram") => real_time.histogram = true,
+            Arg::Long("jitter") => real_time.jitter = true,
+            Arg::Long("mlock") => real_time.mlock = true,
+            Arg::Long("fifo") => real_time.fifo = Some(parser.value()?.parse_with(priority)?),
+            Arg::Long("core") => real_time.core = Some(parser.value()?.parse_with(core)?),
+            Arg::Long("watch") => watch = true,
             Arg::Value(path) if model.is_none() => model = Some(PathBuf::from(path)),
             other => return Err(other.unexpected()),
         }
     }
     let model = model.ok_or("no model given, expected dynid-estimator MODEL.json")?;
-    match (info, json) {
-        (true, json) => Ok(Command::Info { model, json }),
-        (false, true) => {
-            Err("--json goes with --info; for torques as JSON lines give --format jsonl".into())
-        }
-        (false, false) => Ok(Command::Run {
+    if info {
+        return Ok(Command::Info {
             model,
-            input,
-            output,
-            step,
-        }),
+            json,
+            settings,
+        });
     }
+    if json && !real_time.histogram {
+        return Err(
+            "--json goes with --info or --histogram; for torques as JSON lines give --format jsonl"
+                .into(),
+        );
+    }
+    if observe {
+        settings.observer = Some(listening);
+    } else if listening != ObserverSettings::default() {
+        return Err(
+            "--observer-time, --noise-correlation and --false-contacts go with --observe".into(),
+        );
+    }
+    if real_time.jitter && !(real_time.histogram && real_time.rate.is_some()) {
+        return Err("--jitter goes with --histogram and --rate".into());
+    }
+    if transport.is_some() && (input.is_some() || output.is_some()) {
+        return Err(
+            "--input-format and --format are for standard input, not for --udp or --shm".into(),
+        );
+    }
+    real_time.json = json;
+    Ok(Command::Run(Run {
+        model,
+        formats: (input, output),
+        settings,
+        real_time,
+        transport,
+        watch,
+    }))
 }
 
 fn format_named(text: &str, expected: &str) -> Result<Format, String> {
@@ -133,6 +167,38 @@ fn format_named(text: &str, expected: &str) -> Result<Format, String> {
         "jsonl" => Ok(Format::Jsonl),
         _ => Err(format!("expected {expected}")),
     }
+}
+
+fn window(text: &str) -> Result<usize, String> {
+    let samples: Option<usize> = text.parse().ok();
+    samples
+        .filter(|samples| (MIN_WINDOW..=MAX_WINDOW).contains(samples) && samples % 2 == 1)
+        .ok_or_else(|| format!("expected an odd number of samples, {MIN_WINDOW} to {MAX_WINDOW}"))
+}
+
+fn hertz(text: &str) -> Result<f64, &'static str> {
+    let rate: Option<f64> = text.parse().ok();
+    rate.filter(|rate| (0.01..=100_000.0).contains(rate))
+        .ok_or("expected cycles per second, 0.01 to 100000")
+}
+
+fn priority(text: &str) -> Result<i32, &'static str> {
+    let priority: Option<i32> = text.parse().ok();
+    priority
+        .filter(|priority| (1..=99).contains(priority))
+        .ok_or("expected a priority, 1 to 99")
+}
+
+fn core(text: &str) -> Result<usize, &'static str> {
+    text.parse()
+        .map_err(|_| "expected the number of a core, counted from 0")
+}
+
+fn per_hour(text: &str) -> Result<f64, &'static str> {
+    let count: Option<f64> = text.parse().ok();
+    count
+        .filter(|count| *count > 0.0 && count.is_finite())
+        .ok_or("expected a positive number of false contacts per hour")
 }
 
 fn seconds(text: &str) -> Result<f64, &'static str> {

@@ -1,11 +1,17 @@
-//! One state as it came in: the numbers, and which signals they are.
+//! One measurement as it came in: the numbers, and which signals they are.
 
-use dynid_core::State;
+use dynid_core::online::{Sample, N_MOTION};
 
-/// Signals of a state.
-pub const N_SIGNALS: usize = 6;
+/// Signals of a measurement: the motion, then the temperature, then the measured torque.
+pub const N_SIGNALS: usize = N_MOTION + 2;
 
-/// Names of the signals, first ours, then what else is read as it; the order is that of [`State::signals`].
+/// Place of the temperature, which only some models want, and which need not be there.
+pub const TEMPERATURE: usize = N_MOTION;
+
+/// Place of the measured torque, which only an observer wants.
+pub const TORQUE: usize = N_MOTION + 1;
+
+/// Names of the signals, first ours, then what else is read as it; the motion in the order of [`Sample::motion`].
 pub const NAMES: [&[&str]; N_SIGNALS] = [
     &["q"],
     &["dq", "qd"],
@@ -13,16 +19,12 @@ pub const NAMES: [&[&str]; N_SIGNALS] = [
     &["q_motor", "qm"],
     &["dq_motor", "qmd"],
     &["ddq_motor"],
+    &["temperature", "temp"],
+    &["tau", "current"],
 ];
-
-/// Names of the temperature, which only some models want, and which need not be there.
-pub const TEMPERATURE_NAMES: [&str; 2] = ["temperature", "temp"];
 
 /// Names of the time.
 pub const TIME_NAMES: [&str; 3] = ["t", "time", "timestamp"];
-
-/// Signals that every state needs: position, velocity, acceleration of the link side.
-pub const N_NEEDED: usize = 3;
 
 /// Which signals the input has.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -31,61 +33,57 @@ pub struct Present {
     pub time: bool,
     /// The signals, in the order of [`NAMES`].
     pub signals: [bool; N_SIGNALS],
-    /// Temperature, where the model wants it.
-    pub temperature: bool,
 }
 
 impl Present {
     /// Without the temperature, which may come and go.
-    pub fn motion(self) -> Self {
-        Self {
-            temperature: false,
-            ..self
-        }
+    pub fn steady(mut self) -> Self {
+        self.signals[TEMPERATURE] = false;
+        self
+    }
+
+    /// True if velocities or accelerations have to be found from what is below them.
+    pub fn is_differentiated(self) -> bool {
+        self.signals[..3] != [true; 3]
     }
 }
 
-/// The numbers of one state, reused from line to line.
+/// The numbers of one measurement, reused from one to the next.
 #[derive(Debug)]
 pub struct Frame {
     n_joints: usize,
+    /// Its number, where the sender counts.
+    pub sequence: Option<u64>,
     /// Time \[s\]; passed through.
     pub time: f64,
     /// Signal by signal, joint by joint.
     values: Vec<f64>,
-    /// Joint by joint \[degC\], NaN where it is not known; `None` where the model does not want it.
-    temperature: Option<Vec<f64>>,
+    wanted: [bool; N_SIGNALS],
     present: Present,
 }
 
 impl Frame {
-    /// A frame for `n_joints` joints.
+    /// A frame for `n_joints` joints: the motion, and nothing else.
     pub fn new(n_joints: usize) -> Self {
         Self {
             n_joints,
+            sequence: None,
             time: f64::NAN,
             values: vec![f64::NAN; N_SIGNALS * n_joints],
-            temperature: None,
+            wanted: std::array::from_fn(|signal| signal < N_MOTION),
             present: Present::default(),
         }
     }
 
-    /// The same for a model that wants the temperature.
-    pub fn with_temperature(self) -> Self {
-        Self {
-            temperature: Some(vec![f64::NAN; self.n_joints]),
-            ..self
-        }
+    /// The same with another signal.
+    pub fn wanting(mut self, signal: usize, wanted: bool) -> Self {
+        self.wanted[signal] = wanted;
+        self
     }
 
-    /// Where the temperature goes, if the model wants it.
-    pub fn temperature_mut(&mut self) -> Option<&mut [f64]> {
-        self.temperature.as_deref_mut()
-    }
-
-    /// Number of joints.
-    pub fn n_joints(&self) -> usize {
-        self.n_joints
+    /// True if a signal is read.
+    pub fn wants(&self, signal: usize) -> bool {
+        self.wanted[signal]
     }
 
     /// Which signals the input has.
@@ -93,7 +91,7 @@ impl Frame {
         self.present
     }
 
-    /// Tells which signals the input has; the others follow from them.
+    /// Tells which signals the input has.
     pub fn set_present(&mut self, present: Present) {
         self.present = present;
     }
@@ -108,26 +106,22 @@ impl Frame {
         &mut self.values[signal * self.n_joints..][..self.n_joints]
     }
 
-    /// A signal; the motor side equals the link side where it is not given.
-    fn signal(&self, signal: usize) -> &[f64] {
-        let given = if self.present.signals[signal] {
-            signal
-        } else {
-            signal % N_NEEDED
-        };
-        &self.values[given * self.n_joints..][..self.n_joints]
+    /// A signal, if the input has it.
+    fn signal(&self, signal: usize) -> Option<&[f64]> {
+        self.present.signals[signal]
+            .then(|| &self.values[signal * self.n_joints..][..self.n_joints])
     }
 
-    /// The state, as `TorqueModel.evaluate` in Python makes it.
-    pub fn state(&self) -> State<'_> {
-        State {
-            q: self.signal(0),
-            dq: self.signal(1),
-            ddq: self.signal(2),
-            q_motor: self.signal(3),
-            dq_motor: self.signal(4),
-            ddq_motor: self.signal(5),
-            temperature: self.temperature.as_deref(),
+    /// The measurement. A temperature that is wanted is there, of NaNs where the input has none.
+    pub fn sample(&self) -> Sample<'_> {
+        let temperature = TEMPERATURE * self.n_joints;
+        Sample {
+            sequence: self.sequence,
+            time: self.time,
+            motion: std::array::from_fn(|signal| self.signal(signal)),
+            temperature: self.wanted[TEMPERATURE]
+                .then(|| &self.values[temperature..][..self.n_joints]),
+            tau: self.signal(TORQUE),
         }
     }
 }
@@ -135,28 +129,34 @@ impl Frame {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use dynid_core::State;
 
     #[test]
     fn names_stand_in_the_order_of_a_state() {
         let state = State::single(&[], &[], &[]);
-        assert_eq!(
-            state.signals().map(|(name, _)| name),
-            NAMES.map(|names| names[0])
-        );
+        let names: Vec<&str> = NAMES.iter().map(|names| names[0]).collect();
+        assert_eq!(state.signals().map(|(name, _)| name), names[..N_MOTION]);
+        assert_eq!((names[TEMPERATURE], names[TORQUE]), ("temperature", "tau"));
     }
 
     #[test]
-    fn the_motor_side_falls_back_signal_by_signal() {
-        let mut frame = Frame::new(1);
+    fn a_sample_has_what_the_input_has() {
+        let mut frame = Frame::new(1).wanting(TEMPERATURE, true);
         for signal in 0..N_SIGNALS {
             *frame.value_mut(signal, 0) = signal as f64;
         }
-        let given = [true, true, true, false, true, false];
-        frame.set_present(Present {
-            signals: given,
-            ..Present::default()
-        });
-        let values = frame.state().signals().map(|(_, signal)| signal[0]);
-        assert_eq!(values, [0.0, 1.0, 2.0, 0.0, 4.0, 2.0]);
+        *frame.value_mut(TEMPERATURE, 0) = f64::NAN;
+        let mut present = Present::default();
+        for signal in [0, 1, 4, TORQUE] {
+            present.signals[signal] = true;
+        }
+        frame.set_present(present);
+        assert!(present.is_differentiated());
+        let sample = frame.sample();
+        let values = sample.motion.map(|signal| signal.map(|values| values[0]));
+        assert_eq!(values, [Some(0.0), Some(1.0), None, None, Some(4.0), None]);
+        assert!(sample.temperature.is_some_and(|values| values[0].is_nan()));
+        assert_eq!(sample.tau, Some(&[7.0][..]));
+        assert_eq!(Frame::new(1).sample().temperature, None);
     }
 }

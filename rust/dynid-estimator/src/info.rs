@@ -2,8 +2,12 @@
 
 use std::fmt::Write;
 
+use dynid_core::differentiator::{delay, usual_window};
+use dynid_core::online::USUAL_STEP;
 use dynid_core::{JointKind, Regression, Residual, Signal, TorqueModel};
 use serde_json::json;
+
+use crate::cycle::Settings;
 
 fn kind_name(kind: JointKind) -> &'static str {
     match kind {
@@ -57,8 +61,15 @@ fn signals(residual: &Residual) -> Option<Vec<Vec<(&'static str, usize)>>> {
     Some(joints.map(of_joint).collect())
 }
 
+/// How positions that come alone would be differentiated: window, time between samples, delay.
+fn differentiation(model: &TorqueModel, settings: &Settings) -> (usize, f64, f64) {
+    let step = settings.step.or(model.step()).unwrap_or(USUAL_STEP);
+    let window = settings.window.unwrap_or_else(|| usual_window(step));
+    (window, step, delay(window, step))
+}
+
 /// For people.
-pub fn text(model: &TorqueModel) -> String {
+pub fn text(model: &TorqueModel, settings: &Settings) -> String {
     let robot = model.robot();
     let mut text = String::new();
     let mut line = |name: &str, value: &str| {
@@ -90,6 +101,15 @@ pub fn text(model: &TorqueModel) -> String {
             ),
         );
     }
+    let (window, step, delay) = differentiation(model, settings);
+    line(
+        "without dq",
+        &format!(
+            "positions alone are differentiated over {window} samples, {} ms late at {} ms between states",
+            short(1e3 * delay),
+            short(1e3 * step)
+        ),
+    );
     text.push_str("\ntrained on\n");
     text.push_str(&table(model));
     text
@@ -146,8 +166,14 @@ fn table(model: &TorqueModel) -> String {
     text
 }
 
+/// A number without the noise of its last digits.
+fn short(number: f64) -> f64 {
+    (1e6 * number).round() / 1e6
+}
+
 /// For machines.
-pub fn json(model: &TorqueModel) -> String {
+pub fn json(model: &TorqueModel, settings: &Settings) -> String {
+    let (window, step, delay) = differentiation(model, settings);
     let robot = model.robot();
     let domain = model.domain();
     let error = model.encoder_error();
@@ -177,6 +203,7 @@ pub fn json(model: &TorqueModel) -> String {
         "step": model.step(),
         "terms": model.term_names(),
         "residual": residual,
+        "differentiation": {"window": window, "step": step, "delay": delay},
         "joints": joints,
     });
     format!("{info:#}\n")

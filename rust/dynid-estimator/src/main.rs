@@ -1,10 +1,13 @@
-//! `dynid-estimator MODEL.json`: states in on stdin, the torque of every term out on stdout, one line per line.
+//! `dynid-estimator MODEL.json`: states in on stdin, the torque of every term out on stdout, one line per line; or both as
+//! datagrams or in shared memory, paced or driven by what comes.
 //!
 //! ```text
-//! stdin -> Lines -> csv / json -> Frame -> TorqueEstimator -> Writer -> stdout
+//! stdin -> Lines -> csv / json \                                      / Writer -> stdout
+//!                                Frame -> Cycle (OnlineEstimator)
+//! UDP, shared memory -> wire   /                                      \ wire -> UDP, shared memory
 //! ```
 //!
-//! No formula lives here: the numbers are those of [`dynid_core::TorqueEstimator`].
+//! No formula lives here: the numbers are those of [`dynid_core::OnlineEstimator`].
 
 #![cfg_attr(
     not(test),
@@ -18,17 +21,29 @@
 )]
 
 mod args;
+#[cfg(test)]
+mod counting;
+mod cycle;
 mod frame;
+mod histogram;
 mod info;
 mod input;
+mod live;
 mod output;
+mod realtime;
 mod run;
+mod shm;
 mod stop;
+mod swap;
+mod sys;
+mod timing;
+mod udp;
+mod wire;
 
 use std::io::{self, BufWriter, Write};
 use std::process::ExitCode;
 
-use args::Command;
+use args::{Command, Run};
 use stop::Stop;
 
 fn main() -> ExitCode {
@@ -46,26 +61,44 @@ fn main() -> ExitCode {
 fn work() -> Result<(), Stop> {
     match args::parse(lexopt::Parser::from_env())? {
         Command::Print(text) => print(&text),
-        Command::Info { model, json } => {
-            let model = dynid_io::load(&model)?;
-            print(&if json {
-                info::json(&model)
-            } else {
-                info::text(&model)
-            })
-        }
-        Command::Run {
+        Command::Info {
             model,
-            input,
-            output,
-            step,
+            json,
+            settings,
         } => {
             let model = dynid_io::load(&model)?;
+            print(&if json {
+                info::json(&model, &settings)
+            } else {
+                info::text(&model, &settings)
+            })
+        }
+        Command::Run(Run {
+            model: path,
+            formats,
+            settings,
+            real_time,
+            transport,
+            watch,
+        }) => {
+            let model = dynid_io::load(&path)?;
+            let watched = watch.then_some(path);
+            if let Some(transport) = transport {
+                let report = live::run(model, &transport, &settings, &real_time, watched)?;
+                return report.map_or(Ok(()), |report| print(&report));
+            }
             let mut out = BufWriter::with_capacity(1 << 16, io::stdout().lock());
-            let done = run::run(model, (input, output), step, io::stdin().lock(), &mut out);
+            let stdin = io::stdin().lock();
+            let done = run::run(
+                model, formats, &settings, &real_time, watched, stdin, &mut out,
+            );
             // What was answered before a broken line still leaves.
             out.flush().map_err(Stop::output)?;
-            done
+            // stdout holds the torques.
+            if let Some(report) = done? {
+                let _ = io::stderr().write_all(report.as_bytes());
+            }
+            Ok(())
         }
     }
 }

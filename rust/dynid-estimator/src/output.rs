@@ -15,6 +15,10 @@ pub struct Answer<'a> {
     pub tau: &'a [f64],
     /// The terms, row-major by term; finite.
     pub terms: &'a [f64],
+    /// Standard deviation expected of measured minus predicted torque; finite.
+    pub std: &'a [f64],
+    /// External torque, where an observer runs; finite.
+    pub external: Option<&'a [f64]>,
     /// What was unusual.
     pub status: Status,
 }
@@ -25,15 +29,17 @@ pub struct Writer {
     format: Format,
     n_joints: usize,
     term_names: Vec<String>,
+    observes: bool,
 }
 
 impl Writer {
     /// A writer for answers of `model`.
-    pub fn new(format: Format, model: &TorqueModel) -> Self {
+    pub fn new(format: Format, model: &TorqueModel, observes: bool) -> Self {
         Self {
             format,
             n_joints: model.robot().n_joints(),
             term_names: model.term_names(),
+            observes,
         }
     }
 
@@ -45,7 +51,13 @@ impl Writer {
         if with_time {
             out.write_all(b"t,")?;
         }
-        for name in std::iter::once("tau").chain(self.term_names.iter().map(String::as_str)) {
+        let terms = self.term_names.iter().map(String::as_str);
+        for name in ["tau"]
+            .into_iter()
+            .chain(terms)
+            .chain(["std"])
+            .chain(self.observes.then_some("external"))
+        {
             for joint in 0..self.n_joints {
                 write!(out, "{name}_{joint},")?;
             }
@@ -67,7 +79,13 @@ impl Writer {
             Some(time) => write!(out, "{time:?},")?, // an infinity is written as inf
             None => {}
         }
-        for torque in answer.tau.iter().chain(answer.terms) {
+        for torque in answer
+            .tau
+            .iter()
+            .chain(answer.terms)
+            .chain(answer.std)
+            .chain(answer.external.unwrap_or(&[]))
+        {
             write!(out, "{torque:?},")?;
         }
         writeln!(out, "{}", answer.status.bits())
@@ -88,7 +106,13 @@ impl Writer {
             write!(out, "{}\"{name}\":", if k == 0 { "" } else { "," })?;
             write_array(term, out)?;
         }
-        writeln!(out, "}},\"status\":{}}}", answer.status.bits())
+        out.write_all(b"},\"std\":")?;
+        write_array(answer.std, out)?;
+        if let Some(external) = answer.external {
+            out.write_all(b",\"external\":")?;
+            write_array(external, out)?;
+        }
+        writeln!(out, ",\"status\":{}}}", answer.status.bits())
     }
 }
 
@@ -103,18 +127,21 @@ fn write_array(numbers: &[f64], out: &mut impl Write) -> io::Result<()> {
 mod tests {
     use super::*;
 
-    fn line(format: Format, time: Option<f64>) -> String {
+    fn line(format: Format, time: Option<f64>, external: Option<&[f64]>) -> String {
         let writer = Writer {
             format,
             n_joints: 2,
             term_names: ["rigid_body", "friction", "friction2"]
                 .map(str::to_owned)
                 .to_vec(),
+            observes: external.is_some(),
         };
         let answer = Answer {
             time,
             tau: &[1.0, -0.0],
             terms: &[0.1, 1e-7, 1e22, 5e-324, -1.0, 2.0],
+            std: &[0.5, 0.25],
+            external,
             status: Status::OUTSIDE_DOMAIN,
         };
         let mut out = Vec::new();
@@ -126,16 +153,16 @@ mod tests {
     #[test]
     fn answers_look_as_documented() {
         assert_eq!(
-            line(Format::Csv, Some(f64::NAN)),
-            "t,tau_0,tau_1,rigid_body_0,rigid_body_1,friction_0,friction_1,friction2_0,friction2_1,status\n\
-             nan,1.0,-0.0,0.1,1e-7,1e22,5e-324,-1.0,2.0,2\n"
+            line(Format::Csv, Some(f64::NAN), Some(&[3.0, 4.0])),
+            "t,tau_0,tau_1,rigid_body_0,rigid_body_1,friction_0,friction_1,friction2_0,friction2_1,std_0,std_1,external_0,external_1,status\n\
+             nan,1.0,-0.0,0.1,1e-7,1e22,5e-324,-1.0,2.0,0.5,0.25,3.0,4.0,2\n"
         );
         assert_eq!(
-            line(Format::Jsonl, Some(0.25)),
+            line(Format::Jsonl, Some(0.25), Some(&[3.0, 4.0])),
             "{\"t\":0.25,\"tau\":[1.0,-0.0],\"terms\":{\"rigid_body\":[0.1,1e-7],\"friction\":[1e22,5e-324],\
-             \"friction2\":[-1.0,2.0]},\"status\":2}\n"
+             \"friction2\":[-1.0,2.0]},\"std\":[0.5,0.25],\"external\":[3.0,4.0],\"status\":2}\n"
         );
-        assert!(line(Format::Jsonl, Some(f64::INFINITY)).starts_with("{\"t\":null,"));
-        assert!(line(Format::Jsonl, None).starts_with("{\"tau\":"));
+        assert!(line(Format::Jsonl, Some(f64::INFINITY), None).starts_with("{\"t\":null,"));
+        assert!(line(Format::Jsonl, None, None).starts_with("{\"tau\":"));
     }
 }

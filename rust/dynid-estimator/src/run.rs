@@ -1,15 +1,21 @@
-//! The loop: a line in, a state, an answer, a line out.
+//! The loop over lines: a line in, a measurement, an answer, a line out.
 
 use std::io::{self, Read, Write};
+use std::path::PathBuf;
 use std::sync::Arc;
 
-use dynid_core::{TorqueEstimator, TorqueModel};
+use dynid_core::TorqueModel;
 
 use crate::args::Format;
-use crate::frame::{Frame, Present};
+use crate::cycle::{Cycle, Settings};
+use crate::frame::{Frame, Present, TEMPERATURE, TORQUE};
 use crate::input::{Lines, Parser};
-use crate::output::{Answer, Writer};
+use crate::output::Writer;
+use crate::realtime::RealTime;
 use crate::stop::Stop;
+use crate::swap;
+use crate::sys;
+use crate::timing::{Pace, Timing};
 
 /// Answers every state of `source` on `out`. Nothing waits: as soon as no further line is there to be read, all answers
 /// are flushed. A line that is not a state ends the work, because what follows a broken line cannot be trusted either,
@@ -20,59 +26,81 @@ use crate::stop::Stop;
 pub fn run(
     model: TorqueModel,
     (input, output): (Option<Format>, Option<Format>),
-    step: Option<f64>,
+    settings: &Settings,
+    real_time: &RealTime,
+    watched: Option<PathBuf>,
     source: impl Read,
     out: &mut impl Write,
-) -> Result<(), Stop> {
+) -> Result<Option<String>, Stop> {
     let model = Arc::new(model);
-    let mut estimator = TorqueEstimator::new(Arc::clone(&model));
-    if let Some(step) = step {
-        let with_step = estimator.with_step(step);
-        estimator = with_step.map_err(|error| Stop::Because(error.to_string()))?;
-    }
-    let mut clock = Clock::new(&model, step);
-    let mut frame = Frame::new(model.robot().n_joints());
-    let follows_temperature = model.wants_temperature().contains(&true);
-    if follows_temperature {
-        frame = frame.with_temperature();
-    }
-    let mut tau = vec![0.0; frame.n_joints()];
+    let mut cycle = Cycle::new(Arc::clone(&model), settings)?;
+    let inbox = watched.map(|path| swap::watch(path, Arc::clone(&model), *settings, true));
+    let mut clock = Clock::new(&model, settings.step);
+    let mut frame = frame_for(&model, settings);
 
     let mut lines = Lines::new(source);
     let mut parser = Parser::begin(input, &mut lines, model.robot(), &mut frame)?;
-    let writer = Writer::new(output.unwrap_or(parser.format()), &model);
-    note_a_missing_encoder(&model, frame.present());
-    if follows_temperature && !frame.present().temperature {
-        tell(
-            "note",
-            "the model's friction follows a measured temperature, the input has none: that term is zero, status bit 8 says so",
-        );
+    let writer = Writer::new(
+        output.unwrap_or(parser.format()),
+        &model,
+        settings.observer.is_some(),
+    );
+    note_what_is_missing(&model, &frame, &cycle);
+    if frame.wants(TORQUE) && !frame.present().signals[TORQUE] {
+        return Err(Stop::Because(
+            "--observe needs the measured torque of every joint, tau_0 and so on, which the input does not have".to_owned(),
+        ));
+    }
+    if frame.present().is_differentiated() {
+        clock.watch_for_the_filter(&model, settings.step);
     }
     writer
         .begin(frame.present().time, out)
         .map_err(Stop::output)?;
+    cycle = cycle.warm();
+    let sleeper = real_time.begin()?;
+    let (mut pace, end) = (real_time.pace(), real_time.end());
+    let mut timing = Timing::new(pace.as_ref().map(Pace::period));
     loop {
         if !lines.line_waits() {
             out.flush().map_err(Stop::output)?;
         }
-        if !lines.advance()? {
-            return Ok(());
+        if sys::now() >= end || !lines.advance()? {
+            break;
+        }
+        let due = pace.as_mut().map(|pace| {
+            let begin = pace.wait();
+            timing.begin(begin, sys::now());
+            begin.due
+        });
+        let start = sys::now();
+        if let Some(inbox) = &inbox {
+            inbox.take(&mut cycle);
         }
         parser
             .parse(lines.line(), &mut frame)
             .map_err(|fault| lines.fault(&fault))?;
         clock.note_another_step(frame.time);
-        let status = estimator
-            .estimate_into(&frame.state(), &mut tau)
+        cycle.begin();
+        cycle
+            .step(&frame.sample())
             .map_err(|error| Stop::Because(error.to_string()))?;
-        let answer = Answer {
-            time: frame.present().time.then_some(frame.time),
-            tau: &tau,
-            terms: estimator.terms(),
-            status,
-        };
+        let computed = sys::now();
+        let answer = cycle.answer(frame.present().time.then_some(frame.time));
         writer.write(&answer, out).map_err(Stop::output)?;
+        timing.end(computed - start, sys::now() - due.unwrap_or(start));
     }
+    out.flush().map_err(Stop::output)?;
+    timing.stop();
+    Ok(real_time.report(&timing, sleeper))
+}
+
+/// A frame for what the model wants to know.
+pub fn frame_for(model: &TorqueModel, settings: &Settings) -> Frame {
+    let follows_temperature = model.wants_temperature().contains(&true);
+    Frame::new(model.robot().n_joints())
+        .wanting(TEMPERATURE, follows_temperature)
+        .wanting(TORQUE, settings.observer.is_some())
 }
 
 /// Watches that states come as far apart as the effects that change with time were told.
@@ -93,6 +121,12 @@ impl Clock {
         }
     }
 
+    /// A filter counts the step too.
+    fn watch_for_the_filter(&mut self, model: &TorqueModel, given: Option<f64>) {
+        let counted = model.step().unwrap_or(dynid_core::online::USUAL_STEP);
+        self.step = given.is_none().then_some(counted);
+    }
+
     /// Says once if two times are not a step apart, by more than their digits explain.
     fn note_another_step(&mut self, time: f64) {
         let Some(step) = self.step else { return };
@@ -110,13 +144,36 @@ impl Clock {
     }
 }
 
+/// What the input does not have is made up for, but not silently.
+pub fn note_what_is_missing(model: &TorqueModel, frame: &Frame, cycle: &Cycle) {
+    let present = frame.present();
+    note_a_missing_encoder(model, present);
+    if model.wants_temperature().contains(&true) && !present.signals[TEMPERATURE] {
+        tell(
+            "note",
+            "the model's friction follows a measured temperature, the input has none: that term is zero, status bit 8 says so",
+        );
+    }
+    if present.is_differentiated() {
+        tell(
+            "note",
+            &format!(
+                "the input has no dq or no ddq: positions are differentiated, and every answer is that of {:.4} ms before",
+                1e3 * cycle.delay()
+            ),
+        );
+    }
+}
+
 /// Two encoders at identification and one now is allowed, but not silent.
 fn note_a_missing_encoder(model: &TorqueModel, present: Present) {
     let deflection = model
         .residual()
         .is_some_and(|residual| residual.inputs().two_encoders());
     let two_encoders = deflection || model.encoder_delay().iter().any(|delay| *delay != 0.0);
-    let [.., q_motor, dq_motor, _] = present.signals;
+    let q_motor = present.signals[3];
+    // Where everything is differentiated, so is the motor side.
+    let dq_motor = present.signals[4] || (present.is_differentiated() && q_motor);
     for (name, there) in [("q_motor", q_motor), ("dq_motor", dq_motor)] {
         if two_encoders && !there {
             tell(

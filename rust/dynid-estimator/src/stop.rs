@@ -1,5 +1,6 @@
 //! Why the program ends before its input does.
 
+use std::fmt;
 use std::io;
 use std::process::ExitCode;
 
@@ -29,6 +30,15 @@ impl Stop {
             Self::ReaderLeft
         } else {
             Self::Because(format!("stdout: {error}"))
+        }
+    }
+}
+
+impl fmt::Display for Stop {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Because(sentence) => f.write_str(sentence),
+            Self::ReaderLeft => f.write_str("nobody reads the output"),
         }
     }
 }

@@ -8,6 +8,7 @@ mod excitation;
 mod friction_search;
 mod mixture;
 mod model;
+mod observer;
 mod offline;
 mod physical;
 mod rbf;
@@ -58,6 +59,7 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(model::align_link_side, m)?)?;
     m.add_function(wrap_pyfunction!(model::true_motion, m)?)?;
     m.add_function(wrap_pyfunction!(offline::observe, m)?)?;
+    m.add_function(wrap_pyfunction!(observer::observe_momentum, m)?)?;
     m.add_function(wrap_pyfunction!(offline::filtered_friction_basis, m)?)?;
     m.add_function(wrap_pyfunction!(offline::triangular_factor, m)?)?;
     m.add_function(wrap_pyfunction!(offline::merge_factors, m)?)?;

@@ -3,11 +3,12 @@
 use std::collections::HashMap;
 use std::io::Read;
 
+use dynid_core::online::N_MOTION;
 use dynid_core::RobotModel;
 
 use super::cells::{delimiter_of, number, Cells};
 use super::{shown, Fault, Lines};
-use crate::frame::{Frame, Present, NAMES, N_NEEDED, N_SIGNALS, TEMPERATURE_NAMES, TIME_NAMES};
+use crate::frame::{Frame, Present, NAMES, N_SIGNALS, TEMPERATURE, TIME_NAMES};
 use crate::stop::Stop;
 
 /// What a column holds.
@@ -16,7 +17,6 @@ enum Column {
     Ignored,
     Time,
     Value { signal: usize, joint: usize },
-    Temperature { joint: usize },
 }
 
 /// The columns of a stream.
@@ -57,18 +57,18 @@ impl Columns {
             }
         };
         let joints: Vec<&str> = robot.joints().iter().map(|joint| &*joint.name).collect();
-        let wanted = frame.temperature_mut().is_some();
+        let wanted = std::array::from_fn(|signal| frame.wants(signal));
         let (columns, present) =
             Self::from_header(&header, &joints, wanted).map_err(|fault| lines.fault(&fault))?;
         frame.set_present(present);
         Ok(columns)
     }
 
-    /// `temperature`: whether it is wanted; else its columns are ignored like any other.
+    /// Columns of signals that are not wanted are ignored like any other.
     fn from_header(
         header: &[u8],
         joints: &[&str],
-        temperature: bool,
+        wanted: [bool; N_SIGNALS],
     ) -> Result<(Self, Present), Fault> {
         let delimiter = delimiter_of(header);
         let names = Cells::new(header, delimiter)
@@ -81,7 +81,7 @@ impl Columns {
                 shown(header)
             )));
         }
-        let meanings = meanings(joints, temperature);
+        let meanings = meanings(joints, wanted);
         let columns = names
             .iter()
             .map(|name| match meanings.get(name.as_str()).map(Vec::as_slice) {
@@ -123,12 +123,6 @@ impl Columns {
                 Column::Ignored => {}
                 Column::Time => frame.time = value()?,
                 Column::Value { signal, joint } => *frame.value_mut(signal, joint) = value()?,
-                Column::Temperature { joint } => {
-                    let value = value()?;
-                    if let Some(temperature) = frame.temperature_mut() {
-                        temperature[joint] = value;
-                    }
-                }
             }
             n_cells += 1;
         }
@@ -159,7 +153,7 @@ fn starts_with_number(line: &[u8], header: &[u8]) -> bool {
 }
 
 /// Every name that a column can have, with what it can mean.
-fn meanings(joints: &[&str], temperature: bool) -> HashMap<String, Vec<Column>> {
+fn meanings(joints: &[&str], wanted: [bool; N_SIGNALS]) -> HashMap<String, Vec<Column>> {
     let mut meanings: HashMap<String, Vec<Column>> = HashMap::new();
     let mut add = |name: String, column| {
         let known = meanings.entry(name).or_default();
@@ -178,11 +172,12 @@ fn meanings(joints: &[&str], temperature: bool) -> HashMap<String, Vec<Column>> 
             }
         }
     };
-    for (signal, aliases) in NAMES.iter().enumerate() {
+    for (signal, aliases) in NAMES
+        .iter()
+        .enumerate()
+        .filter(|(signal, _)| wanted[*signal])
+    {
         add_all(aliases, &|joint| Column::Value { signal, joint });
-    }
-    if temperature {
-        add_all(&TEMPERATURE_NAMES, &|joint| Column::Temperature { joint });
     }
     meanings
 }
@@ -194,7 +189,6 @@ fn refuse_twice(names: &[String], columns: &[Column]) -> Result<(), Fault> {
             Column::Ignored => continue,
             Column::Time => (N_SIGNALS, 0),
             Column::Value { signal, joint } => (signal, joint),
-            Column::Temperature { joint } => (N_SIGNALS + 1, joint),
         };
         if let Some(first) = seen.insert(place, name) {
             let sentence = format!(
@@ -211,9 +205,6 @@ fn refuse_twice(names: &[String], columns: &[Column]) -> Result<(), Fault> {
 fn present(columns: &[Column], joints: &[&str]) -> Result<Present, Fault> {
     let mut present = Present {
         time: columns.contains(&Column::Time),
-        temperature: columns
-            .iter()
-            .any(|column| matches!(column, Column::Temperature { .. })),
         ..Present::default()
     };
     for (signal, names) in NAMES.iter().enumerate() {
@@ -223,10 +214,11 @@ fn present(columns: &[Column], joints: &[&str]) -> Result<Present, Fault> {
         let Some(joint) = (0..joints.len()).find(|joint| !has(*joint)) else {
             continue;
         };
-        if n_there > 0 || signal < N_NEEDED {
+        // A temperature may be known of some joints only.
+        if n_there > 0 && signal != TEMPERATURE || signal == 0 {
             let name = names[0];
-            let reason = if signal < N_NEEDED {
-                "every state needs q, dq and ddq of every joint".to_owned()
+            let reason = if signal == 0 {
+                "every state needs q of every joint".to_owned()
             } else {
                 format!("expected {name} for all joints or for none")
             };
@@ -248,7 +240,8 @@ fn refuse_more_joints(names: &[String], columns: &[Column], joints: &[&str]) -> 
         let Some((signal, index)) = name.rsplit_once('_') else {
             return false;
         };
-        NAMES.iter().any(|aliases| aliases.contains(&signal))
+        let mut motion = NAMES.iter().take(N_MOTION);
+        motion.any(|aliases| aliases.contains(&signal))
             && index
                 .parse()
                 .is_ok_and(|index: u64| index >= joints.len() as u64)
@@ -275,8 +268,12 @@ mod tests {
 
     const ARM: [&str; 2] = ["shoulder", "elbow"];
 
+    /// The motion and the temperature.
+    const WITH_TEMPERATURE: [bool; N_SIGNALS] = [true, true, true, true, true, true, true, false];
+    const MOTION: [bool; N_SIGNALS] = [true, true, true, true, true, true, false, false];
+
     fn fault(header: &str, joints: &[&str]) -> String {
-        Columns::from_header(header.as_bytes(), joints, true)
+        Columns::from_header(header.as_bytes(), joints, WITH_TEMPERATURE)
             .unwrap_err()
             .to_string()
     }
@@ -284,20 +281,25 @@ mod tests {
     #[test]
     fn columns_are_found_by_index_name_and_alias() {
         let header = "tau_0,time,qd_elbow,q_0,qdd_0,q_elbow,dq_0,ddq_1,qm_0,q_motor_elbow,note,";
-        let (columns, present) = Columns::from_header(header.as_bytes(), &ARM, false).unwrap();
+        let (columns, present) = Columns::from_header(header.as_bytes(), &ARM, MOTION).unwrap();
         assert!(present.time);
-        assert_eq!(present.signals, [true, true, true, true, false, false]);
+        assert_eq!(
+            present.signals,
+            [true, true, true, true, false, false, false, false]
+        );
         let mut frame = Frame::new(2);
         frame.set_present(present);
         columns
             .parse(b"x,7,11,0,20,1,10,21,30,31,\"a,b\",", &mut frame)
             .unwrap();
         assert_eq!(frame.time, 7.0);
-        assert_eq!(frame.state().q, [0.0, 1.0]);
-        assert_eq!(frame.state().dq, [10.0, 11.0]);
-        assert_eq!(frame.state().ddq, [20.0, 21.0]);
-        assert_eq!(frame.state().q_motor, [30.0, 31.0]);
-        assert_eq!(frame.state().dq_motor, [10.0, 11.0]);
+        for (signal, expected) in [[0.0, 1.0], [10.0, 11.0], [20.0, 21.0], [30.0, 31.0]]
+            .iter()
+            .enumerate()
+        {
+            assert_eq!(frame.sample().motion[signal], Some(&expected[..]));
+        }
+        assert_eq!(frame.sample().motion[4], None);
     }
 
     #[test]
@@ -305,23 +307,24 @@ mod tests {
         let numbers = ["1", "2"];
         assert!(fault("q_0,q_1,dq_0,dq_1,ddq_0,ddq_1", &numbers).contains("can mean two joints"));
         assert!(fault("q_motor_0", &["motor_0", "b"]).contains("can mean two joints"));
-        assert!(Columns::from_header(b"q_0,dq_0,ddq_0", &["0"], true).is_ok());
+        assert!(Columns::from_header(b"q_0,dq_0,ddq_0", &["0"], MOTION).is_ok());
     }
 
     #[test]
     fn temperatures_are_read_where_they_are_wanted_and_may_be_missing() {
         let header = "q_0,q_1,dq_0,dq_1,ddq_0,ddq_1,temp_elbow,temperature_7";
         let row = b"0,0,0,0,0,0,41.5,hot";
-        let (columns, present) = Columns::from_header(header.as_bytes(), &ARM, false).unwrap();
-        assert!(!present.temperature);
+        let (columns, present) = Columns::from_header(header.as_bytes(), &ARM, MOTION).unwrap();
+        assert!(!present.signals[TEMPERATURE]);
         let mut frame = Frame::new(2);
         columns.parse(row, &mut frame).unwrap();
-        assert_eq!(frame.state().temperature, None);
-        let (columns, present) = Columns::from_header(header.as_bytes(), &ARM, true).unwrap();
-        assert!(present.temperature);
-        let mut frame = Frame::new(2).with_temperature();
+        assert_eq!(frame.sample().temperature, None);
+        let (columns, present) =
+            Columns::from_header(header.as_bytes(), &ARM, WITH_TEMPERATURE).unwrap();
+        assert!(present.signals[TEMPERATURE]);
+        let mut frame = Frame::new(2).wanting(TEMPERATURE, true);
         columns.parse(row, &mut frame).unwrap();
-        let temperature = frame.state().temperature.unwrap();
+        let temperature = frame.sample().temperature.unwrap();
         assert!(temperature[0].is_nan());
         assert_eq!(temperature[1], 41.5);
         let valid = "q_0,q_1,dq_0,dq_1,ddq_0,ddq_1,temp_0";
@@ -337,7 +340,8 @@ mod tests {
         assert!(fault(&format!("{valid},t,time"), &ARM).contains("repeats column \"t\""));
         assert!(fault(&format!("{valid},q_motor_0"), &ARM).contains("\"q_motor_1\": missing"));
         assert!(fault(&format!("{valid},q_2"), &ARM).contains("2 joints"));
-        assert!(fault("q_0,q_1,dq_0,dq_1", &ARM).contains("\"ddq_0\": missing"));
+        assert!(fault("dq_0,dq_1", &ARM).contains("\"q_0\": missing"));
+        assert!(fault("q_0,q_1,dq_0", &ARM).contains("\"dq_1\": missing"));
         assert!(fault("0.1,0.2", &ARM).contains("found numbers"));
         assert!(fault("\"q_0,q_1", &ARM).contains("quote"));
     }

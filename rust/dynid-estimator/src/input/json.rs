@@ -6,7 +6,7 @@ use serde::de::{self, DeserializeSeed, Deserializer, IgnoredAny, MapAccess, SeqA
 use serde::Deserialize;
 
 use super::Fault;
-use crate::frame::{Frame, Present, NAMES, N_NEEDED, TEMPERATURE_NAMES, TIME_NAMES};
+use crate::frame::{Frame, Present, NAMES, TEMPERATURE, TIME_NAMES};
 
 /// The objects of a stream.
 #[derive(Debug, Default)]
@@ -34,13 +34,8 @@ impl Objects {
             .deserialize(&mut object)
             .and_then(|present| object.end().map(|()| present))
             .map_err(|error| Fault::line(one_line(&error)))?;
-        for (names, there) in NAMES.iter().zip(present.signals).take(N_NEEDED) {
-            if !there {
-                let name = names[0];
-                return Err(Fault::line(format!(
-                    "key \"{name}\" is missing, every state needs q, dq and ddq"
-                )));
-            }
+        if !present.signals[0] {
+            return Err(Fault::line("key \"q\" is missing, every state needs it"));
         }
         match self.first {
             None => {
@@ -49,7 +44,10 @@ impl Objects {
                 Ok(())
             }
             // A temperature may come and go: the answer's status says where it is missing.
-            Some(first) if first.motion() == present.motion() => Ok(()),
+            Some(first) if first.steady() == present.steady() => {
+                frame.set_present(present);
+                Ok(())
+            }
             Some(first) => Err(Fault::line(difference(first, present))),
         }
     }
@@ -59,7 +57,7 @@ impl Objects {
 fn difference(first: Present, present: Present) -> String {
     let names = NAMES.iter().map(|names| names[0]).chain([TIME_NAMES[0]]);
     let flags = |present: Present| present.signals.into_iter().chain([present.time]);
-    let changed = names.zip(flags(first).zip(flags(present)));
+    let changed = names.zip(flags(first.steady()).zip(flags(present.steady())));
     for (name, (before, now)) in changed {
         if before && !now {
             return format!("key \"{name}\" is missing, the first state has it");
@@ -110,7 +108,6 @@ fn nulls_for_nans(line: &[u8], out: &mut Vec<u8>) {
 enum Key {
     Time,
     Signal(usize),
-    Temperature,
     Unknown,
 }
 
@@ -127,9 +124,6 @@ impl<'de> Deserialize<'de> for Key {
             fn visit_str<E>(self, text: &str) -> Result<Key, E> {
                 if TIME_NAMES.contains(&text) {
                     return Ok(Key::Time);
-                }
-                if TEMPERATURE_NAMES.contains(&text) {
-                    return Ok(Key::Temperature);
                 }
                 let signal = NAMES.iter().position(|names| names.contains(&text));
                 Ok(signal.map_or(Key::Unknown, Key::Signal))
@@ -160,17 +154,14 @@ impl<'de> Visitor<'de> for Keys<'_> {
     fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Present, A::Error> {
         let frame = self.0;
         let mut present = Present::default();
-        if let Some(temperature) = frame.temperature_mut() {
-            temperature.fill(f64::NAN);
-        }
+        frame.signal_mut(TEMPERATURE).fill(f64::NAN);
         while let Some(key) = map.next_key::<Key>()? {
             let (name, seen) = match key {
                 Key::Time => (TIME_NAMES[0], &mut present.time),
-                Key::Signal(signal) => (NAMES[signal][0], &mut present.signals[signal]),
-                Key::Temperature if frame.temperature_mut().is_some() => {
-                    (TEMPERATURE_NAMES[0], &mut present.temperature)
+                Key::Signal(signal) if frame.wants(signal) => {
+                    (NAMES[signal][0], &mut present.signals[signal])
                 }
-                Key::Temperature | Key::Unknown => {
+                Key::Signal(_) | Key::Unknown => {
                     map.next_value::<IgnoredAny>()?;
                     continue;
                 }
@@ -182,10 +173,6 @@ impl<'de> Visitor<'de> for Keys<'_> {
                 Key::Signal(signal) => map.next_value_seed(Signal {
                     name,
                     values: frame.signal_mut(signal),
-                })?,
-                Key::Temperature => map.next_value_seed(Signal {
-                    name,
-                    values: frame.temperature_mut().unwrap_or_default(),
                 })?,
                 _ => frame.time = map.next_value_seed(Number { name, joint: None })?,
             }
@@ -298,13 +285,13 @@ mod tests {
         let line = r#" {"q":[1,-2],"qd":[0.1,1e-3],"note":{"q":[9]},"ddq":[-0,null],"qm":[3.5,4],"time":2} "#;
         let frame = parse(line).unwrap();
         assert_eq!(frame.time, 2.0);
-        let state = frame.state();
-        assert_eq!(state.q, [1.0, -2.0]);
-        assert_eq!(state.dq, [0.1, 0.001]);
-        assert_eq!(state.ddq[0].to_bits(), (-0.0_f64).to_bits());
-        assert!(state.ddq[1].is_nan());
-        assert_eq!(state.q_motor, [3.5, 4.0]);
-        assert_eq!(state.dq_motor, state.dq);
+        let [q, dq, ddq, q_motor, dq_motor, _] = frame.sample().motion;
+        assert_eq!(q, Some(&[1.0, -2.0][..]));
+        assert_eq!(dq, Some(&[0.1, 0.001][..]));
+        assert_eq!(ddq.unwrap()[0].to_bits(), (-0.0_f64).to_bits());
+        assert!(ddq.unwrap()[1].is_nan());
+        assert_eq!(q_motor, Some(&[3.5, 4.0][..]));
+        assert_eq!(dq_motor, None);
     }
 
     #[test]
@@ -319,15 +306,15 @@ mod tests {
         assert_eq!(out, br#""\"#);
         assert!(parse(r#"{"q":[NaN,1],"dq":[1,1],"ddq":[1,1]}"#)
             .unwrap()
-            .state()
-            .q[0]
-            .is_nan());
+            .sample()
+            .motion[0]
+            .is_some_and(|q| q[0].is_nan()));
     }
 
     #[test]
     fn objects_that_are_no_states_are_refused() {
         for (line, expected) in [
-            (r#"{"q":[1,2],"dq":[1,2]}"#, "\"ddq\" is missing"),
+            (r#"{"dq":[1,2],"ddq":[1,2]}"#, "\"q\" is missing"),
             (r#"{"q":[1,2],"q":[1,2]}"#, "\"q\" is given twice"),
             (r#"{"t":1,"time":1}"#, "\"t\" is given twice"),
             (r#"{"q":[1]}"#, "\"q\" has 1 values, expected 2"),
@@ -355,7 +342,7 @@ mod tests {
     #[test]
     fn a_temperature_may_come_and_go() {
         let mut objects = Objects::default();
-        let mut frame = Frame::new(1).with_temperature();
+        let mut frame = Frame::new(1).wanting(TEMPERATURE, true);
         let state = r#""q":[1],"dq":[1],"ddq":[1]"#;
         for (more, expected) in [
             (r#","temp":[30.5]"#, Some(30.5)),
@@ -365,7 +352,7 @@ mod tests {
         ] {
             let line = format!("{{{state}{more}}}");
             objects.parse(line.as_bytes(), &mut frame).unwrap();
-            let temperature = frame.state().temperature.unwrap()[0];
+            let temperature = frame.sample().temperature.unwrap()[0];
             assert_eq!((!temperature.is_nan()).then_some(temperature), expected);
         }
         let line = format!("{{{state},\"temperature\":[1,2]}}");

@@ -11,7 +11,7 @@ use proptest::test_runner::{Config, TestRunner};
 /// Six signals of two joints.
 type Row = [f64; 12];
 
-/// One line of numbers: total, terms, status.
+/// One line of numbers: total, terms, deviation, status.
 type Numbers = Vec<f64>;
 
 fn expected(saved: &Saved, rows: &[Row]) -> Vec<Numbers> {
@@ -29,7 +29,10 @@ fn expected(saved: &Saved, rows: &[Row]) -> Vec<Numbers> {
                 temperature: None,
             };
             let status = estimator.estimate_into(&state, &mut tau).unwrap();
-            [&tau[..], estimator.terms(), &[f64::from(status.bits())]].concat()
+            let mut std = [0.0; 2];
+            estimator.predicted_std_into(&mut std).unwrap();
+            let status = f64::from(status.bits());
+            [&tau[..], estimator.terms(), &std, &[status]].concat()
         })
         .collect()
 }
@@ -90,6 +93,7 @@ fn from_json(text: &str) -> Vec<Numbers> {
             ] {
                 numbers.extend(flat(&object["terms"][name]));
             }
+            numbers.extend(flat(&object["std"]));
             numbers.push(object["status"].as_f64().unwrap());
             numbers
         })
@@ -136,7 +140,7 @@ fn the_output_has_the_format_of_the_input() {
     assert_eq!(
         lines[0],
         "t,tau_0,tau_1,rigid_body_0,rigid_body_1,rotor_inertia_0,rotor_inertia_1,torque_offset_0,\
-         torque_offset_1,friction_0,friction_1,residual_0,residual_1,status"
+         torque_offset_1,friction_0,friction_1,residual_0,residual_1,std_0,std_1,status"
     );
     assert!(
         lines[1].starts_with("0.5,") && lines[1].ends_with(",0"),
@@ -198,7 +202,7 @@ fn a_nan_repeats_the_last_good_torque() {
     ] {
         let input = format!("{HEADER}\n{bad}\n{good}\n{bad}\n{good}\n");
         let rows = from_csv(&saved.run(&[], input).good().out);
-        let (last, status): (Vec<_>, Vec<_>) = rows.iter().map(|row| (&row[..12], row[12])).unzip();
+        let (last, status): (Vec<_>, Vec<_>) = rows.iter().map(|row| (&row[..12], row[14])).unzip();
         assert_eq!(status, [1.0, 0.0, 1.0, 0.0]);
         assert_eq!(last[0], [0.0; 12]);
         assert_eq!(last[1], last[2]);
@@ -211,7 +215,7 @@ fn a_nan_repeats_the_last_good_torque() {
             .good();
         let rows = from_json(&answer.out);
         assert_eq!(rows[0][..12], rows[1][..12]);
-        assert_eq!([rows[0][12], rows[1][12], rows[2][12]], [0.0, 1.0, 0.0]);
+        assert_eq!([rows[0][14], rows[1][14], rows[2][14]], [0.0, 1.0, 0.0]);
         assert!(answer.lines()[1].starts_with("{\"t\":null,"));
     }
 }
@@ -274,4 +278,129 @@ fn a_reader_that_leaves_ends_it_quietly() {
         "{}",
         String::from_utf8_lossy(&output.stderr)
     );
+}
+
+/// Positions of a slow sine, and the same with exact derivatives.
+fn sine(n: usize) -> (String, Vec<Row>) {
+    let (w, step) = (6.0, 0.001);
+    let mut text = "t,q_0,q_1\n".to_owned();
+    let mut rows = Vec::new();
+    for k in 0..n {
+        let t = k as f64 * step;
+        let (sin, cos) = (w * t).sin_cos();
+        let link = [
+            sin,
+            0.5 * sin,
+            w * cos,
+            0.5 * w * cos,
+            -w * w * sin,
+            -0.5 * w * w * sin,
+        ];
+        text += &format!("{t:?},{:?},{:?}\n", link[0], link[1]);
+        rows.push(std::array::from_fn(|k| link[k % 6]));
+    }
+    (text, rows)
+}
+
+#[test]
+fn positions_alone_are_differentiated_with_the_delay_that_is_said() {
+    let saved = Saved::new();
+    let (text, rows) = sine(400);
+    let exact = expected(&saved, &rows);
+    for (window, late) in [("7", 3), ("21", 10), ("31", 15)] {
+        let answer = saved.run(&["--window", window], &text).good();
+        let said = format!("that of {:.4} ms before", late as f64);
+        assert!(answer.err.contains(&said), "{}", answer.err);
+        let found = from_csv(&answer.out);
+        let settled = found.iter().position(|row| row[15] < 512.0).unwrap();
+        assert!(settled > late && settled < 2 * late + 1, "{settled}");
+        assert!(found[..settled].iter().all(|row| row[15] == 528.0));
+        for k in 2 * late..400 {
+            for (torque, expected) in found[k][1..3].iter().zip(&exact[k - late][..2]) {
+                // What the window smooths away: of order (w h)^2 / 10 of the acceleration.
+                let tolerance = 0.02 * expected.abs() + (6e-3 * late as f64).powi(2) * 40.0;
+                assert!(
+                    (torque - expected).abs() < tolerance,
+                    "{window} {k}: {torque} {expected}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn the_delay_stands_in_the_information() {
+    let saved = Saved::new();
+    let info = |args: &[&str]| saved.run(args, "").good().out;
+    let text = info(&["--info", "--window", "11", "--step", "0.002"]);
+    assert!(
+        text.contains("positions alone are differentiated over 11 samples, 10 ms late"),
+        "{text}"
+    );
+    let json: serde_json::Value = serde_json::from_str(&info(&["--info", "--json"])).unwrap();
+    let found = &json["differentiation"];
+    assert_eq!(
+        (&found["window"], &found["delay"]),
+        (&21.into(), &0.01.into())
+    );
+}
+
+#[test]
+fn a_push_is_observed() {
+    let saved = Saved::new();
+    let (step, begin) = (0.001, 200);
+    let (text, rows) = sine(400);
+    let _ = text;
+    let exact = expected(&saved, &rows);
+    let mut input = "t,q_0,q_1,dq_0,dq_1,ddq_0,ddq_1,tau_0,tau_1\n".to_owned();
+    for (k, (row, answer)) in rows.iter().zip(&exact).enumerate() {
+        let push = if k >= begin { 300.0 } else { 0.0 };
+        let cells: Vec<String> = [k as f64 * step]
+            .iter()
+            .chain(&row[..6])
+            .chain(&[answer[0], answer[1] - push])
+            .map(|x| format!("{x:?}"))
+            .collect();
+        input += &(cells.join(",") + "\n");
+    }
+    let answer = saved
+        .run(&["--observe", "--observer-time", "0.01"], &input)
+        .good();
+    assert!(answer.lines()[0].ends_with("std_0,std_1,external_0,external_1,status"));
+    let found = from_csv(&answer.out);
+    for (k, row) in found.iter().enumerate() {
+        let (external, status) = (
+            &row[row.len() - 3..row.len() - 1],
+            row[row.len() - 1] as u32,
+        );
+        let expected = if k >= begin { 300.0 } else { 0.0 };
+        if !(begin..begin + 100).contains(&k) && k > 0 {
+            // Torques here are of the order of a thousand.
+            assert!(
+                (external[1] - expected).abs() < 10.0 && external[0].abs() < 10.0,
+                "{k} {external:?}"
+            );
+            assert_eq!(status & 2048 != 0, k >= begin, "{k} {external:?}");
+        }
+    }
+    let json = saved
+        .run(&["--observe", "--format", "jsonl"], &input)
+        .good();
+    assert!(
+        json.lines()[5].contains(",\"external\":["),
+        "{}",
+        json.lines()[5]
+    );
+    saved
+        .run(&["--observe"], format!("{HEADER}\n0,0,0,0,0,0\n"))
+        .refused(&["--observe", "tau_0"]);
+    saved
+        .run(&["--observer-time", "1"], "")
+        .refused(&["--observer-time", "go with --observe"]);
+    saved
+        .run(&["--observe", "--observer-time", "0"], "")
+        .refused(&["positive number of seconds"]);
+    saved
+        .run(&["--observe", "--false-contacts", "0"], "")
+        .refused(&["false contacts per hour"]);
 }

@@ -33,6 +33,10 @@ fn joint(name: &str, kind: JointKind) -> Joint {
 
 /// Two joints, every effect, a residual on the deflection of the first joint, a channel delay.
 pub fn model() -> TorqueModel {
+    TorqueModel::new(parts()).unwrap()
+}
+
+pub fn parts() -> TorqueModelParts {
     let joints = vec![
         joint("shoulder", JointKind::Revolute),
         joint("slide", JointKind::Prismatic),
@@ -42,7 +46,7 @@ pub fn model() -> TorqueModel {
     let covariance = (Matrix3::identity() * 0.5).as_slice().to_vec();
     let mixture =
         GaussianMixtureRegression::new(2, vec![1.0], vec![0.1, 0.2, 0.3], covariance).unwrap();
-    TorqueModel::new(TorqueModelParts {
+    TorqueModelParts {
         robot,
         phi: (0..20).map(|k| f64::from(k) / 7.0).collect(),
         torque_scale: vec![1.0, 0.8],
@@ -63,8 +67,7 @@ pub fn model() -> TorqueModel {
         },
         torque_unit: "N*m".into(),
         step: None,
-    })
-    .unwrap()
+    }
 }
 
 /// The model in a folder of its own.

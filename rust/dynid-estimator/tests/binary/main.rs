@@ -2,4 +2,6 @@
 
 mod answers;
 mod common;
+mod live;
+mod quiet;
 mod refused;

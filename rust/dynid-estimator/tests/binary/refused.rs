@@ -70,7 +70,10 @@ fn objects_that_are_broken() {
     let saved = Saved::new();
     let good = r#"{"q":[0,0],"dq":[0,0],"ddq":[0,0],"q_motor":[0,0],"dq_motor":[0,0]}"#;
     for (line, words) in [
-        (r#"{"q":[0,0]}"#, &["line 2", "\"dq\"", "missing"][..]),
+        (
+            r#"{"q":[0,0]}"#,
+            &["line 2", "\"dq\"", "the first state has it"][..],
+        ),
         (r#"{"q":[0,0,0]}"#, &["line 2", "\"q\"", "more than 2"]),
         (r#"{"q":[0]}"#, &["line 2", "\"q\"", "1 values, expected 2"]),
         (r#"{"q":["0",0]}"#, &["line 2", "q[0]", "a number"]),

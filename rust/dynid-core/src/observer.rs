@@ -1,0 +1,421 @@
+//! External torque from the generalised momentum, without acceleration, and whether it is a contact.
+//!
+//! ```text
+//! dp/dt = tau - rest(q, dq) - g(q) + C(q, dq)^T dq + tau_ext            p = M(q) dq
+//! T dr/dt = tau_ext - r                                                  r is what the observer says
+//! ```
+//!
+//! The residual of A. De Luca and R. Mattone (ICRA 2003, 2005); names as in S. Haddadin, A. De Luca and A. Albu-Schaeffer,
+//! "Robot collisions: a survey" (IEEE Trans. Robot. 33(6), 2017), section V. `rest` is friction and every other effect of the
+//! model and its third loop, at the state; rotors and coupled rotors, whose torque is linear in the acceleration, count with
+//! their momentum instead. From one sample to the next that is, exactly for an external torque that is constant between them,
+//!
+//! ```text
+//! r' = a r + (1 - a) ((p' - p) / dt - mean of the torques),   a = exp(-dt / T)
+//! ```
+//!
+//! Thresholds follow from the identified uncertainty. What the model leaves has the standard deviation s (the estimator's, at
+//! this state) and forgets with a correlation time c, so r has, of it,
+//!
+//! ```text
+//! s_r = s sqrt(c / (c + T))          a first-order low-pass on noise with the spectrum 2 s^2 c / (1 + (w c)^2)
+//! ```
+//!
+//! and crosses a level k s_r so often per second (S. O. Rice, Bell Syst. Tech. J. 24, 1945: the slope's deviation is
+//! s_r / sqrt(c T)): `2 n / (2 pi sqrt(c T)) exp(-k^2 / 2)` for n joints and two signs. k is what makes that the false contacts that
+//! are asked for. Where c is not known nothing is taken for granted: s_r = s, and k as if c were T.
+
+use std::sync::Arc;
+
+use crate::dynamics::{check_length, inverse_dynamics_into, Workspace};
+use crate::effects::EffectInput;
+use crate::error::CoreError;
+use crate::estimator::TorqueEstimator;
+use crate::model::{check_step, TorqueModel};
+use crate::momentum::{momentum_into, MomentumWorkspace};
+use crate::slices::{copy, rows};
+use crate::state::State;
+
+/// A contact ends where every joint is below this part of its threshold.
+const RELEASE: f64 = 0.5;
+
+/// Thresholds hold static friction for so many time constants after a joint moved slowly.
+const REST_MEMORY: f64 = 3.0;
+
+/// The momentum of samples further apart than so many time constants is not compared.
+const LONGEST: f64 = 10.0;
+
+/// Beyond this a torque is an overflow.
+const OVERFLOW: f64 = 1e300;
+
+/// How the observer listens.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ObserverSettings {
+    /// T \[s\]: an external torque shows by 63 % after it.
+    pub time_constant: f64,
+    /// c \[s\], over which what the model leaves forgets; `None` if it is not known.
+    pub correlation_time: Option<f64>,
+    /// False contacts per hour that are put up with, of noise alone.
+    pub false_per_hour: f64,
+}
+
+impl Default for ObserverSettings {
+    fn default() -> Self {
+        Self {
+            time_constant: 0.02,
+            correlation_time: None,
+            false_per_hour: 0.01,
+        }
+    }
+}
+
+impl ObserverSettings {
+    /// # Errors
+    /// [`CoreError::Range`] naming what is not positive.
+    pub fn check(&self) -> Result<(), CoreError> {
+        let positive = |what, x: f64| {
+            if x > 0.0 && x.is_finite() {
+                Ok(())
+            } else {
+                Err(CoreError::Range { what })
+            }
+        };
+        positive("time_constant", self.time_constant)?;
+        positive("correlation_time", self.correlation_time.unwrap_or(1.0))?;
+        positive("false_per_hour", self.false_per_hour)
+    }
+
+    /// Standard deviation of r over that of what the model leaves.
+    #[must_use]
+    pub fn noise_gain(&self) -> f64 {
+        let t = self.time_constant;
+        self.correlation_time.map_or(1.0, |c| (c / (c + t)).sqrt())
+    }
+
+    /// k: thresholds in standard deviations of r, for `n_joints` joints.
+    #[must_use]
+    pub fn threshold_factor(&self, n_joints: usize) -> f64 {
+        let t = self.time_constant;
+        let pace = (self.correlation_time.unwrap_or(t) * t).sqrt();
+        let crossings = 2.0 * n_joints as f64 * 3600.0 / (std::f64::consts::TAU * pace);
+        (2.0 * (crossings / self.false_per_hour).ln())
+            .max(1.0)
+            .sqrt()
+    }
+}
+
+/// What it saw at the sample before.
+#[derive(Clone, Debug)]
+struct Memory {
+    momentum: Vec<f64>,
+    torque: Vec<f64>,
+    valid: bool,
+}
+
+/// The observer of one arm. All memory is taken in `new`.
+#[derive(Clone, Debug)]
+pub struct MomentumObserver {
+    model: Arc<TorqueModel>,
+    settings: ObserverSettings,
+    factor: f64,
+    workspace: Workspace,
+    momenta: MomentumWorkspace,
+    /// Torque that remains of a joint that stands, and the speed below which it may.
+    at_rest: Vec<[f64; 2]>,
+    /// Time since each joint moved slowly \[s\].
+    since_rest: Vec<f64>,
+    zeros: Vec<f64>,
+    before: Memory,
+    momentum: Vec<f64>,
+    torque: Vec<f64>,
+    scratch: Vec<f64>,
+    std: Vec<f64>,
+    external: Vec<f64>,
+    threshold: Vec<f64>,
+    /// What of the threshold is friction at rest.
+    rest: Vec<f64>,
+    contact: bool,
+}
+
+impl MomentumObserver {
+    /// The last allocation.
+    ///
+    /// # Errors
+    /// [`CoreError::Range`] if a setting is none.
+    pub fn new(model: Arc<TorqueModel>, settings: ObserverSettings) -> Result<Self, CoreError> {
+        settings.check()?;
+        let n = model.robot().n_joints();
+        let at_rest = at_rest(&model);
+        Ok(Self {
+            factor: settings.threshold_factor(n),
+            settings,
+            workspace: Workspace::new(model.robot()),
+            momenta: MomentumWorkspace::new(model.robot()),
+            at_rest,
+            since_rest: vec![0.0; n],
+            zeros: vec![0.0; n],
+            before: Memory {
+                momentum: vec![0.0; n],
+                torque: vec![0.0; n],
+                valid: false,
+            },
+            momentum: vec![0.0; n],
+            torque: vec![0.0; n],
+            scratch: vec![0.0; n],
+            std: vec![0.0; n],
+            external: vec![0.0; n],
+            threshold: vec![f64::INFINITY; n],
+            rest: vec![0.0; n],
+            contact: false,
+            model,
+        })
+    }
+
+    /// How it listens.
+    #[must_use]
+    pub fn settings(&self) -> &ObserverSettings {
+        &self.settings
+    }
+
+    /// r, n values \[torque unit\]: what pushes the arm, in the sense of the torques. Finite.
+    #[must_use]
+    pub fn external(&self) -> &[f64] {
+        &self.external
+    }
+
+    /// Beyond these it is a contact, n values \[torque unit\]; infinite before the first sample.
+    #[must_use]
+    pub fn threshold(&self) -> &[f64] {
+        &self.threshold
+    }
+
+    /// What of the thresholds is friction of joints that stand or stood just now, n values \[torque unit\].
+    #[must_use]
+    pub fn rest(&self) -> &[f64] {
+        &self.rest
+    }
+
+    /// True from when a joint's r passes its threshold until all are below half of theirs.
+    #[must_use]
+    pub fn contact(&self) -> bool {
+        self.contact
+    }
+
+    /// The sample before is not compared with the next one: something is missing between them. r stays.
+    pub fn interrupt(&mut self) {
+        self.before.valid = false;
+    }
+
+    /// Goes on with what `before` saw, under this one's model.
+    pub fn continue_from(&mut self, before: &Self) {
+        self.interrupt();
+        if before.external.len() == self.external.len() {
+            copy(&before.external, &mut self.external);
+            self.contact = before.contact;
+        }
+    }
+
+    /// Takes the sample that `estimator` has just answered well, with the torque that was measured at it (n values
+    /// \[torque unit\]), `elapsed` seconds after the one before. The acceleration of that sample is read by the estimator's
+    /// load-dependent terms only; without one, give it zeros.
+    ///
+    /// # Errors
+    /// [`CoreError`] if a length is wrong, the estimator has another number of joints, or the time is not positive.
+    pub fn step(
+        &mut self,
+        estimator: &TorqueEstimator,
+        tau: &[f64],
+        elapsed: f64,
+    ) -> Result<(), CoreError> {
+        check_step(elapsed)?;
+        let n = self.external.len();
+        check_length("tau", tau, n)?;
+        check_length("terms", estimator.terms(), n * self.model.n_terms())?;
+        estimator.predicted_std_into(&mut self.std)?;
+        let state = estimator.true_state();
+        self.sum_torques(estimator, &state, tau)?;
+        self.sum_momentum(&state)?;
+        let numbers = self.momentum.iter().chain(&self.torque);
+        if !numbers.into_iter().all(|x| x.abs() < OVERFLOW) {
+            self.interrupt();
+            return Ok(());
+        }
+        if self.before.valid && elapsed < LONGEST * self.settings.time_constant {
+            self.advance(elapsed);
+        }
+        copy(&self.momentum, &mut self.before.momentum);
+        copy(&self.torque, &mut self.before.torque);
+        self.before.valid = true;
+        self.judge(state.dq_motor, elapsed);
+        Ok(())
+    }
+
+    /// Measured torque less all that the model says does not accelerate.
+    fn sum_torques(
+        &mut self,
+        estimator: &TorqueEstimator,
+        state: &State<'_>,
+        tau: &[f64],
+    ) -> Result<(), CoreError> {
+        copy(tau, &mut self.torque);
+        let n = tau.len();
+        let effects = self.model.effects().iter().map(Some);
+        let terms = rows(estimator.terms(), n).skip(1);
+        for (term, effect) in terms.zip(effects.chain([None])) {
+            if effect.is_some_and(|effect| effect.effect().entry().needs(ACCELERATION)) {
+                continue;
+            }
+            for (torque, term) in self.torque.iter_mut().zip(term) {
+                *torque -= term;
+            }
+        }
+        let gravity = &mut self.scratch;
+        let zeros = &self.zeros;
+        let (robot, phi) = (self.model.robot(), self.model.phi());
+        inverse_dynamics_into(
+            robot,
+            &mut self.workspace,
+            state.q,
+            zeros,
+            zeros,
+            phi,
+            gravity,
+        )?;
+        let scaled = gravity.iter().zip(self.model.torque_scale());
+        for (torque, (gravity, scale)) in self.torque.iter_mut().zip(scaled) {
+            *torque -= scale * gravity;
+        }
+        Ok(())
+    }
+
+    /// Momentum of links and rotors; what the links' momentum drifts by joins the torques.
+    fn sum_momentum(&mut self, state: &State<'_>) -> Result<(), CoreError> {
+        let (robot, phi) = (self.model.robot(), self.model.phi());
+        let (momentum, drift) = (&mut self.momentum, &mut self.scratch);
+        momentum_into(
+            robot,
+            &mut self.momenta,
+            state.q,
+            state.dq,
+            phi,
+            momentum,
+            drift,
+        )?;
+        let scale = self.model.torque_scale();
+        let rows = momentum.iter_mut().zip(drift.iter()).zip(&mut self.torque);
+        for (((momentum, drift), torque), scale) in rows.zip(scale) {
+            *momentum *= scale;
+            *torque += scale * drift;
+        }
+        // Linear in the acceleration with constant coefficients: at the velocity it is the momentum.
+        let input = EffectInput {
+            state: State {
+                ddq: state.dq,
+                ddq_motor: state.dq_motor,
+                ..*state
+            },
+            tau_link: &self.zeros,
+            step: 0.0,
+        };
+        let mut effects = self.model.effects().iter();
+        while let Some(effect) = effects.find(|e| e.effect().entry().needs(ACCELERATION)) {
+            effect.torque_into(&input, &mut [], &mut self.scratch);
+            for (momentum, own) in self.momentum.iter_mut().zip(&self.scratch) {
+                *momentum += own;
+            }
+        }
+        Ok(())
+    }
+
+    fn advance(&mut self, elapsed: f64) {
+        let keep = (-elapsed / self.settings.time_constant).exp();
+        let momenta = self.momentum.iter().zip(&self.before.momentum);
+        let torques = self.torque.iter().zip(&self.before.torque);
+        for (external, ((p, p0), (u, u0))) in self.external.iter_mut().zip(momenta.zip(torques)) {
+            let now = (p - p0) / elapsed - 0.5 * (u + u0);
+            let next = keep * *external + (1.0 - keep) * now;
+            if next.abs() < OVERFLOW {
+                *external = next;
+            }
+        }
+    }
+
+    fn judge(&mut self, dq_motor: &[f64], elapsed: f64) {
+        let gain = self.factor * self.settings.noise_gain();
+        let remembered = REST_MEMORY * self.settings.time_constant;
+        let joints = self.at_rest.iter().zip(dq_motor).zip(&mut self.since_rest);
+        let outputs = self.threshold.iter_mut().zip(&mut self.rest).zip(&self.std);
+        for ((([torque, speed], dq), since), ((threshold, rest), std)) in joints.zip(outputs) {
+            *since = if dq.abs() <= *speed {
+                0.0
+            } else {
+                *since + elapsed
+            };
+            *rest = if *since < remembered { *torque } else { 0.0 };
+            *threshold = gain * std + *rest;
+        }
+        let level = if self.contact { RELEASE } else { 1.0 };
+        let mut joints = self.external.iter().zip(&self.threshold);
+        self.contact = joints.any(|(r, threshold)| r.abs() > level * threshold);
+    }
+}
+
+/// The signal of effects that are momentum.
+const ACCELERATION: &str = "ddq_motor";
+
+/// Speeds are slow where friction has not reached this part of its step.
+const STEP_PART: f64 = 0.9;
+
+/// Per joint, half of the step of friction at standstill \[torque unit\] and the speed below which it is not a function of the
+/// state: a joint that stands holds any torque in between, and no model says which.
+fn at_rest(model: &TorqueModel) -> Vec<[f64; 2]> {
+    let n = model.robot().n_joints();
+    let zeros = vec![0.0; n];
+    let mut found = vec![[0.0; 2]; n];
+    let mut low = vec![0.0; n];
+    let mut high = vec![0.0; n];
+    for effect in model.effects() {
+        // Half of the step between the speeds to either side, doubled until it grows by less than the rest of its part.
+        if !effect.effect().entry().needs("dq_motor") || effect.effect().memory_len(n) > 0 {
+            continue;
+        }
+        let mut half_step = |speed: f64| -> Vec<f64> {
+            for (sign, out) in [(-1.0, &mut low), (1.0, &mut high)] {
+                let dq = vec![sign * speed; n];
+                let state = State {
+                    dq_motor: &dq,
+                    ..State::single(&zeros, &dq, &zeros)
+                };
+                let input = EffectInput {
+                    state,
+                    tau_link: &zeros,
+                    step: 0.0,
+                };
+                effect.torque_into(&input, &mut [], out);
+            }
+            high.iter()
+                .zip(&low)
+                .map(|(high, low)| 0.5 * (high - low))
+                .collect()
+        };
+        let mut speed = SLOWEST;
+        let mut settled = vec![false; n];
+        while speed < FASTEST {
+            let (here, there) = (half_step(speed), half_step(2.0 * speed));
+            for (j, settled) in settled.iter_mut().enumerate() {
+                let step = here[j].abs();
+                if !*settled && step > 0.0 && step >= STEP_PART * there[j].abs() {
+                    *settled = true;
+                    found[j][0] += step;
+                    found[j][1] = found[j][1].max(speed);
+                }
+            }
+            speed *= 2.0;
+        }
+    }
+    found
+}
+
+/// Speeds at which a step at standstill is looked for \[rad/s, m/s\].
+const SLOWEST: f64 = 1e-4;
+const FASTEST: f64 = 0.5;

@@ -1,0 +1,481 @@
+//! A stream of measurements in, torques out: what came late, twice, broken or not at all is said in the status, and no
+//! torque follows from it.
+//!
+//! ```text
+//! sample -> is it new? -> (derivatives, if positions came alone) -> TorqueEstimator -> torque, deviation, status
+//! ```
+
+use std::sync::Arc;
+
+use crate::differentiator::{usual_window, Differentiator};
+use crate::dynamics::check_length;
+use crate::error::CoreError;
+use crate::estimator::{Status, TorqueEstimator};
+use crate::model::TorqueModel;
+use crate::observer::{MomentumObserver, ObserverSettings};
+use crate::slices::{copy, rows, rows_mut};
+use crate::state::State;
+use crate::stream::{Place, Stream};
+
+/// Signals of motion: q, dq, ddq of the link side, then of the motor side, as in [`State`].
+pub const N_MOTION: usize = 6;
+
+/// Channels that are filtered together: the motion and the measured torque.
+const N_CHANNELS: usize = N_MOTION + 1;
+const TORQUE: usize = N_MOTION;
+
+/// So many cycles without a new state are stale input.
+const STALE_AFTER: u32 = 2;
+
+/// A sample longer after the one before it does not count more than this many steps for what effects remember.
+const MOST_STEPS: u64 = 1000;
+
+/// A position that does not change by a bit while its velocity covers this way stands still in the sensor only \[rad, m\].
+/// Coarser encoders are not in use on arms.
+const STUCK_WAY: f64 = 5e-4;
+
+/// A position that would have needed this many times the greatest trained speed since the one before is none, and neither
+/// is one that would have needed [`LEAST_JUMP`] \[rad/s, m/s\].
+const JUMP: f64 = 10.0;
+const LEAST_JUMP: f64 = 100.0;
+
+/// One measurement, borrowed; every signal has one value per joint.
+#[derive(Clone, Copy, Debug)]
+pub struct Sample<'a> {
+    /// Its number, counted up by the sender; `None` where the transport keeps the order.
+    pub sequence: Option<u64>,
+    /// Its time \[s\]; NaN where it has none.
+    pub time: f64,
+    /// q, dq, ddq, q_motor, dq_motor, ddq_motor, as in [`State`]. Only q is needed. Without dq or ddq everything is
+    /// filtered and differentiated; a motor side that is not given equals the link side.
+    pub motion: [Option<&'a [f64]>; N_MOTION],
+    /// Measured temperature \[degC\], where there is one.
+    pub temperature: Option<&'a [f64]>,
+    /// Measured torque \[torque unit\], which only an observer needs.
+    pub tau: Option<&'a [f64]>,
+}
+
+/// An estimator at the end of a stream. All memory is taken in `new`.
+#[derive(Clone, Debug)]
+pub struct OnlineEstimator {
+    estimator: TorqueEstimator,
+    stream: Stream,
+    filter: Differentiator,
+    /// The usual time between samples.
+    step: f64,
+    /// Which signals the stream has; another set begins it again.
+    present: [bool; N_CHANNELS],
+    /// Time for the filter \[s\]: the sender's, or counted.
+    time: f64,
+    /// One row of channels, and the signals that the estimator sees.
+    row: Vec<f64>,
+    motion: [Vec<f64>; N_MOTION],
+    measured: Vec<f64>,
+    /// The motion as it came the time before, and how far each side went since its position changed.
+    before: Vec<f64>,
+    way: [Vec<f64>; 2],
+    has_before: bool,
+    /// Cycles since the last new state.
+    misses: u32,
+    /// Greatest plausible speed per joint.
+    most_speed: Vec<f64>,
+    tau: Vec<f64>,
+    observer: Option<MomentumObserver>,
+    /// Time of the last sample that the observer took \[s\].
+    observed: f64,
+}
+
+/// Time between samples where neither the model nor the caller says one \[s\].
+pub const USUAL_STEP: f64 = 0.001;
+
+impl OnlineEstimator {
+    /// For samples `step` seconds apart (none: as the model says, else [`USUAL_STEP`]), differentiated over `window` samples
+    /// (none: [`usual_window`]) where positions come alone.
+    ///
+    /// # Errors
+    /// [`CoreError::Range`] if the step or the window is none.
+    pub fn new(
+        model: Arc<TorqueModel>,
+        step: Option<f64>,
+        window: Option<usize>,
+    ) -> Result<Self, CoreError> {
+        let n = model.robot().n_joints();
+        let step_of_model = model.step();
+        let most_speed = model.domain().dq.iter();
+        let most_speed = most_speed.map(|dq| (JUMP * dq).max(LEAST_JUMP)).collect();
+        let mut estimator = TorqueEstimator::new(model);
+        if let Some(step) = step {
+            estimator.set_step(step)?;
+        }
+        let step = step.or(step_of_model).unwrap_or(USUAL_STEP);
+        let window = window.unwrap_or_else(|| usual_window(step));
+        Ok(Self {
+            estimator,
+            stream: Stream::default(),
+            filter: Differentiator::new(N_CHANNELS * n, step, window)?,
+            step,
+            present: [false; N_CHANNELS],
+            time: 0.0,
+            row: vec![0.0; N_CHANNELS * n],
+            motion: std::array::from_fn(|_| vec![0.0; n]),
+            measured: vec![f64::NAN; n],
+            before: vec![0.0; N_MOTION * n],
+            way: std::array::from_fn(|_| vec![0.0; n]),
+            has_before: false,
+            misses: 0,
+            most_speed,
+            tau: vec![0.0; n],
+            observer: None,
+            observed: f64::NAN,
+        })
+    }
+
+    /// The same with an observer, for samples that hold the measured torque.
+    ///
+    /// # Errors
+    /// [`CoreError::Range`] if a setting is none.
+    pub fn observing(mut self, settings: ObserverSettings) -> Result<Self, CoreError> {
+        let model = self.estimator.shared_model();
+        self.observer = Some(MomentumObserver::new(model, settings)?);
+        Ok(self)
+    }
+
+    /// The observer, if there is one.
+    #[must_use]
+    pub fn observer(&self) -> Option<&MomentumObserver> {
+        self.observer.as_ref()
+    }
+
+    /// Torque of the last good step, n values \[torque unit\]; zeros before the first. Finite.
+    #[must_use]
+    pub fn tau(&self) -> &[f64] {
+        &self.tau
+    }
+
+    /// The estimator: terms and deviation of the last good step.
+    #[must_use]
+    pub fn estimator(&self) -> &TorqueEstimator {
+        &self.estimator
+    }
+
+    /// Delay of the answers where positions come alone \[s\].
+    #[must_use]
+    pub fn delay(&self) -> f64 {
+        self.filter.delay()
+    }
+
+    /// Puts another model in its place. What effects remember goes over where the effects are the same
+    /// ([`TorqueEstimator::continue_from`]); `new` comes ready made, so nothing is allocated or freed here. The old estimator
+    /// stands in `new` afterwards.
+    ///
+    /// # Errors
+    /// [`CoreError::Length`] if `new` is of another number of joints; nothing changes then.
+    pub fn swap(&mut self, new: &mut Self) -> Result<(), CoreError> {
+        check_length("tau", &new.tau, self.tau.len())?;
+        new.estimator.continue_from(&self.estimator);
+        core::mem::swap(&mut self.estimator, &mut new.estimator);
+        core::mem::swap(&mut self.most_speed, &mut new.most_speed);
+        if let (Some(new), Some(old)) = (&mut new.observer, &self.observer) {
+            new.continue_from(old);
+        }
+        core::mem::swap(&mut self.observer, &mut new.observer);
+        Ok(())
+    }
+
+    /// A cycle in which nothing came: the last good torque stands.
+    pub fn hold(&mut self) -> Status {
+        self.misses = self.misses.saturating_add(1);
+        let mut status = Status::REPEATED;
+        status.set(Status::STALE, self.misses >= STALE_AFTER);
+        status.set(Status::CONTACT, self.in_contact());
+        status
+    }
+
+    fn in_contact(&self) -> bool {
+        self.observer
+            .as_ref()
+            .is_some_and(MomentumObserver::contact)
+    }
+
+    /// Takes a sample. Whatever it holds, [`Self::tau`] stays finite; a sample that is not used leaves it as it was.
+    ///
+    /// # Errors
+    /// [`CoreError::Length`] if a signal has the wrong length or q is missing; nothing changes then.
+    pub fn step(&mut self, sample: &Sample<'_>) -> Result<Status, CoreError> {
+        self.check(sample)?;
+        let place = self.stream.place(sample.sequence, sample.time);
+        if !place.is_new() {
+            let mut status = self.hold();
+            status.set(Status::OUT_OF_ORDER, place == Place::OutOfOrder);
+            status.set(Status::TIME_BACKWARDS, place == Place::TimeBackwards);
+            status.set(Status::NON_FINITE, place == Place::NoTime);
+            return Ok(status);
+        }
+        self.misses = 0;
+        let mut status = Status::OK;
+        let numbered = sample.sequence.is_some();
+        status.set(Status::LOST, numbered && place != Place::Next { lost: 0 });
+        status.set(Status::TIME_BACKWARDS, !numbered && place == Place::Restart);
+        let present = self.channels(sample).map(|channel| channel.is_some());
+        if place == Place::Restart || present != self.present {
+            self.present = present;
+            self.filter.reset();
+            self.has_before = false;
+        }
+        let lost = if let Place::Next { lost } = place {
+            lost
+        } else {
+            0
+        };
+        let elapsed = lost.saturating_add(1).min(MOST_STEPS) as f64 * self.step;
+        self.time = if sample.time.is_finite() {
+            sample.time
+        } else {
+            self.time + elapsed
+        };
+        status.set(Status::STUCK, numbered && self.is_stuck(sample, elapsed));
+        let is_direct = direct(&present);
+        let answered = if is_direct {
+            self.answer(sample, elapsed, numbered)?
+        } else {
+            self.answer_filtered(sample, elapsed, numbered)?
+        };
+        let tau = sample.tau.filter(|tau| tau.iter().all(|x| x.is_finite()));
+        let observed = match (&mut self.observer, tau) {
+            (None, _) => Status::OK,
+            (Some(observer), tau) => {
+                let unusable = Status::NON_FINITE.and(Status::REPEATED);
+                let used = answered.only(unusable) == Status::OK;
+                let mut status = Status::OK;
+                status.set(Status::SIGNAL_MISSING, tau.is_none());
+                match tau {
+                    Some(tau) if used => {
+                        let tau = if is_direct { tau } else { &self.measured };
+                        let apart = self.time - self.observed;
+                        // Written so that a NaN, before the first sample, is no time either.
+                        let apart = if apart > 0.0 {
+                            apart
+                        } else {
+                            observer.interrupt();
+                            self.step
+                        };
+                        observer.step(&self.estimator, tau, apart)?;
+                        self.observed = self.time;
+                    }
+                    _ => observer.interrupt(),
+                }
+                status.set(Status::CONTACT, observer.contact());
+                status
+            }
+        };
+        Ok(status.and(answered).and(observed))
+    }
+
+    fn check(&self, sample: &Sample<'_>) -> Result<(), CoreError> {
+        let n = self.tau.len();
+        check_length("q", sample.motion[0].unwrap_or(&[]), n)?;
+        let rest = self
+            .channels(sample)
+            .into_iter()
+            .chain([sample.temperature]);
+        rest.flatten()
+            .try_for_each(|signal| check_length("signal", signal, n))
+    }
+
+    fn channels<'a>(&self, sample: &Sample<'a>) -> [Option<&'a [f64]>; N_CHANNELS] {
+        let [q, dq, ddq, q_motor, dq_motor, ddq_motor] = sample.motion;
+        let tau = sample.tau.filter(|_| self.observer.is_some());
+        [q, dq, ddq, q_motor, dq_motor, ddq_motor, tau]
+    }
+
+    /// The state as it came.
+    fn answer(
+        &mut self,
+        sample: &Sample<'_>,
+        elapsed: f64,
+        numbered: bool,
+    ) -> Result<Status, CoreError> {
+        let [Some(q), Some(dq), Some(ddq), q_motor, dq_motor, ddq_motor] = sample.motion else {
+            return Ok(Status::SETTLING);
+        };
+        let state = State {
+            q,
+            dq,
+            ddq,
+            q_motor: q_motor.unwrap_or(q),
+            dq_motor: dq_motor.unwrap_or(dq),
+            ddq_motor: ddq_motor.unwrap_or(ddq),
+            temperature: sample.temperature,
+        };
+        estimate(
+            &mut self.estimator,
+            &state,
+            &mut self.tau,
+            numbered.then_some(elapsed),
+        )
+    }
+
+    /// The state of a window before now, from the signals that came.
+    fn answer_filtered(
+        &mut self,
+        sample: &Sample<'_>,
+        elapsed: f64,
+        numbered: bool,
+    ) -> Result<Status, CoreError> {
+        let n = self.tau.len();
+        let finite = |signal: &[f64]| signal.iter().all(|x| x.is_finite());
+        let channels = self.channels(sample);
+        // A torque that is none would stay in the window.
+        if !channels.iter().flatten().all(|signal| finite(signal)) {
+            return Ok(Status::NON_FINITE);
+        }
+        for (row, channel) in rows_mut(&mut self.row, n).zip(channels) {
+            match channel {
+                Some(channel) => copy(channel, row),
+                None => row.fill(0.0),
+            }
+        }
+        if self.jumps() {
+            // Of two alone nobody knows which is wrong: the newer one begins the window again.
+            if self.filter.n_samples() < 2 {
+                self.filter.reset();
+                self.filter.push(self.time, &self.row)?;
+            }
+            return Ok(Status::OUTSIDE_DOMAIN.and(Status::REPEATED));
+        }
+        if !self.filter.push(self.time, &self.row)? {
+            return Ok(Status::SETTLING.and(Status::REPEATED));
+        }
+        self.assemble();
+        let [q, dq, ddq, q_motor, dq_motor, ddq_motor] = &self.motion;
+        let state = State {
+            q,
+            dq,
+            ddq,
+            q_motor,
+            dq_motor,
+            ddq_motor,
+            temperature: sample.temperature,
+        };
+        estimate(
+            &mut self.estimator,
+            &state,
+            &mut self.tau,
+            numbered.then_some(elapsed),
+        )
+    }
+
+    /// Signals of one instant: those that came, smoothed; the others as derivatives of the one below them.
+    fn assemble(&mut self) {
+        let n = self.tau.len();
+        let fitted = self.filter.fitted();
+        let of = |channel: usize, order: usize| {
+            let start = channel * n;
+            fitted
+                .get(order)
+                .and_then(|fitted| fitted.get(start..start + n))
+        };
+        let there = |signal: usize| self.present.get(signal) == Some(&true);
+        for (signal, motion) in self.motion.iter_mut().enumerate() {
+            // A motor side that has a position of its own has derivatives of its own.
+            let side = if signal >= 3 && there(3) { 3 } else { 0 };
+            let order = signal % 3;
+            // The signal itself, or the highest one below it of its side that came.
+            let source = if there(signal) {
+                (signal, 0)
+            } else {
+                let below = (0..=order).rev().find(|below| there(side + below));
+                let below = below.unwrap_or(0);
+                (side + below, order - below)
+            };
+            if let Some(values) = of(source.0, source.1) {
+                copy(values, motion);
+            }
+        }
+        if let Some(values) = of(TORQUE, 0) {
+            copy(values, &mut self.measured);
+        }
+    }
+
+    /// True if a position of the row is too far from the one before it to be one.
+    fn jumps(&mut self) -> bool {
+        let n = self.tau.len();
+        let Some((time, newest)) = self.filter.newest() else {
+            return false;
+        };
+        let elapsed = self.time - time;
+        // Longer than the window: the old position says nothing.
+        let comparable = elapsed > 0.0 && elapsed < 2.0 * self.filter.delay();
+        if !comparable {
+            self.filter.reset();
+            return false;
+        }
+        let pairs = rows(&self.row, n).zip(rows(newest, n));
+        let positions = pairs.step_by(3).take(2);
+        positions.into_iter().any(|(now, before)| {
+            let mut joints = now.iter().zip(before).zip(&self.most_speed);
+            joints.any(|((now, before), most)| (now - before).abs() > most * elapsed)
+        })
+    }
+
+    /// True if a sensor repeats itself while the motion goes on; keeps what it needs for the next sample.
+    fn is_stuck(&mut self, sample: &Sample<'_>, elapsed: f64) -> bool {
+        let n = self.tau.len();
+        let moves = |signal: Option<&[f64]>| signal.is_some_and(|dq| dq.iter().any(|x| *x != 0.0));
+        let mut all_same = self.has_before && (moves(sample.motion[1]) || moves(sample.motion[4]));
+        let mut stuck = false;
+        let has_before = self.has_before;
+        let sides = sample.motion.chunks_exact(3);
+        let before = rows_mut(&mut self.before, 3 * n);
+        for ((side, before), way) in sides.zip(before).zip(&mut self.way) {
+            let [q, dq, _] = side else { continue };
+            if let (Some(q), Some(dq)) = (q, dq) {
+                let joints = q
+                    .iter()
+                    .zip(dq.iter())
+                    .zip(before.iter())
+                    .zip(way.iter_mut());
+                for (((q, dq), before), way) in joints {
+                    let same = has_before && q.to_bits() == before.to_bits();
+                    *way = if same {
+                        *way + (dq * elapsed).abs()
+                    } else {
+                        0.0
+                    };
+                    stuck |= *way > STUCK_WAY;
+                }
+            }
+            for (signal, before) in side.iter().zip(rows_mut(before, n)) {
+                if let Some(signal) = signal {
+                    let mut pairs = signal.iter().zip(before.iter());
+                    all_same &= pairs.all(|(now, before)| now.to_bits() == before.to_bits());
+                    copy(signal, before);
+                }
+            }
+        }
+        self.has_before = true;
+        stuck || all_same
+    }
+}
+
+/// True if the state needs no filter.
+fn direct(present: &[bool; N_CHANNELS]) -> bool {
+    present.iter().take(3).all(|there| *there)
+}
+
+fn estimate(
+    estimator: &mut TorqueEstimator,
+    state: &State<'_>,
+    tau: &mut [f64],
+    elapsed: Option<f64>,
+) -> Result<Status, CoreError> {
+    let step = estimator.step();
+    // After lost samples the effects' time goes on by all of them; without a step there is no effect that counts it.
+    let Some(elapsed) = elapsed.filter(|_| step > 0.0) else {
+        return estimator.estimate_into(state, tau);
+    };
+    estimator.set_step(elapsed)?;
+    let status = estimator.estimate_into(state, tau);
+    estimator.set_step(step)?;
+    status
+}

@@ -1,0 +1,163 @@
+//! One cycle: a measurement in, an answer out. No allocation, no lock, no system call.
+
+use std::sync::Arc;
+
+use dynid_core::online::USUAL_STEP;
+use dynid_core::{
+    CoreError, MomentumObserver, ObserverSettings, OnlineEstimator, Sample, Status, TorqueModel,
+};
+
+use crate::frame::Frame;
+use crate::output::Answer;
+use crate::stop::Stop;
+use crate::wire;
+
+/// How answers are made.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Settings {
+    /// Time between measurements \[s\]; none: as the model says.
+    pub step: Option<f64>,
+    /// Samples that are differentiated over, where positions come alone; none: about 20 ms.
+    pub window: Option<usize>,
+    /// How the observer listens; none: there is no observer.
+    pub observer: Option<ObserverSettings>,
+}
+
+/// What is said of every state of a cycle, not of the newest alone.
+const PASSING: Status = Status::LOST
+    .and(Status::OUT_OF_ORDER)
+    .and(Status::TIME_BACKWARDS)
+    .and(Status::STUCK);
+
+/// The memory of a running estimator.
+#[derive(Clone, Debug)]
+pub struct Cycle {
+    online: OnlineEstimator,
+    step_seconds: f64,
+    std: Vec<f64>,
+    status: Status,
+    /// Of this cycle's states so far.
+    passing: Status,
+    any_new: bool,
+}
+
+impl Cycle {
+    /// The last allocation.
+    ///
+    /// # Errors
+    /// [`Stop`] if the settings do not fit.
+    pub fn new(model: Arc<TorqueModel>, settings: &Settings) -> Result<Self, Stop> {
+        let n = model.robot().n_joints();
+        let step_seconds = settings.step.or(model.step()).unwrap_or(USUAL_STEP);
+        let stop = |error: CoreError| Stop::Because(error.to_string());
+        let mut online =
+            OnlineEstimator::new(model, settings.step, settings.window).map_err(stop)?;
+        if let Some(observer) = settings.observer {
+            online = online.observing(observer).map_err(stop)?;
+        }
+        let mut cycle = Self {
+            online,
+            step_seconds,
+            std: vec![0.0; n],
+            status: Status::OK,
+            passing: Status::OK,
+            any_new: false,
+        };
+        cycle.take_deviation().map_err(stop)?;
+        Ok(cycle)
+    }
+
+    /// By how much answers are late where positions come alone \[s\].
+    pub fn delay(&self) -> f64 {
+        self.online.delay()
+    }
+
+    /// Usual time between measurements \[s\].
+    pub fn step_seconds(&self) -> f64 {
+        self.step_seconds
+    }
+
+    /// The same with every page of its memory and of its code in place, so that the first cycle is like the others: memory
+    /// of zeros is only there once something was written to it, and a copy was.
+    pub fn warm(&self) -> Self {
+        let mut copy = self.clone();
+        let zeros = vec![0.0; self.std.len()];
+        let bad = [f64::NAN, 1e200].map(|x| vec![x; zeros.len()]);
+        // Good states, alone and with derivatives, one that came already, and bad ones.
+        for (k, q) in [&zeros, &zeros, &bad[0], &bad[1]]
+            .into_iter()
+            .cycle()
+            .take(24)
+            .enumerate()
+        {
+            let derivative = Some(&zeros[..]).filter(|_| k < 12);
+            let sample = Sample {
+                sequence: Some(k as u64 - u64::from(k % 5 == 4)),
+                time: k as f64 * self.step_seconds,
+                motion: [Some(&q[..]), derivative, derivative, None, None, None],
+                temperature: None,
+                tau: Some(&zeros[..]),
+            };
+            copy.begin();
+            // The answer is of no interest, and neither is a refusal.
+            let _ = copy.step(&sample);
+            let answer = copy.answer(None);
+            let mut bytes = vec![0xff; wire::answer_bytes(zeros.len(), answer.terms.len())];
+            wire::encode(&answer, 0, &mut bytes);
+            let mut frame = Frame::new(zeros.len());
+            let _ = wire::decode(&wire::zero_state(zeros.len()), zeros.len(), &mut frame);
+            let _ = wire::decode(&bytes, zeros.len(), &mut frame);
+            copy.hold();
+        }
+        self.clone()
+    }
+
+    /// A new cycle: nothing has come yet.
+    pub fn begin(&mut self) {
+        self.passing = Status::OK;
+        self.any_new = false;
+    }
+
+    /// Uses a measurement.
+    ///
+    /// # Errors
+    /// [`CoreError`] if it is not one of this robot.
+    pub fn step(&mut self, sample: &Sample<'_>) -> Result<(), CoreError> {
+        let status = self.online.step(sample)?;
+        self.passing = self.passing.and(status.only(PASSING));
+        let is_new = !status.contains(Status::REPEATED);
+        if is_new || !self.any_new {
+            self.status = status;
+        }
+        self.any_new |= is_new;
+        self.take_deviation()
+    }
+
+    /// Nothing came in this cycle.
+    pub fn hold(&mut self) {
+        self.status = self.online.hold();
+    }
+
+    /// Goes on with another model; this one stands in `new` afterwards. One of another number of joints is not taken.
+    pub fn swap(&mut self, new: &mut Self) {
+        if self.online.swap(&mut new.online).is_ok() {
+            std::mem::swap(&mut self.step_seconds, &mut new.step_seconds);
+        }
+    }
+
+    fn take_deviation(&mut self) -> Result<(), CoreError> {
+        self.online.estimator().predicted_std_into(&mut self.std)
+    }
+
+    /// What there is to say now.
+    pub fn answer(&self, time: Option<f64>) -> Answer<'_> {
+        Answer {
+            time,
+            tau: self.online.tau(),
+            terms: self.online.estimator().terms(),
+            std: &self.std,
+            external: self.online.observer().map(MomentumObserver::external),
+            status: self.status.and(self.passing),
+        }
+    }
+}

@@ -1,0 +1,360 @@
+//! The loop over datagrams or shared memory: whatever arrives, and whether anything does, every cycle has an answer.
+//!
+//! ```text
+//! sleep until the cycle begins (or wait for a datagram) -> every new state through the estimator -> one answer
+//! ```
+//!
+//! After the first cycle it calls the system for the clock, the sleep and the transport only, and allocates nothing.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+
+use dynid_core::TorqueModel;
+
+use crate::cycle::{Cycle, Settings};
+use crate::frame::{Frame, TORQUE};
+use crate::realtime::RealTime;
+use crate::run::{frame_for, note_what_is_missing, tell};
+use crate::shm::SharedMemory;
+use crate::stop::Stop;
+use crate::swap::{self, Inbox, MOST_TERMS};
+use crate::sys;
+use crate::timing::Timing;
+use crate::udp::Udp;
+use crate::wire;
+
+/// States that one cycle takes; more wait for the next.
+const MOST_STATES: usize = 64;
+
+/// Input is stale after so many periods without any.
+const PATIENCE: f64 = 2.0;
+
+/// Where states come from and answers go.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Transport {
+    /// An address to listen on.
+    Udp(String),
+    /// A file to share.
+    Shm(PathBuf),
+}
+
+/// A transport at work.
+#[derive(Debug)]
+enum Link {
+    Udp(Udp),
+    Shm(SharedMemory),
+}
+
+impl Link {
+    fn receive(&mut self, out: &mut [u8]) -> Option<usize> {
+        match self {
+            Self::Udp(udp) => udp.receive(out),
+            Self::Shm(memory) => memory.receive(out),
+        }
+    }
+
+    fn trust_sender(&mut self) {
+        if let Self::Udp(udp) = self {
+            udp.trust_sender();
+        }
+    }
+
+    fn send(&self, bytes: &[u8]) {
+        match self {
+            Self::Udp(udp) => udp.send(bytes),
+            Self::Shm(memory) => memory.send(bytes),
+        }
+    }
+}
+
+/// Counts at the end of a run.
+#[derive(Clone, Copy, Debug, Default)]
+struct Counts {
+    states: u64,
+    refused: u64,
+}
+
+/// Answers until somebody asks for an end or the duration is over; what there is to report then.
+///
+/// # Errors
+/// [`Stop`] if the transport cannot be opened or something asked of the machine is not permitted.
+pub fn run(
+    model: TorqueModel,
+    transport: &Transport,
+    settings: &Settings,
+    real_time: &RealTime,
+    watched: Option<PathBuf>,
+) -> Result<Option<String>, Stop> {
+    let model = Arc::new(model);
+    let mut cycle = Cycle::new(Arc::clone(&model), settings)?;
+    let most_terms = model.n_terms().max(MOST_TERMS);
+    let n = model.robot().n_joints();
+    let link = match transport {
+        Transport::Udp(address) => {
+            let patience = real_time
+                .rate
+                .is_none()
+                .then(|| Duration::from_secs_f64(PATIENCE * cycle.step_seconds()));
+            let udp = Udp::listen(address, patience, n, most_terms)?;
+            if let Ok(address) = udp.address() {
+                tell("note", &format!("listening on {address}"));
+            }
+            Link::Udp(udp)
+        }
+        Transport::Shm(_) if real_time.rate.is_none() => {
+            return Err(Stop::Because(
+                "--shm: nobody wakes a reader of shared memory; give --rate".to_owned(),
+            ))
+        }
+        Transport::Shm(name) => {
+            let memory = SharedMemory::create(name, n, most_terms)?;
+            tell(
+                "note",
+                &format!("sharing {}", crate::shm::path_of(name).display()),
+            );
+            Link::Shm(memory)
+        }
+    };
+    let inbox = watched.map(|path| swap::watch(path, Arc::clone(&model), *settings, false));
+    sys::catch_signals().map_err(|error| Stop::Because(error.to_string()))?;
+    let mut live = Live {
+        link,
+        frame: frame_for(&model, settings),
+        n_joints: n,
+        // One word more than any state, so that a longer message is seen to be one.
+        received: touched(wire::most_state_bytes(n).div_ceil(8) * 8 + 8),
+        sent: touched(wire::answer_bytes(n, most_terms)),
+        inbox,
+        counts: Counts::default(),
+    };
+    cycle = cycle.warm();
+    let sleeper = real_time.begin()?;
+    let mut timing = Timing::new(real_time.pace().map(|pace| pace.period()));
+    live.work(&model, &mut cycle, real_time, &mut timing);
+    let Counts { states, refused } = live.counts;
+    if refused > 0 {
+        tell("note", &format!("{refused} messages were no states of this robot and not used, beside {states} that were"));
+    }
+    Ok(real_time.report(&timing, sleeper))
+}
+
+/// Bytes whose pages are in place.
+fn touched(length: usize) -> Vec<u8> {
+    vec![0xff; length]
+}
+
+struct Live {
+    link: Link,
+    frame: Frame,
+    n_joints: usize,
+    received: Vec<u8>,
+    sent: Vec<u8>,
+    inbox: Option<Inbox>,
+    counts: Counts,
+}
+
+impl Live {
+    fn work(
+        &mut self,
+        model: &TorqueModel,
+        cycle: &mut Cycle,
+        real_time: &RealTime,
+        timing: &mut Timing,
+    ) {
+        let end = real_time.end();
+        let mut pace = real_time.pace();
+        let mut met = false;
+        timing.start();
+        while !sys::stop_asked() && sys::now() < end {
+            let due = pace.as_mut().map(|pace| {
+                let begin = pace.wait();
+                timing.begin(begin, sys::now());
+                begin.due
+            });
+            let done = self.cycle(cycle, due.is_some());
+            timing.end(done.compute, done.left - due.unwrap_or(done.came));
+            if done.is_new && !met {
+                // The first state says what the input has; nothing is said after it, and page faults count from here.
+                met = true;
+                note_what_is_missing(model, &self.frame, cycle);
+                if self.frame.wants(TORQUE) && !self.frame.present().signals[TORQUE] {
+                    tell(
+                        "note",
+                        "--observe needs the measured torque, which the first state does not have: status bit 8 says so",
+                    );
+                }
+                timing.start();
+            }
+        }
+        timing.stop();
+    }
+
+    /// Takes what came, and answers.
+    fn cycle(&mut self, cycle: &mut Cycle, paced: bool) -> Done {
+        cycle.begin();
+        let (mut came, mut compute, mut is_new) = (None, 0, false);
+        let mut waiting = self.link.receive(&mut self.received);
+        // Now, because a driven loop waited above.
+        if let Some(inbox) = &self.inbox {
+            inbox.take(cycle);
+        }
+        for more in (0..MOST_STATES).rev() {
+            let Some(length) = waiting else { break };
+            let start = sys::now();
+            came.get_or_insert(start);
+            is_new |= self.use_message(length, cycle);
+            compute += sys::now() - start;
+            waiting = if paced && more > 0 {
+                self.link.receive(&mut self.received)
+            } else {
+                None
+            };
+        }
+        let start = sys::now();
+        let mut length = 0;
+        // What is no state is not answered; silence is.
+        if is_new || paced || came.is_none() {
+            if !is_new {
+                cycle.hold();
+                if !paced {
+                    cycle.hold(); // it has been waited for as long as two periods
+                }
+            }
+            let time = self.frame.present().time.then_some(self.frame.time);
+            let sequence = self.frame.sequence.unwrap_or(0);
+            length = wire::encode(&cycle.answer(time), sequence, &mut self.sent);
+        }
+        compute += sys::now() - start;
+        if length > 0 {
+            self.link.send(self.sent.get(..length).unwrap_or_default());
+        }
+        Done {
+            came: came.unwrap_or(start),
+            compute,
+            left: sys::now(),
+            is_new,
+        }
+    }
+
+    /// True if the message was a state.
+    fn use_message(&mut self, length: usize, cycle: &mut Cycle) -> bool {
+        let bytes = self.received.get(..length).unwrap_or_default();
+        let used = wire::decode(bytes, self.n_joints, &mut self.frame).is_ok()
+            && cycle.step(&self.frame.sample()).is_ok();
+        if used {
+            self.counts.states += 1;
+            self.link.trust_sender();
+        } else {
+            self.counts.refused += 1;
+        }
+        used
+    }
+}
+
+/// Times of a cycle \[ns\].
+struct Done {
+    /// When its first message had come.
+    came: u64,
+    compute: u64,
+    /// When its answer had left.
+    left: u64,
+    is_new: bool,
+}
+
+#[cfg(all(test, target_os = "linux"))]
+mod tests {
+    use super::*;
+    use crate::counting;
+    use dynid_core::model::TorqueModelParts;
+    use dynid_core::{Domain, Joint, JointKind, JointLimits, ObserverSettings, RobotModel, Status};
+    use nalgebra::{Matrix3, Vector3};
+
+    fn model() -> Arc<TorqueModel> {
+        let joint = Joint {
+            name: "joint".into(),
+            link: "link".into(),
+            kind: JointKind::Revolute,
+            rotation: Matrix3::identity(),
+            translation: Vector3::zeros(),
+            axis: Vector3::x(),
+            limits: JointLimits::default(),
+            rotor_inertia: 0.0,
+            gear_ratio: None,
+            phi: [1.0, 0.0, 0.1, 0.2, 0.1, 0.0, 0.1, 0.0, 0.0, 0.1],
+        };
+        let robot = RobotModel::new("arm".into(), vec![joint], Vector3::new(0.0, 0.0, -9.81));
+        let robot = robot.unwrap();
+        let parts = TorqueModelParts {
+            phi: robot.phi(),
+            robot,
+            torque_scale: vec![1.0],
+            effects: vec![],
+            residual: None,
+            encoder_delay: vec![0.0],
+            noise_std: vec![0.1],
+            domain: Domain {
+                q: vec![[-3.0, 3.0]],
+                dq: vec![3.0],
+                ddq: vec![9.0],
+            },
+            torque_unit: "N*m".into(),
+            step: None,
+        };
+        Arc::new(TorqueModel::new(parts).unwrap())
+    }
+
+    #[test]
+    fn cycles_allocate_nothing() {
+        let settings = Settings {
+            observer: Some(ObserverSettings::default()),
+            ..Settings::default()
+        };
+        let model = model();
+        let patience = Some(Duration::from_millis(2));
+        for patience in [None, patience] {
+            let udp = Udp::listen("127.0.0.1:0", patience, 1, MOST_TERMS).unwrap();
+            let address = udp.address().unwrap();
+            let sender = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
+            sender.connect(address).unwrap();
+            let mut live = Live {
+                link: Link::Udp(udp),
+                frame: frame_for(&model, &settings),
+                n_joints: 1,
+                received: touched(200),
+                sent: touched(wire::answer_bytes(1, MOST_TERMS)),
+                inbox: None,
+                counts: Counts::default(),
+            };
+            let mut cycle = Cycle::new(Arc::clone(&model), &settings).unwrap().warm();
+            let mut good = wire::zero_state(1);
+            let (mut buffer, mut seen) = ([0; 4096], Status::OK);
+            let before = counting::calls();
+            for k in 0..5000_u64 {
+                good[16..24].copy_from_slice(&k.to_le_bytes());
+                good[24..32].copy_from_slice(&(0.001 * k as f64).to_le_bytes());
+                if k % 10 != 0 {
+                    sender
+                        .send(&good[..if k % 7 == 0 { 20 } else { 56 }])
+                        .unwrap();
+                }
+                live.cycle(&mut cycle, patience.is_none());
+                seen = seen.and(cycle.answer(None).status);
+                // A broken message is not answered where nothing else came.
+                if k % 7 != 0 && k % 10 != 0 {
+                    sender.recv(&mut buffer).unwrap();
+                }
+            }
+            assert_eq!(counting::calls() - before, 0);
+            assert!(seen.contains(
+                Status::REPEATED
+                    .and(Status::LOST)
+                    .and(Status::SIGNAL_MISSING)
+            ));
+            assert!(live.counts.refused > 500 && live.counts.states > 3000);
+        }
+        let before = counting::calls();
+        drop(std::hint::black_box(vec![1.0; 100]));
+        assert_eq!(counting::calls() - before, 2, "the counter counts");
+    }
+}

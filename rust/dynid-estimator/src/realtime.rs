@@ -1,0 +1,140 @@
+//! What is asked of the machine before the loop begins, each refused with one sentence where it is not permitted.
+
+use std::io;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::Arc;
+use std::thread::{self, JoinHandle};
+
+use crate::histogram::Histogram;
+use crate::stop::Stop;
+use crate::sys;
+use crate::timing::{Pace, Timing};
+
+/// What was asked for.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct RealTime {
+    /// Cycles per second; none: driven by input.
+    pub rate: Option<f64>,
+    /// End after so long \[s\].
+    pub duration: Option<f64>,
+    /// Say how long things took.
+    pub histogram: bool,
+    /// Say it as JSON.
+    pub json: bool,
+    /// Measure how late a thread wakes that does nothing but sleep.
+    pub jitter: bool,
+    /// Keep all pages in memory.
+    pub mlock: bool,
+    /// Priority of SCHED_FIFO.
+    pub fifo: Option<i32>,
+    /// Core to stay on.
+    pub core: Option<usize>,
+}
+
+impl RealTime {
+    /// Asks for it, for the calling thread. The sleeper is started before: it asks for the same priority itself.
+    ///
+    /// # Errors
+    /// [`Stop`] with what is not permitted.
+    pub fn begin(&self) -> Result<Option<Sleeper>, Stop> {
+        let refused = |what: String, error: io::Error, mend: &str| {
+            Err(Stop::Because(format!(
+                "{what}: {error}; {mend}, or leave it out"
+            )))
+        };
+        if self.rate.is_some() {
+            sys::sleep_sharply();
+        }
+        let sleeper = match self.rate {
+            Some(rate) if self.jitter => Some(Sleeper::start(rate, self.fifo)),
+            _ => None,
+        };
+        if let Some(core) = self.core {
+            if let Err(error) = sys::pin_to_core(core) {
+                return refused(
+                    format!("--core {core}"),
+                    error,
+                    "name a core that this program may run on",
+                );
+            }
+        }
+        if let Some(priority) = self.fifo {
+            if let Err(error) = sys::schedule_fifo(priority) {
+                let mend = "give this program the right to real-time priorities (CAP_SYS_NICE, or rtprio in limits.conf)";
+                return refused(format!("--fifo {priority}"), error, mend);
+            }
+        }
+        if self.mlock {
+            if let Err(error) = sys::lock_memory() {
+                return refused(
+                    "--mlock".to_owned(),
+                    error,
+                    "raise the limit (ulimit -l unlimited)",
+                );
+            }
+        }
+        Ok(sleeper)
+    }
+
+    /// The pace, if there is one.
+    pub fn pace(&self) -> Option<Pace> {
+        self.rate.map(Pace::new)
+    }
+
+    /// When it ends \[ns\].
+    pub fn end(&self) -> u64 {
+        let duration = self.duration.unwrap_or(f64::INFINITY);
+        // A cast saturates.
+        sys::now().saturating_add((duration * 1e9) as u64)
+    }
+
+    /// What is said at the end, if anything is.
+    pub fn report(&self, timing: &Timing, sleeper: Option<Sleeper>) -> Option<String> {
+        let jitter = sleeper.and_then(Sleeper::stop);
+        self.histogram.then(|| {
+            if self.json {
+                timing.json(jitter.as_ref())
+            } else {
+                timing.text(jitter.as_ref())
+            }
+        })
+    }
+}
+
+/// A thread that wakes at the same rate and does nothing: what the machine itself adds.
+#[derive(Debug)]
+pub struct Sleeper {
+    stop: Arc<AtomicBool>,
+    thread: Option<JoinHandle<Histogram>>,
+}
+
+impl Sleeper {
+    fn start(rate: f64, fifo: Option<i32>) -> Self {
+        let stop = Arc::new(AtomicBool::new(false));
+        let asked = Arc::clone(&stop);
+        let work = move || {
+            let mut late = Histogram::new();
+            sys::sleep_sharply();
+            if let Some(priority) = fifo {
+                // Where it is refused, so is the loop's own, which says so.
+                let _ = sys::schedule_fifo(priority);
+            }
+            let mut pace = Pace::new(rate);
+            while !asked.load(Ordering::Relaxed) {
+                let begin = pace.wait();
+                late.record(sys::now().saturating_sub(begin.due));
+            }
+            late
+        };
+        let thread = thread::Builder::new()
+            .name("jitter".into())
+            .spawn(work)
+            .ok();
+        Self { stop, thread }
+    }
+
+    fn stop(self) -> Option<Histogram> {
+        self.stop.store(true, Ordering::Relaxed);
+        self.thread?.join().ok()
+    }
+}

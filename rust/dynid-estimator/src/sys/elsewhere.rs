@@ -1,0 +1,52 @@
+//! Other systems: a clock, a sleep, and refusals.
+
+use std::fs::File;
+use std::io;
+use std::sync::atomic::AtomicU64;
+use std::sync::OnceLock;
+use std::time::{Duration, Instant};
+
+use super::PageFaults;
+
+fn only_on_linux() -> io::Error {
+    io::Error::new(io::ErrorKind::Unsupported, "only on Linux")
+}
+
+pub fn catch_signals() -> io::Result<()> {
+    Ok(())
+}
+
+pub fn stop_asked() -> bool {
+    false
+}
+
+pub fn now() -> u64 {
+    static START: OnceLock<Instant> = OnceLock::new();
+    START.get_or_init(Instant::now).elapsed().as_nanos() as u64
+}
+
+pub fn sleep_until(deadline: u64) {
+    std::thread::sleep(Duration::from_nanos(deadline.saturating_sub(now())));
+}
+
+pub fn sleep_sharply() {}
+
+pub fn lock_memory() -> io::Result<()> {
+    Err(only_on_linux())
+}
+
+pub fn schedule_fifo(_priority: i32) -> io::Result<()> {
+    Err(only_on_linux())
+}
+
+pub fn pin_to_core(_core: usize) -> io::Result<()> {
+    Err(only_on_linux())
+}
+
+pub fn page_faults() -> PageFaults {
+    PageFaults::default()
+}
+
+pub fn map_shared(_file: &File, _words: usize) -> io::Result<&'static [AtomicU64]> {
+    Err(only_on_linux())
+}
