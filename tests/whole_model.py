@@ -66,6 +66,16 @@ def regression(rng: np.random.Generator, centre: np.ndarray, size: np.ndarray, *
     )
 
 
+def true_states(states: States, delay: np.ndarray, error: np.ndarray, *, both_sides: bool) -> States:
+    """What the estimator makes of what the channels show."""
+    link = _core.true_motion(*(states[name] for name in ("q", "dq", "ddq")), error)
+    motor = [states[f"{name}_motor"] for name in ("q", "dq", "ddq")]
+    if both_sides:
+        motor = list(_core.true_motion(*motor, error))
+    q, dq = _core.align_link_side(*link, delay)
+    return dict(zip(SIGNALS, [q, dq, link[2], *motor], strict=False))
+
+
 def inputs_of(inputs: str, states: States, j: int, signals: list[tuple[str, int]]) -> np.ndarray:
     """Roughly what a regression of joint `j` sees, (n_samples, n_inputs)."""
     if inputs == "joint_state":
@@ -90,17 +100,22 @@ def whole_model(
     n = robot.n_joints
     names = ("dq", "tau_link", "q_motor", "q", "ddq", "dq_motor")
     signals = [[(name, (j + k) % n) for k, name in enumerate(names[j % 6 :])] for j in range(n)]
+    slides = np.array([kind == "prismatic" for kind in robot.joint_kinds])
+    delay = rng.uniform(1e-3, 4e-3, n)
+    error = np.where(slides[:, None], 0.0, rng.uniform(-5e-3, 5e-3, (n, 2)))
     residual = None
     if inputs is not None:
+        true = true_states(states, delay, error, both_sides=both_sides)
         joints = []
         for j in range(n):
-            u = inputs_of(inputs, states, j, signals[j])
+            u = inputs_of(inputs, true, j, signals[j])
             size = np.maximum(u.std(axis=0), 1e-6)
             # One joint without; on the last the data lies far away part of the time.
-            centre = u.mean(axis=0) + (4.0 * size if j == n - 1 else 0.0)
+            centre = u.mean(axis=0) + (2.5 * size if j == n - 1 else 0.0)
             joints.append(None if j == 1 else regression(rng, centre, size, rbf=j % 3 == 2))
         residual = (inputs, joints)
-    slides = np.array([kind == "prismatic" for kind in robot.joint_kinds])
+    least, most = states["q"].min(axis=0), states["q"].max(axis=0)
+    margin = 0.02 * (most - least)
     return _core.TorqueModel(
         robot,
         robot.phi.ravel() + 0.01 * rng.normal(size=10 * n),
@@ -109,11 +124,14 @@ def whole_model(
         residual_signals=signals if inputs == "signals" else None,
         compliance=rng.uniform(0, 1e-5, n).tolist() if inputs == "load_free_deflection" else None,
         torque_scale=rng.uniform(0.5, 2, n).tolist(),
-        encoder_delay=rng.uniform(1e-3, 4e-3, n).tolist(),
-        encoder_error=np.where(slides[:, None], 0.0, rng.uniform(-5e-3, 5e-3, (n, 2))),
+        encoder_delay=delay.tolist(),
+        encoder_error=error,
         encoder_error_sides="both" if both_sides else "link",
         noise_std=rng.uniform(0.1, 1, n).tolist(),
-        domain=([[-1.5, 1.5]] * n, [1.5] * n, [8.0] * n),
+        domain=(
+            np.column_stack([least + margin, most - margin]).tolist(),
+            *(0.98 * np.abs(states[name]).max(axis=0) for name in ("dq", "ddq")),
+        ),
         step=STEP,
     )
 

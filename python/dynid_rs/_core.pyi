@@ -44,6 +44,8 @@ __all__ = [
     "UrdfError",
     "__version__",
     "align_link_side",
+    "c_header",
+    "c_prefix",
     "effect_catalogue",
     "effect_columns",
     "effect_torque",
@@ -1181,3 +1183,15 @@ def urdf_with_physical(model: TorqueModel, original: bytes | None = None, *, sou
     ValueError
         The model has no physical set.
     """
+
+def c_header(model: TorqueModel, prefix: str) -> str:
+    """Return `model` as one self-contained C99 file whose names begin with `prefix`.
+
+    Raises
+    ------
+    ValueError
+        The prefix is no beginning of a C name, or an effect has no C form.
+    """
+
+def c_prefix(text: str) -> str:
+    """Return a prefix for `c_header` made of any text."""
