@@ -4,6 +4,7 @@ mod arrays;
 mod base;
 mod c_header;
 mod effects;
+mod em;
 mod errors;
 mod excitation;
 mod friction_search;
@@ -67,5 +68,6 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(physical::urdf_with_physical, m)?)?;
     m.add_function(wrap_pyfunction!(c_header::c_header, m)?)?;
     m.add_function(wrap_pyfunction!(c_header::c_prefix, m)?)?;
+    m.add_function(wrap_pyfunction!(em::fit_mixture, m)?)?;
     Ok(())
 }
