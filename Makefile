@@ -39,6 +39,7 @@ check: $(STAMP) $(TOOLS) ## format, lints, types, documentation
 bench: $(STAMP) $(TOOLS) ## speed and memory, side by side with a peer
 	$(BIN)/python benches/side_by_side.py
 	$(BIN)/python benches/loops.py
+	$(BIN)/python benches/mixtures.py
 
 blind: $(STAMP) ## diagnose 420 simulated cases whose answers are hidden; writes docs/blind.md, goes on where it broke off
 	$(BIN)/python tests/blind/run.py --page docs/blind.md

@@ -44,10 +44,13 @@ __all__ = [
     "UrdfError",
     "__version__",
     "align_link_side",
+    "c_header",
+    "c_prefix",
     "effect_catalogue",
     "effect_columns",
     "effect_torque",
     "filtered_friction_basis",
+    "fit_mixture",
     "friction_basis",
     "inverse_dynamics_gradient",
     "merge_factors",
@@ -1228,4 +1231,48 @@ def urdf_with_physical(model: TorqueModel, original: bytes | None = None, *, sou
         The original is refused, or its chain is another one than the model's.
     ValueError
         The model has no physical set.
+    """
+
+def c_header(model: TorqueModel, prefix: str) -> str:
+    """Return `model` as one self-contained C99 file whose names begin with `prefix`.
+
+    Raises
+    ------
+    ValueError
+        The prefix is no beginning of a C name, or an effect has no C form.
+    """
+
+def c_prefix(text: str) -> str:
+    """Return a prefix for `c_header` made of any text."""
+
+def fit_mixture(
+    x: ArrayLike,
+    weights: ArrayLike,
+    means: ArrayLike,
+    covariances: ArrayLike,
+    *,
+    reg_covar: float,
+    tol: float,
+    max_iter: int,
+) -> tuple[_FloatArray, _FloatArray, _FloatArray, list[float], bool, float]:
+    """Fit a Gaussian mixture to `x` (n_samples, n_dimensions) by expectation and maximisation from a start on.
+
+    The steps are those of scikit-learn's `GaussianMixture` with full covariances, one pass over the data each. At most
+    8 dimensions. The result does not depend on the number of threads.
+
+    Returns
+    -------
+    weights (n_components,), means (n_components, n_dimensions), covariances (n_components, n_dimensions, n_dimensions)
+        The mixture.
+    lower_bounds : list of float
+        Mean log-likelihood per sample, one for each iteration, before its maximisation.
+    converged : bool
+        The last change was below `tol`.
+    log_likelihood : float
+        Mean per sample, of the mixture returned.
+
+    Raises
+    ------
+    ValueError
+        A shape does not fit, a number is not finite, or a component has collapsed.
     """

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -12,51 +12,99 @@ from dynid_rs.commands._run import print_json, run_command
 
 @run_command
 def export(
-    model: Annotated[Path, typer.Argument(metavar="MODEL", help="model.json of `dynid identify --physical`")],
+    model: Annotated[Path, typer.Argument(metavar="MODEL", help="model.json of `dynid identify`")],
     urdf: Annotated[
-        Path, typer.Option(metavar="OUT.urdf", help="URDF with the identified inertials", show_default=False)
-    ],
+        Path | None,
+        typer.Option(
+            metavar="OUT.urdf", help="URDF with the inertials of `dynid identify --physical`", show_default=False
+        ),
+    ] = None,
     robot: Annotated[
         Path | None,
         typer.Option(metavar="ORIGINAL.urdf", help="Edit this file's text: only <inertial> and <dynamics> change"),
     ] = None,
+    c_header: Annotated[
+        bool, typer.Option("--c-header", help="The whole model as one C99 file: no allocation, no library but math.h")
+    ] = False,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="OUT.h", help="Where the C header goes", show_default=False)
+    ] = None,
+    name: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="What the header's names begin with; the file's name by default"),
+    ] = None,
     json_output: Annotated[bool, typer.Option("--json", help="Answer as JSON on standard output")] = False,
 ) -> int:
-    """Write the physically consistent inertials of a model as a URDF.
+    """Write a model as a URDF with physically consistent inertials (--urdf), or as C (--c-header -o OUT.h).
 
-    With --robot everything else of the original stays byte for byte; without it the URDF holds links and joints alone.
+    With --robot everything else of the original URDF stays byte for byte; without it the URDF holds links and joints
+    alone. The C header gives the numbers of dynid-estimator for controllers that can have no library.
     """
+    if (urdf is not None) == c_header:
+        raise ValueError("say what to write: either --urdf OUT.urdf, or --c-header with -o OUT.h")
+    if urdf is not None:
+        if output is not None or name is not None:
+            raise ValueError("-o and --name belong to --c-header; --urdf names its own file")
+        answer, text = _write_urdf(model, urdf, robot)
+    else:
+        if robot is not None:
+            raise ValueError("--robot belongs to --urdf; a C header is made of the model alone")
+        if output is None:
+            raise ValueError("--c-header needs -o OUT.h, the file to write")
+        answer, text = _write_header(model, output, name)
+    if json_output:
+        print_json(answer)
+    else:
+        typer.echo(text)
+    return 0
+
+
+Answer = tuple[dict[str, Any], str]
+"""For programs, for people."""
+
+
+def _write_urdf(model: Path, target: Path, robot: Path | None) -> Answer:
     from dynid_rs._core import TorqueModel
     from dynid_rs.commands._output import check_file, check_not_read
-    from dynid_rs.export import urdf as urdf_of
+    from dynid_rs.export import urdf
     from dynid_rs.files import check_readable, write_bytes
 
     if robot is not None and robot.suffix.lower() == ".toml":
         raise ValueError(f"--robot {robot}: only a URDF can be edited; leave it out for a URDF of links and joints")
-    check_file(urdf)
-    check_not_read([urdf], [model, *([robot] if robot else [])])
+    check_file(target)
+    check_not_read([target], [model, *([robot] if robot else [])])
     loaded = TorqueModel.load(check_readable(model))
     try:
-        content = urdf_of(loaded, robot)
+        content = urdf(loaded, robot)
     except ValueError as error:
         if loaded.physical is None:
             raise ValueError(f"{model}: {error}") from None
         raise
-    write_bytes(urdf, content)
+    write_bytes(target, content)
     physical = loaded.physical
-    assert physical is not None  # `urdf_of` has refused it
-    if json_output:
-        masses = physical.phi[::10].tolist()
-        print_json(
-            {
-                "urdf": str(urdf),
-                "links": dict(zip(loaded.robot.link_names, masses, strict=True)),
-                "rotor_inertia": dict(zip(loaded.robot.joint_names, physical.rotor_inertia.tolist(), strict=True)),
-            }
-        )
-    else:
-        typer.echo(urdf)
-        if robot is not None and physical.rotor_inertia.any():
-            rotors = ", ".join(f"{inertia:.4g}" for inertia in physical.rotor_inertia)
-            typer.echo(f"URDF has no place for rotor inertias; they are, joint by joint: {rotors} kg*m^2")
-    return 0
+    assert physical is not None  # `urdf` has refused it
+    answer = {
+        "urdf": str(target),
+        "links": dict(zip(loaded.robot.link_names, physical.phi[::10].tolist(), strict=True)),
+        "rotor_inertia": dict(zip(loaded.robot.joint_names, physical.rotor_inertia.tolist(), strict=True)),
+    }
+    text = str(target)
+    if robot is not None and physical.rotor_inertia.any():
+        rotors = ", ".join(f"{inertia:.4g}" for inertia in physical.rotor_inertia)
+        text += f"\nURDF has no place for rotor inertias; they are, joint by joint: {rotors} kg*m^2"
+    return answer, text
+
+
+def _write_header(model: Path, target: Path, name: str | None) -> Answer:
+    from dynid_rs._core import TorqueModel
+    from dynid_rs.commands._output import check_file, check_not_read
+    from dynid_rs.export import c_header, c_prefix
+    from dynid_rs.files import check_readable, write_bytes
+
+    check_file(target)
+    check_not_read([target], [model])
+    prefix = c_prefix(target.stem) if name is None else name
+    content = c_header(TorqueModel.load(check_readable(model)), prefix)
+    write_bytes(target, content.encode("ascii"))
+    answer = {"c_header": str(target), "name": prefix}
+    return answer, f"{target}\n{prefix}_init prepares an estimator, {prefix}_estimate is one step"

@@ -45,7 +45,7 @@ impl Status {
 
     /// The bits.
     #[must_use]
-    pub fn bits(self) -> u32 {
+    pub const fn bits(self) -> u32 {
         self.0
     }
 
@@ -138,6 +138,16 @@ impl TorqueEstimator {
         check_step(step)?;
         self.step = step;
         Ok(self)
+    }
+
+    /// Back to how [`Self::new`] left it: nothing remembered, no torque yet. Allocates nothing; the step stays.
+    pub fn reset(&mut self) {
+        for numbers in [&mut self.memory, &mut self.terms, &mut self.total] {
+            numbers.fill(0.0);
+        }
+        for (variance, std) in self.variance.iter_mut().zip(self.model.noise_std()) {
+            *variance = std * std;
+        }
     }
 
     /// The model.

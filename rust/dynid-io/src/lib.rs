@@ -10,10 +10,12 @@
     clippy::print_stdout
 )]
 
+pub mod c_header;
 mod frame;
 pub mod mdh;
 pub mod model_file;
 mod text;
 pub mod urdf;
 
+pub use c_header::CHeaderError;
 pub use model_file::{load, parse, save, ModelFileError};

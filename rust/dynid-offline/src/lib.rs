@@ -11,6 +11,7 @@ pub mod adjoint;
 pub mod base;
 pub mod batch;
 pub mod columns;
+pub mod em;
 pub mod error;
 pub mod excitation;
 pub mod factor;

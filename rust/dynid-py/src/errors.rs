@@ -5,7 +5,7 @@ use std::io;
 use dynid_core::{CoreError, EffectError};
 use dynid_io::mdh::MdhError as RustMdhError;
 use dynid_io::urdf::UrdfError as RustUrdfError;
-use dynid_io::ModelFileError;
+use dynid_io::{CHeaderError, ModelFileError};
 use dynid_offline::OfflineError;
 use pyo3::create_exception;
 use pyo3::exceptions::{PyOSError, PyValueError};
@@ -54,6 +54,10 @@ pub fn mdh(error: RustMdhError) -> PyErr {
         RustMdhError::Io { path, source } => os_error(source, &path.display().to_string()),
         _ => MdhError::new_err(error.to_string()),
     }
+}
+
+pub fn c_header(error: CHeaderError) -> PyErr {
+    PyValueError::new_err(error.to_string())
 }
 
 pub fn model_file(error: ModelFileError) -> PyErr {

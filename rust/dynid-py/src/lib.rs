@@ -2,7 +2,9 @@
 
 mod arrays;
 mod base;
+mod c_header;
 mod effects;
+mod em;
 mod errors;
 mod excitation;
 mod friction_search;
@@ -66,5 +68,8 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(physical::pseudo_inertia, m)?)?;
     m.add_function(wrap_pyfunction!(physical::phi_from_pseudo_inertia, m)?)?;
     m.add_function(wrap_pyfunction!(physical::urdf_with_physical, m)?)?;
+    m.add_function(wrap_pyfunction!(c_header::c_header, m)?)?;
+    m.add_function(wrap_pyfunction!(c_header::c_prefix, m)?)?;
+    m.add_function(wrap_pyfunction!(em::fit_mixture, m)?)?;
     Ok(())
 }

@@ -1,0 +1,99 @@
+/* As if nothing had come yet. */
+static inline void dynid_init(dynid_estimator *estimator)
+{
+    int j, k;
+    estimator->step = DYNID_STEP;
+    for (k = 0; k < DYNID_N_MEMORY; k++) {
+        estimator->memory[k] = 0.0;
+    }
+    for (j = 0; j < DYNID_N_JOINTS; j++) {
+        for (k = 0; k < DYNID_N_TERMS; k++) {
+            estimator->terms[k][j] = 0.0;
+        }
+        estimator->tau[j] = 0.0;
+        estimator->variance[j] = dynid_noise_std[j] * dynid_noise_std[j];
+    }
+}
+
+static inline int dynid_all_finite(const double *values)
+{
+    int j, finite = 1;
+    for (j = 0; values && j < DYNID_N_JOINTS; j++) {
+        finite &= isfinite(values[j]) != 0;
+    }
+    return finite;
+}
+
+/* One step: the torque of every joint into tau (DYNID_N_JOINTS doubles), what was unusual as the result. Call it once per
+ * cycle, in order of time: effects remember. tau is finite whatever comes in; a step that is none repeats the last good
+ * torque (zeros before the first) and leaves what is remembered as it was. */
+static inline unsigned dynid_estimate(dynid_estimator *estimator, const dynid_state *state, double *tau)
+{
+    double terms[DYNID_N_TERMS][DYNID_N_JOINTS], memory[DYNID_N_MEMORY], variance[DYNID_N_JOINTS];
+    unsigned status = 0;
+    int usable = dynid_all_finite(state->q) && dynid_all_finite(state->dq) && dynid_all_finite(state->ddq)
+              && dynid_all_finite(state->q_motor) && dynid_all_finite(state->dq_motor)
+              && dynid_all_finite(state->ddq_motor);
+    int j, k;
+    if (usable) {
+        dynid_input x;
+        dynid_take_true_state(state, &x);
+        x.step = estimator->step;
+        dynid_rigid_body(&x);
+        for (k = 0; k < DYNID_N_MEMORY; k++) {
+            memory[k] = estimator->memory[k];
+        }
+        for (j = 0; j < DYNID_N_JOINTS; j++) {
+            terms[0][j] = x.tau_link[j] * dynid_torque_scale[j];
+            variance[j] = dynid_noise_std[j] * dynid_noise_std[j];
+        }
+        if (dynid_other_terms(&x, memory, terms, variance)) {
+            status |= DYNID_RESIDUAL_FADED;
+        }
+        for (k = 0; k < DYNID_N_TERMS; k++) {
+            for (j = 0; j < DYNID_N_JOINTS; j++) {
+                usable &= fabs(terms[k][j]) < 1e300; /* beyond it is an overflow, not a torque; false for NaN */
+            }
+        }
+        for (k = 0; k < DYNID_N_MEMORY; k++) {
+            usable &= isfinite(memory[k]) != 0;
+        }
+    }
+    if (usable) {
+        for (j = 0; j < DYNID_N_JOINTS; j++) {
+            double sum = 0.0;
+            int inside = dynid_domain_q[j][0] <= state->q[j] && state->q[j] <= dynid_domain_q[j][1]
+                      && fabs(state->dq[j]) <= dynid_domain_dq[j] && fabs(state->ddq[j]) <= dynid_domain_ddq[j];
+            if (!inside) {
+                status |= DYNID_OUTSIDE_DOMAIN;
+            }
+            if (dynid_wants_temperature[j] && !(state->temperature && isfinite(state->temperature[j]))) {
+                status |= DYNID_SIGNAL_MISSING;
+            }
+            for (k = 0; k < DYNID_N_TERMS; k++) {
+                estimator->terms[k][j] = terms[k][j];
+                sum += terms[k][j];
+            }
+            estimator->tau[j] = sum;
+            estimator->variance[j] = variance[j];
+        }
+        for (k = 0; k < DYNID_N_MEMORY; k++) {
+            estimator->memory[k] = memory[k];
+        }
+    } else {
+        status = DYNID_NON_FINITE;
+    }
+    for (j = 0; j < DYNID_N_JOINTS; j++) {
+        tau[j] = estimator->tau[j];
+    }
+    return status;
+}
+
+/* Standard deviation that the model expects of measured minus predicted torque at the last step. */
+static inline void dynid_predicted_std(const dynid_estimator *estimator, double *std_dev)
+{
+    int j;
+    for (j = 0; j < DYNID_N_JOINTS; j++) {
+        std_dev[j] = sqrt(estimator->variance[j]);
+    }
+}

@@ -1,0 +1,300 @@
+"""`dynid export --c-header`: one C99 file per model gives the estimator's numbers, whatever is in the model."""
+
+import ctypes
+import itertools
+import json
+import re
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+from data import ROOT
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from robots import random_chain
+from small_arm import dynid, refusal, snapshot
+from whole_model import RESIDUALS, SIGNALS, STEP, every_effect, recorded_states, spoiled, whole_model
+
+from dynid_rs import _core
+from dynid_rs.export import c_header, c_prefix
+from dynid_rs.simulation import bundled_robot
+
+STRICT = ["-Wall", "-Wextra", "-Wpedantic", "-Werror", "-O2", "-ffp-contract=off", "-fPIC", "-shared"]
+COMPILERS = {
+    "c99": ("gcc", ["-std=c99"]),
+    "c++17": ("g++", ["-std=c++17", "-x", "c++"]),
+    "contracted": ("gcc", ["-std=gnu11", "-O3", "-march=native", "-ffp-contract=fast"]),
+}
+OF_THE_SIZE = 1e-11
+"""Another order of operations, other functions for sine, tanh and exponential: of the largest torque of the term."""
+
+DRIVER = ROOT / "tests/c/header_driver.c"
+
+counter = itertools.count()
+
+
+def compiled(folder, header, standard="c99"):
+    """The header with a driver around it, as a library of its own."""
+    compiler, flags = COMPILERS[standard]
+    assert shutil.which(compiler), (
+        f"{compiler} is not on the path; these tests compile C (Debian: apt install {compiler})"
+    )
+    (folder / "arm.h").write_text(header, encoding="ascii")
+    target = folder / f"driver_{next(counter)}.so"
+    command = [compiler, *STRICT, *flags, f"-I{folder}", str(DRIVER), "-o", str(target), "-lm"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[:4000]
+    library = ctypes.CDLL(str(target))
+    library.name.restype = ctypes.c_char_p
+    return library
+
+
+def run(library, states, step=0.0):
+    """Torque, terms, standard deviation and status of every state, by C."""
+    n, n_terms = library.sizes(0), library.sizes(1)
+    arrays = [np.ascontiguousarray(states[name]) if name in states else None for name in SIGNALS]
+    double = ctypes.POINTER(ctypes.c_double)
+    pointers = (double * 7)(*(double() if a is None else a.ctypes.data_as(double) for a in arrays))
+    n_samples = len(states["q"])
+    tau, terms = np.empty((n_samples, n)), np.empty((n_samples, n_terms, n))
+    std, status = np.empty((n_samples, n)), np.empty(n_samples, dtype=np.uint32)
+    out = [array.ctypes.data_as(double) for array in (tau, terms, std)]
+    library.run(n_samples, ctypes.c_double(step), pointers, *out, status.ctypes.data_as(ctypes.POINTER(ctypes.c_uint)))
+    return tau, terms, std, status
+
+
+def difference(actual, expected):
+    """Largest difference over the largest torque of that term and joint: (n_terms, n_joints)."""
+    size = np.abs(expected).max(axis=0)
+    return np.abs(actual - expected).max(axis=0) / np.where(size > 0, size, 1.0)
+
+
+def assert_same(model, library, states, said=""):
+    """C gives what the estimator gives, term by term."""
+    total, terms, status = model.evaluate(**states)
+    tau, c_terms, std, c_status = run(library, states)
+    np.testing.assert_array_equal(c_status, status)
+    off = difference(c_terms, terms)
+    for name, row in zip(model.term_names, off, strict=True):
+        assert row.max() <= OF_THE_SIZE, f"{said} {name}: off by {row.max():.1e} of its size"
+    size = np.abs(terms).max(axis=0).sum(axis=0)
+    assert np.all(np.abs(tau - total) <= OF_THE_SIZE * size)
+    motion = {name: values for name, values in states.items() if name != "temperature"}
+    np.testing.assert_allclose(std, model.predicted_std(**motion), rtol=1e-9)
+    return off
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return _core.RobotModel.from_urdf(bundled_robot())
+
+
+@pytest.fixture(scope="module")
+def states():
+    """Every sample known."""
+    return {name: np.nan_to_num(values, nan=30.0) for name, values in recorded_states().items()}
+
+
+@pytest.mark.parametrize("standard", COMPILERS)
+@pytest.mark.parametrize("inputs", [None, *RESIDUALS])
+def test_every_effect_and_every_residual_on_a_recorded_run(tmp_path, robot, states, inputs, standard):
+    model = whole_model(robot, states, inputs, seed=7)
+    kinds = {effect.kind for effect, _ in model.effects}
+    assert kinds == {entry["kind"] for entry in _core.effect_catalogue()}, "an effect is not in the test"
+    library = compiled(tmp_path, c_header(model, "arm"), standard)
+    off = assert_same(model, library, states)
+    _, _, status = model.evaluate(**states)
+    for bit in (2, 4) if inputs else (2,):
+        assert set(np.unique(status & bit)) == {0, bit}, "the states should be on either side of it"
+    worst = model.term_names[int(off.max(axis=1).argmax())]
+    print(f"\n{standard}, residual on {inputs}: at most {off.max():.0e} of the term's size ({worst})")
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_any_chain(tmp_path, seed):
+    """Sliding joints, odd axes and frames, one encoder or two, with an error on one side or both."""
+    chain = random_chain(seed)
+    robot = _core.RobotModel.from_urdf_string(chain.urdf, gravity=chain.gravity)
+    rng = np.random.default_rng(seed)
+    t = np.arange(400) * STEP
+    n = chain.n_joints
+    wave, phase = rng.uniform(0.5, 2.0, n), rng.uniform(0, 6, n)
+    angle = t[:, None] * wave * 5 + phase
+    states = {"q": np.sin(angle), "dq": 5 * wave * np.cos(angle), "ddq": -25 * wave**2 * np.sin(angle)}
+    if seed % 2:
+        states |= {f"{name}_motor": values + 1e-3 * np.cos(3 * angle) for name, values in states.items()}
+    both = states | {f"{name}_motor": states.get(f"{name}_motor", states[name]) for name in ("q", "dq", "ddq")}
+    states["temperature"] = 20.0 + 5 * t[:, None] * np.ones(n)
+    model = whole_model(robot, both, RESIDUALS[seed % 4], seed=seed, both_sides=seed % 2 == 0)
+    assert_same(model, compiled(tmp_path, c_header(model, "arm")), states, f"seed {seed}:")
+
+
+def test_a_model_without_effects_errors_or_residual(tmp_path, robot, states):
+    n = robot.n_joints
+    model = _core.TorqueModel(
+        robot,
+        robot.phi.ravel(),
+        [],
+        encoder_delay=[0.0] * n,
+        noise_std=[0.0] * n,
+        domain=([[-9.0, 9.0]] * n, [9.0] * n, [99.0] * n),
+    )
+    library = compiled(tmp_path, c_header(model, "arm"))
+    assert_same(model, library, states)
+    assert_same(model, library, {name: states[name] for name in ("q", "dq", "ddq")})
+
+
+def test_what_is_no_state_is_held_as_the_estimator_holds_it(tmp_path, robot):
+    clean = {name: np.nan_to_num(values, nan=30.0) for name, values in recorded_states().items()}
+    model = whole_model(robot, clean, "deflection", seed=1)
+    states = spoiled(clean)
+    states["temperature"][30:40, 2] = np.nan
+    tau, terms, std, status = run(compiled(tmp_path, c_header(model, "arm")), states)
+    for values in (tau, terms, std):
+        assert np.isfinite(values).all()
+    bad = [0, 50, 60, 61, 70]
+    np.testing.assert_array_equal(np.flatnonzero(status & 1), bad)
+    np.testing.assert_array_equal(np.flatnonzero(status & 8), range(30, 40))
+    assert np.all(tau[0] == 0.0)
+    for k in bad[1:]:
+        np.testing.assert_array_equal(terms[k], terms[k - 1])
+    # What effects remember goes on as if the bad rows had not come.
+    good = np.setdiff1d(np.arange(len(tau)), [*bad, *range(30, 40)])
+    clean["temperature"][30:40, 2] = 25.0  # nothing above the reference
+    kept = np.setdiff1d(np.arange(len(tau)), bad)
+    _, expected, _ = model.evaluate(**{name: values[kept] for name, values in clean.items()})
+    off = difference(terms[good], expected[np.isin(kept, good)])
+    assert off.max() <= OF_THE_SIZE
+
+
+def test_another_step_is_another_warm_up(tmp_path, robot, states):
+    model = whole_model(robot, states, None, seed=2)
+    library = compiled(tmp_path, c_header(model, "arm"))
+    _, terms, _ = model.evaluate(**states, step=0.02)
+    k = model.term_names.index("thermal_friction")
+    assert difference(run(library, states, 0.02)[1], terms)[k].max() <= OF_THE_SIZE
+    assert difference(run(library, states)[1], terms)[k].max() > 1e-3
+
+
+def test_an_effect_too_much_or_too_little_would_be_seen(tmp_path, robot, states):
+    """The comparison bites: every effect's size, changed by 1e-9 in C alone, is off by more than is allowed."""
+    model = whole_model(robot, states, None, seed=7)
+    header = c_header(model, "arm")
+    spoilt = header.replace(
+        "sum += columns[k] * coefficients[k];", "sum += 1.000000001 * columns[k] * coefficients[k];"
+    )
+    assert spoilt != header
+    _, terms, _ = model.evaluate(**states)
+    off = difference(run(compiled(tmp_path, spoilt), states)[1], terms)
+    assert np.all(off[1:].max(axis=1) > 50 * OF_THE_SIZE)
+
+
+NAMES = [
+    'a"; int x = system("rm -rf"); //',
+    "*/ #error caught /*",
+    "line\nbreak \\",
+    "??/ trigraph ??=",
+    "%s%n \x7f ä 機械",
+    "dynid_n DYNID_N_JOINTS",
+]
+
+
+def with_names(model, names, folder):
+    """The same model with other names of robot and joints, through its file."""
+    path = folder / "model.json"
+    model.save(path)
+    content = json.loads(path.read_text())
+    content["robot"]["name"] = names[0]
+    for joint, name in zip(content["robot"]["joints"], names, strict=True):
+        joint["name"] = name
+    return write_again(content, path)
+
+
+def write_again(content, path):
+    """A model file with the checksum of what it holds."""
+    import hashlib
+
+    content["checksum"] = "sha256:" + "0" * 64
+    text = json.dumps(content, indent=2, ensure_ascii=False) + "\n"
+    digest = hashlib.sha256(text.encode()).hexdigest()
+    path.write_text(text.replace("0" * 64, digest, 1), encoding="utf-8")
+    return _core.TorqueModel.load(path)
+
+
+def test_names_of_a_model_file_are_never_c(tmp_path, robot, states):
+    model = with_names(whole_model(robot, states, None), NAMES, tmp_path)
+    assert model.robot.joint_names == NAMES
+    header = c_header(model, "arm")
+    header.encode("ascii")
+    library = compiled(tmp_path, header)
+    assert [library.name(0, j).decode() for j in range(6)] == NAMES
+    assert [library.name(1, k).decode() for k in range(library.sizes(1))] == model.term_names
+    assert library.name(0, 6) == library.name(1, -1) == b""
+    assert_same(model, library, states)
+
+
+def test_the_command_writes_what_python_returns(tmp_path, robot, states):
+    model = whole_model(robot, states, "joint_state")
+    model.save(tmp_path / "model.json")
+    printed = dynid("export", "--c-header", tmp_path / "model.json", "-o", tmp_path / "arm.h")
+    assert printed.exit_code == 0, printed.output
+    assert "arm_estimate is one step" in printed.stdout
+    assert (tmp_path / "arm.h").read_text(encoding="ascii") == c_header(model, "arm")
+    printed = dynid(
+        "export", "--c-header", tmp_path / "model.json", "-o", tmp_path / "6 axes.h", "--name", "left", "--json"
+    )
+    assert json.loads(printed.stdout) == {"c_header": str(tmp_path / "6 axes.h"), "name": "left"}
+    printed = dynid("export", "--c-header", tmp_path / "model.json", "-o", tmp_path / "6 axes.h", "--json")
+    assert json.loads(printed.stdout)["name"] == "model_6_axes" == c_prefix("6 axes")
+    # Two models in one program, and libdynid's own header beside them.
+    (tmp_path / "both.c").write_text('#include "arm.h"\n#include "6 axes.h"\nint main(void) { return 0; }\n')
+    subprocess.run(["gcc", "-std=c99", *STRICT, "-o", tmp_path / "both", tmp_path / "both.c"], check=True)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ([], "either --urdf OUT.urdf, or --c-header with -o OUT.h"),
+        (["--c-header", "--urdf", "out.urdf"], "either --urdf OUT.urdf, or --c-header"),
+        (["--c-header"], "needs -o OUT.h"),
+        (["--c-header", "-o", "out.h", "--robot", "robot.urdf"], "--robot belongs to --urdf"),
+        (["--urdf", "out.urdf", "-o", "out.h"], "belong to --c-header"),
+        (["--urdf", "out.urdf", "--name", "x"], "belong to --c-header"),
+        (["--c-header", "-o", "nowhere/out.h"], "does not exist"),
+        (["--c-header", "-o", "model.json"], "would be replaced"),
+        (["--c-header", "-o", "out.h", "--name", "a b"], '"a b" cannot begin the names of a C header'),
+        (["--c-header", "-o", "out.h", "--name", "dynid"], "cannot begin the names"),
+    ],
+)
+def test_wrong_use_is_refused_in_a_sentence(tmp_path, monkeypatch, robot, states, arguments, said):
+    monkeypatch.chdir(tmp_path)
+    whole_model(robot, states, None).save("model.json")
+    before = snapshot(tmp_path)
+    assert said in refusal(dynid("export", "model.json", *arguments))
+    assert snapshot(tmp_path) == before
+
+
+@given(st.text())
+@settings(max_examples=200, deadline=None)
+def test_any_file_name_gives_a_prefix(text):
+    assert re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,39}", c_prefix(text))
+
+
+def test_fast_math_is_refused_by_the_compiler(tmp_path, robot, states):
+    (tmp_path / "arm.h").write_text(c_header(whole_model(robot, states, None), "arm"))
+    command = ["gcc", "-std=c99", "-ffast-math", "-fsyntax-only", "-x", "c", str(tmp_path / "arm.h")]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode != 0
+    assert "compile without -ffast-math" in done.stderr
+
+
+def test_one_effect_alone_needs_no_other(tmp_path, robot, states):
+    """Each effect brings what it calls, and nothing else is in the file."""
+    rng = np.random.default_rng(0)
+    for effect, size in every_effect(robot.n_joints, rng)[:-1]:
+        model = whole_model(robot, states, None, effects=[(effect, size)])
+        header = c_header(model, "arm")
+        defined = set(re.findall(r"static inline \w+ arm_(\w+)\(const double \*shape", header))
+        assert defined == {effect.kind}
+        assert_same(model, compiled(tmp_path, header), states, effect.kind)
