@@ -18,6 +18,7 @@ pub mod effects;
 pub mod error;
 pub mod estimator;
 pub mod kernel;
+pub mod lanes;
 pub mod link_params;
 pub mod mixture;
 pub mod model;
