@@ -13,6 +13,7 @@
     clippy::print_stdout
 )]
 
+pub mod chain;
 pub mod dynamics;
 pub mod effects;
 pub mod error;

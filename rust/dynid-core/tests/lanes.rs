@@ -1,5 +1,7 @@
 //! Every path of the processor: functions against the library's, one path against the other, rows against single numbers.
 
+use std::f64::consts::{PI, TAU};
+
 use dynid_core::lanes::{exp, expm1, run_on, sin_cos, tanh, Kernel, Lanes, Path, MOST_LANES};
 
 /// One function over a slice, in rows or number by number.
@@ -153,11 +155,11 @@ fn functions_are_as_the_library_has_them() {
 #[test]
 fn sines_near_their_zeros_have_all_their_digits() {
     let cases = [
-        (3.141592653589793, 1.2246467991473532e-16),
-        (6.283185307179586, -2.4492935982947064e-16),
+        (PI, 1.2246467991473532e-16),
+        (TAU, -2.4492935982947064e-16),
         (22.0, -8.851309290403876e-3),
-        (355.0, -3.0144353359488450e-5),
-        (1.5707963267948966 * 2.0 * 113.0, 0.0),
+        (355.0, -3.014_435_335_948_845e-5),
+        (113.0 * PI, 0.0),
     ];
     for path in paths() {
         for (x, expected) in &cases[..4] {

@@ -18,6 +18,7 @@ pub mod filter;
 pub mod friction_search;
 pub mod observation;
 pub mod points;
+mod rows;
 
 pub use base::{base_parameters, BaseParameters};
 pub use columns::{effect_columns, effect_torque, RunSignals};

@@ -52,6 +52,24 @@ pub trait Lanes:
     fn load(from: &[f64]) -> Self;
     /// To the first places of `to`, which is long enough.
     fn store(self, to: &mut [f64]);
+    /// As many as `from` has, at most a row; zeros in the other lanes.
+    #[inline(always)]
+    fn load_some(from: &[f64]) -> Self {
+        let mut numbers = [0.0; MOST_LANES];
+        let n = from.len().min(Self::LEN);
+        numbers[..n].copy_from_slice(&from[..n]);
+        Self::load(&numbers)
+    }
+
+    /// As many as `to` has places for, at most a row.
+    #[inline(always)]
+    fn store_some(self, to: &mut [f64]) {
+        let mut numbers = [0.0; MOST_LANES];
+        self.store(&mut numbers);
+        let n = to.len().min(Self::LEN);
+        to[..n].copy_from_slice(&numbers[..n]);
+    }
+
     /// `self * factor + addend`, rounded once where the processor does so.
     fn mul_add(self, factor: Self, addend: Self) -> Self;
     /// `minuend - self * factor`, rounded once where the processor does so.
@@ -109,11 +127,11 @@ pub trait Lanes:
     fn any_beyond(self, bound: f64) -> bool {
         let mut numbers = [0.0; MOST_LANES];
         self.abs().store(&mut numbers);
-        let mut beyond = false;
+        let mut within = true;
         for x in &numbers[..Self::LEN] {
-            beyond |= !(*x < bound);
+            within &= *x < bound;
         }
-        beyond
+        !within
     }
 }
 
@@ -192,20 +210,30 @@ pub fn use_path(path: Path) -> bool {
 /// `kernel` on [`path`].
 #[inline]
 pub fn run<K: Kernel>(kernel: K) -> K::Output {
-    run_on(path(), kernel)
+    // `path` only ever gives one that is there.
+    run_available(path(), kernel)
 }
 
 /// `kernel` on `path`, or on [`Path::Baseline`] if this processor does not have it.
 #[inline]
 pub fn run_on<K: Kernel>(path: Path, kernel: K) -> K::Output {
-    #[cfg(target_arch = "x86_64")]
+    let path = if path.is_available() {
+        path
+    } else {
+        Path::Baseline
+    };
+    run_available(path, kernel)
+}
+
+#[inline(always)]
+fn run_available<K: Kernel>(path: Path, kernel: K) -> K::Output {
     match path {
-        Path::Avx512 if path.is_available() => return x86::run_avx512(kernel),
-        Path::Avx2 if path.is_available() => return x86::run_avx2(kernel),
-        _ => {}
+        #[cfg(target_arch = "x86_64")]
+        Path::Avx512 => x86::run_avx512(kernel),
+        #[cfg(target_arch = "x86_64")]
+        Path::Avx2 => x86::run_avx2(kernel),
+        _ => kernel.run::<Portable<1, FUSED>, Portable<4, FUSED>>(),
     }
-    let _ = path;
-    kernel.run::<Portable<1, FUSED>, Portable<4, FUSED>>()
 }
 
 /// Whether the baseline fuses: 64-bit ARM does, so does a build for one processor that has FMA.

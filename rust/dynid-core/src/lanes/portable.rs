@@ -10,14 +10,14 @@ use super::{Lanes, MOST_LANES};
 pub struct Portable<const N: usize, const FUSED: bool>([f64; N]);
 
 macro_rules! lane_by_lane {
-    ($trait:ident, $method:ident, $operator:tt) => {
+    ($trait:ident, $method:ident) => {
         impl<const N: usize, const FUSED: bool> $trait for Portable<N, FUSED> {
             type Output = Self;
 
             #[inline(always)]
             fn $method(mut self, other: Self) -> Self {
                 for k in 0..N {
-                    self.0[k] = self.0[k] $operator other.0[k];
+                    self.0[k] = self.0[k].$method(other.0[k]);
                 }
                 self
             }
@@ -25,10 +25,10 @@ macro_rules! lane_by_lane {
     };
 }
 
-lane_by_lane!(Add, add, +);
-lane_by_lane!(Sub, sub, -);
-lane_by_lane!(Mul, mul, *);
-lane_by_lane!(Div, div, /);
+lane_by_lane!(Add, add);
+lane_by_lane!(Sub, sub);
+lane_by_lane!(Mul, mul);
+lane_by_lane!(Div, div);
 
 impl<const N: usize, const FUSED: bool> Neg for Portable<N, FUSED> {
     type Output = Self;

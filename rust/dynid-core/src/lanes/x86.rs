@@ -16,6 +16,7 @@ macro_rules! register {
         $(#[$doc:meta])* $name:ident, $register:ty, $len:literal,
         add $add:ident, sub $sub:ident, mul $mul:ident, div $div:ident,
         fma $fma:ident, fnma $fnma:ident, sqrt $sqrt:ident, splat $splat:ident, load $load:ident, store $store:ident,
+        load_some $load_some:ident, store_some $store_some:ident,
         less $less:ident, signed $signed:ident,
         shift $shift:ident, and $and:ident, xor $xor:ident,
         to_bits $to_bits:ident, from_bits $from_bits:ident
@@ -73,6 +74,20 @@ macro_rules! register {
                 let to = &mut to[..$len];
                 // SAFETY: see the head of this file; the slice is as long as the register, alignment is not asked.
                 unsafe { $store(to.as_mut_ptr(), self.0) }
+            }
+
+            #[inline(always)]
+            fn load_some(from: &[f64]) -> Self {
+                let n = from.len().min($len);
+                // SAFETY: see the head of this file; masked lanes are not touched.
+                Self(unsafe { $load_some(from.as_ptr(), n) })
+            }
+
+            #[inline(always)]
+            fn store_some(self, to: &mut [f64]) {
+                let n = to.len().min($len);
+                // SAFETY: see the head of this file; masked lanes are not touched.
+                unsafe { $store_some(to.as_mut_ptr(), self.0, n) }
             }
 
             #[inline(always)]
@@ -143,6 +158,7 @@ register!(
     add _mm256_add_pd, sub _mm256_sub_pd, mul _mm256_mul_pd, div _mm256_div_pd,
     fma _mm256_fmadd_pd, fnma _mm256_fnmadd_pd, sqrt _mm256_sqrt_pd,
     splat _mm256_set1_pd, load _mm256_loadu_pd, store _mm256_storeu_pd,
+    load_some load_some_256, store_some store_some_256,
     less less_256, signed signed_256,
     shift _mm256_sll_epi64, and _mm256_and_si256, xor _mm256_xor_si256,
     to_bits _mm256_castpd_si256, from_bits _mm256_castsi256_pd
@@ -154,6 +170,7 @@ register!(
     add _mm512_add_pd, sub _mm512_sub_pd, mul _mm512_mul_pd, div _mm512_div_pd,
     fma _mm512_fmadd_pd, fnma _mm512_fnmadd_pd, sqrt _mm512_sqrt_pd,
     splat _mm512_set1_pd, load _mm512_loadu_pd, store _mm512_storeu_pd,
+    load_some load_some_512, store_some store_some_512,
     less less_512, signed signed_512,
     shift _mm512_sll_epi64, and _mm512_and_si512, xor _mm512_xor_si512,
     to_bits _mm512_castpd_si512, from_bits _mm512_castsi512_pd
@@ -183,6 +200,49 @@ fn signed_512(sign: __m512d, yes: __m512d, no: __m512d) -> __m512d {
     _mm512_mask_blend_pd(_mm512_movepi64_mask(_mm512_castpd_si512(sign)), no, yes)
 }
 
+/// The first `n` lanes of four.
+#[inline]
+#[target_feature(enable = "avx2,fma")]
+fn mask_256(n: usize) -> __m256i {
+    _mm256_cmpgt_epi64(_mm256_set1_epi64x(n as i64), _mm256_setr_epi64x(0, 1, 2, 3))
+}
+
+/// # Safety
+/// `from` has `n` numbers, at most four.
+#[inline]
+#[target_feature(enable = "avx2,fma")]
+unsafe fn load_some_256(from: *const f64, n: usize) -> __m256d {
+    // SAFETY: masked lanes are not read.
+    unsafe { _mm256_maskload_pd(from, mask_256(n)) }
+}
+
+/// # Safety
+/// `to` has `n` places, at most four.
+#[inline]
+#[target_feature(enable = "avx2,fma")]
+unsafe fn store_some_256(to: *mut f64, row: __m256d, n: usize) {
+    // SAFETY: masked lanes are not written.
+    unsafe { _mm256_maskstore_pd(to, mask_256(n), row) }
+}
+
+/// # Safety
+/// `from` has `n` numbers, at most eight.
+#[inline]
+#[target_feature(enable = "avx2,fma,avx512f,avx512dq")]
+unsafe fn load_some_512(from: *const f64, n: usize) -> __m512d {
+    // SAFETY: masked lanes are not read.
+    unsafe { _mm512_maskz_loadu_pd(((1_u32 << n) - 1) as __mmask8, from) }
+}
+
+/// # Safety
+/// `to` has `n` places, at most eight.
+#[inline]
+#[target_feature(enable = "avx2,fma,avx512f,avx512dq")]
+unsafe fn store_some_512(to: *mut f64, row: __m512d, n: usize) {
+    // SAFETY: masked lanes are not written.
+    unsafe { _mm512_mask_storeu_pd(to, ((1_u32 << n) - 1) as __mmask8, row) }
+}
+
 /// The widest path of this processor.
 pub fn detected() -> Path {
     let avx2 = is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma");
@@ -202,7 +262,7 @@ pub fn run_avx2<K: Kernel>(kernel: K) -> K::Output {
         kernel.run::<Portable<1, true>, Avx2>()
     }
     debug_assert!(Path::Avx2.is_available());
-    // SAFETY: the only caller has asked for the path.
+    // SAFETY: the only caller, `run_available`, is given paths that this processor has.
     unsafe { inner(kernel) }
 }
 
@@ -214,6 +274,6 @@ pub fn run_avx512<K: Kernel>(kernel: K) -> K::Output {
         kernel.run::<Portable<1, true>, Avx512>()
     }
     debug_assert!(Path::Avx512.is_available());
-    // SAFETY: the only caller has asked for the path.
+    // SAFETY: the only caller, `run_available`, is given paths that this processor has.
     unsafe { inner(kernel) }
 }
