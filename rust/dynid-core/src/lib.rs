@@ -22,6 +22,7 @@ pub mod kernel;
 pub mod lanes;
 pub mod link_params;
 pub mod mixture;
+mod mixture_rows;
 pub mod model;
 pub mod physical;
 pub mod rbf;

@@ -1,7 +1,9 @@
 //! The third loop online: one regression per joint on a pair of that joint's signals, or on signals that it names.
 
 use crate::error::CoreError;
+use crate::lanes::{self, Kernel, Lanes, MOST_LANES};
 use crate::mixture::{GaussianMixtureRegression, Prediction};
+use crate::mixture_rows::MixtureRows;
 use crate::rbf::NormalisedRbf;
 use crate::signal::{Signal, SignalKind, MAX_INPUTS};
 use crate::state::State;
@@ -201,6 +203,10 @@ pub struct Residual {
     inputs: ResidualInputs,
     compliance: Vec<f64>,
     joints: Vec<Option<Regression>>,
+    /// The mixtures among them, joints in lanes: one entry for every [`MOST_LANES`] joints.
+    mixtures: Vec<MixtureRows>,
+    /// [`Regression::second_moment`] per joint.
+    second_moments: Vec<f64>,
 }
 
 /// Distance in widths up to which a regression on two inputs is trusted fully, and the one from which it is not trusted
@@ -234,9 +240,25 @@ impl Residual {
                 });
             }
         }
+        let mixtures = joints
+            .chunks(MOST_LANES)
+            .map(|joints| {
+                let own = joints.iter().map(|joint| match joint {
+                    Some(Regression::Mixture(own)) => Some((own.n_inputs(), own.components())),
+                    _ => None,
+                });
+                MixtureRows::side_by_side(&own.collect::<Vec<_>>())
+            })
+            .collect();
+        let second_moments = joints
+            .iter()
+            .map(|joint| joint.as_ref().map_or(0.0, Regression::second_moment))
+            .collect();
         Ok(Self {
             inputs,
             compliance: vec![0.0; joints.len()],
+            mixtures,
+            second_moments,
             joints,
         })
     }
@@ -285,34 +307,111 @@ impl Residual {
         variance: &mut [f64],
     ) -> bool {
         let mut faded = false;
-        let outputs = tau.iter_mut().zip(variance);
-        for (j, (joint, (tau, variance))) in self.joints.iter().zip(outputs).enumerate() {
-            *tau = 0.0;
-            let Some(joint) = joint else { continue };
-            let wind_up = self.compliance[j] * load.scaled[j];
-            let u = self.inputs.at(j, state, wind_up, load.tau_link);
-            let d = joint.n_inputs();
-            let prediction = joint.predict(&u[..d]);
-            let distance = prediction.distance_squared.sqrt();
-            let further = TRUSTED_PER_INPUT * (d as f64 - 2.0);
-            let (near, far) = (TRUSTED.0 + further, TRUSTED.1 + further);
-            // A NaN distance (an overflow) compares false everywhere and so trusts nothing.
-            let trust = if distance <= near {
-                1.0
-            } else if distance < far {
-                (far - distance) / (far - near)
-            } else {
-                0.0
-            };
-            faded |= trust < 1.0;
-            *variance = (1.0 - trust) * (*variance + joint.second_moment());
-            if trust > 0.0 {
-                *tau = trust * prediction.mean;
-                *variance += trust * prediction.variance;
+        let outputs = tau
+            .chunks_mut(MOST_LANES)
+            .zip(variance.chunks_mut(MOST_LANES));
+        for (group, (tau, variance)) in outputs.enumerate() {
+            let first = group * MOST_LANES;
+            let joints = &self.joints[first..first + tau.len()];
+            let mut inputs = [[0.0; MOST_LANES]; MAX_INPUTS];
+            let mut answers = [Prediction {
+                mean: 0.0,
+                variance: 0.0,
+                distance_squared: 0.0,
+            }; MOST_LANES];
+            for (lane, joint) in joints.iter().enumerate() {
+                let Some(joint) = joint else { continue };
+                let j = first + lane;
+                let wind_up = self.compliance[j] * load.scaled[j];
+                let u = self.inputs.at(j, state, wind_up, load.tau_link);
+                match joint {
+                    Regression::Rbf(rbf) => answers[lane] = rbf.predict(&u),
+                    Regression::Mixture(_) => {
+                        for (row, u) in inputs.iter_mut().zip(u) {
+                            row[lane] = u;
+                        }
+                    }
+                }
             }
-            *variance = variance.min(MOST_VARIANCE);
+            lanes::run(JointsInLanes {
+                mixtures: &self.mixtures[group],
+                joints,
+                inputs: &inputs,
+                answers: &mut answers,
+            });
+            for (lane, joint) in joints.iter().enumerate() {
+                tau[lane] = 0.0;
+                let Some(joint) = joint else { continue };
+                let moment = self.second_moments[first + lane];
+                let (torque, spread, trust) =
+                    faded_out(&answers[lane], joint.n_inputs(), variance[lane], moment);
+                (tau[lane], variance[lane]) = (torque, spread);
+                faded |= trust < 1.0;
+            }
         }
         faded
+    }
+}
+
+/// Torque, variance and how far the prediction of a regression on `d` inputs is trusted; `noise` is what the model leaves
+/// there, `moment` what is expected of a residual about which nothing is known.
+fn faded_out(prediction: &Prediction, d: usize, noise: f64, moment: f64) -> (f64, f64, f64) {
+    let distance = prediction.distance_squared.sqrt();
+    let further = TRUSTED_PER_INPUT * (d as f64 - 2.0);
+    let (near, far) = (TRUSTED.0 + further, TRUSTED.1 + further);
+    // A NaN distance (an overflow) compares false everywhere and so trusts nothing.
+    let trust = if distance <= near {
+        1.0
+    } else if distance < far {
+        (far - distance) / (far - near)
+    } else {
+        0.0
+    };
+    let mut torque = 0.0;
+    let mut variance = (1.0 - trust) * (noise + moment);
+    if trust > 0.0 {
+        torque = trust * prediction.mean;
+        variance += trust * prediction.variance;
+    }
+    (torque, variance.min(MOST_VARIANCE), trust)
+}
+
+/// The mixtures of at most [`MOST_LANES`] joints at one state.
+struct JointsInLanes<'a> {
+    mixtures: &'a MixtureRows,
+    joints: &'a [Option<Regression>],
+    inputs: &'a [[f64; MOST_LANES]; MAX_INPUTS],
+    answers: &'a mut [Prediction; MOST_LANES],
+}
+
+impl Kernel for JointsInLanes<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Lanes<Raw = [f64; 1]>, L: Lanes>(self) {
+        let mut first = 0;
+        while first < self.joints.len() {
+            let mut u = [L::splat(0.0); MAX_INPUTS];
+            for (u, row) in u.iter_mut().zip(self.inputs) {
+                *u = L::load(&row[first..]);
+            }
+            let row = self.mixtures.predict(first, &u[..self.mixtures.n_inputs()]);
+            let mut numbers = [[0.0; MOST_LANES]; 3];
+            row.mean.store(&mut numbers[0]);
+            row.variance.store(&mut numbers[1]);
+            row.distance_squared.store(&mut numbers[2]);
+            let joints = self.joints[first..].iter().zip(&mut self.answers[first..]);
+            for (lane, (joint, answer)) in joints.take(L::LEN).enumerate() {
+                if let Some(Regression::Mixture(_)) = joint {
+                    *answer = Prediction {
+                        mean: numbers[0][lane],
+                        variance: numbers[1][lane],
+                        distance_squared: numbers[2][lane],
+                    };
+                }
+            }
+            first += L::LEN;
+        }
     }
 }
 

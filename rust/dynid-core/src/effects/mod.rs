@@ -27,6 +27,7 @@ pub use friction::{friction_columns, FRICTION_NAMES, N_FRICTION};
 
 use crate::dynamics::check_length;
 use crate::error::{CoreError, EffectError};
+use crate::lanes;
 use crate::state::State;
 
 /// Upper bound on [`Effect::n_columns`]; columns of one joint fit in an array of this length.
@@ -121,7 +122,7 @@ impl Effect {
         transition_width: &[f64],
     ) -> Result<Self, EffectError> {
         Self::new(
-            "friction",
+            friction::KIND,
             &[
                 ("velocity_threshold", velocity_threshold),
                 ("transition_width", transition_width),
@@ -241,6 +242,8 @@ fn check_row(
 pub struct EffectTerm {
     effect: Effect,
     coefficients: Vec<f64>,
+    /// Of friction, which every model has: the same numbers with joints in lanes. Empty for other effects.
+    lanes: Vec<f64>,
 }
 
 impl EffectTerm {
@@ -254,9 +257,15 @@ impl EffectTerm {
         if !coefficients.iter().all(|x| x.is_finite()) {
             return Err(CoreError::NonFiniteParameter);
         }
+        let lanes = if effect.kind() == friction::KIND {
+            friction::padded(&effect.shape, &coefficients)
+        } else {
+            Vec::new()
+        };
         Ok(Self {
             effect,
             coefficients,
+            lanes,
         })
     }
 
@@ -274,6 +283,13 @@ impl EffectTerm {
 
     /// Torque of every joint \[N·m\], written to `tau`; `memory` (length [`Effect::memory_len`]) goes one sample on.
     pub fn torque_into(&self, input: &EffectInput<'_>, memory: &mut [f64], tau: &mut [f64]) {
+        if !self.lanes.is_empty() {
+            return lanes::run(friction::FrictionTorque {
+                numbers: &self.lanes,
+                dq: input.state.dq_motor,
+                tau,
+            });
+        }
         let width = self.effect.n_columns();
         let mut columns = [0.0; MAX_COLUMNS];
         for (j, (tau, coefficients)) in tau
