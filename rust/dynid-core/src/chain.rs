@@ -14,6 +14,8 @@ pub struct Placement {
     pub kind: JointKind,
     /// Unit axis, in the link frame and in the joint frame alike.
     pub axis: [f64; 3],
+    /// True if the axis is z, as in most robot files: half the numbers below are zeros then.
+    along_z: bool,
     constant: [[f64; 3]; 3],
     cosine: [[f64; 3]; 3],
     sine: [[f64; 3]; 3],
@@ -40,6 +42,7 @@ impl Placement {
         Self {
             kind: joint.kind,
             axis: axis.into(),
+            along_z: axis == nalgebra::Vector3::z(),
             constant,
             cosine,
             sine,
@@ -51,19 +54,64 @@ impl Placement {
     /// Rotation, link to parent coordinates, where `q` has this sine and cosine.
     #[inline(always)]
     pub fn rotation<L: Lanes>(&self, sin: L, cos: L) -> Matrix<L> {
-        let mut rows = [[sin; 3]; 3];
-        let parts = self.constant.iter().zip(&self.cosine).zip(&self.sine);
-        for (row, ((constant, cosine), sine)) in rows.iter_mut().zip(parts) {
-            let constant = Vector::splat(constant);
-            *row = match self.kind {
-                JointKind::Revolute => {
-                    Vector::splat(sine).mul_add(sin, Vector::splat(cosine).mul_add(cos, constant))
-                }
-                JointKind::Prismatic => constant,
-            }
-            .0;
+        match self.kind {
+            JointKind::Prismatic => Matrix([
+                Vector::splat(&self.constant[0]).0,
+                Vector::splat(&self.constant[1]).0,
+                Vector::splat(&self.constant[2]).0,
+            ]),
+            JointKind::Revolute => Matrix([
+                self.turned_row(0, sin, cos),
+                self.turned_row(1, sin, cos),
+                self.turned_row(2, sin, cos),
+            ]),
         }
-        Matrix(rows)
+    }
+
+    #[inline(always)]
+    fn turned_row<L: Lanes>(&self, k: usize, sin: L, cos: L) -> [L; 3] {
+        let (constant, cosine, sine) = (&self.constant[k], &self.cosine[k], &self.sine[k]);
+        if self.along_z {
+            // The same sums without their zeros.
+            let (first, second) = (L::splat(cosine[0]), L::splat(cosine[1]));
+            return [
+                second.mul_add(sin, first * cos),
+                first.mul_sub_from(sin, second * cos),
+                L::splat(constant[2]),
+            ];
+        }
+        let still = Vector::splat(constant);
+        let turned = Vector::splat(cosine).mul_add(cos, still);
+        Vector::splat(sine).mul_add(sin, turned).0
+    }
+
+    /// `v + axis * by`.
+    #[inline(always)]
+    pub fn along_axis<L: Lanes>(&self, v: Vector<L>, by: L) -> Vector<L> {
+        if self.along_z {
+            let [x, y, z] = v.0;
+            return Vector([x, y, z + by]);
+        }
+        Vector::splat(&self.axis).mul_add(by, v)
+    }
+
+    /// `v x axis`.
+    #[inline(always)]
+    pub fn cross_axis<L: Lanes>(&self, v: Vector<L>) -> Vector<L> {
+        if self.along_z {
+            let [x, y, _] = v.0;
+            return Vector([y, -x, L::splat(0.0)]);
+        }
+        v.cross(Vector::splat(&self.axis))
+    }
+
+    /// `axis . v`.
+    #[inline(always)]
+    pub fn dot_axis<L: Lanes>(&self, v: Vector<L>) -> L {
+        if self.along_z {
+            return v.0[2];
+        }
+        Vector::splat(&self.axis).dot(v)
     }
 
     /// Origin of the link frame in the parent frame \[m\].
@@ -151,21 +199,20 @@ fn outwards<L: Lanes>(
     let rotation = place.rotation(L::from_raw(state.sin), L::from_raw(state.cos));
     let origin = place.origin(L::from_raw(state.q));
     let (dq, ddq) = (L::from_raw(state.dq), L::from_raw(state.ddq));
-    let axis = Vector::splat(&place.axis);
     let omega = rotation.tr_mul(parent.omega);
     let alpha = rotation.tr_mul(parent.alpha);
     let acc = rotation.tr_mul(parent.acc + parent.spread * origin);
-    let turned = omega.cross(axis);
+    let turned = place.cross_axis(omega);
     let body = match place.kind {
         JointKind::Revolute => Body::new(
-            axis.mul_add(dq, omega),
-            axis.mul_add(ddq, turned.mul_add(dq, alpha)),
+            place.along_axis(omega, dq),
+            place.along_axis(turned.mul_add(dq, alpha), ddq),
             acc,
         ),
         JointKind::Prismatic => Body::new(
             omega,
             alpha,
-            axis.mul_add(ddq, turned.mul_add(dq + dq, acc)),
+            place.along_axis(turned.mul_add(dq + dq, acc), ddq),
         ),
     };
     (rotation, origin, body)
@@ -190,20 +237,19 @@ pub fn inverse_dynamics<L: Lanes>(
     {
         let (rotation, origin, body) = outwards(place, state, &parent);
         let (force, moment) = body.wrench(phi);
-        link.rotation = rotation.raw();
-        link.origin = origin.raw();
-        link.force = force.raw();
-        link.moment = moment.raw();
+        rotation.put(&mut link.rotation);
+        origin.put(&mut link.origin);
+        force.put(&mut link.force);
+        moment.put(&mut link.moment);
         parent = body;
     }
     let (mut force, mut moment) = (Vector::<L>::zero(), Vector::<L>::zero());
     for ((place, link), tau) in places.iter().zip(links.iter()).zip(tau.iter_mut()).rev() {
         force = force + Vector::from_raw(&link.force);
         moment = moment + Vector::from_raw(&link.moment);
-        let axis = Vector::splat(&place.axis);
         *tau = match place.kind {
-            JointKind::Revolute => axis.dot(moment),
-            JointKind::Prismatic => axis.dot(force),
+            JointKind::Revolute => place.dot_axis(moment),
+            JointKind::Prismatic => place.dot_axis(force),
         }
         .raw();
         let rotation = Matrix::from_raw(&link.rotation);
@@ -240,7 +286,8 @@ pub fn joint_torque_regressor<L: Lanes>(
             } else {
                 (linear, angular)
             };
-            *twist = [linear.raw(), angular.raw()];
+            linear.put(&mut twist[0]);
+            angular.put(&mut twist[1]);
             let start = j * width + i * N_LINK_PARAMS;
             let row = body.power(linear, angular);
             for (to, x) in regressor[start..start + N_LINK_PARAMS].iter_mut().zip(row) {

@@ -65,14 +65,14 @@ impl Workspace {
             s.store(sin);
             c.store(cos);
         }
-        for (j, state) in self.states.iter_mut().enumerate() {
-            *state = JointState {
-                q: [q[j]],
-                sin: [sines[j]],
-                cos: [cosines[j]],
-                dq: [dq[j]],
-                ddq: [ddq[j]],
-            };
+        let trig = sines.iter().zip(cosines.iter());
+        let motion = q.iter().zip(dq.iter().zip(ddq));
+        for (state, ((q, (dq, ddq)), (sin, cos))) in self.states.iter_mut().zip(motion.zip(trig)) {
+            state.q[0] = *q;
+            state.sin[0] = *sin;
+            state.cos[0] = *cos;
+            state.dq[0] = *dq;
+            state.ddq[0] = *ddq;
         }
     }
 }

@@ -30,6 +30,7 @@ pub mod residual;
 pub mod robot;
 pub mod signal;
 pub mod state;
+mod step;
 
 pub use dynamics::{inverse_dynamics_into, joint_torque_regressor_into, Workspace};
 pub use effects::{Effect, EffectInput, EffectTerm};

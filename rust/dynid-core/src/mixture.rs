@@ -4,7 +4,7 @@ use nalgebra::DMatrix;
 
 use crate::error::CoreError;
 use crate::lanes::{self, Kernel, Lanes, MOST_LANES};
-use crate::mixture_rows::{MixtureRows, MOST_INPUTS};
+use crate::mixture_rows::{MixtureRows, Shared, MOST_INPUTS};
 
 /// Conditional mean and variance of one output given `d` inputs, under a mixture of `K` Gaussians of dimension `d + 1`
 /// (inputs first, output last).
@@ -229,7 +229,7 @@ fn answer<L: Lanes>(queries: Queries<'_>) {
             }
             *row = L::load(&numbers);
         }
-        let row = queries.rows.predict(0, &u[..d]);
+        let row = queries.rows.predict(&u[..d], Shared);
         row.mean.store_some(&mut mean[start..]);
         row.variance.store_some(&mut variance[start..]);
         row.distance_squared
@@ -256,12 +256,12 @@ impl Kernel for Responsibilities<'_> {
         }
         let mut best = S::splat(f64::NEG_INFINITY);
         for (c, h) in self.h.iter_mut().enumerate() {
-            let (log_density, _, _) = self.rows.condition(c, 0, &u[..self.u.len()]);
+            let [log_density, _, _] = self.rows.condition(c, &u[..self.u.len()], Shared);
             best = best.at_least(log_density);
             [*h] = log_density.raw();
         }
         for h in self.h {
-            [*h] = lanes::exp(S::splat(*h) - best).raw();
+            [*h] = lanes::exp_falling(S::splat(*h) - best).raw();
         }
     }
 }

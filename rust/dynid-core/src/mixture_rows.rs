@@ -32,6 +32,34 @@ pub(crate) struct PredictionRow<L> {
     pub distance_squared: L,
 }
 
+/// How a number of a component becomes a row.
+pub(crate) trait Numbers: Copy {
+    /// Number `k`.
+    fn get<L: Lanes>(self, component: &[f64], k: usize) -> L;
+}
+
+/// One mixture: the same number in every lane.
+#[derive(Clone, Copy)]
+pub(crate) struct Shared;
+
+impl Numbers for Shared {
+    #[inline(always)]
+    fn get<L: Lanes>(self, component: &[f64], k: usize) -> L {
+        L::splat(component[k])
+    }
+}
+
+/// Mixtures side by side, from this lane on.
+#[derive(Clone, Copy)]
+pub(crate) struct Own(pub usize);
+
+impl Numbers for Own {
+    #[inline(always)]
+    fn get<L: Lanes>(self, component: &[f64], k: usize) -> L {
+        L::load(&component[k * MOST_LANES + self.0..])
+    }
+}
+
 /// Numbers of a component with `d` inputs.
 fn n_numbers(d: usize) -> usize {
     3 + d + d * (d + 1) / 2 + d
@@ -94,42 +122,33 @@ impl MixtureRows {
         &self.numbers[c * width..(c + 1) * width]
     }
 
-    /// Number `k` of a component: the lanes from `first` on, or the same in every lane.
-    #[inline(always)]
-    fn number<L: Lanes>(&self, component: &[f64], k: usize, first: usize) -> L {
-        if self.n_lanes == 1 {
-            L::splat(component[k])
-        } else {
-            L::load(&component[k * MOST_LANES + first..])
-        }
-    }
-
     /// Of a component: its log density at `u` up to the common factor (which Eq. 32 prints for two dimensions), the
     /// squared Mahalanobis distance and its conditional mean, Eq. 34.
     #[inline(always)]
-    pub(crate) fn condition<L: Lanes>(&self, c: usize, first: usize, u: &[L]) -> (L, L, L) {
-        let component = self.component(c);
-        let d = self.n_inputs;
-        let mut mean = self.number::<L>(component, 1, first);
+    pub(crate) fn condition<L: Lanes, N: Numbers>(&self, c: usize, u: &[L], numbers: N) -> [L; 3] {
+        let (component, d) = (self.component(c), u.len());
+        let mut mean = numbers.get::<L>(component, 1);
         let mut distance_squared = L::splat(0.0);
         let mut k = 3 + d;
         for r in 0..d {
             let mut z = L::splat(0.0);
-            for (i, u) in u.iter().take(r + 1).enumerate() {
-                let away = *u - self.number(component, 3 + i, first);
-                z = self.number::<L>(component, k, first).mul_add(away, z);
+            for (i, u) in u[..=r].iter().enumerate() {
+                let away = *u - numbers.get(component, 3 + i);
+                z = numbers.get::<L>(component, k).mul_add(away, z);
                 k += 1;
             }
             distance_squared = z.mul_add(z, distance_squared);
-            mean = self.number::<L>(component, k, first).mul_add(z, mean);
+            mean = numbers.get::<L>(component, k).mul_add(z, mean);
             k += 1;
         }
         let far = L::splat(FAR_AWAY);
-        let exponent = distance_squared * L::splat(-0.5);
         // Written so that what is not a number counts as far away.
-        let exponent = far.if_less(exponent, exponent, far);
-        let log_density = self.number::<L>(component, 0, first) + exponent;
-        (log_density, distance_squared, mean)
+        let exponent = far.at_least(distance_squared * L::splat(-0.5));
+        [
+            numbers.get::<L>(component, 0) + exponent,
+            distance_squared,
+            mean,
+        ]
     }
 
     /// Conditional mean (Eq. 38) and variance at `u` (one row per input): the moments of the density of Eq. 36.
@@ -137,7 +156,16 @@ impl MixtureRows {
     /// Responsibilities h_k (Eq. 37) are ratios of `exp(log density - maximum)`, so they sum to one at any distance from
     /// the data. Variances are summed about the mean, so that a large mean does not cancel them.
     #[inline(always)]
-    pub(crate) fn predict<L: Lanes>(&self, first: usize, u: &[L]) -> PredictionRow<L> {
+    pub(crate) fn predict<L: Lanes, N: Numbers>(&self, u: &[L], numbers: N) -> PredictionRow<L> {
+        // The pairs of Section 5: with the number known, everything stays in registers.
+        match <&[L; 2]>::try_from(u) {
+            Ok(pair) => self.moments(pair, numbers),
+            Err(_) => self.moments(u, numbers),
+        }
+    }
+
+    #[inline(always)]
+    fn moments<L: Lanes, N: Numbers>(&self, u: &[L], numbers: N) -> PredictionRow<L> {
         let zero = L::splat(0.0);
         let mut best = L::splat(f64::NEG_INFINITY);
         let mut nearest = L::splat(f64::INFINITY);
@@ -148,14 +176,14 @@ impl MixtureRows {
             let mut block = [[zero; 2]; BLOCK];
             let mut top = best;
             for (c, entry) in block[..size].iter_mut().enumerate() {
-                let (log_density, distance_squared, own) = self.condition(from + c, first, u);
+                let [log_density, distance_squared, own] = self.condition(from + c, u, numbers);
                 nearest = distance_squared.if_less(nearest, distance_squared, nearest);
                 top = top.at_least(log_density);
                 *entry = [log_density, own];
             }
             let (mut block_total, mut block_mean) = (zero, zero);
             for [log_density, own] in &mut block[..size] {
-                let h = lanes::exp(*log_density - top);
+                let h = lanes::exp_falling(*log_density - top);
                 block_total = block_total + h;
                 block_mean = h.mul_add(*own, block_mean);
                 *log_density = h;
@@ -164,14 +192,14 @@ impl MixtureRows {
             block_mean = block_mean / block_total.at_least(L::splat(f64::MIN_POSITIVE));
             let mut block_spread = zero;
             for (c, [h, own]) in block[..size].iter().enumerate() {
-                let variance = self.number::<L>(self.component(from + c), 2, first);
+                let variance = numbers.get::<L>(self.component(from + c), 2);
                 let step = *own - block_mean;
                 block_spread = h.mul_add(step.mul_add(step, variance), block_spread);
             }
             if from == 0 {
                 (total, mean, spread) = (block_total, block_mean, block_spread);
             } else {
-                let shrink = lanes::exp(best - top);
+                let shrink = lanes::exp_falling(best - top);
                 let (before, step) = (total * shrink, block_mean - mean);
                 total = before + block_total;
                 let share = block_total / total;

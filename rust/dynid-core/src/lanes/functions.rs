@@ -60,15 +60,22 @@ pub fn sin_cos<L: Lanes>(x: L) -> (L, L) {
     let half = rounded.shift_left::<62>().and(sign);
     let sin = odd.if_signed(c, s).xor(half);
     let cos = odd.if_signed(s, c).xor(half).xor(odd);
-    if x.any_beyond(FAR) {
-        let (far_sin, far_cos) = (x.each(f64::sin), x.each(f64::cos));
-        let bound = L::splat(FAR);
-        return (
-            x.abs().if_less(bound, sin, far_sin),
-            x.abs().if_less(bound, cos, far_cos),
-        );
+    if x.abs().all_less(L::splat(FAR)) {
+        (sin, cos)
+    } else {
+        far(x, sin, cos)
     }
-    (sin, cos)
+}
+
+/// `sin, cos`, replaced by the library's where `x` is far.
+#[cold]
+fn far<L: Lanes>(x: L, sin: L, cos: L) -> (L, L) {
+    let (far_sin, far_cos) = (x.each(f64::sin), x.each(f64::cos));
+    let bound = L::splat(FAR);
+    (
+        x.abs().if_less(bound, sin, far_sin),
+        x.abs().if_less(bound, cos, far_cos),
+    )
 }
 
 /// Sine of `r + low` on a quarter turn about zero.
@@ -109,11 +116,11 @@ const LN_2: [f64; 2] = [
     f64::from_bits(0x3DEA_39EF_3579_3C76),
 ];
 
-/// `1/2!, 1/3!, ..., 1/14!`.
-const FACTORIALS: [f64; 13] = {
-    let mut inverse = [0.0; 13];
+/// `1/2!, 1/3!, ..., 1/13!`.
+const FACTORIALS: [f64; 12] = {
+    let mut inverse = [0.0; 12];
     let (mut k, mut factorial) = (0, 1.0);
-    while k < 13 {
+    while k < 12 {
         factorial *= (k + 2) as f64;
         inverse[k] = 1.0 / factorial;
         k += 1;
@@ -139,7 +146,7 @@ fn reduced<L: Lanes>(x: L) -> (L, L) {
     let p5 = L::splat(f[11]).mul_add(r, L::splat(f[10]));
     let low = p1.mul_add(square, p0);
     let middle = p3.mul_add(square, p2);
-    let high = L::splat(f[12]).mul_add(square, p5).mul_add(square, p4);
+    let high = p5.mul_add(square, p4);
     let series = high.mul_add(fourth, middle).mul_add(fourth, low);
     (n, series.mul_add(square, r))
 }
@@ -158,6 +165,14 @@ pub fn exp<L: Lanes>(x: L) -> L {
     // In two steps, so that results below the least normal number come out.
     let half = n.mul_add(L::splat(0.5), L::splat(ROUND)) - L::splat(ROUND);
     (less_one + L::splat(1.0)) * power_of_two(half) * power_of_two(n - half)
+}
+
+/// `exp(x)` of numbers that are not positive; what would be below the least normal number (2e-308) is zero.
+#[inline(always)]
+pub fn exp_falling<L: Lanes>(x: L) -> L {
+    // There n is -1023, whose power of two has no bit.
+    let (n, less_one) = reduced(x.at_least(L::splat(-709.1)));
+    (less_one + L::splat(1.0)) * power_of_two(n)
 }
 
 /// `exp(x) - 1`, exact in the small; infinite above 709, not a number where `x` is not.

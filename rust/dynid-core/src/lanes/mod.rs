@@ -19,7 +19,7 @@ mod x86;
 use core::ops::{Add, Div, Mul, Neg, Sub};
 use core::sync::atomic::{AtomicU8, Ordering};
 
-pub use functions::{exp, expm1, sin_cos, tanh};
+pub use functions::{exp, exp_falling, expm1, sin_cos, tanh};
 pub use portable::Portable;
 pub use space::{Matrix, Vector};
 
@@ -78,6 +78,8 @@ pub trait Lanes:
     fn sqrt(self) -> Self;
     /// `yes` where `self < other`, `no` elsewhere, also where one of them is not a number.
     fn if_less(self, other: Self, yes: Self, no: Self) -> Self;
+    /// Bit k: whether lane k of `self` is less than that of `other`.
+    fn less_bits(self, other: Self) -> u32;
     /// `yes` where the sign bit is set, `no` elsewhere.
     fn if_signed(self, yes: Self, no: Self) -> Self;
     /// The bits, moved up by `N` places.
@@ -122,16 +124,16 @@ pub trait Lanes:
         Self::load(&numbers)
     }
 
-    /// True if a number is not less than `bound` in magnitude, or not a number.
+    /// True if every number is less than the other row's.
     #[inline(always)]
-    fn any_beyond(self, bound: f64) -> bool {
-        let mut numbers = [0.0; MOST_LANES];
-        self.abs().store(&mut numbers);
-        let mut within = true;
-        for x in &numbers[..Self::LEN] {
-            within &= *x < bound;
-        }
-        !within
+    fn all_less(self, other: Self) -> bool {
+        self.less_bits(other) == (1 << Self::LEN) - 1
+    }
+
+    /// True if a number is less than the other row's.
+    #[inline(always)]
+    fn any_less(self, other: Self) -> bool {
+        self.less_bits(other) != 0
     }
 }
 

@@ -123,6 +123,15 @@ impl<const N: usize, const FUSED: bool> Lanes for Portable<N, FUSED> {
     }
 
     #[inline(always)]
+    fn less_bits(self, other: Self) -> u32 {
+        let mut bits = 0;
+        for k in 0..N {
+            bits |= u32::from(self.0[k] < other.0[k]) << k;
+        }
+        bits
+    }
+
+    #[inline(always)]
     fn if_signed(mut self, yes: Self, no: Self) -> Self {
         for k in 0..N {
             self.0[k] = if self.0[k].is_sign_negative() {

@@ -42,6 +42,14 @@ impl<L: Lanes> Vector<L> {
         [x.raw(), y.raw(), z.raw()]
     }
 
+    /// To this place in memory. Number by number: a copy of the whole would wait for its parts.
+    #[inline(always)]
+    pub fn put(self, to: &mut [L::Raw; 3]) {
+        to[0] = self.0[0].raw();
+        to[1] = self.0[1].raw();
+        to[2] = self.0[2].raw();
+    }
+
     /// Inner product.
     #[inline(always)]
     pub fn dot(self, other: Self) -> L {
@@ -146,6 +154,14 @@ impl<L: Lanes> Matrix<L> {
     pub fn raw(self) -> [[L::Raw; 3]; 3] {
         let [a, b, c] = self.0;
         [Vector(a).raw(), Vector(b).raw(), Vector(c).raw()]
+    }
+
+    /// To this place in memory, as [`Vector::put`].
+    #[inline(always)]
+    pub fn put(self, to: &mut [[L::Raw; 3]; 3]) {
+        Vector(self.0[0]).put(&mut to[0]);
+        Vector(self.0[1]).put(&mut to[1]);
+        Vector(self.0[2]).put(&mut to[2]);
     }
 
     /// The transpose times `v`.

@@ -17,7 +17,7 @@ macro_rules! register {
         add $add:ident, sub $sub:ident, mul $mul:ident, div $div:ident,
         fma $fma:ident, fnma $fnma:ident, sqrt $sqrt:ident, splat $splat:ident, load $load:ident, store $store:ident,
         load_some $load_some:ident, store_some $store_some:ident,
-        less $less:ident, signed $signed:ident,
+        less $less:ident, less_bits $less_bits:ident, signed $signed:ident, max $max:ident, min $min:ident,
         shift $shift:ident, and $and:ident, xor $xor:ident,
         to_bits $to_bits:ident, from_bits $from_bits:ident
     ) => {
@@ -109,9 +109,28 @@ macro_rules! register {
             }
 
             #[inline(always)]
+            fn at_least(self, other: Self) -> Self {
+                // Gives the second operand where they are equal or one is not a number.
+                // SAFETY: see the head of this file.
+                Self(unsafe { $max(other.0, self.0) })
+            }
+
+            #[inline(always)]
+            fn at_most(self, other: Self) -> Self {
+                // SAFETY: see the head of this file.
+                Self(unsafe { $min(other.0, self.0) })
+            }
+
+            #[inline(always)]
             fn if_less(self, other: Self, yes: Self, no: Self) -> Self {
                 // SAFETY: see the head of this file.
                 Self(unsafe { $less(self.0, other.0, yes.0, no.0) })
+            }
+
+            #[inline(always)]
+            fn less_bits(self, other: Self) -> u32 {
+                // SAFETY: see the head of this file.
+                unsafe { $less_bits(self.0, other.0) }
             }
 
             #[inline(always)]
@@ -159,7 +178,7 @@ register!(
     fma _mm256_fmadd_pd, fnma _mm256_fnmadd_pd, sqrt _mm256_sqrt_pd,
     splat _mm256_set1_pd, load _mm256_loadu_pd, store _mm256_storeu_pd,
     load_some load_some_256, store_some store_some_256,
-    less less_256, signed signed_256,
+    less less_256, less_bits less_bits_256, signed signed_256, max _mm256_max_pd, min _mm256_min_pd,
     shift _mm256_sll_epi64, and _mm256_and_si256, xor _mm256_xor_si256,
     to_bits _mm256_castpd_si256, from_bits _mm256_castsi256_pd
 );
@@ -171,7 +190,7 @@ register!(
     fma _mm512_fmadd_pd, fnma _mm512_fnmadd_pd, sqrt _mm512_sqrt_pd,
     splat _mm512_set1_pd, load _mm512_loadu_pd, store _mm512_storeu_pd,
     load_some load_some_512, store_some store_some_512,
-    less less_512, signed signed_512,
+    less less_512, less_bits less_bits_512, signed signed_512, max _mm512_max_pd, min _mm512_min_pd,
     shift _mm512_sll_epi64, and _mm512_and_si512, xor _mm512_xor_si512,
     to_bits _mm512_castpd_si512, from_bits _mm512_castsi512_pd
 );
@@ -180,6 +199,18 @@ register!(
 #[target_feature(enable = "avx2,fma")]
 fn less_256(a: __m256d, b: __m256d, yes: __m256d, no: __m256d) -> __m256d {
     _mm256_blendv_pd(no, yes, _mm256_cmp_pd::<_CMP_LT_OQ>(a, b))
+}
+
+#[inline]
+#[target_feature(enable = "avx2,fma")]
+fn less_bits_256(a: __m256d, b: __m256d) -> u32 {
+    _mm256_movemask_pd(_mm256_cmp_pd::<_CMP_LT_OQ>(a, b)) as u32
+}
+
+#[inline]
+#[target_feature(enable = "avx2,fma,avx512f,avx512dq")]
+fn less_bits_512(a: __m512d, b: __m512d) -> u32 {
+    u32::from(_mm512_cmp_pd_mask::<_CMP_LT_OQ>(a, b))
 }
 
 #[inline]
