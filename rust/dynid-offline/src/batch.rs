@@ -30,18 +30,27 @@ pub fn inverse_dynamics(
     for (what, signal) in [("q", q), ("dq", dq), ("ddq", ddq)] {
         same_length(what, signal, tau.len())?;
     }
-    tau.par_chunks_mut(n * CHUNK)
-        .enumerate()
-        .for_each(|(chunk, tau)| {
-            let at = chunk * CHUNK * n..chunk * CHUNK * n + tau.len();
-            lanes::run(Torques {
-                robot,
-                motion: [q, dq, ddq].map(|signal| &signal[at.clone()]),
-                phi,
-                tau,
-            });
+    in_chunks(tau, n, |first, tau| {
+        let at = first * n..first * n + tau.len();
+        lanes::run(Torques {
+            robot,
+            motion: [q, dq, ddq].map(|signal| &signal[at.clone()]),
+            phi,
+            tau,
         });
+    });
     Ok(())
+}
+
+/// `work(first sample, chunk)` on every [`CHUNK`] samples of `out` (`size` numbers each), on all threads. What fits in one
+/// chunk stays on this thread: waking another takes longer.
+fn in_chunks(out: &mut [f64], size: usize, work: impl Fn(usize, &mut [f64]) + Sync) {
+    if out.len() <= size * CHUNK {
+        return work(0, out);
+    }
+    out.par_chunks_mut(size * CHUNK)
+        .enumerate()
+        .for_each(|(chunk, out)| work(chunk * CHUNK, out));
 }
 
 struct Torques<'a> {
@@ -56,6 +65,17 @@ impl Kernel for Torques<'_> {
 
     #[inline(always)]
     fn run<S: Lanes<Raw = [f64; 1]>, L: Lanes>(self) {
+        if self.tau.len() == self.robot.n_joints() {
+            self.rows::<S>();
+        } else {
+            self.rows::<L>();
+        }
+    }
+}
+
+impl Torques<'_> {
+    #[inline(always)]
+    fn rows<L: Lanes>(self) {
         let n = self.robot.n_joints();
         let mut states = StateRows::<L>::new(n);
         let mut links = vec![LinkRow::new(L::ZERO); n];
@@ -85,18 +105,14 @@ pub fn joint_torque_regressor(
     for (what, signal) in [("q", q), ("dq", dq), ("ddq", ddq)] {
         same_length(what, signal, regressor.len() / size * n)?;
     }
-    regressor
-        .par_chunks_mut(size * CHUNK)
-        .enumerate()
-        .for_each(|(chunk, regressor)| {
-            let first = chunk * CHUNK * n;
-            let at = first..first + regressor.len() / size * n;
-            lanes::run(Regressors {
-                robot,
-                motion: [q, dq, ddq].map(|signal| &signal[at.clone()]),
-                regressor,
-            });
+    in_chunks(regressor, size, |first, regressor| {
+        let at = first * n..first * n + regressor.len() / size * n;
+        lanes::run(Regressors {
+            robot,
+            motion: [q, dq, ddq].map(|signal| &signal[at.clone()]),
+            regressor,
         });
+    });
     Ok(())
 }
 
@@ -111,6 +127,18 @@ impl Kernel for Regressors<'_> {
 
     #[inline(always)]
     fn run<S: Lanes<Raw = [f64; 1]>, L: Lanes>(self) {
+        let n = self.robot.n_joints();
+        if self.regressor.len() == n * n * N_LINK_PARAMS {
+            self.rows::<S>();
+        } else {
+            self.rows::<L>();
+        }
+    }
+}
+
+impl Regressors<'_> {
+    #[inline(always)]
+    fn rows<L: Lanes>(self) {
         let n = self.robot.n_joints();
         let size = n * n * N_LINK_PARAMS;
         let mut states = StateRows::<L>::new(n);

@@ -34,31 +34,36 @@ impl<L: Lanes> StateRows<L> {
     /// last one fills up: no lane knows of its neighbours.
     #[inline(always)]
     pub(crate) fn take(&mut self, motion: [&[f64]; 3], k: usize) {
-        let n = self.rows.len();
-        let n_samples = motion[0].len() / n;
-        let mut starts = [0; MOST_LANES];
-        for (lane, start) in starts.iter_mut().enumerate() {
-            *start = (k * L::LEN + lane).min(n_samples - 1) * n;
+        let n_samples = motion[0].len() / self.rows.len();
+        let mut samples = [0; MOST_LANES];
+        for (lane, sample) in samples.iter_mut().enumerate() {
+            *sample = (k * L::LEN + lane).min(n_samples - 1);
         }
+        self.take_samples(motion, &samples[..L::LEN]);
+    }
+
+    /// These samples of `[q, dq, ddq]`, one per lane.
+    #[inline(always)]
+    pub(crate) fn take_samples(&mut self, motion: [&[f64]; 3], samples: &[usize]) {
+        let n = self.rows.len();
         for (j, row) in self.rows.iter_mut().enumerate() {
-            let q = gather::<L>(motion[0], &starts, j);
+            let q = gather::<L>(motion[0], samples, n, j);
             let (sin, cos) = lanes::sin_cos(q);
-            *row = JointState {
-                q: q.raw(),
-                sin: sin.raw(),
-                cos: cos.raw(),
-                dq: gather::<L>(motion[1], &starts, j).raw(),
-                ddq: gather::<L>(motion[2], &starts, j).raw(),
-            };
+            row.q = q.raw();
+            row.sin = sin.raw();
+            row.cos = cos.raw();
+            row.dq = gather::<L>(motion[1], samples, n, j).raw();
+            row.ddq = gather::<L>(motion[2], samples, n, j).raw();
         }
     }
 }
 
+/// Number `j` of every sample of a signal (row-major, n_samples × n).
 #[inline(always)]
-fn gather<L: Lanes>(signal: &[f64], starts: &[usize; MOST_LANES], j: usize) -> L {
+pub(crate) fn gather<L: Lanes>(signal: &[f64], samples: &[usize], n: usize, j: usize) -> L {
     let mut numbers = [0.0; MOST_LANES];
-    for (x, start) in numbers[..L::LEN].iter_mut().zip(starts) {
-        *x = signal[start + j];
+    for (x, sample) in numbers[..L::LEN].iter_mut().zip(samples) {
+        *x = signal[sample * n + j];
     }
     L::load(&numbers)
 }

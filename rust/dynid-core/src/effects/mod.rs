@@ -199,6 +199,18 @@ impl Effect {
         );
     }
 
+    /// [`Self::columns_into`] of the paper's friction at a row of motor speeds of joint `j`, to the same bits; `None` for
+    /// other effects.
+    #[inline(always)]
+    pub fn friction_row<L: lanes::Lanes>(&self, j: usize, dq_motor: L) -> Option<[L; N_FRICTION]> {
+        let shape = self.shape.get(2 * j..2 * j + 2)?;
+        if self.kind() != friction::KIND {
+            return None;
+        }
+        let [lambda, eps] = [L::splat(shape[0]), L::splat(shape[1])];
+        Some(friction::friction_row(dq_motor, lambda, eps))
+    }
+
     /// # Errors
     /// [`CoreError::Length`] if the shape parameters are not those of `n_joints`.
     pub fn check(&self, n_joints: usize) -> Result<(), CoreError> {
