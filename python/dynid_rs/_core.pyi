@@ -28,14 +28,14 @@ _Regression: TypeAlias = GaussianMixtureRegression | NormalisedRbf
 _Box: TypeAlias = tuple[Sequence[Sequence[float]], Sequence[float], Sequence[float]]
 
 __all__ = [
+    "FRICTION_NAMES",
+    "LINK_PARAMETER_NAMES",
     "BaseParameters",
     "Effect",
     "Excitation",
-    "FRICTION_NAMES",
     "FormatError",
     "FrictionSearch",
     "GaussianMixtureRegression",
-    "LINK_PARAMETER_NAMES",
     "MdhError",
     "NormalisedRbf",
     "PhysicalSet",
@@ -1083,8 +1083,8 @@ def weighted_fit(
 def processor_path(path: str | None = None) -> str:
     """Name of the instructions that the kernels run on: "baseline", "avx2" or "avx512".
 
-    With `path` the whole process takes those from now on, for tests and measurements. Results of the last two are the same
-    bits; the first rounds products on their own.
+    With `path` the whole process takes those from now on, for tests and measurements. Results of the last two are the
+    same bits; the first rounds products on their own.
 
     Raises
     ------

@@ -1,7 +1,7 @@
-"""Base parameters straight from samples: one pass, one triangular factor per joint, weights from the joints' own noise.
+"""Base parameters straight from samples: one pass, one triangular factor per joint, weighted by the joints' noise.
 
-What the three loops do carefully (a band, priors, friction searched), this does once and fast: for samples that are clean
-already, for a first look, for a stream of runs.
+What the three loops do carefully (a band, priors, friction searched), this does once and fast: for samples that are
+clean already, for a first look.
 """
 
 from __future__ import annotations
@@ -64,8 +64,8 @@ def fit_base_parameters(
     Raises
     ------
     ValueError
-        Shapes disagree, a number is not finite, there are no more samples than parameters, an effect needs a signal that
-        is not here, or the samples do not tell the columns apart.
+        Shapes disagree, a number is not finite, there are no more samples than parameters, an effect needs a signal
+        that is not here, or the samples do not tell the columns apart.
     """
     base = robot.base_parameters()
     pivots = base.pivots.tolist()

@@ -68,13 +68,21 @@ impl<L: Lanes> Body<L> {
     /// Force and moment about the origin for the parameters `phi` (ten numbers).
     #[inline(always)]
     pub fn wrench(&self, phi: &[f64]) -> (Vector<L>, Vector<L>) {
+        let mut row = [L::splat(0.0); N_LINK_PARAMS];
+        for (row, phi) in row.iter_mut().zip(phi) {
+            *row = L::splat(*phi);
+        }
+        self.wrench_of(&row)
+    }
+
+    /// [`Self::wrench`] with parameters of its own in every lane.
+    #[inline(always)]
+    pub fn wrench_of(&self, phi: &[L; N_LINK_PARAMS]) -> (Vector<L>, Vector<L>) {
         let Matrix([s0, s1, s2]) = self.spread;
         let ([xy, xz, yz], [dxy, dzx, dyz]) = (self.mixed, self.squares);
         let [ax, ay, az] = self.alpha.0;
-        let m = L::splat(phi[0]);
-        let h = Vector([L::splat(phi[1]), L::splat(phi[2]), L::splat(phi[3])]);
-        let (ixx, ixy, iyy) = (L::splat(phi[4]), L::splat(phi[5]), L::splat(phi[6]));
-        let (ixz, iyz, izz) = (L::splat(phi[7]), L::splat(phi[8]), L::splat(phi[9]));
+        let [m, hx, hy, hz, ixx, ixy, iyy, ixz, iyz, izz] = *phi;
+        let h = Vector([hx, hy, hz]);
         let [gx, gy, gz] = self.acc.0;
         let force = Vector([
             Vector(s0).dot_add(h, m * gx),

@@ -35,10 +35,7 @@ impl<L: Lanes> StateRows<L> {
     #[inline(always)]
     pub(crate) fn take(&mut self, motion: [&[f64]; 3], k: usize) {
         let n_samples = motion[0].len() / self.rows.len();
-        let mut samples = [0; MOST_LANES];
-        for (lane, sample) in samples.iter_mut().enumerate() {
-            *sample = (k * L::LEN + lane).min(n_samples - 1);
-        }
+        let samples = lane_samples::<L>(k, n_samples);
         self.take_samples(motion, &samples[..L::LEN]);
     }
 
@@ -56,6 +53,16 @@ impl<L: Lanes> StateRows<L> {
             row.ddq = gather::<L>(motion[2], samples, n, j).raw();
         }
     }
+}
+
+/// The samples of the `k`th group, one per lane; where they end, the last one fills up.
+#[inline(always)]
+pub(crate) fn lane_samples<L: Lanes>(k: usize, n_samples: usize) -> [usize; MOST_LANES] {
+    let mut samples = [0; MOST_LANES];
+    for (lane, sample) in samples.iter_mut().enumerate() {
+        *sample = (k * L::LEN + lane).min(n_samples - 1);
+    }
+    samples
 }
 
 /// Number `j` of every sample of a signal (row-major, n_samples × n).

@@ -139,6 +139,15 @@ fn finite(values: &[f64], name: &str, n_columns: usize) -> PyResult<()> {
     }
 }
 
+/// `work` with Python's lock released, unless the samples are so few that handing it back takes longer.
+pub fn unlocked<T: Send>(py: Python<'_>, n_samples: usize, work: impl FnOnce() -> T + Send) -> T {
+    if n_samples < 64 {
+        work()
+    } else {
+        py.detach(work)
+    }
+}
+
 /// Hands a row-major buffer to numpy as a 2-D array, without a copy.
 pub fn to_matrix(
     py: Python<'_>,
