@@ -5,18 +5,25 @@ from __future__ import annotations
 import json
 import shutil
 import subprocess
-import tempfile
 from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
-from measure import Row, compare, processor_seconds, unit
+from measure import ROOT, Row, compare, processor_seconds, unit
 
 import dynid_rs as dyn
 from dynid_rs import _core
 from dynid_rs.simulation import bundled_robot
 
 N_SAMPLES = 4096
+DEFINES = (
+    "NDEBUG",
+    "BOOST_FUSION_INVOKE_MAX_ARITY=12",
+    "BOOST_MPL_LIMIT_LIST_SIZE=30",
+    "BOOST_MPL_LIMIT_VECTOR_SIZE=30",
+    "BOOST_MPL_CFG_NO_PREPROCESSED_HEADERS",
+)
+"""What Pinocchio's headers ask for."""
 
 
 def rows():
@@ -86,6 +93,8 @@ def against_cpp(robot, q, dq, ddq):
     if peer is None:
         yield Row("G1, G3", "Pinocchio in C++", "", "not built here", note="needs g++ and the package cmeel-eigen")
         return
+    # The goals are against clang's build, which a long measurement found 1.6 times faster than g++'s.
+    harder = 1.0 if shutil.which("clang++") else 1.6
     wide = _core.processor_path() == "avx512"
     few = q[:256], dq[:256], ddq[:256]
     for goal, what, work, key, limit in (
@@ -100,46 +109,32 @@ def against_cpp(robot, q, dq, ddq):
     ):
         states = few if goal == "G2" else (q, dq, ddq)
         own = sorted(processor_seconds(lambda w=work, s=states: w(*s), 20) / len(states[0]) for _ in range(7))[3]
-        ratio = 1e-9 * peer[key] / own
+        ratio, least = 1e-9 * peer[key] / own, harder * limit
         yield Row(
             goal,
             what,
             unit(own),
-            f"{unit(1e-9 * peer[key])} (Pinocchio, C++, g++ -O3)",
+            f"{unit(1e-9 * peer[key])} (Pinocchio, C++, {'g++' if harder > 1 else 'clang++'} -O3)",
             ratio,
             None,
-            f">= {limit}",
-            ratio >= limit,
-            "the limit is against clang's build, which is about 1.6 times faster than g++'s",
+            f">= {least:g}",
+            ratio >= least,
+            "" if harder == 1.0 else f"{limit} against clang's build, which is 1.6 times faster than g++'s",
         )
 
 
 def cpp_nanoseconds():
-    """Medians of `pinocchio.cpp`; None where it cannot be built."""
-    prefix = Path(pin.__file__).parents[4] / "site-packages" / "cmeel.prefix"
-    prefix = next((p for p in Path(pin.__file__).parents if p.name == "cmeel.prefix"), prefix)
-    include = prefix / "include"
-    eigen = include / "eigen3"
+    """Medians of `pinocchio.cpp`, built once against the wheel's headers; None where it cannot be built."""
+    source, program = Path(__file__).with_name("pinocchio.cpp"), ROOT / "target" / "pinocchio-peer"
+    prefix = next(folder for folder in Path(pin.__file__).parents if folder.name == "cmeel.prefix")
+    include, library = prefix / "include", prefix / "lib"
     compiler = shutil.which("clang++") or shutil.which("g++")
-    if compiler is None or not eigen.is_dir():
-        return None
-    defines = [
-        "-DNDEBUG",
-        "-DBOOST_FUSION_INVOKE_MAX_ARITY=12",
-        "-DBOOST_MPL_LIMIT_LIST_SIZE=30",
-        "-DBOOST_MPL_LIMIT_VECTOR_SIZE=30",
-        "-DBOOST_MPL_CFG_NO_PREPROCESSED_HEADERS",
-    ]
-    library = prefix / "lib"
-    with tempfile.TemporaryDirectory() as folder:
-        program = Path(folder) / "peer"
-        source = Path(__file__).with_name("pinocchio.cpp")
-        built = subprocess.run(
-            [compiler, "-std=c++17", "-O3", *defines, f"-I{include}", f"-I{eigen}", source, "-o", program]
-            + [f"-L{library}", "-lpinocchio_default", f"-Wl,-rpath,{library}"],
-            capture_output=True,
-            check=False,
-        )
-        if built.returncode != 0:
+    if not program.exists() or program.stat().st_mtime < source.stat().st_mtime:
+        if compiler is None or not (include / "eigen3").is_dir():
             return None
-        return json.loads(subprocess.run([program], capture_output=True, text=True, check=True).stdout)
+        command = [compiler, "-std=c++17", "-O3", *(f"-D{name}" for name in DEFINES)]
+        command += [f"-I{include}", f"-I{include / 'eigen3'}", source, "-o", program]
+        command += [f"-L{library}", "-lpinocchio_default", f"-Wl,-rpath,{library}"]
+        if subprocess.run(command, capture_output=True, check=False).returncode != 0:
+            return None
+    return json.loads(subprocess.run([program], capture_output=True, text=True, check=True).stdout)

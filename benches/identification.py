@@ -47,7 +47,7 @@ class Problem:
         n = self.robot.n_joints
         config = RegressorConfig(has_joint_offset=True, additional_columns=1)
         builder = RegressorBuilder(SimpleNamespace(model=self.model, data=self.data), config)
-        W = builder.build_basic_regressor(self.q, self.dq, self.ddq)
+        W = builder.build_basic_regressor(self.q, self.dq, self.ddq, {"act_idxv": range(n)})
         names = {f"{name}{j}": 0.0 for j in range(n) for name in NAMES} | {f"off{j}": 0.0 for j in range(n)}
         gone, left = get_index_eliminate(W, names, 1e-6)
         W = np.delete(W, gone, axis=1)

@@ -17,9 +17,9 @@ from measure import HEAD, ROOT, machine
 
 INTRODUCTION = """# Benchmarks
 
-Written by `make bench`. One thread each; ours and the peer run in turn in one process; times are the processor's, so that
-other jobs do not count, medians over the rounds. A ratio says how many times faster ours is, with its least and greatest
-over the rounds. Before anything is timed the two are checked to give the same numbers.
+Written by `make bench`. One thread each; ours and the peer run in turn in one process; times are the processor's,
+medians over the rounds. A ratio says how many times faster ours is, with its least and greatest over the rounds. Before
+anything is timed the two are checked to give the same numbers.
 """
 
 

@@ -115,7 +115,7 @@ def machine() -> Iterable[str]:
     )
     yield f"Processor: {model}, {os.cpu_count()} cores seen, kernels on `{_core.processor_path()}`."
     load = ", ".join(f"{x:.1f}" for x in os.getloadavg())
-    yield f"Load of the machine at the end (1, 5, 15 minutes): {load}; above the number of cores the figures are of a shared core."
+    yield f"Load at the end (1, 5, 15 minutes): {load}; above the number of cores, figures are of shared cores."
     rust = subprocess.run(["rustc", "--version"], capture_output=True, text=True, check=False).stdout.strip()
     yield f"Python {platform.python_version()}, {rust or 'no rustc'}."
     yield ", ".join(f"{name} {known_version(name)}" for name in PEERS) + "."
