@@ -23,11 +23,11 @@ def main():
     offset = dyn.Effect.torque_offset()
     rng = np.random.default_rng(0)
     signals = [rng.uniform(-2, 2, (1_000_000, robot.n_joints)) for _ in range(4)]
-    few = [signal[:2000] for signal in signals]
-    dyn.fit_base_parameters(robot, *few, effects=[offset])  # what is loaded and started once
     before = peak()
+    dyn.fit_base_parameters(robot, *(signal[:2000] for signal in signals), effects=[offset])
+    started = peak()
     times = [processor_seconds(lambda: dyn.fit_base_parameters(robot, *signals, effects=[offset]), 1) for _ in range(3)]
-    print(json.dumps({"seconds": statistics.median(times), "megabytes": peak() - before}))
+    print(json.dumps({"seconds": statistics.median(times), "megabytes": peak() - before, "growth": peak() - started}))
 
 
 if __name__ == "__main__":
