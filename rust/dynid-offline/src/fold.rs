@@ -21,6 +21,9 @@ const DEPTH: usize = 8;
 /// Samples per task. Tasks, not threads, decide the order of sums.
 const CHUNK: usize = 16_384;
 
+/// Tasks whose factors are held at a time.
+const WAVE: usize = 8;
+
 /// Triangular factor of every joint's rows `[effects | base columns of the links it moves | torque]`, width × width,
 /// row-major: [`observe`] and [`triangular_factor`] in one pass, in memory that does not depend on the number of samples
 /// where the sampling has no filter. With a filter the rows are built first, because it runs along the whole run both
@@ -56,29 +59,35 @@ pub fn fold(
     let plan: Vec<Vec<Wanted>> = (0..n).map(|j| columns_of(j, effects, pivots)).collect();
     let history = history(effects, n, &run.signals);
     let n_rows = sampling.map_or(n_samples, |sampling| sampling.kept.len());
-    let chunks: Vec<Vec<Vec<f64>>> = (0..n_rows.div_ceil(CHUNK))
-        .into_par_iter()
-        .map(|chunk| {
-            let rows = chunk * CHUNK..n_rows.min((chunk + 1) * CHUNK);
-            let all: Vec<usize>;
-            let kept = if let Some(sampling) = sampling {
-                &sampling.kept[rows]
-            } else {
-                all = rows.collect();
-                &all
-            };
-            lanes::run(Chunk {
-                robot,
-                effects,
-                plan: &plan,
-                history: &history,
-                run,
-                kept,
-            })
+    let folded = |chunk: usize| {
+        let rows = chunk * CHUNK..n_rows.min((chunk + 1) * CHUNK);
+        let all: Vec<usize>;
+        let kept = if let Some(sampling) = sampling {
+            &sampling.kept[rows]
+        } else {
+            all = rows.collect();
+            &all
+        };
+        lanes::run(Chunk {
+            robot,
+            effects,
+            plan: &plan,
+            history: &history,
+            run,
+            kept,
         })
-        .collect();
-    let of_joint = |j: usize| chunks.iter().map(|chunk| chunk[j].clone()).collect();
-    Ok((0..n).map(|j| tree(of_joint(j), plan[j].len())).collect())
+    };
+    // A wave of tasks at a time, each merged with what came before: memory stays that of one wave.
+    let mut factors: Option<Vec<Vec<f64>>> = None;
+    for first in (0..n_rows.div_ceil(CHUNK)).step_by(WAVE) {
+        let last = n_rows.div_ceil(CHUNK).min(first + WAVE);
+        let mut wave: Vec<Vec<Vec<f64>>> = factors.take().into_iter().collect();
+        wave.par_extend((first..last).into_par_iter().map(folded));
+        let of_joint = |j: usize| wave.iter().map(|chunk| chunk[j].clone()).collect();
+        factors = Some((0..n).map(|j| tree(of_joint(j), plan[j].len())).collect());
+    }
+    let none = || plan.iter().map(|wanted| vec![0.0; wanted.len().pow(2)]);
+    Ok(factors.unwrap_or_else(|| none().collect()))
 }
 
 /// Factors of some samples.

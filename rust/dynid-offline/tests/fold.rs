@@ -88,8 +88,8 @@ proptest! {
 fn any_number_of_threads_and_any_path_fold_to_the_same_bits() {
     use dynid_core::lanes::{path, use_path, Path};
     let case = fixed_case();
-    // More than two tasks, and a tail.
-    let run = Run::new(&case.robot, &case.phi, 40_003, 5, 0.1);
+    // More than one wave of tasks, and a tail.
+    let run = Run::new(&case.robot, &case.phi, 150_003, 5, 0.1);
     let pivots = base_parameters(&case.robot, 0, 1e-9).unwrap().pivots;
     let folded = |n_threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(n_threads);
