@@ -36,10 +36,11 @@ check: $(STAMP) $(TOOLS) ## format, lints, types, documentation
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 
-bench: $(STAMP) $(TOOLS) ## speed and memory, side by side with a peer
-	$(BIN)/python benches/side_by_side.py
+bench: $(STAMP) ## every figure side by side with its peer; writes docs/benchmarks.md
+	$(BIN)/python -m pip install --quiet --editable '.[bench]'
+	$(BIN)/python benches/main.py
 	$(BIN)/python benches/loops.py
-	$(BIN)/python benches/mixtures.py
+	$(BIN)/python benches/em.py
 
 blind: $(STAMP) ## diagnose 420 simulated cases whose answers are hidden; writes docs/blind.md, goes on where it broke off
 	$(BIN)/python tests/blind/run.py --page docs/blind.md

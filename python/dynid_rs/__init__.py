@@ -22,6 +22,7 @@ from dynid_rs.errors import DataError, MissingLibraryError, RankDeficientError
 from dynid_rs.recording import Recording
 
 if TYPE_CHECKING:
+    from dynid_rs.base_fit import BaseFit, fit_base_parameters
     from dynid_rs.diagnosis.loop import diagnose
     from dynid_rs.diagnosis.setup import Setup
     from dynid_rs.excitation import FourierExcitation
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
 
 # scikit-learn takes a second to import; nobody who only evaluates a model should wait for it.
 _LATE = {
+    "BaseFit": "base_fit",
     "FourierExcitation": "excitation",
     "FrictionIdentifier": "friction",
     "GaussianMixtureRegressor": "mixture",
@@ -50,10 +52,12 @@ _LATE = {
     "Setup": "diagnosis.setup",
     "ThreeLoopIdentifier": "identification",
     "diagnose": "diagnosis.loop",
+    "fit_base_parameters": "base_fit",
     "read_recording": "readers",
 }
 
 __all__ = [
+    "BaseFit",
     "BaseParameters",
     "DataError",
     "Effect",
@@ -79,6 +83,7 @@ __all__ = [
     "UrdfError",
     "__version__",
     "diagnose",
+    "fit_base_parameters",
     "read_recording",
     "rmse",
 ]

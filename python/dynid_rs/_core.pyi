@@ -51,6 +51,7 @@ __all__ = [
     "effect_torque",
     "filtered_friction_basis",
     "fit_mixture",
+    "fold",
     "friction_basis",
     "inverse_dynamics_gradient",
     "merge_factors",
@@ -60,11 +61,13 @@ __all__ = [
     "phi_from_pseudo_inertia",
     "point_gradient",
     "point_places",
+    "processor_path",
     "pseudo_inertia",
     "residual_inputs",
     "triangular_factor",
     "true_motion",
     "urdf_with_physical",
+    "weighted_fit",
 ]
 
 __version__: Final[str]
@@ -1081,6 +1084,63 @@ def filtered_friction_basis(
     ------
     ValueError
         As `friction_basis`; `dq` is shorter than the filter's padding, or a kept sample is behind its end.
+    """
+
+def fold(
+    robot: RobotModel,
+    effects: Sequence[Effect],
+    pivots: Sequence[int],
+    q: ArrayLike,
+    dq: ArrayLike,
+    ddq: ArrayLike,
+    q_motor: ArrayLike,
+    dq_motor: ArrayLike,
+    ddq_motor: ArrayLike,
+    tau: ArrayLike,
+    *,
+    filter: _Filter | None = None,
+    kept: Sequence[int] | None = None,
+    tau_link: ArrayLike | None = None,
+    step: float | None = None,
+    temperature: ArrayLike | None = None,
+) -> list[_FloatArray]:
+    """`triangular_factor` of every joint's `observe` rows, in one pass: without a filter the rows never exist.
+
+    Every sample is a row where `kept` is not given. The same bits for any number of threads.
+
+    Raises
+    ------
+    ValueError
+        As `observe`.
+    """
+
+def weighted_fit(
+    factors: Sequence[_FloatArray], pivots: Sequence[int], n_rows: int, *, n_reweightings: int = 2
+) -> list[_FloatArray]:
+    """Weighted least squares on the joints' factors, each joint weighted by its own noise `n_reweightings` times.
+
+    Returns
+    -------
+    base, base_std, effects, effects_std, noise_std : ndarray
+        Base parameters (n_base,), effects' coefficients (n_joints * n_effect_columns,), what is left per joint
+        (n_joints,), and standard deviations of the first two.
+
+    Raises
+    ------
+    ValueError
+        Sizes disagree, rows are no more than parameters, or the data do not tell the columns apart.
+    """
+
+def processor_path(path: str | None = None) -> str:
+    """Name of the instructions that the kernels run on: "baseline", "avx2" or "avx512".
+
+    With `path` the whole process takes those from now on, for tests and measurements. Results of the last two are the
+    same bits; the first rounds products on their own.
+
+    Raises
+    ------
+    ValueError
+        This processor does not have them.
     """
 
 def triangular_factor(rows: _FloatArray) -> _FloatArray:

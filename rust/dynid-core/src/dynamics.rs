@@ -1,50 +1,78 @@
-//! Inverse dynamics and the joint-torque regressor: one forward pass, one kernel, two ways to project.
+//! Inverse dynamics and the joint-torque regressor of one state: joints in lanes for the sines, then along the chain.
 
-use nalgebra::{Matrix3, Rotation3, SVector, Unit, Vector3};
+use nalgebra::{Matrix3, Vector3};
 
+use crate::chain::{self, JointState, LinkRow, Placement, TwistRow};
 use crate::error::CoreError;
-use crate::kernel::{body_regressor, BodyMotion};
+use crate::lanes::{self, Kernel, Lanes, Portable, MOST_LANES};
 use crate::link_params::N_LINK_PARAMS;
-use crate::robot::{Joint, JointKind, RobotModel};
+use crate::robot::{Joint, RobotModel};
+
+/// A single number in memory.
+type One = [f64; 1];
 
 /// Scratch for one robot. All memory is taken here.
 #[derive(Clone, Debug)]
 pub struct Workspace {
-    links: Vec<LinkState>,
-}
-
-/// Where a link is and how it moves.
-#[derive(Clone, Copy, Debug)]
-struct LinkState {
-    /// Link to parent coordinates.
-    rotation: Matrix3<f64>,
-    /// Link origin in the parent frame \[m\].
-    origin: Vector3<f64>,
-    motion: BodyMotion,
-    force: Vector3<f64>,
-    moment: Vector3<f64>,
-}
-
-impl LinkState {
-    const REST: Self = Self {
-        rotation: Matrix3::new(1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0),
-        origin: Vector3::new(0.0, 0.0, 0.0),
-        motion: BodyMotion {
-            omega: Vector3::new(0.0, 0.0, 0.0),
-            alpha: Vector3::new(0.0, 0.0, 0.0),
-            acc: Vector3::new(0.0, 0.0, 0.0),
-        },
-        force: Vector3::new(0.0, 0.0, 0.0),
-        moment: Vector3::new(0.0, 0.0, 0.0),
-    };
+    states: Vec<JointState<One>>,
+    links: Vec<LinkRow<One>>,
+    twists: Vec<TwistRow<One>>,
+    tau: Vec<One>,
+    regressor: Vec<One>,
+    /// Positions, sines and cosines, each padded to whole rows.
+    trig: [Vec<f64>; 3],
 }
 
 impl Workspace {
     /// Scratch for `robot`.
     #[must_use]
     pub fn new(robot: &RobotModel) -> Self {
+        let n = robot.n_joints();
+        let zero = [0.0];
+        let rest = JointState {
+            q: zero,
+            sin: zero,
+            cos: [1.0],
+            dq: zero,
+            ddq: zero,
+        };
+        let padded = vec![0.0; n.next_multiple_of(MOST_LANES)];
         Self {
-            links: vec![LinkState::REST; robot.n_joints()],
+            states: vec![rest; n],
+            links: vec![LinkRow::new(zero); n],
+            twists: vec![[[zero; 3]; 2]; n],
+            tau: vec![zero; n],
+            regressor: vec![zero; n * n * N_LINK_PARAMS],
+            trig: [padded.clone(), padded.clone(), padded],
+        }
+    }
+
+    fn n_joints(&self) -> usize {
+        self.states.len()
+    }
+
+    /// The states with sines and cosines, joints in lanes.
+    #[inline(always)]
+    fn take<L: Lanes>(&mut self, q: &[f64], dq: &[f64], ddq: &[f64]) {
+        let [positions, sines, cosines] = &mut self.trig;
+        positions[..q.len()].copy_from_slice(q);
+        let rows = positions.chunks_exact(L::LEN);
+        let outputs = sines
+            .chunks_exact_mut(L::LEN)
+            .zip(cosines.chunks_exact_mut(L::LEN));
+        for (q, (sin, cos)) in rows.zip(outputs) {
+            let (s, c) = lanes::sin_cos(L::load(q));
+            s.store(sin);
+            c.store(cos);
+        }
+        let trig = sines.iter().zip(cosines.iter());
+        let motion = q.iter().zip(dq.iter().zip(ddq));
+        for (state, ((q, (dq, ddq)), (sin, cos))) in self.states.iter_mut().zip(motion.zip(trig)) {
+            state.q[0] = *q;
+            state.sin[0] = *sin;
+            state.cos[0] = *cos;
+            state.dq[0] = *dq;
+            state.ddq[0] = *ddq;
         }
     }
 }
@@ -69,51 +97,15 @@ pub(crate) fn check_length(
 /// Joint placement at `q`: rotation (link to parent) and origin of the link frame in the parent frame.
 #[must_use]
 pub fn placement(joint: &Joint, q: f64) -> (Matrix3<f64>, Vector3<f64>) {
-    match joint.kind {
-        JointKind::Revolute => {
-            let turn = Rotation3::from_axis_angle(&Unit::new_unchecked(joint.axis), q);
-            (joint.rotation * turn.matrix(), joint.translation)
-        }
-        JointKind::Prismatic => (
-            joint.rotation,
-            joint.translation + joint.rotation * (joint.axis * q),
-        ),
-    }
-}
-
-/// Forward pass of Newton and Euler: velocities and accelerations of every link in its own frame, gravity as an upward
-/// acceleration of the base.
-fn forward_pass(robot: &RobotModel, links: &mut [LinkState], q: &[f64], dq: &[f64], ddq: &[f64]) {
-    let mut parent = BodyMotion {
-        omega: Vector3::zeros(),
-        alpha: Vector3::zeros(),
-        acc: -robot.gravity(),
-    };
-    for (i, (joint, link)) in robot.joints().iter().zip(links).enumerate() {
-        let (rotation, origin) = placement(joint, q[i]);
-        let to_link = rotation.transpose();
-        let carried = parent.acc
-            + parent.alpha.cross(&origin)
-            + parent.omega.cross(&parent.omega.cross(&origin));
-        let mut motion = BodyMotion {
-            omega: to_link * parent.omega,
-            alpha: to_link * parent.alpha,
-            acc: to_link * carried,
-        };
-        match joint.kind {
-            JointKind::Revolute => {
-                motion.alpha += motion.omega.cross(&joint.axis) * dq[i] + joint.axis * ddq[i];
-                motion.omega += joint.axis * dq[i];
-            }
-            JointKind::Prismatic => {
-                motion.acc += motion.omega.cross(&joint.axis) * (2.0 * dq[i]) + joint.axis * ddq[i];
-            }
-        }
-        link.rotation = rotation;
-        link.origin = origin;
-        link.motion = motion;
-        parent = motion;
-    }
+    let place = Placement::new(joint);
+    let one = Portable::<1, false>::splat;
+    let (sin, cos) = lanes::sin_cos(one(q));
+    let rotation = place.rotation(sin, cos).raw();
+    let origin = place.origin(one(q)).raw();
+    (
+        Matrix3::from_fn(|i, k| rotation[i][k][0]),
+        Vector3::from_fn(|k, _| origin[k][0]),
+    )
 }
 
 /// Inverse dynamics `tau = M(q) ddq + C(q, dq) + G(q)` of the links alone (Eq. 1 without friction, contact and residual).
@@ -137,35 +129,40 @@ pub fn inverse_dynamics_into(
     check_state(n, workspace, q, dq, ddq)?;
     check_length("phi", phi, N_LINK_PARAMS * n)?;
     check_length("tau", tau, n)?;
+    lanes::run(Torque {
+        robot,
+        workspace,
+        motion: [q, dq, ddq],
+        phi,
+        tau,
+    });
+    Ok(())
+}
 
-    let links = &mut workspace.links;
-    forward_pass(robot, links, q, dq, ddq);
-    for (link, phi) in links.iter_mut().zip(phi.chunks_exact(N_LINK_PARAMS)) {
-        let wrench =
-            body_regressor(&link.motion) * SVector::<f64, N_LINK_PARAMS>::from_column_slice(phi);
-        link.force = wrench.fixed_rows::<3>(0).into();
-        link.moment = wrench.fixed_rows::<3>(3).into();
-    }
-    for i in (0..n).rev() {
-        let LinkState {
-            rotation,
-            origin,
-            force,
-            moment,
-            ..
-        } = links[i];
-        let joint = &robot.joints()[i];
-        tau[i] = match joint.kind {
-            JointKind::Revolute => joint.axis.dot(&moment),
-            JointKind::Prismatic => joint.axis.dot(&force),
-        };
-        if i > 0 {
-            let force = rotation * force;
-            links[i - 1].force += force;
-            links[i - 1].moment += rotation * moment + origin.cross(&force);
+/// [`inverse_dynamics_into`] of slices that fit.
+pub(crate) struct Torque<'a> {
+    pub robot: &'a RobotModel,
+    pub workspace: &'a mut Workspace,
+    pub motion: [&'a [f64]; 3],
+    pub phi: &'a [f64],
+    pub tau: &'a mut [f64],
+}
+
+impl Kernel for Torque<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Lanes<Raw = One>, L: Lanes>(self) {
+        let [q, dq, ddq] = self.motion;
+        self.workspace.take::<L>(q, dq, ddq);
+        let Workspace {
+            states, links, tau, ..
+        } = self.workspace;
+        chain::inverse_dynamics::<S>(self.robot, states, links, self.phi, tau);
+        for (to, [x]) in self.tau.iter_mut().zip(tau) {
+            *to = *x;
         }
     }
-    Ok(())
 }
 
 /// Joint-torque regressor `Y` with `tau = Y phi` (Eq. 2 for one state).
@@ -184,43 +181,42 @@ pub fn joint_torque_regressor_into(
     regressor: &mut [f64],
 ) -> Result<(), CoreError> {
     let n = robot.n_joints();
-    let width = N_LINK_PARAMS * n;
     check_state(n, workspace, q, dq, ddq)?;
-    check_length("regressor", regressor, n * width)?;
-
-    let links = &mut workspace.links;
-    forward_pass(robot, links, q, dq, ddq);
-    regressor.fill(0.0);
-    for (i, link) in links.iter().enumerate() {
-        let body = body_regressor(&link.motion);
-        // Power of link i's wrench on a unit motion of joint j, for every joint that moves the link: walk the twist
-        // of each joint outwards instead of the wrench of each link inwards.
-        for j in 0..=i {
-            let twist = unit_twist(&robot.joints()[j], &links[j + 1..=i]);
-            let row = body.tr_mul(&twist);
-            let start = j * width + i * N_LINK_PARAMS;
-            regressor[start..start + N_LINK_PARAMS].copy_from_slice(row.as_slice());
-        }
-    }
+    check_length("regressor", regressor, n * n * N_LINK_PARAMS)?;
+    lanes::run(Regressor {
+        robot,
+        workspace,
+        motion: [q, dq, ddq],
+        regressor,
+    });
     Ok(())
 }
 
-/// Velocity \[linear; angular\] of the last link of `outward` at unit speed of `joint`, in that link's frame.
-/// `outward` are the links after the joint's own; empty for the joint's own link.
-fn unit_twist(joint: &Joint, outward: &[LinkState]) -> SVector<f64, 6> {
-    let (mut linear, mut angular) = match joint.kind {
-        JointKind::Revolute => (Vector3::zeros(), joint.axis),
-        JointKind::Prismatic => (joint.axis, Vector3::zeros()),
-    };
-    for link in outward {
-        linear = link
-            .rotation
-            .tr_mul(&(linear + angular.cross(&link.origin)));
-        angular = link.rotation.tr_mul(&angular);
+struct Regressor<'a> {
+    robot: &'a RobotModel,
+    workspace: &'a mut Workspace,
+    motion: [&'a [f64]; 3],
+    regressor: &'a mut [f64],
+}
+
+impl Kernel for Regressor<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Lanes<Raw = One>, L: Lanes>(self) {
+        let [q, dq, ddq] = self.motion;
+        self.workspace.take::<L>(q, dq, ddq);
+        let Workspace {
+            states,
+            twists,
+            regressor,
+            ..
+        } = self.workspace;
+        chain::joint_torque_regressor::<S>(self.robot, states, twists, regressor);
+        for (to, [x]) in self.regressor.iter_mut().zip(regressor) {
+            *to = *x;
+        }
     }
-    SVector::<f64, 6>::new(
-        linear.x, linear.y, linear.z, angular.x, angular.y, angular.z,
-    )
 }
 
 fn check_state(
@@ -233,13 +229,13 @@ fn check_state(
     check_length("q", q, n)?;
     check_length("dq", dq, n)?;
     check_length("ddq", ddq, n)?;
-    if workspace.links.len() == n {
+    if workspace.n_joints() == n {
         Ok(())
     } else {
         Err(CoreError::Length {
             what: "workspace",
             expected: n,
-            actual: workspace.links.len(),
+            actual: workspace.n_joints(),
         })
     }
 }

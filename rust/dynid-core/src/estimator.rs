@@ -7,9 +7,11 @@ use std::sync::Arc;
 use crate::dynamics::{check_length, inverse_dynamics_into, Workspace};
 use crate::effects::EffectInput;
 use crate::error::CoreError;
-use crate::model::{check_step, TorqueModel};
+use crate::lanes;
+use crate::model::{check_step, EncoderError, TorqueModel};
 use crate::residual::Load;
 use crate::state::{align_link_side, true_motion, State};
+use crate::step::{StepRows, Sum, Take};
 
 /// What was unusual about a step, as bits. Zero is a good step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
@@ -74,9 +76,6 @@ impl Status {
     }
 }
 
-/// A term beyond this is an overflow, not a torque; sums of terms below it stay finite. A NaN compares false.
-const OVERFLOW: f64 = 1e300;
-
 /// Owns the memory; the model is shared.
 #[derive(Clone, Debug)]
 pub struct TorqueEstimator {
@@ -85,8 +84,12 @@ pub struct TorqueEstimator {
     /// The true state, on the motor channel's clock.
     link: [Vec<f64>; 3],
     motor: [Vec<f64>; 3],
+    /// The model's numbers that every step asks for.
+    rows: StepRows,
     /// Rigid-body torque before the channel's scale.
     tau_link: Vec<f64>,
+    /// Variance of what the model leaves.
+    noise_variance: Vec<f64>,
     /// Joints on which an effect follows the temperature.
     wants_temperature: Vec<bool>,
     /// Time between samples.
@@ -112,10 +115,12 @@ impl TorqueEstimator {
         let n_terms = model.n_terms();
         let effects = model.effects().iter();
         let n_memory = effects.map(|term| term.effect().memory_len(n)).sum();
+        let noise_variance: Vec<f64> = model.noise_std().iter().map(|std| std * std).collect();
         Self {
             workspace: Workspace::new(model.robot()),
             link: std::array::from_fn(|_| vec![0.0; n]),
             motor: std::array::from_fn(|_| vec![0.0; n]),
+            rows: StepRows::new(&model),
             tau_link: vec![0.0; n],
             wants_temperature: model.wants_temperature(),
             step: model.step().unwrap_or(0.0),
@@ -125,7 +130,8 @@ impl TorqueEstimator {
             terms: vec![0.0; n * n_terms],
             total: vec![0.0; n],
             scratch_variance: vec![0.0; n],
-            variance: model.noise_std().iter().map(|std| std * std).collect(),
+            variance: noise_variance.clone(),
+            noise_variance,
             model,
         }
     }
@@ -193,24 +199,29 @@ impl TorqueEstimator {
         state.check(n)?;
         check_length("tau", tau, n)?;
         let mut status = Status::OK;
-        let usable = state.is_finite() && {
+        let taken = lanes::run(Take {
+            rows: &self.rows,
+            shown: state,
+            link: &mut self.link,
+            motor: &mut self.motor,
+        });
+        let usable = taken.finite && {
             let faded = self.evaluate(state)?;
             status.set(Status::RESIDUAL_FADED, faded);
-            self.scratch.iter().all(|x| x.abs() < OVERFLOW)
-                && self.next_memory.iter().all(|x| x.is_finite())
+            let remembers = self.next_memory.iter().all(|x| x.is_finite());
+            remembers
+                && lanes::run(Sum {
+                    terms: &self.scratch,
+                    total: &mut self.total,
+                })
         };
         if usable {
-            status.set(Status::OUTSIDE_DOMAIN, !self.inside_domain(state));
+            status.set(Status::OUTSIDE_DOMAIN, !taken.inside_domain);
             status.set(Status::SIGNAL_MISSING, self.misses_temperature(state));
-            self.terms.copy_from_slice(&self.scratch);
-            self.variance.copy_from_slice(&self.scratch_variance);
-            self.memory.copy_from_slice(&self.next_memory);
-            self.total.fill(0.0);
-            for term in self.terms.chunks_exact(n) {
-                for (total, term) in self.total.iter_mut().zip(term) {
-                    *total += term;
-                }
-            }
+            // What was the last good step becomes the next one's scratch.
+            core::mem::swap(&mut self.terms, &mut self.scratch);
+            core::mem::swap(&mut self.variance, &mut self.scratch_variance);
+            core::mem::swap(&mut self.memory, &mut self.next_memory);
         } else {
             status = Status::NON_FINITE;
         }
@@ -221,7 +232,15 @@ impl TorqueEstimator {
     /// Every term into `scratch`; true if the third loop was faded.
     fn evaluate(&mut self, state: &State<'_>) -> Result<bool, CoreError> {
         let n = self.model.robot().n_joints();
-        self.take_true_state(state);
+        if let Some(error) = self.model.encoder_error() {
+            take_true_state(
+                state,
+                error,
+                self.model.encoder_delay(),
+                &mut self.link,
+                &mut self.motor,
+            );
+        }
         let [q, dq, ddq] = &self.link;
         let [q_motor, dq_motor, ddq_motor] = &self.motor;
         let state = &State {
@@ -260,9 +279,7 @@ impl TorqueEstimator {
             (own, memory) = memory.split_at_mut(term.effect().memory_len(n));
             term.torque_into(&input, own, row);
         }
-        for (variance, std) in self.scratch_variance.iter_mut().zip(self.model.noise_std()) {
-            *variance = std * std;
-        }
+        self.scratch_variance.copy_from_slice(&self.noise_variance);
         match (self.model.residual(), rows.next()) {
             (Some(residual), Some(row)) => {
                 let load = Load {
@@ -275,51 +292,33 @@ impl TorqueEstimator {
         }
     }
 
-    /// What the channels show, less the encoders' error, all on the motor channel's clock.
-    fn take_true_state(&mut self, shown: &State<'_>) {
-        let error = self.model.encoder_error();
-        let both_sides = error.is_some_and(|error| error.both_sides);
-        for (j, delay) in self.model.encoder_delay().iter().enumerate() {
-            let of_link = error.map(|error| error.cos_sin[j]);
-            let of_motor = of_link.filter(|_| both_sides);
-            let less = |of: Option<[f64; 2]>, [q, dq, ddq]: [f64; 3]| {
-                of.map_or([q, dq, ddq], |parts| true_motion(q, dq, ddq, parts))
-            };
-            // An encoder's error is that of the angle at the time that it shows, so it goes before the delay does.
-            let [q, dq, ddq] = less(of_link, [shown.q[j], shown.dq[j], shown.ddq[j]]);
-            let [q, dq] = align_link_side(q, dq, ddq, *delay);
-            let motor = [shown.q_motor[j], shown.dq_motor[j], shown.ddq_motor[j]];
-            let motor = less(of_motor, motor);
-            for (k, (link, motor)) in [q, dq, ddq].into_iter().zip(motor).enumerate() {
-                self.link[k][j] = link;
-                self.motor[k][j] = motor;
-            }
-        }
-    }
-
     fn misses_temperature(&self, state: &State<'_>) -> bool {
         let known = |j: usize| state.temperature.is_some_and(|t| t[j].is_finite());
         let mut wanted = self.wants_temperature.iter().enumerate();
         wanted.any(|(j, wants)| *wants && !known(j))
     }
+}
 
-    fn inside_domain(&self, state: &State<'_>) -> bool {
-        let domain = self.model.domain();
-        let q = domain
-            .q
-            .iter()
-            .zip(state.q)
-            .all(|([low, high], q)| low <= q && q <= high);
-        let dq = domain
-            .dq
-            .iter()
-            .zip(state.dq)
-            .all(|(most, dq)| dq.abs() <= *most);
-        let ddq = domain
-            .ddq
-            .iter()
-            .zip(state.ddq)
-            .all(|(most, ddq)| ddq.abs() <= *most);
-        q && dq && ddq
+/// What the channels show, less the encoders' error, all on the motor channel's clock.
+fn take_true_state(
+    shown: &State<'_>,
+    error: &EncoderError,
+    delay: &[f64],
+    link: &mut [Vec<f64>; 3],
+    motor: &mut [Vec<f64>; 3],
+) {
+    for (j, (delay, parts)) in delay.iter().zip(&error.cos_sin).enumerate() {
+        // An encoder's error is that of the angle at the time that it shows, so it goes before the delay does.
+        let [q, dq, ddq] = true_motion(shown.q[j], shown.dq[j], shown.ddq[j], *parts);
+        let [q, dq] = align_link_side(q, dq, ddq, *delay);
+        for (to, x) in link.iter_mut().zip([q, dq, ddq]) {
+            to[j] = x;
+        }
+        if error.both_sides {
+            let [q, dq, ddq] = [shown.q_motor[j], shown.dq_motor[j], shown.ddq_motor[j]];
+            for (to, x) in motor.iter_mut().zip(true_motion(q, dq, ddq, *parts)) {
+                to[j] = x;
+            }
+        }
     }
 }

@@ -1,7 +1,8 @@
-//! The one kernel: the wrench of a moving body as a 6×10 matrix times its ten parameters.
+//! The one kernel: the wrench of a moving body, linear in its ten parameters.
 
 use nalgebra::{SMatrix, Vector3};
 
+use crate::lanes::{Lanes, Matrix, Portable, Vector};
 use crate::link_params::N_LINK_PARAMS;
 
 /// 6×10 body regressor, rows force x y z \[N\] then moment x y z \[N·m\], columns in the order of [`crate::link_params`].
@@ -18,7 +19,7 @@ pub struct BodyMotion {
     pub acc: Vector3<f64>,
 }
 
-/// Body regressor `B` with wrench about the frame origin = `B phi`:
+/// A moving body, in rows: its motion as in [`BodyMotion`], and what the wrench needs of it.
 ///
 /// ```text
 /// f = m a + S h                 S = [alpha]x + [omega]x [omega]x
@@ -26,56 +27,125 @@ pub struct BodyMotion {
 /// ```
 ///
 /// Newton and Euler about the link origin, with h = m c and I about that origin.
+#[derive(Clone, Copy, Debug)]
+pub struct Body<L> {
+    /// Angular velocity \[rad/s\].
+    pub omega: Vector<L>,
+    /// Angular acceleration \[rad/s²\].
+    pub alpha: Vector<L>,
+    /// Acceleration of the origin minus gravity \[m/s²\].
+    pub acc: Vector<L>,
+    /// S: acceleration of a point of the body per unit of its place in the frame \[1/s²\].
+    pub spread: Matrix<L>,
+    /// `wx wy, wx wz, wy wz`.
+    mixed: [L; 3],
+    /// `wx² - wy², wz² - wx², wy² - wz²`.
+    squares: [L; 3],
+}
+
+impl<L: Lanes> Body<L> {
+    /// The body with this motion.
+    #[inline(always)]
+    pub fn new(omega: Vector<L>, alpha: Vector<L>, acc: Vector<L>) -> Self {
+        let ([wx, wy, wz], [ax, ay, az]) = (omega.0, alpha.0);
+        let (xx, yy, zz) = (wx * wx, wy * wy, wz * wz);
+        let (xy, xz, yz) = (wx * wy, wx * wz, wy * wz);
+        let spread = Matrix([
+            [-(yy + zz), xy - az, xz + ay],
+            [xy + az, -(xx + zz), yz - ax],
+            [xz - ay, yz + ax, -(xx + yy)],
+        ]);
+        Self {
+            omega,
+            alpha,
+            acc,
+            spread,
+            mixed: [xy, xz, yz],
+            squares: [xx - yy, zz - xx, yy - zz],
+        }
+    }
+
+    /// Force and moment about the origin for the parameters `phi` (ten numbers).
+    #[inline(always)]
+    pub fn wrench(&self, phi: &[f64]) -> (Vector<L>, Vector<L>) {
+        let mut row = [L::splat(0.0); N_LINK_PARAMS];
+        for (row, phi) in row.iter_mut().zip(phi) {
+            *row = L::splat(*phi);
+        }
+        self.wrench_of(&row)
+    }
+
+    /// [`Self::wrench`] with parameters of its own in every lane.
+    #[inline(always)]
+    pub fn wrench_of(&self, phi: &[L; N_LINK_PARAMS]) -> (Vector<L>, Vector<L>) {
+        let Matrix([s0, s1, s2]) = self.spread;
+        let ([xy, xz, yz], [dxy, dzx, dyz]) = (self.mixed, self.squares);
+        let [ax, ay, az] = self.alpha.0;
+        let [m, hx, hy, hz, ixx, ixy, iyy, ixz, iyz, izz] = *phi;
+        let h = Vector([hx, hy, hz]);
+        let [gx, gy, gz] = self.acc.0;
+        let force = Vector([
+            Vector(s0).dot_add(h, m * gx),
+            Vector(s1).dot_add(h, m * gy),
+            Vector(s2).dot_add(h, m * gz),
+        ]);
+        // I alpha + omega x (I omega), by the parameter's columns; the entries of S come again.
+        let moment = Vector([
+            Vector([ax, s1[0], dyz]).dot(Vector([ixx, ixz, iyz]))
+                + Vector([yz, -yz, -s2[0]]).dot(Vector([izz, iyy, ixy])),
+            Vector([s2[1], ay, dzx]).dot(Vector([ixy, iyy, ixz]))
+                + Vector([xz, -xz, -s0[1]]).dot(Vector([ixx, izz, iyz])),
+            Vector([dxy, s0[2], az]).dot(Vector([ixy, iyz, izz]))
+                + Vector([xy, -xy, -s1[2]]).dot(Vector([iyy, ixx, ixz])),
+        ]);
+        (force, h.cross_add(self.acc, moment))
+    }
+
+    /// Power of the wrench on a twist of the body, per unit of each parameter: one row of the regressor. `linear` is the
+    /// twist's velocity of the origin, `angular` its angular velocity.
+    #[inline(always)]
+    pub fn power(&self, linear: Vector<L>, angular: Vector<L>) -> [L; N_LINK_PARAMS] {
+        let Matrix([s0, s1, s2]) = self.spread;
+        let ([xy, xz, yz], [dxy, dzx, dyz]) = (self.mixed, self.squares);
+        let ([ax, ay, az], [vx, vy, vz]) = (self.alpha.0, linear.0);
+        let [ux, uy, uz] = angular.0;
+        let [hx, hy, hz] = self.acc.cross(angular).0;
+        [
+            self.acc.dot(linear),
+            vz.mul_add(s2[0], vy.mul_add(s1[0], vx.mul_add(s0[0], hx))),
+            vz.mul_add(s2[1], vy.mul_add(s1[1], vx.mul_add(s0[1], hy))),
+            vz.mul_add(s2[2], vy.mul_add(s1[2], vx.mul_add(s0[2], hz))),
+            uz.mul_sub_from(xy, uy.mul_add(xz, ux * ax)),
+            ux.mul_sub_from(s2[0], uy.mul_add(s2[1], uz * dxy)),
+            ux.mul_sub_from(yz, uz.mul_add(xy, uy * ay)),
+            uz.mul_sub_from(s1[2], ux.mul_add(s1[0], uy * dzx)),
+            uy.mul_sub_from(s0[1], uz.mul_add(s0[2], ux * dyz)),
+            uy.mul_sub_from(xz, ux.mul_add(yz, uz * az)),
+        ]
+    }
+}
+
+/// Body regressor `B` with wrench about the frame origin = `B phi`: [`Body`] as a matrix, for one motion.
 #[must_use]
 pub fn body_regressor(motion: &BodyMotion) -> BodyRegressor {
-    let BodyMotion {
-        omega: w,
-        alpha: al,
-        acc: a,
-    } = motion;
-    let (xx, yy, zz) = (w.x * w.x, w.y * w.y, w.z * w.z);
-    let (xy, xz, yz) = (w.x * w.y, w.x * w.z, w.y * w.z);
-    let mut b = BodyRegressor::zeros();
-    // Force: mass, then S.
-    b[(0, 0)] = a.x;
-    b[(1, 0)] = a.y;
-    b[(2, 0)] = a.z;
-    b[(0, 1)] = -(yy + zz);
-    b[(0, 2)] = xy - al.z;
-    b[(0, 3)] = xz + al.y;
-    b[(1, 1)] = xy + al.z;
-    b[(1, 2)] = -(xx + zz);
-    b[(1, 3)] = yz - al.x;
-    b[(2, 1)] = xz - al.y;
-    b[(2, 2)] = yz + al.x;
-    b[(2, 3)] = -(xx + yy);
-    // Moment: h x a.
-    b[(3, 2)] = a.z;
-    b[(3, 3)] = -a.y;
-    b[(4, 1)] = -a.z;
-    b[(4, 3)] = a.x;
-    b[(5, 1)] = a.y;
-    b[(5, 2)] = -a.x;
-    // Moment: I alpha + omega x (I omega), columns Ixx Ixy Iyy Ixz Iyz Izz.
-    b[(3, 4)] = al.x;
-    b[(4, 4)] = xz;
-    b[(5, 4)] = -xy;
-    b[(3, 5)] = al.y - xz;
-    b[(4, 5)] = al.x + yz;
-    b[(5, 5)] = xx - yy;
-    b[(3, 6)] = -yz;
-    b[(4, 6)] = al.y;
-    b[(5, 6)] = xy;
-    b[(3, 7)] = al.z + xy;
-    b[(4, 7)] = zz - xx;
-    b[(5, 7)] = al.x - yz;
-    b[(3, 8)] = yy - zz;
-    b[(4, 8)] = al.z - xy;
-    b[(5, 8)] = al.y + xz;
-    b[(3, 9)] = yz;
-    b[(4, 9)] = -xz;
-    b[(5, 9)] = al.z;
-    b
+    type One = Portable<1, false>;
+    let vector = |v: &Vector3<f64>| Vector::<One>::splat(&[v.x, v.y, v.z]);
+    let body = Body::new(
+        vector(&motion.omega),
+        vector(&motion.alpha),
+        vector(&motion.acc),
+    );
+    let mut regressor = BodyRegressor::zeros();
+    for row in 0..6 {
+        let mut twist = [0.0; 6];
+        twist[row] = 1.0;
+        let [vx, vy, vz, ux, uy, uz] = twist;
+        let power = body.power(Vector::splat(&[vx, vy, vz]), Vector::splat(&[ux, uy, uz]));
+        for (column, x) in power.into_iter().enumerate() {
+            [regressor[(row, column)]] = x.raw();
+        }
+    }
+    regressor
 }
 
 #[cfg(test)]
@@ -97,9 +167,13 @@ mod tests {
         let force = a * phi[0] + al.cross(&h) + w.cross(&w.cross(&h));
         let moment = h.cross(&a) + inertia * al + w.cross(&(inertia * w));
         let wrench = body_regressor(&motion) * SMatrix::<f64, 10, 1>::from(phi);
+        let vector = |v: Vector3<f64>| Vector::<Portable<1, false>>::splat(&[v.x, v.y, v.z]);
+        let (own_force, own_moment) = Body::new(vector(w), vector(al), vector(a)).wrench(&phi);
         for k in 0..3 {
             assert!((wrench[k] - force[k]).abs() < 1e-14);
             assert!((wrench[3 + k] - moment[k]).abs() < 1e-14);
+            assert!((own_force.0[k].raw()[0] - force[k]).abs() < 1e-14);
+            assert!((own_moment.0[k].raw()[0] - moment[k]).abs() < 1e-14);
         }
     }
 }

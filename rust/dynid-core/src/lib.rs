@@ -13,14 +13,17 @@
     clippy::print_stdout
 )]
 
+pub mod chain;
 pub mod differentiator;
 pub mod dynamics;
 pub mod effects;
 pub mod error;
 pub mod estimator;
 pub mod kernel;
+pub mod lanes;
 pub mod link_params;
 pub mod mixture;
+mod mixture_rows;
 pub mod model;
 pub mod momentum;
 pub mod observer;
@@ -32,6 +35,7 @@ pub mod robot;
 pub mod signal;
 mod slices;
 pub mod state;
+mod step;
 pub mod stream;
 
 pub use differentiator::Differentiator;

@@ -1,8 +1,10 @@
-//! Gaussian mixture regression (Eqs. 31-39), in logs: one pass, no scratch, correct however far the query is.
+//! Gaussian mixture regression (Eqs. 31-39), in logs: no scratch, correct however far the query is.
 
 use nalgebra::DMatrix;
 
 use crate::error::CoreError;
+use crate::lanes::{self, Kernel, Lanes, MOST_LANES};
+use crate::mixture_rows::{MixtureRows, Shared, MOST_INPUTS};
 
 /// Conditional mean and variance of one output given `d` inputs, under a mixture of `K` Gaussians of dimension `d + 1`
 /// (inputs first, output last).
@@ -13,11 +15,12 @@ pub struct GaussianMixtureRegression {
     means: Vec<f64>,
     covariances: Vec<f64>,
     components: Vec<Component>,
+    rows: MixtureRows,
 }
 
 /// What evaluation needs of one component.
 #[derive(Clone, Debug, PartialEq)]
-struct Component {
+pub(crate) struct Component {
     /// log(pi_k) - log|L_k| with Sigma_u,k = L_k L_kᵀ. The factor (2 pi)^(-d/2) is common and cancels in Eq. 37.
     log_weight: f64,
     input_mean: Vec<f64>,
@@ -45,7 +48,7 @@ impl GaussianMixtureRegression {
     /// `weights`: K; `means`: K × (d+1), row-major; `covariances`: K × (d+1) × (d+1), row-major.
     ///
     /// # Errors
-    /// [`CoreError`] if lengths disagree, a weight is not positive, a number is not finite, or a covariance is not
+    /// [`CoreError`] if there is no input or more than 32, lengths disagree, a weight is not positive, a number is not finite, or a covariance is not
     /// positive definite in its inputs.
     pub fn new(
         n_inputs: usize,
@@ -54,7 +57,7 @@ impl GaussianMixtureRegression {
         covariances: Vec<f64>,
     ) -> Result<Self, CoreError> {
         let (d, width) = (n_inputs, n_inputs + 1);
-        if d == 0 {
+        if d == 0 || d > MOST_INPUTS {
             return Err(CoreError::Range { what: "n_inputs" });
         }
         if weights.is_empty() {
@@ -79,6 +82,7 @@ impl GaussianMixtureRegression {
             weights,
             means,
             covariances,
+            rows: MixtureRows::new(d, &components),
             components,
         })
     }
@@ -124,38 +128,52 @@ impl GaussianMixtureRegression {
             .sum()
     }
 
+    /// Its components, for rows of several joints.
+    pub(crate) fn components(&self) -> &[Component] {
+        &self.components
+    }
+
     /// Conditional mean (Eq. 38) and variance (instead of Eq. 39) at `u` (d values; only the first d are read): the moments
     /// of the density of Eq. 36.
-    ///
-    /// Responsibilities h_k (Eq. 37) are ratios of `exp(log_wp_k - max)`, with the maximum kept while running over the
-    /// components, so they sum to one at any distance from the data.
     #[must_use]
     pub fn predict(&self, u: &[f64]) -> Prediction {
-        let mut best = f64::NEG_INFINITY;
-        // Weighted Welford update: mean and spread about it, so that a large mean does not cancel a small variance.
-        let (mut total, mut mean, mut spread) = (0.0, 0.0, 0.0);
-        let mut nearest = f64::INFINITY;
-        for component in &self.components {
-            let (distance_squared, component_mean) = component.condition(u);
-            nearest = nearest.min(distance_squared);
-            let log_wp = component.log_weight_at(distance_squared);
-            if log_wp > best {
-                let shrink = (best - log_wp).exp();
-                total *= shrink;
-                spread *= shrink;
-                best = log_wp;
-            }
-            let h = (log_wp - best).exp();
-            total += h;
-            let step = component_mean - mean;
-            mean += step * (h / total);
-            spread += h * (component.variance + step * (component_mean - mean));
-        }
+        let mut answer = [0.0; 3];
+        let [mean, variance, distance_squared] = &mut answer;
+        lanes::run(Queries {
+            rows: &self.rows,
+            u: &u[..self.n_inputs],
+            out: [mean, variance, distance_squared].map(core::slice::from_mut),
+        });
+        let [mean, variance, distance_squared] = answer;
         Prediction {
             mean,
-            variance: (spread / total).max(0.0),
-            distance_squared: nearest,
+            variance,
+            distance_squared,
         }
+    }
+
+    /// [`Self::predict`] at many points: `u` holds n × d values, row-major; means, variances and squared distances go to
+    /// `mean`, `variance` and `distance_squared` (n each). To the same bits.
+    ///
+    /// # Errors
+    /// [`CoreError::Length`] if lengths disagree.
+    pub fn predict_into(
+        &self,
+        u: &[f64],
+        mean: &mut [f64],
+        variance: &mut [f64],
+        distance_squared: &mut [f64],
+    ) -> Result<(), CoreError> {
+        let n = mean.len();
+        crate::dynamics::check_length("u", u, n * self.n_inputs)?;
+        crate::dynamics::check_length("variance", variance, n)?;
+        crate::dynamics::check_length("distance_squared", distance_squared, n)?;
+        lanes::run(Queries {
+            rows: &self.rows,
+            u,
+            out: [mean, variance, distance_squared],
+        });
+        Ok(())
     }
 
     /// Responsibilities h_k at `u` (Eq. 37), written to `h` (K values).
@@ -165,18 +183,86 @@ impl GaussianMixtureRegression {
     pub fn responsibilities_into(&self, u: &[f64], h: &mut [f64]) -> Result<(), CoreError> {
         crate::dynamics::check_length("u", u, self.n_inputs)?;
         crate::dynamics::check_length("h", h, self.weights.len())?;
-        let mut best = f64::NEG_INFINITY;
-        for (h, component) in h.iter_mut().zip(&self.components) {
-            *h = component.log_weight_at(component.condition(u).0);
-            best = best.max(*h);
-        }
-        let mut total = 0.0;
-        for h in h.iter_mut() {
-            *h = (*h - best).exp();
-            total += *h;
-        }
+        lanes::run(Responsibilities {
+            rows: &self.rows,
+            u,
+            h,
+        });
+        let total: f64 = h.iter().sum();
         h.iter_mut().for_each(|h| *h /= total);
         Ok(())
+    }
+}
+
+/// Queries of one mixture, in lanes: mean, variance and squared distance.
+struct Queries<'a> {
+    rows: &'a MixtureRows,
+    u: &'a [f64],
+    out: [&'a mut [f64]; 3],
+}
+
+impl Kernel for Queries<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Lanes<Raw = [f64; 1]>, L: Lanes>(self) {
+        if self.out[0].len() == 1 {
+            answer::<S>(self);
+        } else {
+            answer::<L>(self);
+        }
+    }
+}
+
+/// Rows of `L` queries; where they end before a row does, the last one fills up.
+#[inline(always)]
+fn answer<L: Lanes>(queries: Queries<'_>) {
+    let (d, [mean, variance, distance_squared]) = (queries.rows.n_inputs(), queries.out);
+    let n = mean.len();
+    let mut start = 0;
+    while start < n {
+        let mut u = [L::splat(0.0); MOST_INPUTS];
+        for (i, row) in u[..d].iter_mut().enumerate() {
+            let mut numbers = [0.0; MOST_LANES];
+            for (lane, x) in numbers[..L::LEN].iter_mut().enumerate() {
+                *x = queries.u[(start + lane).min(n - 1) * d + i];
+            }
+            *row = L::load(&numbers);
+        }
+        let row = queries.rows.predict(&u[..d], Shared);
+        row.mean.store_some(&mut mean[start..]);
+        row.variance.store_some(&mut variance[start..]);
+        row.distance_squared
+            .store_some(&mut distance_squared[start..]);
+        start += L::LEN;
+    }
+}
+
+/// `exp(log density - maximum)` of every component.
+struct Responsibilities<'a> {
+    rows: &'a MixtureRows,
+    u: &'a [f64],
+    h: &'a mut [f64],
+}
+
+impl Kernel for Responsibilities<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Lanes<Raw = [f64; 1]>, L: Lanes>(self) {
+        let mut u = [S::splat(0.0); MOST_INPUTS];
+        for (to, u) in u.iter_mut().zip(self.u) {
+            *to = S::splat(*u);
+        }
+        let mut best = S::splat(f64::NEG_INFINITY);
+        for (c, h) in self.h.iter_mut().enumerate() {
+            let [log_density, _, _] = self.rows.condition(c, &u[..self.u.len()], Shared);
+            best = best.at_least(log_density);
+            [*h] = log_density.raw();
+        }
+        for h in self.h {
+            [*h] = lanes::exp_falling(S::splat(*h) - best).raw();
+        }
     }
 }
 
@@ -214,26 +300,16 @@ impl Component {
         })
     }
 
-    /// log(pi_k N(u)) up to the common factor, which Eq. 32 prints for two dimensions; finite even where the square
-    /// overflows.
-    fn log_weight_at(&self, distance_squared: f64) -> f64 {
-        (self.log_weight - 0.5 * distance_squared).max(f64::MIN)
-    }
-
-    /// Mahalanobis distance squared of the input and the component's conditional mean: the normal density of Eq. 33 has
-    /// that mean (Eq. 34) and the component's variance (Eq. 35).
-    fn condition(&self, u: &[f64]) -> (f64, f64) {
-        let d = self.input_mean.len();
-        let (mut distance_squared, mut mean) = (0.0, self.output_mean);
-        for (r, (row, gain)) in self.whitener.chunks_exact(d).zip(&self.gain).enumerate() {
-            let z: f64 = row[..=r]
-                .iter()
-                .zip(u.iter().zip(&self.input_mean))
-                .map(|(w, (u, m))| w * (u - m))
-                .sum();
-            distance_squared += z * z;
-            mean += gain * z;
+    /// As a row of numbers with room for `width` inputs, at least `d`; see [`MixtureRows`].
+    pub(crate) fn numbers(&self, d: usize, width: usize) -> Vec<f64> {
+        let mut numbers = vec![self.log_weight, self.output_mean, self.variance];
+        numbers.extend((0..width).map(|i| self.input_mean.get(i).copied().unwrap_or(0.0)));
+        for r in 0..width {
+            for i in 0..=r {
+                numbers.push(if r < d { self.whitener[r * d + i] } else { 0.0 });
+            }
+            numbers.push(self.gain.get(r).copied().unwrap_or(0.0));
         }
-        (distance_squared, mean)
+        numbers
     }
 }

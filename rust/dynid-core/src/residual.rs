@@ -1,7 +1,11 @@
 //! The third loop online: one regression per joint on a pair of that joint's signals, or on signals that it names.
 
+use core::ops::Range;
+
 use crate::error::CoreError;
+use crate::lanes::{self, Kernel, Lanes, Portable, MOST_LANES};
 use crate::mixture::{GaussianMixtureRegression, Prediction};
+use crate::mixture_rows::{MixtureRows, Own};
 use crate::rbf::NormalisedRbf;
 use crate::signal::{Signal, SignalKind, MAX_INPUTS};
 use crate::state::State;
@@ -81,20 +85,33 @@ impl ResidualInputs {
         tau_link: &[f64],
     ) -> [f64; MAX_INPUTS] {
         let mut u = [0.0; MAX_INPUTS];
-        match self {
-            Self::Deflection => [u[0], u[1]] = state.deflection(j),
-            Self::JointState => [u[0], u[1]] = [state.q_motor[j], state.dq_motor[j]],
-            Self::LoadFreeDeflection => {
-                let [deflection, rate] = state.deflection(j);
-                [u[0], u[1]] = [deflection - wind_up, rate];
+        match self.signals() {
+            None => {
+                let [first, second] =
+                    self.pairs::<Portable<1, false>>(state, j..j + 1, Lanes::splat(wind_up));
+                [u[0], u[1]] = [first.raw()[0], second.raw()[0]];
             }
-            Self::Signals(joints) => {
+            Some(joints) => {
                 for (u, signal) in u.iter_mut().zip(&joints[j]) {
                     *u = signal.at(state, tau_link);
                 }
             }
         }
         u
+    }
+
+    /// The pairs of a row of joints; zeros for signals by name.
+    #[inline(always)]
+    fn pairs<L: Lanes>(&self, state: &State<'_>, joints: Range<usize>, wind_up: L) -> [L; 2] {
+        let row = |signal: &[f64]| L::load_some(&signal[joints.clone()]);
+        let motor = [row(state.q_motor), row(state.dq_motor)];
+        let [deflection, rate] = [motor[0] - row(state.q), motor[1] - row(state.dq)];
+        match self {
+            Self::Deflection => [deflection, rate],
+            Self::JointState => motor,
+            Self::LoadFreeDeflection => [deflection - wind_up, rate],
+            Self::Signals(_) => [L::splat(0.0); 2],
+        }
     }
 
     /// # Errors
@@ -201,6 +218,10 @@ pub struct Residual {
     inputs: ResidualInputs,
     compliance: Vec<f64>,
     joints: Vec<Option<Regression>>,
+    /// The same numbers with joints in lanes: one entry for every [`MOST_LANES`] joints.
+    lanes: Vec<JointLanes>,
+    /// True where every regression is a mixture on a pair: then nothing is done joint by joint.
+    only_pairs: bool,
 }
 
 /// Distance in widths up to which a regression on two inputs is trusted fully, and the one from which it is not trusted
@@ -234,9 +255,12 @@ impl Residual {
                 });
             }
         }
+        let pairs_alone = |joint: &Option<Regression>| !matches!(joint, Some(Regression::Rbf(_)));
         Ok(Self {
+            only_pairs: inputs.signals().is_none() && joints.iter().all(pairs_alone),
             inputs,
             compliance: vec![0.0; joints.len()],
+            lanes: joints.chunks(MOST_LANES).map(JointLanes::new).collect(),
             joints,
         })
     }
@@ -249,6 +273,9 @@ impl Residual {
         crate::dynamics::check_length("compliance", &compliance, self.joints.len())?;
         if !compliance.iter().all(|c| c.is_finite() && *c >= 0.0) {
             return Err(CoreError::Range { what: "compliance" });
+        }
+        for (lanes, own) in self.lanes.iter_mut().zip(compliance.chunks(MOST_LANES)) {
+            lanes.compliance[..own.len()].copy_from_slice(own);
         }
         self.compliance = compliance;
         Ok(self)
@@ -284,33 +311,165 @@ impl Residual {
         tau: &mut [f64],
         variance: &mut [f64],
     ) -> bool {
-        let mut faded = false;
-        let outputs = tau.iter_mut().zip(variance);
-        for (j, (joint, (tau, variance))) in self.joints.iter().zip(outputs).enumerate() {
-            *tau = 0.0;
-            let Some(joint) = joint else { continue };
-            let wind_up = self.compliance[j] * load.scaled[j];
-            let u = self.inputs.at(j, state, wind_up, load.tau_link);
-            let d = joint.n_inputs();
-            let prediction = joint.predict(&u[..d]);
-            let distance = prediction.distance_squared.sqrt();
-            let further = TRUSTED_PER_INPUT * (d as f64 - 2.0);
-            let (near, far) = (TRUSTED.0 + further, TRUSTED.1 + further);
-            // A NaN distance (an overflow) compares false everywhere and so trusts nothing.
-            let trust = if distance <= near {
-                1.0
-            } else if distance < far {
-                (far - distance) / (far - near)
-            } else {
-                0.0
+        lanes::run(Torque {
+            residual: self,
+            state,
+            load,
+            tau,
+            variance,
+        })
+    }
+
+    /// Answers of the regressions that are not mixtures, and the inputs of the mixtures where these are not a pair.
+    fn single_joints(&self, first: usize, state: &State<'_>, load: Load<'_>) -> Singles {
+        let mut singles = Singles::default();
+        let signals = self.inputs.signals().is_some();
+        let joints = self.joints[first..].iter().take(MOST_LANES);
+        for (lane, joint) in joints.enumerate() {
+            let j = first + lane;
+            let inputs = || {
+                let wind_up = self.compliance[j] * load.scaled[j];
+                self.inputs.at(j, state, wind_up, load.tau_link)
             };
-            faded |= trust < 1.0;
-            *variance = (1.0 - trust) * (*variance + joint.second_moment());
-            if trust > 0.0 {
-                *tau = trust * prediction.mean;
-                *variance += trust * prediction.variance;
+            match joint {
+                Some(Regression::Rbf(rbf)) => {
+                    let answer = rbf.predict(&inputs());
+                    let numbers = [answer.mean, answer.variance, answer.distance_squared];
+                    for (row, x) in singles.answers.iter_mut().zip(numbers) {
+                        row[lane] = x;
+                    }
+                }
+                Some(Regression::Mixture(_)) if signals => {
+                    for (row, x) in singles.inputs.iter_mut().zip(inputs()) {
+                        row[lane] = x;
+                    }
+                }
+                _ => {}
             }
-            *variance = variance.min(MOST_VARIANCE);
+        }
+        singles
+    }
+}
+
+/// What [`MOST_LANES`] joints do one by one.
+#[derive(Default)]
+struct Singles {
+    inputs: [[f64; MOST_LANES]; MAX_INPUTS],
+    answers: [[f64; MOST_LANES]; 3],
+}
+
+/// Numbers of [`MOST_LANES`] joints.
+#[derive(Clone, Debug, PartialEq)]
+struct JointLanes {
+    mixtures: MixtureRows,
+    /// 1 where there is a regression, and where it is a mixture.
+    present: [f64; MOST_LANES],
+    mixture: [f64; MOST_LANES],
+    compliance: [f64; MOST_LANES],
+    /// Distances up to which a regression is trusted fully, and from which on not at all.
+    near: [f64; MOST_LANES],
+    far: [f64; MOST_LANES],
+    /// What is expected of the square of a residual about which nothing is known.
+    moment: [f64; MOST_LANES],
+}
+
+impl JointLanes {
+    fn new(joints: &[Option<Regression>]) -> Self {
+        let own = joints.iter().map(|joint| match joint {
+            Some(Regression::Mixture(own)) => Some((own.n_inputs(), own.components())),
+            _ => None,
+        });
+        let of = |value: &dyn Fn(&Regression) -> f64| {
+            let mut lanes = [0.0; MOST_LANES];
+            for (lane, joint) in lanes.iter_mut().zip(joints) {
+                *lane = joint.as_ref().map_or(0.0, value);
+            }
+            lanes
+        };
+        let further = |joint: &Regression| TRUSTED_PER_INPUT * (joint.n_inputs() as f64 - 2.0);
+        Self {
+            mixtures: MixtureRows::side_by_side(&own.collect::<Vec<_>>()),
+            present: of(&|_| 1.0),
+            mixture: of(&|joint| f64::from(u8::from(matches!(joint, Regression::Mixture(_))))),
+            compliance: [0.0; MOST_LANES],
+            near: of(&|joint| TRUSTED.0 + further(joint)),
+            far: of(&|joint| TRUSTED.1 + further(joint)),
+            moment: of(&Regression::second_moment),
+        }
+    }
+}
+
+/// [`Residual::torque_into`], joints in lanes.
+struct Torque<'a> {
+    residual: &'a Residual,
+    state: &'a State<'a>,
+    load: Load<'a>,
+    tau: &'a mut [f64],
+    variance: &'a mut [f64],
+}
+
+impl Kernel for Torque<'_> {
+    type Output = bool;
+
+    #[inline(always)]
+    fn run<S: Lanes<Raw = [f64; 1]>, L: Lanes>(self) -> bool {
+        let residual = self.residual;
+        let (zero, one) = (L::splat(0.0), L::splat(1.0));
+        let mut faded = false;
+        for (group, lanes) in residual.lanes.iter().enumerate() {
+            let start = group * MOST_LANES;
+            let singles = if residual.only_pairs {
+                Singles::default()
+            } else {
+                residual.single_joints(start, self.state, self.load)
+            };
+            let mut first = 0;
+            while first < MOST_LANES && start + first < self.tau.len() {
+                let from = start + first;
+                let joints = from..self.tau.len().min(from + L::LEN);
+                let mut u = [zero; MAX_INPUTS];
+                if residual.inputs.signals().is_some() {
+                    for (u, row) in u.iter_mut().zip(&singles.inputs) {
+                        *u = L::load(&row[first..]);
+                    }
+                } else {
+                    let scaled = L::load_some(&self.load.scaled[joints.clone()]);
+                    let wind_up = L::load(&lanes.compliance[first..]) * scaled;
+                    [u[0], u[1]] = residual.inputs.pairs(self.state, joints.clone(), wind_up);
+                }
+                let u = &u[..lanes.mixtures.n_inputs()];
+                let own = lanes.mixtures.predict(u, Own(first));
+                let mixture = L::load(&lanes.mixture[first..]);
+                let [mean, variance, distance_squared] = singles.answers;
+                let mean = zero.if_less(mixture, own.mean, L::load(&mean[first..]));
+                let own_variance = zero.if_less(mixture, own.variance, L::load(&variance[first..]));
+                let distance = zero
+                    .if_less(
+                        mixture,
+                        own.distance_squared,
+                        L::load(&distance_squared[first..]),
+                    )
+                    .sqrt();
+
+                let near = L::load(&lanes.near[first..]);
+                let far = L::load(&lanes.far[first..]);
+                // A NaN distance (an overflow) is not less than anything and so trusts nothing.
+                let part = ((far - distance) / (far - near)).at_most(one);
+                let trust = distance.if_less(far, part, zero);
+                let noise = L::load_some(&self.variance[joints.clone()]);
+                let unknown = (one - trust) * (noise + L::load(&lanes.moment[first..]));
+                let known = zero.if_less(trust, trust * own_variance, zero);
+                let torque = zero.if_less(trust, trust * mean, zero);
+                let spread = (unknown + known).at_most(L::splat(MOST_VARIANCE));
+
+                let present = L::load(&lanes.present[first..]);
+                faded |= trust.any_less(present);
+                zero.if_less(present, torque, zero)
+                    .store_some(&mut self.tau[joints.clone()]);
+                zero.if_less(present, spread, noise)
+                    .store_some(&mut self.variance[joints]);
+                first += L::LEN;
+            }
         }
         faded
     }

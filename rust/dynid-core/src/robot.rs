@@ -2,6 +2,7 @@
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
+use crate::chain::Placement;
 use crate::error::CoreError;
 use crate::link_params::LinkParams;
 
@@ -73,6 +74,7 @@ pub struct RobotModel {
     name: String,
     joints: Vec<Joint>,
     gravity: Vector3<f64>,
+    placements: Vec<Placement>,
 }
 
 /// More joints than any arm has; keeps a hostile file from asking for memory.
@@ -113,6 +115,7 @@ impl RobotModel {
         }
         Ok(Self {
             name,
+            placements: joints.iter().map(Placement::new).collect(),
             joints,
             gravity,
         })
@@ -128,6 +131,12 @@ impl RobotModel {
     #[must_use]
     pub fn joints(&self) -> &[Joint] {
         &self.joints
+    }
+
+    /// Where every joint puts its link, prepared for the recursions.
+    #[must_use]
+    pub fn placements(&self) -> &[Placement] {
+        &self.placements
     }
 
     /// Number of moving joints, which is also the number of moving links.

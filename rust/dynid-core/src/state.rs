@@ -2,6 +2,7 @@
 
 use crate::dynamics::check_length;
 use crate::error::CoreError;
+use crate::lanes::{Lanes, Portable};
 
 /// One state, borrowed. With a single encoder the motor side *is* the link side: [`State::single`].
 #[derive(Clone, Copy, Debug)]
@@ -83,7 +84,17 @@ impl<'a> State<'a> {
 /// d (milliseconds) is short against the motion; the acceleration is left as it is.
 #[must_use]
 pub fn align_link_side(q: f64, dq: f64, ddq: f64, delay: f64) -> [f64; 2] {
-    [q + delay * dq + 0.5 * delay * delay * ddq, dq + delay * ddq]
+    let one = Portable::<1, false>::splat;
+    let [q, dq] = align_row(one(q), one(dq), one(ddq), one(delay));
+    [q.raw()[0], dq.raw()[0]]
+}
+
+/// [`align_link_side`] of a row of joints.
+#[inline(always)]
+pub(crate) fn align_row<L: Lanes>(q: L, dq: L, ddq: L, delay: L) -> [L; 2] {
+    // Products and sums on their own, so that a delay of zero changes no bit.
+    let half = L::splat(0.5) * delay * delay;
+    [q + delay * dq + half * ddq, dq + delay * ddq]
 }
 
 /// Steps of Newton's method for the true angle; each squares the error, which begins at the amplitude.

@@ -12,79 +12,83 @@
 //!
 //! The kernel is linear in (alpha, acc) and the quadratic rest depends on omega alone, so a motion splits into parts that
 //! add up: what ddq does, what dq does, what gravity does. These are the blocks of Eq. 14, and the recursion carries them
-//! side by side (`P = 3`) or summed (`P = 1`).
+//! side by side (`P = 3`) or summed (`P = 1`). Samples stand in lanes.
 
-use dynid_core::dynamics::placement;
-use dynid_core::kernel::{body_regressor, BodyMotion, BodyRegressor};
-use dynid_core::link_params::{inertia_matrix, LinkParams, N_LINK_PARAMS};
+use dynid_core::chain::JointState;
+use dynid_core::kernel::Body;
+use dynid_core::lanes::{self, Kernel, Lanes, Matrix, Vector};
+use dynid_core::link_params::N_LINK_PARAMS;
 use dynid_core::{JointKind, RobotModel};
-use nalgebra::{Matrix3, SVector, Vector3};
 use rayon::prelude::*;
 
 use crate::error::OfflineError;
+use crate::rows::{gather, lane_samples, put, StateRows};
 
 /// All parts summed.
 pub(crate) const SUMMED: usize = 1;
 /// Acceleration, velocity, gravity.
 pub(crate) const SPLIT: usize = 3;
 
-type Vec3 = Vector3<f64>;
-
 /// Linear and angular velocity.
-#[derive(Clone, Copy, Debug)]
-struct Twist {
-    linear: Vec3,
-    angular: Vec3,
+#[derive(Clone, Copy)]
+struct Twist<L> {
+    linear: Vector<L>,
+    angular: Vector<L>,
 }
 
-impl Twist {
-    const ZERO: Self = Self {
-        linear: Vec3::new(0.0, 0.0, 0.0),
-        angular: Vec3::new(0.0, 0.0, 0.0),
-    };
+impl<L: Lanes> Twist<L> {
+    #[inline(always)]
+    fn zero() -> Self {
+        Self {
+            linear: Vector::zero(),
+            angular: Vector::zero(),
+        }
+    }
 }
 
 /// Angular velocity, and `P` parts of the accelerations. Also holds their gradients.
-#[derive(Clone, Copy, Debug)]
-struct Motion<const P: usize> {
-    omega: Vec3,
-    alpha: [Vec3; P],
-    acc: [Vec3; P],
+#[derive(Clone, Copy)]
+struct Motion<L, const P: usize> {
+    omega: Vector<L>,
+    alpha: [Vector<L>; P],
+    acc: [Vector<L>; P],
 }
 
-impl<const P: usize> Motion<P> {
-    const ZERO: Self = Self {
-        omega: Vec3::new(0.0, 0.0, 0.0),
-        alpha: [Vec3::new(0.0, 0.0, 0.0); P],
-        acc: [Vec3::new(0.0, 0.0, 0.0); P],
-    };
+impl<L: Lanes, const P: usize> Motion<L, P> {
+    #[inline(always)]
+    fn zero() -> Self {
+        Self {
+            omega: Vector::zero(),
+            alpha: [Vector::zero(); P],
+            acc: [Vector::zero(); P],
+        }
+    }
 }
 
-#[derive(Clone, Debug)]
-struct Link<const P: usize> {
+#[derive(Clone, Copy)]
+struct Link<L, const P: usize> {
     /// Link to parent coordinates.
-    rotation: Matrix3<f64>,
-    /// Link origin in the parent frame, and how it moves with q (prismatic joints).
-    origin: Vec3,
-    slide: Vec3,
+    rotation: Matrix<L>,
+    /// Link origin in the parent frame.
+    origin: Vector<L>,
+    dq: L,
     /// The parent's motion at the link origin, in link coordinates: before the joint adds its own.
-    carried: Motion<P>,
-    motion: Motion<P>,
-    body: [BodyRegressor; P],
-    gradient: Motion<P>,
+    carried: Motion<L, P>,
+    motion: Motion<L, P>,
+    body: [Body<L>; P],
+    gradient: Motion<L, P>,
 }
 
 /// One robot's scratch for forward and reverse sweeps. All memory is taken in `new`.
-#[derive(Clone, Debug)]
-pub(crate) struct Sweep<const P: usize> {
+pub(crate) struct Sweep<L, const P: usize> {
     n: usize,
-    links: Vec<Link<P>>,
+    links: Vec<Link<L, P>>,
     /// Twist of joint j in link i's frame at `j * n + i`, and its gradient.
-    twists: Vec<Twist>,
-    twist_gradients: Vec<Twist>,
+    twists: Vec<Twist<L>>,
+    twist_gradients: Vec<Twist<L>>,
 }
 
-impl<const P: usize> Sweep<P> {
+impl<L: Lanes, const P: usize> Sweep<L, P> {
     /// What ddq does.
     pub(crate) const ACCELERATION: usize = 0;
     /// What dq does.
@@ -92,93 +96,85 @@ impl<const P: usize> Sweep<P> {
     /// What gravity does.
     pub(crate) const GRAVITY: usize = P - 1;
 
+    #[inline(always)]
     pub(crate) fn new(robot: &RobotModel) -> Self {
         let n = robot.n_joints();
+        let zero = Vector::zero();
         let link = Link {
-            rotation: Matrix3::identity(),
-            origin: Vec3::zeros(),
-            slide: Vec3::zeros(),
-            carried: Motion::ZERO,
-            motion: Motion::ZERO,
-            body: [BodyRegressor::zeros(); P],
-            gradient: Motion::ZERO,
+            rotation: Matrix([zero.0; 3]),
+            origin: zero,
+            dq: L::splat(0.0),
+            carried: Motion::zero(),
+            motion: Motion::zero(),
+            body: [Body::new(zero, zero, zero); P],
+            gradient: Motion::zero(),
         };
         Self {
             n,
             links: vec![link; n],
-            twists: vec![Twist::ZERO; n * n],
-            twist_gradients: vec![Twist::ZERO; n * n],
+            twists: vec![Twist::zero(); n * n],
+            twist_gradients: vec![Twist::zero(); n * n],
         }
     }
 
-    /// Forward: motions, twists and body regressors at one state (n values each).
-    pub(crate) fn forward(&mut self, robot: &RobotModel, q: &[f64], dq: &[f64], ddq: &[f64]) {
+    /// Forward: motions, twists and bodies at one row of states (one entry per joint).
+    #[inline(always)]
+    pub(crate) fn forward(&mut self, robot: &RobotModel, states: &[JointState<L::Raw>]) {
         let n = self.n;
-        let mut parent = Motion::<P>::ZERO;
-        parent.acc[Self::GRAVITY] = -robot.gravity();
-        for (i, joint) in robot.joints().iter().enumerate() {
-            let (rotation, origin) = placement(joint, q[i]);
-            let to_link = rotation.transpose();
-            let mut carried = Motion {
-                omega: to_link * parent.omega,
-                ..Motion::ZERO
-            };
+        let mut parent = Motion::<L, P>::zero();
+        let g = robot.gravity();
+        parent.acc[Self::GRAVITY] = Vector::splat(&[-g.x, -g.y, -g.z]);
+        for (i, (place, state)) in robot.placements().iter().zip(states).enumerate() {
+            let rotation = place.rotation(L::from_raw(state.sin), L::from_raw(state.cos));
+            let origin = place.origin(L::from_raw(state.q));
+            let (dq, ddq) = (L::from_raw(state.dq), L::from_raw(state.ddq));
+            let mut carried = Motion::zero();
+            carried.omega = rotation.tr_mul(parent.omega);
             for part in 0..P {
-                let mut acc = parent.acc[part] + parent.alpha[part].cross(&origin);
+                let mut acc = parent.alpha[part].cross_add(origin, parent.acc[part]);
                 if part == Self::VELOCITY {
-                    acc += parent.omega.cross(&parent.omega.cross(&origin));
+                    acc = parent.omega.cross_add(parent.omega.cross(origin), acc);
                 }
-                carried.alpha[part] = to_link * parent.alpha[part];
-                carried.acc[part] = to_link * acc;
+                carried.alpha[part] = rotation.tr_mul(parent.alpha[part]);
+                carried.acc[part] = rotation.tr_mul(acc);
             }
             let mut motion = carried;
-            let turned = carried.omega.cross(&joint.axis) * dq[i];
-            let own = match joint.kind {
+            let turned = place.cross_axis(carried.omega);
+            match place.kind {
                 JointKind::Revolute => {
-                    motion.omega += joint.axis * dq[i];
-                    motion.alpha[Self::VELOCITY] += turned;
-                    motion.alpha[Self::ACCELERATION] += joint.axis * ddq[i];
-                    Twist {
-                        linear: Vec3::zeros(),
-                        angular: joint.axis,
-                    }
+                    motion.omega = place.along_axis(motion.omega, dq);
+                    let alpha = &mut motion.alpha;
+                    alpha[Self::VELOCITY] = turned.mul_add(dq, alpha[Self::VELOCITY]);
+                    alpha[Self::ACCELERATION] = place.along_axis(alpha[Self::ACCELERATION], ddq);
                 }
                 JointKind::Prismatic => {
-                    motion.acc[Self::VELOCITY] += turned * 2.0;
-                    motion.acc[Self::ACCELERATION] += joint.axis * ddq[i];
-                    Twist {
-                        linear: joint.axis,
-                        angular: Vec3::zeros(),
-                    }
+                    let acc = &mut motion.acc;
+                    acc[Self::VELOCITY] = turned.mul_add(dq + dq, acc[Self::VELOCITY]);
+                    acc[Self::ACCELERATION] = place.along_axis(acc[Self::ACCELERATION], ddq);
                 }
-            };
+            }
             for j in 0..i {
                 let inner = self.twists[j * n + i - 1];
                 self.twists[j * n + i] = Twist {
-                    linear: to_link * (inner.linear + inner.angular.cross(&origin)),
-                    angular: to_link * inner.angular,
+                    linear: rotation.tr_mul(inner.angular.cross_add(origin, inner.linear)),
+                    angular: rotation.tr_mul(inner.angular),
                 };
             }
-            self.twists[i * n + i] = own;
+            let [linear, angular] = place.own_twist();
+            self.twists[i * n + i] = Twist { linear, angular };
 
             let link = &mut self.links[i];
             for part in 0..P {
-                link.body[part] = body_regressor(&BodyMotion {
-                    omega: if part == Self::VELOCITY {
-                        motion.omega
-                    } else {
-                        Vec3::zeros()
-                    },
-                    alpha: motion.alpha[part],
-                    acc: motion.acc[part],
-                });
+                let omega = if part == Self::VELOCITY {
+                    motion.omega
+                } else {
+                    Vector::zero()
+                };
+                link.body[part] = Body::new(omega, motion.alpha[part], motion.acc[part]);
             }
             link.rotation = rotation;
             link.origin = origin;
-            link.slide = match joint.kind {
-                JointKind::Revolute => Vec3::zeros(),
-                JointKind::Prismatic => joint.rotation * joint.axis,
-            };
+            link.dq = dq;
             link.carried = carried;
             link.motion = motion;
             parent = motion;
@@ -186,134 +182,153 @@ impl<const P: usize> Sweep<P> {
     }
 
     /// Row j of the regressor in the columns of link i, one part of it; `j <= i`.
-    pub(crate) fn row(&self, part: usize, j: usize, i: usize) -> SVector<f64, N_LINK_PARAMS> {
+    #[inline(always)]
+    pub(crate) fn row(&self, part: usize, j: usize, i: usize) -> [L; N_LINK_PARAMS] {
         let Twist { linear, angular } = self.twists[j * self.n + i];
-        let twist = SVector::<f64, 6>::new(
-            linear.x, linear.y, linear.z, angular.x, angular.y, angular.z,
-        );
-        self.links[i].body[part].tr_mul(&twist)
+        self.links[i].body[part].power(linear, angular)
     }
 
-    /// Reverse, after `forward`: gradient of `sum of parts <C_part, Y_part>` with respect to q, dq and ddq (n values each).
+    /// Reverse, after `forward`: gradient of `sum of parts <C_part, Y_part>` with respect to q, dq and ddq (n rows each).
     ///
     /// `weights`: `P` matrices C, n × 10 n, row-major; what stands below the links that a joint moves is not read.
+    #[inline(always)]
     pub(crate) fn reverse(
         &mut self,
         robot: &RobotModel,
-        dq: &[f64],
-        weights: &[f64],
-        gradient: [&mut [f64]; 3],
+        weights: &[L::Raw],
+        gradient: [&mut [L::Raw]; 3],
     ) {
         let n = self.n;
         let [gradient_q, gradient_dq, gradient_ddq] = gradient;
-        self.twist_gradients.fill(Twist::ZERO);
+        self.twist_gradients.fill(Twist::zero());
         for link in &mut self.links {
-            link.gradient = Motion::ZERO;
+            link.gradient = Motion::zero();
         }
-        for (i, joint) in robot.joints().iter().enumerate().rev() {
+        for (i, place) in robot.placements().iter().enumerate().rev() {
             self.collect(i, weights);
             let link = &self.links[i];
-            let Motion { omega, alpha, acc } = link.gradient;
-            let a = joint.axis;
+            let (Motion { omega, alpha, acc }, dq) = (link.gradient, link.dq);
+            let a = Vector::splat(&place.axis);
 
             // The joint's own terms.
-            let mut carried_omega = omega;
-            match joint.kind {
+            let turned = place.cross_axis(link.carried.omega);
+            let (of_dq, of_ddq, carried_omega) = match place.kind {
                 JointKind::Revolute => {
                     let bar = alpha[Self::VELOCITY];
-                    gradient_dq[i] = a.dot(&omega) + bar.dot(&link.carried.omega.cross(&a));
-                    gradient_ddq[i] = a.dot(&alpha[Self::ACCELERATION]);
-                    carried_omega += a.cross(&bar) * dq[i];
+                    (
+                        bar.dot_add(turned, a.dot(omega)),
+                        a.dot(alpha[Self::ACCELERATION]),
+                        a.cross(bar).mul_add(dq, omega),
+                    )
                 }
                 JointKind::Prismatic => {
                     let bar = acc[Self::VELOCITY];
-                    gradient_dq[i] = 2.0 * bar.dot(&link.carried.omega.cross(&a));
-                    gradient_ddq[i] = a.dot(&acc[Self::ACCELERATION]);
-                    carried_omega += a.cross(&bar) * (2.0 * dq[i]);
+                    let once = bar.dot(turned);
+                    (
+                        once + once,
+                        a.dot(acc[Self::ACCELERATION]),
+                        a.cross(bar).mul_add(dq + dq, omega),
+                    )
                 }
-            }
+            };
+            gradient_dq[i] = of_dq.raw();
+            gradient_ddq[i] = of_ddq.raw();
 
             // Into the parent's frame: x' = R(q)' x, and d(R' x)/dq = -axis x (R' x) for a turning joint.
             let (rotation, origin) = (link.rotation, link.origin);
-            let mut turning = link.carried.omega.cross(&carried_omega);
-            let mut moved = Vec3::zeros(); // gradient with respect to the origin
-            let mut up = Motion::<P>::ZERO;
+            let mut turning = link.carried.omega.cross(carried_omega);
+            let mut moved = Vector::zero(); // gradient with respect to the origin
+            let mut up = Motion::<L, P>::zero();
             up.omega = rotation * carried_omega;
             let parent = if i > 0 {
                 self.links[i - 1].motion
             } else {
-                Motion::ZERO
+                Motion::zero()
             };
             for part in 0..P {
-                turning += link.carried.alpha[part].cross(&alpha[part])
-                    + link.carried.acc[part].cross(&acc[part]);
+                turning = link.carried.alpha[part].cross_add(alpha[part], turning);
+                turning = link.carried.acc[part].cross_add(acc[part], turning);
                 let bar = rotation * acc[part];
                 up.acc[part] = bar;
-                up.alpha[part] = rotation * alpha[part] + origin.cross(&bar);
-                moved += bar.cross(&parent.alpha[part]);
+                up.alpha[part] = origin.cross_add(bar, rotation * alpha[part]);
+                moved = bar.cross_add(parent.alpha[part], moved);
                 if part == Self::VELOCITY {
-                    up.omega += centripetal_gradient(&parent.omega, &origin, &bar);
-                    moved += parent.omega.cross(&parent.omega.cross(&bar));
+                    up.omega = up.omega + centripetal_gradient(parent.omega, origin, bar);
+                    moved = parent.omega.cross_add(parent.omega.cross(bar), moved);
                 }
             }
             for j in 0..i {
                 let (twist, bar) = (self.twists[j * n + i], self.twist_gradients[j * n + i]);
-                turning += twist.linear.cross(&bar.linear) + twist.angular.cross(&bar.angular);
+                turning = twist.linear.cross_add(bar.linear, turning);
+                turning = twist.angular.cross_add(bar.angular, turning);
                 let linear = rotation * bar.linear;
-                moved += linear.cross(&self.twists[j * n + i - 1].angular);
+                moved = linear.cross_add(self.twists[j * n + i - 1].angular, moved);
                 let inner = &mut self.twist_gradients[j * n + i - 1];
-                inner.linear += linear;
-                inner.angular += rotation * bar.angular + origin.cross(&linear);
+                inner.linear = inner.linear + linear;
+                inner.angular = inner.angular + origin.cross_add(linear, rotation * bar.angular);
             }
-            gradient_q[i] = match joint.kind {
-                JointKind::Revolute => -a.dot(&turning),
-                JointKind::Prismatic => link.slide.dot(&moved),
-            };
+            gradient_q[i] = match place.kind {
+                JointKind::Revolute => -a.dot(turning),
+                JointKind::Prismatic => place.slide().dot(moved),
+            }
+            .raw();
             if i > 0 {
                 let gradient = &mut self.links[i - 1].gradient;
-                gradient.omega += up.omega;
+                gradient.omega = gradient.omega + up.omega;
                 for part in 0..P {
-                    gradient.alpha[part] += up.alpha[part];
-                    gradient.acc[part] += up.acc[part];
+                    gradient.alpha[part] = gradient.alpha[part] + up.alpha[part];
+                    gradient.acc[part] = gradient.acc[part] + up.acc[part];
                 }
             }
         }
     }
 
     /// Gradients of link i's own terms `twist_ji' B c_ji` with respect to its motion and the twists of joints j.
-    fn collect(&mut self, i: usize, weights: &[f64]) {
+    #[inline(always)]
+    fn collect(&mut self, i: usize, weights: &[L::Raw]) {
         let (n, width) = (self.n, N_LINK_PARAMS * self.n);
         let link = &mut self.links[i];
         for part in 0..P {
             for j in 0..=i {
                 let start = (part * n + j) * width + i * N_LINK_PARAMS;
-                let mut c: LinkParams = [0.0; N_LINK_PARAMS];
-                c.copy_from_slice(&weights[start..start + N_LINK_PARAMS]);
-                let wrench = link.body[part] * SVector::<f64, N_LINK_PARAMS>::from(c);
+                let mut c = [L::splat(0.0); N_LINK_PARAMS];
+                for (c, raw) in c.iter_mut().zip(&weights[start..start + N_LINK_PARAMS]) {
+                    *c = L::from_raw(*raw);
+                }
+                let (force, moment) = link.body[part].wrench_of(&c);
                 let bar = &mut self.twist_gradients[j * n + i];
-                bar.linear += wrench.fixed_rows::<3>(0);
-                bar.angular += wrench.fixed_rows::<3>(3);
+                bar.linear = bar.linear + force;
+                bar.angular = bar.angular + moment;
 
                 // v . (m a + alpha x h + w x (w x h)) + u . (h x a + I alpha + w x (I w)) for the twist (v, u).
                 let Twist { linear, angular } = self.twists[j * n + i];
-                let h = Vec3::new(c[1], c[2], c[3]);
+                let h = Vector([c[1], c[2], c[3]]);
                 let inertia = inertia_matrix(&c);
-                link.gradient.acc[part] += linear * c[0] + angular.cross(&h);
-                link.gradient.alpha[part] += h.cross(&linear) + inertia * angular;
+                let Motion { omega, alpha, acc } = &mut link.gradient;
+                acc[part] = acc[part] + angular.cross_add(h, linear * c[0]);
+                alpha[part] = alpha[part] + h.cross_add(linear, inertia * angular);
                 if part == Self::VELOCITY {
-                    let omega = link.motion.omega;
-                    link.gradient.omega += centripetal_gradient(&omega, &h, &linear)
-                        + (inertia * omega).cross(&angular)
-                        + inertia * angular.cross(&omega);
+                    let own = link.motion.omega;
+                    let turned = (inertia * own).cross_add(angular, inertia * angular.cross(own));
+                    *omega = *omega + centripetal_gradient(own, h, linear) + turned;
                 }
             }
         }
     }
 }
 
+/// Inertia about the origin of ten parameters.
+#[inline(always)]
+fn inertia_matrix<L: Lanes>(c: &[L; N_LINK_PARAMS]) -> Matrix<L> {
+    let [_, _, _, _, xx, xy, yy, xz, yz, zz] = *c;
+    Matrix([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+}
+
 /// Gradient of `b . (w x (w x p))` with respect to `w`.
-fn centripetal_gradient(w: &Vec3, p: &Vec3, b: &Vec3) -> Vec3 {
-    b * w.dot(p) + p * w.dot(b) - w * (2.0 * b.dot(p))
+#[inline(always)]
+fn centripetal_gradient<L: Lanes>(w: Vector<L>, p: Vector<L>, b: Vector<L>) -> Vector<L> {
+    let twice = b.dot(p) * L::splat(-2.0);
+    w.mul_add(twice, p.mul_add(w.dot(b), b * w.dot(p)))
 }
 
 /// Gradient of `sum over samples of direction . tau` with respect to q, dq and ddq, where tau is the torque of the links
@@ -340,22 +355,63 @@ pub fn inverse_dynamics_gradient(
         return Err(OfflineError::Shape { what: "motion" });
     }
     out_q
-        .par_chunks_mut(n)
-        .zip(out_dq.par_chunks_mut(n))
-        .zip(out_ddq.par_chunks_mut(n))
+        .par_chunks_mut(n * CHUNK)
+        .zip(out_dq.par_chunks_mut(n * CHUNK))
+        .zip(out_ddq.par_chunks_mut(n * CHUNK))
         .enumerate()
-        .for_each_init(
-            || (Sweep::<SUMMED>::new(robot), vec![0.0; n * width]),
-            |(sweep, weights), (k, ((out_q, out_dq), out_ddq))| {
-                let at = k * n..(k + 1) * n;
-                sweep.forward(robot, &q[at.clone()], &dq[at.clone()], &ddq[at.clone()]);
-                for (row, along) in weights.chunks_exact_mut(width).zip(&direction[at.clone()]) {
-                    for (weight, phi) in row.iter_mut().zip(phi) {
-                        *weight = along * phi;
-                    }
-                }
-                sweep.reverse(robot, &dq[at], weights, [out_q, out_dq, out_ddq]);
-            },
-        );
+        .for_each(|(chunk, ((out_q, out_dq), out_ddq))| {
+            let at = chunk * CHUNK * n..chunk * CHUNK * n + out_q.len();
+            lanes::run(Along {
+                robot,
+                motion: [q, dq, ddq].map(|signal| &signal[at.clone()]),
+                phi,
+                direction: &direction[at],
+                gradient: [out_q, out_dq, out_ddq],
+            });
+        });
     Ok(())
+}
+
+/// Samples per task.
+const CHUNK: usize = 256;
+
+/// [`inverse_dynamics_gradient`] of some samples.
+struct Along<'a> {
+    robot: &'a RobotModel,
+    motion: [&'a [f64]; 3],
+    phi: &'a [f64],
+    direction: &'a [f64],
+    gradient: [&'a mut [f64]; 3],
+}
+
+impl Kernel for Along<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Lanes<Raw = [f64; 1]>, L: Lanes>(self) {
+        let n = self.robot.n_joints();
+        let n_samples = self.direction.len() / n;
+        let mut sweep = Sweep::<L, SUMMED>::new(self.robot);
+        let mut states = StateRows::<L>::new(n);
+        let mut weights = vec![L::ZERO; n * N_LINK_PARAMS * n];
+        let mut rows = [vec![L::ZERO; n], vec![L::ZERO; n], vec![L::ZERO; n]];
+        let [out_q, out_dq, out_ddq] = self.gradient;
+        for k in 0..n_samples.div_ceil(L::LEN) {
+            let samples = lane_samples::<L>(k, n_samples);
+            states.take_samples(self.motion, &samples[..L::LEN]);
+            sweep.forward(self.robot, states.rows());
+            for (j, row) in weights.chunks_exact_mut(N_LINK_PARAMS * n).enumerate() {
+                let along = gather::<L>(self.direction, &samples[..L::LEN], n, j);
+                for (weight, phi) in row.iter_mut().zip(self.phi) {
+                    *weight = (along * L::splat(*phi)).raw();
+                }
+            }
+            let [q, dq, ddq] = &mut rows;
+            sweep.reverse(self.robot, &weights, [q, dq, ddq]);
+            let start = k * L::LEN * n;
+            put::<L>(&rows[0], &mut out_q[start..], n);
+            put::<L>(&rows[1], &mut out_dq[start..], n);
+            put::<L>(&rows[2], &mut out_ddq[start..], n);
+        }
+    }
 }

@@ -26,6 +26,9 @@ pub struct BaseParameters {
 /// Probing states per joint: enough for the rank of any chain to show.
 const PROBES: usize = 60;
 
+/// Columns whose lengths differ by less than this part are of the same length: the first of them is taken.
+const TIE: f64 = 1e-9;
+
 /// Finds the base parameters from the regressor at random probing states drawn from `seed`.
 ///
 /// A column counts as dependent where its diagonal entry of R falls below `rtol` times the first one (relative, so units
@@ -140,8 +143,12 @@ fn pivoted(a: &Mat<f64>) -> (Vec<usize>, Vec<f64>) {
             .iter()
             .map(|&j| dot(&columns[j], &columns[j]).sqrt())
             .collect();
-        let best =
-            (0..norms.len()).fold(0, |best, i| if norms[i] > norms[best] { i } else { best });
+        // Symmetric robots have columns of the same length; which is taken must not hang on how sums are rounded.
+        let most = norms.iter().copied().fold(0.0, f64::max);
+        let best = (0..norms.len())
+            .filter(|&i| norms[i] >= (1.0 - TIE) * most)
+            .min_by_key(|&i| order[k + i])
+            .unwrap_or(0);
         order.swap(k, k + best);
         diagonal.push(norms[best]);
         if norms[best] == 0.0 {

@@ -1,15 +1,15 @@
 //! The core's formulas over many samples, on all threads. Signals are row-major, n_samples × n_joints.
 
+use dynid_core::chain::{self, LinkRow};
+use dynid_core::lanes::{self, Kernel, Lanes};
 use dynid_core::link_params::N_LINK_PARAMS;
-use dynid_core::{
-    inverse_dynamics_into, joint_torque_regressor_into, CoreError, RobotModel, State,
-    TorqueEstimator, Workspace,
-};
+use dynid_core::{CoreError, RobotModel, State, TorqueEstimator};
 use rayon::prelude::*;
 
 use crate::observation::slice_state;
+use crate::rows::{put, StateRows};
 
-/// Samples per task.
+/// Samples per task; a multiple of every row.
 const CHUNK: usize = 256;
 
 /// Inverse dynamics of every sample into `tau` (n_samples × n).
@@ -25,30 +25,67 @@ pub fn inverse_dynamics(
     tau: &mut [f64],
 ) -> Result<(), CoreError> {
     let n = robot.n_joints();
+    same_length("phi", phi, N_LINK_PARAMS * n)?;
     same_length("tau", tau, tau.len() / n * n)?;
     for (what, signal) in [("q", q), ("dq", dq), ("ddq", ddq)] {
         same_length(what, signal, tau.len())?;
     }
-    tau.par_chunks_mut(n * CHUNK).enumerate().try_for_each_init(
-        || Workspace::new(robot),
-        |workspace, (chunk, out)| {
-            out.chunks_exact_mut(n)
-                .enumerate()
-                .try_for_each(|(k, tau)| {
-                    let start = (chunk * CHUNK + k) * n;
-                    let at = start..start + n;
-                    inverse_dynamics_into(
-                        robot,
-                        workspace,
-                        &q[at.clone()],
-                        &dq[at.clone()],
-                        &ddq[at],
-                        phi,
-                        tau,
-                    )
-                })
-        },
-    )
+    in_chunks(tau, n, |first, tau| {
+        let at = first * n..first * n + tau.len();
+        lanes::run(Torques {
+            robot,
+            motion: [q, dq, ddq].map(|signal| &signal[at.clone()]),
+            phi,
+            tau,
+        });
+    });
+    Ok(())
+}
+
+/// `work(first sample, chunk)` on every [`CHUNK`] samples of `out` (`size` numbers each), on all threads. What fits in one
+/// chunk stays on this thread: waking another takes longer.
+fn in_chunks(out: &mut [f64], size: usize, work: impl Fn(usize, &mut [f64]) + Sync) {
+    if out.len() <= size * CHUNK {
+        return work(0, out);
+    }
+    out.par_chunks_mut(size * CHUNK)
+        .enumerate()
+        .for_each(|(chunk, out)| work(chunk * CHUNK, out));
+}
+
+struct Torques<'a> {
+    robot: &'a RobotModel,
+    motion: [&'a [f64]; 3],
+    phi: &'a [f64],
+    tau: &'a mut [f64],
+}
+
+impl Kernel for Torques<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Lanes<Raw = [f64; 1]>, L: Lanes>(self) {
+        if self.tau.len() == self.robot.n_joints() {
+            self.rows::<S>();
+        } else {
+            self.rows::<L>();
+        }
+    }
+}
+
+impl Torques<'_> {
+    #[inline(always)]
+    fn rows<L: Lanes>(self) {
+        let n = self.robot.n_joints();
+        let mut states = StateRows::<L>::new(n);
+        let mut links = vec![LinkRow::new(L::ZERO); n];
+        let mut tau = vec![L::ZERO; n];
+        for (k, out) in self.tau.chunks_mut(n * L::LEN).enumerate() {
+            states.take(self.motion, k);
+            chain::inverse_dynamics::<L>(self.robot, states.rows(), &mut links, self.phi, &mut tau);
+            put::<L>(&tau, out, n);
+        }
+    }
 }
 
 /// Regressor of every sample into `regressor` (n_samples × n × 10 n).
@@ -68,28 +105,56 @@ pub fn joint_torque_regressor(
     for (what, signal) in [("q", q), ("dq", dq), ("ddq", ddq)] {
         same_length(what, signal, regressor.len() / size * n)?;
     }
-    regressor
-        .par_chunks_mut(size * CHUNK)
-        .enumerate()
-        .try_for_each_init(
-            || Workspace::new(robot),
-            |workspace, (chunk, out)| {
-                out.chunks_exact_mut(size)
-                    .enumerate()
-                    .try_for_each(|(k, out)| {
-                        let start = (chunk * CHUNK + k) * n;
-                        let at = start..start + n;
-                        joint_torque_regressor_into(
-                            robot,
-                            workspace,
-                            &q[at.clone()],
-                            &dq[at.clone()],
-                            &ddq[at],
-                            out,
-                        )
-                    })
-            },
-        )
+    in_chunks(regressor, size, |first, regressor| {
+        let at = first * n..first * n + regressor.len() / size * n;
+        lanes::run(Regressors {
+            robot,
+            motion: [q, dq, ddq].map(|signal| &signal[at.clone()]),
+            regressor,
+        });
+    });
+    Ok(())
+}
+
+struct Regressors<'a> {
+    robot: &'a RobotModel,
+    motion: [&'a [f64]; 3],
+    regressor: &'a mut [f64],
+}
+
+impl Kernel for Regressors<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Lanes<Raw = [f64; 1]>, L: Lanes>(self) {
+        let n = self.robot.n_joints();
+        if self.regressor.len() == n * n * N_LINK_PARAMS {
+            self.rows::<S>();
+        } else {
+            self.rows::<L>();
+        }
+    }
+}
+
+impl Regressors<'_> {
+    #[inline(always)]
+    fn rows<L: Lanes>(self) {
+        let n = self.robot.n_joints();
+        let size = n * n * N_LINK_PARAMS;
+        let mut states = StateRows::<L>::new(n);
+        let mut twists = vec![[[L::ZERO; 3]; 2]; n];
+        let mut regressor = vec![L::ZERO; size];
+        for (k, out) in self.regressor.chunks_mut(size * L::LEN).enumerate() {
+            states.take(self.motion, k);
+            chain::joint_torque_regressor::<L>(
+                self.robot,
+                states.rows(),
+                &mut twists,
+                &mut regressor,
+            );
+            put::<L>(&regressor, out, size);
+        }
+    }
 }
 
 /// Every sample through one estimator, in order, exactly as it runs online. `terms`: n_samples × n_terms × n;

@@ -26,6 +26,11 @@ pub enum OfflineError {
         /// Where.
         what: &'static str,
     },
+    /// The data do not tell parameters apart.
+    Dependent {
+        /// Whose columns.
+        what: &'static str,
+    },
     /// An effect needs a signal that did not come.
     Missing {
         /// Kind of the effect.
@@ -46,6 +51,10 @@ impl fmt::Display for OfflineError {
                 )
             }
             Self::Shape { what } => write!(f, "{what} has the wrong shape"),
+            Self::Dependent { what } => write!(
+                f,
+                "the data do not tell the {what} apart; move more joints, faster, or leave columns out"
+            ),
             Self::Missing { kind, what } => write!(f, "{kind} needs {what}, which was not given"),
             Self::NonFinite { what } => write!(f, "{what} holds a NaN or an infinity"),
         }

@@ -6,6 +6,7 @@
 
 use std::sync::Mutex;
 
+use dynid_core::lanes::{self, Kernel, Lanes};
 use dynid_core::link_params::N_LINK_PARAMS;
 use dynid_core::RobotModel;
 use faer::linalg::matmul::matmul;
@@ -16,6 +17,7 @@ use crate::adjoint::{Sweep, SPLIT, SUMMED};
 use crate::base::{probing_states, rank};
 use crate::error::OfflineError;
 use crate::factor::triangular_factor;
+use crate::rows::{gather, lane_samples, put, StateRows};
 
 /// What makes a motion good; every one is smaller for a better motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -202,88 +204,45 @@ impl Excitation {
     }
 
     /// Rows of W and, if split, of its blocks.
-    fn fill<const P: usize>(&self, scratch: &mut Scratch<P>, [q, dq, ddq]: [&[f64]; 3]) {
-        let (n, width) = (self.robot.n_joints(), self.n_base);
+    fn fill<const P: usize>(&self, scratch: &mut Scratch<P>, motion: [&[f64]; 3]) {
         for rows in &mut scratch.rows {
-            rows.resize(q.len() * width, 0.0);
+            rows.clear();
+            rows.resize(motion[0].len() * self.n_base, 0.0);
         }
-        let first = scratch.n_matrices() - P; // the first part; W itself if there is only one
-        for (k, start) in (0..q.len()).step_by(n).enumerate() {
-            let at = start..start + n;
-            let sweep = &mut scratch.sweep;
-            sweep.forward(&self.robot, &q[at.clone()], &dq[at.clone()], &ddq[at]);
-            let sample = k * n * width..(k + 1) * n * width;
-            for part in 0..P {
-                let rows = &mut scratch.rows[first + part][sample.clone()];
-                rows.fill(0.0);
-                for (i, columns) in self.columns.iter().enumerate() {
-                    for j in 0..=i {
-                        let row = scratch.sweep.row(part, j, i);
-                        for &(column, parameter) in columns {
-                            rows[j * width + column] = row[parameter];
-                        }
-                    }
-                }
-                if let Some(whitening) = &self.whitening {
-                    transform(whitening, false, n, rows, &mut scratch.row);
-                }
-            }
-            if P > 1 {
-                let [total, parts @ ..] = &mut scratch.rows;
-                for (x, index) in total[sample.clone()].iter_mut().zip(sample) {
-                    *x = parts.iter().map(|part| part[index]).sum();
-                }
-            }
-        }
+        lanes::run(Fill {
+            excitation: self,
+            scratch,
+            motion,
+        });
     }
 
     /// From the gradient with respect to the rows to that with respect to the motion.
     fn sweep_back<const P: usize>(
         &self,
         scratch: &mut Scratch<P>,
-        [q, dq, ddq]: [&[f64]; 3],
-        [out_q, out_dq, out_ddq]: [&mut [f64]; 3],
+        motion: [&[f64]; 3],
+        gradient: [&mut [f64]; 3],
     ) {
-        let (n, width) = (self.robot.n_joints(), self.n_base);
-        let full = N_LINK_PARAMS * n;
         if scratch.weights[0].is_empty() {
-            for out in [out_q, out_dq, out_ddq] {
+            for out in gradient {
                 out.fill(0.0);
             }
             return;
         }
-        scratch.spread.resize(P * n * full, 0.0);
-        for (k, start) in (0..q.len()).step_by(n).enumerate() {
-            let at = start..start + n;
-            let sample = k * n * width..(k + 1) * n * width;
-            for (part, weights) in scratch.weights.iter_mut().enumerate() {
-                let rows = &mut weights[sample.clone()];
-                if let Some(whitening) = &self.whitening {
+        if let Some(whitening) = &self.whitening {
+            let n = self.robot.n_joints();
+            for weights in &mut scratch.weights {
+                for rows in weights.chunks_exact_mut(n * self.n_base) {
                     transform(whitening, true, n, rows, &mut scratch.row);
                 }
-                for (i, columns) in self.columns.iter().enumerate() {
-                    for j in 0..=i {
-                        for &(column, parameter) in columns {
-                            let to = (part * n + j) * full + i * N_LINK_PARAMS + parameter;
-                            scratch.spread[to] = rows[j * width + column];
-                        }
-                    }
-                }
             }
-            let sweep = &mut scratch.sweep;
-            sweep.forward(
-                &self.robot,
-                &q[at.clone()],
-                &dq[at.clone()],
-                &ddq[at.clone()],
-            );
-            let gradient = [
-                &mut out_q[at.clone()],
-                &mut out_dq[at.clone()],
-                &mut out_ddq[at.clone()],
-            ];
-            sweep.reverse(&self.robot, &dq[at], &scratch.spread, gradient);
         }
+        lanes::run(SweepBack {
+            excitation: self,
+            weights: &scratch.weights,
+            motion,
+            gradient,
+        });
     }
 
     fn check(&self, motion: [&[f64]; 3]) -> Result<(), OfflineError> {
@@ -297,7 +256,7 @@ impl Excitation {
 
     fn take<const P: usize>(&self, pool: &Mutex<Vec<Scratch<P>>>) -> Scratch<P> {
         let idle = pool.lock().ok().and_then(|mut pool| pool.pop());
-        idle.unwrap_or_else(|| Scratch::new(&self.robot))
+        idle.unwrap_or_else(Scratch::new)
     }
 
     fn put_back<const P: usize>(&self, pool: &Mutex<Vec<Scratch<P>>>, scratch: Scratch<P>) {
@@ -307,27 +266,122 @@ impl Excitation {
     }
 }
 
+/// [`Excitation::fill`], samples in lanes.
+struct Fill<'a, const P: usize> {
+    excitation: &'a Excitation,
+    scratch: &'a mut Scratch<P>,
+    motion: [&'a [f64]; 3],
+}
+
+impl<const P: usize> Kernel for Fill<'_, P> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Lanes<Raw = [f64; 1]>, L: Lanes>(self) {
+        let (robot, width) = (&self.excitation.robot, self.excitation.n_base);
+        let n = robot.n_joints();
+        let first = self.scratch.n_matrices() - P; // the first part; W itself if there is only one
+        let mut sweep = Sweep::<L, P>::new(robot);
+        let mut states = StateRows::<L>::new(n);
+        let mut rows = vec![L::ZERO; n * width];
+        let group = L::LEN * n * width;
+        for k in 0..(self.motion[0].len() / n).div_ceil(L::LEN) {
+            states.take(self.motion, k);
+            sweep.forward(robot, states.rows());
+            let start = k * group;
+            let end = self.scratch.rows[0].len().min(start + group);
+            for part in 0..P {
+                for (i, columns) in self.excitation.columns.iter().enumerate() {
+                    for j in 0..=i {
+                        let row = sweep.row(part, j, i);
+                        for &(column, parameter) in columns {
+                            rows[j * width + column] = row[parameter].raw();
+                        }
+                    }
+                }
+                let out = &mut self.scratch.rows[first + part][start..end];
+                put::<L>(&rows, out, n * width);
+                if let Some(whitening) = &self.excitation.whitening {
+                    for sample in out.chunks_exact_mut(n * width) {
+                        transform(whitening, false, n, sample, &mut self.scratch.row);
+                    }
+                }
+            }
+            if P > 1 {
+                let [total, parts @ ..] = &mut self.scratch.rows;
+                for index in start..end {
+                    total[index] = parts[0][index] + parts[1][index] + parts[2][index];
+                }
+            }
+        }
+    }
+}
+
+/// [`Excitation::sweep_back`], samples in lanes.
+struct SweepBack<'a, const P: usize> {
+    excitation: &'a Excitation,
+    weights: &'a [Vec<f64>; P],
+    motion: [&'a [f64]; 3],
+    gradient: [&'a mut [f64]; 3],
+}
+
+impl<const P: usize> Kernel for SweepBack<'_, P> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Lanes<Raw = [f64; 1]>, L: Lanes>(self) {
+        let (robot, width) = (&self.excitation.robot, self.excitation.n_base);
+        let n = robot.n_joints();
+        let full = N_LINK_PARAMS * n;
+        let n_samples = self.motion[0].len() / n;
+        let mut sweep = Sweep::<L, P>::new(robot);
+        let mut states = StateRows::<L>::new(n);
+        let mut spread = vec![L::ZERO; P * n * full];
+        let mut rows = [vec![L::ZERO; n], vec![L::ZERO; n], vec![L::ZERO; n]];
+        let [out_q, out_dq, out_ddq] = self.gradient;
+        for k in 0..n_samples.div_ceil(L::LEN) {
+            let samples = lane_samples::<L>(k, n_samples);
+            let samples = &samples[..L::LEN];
+            states.take_samples(self.motion, samples);
+            for (part, weights) in self.weights.iter().enumerate() {
+                for (i, columns) in self.excitation.columns.iter().enumerate() {
+                    for j in 0..=i {
+                        for &(column, parameter) in columns {
+                            let to = (part * n + j) * full + i * N_LINK_PARAMS + parameter;
+                            let from = j * width + column;
+                            spread[to] = gather::<L>(weights, samples, n * width, from).raw();
+                        }
+                    }
+                }
+            }
+            sweep.forward(robot, states.rows());
+            let [q, dq, ddq] = &mut rows;
+            sweep.reverse(robot, &spread, [q, dq, ddq]);
+            let start = k * L::LEN * n;
+            put::<L>(&rows[0], &mut out_q[start..], n);
+            put::<L>(&rows[1], &mut out_dq[start..], n);
+            put::<L>(&rows[2], &mut out_ddq[start..], n);
+        }
+    }
+}
+
 /// Memory of one evaluation, kept for the next.
 #[derive(Debug)]
 struct Scratch<const P: usize> {
-    sweep: Sweep<P>,
     /// Rows of W, Wa, Wb, Wg; of W alone if the parts are summed.
     rows: [Vec<f64>; 4],
     /// Gradient with respect to the rows of each part.
     weights: [Vec<f64>; P],
     projected: Vec<f64>,
-    spread: Vec<f64>,
     row: Vec<f64>,
 }
 
 impl<const P: usize> Scratch<P> {
-    fn new(robot: &RobotModel) -> Self {
+    fn new() -> Self {
         Self {
-            sweep: Sweep::new(robot),
             rows: Default::default(),
             weights: std::array::from_fn(|_| Vec::new()),
             projected: Vec::new(),
-            spread: Vec::new(),
             row: Vec::new(),
         }
     }

@@ -41,7 +41,7 @@ pub fn merge(factors: &[&[f64]], width: usize) -> Result<Vec<f64>, OfflineError>
     Ok(tree(factors.iter().map(|f| f.to_vec()).collect(), width))
 }
 
-fn tree(mut level: Vec<Vec<f64>>, width: usize) -> Vec<f64> {
+pub(crate) fn tree(mut level: Vec<Vec<f64>>, width: usize) -> Vec<f64> {
     if level.is_empty() {
         return vec![0.0; width * width];
     }
@@ -58,7 +58,7 @@ fn tree(mut level: Vec<Vec<f64>>, width: usize) -> Vec<f64> {
 }
 
 /// Householder QR of one block.
-fn factor_once(rows: &[f64], width: usize) -> Vec<f64> {
+pub(crate) fn factor_once(rows: &[f64], width: usize) -> Vec<f64> {
     let m = rows.len() / width;
     let a = Mat::from_fn(m, width, |i, j| rows[i * width + j]);
     let qr = a.qr();

@@ -67,6 +67,12 @@ impl ZeroPhase {
         })
     }
 
+    /// True if there is no section, so that it hands its input through.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.sections.is_empty()
+    }
+
     /// Least number of samples that can be filtered.
     #[must_use]
     pub fn min_samples(&self) -> usize {

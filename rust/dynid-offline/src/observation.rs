@@ -99,7 +99,7 @@ pub struct JointRows {
 
 /// Columns of all joints side by side: `wanted[c]` says what column c of the wide raw matrix is.
 #[derive(Clone, Copy)]
-enum Wanted {
+pub(crate) enum Wanted {
     Effect { term: usize, column: usize },
     Link { parameter: usize },
     Torque,
@@ -125,12 +125,7 @@ pub fn observe(
 
     let plan: Vec<Vec<Wanted>> = (0..n).map(|j| columns_of(j, effects, pivots)).collect();
     let width: usize = plan.iter().map(Vec::len).sum();
-    // What remembers runs once along the whole run; everything else is evaluated where it is needed.
-    let all: Vec<usize> = (0..n).collect();
-    let history: Vec<Option<Vec<f64>>> = effects
-        .par_iter()
-        .map(|effect| (effect.entry().memory > 0).then(|| columns(effect, n, &run.signals, &all)))
-        .collect();
+    let history = history(effects, n, &run.signals);
     let mut raw = vec![0.0; n_samples * width];
     raw.par_chunks_mut(width * 256)
         .enumerate()
@@ -162,8 +157,23 @@ pub fn observe(
     })
 }
 
+/// Columns of the effects that remember, which run once along the whole run; everything else is evaluated where it is
+/// needed.
+pub(crate) fn history(
+    effects: &[Effect],
+    n_joints: usize,
+    signals: &RunSignals<'_>,
+) -> Vec<Option<Vec<f64>>> {
+    let all: Vec<usize> = (0..n_joints).collect();
+    let remembers = |effect: &Effect| effect.entry().memory > 0;
+    effects
+        .par_iter()
+        .map(|effect| remembers(effect).then(|| columns(effect, n_joints, signals, &all)))
+        .collect()
+}
+
 /// Columns of joint `j`: effects first (they are eliminated first), then the base columns of links j and beyond, torque.
-fn columns_of(j: usize, effects: &[Effect], pivots: &[usize]) -> Vec<Wanted> {
+pub(crate) fn columns_of(j: usize, effects: &[Effect], pivots: &[usize]) -> Vec<Wanted> {
     let effects = effects.iter().enumerate().flat_map(|(term, effect)| {
         (0..effect.n_columns()).map(move |column| Wanted::Effect { term, column })
     });
@@ -245,7 +255,7 @@ pub fn slice_state<'a>(state: &State<'a>, at: std::ops::Range<usize>) -> State<'
     }
 }
 
-fn check(
+pub(crate) fn check(
     robot: &RobotModel,
     effects: &[Effect],
     pivots: &[usize],

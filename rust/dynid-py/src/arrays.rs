@@ -1,7 +1,8 @@
 //! Arrays are checked once, at this edge: float64, C order, the right shape, finite.
 
+use numpy::ndarray::{Array2, Array3};
 use numpy::{
-    PyArray1, PyArray2, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2,
+    PyArray1, PyArray2, PyArray3, PyArrayDyn, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2,
     PyUntypedArrayMethods,
 };
 use pyo3::exceptions::{PyTypeError, PyValueError};
@@ -10,6 +11,11 @@ use pyo3::types::IntoPyDict;
 
 /// `numpy.asarray(value, dtype=float, order="C")`; anything that is no array of numbers is a `TypeError` naming it.
 pub fn contiguous<'py>(value: &Bound<'py, PyAny>, name: &str) -> PyResult<Bound<'py, PyAny>> {
+    // What is as it should be is not handed around.
+    let as_it_is = value.cast_exact::<PyArrayDyn<f64>>();
+    if as_it_is.is_ok_and(PyUntypedArrayMethods::is_c_contiguous) {
+        return Ok(value.clone());
+    }
     let py = value.py();
     let options = [("dtype", "float64"), ("order", "C")].into_py_dict(py)?;
     py.import("numpy")?
@@ -118,6 +124,10 @@ pub fn vector<'py>(
 }
 
 fn finite(values: &[f64], name: &str, n_columns: usize) -> PyResult<()> {
+    // Without a way out on the way: eight at a time.
+    if values.iter().fold(true, |all, x| all & x.is_finite()) {
+        return Ok(());
+    }
     match values.iter().position(|x| !x.is_finite()) {
         None => Ok(()),
         Some(at) => Err(PyValueError::new_err(format!(
@@ -129,6 +139,15 @@ fn finite(values: &[f64], name: &str, n_columns: usize) -> PyResult<()> {
     }
 }
 
+/// `work` with Python's lock released, unless the samples are so few that handing it back takes longer.
+pub fn unlocked<T: Send>(py: Python<'_>, n_samples: usize, work: impl FnOnce() -> T + Send) -> T {
+    if n_samples < 64 {
+        work()
+    } else {
+        py.detach(work)
+    }
+}
+
 /// Hands a row-major buffer to numpy as a 2-D array, without a copy.
 pub fn to_matrix(
     py: Python<'_>,
@@ -136,7 +155,9 @@ pub fn to_matrix(
     n_columns: usize,
 ) -> PyResult<Bound<'_, PyArray2<f64>>> {
     let rows = values.len().checked_div(n_columns).unwrap_or(0);
-    PyArray1::from_vec(py, values).reshape([rows, n_columns])
+    Array2::from_shape_vec([rows, n_columns], values)
+        .map(|array| PyArray2::from_owned_array(py, array))
+        .map_err(|error| PyValueError::new_err(error.to_string()))
 }
 
 /// Hands a row-major buffer to numpy as a 3-D array, without a copy.
@@ -145,5 +166,7 @@ pub fn to_cube(
     values: Vec<f64>,
     shape: [usize; 3],
 ) -> PyResult<Bound<'_, PyArray3<f64>>> {
-    PyArray1::from_vec(py, values).reshape(shape)
+    Array3::from_shape_vec(shape, values)
+        .map(|array| PyArray3::from_owned_array(py, array))
+        .map_err(|error| PyValueError::new_err(error.to_string()))
 }

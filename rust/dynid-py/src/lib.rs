@@ -62,6 +62,9 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(model::true_motion, m)?)?;
     m.add_function(wrap_pyfunction!(offline::observe, m)?)?;
     m.add_function(wrap_pyfunction!(observer::observe_momentum, m)?)?;
+    m.add_function(wrap_pyfunction!(offline::fold, m)?)?;
+    m.add_function(wrap_pyfunction!(offline::weighted_fit, m)?)?;
+    m.add_function(wrap_pyfunction!(offline::processor_path, m)?)?;
     m.add_function(wrap_pyfunction!(offline::filtered_friction_basis, m)?)?;
     m.add_function(wrap_pyfunction!(offline::triangular_factor, m)?)?;
     m.add_function(wrap_pyfunction!(offline::merge_factors, m)?)?;

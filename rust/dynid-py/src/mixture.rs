@@ -63,12 +63,13 @@ impl PyGaussianMixtureRegression {
         let d = self.0.n_inputs();
         let u = arrays::matrix(u, "u", d)?;
         let rows = u.as_slice()?;
-        let (mean, variance): (Vec<f64>, Vec<f64>) = py.detach(|| {
-            rows.chunks_exact(d)
-                .map(|u| self.0.predict(u))
-                .map(|p| (p.mean, p.variance))
-                .unzip()
-        });
+        let n = rows.len() / d;
+        let (mut mean, mut variance, mut distance) = (vec![0.0; n], vec![0.0; n], vec![0.0; n]);
+        py.detach(|| {
+            self.0
+                .predict_into(rows, &mut mean, &mut variance, &mut distance)
+        })
+        .map_err(errors::core)?;
         Ok((
             PyArray1::from_vec(py, mean),
             PyArray1::from_vec(py, variance),

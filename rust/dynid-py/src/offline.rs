@@ -1,9 +1,10 @@
 //! Rows and factors in Python.
 
 use dynid_core::effects::{friction_columns, N_FRICTION};
+use dynid_core::lanes::{use_path, Path};
 use dynid_offline::filter::LANES;
 use dynid_offline::{RunStates, Sampling, ZeroPhase};
-use numpy::PyArray2;
+use numpy::{PyArray1, PyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
@@ -77,6 +78,108 @@ pub fn observe<'py>(
         .into_iter()
         .map(|joint| arrays::to_matrix(py, joint.rows, joint.width))
         .collect()
+}
+
+/// Triangular factor of every joint's rows, folded while they are built: a list of (n_columns, n_columns) arrays.
+#[pyfunction]
+#[pyo3(signature = (robot, effects, pivots, q, dq, ddq, q_motor, dq_motor, ddq_motor, tau, *, filter=None, kept=None, tau_link=None, step=None, temperature=None))]
+#[expect(
+    clippy::too_many_arguments,
+    reason = "a run's seven signals and the plan"
+)]
+pub fn fold<'py>(
+    py: Python<'py>,
+    robot: &PyRobotModel,
+    effects: Vec<PyEffect>,
+    pivots: Vec<usize>,
+    q: &Bound<'py, PyAny>,
+    dq: &Bound<'py, PyAny>,
+    ddq: &Bound<'py, PyAny>,
+    q_motor: &Bound<'py, PyAny>,
+    dq_motor: &Bound<'py, PyAny>,
+    ddq_motor: &Bound<'py, PyAny>,
+    tau: &Bound<'py, PyAny>,
+    filter: FilterParts<'py>,
+    kept: Option<Vec<usize>>,
+    tau_link: Option<&Bound<'py, PyAny>>,
+    step: Option<f64>,
+    temperature: Option<&Bound<'py, PyAny>>,
+) -> PyResult<Vec<Bound<'py, PyArray2<f64>>>> {
+    let n = robot.0.n_joints();
+    let motor = [Some(q_motor), Some(dq_motor), Some(ddq_motor)];
+    let arrays = RunArrays::new([q, dq, ddq], motor, tau_link, temperature, step, n)?;
+    let [_, tau] = arrays::samples([("q", q), ("tau", tau)], n)?;
+    let run = RunStates {
+        signals: arrays.signals()?,
+        tau: tau.as_slice()?,
+    };
+    let effects: Vec<_> = effects.into_iter().map(|effect| effect.0).collect();
+    let sampling = match (filter, kept) {
+        (None, None) => None,
+        (filter, kept) => {
+            let every = || (0..run.tau.len() / n).collect();
+            Some(sampling(filter, kept.unwrap_or_else(every))?)
+        }
+    };
+    let factors = py
+        .detach(|| dynid_offline::fold(&robot.0, &effects, &pivots, &run, sampling.as_ref()))
+        .map_err(errors::offline)?;
+    factors
+        .into_iter()
+        .map(|factor| {
+            let width = factor.len().isqrt();
+            arrays::to_matrix(py, factor, width)
+        })
+        .collect()
+}
+
+/// Base parameters, effects, noise and standard deviations from the joints' factors.
+#[pyfunction]
+#[pyo3(signature = (factors, pivots, n_rows, *, n_reweightings=2))]
+pub fn weighted_fit<'py>(
+    py: Python<'py>,
+    factors: Vec<Bound<'py, PyAny>>,
+    pivots: Vec<usize>,
+    n_rows: usize,
+    n_reweightings: usize,
+) -> PyResult<[Bound<'py, PyArray1<f64>>; 5]> {
+    let parts = factors
+        .iter()
+        .map(|factor| arrays::matrix(factor, "factor", arrays::width(factor, "factor")?))
+        .collect::<PyResult<Vec<_>>>()?;
+    let slices = parts
+        .iter()
+        .map(|part| part.as_slice())
+        .collect::<Result<Vec<_>, _>>()?;
+    let fit = py
+        .detach(|| dynid_offline::weighted_fit(&slices, &pivots, n_rows, n_reweightings))
+        .map_err(errors::offline)?;
+    let parts = [
+        fit.base,
+        fit.base_std,
+        fit.effects,
+        fit.effects_std,
+        fit.noise_std,
+    ];
+    Ok(parts.map(|part| PyArray1::from_vec(py, part)))
+}
+
+/// Name of the instructions that the kernels run on; with `path`, those of that name from now on.
+#[pyfunction]
+#[pyo3(signature = (path=None))]
+pub fn processor_path(path: Option<&str>) -> PyResult<&'static str> {
+    if let Some(name) = path {
+        let wanted = Path::ALL.into_iter().find(|path| path.name() == name);
+        if !wanted.is_some_and(use_path) {
+            let there = Path::ALL.into_iter().filter(|path| path.is_available());
+            let there: Vec<_> = there.map(Path::name).collect();
+            return Err(PyValueError::new_err(format!(
+                "this processor has no path {name:?}, expected one of {}",
+                there.join(", ")
+            )));
+        }
+    }
+    Ok(dynid_core::lanes::path().name())
 }
 
 /// Friction basis at speeds `dq` of one joint, filtered and decimated like everything else: (n_kept, 8).

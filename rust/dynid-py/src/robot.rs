@@ -8,7 +8,7 @@ use dynid_io::mdh::{self, MdhOptions};
 use dynid_io::model_file;
 use dynid_io::urdf::{self, UrdfOptions};
 use dynid_offline::batch;
-use numpy::{PyArray1, PyArray2, PyArray3, PyUntypedArrayMethods};
+use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
@@ -281,11 +281,14 @@ impl PyRobotModel {
                 .to_vec(),
             None => self.0.phi(),
         };
-        let mut tau = vec![0.0; q.len()];
+        let n_samples = q.shape()[0];
         let (q, dq, ddq) = (q.as_slice()?, dq.as_slice()?, ddq.as_slice()?);
-        py.detach(|| batch::inverse_dynamics(&self.0, q, dq, ddq, &phi, &mut tau))
-            .map_err(errors::core)?;
-        arrays::to_matrix(py, tau, n)
+        let tau = PyArray2::zeros(py, [n_samples, n], false);
+        let mut out = tau.try_readwrite()?;
+        let out = out.as_slice_mut()?;
+        let work = || batch::inverse_dynamics(&self.0, q, dq, ddq, &phi, out);
+        arrays::unlocked(py, n_samples, work).map_err(errors::core)?;
+        Ok(tau)
     }
 
     #[pyo3(signature = (q, dq, ddq, phi=None))]
@@ -310,11 +313,13 @@ impl PyRobotModel {
         let n = self.0.n_joints();
         let [q, dq, ddq] = arrays::samples([("q", q), ("dq", dq), ("ddq", ddq)], n)?;
         let n_samples = q.shape()[0];
-        let mut regressor = vec![0.0; n_samples * n * 10 * n];
         let (q, dq, ddq) = (q.as_slice()?, dq.as_slice()?, ddq.as_slice()?);
-        py.detach(|| batch::joint_torque_regressor(&self.0, q, dq, ddq, &mut regressor))
-            .map_err(errors::core)?;
-        arrays::to_cube(py, regressor, [n_samples, n, 10 * n])
+        let regressor = PyArray3::zeros(py, [n_samples, n, 10 * n], false);
+        let mut out = regressor.try_readwrite()?;
+        let out = out.as_slice_mut()?;
+        let work = || batch::joint_torque_regressor(&self.0, q, dq, ddq, out);
+        arrays::unlocked(py, n_samples, work).map_err(errors::core)?;
+        Ok(regressor)
     }
 
     #[pyo3(signature = (random_state=0, rtol=1e-9))]

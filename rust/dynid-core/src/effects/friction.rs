@@ -1,6 +1,10 @@
 //! The paper's friction (Eqs. 9-11): two directions with coefficients of their own, viscous terms above a threshold.
 
 use super::EffectInput;
+use crate::lanes::{self, Kernel, Lanes, MOST_LANES};
+
+/// Name in files and reports.
+pub(super) const KIND: &str = "friction";
 
 /// Columns per joint: two Coulomb, and three viscous orders for each direction.
 pub const N_FRICTION: usize = 8;
@@ -30,19 +34,91 @@ pub fn direction(dq: f64, eps: f64) -> f64 {
 /// friction is odd (Eq. 4) only if the quadratic coefficients of the two sides are opposite.
 #[must_use]
 pub fn friction_columns(dq: f64, lambda: f64, eps: f64) -> [f64; N_FRICTION] {
-    let s = direction(dq, eps);
-    let side = usize::from(dq < 0.0);
+    struct One([f64; 3]);
+
+    impl Kernel for One {
+        type Output = [f64; N_FRICTION];
+
+        #[inline(always)]
+        fn run<S: Lanes<Raw = [f64; 1]>, L: Lanes>(self) -> Self::Output {
+            let [dq, lambda, eps] = self.0;
+            let row = friction_row(S::splat(dq), S::splat(lambda), S::splat(eps));
+            let mut columns = [0.0; N_FRICTION];
+            for (column, x) in columns.iter_mut().zip(row) {
+                [*column] = x.raw();
+            }
+            columns
+        }
+    }
+
+    lanes::run(One([dq, lambda, eps]))
+}
+
+/// [`friction_columns`] of a row of speeds.
+#[inline(always)]
+pub fn friction_row<L: Lanes>(dq: L, lambda: L, eps: L) -> [L; N_FRICTION] {
+    let zero = L::splat(0.0);
+    let s = lanes::tanh(dq / eps);
     // 1 in motion, 1/2 at rest: (s + 1)/2 for dq >= 0, (1 - s)/2 for dq < 0.
-    let gate = (1.0 + s.abs()) / 2.0;
-    let mut columns = [0.0; N_FRICTION];
-    columns[side] = s * gate; // Eq. 10
-    if dq.abs() >= lambda {
-        // Eq. 11, from the threshold of Eq. 9 on.
-        columns[2 + side] = gate * dq;
-        columns[4 + side] = dq * dq;
-        columns[6 + side] = dq * dq * dq;
+    let gate = s.abs().mul_add(L::splat(0.5), L::splat(0.5));
+    let square = dq * dq;
+    // Eq. 10, then Eq. 11 from the threshold of Eq. 9 on.
+    let terms = [s * gate, gate * dq, square, square * dq];
+    let mut columns = [zero; N_FRICTION];
+    for (k, term) in terms.into_iter().enumerate() {
+        let term = if k == 0 {
+            term
+        } else {
+            dq.abs().if_less(lambda, zero, term)
+        };
+        columns[2 * k] = dq.if_less(zero, zero, term);
+        columns[2 * k + 1] = dq.if_less(zero, term, zero);
     }
     columns
+}
+
+/// Friction torque of all joints, in lanes.
+pub(super) struct FrictionTorque<'a> {
+    /// lambda, eps and the eight coefficients, each padded to whole rows: see [`padded`].
+    pub numbers: &'a [f64],
+    pub dq: &'a [f64],
+    pub tau: &'a mut [f64],
+}
+
+/// Shapes (lambda, eps) and coefficients (eight) of every joint, turned over so that joints stand side by side.
+pub(super) fn padded(shape: &[f64], coefficients: &[f64]) -> Vec<f64> {
+    let n = shape.len() / 2;
+    let width = n.next_multiple_of(MOST_LANES);
+    let mut numbers = vec![0.0; (2 + N_FRICTION) * width];
+    numbers[width..2 * width].fill(1.0); // eps of lanes without a joint
+    for j in 0..n {
+        let own = shape[2 * j..2 * j + 2]
+            .iter()
+            .chain(&coefficients[N_FRICTION * j..N_FRICTION * (j + 1)]);
+        for (k, x) in own.enumerate() {
+            numbers[k * width + j] = *x;
+        }
+    }
+    numbers
+}
+
+impl Kernel for FrictionTorque<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Lanes<Raw = [f64; 1]>, L: Lanes>(self) {
+        let width = self.dq.len().next_multiple_of(MOST_LANES);
+        let rows = self.dq.chunks(L::LEN).zip(self.tau.chunks_mut(L::LEN));
+        for (k, (dq, tau)) in rows.enumerate() {
+            let at = &self.numbers[k * L::LEN..];
+            let columns = friction_row(L::load_some(dq), L::load(at), L::load(&at[width..]));
+            let mut sum = L::splat(0.0);
+            for (k, column) in columns.into_iter().enumerate() {
+                sum = sum + column * L::load(&at[(2 + k) * width..]);
+            }
+            sum.store_some(tau);
+        }
+    }
 }
 
 /// Eight columns. `shape`: lambda of Eq. 9 and eps of Eqs. 10-11 \[rad/s\].

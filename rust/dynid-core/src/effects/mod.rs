@@ -27,6 +27,7 @@ pub use friction::{friction_columns, FRICTION_NAMES, N_FRICTION};
 
 use crate::dynamics::check_length;
 use crate::error::{CoreError, EffectError};
+use crate::lanes;
 use crate::state::State;
 
 /// Upper bound on [`Effect::n_columns`]; columns of one joint fit in an array of this length.
@@ -121,7 +122,7 @@ impl Effect {
         transition_width: &[f64],
     ) -> Result<Self, EffectError> {
         Self::new(
-            "friction",
+            friction::KIND,
             &[
                 ("velocity_threshold", velocity_threshold),
                 ("transition_width", transition_width),
@@ -198,6 +199,18 @@ impl Effect {
         );
     }
 
+    /// [`Self::columns_into`] of the paper's friction at a row of motor speeds of joint `j`, to the same bits; `None` for
+    /// other effects.
+    #[inline(always)]
+    pub fn friction_row<L: lanes::Lanes>(&self, j: usize, dq_motor: L) -> Option<[L; N_FRICTION]> {
+        let shape = self.shape.get(2 * j..2 * j + 2)?;
+        if self.kind() != friction::KIND {
+            return None;
+        }
+        let [lambda, eps] = [L::splat(shape[0]), L::splat(shape[1])];
+        Some(friction::friction_row(dq_motor, lambda, eps))
+    }
+
     /// # Errors
     /// [`CoreError::Length`] if the shape parameters are not those of `n_joints`.
     pub fn check(&self, n_joints: usize) -> Result<(), CoreError> {
@@ -241,6 +254,8 @@ fn check_row(
 pub struct EffectTerm {
     effect: Effect,
     coefficients: Vec<f64>,
+    /// Of friction, which every model has: the same numbers with joints in lanes. Empty for other effects.
+    lanes: Vec<f64>,
 }
 
 impl EffectTerm {
@@ -254,9 +269,15 @@ impl EffectTerm {
         if !coefficients.iter().all(|x| x.is_finite()) {
             return Err(CoreError::NonFiniteParameter);
         }
+        let lanes = if effect.kind() == friction::KIND {
+            friction::padded(&effect.shape, &coefficients)
+        } else {
+            Vec::new()
+        };
         Ok(Self {
             effect,
             coefficients,
+            lanes,
         })
     }
 
@@ -274,6 +295,13 @@ impl EffectTerm {
 
     /// Torque of every joint \[N·m\], written to `tau`; `memory` (length [`Effect::memory_len`]) goes one sample on.
     pub fn torque_into(&self, input: &EffectInput<'_>, memory: &mut [f64], tau: &mut [f64]) {
+        if !self.lanes.is_empty() {
+            return lanes::run(friction::FrictionTorque {
+                numbers: &self.lanes,
+                dq: input.state.dq_motor,
+                tau,
+            });
+        }
         let width = self.effect.n_columns();
         let mut columns = [0.0; MAX_COLUMNS];
         for (j, (tau, coefficients)) in tau

@@ -1,0 +1,34 @@
+"""Processor time of a million samples to base parameters, and what the process grew by; one line of JSON."""
+
+from __future__ import annotations
+
+import json
+import resource
+import statistics
+
+import numpy as np
+from measure import processor_seconds
+
+import dynid_rs as dyn
+from dynid_rs.simulation import bundled_robot
+
+
+def peak() -> float:
+    """Most memory that this process ever had [MB]."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+def main():
+    robot = dyn.RobotModel.from_urdf(bundled_robot())
+    offset = dyn.Effect.torque_offset()
+    rng = np.random.default_rng(0)
+    signals = [rng.uniform(-2, 2, (1_000_000, robot.n_joints)) for _ in range(4)]
+    before = peak()
+    dyn.fit_base_parameters(robot, *(signal[:2000] for signal in signals), effects=[offset])
+    started = peak()
+    times = [processor_seconds(lambda: dyn.fit_base_parameters(robot, *signals, effects=[offset]), 1) for _ in range(3)]
+    print(json.dumps({"seconds": statistics.median(times), "megabytes": peak() - before, "growth": peak() - started}))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,205 @@
+//! Time of one torque estimate (six turning joints: rigid body, friction, a mixture of ten components per joint),
+//! free-running: a histogram over ten million cycles. Every time holds one reading of the clock.
+//!
+//! `cargo bench -p dynid-core --bench estimate [cycles]`; prints one line of JSON per processor path.
+
+#![allow(clippy::print_stdout, clippy::unwrap_used)]
+
+use std::hint::black_box;
+use std::sync::Arc;
+use std::time::Instant;
+
+use dynid_core::lanes::{use_path, Path};
+use dynid_core::model::TorqueModelParts;
+use dynid_core::{
+    inverse_dynamics_into, Domain, Effect, EffectInput, EffectTerm, GaussianMixtureRegression,
+    Joint, JointKind, JointLimits, Load, Residual, ResidualInputs, RobotModel, State,
+    TorqueEstimator, TorqueModel, Workspace,
+};
+use nalgebra::{Rotation3, Vector3};
+
+const N: usize = 6;
+const COMPONENTS: usize = 10;
+const N_STATES: usize = 1024;
+const CYCLES: u64 = 10_000_000;
+/// Width of the histogram in nanoseconds; longer times count as this one, their maximum is kept beside it.
+const LONGEST: usize = 1_000_000;
+
+/// SplitMix64 on [-1, 1].
+struct Uniform(u64);
+
+impl Uniform {
+    fn next(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
+    }
+}
+
+/// A six-axis arm of common shape: every axis turned a quarter from the one before or parallel to it.
+fn robot() -> RobotModel {
+    let turns = [0.0, 1.0, 0.0, 0.0, 1.0, -1.0].map(|t| t * std::f64::consts::FRAC_PI_2);
+    let joints = turns.iter().enumerate().map(|(j, turn)| Joint {
+        name: format!("joint {j}"),
+        link: format!("link {j}"),
+        kind: JointKind::Revolute,
+        rotation: Rotation3::from_euler_angles(*turn, 0.1 * j as f64, 0.0).into_inner(),
+        translation: Vector3::new(0.1 * j as f64, -0.05, 0.3),
+        axis: Vector3::z(),
+        limits: JointLimits::default(),
+        rotor_inertia: 0.0,
+        gear_ratio: None,
+        phi: [2.0, 0.3, -0.1, 0.5, 0.7, 0.02, 0.9, -0.05, 0.04, 1.1],
+    });
+    RobotModel::new(
+        "arm".to_owned(),
+        joints.collect(),
+        Vector3::new(0.0, 0.0, -9.81),
+    )
+    .unwrap()
+}
+
+fn mixture(random: &mut Uniform) -> GaussianMixtureRegression {
+    let weights = vec![1.0 / COMPONENTS as f64; COMPONENTS];
+    let means = (0..3 * COMPONENTS).map(|_| random.next()).collect();
+    let covariances = (0..COMPONENTS).flat_map(|_| {
+        let c = 0.05 * random.next();
+        [0.3, c, 0.1, c, 0.4, -0.05, 0.1, -0.05, 0.5]
+    });
+    GaussianMixtureRegression::new(2, weights, means, covariances.collect()).unwrap()
+}
+
+fn model(random: &mut Uniform) -> TorqueModel {
+    let robot = robot();
+    let friction = Effect::friction(&[0.01; N], &[0.02; N]).unwrap();
+    let coefficients = (0..8 * N).map(|_| 1.0 + random.next()).collect();
+    let joints = (0..N).map(|_| Some(mixture(random).into())).collect();
+    TorqueModel::new(TorqueModelParts {
+        phi: robot.phi(),
+        torque_scale: vec![1.0; N],
+        effects: vec![EffectTerm::new(friction, coefficients, N).unwrap()],
+        residual: Some(Residual::new(ResidualInputs::JointState, joints).unwrap()),
+        encoder_delay: vec![0.0; N],
+        noise_std: vec![0.1; N],
+        domain: Domain {
+            q: vec![[-3.2, 3.2]; N],
+            dq: vec![3.0; N],
+            ddq: vec![10.0; N],
+        },
+        torque_unit: "N*m".to_owned(),
+        step: None,
+        robot,
+    })
+    .unwrap()
+}
+
+/// Counts per nanosecond, and the longest.
+fn histogram(cycles: u64, mut work: impl FnMut(usize)) -> (Vec<u64>, u64) {
+    let mut counts = vec![0_u64; LONGEST + 1];
+    let mut longest = 0;
+    for k in 0..cycles {
+        let start = Instant::now();
+        work(k as usize % N_STATES);
+        let time = start.elapsed().as_nanos() as u64;
+        counts[(time as usize).min(LONGEST)] += 1;
+        longest = longest.max(time);
+    }
+    (counts, longest)
+}
+
+fn percentile(counts: &[u64], part: f64) -> usize {
+    let total: u64 = counts.iter().sum();
+    let rank = (part * total as f64).ceil() as u64;
+    let mut seen = 0;
+    counts
+        .iter()
+        .position(|count| {
+            seen += count;
+            seen >= rank
+        })
+        .unwrap_or(counts.len())
+}
+
+fn report(what: &str, path: &str, cycles: u64, (counts, longest): &(Vec<u64>, u64)) {
+    let [p50, p99, p999, p9999] = [0.5, 0.99, 0.999, 0.9999].map(|part| percentile(counts, part));
+    println!(
+        "{{\"what\":\"{what}\",\"path\":\"{path}\",\"cycles\":{cycles},\"p50_ns\":{p50},\"p99_ns\":{p99},\
+         \"p99.9_ns\":{p999},\"p99.99_ns\":{p9999},\"max_ns\":{longest}}}"
+    );
+}
+
+/// The terms by themselves.
+fn parts(model: &TorqueModel, path: Path, cycles: u64, [q, dq, ddq]: [&[f64]; 3]) {
+    let (mut tau, mut variance) = ([0.0; N], [0.0; N]);
+    let mut workspace = Workspace::new(model.robot());
+    let times = histogram(cycles, |k| {
+        let at = k * N..(k + 1) * N;
+        let (q, dq, ddq) = (&q[at.clone()], &dq[at.clone()], &ddq[at]);
+        inverse_dynamics_into(
+            model.robot(),
+            &mut workspace,
+            q,
+            dq,
+            ddq,
+            model.phi(),
+            &mut tau,
+        )
+        .unwrap();
+        black_box(&tau);
+    });
+    report("rigid body", path.name(), cycles, &times);
+    let tau_link = [0.0; N];
+    let state = |k: usize| {
+        let at = k * N..(k + 1) * N;
+        State::single(&q[at.clone()], &dq[at.clone()], &ddq[at])
+    };
+    let times = histogram(cycles, |k| {
+        let input = EffectInput {
+            state: state(k),
+            tau_link: &tau_link,
+            step: 0.0,
+        };
+        model.effects()[0].torque_into(&input, &mut [], &mut tau);
+        black_box(&tau);
+    });
+    report("friction", path.name(), cycles, &times);
+    let times = histogram(cycles, |k| {
+        let load = Load {
+            tau_link: &tau_link,
+            scaled: &tau_link,
+        };
+        let residual = model.residual().unwrap();
+        residual.torque_into(&state(k), load, &mut tau, &mut variance);
+        black_box((&tau, &variance));
+    });
+    report("mixtures", path.name(), cycles, &times);
+}
+
+fn main() {
+    // Cargo hands `--bench` over.
+    let cycles = std::env::args()
+        .filter_map(|argument| argument.parse().ok())
+        .next()
+        .unwrap_or(CYCLES);
+    let mut random = Uniform(1);
+    let model = Arc::new(model(&mut random));
+    let mut signal =
+        |scale: f64| -> Vec<f64> { (0..N * N_STATES).map(|_| scale * random.next()).collect() };
+    let (q, dq, ddq) = (signal(3.0), signal(2.0), signal(5.0));
+    let mut tau = [0.0; N];
+    report("clock alone", "-", cycles, &histogram(cycles, |_| {}));
+    for path in Path::ALL.into_iter().filter(|path| path.is_available()) {
+        use_path(path);
+        let mut estimator = TorqueEstimator::new(Arc::clone(&model));
+        let times = histogram(cycles, |k| {
+            let at = k * N..(k + 1) * N;
+            let state = State::single(&q[at.clone()], &dq[at.clone()], &ddq[at]);
+            black_box(estimator.estimate_into(black_box(&state), &mut tau)).unwrap();
+            black_box(&tau);
+        });
+        report("estimate", path.name(), cycles, &times);
+        parts(&model, path, cycles / 10, [&q, &dq, &ddq]);
+    }
+}

@@ -1,0 +1,196 @@
+//! Sine, cosine, exponential and hyperbolic tangent of a row, without a branch on what is common.
+//!
+//! Reductions and polynomials are the classical ones (Cody and Waite; the kernels of fdlibm for sine and cosine, Taylor's
+//! series for the exponential). Errors stay below two units in the last place; the tests measure them.
+
+use super::{Lanes, SIGN};
+
+/// Adding and taking away this number rounds to the nearest integer, which is then in the lowest bits of the sum.
+const ROUND: f64 = 6_755_399_441_055_744.0; // 1.5 * 2^52
+
+/// Arguments of sine and cosine from here on go to the library: the reduction below has no bits for them.
+const FAR: f64 = 32_768.0;
+
+/// pi/2 in parts: 33 bits, the next 33, the rest.
+const HALF_PI: [f64; 3] = [
+    f64::from_bits(0x3FF9_21FB_5440_0000),
+    f64::from_bits(0x3DD0_B461_1A60_0000),
+    f64::from_bits(0x3BA3_198A_2E03_7073),
+];
+
+/// `-1/3!, 1/5!, ...`, fitted on a quarter turn.
+const SINE: [f64; 6] = [
+    -1.666_666_666_666_663_2e-1,
+    8.333_333_333_322_49e-3,
+    -1.984_126_982_985_795e-4,
+    2.755_731_370_707_006_8e-6,
+    -2.505_076_025_340_686_3e-8,
+    1.589_690_995_211_55e-10,
+];
+
+/// `1/4!, -1/6!, ...`, fitted on a quarter turn.
+const COSINE: [f64; 6] = [
+    4.166_666_666_666_66e-2,
+    -1.388_888_888_887_411e-3,
+    2.480_158_728_947_673e-5,
+    -2.755_731_435_139_066_3e-7,
+    2.087_572_321_298_175e-9,
+    -1.135_964_755_778_82e-11,
+];
+
+/// Sine and cosine of `x` \[rad\]. Not a number where `x` is not finite.
+#[inline(always)]
+pub fn sin_cos<L: Lanes>(x: L) -> (L, L) {
+    let rounded = x.mul_add(L::splat(core::f64::consts::FRAC_2_PI), L::splat(ROUND));
+    let n = rounded - L::splat(ROUND);
+    // Exact: both products have at most 53 bits, and where the parts cancel they are multiples of one small number.
+    let coarse = n.mul_sub_from(L::splat(HALF_PI[0]), x);
+    let fine = n * L::splat(HALF_PI[1]);
+    let near = coarse - fine;
+    let left = (coarse - near) - fine;
+    let low = n.mul_sub_from(L::splat(HALF_PI[2]), left);
+    let r = near + low;
+    let low = (near - r) + low;
+
+    let square = r * r;
+    let (s, c) = (sine(r, low, square), cosine(r, low, square));
+    // Odd quarters swap the two; the second bit of the quarter is the sign of the sine, one quarter on of the cosine.
+    let odd = rounded.shift_left::<63>();
+    let sign = L::splat(f64::from_bits(SIGN));
+    let half = rounded.shift_left::<62>().and(sign);
+    let sin = odd.if_signed(c, s).xor(half);
+    let cos = odd.if_signed(s, c).xor(half).xor(odd);
+    if x.abs().all_less(L::splat(FAR)) {
+        (sin, cos)
+    } else {
+        far(x, sin, cos)
+    }
+}
+
+/// `sin, cos`, replaced by the library's where `x` is far.
+#[cold]
+fn far<L: Lanes>(x: L, sin: L, cos: L) -> (L, L) {
+    let (far_sin, far_cos) = (x.each(f64::sin), x.each(f64::cos));
+    let bound = L::splat(FAR);
+    (
+        x.abs().if_less(bound, sin, far_sin),
+        x.abs().if_less(bound, cos, far_cos),
+    )
+}
+
+/// Sine of `r + low` on a quarter turn about zero.
+#[inline(always)]
+fn sine<L: Lanes>(r: L, low: L, square: L) -> L {
+    let fourth = square * square;
+    let [first, a, b, c, d, e] = SINE;
+    let upper = L::splat(e).mul_add(square, L::splat(d));
+    let middle = L::splat(c).mul_add(square, L::splat(b));
+    let series = upper.mul_add(fourth, middle).mul_add(square, L::splat(a));
+    let cube = square * r;
+    let half_low = low * L::splat(0.5);
+    let tail = cube.mul_sub_from(series, half_low);
+    let tail = square.mul_add(tail, -low);
+    r - cube.mul_sub_from(L::splat(first), tail)
+}
+
+/// Cosine of `r + low` on a quarter turn about zero.
+#[inline(always)]
+fn cosine<L: Lanes>(r: L, low: L, square: L) -> L {
+    let fourth = square * square;
+    let [a, b, c, d, e, f] = COSINE;
+    let upper = L::splat(f).mul_add(square, L::splat(e));
+    let middle = L::splat(d).mul_add(square, L::splat(c));
+    let lower = L::splat(b).mul_add(square, L::splat(a));
+    let series = upper.mul_add(fourth, middle).mul_add(fourth, lower);
+    let half = square * L::splat(0.5);
+    let one = L::splat(1.0);
+    let head = one - half;
+    let rounding = (one - head) - half;
+    let tail = r.mul_sub_from(low, rounding);
+    head + fourth.mul_add(series, tail)
+}
+
+/// ln 2 in two parts: 33 bits and the rest.
+const LN_2: [f64; 2] = [
+    f64::from_bits(0x3FE6_2E42_FEE0_0000),
+    f64::from_bits(0x3DEA_39EF_3579_3C76),
+];
+
+/// `1/2!, 1/3!, ..., 1/13!`.
+const FACTORIALS: [f64; 12] = {
+    let mut inverse = [0.0; 12];
+    let (mut k, mut factorial) = (0, 1.0);
+    while k < 12 {
+        factorial *= (k + 2) as f64;
+        inverse[k] = 1.0 / factorial;
+        k += 1;
+    }
+    inverse
+};
+
+/// `x = n ln 2 + r`: n, and `exp(r) - 1`.
+#[inline(always)]
+fn reduced<L: Lanes>(x: L) -> (L, L) {
+    let rounded = x.mul_add(L::splat(core::f64::consts::LOG2_E), L::splat(ROUND));
+    let n = rounded - L::splat(ROUND);
+    let r = n.mul_sub_from(L::splat(LN_2[0]), x);
+    let r = n.mul_sub_from(L::splat(LN_2[1]), r);
+    let (square, f) = (r * r, &FACTORIALS);
+    let fourth = square * square;
+    // Pairs, then pairs of pairs: a third of the latency of Horner's chain.
+    let p0 = L::splat(f[1]).mul_add(r, L::splat(f[0]));
+    let p1 = L::splat(f[3]).mul_add(r, L::splat(f[2]));
+    let p2 = L::splat(f[5]).mul_add(r, L::splat(f[4]));
+    let p3 = L::splat(f[7]).mul_add(r, L::splat(f[6]));
+    let p4 = L::splat(f[9]).mul_add(r, L::splat(f[8]));
+    let p5 = L::splat(f[11]).mul_add(r, L::splat(f[10]));
+    let low = p1.mul_add(square, p0);
+    let middle = p3.mul_add(square, p2);
+    let high = p5.mul_add(square, p4);
+    let series = high.mul_add(fourth, middle).mul_add(fourth, low);
+    (n, series.mul_add(square, r))
+}
+
+/// `2^n` for integers n from -1022 to 1023.
+#[inline(always)]
+fn power_of_two<L: Lanes>(n: L) -> L {
+    (n + L::splat(ROUND + 1023.0)).shift_left::<52>()
+}
+
+/// `exp(x)`; zero below -745.2, infinite above 709.8, not a number where `x` is not.
+#[inline(always)]
+pub fn exp<L: Lanes>(x: L) -> L {
+    let x = x.at_least(L::splat(-746.0)).at_most(L::splat(710.0));
+    let (n, less_one) = reduced(x);
+    // In two steps, so that results below the least normal number come out.
+    let half = n.mul_add(L::splat(0.5), L::splat(ROUND)) - L::splat(ROUND);
+    (less_one + L::splat(1.0)) * power_of_two(half) * power_of_two(n - half)
+}
+
+/// `exp(x)` of numbers that are not positive; what would be below the least normal number (2e-308) is zero.
+#[inline(always)]
+pub fn exp_falling<L: Lanes>(x: L) -> L {
+    // There n is -1023, whose power of two has no bit.
+    let (n, less_one) = reduced(x.at_least(L::splat(-709.1)));
+    (less_one + L::splat(1.0)) * power_of_two(n)
+}
+
+/// `exp(x) - 1`, exact in the small; infinite above 709, not a number where `x` is not.
+#[inline(always)]
+pub fn expm1<L: Lanes>(x: L) -> L {
+    let x = x.at_least(L::splat(-50.0)).at_most(L::splat(710.0));
+    let (n, less_one) = reduced(x);
+    // n reaches 1024, 2^n does not.
+    let scale = power_of_two(n - L::splat(1.0));
+    let half = L::splat(0.5);
+    let half_of_it = less_one.mul_add(scale, scale - half);
+    half_of_it + half_of_it
+}
+
+/// `tanh(x)`, odd to the last bit; not a number where `x` is not.
+#[inline(always)]
+pub fn tanh<L: Lanes>(x: L) -> L {
+    let size = x.abs().at_most(L::splat(25.0));
+    let fall = expm1(size * L::splat(-2.0));
+    (fall / (fall + L::splat(2.0))).abs().xor(x.sign())
+}

@@ -1,0 +1,310 @@
+//! Lanes in the registers of AVX2 and AVX-512.
+#![expect(
+    unsafe_code,
+    reason = "vector instructions are unsafe to call where the compiler does not know that the processor has them"
+)]
+// Safety of every intrinsic below: these types are private to `lanes`; the only functions that name them are `run_avx2`
+// and `run_avx512`, which ask the processor first. Loads and stores go through slices of checked length.
+
+use core::arch::x86_64::*;
+use core::ops::{Add, Div, Mul, Neg, Sub};
+
+use super::{Kernel, Lanes, Path, Portable};
+
+macro_rules! register {
+    (
+        $(#[$doc:meta])* $name:ident, $register:ty, $len:literal,
+        add $add:ident, sub $sub:ident, mul $mul:ident, div $div:ident,
+        fma $fma:ident, fnma $fnma:ident, sqrt $sqrt:ident, splat $splat:ident, load $load:ident, store $store:ident,
+        load_some $load_some:ident, store_some $store_some:ident,
+        less $less:ident, less_bits $less_bits:ident, signed $signed:ident, max $max:ident, min $min:ident,
+        shift $shift:ident, and $and:ident, xor $xor:ident,
+        to_bits $to_bits:ident, from_bits $from_bits:ident
+    ) => {
+        $(#[$doc])*
+        #[derive(Clone, Copy, Debug)]
+        #[repr(transparent)]
+        pub struct $name($register);
+
+        register!(@operator $name, Add, add, $add);
+        register!(@operator $name, Sub, sub, $sub);
+        register!(@operator $name, Mul, mul, $mul);
+        register!(@operator $name, Div, div, $div);
+
+        impl Neg for $name {
+            type Output = Self;
+
+            #[inline(always)]
+            fn neg(self) -> Self {
+                self.xor(Self::splat(-0.0))
+            }
+        }
+
+        impl Lanes for $name {
+            type Raw = $register;
+            const LEN: usize = $len;
+            // SAFETY: all bits zero are a row of zeros.
+            const ZERO: Self::Raw = unsafe { core::mem::zeroed() };
+
+            #[inline(always)]
+            fn raw(self) -> Self::Raw {
+                self.0
+            }
+
+            #[inline(always)]
+            fn from_raw(raw: Self::Raw) -> Self {
+                Self(raw)
+            }
+
+            #[inline(always)]
+            fn splat(x: f64) -> Self {
+                // SAFETY: see the head of this file.
+                Self(unsafe { $splat(x) })
+            }
+
+            #[inline(always)]
+            fn load(from: &[f64]) -> Self {
+                let from = &from[..$len];
+                // SAFETY: see the head of this file; the slice is as long as the register, alignment is not asked.
+                Self(unsafe { $load(from.as_ptr()) })
+            }
+
+            #[inline(always)]
+            fn store(self, to: &mut [f64]) {
+                let to = &mut to[..$len];
+                // SAFETY: see the head of this file; the slice is as long as the register, alignment is not asked.
+                unsafe { $store(to.as_mut_ptr(), self.0) }
+            }
+
+            #[inline(always)]
+            fn load_some(from: &[f64]) -> Self {
+                let n = from.len().min($len);
+                // SAFETY: see the head of this file; masked lanes are not touched.
+                Self(unsafe { $load_some(from.as_ptr(), n) })
+            }
+
+            #[inline(always)]
+            fn store_some(self, to: &mut [f64]) {
+                let n = to.len().min($len);
+                // SAFETY: see the head of this file; masked lanes are not touched.
+                unsafe { $store_some(to.as_mut_ptr(), self.0, n) }
+            }
+
+            #[inline(always)]
+            fn mul_add(self, factor: Self, addend: Self) -> Self {
+                // SAFETY: see the head of this file.
+                Self(unsafe { $fma(self.0, factor.0, addend.0) })
+            }
+
+            #[inline(always)]
+            fn mul_sub_from(self, factor: Self, minuend: Self) -> Self {
+                // SAFETY: see the head of this file.
+                Self(unsafe { $fnma(self.0, factor.0, minuend.0) })
+            }
+
+            #[inline(always)]
+            fn sqrt(self) -> Self {
+                // SAFETY: see the head of this file.
+                Self(unsafe { $sqrt(self.0) })
+            }
+
+            #[inline(always)]
+            fn at_least(self, other: Self) -> Self {
+                // Gives the second operand where they are equal or one is not a number.
+                // SAFETY: see the head of this file.
+                Self(unsafe { $max(other.0, self.0) })
+            }
+
+            #[inline(always)]
+            fn at_most(self, other: Self) -> Self {
+                // SAFETY: see the head of this file.
+                Self(unsafe { $min(other.0, self.0) })
+            }
+
+            #[inline(always)]
+            fn if_less(self, other: Self, yes: Self, no: Self) -> Self {
+                // SAFETY: see the head of this file.
+                Self(unsafe { $less(self.0, other.0, yes.0, no.0) })
+            }
+
+            #[inline(always)]
+            fn less_bits(self, other: Self) -> u32 {
+                // SAFETY: see the head of this file.
+                unsafe { $less_bits(self.0, other.0) }
+            }
+
+            #[inline(always)]
+            fn if_signed(self, yes: Self, no: Self) -> Self {
+                // SAFETY: see the head of this file.
+                Self(unsafe { $signed(self.0, yes.0, no.0) })
+            }
+
+            #[inline(always)]
+            fn shift_left<const BITS: i32>(self) -> Self {
+                // SAFETY: see the head of this file.
+                Self(unsafe { $from_bits($shift($to_bits(self.0), _mm_cvtsi32_si128(BITS))) })
+            }
+
+            #[inline(always)]
+            fn and(self, other: Self) -> Self {
+                // SAFETY: see the head of this file.
+                Self(unsafe { $from_bits($and($to_bits(self.0), $to_bits(other.0))) })
+            }
+
+            #[inline(always)]
+            fn xor(self, other: Self) -> Self {
+                // SAFETY: see the head of this file.
+                Self(unsafe { $from_bits($xor($to_bits(self.0), $to_bits(other.0))) })
+            }
+        }
+    };
+    (@operator $name:ident, $trait:ident, $method:ident, $intrinsic:ident) => {
+        impl $trait for $name {
+            type Output = Self;
+
+            #[inline(always)]
+            fn $method(self, other: Self) -> Self {
+                // SAFETY: see the head of this file.
+                Self(unsafe { $intrinsic(self.0, other.0) })
+            }
+        }
+    };
+}
+
+register!(
+    /// Four lanes.
+    Avx2, __m256d, 4,
+    add _mm256_add_pd, sub _mm256_sub_pd, mul _mm256_mul_pd, div _mm256_div_pd,
+    fma _mm256_fmadd_pd, fnma _mm256_fnmadd_pd, sqrt _mm256_sqrt_pd,
+    splat _mm256_set1_pd, load _mm256_loadu_pd, store _mm256_storeu_pd,
+    load_some load_some_256, store_some store_some_256,
+    less less_256, less_bits less_bits_256, signed signed_256, max _mm256_max_pd, min _mm256_min_pd,
+    shift _mm256_sll_epi64, and _mm256_and_si256, xor _mm256_xor_si256,
+    to_bits _mm256_castpd_si256, from_bits _mm256_castsi256_pd
+);
+
+register!(
+    /// Eight lanes.
+    Avx512, __m512d, 8,
+    add _mm512_add_pd, sub _mm512_sub_pd, mul _mm512_mul_pd, div _mm512_div_pd,
+    fma _mm512_fmadd_pd, fnma _mm512_fnmadd_pd, sqrt _mm512_sqrt_pd,
+    splat _mm512_set1_pd, load _mm512_loadu_pd, store _mm512_storeu_pd,
+    load_some load_some_512, store_some store_some_512,
+    less less_512, less_bits less_bits_512, signed signed_512, max _mm512_max_pd, min _mm512_min_pd,
+    shift _mm512_sll_epi64, and _mm512_and_si512, xor _mm512_xor_si512,
+    to_bits _mm512_castpd_si512, from_bits _mm512_castsi512_pd
+);
+
+#[inline]
+#[target_feature(enable = "avx2,fma")]
+fn less_256(a: __m256d, b: __m256d, yes: __m256d, no: __m256d) -> __m256d {
+    _mm256_blendv_pd(no, yes, _mm256_cmp_pd::<_CMP_LT_OQ>(a, b))
+}
+
+#[inline]
+#[target_feature(enable = "avx2,fma")]
+fn less_bits_256(a: __m256d, b: __m256d) -> u32 {
+    _mm256_movemask_pd(_mm256_cmp_pd::<_CMP_LT_OQ>(a, b)) as u32
+}
+
+#[inline]
+#[target_feature(enable = "avx2,fma,avx512f,avx512dq")]
+fn less_bits_512(a: __m512d, b: __m512d) -> u32 {
+    u32::from(_mm512_cmp_pd_mask::<_CMP_LT_OQ>(a, b))
+}
+
+#[inline]
+#[target_feature(enable = "avx2,fma")]
+fn signed_256(sign: __m256d, yes: __m256d, no: __m256d) -> __m256d {
+    _mm256_blendv_pd(no, yes, sign)
+}
+
+#[inline]
+#[target_feature(enable = "avx2,fma,avx512f,avx512dq")]
+fn less_512(a: __m512d, b: __m512d, yes: __m512d, no: __m512d) -> __m512d {
+    _mm512_mask_blend_pd(_mm512_cmp_pd_mask::<_CMP_LT_OQ>(a, b), no, yes)
+}
+
+#[inline]
+#[target_feature(enable = "avx2,fma,avx512f,avx512dq")]
+fn signed_512(sign: __m512d, yes: __m512d, no: __m512d) -> __m512d {
+    _mm512_mask_blend_pd(_mm512_movepi64_mask(_mm512_castpd_si512(sign)), no, yes)
+}
+
+/// The first `n` lanes of four.
+#[inline]
+#[target_feature(enable = "avx2,fma")]
+fn mask_256(n: usize) -> __m256i {
+    _mm256_cmpgt_epi64(_mm256_set1_epi64x(n as i64), _mm256_setr_epi64x(0, 1, 2, 3))
+}
+
+/// # Safety
+/// `from` has `n` numbers, at most four.
+#[inline]
+#[target_feature(enable = "avx2,fma")]
+unsafe fn load_some_256(from: *const f64, n: usize) -> __m256d {
+    // SAFETY: masked lanes are not read.
+    unsafe { _mm256_maskload_pd(from, mask_256(n)) }
+}
+
+/// # Safety
+/// `to` has `n` places, at most four.
+#[inline]
+#[target_feature(enable = "avx2,fma")]
+unsafe fn store_some_256(to: *mut f64, row: __m256d, n: usize) {
+    // SAFETY: masked lanes are not written.
+    unsafe { _mm256_maskstore_pd(to, mask_256(n), row) }
+}
+
+/// # Safety
+/// `from` has `n` numbers, at most eight.
+#[inline]
+#[target_feature(enable = "avx2,fma,avx512f,avx512dq")]
+unsafe fn load_some_512(from: *const f64, n: usize) -> __m512d {
+    // SAFETY: masked lanes are not read.
+    unsafe { _mm512_maskz_loadu_pd(((1_u32 << n) - 1) as __mmask8, from) }
+}
+
+/// # Safety
+/// `to` has `n` places, at most eight.
+#[inline]
+#[target_feature(enable = "avx2,fma,avx512f,avx512dq")]
+unsafe fn store_some_512(to: *mut f64, row: __m512d, n: usize) {
+    // SAFETY: masked lanes are not written.
+    unsafe { _mm512_mask_storeu_pd(to, ((1_u32 << n) - 1) as __mmask8, row) }
+}
+
+/// The widest path of this processor.
+pub fn detected() -> Path {
+    let avx2 = is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma");
+    let avx512 = is_x86_feature_detected!("avx512f") && is_x86_feature_detected!("avx512dq");
+    match (avx2, avx512) {
+        (true, true) => Path::Avx512,
+        (true, false) => Path::Avx2,
+        _ => Path::Baseline,
+    }
+}
+
+/// [`Path::Avx2`], which must be available.
+#[inline]
+pub fn run_avx2<K: Kernel>(kernel: K) -> K::Output {
+    #[target_feature(enable = "avx2,fma")]
+    fn inner<K: Kernel>(kernel: K) -> K::Output {
+        kernel.run::<Portable<1, true>, Avx2>()
+    }
+    debug_assert!(Path::Avx2.is_available());
+    // SAFETY: the only caller, `run_available`, is given paths that this processor has.
+    unsafe { inner(kernel) }
+}
+
+/// [`Path::Avx512`], which must be available.
+#[inline]
+pub fn run_avx512<K: Kernel>(kernel: K) -> K::Output {
+    #[target_feature(enable = "avx2,fma,avx512f,avx512dq")]
+    fn inner<K: Kernel>(kernel: K) -> K::Output {
+        kernel.run::<Portable<1, true>, Avx512>()
+    }
+    debug_assert!(Path::Avx512.is_available());
+    // SAFETY: the only caller, `run_available`, is given paths that this processor has.
+    unsafe { inner(kernel) }
+}
