@@ -29,6 +29,7 @@ from dynid_rs.simulation import (
 )
 from dynid_rs.simulation.effects.catalogue import BY_NAME
 from dynid_rs.simulation.effects.columns import ColumnEffect
+from dynid_rs.simulation.effects.gears import NonlinearElasticity
 from dynid_rs.simulation.effects.outside import Contact
 from dynid_rs.simulation.folder import run_columns
 from dynid_rs.simulation.limits import plausible_effort
@@ -51,6 +52,8 @@ LARGEST = {
 OWN_PLACE = ("torque_gain", "torque_delay", "encoder_eccentricity", "kinematic_error")
 FELT = 0.5
 """Of an effect on several joints those must be named that feel at least this part of what the first one feels."""
+BENDS = 0.01
+"""Of a gear's wind-up its curved part has to be this much somewhere, or the gear is as good as straight."""
 STEPS, TOLERANCE = 12, 0.01
 
 
@@ -65,6 +68,8 @@ class Placed:
     put: Put
     effect: LabEffect
     felt: FloatArray | None
+    seen: tuple[int, ...] | None = None
+    """Joints of an effect between two encoders at which its own part can be seen; None: at all."""
 
     @property
     def reached(self) -> float:
@@ -75,6 +80,8 @@ class Placed:
     def required(self) -> tuple[int, ...]:
         """Joints that have to be named: all, less those of a pair or of the whole robot that hardly feel it."""
         joints = self.effect.joints
+        if self.seen is not None:
+            return self.seen
         if self.felt is None or len(joints) == 1 or self.effect.kind in OWN_PLACE:
             return joints
         most = max(self.felt[list(joints)])
@@ -171,6 +178,21 @@ def _windows(simulation: Simulation) -> dict[str, list[list[float]]]:
     }
 
 
+def _bending(case: Case, effect: LabEffect, trajectories: Sequence[Trajectory]) -> tuple[int, ...] | None:
+    """Joints whose gears are loaded enough to show that they bend; the most loaded one at least."""
+    if not isinstance(effect, NonlinearElasticity):
+        return None
+    arm = bare(case.arm)
+    most = np.zeros(arm.robot.n_joints)
+    for trajectory in trajectories:
+        motion = trajectory.evaluate(np.arange(0.0, trajectory.duration, 1 / 25))
+        most = np.maximum(most, np.abs(arm.robot.inverse_dynamics(*motion, arm.phi)).max(axis=0))
+    bend = np.abs(effect.cubic) * most**2 * effect.gears.stiffness
+    joints = list(effect.joints)
+    seen = tuple(j for j in joints if bend[j] >= BENDS)
+    return seen or (max(joints, key=lambda j: bend[j]),)
+
+
 NOT_AT_THE_BASE = ("kinematic_error", "counterbalance")
 """A first frame that is turned is a tilted base, and so, to the cosine, is a cylinder that pulls at an upright axis,
 where there is nothing to balance: other kinds, by any measurement."""
@@ -188,7 +210,8 @@ def _place(case: Case, put: Put, trajectories: Sequence[Trajectory], rng: np.ran
         make = _builder(case, put, joint, seed)
         try:
             if put.ratio is None:
-                return Placed(put, make(put.size if put.size is not None else 1.0), None)
+                effect = make(put.size if put.size is not None else 1.0)
+                return Placed(put, effect, None, _bending(case, effect, trajectories))
             placed = Placed(put, *scaled(make, case.arm, put.ratio, trajectories, LARGEST.get(put.kind, np.inf)))
         except ValueError as error:
             reason = str(error)
