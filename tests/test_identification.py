@@ -255,7 +255,7 @@ def test_offset_and_friction_of_both_directions_do_not_cancel_each_other():
     robot = RobotModel.from_urdf(bundled_robot())
     arm = typical_arm(robot)
     runs = []
-    for seed in (0, 5):
+    for seed in (1, 6):
         plan = FourierExcitation(n_restarts=1, max_iter=20, random_state=seed).fit(robot).trajectory_
         rng = np.random.default_rng(seed)
         runs.append(arm.record(track(arm, plan, Tracking(), rng), 250.0, rng, f"run_{seed}"))

@@ -123,7 +123,7 @@ impl MixtureRows {
     }
 
     /// Of a component: its log density at `u` up to the common factor (which Eq. 32 prints for two dimensions), the
-    /// squared Mahalanobis distance and its conditional mean, Eq. 34.
+    /// squared Mahalanobis distance and the mean, Eq. 34, of its conditional density, Eq. 33.
     #[inline(always)]
     pub(crate) fn condition<L: Lanes, N: Numbers>(&self, c: usize, u: &[L], numbers: N) -> [L; 3] {
         let (component, d) = (self.component(c), u.len());
