@@ -49,7 +49,8 @@ def left_by_hand(arm, effect, trajectories):
     size = np.concatenate([run.tau for run in runs]).std(axis=0)
     stacked = np.vstack([part / size[k % 6] for k, part in enumerate(rows)])
     A, y = stacked[:, :-1], stacked[:, -1]
-    A = A[:, np.linalg.norm(A, axis=0) > 0]
+    norms = np.linalg.norm(A, axis=0)
+    A = A[:, norms > 1e-12 * norms.max()]  # what is left of a column without any effect is rounding
     A = A / np.linalg.norm(A, axis=0)
     # Minimum norm over all sixty inertial parameters, not the base set.
     residual = np.split(y - A @ np.linalg.lstsq(A, y, rcond=1e-9)[0], len(rows))

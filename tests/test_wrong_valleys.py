@@ -43,7 +43,7 @@ def test_ripple_at_half_its_order_is_told_at_its_own():
     state = start(Setup(ROBOT), measured(wish, n_runs=3))
     half = Hypothesis("torque_ripple", (ELBOW,), (("cycles", true / 2),))
     power = power_beside(Beside(state.fit), np.tile([-np.inf, np.inf], (4, 1)))
-    found = dict(state.kinds.refined(half, power).shape)["cycles"]
+    found = dict(state.kinds.refined(half, power, own_order=True).shape)["cycles"]
     assert found == pytest.approx(true, abs=0.1)
 
 

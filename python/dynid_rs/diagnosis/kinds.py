@@ -270,17 +270,19 @@ class Kinds:
             n_searched=len(REFINED.get(hypothesis.kind, {})) + ("cycles" in dict(hypothesis.shape)),
         )
 
-    def refined(self, hypothesis: Hypothesis, power: Any, *, with_friction: bool = False) -> Hypothesis:
+    def refined(
+        self, hypothesis: Hypothesis, power: Any, *, with_friction: bool = False, own_order: bool = False
+    ) -> Hypothesis:
         """Hypothesis with the shape near its own that takes off most; `power` of columns {joint: (n_rows, k)}.
 
         `with_friction`: the width of friction's transition is searched too, and friction's columns with it stand
-        behind the hypothesis' own in what `power` is given.
+        behind the hypothesis' own in what `power` is given. `own_order`: a ripple may turn out to have twice its order.
         """
         name, starts = STARTS.get(hypothesis.kind, ("", ()))
         tried = [self._refined(hypothesis, power, with_friction)]
         for start in starts if with_friction else ():
             tried.append(self._refined(hypothesis.with_shape(name, start), power, with_friction))
-        if hypothesis.kind == "torque_ripple":
+        if own_order and hypothesis.kind == "torque_ripple":
             return self._fundamental(*tried[0], power)
         return max(tried, key=lambda pair: pair[0])[1]
 

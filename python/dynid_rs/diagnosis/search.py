@@ -146,7 +146,8 @@ def polish(state: Search, places: Iterable[int]) -> Setup:
             free = np.where(used, np.inf, 0.0)
             bounds = np.concatenate([bounds, np.stack([-free, free], axis=1)])
         beside = Beside(state.fit, without)
-        effects[k] = state.kinds.refined(hypothesis, _power(beside, bounds), with_friction=together).placed()
+        refined = state.kinds.refined(hypothesis, _power(beside, bounds), with_friction=together, own_order=True)
+        effects[k] = refined.placed()
     return replace(state.setup, effects=tuple(effects))
 
 
