@@ -127,7 +127,8 @@ def test_jobs_of_the_command(tmp_path):
 @pytest.fixture(scope="module")
 def cluster():
     """Two worker processes of Dask, with a nanny each that replaces them."""
-    distributed = pytest.importorskip("distributed", reason="pip install 'dynid-rs[test]'")
+    import distributed  # an extra of the tests, slow to import
+
     with (
         distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as here,
         distributed.Client(here) as client,

@@ -8,11 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.diagnosis.beside import Beside, independent_rows
-from dynid_rs.diagnosis.candidate import RunColumns
 from dynid_rs.diagnosis.kinds import RIPPLES, Hypothesis, Kinds, bounds_of, joined, stacked
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.state import Search, columns_in, hypothesis_of
-from dynid_rs.diagnosis.valleys import KIND, valleys
+from dynid_rs.diagnosis.valleys import KIND, best_shape
 from dynid_rs.placed import PlacedEffect
 
 FloatArray = NDArray[np.float64]
@@ -34,7 +33,7 @@ def without_patches(state: Search) -> Setup:
         places = columns_in(state)
         beside = Beside(state.fit, [place for p in (k, *patches) for place in places[p]])
         together = [hypothesis_of(state.setup.effects[p], state.kinds) for p in (k, *patches)]
-        alone = _best_alone(beside, state.kinds, together[0])
+        alone = best_shape(beside, state.kinds, together[0])
         if _explains_as_much(beside, state.kinds, alone, together):
             effects = [
                 e for e in setup.effects if e is not effect and not any(e is state.setup.effects[p] for p in patches)
@@ -48,16 +47,6 @@ def _patches(other: PlacedEffect, cylinder: PlacedEffect) -> bool:
         return False
     cycles = dict(other.shape).get("cycles")
     return cycles is None or cycles[0] < RIPPLES[1]
-
-
-def _best_alone(beside: Beside, kinds: Kinds, cylinder: Hypothesis) -> Hypothesis:
-    bounds = bounds_of(cylinder)
-
-    def power(columns: RunColumns) -> float:
-        return beside.gains(columns, [slice(None)], [bounds])[0].power
-
-    ends = [kinds.refined(start, power) for start in valleys(beside, kinds, cylinder)]
-    return max(ends, key=lambda end: power(stacked(kinds.columns([end])[0])))
 
 
 def _explains_as_much(beside: Beside, kinds: Kinds, alone: Hypothesis, together: list[Hypothesis]) -> bool:

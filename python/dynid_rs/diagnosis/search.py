@@ -19,7 +19,7 @@ from dynid_rs.diagnosis.one_cylinder import PATCHES, without_patches
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.state import Choice, Search, Step, columns_in, fitted, hypothesis_of, rms, worth
 from dynid_rs.diagnosis.structural import refine, structural_candidates
-from dynid_rs.diagnosis.valleys import pulls, valleys
+from dynid_rs.diagnosis.valleys import best_shape, pulls
 from dynid_rs.diagnosis.warmth import WARMTH, warm_arm
 from dynid_rs.recording import Recording
 
@@ -289,9 +289,7 @@ def _there(h: Hypothesis, setup: Setup) -> bool:
 
 def refined_candidate(beside: Beside, kinds: Kinds, hypothesis: Hypothesis) -> Candidate | None:
     """Candidate of the hypothesis with the best shape near its own; None where that stands at a bound."""
-    power = _power(beside, bounds_of(hypothesis))
-    ends = [kinds.refined(start, power) for start in valleys(beside, kinds, hypothesis)]
-    refined = ends[0] if len(ends) == 1 else max(ends, key=lambda end: power(stacked(kinds.columns([end])[0])))
+    refined = best_shape(beside, kinds, hypothesis)
     return None if at_a_bound(refined) else kinds.candidate(refined)
 
 

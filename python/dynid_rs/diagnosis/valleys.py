@@ -17,6 +17,15 @@ AS_LIKELY = 1.92
 """Logarithm of the likelihood ratio up to which a shape lies within 95 % of the best one's."""
 
 
+def best_shape(beside: Beside, kinds: Kinds, hypothesis: Hypothesis) -> Hypothesis:
+    """The hypothesis with the shape that takes off most, from every valley's start."""
+    ends = [
+        kinds.refined(start, lambda columns: _gain(beside, columns, hypothesis).power)
+        for start in valleys(beside, kinds, hypothesis)
+    ]
+    return ends[0] if len(ends) == 1 else max(ends, key=lambda end: _taken(beside, kinds, end))
+
+
 def valleys(beside: Beside, kinds: Kinds, hypothesis: Hypothesis) -> list[Hypothesis]:
     """Where a search of the shape begins: the hypothesis, and for a cylinder the best ones that stand elsewhere."""
     if hypothesis.kind != KIND:

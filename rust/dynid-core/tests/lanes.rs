@@ -36,7 +36,7 @@ impl Function {
         }
     }
 
-    fn library(self, x: f64) -> f64 {
+    fn by_libm(self, x: f64) -> f64 {
         match self {
             Self::Sin => x.sin(),
             Self::Cos => x.cos(),
@@ -113,7 +113,7 @@ fn worst(path: Path, function: Function, x: &[f64]) -> (u64, f64) {
     on(path, function, true, x)
         .iter()
         .zip(x)
-        .map(|(y, x)| (steps(*y, function.library(*x)), *x))
+        .map(|(y, x)| (steps(*y, function.by_libm(*x)), *x))
         .max_by_key(|(steps, _)| *steps)
         .unwrap()
 }
@@ -198,7 +198,7 @@ fn the_ends_of_the_numbers() {
             Function::Tanh,
         ] {
             for (y, x) in on(path, function, true, &x).iter().zip(x) {
-                let expected = function.library(x);
+                let expected = function.by_libm(x);
                 // The least numbers may come back as zero with the right sign.
                 let near =
                     steps(*y, expected) <= 1 || (expected != 0.0 && (y - expected).abs() < 1e-320);

@@ -4,20 +4,22 @@
 //! `f(s_1², ..., s_n²)` therefore has the gradient `C = 2 W V diag(df) V'` with respect to W, and the reverse sweep of
 //! [`crate::adjoint`] takes it to q, dq and ddq.
 
+mod spectrum;
+
 use std::sync::Mutex;
 
 use dynid_core::lanes::{self, Kernel, Lanes};
 use dynid_core::link_params::N_LINK_PARAMS;
 use dynid_core::RobotModel;
 use faer::linalg::matmul::matmul;
-use faer::linalg::matmul::triangular::{self, BlockStructure};
-use faer::{Accum, Mat, MatMut, MatRef, Par, Side};
+use faer::{Accum, Mat, MatMut, MatRef, Par};
 
 use crate::adjoint::{Sweep, SPLIT, SUMMED};
 use crate::base::{probing_states, rank};
 use crate::error::OfflineError;
 use crate::factor::triangular_factor;
 use crate::rows::{gather, lane_samples, put, StateRows};
+use spectrum::Spectrum;
 
 /// What makes a motion good; every one is smaller for a better motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -32,8 +34,6 @@ pub enum Criterion {
     A,
 }
 
-/// A block's smallest eigenvalue counts at least this part of its largest: conditions stay below 1e8 and finite.
-const FLOOR: f64 = 1e-16;
 /// Probing states that show the structural ranks, as many as the base parameters take.
 const PROBES: usize = 60;
 
@@ -436,78 +436,6 @@ impl<const P: usize> Scratch<P> {
                 matmul(weights, Accum::Add, &projected, &back, 1.0, Par::Seq);
             }
         }
-    }
-}
-
-/// Eigenvalues of a Gram matrix, falling, and its eigenvectors as columns in that order.
-struct Spectrum {
-    values: Vec<f64>,
-    vectors: Mat<f64>,
-}
-
-/// A value, and its slope in each eigenvalue that it depends on.
-type Slopes = (f64, Vec<(usize, f64)>);
-
-impl Spectrum {
-    fn new(rows: &[f64], width: usize) -> Result<Self, OfflineError> {
-        let w = MatRef::from_row_major_slice(rows, rows.len() / width, width);
-        let mut gram = Mat::zeros(width, width);
-        triangular::matmul(
-            &mut gram,
-            BlockStructure::TriangularLower,
-            Accum::Replace,
-            w.transpose(),
-            BlockStructure::Rectangular,
-            w,
-            BlockStructure::Rectangular,
-            1.0,
-            Par::Seq,
-        );
-        let failed = OfflineError::NonFinite { what: "motion" };
-        let finite = (0..width).all(|i| gram[(i, i)].is_finite());
-        let eigen = if finite {
-            gram.self_adjoint_eigen(Side::Lower)
-                .map_err(|_| failed.clone())?
-        } else {
-            return Err(failed);
-        };
-        let (values, vectors) = (eigen.S().column_vector(), eigen.U());
-        Ok(Self {
-            values: (0..width).rev().map(|k| values[k]).collect(),
-            vectors: Mat::from_fn(width, width, |i, k| vectors[(i, width - 1 - k)]),
-        })
-    }
-
-    /// Eigenvalue k, not below the floor.
-    fn floored(&self, k: usize) -> f64 {
-        self.values[k]
-            .max(FLOOR * self.values[0])
-            .max(f64::MIN_POSITIVE)
-    }
-
-    /// `s_1 / s_r`.
-    fn condition(&self, rank: usize) -> Slopes {
-        let (first, last) = (self.floored(0), self.floored(rank - 1));
-        let condition = (first / last).sqrt().min(1.0 / FLOOR.sqrt());
-        let slopes = vec![
-            (0, 0.5 * condition / first),
-            (rank - 1, -0.5 * condition / last),
-        ];
-        (condition, slopes)
-    }
-
-    /// `-sum of log s_m²`.
-    fn log_volume(&self) -> Slopes {
-        let values = (0..self.values.len()).map(|k| self.floored(k));
-        let slopes = values.clone().map(|value| -1.0 / value).enumerate();
-        (-values.map(f64::ln).sum::<f64>(), slopes.collect())
-    }
-
-    /// `sum of 1 / s_m²`.
-    fn total_variance(&self) -> Slopes {
-        let values = (0..self.values.len()).map(|k| self.floored(k));
-        let slopes = values.clone().map(|value| -value.powi(-2)).enumerate();
-        (values.map(f64::recip).sum(), slopes.collect())
     }
 }
 

@@ -5,7 +5,6 @@
 //! responsibilities never leave the cache: a block of samples is weighed and summed up before the next one is read.
 //! Sums are merged in a fixed order, so that the result is the same to the last bit for any number of threads.
 
-mod lanes;
 mod pass;
 
 use dynid_core::CoreError;

@@ -1,9 +1,8 @@
 //! One pass over the data: log-likelihood, and the moments of every component's responsibilities.
 #![allow(clippy::needless_range_loop)] // indices of a triangle, as in the formulas
 
+use dynid_core::lanes::{exp_falling, run, Kernel, Lanes, MOST_LANES};
 use rayon::prelude::*;
-
-use super::lanes::{exp_falling, run, Kernel, Lanes, MOST_LANES};
 
 /// Samples whose responsibilities are in the cache together.
 const BLOCK: usize = 128;
@@ -101,8 +100,10 @@ struct Task<'a, const D: usize> {
 }
 
 impl<const D: usize> Kernel for Task<'_, D> {
+    type Output = ();
+
     #[inline(always)]
-    fn run<L: Lanes>(self) {
+    fn run<S: Lanes<Raw = [f64; 1]>, L: Lanes>(self) {
         let mut share = vec![Row([0.0; BLOCK]); self.densities.len()];
         let mut sums = vec![Sums::<L, D>::zero(); self.moments.len()];
         let mut block = Block::<D>::EMPTY;
