@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from dynid_rs import _core
 from dynid_rs.diagnosis.products import RidgePath, product_columns
 from dynid_rs.diagnosis.rows_beside import JointRows, Split, spread_of_sum
-from dynid_rs.diagnosis.signals import STATE, Basis, Candidates, Signal, state_signals
+from dynid_rs.diagnosis.signals import STATE, Basis, Candidates, Signal, state_signals, teeth
 from dynid_rs.preprocessing import States
 
 FloatArray = NDArray[np.float64]
@@ -187,6 +187,9 @@ def raw_columns(signals: Sequence[Signal], candidates: Candidates, u: FloatArray
         own = own if len(signals) <= 2 else own[:, candidates.few(signal)]
         own = np.column_stack([np.ones(len(u)), own])
         columns = (columns[:, :, None] * own[:, None, :]).reshape(len(u), -1)
+    waves = candidates.waves.get(tuple(signals))
+    if waves is not None:
+        columns = np.column_stack([columns, teeth(u[:, 0], u[:, 1]) / waves[1]])
     return columns[:, 1:]
 
 

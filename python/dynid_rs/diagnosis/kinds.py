@@ -394,12 +394,14 @@ def _inertias(fit: ThreeLoopIdentifier) -> FloatArray:
 def at_a_bound(hypothesis: Hypothesis) -> bool:
     """Whether a searched shape ended where its search had to stop: another kind is meant, or nothing.
 
-    A pre-sliding way of nothing is Coulomb friction, a time constant beyond the run is a drift.
+    A pre-sliding way of nothing is Coulomb friction. A time constant beyond the run is friction that goes on changing.
     """
     shape = dict(hypothesis.shape)
     for name, (how, low, high) in REFINED.get(hypothesis.kind, {}).items():
         if how != "log" or name == "gas_length":
             continue  # an angle, a ratio or an order may be any; a gas column without end is a plain spring
+        if name == "time_constant" and shape[name] > low * (1 + AT_BOUND):
+            continue
         value = abs(shape[name])
         # A lever as short as can be is a cylinder all the same, one that pulls like a weight.
         too_low = value <= low * (1 + AT_BOUND) and name != "b"

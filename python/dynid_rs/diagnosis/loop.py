@@ -11,19 +11,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
-from dynid_rs.diagnosis.beside import Beside, independent_rows
 from dynid_rs.diagnosis.deflection import examine_deflection
 from dynid_rs.diagnosis.deflection_entries import deflection_entries, merged_gears, seen_again, with_true_encoders
 from dynid_rs.diagnosis.entries import effect_entries, ranked
 from dynid_rs.diagnosis.kinds import Kinds
+from dynid_rs.diagnosis.late_clock import explains_more, with_late_clock
 from dynid_rs.diagnosis.reference import compare
 from dynid_rs.diagnosis.remainder import Remainder, remainder_entries, unknown_entries, what_is_left, with_terms
 from dynid_rs.diagnosis.ripple import RippleCandidate, add_ripple
 from dynid_rs.diagnosis.ripple_entries import ripple_entries
-from dynid_rs.diagnosis.search import drop_needless, search
+from dynid_rs.diagnosis.search import drop_needless, search, settle
 from dynid_rs.diagnosis.sensors import channel_errors, examine
+from dynid_rs.diagnosis.sensors.messages import delay_entries, delay_findings
 from dynid_rs.diagnosis.setup import Setup
-from dynid_rs.diagnosis.state import Search, columns_in, fitted, rms
+from dynid_rs.diagnosis.state import Search, fitted
 from dynid_rs.diagnosis.structural_entries import clock_entries, structural_entries
 from dynid_rs.diagnosis.wrong_geometry import with_other_geometry
 from dynid_rs.findings import Finding
@@ -130,9 +131,13 @@ def diagnose(
         one_clock = examine(setup, train, test, on_progress, of_one=False)
         on_one_clock = with_true_encoders(one_clock[0], gears)
         other = search(on_one_clock, train, on_progress=on_progress)
-        if _explains_more(other, found, sorted(late)):
+        if explains_more(other, found, sorted(late)):
             found, began, (_, findings, clocks) = other, on_one_clock, one_clock
     found = with_other_geometry(found, began, train, on_progress=on_progress)
+    found, delay = with_late_clock(found, began, train, on_progress=on_progress)
+    if delay is not None:
+        findings = [*findings, *delay_findings(setup.robot, delay, two_encoders=before.encoder_delay_ is not None)]
+        clocks = [*clocks, *delay_entries(delay)]
     if gears:  # once more, with the load of a model that lacks nothing
         seen = [found.setup.corrected(recording) for recording in (*train, *test)]
         again = examine_deflection(found.fit, seen[: len(train)], seen[len(train) :])
@@ -182,19 +187,6 @@ def _stopped(setup: Setup, fit: ThreeLoopIdentifier, findings: list[Finding]) ->
     return Diagnosis(setup, fit, fit, Search(setup, fit, Kinds(fit)), findings=findings)
 
 
-def _explains_more(first: Search, second: Search, joints: Sequence[int]) -> bool:
-    """Whether the first leaves less on `joints` than the second, its further coefficients paid for."""
-    evidence = []
-    for state in (first, second):
-        beside = Beside(state.fit)
-        rows = float(independent_rows(beside.residual, beside.blocks)[list(joints)].sum())
-        n_found = sum(len(places) for places in columns_in(state)) + int(np.count_nonzero(state.setup.torque_delay))
-        evidence.append((rows, float(np.log(rms(state.fit)[list(joints)]).mean()), n_found))
-    rows = min(n for n, *_ in evidence)
-    (_, left, n_first), (_, left_second, n_second) = evidence
-    return bool(rows * (left_second - left) > 0.5 * (n_first - n_second) * np.log(max(rows, 2.0)))
-
-
 def _final(found: Search, remainder: Remainder, train: Sequence[Recording]) -> ThreeLoopIdentifier:
     """Model with what was found: the third loop where nothing unknown takes its place."""
     corrected = [found.setup.corrected(recording) for recording in train]
@@ -211,6 +203,7 @@ def hold_ripple(found: Search, train: Sequence[Recording]) -> list[RippleCandida
         found.fit = fitted(setup, train)
         found.kinds = Kinds(found.fit, found.kinds)
         drop_needless(found, train)  # what the lines left in the band may have had another name
+        settle(found, train, range(len(found.setup.effects)))
     return lines
 
 

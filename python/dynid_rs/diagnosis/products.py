@@ -22,13 +22,16 @@ FULL = 2
 
 
 def product_columns(signals: Sequence[Signal], candidates: Candidates, rows: NDArray[np.intp]) -> FloatArray:
-    """All products of functions of different signals, alone too, (n_rows, n_columns)."""
+    """All products of functions of different signals, alone too, and waves of two angles, (n_rows, n_columns)."""
     columns = np.ones((len(rows), 1))
     for signal in signals:
         own = candidates.functions[signal]
         own = own if len(signals) <= FULL else own[:, candidates.few(signal)]
         own = np.column_stack([np.ones(len(rows)), own[rows]])
         columns = (columns[:, :, None] * own[:, None, :]).reshape(len(rows), -1)
+    waves = candidates.waves.get(tuple(signals))
+    if waves is not None:
+        columns = np.column_stack([columns, waves[0][rows]])
     return columns[:, 1:]
 
 

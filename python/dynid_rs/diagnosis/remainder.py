@@ -15,12 +15,14 @@ from dynid_rs.diagnosis.data_term import WORTH, DataTerm, fit_data_term
 from dynid_rs.diagnosis.floor import Floor, floor
 from dynid_rs.diagnosis.kinds import Kinds
 from dynid_rs.diagnosis.leftovers import run_residuals, search_leftovers
+from dynid_rs.diagnosis.one_cylinder import PATCHES
 from dynid_rs.diagnosis.picture import Picture
 from dynid_rs.diagnosis.rows_beside import Beside as Rows
 from dynid_rs.diagnosis.setup import Setup
-from dynid_rs.diagnosis.signals import candidate_signals
+from dynid_rs.diagnosis.signals import Signal, candidate_signals
 from dynid_rs.diagnosis.state import Search, columns_in, fitted
 from dynid_rs.diagnosis.unknown import Unexplained, find_unknown, names
+from dynid_rs.diagnosis.valleys import KIND as CYLINDER
 from dynid_rs.identification import ThreeLoopIdentifier
 from dynid_rs.loops import link_load
 from dynid_rs.placed import PlacedEffect
@@ -34,6 +36,8 @@ FORCED = 0.8
 its signals predict, are the nearest names and not the cause: they are taken back."""
 
 
+OTHER_FORM = 0.3
+"""A name that leaves so much of a residual's power as a function of its own signals has not their form."""
 AS_WELL = 1.4
 """Times the power that is left with names, and a term beside them: a term alone that leaves no more replaces them."""
 SHARP = 12.0
@@ -54,26 +58,32 @@ def what_is_left(found: Search, train: Sequence[Recording]) -> Remainder:
 
     Without something better to put in its place, the nearest name stays and what it leaves is said beside it.
     """
-    named = _look(found)
-    forced = _forced(found, *named)
-    if not forced:
-        return Remainder(*named, _terms(found, named[1], train))
+    floor_, unexplained = _look(found)
+    best = Remainder(floor_, unexplained, _terms(found, unexplained, train))
+    for forced in _forced(found, floor_, unexplained):
+        bare = _without(found, forced, best, train)
+        best = best if bare is None else bare
+    return best
+
+
+def _without(
+    found: Search, forced: Sequence[PlacedEffect], named: Remainder, train: Sequence[Recording]
+) -> Remainder | None:
+    """What is left without names, taken out of `found`; None, and `found` as it was, where that leaves more."""
     kept = found.setup, found.fit, found.kinds
-    taken_back = [found.setup.effects[k] for k in sorted(forced)]
-    with_names = _left_with(found, _terms(found, named[1], train))
-    effects = tuple(effect for k, effect in enumerate(found.setup.effects) if k not in forced)
+    with_names = _left_with(found, named.terms)
+    effects = tuple(effect for effect in found.setup.effects if not any(effect is other for other in forced))
     found.setup = replace(found.setup, effects=effects)
     found.fit = fitted(found.setup, train)
     found.kinds = Kinds(found.fit, found.kinds)
-    bare_floor, bare_left = _look(found)
-    terms = _terms(found, bare_left, train)
-    bare = Remainder(bare_floor, bare_left, terms)
-    as_well = _left_with(found, terms) <= AS_WELL * with_names
-    replaced = {term.joint for term in terms}
-    if all(as_well[list(effect.joints)].all() and replaced & set(effect.joints) for effect in taken_back):
+    floor_, unexplained = _look(found)
+    bare = Remainder(floor_, unexplained, _terms(found, unexplained, train))
+    as_well = _left_with(found, bare.terms) <= AS_WELL * with_names
+    replaced = {term.joint for term in bare.terms}
+    if all(as_well[list(effect.joints)].all() and replaced & set(effect.joints) for effect in forced):
         return bare
     found.setup, found.fit, found.kinds = kept
-    return Remainder(*named, _terms(found, named[1], train))
+    return None
 
 
 def _look(found: Search) -> tuple[Floor, list[Unexplained]]:
@@ -82,20 +92,47 @@ def _look(found: Search) -> tuple[Floor, list[Unexplained]]:
     return measured, find_unknown(found.fit, measured, leftovers)
 
 
-def _forced(found: Search, measured: Floor, unexplained: Sequence[Unexplained]) -> set[int]:
-    """Places among the effects of those that explain too little on a joint where structure is left."""
-    columns = columns_in(found)
+def _forced(found: Search, measured: Floor, unexplained: Sequence[Unexplained]) -> list[list[PlacedEffect]]:
+    """Names that may be the nearest ones and not the cause, joint by joint.
+
+    They explain too little where structure is left, or leave much that depends on the very signals they are made of,
+    or are several approximations of one function of the joint's position.
+    """
+    columns, effects = columns_in(found), found.setup.effects
     after = np.mean(Beside(found.fit).residual ** 2, axis=0)
-    forced: set[int] = set()
-    for j in (u.joint for u in unexplained if u.depends_on):
-        there = [k for k, effect in enumerate(found.setup.effects) if j in effect.joints and not _is_line(effect)]
-        if not there:
-            continue
-        without = Beside(found.fit, [c for k in there for c in columns[k]])
-        before = float(np.mean(without.residual[:, j] ** 2))
-        if before - after[j] < FORCED * (before - measured.value[j] ** 2):
-            forced |= set(there)
+    forced = []
+    for j in range(found.setup.robot.n_joints):
+        there = [k for k, effect in enumerate(effects) if j in effect.joints and not _is_line(effect)]
+        left = next((u for u in unexplained if u.joint == j and u.depends_on), None)
+        doubtful: set[int] = set()
+        if there and left is not None:
+            without = Beside(found.fit, [c for k in there for c in columns[k]])
+            before = float(np.mean(without.residual[:, j] ** 2))
+            if before - after[j] < FORCED * (before - measured.value[j] ** 2):
+                doubtful |= set(there)
+            if left.share > OTHER_FORM:
+                signals = {signal for signal, _ in left.depends_on}
+                doubtful |= {k for k in there if (own := signals_of(effects[k])) and own <= signals}
+        of_position = [k for k in there if effects[k].kind in (CYLINDER, *PATCHES)]
+        if len(of_position) > 1 and any(effects[k].kind == CYLINDER for k in of_position):
+            doubtful |= set(of_position)
+        if doubtful:
+            forced.append([effects[k] for k in sorted(doubtful)])
     return forced
+
+
+def signals_of(effect: PlacedEffect) -> set[Signal]:
+    """Signals that an effect's torque is a function of; none where it has a memory or is of other signals."""
+    names = {
+        "stribeck": ("dq",),
+        "load_dependent_friction": ("dq", "tau_link"),
+        "position_dependent_friction": ("q", "dq"),
+        "torque_ripple": ("q",),
+        "joint_spring": ("q",),
+        CYLINDER: ("q",),
+        "torque_saturation": ("tau_link",),
+    }.get(effect.kind, ())
+    return {(name, effect.joints[0]) for name in names}
 
 
 def _is_line(effect: PlacedEffect) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any, TypeVar
@@ -18,7 +18,8 @@ from dynid_rs.diagnosis.null import effective_tests
 from dynid_rs.diagnosis.one_cylinder import PATCHES, without_patches
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.state import Choice, Search, Step, columns_in, fitted, hypothesis_of, rms, worth
-from dynid_rs.diagnosis.structural import refine, structural_candidates
+from dynid_rs.diagnosis.structural import refine, structural_candidates, structural_parameters
+from dynid_rs.diagnosis.structural.torque_gain import KIND as GAIN
 from dynid_rs.diagnosis.valleys import best_shape, pulls
 from dynid_rs.diagnosis.warmth import WARMTH, warm_arm
 from dynid_rs.recording import Recording
@@ -50,6 +51,8 @@ BESIDE_FRICTION = (
     "position_dependent_friction",
 )
 """Kinds that turn round with the joint's own direction, as friction does."""
+SIMPLER = {"counterbalance": "joint_spring"}
+"""A kind that another one contains; it is always weighed beside that one."""
 CLEAR = 20.0
 """An effect with more evidence than this beside all others needs no further test to stay."""
 RIVAL = 0.5
@@ -103,6 +106,7 @@ def search(
             gone = [s for s in state.steps if s.action == "added" and _is_gone(s.choice, places)]
             state.steps += [Step("dropped", step.choice, rms(state.fit)) for step in gone]
             drop_needless(state, train)
+        drop_doubtful_gains(state, train)
     return state
 
 
@@ -157,18 +161,12 @@ def good_candidates(state: Search, further: Sequence[Candidate]) -> list[Choice]
     ranked, tests = scan(beside, state, further)
     if not ranked:
         return []
-    shortlist = [
-        item for value, item in ranked[:SHORTLIST] if value >= min(CONTENDER * ranked[0][0], ranked[0][0] - SLACK)
-    ]
     without = beside.left_out(None)
     if np.isnan(state.n_tests):
         state.n_tests = effective_tests(beside, tests)
     good: list[Choice] = []
     looked: list[Weighed] = []
-    for item in shortlist:
-        candidate = item if isinstance(item, Candidate) else refined_candidate(beside, state.kinds, item)
-        if candidate is None:
-            continue
+    for candidate in _shortlist(beside, state.kinds, ranked):
         weighed = weigh(beside, candidate)
         if weighed.gain.power <= 0:
             continue
@@ -179,6 +177,34 @@ def good_candidates(state: Search, further: Sequence[Candidate]) -> list[Choice]
             good.append(Choice(weighed, p))
     good.sort(key=lambda choice: -choice.weighed.evidence)
     return [_told_apart(beside, choice, looked) for choice in _different(beside, good)]
+
+
+def _shortlist(
+    beside: Beside, kinds: Kinds, ranked: Sequence[tuple[float, Hypothesis | Candidate]]
+) -> Iterator[Candidate]:
+    """Candidates with their best shapes that may win; one whose shape has no end stands in nobody's way."""
+    best = None
+    listed: list[tuple[str, tuple[int, ...]]] = []
+    for value, item in ranked[:SHORTLIST]:
+        if best is not None and value < min(CONTENDER * best, best - SLACK):
+            break
+        candidate = item if isinstance(item, Candidate) else refined_candidate(beside, kinds, item)
+        if candidate is not None:
+            best = value if best is None else best
+            listed.append(candidate.place)
+            yield candidate
+    # What is a straight line as far as the data go is the simpler of the two.
+    simpler = [(SIMPLER[kind], joints) for kind, joints in listed if kind in SIMPLER]
+    for _, item in ranked:
+        if (
+            isinstance(item, Hypothesis)
+            and (item.kind, item.joints) in simpler
+            and (item.kind, item.joints) not in listed
+        ):
+            candidate = refined_candidate(beside, kinds, item)
+            if candidate is not None:
+                listed.append(candidate.place)
+                yield candidate
 
 
 def carries_over(weighed: Weighed, *, lone: bool) -> bool:
@@ -315,6 +341,26 @@ def drop_needless(state: Search, train: Sequence[Recording]) -> None:
         state.setup = replace(state.setup, effects=effects)
         refit(state, train)
         state.steps.append(Step("dropped", Choice(weighed, weighed.p_value), rms(state.fit)))
+
+
+def drop_doubtful_gains(state: Search, train: Sequence[Recording]) -> None:
+    """Take out gains that do not stand out beside everything that was found after them, the least sure first."""
+    from scipy.stats import norm
+
+    while state.setup.gain_joints:
+        gains = [p for p in structural_parameters(state.fit, state.setup) if p.kind == GAIN]
+        if not gains:
+            return
+        p_values = [2 * float(norm.sf(abs(p.value[0]) / max(p.std_error[0], 1e-300))) for p in gains]
+        worst = int(np.argmax(p_values))
+        if p_values[worst] * max(state.n_tests, 1.0) < FAMILY_WISE:
+            return
+        place = (GAIN, gains[worst].joints)
+        kept = tuple(j for j in state.setup.gain_joints if j not in gains[worst].joints)
+        state.setup = replace(state.setup, gain_joints=kept)
+        refit(state, train)
+        added = [s for s in state.steps if s.action == "added" and s.choice.weighed.candidate.place == place]
+        state.steps += [Step("dropped", replace(s.choice, p_value=p_values[worst]), rms(state.fit)) for s in added]
 
 
 def standing(state: Search, k: int) -> tuple[Weighed, int]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,10 @@ STATE = ("q", "dq", "ddq", "tau_link")
 
 HARMONICS = 4
 """Cycles per turn up to which a position's functions go: faster ones are ripple, which has a kind of its own."""
+TEETH = 10
+"""Waves per turn up to which the sum and the difference of two angles are looked at: what turns with both of them."""
+TOOTHED = 0.5
+"""Expected size of such a wave, as `Basis.weights`."""
 PRESLIDING = (3e-3, 1e-2, 3e-2)
 """Ways [rad] over which friction may still turn round."""
 FEW = {"q": 7, "dq": 3, "ddq": 2, "tau_link": 2}
@@ -96,7 +101,8 @@ class Candidates:
 
     `signals` in order; `bases` of those of `STATE` and of time; `states` {signal: (n_samples,)} as they are at every
     sample of all runs; `values` {signal: (n_rows,)} in the band over all blocks; `functions`
-    {signal: (n_rows, n_functions)} in the band, of unit spread times weight; `scales` what they were divided by.
+    {signal: (n_rows, n_functions)} in the band, of unit spread times weight; `scales` what they were divided by;
+    `waves` {two angles: ((n_rows, n_waves) in the band, scales)} of what turns with both (see `teeth`).
     """
 
     signals: tuple[Signal, ...]
@@ -105,6 +111,7 @@ class Candidates:
     values: dict[Signal, FloatArray]
     functions: dict[Signal, FloatArray]
     scales: dict[Signal, FloatArray]
+    waves: dict[tuple[Signal, ...], tuple[FloatArray, FloatArray]]
 
     def of_joint(self, j: int) -> tuple[Signal, ...]:
         """Those that joint j's leftover may depend on: its own way since reversal, nobody else's."""
@@ -143,7 +150,23 @@ def candidate_signals(fit: ThreeLoopIdentifier) -> Candidates:
         values[signal] = np.concatenate([s.in_band(way) for s, (way, _) in zip(runs, ways, strict=True)])
         columns = [s.in_band(_memory(way, direction(dq, widths[j]))) for s, (way, dq) in zip(runs, ways, strict=True)]
         functions[signal], scales[signal] = _scaled(np.concatenate(columns), np.ones(len(PRESLIDING)))
-    return Candidates(tuple(values), bases, every, values, functions, scales)
+    angles = [("q", j) for j in range(fit.robot.n_joints) if kinds[j] != "prismatic"]
+    waves: dict[tuple[Signal, ...], tuple[FloatArray, FloatArray]] = {}
+    for pair in combinations(angles, 2):
+        columns = [s.in_band(teeth(*(s.q_motor[:, j] for _, j in pair))) for s in runs]
+        rows, scale = _scaled(np.concatenate(columns), np.full(4 * TEETH, TOOTHED))
+        waves[pair] = rows, scale
+    return Candidates(tuple(values), bases, every, values, functions, scales, waves)
+
+
+def teeth(first: FloatArray, second: FloatArray) -> FloatArray:
+    """Waves of the sum and of the difference of two angles (n,) each, (n, n_waves).
+
+    A shaft behind a differential, as in many wrists, turns with both; products of each angle's own slow waves do not
+    reach its teeth.
+    """
+    turned = [n * angle for angle in (first + second, first - second) for n in range(1, TEETH + 1)]
+    return np.stack([wave(angle) for angle in turned for wave in (np.cos, np.sin)], axis=1)
 
 
 def state_signals(states: States, tau_link: FloatArray) -> tuple[FloatArray, ...]:

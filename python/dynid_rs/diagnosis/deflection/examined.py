@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from dynid_rs.diagnosis.deflection.choice import Choice
 from dynid_rs.diagnosis.deflection.gear import Gear
 from dynid_rs.diagnosis.deflection.system import System
+from dynid_rs.diagnosis.deflection.terms import PLAY
 
 FloatArray = NDArray[np.float64]
 
@@ -75,9 +76,10 @@ class Examined:
             groups["nonlinear_elasticity" if "cubic" in spring else "joint_elasticity"] = spring + ripples
         elif ripples:
             groups["gear_kinematic_error"] = ripples
-        for name in ("backlash", "eccentricity"):
-            if name in self.names:
-                groups[KIND_OF[name]] = [name]
+        if "backlash" in self.names:
+            groups["backlash"] = [name for name in self.names if name in PLAY]
+        if "eccentricity" in self.names:
+            groups[KIND_OF["eccentricity"]] = ["eccentricity"]
         size = {kind: self._size(names) for kind, names in groups.items()}
         return dict(sorted(groups.items(), key=lambda item: -size[item[0]]))
 

@@ -13,7 +13,7 @@ from dynid_rs.diagnosis.deflection.lines import find_orders
 from dynid_rs.diagnosis.deflection.shapes import find_distance, find_width, rotor_share
 from dynid_rs.diagnosis.deflection.signals import GearSignals
 from dynid_rs.diagnosis.deflection.system import System, centred
-from dynid_rs.diagnosis.deflection.terms import Shapes
+from dynid_rs.diagnosis.deflection.terms import PLAY, Shapes
 
 FloatArray = NDArray[np.float64]
 
@@ -47,7 +47,7 @@ def search_gear(runs: Sequence[GearSignals], turning: bool) -> Gear:
     if np.any(runs[0].load_error[:, -1:]):
         gear = gear.without_rotor(rotor_share(gear))
     for k in range(ROUNDS):
-        names = [name for name in gear.names if k > 0 or name not in ("hysteresis", "backlash")]
+        names = [name for name in gear.names if k > 0 or name not in ("hysteresis", *PLAY)]
         gear = settled(gear, gear.system(names))
         gear = find_width(find_distance(gear))
     return gear
@@ -58,7 +58,7 @@ def finished_gear(gear: Gear, runs: Sequence[GearSignals]) -> Gear:
     step = max(1, round(runs[0].rate / gear.runs[0].rate))
     coarse = replace(gear, runs=[run.thinned(step) for run in runs], rotor=0.0).without_rotor(gear.rotor)
     # A load that is better known begins with what its own covariance says.
-    coarse = coarse.believing(coarse.compliance, 1.0, coarse.noise_power)
+    coarse = coarse.believing(1.0, coarse.noise_power)
     coarse = polished(settled(coarse, coarse.system()), coarse.names)
     whole = on_all_samples(coarse, runs)
     if whole.turning:
@@ -90,7 +90,7 @@ def polished(gear: Gear, names: Sequence[str]) -> Gear:
         shapes = gear.shapes
         for change in changes:
             shapes = shapes.bent(change[:-1], float(np.clip(x[system.among(every, change)[0]], -BOLDEST, BOLDEST)))
-        gear = replace(gear, shapes=shapes)
+        gear = replace(gear, shapes=shapes).believing_load(u)
         if "hysteresis" in names:
             gear = gear.remembering(gear.path(names, u, x[: len(x) - len(changes)]))
         gear = settled(gear, system)
@@ -118,6 +118,8 @@ def settled(gear: Gear, system: System) -> Gear:
     names = list(system.columns)
     u, x = system.coefficients(names)
     compliance = max(float(x[system.among(names, "compliance")[0]]), _least_compliance(gear.runs))
+    half_gap = max(float(x[system.among(names, "backlash")[0]]), 0.0) if "backlash" in names else 0.0
+    cubic = float(x[system.among(names, "cubic")[0]]) if "cubic" in names else 0.0
     spread = gear.spread
     n_known = len(u) - (bool(np.any(gear.turn[-1])) if gear.turn.size else 0)
     if n_known > 0:
@@ -126,4 +128,5 @@ def settled(gear: Gear, system: System) -> Gear:
         determined = float(np.sum(powers / (powers + system.noise_power)))
         # MacKay's fixed point: the parameters' mean square over how many of them the data determine.
         spread *= float(np.sqrt(np.sum(u[:n_known] ** 2) / max(determined, 1e-3)))
-    return gear.believing(compliance, float(np.clip(spread, 1.0, WIDEST_SPREAD)), system.slow_noise)
+    bent = replace(gear, compliance=compliance, half_gap=half_gap, cubic=cubic)
+    return bent.believing(float(np.clip(spread, 1.0, WIDEST_SPREAD)), system.slow_noise)

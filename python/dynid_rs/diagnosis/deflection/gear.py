@@ -14,12 +14,14 @@ from dynid_rs.diagnosis.deflection.system import System, centred
 from dynid_rs.diagnosis.deflection.terms import (
     LEAST_SIDE,
     LEAST_TURN,
+    PLAY,
     TERMS,
     Shapes,
     columns_of,
     has_shape,
     presliding,
     ripple_name,
+    step,
 )
 
 FloatArray = NDArray[np.float64]
@@ -30,6 +32,8 @@ MATTERS = 0.05
 """Directions of the load's error whose power is below this part of the noise they compete with are left out."""
 BEND = 0.01
 """Relative change of a shape (of an order: absolute) over which its derivative is taken."""
+NEAR = 0.1
+"""Of the play's width: the distance over which its slope is taken."""
 PATHS = 4
 """Times that the way is found again from the state that it leads to; the change falls at least threefold each time."""
 
@@ -53,13 +57,16 @@ class Gear:
     noise_power : float
         Of the slow noise [rad^2].
     turn : ndarray (n_directions, n_u)
-        From the load's directions to those that matter beside the noise, `spread` and `compliance` included.
+        From the load's directions to those that matter beside the noise, `spread` included.
     z : list of ndarray (n,)
         State of the hysteretic part.
     rotor : float
         How much of the last error direction was taken off the load: a rotor on the motor's side of the gear.
     late : float
         Delay of the link channel beyond the one that is taken off already, of the last search [s].
+    half_gap, cubic : float
+        Play [rad] and bend [rad/(N m)^3] of the last fit: near zero load, an error of the load moves a gear with play
+        much farther than its spring alone.
     """
 
     runs: Sequence[GearSignals]
@@ -72,6 +79,16 @@ class Gear:
     z: list[FloatArray]
     rotor: float = 0.0
     late: float = 0.0
+    half_gap: float = 0.0
+    cubic: float = 0.0
+    far: FloatArray | None = None
+
+    @cached_property
+    def believed(self) -> list[GearSignals]:
+        """The runs with the load that the last fit believes in."""
+        if self.far is None:
+            return list(self.runs)
+        return [replace(run, load=run.load + run.load_error @ self.far) for run in self.runs]
 
     @cached_property
     def names(self) -> list[str]:
@@ -79,19 +96,25 @@ class Gear:
         possible = [name for name, term in TERMS.items() if self.turning or not term.turning]
         if max(float(np.ptp(run.q[run.used])) for run in self.runs) < LEAST_TURN and self.turning:
             possible.remove("eccentricity")
-        pushed = np.concatenate([run.load[run.used] > 0 for run in self.runs]).mean()
+        pushed = np.concatenate([run.load[run.used] > 0 for run in self.believed]).mean()
         if not LEAST_SIDE < pushed < 1 - LEAST_SIDE:
-            possible.remove("backlash")
+            possible = [name for name in possible if name not in PLAY]
         return possible + [ripple_name(index) for index in range(len(self.shapes.orders))]
 
     @cached_property
     def errors(self) -> list[FloatArray]:
         """Deflection from the load's error, one standard deviation per direction, (n, n_u) per run."""
-        return [run.load_error @ self.turn for run in self.runs]
+        return [self.yielding(run)[:, None] * (run.load_error @ self.turn) for run in self.believed]
+
+    def yielding(self, run: GearSignals) -> FloatArray:
+        """Change of the deflection per change of the load of a run that is believed in, (n,) [rad/(N m)]."""
+        near = NEAR * self.shapes.width
+        play = step(run.load + near, self.shapes.width) - step(run.load - near, self.shapes.width)
+        return np.asarray(self.compliance + 3 * self.cubic * run.load**2 + self.half_gap * play / (2 * near))
 
     def columns(self, name: str) -> list[FloatArray]:
         """Deflection per unit coefficient, (n, n_columns) per run."""
-        return [columns_of(name, run, self.shapes, z) for run, z in zip(self.runs, self.z, strict=True)]
+        return [columns_of(name, run, self.shapes, z) for run, z in zip(self.believed, self.z, strict=True)]
 
     def system(
         self, names: Sequence[str] | None = None, further: Mapping[str, list[FloatArray]] | None = None
@@ -104,7 +127,10 @@ class Gear:
         for name, added in (further or {}).items():
             columns[name] = [centred(run, x) for run, x in zip(self.runs, added, strict=True)]
         errors = [centred(run, x) for run, x in zip(self.runs, self.errors, strict=True)]
-        return System(self.runs, columns, errors, self.noise_power)
+        away = [np.zeros(len(run.load)) for run in self.runs]
+        if self.far is not None:
+            away = [self.yielding(run) * (run.load_error @ self.far) for run in self.believed]
+        return System(self.runs, columns, errors, self.noise_power, away)
 
     def shape_columns(self, names: Sequence[str], u: FloatArray, x: FloatArray) -> dict[str, list[FloatArray]]:
         """Deflection per change of every shape in use (see `Shapes.bent`), at coefficients u, x; (n, 1) per run."""
@@ -126,7 +152,10 @@ class Gear:
 
     def path(self, names: Sequence[str], u: FloatArray, x: FloatArray) -> list[FloatArray]:
         """Wind-up of the spring over every run, standstill included, (n,) each [rad]."""
-        ways = [errors @ u for errors in self.errors]
+        ways = [
+            self.compliance * (run.load_error @ (self.turn @ u - (0 if self.far is None else self.far)))
+            for run in self.runs
+        ]
         first = 0
         for name in names:
             columns = self.columns(name) if name in SPRING else []
@@ -142,25 +171,30 @@ class Gear:
 
     def on(self, runs: Sequence[GearSignals], names: Sequence[str], u: FloatArray, x: FloatArray) -> Gear:
         """Return the same gear in other runs, with coefficients that are known."""
-        gear = replace(self, runs=runs).remembering([self.compliance * run.load for run in runs])
+        gear = replace(self, runs=runs)
+        gear = gear.remembering([self.compliance * run.load for run in gear.believed])
         for _ in range(PATHS if "hysteresis" in names else 0):
             gear = gear.remembering(gear.path(names, u, x))
         return gear
+
+    def believing_load(self, u: FloatArray) -> Gear:
+        """Return the same gear with the load that coefficients u of its error lead to."""
+        return replace(self, far=self.turn @ u)
 
     def without_rotor(self, share: float) -> Gear:
         """Return the same gear with a load that does not hold `share` of what follows the hidden rotor's motion."""
         runs = [replace(run, load=run.load - share * run.load_error[:, -1]) for run in self.runs]
         return replace(self, runs=runs, rotor=self.rotor + share)
 
-    def thinned(self, step: int) -> Gear:
-        """Return the same gear with every `step`-th sample."""
-        if step <= 1:
+    def thinned(self, every: int) -> Gear:
+        """Return the same gear with one sample out of `every`."""
+        if every <= 1:
             return self
-        return replace(self, runs=[run.thinned(step) for run in self.runs], z=[z[::step] for z in self.z])
+        return replace(self, runs=[run.thinned(every) for run in self.runs], z=[z[::every] for z in self.z])
 
-    def believing(self, compliance: float, spread: float, noise_power: float) -> Gear:
+    def believing(self, spread: float, noise_power: float) -> Gear:
         """Return the same gear with a load's error of another size, in the directions that matter then."""
-        known = [compliance * spread * centred(run, run.load_error[:, :-1]) for run in self.runs]
+        known = [spread * centred(run, self.yielding(run)[:, None] * run.load_error[:, :-1]) for run in self.believed]
         n = known[0].shape[1] + 1
         if n == 1:
             turn = np.zeros((self.runs[0].load_error.shape[1], 0))
@@ -168,8 +202,8 @@ class Gear:
             powers, vectors = np.linalg.eigh(np.sum([error.T @ error for error in known], axis=0))
             kept = vectors[:, powers > MATTERS * noise_power]
             turn = np.zeros((n, kept.shape[1] + 1))
-            turn[:-1, :-1] = compliance * spread * kept
-            turn[-1, -1] = compliance
+            turn[:-1, :-1] = spread * kept
+            turn[-1, -1] = 1.0
             if not any(np.any(run.load_error[:, -1]) for run in self.runs):
                 turn = turn[:, :-1]
-        return replace(self, compliance=compliance, spread=spread, noise_power=noise_power, turn=turn)
+        return replace(self, spread=spread, noise_power=noise_power, turn=turn)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.diagnosis.deflection.system import centred, inverse
-from dynid_rs.diagnosis.deflection.terms import columns_of
+from dynid_rs.diagnosis.deflection.terms import PLAY, columns_of
 
 if TYPE_CHECKING:
     from dynid_rs.diagnosis.deflection.gear import Gear
@@ -75,8 +75,8 @@ def rotor_share(gear: Gear) -> float:
 
     def gain(share: float) -> float:
         tried = gear.without_rotor(share)
-        loads = [run.load for run in tried.runs]
-        steps = [columns_of("backlash", run, gear.shapes, run.load)[:, 0] for run in tried.runs]
+        loads = [run.load for run in tried.believed]
+        steps = [columns_of("backlash", run, gear.shapes, run.load)[:, 0] for run in tried.believed]
         return beside.gain(loads, steps)[0]
 
     gains = [gain(share) for share in ROTOR_SHARES]
@@ -94,12 +94,12 @@ def find_width(gear: Gear) -> Gear:
     """Return the gear with the width of its play that explains most."""
     if "backlash" not in gear.names:
         return gear
-    beside = Beside(gear, [name for name in gear.names if name != "backlash"])
+    beside = Beside(gear, [name for name in gear.names if name not in PLAY])
     top = max(float(np.abs(run.load).max()) for run in gear.runs)
 
     def gain(width: float) -> float:
         shapes = replace(gear.shapes, width=width)
-        steps = [columns_of("backlash", run, shapes, run.load)[:, 0] for run in gear.runs]
+        steps = [columns_of("backlash", run, shapes, run.load)[:, 0] for run in gear.believed]
         return beside.gain(steps)[0]
 
     return replace(gear, shapes=replace(gear.shapes, width=_best(gain, [share * top for share in WIDTHS])))

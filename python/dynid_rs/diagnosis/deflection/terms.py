@@ -24,6 +24,10 @@ LEAST_TURN = 1.0
 REVERSAL_WIDTH = 0.01
 """Of the greatest speed: where friction on the link's side changes its sign."""
 
+ENGAGED = 1.6
+"""How teeth share the load while play is crossed is not one law: a step may have a sharper or a softer shoulder, made
+of steps this factor wider and narrower. It leaves the gap itself alone."""
+
 
 @dataclass(frozen=True)
 class Term:
@@ -60,9 +64,14 @@ TERMS = {
         Term("hysteresis", sign=-1, parent="compliance"),
         Term("link_friction", sign=1, parent="compliance"),
         Term("backlash", sign=1),
+        Term("engagement", parent="backlash"),
         Term("eccentricity", turning=True, most=MOST_ECCENTRICITY),
     )
 }
+
+
+PLAY = ("backlash", "engagement")
+"""Terms of a gap."""
 
 
 def term(name: str) -> Term:
@@ -126,6 +135,9 @@ def columns_of(name: str, run: GearSignals, shapes: Shapes, z: FloatArray) -> Fl
         return load[:, None] ** 3
     if name == "backlash":
         return step(load, shapes.width)[:, None]
+    if name == "engagement":
+        wider, narrower = (step(load, shapes.width * factor) for factor in (ENGAGED, 1 / ENGAGED))
+        return (wider + narrower - 2 * step(load, shapes.width))[:, None]
     if name == "hysteresis":
         return z[:, None]
     if name == "link_friction":

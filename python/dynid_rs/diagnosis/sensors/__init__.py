@@ -14,7 +14,7 @@ import numpy as np
 
 from dynid_rs.diagnosis.sensors.beside import Beside
 from dynid_rs.diagnosis.sensors.channels import channel_findings
-from dynid_rs.diagnosis.sensors.clocks import TorqueDelay, choose_delay, delay_parts, measure_delay
+from dynid_rs.diagnosis.sensors.clocks import TorqueDelay, choose_delay, delay_parts, measure_delay, moved_delay
 from dynid_rs.diagnosis.sensors.contact import Contact, find_contacts, windows_of
 from dynid_rs.diagnosis.sensors.gains import gain_findings, torque_gains
 from dynid_rs.diagnosis.sensors.messages import contact_findings, delay_entries, delay_findings, encoder_entries
@@ -36,6 +36,7 @@ __all__ = [
     "find_contacts",
     "gain_findings",
     "measure_delay",
+    "moved_delay",
     "torque_gains",
     "windows_of",
 ]
@@ -102,7 +103,7 @@ def examine(
             fit, setup, contacts = _without_contacts(late, train, test)
             beside = Beside(fit)
             step = measure_delay(delay_parts(fit, beside), delay.places)
-            delay = _moved(delay, step)
+            delay = moved_delay(delay, step)
             setup = replace(setup, torque_delay=declared.torque_delay + delay.per_joint)
             if np.all(np.abs(step.per_joint) < SETTLED * np.max(step.std_error)):
                 break
@@ -152,9 +153,3 @@ def _without_contacts(
             break
         fit = setup.identifier(residual=None).fit(runs)
     return fit, setup, contacts
-
-
-def _moved(delay: TorqueDelay, step: TorqueDelay) -> TorqueDelay:
-    """Delay with another step on top; its errors are those of the last one."""
-    value = tuple(a + b for a, b in zip(delay.value, step.value, strict=True))
-    return replace(delay, value=value, std_error=step.std_error, dof=step.dof)

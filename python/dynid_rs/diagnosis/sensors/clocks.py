@@ -9,7 +9,7 @@ comes from, so gravity's part, inertia's and friction's must all be late by the 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -167,6 +167,12 @@ def measure_delay(parts: DelayParts, places: Sequence[tuple[int, ...]]) -> Torqu
         tuple(_p_values(parts, places)),
         used.t_dof,
     )
+
+
+def moved_delay(delay: TorqueDelay, step: TorqueDelay) -> TorqueDelay:
+    """Delay with another step on top; its errors are those of the last one."""
+    value = tuple(a + b for a, b in zip(delay.value, step.value, strict=True))
+    return replace(delay, value=value, std_error=step.std_error, dof=step.dof)
 
 
 def _p_values(parts: DelayParts, places: Sequence[tuple[int, ...]]) -> list[float]:

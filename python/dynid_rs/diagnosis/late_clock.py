@@ -1,0 +1,70 @@
+"""Clocks once more beside what was found: behind a wrong geometry a late torque channel shows only now."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from dynid_rs.diagnosis.beside import Beside, independent_rows
+from dynid_rs.diagnosis.search import search
+from dynid_rs.diagnosis.sensors import TorqueDelay, choose_delay, delay_parts, measure_delay, moved_delay
+from dynid_rs.diagnosis.sensors.beside import Beside as ClockBeside
+from dynid_rs.diagnosis.setup import Setup
+from dynid_rs.diagnosis.state import Search, columns_in, fitted, rms
+from dynid_rs.recording import Recording
+
+LAGS = ("friction_hysteresis", "load_hysteresis")
+"""Effects that a delay is taken for: it is looked for without them."""
+
+
+def with_late_clock(
+    found: Search,
+    began: Setup,
+    train: Sequence[Recording],
+    *,
+    on_progress: Callable[[str], None] = lambda step: None,
+) -> tuple[Search, TorqueDelay | None]:
+    """Return the search with a late torque channel where that explains more than `found`, else `found` and None.
+
+    Parameters
+    ----------
+    found : Search
+        Whose torque channels are on the encoders' clock.
+    began : Setup
+        What `found` began with.
+    train : sequence of Recording
+        Training runs, on one clock.
+    """
+    if np.any(found.setup.torque_delay):
+        return found, None
+    on_progress("clocks once more")
+    without = tuple(effect for effect in found.setup.effects if effect.kind not in LAGS)
+    same = len(without) == len(found.setup.effects)
+    fit = found.fit if same else fitted(replace(found.setup, effects=without), train)
+    delay = choose_delay(delay_parts(fit, ClockBeside(fit)))
+    if not delay.places:
+        return found, None
+    on_progress("the same with a late torque channel")
+    other = search(replace(began, torque_delay=delay.per_joint), train, on_progress=on_progress)
+    step = measure_delay(delay_parts(other.fit, ClockBeside(other.fit)), delay.places)
+    delay = moved_delay(delay, step)
+    other.setup = replace(other.setup, torque_delay=delay.per_joint)
+    other.fit = fitted(other.setup, train)
+    if not explains_more(other, found, np.flatnonzero(delay.per_joint).tolist()):
+        return found, None
+    return other, delay
+
+
+def explains_more(first: Search, second: Search, joints: Sequence[int]) -> bool:
+    """Whether the first leaves less on `joints` than the second, its further coefficients paid for."""
+    evidence = []
+    for state in (first, second):
+        beside = Beside(state.fit)
+        rows = float(independent_rows(beside.residual, beside.blocks)[list(joints)].sum())
+        n_found = sum(len(places) for places in columns_in(state)) + int(np.count_nonzero(state.setup.torque_delay))
+        evidence.append((rows, float(np.log(rms(state.fit)[list(joints)]).mean()), n_found))
+    rows = min(n for n, *_ in evidence)
+    (_, left, n_first), (_, left_second, n_second) = evidence
+    return bool(rows * (left_second - left) > 0.5 * (n_first - n_second) * np.log(max(rows, 2.0)))
