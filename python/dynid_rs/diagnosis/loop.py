@@ -16,6 +16,7 @@ from dynid_rs.diagnosis.deflection_entries import deflection_entries, merged_gea
 from dynid_rs.diagnosis.entries import effect_entries, ranked
 from dynid_rs.diagnosis.kinds import Kinds
 from dynid_rs.diagnosis.late_clock import explains_more, with_late_clock
+from dynid_rs.diagnosis.patchwork import as_unknown
 from dynid_rs.diagnosis.reference import compare
 from dynid_rs.diagnosis.remainder import Remainder, remainder_entries, unknown_entries, what_is_left, with_terms
 from dynid_rs.diagnosis.ripple import RippleCandidate, add_ripple
@@ -166,7 +167,7 @@ def diagnose(
                     *clock_entries(clocks, setup.robot),
                     *deflection_entries(gears, names),
                     *structural_entries(found, train, tests),
-                    *effect_entries(found, tests),
+                    *as_unknown(effect_entries(found, tests), found.setup.effects, names),
                     *unknown_entries(remainder, names),
                     *ripple_entries(lines, found.fit),
                 ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,17 +21,20 @@ FULL = 2
 """Products of more signals than this use only the tamest functions of each."""
 
 
-def product_columns(signals: Sequence[Signal], candidates: Candidates, rows: NDArray[np.intp]) -> FloatArray:
-    """All products of functions of different signals, alone too, and waves of two angles, (n_rows, n_columns)."""
+def product_columns(
+    signals: Sequence[Signal], candidates: Candidates, rows: NDArray[np.intp], *, tame: bool = False
+) -> FloatArray:
+    """All products of functions of different signals, alone too, (n_rows, n_columns); `tame`: of few functions."""
+    tame = tame or len(signals) > FULL
     columns = np.ones((len(rows), 1))
     for signal in signals:
         own = candidates.functions[signal]
-        own = own if len(signals) <= FULL else own[:, candidates.few(signal)]
+        own = own[:, candidates.few(signal)] if tame else own
         own = np.column_stack([np.ones(len(rows)), own[rows]])
         columns = (columns[:, :, None] * own[:, None, :]).reshape(len(rows), -1)
-    waves = candidates.waves.get(tuple(signals))
-    if waves is not None:
-        columns = np.column_stack([columns, waves[0][rows]])
+    further = None if tame else candidates.further.get(tuple(signals))
+    if further is not None:
+        columns = np.column_stack([columns, further[0][rows]])
     return columns[:, 1:]
 
 
@@ -40,13 +43,14 @@ class Score:
     """Squares that products of some signals leave on the rows left out.
 
     `power` (n_targets,) sum of squares, at the best ridge for each target; `ridge` the first target's; `squares`
-    (n_rows,) of the first target row by row.
+    (n_rows,) of the first target row by row; `tame` whether few functions of each signal predict better than all.
     """
 
     signals: tuple[Signal, ...]
     power: FloatArray
     ridge: float
     squares: FloatArray
+    tame: bool = False
 
 
 class LeftOutRows:
@@ -73,7 +77,8 @@ class LeftOutRows:
         """Score a set of signals."""
         key = tuple(sorted(signals))
         if key not in self._known:
-            self._known[key] = self._score(key)
+            tame = self._score(key, tame=True)
+            self._known[key] = tame if len(key) > FULL else _better(tame, self._score(key, tame=False))
         return self._known[key]
 
     def worse(self, score: Score, than: Score) -> bool:
@@ -81,8 +86,8 @@ class LeftOutRows:
         difference = score.squares - than.squares
         return bool(difference.sum() > 2 * spread_of_sum(difference, self._rows.block))
 
-    def _score(self, signals: tuple[Signal, ...]) -> Score:
-        columns = product_columns(signals, self._candidates, self._rows.rows)
+    def _score(self, signals: tuple[Signal, ...], *, tame: bool) -> Score:
+        columns = product_columns(signals, self._candidates, self._rows.rows, tame=tame)
         power = np.zeros((len(RIDGES), len(self.without)))
         paths = []
         for split, (fitted, left) in zip(self._rows.splits, self._targets, strict=True):
@@ -96,13 +101,19 @@ class LeftOutRows:
             paths.append((left[:, 0], shown, beta))
         best = int(np.argmin(power[:, 0]))
         squares = [(left - shown @ beta[best][:, 0]) ** 2 for left, shown, beta in paths]
-        return Score(signals, power.min(axis=0), RIDGES[best], self._in_order(squares))
+        return Score(signals, power.min(axis=0), RIDGES[best], self._in_order(squares), tame)
 
     def _in_order(self, parts: Sequence[FloatArray]) -> FloatArray:
         out = np.zeros(len(self._rows.rows))
         for split, part in zip(self._rows.splits, parts, strict=True):
             out[split.left] = part
         return out
+
+
+def _better(first: Score, second: Score) -> Score:
+    """The one that predicts the first target better; surrogates had the same choice."""
+    better = first if first.power[0] <= second.power[0] else second
+    return replace(better, power=np.minimum(first.power, second.power))
 
 
 MOST_PADS = 6

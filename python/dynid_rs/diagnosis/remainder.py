@@ -15,7 +15,7 @@ from dynid_rs.diagnosis.data_term import WORTH, DataTerm, fit_data_term
 from dynid_rs.diagnosis.floor import Floor, floor
 from dynid_rs.diagnosis.kinds import Kinds
 from dynid_rs.diagnosis.leftovers import run_residuals, search_leftovers
-from dynid_rs.diagnosis.one_cylinder import PATCHES
+from dynid_rs.diagnosis.patchwork import patchworks
 from dynid_rs.diagnosis.picture import Picture
 from dynid_rs.diagnosis.rows_beside import Beside as Rows
 from dynid_rs.diagnosis.setup import Setup
@@ -113,9 +113,8 @@ def _forced(found: Search, measured: Floor, unexplained: Sequence[Unexplained]) 
             if left.share > OTHER_FORM:
                 signals = {signal for signal, _ in left.depends_on}
                 doubtful |= {k for k in there if (own := signals_of(effects[k])) and own <= signals}
-        of_position = [k for k in there if effects[k].kind in (CYLINDER, *PATCHES)]
-        if len(of_position) > 1 and any(effects[k].kind == CYLINDER for k in of_position):
-            doubtful |= set(of_position)
+        patches = next((group for group in patchworks(effects) if group[0].joints[0] == j), [])
+        doubtful |= {k for k, effect in enumerate(effects) if any(effect is other for other in patches)}
         if doubtful:
             forced.append([effects[k] for k in sorted(doubtful)])
     return forced
@@ -161,7 +160,8 @@ def _carries_over(found: Search, term: DataTerm, train: Sequence[Recording]) -> 
         others = [recording for i, recording in enumerate(corrected) if i != k]
         bare = found.setup.identifier(residual=None).fit(others)
         rows = Rows(bare).of_joint(j)
-        again = fit_data_term(j, term.signals, term.ridge, rows, candidate_signals(bare), bare.runs_, scored=False)
+        signals = candidate_signals(bare)
+        again = fit_data_term(j, term.signals, term.ridge, term.tame, rows, signals, bare.runs_, scored=False)
         if again is None:
             return False
         whole = _with_terms(found.setup, bare, [again], others)

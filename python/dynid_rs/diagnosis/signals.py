@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -26,8 +26,10 @@ HARMONICS = 4
 """Cycles per turn up to which a position's functions go: faster ones are ripple, which has a kind of its own."""
 TEETH = 10
 """Waves per turn up to which the sum and the difference of two angles are looked at: what turns with both of them."""
-TOOTHED = 0.5
-"""Expected size of such a wave, as `Basis.weights`."""
+BUMPS = 14
+"""Bumps along a position that is looked at alone: springs with corners, stops and dead zones are made of them."""
+ROUGH = 0.5
+"""Expected size of such a wave or bump, as `Basis.weights`."""
 PRESLIDING = (3e-3, 1e-2, 3e-2)
 """Ways [rad] over which friction may still turn round."""
 FEW = {"q": 7, "dq": 3, "ddq": 2, "tau_link": 2}
@@ -102,7 +104,7 @@ class Candidates:
     `signals` in order; `bases` of those of `STATE` and of time; `states` {signal: (n_samples,)} as they are at every
     sample of all runs; `values` {signal: (n_rows,)} in the band over all blocks; `functions`
     {signal: (n_rows, n_functions)} in the band, of unit spread times weight; `scales` what they were divided by;
-    `waves` {two angles: ((n_rows, n_waves) in the band, scales)} of what turns with both (see `teeth`).
+    `further` {signals: ((n_rows, n_functions) in the band, scales)} of `further_functions`.
     """
 
     signals: tuple[Signal, ...]
@@ -111,7 +113,7 @@ class Candidates:
     values: dict[Signal, FloatArray]
     functions: dict[Signal, FloatArray]
     scales: dict[Signal, FloatArray]
-    waves: dict[tuple[Signal, ...], tuple[FloatArray, FloatArray]]
+    further: dict[tuple[Signal, ...], tuple[FloatArray, FloatArray]]
 
     def of_joint(self, j: int) -> tuple[Signal, ...]:
         """Those that joint j's leftover may depend on: its own way since reversal, nobody else's."""
@@ -150,21 +152,28 @@ def candidate_signals(fit: ThreeLoopIdentifier) -> Candidates:
         values[signal] = np.concatenate([s.in_band(way) for s, (way, _) in zip(runs, ways, strict=True)])
         columns = [s.in_band(_memory(way, direction(dq, widths[j]))) for s, (way, dq) in zip(runs, ways, strict=True)]
         functions[signal], scales[signal] = _scaled(np.concatenate(columns), np.ones(len(PRESLIDING)))
-    angles = [("q", j) for j in range(fit.robot.n_joints) if kinds[j] != "prismatic"]
-    waves: dict[tuple[Signal, ...], tuple[FloatArray, FloatArray]] = {}
-    for pair in combinations(angles, 2):
-        columns = [s.in_band(teeth(*(s.q_motor[:, j] for _, j in pair))) for s in runs]
-        rows, scale = _scaled(np.concatenate(columns), np.full(4 * TEETH, TOOTHED))
-        waves[pair] = rows, scale
-    return Candidates(tuple(values), bases, every, values, functions, scales, waves)
+    positions: list[tuple[Signal, ...]] = [(("q", j),) for j in range(fit.robot.n_joints)]
+    turning: list[Signal] = [("q", j) for j in range(fit.robot.n_joints) if kinds[j] != "prismatic"]
+    further: dict[tuple[Signal, ...], tuple[FloatArray, FloatArray]] = {}
+    for chosen in (*positions, *combinations(turning, 2)):
+        states = [np.stack([s.q_motor[:, j] for _, j in chosen], axis=1) for s in runs]
+        columns = [s.in_band(further_functions(chosen, bases, u)) for s, u in zip(runs, states, strict=True)]
+        rows = np.concatenate(columns)
+        further[chosen] = _scaled(rows, np.full(rows.shape[1], ROUGH))
+    return Candidates(tuple(values), bases, every, values, functions, scales, further)
 
 
-def teeth(first: FloatArray, second: FloatArray) -> FloatArray:
-    """Waves of the sum and of the difference of two angles (n,) each, (n, n_waves).
+def further_functions(signals: Sequence[Signal], bases: Mapping[Signal, Basis], u: FloatArray) -> FloatArray:
+    """Bumps along one position, or waves of the sum and the difference of two angles; u (n, n_signals) to (n, k).
 
-    A shaft behind a differential, as in many wrists, turns with both; products of each angle's own slow waves do not
-    reach its teeth.
+    A shaft behind a differential, as in many wrists, turns with both joints; products of each angle's own slow waves
+    do not reach its teeth.
     """
+    if len(signals) == 1:
+        basis = bases[signals[0]]
+        centres = basis.centre + basis.spread * np.linspace(-1.0, 1.0, BUMPS)
+        return np.asarray(np.exp(-0.5 * ((u - centres) / (2 * basis.spread / BUMPS)) ** 2))
+    first, second = u.T
     turned = [n * angle for angle in (first + second, first - second) for n in range(1, TEETH + 1)]
     return np.stack([wave(angle) for angle in turned for wave in (np.cos, np.sin)], axis=1)
 
