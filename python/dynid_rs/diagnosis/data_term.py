@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
-from dynid_rs.diagnosis.products import FULL, RidgePath, product_columns
+from dynid_rs.diagnosis.products import ALL, FEW, FULL, FURTHER, RidgePath, product_columns
 from dynid_rs.diagnosis.rows_beside import JointRows, Split, spread_of_sum
 from dynid_rs.diagnosis.signals import STATE, Basis, Candidates, Signal, further_functions, state_signals
 from dynid_rs.preprocessing import States
@@ -65,8 +65,8 @@ class DataTerm:
         Standard error of the part of the power that it takes.
     ridge : float
         That predicted best on rows left out.
-    tame : bool
-        Whether few functions of each signal predicted better.
+    reach : int
+        Functions that predicted best, see `products.FEW`.
     """
 
     joint: int
@@ -75,7 +75,7 @@ class DataTerm:
     power: tuple[float, float]
     gain_error: float
     ridge: float
-    tame: bool
+    reach: int
 
     @property
     def gain(self) -> float:
@@ -98,7 +98,7 @@ def fit_data_term(
     joint: int,
     signals: Sequence[Signal],
     ridge: float,
-    tame: bool,
+    reach: int,
     rows: JointRows,
     candidates: Candidates,
     runs: Sequence[States],
@@ -115,8 +115,8 @@ def fit_data_term(
         At most three.
     ridge : float
         That predicted best on rows left out.
-    tame : bool
-        Whether few functions of each signal are enough.
+    reach : int
+        Which functions, see `products.FEW`.
     rows, candidates : JointRows, Candidates
         Of the training runs.
     runs : sequence of States
@@ -127,13 +127,13 @@ def fit_data_term(
     signals = tuple(sorted(signals))
     if any(name not in STATE for name, _ in signals):
         return None
-    columns = product_columns(signals, candidates, rows.rows, tame=tame)
-    mixture = _mixture(signals, candidates, tame, _coefficients(rows.whole, columns, ridge))
+    columns = product_columns(signals, candidates, rows.rows, reach=reach)
+    mixture = _mixture(signals, candidates, reach, _coefficients(rows.whole, columns, ridge))
     if not scored:
-        return DataTerm(joint, signals, mixture, (float("nan"), float("nan")), float("nan"), ridge, tame)
+        return DataTerm(joint, signals, mixture, (float("nan"), float("nan")), float("nan"), ridge, reach)
     squares = np.zeros((2, len(rows.rows)))
     for split in rows.splits:
-        part = _mixture(signals, candidates, tame, _coefficients(split, columns, ridge))
+        part = _mixture(signals, candidates, reach, _coefficients(split, columns, ridge))
         u = np.stack([candidates.states[signal] for signal in signals], axis=1)
         torque = _in_band(part.predict(u)[0], runs)[rows.rows][:, None]
         taken = split.taken.T @ torque[split.fitted]
@@ -141,7 +141,7 @@ def fit_data_term(
         squares[0, split.left] = split.e_left**2
         squares[1, split.left] = (split.e_left - shown[:, 0]) ** 2
     power = float(squares[0].mean()), float(squares[1].mean())
-    return DataTerm(joint, signals, mixture, power, _gain_error(squares, rows.block), ridge, tame)
+    return DataTerm(joint, signals, mixture, power, _gain_error(squares, rows.block), ridge, reach)
 
 
 def _coefficients(split: Split, columns: FloatArray, ridge: float) -> FloatArray:
@@ -162,7 +162,7 @@ def _gain_error(squares: FloatArray, block: NDArray[np.intp]) -> float:
 
 
 def _mixture(
-    signals: tuple[Signal, ...], candidates: Candidates, tame: bool, beta: FloatArray
+    signals: tuple[Signal, ...], candidates: Candidates, reach: int, beta: FloatArray
 ) -> _core.GaussianMixtureRegression:
     """Mixture with the values of the products at the states of the data and between them."""
     rng = np.random.default_rng(0)
@@ -171,7 +171,7 @@ def _mixture(
     mixed = np.stack([rng.permutation(column) for column in u.T], axis=1)
     points = np.concatenate([u, mixed]) if len(signals) > 1 else u
     weight = np.where(np.arange(len(points)) < len(u), 1.0, INNER)
-    y = raw_columns(signals, candidates, points, tame=tame) @ beta
+    y = raw_columns(signals, candidates, points, reach=reach) @ beta
     means, variances = _grid(signals, [candidates.bases[signal] for signal in signals], u)
     k, n = means.shape
     bare = _mixture_of(means, variances, np.zeros(k), np.zeros((k, n)), 1.0)
@@ -187,16 +187,16 @@ def _mixture(
     return _mixture_of(means, variances, found[:, 0], slopes, max(noise, 1e-9 * float(np.abs(y).max()), 1e-12))
 
 
-def raw_columns(signals: Sequence[Signal], candidates: Candidates, u: FloatArray, *, tame: bool = False) -> FloatArray:
+def raw_columns(signals: Sequence[Signal], candidates: Candidates, u: FloatArray, *, reach: int = ALL) -> FloatArray:
     """Products of functions at states `u` (n, n_signals), before any band."""
-    tame = tame or len(signals) > FULL
+    reach = FEW if len(signals) > FULL else reach
     columns = np.ones((len(u), 1))
     for i, signal in enumerate(signals):
         own = candidates.bases[signal](np.ascontiguousarray(u[:, i])) / candidates.scales[signal]
-        own = own[:, candidates.few(signal)] if tame else own
+        own = own[:, candidates.few(signal)] if reach == FEW else own
         own = np.column_stack([np.ones(len(u)), own])
         columns = (columns[:, :, None] * own[:, None, :]).reshape(len(u), -1)
-    further = None if tame else candidates.further.get(tuple(signals))
+    further = candidates.further.get(tuple(signals)) if reach == FURTHER else None
     if further is not None:
         columns = np.column_stack([columns, further_functions(signals, candidates.bases, u) / further[1]])
     return columns[:, 1:]

@@ -48,7 +48,7 @@ class Picture:
 
 def picture_of(depends: Dependence, rows: JointRows, candidates: Candidates) -> Picture:
     """Picture of a dependence on the training rows."""
-    columns = product_columns(depends.score.signals, candidates, rows.rows, tame=depends.score.tame)
+    columns = product_columns(depends.score.signals, candidates, rows.rows, reach=depends.score.reach)
     taken = rows.whole.taken.T @ columns
     beta = RidgePath(columns, taken, rows.residual[:, None]).at(depends.score.ridge)[:, 0]
     fitted = columns @ beta

@@ -17,22 +17,24 @@ RIDGES = (1e-3, 1e-2, 1e-1, 1.0, 10.0, 100.0)
 """Ridges that are tried, relative to the mean power of a row."""
 ABSORBED = 1e-3
 """Part of the columns' power that always counts for the ridge, however little the declared model leaves of them."""
+FEW, ALL, FURTHER = range(3)
+"""Products of the tamest functions of each signal, of all of them, and with `further_functions` of the whole set."""
 FULL = 2
 """Products of more signals than this use only the tamest functions of each."""
 
 
 def product_columns(
-    signals: Sequence[Signal], candidates: Candidates, rows: NDArray[np.intp], *, tame: bool = False
+    signals: Sequence[Signal], candidates: Candidates, rows: NDArray[np.intp], *, reach: int = ALL
 ) -> FloatArray:
-    """All products of functions of different signals, alone too, (n_rows, n_columns); `tame`: of few functions."""
-    tame = tame or len(signals) > FULL
+    """All products of functions of different signals, alone too, (n_rows, n_columns); see `FEW`."""
+    reach = FEW if len(signals) > FULL else reach
     columns = np.ones((len(rows), 1))
     for signal in signals:
         own = candidates.functions[signal]
-        own = own[:, candidates.few(signal)] if tame else own
+        own = own[:, candidates.few(signal)] if reach == FEW else own
         own = np.column_stack([np.ones(len(rows)), own[rows]])
         columns = (columns[:, :, None] * own[:, None, :]).reshape(len(rows), -1)
-    further = None if tame else candidates.further.get(tuple(signals))
+    further = candidates.further.get(tuple(signals)) if reach == FURTHER else None
     if further is not None:
         columns = np.column_stack([columns, further[0][rows]])
     return columns[:, 1:]
@@ -43,14 +45,14 @@ class Score:
     """Squares that products of some signals leave on the rows left out.
 
     `power` (n_targets,) sum of squares, at the best ridge for each target; `ridge` the first target's; `squares`
-    (n_rows,) of the first target row by row; `tame` whether few functions of each signal predict better than all.
+    (n_rows,) of the first target row by row; `reach` which functions predict best.
     """
 
     signals: tuple[Signal, ...]
     power: FloatArray
     ridge: float
     squares: FloatArray
-    tame: bool = False
+    reach: int = ALL
 
 
 class LeftOutRows:
@@ -77,8 +79,10 @@ class LeftOutRows:
         """Score a set of signals."""
         key = tuple(sorted(signals))
         if key not in self._known:
-            tame = self._score(key, tame=True)
-            self._known[key] = tame if len(key) > FULL else _better(tame, self._score(key, tame=False))
+            reaches = [FEW]
+            if len(key) <= FULL:
+                reaches += [ALL, FURTHER] if key in self._candidates.further else [ALL]
+            self._known[key] = _best([self._score(key, reach) for reach in reaches])
         return self._known[key]
 
     def worse(self, score: Score, than: Score) -> bool:
@@ -86,8 +90,8 @@ class LeftOutRows:
         difference = score.squares - than.squares
         return bool(difference.sum() > 2 * spread_of_sum(difference, self._rows.block))
 
-    def _score(self, signals: tuple[Signal, ...], *, tame: bool) -> Score:
-        columns = product_columns(signals, self._candidates, self._rows.rows, tame=tame)
+    def _score(self, signals: tuple[Signal, ...], reach: int) -> Score:
+        columns = product_columns(signals, self._candidates, self._rows.rows, reach=reach)
         power = np.zeros((len(RIDGES), len(self.without)))
         paths = []
         for split, (fitted, left) in zip(self._rows.splits, self._targets, strict=True):
@@ -101,7 +105,7 @@ class LeftOutRows:
             paths.append((left[:, 0], shown, beta))
         best = int(np.argmin(power[:, 0]))
         squares = [(left - shown @ beta[best][:, 0]) ** 2 for left, shown, beta in paths]
-        return Score(signals, power.min(axis=0), RIDGES[best], self._in_order(squares), tame)
+        return Score(signals, power.min(axis=0), RIDGES[best], self._in_order(squares), reach)
 
     def _in_order(self, parts: Sequence[FloatArray]) -> FloatArray:
         out = np.zeros(len(self._rows.rows))
@@ -110,10 +114,10 @@ class LeftOutRows:
         return out
 
 
-def _better(first: Score, second: Score) -> Score:
-    """The one that predicts the first target better; surrogates had the same choice."""
-    better = first if first.power[0] <= second.power[0] else second
-    return replace(better, power=np.minimum(first.power, second.power))
+def _best(scores: Sequence[Score]) -> Score:
+    """The one that predicts the first target best; every surrogate had the same choice."""
+    best = min(scores, key=lambda score: float(score.power[0]))
+    return replace(best, power=np.min([score.power for score in scores], axis=0))
 
 
 MOST_PADS = 6

@@ -161,7 +161,7 @@ def _carries_over(found: Search, term: DataTerm, train: Sequence[Recording]) -> 
         bare = found.setup.identifier(residual=None).fit(others)
         rows = Rows(bare).of_joint(j)
         signals = candidate_signals(bare)
-        again = fit_data_term(j, term.signals, term.ridge, term.tame, rows, signals, bare.runs_, scored=False)
+        again = fit_data_term(j, term.signals, term.ridge, term.reach, rows, signals, bare.runs_, scored=False)
         if again is None:
             return False
         whole = _with_terms(found.setup, bare, [again], others)

@@ -100,7 +100,7 @@ def _named(fit: ThreeLoopIdentifier, leftover: Leftover, candidates: Candidates,
         depends.ties,
         depends.explained,
         picture_of(depends, rows, candidates),
-        fit_data_term(j, depends.signals, depends.score.ridge, depends.score.tame, rows, candidates, fit.runs_),
+        fit_data_term(j, depends.signals, depends.score.ridge, depends.score.reach, rows, candidates, fit.runs_),
     )
 
 

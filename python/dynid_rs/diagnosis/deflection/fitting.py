@@ -128,5 +128,6 @@ def settled(gear: Gear, system: System) -> Gear:
         determined = float(np.sum(powers / (powers + system.noise_power)))
         # MacKay's fixed point: the parameters' mean square over how many of them the data determine.
         spread *= float(np.sqrt(np.sum(u[:n_known] ** 2) / max(determined, 1e-3)))
-    bent = replace(gear, compliance=compliance, half_gap=half_gap, cubic=cubic)
+    lost = max(-float(x[system.among(names, "hysteresis")[0]]) / compliance, 0.0) if "hysteresis" in names else 0.0
+    bent = replace(gear, compliance=compliance, half_gap=half_gap, cubic=cubic, lost=lost)
     return bent.believing(float(np.clip(spread, 1.0, WIDEST_SPREAD)), system.slow_noise)

@@ -81,6 +81,7 @@ class Gear:
     late: float = 0.0
     half_gap: float = 0.0
     cubic: float = 0.0
+    lost: float = 0.0
     far: FloatArray | None = None
 
     @cached_property
@@ -114,7 +115,7 @@ class Gear:
 
     def columns(self, name: str) -> list[FloatArray]:
         """Deflection per unit coefficient, (n, n_columns) per run."""
-        return [columns_of(name, run, self.shapes, z) for run, z in zip(self.believed, self.z, strict=True)]
+        return [columns_of(name, run, self.shapes, z, self.lost) for run, z in zip(self.believed, self.z, strict=True)]
 
     def system(
         self, names: Sequence[str] | None = None, further: Mapping[str, list[FloatArray]] | None = None

@@ -12,6 +12,9 @@ from dynid_rs.uncertainty import NORMAL_95
 
 IDEAL, IDEAL_SHAPE = 2e-3, 2e-2
 """No gear follows a law more closely than this part of its coefficients and of its shapes: one standard deviation."""
+LOAD_PHASE = 0.015
+"""Of a sample: the load is predicted in a band and its inner friction turns round between two samples, so its time is
+not known better. A damping is a delay of the wind-up behind the load, so this is its error over the stiffness."""
 CLOSED = 1.83
 """Widths of the smooth sign within which 95 % of a gap are closed."""
 
@@ -52,7 +55,8 @@ def _spring(gear: Examined, terms: Sequence[str]) -> list[Parameter]:
     found = [_propagated(gear, "stiffness", f"{torque}/{angle}", lambda c: 1 / c, "compliance")]
     if "damping" in terms:
         unit = f"{torque}*s/{angle}"
-        found.append(_propagated(gear, "damping", unit, lambda c, b: -b / c**2, "compliance", "damping"))
+        phase = LOAD_PHASE / gear.gear.runs[0].rate / float(gear.value("compliance")[0][0])
+        found.append(_propagated(gear, "damping", unit, _damping, "compliance", "damping", floor=phase))
     if "cubic" in terms:
         found.append(_propagated(gear, "cubic", f"{angle}/({torque})^3", lambda a: a, "cubic"))
     if "hysteresis" in terms:
@@ -64,8 +68,14 @@ def _spring(gear: Examined, terms: Sequence[str]) -> list[Parameter]:
     return found
 
 
-def _propagated(gear: Examined, name: str, unit: str, formula: Callable[..., float], *terms: str) -> Parameter:
-    """A function of coefficients with the interval that their covariance gives it."""
+def _damping(compliance: float, coefficient: float) -> float:
+    return -coefficient / compliance**2
+
+
+def _propagated(
+    gear: Examined, name: str, unit: str, formula: Callable[..., float], *terms: str, floor: float = 0.0
+) -> Parameter:
+    """A function of coefficients with the interval that their covariance gives it, and an error of its own."""
     places = [gear.places(term)[0] for term in terms]
     x = gear.x[places]
     value = float(formula(*x))
@@ -76,7 +86,7 @@ def _propagated(gear: Examined, name: str, unit: str, formula: Callable[..., flo
         moved[k] += by
         slope.append((float(formula(*moved)) - value) / by)
     variance = float(np.array(slope) @ gear.covariance[np.ix_(places, places)] @ np.array(slope))
-    return _parameter(name, value, np.sqrt(max(variance, 0.0)), unit)
+    return _parameter(name, value, float(np.hypot(np.sqrt(max(variance, 0.0)), floor)), unit)
 
 
 def _ripple(gear: Examined, name: str) -> list[Parameter]:

@@ -1,6 +1,6 @@
 """What a deflection may be made of: terms with their columns, the signs that physics gives, and what they presuppose.
 
-``q_motor - q = o + tau/K - D/K^2 dtau/dt + c tau^3 + g/2 s(tau/w) - z_max/K z + d dq - e_c cos q - e_s sin q + ...``
+``q_motor - q = o + tau/K - D/K^2 d(tau - z_max z)/dt + c tau^3 + g/2 s(tau/w) - z_max/K z + d dq - e_c cos q - ...``
 """
 
 from __future__ import annotations
@@ -122,15 +122,15 @@ def has_shape(name: str) -> bool:
     return name in ("backlash", "hysteresis") or name.startswith("ripple ")
 
 
-def columns_of(name: str, run: GearSignals, shapes: Shapes, z: FloatArray) -> FloatArray:
-    """Deflection per unit coefficient, (n, n_columns)."""
+def columns_of(name: str, run: GearSignals, shapes: Shapes, z: FloatArray, lost: float = 0.0) -> FloatArray:
+    """Deflection per unit coefficient, (n, n_columns); `lost` [N m] of the load is what z takes before the spring."""
     load = run.load
     if name == "delay":
         return run.dq[:, None]
     if name == "compliance":
         return load[:, None]
     if name == "damping":
-        return np.gradient(load, 1 / run.rate)[:, None]
+        return np.gradient(load - lost * z, 1 / run.rate)[:, None]
     if name == "cubic":
         return load[:, None] ** 3
     if name == "backlash":
