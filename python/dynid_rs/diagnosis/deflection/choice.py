@@ -27,6 +27,8 @@ LEAST_GAIN = {"compliance": 0.05, "backlash": 0.1, "eccentricity": 0.1, "cubic":
 deflection, what the columns of other terms get slightly wrong is significant too, but it is no effect."""
 LEAST_BEND = 0.005
 """Part of the linear wind-up that the curved part has to reach somewhere; a gear as straight as that is a spring."""
+BENT_BESIDE_PLAY = 0.05
+"""The same beside play, whose teeth come into contact by some law of their own."""
 LEADING = ("delay", "compliance", "cubic", "backlash", "eccentricity")
 """Terms that name a kind."""
 BASIC = ("delay",)
@@ -126,7 +128,7 @@ def _straight(system: System, names: Sequence[str], x: FloatArray, name: str) ->
         abs(float(x[system.among(names, part)[0]])) * max(float(np.abs(c).max()) for c in system.columns[part])
         for part in ("cubic", "compliance")
     )
-    return curved < LEAST_BEND * linear
+    return curved < (BENT_BESIDE_PLAY if "backlash" in names else LEAST_BEND) * linear
 
 
 def _gain(system: System, names: Sequence[str], name: str) -> float:

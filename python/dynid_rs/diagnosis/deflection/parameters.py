@@ -15,6 +15,8 @@ IDEAL, IDEAL_SHAPE = 2e-3, 2e-2
 LOAD_PHASE = 0.015
 """Of a sample: the load is predicted in a band and its inner friction turns round between two samples, so its time is
 not known better. A damping is a delay of the wind-up behind the load, so this is its error over the stiffness."""
+IDEAL_GAP = 5e-3
+"""The same of a gap: how its teeth share the load is not known, and the load that opens it never to the last."""
 CLOSED = 1.83
 """Widths of the smooth sign within which 95 % of a gap are closed."""
 
@@ -40,7 +42,7 @@ def parameters_of(gear: Examined, kind: str, terms: Sequence[str]) -> tuple[Para
             found += _ripple(gear, name)
     if kind == "backlash":
         (half,), (std,) = gear.value("backlash")
-        found.append(_parameter("gap", 2 * half, 2 * std, angle))
+        found.append(_parameter("gap", 2 * half, float(np.hypot(2 * std, IDEAL_GAP * 2 * half)), angle))
         width, relative = CLOSED * gear.gear.shapes.width, float(gear.value("backlash'")[1][0])
         found.append(_positive("transition_torque", width, relative, torque))
     if kind == "encoder_eccentricity":
