@@ -193,6 +193,24 @@ pub fn estimate(
     Ok(())
 }
 
+/// The total of [`estimate`] alone: `total` is n_samples × n.
+///
+/// # Errors
+/// [`CoreError::Length`] if lengths disagree.
+pub fn torque(
+    estimator: &mut TorqueEstimator,
+    states: &State<'_>,
+    total: &mut [f64],
+) -> Result<(), CoreError> {
+    let n = estimator.model().robot().n_joints();
+    states.check(total.len())?;
+    same_length("total", total, total.len() / n * n)?;
+    for (k, total) in total.chunks_exact_mut(n).enumerate() {
+        estimator.estimate_into(&slice_state(states, k * n..(k + 1) * n), total)?;
+    }
+    Ok(())
+}
+
 /// [`TorqueEstimator::predicted_std_into`] at every sample into `std` (n_samples × n).
 ///
 /// # Errors
