@@ -164,6 +164,12 @@ impl TorqueEstimator {
         &self.model
     }
 
+    /// True if an effect of the model follows a measured temperature.
+    #[must_use]
+    pub fn wants_temperature(&self) -> bool {
+        self.wants_any
+    }
+
     /// Torque of every term at the last step, `n_terms` rows of `n_joints`, row-major, in the order of
     /// [`TorqueModel::term_names`] \[torque unit\].
     #[must_use]

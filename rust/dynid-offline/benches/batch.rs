@@ -1,5 +1,6 @@
-//! Time per sample of the batch kernels on one thread: inverse dynamics, the regressor stored where it was stored before,
-//! and consumed in the cache. The fastest of many short rounds, so that other people's jobs count as little as they can.
+//! Time per sample of the batch kernels on one thread: inverse dynamics, the regressor stored where it was stored before
+//! and consumed in the cache, single calls, mixture regression. The fastest of many short rounds, so that other people's
+//! jobs count as little as they can.
 //!
 //! `cargo bench -p dynid-offline --bench batch`; prints one line of JSON per processor path.
 
@@ -8,7 +9,8 @@
 use std::hint::black_box;
 use std::time::Instant;
 
-use dynid_core::lanes::{use_path, Path};
+use dynid_core::chain::{self, JointState};
+use dynid_core::lanes::{self, use_path, Kernel, Lanes, Path};
 use dynid_core::{
     inverse_dynamics_into, joint_torque_regressor_into, GaussianMixtureRegression, Joint,
     JointKind, JointLimits, RobotModel, Workspace,
@@ -37,6 +39,59 @@ fn robot() -> RobotModel {
     });
     let gravity = Vector3::new(0.0, 0.0, -9.81);
     RobotModel::new("arm".to_owned(), joints.collect(), gravity).unwrap()
+}
+
+/// `Y phi` with the regressor of a row of samples in the first cache: what an identification does, which never stores it.
+/// Signals have one row per joint.
+struct Consumed<'a> {
+    robot: &'a RobotModel,
+    motion: [&'a [f64]; 3],
+    phi: &'a [f64],
+    tau: &'a mut [f64],
+}
+
+impl Kernel for Consumed<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Lanes<Raw = [f64; 1]>, L: Lanes>(self) {
+        let zero = L::ZERO;
+        let mut states = [JointState {
+            q: zero,
+            sin: zero,
+            cos: zero,
+            dq: zero,
+            ddq: zero,
+        }; N];
+        let mut twists = [[[zero; 3]; 2]; N];
+        let mut regressor = [zero; 10 * N * N];
+        for first in (0..N_SAMPLES).step_by(L::LEN) {
+            for (j, state) in states.iter_mut().enumerate() {
+                let at = j * N_SAMPLES + first;
+                let q = L::load(&self.motion[0][at..]);
+                let (sin, cos) = lanes::sin_cos(q);
+                *state = JointState {
+                    q: q.raw(),
+                    sin: sin.raw(),
+                    cos: cos.raw(),
+                    dq: L::load(&self.motion[1][at..]).raw(),
+                    ddq: L::load(&self.motion[2][at..]).raw(),
+                };
+            }
+            chain::joint_torque_regressor::<L>(self.robot, &states, &mut twists, &mut regressor);
+            for (j, row) in regressor.chunks_exact(10 * N).enumerate() {
+                let mut sums = [L::splat(0.0); 2];
+                let own = row[10 * j..]
+                    .chunks_exact(2)
+                    .zip(self.phi[10 * j..].chunks_exact(2));
+                for (entries, phi) in own {
+                    sums[0] = L::from_raw(entries[0]).mul_add(L::splat(phi[0]), sums[0]);
+                    sums[1] = L::from_raw(entries[1]).mul_add(L::splat(phi[1]), sums[1]);
+                }
+                (sums[0] + sums[1]).store(&mut self.tau[j * N_SAMPLES + first..]);
+            }
+        }
+    }
 }
 
 /// Nanoseconds per item of the fastest round.
@@ -77,6 +132,15 @@ fn main() {
             batch::joint_torque_regressor(&robot, &q, &dq, &ddq, &mut regressor).unwrap();
             black_box(&regressor);
         });
+        let consumed = fastest(N_SAMPLES, || {
+            lanes::run(Consumed {
+                robot: &robot,
+                motion: [&q, &dq, &ddq],
+                phi: &phi,
+                tau: &mut tau,
+            });
+            black_box(&tau);
+        });
         let mut workspace = Workspace::new(&robot);
         let one = |k: usize| [&q, &dq, &ddq].map(|signal| &signal[k * N..(k + 1) * N]);
         let single = fastest(N_SAMPLES, || {
@@ -97,7 +161,8 @@ fn main() {
             black_box(&mean);
         });
         println!(
-            "{{\"path\":\"{}\",\"rnea_ns\":{torques:.1},\"regressor_stored_ns\":{stored:.1},\"one_rnea_ns\":{single:.1},\
+            "{{\"path\":\"{}\",\"rnea_ns\":{torques:.1},\"regressor_stored_ns\":{stored:.1},\
+             \"regressor_consumed_ns\":{consumed:.1},\"one_rnea_ns\":{single:.1},\
              \"one_regressor_ns\":{single_regressor:.1},\"mixture_ns\":{points:.1}}}",
             path.name()
         );

@@ -264,7 +264,6 @@ impl PyTorqueModel {
         out: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let n = self.0.robot().n_joints();
-        self.needs_no_temperature()?;
         if let Some(link) = small::rows([q, dq, ddq], n) {
             let [q, dq, ddq] = &link;
             let mut motor = [*q, *dq, *ddq];
@@ -288,12 +287,17 @@ impl PyTorqueModel {
                     temperature,
                 };
                 return small::result(py, [1, n], out, |tau| {
-                    small::with_estimator(&self.0, |own| own.estimate_into(&state, tau))
-                        .map(|_| ())
-                        .map_err(errors::core)
+                    small::with_estimator(&self.0, |estimator| {
+                        if estimator.wants_temperature() {
+                            return self.needs_no_temperature();
+                        }
+                        let answer = estimator.estimate_into(&state, tau);
+                        answer.map(|_| ()).map_err(errors::core)
+                    })
                 });
             }
         }
+        self.needs_no_temperature()?;
         let motor = [q_motor, dq_motor, ddq_motor];
         let arrays = RunArrays::new([q, dq, ddq], motor, None, None, None, n)?;
         let (states, n_samples) = (arrays.state()?, arrays.n_samples());
