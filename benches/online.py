@@ -1,4 +1,4 @@
-"""Time of one torque estimate: the Rust bench, its percentiles as rows; and from Python, against Pinocchio and numpy."""
+"""Time of one torque estimate: the Rust bench's percentiles, and one call from Python against Pinocchio and numpy."""
 
 from __future__ import annotations
 

@@ -200,13 +200,12 @@ impl Kernel for Regressor<'_> {
         self.workspace.take::<L>(q, dq, ddq);
         let Workspace { states, twists, .. } = self.workspace;
         let n = states.len();
-        for (j, row) in self
-            .regressor
-            .chunks_exact_mut(N_LINK_PARAMS * n)
-            .enumerate()
-        {
+        let rows = self.regressor.chunks_exact_mut(N_LINK_PARAMS * n);
+        for (j, row) in rows.enumerate() {
             // No link before joint j is moved by it.
-            row[..N_LINK_PARAMS * j].fill(0.0);
+            for zeros in row[..N_LINK_PARAMS * j].chunks_mut(L::LEN) {
+                L::splat(0.0).store_some(zeros);
+            }
         }
         let (regressor, _) = self.regressor.as_chunks_mut::<1>();
         chain::joint_torque_regressor::<S>(self.robot, states, twists, regressor);
