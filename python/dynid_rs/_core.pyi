@@ -771,7 +771,7 @@ class TorqueModel:
         *,
         out: _FloatArray | None = None,
     ) -> _FloatArray:
-        """Total torque alone, to the same bits as `evaluate`; one state takes half a microsecond.
+        """Total torque alone, to the same bits as `evaluate`; the fastest way to ask state by state.
 
         Parameters
         ----------
