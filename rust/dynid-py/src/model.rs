@@ -286,7 +286,7 @@ impl PyTorqueModel {
                     ddq_motor,
                     temperature,
                 };
-                return small::result(py, [1, n], out, |tau| {
+                return small::one_result(py, [1, n], out, |tau| {
                     small::with_estimator(&self.0, |estimator| {
                         if estimator.wants_temperature() {
                             return self.needs_no_temperature();

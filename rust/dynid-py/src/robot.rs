@@ -279,7 +279,7 @@ impl PyRobotModel {
         let n = self.0.n_joints();
         if let (None, Some([q, dq, ddq])) = (phi, small::rows([q, dq, ddq], n)) {
             let [q, dq, ddq] = [&q, &dq, &ddq].map(small::Row::as_slice);
-            return small::result(py, [1, n], out, |tau| {
+            return small::one_result(py, [1, n], out, |tau| {
                 small::with_workspace(&self.0, |workspace, phi| {
                     inverse_dynamics_into(&self.0, workspace, q, dq, ddq, phi, tau)
                 })
@@ -326,7 +326,7 @@ impl PyRobotModel {
         let n = self.0.n_joints();
         if let Some([q, dq, ddq]) = small::rows([q, dq, ddq], n) {
             let [q, dq, ddq] = [&q, &dq, &ddq].map(small::Row::as_slice);
-            return small::result(py, [1, n, 10 * n], out, |regressor| {
+            return small::one_result(py, [1, n, 10 * n], out, |regressor| {
                 small::with_workspace(&self.0, |workspace, _| {
                     joint_torque_regressor_into(&self.0, workspace, q, dq, ddq, regressor)
                 })

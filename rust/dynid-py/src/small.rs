@@ -10,7 +10,8 @@ use std::sync::Arc;
 
 use dynid_core::{RobotModel, TorqueEstimator, TorqueModel, Workspace};
 use numpy::ndarray::Dim;
-use numpy::{PyArray, PyArray2, PyArrayMethods, PyReadwriteArray, PyUntypedArrayMethods};
+use numpy::npyffi::flags::NPY_ARRAY_WRITEABLE;
+use numpy::{PyArray, PyArray2, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
@@ -75,37 +76,68 @@ where
     Dim<[usize; N]>: numpy::ndarray::Dimension,
     [usize; N]: numpy::ndarray::IntoDimension<Dim = Dim<[usize; N]>>,
 {
-    if let Some(out) = out {
-        let (array, mut room) = given(out, shape)?;
-        work(room.as_slice_mut()?)?;
-        return Ok(array);
-    }
-    let size: usize = shape.iter().product();
-    if size > SMALL {
-        let array = PyArray::zeros(py, shape, false);
-        work(array.try_readwrite()?.as_slice_mut()?)?;
-        return Ok(array);
-    }
-    // SAFETY: new, so nobody else has it; in C order; every place is written before a slice is made of them.
-    let array = unsafe { PyArray::<f64, Dim<[usize; N]>>::new(py, shape, false) };
-    let room = unsafe {
-        array.data().write_bytes(0, size);
-        core::slice::from_raw_parts_mut(array.data(), size)
+    let array = match out {
+        Some(out) => given(out, shape)?,
+        None => PyArray::zeros(py, shape, false),
     };
-    work(room)?;
+    let mut room = array
+        .try_readwrite()
+        .map_err(|_| PyValueError::new_err(NOT_WRITABLE))?;
+    work(room.as_slice_mut()?)?;
+    drop(room);
     Ok(array)
 }
 
-/// Numbers up to which a new array is made without asking the system for memory.
-const SMALL: usize = 1024;
+/// [`result`] of one state, whose signals `work` has as [`Row`]s and of whose arrays it knows nothing.
+///
+/// # Errors
+/// As [`result`].
+pub fn one_result<'py, const N: usize>(
+    py: Python<'py>,
+    shape: [usize; N],
+    out: Option<&Bound<'py, PyAny>>,
+    work: impl FnOnce(&mut [f64]) -> PyResult<()>,
+) -> PyResult<Bound<'py, PyArray<f64, Dim<[usize; N]>>>>
+where
+    Dim<[usize; N]>: numpy::ndarray::Dimension,
+    [usize; N]: numpy::ndarray::IntoDimension<Dim = Dim<[usize; N]>>,
+{
+    let size: usize = shape.iter().product();
+    let array = match out {
+        Some(out) => {
+            let array = given(out, shape)?;
+            // SAFETY: an array that Python holds; its flags are only read, under Python's lock.
+            let flags = unsafe { (*array.as_array_ptr()).fields.flags };
+            if flags & NPY_ARRAY_WRITEABLE == 0 {
+                return Err(PyValueError::new_err(NOT_WRITABLE));
+            }
+            if !array.data().is_aligned() {
+                return result(py, shape, Some(out.as_any()), work);
+            }
+            array
+        }
+        None => {
+            // SAFETY: new, in C order; every place is written before anybody reads it.
+            unsafe {
+                let array = PyArray::<f64, Dim<[usize; N]>>::new(py, shape, false);
+                array.data().write_bytes(0, size);
+                array
+            }
+        }
+    };
+    // SAFETY: `size` aligned float64 in a row that may be written. Whoever else may touch them needs Python's lock, which is
+    // held until `work` is done; `work` has copies of its inputs.
+    work(unsafe { core::slice::from_raw_parts_mut(array.data(), size) })?;
+    Ok(array)
+}
 
-type Given<'py, D> = (Bound<'py, PyArray<f64, D>>, PyReadwriteArray<'py, f64, D>);
+const NOT_WRITABLE: &str = "out must be writable and none of the arguments";
 
-/// `out`, if it is what a result would be.
+/// `out`, if it has the form of a result.
 fn given<'py, const N: usize>(
     out: &Bound<'py, PyAny>,
     shape: [usize; N],
-) -> PyResult<Given<'py, Dim<[usize; N]>>>
+) -> PyResult<Bound<'py, PyArray<f64, Dim<[usize; N]>>>>
 where
     Dim<[usize; N]>: numpy::ndarray::Dimension,
 {
@@ -113,17 +145,12 @@ where
         .cast::<PyArray<f64, Dim<[usize; N]>>>()
         .ok()
         .filter(|array| array.shape() == shape && array.is_c_contiguous());
-    let wrong = |why: &str| PyValueError::new_err(format!("out must be {why}"));
-    let Some(array) = fits else {
+    fits.cloned().ok_or_else(|| {
         let shape = shape.map(|n| n.to_string()).join(", ");
-        return Err(wrong(&format!(
-            "a float64 array in C order of shape ({shape})"
-        )));
-    };
-    let room = array
-        .try_readwrite()
-        .map_err(|_| wrong("writable and none of the arguments"))?;
-    Ok((array.clone(), room))
+        PyValueError::new_err(format!(
+            "out must be a float64 array in C order of shape ({shape})"
+        ))
+    })
 }
 
 /// What single states of one robot need again and again.
