@@ -62,7 +62,25 @@ def rows():
         per=N_SAMPLES,
         limit=70 if _core.processor_path() == "avx512" else 35,
     )
+    kept = np.empty((N_SAMPLES, robot.n_joints, 10 * robot.n_joints))
+    yield compare(
+        "G1",
+        "regressor of a batch into a given array, per sample",
+        lambda: robot.joint_torque_regressor(q, dq, ddq, out=kept),
+        "Pinocchio, Python",
+        pinocchio_regressors,
+        per=N_SAMPLES,
+    )
     one = q[:1], dq[:1], ddq[:1]
+    room = np.empty((1, robot.n_joints, 10 * robot.n_joints))
+    yield compare(
+        "G4",
+        "one regressor from Python into a given array",
+        lambda: robot.joint_torque_regressor(*one, out=room),
+        "Pinocchio, Python",
+        lambda: pin.computeJointTorqueRegressor(model, data, q[0], dq[0], ddq[0]),
+        limit=15,
+    )
     yield compare(
         "G4",
         "one regressor from Python",
@@ -97,18 +115,19 @@ def against_cpp(robot, q, dq, ddq):
     harder = 1.0 if shutil.which("clang++") else 1.6
     wide = _core.processor_path() == "avx512"
     few = q[:256], dq[:256], ddq[:256]
-    for goal, what, work, key, limit in (
-        ("G3", "inverse dynamics of a batch, per sample", robot.inverse_dynamics, "rnea_ns", 35 if wide else 13),
-        (
-            "G2",
-            "regressor of 256 samples, per sample",
-            robot.joint_torque_regressor,
-            "regressor_ns",
-            20 if wide else 12,
-        ),
-    ):
-        states = few if goal == "G2" else (q, dq, ddq)
-        own = sorted(processor_seconds(lambda w=work, s=states: w(*s), 20) / len(states[0]) for _ in range(7))[3]
+    room = np.empty((256, robot.n_joints, 10 * robot.n_joints))
+    torques = processor_time(lambda: robot.inverse_dynamics(q, dq, ddq), len(q))
+    stored = processor_time(lambda: robot.joint_torque_regressor(*few, out=room), 256)
+    kernels = native_nanoseconds()
+    figures = [
+        ("G3", "inverse dynamics of a batch, per sample", torques, "rnea_ns", 35 if wide else 13),
+        ("G1", "regressor of 256 samples into a given array, per sample", stored, "regressor_ns", 20 if wide else 12),
+    ]
+    if kernels is not None:
+        own = 1e-9 * kernels["regressor_consumed_ns"]
+        what = "regressor in lanes, used up in the cache (times phi), per sample, native"
+        figures.append(("G2", what, own, "regressor_ns", 30 if wide else 13))
+    for goal, what, own, key, limit in figures:
         ratio, least = 1e-9 * peer[key] / own, harder * limit
         yield Row(
             goal,
@@ -121,6 +140,20 @@ def against_cpp(robot, q, dq, ddq):
             ratio >= least,
             "" if harder == 1.0 else f"{limit} against clang's build, which is 1.6 times faster than g++'s",
         )
+
+
+def processor_time(work, per):
+    """Median seconds of the processor per sample."""
+    return sorted(processor_seconds(work, 20) / per for _ in range(7))[3]
+
+
+def native_nanoseconds():
+    """The Rust bench's figures on the widest registers; None where it cannot be built."""
+    if shutil.which("cargo") is None:
+        return None
+    command = ["cargo", "bench", "--quiet", "-p", "dynid-offline", "--bench", "batch"]
+    lines = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout.splitlines()
+    return [json.loads(line) for line in lines if line.startswith("{")][-1]
 
 
 def cpp_nanoseconds():

@@ -64,8 +64,15 @@ impl PyGaussianMixtureRegression {
         let u = arrays::matrix(u, "u", d)?;
         let rows = u.as_slice()?;
         let n = rows.len() / d;
+        if n == 1 {
+            let answer = self.0.predict(rows);
+            return Ok((
+                PyArray1::from_slice(py, &[answer.mean]),
+                PyArray1::from_slice(py, &[answer.variance]),
+            ));
+        }
         let (mut mean, mut variance, mut distance) = (vec![0.0; n], vec![0.0; n], vec![0.0; n]);
-        py.detach(|| {
+        arrays::unlocked(py, n, || {
             self.0
                 .predict_into(rows, &mut mean, &mut variance, &mut distance)
         })
