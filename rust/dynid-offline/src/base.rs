@@ -149,7 +149,7 @@ fn pivoted(r: &[f64], width: usize) -> Pivoted {
 
         #[inline(always)]
         fn run<S: Lanes<Raw = [f64; 1]>, L: Lanes>(mut self) -> Pivoted {
-            pivot(&mut self.0)
+            pivot::<L>(&mut self.0)
         }
     }
     let mut columns = Columns::zeros((0..width).map(|_| width.div_ceil(MOST_LANES)));
@@ -162,15 +162,15 @@ fn pivoted(r: &[f64], width: usize) -> Pivoted {
 }
 
 #[inline(always)]
-fn pivot(columns: &mut Columns) -> Pivoted {
+fn pivot<L: Lanes>(columns: &mut Columns) -> Pivoted {
     let n = columns.width();
     let mut order: Vec<usize> = (0..n).collect();
     let mut diagonal = Vec::with_capacity(n);
     let mut r = vec![0.0; n * n];
     let mut norms = vec![0.0; n];
-    for j in 0..n {
+    for (j, norm) in norms.iter_mut().enumerate() {
         let column = columns.column(j);
-        norms[j] = product(column, column).sqrt();
+        *norm = product::<L>(column, column).sqrt();
     }
     let mut own = vec![[0.0; MOST_LANES]; n.div_ceil(MOST_LANES)];
     for k in 0..n {
@@ -200,10 +200,10 @@ fn pivot(columns: &mut Columns) -> Pivoted {
         }
         for &j in &order[k + 1..] {
             let column = columns.column(j);
-            let part = product(&own, column);
-            subtract(column, part, &own);
+            let part = product::<L>(&own, column);
+            subtract::<L>(column, part, &own);
             r[k * n + j] = part;
-            norms[j] = product(column, column).sqrt();
+            norms[j] = product::<L>(column, column).sqrt();
         }
     }
     Pivoted { order, diagonal, r }

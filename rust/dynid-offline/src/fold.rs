@@ -169,7 +169,7 @@ impl Kernel for Chunk<'_> {
         }
         let mut factors = Vec::with_capacity(stacked.len());
         for stacked in &mut stacked {
-            factors.push(stacked.factor());
+            factors.push(stacked.factor::<L>());
         }
         Some(factors)
     }

@@ -71,62 +71,65 @@ impl Columns {
 
     /// Triangular factor, width × width, row-major, with non-negative diagonal. The columns are used up.
     #[inline(always)]
-    pub(crate) fn factor(&mut self) -> Vec<f64> {
+    pub(crate) fn factor<L: Lanes>(&mut self) -> Vec<f64> {
         let width = self.width();
         let mut factor = vec![0.0; width * width];
         for k in 0..width {
             let (done, rest) = self.numbers.split_at_mut(self.begins[k + 1]);
             let own = &done[self.begins[k]..];
-            let squares = product(own, own);
+            let squares = product::<L>(own, own);
             if squares <= NOTHING {
                 continue;
             }
             let (norm, inverse) = (squares.sqrt(), squares.recip());
             let row = &mut factor[k * width..(k + 1) * width];
             row[k] = norm;
-            for c in k + 1..width {
+            for (c, to) in row.iter_mut().enumerate().skip(k + 1) {
                 let begin = self.begins[c] - self.begins[k + 1];
                 let other = &mut rest[begin..begin + own.len()];
-                let share = product(own, other) * inverse;
-                row[c] = share * norm;
-                subtract(other, share, own);
+                let share = product::<L>(own, other) * inverse;
+                *to = share * norm;
+                subtract::<L>(other, share, own);
             }
         }
         factor
     }
 }
 
-/// Inner product, the same on every processor.
+/// Inner product; on every processor that fuses to the same bits.
 #[inline(always)]
-pub(crate) fn product(x: &[Rows], y: &[Rows]) -> f64 {
-    let mut sums = [[0.0; MOST_LANES]; 2];
-    let (mut left, mut right) = (x.chunks_exact(2), y.chunks_exact(2));
-    for (x, y) in left.by_ref().zip(right.by_ref()) {
-        for (half, sums) in sums.iter_mut().enumerate() {
-            for (lane, sum) in sums.iter_mut().enumerate() {
-                *sum += x[half][lane] * y[half][lane];
-            }
+pub(crate) fn product<L: Lanes>(x: &[Rows], y: &[Rows]) -> f64 {
+    let mut sums = [0.0; MOST_LANES];
+    for first in (0..MOST_LANES).step_by(L::LEN) {
+        let (mut even, mut odd) = (L::splat(0.0), L::splat(0.0));
+        let (mut left, mut right) = (x.chunks_exact(2), y.chunks_exact(2));
+        for (x, y) in left.by_ref().zip(right.by_ref()) {
+            even = L::load(&x[0][first..]).mul_add(L::load(&y[0][first..]), even);
+            odd = L::load(&x[1][first..]).mul_add(L::load(&y[1][first..]), odd);
         }
-    }
-    for (x, y) in left.remainder().iter().zip(right.remainder()) {
-        for (lane, sum) in sums[0].iter_mut().enumerate() {
-            *sum += x[lane] * y[lane];
+        for (x, y) in left.remainder().iter().zip(right.remainder()) {
+            even = L::load(&x[first..]).mul_add(L::load(&y[first..]), even);
         }
+        (even + odd).store(&mut sums[first..]);
     }
-    let [a, b] = sums;
-    let mut four = [0.0; MOST_LANES / 2];
-    for (lane, sum) in four.iter_mut().enumerate() {
-        *sum = (a[lane] + b[lane]) + (a[lane + 4] + b[lane + 4]);
-    }
-    (four[0] + four[2]) + (four[1] + four[3])
+    total(&sums)
+}
+
+/// Sum over the lanes.
+#[inline(always)]
+pub(crate) fn total(sums: &Rows) -> f64 {
+    let [a, b, c, d, e, f, g, h] = sums;
+    ((a + e) + (c + g)) + ((b + f) + (d + h))
 }
 
 /// `to -= share * x`
 #[inline(always)]
-pub(crate) fn subtract(to: &mut [Rows], share: f64, x: &[Rows]) {
+pub(crate) fn subtract<L: Lanes>(to: &mut [Rows], share: f64, x: &[Rows]) {
+    let share = L::splat(-share);
     for (to, x) in to.iter_mut().zip(x) {
-        for lane in 0..MOST_LANES {
-            to[lane] -= share * x[lane];
+        for first in (0..MOST_LANES).step_by(L::LEN) {
+            let left = L::load(&x[first..]).mul_add(share, L::load(&to[first..]));
+            left.store(&mut to[first..]);
         }
     }
 }
@@ -139,7 +142,7 @@ pub(crate) fn factor_once(rows: &[f64], width: usize) -> Vec<f64> {
 
         #[inline(always)]
         fn run<S: Lanes<Raw = [f64; 1]>, L: Lanes>(mut self) -> Vec<f64> {
-            self.0.factor()
+            self.0.factor::<L>()
         }
     }
     lanes::run(Factor(Columns::of_rows(rows, width)))
