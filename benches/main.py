@@ -29,8 +29,10 @@ READING = """## Reading these figures
   vector code than the ratio to scalar peers tells. Percentiles above p99 are then those of being interrupted.
 * A regressor leaves here row by row, as numpy wants it, not in the lanes' order; one call from Python is mostly
   checking three arrays and making a fourth.
-* Base parameters come from Householder QR throughout; no normal equations.
-* Not measured: G9 (a whole excitation), G10 (EM is scikit-learn's), CasADi, clang's build of Pinocchio where it is not
+* Base parameters come from orthogonal reflections throughout; no normal equations.
+* The search of G9 leaves to SciPy's SLSQP what is not an objective, in both; its own share, the bounds' and numpy's, is
+  most of what is left of ours.
+* Not measured here: G10 (EM against scikit-learn: `benches/em.py`), CasADi, clang's build of Pinocchio where it is not
   installed.
 """
 

@@ -31,9 +31,10 @@ def smooth_peak(shares: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Smooth maximum over the first axis of non-negative `shares` (m, n): (n,), and its slope in each entry (m, n)."""
     largest = np.maximum(shares.max(axis=0), 1e-300)
     relative = shares / largest
-    mean = np.mean(relative**POWER, axis=0)
+    lower = relative ** (POWER - 1)
+    mean = (lower * relative).sum(axis=0) / len(shares)
     peak = largest * mean ** (1 / POWER) / _SINE
-    slope = relative ** (POWER - 1) * mean ** (1 / POWER - 1) / (_SINE * len(shares))
+    slope = lower * mean ** (1 / POWER - 1) / (_SINE * len(shares))
     return peak, slope
 
 

@@ -1,12 +1,12 @@
 //! Base parameters by column-pivoted QR: which of the ten-per-link parameters the torque can tell apart (the minimal set
 //! of Eq. 2).
 
+use dynid_core::lanes::{self, Kernel, Lanes, MOST_LANES};
 use dynid_core::{JointKind, RobotModel};
-use faer::linalg::solvers::SolveLstsqCore;
-use faer::{Mat, MatRef};
 
 use crate::error::OfflineError;
 use crate::factor::triangular_factor;
+use crate::triangle::{product, subtract, Columns};
 
 /// `Y phi = Y[:, pivots] phi_base` with `phi_base = phi[pivots] + beta phi[dependent]`.
 #[derive(Clone, Debug, PartialEq)]
@@ -84,22 +84,26 @@ pub fn probing_states(
 }
 
 fn select_columns(r: &[f64], width: usize, rtol: f64) -> BaseParameters {
-    let a = Mat::from_fn(width, width, |i, j| r[i * width + j]);
-    let (order, diagonal) = pivoted(&a);
-    let rank = diagonal
-        .iter()
-        .take_while(|d| **d > rtol * diagonal[0])
-        .count();
-    let mut pivots = order[..rank].to_vec();
+    let pivoted = pivoted(r, width);
+    let diagonal = &pivoted.diagonal;
+    let rank = pivoted.rank(rtol);
+    let (first, others) = pivoted.order.split_at(rank);
+    let mut pivots = first.to_vec();
     pivots.sort_unstable();
     // Columns of zeros never move the torque; they belong to no group.
-    let mut dependent: Vec<usize> = order[rank..]
+    let norm = |j: usize| {
+        (0..=j)
+            .map(|i| r[i * width + j].powi(2))
+            .sum::<f64>()
+            .sqrt()
+    };
+    let mut dependent: Vec<usize> = others
         .iter()
         .copied()
-        .filter(|&j| norm(&a, j) > rtol * diagonal[0])
+        .filter(|&j| norm(j) > rtol * diagonal[0])
         .collect();
     dependent.sort_unstable();
-    let beta = regroup(&a, &pivots, &dependent);
+    let beta = pivoted.regroup(&pivots, &dependent);
     let next = diagonal.get(rank).copied().unwrap_or(0.0);
     let last = rank.checked_sub(1).map_or(0.0, |k| diagonal[k]);
     BaseParameters {
@@ -121,71 +125,117 @@ fn select_columns(r: &[f64], width: usize, rtol: f64) -> BaseParameters {
 
 /// Rank of a triangular factor (width × width, row-major): diagonal entries above `rtol` times the first.
 pub(crate) fn rank(r: &[f64], width: usize, rtol: f64) -> usize {
-    let (_, diagonal) = pivoted(&Mat::from_fn(width, width, |i, j| r[i * width + j]));
-    let first = diagonal.first().copied().unwrap_or(0.0);
-    diagonal.iter().take_while(|d| **d > rtol * first).count()
+    pivoted(r, width).rank(rtol)
 }
 
-/// Column-pivoted QR by Gram and Schmidt: order of the columns and the diagonal of R, which falls.
+/// Column-pivoted QR of a small matrix.
+struct Pivoted {
+    /// Columns as they were taken.
+    order: Vec<usize>,
+    /// Diagonal of R, which falls.
+    diagonal: Vec<f64>,
+    /// Row k of R, n entries in the order of the matrix's own columns.
+    r: Vec<f64>,
+}
+
+/// By Gram and Schmidt.
 ///
 /// The usual pivoted QR updates column norms instead of computing them; near the cut, where the rank is decided, they are
 /// rounding then. Here every norm is computed; the matrix is small.
-fn pivoted(a: &Mat<f64>) -> (Vec<usize>, Vec<f64>) {
-    let (m, n) = (a.nrows(), a.ncols());
-    let mut columns: Vec<Vec<f64>> = (0..n)
-        .map(|j| (0..m).map(|i| a[(i, j)]).collect())
-        .collect();
-    let dot = |x: &[f64], y: &[f64]| x.iter().zip(y).map(|(x, y)| x * y).sum::<f64>();
+fn pivoted(r: &[f64], width: usize) -> Pivoted {
+    struct Pivoting(Columns);
+    impl Kernel for Pivoting {
+        type Output = Pivoted;
+
+        #[inline(always)]
+        fn run<S: Lanes<Raw = [f64; 1]>, L: Lanes>(mut self) -> Pivoted {
+            pivot::<L>(&mut self.0)
+        }
+    }
+    let mut columns = Columns::zeros((0..width).map(|_| width.div_ceil(MOST_LANES)));
+    for (i, row) in r.chunks_exact(width.max(1)).enumerate() {
+        for (j, x) in row.iter().enumerate().skip(i) {
+            columns.column(j)[i / MOST_LANES][i % MOST_LANES] = *x;
+        }
+    }
+    lanes::run(Pivoting(columns))
+}
+
+#[inline(always)]
+fn pivot<L: Lanes>(columns: &mut Columns) -> Pivoted {
+    let n = columns.width();
     let mut order: Vec<usize> = (0..n).collect();
     let mut diagonal = Vec::with_capacity(n);
+    let mut r = vec![0.0; n * n];
+    let mut norms = vec![0.0; n];
+    for (j, norm) in norms.iter_mut().enumerate() {
+        let column = columns.column(j);
+        *norm = product::<L>(column, column).sqrt();
+    }
+    let mut own = vec![[0.0; MOST_LANES]; n.div_ceil(MOST_LANES)];
     for k in 0..n {
-        let norms: Vec<f64> = order[k..]
-            .iter()
-            .map(|&j| dot(&columns[j], &columns[j]).sqrt())
-            .collect();
         // Symmetric robots have columns of the same length; which is taken must not hang on how sums are rounded.
-        let most = norms.iter().copied().fold(0.0, f64::max);
-        let best = (0..norms.len())
-            .filter(|&i| norms[i] >= (1.0 - TIE) * most)
-            .min_by_key(|&i| order[k + i])
-            .unwrap_or(0);
-        order.swap(k, k + best);
-        diagonal.push(norms[best]);
-        if norms[best] == 0.0 {
-            continue;
-        }
-        let unit: Vec<f64> = columns[order[k]].iter().map(|x| x / norms[best]).collect();
-        for &j in &order[k + 1..] {
-            let part = dot(&unit, &columns[j]);
-            for (x, u) in columns[j].iter_mut().zip(&unit) {
-                *x -= part * u;
+        let most = order[k..].iter().fold(0.0, |most, &j| norms[j].max(most));
+        let mut best = k;
+        for i in k + 1..n {
+            let long = norms[order[i]] >= (1.0 - TIE) * most;
+            let longer = norms[order[best]] < (1.0 - TIE) * most;
+            if long && (longer || order[i] < order[best]) {
+                best = i;
             }
         }
+        order.swap(k, best);
+        let taken = order[k];
+        let norm = norms[taken];
+        diagonal.push(norm);
+        r[k * n + taken] = norm;
+        if norm == 0.0 {
+            continue;
+        }
+        own.copy_from_slice(columns.column(taken));
+        for own in &mut own {
+            for x in own.iter_mut() {
+                *x /= norm;
+            }
+        }
+        for &j in &order[k + 1..] {
+            let column = columns.column(j);
+            let part = product::<L>(&own, column);
+            subtract::<L>(column, part, &own);
+            r[k * n + j] = part;
+            norms[j] = product::<L>(column, column).sqrt();
+        }
     }
-    (order, diagonal)
+    Pivoted { order, diagonal, r }
 }
 
-fn norm(a: &Mat<f64>, j: usize) -> f64 {
-    (0..a.nrows())
-        .map(|i| a[(i, j)] * a[(i, j)])
-        .sum::<f64>()
-        .sqrt()
-}
-
-/// `beta` with `A[:, dependent] = A[:, pivots] beta`.
-fn regroup(a: &Mat<f64>, pivots: &[usize], dependent: &[usize]) -> Vec<f64> {
-    if pivots.is_empty() || dependent.is_empty() {
-        return Vec::new();
+impl Pivoted {
+    fn rank(&self, rtol: f64) -> usize {
+        let first = self.diagonal.first().copied().unwrap_or(0.0);
+        let large = self.diagonal.iter().take_while(|d| **d > rtol * first);
+        large.count()
     }
-    let independent = Mat::from_fn(a.nrows(), pivots.len(), |i, j| a[(i, pivots[j])]);
-    let mut solution = Mat::from_fn(a.nrows(), dependent.len(), |i, j| a[(i, dependent[j])]);
-    independent
-        .as_ref()
-        .qr()
-        .solve_lstsq_in_place_with_conj(faer::Conj::No, solution.as_mut());
-    let solution: MatRef<'_, f64> = solution.as_ref();
-    (0..pivots.len())
-        .flat_map(|i| (0..dependent.len()).map(move |j| (i, j)))
-        .map(|at| solution[at])
-        .collect()
+
+    /// `beta` (as many rows as `pivots`, row-major) with `A[:, dependent] = A[:, pivots] beta`; `pivots` are the columns
+    /// that were taken first, in any order.
+    fn regroup(&self, pivots: &[usize], dependent: &[usize]) -> Vec<f64> {
+        let (n, rank, width) = (self.order.len(), pivots.len(), dependent.len());
+        let mut beta = vec![0.0; rank * width];
+        let place = |taken: usize| pivots.binary_search(&taken).unwrap_or(0);
+        // Back substitution, from the column that was taken last.
+        for k in (0..rank).rev() {
+            let mut row: Vec<f64> = dependent.iter().map(|j| self.r[k * n + j]).collect();
+            for &later in &self.order[k + 1..rank] {
+                let (factor, start) = (self.r[k * n + later], place(later) * width);
+                for (x, other) in row.iter_mut().zip(&beta[start..start + width]) {
+                    *x -= factor * other;
+                }
+            }
+            let start = place(self.order[k]) * width;
+            for (to, x) in beta[start..start + width].iter_mut().zip(row) {
+                *to = x / self.diagonal[k];
+            }
+        }
+        beta
+    }
 }

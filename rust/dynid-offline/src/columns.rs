@@ -29,12 +29,49 @@ impl<'a> RunSignals<'a> {
         n_joints: usize,
         n_samples: usize,
     ) -> Result<(), OfflineError> {
-        self.state.check(n_samples * n_joints)?;
-        let finite = |values: &[f64]| values.iter().all(|x| x.is_finite());
-        let optional = [self.tau_link, self.state.temperature];
-        if !self.state.is_finite() || !optional.into_iter().flatten().all(finite) {
-            return Err(OfflineError::NonFinite { what: "run" });
+        self.check_shapes(effects, n_joints, n_samples)?;
+        self.check_finite()
+    }
+
+    /// # Errors
+    /// [`OfflineError::NonFinite`] if a number is not finite.
+    pub(crate) fn check_finite(&self) -> Result<(), OfflineError> {
+        if self.state.is_finite() {
+            self.check_others()
+        } else {
+            Err(OfflineError::NonFinite { what: "run" })
         }
+    }
+
+    /// [`Self::check_finite`] of all but q, dq and ddq of the links; the motors' where they are other arrays.
+    pub(crate) fn check_others(&self) -> Result<(), OfflineError> {
+        let state = &self.state;
+        let finite = |values: &[f64]| values.iter().fold(true, |all, x| all & x.is_finite());
+        let motor = [
+            (state.q_motor, state.q),
+            (state.dq_motor, state.dq),
+            (state.ddq_motor, state.ddq),
+        ];
+        let own = motor
+            .into_iter()
+            .filter(|(motor, link)| !std::ptr::eq(*motor, *link))
+            .map(|(motor, _)| motor);
+        let optional = [self.tau_link, state.temperature].into_iter().flatten();
+        if own.chain(optional).all(finite) {
+            Ok(())
+        } else {
+            Err(OfflineError::NonFinite { what: "run" })
+        }
+    }
+
+    /// [`Self::check`] without looking whether numbers are finite.
+    pub(crate) fn check_shapes(
+        &self,
+        effects: &[Effect],
+        n_joints: usize,
+        n_samples: usize,
+    ) -> Result<(), OfflineError> {
+        self.state.check(n_samples * n_joints)?;
         if self
             .tau_link
             .is_some_and(|tau| tau.len() != n_samples * n_joints)

@@ -4,22 +4,24 @@
 //! `f(s_1², ..., s_n²)` therefore has the gradient `C = 2 W V diag(df) V'` with respect to W, and the reverse sweep of
 //! [`crate::adjoint`] takes it to q, dq and ddq.
 
+mod gram;
 mod spectrum;
+mod tridiagonal;
 
 use std::sync::Mutex;
 
-use dynid_core::lanes::{self, Kernel, Lanes};
+use dynid_core::lanes::{self, Kernel, Lanes, MOST_LANES};
 use dynid_core::link_params::N_LINK_PARAMS;
 use dynid_core::RobotModel;
-use faer::linalg::matmul::matmul;
-use faer::{Accum, Mat, MatMut, MatRef, Par};
 
 use crate::adjoint::{Sweep, SPLIT, SUMMED};
 use crate::base::{probing_states, rank};
 use crate::error::OfflineError;
 use crate::factor::triangular_factor;
-use crate::rows::{gather, lane_samples, put, StateRows};
-use spectrum::Spectrum;
+use crate::rows::{lane_samples, put, StateRows};
+use crate::triangle::subtract;
+use gram::LaneRows;
+use spectrum::{Slope, Sum};
 
 /// What makes a motion good; every one is smaller for a better motion.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -44,6 +46,8 @@ pub struct Excitation {
     n_base: usize,
     /// Per link: (base column, parameter of the link).
     columns: Vec<Vec<(usize, usize)>>,
+    /// Joints, from the first on, in whose rows a base column may stand.
+    reach: Vec<usize>,
     /// n × n, row-major; multiplies the rows of every sample.
     whitening: Option<Vec<f64>>,
     ranks: [usize; 4],
@@ -89,6 +93,13 @@ impl Excitation {
             robot: robot.clone(),
             n_base: pivots.len(),
             columns,
+            reach: pivots
+                .iter()
+                .map(|pivot| match whitening {
+                    Some(_) => n,
+                    None => pivot / N_LINK_PARAMS + 1,
+                })
+                .collect(),
             whitening: whitening.map(<[f64]>::to_vec),
             ranks: [0; 4],
             summed: Mutex::default(),
@@ -98,7 +109,8 @@ impl Excitation {
         let mut scratch = excitation.take(&excitation.split);
         excitation.fill(&mut scratch, [&q, &dq, &ddq]);
         for (found, rows) in excitation.ranks.iter_mut().zip(&scratch.rows) {
-            *found = rank(&triangular_factor(rows, pivots.len())?, pivots.len(), rtol);
+            let rows = rows.row_major(PROBES, n);
+            *found = rank(&triangular_factor(&rows, pivots.len())?, pivots.len(), rtol);
         }
         Ok(excitation)
     }
@@ -118,8 +130,13 @@ impl Excitation {
         self.check(motion)?;
         let mut scratch = self.take(&self.split);
         self.fill(&mut scratch, motion);
-        let [_, acceleration, velocity, gravity] = std::mem::take(&mut scratch.rows);
-        Ok([acceleration, velocity, gravity])
+        let n = self.robot.n_joints();
+        let [_, parts @ ..] = &scratch.rows;
+        let blocks = parts
+            .each_ref()
+            .map(|rows| rows.row_major(motion[0].len() / n, n));
+        self.put_back(&self.split, scratch);
+        Ok(blocks)
     }
 
     /// Condition numbers `s_1 / s_r` of W, Wa, Wb, Wg over their structural ranks r; NaN for a block of rank zero.
@@ -133,8 +150,8 @@ impl Excitation {
         let mut conditions = [f64::NAN; 4];
         for (m, condition) in conditions.iter_mut().enumerate() {
             if self.ranks[m] > 0 {
-                let spectrum = Spectrum::new(&scratch.rows[m], self.n_base)?;
-                *condition = spectrum.condition(self.ranks[m]).0;
+                let gram = scratch.rows[m].gram(&self.reach);
+                *condition = spectrum::condition(&gram, self.n_base, self.ranks[m], false)?.0;
             }
         }
         self.put_back(&self.split, scratch);
@@ -174,8 +191,8 @@ impl Excitation {
         let mut scratch = self.take(pool);
         self.fill(&mut scratch, motion);
         let mut value = 0.0;
-        scratch.weights[0].clear();
-        for m in 0..scratch.n_matrices() {
+        let mut moving = Vec::new();
+        for m in 0..n_matrices::<P>() {
             let share = match criterion {
                 Criterion::Block(w) if m == 0 => w.iter().sum(),
                 Criterion::Block(w) => w[m - 1],
@@ -185,19 +202,25 @@ impl Excitation {
             if self.ranks[m] == 0 || share == 0.0 {
                 continue;
             }
-            let spectrum = Spectrum::new(&scratch.rows[m], self.n_base)?;
+            let gram = scratch.rows[m].gram(&self.reach);
             let (part, slopes) = match criterion {
-                Criterion::Block(_) | Criterion::Condition => spectrum.condition(self.ranks[m]),
-                Criterion::D => spectrum.log_volume(),
-                Criterion::A => spectrum.total_variance(),
+                Criterion::Block(_) | Criterion::Condition => {
+                    spectrum::condition(&gram, self.n_base, self.ranks[m], gradient.is_some())?
+                }
+                Criterion::D => spectrum::sum(&gram, self.n_base, Sum::LogVolume)?,
+                Criterion::A => spectrum::sum(&gram, self.n_base, Sum::TotalVariance)?,
             };
             value += share * part;
-            if gradient.is_some() {
-                scratch.push_back(m, share, &spectrum, &slopes, self.n_base);
-            }
+            moving.extend(slopes.into_iter().map(|slope| (m, share, slope)));
         }
         if let Some(gradient) = gradient {
-            self.sweep_back(&mut scratch, motion, gradient);
+            lanes::run(SweepBack {
+                excitation: self,
+                scratch: &scratch,
+                moving: &moving,
+                motion,
+                gradient,
+            });
         }
         self.put_back(pool, scratch);
         Ok(value)
@@ -205,43 +228,14 @@ impl Excitation {
 
     /// Rows of W and, if split, of its blocks.
     fn fill<const P: usize>(&self, scratch: &mut Scratch<P>, motion: [&[f64]; 3]) {
-        for rows in &mut scratch.rows {
-            rows.clear();
-            rows.resize(motion[0].len() * self.n_base, 0.0);
+        let n = self.robot.n_joints();
+        for rows in &mut scratch.rows[..n_matrices::<P>()] {
+            rows.reserve(n, self.n_base, motion[0].len() / n);
         }
         lanes::run(Fill {
             excitation: self,
             scratch,
             motion,
-        });
-    }
-
-    /// From the gradient with respect to the rows to that with respect to the motion.
-    fn sweep_back<const P: usize>(
-        &self,
-        scratch: &mut Scratch<P>,
-        motion: [&[f64]; 3],
-        gradient: [&mut [f64]; 3],
-    ) {
-        if scratch.weights[0].is_empty() {
-            for out in gradient {
-                out.fill(0.0);
-            }
-            return;
-        }
-        if let Some(whitening) = &self.whitening {
-            let n = self.robot.n_joints();
-            for weights in &mut scratch.weights {
-                for rows in weights.chunks_exact_mut(n * self.n_base) {
-                    transform(whitening, true, n, rows, &mut scratch.row);
-                }
-            }
-        }
-        lanes::run(SweepBack {
-            excitation: self,
-            weights: &scratch.weights,
-            motion,
-            gradient,
         });
     }
 
@@ -256,7 +250,7 @@ impl Excitation {
 
     fn take<const P: usize>(&self, pool: &Mutex<Vec<Scratch<P>>>) -> Scratch<P> {
         let idle = pool.lock().ok().and_then(|mut pool| pool.pop());
-        idle.unwrap_or_else(Scratch::new)
+        idle.unwrap_or_default()
     }
 
     fn put_back<const P: usize>(&self, pool: &Mutex<Vec<Scratch<P>>>, scratch: Scratch<P>) {
@@ -280,47 +274,71 @@ impl<const P: usize> Kernel for Fill<'_, P> {
     fn run<S: Lanes<Raw = [f64; 1]>, L: Lanes>(self) {
         let (robot, width) = (&self.excitation.robot, self.excitation.n_base);
         let n = robot.n_joints();
-        let first = self.scratch.n_matrices() - P; // the first part; W itself if there is only one
+        let n_samples = self.motion[0].len() / n;
+        let first = n_matrices::<P>() - P; // the first part; W itself if there is only one
         let mut sweep = Sweep::<L, P>::new(robot);
         let mut states = StateRows::<L>::new(n);
-        let mut rows = vec![L::ZERO; n * width];
-        let group = L::LEN * n * width;
-        for k in 0..(self.motion[0].len() / n).div_ceil(L::LEN) {
+        let mut white = vec![L::ZERO; n * width];
+        for k in 0..n_samples.div_ceil(L::LEN) {
             states.take(self.motion, k);
             sweep.forward(robot, states.rows());
-            let start = k * group;
-            let end = self.scratch.rows[0].len().min(start + group);
+            let there = n_samples - k * L::LEN;
+            let (group, lane) = (k * L::LEN / MOST_LANES, k * L::LEN % MOST_LANES);
             for part in 0..P {
+                let out = &mut self.scratch.rows[first + part];
                 for (i, columns) in self.excitation.columns.iter().enumerate() {
                     for j in 0..=i {
-                        let row = sweep.row(part, j, i);
+                        let mut row = sweep.row(part, j, i);
+                        if there < L::LEN {
+                            let mut mask = [0.0; MOST_LANES];
+                            mask[..there].fill(1.0);
+                            for x in &mut row {
+                                *x = *x * L::load(&mask);
+                            }
+                        }
                         for &(column, parameter) in columns {
-                            rows[j * width + column] = row[parameter].raw();
+                            if self.excitation.whitening.is_some() {
+                                white[j * width + column] = row[parameter].raw();
+                            } else {
+                                row[parameter].store(&mut out.at(j, column, group)[lane..]);
+                            }
                         }
                     }
                 }
-                let out = &mut self.scratch.rows[first + part][start..end];
-                put::<L>(&rows, out, n * width);
                 if let Some(whitening) = &self.excitation.whitening {
-                    for sample in out.chunks_exact_mut(n * width) {
-                        transform(whitening, false, n, sample, &mut self.scratch.row);
+                    for column in 0..width {
+                        for (j, factors) in whitening.chunks_exact(n).enumerate() {
+                            let mut sum = L::splat(0.0);
+                            for (i, factor) in factors.iter().enumerate() {
+                                let x = L::from_raw(white[i * width + column]);
+                                sum = x.mul_add(L::splat(*factor), sum);
+                            }
+                            sum.store(&mut out.at(j, column, group)[lane..]);
+                        }
                     }
                 }
             }
             if P > 1 {
                 let [total, parts @ ..] = &mut self.scratch.rows;
-                for index in start..end {
-                    total[index] = parts[0][index] + parts[1][index] + parts[2][index];
+                for (column, reach) in self.excitation.reach.iter().enumerate() {
+                    for j in 0..*reach {
+                        let [a, b, c] = parts
+                            .each_mut()
+                            .map(|rows| L::load(&rows.at(j, column, group)[lane..]));
+                        (a + b + c).store(&mut total.at(j, column, group)[lane..]);
+                    }
                 }
             }
         }
     }
 }
 
-/// [`Excitation::sweep_back`], samples in lanes.
+/// From the slopes of the criterion in its eigenvalues to the gradient with respect to the motion, samples in lanes.
 struct SweepBack<'a, const P: usize> {
     excitation: &'a Excitation,
-    weights: &'a [Vec<f64>; P],
+    scratch: &'a Scratch<P>,
+    /// Matrix, share in the criterion, slope of it.
+    moving: &'a [(usize, f64, Slope)],
     motion: [&'a [f64]; 3],
     gradient: [&'a mut [f64]; 3],
 }
@@ -330,7 +348,7 @@ impl<const P: usize> Kernel for SweepBack<'_, P> {
 
     #[inline(always)]
     fn run<S: Lanes<Raw = [f64; 1]>, L: Lanes>(self) {
-        let (robot, width) = (&self.excitation.robot, self.excitation.n_base);
+        let (excitation, robot) = (self.excitation, &self.excitation.robot);
         let n = robot.n_joints();
         let full = N_LINK_PARAMS * n;
         let n_samples = self.motion[0].len() / n;
@@ -338,18 +356,55 @@ impl<const P: usize> Kernel for SweepBack<'_, P> {
         let mut states = StateRows::<L>::new(n);
         let mut spread = vec![L::ZERO; P * n * full];
         let mut rows = [vec![L::ZERO; n], vec![L::ZERO; n], vec![L::ZERO; n]];
+        let mut along = vec![L::ZERO; n];
+        let n_groups = n_samples.div_ceil(MOST_LANES);
+        // The gradient with respect to the rows is the sum of `2 share slope (W v) v'`: all `W v` first, so that rows are
+        // read as they lie.
+        let mut products = vec![[0.0; MOST_LANES]; self.moving.len() * n * n_groups];
+        let of_slope = products.chunks_exact_mut(n * n_groups);
+        for ((m, share, (slope, vector)), products) in self.moving.iter().zip(of_slope) {
+            let own = &self.scratch.rows[*m];
+            for (j, products) in products.chunks_exact_mut(n_groups).enumerate() {
+                for (c, (x, reach)) in vector.iter().zip(&excitation.reach).enumerate() {
+                    if j < *reach {
+                        subtract::<L>(products, -2.0 * share * slope * x, own.column(j, c));
+                    }
+                }
+            }
+        }
         let [out_q, out_dq, out_ddq] = self.gradient;
         for k in 0..n_samples.div_ceil(L::LEN) {
             let samples = lane_samples::<L>(k, n_samples);
-            let samples = &samples[..L::LEN];
-            states.take_samples(self.motion, samples);
-            for (part, weights) in self.weights.iter().enumerate() {
-                for (i, columns) in self.excitation.columns.iter().enumerate() {
-                    for j in 0..=i {
-                        for &(column, parameter) in columns {
-                            let to = (part * n + j) * full + i * N_LINK_PARAMS + parameter;
-                            let from = j * width + column;
-                            spread[to] = gather::<L>(weights, samples, n * width, from).raw();
+            states.take_samples(self.motion, &samples[..L::LEN]);
+            let (group, lane) = (k * L::LEN / MOST_LANES, k * L::LEN % MOST_LANES);
+            spread.fill(L::ZERO);
+            let of_slope = products.chunks_exact(n * n_groups);
+            for ((m, _, (_, vector)), products) in self.moving.iter().zip(of_slope) {
+                let product = products.chunks_exact(n_groups);
+                for (along, product) in along.iter_mut().zip(product.clone()) {
+                    *along = L::load(&product[group][lane..]).raw();
+                }
+                if let Some(whitening) = &excitation.whitening {
+                    for (j, along) in along.iter_mut().enumerate() {
+                        let mut sum = L::splat(0.0);
+                        for (i, product) in product.clone().enumerate() {
+                            let factor = L::splat(whitening[i * n + j]);
+                            sum = L::load(&product[group][lane..]).mul_add(factor, sum);
+                        }
+                        *along = sum.raw();
+                    }
+                }
+                let (from, to) = if *m == 0 { (0, P) } else { (m - 1, *m) };
+                for part in from..to {
+                    for (i, columns) in excitation.columns.iter().enumerate() {
+                        for (j, along) in along.iter().enumerate().take(i + 1) {
+                            let start = (part * n + j) * full + i * N_LINK_PARAMS;
+                            for &(column, parameter) in columns {
+                                let to = &mut spread[start + parameter];
+                                let factor = L::splat(vector[column]);
+                                let sum = L::from_raw(*along).mul_add(factor, L::from_raw(*to));
+                                *to = sum.raw();
+                            }
                         }
                     }
                 }
@@ -366,95 +421,17 @@ impl<const P: usize> Kernel for SweepBack<'_, P> {
 }
 
 /// Memory of one evaluation, kept for the next.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 struct Scratch<const P: usize> {
-    /// Rows of W, Wa, Wb, Wg; of W alone if the parts are summed.
-    rows: [Vec<f64>; 4],
-    /// Gradient with respect to the rows of each part.
-    weights: [Vec<f64>; P],
-    projected: Vec<f64>,
-    row: Vec<f64>,
+    /// W, Wa, Wb, Wg; W alone if the parts are summed.
+    rows: [LaneRows; 4],
 }
 
-impl<const P: usize> Scratch<P> {
-    fn new() -> Self {
-        Self {
-            rows: Default::default(),
-            weights: std::array::from_fn(|_| Vec::new()),
-            projected: Vec::new(),
-            row: Vec::new(),
-        }
-    }
-
-    /// W alone, or W and its parts.
-    fn n_matrices(&self) -> usize {
-        if P == SUMMED {
-            1
-        } else {
-            1 + P
-        }
-    }
-
-    /// Adds `share * 2 W V diag(slopes) V'` of matrix `m` to the gradients of the parts it consists of.
-    fn push_back(
-        &mut self,
-        m: usize,
-        share: f64,
-        spectrum: &Spectrum,
-        slopes: &[(usize, f64)],
-        width: usize,
-    ) {
-        let n_rows = self.rows[m].len() / width;
-        let vectors = Mat::from_fn(width, slopes.len(), |i, k| {
-            spectrum.vectors[(i, slopes[k].0)]
-        });
-        let back = Mat::from_fn(slopes.len(), width, |k, j| {
-            2.0 * share * slopes[k].1 * vectors[(j, k)]
-        });
-        self.projected.resize(n_rows * slopes.len(), 0.0);
-        let rows = MatRef::from_row_major_slice(&self.rows[m], n_rows, width);
-        let mut projected =
-            MatMut::from_row_major_slice_mut(&mut self.projected, n_rows, slopes.len());
-        matmul(
-            &mut projected,
-            Accum::Replace,
-            rows,
-            &vectors,
-            1.0,
-            Par::Seq,
-        );
-        let started = !self.weights[0].is_empty();
-        let parts = if m == 0 { 0..P } else { m - 1..m };
-        for part in 0..P {
-            let weights = &mut self.weights[part];
-            if !started {
-                weights.clear();
-                weights.resize(n_rows * width, 0.0);
-            }
-            if parts.contains(&part) {
-                let weights = MatMut::from_row_major_slice_mut(weights, n_rows, width);
-                matmul(weights, Accum::Add, &projected, &back, 1.0, Par::Seq);
-            }
-        }
-    }
-}
-
-/// `rows <- T rows` or `T' rows` for one sample (n × width, row-major).
-fn transform(t: &[f64], transposed: bool, n: usize, rows: &mut [f64], copy: &mut Vec<f64>) {
-    let width = rows.len() / n;
-    copy.clear();
-    copy.extend_from_slice(rows);
-    rows.fill(0.0);
-    for (i, row) in rows.chunks_exact_mut(width).enumerate() {
-        for (j, old) in copy.chunks_exact(width).enumerate() {
-            let factor = if transposed {
-                t[j * n + i]
-            } else {
-                t[i * n + j]
-            };
-            for (x, old) in row.iter_mut().zip(old) {
-                *x += factor * old;
-            }
-        }
+/// W alone, or W and its parts.
+const fn n_matrices<const P: usize>() -> usize {
+    if P == SUMMED {
+        1
+    } else {
+        1 + P
     }
 }

@@ -1,11 +1,10 @@
 //! Triangular factors: `R` with `Rᵀ R = Aᵀ A`, without ever forming `Aᵀ A` (whose condition is the square of A's).
 
-use faer::Mat;
-
 use crate::error::OfflineError;
+use crate::triangle::factor_once;
 
 /// Rows that one QR eats at a time; taller matrices are split and merged.
-const BLOCK_ROWS: usize = 2048;
+const BLOCK_ROWS: usize = 256;
 
 /// R of `rows` (m × width, row-major): width × width, row-major, upper triangular, non-negative diagonal. Zero rows fill
 /// up when `m < width`.
@@ -55,22 +54,6 @@ pub(crate) fn tree(mut level: Vec<Vec<f64>>, width: usize) -> Vec<f64> {
             .collect();
     }
     level.swap_remove(0)
-}
-
-/// Householder QR of one block.
-pub(crate) fn factor_once(rows: &[f64], width: usize) -> Vec<f64> {
-    let m = rows.len() / width;
-    let a = Mat::from_fn(m, width, |i, j| rows[i * width + j]);
-    let qr = a.qr();
-    let r = qr.thin_R();
-    let mut out = vec![0.0; width * width];
-    for i in 0..r.nrows() {
-        let sign = if r[(i, i)] < 0.0 { -1.0 } else { 1.0 };
-        for j in i..width {
-            out[i * width + j] = sign * r[(i, j)];
-        }
-    }
-    out
 }
 
 #[cfg(test)]

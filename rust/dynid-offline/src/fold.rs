@@ -11,12 +11,15 @@ use dynid_core::{Effect, RobotModel};
 use rayon::prelude::*;
 
 use crate::error::OfflineError;
-use crate::factor::{factor_once, tree, triangular_factor};
-use crate::observation::{check, columns_of, history, observe, RunStates, Sampling, Wanted};
+use crate::factor::{tree, triangular_factor};
+use crate::observation::{
+    check, check_shapes, columns_of, history, observe, RunStates, Sampling, Wanted,
+};
 use crate::rows::{gather, StateRows};
+use crate::triangle::Columns;
+use reflect::{JointFold, DEPTH};
 
-/// Samples of one lane that are folded at a time: their column stays in registers while the others pass by.
-const DEPTH: usize = 8;
+mod reflect;
 
 /// Samples per task. Tasks, not threads, decide the order of sums.
 const CHUNK: usize = 16_384;
@@ -47,17 +50,14 @@ pub fn fold(
     }
     let n = robot.n_joints();
     let n_samples = run.tau.len() / n;
-    let every = Sampling::default();
-    check(
-        robot,
-        effects,
-        pivots,
-        run,
-        sampling.unwrap_or(&every),
-        n_samples,
-    )?;
-    let plan: Vec<Vec<Wanted>> = (0..n).map(|j| columns_of(j, effects, pivots)).collect();
+    match sampling {
+        Some(sampling) => check(robot, effects, pivots, run, sampling, n_samples)?,
+        // Where every sample is read, numbers that are not finite are found on the way.
+        None => check_shapes(robot, effects, pivots, run, n_samples)?,
+    }
+    let plan: Vec<JointPlan> = (0..n).map(|j| JointPlan::new(j, effects, pivots)).collect();
     let history = history(effects, n, &run.signals);
+    let constant: Vec<_> = effects.iter().map(|e| constant(e, n, run)).collect();
     let n_rows = sampling.map_or(n_samples, |sampling| sampling.kept.len());
     let folded = |chunk: usize| {
         let rows = chunk * CHUNK..n_rows.min((chunk + 1) * CHUNK);
@@ -68,96 +68,125 @@ pub fn fold(
             all = rows.collect();
             &all
         };
+        let not_finite = OfflineError::NonFinite { what: "run" };
         lanes::run(Chunk {
             robot,
             effects,
             plan: &plan,
             history: &history,
+            constant: &constant,
             run,
             kept,
         })
+        .ok_or(not_finite)
     };
     // A wave of tasks at a time, each merged with what came before: memory stays that of one wave.
     let mut factors: Option<Vec<Vec<f64>>> = None;
     for first in (0..n_rows.div_ceil(CHUNK)).step_by(WAVE) {
         let last = n_rows.div_ceil(CHUNK).min(first + WAVE);
-        let mut wave: Vec<Vec<Vec<f64>>> = factors.take().into_iter().collect();
-        wave.par_extend((first..last).into_par_iter().map(folded));
+        let new = (first..last).into_par_iter().map(folded);
+        let new = new.collect::<Result<Vec<_>, _>>()?;
+        let wave: Vec<_> = factors.take().into_iter().chain(new).collect();
         let of_joint = |j: usize| wave.iter().map(|chunk| chunk[j].clone()).collect();
-        factors = Some((0..n).map(|j| tree(of_joint(j), plan[j].len())).collect());
+        factors = Some((0..n).map(|j| tree(of_joint(j), plan[j].width())).collect());
     }
-    let none = || plan.iter().map(|wanted| vec![0.0; wanted.len().pow(2)]);
+    let none = || plan.iter().map(|joint| vec![0.0; joint.width().pow(2)]);
     Ok(factors.unwrap_or_else(|| none().collect()))
+}
+
+/// Columns of one joint's rows: those of the effects, then these of the links, then the torque.
+struct JointPlan {
+    n_effect_columns: usize,
+    /// Indices into phi.
+    links: Vec<usize>,
+}
+
+impl JointPlan {
+    fn new(j: usize, effects: &[Effect], pivots: &[usize]) -> Self {
+        let mut links = Vec::new();
+        let mut n_effect_columns = 0;
+        for wanted in columns_of(j, effects, pivots) {
+            match wanted {
+                Wanted::Effect { .. } => n_effect_columns += 1,
+                Wanted::Link { parameter } => links.push(parameter),
+                Wanted::Torque => {}
+            }
+        }
+        Self {
+            n_effect_columns,
+            links,
+        }
+    }
+
+    fn width(&self) -> usize {
+        self.n_effect_columns + self.links.len() + 1
+    }
+}
+
+/// Columns of an effect that no signal moves, for every joint.
+fn constant(effect: &Effect, n_joints: usize, run: &RunStates<'_>) -> Option<Vec<f64>> {
+    if effect.kind() != "torque_offset" || run.tau.is_empty() {
+        return None;
+    }
+    let mut columns = vec![0.0; n_joints * effect.n_columns()];
+    for (j, own) in columns.chunks_exact_mut(effect.n_columns()).enumerate() {
+        effect.columns_into(j, &run.signals.input(0, n_joints), &mut [], own);
+    }
+    Some(columns)
 }
 
 /// Factors of some samples.
 struct Chunk<'a> {
     robot: &'a RobotModel,
     effects: &'a [Effect],
-    plan: &'a [Vec<Wanted>],
+    plan: &'a [JointPlan],
     history: &'a [Option<Vec<f64>>],
+    /// Columns of the effects that are the same in every sample, joint by joint.
+    constant: &'a [Option<Vec<f64>>],
     run: &'a RunStates<'a>,
     kept: &'a [usize],
 }
 
-/// The rows of one joint and their factors, one per lane.
-struct JointFold<R> {
-    width: usize,
-    /// Width × width, row-major.
-    factor: Vec<R>,
-    /// One column after the other.
-    rows: Vec<[R; DEPTH]>,
-}
-
 impl Kernel for Chunk<'_> {
-    type Output = Vec<Vec<f64>>;
+    /// Nothing where a number is not finite.
+    type Output = Option<Vec<Vec<f64>>>;
 
     #[inline(always)]
-    fn run<S: Lanes<Raw = [f64; 1]>, L: Lanes>(self) -> Vec<Vec<f64>> {
-        let widths = self.plan.iter().map(Vec::len);
-        let mut stacked: Vec<Vec<f64>> = widths
-            .clone()
-            .map(|width| Vec::with_capacity(MOST_LANES * width * width))
-            .collect();
+    fn run<S: Lanes<Raw = [f64; 1]>, L: Lanes>(self) -> Self::Output {
+        let widths = self.plan.iter().map(JointPlan::width);
+        // Row i of all eight side by side: column k ends with row k.
+        let empty = |width: usize| Columns::zeros(1..=width);
+        let mut stacked: Vec<_> = widths.clone().map(empty).collect();
         // Eight factors on every processor, so that the sums are the same: narrower rows go over the samples again.
         for first in (0..MOST_LANES).step_by(L::LEN) {
-            let mut joints: Vec<JointFold<L::Raw>> = widths
-                .clone()
-                .map(|width| JointFold {
-                    width,
-                    factor: vec![L::ZERO; width * width],
-                    rows: vec![[L::ZERO; DEPTH]; width],
-                })
-                .collect();
-            self.fold_lanes::<L>(first, &mut joints);
-            let mut numbers = [0.0; MOST_LANES];
+            let mut joints: Vec<_> = widths.clone().map(JointFold::new::<L>).collect();
+            if !self.fold_lanes::<L>(first, &mut joints) {
+                return None;
+            }
             for (joint, stacked) in joints.iter().zip(&mut stacked) {
-                for lane in 0..L::LEN {
-                    for row in &joint.factor {
-                        L::from_raw(*row).store(&mut numbers);
-                        stacked.push(numbers[lane]);
-                    }
-                }
+                joint.put::<L>(first, stacked);
             }
         }
-        widths
-            .zip(stacked)
-            .map(|(width, rows)| factor_once(&rows, width))
-            .collect()
+        let mut factors = Vec::with_capacity(stacked.len());
+        for stacked in &mut stacked {
+            factors.push(stacked.factor::<L>());
+        }
+        Some(factors)
     }
 }
 
 impl Chunk<'_> {
-    /// Lanes `first..first + L::LEN` of all samples.
+    /// Lanes `first..first + L::LEN` of all samples; whether all their numbers were finite.
     #[inline(always)]
-    fn fold_lanes<L: Lanes>(&self, first: usize, joints: &mut [JointFold<L::Raw>]) {
+    fn fold_lanes<L: Lanes>(&self, first: usize, joints: &mut [JointFold<L::Raw>]) -> bool {
         let n = self.robot.n_joints();
         let mut states = StateRows::<L>::new(n);
         let mut twists = vec![[[L::ZERO; 3]; 2]; n];
         let mut regressor = vec![L::ZERO; n * n * N_LINK_PARAMS];
-        let mut columns = vec![[L::ZERO; MAX_COLUMNS]; self.effects.len()];
         let state = &self.run.signals.state;
         let motion = [state.q, state.dq, state.ddq];
+        // Zero times every number: zero as long as all are finite.
+        let (zero, mut zeros) = (L::splat(0.0), L::splat(0.0));
         for group in self.kept.chunks(MOST_LANES * DEPTH) {
             for depth in 0..DEPTH {
                 let from = (depth * MOST_LANES + first).min(group.len());
@@ -166,9 +195,6 @@ impl Chunk<'_> {
                 let mut samples = [group[0]; MOST_LANES];
                 samples[..there.len()].copy_from_slice(there);
                 let samples = &samples[..L::LEN];
-                let mut mask = [0.0; MOST_LANES];
-                mask[..there.len()].fill(1.0);
-                let mask = L::load(&mask);
                 if !there.is_empty() {
                     states.take_samples(motion, samples);
                     chain::joint_torque_regressor::<L>(
@@ -178,48 +204,67 @@ impl Chunk<'_> {
                         &mut regressor,
                     );
                 }
-                for (j, (joint, wanted)) in joints.iter_mut().zip(self.plan).enumerate() {
-                    self.effect_columns::<L>(j, samples, &mut columns);
-                    for (column, wanted) in joint.rows.iter_mut().zip(wanted) {
-                        let row = match *wanted {
-                            Wanted::Effect { term, column } => columns[term][column],
-                            Wanted::Link { parameter } => {
-                                regressor[j * n * N_LINK_PARAMS + parameter]
-                            }
-                            Wanted::Torque => gather::<L>(self.run.tau, samples, n, j).raw(),
-                        };
-                        column[depth] = if there.len() == L::LEN {
-                            row
-                        } else {
-                            (L::from_raw(row) * mask).raw()
-                        };
+                let joint_rows = regressor.chunks_exact(n * N_LINK_PARAMS);
+                let of_joint = self.plan.iter().zip(states.rows()).zip(joint_rows);
+                for (j, (joint, ((plan, state), row))) in
+                    joints.iter_mut().zip(of_joint).enumerate()
+                {
+                    let (effects, others) = joint.rows.split_at_mut(plan.n_effect_columns);
+                    self.effect_columns::<L>(j, samples, depth, effects);
+                    for (column, &parameter) in others.iter_mut().zip(&plan.links) {
+                        column[depth] = row[parameter];
+                    }
+                    let tau = gather::<L>(self.run.tau, samples, n, j);
+                    others[plan.links.len()][depth] = tau.raw();
+                    for number in [state.q, state.dq, state.ddq, tau.raw()] {
+                        zeros = L::from_raw(number).mul_add(zero, zeros);
+                    }
+                    if there.len() < L::LEN {
+                        let mut mask = [0.0; MOST_LANES];
+                        mask[..there.len()].fill(1.0);
+                        let mask = L::load(&mask);
+                        for column in &mut joint.rows {
+                            column[depth] = (L::from_raw(column[depth]) * mask).raw();
+                        }
                     }
                 }
             }
             for joint in joints.iter_mut() {
-                absorb::<L>(joint);
+                joint.absorb::<L>();
             }
         }
+        zeros.abs().all_less(L::splat(1.0))
     }
 
-    /// Columns of every effect on joint `j`.
+    /// Columns of every effect on joint `j`, to place `depth` of its rows.
     #[inline(always)]
     fn effect_columns<L: Lanes>(
         &self,
         j: usize,
         samples: &[usize],
-        columns: &mut [[L::Raw; MAX_COLUMNS]],
+        depth: usize,
+        rows: &mut [[L::Raw; DEPTH]],
     ) {
         let n = self.robot.n_joints();
         let speeds = self.run.signals.state.dq_motor;
-        for ((effect, history), columns) in self.effects.iter().zip(self.history).zip(columns) {
-            if let Some(friction) = effect.friction_row::<L>(j, gather(speeds, samples, n, j)) {
-                for (to, row) in columns.iter_mut().zip(friction) {
-                    *to = row.raw();
+        let known = self.history.iter().zip(self.constant);
+        let mut start = 0;
+        for (effect, (history, constant)) in self.effects.iter().zip(known) {
+            let width = effect.n_columns();
+            let rows = &mut rows[start..start + width];
+            start += width;
+            if let Some(all) = constant {
+                for (row, x) in rows.iter_mut().zip(&all[j * width..(j + 1) * width]) {
+                    row[depth] = L::splat(*x).raw();
                 }
                 continue;
             }
-            let width = effect.n_columns();
+            if let Some(friction) = effect.friction_row::<L>(j, gather(speeds, samples, n, j)) {
+                for (row, column) in rows.iter_mut().zip(friction) {
+                    row[depth] = column.raw();
+                }
+                continue;
+            }
             let mut numbers = [[0.0; MOST_LANES]; MAX_COLUMNS];
             for (lane, &k) in samples.iter().enumerate() {
                 let mut own = [0.0; MAX_COLUMNS];
@@ -237,51 +282,8 @@ impl Chunk<'_> {
                     row[lane] = x;
                 }
             }
-            for (to, row) in columns[..width].iter_mut().zip(&numbers) {
-                *to = L::load(row).raw();
-            }
-        }
-    }
-}
-
-/// Sums of squares up to here are nothing: where columns depend on each other, what is left of them falls with every
-/// reflection and would end in numbers whose reciprocals are infinite.
-const NOTHING: f64 = 1e-290;
-
-/// Folds the rows of a joint into its factors: one Householder reflection per column, which mixes the factor's row with
-/// [`DEPTH`] rows of the block. Diagonals stay non-negative.
-#[inline(always)]
-fn absorb<L: Lanes>(joint: &mut JointFold<L::Raw>) {
-    let (zero, width) = (L::splat(0.0), joint.width);
-    for k in 0..width {
-        let (done, rest) = joint.rows.split_at_mut(k + 1);
-        let factor = &mut joint.factor[k * width + k..(k + 1) * width];
-        let mut x = [zero; DEPTH];
-        let mut squares = zero;
-        for (x, raw) in x.iter_mut().zip(&done[k]) {
-            *x = L::from_raw(*raw);
-            squares = x.mul_add(*x, squares);
-        }
-        let head = L::from_raw(factor[0]);
-        let norm = head.mul_add(head, squares).sqrt();
-        // head - norm, without cancellation; nothing is reflected where there is nothing to remove.
-        let nothing = L::splat(NOTHING);
-        let norm = nothing.if_less(squares, norm, head);
-        let first = nothing.if_less(squares, -(squares / (head + norm)), zero);
-        let scale = L::splat(2.0) / first.mul_add(first, squares);
-        let scale = nothing.if_less(squares, scale, zero);
-        factor[0] = norm.raw();
-        for (to, column) in factor[1..].iter_mut().zip(rest) {
-            let head = L::from_raw(*to);
-            let (mut even, mut odd) = (first * head, zero);
-            for i in 0..DEPTH / 2 {
-                even = x[2 * i].mul_add(L::from_raw(column[2 * i]), even);
-                odd = x[2 * i + 1].mul_add(L::from_raw(column[2 * i + 1]), odd);
-            }
-            let share = (even + odd) * scale;
-            *to = share.mul_sub_from(first, head).raw();
-            for (raw, x) in column.iter_mut().zip(&x) {
-                *raw = x.mul_sub_from(share, L::from_raw(*raw)).raw();
+            for (row, column) in rows.iter_mut().zip(&numbers) {
+                row[depth] = L::load(column).raw();
             }
         }
     }

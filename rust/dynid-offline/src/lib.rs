@@ -21,6 +21,7 @@ pub mod friction_search;
 pub mod observation;
 pub mod points;
 mod rows;
+mod triangle;
 pub mod weighted;
 
 pub use base::{base_parameters, BaseParameters};

@@ -263,18 +263,32 @@ pub(crate) fn check(
     sampling: &Sampling,
     n_samples: usize,
 ) -> Result<(), OfflineError> {
+    if !run.tau.iter().all(|x| x.is_finite()) {
+        return Err(OfflineError::NonFinite { what: "run" });
+    }
+    run.signals.check_finite()?;
+    check_shapes(robot, effects, pivots, run, n_samples)?;
+    sampling.check(n_samples)
+}
+
+/// [`check`] of a run whose samples are all kept, but for whether the links' state and the torque are finite.
+pub(crate) fn check_shapes(
+    robot: &RobotModel,
+    effects: &[Effect],
+    pivots: &[usize],
+    run: &RunStates<'_>,
+    n_samples: usize,
+) -> Result<(), OfflineError> {
     let n = robot.n_joints();
     if run.tau.len() != n_samples * n {
         return Err(OfflineError::Shape { what: "tau" });
     }
-    if !run.tau.iter().all(|x| x.is_finite()) {
-        return Err(OfflineError::NonFinite { what: "run" });
-    }
-    run.signals.check(effects, n, n_samples)?;
+    run.signals.check_shapes(effects, n, n_samples)?;
+    run.signals.check_others()?;
     if !rising(pivots, n * N_LINK_PARAMS) {
         return Err(OfflineError::Shape { what: "pivots" });
     }
-    sampling.check(n_samples)
+    Ok(())
 }
 
 /// Whether `indices` ascend and end before `end`.

@@ -11,7 +11,7 @@
 use dynid_core::link_params::N_LINK_PARAMS;
 
 use crate::error::OfflineError;
-use crate::factor::factor_once;
+use crate::triangle::factor_once;
 
 /// Parameters with their standard deviations.
 #[derive(Clone, Debug, PartialEq)]

@@ -38,20 +38,32 @@ pub fn matrix<'py>(
     name: &str,
     n_columns: usize,
 ) -> PyResult<PyReadonlyArray2<'py, f64>> {
+    let matrix = any_matrix(value, name, n_columns)?;
+    finite(matrix.as_slice()?, name, n_columns)?;
+    Ok(matrix)
+}
+
+/// [`matrix`] whose numbers may be any: for what finds those that are not finite on its way through them.
+///
+/// # Errors
+/// `ValueError` with the shape that came and the one that was expected.
+pub fn any_matrix<'py>(
+    value: &Bound<'py, PyAny>,
+    name: &str,
+    n_columns: usize,
+) -> PyResult<PyReadonlyArray2<'py, f64>> {
     let array = contiguous(value, name)?;
-    let matrix = array
+    array
         .cast::<PyArray2<f64>>()
         .ok()
         .filter(|matrix| matrix.shape()[1] == n_columns)
+        .map(|matrix| matrix.readonly())
         .ok_or_else(|| {
             let actual = shape_of(&array);
             PyValueError::new_err(format!(
                 "{name} has shape {actual}, expected (n_samples, {n_columns})"
             ))
-        })?
-        .readonly();
-    finite(matrix.as_slice()?, name, n_columns)?;
-    Ok(matrix)
+        })
 }
 
 /// Number of columns of a matrix named `name`.
@@ -78,9 +90,27 @@ pub fn samples<'py, const K: usize>(
     signals: [(&str, &Bound<'py, PyAny>); K],
     n_columns: usize,
 ) -> PyResult<[PyReadonlyArray2<'py, f64>; K]> {
+    let arrays = any_samples(signals, n_columns)?;
+    for (k, ((name, value), array)) in signals.iter().zip(&arrays).enumerate() {
+        // The same array under two names is looked at once.
+        if !signals[..k].iter().any(|(_, seen)| seen.is(value)) {
+            finite(array.as_slice()?, name, n_columns)?;
+        }
+    }
+    Ok(arrays)
+}
+
+/// [`samples`] whose numbers may be any, as [`any_matrix`].
+///
+/// # Errors
+/// As [`any_matrix`]; `ValueError` if the numbers of rows differ.
+pub fn any_samples<'py, const K: usize>(
+    signals: [(&str, &Bound<'py, PyAny>); K],
+    n_columns: usize,
+) -> PyResult<[PyReadonlyArray2<'py, f64>; K]> {
     let mut arrays = Vec::with_capacity(K);
     for (name, value) in signals {
-        let array = matrix(value, name, n_columns)?;
+        let array = any_matrix(value, name, n_columns)?;
         if let Some(first) = arrays
             .first()
             .map(|a: &PyReadonlyArray2<'py, f64>| a.shape()[0])

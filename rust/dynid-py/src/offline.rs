@@ -3,7 +3,7 @@
 use dynid_core::effects::{friction_columns, N_FRICTION};
 use dynid_core::lanes::{use_path, Path};
 use dynid_offline::filter::LANES;
-use dynid_offline::{RunStates, Sampling, ZeroPhase};
+use dynid_offline::{OfflineError, RunStates, Sampling, ZeroPhase};
 use numpy::{PyArray1, PyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -107,11 +107,12 @@ pub fn fold<'py>(
 ) -> PyResult<Vec<Bound<'py, PyArray2<f64>>>> {
     let n = robot.0.n_joints();
     let motor = [Some(q_motor), Some(dq_motor), Some(ddq_motor)];
-    let arrays = RunArrays::new([q, dq, ddq], motor, tau_link, temperature, step, n)?;
-    let [_, tau] = arrays::samples([("q", q), ("tau", tau)], n)?;
+    let link = [q, dq, ddq];
+    let arrays = RunArrays::any(link, motor, tau_link, temperature, step, n)?;
+    let [_, torque] = arrays::any_samples([("q", q), ("tau", tau)], n)?;
     let run = RunStates {
         signals: arrays.signals()?,
-        tau: tau.as_slice()?,
+        tau: torque.as_slice()?,
     };
     let effects: Vec<_> = effects.into_iter().map(|effect| effect.0).collect();
     let sampling = match (filter, kept) {
@@ -121,9 +122,14 @@ pub fn fold<'py>(
             Some(sampling(filter, kept.unwrap_or_else(every))?)
         }
     };
-    let factors = py
-        .detach(|| dynid_offline::fold(&robot.0, &effects, &pivots, &run, sampling.as_ref()))
-        .map_err(errors::offline)?;
+    let folded =
+        py.detach(|| dynid_offline::fold(&robot.0, &effects, &pivots, &run, sampling.as_ref()));
+    if let Err(OfflineError::NonFinite { .. }) = folded {
+        // Which number it was is only looked for now.
+        RunArrays::new(link, motor, tau_link, temperature, step, n)?;
+        arrays::matrix(tau, "tau", n)?;
+    }
+    let factors = folded.map_err(errors::offline)?;
     factors
         .into_iter()
         .map(|factor| {

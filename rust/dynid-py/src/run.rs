@@ -15,6 +15,21 @@ pub struct RunArrays<'py> {
     step: Option<f64>,
 }
 
+/// Names and arrays; the link side stands in for a motor side that is not given.
+fn six<'a, 'py>(
+    [q, dq, ddq]: [&'a Bound<'py, PyAny>; 3],
+    [q_motor, dq_motor, ddq_motor]: [Option<&'a Bound<'py, PyAny>>; 3],
+) -> [(&'static str, &'a Bound<'py, PyAny>); 6] {
+    [
+        ("q", q),
+        ("dq", dq),
+        ("ddq", ddq),
+        ("q_motor", q_motor.unwrap_or(q)),
+        ("dq_motor", dq_motor.unwrap_or(dq)),
+        ("ddq_motor", ddq_motor.unwrap_or(ddq)),
+    ]
+}
+
 impl<'py> RunArrays<'py> {
     /// Link side, motor side (the link side where it is not given), predicted rigid-body torque, measured temperature, time
     /// between samples.
@@ -29,19 +44,34 @@ impl<'py> RunArrays<'py> {
         step: Option<f64>,
         n_joints: usize,
     ) -> PyResult<Self> {
-        let [q, dq, ddq] = link;
-        let [q_motor, dq_motor, ddq_motor] = motor;
-        let signals = arrays::samples(
-            [
-                ("q", q),
-                ("dq", dq),
-                ("ddq", ddq),
-                ("q_motor", q_motor.unwrap_or(q)),
-                ("dq_motor", dq_motor.unwrap_or(dq)),
-                ("ddq_motor", ddq_motor.unwrap_or(ddq)),
-            ],
-            n_joints,
-        )?;
+        let signals = arrays::samples(six(link, motor), n_joints)?;
+        Self::with(signals, link[0], tau_link, temperature, step, n_joints)
+    }
+
+    /// [`Self::new`] where the six signals may hold any number: for what finds those that are not finite on its way.
+    ///
+    /// # Errors
+    /// As [`arrays::any_samples`].
+    pub fn any(
+        link: [&Bound<'py, PyAny>; 3],
+        motor: [Option<&Bound<'py, PyAny>>; 3],
+        tau_link: Option<&Bound<'py, PyAny>>,
+        temperature: Option<&Bound<'py, PyAny>>,
+        step: Option<f64>,
+        n_joints: usize,
+    ) -> PyResult<Self> {
+        let signals = arrays::any_samples(six(link, motor), n_joints)?;
+        Self::with(signals, link[0], tau_link, temperature, step, n_joints)
+    }
+
+    fn with(
+        signals: [PyReadonlyArray2<'py, f64>; 6],
+        q: &Bound<'py, PyAny>,
+        tau_link: Option<&Bound<'py, PyAny>>,
+        temperature: Option<&Bound<'py, PyAny>>,
+        step: Option<f64>,
+        n_joints: usize,
+    ) -> PyResult<Self> {
         let tau_link = tau_link
             .map(|tau| arrays::samples([("q", q), ("tau_link", tau)], n_joints))
             .transpose()?

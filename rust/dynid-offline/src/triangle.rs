@@ -1,0 +1,149 @@
+//! Small dense QR in lanes: eight rows of a column side by side.
+//!
+//! Modified Gram and Schmidt. To the factor it is Householder's method on the rows with zeros above them (Björck), so R is as
+//! good; Q is not kept. Rows are sorted by their leading zeros, which no step fills: column k then ends before the first
+//! row that starts behind it, and a stack of triangles or of blocks costs what its entries are worth.
+
+use dynid_core::lanes::{self, Kernel, Lanes, MOST_LANES};
+
+/// Eight rows of a column.
+pub(crate) type Rows = [f64; MOST_LANES];
+
+/// Sums of squares up to here are nothing: their reciprocals would be infinite.
+const NOTHING: f64 = 1e-200;
+
+/// A matrix by columns.
+pub(crate) struct Columns {
+    numbers: Vec<Rows>,
+    /// Where column k begins; one more for the end. Longer from column to column.
+    begins: Vec<usize>,
+}
+
+impl Columns {
+    /// Zeros; column k has `8 * lengths(k)` rows, no fewer than the one before.
+    pub(crate) fn zeros(lengths: impl Iterator<Item = usize>) -> Self {
+        let mut begins = vec![0];
+        let mut end = 0;
+        for length in lengths {
+            end += length;
+            begins.push(end);
+        }
+        Self {
+            numbers: vec![[0.0; MOST_LANES]; end],
+            begins,
+        }
+    }
+
+    /// Of `rows` (m × width, row-major), sorted by where they begin.
+    pub(crate) fn of_rows(rows: &[f64], width: usize) -> Self {
+        let leading = |row: &[f64]| row.iter().take_while(|x| **x == 0.0).count();
+        let leads: Vec<usize> = rows.chunks_exact(width).map(leading).collect();
+        // Counting sort: which rows stay in the order they came in.
+        let mut next = vec![0_usize; width + 1];
+        for lead in &leads {
+            next[*lead] += 1;
+        }
+        let mut before = 0_usize;
+        for count in &mut next {
+            (*count, before) = (before, before + *count);
+        }
+        let ends = (0..width).map(|k| next.get(k + 1).map_or(before, |start| *start));
+        let mut columns = Self::zeros(ends.map(|end| end.div_ceil(MOST_LANES)));
+        for (row, lead) in rows.chunks_exact(width).zip(leads) {
+            let place = next[lead];
+            next[lead] += 1;
+            for (x, begin) in row.iter().zip(&columns.begins).skip(lead) {
+                columns.numbers[begin + place / MOST_LANES][place % MOST_LANES] = *x;
+            }
+        }
+        columns
+    }
+
+    pub(crate) fn width(&self) -> usize {
+        self.begins.len() - 1
+    }
+
+    /// Rows of column k.
+    #[inline(always)]
+    pub(crate) fn column(&mut self, k: usize) -> &mut [Rows] {
+        &mut self.numbers[self.begins[k]..self.begins[k + 1]]
+    }
+
+    /// Triangular factor, width × width, row-major, with non-negative diagonal. The columns are used up.
+    #[inline(always)]
+    pub(crate) fn factor<L: Lanes>(&mut self) -> Vec<f64> {
+        let width = self.width();
+        let mut factor = vec![0.0; width * width];
+        for k in 0..width {
+            let (done, rest) = self.numbers.split_at_mut(self.begins[k + 1]);
+            let own = &done[self.begins[k]..];
+            let squares = product::<L>(own, own);
+            if squares <= NOTHING {
+                continue;
+            }
+            let (norm, inverse) = (squares.sqrt(), squares.recip());
+            let row = &mut factor[k * width..(k + 1) * width];
+            row[k] = norm;
+            for (c, to) in row.iter_mut().enumerate().skip(k + 1) {
+                let begin = self.begins[c] - self.begins[k + 1];
+                let other = &mut rest[begin..begin + own.len()];
+                let share = product::<L>(own, other) * inverse;
+                *to = share * norm;
+                subtract::<L>(other, share, own);
+            }
+        }
+        factor
+    }
+}
+
+/// Inner product; on every processor that fuses to the same bits.
+#[inline(always)]
+pub(crate) fn product<L: Lanes>(x: &[Rows], y: &[Rows]) -> f64 {
+    let mut sums = [0.0; MOST_LANES];
+    for first in (0..MOST_LANES).step_by(L::LEN) {
+        let (mut even, mut odd) = (L::splat(0.0), L::splat(0.0));
+        let (mut left, mut right) = (x.chunks_exact(2), y.chunks_exact(2));
+        for (x, y) in left.by_ref().zip(right.by_ref()) {
+            even = L::load(&x[0][first..]).mul_add(L::load(&y[0][first..]), even);
+            odd = L::load(&x[1][first..]).mul_add(L::load(&y[1][first..]), odd);
+        }
+        for (x, y) in left.remainder().iter().zip(right.remainder()) {
+            even = L::load(&x[first..]).mul_add(L::load(&y[first..]), even);
+        }
+        (even + odd).store(&mut sums[first..]);
+    }
+    total(&sums)
+}
+
+/// Sum over the lanes.
+#[inline(always)]
+pub(crate) fn total(sums: &Rows) -> f64 {
+    let [a, b, c, d, e, f, g, h] = sums;
+    ((a + e) + (c + g)) + ((b + f) + (d + h))
+}
+
+/// `to -= share * x`
+#[inline(always)]
+pub(crate) fn subtract<L: Lanes>(to: &mut [Rows], share: f64, x: &[Rows]) {
+    let share = L::splat(-share);
+    for (to, x) in to.iter_mut().zip(x) {
+        for first in (0..MOST_LANES).step_by(L::LEN) {
+            let left = L::load(&x[first..]).mul_add(share, L::load(&to[first..]));
+            left.store(&mut to[first..]);
+        }
+    }
+}
+
+/// Triangular factor of `rows` (m × width, row-major) in one piece.
+pub(crate) fn factor_once(rows: &[f64], width: usize) -> Vec<f64> {
+    struct Factor(Columns);
+    impl Kernel for Factor {
+        type Output = Vec<f64>;
+
+        #[inline(always)]
+        fn run<S: Lanes<Raw = [f64; 1]>, L: Lanes>(mut self) -> Vec<f64> {
+            self.0.factor::<L>()
+        }
+    }
+    lanes::run(Factor(Columns::of_rows(rows, width)))
+}
