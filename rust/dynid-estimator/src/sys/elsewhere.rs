@@ -1,7 +1,7 @@
 //! Other systems: a clock, a sleep, and refusals.
 
 use std::fs::File;
-use std::io;
+use std::io::{self, Read};
 use std::sync::atomic::AtomicU64;
 use std::sync::OnceLock;
 use std::time::{Duration, Instant};
@@ -12,8 +12,17 @@ fn only_on_linux() -> io::Error {
     io::Error::new(io::ErrorKind::Unsupported, "only on Linux")
 }
 
-pub fn catch_signals() -> io::Result<()> {
+pub fn catch_signals(_reloads: bool) -> io::Result<()> {
     Ok(())
+}
+
+pub fn reload_asked() -> bool {
+    false
+}
+
+/// The end of a duration is seen when the next bytes come.
+pub fn stdin(_end: u64) -> io::Result<impl Read> {
+    Ok(io::stdin())
 }
 
 pub fn stop_asked() -> bool {
@@ -33,6 +42,10 @@ pub fn sleep_sharply() {}
 
 pub fn lock_memory() -> io::Result<()> {
     Err(only_on_linux())
+}
+
+pub fn most_locked() -> Option<u64> {
+    None
 }
 
 pub fn schedule_fifo(_priority: i32) -> io::Result<()> {
