@@ -2,6 +2,7 @@
 
 use super::EffectInput;
 use crate::lanes::{self, Kernel, Lanes, MOST_LANES};
+use crate::slices::{at, copy, first};
 
 /// Name in files and reports.
 pub(super) const KIND: &str = "friction";
@@ -131,9 +132,7 @@ pub fn columns(
     _memory: &mut [f64],
     columns: &mut [f64],
 ) {
-    columns.copy_from_slice(&friction_columns(
-        input.state.dq_motor[j],
-        shape[0],
-        shape[1],
-    ));
+    let [lambda, eps] = first(shape);
+    let dq = at(input.state.dq_motor, j);
+    copy(&friction_columns(dq, lambda, eps), columns);
 }
