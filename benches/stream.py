@@ -77,7 +77,7 @@ class Speed:
 
 def stream(gigabytes: float, duration: float, memory: int, *, as_json: bool) -> None:
     one = recording_bytes(MadeRun(0, duration).recording())
-    n_runs = max(N_PARTS, round(1e9 * gigabytes / one))
+    n_runs = max(2 * N_PARTS, round(1e9 * gigabytes / one))
     sources = [MadeRun(seed, duration) for seed in range(n_runs)]
     n_samples = int(duration * sources[0].rate)
     started = time.process_time()
