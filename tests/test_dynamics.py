@@ -250,3 +250,51 @@ def test_other_threads_run_during_a_batch(robot):
         counter.join()
     during = [tick for tick in ticks if start < tick < end]
     assert len(during) >= 5  # a call that holds the lock lets none through
+
+
+@pytest.mark.parametrize("n_samples", [1, 2, 70, 300])
+def test_a_result_goes_where_it_is_told_to_the_same_bits(robot, n_samples):
+    states = random_states(n_samples, robot.n_joints, seed=3)
+    for work in (robot.inverse_dynamics, robot.rnea, robot.joint_torque_regressor):
+        expected = work(*states)
+        out = np.full_like(expected, np.nan)
+        assert work(*states, out=out) is out
+        assert_array_equal(out, expected)
+
+
+def test_one_state_is_the_same_however_it_comes(robot):
+    """The way of a single state and the way of all others, which a list takes: the same bits."""
+    q, dq, ddq = random_states(5, robot.n_joints, seed=4)
+    for work in (robot.inverse_dynamics, robot.joint_torque_regressor):
+        together = work(q, dq, ddq)
+        for k in range(len(q)):
+            one = q[k : k + 1], dq[k : k + 1], ddq[k : k + 1]
+            assert_array_equal(work(*one)[0], together[k])
+            assert_array_equal(work(*(x.tolist() for x in one))[0], together[k])
+    assert_array_equal(robot.inverse_dynamics(*one, phi=robot.phi), robot.inverse_dynamics(*one))
+
+
+@pytest.mark.parametrize("n_samples", [1, 3])
+def test_a_place_that_does_not_fit_is_refused(robot, n_samples):
+    n = robot.n_joints
+    states = random_states(n_samples, n, seed=5)
+    fitting = np.zeros((n_samples, n))
+    frozen = fitting.copy()
+    frozen.flags.writeable = False
+    strided = np.zeros((n_samples, 2 * n))[:, ::2]
+    for out in (np.zeros((n_samples, n + 1)), np.zeros(n), fitting.astype(np.float32), strided, "here"):
+        with pytest.raises(ValueError, match=rf"out must be a float64 array in C order of shape \({n_samples}, {n}\)"):
+            robot.inverse_dynamics(*states, out=out)
+    with pytest.raises(ValueError, match="out must be writable"):
+        robot.inverse_dynamics(*states, out=frozen)
+
+
+def test_one_bad_state_is_named_like_many(robot):
+    good = np.zeros((1, robot.n_joints))
+    bad = good.copy()
+    bad[0, 2] = np.nan
+    for work in (robot.inverse_dynamics, robot.joint_torque_regressor):
+        with pytest.raises(ValueError, match="dq holds NaN at row 0, column 2"):
+            work(good, bad, good)
+        with pytest.raises(ValueError, match="ddq has 2 samples, but q has 1"):
+            work(good, good, np.zeros((2, robot.n_joints)))

@@ -114,6 +114,15 @@ impl Placement {
         Vector::splat(&self.axis).dot(v)
     }
 
+    /// What the joint feels of a wrench.
+    #[inline(always)]
+    fn along_joint<L: Lanes>(&self, force: Vector<L>, moment: Vector<L>) -> L {
+        match self.kind {
+            JointKind::Revolute => self.dot_axis(moment),
+            JointKind::Prismatic => self.dot_axis(force),
+        }
+    }
+
     /// Origin of the link frame in the parent frame \[m\].
     #[inline(always)]
     pub fn origin<L: Lanes>(&self, q: L) -> Vector<L> {
@@ -176,17 +185,44 @@ impl<R: Copy> LinkRow<R> {
             moment: [zero; 3],
         }
     }
+
+    #[inline(always)]
+    fn put<L: Lanes<Raw = R>>(
+        &mut self,
+        rotation: Matrix<L>,
+        origin: Vector<L>,
+        (force, moment): (Vector<L>, Vector<L>),
+    ) {
+        rotation.put(&mut self.rotation);
+        origin.put(&mut self.origin);
+        force.put(&mut self.force);
+        moment.put(&mut self.moment);
+    }
 }
 
-/// The base: at rest, gravity as an upward acceleration.
+/// The first joint's link on the base, which is at rest; gravity is an upward acceleration. What [`outwards`] would multiply
+/// by zeros is left out.
 #[inline(always)]
-fn base<L: Lanes>(robot: &RobotModel) -> Body<L> {
+fn from_base<L: Lanes>(
+    robot: &RobotModel,
+    place: &Placement,
+    state: &JointState<L::Raw>,
+) -> (Matrix<L>, Vector<L>, Body<L>) {
+    let rotation = place.rotation(L::from_raw(state.sin), L::from_raw(state.cos));
+    let origin = place.origin(L::from_raw(state.q));
+    let (dq, ddq) = (L::from_raw(state.dq), L::from_raw(state.ddq));
     let g = robot.gravity();
-    Body::new(
-        Vector::zero(),
-        Vector::zero(),
-        Vector::splat(&[-g.x, -g.y, -g.z]),
-    )
+    let still = Vector::zero();
+    let acc = rotation.tr_mul(Vector::splat(&[-g.x, -g.y, -g.z]));
+    let body = match place.kind {
+        JointKind::Revolute => Body::new(
+            place.along_axis(still, dq),
+            place.along_axis(still, ddq),
+            acc,
+        ),
+        JointKind::Prismatic => Body::new(still, still, place.along_axis(acc, ddq)),
+    };
+    (rotation, origin, body)
 }
 
 /// Forward pass of Newton and Euler by one joint: velocities and accelerations of the link in its own frame.
@@ -227,34 +263,37 @@ pub fn inverse_dynamics<L: Lanes>(
     phi: &[f64],
     tau: &mut [L::Raw],
 ) {
-    let places = robot.placements();
-    let mut parent = base::<L>(robot);
-    for (((place, state), link), phi) in places
+    let mut joints = robot
+        .placements()
         .iter()
         .zip(states)
         .zip(links.iter_mut())
-        .zip(phi.chunks_exact(N_LINK_PARAMS))
-    {
+        .zip(phi.chunks_exact(N_LINK_PARAMS));
+    let Some((((place, state), link), phi)) = joints.next() else {
+        return;
+    };
+    let (rotation, origin, mut parent) = from_base::<L>(robot, place, state);
+    link.put(rotation, origin, parent.wrench(phi));
+    for (((place, state), link), phi) in joints {
         let (rotation, origin, body) = outwards(place, state, &parent);
-        let (force, moment) = body.wrench(phi);
-        rotation.put(&mut link.rotation);
-        origin.put(&mut link.origin);
-        force.put(&mut link.force);
-        moment.put(&mut link.moment);
+        link.put(rotation, origin, body.wrench(phi));
         parent = body;
     }
     let (mut force, mut moment) = (Vector::<L>::zero(), Vector::<L>::zero());
-    for ((place, link), tau) in places.iter().zip(links.iter()).zip(tau.iter_mut()).rev() {
+    let mut joints = robot.placements().iter().zip(links.iter()).zip(tau);
+    let first = joints.next();
+    for ((place, link), tau) in joints.rev() {
         force = force + Vector::from_raw(&link.force);
         moment = moment + Vector::from_raw(&link.moment);
-        *tau = match place.kind {
-            JointKind::Revolute => place.dot_axis(moment),
-            JointKind::Prismatic => place.dot_axis(force),
-        }
-        .raw();
+        *tau = place.along_joint(force, moment).raw();
         let rotation = Matrix::from_raw(&link.rotation);
         force = rotation * force;
         moment = Vector::from_raw(&link.origin).cross_add(force, rotation * moment);
+    }
+    if let Some(((place, link), tau)) = first {
+        force = force + Vector::from_raw(&link.force);
+        moment = moment + Vector::from_raw(&link.moment);
+        *tau = place.along_joint(force, moment).raw();
     }
 }
 
@@ -272,28 +311,63 @@ pub fn joint_torque_regressor<L: Lanes>(
 ) {
     let places = robot.placements();
     let width = N_LINK_PARAMS * places.len();
-    let mut parent = base::<L>(robot);
-    for (i, (place, state)) in places.iter().zip(states).enumerate() {
+    let mut joints = places.iter().zip(states).enumerate();
+    let Some((_, (place, state))) = joints.next() else {
+        return;
+    };
+    let (_, _, mut parent) = from_base::<L>(robot, place, state);
+    put_own(place, &parent, 0, width, twists, regressor);
+    for (i, (place, state)) in joints {
         let (rotation, origin, body) = outwards(place, state, &parent);
-        let [linear, angular] = place.own_twist::<L>();
         // Power of link i's wrench on a unit motion of joint j, for every joint that moves the link: the twist of each
         // joint goes outwards instead of the wrench of each link inwards.
-        for (j, twist) in twists.iter_mut().take(i + 1).enumerate() {
-            let (linear, angular) = if j < i {
-                let angular = Vector::<L>::from_raw(&twist[1]);
-                let linear = angular.cross_add(origin, Vector::from_raw(&twist[0]));
-                (rotation.tr_mul(linear), rotation.tr_mul(angular))
-            } else {
-                (linear, angular)
-            };
+        for (j, twist) in twists.iter_mut().take(i).enumerate() {
+            let angular = Vector::<L>::from_raw(&twist[1]);
+            let linear = angular.cross_add(origin, Vector::from_raw(&twist[0]));
+            let (linear, angular) = (rotation.tr_mul(linear), rotation.tr_mul(angular));
             linear.put(&mut twist[0]);
             angular.put(&mut twist[1]);
-            let start = j * width + i * N_LINK_PARAMS;
-            let row = body.power(linear, angular);
-            for (to, x) in regressor[start..start + N_LINK_PARAMS].iter_mut().zip(row) {
-                *to = x.raw();
-            }
+            put_block(&body.power(linear, angular), j, i, width, regressor);
         }
+        put_own(place, &body, i, width, twists, regressor);
         parent = body;
+    }
+}
+
+/// What joint `i` does to its own link.
+#[inline(always)]
+fn put_own<L: Lanes>(
+    place: &Placement,
+    body: &Body<L>,
+    i: usize,
+    width: usize,
+    twists: &mut [TwistRow<L::Raw>],
+    regressor: &mut [L::Raw],
+) {
+    let [linear, angular] = place.own_twist::<L>();
+    linear.put(&mut twists[i][0]);
+    angular.put(&mut twists[i][1]);
+    if place.along_z && place.kind == JointKind::Revolute {
+        put_block(&body.power_about_z(), i, i, width, regressor);
+    } else {
+        put_block(&body.power(linear, angular), i, i, width, regressor);
+    }
+}
+
+/// The ten entries of joint `j` and link `i`.
+#[inline(always)]
+fn put_block<L: Lanes>(
+    block: &[L; N_LINK_PARAMS],
+    j: usize,
+    i: usize,
+    width: usize,
+    regressor: &mut [L::Raw],
+) {
+    let start = j * width + i * N_LINK_PARAMS;
+    for (to, x) in regressor[start..start + N_LINK_PARAMS]
+        .iter_mut()
+        .zip(block)
+    {
+        *to = x.raw();
     }
 }

@@ -17,10 +17,8 @@ pub struct Workspace {
     states: Vec<JointState<One>>,
     links: Vec<LinkRow<One>>,
     twists: Vec<TwistRow<One>>,
-    tau: Vec<One>,
-    regressor: Vec<One>,
-    /// Positions, sines and cosines, each padded to whole rows.
-    trig: [Vec<f64>; 3],
+    /// Sines and cosines, each padded to whole rows.
+    trig: [Vec<f64>; 2],
 }
 
 impl Workspace {
@@ -41,9 +39,7 @@ impl Workspace {
             states: vec![rest; n],
             links: vec![LinkRow::new(zero); n],
             twists: vec![[[zero; 3]; 2]; n],
-            tau: vec![zero; n],
-            regressor: vec![zero; n * n * N_LINK_PARAMS],
-            trig: [padded.clone(), padded.clone(), padded],
+            trig: [padded.clone(), padded],
         }
     }
 
@@ -54,25 +50,25 @@ impl Workspace {
     /// The states with sines and cosines, joints in lanes.
     #[inline(always)]
     fn take<L: Lanes>(&mut self, q: &[f64], dq: &[f64], ddq: &[f64]) {
-        let [positions, sines, cosines] = &mut self.trig;
-        positions[..q.len()].copy_from_slice(q);
-        let rows = positions.chunks_exact(L::LEN);
+        let [sines, cosines] = &mut self.trig;
         let outputs = sines
             .chunks_exact_mut(L::LEN)
             .zip(cosines.chunks_exact_mut(L::LEN));
-        for (q, (sin, cos)) in rows.zip(outputs) {
-            let (s, c) = lanes::sin_cos(L::load(q));
+        for (q, (sin, cos)) in q.chunks(L::LEN).zip(outputs) {
+            let (s, c) = lanes::sin_cos(L::load_some(q));
             s.store(sin);
             c.store(cos);
         }
         let trig = sines.iter().zip(cosines.iter());
         let motion = q.iter().zip(dq.iter().zip(ddq));
         for (state, ((q, (dq, ddq)), (sin, cos))) in self.states.iter_mut().zip(motion.zip(trig)) {
-            state.q[0] = *q;
-            state.sin[0] = *sin;
-            state.cos[0] = *cos;
-            state.dq[0] = *dq;
-            state.ddq[0] = *ddq;
+            *state = JointState {
+                q: [*q],
+                sin: [*sin],
+                cos: [*cos],
+                dq: [*dq],
+                ddq: [*ddq],
+            };
         }
     }
 }
@@ -155,13 +151,9 @@ impl Kernel for Torque<'_> {
     fn run<S: Lanes<Raw = One>, L: Lanes>(self) {
         let [q, dq, ddq] = self.motion;
         self.workspace.take::<L>(q, dq, ddq);
-        let Workspace {
-            states, links, tau, ..
-        } = self.workspace;
+        let Workspace { states, links, .. } = self.workspace;
+        let (tau, _) = self.tau.as_chunks_mut::<1>();
         chain::inverse_dynamics::<S>(self.robot, states, links, self.phi, tau);
-        for (to, [x]) in self.tau.iter_mut().zip(tau) {
-            *to = *x;
-        }
     }
 }
 
@@ -206,16 +198,18 @@ impl Kernel for Regressor<'_> {
     fn run<S: Lanes<Raw = One>, L: Lanes>(self) {
         let [q, dq, ddq] = self.motion;
         self.workspace.take::<L>(q, dq, ddq);
-        let Workspace {
-            states,
-            twists,
-            regressor,
-            ..
-        } = self.workspace;
-        chain::joint_torque_regressor::<S>(self.robot, states, twists, regressor);
-        for (to, [x]) in self.regressor.iter_mut().zip(regressor) {
-            *to = *x;
+        let Workspace { states, twists, .. } = self.workspace;
+        let n = states.len();
+        for (j, row) in self
+            .regressor
+            .chunks_exact_mut(N_LINK_PARAMS * n)
+            .enumerate()
+        {
+            // No link before joint j is moved by it.
+            row[..N_LINK_PARAMS * j].fill(0.0);
         }
+        let (regressor, _) = self.regressor.as_chunks_mut::<1>();
+        chain::joint_torque_regressor::<S>(self.robot, states, twists, regressor);
     }
 }
 

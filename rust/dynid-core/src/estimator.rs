@@ -4,12 +4,12 @@ mod live;
 
 use std::sync::Arc;
 
-use crate::dynamics::{check_length, inverse_dynamics_into, Workspace};
+use crate::dynamics::{check_length, Torque, Workspace};
 use crate::effects::EffectInput;
 use crate::error::CoreError;
-use crate::lanes;
+use crate::lanes::{self, Kernel, Lanes};
 use crate::model::{check_step, EncoderError, TorqueModel};
-use crate::residual::Load;
+use crate::residual::{Load, ResidualTorque};
 use crate::state::{align_link_side, true_motion, State};
 use crate::step::{StepRows, Sum, Take};
 
@@ -92,6 +92,7 @@ pub struct TorqueEstimator {
     noise_variance: Vec<f64>,
     /// Joints on which an effect follows the temperature.
     wants_temperature: Vec<bool>,
+    wants_any: bool,
     /// Time between samples.
     step: f64,
     /// What the effects remember, after the last good step and after this one.
@@ -122,6 +123,7 @@ impl TorqueEstimator {
             motor: std::array::from_fn(|_| vec![0.0; n]),
             rows: StepRows::new(&model),
             tau_link: vec![0.0; n],
+            wants_any: model.wants_temperature().contains(&true),
             wants_temperature: model.wants_temperature(),
             step: model.step().unwrap_or(0.0),
             memory: vec![0.0; n_memory],
@@ -198,45 +200,80 @@ impl TorqueEstimator {
         let n = self.model.robot().n_joints();
         state.check(n)?;
         check_length("tau", tau, n)?;
-        let mut status = Status::OK;
-        let taken = lanes::run(Take {
-            rows: &self.rows,
+        Ok(lanes::run(Step {
+            estimator: self,
             shown: state,
-            link: &mut self.link,
-            motor: &mut self.motor,
-        });
+            tau,
+        }))
+    }
+
+    fn misses_temperature(&self, state: &State<'_>) -> bool {
+        let known = |j: usize| state.temperature.is_some_and(|t| t[j].is_finite());
+        let mut wanted = self.wants_temperature.iter().enumerate();
+        wanted.any(|(j, wants)| *wants && !known(j))
+    }
+}
+
+/// One step on one path from beginning to end: pieces that each choose theirs cannot be compiled into one.
+struct Step<'a> {
+    estimator: &'a mut TorqueEstimator,
+    shown: &'a State<'a>,
+    tau: &'a mut [f64],
+}
+
+impl Kernel for Step<'_> {
+    type Output = Status;
+
+    #[inline(always)]
+    fn run<S: Lanes<Raw = [f64; 1]>, L: Lanes>(self) -> Status {
+        let own = self.estimator;
+        let taken = Take {
+            rows: &own.rows,
+            shown: self.shown,
+            link: &mut own.link,
+            motor: &mut own.motor,
+        };
+        let taken = taken.run::<S, L>();
+        let mut status = Status::OK;
         let usable = taken.finite && {
-            let faded = self.evaluate(state)?;
+            let faded = own.evaluate::<S, L>(self.shown);
             status.set(Status::RESIDUAL_FADED, faded);
-            let remembers = self.next_memory.iter().all(|x| x.is_finite());
-            remembers
-                && lanes::run(Sum {
-                    terms: &self.scratch,
-                    total: &mut self.total,
-                })
+            let remembers = own.next_memory.iter().all(|x| x.is_finite());
+            let sum = Sum {
+                terms: &own.scratch,
+                total: &mut own.total,
+            };
+            remembers && sum.run::<S, L>()
         };
         if usable {
             status.set(Status::OUTSIDE_DOMAIN, !taken.inside_domain);
-            status.set(Status::SIGNAL_MISSING, self.misses_temperature(state));
+            status.set(
+                Status::SIGNAL_MISSING,
+                own.wants_any && own.misses_temperature(self.shown),
+            );
             // What was the last good step becomes the next one's scratch.
-            core::mem::swap(&mut self.terms, &mut self.scratch);
-            core::mem::swap(&mut self.variance, &mut self.scratch_variance);
-            core::mem::swap(&mut self.memory, &mut self.next_memory);
+            core::mem::swap(&mut own.terms, &mut own.scratch);
+            core::mem::swap(&mut own.variance, &mut own.scratch_variance);
+            core::mem::swap(&mut own.memory, &mut own.next_memory);
         } else {
             status = Status::NON_FINITE;
         }
-        tau.copy_from_slice(&self.total);
-        Ok(status)
+        lanes::copy::<L>(&own.total, self.tau);
+        status
     }
+}
 
+impl TorqueEstimator {
     /// Every term into `scratch`; true if the third loop was faded.
-    fn evaluate(&mut self, state: &State<'_>) -> Result<bool, CoreError> {
-        let n = self.model.robot().n_joints();
-        if let Some(error) = self.model.encoder_error() {
+    #[inline(always)]
+    fn evaluate<S: Lanes<Raw = [f64; 1]>, L: Lanes>(&mut self, shown: &State<'_>) -> bool {
+        let model = &*self.model;
+        let n = model.robot().n_joints();
+        if let Some(error) = model.encoder_error() {
             take_true_state(
-                state,
+                shown,
                 error,
-                self.model.encoder_delay(),
+                model.encoder_delay(),
                 &mut self.link,
                 &mut self.motor,
             );
@@ -250,56 +287,62 @@ impl TorqueEstimator {
             q_motor,
             dq_motor,
             ddq_motor,
-            temperature: state.temperature,
+            temperature: shown.temperature,
         };
-        let (rigid_body, rest) = self.scratch.split_at_mut(n);
-        inverse_dynamics_into(
-            self.model.robot(),
-            &mut self.workspace,
-            state.q,
-            state.dq,
-            state.ddq,
-            self.model.phi(),
-            rigid_body,
-        )?;
-        self.tau_link.copy_from_slice(rigid_body);
-        for (tau, scale) in rigid_body.iter_mut().zip(self.model.torque_scale()) {
-            *tau *= scale;
-        }
+        let (scaled, rest) = self.scratch.split_at_mut(n);
+        let rigid_body = Torque {
+            robot: model.robot(),
+            workspace: &mut self.workspace,
+            motion: [q, dq, ddq],
+            phi: model.phi(),
+            tau: &mut self.tau_link,
+        };
+        rigid_body.run::<S, L>();
+        scale::<L>(&self.tau_link, model.torque_scale(), scaled);
         let input = EffectInput {
             state: *state,
             tau_link: &self.tau_link,
             step: self.step,
         };
-        self.next_memory.copy_from_slice(&self.memory);
+        lanes::copy::<L>(&self.memory, &mut self.next_memory);
         let mut memory = self.next_memory.as_mut_slice();
         let mut rows = rest.chunks_exact_mut(n);
-        for (term, row) in self.model.effects().iter().zip(rows.by_ref()) {
+        for (term, row) in model.effects().iter().zip(rows.by_ref()) {
             let own;
             (own, memory) = memory.split_at_mut(term.effect().memory_len(n));
-            term.torque_into(&input, own, row);
+            term.torque_on::<S, L>(&input, own, row);
         }
-        self.scratch_variance.copy_from_slice(&self.noise_variance);
-        match (self.model.residual(), rows.next()) {
+        lanes::copy::<L>(&self.noise_variance, &mut self.scratch_variance);
+        match (model.residual(), rows.next()) {
             (Some(residual), Some(row)) => {
-                let load = Load {
-                    tau_link: &self.tau_link,
-                    scaled: rigid_body,
+                let torque = ResidualTorque {
+                    residual,
+                    state,
+                    load: Load {
+                        tau_link: &self.tau_link,
+                        scaled,
+                    },
+                    tau: row,
+                    variance: &mut self.scratch_variance,
                 };
-                Ok(residual.torque_into(state, load, row, &mut self.scratch_variance))
+                torque.run::<S, L>()
             }
-            _ => Ok(false),
+            _ => false,
         }
     }
+}
 
-    fn misses_temperature(&self, state: &State<'_>) -> bool {
-        let known = |j: usize| state.temperature.is_some_and(|t| t[j].is_finite());
-        let mut wanted = self.wants_temperature.iter().enumerate();
-        wanted.any(|(j, wants)| *wants && !known(j))
+/// Torques as the channel shows them.
+#[inline(always)]
+fn scale<L: Lanes>(tau: &[f64], factors: &[f64], scaled: &mut [f64]) {
+    let rows = tau.chunks(L::LEN).zip(factors.chunks(L::LEN));
+    for (scaled, (tau, factors)) in scaled.chunks_mut(L::LEN).zip(rows) {
+        (L::load_some(tau) * L::load_some(factors)).store_some(scaled);
     }
 }
 
 /// What the channels show, less the encoders' error, all on the motor channel's clock.
+#[inline(never)]
 fn take_true_state(
     shown: &State<'_>,
     error: &EncoderError,

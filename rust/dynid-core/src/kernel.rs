@@ -123,6 +123,27 @@ impl<L: Lanes> Body<L> {
             uy.mul_sub_from(xz, ux.mul_add(yz, uz * az)),
         ]
     }
+
+    /// [`Self::power`] on a turn about z, without its zeros.
+    #[inline(always)]
+    pub fn power_about_z(&self) -> [L; N_LINK_PARAMS] {
+        let Matrix([s0, s1, _]) = self.spread;
+        let [gx, gy, _] = self.acc.0;
+        let zero = L::splat(0.0);
+        let xy = self.mixed[0];
+        [
+            zero,
+            gy,
+            -gx,
+            zero,
+            -xy,
+            self.squares[0],
+            xy,
+            -s1[2],
+            s0[2],
+            self.alpha.0[2],
+        ]
+    }
 }
 
 /// Body regressor `B` with wrench about the frame origin = `B phi`: [`Body`] as a matrix, for one motion.

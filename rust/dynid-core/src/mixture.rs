@@ -221,15 +221,24 @@ fn answer<L: Lanes>(queries: Queries<'_>) {
     let n = mean.len();
     let mut start = 0;
     while start < n {
-        let mut u = [L::splat(0.0); MOST_INPUTS];
-        for (i, row) in u[..d].iter_mut().enumerate() {
-            let mut numbers = [0.0; MOST_LANES];
-            for (lane, x) in numbers[..L::LEN].iter_mut().enumerate() {
-                *x = queries.u[(start + lane).min(n - 1) * d + i];
+        let row = if d <= L::LEN {
+            let mut u = [L::splat(0.0); MOST_LANES];
+            for (lane, row) in u[..L::LEN].iter_mut().enumerate() {
+                let at = (start + lane).min(n - 1) * d;
+                *row = L::load_some(&queries.u[at..at + d]);
             }
-            *row = L::load(&numbers);
-        }
-        let row = queries.rows.predict(&u[..d], Shared);
+            queries.rows.predict(&L::transpose(u)[..d], Shared)
+        } else {
+            let mut u = [L::splat(0.0); MOST_INPUTS];
+            for (i, row) in u[..d].iter_mut().enumerate() {
+                let mut numbers = [0.0; MOST_LANES];
+                for (lane, x) in numbers[..L::LEN].iter_mut().enumerate() {
+                    *x = queries.u[(start + lane).min(n - 1) * d + i];
+                }
+                *row = L::load(&numbers);
+            }
+            queries.rows.predict(&u[..d], Shared)
+        };
         row.mean.store_some(&mut mean[start..]);
         row.variance.store_some(&mut variance[start..]);
         row.distance_squared

@@ -1,6 +1,6 @@
 //! The mixture's formula (Eqs. 31-39) in rows: many queries of one mixture, or one query of many joints' mixtures.
 
-use crate::lanes::{self, Lanes, MOST_LANES};
+use crate::lanes::{self, Few, Lanes, MOST_LANES};
 use crate::mixture::Component;
 
 /// Components that are looked at together before their sums are merged.
@@ -84,7 +84,8 @@ impl MixtureRows {
     /// there are components without weight and inputs without effect: they add exact zeros.
     pub(crate) fn side_by_side(joints: &[Option<(usize, &[Component])>]) -> Self {
         let known = joints.iter().flatten();
-        let n_inputs = known.clone().map(|(d, _)| *d).max().unwrap_or(1);
+        // Joints without any mixture are asked on a pair like the others.
+        let n_inputs = known.clone().map(|(d, _)| *d).max().unwrap_or(2);
         let n_components = known.map(|(_, c)| c.len()).max().unwrap_or(1);
         let width = n_numbers(n_inputs);
         let mut numbers = vec![0.0; n_components * width * MOST_LANES];
@@ -173,16 +174,16 @@ impl MixtureRows {
         let mut from = 0;
         while from < self.n_components {
             let size = BLOCK.min(self.n_components - from);
-            let mut block = [[zero; 2]; BLOCK];
+            let mut block = Few::<[L; 2], BLOCK>::new();
             let mut top = best;
-            for (c, entry) in block[..size].iter_mut().enumerate() {
-                let [log_density, distance_squared, own] = self.condition(from + c, u, numbers);
+            for c in from..from + size {
+                let [log_density, distance_squared, own] = self.condition(c, u, numbers);
                 nearest = distance_squared.if_less(nearest, distance_squared, nearest);
                 top = top.at_least(log_density);
-                *entry = [log_density, own];
+                block.push([log_density, own]);
             }
             let (mut block_total, mut block_mean) = (zero, zero);
-            for [log_density, own] in &mut block[..size] {
+            for [log_density, own] in block.all() {
                 let h = lanes::exp_falling(*log_density - top);
                 block_total = block_total + h;
                 block_mean = h.mul_add(*own, block_mean);
@@ -191,7 +192,7 @@ impl MixtureRows {
             // A later block may be nothing beside an earlier one.
             block_mean = block_mean / block_total.at_least(L::splat(f64::MIN_POSITIVE));
             let mut block_spread = zero;
-            for (c, [h, own]) in block[..size].iter().enumerate() {
+            for (c, [h, own]) in block.all().iter().enumerate() {
                 let variance = numbers.get::<L>(self.component(from + c), 2);
                 let step = *own - block_mean;
                 block_spread = h.mul_add(step.mul_add(step, variance), block_spread);

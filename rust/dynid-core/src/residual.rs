@@ -5,7 +5,7 @@ use core::ops::Range;
 use crate::error::CoreError;
 use crate::lanes::{self, Kernel, Lanes, Portable, MOST_LANES};
 use crate::mixture::{GaussianMixtureRegression, Prediction};
-use crate::mixture_rows::{MixtureRows, Own};
+use crate::mixture_rows::{MixtureRows, Own, PredictionRow};
 use crate::rbf::NormalisedRbf;
 use crate::signal::{Signal, SignalKind, MAX_INPUTS};
 use crate::slices::{at, part, part_mut, tail};
@@ -314,7 +314,7 @@ impl Residual {
         tau: &mut [f64],
         variance: &mut [f64],
     ) -> bool {
-        lanes::run(Torque {
+        lanes::run(ResidualTorque {
             residual: self,
             state,
             load,
@@ -407,16 +407,51 @@ impl JointLanes {
     }
 }
 
-/// [`Residual::torque_into`], joints in lanes.
-struct Torque<'a> {
-    residual: &'a Residual,
-    state: &'a State<'a>,
-    load: Load<'a>,
-    tau: &'a mut [f64],
-    variance: &'a mut [f64],
+impl JointLanes {
+    /// Answers where not every joint has a mixture on a pair.
+    #[inline(always)]
+    fn mixed<L: Lanes>(
+        &self,
+        residual: &Residual,
+        singles: &Singles,
+        pair: [L; 2],
+        first: usize,
+    ) -> PredictionRow<L> {
+        let mut u = [L::splat(0.0); MAX_INPUTS];
+        if residual.inputs.signals().is_some() {
+            for (u, row) in u.iter_mut().zip(&singles.inputs) {
+                *u = L::load(tail(row, first));
+            }
+        } else {
+            [u[0], u[1]] = pair;
+        }
+        let u = u.get(..self.mixtures.n_inputs()).unwrap_or_default();
+        let own = self.mixtures.predict(u, Own(first));
+        let mixture = L::load(tail(&self.mixture, first));
+        let [mean, variance, distance_squared] = &singles.answers;
+        let zero = L::splat(0.0);
+        PredictionRow {
+            mean: zero.if_less(mixture, own.mean, L::load(tail(mean, first))),
+            variance: zero.if_less(mixture, own.variance, L::load(tail(variance, first))),
+            distance_squared: zero.if_less(
+                mixture,
+                own.distance_squared,
+                L::load(tail(distance_squared, first)),
+            ),
+        }
+    }
 }
 
-impl Kernel for Torque<'_> {
+/// [`Residual::torque_into`], joints in lanes.
+pub(crate) struct ResidualTorque<'a> {
+    pub residual: &'a Residual,
+    pub state: &'a State<'a>,
+    pub load: Load<'a>,
+    pub tau: &'a mut [f64],
+    pub variance: &'a mut [f64],
+}
+
+impl Kernel for ResidualTorque<'_> {
     type Output = bool;
 
     #[inline(always)]
@@ -427,38 +462,27 @@ impl Kernel for Torque<'_> {
         for (group, lanes) in residual.lanes.iter().enumerate() {
             let start = group * MOST_LANES;
             let singles = if residual.only_pairs {
-                Singles::default()
+                None
             } else {
-                residual.single_joints(start, self.state, self.load)
+                Some(residual.single_joints(start, self.state, self.load))
             };
             let mut first = 0;
             while first < MOST_LANES && start + first < self.tau.len() {
                 let from = start + first;
                 let joints = from..self.tau.len().min(from + L::LEN);
-                let mut u = [zero; MAX_INPUTS];
-                if residual.inputs.signals().is_some() {
-                    for (u, row) in u.iter_mut().zip(&singles.inputs) {
-                        *u = L::load(tail(row, first));
-                    }
-                } else {
-                    let scaled = L::load_some(part(self.load.scaled, joints.start, joints.end));
-                    let wind_up = L::load(tail(&lanes.compliance, first)) * scaled;
-                    [u[0], u[1]] = residual.inputs.pairs(self.state, joints.clone(), wind_up);
-                }
-                let u = u.get(..lanes.mixtures.n_inputs()).unwrap_or_default();
-                let own = lanes.mixtures.predict(u, Own(first));
-                let mixture = L::load(tail(&lanes.mixture, first));
-                let [mean, variance, distance_squared] = singles.answers;
-                let mean = zero.if_less(mixture, own.mean, L::load(tail(&mean, first)));
-                let own_variance =
-                    zero.if_less(mixture, own.variance, L::load(tail(&variance, first)));
-                let distance = zero
-                    .if_less(
-                        mixture,
-                        own.distance_squared,
-                        L::load(tail(&distance_squared, first)),
-                    )
-                    .sqrt();
+                let scaled = L::load_some(part(self.load.scaled, joints.start, joints.end));
+                let wind_up = L::load(tail(&lanes.compliance, first)) * scaled;
+                let pair = residual.inputs.pairs(self.state, joints.clone(), wind_up);
+                let own = match &singles {
+                    None => lanes.mixtures.predict(&pair, Own(first)),
+                    Some(singles) => lanes.mixed(residual, singles, pair, first),
+                };
+                let PredictionRow {
+                    mean,
+                    variance: own_variance,
+                    distance_squared,
+                } = own;
+                let distance = distance_squared.sqrt();
 
                 let near = L::load(tail(&lanes.near, first));
                 let far = L::load(tail(&lanes.far, first));

@@ -7,7 +7,7 @@ use dynid_core::{CoreError, RobotModel, State, TorqueEstimator};
 use rayon::prelude::*;
 
 use crate::observation::slice_state;
-use crate::rows::{put, StateRows};
+use crate::rows::{put, put_at, StateRows};
 
 /// Samples per task; a multiple of every row.
 const CHUNK: usize = 256;
@@ -140,7 +140,8 @@ impl Regressors<'_> {
     #[inline(always)]
     fn rows<L: Lanes>(self) {
         let n = self.robot.n_joints();
-        let size = n * n * N_LINK_PARAMS;
+        let width = n * N_LINK_PARAMS;
+        let size = n * width;
         let mut states = StateRows::<L>::new(n);
         let mut twists = vec![[[L::ZERO; 3]; 2]; n];
         let mut regressor = vec![L::ZERO; size];
@@ -152,7 +153,16 @@ impl Regressors<'_> {
                 &mut twists,
                 &mut regressor,
             );
-            put::<L>(&regressor, out, size);
+            for j in 0..n {
+                // No link before joint j is moved by it.
+                let (start, own) = (j * width, j * width + j * N_LINK_PARAMS);
+                for sample in out.chunks_exact_mut(size) {
+                    for zeros in sample[start..own].chunks_mut(L::LEN) {
+                        L::splat(0.0).store_some(zeros);
+                    }
+                }
+                put_at::<L>(&regressor[own..start + width], out, size, own);
+            }
         }
     }
 }
@@ -179,6 +189,24 @@ pub fn estimate(
         let state = slice_state(states, at.clone());
         *status = estimator.estimate_into(&state, &mut total[at])?.bits();
         terms[k * row..(k + 1) * row].copy_from_slice(estimator.terms());
+    }
+    Ok(())
+}
+
+/// The total of [`estimate`] alone: `total` is n_samples × n.
+///
+/// # Errors
+/// [`CoreError::Length`] if lengths disagree.
+pub fn torque(
+    estimator: &mut TorqueEstimator,
+    states: &State<'_>,
+    total: &mut [f64],
+) -> Result<(), CoreError> {
+    let n = estimator.model().robot().n_joints();
+    states.check(total.len())?;
+    same_length("total", total, total.len() / n * n)?;
+    for (k, total) in total.chunks_exact_mut(n).enumerate() {
+        estimator.estimate_into(&slice_state(states, k * n..(k + 1) * n), total)?;
     }
     Ok(())
 }

@@ -1,5 +1,7 @@
 //! Samples in lanes: row-major signals in and out of rows.
 
+use core::ops::Range;
+
 use dynid_core::chain::JointState;
 use dynid_core::lanes::{self, Lanes, MOST_LANES};
 
@@ -43,14 +45,21 @@ impl<L: Lanes> StateRows<L> {
     #[inline(always)]
     pub(crate) fn take_samples(&mut self, motion: [&[f64]; 3], samples: &[usize]) {
         let n = self.rows.len();
-        for (j, row) in self.rows.iter_mut().enumerate() {
-            let q = gather::<L>(motion[0], samples, n, j);
-            let (sin, cos) = lanes::sin_cos(q);
-            row.q = q.raw();
-            row.sin = sin.raw();
-            row.cos = cos.raw();
-            row.dq = gather::<L>(motion[1], samples, n, j).raw();
-            row.ddq = gather::<L>(motion[2], samples, n, j).raw();
+        for first in (0..n).step_by(L::LEN) {
+            let joints = first..n.min(first + L::LEN);
+            // One by one: what stands in a closure is not compiled for these registers.
+            let q = square::<L>(motion[0], samples, n, joints.clone());
+            let dq = square::<L>(motion[1], samples, n, joints.clone());
+            let ddq = square::<L>(motion[2], samples, n, joints.clone());
+            let columns = q.iter().zip(&dq).zip(&ddq);
+            for (row, ((q, dq), ddq)) in self.rows[joints].iter_mut().zip(columns) {
+                let (sin, cos) = lanes::sin_cos(*q);
+                row.q = q.raw();
+                row.sin = sin.raw();
+                row.cos = cos.raw();
+                row.dq = dq.raw();
+                row.ddq = ddq.raw();
+            }
         }
     }
 }
@@ -75,19 +84,42 @@ pub(crate) fn gather<L: Lanes>(signal: &[f64], samples: &[usize], n: usize, j: u
     L::load(&numbers)
 }
 
+/// At most [`Lanes::LEN`] neighbouring numbers of every sample, one row for each number.
+#[inline(always)]
+fn square<L: Lanes>(
+    signal: &[f64],
+    samples: &[usize],
+    n: usize,
+    numbers: Range<usize>,
+) -> [L; MOST_LANES] {
+    let mut rows = [L::splat(0.0); MOST_LANES];
+    for (row, sample) in rows.iter_mut().zip(samples) {
+        let at = sample * n;
+        *row = L::load_some(&signal[at + numbers.start..at + numbers.end]);
+    }
+    L::transpose(rows)
+}
+
 /// Rows of `width` entries to row-major samples: lane s to `out[s * width..]`. Lanes beyond the end of `out` are left.
 #[inline(always)]
 pub(crate) fn put<L: Lanes>(rows: &[L::Raw], out: &mut [f64], width: usize) {
-    let mut block = [[0.0; MOST_LANES]; MOST_LANES];
-    for (c, rows) in rows.chunks(MOST_LANES).enumerate() {
-        for (numbers, row) in block.iter_mut().zip(rows) {
-            L::from_raw(*row).store(numbers);
+    put_at::<L>(rows, out, width, 0);
+}
+
+/// [`put`] from place `start` of every sample on: lane s to `out[s * width + start..]`.
+#[inline(always)]
+pub(crate) fn put_at<L: Lanes>(rows: &[L::Raw], out: &mut [f64], width: usize, start: usize) {
+    let n_samples = (out.len() / width).min(L::LEN);
+    for (c, rows) in rows.chunks(L::LEN).enumerate() {
+        let mut square = [L::splat(0.0); MOST_LANES];
+        for (to, row) in square.iter_mut().zip(rows) {
+            *to = L::from_raw(*row);
         }
-        for (lane, sample) in out.chunks_exact_mut(width).take(L::LEN).enumerate() {
-            let first = c * MOST_LANES;
-            for (to, numbers) in sample[first..first + rows.len()].iter_mut().zip(&block) {
-                *to = numbers[lane];
-            }
+        let samples = L::transpose(square);
+        let first = start + c * L::LEN;
+        for (lane, sample) in samples[..n_samples].iter().enumerate() {
+            let at = lane * width + first;
+            sample.store_some(&mut out[at..at + rows.len()]);
         }
     }
 }

@@ -16,6 +16,7 @@ mod physical;
 mod rbf;
 mod robot;
 mod run;
+mod small;
 
 use pyo3::prelude::*;
 

@@ -21,7 +21,7 @@ use crate::physical::PyPhysicalSet;
 use crate::rbf::PyNormalisedRbf;
 use crate::robot::{PyRobotModel, Rebuild};
 use crate::run::RunArrays;
-use crate::{arrays, errors};
+use crate::{arrays, errors, small};
 
 /// A torque model: rigid body, effects, residual. Owned by Rust, immutable.
 #[pyclass(name = "TorqueModel", module = "dynid_rs._core", frozen)]
@@ -104,6 +104,17 @@ fn inputs_named(name: &str, signals: Option<Vec<Named>>) -> PyResult<ResidualInp
 fn cos_sin(error: &Bound<'_, PyAny>) -> PyResult<Vec<[f64; 2]>> {
     let error = arrays::matrix(error, "encoder_error", 2)?;
     Ok(error.as_slice()?.as_chunks::<2>().0.to_vec())
+}
+
+impl PyTorqueModel {
+    fn needs_no_temperature(&self) -> PyResult<()> {
+        if self.0.wants_temperature().contains(&true) {
+            return Err(PyValueError::new_err(
+                "the model's friction follows a measured temperature, which was not given",
+            ));
+        }
+        Ok(())
+    }
 }
 
 #[pymethods]
@@ -217,10 +228,8 @@ impl PyTorqueModel {
         let n = self.0.robot().n_joints();
         let motor = [q_motor, dq_motor, ddq_motor];
         let arrays = RunArrays::new([q, dq, ddq], motor, None, temperature, step, n)?;
-        if temperature.is_none() && self.0.wants_temperature().contains(&true) {
-            return Err(PyValueError::new_err(
-                "the model's friction follows a measured temperature, which was not given",
-            ));
+        if temperature.is_none() {
+            self.needs_no_temperature()?;
         }
         let (states, n_samples) = (arrays.state()?, arrays.n_samples());
         let mut estimator = TorqueEstimator::new(Arc::clone(&self.0));
@@ -238,6 +247,61 @@ impl PyTorqueModel {
             arrays::to_cube(py, terms, [n_samples, n_terms, n])?,
             PyArray1::from_vec(py, status),
         ))
+    }
+
+    /// Total alone (n_samples, n), as [`Self::evaluate`] finds it.
+    #[pyo3(signature = (q, dq, ddq, q_motor=None, dq_motor=None, ddq_motor=None, *, out=None))]
+    #[expect(clippy::too_many_arguments, reason = "the six signals of a state")]
+    fn torque<'py>(
+        &self,
+        py: Python<'py>,
+        q: &Bound<'py, PyAny>,
+        dq: &Bound<'py, PyAny>,
+        ddq: &Bound<'py, PyAny>,
+        q_motor: Option<&Bound<'py, PyAny>>,
+        dq_motor: Option<&Bound<'py, PyAny>>,
+        ddq_motor: Option<&Bound<'py, PyAny>>,
+        out: Option<&Bound<'py, PyAny>>,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let n = self.0.robot().n_joints();
+        self.needs_no_temperature()?;
+        if let Some(link) = small::rows([q, dq, ddq], n) {
+            let [q, dq, ddq] = &link;
+            let mut motor = [*q, *dq, *ddq];
+            let given = [q_motor, dq_motor, ddq_motor];
+            let mut rows = motor.iter_mut().zip(given);
+            let read = rows.all(|(row, given)| match given {
+                None => true,
+                Some(given) => small::row(given, n).map(|read| *row = read).is_some(),
+            });
+            if read {
+                let [q, dq, ddq] = link.each_ref().map(small::Row::as_slice);
+                let [q_motor, dq_motor, ddq_motor] = motor.each_ref().map(small::Row::as_slice);
+                let temperature = None;
+                let state = State {
+                    q,
+                    dq,
+                    ddq,
+                    q_motor,
+                    dq_motor,
+                    ddq_motor,
+                    temperature,
+                };
+                return small::result(py, [1, n], out, |tau| {
+                    small::with_estimator(&self.0, |own| own.estimate_into(&state, tau))
+                        .map(|_| ())
+                        .map_err(errors::core)
+                });
+            }
+        }
+        let motor = [q_motor, dq_motor, ddq_motor];
+        let arrays = RunArrays::new([q, dq, ddq], motor, None, None, None, n)?;
+        let (states, n_samples) = (arrays.state()?, arrays.n_samples());
+        let mut estimator = TorqueEstimator::new(Arc::clone(&self.0));
+        small::result(py, [n_samples, n], out, |total| {
+            let work = || batch::torque(&mut estimator, &states, total);
+            arrays::unlocked(py, n_samples, work).map_err(errors::core)
+        })
     }
 
     /// Standard deviation (n_samples, n) that the model expects of measured minus predicted torque.

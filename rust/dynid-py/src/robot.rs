@@ -3,17 +3,19 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use dynid_core::{Joint, JointKind, RobotModel};
+use dynid_core::{
+    inverse_dynamics_into, joint_torque_regressor_into, Joint, JointKind, RobotModel,
+};
 use dynid_io::mdh::{self, MdhOptions};
 use dynid_io::model_file;
 use dynid_io::urdf::{self, UrdfOptions};
 use dynid_offline::batch;
-use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyUntypedArrayMethods};
+use numpy::{PyArray1, PyArray2, PyArray3, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use crate::base::PyBaseParameters;
-use crate::{arrays, errors};
+use crate::{arrays, errors, small};
 
 /// A serial robot: kinematics, gravity and declared inertial parameters. Immutable.
 #[pyclass(name = "RobotModel", module = "dynid_rs._core", frozen)]
@@ -264,7 +266,7 @@ impl PyRobotModel {
         Ok(Self(Arc::new(robot)))
     }
 
-    #[pyo3(signature = (q, dq, ddq, phi=None))]
+    #[pyo3(signature = (q, dq, ddq, phi=None, *, out=None))]
     fn inverse_dynamics<'py>(
         &self,
         py: Python<'py>,
@@ -272,8 +274,18 @@ impl PyRobotModel {
         dq: &Bound<'py, PyAny>,
         ddq: &Bound<'py, PyAny>,
         phi: Option<&Bound<'py, PyAny>>,
+        out: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let n = self.0.n_joints();
+        if let (None, Some([q, dq, ddq])) = (phi, small::rows([q, dq, ddq], n)) {
+            let [q, dq, ddq] = [&q, &dq, &ddq].map(small::Row::as_slice);
+            return small::result(py, [1, n], out, |tau| {
+                small::with_workspace(&self.0, |workspace, phi| {
+                    inverse_dynamics_into(&self.0, workspace, q, dq, ddq, phi, tau)
+                })
+                .map_err(errors::core)
+            });
+        }
         let [q, dq, ddq] = arrays::samples([("q", q), ("dq", dq), ("ddq", ddq)], n)?;
         let phi = match phi {
             Some(phi) => arrays::vector(phi, "phi", Some(10 * n))?
@@ -283,15 +295,13 @@ impl PyRobotModel {
         };
         let n_samples = q.shape()[0];
         let (q, dq, ddq) = (q.as_slice()?, dq.as_slice()?, ddq.as_slice()?);
-        let tau = PyArray2::zeros(py, [n_samples, n], false);
-        let mut out = tau.try_readwrite()?;
-        let out = out.as_slice_mut()?;
-        let work = || batch::inverse_dynamics(&self.0, q, dq, ddq, &phi, out);
-        arrays::unlocked(py, n_samples, work).map_err(errors::core)?;
-        Ok(tau)
+        small::result(py, [n_samples, n], out, |tau| {
+            let work = || batch::inverse_dynamics(&self.0, q, dq, ddq, &phi, tau);
+            arrays::unlocked(py, n_samples, work).map_err(errors::core)
+        })
     }
 
-    #[pyo3(signature = (q, dq, ddq, phi=None))]
+    #[pyo3(signature = (q, dq, ddq, phi=None, *, out=None))]
     fn rnea<'py>(
         &self,
         py: Python<'py>,
@@ -299,27 +309,37 @@ impl PyRobotModel {
         dq: &Bound<'py, PyAny>,
         ddq: &Bound<'py, PyAny>,
         phi: Option<&Bound<'py, PyAny>>,
+        out: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        self.inverse_dynamics(py, q, dq, ddq, phi)
+        self.inverse_dynamics(py, q, dq, ddq, phi, out)
     }
 
+    #[pyo3(signature = (q, dq, ddq, *, out=None))]
     fn joint_torque_regressor<'py>(
         &self,
         py: Python<'py>,
         q: &Bound<'py, PyAny>,
         dq: &Bound<'py, PyAny>,
         ddq: &Bound<'py, PyAny>,
+        out: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyArray3<f64>>> {
         let n = self.0.n_joints();
+        if let Some([q, dq, ddq]) = small::rows([q, dq, ddq], n) {
+            let [q, dq, ddq] = [&q, &dq, &ddq].map(small::Row::as_slice);
+            return small::result(py, [1, n, 10 * n], out, |regressor| {
+                small::with_workspace(&self.0, |workspace, _| {
+                    joint_torque_regressor_into(&self.0, workspace, q, dq, ddq, regressor)
+                })
+                .map_err(errors::core)
+            });
+        }
         let [q, dq, ddq] = arrays::samples([("q", q), ("dq", dq), ("ddq", ddq)], n)?;
         let n_samples = q.shape()[0];
         let (q, dq, ddq) = (q.as_slice()?, dq.as_slice()?, ddq.as_slice()?);
-        let regressor = PyArray3::zeros(py, [n_samples, n, 10 * n], false);
-        let mut out = regressor.try_readwrite()?;
-        let out = out.as_slice_mut()?;
-        let work = || batch::joint_torque_regressor(&self.0, q, dq, ddq, out);
-        arrays::unlocked(py, n_samples, work).map_err(errors::core)?;
-        Ok(regressor)
+        small::result(py, [n_samples, n, 10 * n], out, |regressor| {
+            let work = || batch::joint_torque_regressor(&self.0, q, dq, ddq, regressor);
+            arrays::unlocked(py, n_samples, work).map_err(errors::core)
+        })
     }
 
     #[pyo3(signature = (random_state=0, rtol=1e-9))]

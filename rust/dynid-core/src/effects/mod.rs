@@ -298,13 +298,42 @@ impl EffectTerm {
 
     /// Torque of every joint \[N·m\], written to `tau`; `memory` (length [`Effect::memory_len`]) goes one sample on.
     pub fn torque_into(&self, input: &EffectInput<'_>, memory: &mut [f64], tau: &mut [f64]) {
-        if !self.lanes.is_empty() {
-            return lanes::run(friction::FrictionTorque {
-                numbers: &self.lanes,
-                dq: input.state.dq_motor,
-                tau,
-            });
+        struct Term<'a>(&'a EffectTerm, &'a EffectInput<'a>, [&'a mut [f64]; 2]);
+
+        impl lanes::Kernel for Term<'_> {
+            type Output = ();
+
+            #[inline(always)]
+            fn run<S: lanes::Lanes<Raw = [f64; 1]>, L: lanes::Lanes>(self) {
+                let Self(term, input, [memory, tau]) = self;
+                term.torque_on::<S, L>(input, memory, tau);
+            }
         }
+
+        lanes::run(Term(self, input, [memory, tau]));
+    }
+
+    /// [`Self::torque_into`] within a step that is on its path already.
+    #[inline(always)]
+    pub(crate) fn torque_on<S: lanes::Lanes<Raw = [f64; 1]>, L: lanes::Lanes>(
+        &self,
+        input: &EffectInput<'_>,
+        memory: &mut [f64],
+        tau: &mut [f64],
+    ) {
+        if self.lanes.is_empty() {
+            return self.joint_by_joint(input, memory, tau);
+        }
+        let torque = friction::FrictionTorque {
+            numbers: &self.lanes,
+            dq: input.state.dq_motor,
+            tau,
+        };
+        lanes::Kernel::run::<S, L>(torque);
+    }
+
+    #[inline(never)]
+    fn joint_by_joint(&self, input: &EffectInput<'_>, memory: &mut [f64], tau: &mut [f64]) {
         let width = self.effect.n_columns();
         let mut columns = [0.0; MAX_COLUMNS];
         for (j, (tau, coefficients)) in tau

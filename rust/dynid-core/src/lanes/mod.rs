@@ -10,6 +10,7 @@
 //! Code between [`run`] and an operation is `#[inline(always)]` and holds no closure over lanes: what is not inlined
 //! into the function that switches the instructions on is compiled without them.
 
+mod few;
 mod functions;
 mod portable;
 mod space;
@@ -19,6 +20,7 @@ mod x86;
 use core::ops::{Add, Div, Mul, Neg, Sub};
 use core::sync::atomic::{AtomicU8, Ordering};
 
+pub(crate) use few::Few;
 pub use functions::{exp, exp_falling, expm1, sin_cos, tanh};
 pub use portable::Portable;
 pub use space::{Matrix, Vector};
@@ -68,6 +70,24 @@ pub trait Lanes:
         self.store(&mut numbers);
         let n = to.len().min(Self::LEN);
         to[..n].copy_from_slice(&numbers[..n]);
+    }
+
+    /// The square of the first [`Self::LEN`] rows, turned over: row k holds what stood in lane k. The rows after it are
+    /// left as they are.
+    #[inline(always)]
+    fn transpose(mut rows: [Self; MOST_LANES]) -> [Self; MOST_LANES] {
+        let mut numbers = [[0.0; MOST_LANES]; MOST_LANES];
+        for (numbers, row) in numbers.iter_mut().zip(&rows[..Self::LEN]) {
+            row.store(numbers);
+        }
+        for (lane, row) in rows[..Self::LEN].iter_mut().enumerate() {
+            let mut column = [0.0; MOST_LANES];
+            for (x, numbers) in column.iter_mut().zip(&numbers) {
+                *x = numbers[lane];
+            }
+            *row = Self::load(&column);
+        }
+        rows
     }
 
     /// `self * factor + addend`, rounded once where the processor does so.
@@ -138,6 +158,14 @@ pub trait Lanes:
 }
 
 const SIGN: u64 = 1 << 63;
+
+/// Copies as many numbers as both have, a row at a time: a call of the library's copy takes longer than that of a few joints.
+#[inline(always)]
+pub(crate) fn copy<L: Lanes>(from: &[f64], to: &mut [f64]) {
+    for (from, to) in from.chunks(L::LEN).zip(to.chunks_mut(L::LEN)) {
+        L::load_some(from).store_some(to);
+    }
+}
 
 /// A calculation that runs on any processor path.
 pub trait Kernel {
