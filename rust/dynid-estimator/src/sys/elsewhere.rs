@@ -34,6 +34,11 @@ pub fn now() -> u64 {
     START.get_or_init(Instant::now).elapsed().as_nanos() as u64
 }
 
+/// The clock: what interrupts counts too.
+pub fn thread_time() -> u64 {
+    now()
+}
+
 pub fn sleep_until(deadline: u64) {
     std::thread::sleep(Duration::from_nanos(deadline.saturating_sub(now())));
 }
