@@ -36,11 +36,12 @@ check: $(STAMP) $(TOOLS) ## format, lints, types, documentation
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 
-bench: $(STAMP) ## every figure side by side with its peer; writes docs/benchmarks.md
+bench: $(STAMP) ## every figure side by side with its peer; writes docs/benchmarks.md and docs/scale.md
 	$(BIN)/python -m pip install --quiet --editable '.[bench]'
 	$(BIN)/python benches/main.py
 	$(BIN)/python benches/loops.py
 	$(BIN)/python benches/em.py
+	$(BIN)/python benches/scale.py
 
 blind: $(STAMP) ## diagnose 420 simulated cases whose answers are hidden; writes docs/blind.md, goes on where it broke off
 	$(BIN)/python tests/blind/run.py --page docs/blind.md

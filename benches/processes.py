@@ -6,6 +6,8 @@ what two workers and the process that gathers their results use, laid on two cor
 
 from __future__ import annotations
 
+import argparse
+import json
 import os
 import statistics
 import sys
@@ -55,22 +57,32 @@ def passes(n_jobs: int, sources: list[MadeRun], reduction: Reduction) -> tuple[f
 
 
 def main() -> None:
-    sources = [MadeRun(seed, DURATION) for seed in range(N_RUNS)]
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--runs", type=int, default=N_RUNS)
+    parser.add_argument("--rounds", type=int, default=ROUNDS)
+    parser.add_argument("--json", action="store_true", help="for benches/scale.py")
+    options = parser.parse_args()
+    sources = [MadeRun(seed, DURATION) for seed in range(options.runs)]
     archive = Archive(arm(), sources[:6], memory=10**9)
     identifier = ThreeLoopIdentifier(arm(), residual=None).fit(archive.sample())
     reduction = Reduction.of(identifier)
     passes(2, sources[:4], reduction)  # starts the processes
     walls, projected = [], []
-    for _ in range(ROUNDS):
+    for _ in range(options.rounds):
         one, _, whole = passes(1, sources, reduction)
         two, units, gathering = passes(2, sources, reduction)
         walls.append(one / two)
         projected.append(whole / (units / 2 + gathering))
+        if options.json:
+            continue
         print(
             f"wall clock {one:6.2f} s and {two:6.2f} s, {one / two:.2f} times; processor {whole:6.2f} s and "
             f"{units:6.2f} + {gathering:.2f} s, {projected[-1]:.2f} times on two idle cores",
             flush=True,
         )
+    if options.json:
+        print(json.dumps({"wall_clock": sorted(walls), "processor": sorted(projected)}))
+        return
     for name, ratios in (("wall clock", walls), ("processor time", projected)):
         print(f"two processes by {name}: {statistics.median(ratios):.2f} ({min(ratios):.2f} to {max(ratios):.2f})")
     print(f"load of the machine over the last five minutes: {os.getloadavg()[1]:.1f} on {os.cpu_count()} cores")

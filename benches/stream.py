@@ -8,6 +8,7 @@ which `archive/sample.py` estimates memory with.
 from __future__ import annotations
 
 import argparse
+import json
 import resource
 import sys
 import time
@@ -55,6 +56,14 @@ class Speed:
             self._passes.setdefault(phase, []).append((samples / wall, samples / processor, peak()))
             self._since, self._done = now, done
 
+    def figures(self) -> dict[str, dict[str, float]]:
+        """Of every pass: samples per second of processor in its first and last tenth, and peak memory then [MB]."""
+        found = {}
+        for phase, parts in self._passes.items():
+            (_, first, peak_first), (_, last, peak_last) = parts[0], parts[-1]
+            found[phase] = {"first": first, "last": last, "peak_first": peak_first, "peak_last": peak_last}
+        return found
+
     def report(self) -> None:
         for phase, parts in self._passes.items():
             for k, (wall, processor, memory) in enumerate(parts):
@@ -66,19 +75,28 @@ class Speed:
                 print(f"  {phase}, last tenth over first, {name}: {parts[-1][clock] / parts[0][clock]:.3f}")
 
 
-def stream(gigabytes: float, duration: float, memory: int) -> None:
+def stream(gigabytes: float, duration: float, memory: int, *, as_json: bool) -> None:
     one = recording_bytes(MadeRun(0, duration).recording())
-    n_runs = max(N_PARTS, round(1e9 * gigabytes / one))
+    n_runs = max(2 * N_PARTS, round(1e9 * gigabytes / one))
     sources = [MadeRun(seed, duration) for seed in range(n_runs)]
     n_samples = int(duration * sources[0].rate)
-    print(f"{n_runs} runs of {duration:g} s, {n_runs * one / 1e9:.2f} GB of signals, memory limit {memory / 1e9:g} GB")
+    started = time.process_time()
+    if not as_json:
+        print(
+            f"{n_runs} runs of {duration:g} s, {n_runs * one / 1e9:.2f} GB of signals, memory limit {memory / 1e9:g} GB"
+        )
     speed = Speed(n_runs, n_samples)
     archive = Archive(arm(), sources, memory=memory, on_progress=speed)
     archive.check()
     sample = archive.sample()
     surveyed = peak()
     learned = archive.fit(ThreeLoopIdentifier(arm(), residual=None), sample, None)
+    rate = 60e-9 * n_runs * one / (time.process_time() - started)
+    if as_json:
+        print(json.dumps({"gigabytes": 1e-9 * n_runs * one, "gigabytes_per_minute": rate, **speed.figures()}))
+        return
     speed.report()
+    print(f"  {rate:.2f} GB per minute of processor, both passes, making the runs included")
     print(f"  peak after the first pass {surveyed:.0f} MB, at the end {peak():.0f} MB; sample of {len(sample)} pieces")
     print(f"  error on all runs [N m]: {' '.join(f'{x:.3g}' for x in learned.rmse)}")
 
@@ -103,11 +121,12 @@ def main() -> None:
     parser.add_argument("--duration", type=float, default=60.0)
     parser.add_argument("--memory", type=float, default=0.5, help="limit in GB")
     parser.add_argument("--space", action="store_true")
+    parser.add_argument("--json", action="store_true", help="for benches/scale.py")
     options = parser.parse_args()
     if options.space:
         space()
     else:
-        stream(options.gigabytes, options.duration, int(1e9 * options.memory))
+        stream(options.gigabytes, options.duration, int(1e9 * options.memory), as_json=options.json)
 
 
 if __name__ == "__main__":

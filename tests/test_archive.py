@@ -373,6 +373,12 @@ def test_refusals_of_what_cannot_be_streamed(tmp_path):
     assert "a prior is weighed against rows in time" in refusal(printed)
     printed, _ = streamed(tmp_path, memory="3MB")
     assert "the test runs need more work space" in refusal(printed)
+    # The friction experiment: before any of the runs is read, which would take hours.
+    slow = tmp_path / "run_2.parquet"
+    printed, _ = streamed(tmp_path, "--friction", slow, memory="3MB")
+    sentence = refusal(printed)
+    assert "--friction: up to run_2.parquet these runs need more work space" in sentence
+    assert "not streamed" in sentence
     printed, _ = streamed(tmp_path, "--test-from", "3")
     assert "--test-from cuts a lone run" in refusal(printed)
     assert not (tmp_path / "out").exists()

@@ -93,9 +93,25 @@ def read_split(
     return split, findings + ([split.finding] if split.finding else [])
 
 
-def read_friction(paths: list[Path], robot: Any, settings: Settings) -> list[Recording]:
-    """Runs of the friction experiment; hints about slow or one-way motion are no news there."""
-    return _read(paths, robot, settings)[0]
+def read_friction(paths: list[Path], robot: Any, settings: Settings, memory: int) -> list[Recording]:
+    """Runs of the friction experiment; hints about slow or one-way motion are no news there.
+
+    Raises
+    ------
+    ValueError
+        They need more than `memory` [bytes] of work space: the search for pairs sees all of them at once.
+    """
+    from dynid_rs.archive.archive import fits
+
+    recordings: list[Recording] = []
+    for source in run_sources(paths, robot, settings):
+        recordings.append(source.read()[0])
+        if not fits(recordings, memory):
+            raise ValueError(
+                f"--friction: up to {source.name} these runs need more work space than --memory allows, and they are "
+                "not streamed; give fewer of them, or raise --memory"
+            )
+    return recordings
 
 
 def _read(paths: list[Path], robot: Any, settings: Settings) -> tuple[list[Recording], list[Finding]]:

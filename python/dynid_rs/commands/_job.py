@@ -74,11 +74,12 @@ class Job:
             model, self.weighting, self.prior, self.residual, self.compensator, self.cutoff, self.friction_law
         )
         identifier.known = known_terms(self.known, model)
+        # Before the runs: many of them take hours, and what is wrong here is wrong at once.
+        slow = read_friction(list(self.friction), model, settings, limit) if self.friction else None
         runs, test = list(self.runs), list(self.test)
         given = read_given(
             runs, test, self.test_from, model, settings, memory=limit, cutoff=self.cutoff, say=say, work=work
         )
-        slow = read_friction(list(self.friction), model, settings) if self.friction else None
         if self.friction_law == "auto":
             say("comparing laws of friction")
             identifier.friction_law = chosen_laws(identifier, given.train, slow)

@@ -32,6 +32,9 @@ const USUAL_WINDOW: (f64, usize) = (0.02, 7);
 /// The oldest sample must stand this far before the middle, in halves of the window: the middle is then well inside.
 const LEAST_REACH: f64 = 0.25;
 
+/// What times may be off by, in halves of the window.
+const ROUNDING: f64 = 1e-6;
+
 /// A system of normal equations with a smaller determinant (relative to the product of its diagonal) holds no parabola.
 const LEAST_DETERMINANT: f64 = 1e-6;
 
@@ -63,6 +66,14 @@ pub fn usual_window(step: f64) -> usize {
 #[must_use]
 pub fn delay(window: usize, step: f64) -> f64 {
     window.saturating_sub(1) as f64 / 2.0 * step
+}
+
+/// At which sample the first answer comes after a start, or after a gap as long as the window.
+#[must_use]
+pub fn first_answer(window: usize) -> usize {
+    let half = window.saturating_sub(1) as f64 / 2.0;
+    let reached = ((1.0 + LEAST_REACH) * half).ceil() as usize + 1;
+    reached.max(MIN_WINDOW).max(window.div_ceil(3))
 }
 
 impl Differentiator {
@@ -183,7 +194,8 @@ impl Differentiator {
             }
             *at = s;
         }
-        let enough = self.len >= MIN_WINDOW.max(self.window.div_ceil(3)) && reach <= -LEAST_REACH;
+        let enough =
+            self.len >= MIN_WINDOW.max(self.window.div_ceil(3)) && reach <= ROUNDING - LEAST_REACH;
         let Some(inverse) = enough.then(|| parabola(&moments)).flatten() else {
             return false;
         };
@@ -413,6 +425,23 @@ mod tests {
             [1.0, 1.001, 1.002, 1.003, 1.004].map(settled),
             [false, false, false, false, true]
         );
+    }
+
+    #[test]
+    fn the_first_answer_comes_when_it_is_said_to() {
+        for (window, first) in [(5, 5), (7, 5), (9, 6), (15, 10), (21, 14), (101, 64)] {
+            assert_eq!(first_answer(window), first);
+            for step in [0.00025, 0.001, 0.004] {
+                let mut filter = Differentiator::new(1, step, window).unwrap();
+                for start in [0.0, 12_345.678] {
+                    let times = (0..200).map(|k| start + f64::from(k) * step);
+                    let answers = times.map(|t| filter.push(t, &[1.0]).unwrap());
+                    let before = answers.take_while(|answer| !answer).count();
+                    assert_eq!(before + 1, first, "{window} {step} {start}");
+                    filter.reset();
+                }
+            }
+        }
     }
 
     #[test]

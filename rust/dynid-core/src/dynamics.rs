@@ -7,6 +7,7 @@ use crate::error::CoreError;
 use crate::lanes::{self, Kernel, Lanes, Portable, MOST_LANES};
 use crate::link_params::N_LINK_PARAMS;
 use crate::robot::{Joint, RobotModel};
+use crate::slices::{rows_mut, tail};
 
 /// A single number in memory.
 type One = [f64; 1];
@@ -51,11 +52,9 @@ impl Workspace {
     #[inline(always)]
     fn take<L: Lanes>(&mut self, q: &[f64], dq: &[f64], ddq: &[f64]) {
         let [sines, cosines] = &mut self.trig;
-        let outputs = sines
-            .chunks_exact_mut(L::LEN)
-            .zip(cosines.chunks_exact_mut(L::LEN));
-        for (q, (sin, cos)) in q.chunks(L::LEN).zip(outputs) {
-            let (s, c) = lanes::sin_cos(L::load_some(q));
+        let outputs = rows_mut(sines, L::LEN).zip(rows_mut(cosines, L::LEN));
+        for (k, (sin, cos)) in outputs.take(q.len().div_ceil(L::LEN)).enumerate() {
+            let (s, c) = lanes::sin_cos(L::load_some(tail(q, k * L::LEN)));
             s.store(sin);
             c.store(cos);
         }

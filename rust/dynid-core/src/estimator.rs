@@ -10,6 +10,7 @@ use crate::error::CoreError;
 use crate::lanes::{self, Kernel, Lanes};
 use crate::model::{check_step, EncoderError, TorqueModel};
 use crate::residual::{Load, ResidualTorque};
+use crate::slices::{at, rows_mut, set};
 use crate::state::{align_link_side, true_motion, State};
 use crate::step::{StepRows, Sum, Take};
 
@@ -214,7 +215,7 @@ impl TorqueEstimator {
     }
 
     fn misses_temperature(&self, state: &State<'_>) -> bool {
-        let known = |j: usize| state.temperature.is_some_and(|t| t[j].is_finite());
+        let known = |j: usize| state.temperature.is_some_and(|t| at(t, j).is_finite());
         let mut wanted = self.wants_temperature.iter().enumerate();
         wanted.any(|(j, wants)| *wants && !known(j))
     }
@@ -295,7 +296,7 @@ impl TorqueEstimator {
             ddq_motor,
             temperature: shown.temperature,
         };
-        let (scaled, rest) = self.scratch.split_at_mut(n);
+        let (scaled, rest) = self.scratch.split_at_mut_checked(n).unwrap_or_default();
         let rigid_body = Torque {
             robot: model.robot(),
             workspace: &mut self.workspace,
@@ -312,10 +313,11 @@ impl TorqueEstimator {
         };
         lanes::copy::<L>(&self.memory, &mut self.next_memory);
         let mut memory = self.next_memory.as_mut_slice();
-        let mut rows = rest.chunks_exact_mut(n);
+        let mut rows = rows_mut(rest, n);
         for (term, row) in model.effects().iter().zip(rows.by_ref()) {
+            let length = term.effect().memory_len(n);
             let own;
-            (own, memory) = memory.split_at_mut(term.effect().memory_len(n));
+            (own, memory) = memory.split_at_mut_checked(length).unwrap_or_default();
             term.torque_on::<S, L>(&input, own, row);
         }
         lanes::copy::<L>(&self.noise_variance, &mut self.scratch_variance);
@@ -358,15 +360,17 @@ fn take_true_state(
 ) {
     for (j, (delay, parts)) in delay.iter().zip(&error.cos_sin).enumerate() {
         // An encoder's error is that of the angle at the time that it shows, so it goes before the delay does.
-        let [q, dq, ddq] = true_motion(shown.q[j], shown.dq[j], shown.ddq[j], *parts);
+        let of = |signals: [&[f64]; 3]| signals.map(|signal| at(signal, j));
+        let [q, dq, ddq] = of([shown.q, shown.dq, shown.ddq]);
+        let [q, dq, ddq] = true_motion(q, dq, ddq, *parts);
         let [q, dq] = align_link_side(q, dq, ddq, *delay);
         for (to, x) in link.iter_mut().zip([q, dq, ddq]) {
-            to[j] = x;
+            set(to, j, x);
         }
         if error.both_sides {
-            let [q, dq, ddq] = [shown.q_motor[j], shown.dq_motor[j], shown.ddq_motor[j]];
+            let [q, dq, ddq] = of([shown.q_motor, shown.dq_motor, shown.ddq_motor]);
             for (to, x) in motor.iter_mut().zip(true_motion(q, dq, ddq, *parts)) {
-                to[j] = x;
+                set(to, j, x);
             }
         }
     }

@@ -2,6 +2,7 @@
 
 use crate::lanes::{self, Few, Lanes, MOST_LANES};
 use crate::mixture::Component;
+use crate::slices::{at, part, tail};
 
 /// Components that are looked at together before their sums are merged.
 const BLOCK: usize = 16;
@@ -45,7 +46,7 @@ pub(crate) struct Shared;
 impl Numbers for Shared {
     #[inline(always)]
     fn get<L: Lanes>(self, component: &[f64], k: usize) -> L {
-        L::splat(component[k])
+        L::splat(at(component, k))
     }
 }
 
@@ -56,7 +57,7 @@ pub(crate) struct Own(pub usize);
 impl Numbers for Own {
     #[inline(always)]
     fn get<L: Lanes>(self, component: &[f64], k: usize) -> L {
-        L::load(&component[k * MOST_LANES + self.0..])
+        L::load(tail(component, k * MOST_LANES + self.0))
     }
 }
 
@@ -120,7 +121,7 @@ impl MixtureRows {
     #[inline(always)]
     fn component(&self, c: usize) -> &[f64] {
         let width = n_numbers(self.n_inputs) * self.n_lanes;
-        &self.numbers[c * width..(c + 1) * width]
+        part(&self.numbers, c * width, (c + 1) * width)
     }
 
     /// Of a component: its log density at `u` up to the common factor (which Eq. 32 prints for two dimensions), the
@@ -133,7 +134,7 @@ impl MixtureRows {
         let mut k = 3 + d;
         for r in 0..d {
             let mut z = L::splat(0.0);
-            for (i, u) in u[..=r].iter().enumerate() {
+            for (i, u) in u.iter().take(r + 1).enumerate() {
                 let away = *u - numbers.get(component, 3 + i);
                 z = numbers.get::<L>(component, k).mul_add(away, z);
                 k += 1;

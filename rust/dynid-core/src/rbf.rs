@@ -164,7 +164,9 @@ impl NormalisedRbf {
     /// `sum_i h_i (u_i - c_ji)^2`.
     fn distance_squared(&self, j: usize, u: &[f64]) -> f64 {
         let d = self.precision.len();
-        self.centers[j * d..(j + 1) * d]
+        let center = self.centers.get(j * d..(j + 1) * d);
+        center
+            .unwrap_or_default()
             .iter()
             .zip(u)
             .zip(&self.precision)

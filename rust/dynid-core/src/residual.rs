@@ -8,6 +8,7 @@ use crate::mixture::{GaussianMixtureRegression, Prediction};
 use crate::mixture_rows::{MixtureRows, Own, PredictionRow};
 use crate::rbf::NormalisedRbf;
 use crate::signal::{Signal, SignalKind, MAX_INPUTS};
+use crate::slices::{at, part, part_mut, tail};
 use crate::state::State;
 
 /// What the regressions see. Section 5 of the paper names the first two pairs.
@@ -71,7 +72,8 @@ impl ResidualInputs {
     /// Number of inputs of joint `j`.
     #[must_use]
     pub fn len(&self, j: usize) -> usize {
-        self.signals().map_or(2, |joints| joints[j].len())
+        self.signals()
+            .map_or(2, |joints| joints.get(j).map_or(0, Vec::len))
     }
 
     /// The inputs of joint `j` at a state, [`Self::len`] of them in front. `wind_up` is `compliance * tau_link` \[rad\], read
@@ -92,7 +94,8 @@ impl ResidualInputs {
                 [u[0], u[1]] = [first.raw()[0], second.raw()[0]];
             }
             Some(joints) => {
-                for (u, signal) in u.iter_mut().zip(&joints[j]) {
+                let own = joints.get(j).map_or(&[][..], Vec::as_slice);
+                for (u, signal) in u.iter_mut().zip(own) {
                     *u = signal.at(state, tau_link);
                 }
             }
@@ -103,7 +106,7 @@ impl ResidualInputs {
     /// The pairs of a row of joints; zeros for signals by name.
     #[inline(always)]
     fn pairs<L: Lanes>(&self, state: &State<'_>, joints: Range<usize>, wind_up: L) -> [L; 2] {
-        let row = |signal: &[f64]| L::load_some(&signal[joints.clone()]);
+        let row = |signal| L::load_some(part(signal, joints.start, joints.end));
         let motor = [row(state.q_motor), row(state.dq_motor)];
         let [deflection, rate] = [motor[0] - row(state.q), motor[1] - row(state.dq)];
         match self {
@@ -324,30 +327,35 @@ impl Residual {
     fn single_joints(&self, first: usize, state: &State<'_>, load: Load<'_>) -> Singles {
         let mut singles = Singles::default();
         let signals = self.inputs.signals().is_some();
-        let joints = self.joints[first..].iter().take(MOST_LANES);
+        let joints = self.joints.iter().skip(first).take(MOST_LANES);
         for (lane, joint) in joints.enumerate() {
             let j = first + lane;
             let inputs = || {
-                let wind_up = self.compliance[j] * load.scaled[j];
+                let wind_up = at(&self.compliance, j) * at(load.scaled, j);
                 self.inputs.at(j, state, wind_up, load.tau_link)
             };
             match joint {
                 Some(Regression::Rbf(rbf)) => {
                     let answer = rbf.predict(&inputs());
                     let numbers = [answer.mean, answer.variance, answer.distance_squared];
-                    for (row, x) in singles.answers.iter_mut().zip(numbers) {
-                        row[lane] = x;
-                    }
+                    set_lane(&mut singles.answers, lane, numbers);
                 }
                 Some(Regression::Mixture(_)) if signals => {
-                    for (row, x) in singles.inputs.iter_mut().zip(inputs()) {
-                        row[lane] = x;
-                    }
+                    set_lane(&mut singles.inputs, lane, inputs());
                 }
                 _ => {}
             }
         }
         singles
+    }
+}
+
+/// Writes a column of rows.
+fn set_lane<const N: usize>(rows: &mut [[f64; MOST_LANES]; N], lane: usize, column: [f64; N]) {
+    for (row, x) in rows.iter_mut().zip(column) {
+        if let Some(place) = row.get_mut(lane) {
+            *place = x;
+        }
     }
 }
 
@@ -412,24 +420,23 @@ impl JointLanes {
         let mut u = [L::splat(0.0); MAX_INPUTS];
         if residual.inputs.signals().is_some() {
             for (u, row) in u.iter_mut().zip(&singles.inputs) {
-                *u = L::load(&row[first..]);
+                *u = L::load(tail(row, first));
             }
         } else {
             [u[0], u[1]] = pair;
         }
-        let own = self
-            .mixtures
-            .predict(&u[..self.mixtures.n_inputs()], Own(first));
-        let mixture = L::load(&self.mixture[first..]);
+        let u = u.get(..self.mixtures.n_inputs()).unwrap_or_default();
+        let own = self.mixtures.predict(u, Own(first));
+        let mixture = L::load(tail(&self.mixture, first));
         let [mean, variance, distance_squared] = &singles.answers;
         let zero = L::splat(0.0);
         PredictionRow {
-            mean: zero.if_less(mixture, own.mean, L::load(&mean[first..])),
-            variance: zero.if_less(mixture, own.variance, L::load(&variance[first..])),
+            mean: zero.if_less(mixture, own.mean, L::load(tail(mean, first))),
+            variance: zero.if_less(mixture, own.variance, L::load(tail(variance, first))),
             distance_squared: zero.if_less(
                 mixture,
                 own.distance_squared,
-                L::load(&distance_squared[first..]),
+                L::load(tail(distance_squared, first)),
             ),
         }
     }
@@ -463,8 +470,8 @@ impl Kernel for ResidualTorque<'_> {
             while first < MOST_LANES && start + first < self.tau.len() {
                 let from = start + first;
                 let joints = from..self.tau.len().min(from + L::LEN);
-                let scaled = L::load_some(&self.load.scaled[joints.clone()]);
-                let wind_up = L::load(&lanes.compliance[first..]) * scaled;
+                let scaled = L::load_some(part(self.load.scaled, joints.start, joints.end));
+                let wind_up = L::load(tail(&lanes.compliance, first)) * scaled;
                 let pair = residual.inputs.pairs(self.state, joints.clone(), wind_up);
                 let own = match &singles {
                     None => lanes.mixtures.predict(&pair, Own(first)),
@@ -477,23 +484,29 @@ impl Kernel for ResidualTorque<'_> {
                 } = own;
                 let distance = distance_squared.sqrt();
 
-                let near = L::load(&lanes.near[first..]);
-                let far = L::load(&lanes.far[first..]);
+                let near = L::load(tail(&lanes.near, first));
+                let far = L::load(tail(&lanes.far, first));
                 // A NaN distance (an overflow) is not less than anything and so trusts nothing.
-                let part = ((far - distance) / (far - near)).at_most(one);
-                let trust = distance.if_less(far, part, zero);
-                let noise = L::load_some(&self.variance[joints.clone()]);
-                let unknown = (one - trust) * (noise + L::load(&lanes.moment[first..]));
+                let share = ((far - distance) / (far - near)).at_most(one);
+                let trust = distance.if_less(far, share, zero);
+                let noise = L::load_some(part(self.variance, joints.start, joints.end));
+                let unknown = (one - trust) * (noise + L::load(tail(&lanes.moment, first)));
                 let known = zero.if_less(trust, trust * own_variance, zero);
                 let torque = zero.if_less(trust, trust * mean, zero);
                 let spread = (unknown + known).at_most(L::splat(MOST_VARIANCE));
 
-                let present = L::load(&lanes.present[first..]);
+                let present = L::load(tail(&lanes.present, first));
                 faded |= trust.any_less(present);
-                zero.if_less(present, torque, zero)
-                    .store_some(&mut self.tau[joints.clone()]);
-                zero.if_less(present, spread, noise)
-                    .store_some(&mut self.variance[joints]);
+                zero.if_less(present, torque, zero).store_some(part_mut(
+                    self.tau,
+                    joints.start,
+                    joints.end,
+                ));
+                zero.if_less(present, spread, noise).store_some(part_mut(
+                    self.variance,
+                    joints.start,
+                    joints.end,
+                ));
                 first += L::LEN;
             }
         }

@@ -87,7 +87,7 @@ impl Signal {
             SignalKind::DdqMotor => state.ddq_motor,
             SignalKind::TauLink => tau_link,
         };
-        signal[self.joint]
+        crate::slices::at(signal, self.joint)
     }
 }
 

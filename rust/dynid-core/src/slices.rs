@@ -1,6 +1,43 @@
-//! Slices whose lengths were checked before, without the panic that the compiler cannot know to be impossible.
+//! Slices whose lengths were checked before, without the panic that the compiler cannot know to be impossible: what is not
+//! there would be a NaN, which no torque survives.
 
-use core::slice::{ChunksExact, ChunksExactMut};
+/// Value `k`.
+#[inline(always)]
+pub fn at(x: &[f64], k: usize) -> f64 {
+    x.get(k).copied().unwrap_or(f64::NAN)
+}
+
+/// The first `N` values.
+#[inline(always)]
+pub fn first<const N: usize>(x: &[f64]) -> [f64; N] {
+    x.first_chunk().copied().unwrap_or([f64::NAN; N])
+}
+
+/// What is there of values `start` to `end`.
+#[inline(always)]
+pub fn part(x: &[f64], start: usize, end: usize) -> &[f64] {
+    x.get(start..end).unwrap_or_default()
+}
+
+/// [`part`], to be written.
+#[inline(always)]
+pub fn part_mut(x: &mut [f64], start: usize, end: usize) -> &mut [f64] {
+    x.get_mut(start..end).unwrap_or_default()
+}
+
+/// Values from `start` on.
+#[inline(always)]
+pub fn tail(x: &[f64], start: usize) -> &[f64] {
+    x.get(start..).unwrap_or_default()
+}
+
+/// Writes value `k`.
+#[inline(always)]
+pub fn set(x: &mut [f64], k: usize, value: f64) {
+    if let Some(place) = x.get_mut(k) {
+        *place = value;
+    }
+}
 
 /// Copies as many values as both have.
 pub fn copy(from: &[f64], to: &mut [f64]) {
@@ -9,12 +46,56 @@ pub fn copy(from: &[f64], to: &mut [f64]) {
     }
 }
 
-/// Rows of `n` values; `n` is never 0.
-pub fn rows(x: &[f64], n: usize) -> ChunksExact<'_, f64> {
-    x.chunks_exact(n.max(1))
+/// Rows of `n` values, as many as there are whole ones; `n` is never 0.
+#[inline(always)]
+pub fn rows(x: &[f64], n: usize) -> Rows<'_> {
+    Rows {
+        rest: x,
+        n: n.max(1),
+    }
 }
 
 /// Rows of `n` values, to be written; `n` is never 0.
-pub fn rows_mut(x: &mut [f64], n: usize) -> ChunksExactMut<'_, f64> {
-    x.chunks_exact_mut(n.max(1))
+#[inline(always)]
+pub fn rows_mut(x: &mut [f64], n: usize) -> RowsMut<'_> {
+    RowsMut {
+        rest: x,
+        n: n.max(1),
+    }
+}
+
+/// [`rows`]: the library's chunks divide by their length, which may panic where the compiler has lost sight of it.
+#[derive(Debug)]
+pub struct Rows<'a> {
+    rest: &'a [f64],
+    n: usize,
+}
+
+impl<'a> Iterator for Rows<'a> {
+    type Item = &'a [f64];
+
+    #[inline(always)]
+    fn next(&mut self) -> Option<Self::Item> {
+        let (row, rest) = self.rest.split_at_checked(self.n)?;
+        self.rest = rest;
+        Some(row)
+    }
+}
+
+/// [`rows_mut`].
+#[derive(Debug)]
+pub struct RowsMut<'a> {
+    rest: &'a mut [f64],
+    n: usize,
+}
+
+impl<'a> Iterator for RowsMut<'a> {
+    type Item = &'a mut [f64];
+
+    #[inline(always)]
+    fn next(&mut self) -> Option<Self::Item> {
+        let (row, rest) = core::mem::take(&mut self.rest).split_at_mut_checked(self.n)?;
+        self.rest = rest;
+        Some(row)
+    }
 }

@@ -3,6 +3,7 @@
 use crate::dynamics::check_length;
 use crate::error::CoreError;
 use crate::lanes::{Lanes, Portable};
+use crate::slices::at;
 
 /// One state, borrowed. With a single encoder the motor side *is* the link side: [`State::single`].
 #[derive(Clone, Copy, Debug)]
@@ -74,7 +75,10 @@ impl<'a> State<'a> {
     /// ([`align_link_side`]).
     #[must_use]
     pub fn deflection(&self, j: usize) -> [f64; 2] {
-        [self.q_motor[j] - self.q[j], self.dq_motor[j] - self.dq[j]]
+        [
+            at(self.q_motor, j) - at(self.q, j),
+            at(self.dq_motor, j) - at(self.dq, j),
+        ]
     }
 }
 

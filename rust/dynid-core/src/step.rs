@@ -2,6 +2,7 @@
 
 use crate::lanes::{Kernel, Lanes, MOST_LANES};
 use crate::model::TorqueModel;
+use crate::slices::{part, part_mut, rows, tail};
 use crate::state::{align_row, State};
 
 /// Numbers of the model that every step asks for, each padded to whole rows.
@@ -57,30 +58,32 @@ impl Kernel for Take<'_> {
         let [low, high, speed, acceleration] = &self.rows.domain;
         let mut start = 0;
         while start < n {
-            let joints = start..n.min(start + L::LEN);
-            let q = L::load_some(&self.shown.q[joints.clone()]);
-            let dq = L::load_some(&self.shown.dq[joints.clone()]);
-            let ddq = L::load_some(&self.shown.ddq[joints.clone()]);
+            let end = n.min(start + L::LEN);
+            let joints = |signal| L::load_some(part(signal, start, end));
+            let q = joints(self.shown.q);
+            let dq = joints(self.shown.dq);
+            let ddq = joints(self.shown.ddq);
             let motor = [
-                L::load_some(&self.shown.q_motor[joints.clone()]),
-                L::load_some(&self.shown.dq_motor[joints.clone()]),
-                L::load_some(&self.shown.ddq_motor[joints.clone()]),
+                joints(self.shown.q_motor),
+                joints(self.shown.dq_motor),
+                joints(self.shown.ddq_motor),
             ];
             // A number times zero is zero, unless it is not finite; sums of zeros are.
             let zero = L::splat(0.0);
             let link_sum = q * zero + dq * zero + ddq * zero;
             let motor_sum = motor[0] * zero + motor[1] * zero + motor[2] * zero;
             finite &= (link_sum + motor_sum).all_less(L::splat(1.0));
-            outside |= q.any_less(L::load(&low[start..])) | L::load(&high[start..]).any_less(q);
-            outside |= L::load(&speed[start..]).any_less(dq.abs());
-            outside |= L::load(&acceleration[start..]).any_less(ddq.abs());
+            outside |=
+                q.any_less(L::load(tail(low, start))) | L::load(tail(high, start)).any_less(q);
+            outside |= L::load(tail(speed, start)).any_less(dq.abs());
+            outside |= L::load(tail(acceleration, start)).any_less(ddq.abs());
 
-            let [q, dq] = align_row(q, dq, ddq, L::load(&self.rows.delay[start..]));
+            let [q, dq] = align_row(q, dq, ddq, L::load(tail(&self.rows.delay, start)));
             for (to, row) in self.link.iter_mut().zip([q, dq, ddq]) {
-                row.store_some(&mut to[joints.clone()]);
+                row.store_some(part_mut(to, start, end));
             }
             for (to, row) in self.motor.iter_mut().zip(motor) {
-                row.store_some(&mut to[joints.clone()]);
+                row.store_some(part_mut(to, start, end));
             }
             start += L::LEN;
         }
@@ -111,7 +114,7 @@ impl Kernel for Sum<'_> {
         let mut start = 0;
         while start < self.terms.len() {
             let end = self.terms.len().min(start + L::LEN);
-            let row = L::load_some(&self.terms[start..end]);
+            let row = L::load_some(part(self.terms, start, end));
             sound &= row.abs().all_less(L::splat(OVERFLOW));
             start += L::LEN;
         }
@@ -121,8 +124,8 @@ impl Kernel for Sum<'_> {
         for (k, total) in self.total.chunks_mut(L::LEN).enumerate() {
             let first = k * L::LEN;
             let mut sum = L::splat(0.0);
-            for row in self.terms.chunks_exact(n) {
-                sum = sum + L::load_some(&row[first..first + total.len()]);
+            for row in rows(self.terms, n) {
+                sum = sum + L::load_some(part(row, first, first + total.len()));
             }
             sum.store_some(total);
         }

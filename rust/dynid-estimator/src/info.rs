@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use dynid_core::differentiator::{delay, usual_window};
+use dynid_core::differentiator::{delay, first_answer, usual_window};
 use dynid_core::online::USUAL_STEP;
 use dynid_core::{JointKind, Regression, Residual, Signal, TorqueModel};
 use serde_json::json;
@@ -105,9 +105,10 @@ pub fn text(model: &TorqueModel, settings: &Settings) -> String {
     line(
         "without dq",
         &format!(
-            "positions alone are differentiated over {window} samples, {} ms late at {} ms between states",
+            "positions alone are differentiated over {window} samples, {} ms late at {} ms between states; the first answer is that of state {}",
             short(1e3 * delay),
-            short(1e3 * step)
+            short(1e3 * step),
+            first_answer(window)
         ),
     );
     text.push_str("\ntrained on\n");
@@ -203,7 +204,7 @@ pub fn json(model: &TorqueModel, settings: &Settings) -> String {
         "step": model.step(),
         "terms": model.term_names(),
         "residual": residual,
-        "differentiation": {"window": window, "step": step, "delay": delay},
+        "differentiation": {"window": window, "step": step, "delay": delay, "first_answer": first_answer(window)},
         "joints": joints,
     });
     format!("{info:#}\n")

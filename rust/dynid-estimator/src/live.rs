@@ -20,7 +20,7 @@ use crate::shm::SharedMemory;
 use crate::stop::Stop;
 use crate::swap::{self, Inbox, MOST_TERMS};
 use crate::sys;
-use crate::timing::Timing;
+use crate::timing::{Pace, Timing};
 use crate::udp::Udp;
 use crate::wire;
 
@@ -116,8 +116,9 @@ pub fn run(
             Link::Shm(memory)
         }
     };
+    sys::catch_signals(watched.is_some()).map_err(|error| Stop::Because(error.to_string()))?;
+    real_time.lock_memory(watched.is_some())?;
     let inbox = watched.map(|path| swap::watch(path, Arc::clone(&model), *settings, false));
-    sys::catch_signals().map_err(|error| Stop::Because(error.to_string()))?;
     let mut live = Live {
         link,
         frame: frame_for(&model, settings),
@@ -167,13 +168,19 @@ impl Live {
         let mut met = false;
         timing.start();
         while !sys::stop_asked() && sys::now() < end {
-            let due = pace.as_mut().map(|pace| {
-                let begin = pace.wait();
+            let begin = pace.as_mut().map(Pace::wait);
+            if begin.is_some() && sys::stop_asked() {
+                break; // the sleep was cut short, so this is no cycle
+            }
+            let due = begin.map(|begin| {
                 timing.begin(begin, sys::now());
                 begin.due
             });
             let done = self.cycle(cycle, due.is_some());
-            timing.end(done.compute, done.left - due.unwrap_or(done.came));
+            timing.end(
+                done.compute,
+                done.left.saturating_sub(due.unwrap_or(done.came)),
+            );
             if done.is_new && !met {
                 // The first state says what the input has; nothing is said after it, and page faults count from here.
                 met = true;

@@ -88,7 +88,10 @@ fn work() -> Result<(), Stop> {
                 return report.map_or(Ok(()), |report| print(&report));
             }
             let mut out = BufWriter::with_capacity(1 << 16, io::stdout().lock());
-            let stdin = io::stdin().lock();
+            sys::catch_signals(watched.is_some())
+                .map_err(|error| Stop::Because(error.to_string()))?;
+            let stdin = sys::stdin(real_time.end())
+                .map_err(|error| Stop::Because(format!("stdin: {error}")))?;
             let done = run::run(
                 model, formats, &settings, &real_time, watched, stdin, &mut out,
             );

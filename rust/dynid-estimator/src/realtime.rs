@@ -32,7 +32,29 @@ pub struct RealTime {
 }
 
 impl RealTime {
-    /// Asks for it, for the calling thread. The sleeper is started before: it asks for the same priority itself.
+    /// Keeps memory in place, before any thread takes some of its own: what a thread takes counts to the limit, so that
+    /// the answer would depend on how far it has come. `watched`: a new model may come, which needs memory then.
+    ///
+    /// # Errors
+    /// [`Stop`] if it is not permitted, or might not be for the next model.
+    pub fn lock_memory(&self, watched: bool) -> Result<(), Stop> {
+        const MEND: &str = "raise the limit (ulimit -l unlimited), or leave";
+        if !self.mlock {
+            return Ok(());
+        }
+        let sentence = |error| Stop::Because(format!("--mlock: {error}; {MEND} it out"));
+        sys::lock_memory().map_err(sentence)?;
+        match sys::most_locked() {
+            // A new model that does not fit would not be refused: its reader could not even say so.
+            Some(bytes) if watched => Err(Stop::Because(format!(
+                "--mlock with --watch: a new model needs memory, and {:.1} MB may be locked; {MEND} one of them out",
+                bytes as f64 / 1e6
+            ))),
+            _ => Ok(()),
+        }
+    }
+
+    /// Asks for the rest, for the calling thread. The sleeper is started before: it asks for the same priority itself.
     ///
     /// # Errors
     /// [`Stop`] with what is not permitted.
@@ -46,7 +68,10 @@ impl RealTime {
             sys::sleep_sharply();
         }
         let sleeper = match self.rate {
-            Some(rate) if self.jitter => Some(Sleeper::start(rate, self.fifo)),
+            Some(rate) if self.jitter => Some(
+                Sleeper::start(rate, self.fifo)
+                    .map_err(|error| Stop::Because(format!("--jitter: {error}")))?,
+            ),
             _ => None,
         };
         if let Some(core) = self.core {
@@ -62,15 +87,6 @@ impl RealTime {
             if let Err(error) = sys::schedule_fifo(priority) {
                 let mend = "give this program the right to real-time priorities (CAP_SYS_NICE, or rtprio in limits.conf)";
                 return refused(format!("--fifo {priority}"), error, mend);
-            }
-        }
-        if self.mlock {
-            if let Err(error) = sys::lock_memory() {
-                return refused(
-                    "--mlock".to_owned(),
-                    error,
-                    "raise the limit (ulimit -l unlimited)",
-                );
             }
         }
         Ok(sleeper)
@@ -105,15 +121,15 @@ impl RealTime {
 #[derive(Debug)]
 pub struct Sleeper {
     stop: Arc<AtomicBool>,
-    thread: Option<JoinHandle<Histogram>>,
+    thread: JoinHandle<Histogram>,
 }
 
 impl Sleeper {
-    fn start(rate: f64, fifo: Option<i32>) -> Self {
+    fn start(rate: f64, fifo: Option<i32>) -> io::Result<Self> {
+        let mut late = Histogram::new();
         let stop = Arc::new(AtomicBool::new(false));
         let asked = Arc::clone(&stop);
         let work = move || {
-            let mut late = Histogram::new();
             sys::sleep_sharply();
             if let Some(priority) = fifo {
                 // Where it is refused, so is the loop's own, which says so.
@@ -126,15 +142,12 @@ impl Sleeper {
             }
             late
         };
-        let thread = thread::Builder::new()
-            .name("jitter".into())
-            .spawn(work)
-            .ok();
-        Self { stop, thread }
+        let thread = thread::Builder::new().name("jitter".into()).spawn(work)?;
+        Ok(Self { stop, thread })
     }
 
     fn stop(self) -> Option<Histogram> {
         self.stop.store(true, Ordering::Relaxed);
-        self.thread?.join().ok()
+        self.thread.join().ok()
     }
 }

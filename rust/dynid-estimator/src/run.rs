@@ -34,6 +34,7 @@ pub fn run(
 ) -> Result<Option<String>, Stop> {
     let model = Arc::new(model);
     let mut cycle = Cycle::new(Arc::clone(&model), settings)?;
+    real_time.lock_memory(watched.is_some())?;
     let inbox = watched.map(|path| swap::watch(path, Arc::clone(&model), *settings, true));
     let mut clock = Clock::new(&model, settings.step);
     let mut frame = frame_for(&model, settings);
@@ -88,7 +89,9 @@ pub fn run(
         let computed = sys::now();
         let answer = cycle.answer(frame.present().time.then_some(frame.time));
         writer.write(&answer, out).map_err(Stop::output)?;
-        timing.end(computed - start, sys::now() - due.unwrap_or(start));
+        // A sleep that was cut short by a wish to end leaves before it is due.
+        let end_to_end = sys::now().saturating_sub(due.unwrap_or(start));
+        timing.end(computed - start, end_to_end);
     }
     out.flush().map_err(Stop::output)?;
     timing.stop();

@@ -34,6 +34,25 @@ impl Stop {
     }
 }
 
+/// Why a read of standard input gave nothing: somebody asked for an end, or the duration is over.
+#[derive(Debug)]
+pub struct EndAsked;
+
+impl fmt::Display for EndAsked {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("an end was asked for")
+    }
+}
+
+impl std::error::Error for EndAsked {}
+
+impl EndAsked {
+    /// Whether it is the reason of an error.
+    pub fn is_behind(error: &io::Error) -> bool {
+        error.get_ref().is_some_and(|reason| reason.is::<Self>())
+    }
+}
+
 impl fmt::Display for Stop {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {

@@ -13,8 +13,10 @@ use dynid_core::TorqueModel;
 
 use crate::cycle::{Cycle, Settings};
 use crate::run::tell;
+use crate::sys;
 
-/// How often the file is looked at. A change is read once the file has stayed the same from one look to the next.
+/// How often the file is looked at. A change is read once the file has stayed the same from one look to the next; a file
+/// that SIGHUP asks for, at the next look.
 const LOOK: Duration = Duration::from_millis(100);
 
 /// Where the two threads meet. The loop only tries the lock, and the other one only holds it to move pointers, so the loop
@@ -79,10 +81,11 @@ pub fn watch(
         loop {
             thread::sleep(LOOK);
             free_what_is_done(&table);
+            let asked = sys::reload_asked();
             let now = stamp(&path);
             let settled = now.is_some() && now == before;
             before = now;
-            if !settled || now == read {
+            if !asked && (!settled || now == read) {
                 continue;
             }
             read = now;

@@ -62,8 +62,9 @@ pub struct Timing {
     period: Option<u64>,
     missed: u64,
     missed_by_compute: u64,
-    /// Of the cycle before.
-    last_compute: u64,
+    /// Processor time of this thread when the cycle before was done, and what that cycle had used of it \[ns\].
+    used: u64,
+    last_used: u64,
     faults: PageFaults,
     faults_at_start: PageFaults,
 }
@@ -78,7 +79,8 @@ impl Timing {
             period,
             missed: 0,
             missed_by_compute: 0,
-            last_compute: 0,
+            used: sys::thread_time(),
+            last_used: 0,
             faults: PageFaults::default(),
             faults_at_start: sys::page_faults(),
         }
@@ -102,7 +104,8 @@ impl Timing {
     pub fn begin(&mut self, begin: Begin, woke: u64) {
         self.wake_up.record(woke.saturating_sub(begin.due));
         self.missed += begin.missed;
-        if self.period.is_some_and(|period| self.last_compute > period) {
+        // By the processor's time: a cycle that was interrupted for as long is the machine's affair.
+        if self.period.is_some_and(|period| self.last_used > period) {
             self.missed_by_compute += begin.missed;
         }
     }
@@ -112,7 +115,11 @@ impl Timing {
     pub fn end(&mut self, compute: u64, end_to_end: u64) {
         self.compute.record(compute);
         self.end_to_end.record(end_to_end);
-        self.last_compute = compute;
+        if self.period.is_some() {
+            let used = sys::thread_time();
+            self.last_used = used.saturating_sub(self.used);
+            self.used = used;
+        }
     }
 
     fn rows<'a>(&'a self, jitter: Option<&'a Histogram>) -> Vec<(&'static str, &'a Histogram)> {
@@ -142,7 +149,7 @@ impl Timing {
         let PageFaults { minor, major } = self.faults;
         if self.period.is_some() {
             let (missed, by_compute) = (self.missed, self.missed_by_compute);
-            let _ = writeln!(text, "missed cycles: {missed}, {by_compute} of them because computing took longer than a period");
+            let _ = writeln!(text, "missed cycles: {missed}, {by_compute} of them because computing used more processor time than a period");
         }
         let _ = writeln!(text, "page faults: {minor} minor, {major} major");
         text
@@ -183,4 +190,27 @@ const QUANTILES: [(&str, f64); 4] = [
 
 fn seconds(nanoseconds: u64) -> Value {
     (nanoseconds as f64 / 1e9).into()
+}
+
+#[cfg(all(test, target_os = "linux"))]
+mod tests {
+    use super::*;
+
+    const PERIOD: u64 = 1_000_000;
+
+    #[test]
+    fn what_interrupts_a_cycle_is_not_its_computing() {
+        let mut timing = Timing::new(Some(PERIOD));
+        let missed = |missed| Begin { due: 0, missed };
+        let start = sys::thread_time();
+        while sys::thread_time() < start + 3 * PERIOD {}
+        timing.end(3 * PERIOD, 3 * PERIOD);
+        timing.begin(missed(2), 0);
+        assert_eq!((timing.missed, timing.missed_by_compute), (2, 2));
+        // As long, but not on the processor.
+        sys::sleep_until(sys::now() + 20 * PERIOD);
+        timing.end(20 * PERIOD, 20 * PERIOD);
+        timing.begin(missed(19), 0);
+        assert_eq!((timing.missed, timing.missed_by_compute), (21, 2));
+    }
 }

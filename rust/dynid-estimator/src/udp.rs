@@ -5,6 +5,7 @@ use std::net::{SocketAddr, UdpSocket};
 use std::time::Duration;
 
 use crate::stop::Stop;
+use crate::sys;
 use crate::wire;
 
 /// A longer datagram cannot be sent \[bytes\].
@@ -64,7 +65,13 @@ impl Udp {
     /// The next datagram, if one is there or comes in time. A longer one than `out` is cut, and so refused later.
     pub fn receive(&mut self, out: &mut [u8]) -> Option<usize> {
         // Whatever the error, nothing came; a socket that is broken for good shows as stale input.
-        let (length, sender) = self.socket.recv_from(out).ok()?;
+        let (length, sender) = loop {
+            match self.socket.recv_from(out) {
+                // A signal that asks for something else than an end is no silence.
+                Err(error) if error.kind() == io::ErrorKind::Interrupted && !sys::stop_asked() => {}
+                received => break received.ok()?,
+            }
+        };
         self.sender = Some(sender);
         Some(length)
     }

@@ -5,6 +5,7 @@
 //! `x = L - |a - b|` from the shortest length, the gas length `s = V / A` there, and `c = Z R T m` \[N·m\].
 
 use super::EffectInput;
+use crate::slices::{at, copy, first};
 
 /// One column, `dL/dq / (s - x)`. `shape`: a, b \[m\], phase \[rad\], gas length s \[m\].
 ///
@@ -17,12 +18,12 @@ pub fn columns(
     _memory: &mut [f64],
     columns: &mut [f64],
 ) {
-    let (a, b, phase, gas_length) = (shape[0], shape[1], shape[2], shape[3]);
-    let (sin, cos) = (input.state.q[j] + phase).sin_cos();
+    let [a, b, phase, gas_length] = first(shape);
+    let (sin, cos) = (at(input.state.q, j) + phase).sin_cos();
     let length = (a * a + b * b + 2.0 * a * b * cos).sqrt();
     let lever_arm = -a * b * sin / length; // dL/dq
     let stroke = length - (a - b).abs();
-    columns[0] = lever_arm / (gas_length - stroke);
+    copy(&[lever_arm / (gas_length - stroke)], columns);
 }
 
 /// # Errors

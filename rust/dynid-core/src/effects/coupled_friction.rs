@@ -6,6 +6,7 @@
 use super::catalogue::partner_of;
 use super::friction::direction;
 use super::EffectInput;
+use crate::slices::{at, copy, first};
 
 /// One column, zero without a partner. `shape`: partner (index along the chain, or -1), ratio r, eps \[rad/s\].
 pub fn columns(
@@ -15,9 +16,10 @@ pub fn columns(
     _memory: &mut [f64],
     columns: &mut [f64],
 ) {
-    let (partner, ratio, transition_width) = (shape[0], shape[1], shape[2]);
+    let [partner, ratio, transition_width] = first(shape);
     let dq = input.state.dq_motor;
-    columns[0] = partner_of(partner).map_or(0.0, |partner| {
-        direction(dq[j] + ratio * dq[partner], transition_width)
+    let column = partner_of(partner).map_or(0.0, |partner| {
+        direction(at(dq, j) + ratio * at(dq, partner), transition_width)
     });
+    copy(&[column], columns);
 }

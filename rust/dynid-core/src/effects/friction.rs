@@ -2,6 +2,7 @@
 
 use super::EffectInput;
 use crate::lanes::{self, Kernel, Lanes, MOST_LANES};
+use crate::slices::{at, copy, first, tail};
 
 /// Name in files and reports.
 pub(super) const KIND: &str = "friction";
@@ -110,11 +111,11 @@ impl Kernel for FrictionTorque<'_> {
         let width = self.dq.len().next_multiple_of(MOST_LANES);
         let rows = self.dq.chunks(L::LEN).zip(self.tau.chunks_mut(L::LEN));
         for (k, (dq, tau)) in rows.enumerate() {
-            let at = &self.numbers[k * L::LEN..];
-            let columns = friction_row(L::load_some(dq), L::load(at), L::load(&at[width..]));
+            let own = tail(self.numbers, k * L::LEN);
+            let columns = friction_row(L::load_some(dq), L::load(own), L::load(tail(own, width)));
             let mut sum = L::splat(0.0);
             for (k, column) in columns.into_iter().enumerate() {
-                sum = sum + column * L::load(&at[(2 + k) * width..]);
+                sum = sum + column * L::load(tail(own, (2 + k) * width));
             }
             sum.store_some(tau);
         }
@@ -131,9 +132,7 @@ pub fn columns(
     _memory: &mut [f64],
     columns: &mut [f64],
 ) {
-    columns.copy_from_slice(&friction_columns(
-        input.state.dq_motor[j],
-        shape[0],
-        shape[1],
-    ));
+    let [lambda, eps] = first(shape);
+    let dq = at(input.state.dq_motor, j);
+    copy(&friction_columns(dq, lambda, eps), columns);
 }

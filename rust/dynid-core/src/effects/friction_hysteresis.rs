@@ -4,6 +4,7 @@
 //! then the equation has the solution `z' = sign(dx) + (z - sign(dx)) exp(-|dx| / d)`: exact for any step.
 
 use super::EffectInput;
+use crate::slices::{at, copy, first};
 
 /// Numbers per joint: z, the position of the sample before, and 1 from the first sample on.
 pub const MEMORY: usize = 3;
@@ -16,15 +17,19 @@ pub fn columns(
     memory: &mut [f64],
     columns: &mut [f64],
 ) {
-    columns[0] = bristles(shape[0], input.state.q_motor[j], memory);
+    let [distance] = first(shape);
+    copy(
+        &[bristles(distance, at(input.state.q_motor, j), memory)],
+        columns,
+    );
 }
 
 /// z after the motor has come to position `q`; `memory` (length [`MEMORY`]) goes one sample on.
 pub(super) fn bristles(distance: f64, q: f64, memory: &mut [f64]) -> f64 {
-    let [z, before, started] = [memory[0], memory[1], memory[2]];
+    let [z, before, started] = first(memory);
     let dx = if started > 0.0 { q - before } else { 0.0 };
     let slip = if dx == 0.0 { 0.0 } else { dx.signum() };
     let z = slip + (z - slip) * (-dx.abs() / distance).exp();
-    memory.copy_from_slice(&[z, q, 1.0]);
+    copy(&[z, q, 1.0], memory);
     z
 }

@@ -6,6 +6,7 @@
 
 use super::friction_hysteresis::bristles;
 use super::EffectInput;
+use crate::slices::{at, copy, first};
 
 /// One column. `shape`: change of load d within which z turns round \[N·m\]. The load is the rigid-body torque that the
 /// model predicts, never a measured one.
@@ -16,5 +17,6 @@ pub fn columns(
     memory: &mut [f64],
     columns: &mut [f64],
 ) {
-    columns[0] = bristles(shape[0], input.tau_link[j], memory);
+    let [change] = first(shape);
+    copy(&[bristles(change, at(input.tau_link, j), memory)], columns);
 }

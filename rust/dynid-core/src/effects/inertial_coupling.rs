@@ -2,6 +2,7 @@
 
 use super::catalogue::partner_of;
 use super::EffectInput;
+use crate::slices::{at, copy, first};
 
 /// One column, zero without a partner. `shape`: partner p (index along the chain, or -1).
 pub fn columns(
@@ -11,5 +12,7 @@ pub fn columns(
     _memory: &mut [f64],
     columns: &mut [f64],
 ) {
-    columns[0] = partner_of(shape[0]).map_or(0.0, |partner| input.state.ddq_motor[partner]);
+    let [partner] = first(shape);
+    let column = partner_of(partner).map_or(0.0, |partner| at(input.state.ddq_motor, partner));
+    copy(&[column], columns);
 }

@@ -1,6 +1,7 @@
 //! A spring at the joint, as a cable pack or a balancer: `k (q - q_0)`.
 
 use super::EffectInput;
+use crate::slices::{at, copy, first};
 
 /// One column. `shape`: rest position q_0 \[rad\]; beside a torque offset any will do, the offset makes up for it.
 pub fn columns(
@@ -10,5 +11,6 @@ pub fn columns(
     _memory: &mut [f64],
     columns: &mut [f64],
 ) {
-    columns[0] = input.state.q[j] - shape[0];
+    let [rest] = first(shape);
+    copy(&[at(input.state.q, j) - rest], columns);
 }

@@ -2,6 +2,7 @@
 
 use super::friction::direction;
 use super::EffectInput;
+use crate::slices::{at, copy, first};
 
 /// Two columns, at standstill speed and growing with it. `shape`: eps \[rad/s\]. The load is the rigid-body torque that
 /// the model predicts, never a measured one.
@@ -12,7 +13,8 @@ pub fn columns(
     _memory: &mut [f64],
     columns: &mut [f64],
 ) {
-    let dq = input.state.dq_motor[j];
-    columns[0] = input.tau_link[j].abs() * direction(dq, shape[0]);
-    columns[1] = columns[0] * dq.abs();
+    let [transition_width] = first(shape);
+    let dq = at(input.state.dq_motor, j);
+    let standstill = at(input.tau_link, j).abs() * direction(dq, transition_width);
+    copy(&[standstill, standstill * dq.abs()], columns);
 }

@@ -3,6 +3,7 @@
 
 use super::friction_hysteresis::bristles;
 use super::EffectInput;
+use crate::slices::{at, copy, first};
 
 /// One column. `shape`: pre-sliding distance d \[rad\]. The load is the rigid-body torque that the model predicts, never a
 /// measured one; the bristles' way does not depend on it.
@@ -13,6 +14,7 @@ pub fn columns(
     memory: &mut [f64],
     columns: &mut [f64],
 ) {
-    let z = bristles(shape[0], input.state.q_motor[j], memory);
-    columns[0] = input.tau_link[j].abs() * z;
+    let [distance] = first(shape);
+    let z = bristles(distance, at(input.state.q_motor, j), memory);
+    copy(&[at(input.tau_link, j).abs() * z], columns);
 }

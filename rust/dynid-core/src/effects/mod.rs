@@ -28,6 +28,7 @@ pub use friction::{friction_columns, FRICTION_NAMES, N_FRICTION};
 use crate::dynamics::check_length;
 use crate::error::{CoreError, EffectError};
 use crate::lanes;
+use crate::slices::rows;
 use crate::state::State;
 
 /// Upper bound on [`Effect::n_columns`]; columns of one joint fit in an array of this length.
@@ -190,11 +191,13 @@ impl Effect {
             shape, memory: m, ..
         } = self.entry;
         let (shape, m) = (shape.len(), *m);
+        let own = self.shape.get(j * shape..(j + 1) * shape);
+        let memory = memory.get_mut(j * m..(j + 1) * m);
         (self.entry.columns)(
-            &self.shape[j * shape..(j + 1) * shape],
+            own.unwrap_or_default(),
             j,
             input,
-            &mut memory[j * m..(j + 1) * m],
+            memory.unwrap_or_default(),
             columns,
         );
     }
@@ -335,11 +338,11 @@ impl EffectTerm {
         let mut columns = [0.0; MAX_COLUMNS];
         for (j, (tau, coefficients)) in tau
             .iter_mut()
-            .zip(self.coefficients.chunks_exact(width))
+            .zip(rows(&self.coefficients, width))
             .enumerate()
         {
-            self.effect
-                .columns_into(j, input, memory, &mut columns[..width]);
+            let own = columns.get_mut(..width).unwrap_or_default();
+            self.effect.columns_into(j, input, memory, own);
             *tau = columns
                 .iter()
                 .zip(coefficients)

@@ -2,6 +2,7 @@
 
 use super::friction::direction;
 use super::EffectInput;
+use crate::slices::{at, copy, first};
 
 /// Two columns. `shape`: N \[cycles per turn\], eps \[rad/s\]. It turns round with the speed, which tells it from gravity.
 pub fn columns(
@@ -11,9 +12,8 @@ pub fn columns(
     _memory: &mut [f64],
     columns: &mut [f64],
 ) {
-    let (cycles, transition_width) = (shape[0], shape[1]);
-    let s = direction(input.state.dq_motor[j], transition_width);
-    let (sin, cos) = (cycles * input.state.q[j]).sin_cos();
-    columns[0] = s * cos;
-    columns[1] = s * sin;
+    let [cycles, transition_width] = first(shape);
+    let s = direction(at(input.state.dq_motor, j), transition_width);
+    let (sin, cos) = (cycles * at(input.state.q, j)).sin_cos();
+    copy(&[s * cos, s * sin], columns);
 }

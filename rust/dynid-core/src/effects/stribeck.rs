@@ -2,6 +2,7 @@
 
 use super::friction::direction;
 use super::EffectInput;
+use crate::slices::{at, copy, first};
 
 /// Two columns, one per direction of the motor's speed, like Coulomb's. `shape`: v_s \[rad/s\], d, eps \[rad/s\].
 pub fn columns(
@@ -11,9 +12,14 @@ pub fn columns(
     _memory: &mut [f64],
     columns: &mut [f64],
 ) {
-    let (stribeck_velocity, exponent, transition_width) = (shape[0], shape[1], shape[2]);
-    let dq = input.state.dq_motor[j];
+    let [stribeck_velocity, exponent, transition_width] = first(shape);
+    let dq = at(input.state.dq_motor, j);
     let fall = (-(dq.abs() / stribeck_velocity).powf(exponent)).exp();
-    columns.fill(0.0);
-    columns[usize::from(dq < 0.0)] = direction(dq, transition_width) * fall;
+    let column = direction(dq, transition_width) * fall;
+    let sides = if dq < 0.0 {
+        [0.0, column]
+    } else {
+        [column, 0.0]
+    };
+    copy(&sides, columns);
 }

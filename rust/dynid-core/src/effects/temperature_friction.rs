@@ -2,6 +2,7 @@
 
 use super::friction::{friction_columns, N_FRICTION};
 use super::EffectInput;
+use crate::slices::{at, copy, first};
 
 /// One column: change per kelvin, as a part of friction. `shape`: T_0 \[degC\], eps \[rad/s\], the eight coefficients of F.
 /// Nothing where the temperature is not known.
@@ -12,11 +13,14 @@ pub fn columns(
     _memory: &mut [f64],
     columns: &mut [f64],
 ) {
-    let above = input.state.temperature.map_or(f64::NAN, |t| t[j]) - shape[0];
-    columns[0] = 0.0;
+    let [reference, transition_width] = first(shape);
+    let above = input.state.temperature.map_or(f64::NAN, |t| at(t, j)) - reference;
+    let mut column = 0.0;
     if above.is_finite() {
-        let basis = friction_columns(input.state.dq_motor[j], 0.0, shape[1]);
-        let friction: f64 = (0..N_FRICTION).map(|k| basis[k] * shape[2 + k]).sum();
-        columns[0] = above * friction;
+        let basis = friction_columns(at(input.state.dq_motor, j), 0.0, transition_width);
+        let coefficients: [f64; N_FRICTION] = first(shape.get(2..).unwrap_or_default());
+        let products = basis.into_iter().zip(coefficients).map(|(b, c)| b * c);
+        column = above * products.sum::<f64>();
     }
+    copy(&[column], columns);
 }

@@ -5,6 +5,7 @@
 
 use super::friction::direction;
 use super::EffectInput;
+use crate::slices::{at, copy, first};
 
 /// Numbers per joint: the warmth f.
 pub const MEMORY: usize = 1;
@@ -20,15 +21,18 @@ pub fn columns(
     memory: &mut [f64],
     columns: &mut [f64],
 ) {
-    let (time_constant, reference_speed, transition_width) = (shape[0], shape[1], shape[2]);
-    let dq = input.state.dq_motor[j];
-    let warmth = memory[0];
-    columns[0] = warmth * direction(dq, transition_width);
-    columns[1] = warmth * dq;
+    let [time_constant, reference_speed, transition_width] = first(shape);
+    let dq = at(input.state.dq_motor, j);
+    let [warmth] = first(memory);
+    copy(
+        &[warmth * direction(dq, transition_width), warmth * dq],
+        columns,
+    );
     let source = if reference_speed > 0.0 {
         (dq.abs() / reference_speed).min(GREATEST_SOURCE)
     } else {
         1.0
     };
-    memory[0] = warmth - (source - warmth) * (-input.step / time_constant).exp_m1();
+    let next = warmth - (source - warmth) * (-input.step / time_constant).exp_m1();
+    copy(&[next], memory);
 }

@@ -1,6 +1,7 @@
 //! A constant torque per joint: `tau_j = o_j`.
 
 use super::EffectInput;
+use crate::slices::copy;
 
 /// One column of ones: offset of the torque channel, or the even part of friction \[N·m\].
 pub fn columns(
@@ -10,5 +11,5 @@ pub fn columns(
     _memory: &mut [f64],
     columns: &mut [f64],
 ) {
-    columns[0] = 1.0;
+    copy(&[1.0], columns);
 }

@@ -1,6 +1,7 @@
 //! Ripple of gear teeth or motor poles: `a cos(N q_motor) + b sin(N q_motor)` and its second harmonic.
 
 use super::EffectInput;
+use crate::slices::{at, copy, first};
 
 /// Four columns: cosine and sine of N, cosine and sine of 2 N. `shape`: N \[cycles per turn of the joint\], not
 /// necessarily whole: once per turn of the motor is the gear ratio.
@@ -11,8 +12,9 @@ pub fn columns(
     _memory: &mut [f64],
     columns: &mut [f64],
 ) {
-    let angle = shape[0] * input.state.q_motor[j];
+    let [cycles] = first(shape);
+    let angle = cycles * at(input.state.q_motor, j);
     let (sin, cos) = angle.sin_cos();
     let (sin_twice, cos_twice) = (2.0 * angle).sin_cos();
-    columns.copy_from_slice(&[cos, sin, cos_twice, sin_twice]);
+    copy(&[cos, sin, cos_twice, sin_twice], columns);
 }

@@ -1,6 +1,7 @@
 //! A torque constant that droops at high current: `c tau_link^3`, c above zero where the drive claims more than it gives.
 
 use super::EffectInput;
+use crate::slices::{at, copy};
 
 /// One column: the cube of the rigid-body torque that the model predicts, never of a measured one.
 pub fn columns(
@@ -10,6 +11,6 @@ pub fn columns(
     _memory: &mut [f64],
     columns: &mut [f64],
 ) {
-    let tau = input.tau_link[j];
-    columns[0] = tau * tau * tau;
+    let tau = at(input.tau_link, j);
+    copy(&[tau * tau * tau], columns);
 }

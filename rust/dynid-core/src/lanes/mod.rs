@@ -50,16 +50,17 @@ pub trait Lanes:
     fn from_raw(raw: Self::Raw) -> Self;
     /// The same number in every lane.
     fn splat(x: f64) -> Self;
-    /// The first numbers of `from`, which is long enough.
+    /// The first numbers of `from`, which is long enough; NaN where it is not.
     fn load(from: &[f64]) -> Self;
-    /// To the first places of `to`, which is long enough.
+    /// To the first places of `to`, which is long enough; nothing is written where it is not.
     fn store(self, to: &mut [f64]);
     /// As many as `from` has, at most a row; zeros in the other lanes.
     #[inline(always)]
     fn load_some(from: &[f64]) -> Self {
         let mut numbers = [0.0; MOST_LANES];
-        let n = from.len().min(Self::LEN);
-        numbers[..n].copy_from_slice(&from[..n]);
+        for (number, from) in numbers.iter_mut().take(Self::LEN).zip(from) {
+            *number = *from;
+        }
         Self::load(&numbers)
     }
 
@@ -68,8 +69,9 @@ pub trait Lanes:
     fn store_some(self, to: &mut [f64]) {
         let mut numbers = [0.0; MOST_LANES];
         self.store(&mut numbers);
-        let n = to.len().min(Self::LEN);
-        to[..n].copy_from_slice(&numbers[..n]);
+        for (to, number) in to.iter_mut().zip(&numbers[..Self::LEN]) {
+            *to = *number;
+        }
     }
 
     /// The square of the first [`Self::LEN`] rows, turned over: row k holds what stood in lane k. The rows after it are

@@ -67,14 +67,16 @@ impl<const N: usize, const FUSED: bool> Lanes for Portable<N, FUSED> {
 
     #[inline(always)]
     fn load(from: &[f64]) -> Self {
-        let mut row = [0.0; N];
-        row.copy_from_slice(&from[..N]);
-        Self(row)
+        debug_assert!(from.len() >= N);
+        Self(from.first_chunk().copied().unwrap_or([f64::NAN; N]))
     }
 
     #[inline(always)]
     fn store(self, to: &mut [f64]) {
-        to[..N].copy_from_slice(&self.0);
+        debug_assert!(to.len() >= N);
+        if let Some(to) = to.first_chunk_mut() {
+            *to = self.0;
+        }
     }
 
     #[inline(always)]

@@ -69,16 +69,21 @@ macro_rules! register {
 
             #[inline(always)]
             fn load(from: &[f64]) -> Self {
-                let from = &from[..$len];
-                // SAFETY: see the head of this file; the slice is as long as the register, alignment is not asked.
+                debug_assert!(from.len() >= $len);
+                let Some(from) = from.first_chunk::<$len>() else {
+                    return Self::splat(f64::NAN);
+                };
+                // SAFETY: see the head of this file; the array is as long as the register, alignment is not asked.
                 Self(unsafe { $load(from.as_ptr()) })
             }
 
             #[inline(always)]
             fn store(self, to: &mut [f64]) {
-                let to = &mut to[..$len];
-                // SAFETY: see the head of this file; the slice is as long as the register, alignment is not asked.
-                unsafe { $store(to.as_mut_ptr(), self.0) }
+                debug_assert!(to.len() >= $len);
+                if let Some(to) = to.first_chunk_mut::<$len>() {
+                    // SAFETY: see the head of this file; the array is as long as the register, alignment is not asked.
+                    unsafe { $store(to.as_mut_ptr(), self.0) }
+                }
             }
 
             #[inline(always)]

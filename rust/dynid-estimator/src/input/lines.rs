@@ -3,7 +3,7 @@
 use std::io::{self, BufRead, BufReader, Read};
 
 use super::Fault;
-use crate::stop::Stop;
+use crate::stop::{EndAsked, Stop};
 
 /// A longer line is no state \[bytes\].
 const MAX_LINE: usize = 1 << 20;
@@ -46,7 +46,7 @@ impl<R: Read> Lines<R> {
         self.held || memchr::memchr(b'\n', self.source.buffer()).is_some()
     }
 
-    /// Goes to the next line that is not blank; false at the end.
+    /// Goes to the next line that is not blank; false at the end, or where one is asked for: half a line is none then.
     ///
     /// # Errors
     /// [`Stop`] if the stream cannot be read or the line is too long; no more than a line's limit is ever held.
@@ -70,6 +70,7 @@ impl<R: Read> Lines<R> {
             let buffer = match self.source.fill_buf() {
                 Ok(buffer) => buffer,
                 Err(error) if error.kind() == io::ErrorKind::Interrupted => continue,
+                Err(error) if EndAsked::is_behind(&error) => return Ok(false),
                 Err(error) => return Err(self.fault(&Fault::line(error.to_string()))),
             };
             if buffer.is_empty() {
@@ -148,6 +149,26 @@ mod tests {
         let mut lines = Lines::new(io::repeat(b'1'));
         assert!(lines.advance().is_err());
         assert!(lines.line.len() <= MAX_LINE);
+    }
+
+    /// Half a line, and then nothing but the wish to end.
+    struct Ending(&'static [u8]);
+
+    impl Read for Ending {
+        fn read(&mut self, out: &mut [u8]) -> io::Result<usize> {
+            match self.0.read(out)? {
+                0 => Err(io::Error::other(EndAsked)),
+                n => Ok(n),
+            }
+        }
+    }
+
+    #[test]
+    fn half_a_line_at_an_end_that_was_asked_for_is_none() {
+        let mut lines = Lines::new(Ending(b"1,2\n1,"));
+        assert!(lines.advance().unwrap());
+        assert_eq!(lines.line(), b"1,2");
+        assert!(!lines.advance().unwrap());
     }
 
     #[test]

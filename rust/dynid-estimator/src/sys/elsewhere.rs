@@ -1,7 +1,7 @@
 //! Other systems: a clock, a sleep, and refusals.
 
 use std::fs::File;
-use std::io;
+use std::io::{self, Read};
 use std::sync::atomic::AtomicU64;
 use std::sync::OnceLock;
 use std::time::{Duration, Instant};
@@ -12,8 +12,17 @@ fn only_on_linux() -> io::Error {
     io::Error::new(io::ErrorKind::Unsupported, "only on Linux")
 }
 
-pub fn catch_signals() -> io::Result<()> {
+pub fn catch_signals(_reloads: bool) -> io::Result<()> {
     Ok(())
+}
+
+pub fn reload_asked() -> bool {
+    false
+}
+
+/// The end of a duration is seen when the next bytes come.
+pub fn stdin(_end: u64) -> io::Result<impl Read> {
+    Ok(io::stdin())
 }
 
 pub fn stop_asked() -> bool {
@@ -25,6 +34,11 @@ pub fn now() -> u64 {
     START.get_or_init(Instant::now).elapsed().as_nanos() as u64
 }
 
+/// The clock: what interrupts counts too.
+pub fn thread_time() -> u64 {
+    now()
+}
+
 pub fn sleep_until(deadline: u64) {
     std::thread::sleep(Duration::from_nanos(deadline.saturating_sub(now())));
 }
@@ -33,6 +47,10 @@ pub fn sleep_sharply() {}
 
 pub fn lock_memory() -> io::Result<()> {
     Err(only_on_linux())
+}
+
+pub fn most_locked() -> Option<u64> {
+    None
 }
 
 pub fn schedule_fifo(_priority: i32) -> io::Result<()> {

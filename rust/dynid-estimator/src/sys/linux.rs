@@ -3,34 +3,68 @@
 #![allow(unsafe_code)] // these calls have no safe face in std
 
 use std::fs::File;
-use std::io;
+use std::io::{self, Read};
 use std::mem;
-use std::os::fd::AsRawFd;
+use std::os::fd::{AsFd, AsRawFd};
 use std::ptr;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use super::PageFaults;
+use crate::stop::EndAsked;
 
 const NANO: u64 = 1_000_000_000;
 
+/// A look at what was asked for is taken so often while nothing comes \[ns\].
+const LOOK: u64 = NANO / 10;
+
 static STOP: AtomicBool = AtomicBool::new(false);
+static RELOAD: AtomicBool = AtomicBool::new(false);
+
+type Handler = extern "C" fn(libc::c_int);
 
 extern "C" fn ask_to_stop(_signal: libc::c_int) {
     STOP.store(true, Ordering::Relaxed);
 }
 
-/// SIGINT and SIGTERM ask for an orderly end from now on ([`stop_asked`]) and interrupt what waits.
-pub fn catch_signals() -> io::Result<()> {
+extern "C" fn ask_to_reload(_signal: libc::c_int) {
+    RELOAD.store(true, Ordering::Relaxed);
+}
+
+/// SIGINT, SIGTERM and SIGHUP ask for an orderly end from now on ([`stop_asked`]) and interrupt what waits; who asks twice
+/// ends the program at once. With `reloads`, SIGHUP asks for the model's file to be read instead ([`reload_asked`]).
+pub fn catch_signals(reloads: bool) -> io::Result<()> {
     for signal in [libc::SIGINT, libc::SIGTERM] {
-        // SAFETY: zeros are a valid sigaction; the handler only stores to an atomic, which is async-signal-safe.
-        let done = unsafe {
-            let mut action: libc::sigaction = mem::zeroed();
-            action.sa_sigaction = ask_to_stop as extern "C" fn(libc::c_int) as libc::sighandler_t;
-            libc::sigaction(signal, &action, ptr::null_mut())
-        };
-        checked(done)?;
+        catch(signal, ask_to_stop, libc::SA_RESETHAND)?;
     }
-    Ok(())
+    if reloads {
+        return catch(libc::SIGHUP, ask_to_reload, 0);
+    }
+    // SAFETY: zeros are a valid sigaction, which outlives the call; a null pointer asks for what there is.
+    let there = unsafe {
+        let mut there: libc::sigaction = mem::zeroed();
+        libc::sigaction(libc::SIGHUP, ptr::null(), &mut there);
+        there
+    };
+    // Whoever started it so that a closed terminal does not end it (nohup) meant it.
+    if there.sa_sigaction == libc::SIG_IGN {
+        return Ok(());
+    }
+    catch(libc::SIGHUP, ask_to_stop, libc::SA_RESETHAND)
+}
+
+fn catch(signal: libc::c_int, handler: Handler, flags: libc::c_int) -> io::Result<()> {
+    // SAFETY: zeros are a valid sigaction; the handlers only store to an atomic, which is async-signal-safe.
+    checked(unsafe {
+        let mut action: libc::sigaction = mem::zeroed();
+        action.sa_sigaction = handler as libc::sighandler_t;
+        action.sa_flags = flags;
+        libc::sigaction(signal, &action, ptr::null_mut())
+    })
+}
+
+/// True once for every time that somebody asked for the model's file to be read.
+pub fn reload_asked() -> bool {
+    RELOAD.swap(false, Ordering::Relaxed)
 }
 
 /// True once somebody asked for an end.
@@ -49,20 +83,70 @@ pub fn now() -> u64 {
     time.tv_sec as u64 * NANO + time.tv_nsec as u64
 }
 
-/// Sleeps until [`now`] is `deadline` \[ns\]; earlier if a signal comes.
+/// Processor time that this thread has used \[ns\].
+pub fn thread_time() -> u64 {
+    let mut time = libc::timespec {
+        tv_sec: 0,
+        tv_nsec: 0,
+    };
+    // SAFETY: `time` outlives the call; every thread has this clock, so it cannot fail.
+    unsafe { libc::clock_gettime(libc::CLOCK_THREAD_CPUTIME_ID, &mut time) };
+    time.tv_sec as u64 * NANO + time.tv_nsec as u64
+}
+
+/// Sleeps until [`now`] is `deadline` \[ns\]; less if somebody asks for an end, but not for any other signal.
 pub fn sleep_until(deadline: u64) {
     let time = libc::timespec {
         tv_sec: (deadline / NANO) as libc::time_t,
         tv_nsec: (deadline % NANO) as libc::c_long,
     };
-    // SAFETY: `time` outlives the call; the remaining time, which a null pointer declines, is unused with TIMER_ABSTIME.
-    unsafe {
-        libc::clock_nanosleep(
-            libc::CLOCK_MONOTONIC,
-            libc::TIMER_ABSTIME,
-            &time,
-            ptr::null_mut(),
-        );
+    loop {
+        // SAFETY: `time` outlives the call; the remaining time, which a null pointer declines, is unused with TIMER_ABSTIME.
+        let done = unsafe {
+            libc::clock_nanosleep(
+                libc::CLOCK_MONOTONIC,
+                libc::TIMER_ABSTIME,
+                &time,
+                ptr::null_mut(),
+            )
+        };
+        if done != libc::EINTR || stop_asked() {
+            return;
+        }
+    }
+}
+
+/// Standard input whose reads end with [`EndAsked`] when somebody asks for an end, or at `end` \[ns\].
+#[derive(Debug)]
+pub struct Stdin {
+    file: File,
+    end: u64,
+}
+
+/// Standard input.
+pub fn stdin(end: u64) -> io::Result<Stdin> {
+    let file = File::from(io::stdin().as_fd().try_clone_to_owned()?);
+    Ok(Stdin { file, end })
+}
+
+impl Read for Stdin {
+    fn read(&mut self, out: &mut [u8]) -> io::Result<usize> {
+        loop {
+            let now = now();
+            if stop_asked() || now >= self.end {
+                return Err(io::Error::other(EndAsked));
+            }
+            let left = (self.end - now).min(LOOK).div_ceil(1_000_000);
+            let mut wanted = libc::pollfd {
+                fd: self.file.as_raw_fd(),
+                events: libc::POLLIN,
+                revents: 0,
+            };
+            // SAFETY: one entry, which outlives the call. A failure is left to the read, which says it.
+            if unsafe { libc::poll(&mut wanted, 1, left as libc::c_int) } > 0 {
+                return self.file.read(out);
+            }
+        }
     }
 }
 
@@ -76,6 +160,30 @@ pub fn sleep_sharply() {
 pub fn lock_memory() -> io::Result<()> {
     // SAFETY: no pointer is passed.
     checked(unsafe { libc::mlockall(libc::MCL_CURRENT | libc::MCL_FUTURE) })
+}
+
+/// Most bytes that [`lock_memory`] lets the program grow to, if there is a limit for it.
+pub fn most_locked() -> Option<u64> {
+    let mut limit = libc::rlimit {
+        rlim_cur: 0,
+        rlim_max: 0,
+    };
+    // SAFETY: `limit` outlives the call. The mapping is a fresh one that nobody may touch, and is given back at once: what
+    // it tells is whether the limit holds for this program, which the kernel knows best.
+    unsafe {
+        libc::getrlimit(libc::RLIMIT_MEMLOCK, &mut limit);
+        if limit.rlim_cur == libc::RLIM_INFINITY {
+            return None;
+        }
+        let length = (limit.rlim_cur as usize).max(1);
+        let kind = libc::MAP_PRIVATE | libc::MAP_ANONYMOUS | libc::MAP_NORESERVE;
+        let start = libc::mmap(ptr::null_mut(), length, libc::PROT_NONE, kind, -1, 0);
+        if start == libc::MAP_FAILED {
+            return Some(limit.rlim_cur);
+        }
+        libc::munmap(start, length);
+    }
+    None
 }
 
 /// Schedules this thread before all that are not real-time.

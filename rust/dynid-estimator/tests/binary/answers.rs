@@ -340,8 +340,8 @@ fn the_delay_stands_in_the_information() {
     let json: serde_json::Value = serde_json::from_str(&info(&["--info", "--json"])).unwrap();
     let found = &json["differentiation"];
     assert_eq!(
-        (&found["window"], &found["delay"]),
-        (&21.into(), &0.01.into())
+        (&found["window"], &found["delay"], &found["first_answer"]),
+        (&21.into(), &0.01.into(), &14.into())
     );
 }
 

@@ -43,7 +43,7 @@ fn numbers(k: u64) -> [f64; 6] {
     ]
 }
 
-fn state(k: u64) -> Vec<u8> {
+pub fn state(k: u64) -> Vec<u8> {
     state_bytes(k, 0.001 * k as f64, 0b111, &numbers(k))
 }
 
@@ -70,7 +70,7 @@ impl Reply {
         }
     }
 
-    fn tau(&self) -> Vec<u64> {
+    pub fn tau(&self) -> Vec<u64> {
         self.numbers[..2].iter().map(|x| x.to_bits()).collect()
     }
 }
@@ -86,7 +86,7 @@ fn tau_of(estimator: &mut TorqueEstimator, k: u64) -> Vec<u64> {
 
 /// The binary, and what it says.
 pub struct Running {
-    child: Child,
+    pub child: Child,
     stderr: BufReader<ChildStderr>,
 }
 
@@ -113,13 +113,21 @@ impl Running {
         }
     }
 
+    /// Sends it a signal.
+    pub fn signal(&self, name: &str) {
+        let id = self.child.id().to_string();
+        let asked = Command::new("kill").args(["-s", name, &id]).status();
+        assert!(asked.unwrap().success());
+    }
+
     /// Asks it to end.
-    pub fn end(mut self) -> Answer {
-        let asked = Command::new("kill")
-            .arg(self.child.id().to_string())
-            .status()
-            .unwrap();
-        assert!(asked.success());
+    pub fn end(self) -> Answer {
+        self.signal("TERM");
+        self.ended()
+    }
+
+    /// Waits for its end.
+    pub fn ended(mut self) -> Answer {
         let mut err = String::new();
         self.stderr.read_to_string(&mut err).unwrap();
         let mut answer = Answer::from(self.child.wait_with_output().unwrap());
@@ -129,16 +137,16 @@ impl Running {
 }
 
 /// Periods so long that silence is not answered while a test asks.
-const PATIENT: [&str; 2] = ["--step", "30"];
+pub const PATIENT: [&str; 2] = ["--step", "30"];
 
 /// A sender with a running estimator.
-struct Pair {
-    running: Running,
+pub struct Pair {
+    pub running: Running,
     socket: UdpSocket,
 }
 
 impl Pair {
-    fn start(saved: &Saved, args: &[&str]) -> Self {
+    pub fn start(saved: &Saved, args: &[&str]) -> Self {
         let args = [&["--udp", "127.0.0.1:0"], args].concat();
         let mut running = Running::start(saved, &args);
         let address = running.said("listening on ");
@@ -160,7 +168,7 @@ impl Pair {
         Reply::read(&buffer[..length])
     }
 
-    fn ask(&self, bytes: &[u8]) -> Reply {
+    pub fn ask(&self, bytes: &[u8]) -> Reply {
         self.send(bytes);
         self.receive()
     }

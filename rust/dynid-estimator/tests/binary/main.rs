@@ -1,6 +1,7 @@
 //! The binary from outside: what it answers, and what it refuses.
 
 mod answers;
+mod asked;
 mod common;
 mod live;
 mod quiet;

@@ -1,0 +1,119 @@
+"""The loop at 1 kHz, runs larger than memory, two processes: short runs of three benches, written to docs/scale.md.
+
+Each is a program of its own, so that memory is that of one of them. For longer runs they are called by themselves:
+`python benches/paced.py --duration 600`, `python benches/stream.py --gigabytes 100`, `python benches/processes.py`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+
+from measure import ROOT, machine
+
+INTRODUCTION = """# The loop and large data, measured
+
+Written by `make bench` ({seconds:g} s of the loop, {gigabytes:g} GB of runs, {rounds} rounds of processes). For longer:
+`python benches/paced.py --duration 600 -- --mlock --fifo 80`, `python benches/stream.py --gigabytes 100`,
+`python benches/processes.py`.
+
+| what | figure | limit | met |
+|---|---|---|---|"""
+
+READING = """
+Six joints everywhere. The loop: rigid body, friction, a mixture of ten components per joint, states through
+shared memory at 1 kHz; `compute` is from bytes to bytes, with a cold cache after a millisecond of sleep. `sleep
+only` is a second thread that does nothing else: what is in it is the machine's own. Runs: two encoders at 1
+kHz, made on the fly, each read, checked and reduced; samples per second of processor time, so that other
+programs count less. Two processes by processor time is what two workers and the process that gathers use, laid
+on two idle cores.
+"""
+
+
+def bench(script: str, *options: object) -> dict[str, Any]:
+    """What a bench prints as JSON."""
+    command = [sys.executable, ROOT / "benches" / script, *options]
+    done = subprocess.run(list(map(str, command)), capture_output=True, text=True, check=False)
+    lines = [line for line in done.stdout.splitlines() if line.startswith("{")]
+    if not lines:
+        raise SystemExit(f"{script}: {done.stdout}{done.stderr}")
+    figures: dict[str, Any] = json.loads(lines[-1])
+    return figures
+
+
+def row(what: str, figure: str, limit: str = "", met: bool | None = None) -> str:
+    """One line of the page."""
+    answer = {None: "", True: "yes", False: "**no**"}[met]
+    return f"| {what} | {figure} | {limit} | {answer} |"
+
+
+def loop(seconds: float) -> Iterator[str]:
+    """The binary at 1 kHz."""
+    found = bench("paced.py", "--duration", seconds, "--", "--json")
+    for name, words in (
+        ("compute", "compute"),
+        ("wake_up", "wake-up"),
+        ("end_to_end", "end to end"),
+        ("sleep_only", "sleep only"),
+    ):
+        if (part := found.get(name)) is None:
+            continue
+        times = ", ".join(f"{key} {1e6 * part[key]:.2f}" for key in ("p50", "p99", "p99.9", "p99.99", "max"))
+        limit = ("p99 at most 2 us", part["p99"] <= 2e-6) if name == "compute" else ("", None)
+        yield row(f"{words}, {part['cycles']:,} cycles", f"{times} us", *limit)
+    missed = found["missed_by_compute"]
+    yield row("cycles missed because of computing", f"{missed} (of {found['missed']} missed)", "0", missed == 0)
+    faults = found["page_faults"]
+    yield row("page faults", f"{faults['minor']} minor, {faults['major']} major", "0", not any(faults.values()))
+
+
+def streamed(gigabytes: float) -> Iterator[str]:
+    """Runs that are made on the fly."""
+    found = bench("stream.py", "--gigabytes", gigabytes, "--json")
+    for phase in ("reading", "reducing"):
+        part = found[phase]
+        ratio = part["last"] / part["first"]
+        figure = f"{part['first']:,.0f} and {part['last']:,.0f} samples per second ({ratio:.3f})"
+        yield row(f"{phase}, first and last tenth", figure, "within 10 %", abs(ratio - 1) <= 0.1)
+        memory = f"{part['peak_first']:.0f} and {part['peak_last']:.0f} MB"
+        yield row(f"{phase}, peak memory after the first and the last tenth", memory)
+    yield row("both passes", f"{found['gigabytes_per_minute']:.2f} GB per minute of processor")
+
+
+def processes(runs: int, rounds: int) -> Iterator[str]:
+    """Two processes against one."""
+    found = bench("processes.py", "--runs", runs, "--rounds", rounds, "--json")
+    for name, words in (("processor", "by processor time"), ("wall_clock", "by the wall clock")):
+        ratios = found[name]
+        middle = ratios[len(ratios) // 2]
+        limit = ("at least 1.8", middle >= 1.8) if name == "processor" else ("", None)
+        yield row(f"two processes against one, {words}", f"{middle:.2f} ({ratios[0]:.2f} to {ratios[-1]:.2f})", *limit)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seconds", type=float, default=15.0, help="of the loop")
+    parser.add_argument("--gigabytes", type=float, default=0.5)
+    parser.add_argument("--runs", type=int, default=8, help="that processes share")
+    parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--page", type=Path, default=ROOT / "docs" / "scale.md")
+    options = parser.parse_args()
+    head = INTRODUCTION.format(seconds=options.seconds, gigabytes=options.gigabytes, rounds=options.rounds)
+    page = [head]
+    for rows in (loop(options.seconds), streamed(options.gigabytes), processes(options.runs, options.rounds)):
+        for line in rows:
+            print(line, flush=True)
+            page.append(line)
+    page += [READING, *(f"* {line}" for line in machine())]
+    options.page.write_text("\n".join(page) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
