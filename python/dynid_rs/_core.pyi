@@ -322,8 +322,8 @@ class RobotModel:
         q, dq, ddq : (n_samples, n_joints)
             Positions, velocities, accelerations.
         out : (n_samples, n_joints, 10 n_links), optional
-            Float64 array in C order that the result is written to and that is returned; a new one by default. In a loop it
-            saves more time than the regressor takes: memory fresh from the system is slow.
+            Float64 array in C order that the result is written to and that is returned; a new one by default. In a loop
+            it saves more time than the regressor takes: memory fresh from the system is slow.
 
         Raises
         ------
@@ -790,8 +790,8 @@ class TorqueModel:
         Raises
         ------
         ValueError
-            An argument has the wrong shape or holds a NaN or an infinity; `out` is not as said; the model's friction follows
-            a temperature, which only `evaluate` takes.
+            An argument has the wrong shape or holds a NaN or an infinity; `out` is not as said; the model's friction
+            follows a temperature, which only `evaluate` takes.
         """
 
     def predicted_std(

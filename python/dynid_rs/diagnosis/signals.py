@@ -172,7 +172,7 @@ def further_functions(signals: Sequence[Signal], bases: Mapping[Signal, Basis], 
     if len(signals) == 1:
         basis = bases[signals[0]]
         centres = basis.centre + basis.spread * np.linspace(-1.0, 1.0, BUMPS)
-        return np.asarray(np.exp(-0.5 * ((u - centres) / (2 * basis.spread / BUMPS)) ** 2))
+        return np.maximum(0.0, 1.0 - np.abs(u - centres) * (BUMPS - 1) / (2 * basis.spread))
     first, second = u.T
     turned = [n * angle for angle in (first + second, first - second) for n in range(1, TEETH + 1)]
     return np.stack([wave(angle) for angle in turned for wave in (np.cos, np.sin)], axis=1)

@@ -90,7 +90,7 @@ def polished(gear: Gear, names: Sequence[str]) -> Gear:
         shapes = gear.shapes
         for change in changes:
             shapes = shapes.bent(change[:-1], float(np.clip(x[system.among(every, change)[0]], -BOLDEST, BOLDEST)))
-        gear = replace(gear, shapes=shapes).believing_load(u)
+        gear = replace(gear, shapes=shapes)
         if "hysteresis" in names:
             gear = gear.remembering(gear.path(names, u, x[: len(x) - len(changes)]))
         gear = settled(gear, system)

@@ -82,14 +82,6 @@ class Gear:
     half_gap: float = 0.0
     cubic: float = 0.0
     lost: float = 0.0
-    far: FloatArray | None = None
-
-    @cached_property
-    def believed(self) -> list[GearSignals]:
-        """The runs with the load that the last fit believes in."""
-        if self.far is None:
-            return list(self.runs)
-        return [replace(run, load=run.load + run.load_error @ self.far) for run in self.runs]
 
     @cached_property
     def names(self) -> list[str]:
@@ -97,7 +89,7 @@ class Gear:
         possible = [name for name, term in TERMS.items() if self.turning or not term.turning]
         if max(float(np.ptp(run.q[run.used])) for run in self.runs) < LEAST_TURN and self.turning:
             possible.remove("eccentricity")
-        pushed = np.concatenate([run.load[run.used] > 0 for run in self.believed]).mean()
+        pushed = np.concatenate([run.load[run.used] > 0 for run in self.runs]).mean()
         if not LEAST_SIDE < pushed < 1 - LEAST_SIDE:
             possible = [name for name in possible if name not in PLAY]
         return possible + [ripple_name(index) for index in range(len(self.shapes.orders))]
@@ -105,17 +97,17 @@ class Gear:
     @cached_property
     def errors(self) -> list[FloatArray]:
         """Deflection from the load's error, one standard deviation per direction, (n, n_u) per run."""
-        return [self.yielding(run)[:, None] * (run.load_error @ self.turn) for run in self.believed]
+        return [self.yielding(run)[:, None] * (run.load_error @ self.turn) for run in self.runs]
 
     def yielding(self, run: GearSignals) -> FloatArray:
-        """Change of the deflection per change of the load of a run that is believed in, (n,) [rad/(N m)]."""
+        """Change of the deflection per change of the load (n,) [rad/(N m)]."""
         near = NEAR * self.shapes.width
         play = step(run.load + near, self.shapes.width) - step(run.load - near, self.shapes.width)
         return np.asarray(self.compliance + 3 * self.cubic * run.load**2 + self.half_gap * play / (2 * near))
 
     def columns(self, name: str) -> list[FloatArray]:
         """Deflection per unit coefficient, (n, n_columns) per run."""
-        return [columns_of(name, run, self.shapes, z, self.lost) for run, z in zip(self.believed, self.z, strict=True)]
+        return [columns_of(name, run, self.shapes, z, self.lost) for run, z in zip(self.runs, self.z, strict=True)]
 
     def system(
         self, names: Sequence[str] | None = None, further: Mapping[str, list[FloatArray]] | None = None
@@ -128,10 +120,7 @@ class Gear:
         for name, added in (further or {}).items():
             columns[name] = [centred(run, x) for run, x in zip(self.runs, added, strict=True)]
         errors = [centred(run, x) for run, x in zip(self.runs, self.errors, strict=True)]
-        away = [np.zeros(len(run.load)) for run in self.runs]
-        if self.far is not None:
-            away = [self.yielding(run) * (run.load_error @ self.far) for run in self.believed]
-        return System(self.runs, columns, errors, self.noise_power, away)
+        return System(self.runs, columns, errors, self.noise_power)
 
     def shape_columns(self, names: Sequence[str], u: FloatArray, x: FloatArray) -> dict[str, list[FloatArray]]:
         """Deflection per change of every shape in use (see `Shapes.bent`), at coefficients u, x; (n, 1) per run."""
@@ -153,10 +142,7 @@ class Gear:
 
     def path(self, names: Sequence[str], u: FloatArray, x: FloatArray) -> list[FloatArray]:
         """Wind-up of the spring over every run, standstill included, (n,) each [rad]."""
-        ways = [
-            self.compliance * (run.load_error @ (self.turn @ u - (0 if self.far is None else self.far)))
-            for run in self.runs
-        ]
+        ways = [self.compliance * (run.load_error @ (self.turn @ u)) for run in self.runs]
         first = 0
         for name in names:
             columns = self.columns(name) if name in SPRING else []
@@ -173,14 +159,10 @@ class Gear:
     def on(self, runs: Sequence[GearSignals], names: Sequence[str], u: FloatArray, x: FloatArray) -> Gear:
         """Return the same gear in other runs, with coefficients that are known."""
         gear = replace(self, runs=runs)
-        gear = gear.remembering([self.compliance * run.load for run in gear.believed])
+        gear = gear.remembering([self.compliance * run.load for run in runs])
         for _ in range(PATHS if "hysteresis" in names else 0):
             gear = gear.remembering(gear.path(names, u, x))
         return gear
-
-    def believing_load(self, u: FloatArray) -> Gear:
-        """Return the same gear with the load that coefficients u of its error lead to."""
-        return replace(self, far=self.turn @ u)
 
     def without_rotor(self, share: float) -> Gear:
         """Return the same gear with a load that does not hold `share` of what follows the hidden rotor's motion."""
@@ -195,7 +177,7 @@ class Gear:
 
     def believing(self, spread: float, noise_power: float) -> Gear:
         """Return the same gear with a load's error of another size, in the directions that matter then."""
-        known = [spread * centred(run, self.yielding(run)[:, None] * run.load_error[:, :-1]) for run in self.believed]
+        known = [spread * centred(run, self.yielding(run)[:, None] * run.load_error[:, :-1]) for run in self.runs]
         n = known[0].shape[1] + 1
         if n == 1:
             turn = np.zeros((self.runs[0].load_error.shape[1], 0))

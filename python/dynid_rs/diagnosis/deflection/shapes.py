@@ -75,8 +75,8 @@ def rotor_share(gear: Gear) -> float:
 
     def gain(share: float) -> float:
         tried = gear.without_rotor(share)
-        loads = [run.load for run in tried.believed]
-        steps = [columns_of("backlash", run, gear.shapes, run.load)[:, 0] for run in tried.believed]
+        loads = [run.load for run in tried.runs]
+        steps = [columns_of("backlash", run, gear.shapes, run.load)[:, 0] for run in tried.runs]
         return beside.gain(loads, steps)[0]
 
     gains = [gain(share) for share in ROTOR_SHARES]
@@ -99,7 +99,7 @@ def find_width(gear: Gear) -> Gear:
 
     def gain(width: float) -> float:
         shapes = replace(gear.shapes, width=width)
-        steps = [columns_of("backlash", run, shapes, run.load)[:, 0] for run in gear.believed]
+        steps = [columns_of("backlash", run, shapes, run.load)[:, 0] for run in gear.runs]
         return beside.gain(steps)[0]
 
     return replace(gear, shapes=replace(gear.shapes, width=_best(gain, [share * top for share in WIDTHS])))

@@ -44,20 +44,17 @@ class System:
         Deflection from the load's error, one standard deviation each.
     noise_power : float
         Of the slow noise per sample [rad^2]: the variance that `errors` compete with.
-    away : list of ndarray (n,)
-        Deflection from as much of the load's error as the columns hold already: `errors` are of all of it.
     """
 
     runs: Sequence[GearSignals]
     columns: Mapping[str, list[FloatArray]]
     errors: list[FloatArray]
     noise_power: float
-    away: list[FloatArray]
 
     @cached_property
     def deflection(self) -> list[FloatArray]:
         """What is explained, (n,) per run: without the part of the delay that is known."""
-        return [centred(run, run.deflection - run.shift + w) for run, w in zip(self.runs, self.away, strict=True)]
+        return [centred(run, run.deflection - run.shift) for run in self.runs]
 
     @property
     def n_errors(self) -> int:
