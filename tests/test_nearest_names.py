@@ -1,0 +1,170 @@
+"""Names that only come near: each of these cases was told wrongly before."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from nameless import measured as nameless_runs
+from nameless import plain_arm, with_nameless
+from test_deflection import gear, gears, value
+from test_diagnosis_search import ROBOT, measured, start
+
+from dynid_rs.diagnosis import search as searching
+from dynid_rs.diagnosis.beside import Beside
+from dynid_rs.diagnosis.deflection import examine_signals
+from dynid_rs.diagnosis.floor import floor
+from dynid_rs.diagnosis.kinds import Hypothesis, at_a_bound
+from dynid_rs.diagnosis.late_clock import with_late_clock
+from dynid_rs.diagnosis.leftovers import run_residuals, search_leftovers
+from dynid_rs.diagnosis.patchwork import as_unknown, patchworks
+from dynid_rs.diagnosis.remainder import what_is_left
+from dynid_rs.diagnosis.search import drop_doubtful_gains, scan
+from dynid_rs.diagnosis.setup import Setup
+from dynid_rs.diagnosis.unknown import find_unknown
+from dynid_rs.placed import PlacedEffect
+from dynid_rs.simulation import simulate
+
+ELBOW = 1
+
+
+def test_a_late_torque_channel_is_found_after_the_search_and_none_where_there_is_none():
+    runs = measured("torque_delay:elbow:2", n_runs=3)
+    state = start(Setup(ROBOT), runs)
+    found, delay = with_late_clock(state, Setup(ROBOT), runs)
+    assert delay is not None
+    assert delay.places == ((ELBOW,),)
+    low, high = delay.intervals()[0]
+    assert found.setup.torque_delay[ELBOW] == pytest.approx(delay.value[0])
+    assert 0 < low < high
+    left = [Beside(s.fit).residual[:, ELBOW].std() for s in (state, found)]
+    assert left[1] < left[0]
+    on_time = measured(n_runs=3)
+    state = start(Setup(ROBOT), on_time)
+    assert with_late_clock(state, Setup(ROBOT), on_time) == (state, None)
+
+
+def test_a_spring_is_weighed_beside_every_cylinder():
+    state = start(Setup(ROBOT), measured("counterbalance:elbow:2", n_runs=3))
+    beside = Beside(state.fit)
+    ranked, _ = scan(beside, state, [])
+    places = [(item.kind, item.joints) for _, item in ranked]
+    cylinder = ranked[places.index(("counterbalance", (ELBOW,)))][1]
+    spring = ranked[places.index(("joint_spring", (ELBOW,)))][1]
+    # However far down the list it is.
+    listed = list(searching._shortlist(beside, state.kinds, [(1e6, cylinder), (1.0, spring)]))
+    assert [candidate.kind for candidate in listed] == ["counterbalance", "joint_spring"]
+
+
+def test_a_shape_without_an_end_stands_in_nobodys_way(monkeypatch):
+    state = start(Setup(ROBOT), measured("joint_spring:elbow:1", n_runs=3))
+    beside = Beside(state.fit)
+    ranked, _ = scan(beside, state, [])
+    first, second = (item for _, item in ranked[:2])
+    real = searching.refined_candidate
+    monkeypatch.setattr(searching, "refined_candidate", lambda b, k, h: None if h is first else real(b, k, h))
+    listed = list(searching._shortlist(beside, state.kinds, [(1e6, first), (1.0, second)]))
+    assert [candidate.place for candidate in listed] == [(second.kind, second.joints)]
+
+
+def test_friction_that_goes_on_changing_is_thermal_and_one_that_is_warm_at_once_is_not():
+    def warm(time_constant):
+        shape = (("time_constant", time_constant), ("reference_speed", 0.0), ("transition_width", 0.02))
+        return Hypothesis("thermal_friction", (ELBOW,), shape)
+
+    assert not at_a_bound(warm(300.0))
+    assert at_a_bound(warm(7.0))
+
+
+def test_a_gain_has_to_stand_out_beside_everything_else():
+    for wishes, kept in (((), ()), (("torque_gain:elbow:1",), (ELBOW,))):
+        runs = measured(*wishes, n_runs=3)
+        state = start(Setup(ROBOT, gain_joints=(ELBOW,)), runs)
+        state.n_tests = 300.0
+        drop_doubtful_gains(state, runs)
+        assert state.setup.gain_joints == kept
+
+
+def patched():
+    shape = {"a": 1.0, "b": 0.3, "phase": 0.0, "gas_length": 1.0}
+    return [
+        PlacedEffect.at("counterbalance", ELBOW, **shape),
+        PlacedEffect.at("joint_spring", ELBOW, rest_position=0.0),
+        PlacedEffect.at("torque_ripple", 0, cycles=3.1),
+    ]
+
+
+def test_a_cylinder_with_a_spring_beside_it_is_a_function_without_a_name():
+    effects = patched()
+    ((cylinder, spring),) = patchworks(effects)
+    assert (cylinder.kind, spring.kind) == ("counterbalance", "joint_spring")
+    assert patchworks(effects[1:]) == []
+    teeth = PlacedEffect.at("torque_ripple", ELBOW, cycles=9.0)
+    assert patchworks([effects[0], teeth]) == []
+    errors = {f"rmse_{runs}_{when}": [1.0] for runs in ("train", "test") for when in ("before", "after")}
+    entries = [
+        {"kind": effect.kind, "joints": [ROBOT.joint_names[effect.joints[0]]], "evidence": 5.0 - k, "parameters": [1]}
+        | errors
+        for k, effect in enumerate(effects)
+    ]
+    unknown, ripple = as_unknown(entries, effects, ROBOT.joint_names)
+    assert (unknown["kind"], unknown["parameters"]) == ("unknown", [])
+    assert unknown["depends_on"][0]["signal"] == f"q_{ROBOT.joint_names[ELBOW]}"
+    assert "counterbalance, joint spring" in unknown["note"]
+    assert ripple is entries[2]
+
+
+@pytest.fixture(scope="module")
+def arm():
+    return plain_arm()
+
+
+def strange(arm, joint, torque):
+    plans = simulate(arm, n_runs=3, duration=20, rate=50, seed=7).trajectories
+    return nameless_runs(with_nameless(arm, joint, torque, 1.5, plans), n_runs=3, trajectories=plans, seed=3)
+
+
+def test_viscous_friction_along_the_way_is_not_dry_friction_along_the_way(arm):
+    joint = 0
+    runs = strange(arm, joint, lambda s: s.dq[:, joint] * np.cos(2 * s.q[:, joint]))
+    nearest = PlacedEffect.at("position_dependent_friction", joint, cycles=2.0, transition_width=0.02)
+    found = start(Setup(arm.robot, effects=(nearest,)), runs)
+    remainder = what_is_left(found, runs)
+    assert found.setup.effects == ()
+    (unknown,) = (u for u in remainder.unexplained if u.joint == joint)
+    assert {signal for signal, _ in unknown.depends_on} == {("q", joint), ("dq", joint)}
+    assert unknown.term in remainder.terms
+
+
+def test_teeth_behind_a_differential_depend_on_both_angles(arm):
+    runs = strange(arm, 4, lambda s: np.sin(7 * (s.q[:, 4] + s.q[:, 3])))
+    fit = start(Setup(arm.robot), runs).fit
+    leftovers = search_leftovers(fit)
+    (unknown,) = find_unknown(fit, floor(fit, fit.runs_, run_residuals(fit), leftovers), leftovers)
+    assert {signal for signal, _ in unknown.depends_on} == {("q", 3), ("q", 4)}
+
+
+def test_play_under_a_load_that_is_not_known_well_leaves_no_bend_behind():
+    """Near zero load a small error of the load moves a gear with play farther than its spring alone does."""
+    stiffness, gap, width = 2e4, 3e-4, 2.0
+
+    def deflection(tau, dq):
+        x = np.clip(tau / width, -1.0, 1.0)
+        return tau / stiffness + gap / 2 * (15 * x - 10 * x**3 + 3 * x**5) / 8
+
+    runs = []
+    for seed in range(4):
+        run = gear(deflection, seed=seed)
+        off = np.stack([np.sin(run.q), np.cos(run.q)], axis=1)
+        # One standard deviation of each direction; the prediction is off by about that.
+        runs.append(
+            replace(run, load=run.load + off @ np.array([0.8, -0.6]), load_error=np.column_stack([off, 0 * off[:, 0]]))
+        )
+    found = {finding.kind: finding for finding in examine_signals(runs[:3], runs[3:])}
+    assert set(found) == {"joint_elasticity", "backlash"}
+    for kind, name, true in (("joint_elasticity", "stiffness", stiffness), ("backlash", "gap", gap)):
+        low, high = value(found[kind], name).interval
+        assert low < true < high, name
+    plain = gears(deflection)
+    assert {finding.kind for finding in plain} == {"joint_elasticity", "backlash"}
