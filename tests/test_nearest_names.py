@@ -8,12 +8,15 @@ import numpy as np
 import pytest
 from nameless import measured as nameless_runs
 from nameless import plain_arm, with_nameless
-from test_deflection import gear, gears, value
+from numpy.testing import assert_allclose
+from test_deflection import gear, value
 from test_diagnosis_search import ROBOT, measured, start
 
 from dynid_rs.diagnosis import search as searching
 from dynid_rs.diagnosis.beside import Beside
 from dynid_rs.diagnosis.deflection import examine_signals
+from dynid_rs.diagnosis.deflection.fitting import finished_gear, search_gear
+from dynid_rs.diagnosis.deflection.terms import columns_of
 from dynid_rs.diagnosis.floor import floor
 from dynid_rs.diagnosis.kinds import Hypothesis, at_a_bound
 from dynid_rs.diagnosis.late_clock import with_late_clock
@@ -166,5 +169,16 @@ def test_play_under_a_load_that_is_not_known_well_leaves_no_bend_behind():
     for kind, name, true in (("joint_elasticity", "stiffness", stiffness), ("backlash", "gap", gap)):
         low, high = value(found[kind], name).interval
         assert low < true < high, name
-    plain = gears(deflection)
-    assert {finding.kind for finding in plain} == {"joint_elasticity", "backlash"}
+    gear_ = finished_gear(search_gear(runs[:3], turning=True), runs[:3])
+    names = ["compliance", "cubic", "backlash"]
+    x = [gear_.compliance, gear_.cubic, gear_.half_gap]
+    assert gear_.half_gap == pytest.approx(gap / 2, rel=0.05)
+    for run, errors in zip(gear_.runs, gear_.errors, strict=True):
+        way = run.load_error @ gear_.turn[:, 0]
+        ends = []
+        for h in (5e-4, -5e-4):
+            moved = replace(run, load=run.load + h * way)
+            columns = [columns_of(name, moved, gear_.shapes, way)[:, 0] for name in names]
+            ends.append(np.tensordot(x, columns, 1))
+        high, low = ends
+        assert_allclose(errors[:, 0], (high - low) / 1e-3, rtol=0, atol=0.1 * np.abs(errors[:, 0]).max())
