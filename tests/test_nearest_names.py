@@ -17,13 +17,14 @@ from dynid_rs.diagnosis.beside import Beside
 from dynid_rs.diagnosis.deflection import examine_signals
 from dynid_rs.diagnosis.deflection.fitting import finished_gear, search_gear
 from dynid_rs.diagnosis.deflection.terms import columns_of
+from dynid_rs.diagnosis.dropping import drop_doubtful_gains
 from dynid_rs.diagnosis.floor import floor
 from dynid_rs.diagnosis.kinds import Hypothesis, at_a_bound
 from dynid_rs.diagnosis.late_clock import with_late_clock
 from dynid_rs.diagnosis.leftovers import run_residuals, search_leftovers
 from dynid_rs.diagnosis.patchwork import as_unknown, patchworks
 from dynid_rs.diagnosis.remainder import what_is_left
-from dynid_rs.diagnosis.search import drop_doubtful_gains, scan
+from dynid_rs.diagnosis.search import scan
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.unknown import find_unknown
 from dynid_rs.placed import PlacedEffect

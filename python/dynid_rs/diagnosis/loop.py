@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from dynid_rs import _core
 from dynid_rs.diagnosis.deflection import examine_deflection
 from dynid_rs.diagnosis.deflection_entries import deflection_entries, merged_gears, seen_again, with_true_encoders
+from dynid_rs.diagnosis.dropping import drop_needless
 from dynid_rs.diagnosis.entries import effect_entries, ranked
 from dynid_rs.diagnosis.kinds import Kinds
 from dynid_rs.diagnosis.late_clock import explains_more, with_late_clock
@@ -21,9 +22,10 @@ from dynid_rs.diagnosis.reference import compare
 from dynid_rs.diagnosis.remainder import Remainder, remainder_entries, unknown_entries, what_is_left, with_terms
 from dynid_rs.diagnosis.ripple import RippleCandidate, add_ripple
 from dynid_rs.diagnosis.ripple_entries import ripple_entries
-from dynid_rs.diagnosis.search import drop_needless, search, settle
+from dynid_rs.diagnosis.search import search
 from dynid_rs.diagnosis.sensors import channel_errors, examine
 from dynid_rs.diagnosis.sensors.messages import delay_entries, delay_findings
+from dynid_rs.diagnosis.settling import settle
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.state import Search, fitted
 from dynid_rs.diagnosis.structural_entries import clock_entries, structural_entries

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,22 +13,21 @@ from numpy.typing import NDArray
 from dynid_rs.diagnosis.beside import Beside, independent_rows
 from dynid_rs.diagnosis.candidate import Candidate
 from dynid_rs.diagnosis.choice import Weighed, falls_by, tested, weigh
+from dynid_rs.diagnosis.dropping import FAMILY_WISE, drop_doubtful_gains, drop_needless
 from dynid_rs.diagnosis.kinds import Hypothesis, Kinds, at_a_bound, bounds_of, joined, stacked
 from dynid_rs.diagnosis.null import effective_tests
 from dynid_rs.diagnosis.one_cylinder import PATCHES, without_patches
+from dynid_rs.diagnosis.settling import refit, settle
 from dynid_rs.diagnosis.setup import Setup
-from dynid_rs.diagnosis.state import Choice, Search, Step, columns_in, fitted, hypothesis_of, rms, worth
-from dynid_rs.diagnosis.structural import refine, structural_candidates, structural_parameters
-from dynid_rs.diagnosis.structural.torque_gain import KIND as GAIN
+from dynid_rs.diagnosis.state import Choice, Search, Step, fitted, rms, worth
+from dynid_rs.diagnosis.structural import structural_candidates
 from dynid_rs.diagnosis.valleys import best_shape, pulls
-from dynid_rs.diagnosis.warmth import WARMTH, warm_arm
+from dynid_rs.diagnosis.warmth import warm_arm
 from dynid_rs.recording import Recording
 
 FloatArray = NDArray[np.float64]
 Item = TypeVar("Item")
 
-FAMILY_WISE = 0.01
-"""Probability that anything at all is found where nothing is."""
 SHORTLIST = 7
 """Places whose shapes are refined and that are tested in a step."""
 CONTENDER = 0.2
@@ -41,20 +40,8 @@ LONE_GAIN, LONE_PAYS = 0.05, 1.0
 """The same where there is one run, and by how many standard errors the power on its left-out thirds has to fall."""
 MOST_STEPS = 12
 """Steps of the search; each may add several effects."""
-REFINEMENTS = 3
-"""Most Gauss-Newton steps on geometry, gravity and encoders, each with a fit of its own."""
-BESIDE_FRICTION = (
-    "stribeck",
-    "friction_hysteresis",
-    "load_hysteresis",
-    "load_dependent_friction",
-    "position_dependent_friction",
-)
-"""Kinds that turn round with the joint's own direction, as friction does."""
 SIMPLER = {"counterbalance": "joint_spring"}
 """A kind that another one contains; it is always weighed beside that one."""
-CLEAR = 20.0
-"""An effect with more evidence than this beside all others needs no further test to stay."""
 RIVAL = 0.5
 """Two candidates of which one takes more than this part of the other's gain are names of one thing."""
 TIE = 2.33
@@ -108,51 +95,6 @@ def search(
             drop_needless(state, train)
         drop_doubtful_gains(state, train)
     return state
-
-
-def settle(state: Search, train: Sequence[Recording], places: Iterable[int]) -> None:
-    """Shapes of the effects at `places` and of friction in turn; everything is fitted again where one has moved."""
-    polished = polish(state, places)
-    if polished.effects != state.setup.effects:
-        state.setup = polished
-        state.fit = fitted(state.setup, train)
-        state.kinds = Kinds(state.fit, state.kinds)
-
-
-def refit(state: Search, train: Sequence[Recording], new: int = 0) -> None:
-    """Fit everything again; the shapes of the last `new` effects and of friction settle in turn."""
-    state.fit = fitted(state.setup, train)
-    for _ in range(REFINEMENTS):
-        refined = refine(state.setup, state.fit)
-        if refined is state.setup:
-            break
-        state.setup = refined
-        state.fit = fitted(state.setup, train)
-    state.kinds = Kinds(state.fit, state.kinds)
-    settle(state, train, range(len(state.setup.effects) - new, len(state.setup.effects)))
-
-
-def polish(state: Search, places: Iterable[int]) -> Setup:
-    """Shapes of the effects at `places`, each refined beside all the rest."""
-    effects = list(state.setup.effects)
-    plan = state.fit.observations_.plan
-    friction = np.arange(plan.n_own)[plan.friction[1]]
-    for k in places:
-        hypothesis = hypothesis_of(effects[k], state.kinds)
-        without = columns_in(state)[k]
-        # Where friction begins to slip and what its neighbours in the catalogue do look alike: both move at once.
-        together = hypothesis.kind in BESIDE_FRICTION
-        bounds = bounds_of(hypothesis)
-        if together:
-            j = hypothesis.joints[0]
-            without = [*without, *((j, int(column)) for column in friction)]
-            used = plan.own[j, plan.friction[1]]
-            free = np.where(used, np.inf, 0.0)
-            bounds = np.concatenate([bounds, np.stack([-free, free], axis=1)])
-        beside = Beside(state.fit, without)
-        refined = state.kinds.refined(hypothesis, _power(beside, bounds), with_friction=together, own_order=True)
-        effects[k] = refined.placed()
-    return replace(state.setup, effects=tuple(effects))
 
 
 def good_candidates(state: Search, further: Sequence[Candidate]) -> list[Choice]:
@@ -317,56 +259,6 @@ def refined_candidate(beside: Beside, kinds: Kinds, hypothesis: Hypothesis) -> C
     """Candidate of the hypothesis with the best shape near its own; None where that stands at a bound."""
     refined = best_shape(beside, kinds, hypothesis)
     return None if at_a_bound(refined) else kinds.candidate(refined)
-
-
-def _power(beside: Beside, bounds: FloatArray) -> Callable[[Any], float]:
-    return lambda columns: beside.gains(columns, [slice(None)], [bounds])[0].power
-
-
-def drop_needless(state: Search, train: Sequence[Recording]) -> None:
-    """Take out effects that later findings have made needless."""
-    while state.setup.effects:
-        # An arm that warms up does so as a whole.
-        alone = [k for k, effect in enumerate(state.setup.effects) if effect.kind != WARMTH]
-        if not alone:
-            return
-        weighed, k = min((standing(state, k) for k in alone), key=lambda item: item[0].evidence)
-        if weighed.evidence > CLEAR:
-            return
-        beside = Beside(state.fit, columns_in(state)[k])
-        weighed = tested(beside, weighed, beside.left_out(None))
-        if weighed.p_value * len(state.setup.effects) < FAMILY_WISE:
-            return
-        effects = state.setup.effects[:k] + state.setup.effects[k + 1 :]
-        state.setup = replace(state.setup, effects=effects)
-        refit(state, train)
-        state.steps.append(Step("dropped", Choice(weighed, weighed.p_value), rms(state.fit)))
-
-
-def drop_doubtful_gains(state: Search, train: Sequence[Recording]) -> None:
-    """Take out gains that do not stand out beside everything that was found after them, the least sure first."""
-    from scipy.stats import norm
-
-    while state.setup.gain_joints:
-        gains = [p for p in structural_parameters(state.fit, state.setup) if p.kind == GAIN]
-        if not gains:
-            return
-        p_values = [2 * float(norm.sf(abs(p.value[0]) / max(p.std_error[0], 1e-300))) for p in gains]
-        worst = int(np.argmax(p_values))
-        if p_values[worst] * max(state.n_tests, 1.0) < FAMILY_WISE:
-            return
-        place = (GAIN, gains[worst].joints)
-        kept = tuple(j for j in state.setup.gain_joints if j not in gains[worst].joints)
-        state.setup = replace(state.setup, gain_joints=kept)
-        refit(state, train)
-        added = [s for s in state.steps if s.action == "added" and s.choice.weighed.candidate.place == place]
-        state.steps += [Step("dropped", replace(s.choice, p_value=p_values[worst]), rms(state.fit)) for s in added]
-
-
-def standing(state: Search, k: int) -> tuple[Weighed, int]:
-    """What still speaks for effect k beside all others, and k."""
-    beside = Beside(state.fit, columns_in(state)[k])
-    return weigh(beside, state.kinds.candidate(hypothesis_of(state.setup.effects[k], state.kinds))), k
 
 
 def _is_gone(choice: Choice, places: set[tuple[str, tuple[int, ...]]]) -> bool:

@@ -1,0 +1,79 @@
+"""Everything fitted again after a change, and shapes that settle beside all the rest."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid_rs.diagnosis.beside import Beside
+from dynid_rs.diagnosis.kinds import Kinds, bounds_of
+from dynid_rs.diagnosis.setup import Setup
+from dynid_rs.diagnosis.state import Search, columns_in, fitted, hypothesis_of
+from dynid_rs.diagnosis.structural import refine
+from dynid_rs.recording import Recording
+
+FloatArray = NDArray[np.float64]
+
+REFINEMENTS = 3
+"""Most Gauss-Newton steps on geometry, gravity and encoders, each with a fit of its own."""
+BESIDE_FRICTION = (
+    "stribeck",
+    "friction_hysteresis",
+    "load_hysteresis",
+    "load_dependent_friction",
+    "position_dependent_friction",
+)
+"""Kinds that turn round with the joint's own direction, as friction does."""
+
+
+def settle(state: Search, train: Sequence[Recording], places: Iterable[int]) -> None:
+    """Shapes of the effects at `places` and of friction in turn; everything is fitted again where one has moved."""
+    polished = polish(state, places)
+    if polished.effects != state.setup.effects:
+        state.setup = polished
+        state.fit = fitted(state.setup, train)
+        state.kinds = Kinds(state.fit, state.kinds)
+
+
+def refit(state: Search, train: Sequence[Recording], new: int = 0) -> None:
+    """Fit everything again; the shapes of the last `new` effects and of friction settle in turn."""
+    state.fit = fitted(state.setup, train)
+    for _ in range(REFINEMENTS):
+        refined = refine(state.setup, state.fit)
+        if refined is state.setup:
+            break
+        state.setup = refined
+        state.fit = fitted(state.setup, train)
+    state.kinds = Kinds(state.fit, state.kinds)
+    settle(state, train, range(len(state.setup.effects) - new, len(state.setup.effects)))
+
+
+def polish(state: Search, places: Iterable[int]) -> Setup:
+    """Shapes of the effects at `places`, each refined beside all the rest."""
+    effects = list(state.setup.effects)
+    plan = state.fit.observations_.plan
+    friction = np.arange(plan.n_own)[plan.friction[1]]
+    for k in places:
+        hypothesis = hypothesis_of(effects[k], state.kinds)
+        without = columns_in(state)[k]
+        # Where friction begins to slip and what its neighbours in the catalogue do look alike: both move at once.
+        together = hypothesis.kind in BESIDE_FRICTION
+        bounds = bounds_of(hypothesis)
+        if together:
+            j = hypothesis.joints[0]
+            without = [*without, *((j, int(column)) for column in friction)]
+            used = plan.own[j, plan.friction[1]]
+            free = np.where(used, np.inf, 0.0)
+            bounds = np.concatenate([bounds, np.stack([-free, free], axis=1)])
+        beside = Beside(state.fit, without)
+        refined = state.kinds.refined(hypothesis, _power(beside, bounds), with_friction=together, own_order=True)
+        effects[k] = refined.placed()
+    return replace(state.setup, effects=tuple(effects))
+
+
+def _power(beside: Beside, bounds: FloatArray) -> Callable[[Any], float]:
+    return lambda columns: beside.gains(columns, [slice(None)], [bounds])[0].power
