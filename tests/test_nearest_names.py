@@ -10,7 +10,7 @@ from nameless import measured as nameless_runs
 from nameless import plain_arm, with_nameless
 from numpy.testing import assert_allclose
 from test_deflection import gear, value
-from test_diagnosis_search import ROBOT, measured, start
+from test_diagnosis_search import ARM, ROBOT, TYPICAL, measured, start
 
 from dynid_rs.diagnosis import search as searching
 from dynid_rs.diagnosis.beside import Beside
@@ -24,11 +24,13 @@ from dynid_rs.diagnosis.late_clock import with_late_clock
 from dynid_rs.diagnosis.leftovers import run_residuals, search_leftovers
 from dynid_rs.diagnosis.patchwork import as_unknown, patchworks
 from dynid_rs.diagnosis.remainder import what_is_left
+from dynid_rs.diagnosis.rotor_share import with_rotors
 from dynid_rs.diagnosis.search import scan
 from dynid_rs.diagnosis.setup import Setup
+from dynid_rs.diagnosis.state import fitted
 from dynid_rs.diagnosis.unknown import find_unknown
 from dynid_rs.placed import PlacedEffect
-from dynid_rs.simulation import simulate
+from dynid_rs.simulation import build_effects, parse_wish, simulate
 
 ELBOW = 1
 
@@ -183,3 +185,22 @@ def test_play_under_a_load_that_is_not_known_well_leaves_no_bend_behind():
             ends.append(np.tensordot(x, columns, 1))
         high, low = ends
         assert_allclose(errors[:, 0], (high - low) / 1e-3, rtol=0, atol=0.1 * np.abs(errors[:, 0]).max())
+
+
+def test_what_follows_the_load_tells_the_rotor_from_the_link():
+    """The first joint's rotor moves as its link does; friction under load grows with the link's part alone."""
+    for joint, told in ((0, True), (2, False)):
+        wish = f"load_dependent_friction:{ROBOT.joint_names[joint]}:20"
+        (effect,) = build_effects([parse_wish(wish)], TYPICAL)
+        shape = {"transition_width": float(effect.shape["transition_width"][joint])}
+        placed = PlacedEffect.at("load_dependent_friction", joint, **shape)
+        runs = measured(wish, n_runs=3)
+        state = start(Setup(ROBOT, effects=(placed,)), runs)
+        setup = with_rotors(state)
+        assert (setup is not state.setup) == told
+        if told:
+            ((held,),) = (setup.held,)
+            assert held.effect.kind == "rotor_inertia"
+            assert held.coefficients[0] == pytest.approx(ARM.rotor_inertia[joint], rel=0.3)
+            left = [Beside(fitted(s, runs)).residual[:, joint].std() for s in (state.setup, setup)]
+            assert left[1] < left[0]

@@ -400,7 +400,7 @@ def at_a_bound(hypothesis: Hypothesis) -> bool:
     for name, (how, low, high) in REFINED.get(hypothesis.kind, {}).items():
         if how != "log" or name == "gas_length":
             continue  # an angle, a ratio or an order may be any; a gas column without end is a plain spring
-        if name == "time_constant" and shape[name] > low * (1 + AT_BOUND):
+        if has_no_end(hypothesis.kind, hypothesis.shape):
             continue
         value = abs(shape[name])
         # A lever as short as can be is a cylinder all the same, one that pulls like a weight.
@@ -408,6 +408,12 @@ def at_a_bound(hypothesis: Hypothesis) -> bool:
         if too_low or value >= high * (1 - AT_BOUND):
             return True
     return False
+
+
+def has_no_end(kind: str, shape: Shape) -> bool:
+    """Whether a shape ended where the data cannot follow: warming up that goes on beyond the runs."""
+    _, _, high = REFINED["thermal_friction"]["time_constant"]
+    return kind == "thermal_friction" and dict(shape)["time_constant"] >= high * (1 - AT_BOUND)
 
 
 def _same_motion(first: Sequence[States], second: Sequence[States]) -> bool:

@@ -14,9 +14,10 @@ from dynid_rs.diagnosis.beside import Beside, independent_rows
 from dynid_rs.diagnosis.candidate import Candidate
 from dynid_rs.diagnosis.choice import Weighed, falls_by, tested, weigh
 from dynid_rs.diagnosis.dropping import FAMILY_WISE, drop_doubtful_gains, drop_needless
-from dynid_rs.diagnosis.kinds import Hypothesis, Kinds, at_a_bound, bounds_of, joined, stacked
+from dynid_rs.diagnosis.kinds import Hypothesis, Kinds, at_a_bound, bounds_of, has_no_end, joined, stacked
 from dynid_rs.diagnosis.null import effective_tests
 from dynid_rs.diagnosis.one_cylinder import PATCHES, without_patches
+from dynid_rs.diagnosis.rotor_share import with_rotors
 from dynid_rs.diagnosis.settling import refit, settle
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.state import Choice, Search, Step, fitted, rms, worth
@@ -81,6 +82,10 @@ def search(
             for choice in found:
                 state.setup = choice.weighed.candidate.accept(state.setup, choice.weighed.gain.coefficients)
             refit(state, train, new=len(state.setup.effects) - before)
+            rotors = with_rotors(state)
+            if rotors is not state.setup:
+                state.setup = rotors
+                refit(state, train, new=len(state.setup.effects))
             state.steps += [Step("added", choice, rms(state.fit)) for choice in found]
             drop_needless(state, train)
         # Shapes once more, now that everything is there; friction's and an effect's settle in turn.
@@ -117,7 +122,9 @@ def good_candidates(state: Search, further: Sequence[Candidate]) -> list[Choice]
         p = min(1.0, weighed.p_value * state.n_tests)
         if p < FAMILY_WISE and carries_over(weighed, lone=beside.n_runs == 1):
             good.append(Choice(weighed, p))
-    good.sort(key=lambda choice: -choice.weighed.evidence)
+    # A shape without end may be what others leave: it waits until they are in.
+    ended = [c for c in good if not has_no_end(c.weighed.candidate.kind, c.weighed.candidate.shape)]
+    good = sorted(ended or good, key=lambda choice: -choice.weighed.evidence)
     return [_told_apart(beside, choice, looked) for choice in _different(beside, good)]
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.diagnosis.beside import Beside
-from dynid_rs.diagnosis.kinds import Kinds, bounds_of
+from dynid_rs.diagnosis.kinds import Kinds, bounds_of, has_no_end, stacked
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.state import Search, columns_in, fitted, hypothesis_of
 from dynid_rs.diagnosis.structural import refine
@@ -69,8 +69,11 @@ def polish(state: Search, places: Iterable[int]) -> Setup:
             used = plan.own[j, plan.friction[1]]
             free = np.where(used, np.inf, 0.0)
             bounds = np.concatenate([bounds, np.stack([-free, free], axis=1)])
-        beside = Beside(state.fit, without)
-        refined = state.kinds.refined(hypothesis, _power(beside, bounds), with_friction=together, own_order=True)
+        power = _power(Beside(state.fit, without), bounds)
+        if has_no_end(hypothesis.kind, hypothesis.shape):
+            starts = [h for h in state.kinds.grid([hypothesis.kind]) if h.joints == hypothesis.joints]
+            hypothesis = max(starts, key=lambda h: power(stacked(state.kinds.columns([h])[0])))
+        refined = state.kinds.refined(hypothesis, power, with_friction=together, own_order=True)
         effects[k] = refined.placed()
     return replace(state.setup, effects=tuple(effects))
 
