@@ -140,8 +140,16 @@ impl From<Output> for Answer {
     }
 }
 
+/// The program with signals as a shell gives them, also where the tests run under `nohup` or in the background.
 pub fn command(args: &[&str]) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_dynid-estimator"));
+    let program = env!("CARGO_BIN_EXE_dynid-estimator");
+    let mut command = if cfg!(target_os = "linux") {
+        let mut plain = Command::new("env");
+        plain.arg("--default-signal=HUP,INT,TERM").arg(program);
+        plain
+    } else {
+        Command::new(program)
+    };
     command
         .args(args)
         .stdin(Stdio::piped())
