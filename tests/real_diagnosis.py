@@ -218,7 +218,7 @@ HEAD = """# Effects that nobody declared, on measured robots
 Errors on runs that nothing was fitted to or chosen on, joint by joint, with the declared model and with what `diagnose`
 added: in the band in which torques are compared, and of the recorded samples (where ripple is). Joints count from 0.
 
-Where there is one training run alone (KUKA, xMate), names may not carry over to other motion: three joints of the
+Where there is one training run alone (KUKA, xMate), names may not carry over to other motion: two joints of the
 xMate's sensor torque are worse after than before. The table is written by `python tests/real_diagnosis.py --write`.
 
 | robot | unit | in the band, before | after | recorded, before | after | found |
