@@ -90,6 +90,8 @@ pub fn run(
     let mut cycle = Cycle::new(Arc::clone(&model), settings)?;
     let most_terms = model.n_terms().max(MOST_TERMS);
     let n = model.robot().n_joints();
+    // Before it says that it is there: whoever reads that may ask for its end at once.
+    sys::catch_signals(watched.is_some()).map_err(|error| Stop::Because(error.to_string()))?;
     let link = match transport {
         Transport::Udp(address) => {
             let patience = real_time
@@ -116,7 +118,6 @@ pub fn run(
             Link::Shm(memory)
         }
     };
-    sys::catch_signals(watched.is_some()).map_err(|error| Stop::Because(error.to_string()))?;
     real_time.lock_memory(watched.is_some())?;
     let inbox = watched.map(|path| swap::watch(path, Arc::clone(&model), *settings, false));
     let mut live = Live {
