@@ -12,7 +12,7 @@ import dynid_rs as dyn
 from dynid_rs.diagnosis.sensors import examine, torque_gains
 from dynid_rs.diagnosis.sensors.beside import Beside
 from dynid_rs.diagnosis.sensors.channels import channel_findings
-from dynid_rs.diagnosis.sensors.clocks import choose_delay, delay_parts, measure_delay
+from dynid_rs.diagnosis.sensors.clocks import DelayParts, choose_delay, delay_parts, measure_delay
 from dynid_rs.diagnosis.sensors.contact import find_contacts
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.identification import ThreeLoopIdentifier
@@ -258,3 +258,14 @@ def test_the_pushed_robot_is_seen_to_be_pushed_and_the_free_one_is_not():
     assert len(windows) == len(seen) == len([finding for finding in findings if finding.code == "contact"])
     for (start, end), (middle, width) in zip(windows, seen, strict=True):
         assert start < middle < end < start + width + 2.0
+
+
+def test_one_part_of_the_torque_alone_is_no_clock():
+    """Gravity does not see a vertical axis; where friction contradicts the inertia's part, physics lags, not a channel."""
+    value = np.array([[np.nan, 0.0], [2.6e-3, 0.1e-3], [-0.2e-3, 0.1e-3]])
+    std = np.array([0.3, 0.3, 0.37, 0.3, 0.4, 0.3]) * 1e-3
+    against = DelayParts(value, np.diag(std**2), 300)
+    assert choose_delay(against).places == ()
+    agreeing = value.copy()
+    agreeing[2, 0] = 2.4e-3
+    assert choose_delay(DelayParts(agreeing, np.diag(std**2), 300)).places == ((0,),)

@@ -34,6 +34,8 @@ FARTHEST = 0.5
 """Greatest delay over the band's shortest period: beyond it a shift has no slope to follow."""
 LEAST_DELAY = 2e-5
 """Delays below this [s] change nothing that could be measured."""
+SAME = 2.0
+"""Friction's part says the same as the only other one where it stands out by so many standard errors, too."""
 GEAR_WAYS = (0.1, 0.4)
 """Ways over which a gear's inner friction turns round, over the standard deviation of its deflection."""
 GEAR_SURE = 4.0
@@ -128,7 +130,8 @@ def choose_delay(parts: DelayParts, *, of_one: bool = True) -> TorqueDelay:
     """
     n = parts.value.shape[1]
     everywhere = tuple(range(n))
-    places = [everywhere, *((j,) for j in range(n))] if n > 1 and of_one else [everywhere]
+    own = [(j,) for j in range(n) if _told_twice(parts, j)]
+    places = [everywhere, *own] if n > 1 and of_one else [everywhere]
     seen = np.isfinite(parts.value[:2])
     seen_joints = np.flatnonzero(seen.any(axis=0))
     places = [joints for joints in places if set(joints) & set(seen_joints.tolist())]
@@ -150,6 +153,14 @@ def choose_delay(parts: DelayParts, *, of_one: bool = True) -> TorqueDelay:
     found = measure_delay(parts, chosen)
     # Slow motion or friction with memory can look like a delay of seconds; no channel is that late.
     return found if np.all(np.abs(found.per_joint) <= LATEST) else measure_delay(parts, [])
+
+
+def _told_twice(parts: DelayParts, j: int) -> bool:
+    """Whether more than one part of joint j's torque may speak of its clock; a lone one is joined by friction's."""
+    if np.isfinite(parts.value[:2, j]).sum() != 1:
+        return True
+    alone, friction = float(np.nansum(parts.value[:2, j])), float(parts.value[2, j])
+    return friction * alone > 0 and abs(friction) > SAME * float(parts.std_error[2, j])
 
 
 def measure_delay(parts: DelayParts, places: Sequence[tuple[int, ...]]) -> TorqueDelay:
