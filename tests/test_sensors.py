@@ -261,7 +261,7 @@ def test_the_pushed_robot_is_seen_to_be_pushed_and_the_free_one_is_not():
 
 
 def test_one_part_of_the_torque_alone_is_no_clock():
-    """Gravity does not see a vertical axis; where friction contradicts the inertia's part, physics lags, not a channel."""
+    """Gravity does not see a vertical axis; where friction contradicts inertia, physics lags and no channel."""
     value = np.array([[np.nan, 0.0], [2.6e-3, 0.1e-3], [-0.2e-3, 0.1e-3]])
     std = np.array([0.3, 0.3, 0.37, 0.3, 0.4, 0.3]) * 1e-3
     against = DelayParts(value, np.diag(std**2), 300)
