@@ -59,7 +59,7 @@ def test_a_spring_is_weighed_beside_every_cylinder():
     cylinder = ranked[places.index(("counterbalance", (ELBOW,)))][1]
     spring = ranked[places.index(("joint_spring", (ELBOW,)))][1]
     # However far down the list it is.
-    listed = list(searching._shortlist(beside, state.kinds, [(1e6, cylinder), (1.0, spring)]))
+    listed = list(searching.shortlist(beside, state.kinds, [(1e6, cylinder), (1.0, spring)]))
     assert [candidate.kind for candidate in listed] == ["counterbalance", "joint_spring"]
 
 
@@ -70,7 +70,7 @@ def test_a_shape_without_an_end_stands_in_nobodys_way(monkeypatch):
     first, second = (item for _, item in ranked[:2])
     real = searching.refined_candidate
     monkeypatch.setattr(searching, "refined_candidate", lambda b, k, h: None if h is first else real(b, k, h))
-    listed = list(searching._shortlist(beside, state.kinds, [(1e6, first), (1.0, second)]))
+    listed = list(searching.shortlist(beside, state.kinds, [(1e6, first), (1.0, second)]))
     assert [candidate.place for candidate in listed] == [(second.kind, second.joints)]
 
 

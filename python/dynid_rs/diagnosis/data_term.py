@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
-from dynid_rs.diagnosis.products import ALL, FEW, FULL, FURTHER, RidgePath, product_columns
+from dynid_rs.diagnosis.products import RidgePath, product_columns, raw_columns
 from dynid_rs.diagnosis.rows_beside import JointRows, Split, spread_of_sum
-from dynid_rs.diagnosis.signals import STATE, Basis, Candidates, Signal, further_functions, state_signals
+from dynid_rs.diagnosis.signals import STATE, Basis, Candidates, Signal, state_signals
 from dynid_rs.preprocessing import States
 
 FloatArray = NDArray[np.float64]
@@ -185,21 +185,6 @@ def _mixture(
     slopes = found[:, 1:] / np.maximum(np.ptp(points, axis=0), 1e-300)
     noise = float(np.sqrt(np.mean((target - design @ found.ravel()) ** 2)))
     return _mixture_of(means, variances, found[:, 0], slopes, max(noise, 1e-9 * float(np.abs(y).max()), 1e-12))
-
-
-def raw_columns(signals: Sequence[Signal], candidates: Candidates, u: FloatArray, *, reach: int = ALL) -> FloatArray:
-    """Products of functions at states `u` (n, n_signals), before any band."""
-    reach = FEW if len(signals) > FULL else reach
-    columns = np.ones((len(u), 1))
-    for i, signal in enumerate(signals):
-        own = candidates.bases[signal](np.ascontiguousarray(u[:, i])) / candidates.scales[signal]
-        own = own[:, candidates.few(signal)] if reach == FEW else own
-        own = np.column_stack([np.ones(len(u)), own])
-        columns = (columns[:, :, None] * own[:, None, :]).reshape(len(u), -1)
-    further = candidates.further.get(tuple(signals)) if reach == FURTHER else None
-    if further is not None:
-        columns = np.column_stack([columns, further_functions(signals, candidates.bases, u) / further[1]])
-    return columns[:, 1:]
 
 
 def _grid(signals: Sequence[Signal], bases: Sequence[Basis], u: FloatArray) -> tuple[FloatArray, FloatArray]:

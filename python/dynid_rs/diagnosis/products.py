@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.diagnosis.rows_beside import JointRows, Split, spread_of_sum
-from dynid_rs.diagnosis.signals import Candidates, Signal
+from dynid_rs.diagnosis.signals import Candidates, Signal, further_functions
 
 FloatArray = NDArray[np.float64]
 
@@ -27,16 +27,39 @@ def product_columns(
     signals: Sequence[Signal], candidates: Candidates, rows: NDArray[np.intp], *, reach: int = ALL
 ) -> FloatArray:
     """All products of functions of different signals, alone too, (n_rows, n_columns); see `FEW`."""
+    return _products(signals, candidates, reach, lambda s: candidates.functions[s][rows], lambda every: every[0][rows])
+
+
+def raw_columns(signals: Sequence[Signal], candidates: Candidates, u: FloatArray, *, reach: int = ALL) -> FloatArray:
+    """The same at states `u` (n, n_signals), before any band, (n, n_columns)."""
+    at = {signal: np.ascontiguousarray(column) for signal, column in zip(signals, u.T, strict=True)}
+    return _products(
+        signals,
+        candidates,
+        reach,
+        lambda s: candidates.bases[s](at[s]) / candidates.scales[s],
+        lambda every: further_functions(signals, candidates.bases, u) / every[1],
+    )
+
+
+def _products(
+    signals: Sequence[Signal],
+    candidates: Candidates,
+    reach: int,
+    functions: Callable[[Signal], FloatArray],
+    further_ones: Callable[[tuple[FloatArray, FloatArray]], FloatArray],
+) -> FloatArray:
+    """Products of `functions` of each signal (n, k), and what `further_ones` makes of the set's own."""
     reach = FEW if len(signals) > FULL else reach
-    columns = np.ones((len(rows), 1))
+    columns = np.ones((1, 1))
     for signal in signals:
-        own = candidates.functions[signal]
+        own = functions(signal)
         own = own[:, candidates.few(signal)] if reach == FEW else own
-        own = np.column_stack([np.ones(len(rows)), own[rows]])
-        columns = (columns[:, :, None] * own[:, None, :]).reshape(len(rows), -1)
-    further = candidates.further.get(tuple(signals)) if reach == FURTHER else None
-    if further is not None:
-        columns = np.column_stack([columns, further[0][rows]])
+        own = np.column_stack([np.ones(len(own)), own])
+        columns = (columns[:, :, None] * own[:, None, :]).reshape(len(own), -1)
+    every = candidates.further.get(tuple(signals)) if reach == FURTHER else None
+    if every is not None:
+        columns = np.column_stack([columns, further_ones(every)])
     return columns[:, 1:]
 
 

@@ -19,13 +19,12 @@ from dynid_rs.diagnosis.patchwork import patchworks
 from dynid_rs.diagnosis.picture import Picture
 from dynid_rs.diagnosis.rows_beside import Beside as Rows
 from dynid_rs.diagnosis.setup import Setup
-from dynid_rs.diagnosis.signals import Signal, candidate_signals
+from dynid_rs.diagnosis.signals import STATE, Signal, candidate_signals
 from dynid_rs.diagnosis.state import Search, columns_in, fitted
 from dynid_rs.diagnosis.unknown import Unexplained, find_unknown, names
-from dynid_rs.diagnosis.valleys import KIND as CYLINDER
 from dynid_rs.identification import ThreeLoopIdentifier
 from dynid_rs.loops import link_load
-from dynid_rs.placed import PlacedEffect
+from dynid_rs.placed import CATALOGUE, PlacedEffect
 from dynid_rs.recording import Recording
 from dynid_rs.results import score
 
@@ -122,15 +121,10 @@ def _forced(found: Search, measured: Floor, unexplained: Sequence[Unexplained]) 
 
 def signals_of(effect: PlacedEffect) -> set[Signal]:
     """Signals that an effect's torque is a function of; none where it has a memory or is of other signals."""
-    names = {
-        "stribeck": ("dq",),
-        "load_dependent_friction": ("dq", "tau_link"),
-        "position_dependent_friction": ("q", "dq"),
-        "torque_ripple": ("q",),
-        "joint_spring": ("q",),
-        CYLINDER: ("q",),
-        "torque_saturation": ("tau_link",),
-    }.get(effect.kind, ())
+    entry = CATALOGUE[effect.kind]
+    names = {signal.removesuffix("_motor") for signal in entry["signals"]}
+    if entry["memory"] or len(effect.joints) > 1 or not names <= set(STATE):
+        return set()
     return {(name, effect.joints[0]) for name in names}
 
 

@@ -8,19 +8,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-from numpy.typing import NDArray
-
 from dynid_rs.diagnosis.beside import Beside, independent_rows
 from dynid_rs.diagnosis.kinds import Hypothesis, Kinds, bounds_of
+from dynid_rs.diagnosis.peak import highest
 from dynid_rs.diagnosis.setup import Setup
-from dynid_rs.diagnosis.state import Search, columns_in, hypothesis_of
+from dynid_rs.diagnosis.state import Search, columns_in, hypothesis_of, worth
 from dynid_rs.placed import CATALOGUE, HeldEffect, PlacedEffect
 
-FloatArray = NDArray[np.float64]
-
 KIND = "rotor_inertia"
-SHARES = (0.2, 0.4, 0.6, 0.8, 0.95)
+SHARES = (0.0, 0.2, 0.4, 0.6, 0.8, 0.95)
 """Of a joint's whole inertia."""
 REFINED = 8
 """Evaluations between the neighbours of the best one."""
@@ -55,8 +51,6 @@ def with_rotors(state: Search) -> Setup:
 
 def _share(beside: Beside, kinds: Kinds, hypothesis: Hypothesis) -> float:
     """Part of the joint's inertia without which the effect's load explains most; 0 where that is not clear."""
-    from scipy.optimize import minimize_scalar
-
     (j,) = hypothesis.joints
     whole, bounds = float(kinds.hidden_rotor[j]), bounds_of(hypothesis)
 
@@ -64,13 +58,6 @@ def _share(beside: Beside, kinds: Kinds, hypothesis: Hypothesis) -> float:
         columns = kinds.with_rotor(j, share * whole).once(hypothesis)
         return beside.gains(columns, [slice(None)], [bounds])[0].power
 
-    tried = (0.0, *SHARES)
-    powers = [power(share) for share in tried]
-    at = int(np.argmax(powers))
-    ends = (tried[max(at - 1, 0)], tried[min(at + 1, len(tried) - 1)])
-    found = minimize_scalar(
-        lambda share: -power(float(share)), bounds=ends, method="bounded", options={"maxiter": REFINED}
-    )
+    _, (share, most) = highest(power, SHARES, REFINED)
     rows = float(independent_rows(beside.residual, beside.blocks)[j])
-    evidence = 0.5 * rows / beside.n_rows * (-float(found.fun) - powers[0]) - 0.5 * np.log(max(rows, 2.0))
-    return float(found.x) if evidence > CLEAR else 0.0
+    return share if worth(most - power(0.0), beside.n_rows, rows, 1) > CLEAR else 0.0

@@ -113,7 +113,7 @@ def good_candidates(state: Search, further: Sequence[Candidate]) -> list[Choice]
         state.n_tests = effective_tests(beside, tests)
     good: list[Choice] = []
     looked: list[Weighed] = []
-    for candidate in _shortlist(beside, state.kinds, ranked):
+    for candidate in shortlist(beside, state.kinds, ranked):
         weighed = weigh(beside, candidate)
         if weighed.gain.power <= 0:
             continue
@@ -128,7 +128,7 @@ def good_candidates(state: Search, further: Sequence[Candidate]) -> list[Choice]
     return [_told_apart(beside, choice, looked) for choice in _different(beside, good)]
 
 
-def _shortlist(
+def shortlist(
     beside: Beside, kinds: Kinds, ranked: Sequence[tuple[float, Hypothesis | Candidate]]
 ) -> Iterator[Candidate]:
     """Candidates with their best shapes that may win; one whose shape has no end stands in nobody's way."""

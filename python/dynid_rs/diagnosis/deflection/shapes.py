@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from dynid_rs.diagnosis.deflection.system import centred, inverse
 from dynid_rs.diagnosis.deflection.terms import PLAY, columns_of
+from dynid_rs.diagnosis.peak import highest
 
 if TYPE_CHECKING:
     from dynid_rs.diagnosis.deflection.gear import Gear
@@ -79,15 +80,8 @@ def rotor_share(gear: Gear) -> float:
         steps = [columns_of("backlash", run, gear.shapes, run.load)[:, 0] for run in tried.runs]
         return beside.gain(loads, steps)[0]
 
-    gains = [gain(share) for share in ROTOR_SHARES]
-    at = int(np.argmax(gains))
-    from scipy.optimize import minimize_scalar
-
-    bounds = (ROTOR_SHARES[max(at - 1, 0)], ROTOR_SHARES[min(at + 1, len(ROTOR_SHARES) - 1)])
-    found = minimize_scalar(
-        lambda share: -gain(float(share)), bounds=bounds, method="bounded", options={"maxiter": REFINED}
-    )
-    return float(found.x)
+    _, (share, _) = highest(gain, ROTOR_SHARES, REFINED)
+    return share
 
 
 def find_width(gear: Gear) -> Gear:
@@ -131,12 +125,5 @@ def find_distance(gear: Gear) -> Gear:
 
 def _best(gain: Callable[[float], float], grid: Sequence[float]) -> float:
     """Value of greatest gain, from a grid and refined in its logarithm between the neighbours."""
-    from scipy.optimize import minimize_scalar
-
-    gains = [gain(value) for value in grid]
-    at = int(np.argmax(gains))
-    low, high = np.log(grid[max(at - 1, 0)]), np.log(grid[min(at + 1, len(grid) - 1)])
-    found = minimize_scalar(
-        lambda x: -gain(float(np.e**x)), bounds=(low, high), method="bounded", options={"maxiter": REFINED}
-    )
-    return float(np.e**found.x) if -found.fun > gains[at] else grid[at]
+    first, refined = highest(lambda x: gain(float(np.e**x)), [float(np.log(value)) for value in grid], REFINED)
+    return float(np.e ** max(first, refined, key=lambda end: end[1])[0])
