@@ -49,6 +49,11 @@ def test_a_late_torque_channel_is_found_after_the_search_and_none_where_there_is
     on_time = measured(n_runs=3)
     state = start(Setup(ROBOT), on_time)
     assert with_late_clock(state, Setup(ROBOT), on_time) == (state, None)
+    early = start(Setup(ROBOT, torque_delay=np.full(ROBOT.n_joints, 0.01)), on_time)
+    found, delay = with_late_clock(early, early.setup, on_time)
+    assert delay is not None
+    assert delay.places == ()
+    assert not found.setup.torque_delay.any()
 
 
 def test_a_spring_is_weighed_beside_every_cylinder():

@@ -138,7 +138,9 @@ def diagnose(
             found, began, (_, findings, clocks) = other, on_one_clock, one_clock
     found = with_other_geometry(found, began, train, on_progress=on_progress)
     found, delay = with_late_clock(found, began, train, on_progress=on_progress)
-    if delay is not None:
+    if delay is not None:  # instead of what was seen before the physics
+        findings = [finding for finding in findings if finding.code != "torque_delay"]
+        clocks = [clock for clock in clocks if clock["kind"] != "torque_delay"]
         findings = [*findings, *delay_findings(setup.robot, delay, two_encoders=before.encoder_delay_ is not None)]
         clocks = [*clocks, *delay_entries(delay)]
     if gears:  # once more, with the load of a model that lacks nothing

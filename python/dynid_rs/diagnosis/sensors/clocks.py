@@ -135,7 +135,7 @@ def choose_delay(parts: DelayParts, *, of_one: bool = True) -> TorqueDelay:
     seen = np.isfinite(parts.value[:2])
     seen_joints = np.flatnonzero(seen.any(axis=0))
     places = [joints for joints in places if set(joints) & set(seen_joints.tolist())]
-    level = LEVEL / max(len(places), 1)
+    level = LEVEL / (n + 1)
     chosen: list[tuple[int, ...]] = []
     while len(chosen) < len(places):
         rest = [joints for joints in places if joints not in chosen]
