@@ -22,7 +22,7 @@ from dynid_rs.diagnosis.floor import floor
 from dynid_rs.diagnosis.kinds import Hypothesis, at_a_bound
 from dynid_rs.diagnosis.late_clock import with_late_clock
 from dynid_rs.diagnosis.leftovers import run_residuals, search_leftovers
-from dynid_rs.diagnosis.patchwork import as_unknown, patchworks
+from dynid_rs.diagnosis.patchwork import as_unknown, nameless_patchworks, patchworks
 from dynid_rs.diagnosis.remainder import what_is_left
 from dynid_rs.diagnosis.rotor_share import with_rotors
 from dynid_rs.diagnosis.search import scan
@@ -119,7 +119,8 @@ def test_a_cylinder_with_a_spring_beside_it_is_a_function_without_a_name():
         | errors
         for k, effect in enumerate(effects)
     ]
-    unknown, ripple = as_unknown(entries, effects, ROBOT.joint_names)
+    pairs = list(zip(effects, entries, strict=True))
+    unknown, ripple = as_unknown(pairs, nameless_patchworks(effects, ROBOT.joint_names))
     assert (unknown["kind"], unknown["parameters"]) == ("unknown", [])
     assert unknown["depends_on"][0]["signal"] == f"q_{ROBOT.joint_names[ELBOW]}"
     assert "counterbalance, joint spring" in unknown["note"]

@@ -15,14 +15,14 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
-from cases import Case, all_cases
+from cases import SEED, Case, all_cases
 from examiner import examine
 
 from dynid_rs.files import write_json
 
 ROOT = Path(__file__).resolve().parents[2]
-KEPT = ROOT / "target" / "blind"
-"""Results by case; built things live in `target/`, which is no part of the repository."""
+KEPT = ROOT / "target" / "blind" / str(SEED)
+"""Results by seed and case; built things live in `target/`, which is no part of the repository."""
 
 Examiner = Callable[[Path, Path], tuple[dict[str, Any], float]]
 

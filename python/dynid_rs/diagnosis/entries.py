@@ -19,6 +19,7 @@ from dynid_rs.diagnosis.search import once_each
 from dynid_rs.diagnosis.state import Choice, Search, columns_in, hypothesis_of
 from dynid_rs.evaluation import rmse
 from dynid_rs.loops import link_load
+from dynid_rs.placed import PlacedEffect
 from dynid_rs.recording import Recording
 
 FloatArray = NDArray[np.float64]
@@ -29,8 +30,8 @@ N_BINS = 60
 """Points of a fitted curve."""
 
 
-def effect_entries(found: Search, test: Sequence[Recording]) -> list[dict[str, Any]]:
-    """One entry per effect of the final setup, the one that takes off most first."""
+def effect_entries(found: Search, test: Sequence[Recording]) -> list[tuple[PlacedEffect, dict[str, Any]]]:
+    """Every effect of the final setup with its entry, the one that takes off most first."""
     if not found.setup.effects:
         return []
     columns = columns_in(found)
@@ -49,26 +50,25 @@ def effect_entries(found: Search, test: Sequence[Recording]) -> list[dict[str, A
         hypothesis = hypothesis_of(effect, found.kinds)
         beside = Beside(found.fit, columns[k])
         choice = told.get((effect.kind, effect.joints[:1]))
-        entries.append(
-            {
-                "rank": rank + 1,
-                "kind": effect.kind,
-                "joints": [found.setup.robot.joint_names[j] for j in effect.joints],
-                "parameters": [
-                    _parameter(e, found)
-                    for e in estimates(beside, found.kinds, hypothesis, weighed.gain.coefficients, friction)
-                ],
-                "p_value": 1.0 if choice is None else choice.p_value,
-                "evidence": weighed.evidence,
-                "rmse_train_before": trained[rank],
-                "rmse_train_after": trained[rank + 1],
-                "rmse_test_before": tested[rank],
-                "rmse_test_after": tested[rank + 1],
-                "ties": tie_entries(found, choice),
-                "told_apart_from": refuted_entries(found, choice),
-                "plot": _plot(found, beside, hypothesis, weighed.gain.coefficients),
-            }
-        )
+        entry: dict[str, Any] = {
+            "rank": rank + 1,
+            "kind": effect.kind,
+            "joints": [found.setup.robot.joint_names[j] for j in effect.joints],
+            "parameters": [
+                _parameter(e, found)
+                for e in estimates(beside, found.kinds, hypothesis, weighed.gain.coefficients, friction)
+            ],
+            "p_value": 1.0 if choice is None else choice.p_value,
+            "evidence": weighed.evidence,
+            "rmse_train_before": trained[rank],
+            "rmse_train_after": trained[rank + 1],
+            "rmse_test_before": tested[rank],
+            "rmse_test_after": tested[rank + 1],
+            "ties": tie_entries(found, choice),
+            "told_apart_from": refuted_entries(found, choice),
+            "plot": _plot(found, beside, hypothesis, weighed.gain.coefficients),
+        }
+        entries.append((effect, entry))
     return entries
 
 

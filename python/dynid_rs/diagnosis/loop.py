@@ -17,9 +17,10 @@ from dynid_rs.diagnosis.dropping import drop_needless
 from dynid_rs.diagnosis.entries import effect_entries, ranked
 from dynid_rs.diagnosis.kinds import Kinds
 from dynid_rs.diagnosis.late_clock import explains_more, with_late_clock
-from dynid_rs.diagnosis.patchwork import as_unknown
+from dynid_rs.diagnosis.patchwork import as_unknown, nameless_patchworks
 from dynid_rs.diagnosis.reference import compare
-from dynid_rs.diagnosis.remainder import Remainder, remainder_entries, unknown_entries, what_is_left, with_terms
+from dynid_rs.diagnosis.remainder import Remainder, what_is_left, with_terms
+from dynid_rs.diagnosis.remainder_entries import nearest_names, remainder_entries, unknown_entries
 from dynid_rs.diagnosis.ripple import RippleCandidate, add_ripple
 from dynid_rs.diagnosis.ripple_entries import ripple_entries
 from dynid_rs.diagnosis.search import search
@@ -155,6 +156,7 @@ def diagnose(
     after = _final(found, remainder, train)
     tests = [found.setup.corrected(recording) for recording in test]
     names = setup.robot.joint_names
+    nameless = [*nearest_names(remainder, names), *nameless_patchworks(found.setup.effects, names)]
     # The first look at gains is told apart from everything else by the search.
     own_gains = {f"tau_{j}" for j in found.setup.gain_joints}
     if gears:  # they know the delay better than the first look
@@ -171,7 +173,7 @@ def diagnose(
                     *clock_entries(clocks, setup.robot),
                     *deflection_entries(gears, names),
                     *structural_entries(found, train, tests),
-                    *as_unknown(effect_entries(found, tests), found.setup.effects, names),
+                    *as_unknown(effect_entries(found, tests), nameless),
                     *unknown_entries(remainder, names),
                     *ripple_entries(lines, found.fit),
                 ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -16,12 +16,11 @@ from dynid_rs.diagnosis.floor import Floor, floor
 from dynid_rs.diagnosis.kinds import Kinds
 from dynid_rs.diagnosis.leftovers import run_residuals, search_leftovers
 from dynid_rs.diagnosis.patchwork import patchworks
-from dynid_rs.diagnosis.picture import Picture
 from dynid_rs.diagnosis.rows_beside import Beside as Rows
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.signals import STATE, Signal, candidate_signals
 from dynid_rs.diagnosis.state import Search, columns_in, fitted
-from dynid_rs.diagnosis.unknown import Unexplained, find_unknown, names
+from dynid_rs.diagnosis.unknown import Unexplained, find_unknown
 from dynid_rs.identification import ThreeLoopIdentifier
 from dynid_rs.loops import link_load
 from dynid_rs.placed import CATALOGUE, PlacedEffect
@@ -45,11 +44,15 @@ SHARP = 12.0
 
 @dataclass(frozen=True, eq=False)
 class Remainder:
-    """The floor of every joint, what is unexplained, and the data-driven terms that are worth keeping."""
+    """The floor of every joint, what is unexplained, and the data-driven terms that are worth keeping.
+
+    `nearest`: effects by joint that stay in the model and explain a part, but are only the names that come nearest.
+    """
 
     floor: Floor
     unexplained: list[Unexplained]
     terms: list[DataTerm]
+    nearest: dict[int, list[PlacedEffect]] = field(default_factory=dict)
 
 
 def what_is_left(found: Search, train: Sequence[Recording]) -> Remainder:
@@ -62,7 +65,7 @@ def what_is_left(found: Search, train: Sequence[Recording]) -> Remainder:
     for forced in _forced(found, floor_, unexplained):
         bare = _without(found, forced, best, train)
         best = best if bare is None else bare
-    return best
+    return replace(best, nearest=_nearest(found, best))
 
 
 def _without(
@@ -109,14 +112,33 @@ def _forced(found: Search, measured: Floor, unexplained: Sequence[Unexplained]) 
             before = float(np.mean(without.residual[:, j] ** 2))
             if before - after[j] < FORCED * (before - measured.value[j] ** 2):
                 doubtful |= set(there)
-            if left.share > OTHER_FORM:
-                signals = {signal for signal, _ in left.depends_on}
-                doubtful |= {k for k in there if (own := signals_of(effects[k])) and own <= signals}
+            doubtful |= {k for k in there if _of_its_signals(effects[k], left)}
         patches = next((group for group in patchworks(effects) if group[0].joints[0] == j), [])
         doubtful |= {k for k, effect in enumerate(effects) if any(effect is other for other in patches)}
         if doubtful:
             forced.append([effects[k] for k in sorted(doubtful)])
     return forced
+
+
+def _of_its_signals(effect: PlacedEffect, left: Unexplained) -> bool:
+    """Whether much is left that depends on the very signals that an effect is a function of."""
+    own = signals_of(effect)
+    return left.share > OTHER_FORM and bool(own) and own <= {signal for signal, _ in left.depends_on}
+
+
+def _nearest(found: Search, left: Remainder) -> dict[int, list[PlacedEffect]]:
+    """Names on a joint that explain too little of what depends on their own signals, and have no better replacement."""
+    columns, effects = columns_in(found), found.setup.effects
+    after = np.mean(Beside(found.fit).residual ** 2, axis=0)
+    nearest = {}
+    for u in (u for u in left.unexplained if u.term is not None):
+        j = u.joint
+        own = [k for k, e in enumerate(effects) if e.joints == (j,) and not _is_line(e) and _of_its_signals(e, u)]
+        without = Beside(found.fit, [c for k in own for c in columns[k]])
+        before = float(np.mean(without.residual[:, j] ** 2))
+        if own and before - after[j] < FORCED * (before - left.floor.value[j] ** 2):
+            nearest[j] = [effects[k] for k in own]
+    return nearest
 
 
 def signals_of(effect: PlacedEffect) -> set[Signal]:
@@ -187,69 +209,3 @@ def _with_terms(
         signals[term.joint], regressions[term.joint] = list(term.signals), term.mixture
     fit.model_ = with_residual(fit.model_, signals, regressions)
     return fit
-
-
-def remainder_entries(remainder: Remainder, joint_names: Sequence[str]) -> list[dict[str, Any]]:
-    """Entries of `unexplained` in `result.json`."""
-    return [
-        {
-            "joint": joint_names[u.joint],
-            "share": u.share,
-            "p_value": u.p_value,
-            "depends_on": _depends_on(u, joint_names),
-            **({} if u.term is None else {"term": {"kind": "gmr", "kept": u.term in remainder.terms}}),
-            **({} if u.picture is None else {"plot": _plot(u.picture, joint_names, u.joint)}),
-        }
-        for u in remainder.unexplained
-    ]
-
-
-def unknown_entries(remainder: Remainder, joint_names: Sequence[str]) -> list[dict[str, Any]]:
-    """Effects that have no name but a term in the model."""
-    return [
-        {
-            "kind": "unknown",
-            "joints": [joint_names[u.joint]],
-            "parameters": [],
-            "p_value": u.p_value,
-            "ties": [],
-            "depends_on": _depends_on(u, joint_names),
-            "note": "nothing in the catalogue explains it; "
-            + (
-                "a regression on these signals is in the model"
-                if u.term in remainder.terms
-                else "a regression on these signals does not carry over to runs left out, so it is not in the model"
-            ),
-        }
-        for u in remainder.unexplained
-        if u.term is not None and u.depends_on
-    ]
-
-
-def _depends_on(u: Unexplained, joint_names: Sequence[str]) -> list[dict[str, Any]]:
-    return [{"signal": name, "strength": strength, "direct": True} for name, strength in names(u, joint_names)]
-
-
-def _plot(picture: Picture, joint_names: Sequence[str], joint: int) -> dict[str, Any] | None:
-    """Mean partial residual over the strongest signal."""
-    name, j = picture.signals[0]
-    centres = (picture.edges[0][1:] + picture.edges[0][:-1]) / 2
-    count, partial, curve = picture.count, picture.partial, picture.fitted
-    if partial.ndim == 2:
-        count = np.where(np.isfinite(partial), count, 0.0)
-        total = np.maximum(count.sum(axis=1), 1.0)
-        partial, curve = ((np.nan_to_num(x) * count).sum(axis=1) / total for x in (partial, curve))
-        count = count.sum(axis=1)
-    seen = (count > 0) & np.isfinite(partial) & np.isfinite(curve)
-    if not seen.any():
-        return None
-    unit = {"q": "rad", "dq": "rad/s", "ddq": "rad/s^2", "tau_link": "N*m"}.get(name.replace("_motor", ""), "1")
-    return {
-        "joint": joint_names[joint],
-        "signal": name if j < 0 else f"{name}_{joint_names[j]}",
-        "unit": unit,
-        "x": centres[seen].tolist(),
-        "partial": partial[seen].tolist(),
-        "curve_x": centres[seen].tolist(),
-        "curve": curve[seen].tolist(),
-    }
