@@ -52,9 +52,12 @@ def estimate_encoder_delay(runs: Sequence[States], tau_link: Sequence[FloatArray
         if len(gap) < 20 * N_PARTS or np.ptp(gap) < 1e-12:
             continue  # the second channel is a copy, or the joint hardly moved
         measured[j] = True
-        value[j] = _delay(columns, gap)
-        parts = np.array_split(np.arange(len(gap)), N_PARTS)
-        without = np.array([_delay(np.delete(columns, part, axis=0), np.delete(gap, part)) for part in parts])
+        # Triangular factors stand for their rows, so that leaving a part out reads none of them again.
+        scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+        parts = np.array_split(np.column_stack([columns / scale, gap]), N_PARTS)
+        factors = [_core.triangular_factor(part) for part in parts]
+        value[j] = _delay(factors) / scale[0]
+        without = np.array([_delay(factors[:k] + factors[k + 1 :]) / scale[0] for k in range(N_PARTS)])
         std_error[j] = np.sqrt((N_PARTS - 1) / N_PARTS * np.sum((without - without.mean()) ** 2))
     return EncoderDelay(value, std_error, measured)
 
@@ -90,10 +93,10 @@ def _system(states: States, tau_link: FloatArray, j: int) -> tuple[FloatArray, F
     return columns, filtered[rows, 3]
 
 
-def _delay(columns: FloatArray, gap: FloatArray) -> float:
-    scale = np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-    factor = _core.triangular_factor(np.column_stack([columns / scale, gap]))
+def _delay(factors: Sequence[FloatArray]) -> float:
+    """Coefficient of the first column, by triangular factors of ``[columns | gap]``."""
+    factor = _core.triangular_factor(np.concatenate(factors))
     x = np.linalg.lstsq(factor[:, :-1], factor[:, -1], rcond=None)[0]
     if x[1] < 0:  # a gear yields in the direction of its load; with one bound, the best within it is on it
         x = np.linalg.lstsq(factor[:, [0, 2, 3]], factor[:, -1], rcond=None)[0]
-    return float(x[0] / scale[0])
+    return float(x[0])

@@ -108,12 +108,39 @@ def diagnose(
     DataError
         As `ThreeLoopIdentifier.fit`; a test run with hardly any motion.
     """
-    if reference is not None:
-        errors = channel_errors(setup, train)
-        if errors:
-            return _stopped(setup, setup.identifier(residual=None).fit(list(train)), errors)
-        on_progress("comparing with the reference")
-        return _changed(setup, train, test, reference)
+    from threadpoolctl import threadpool_limits
+
+    # Many small matrices: threads of a BLAS would only wait for each other.
+    with threadpool_limits(limits=1, user_api="blas"):
+        if reference is None:
+            return _traced(setup, train, test, on_progress)
+        return _compared(setup, train, test, reference, on_progress)
+
+
+def _compared(
+    setup: Setup,
+    train: Sequence[Recording],
+    test: Sequence[Recording],
+    reference: _core.TorqueModel,
+    on_progress: Callable[[str], None],
+) -> Diagnosis:
+    """What has changed against a reference; the model with what was found is the reference with it."""
+    errors = channel_errors(setup, train)
+    fit = setup.identifier(residual=None).fit(list(train))
+    if errors:
+        return _stopped(setup, fit, errors)
+    on_progress("comparing with the reference")
+    changes = compare(reference, setup.robot, train, test, cutoff=setup.options.get("cutoff"))
+    before, after = copy(fit), copy(fit)
+    before.model_, after.model_ = reference, changes.model
+    nothing = Search(setup, fit, Kinds(fit))
+    return Diagnosis(setup, before, after, nothing, findings=list(changes.findings), effects=list(changes.effects))
+
+
+def _traced(
+    setup: Setup, train: Sequence[Recording], test: Sequence[Recording], on_progress: Callable[[str], None]
+) -> Diagnosis:
+    """The loop itself: sensors and clocks, the declared model, gears, the search, what is left, the whole model."""
     asked, findings, clocks = examine(setup, train, test, on_progress)
     if setup.robot.n_joints == 1:
         # A drive by itself may well be nothing but what a declared model lacks; no robot file is wrong there.
@@ -212,18 +239,6 @@ def hold_ripple(found: Search, train: Sequence[Recording]) -> list[RippleCandida
         drop_needless(found, train)  # what the lines left in the band may have had another name
         settle(found, train, range(len(found.setup.effects)))
     return lines
-
-
-def _changed(
-    setup: Setup, train: Sequence[Recording], test: Sequence[Recording], reference: _core.TorqueModel
-) -> Diagnosis:
-    """What has changed since the reference was made; the model with what was found is the reference with it."""
-    changes = compare(reference, setup.robot, train, test, cutoff=setup.options.get("cutoff"))
-    fit = setup.identifier(residual=None).fit(list(train))
-    before, after = copy(fit), copy(fit)
-    before.model_, after.model_ = reference, changes.model
-    nothing = Search(setup, fit, Kinds(fit))
-    return Diagnosis(setup, before, after, nothing, findings=list(changes.findings), effects=list(changes.effects))
 
 
 def _step(found: Search, step: Any) -> dict[str, Any]:

@@ -102,8 +102,6 @@ class Beside:
         return np.concatenate(parts)
 
     def _basis(self) -> FloatArray:
-        from scipy.linalg import qr
-
         plan, links = self.fit.observations_.plan, self.fit.links_
         columns = np.concatenate([self._columns, self._pull[:, :-1]])
         changes = np.zeros((len(columns), len(self._scaled_joints)))
@@ -119,7 +117,7 @@ class Beside:
             unit = np.linalg.norm(columns, axis=0)
             top = np.linalg.norm(columns / unit, 2)
             columns = np.concatenate([columns, np.diag(ridge * top * unit)])
-        Q, _, _ = qr(columns / np.linalg.norm(columns, axis=0), mode="economic", pivoting=True)
+        Q, _ = np.linalg.qr(columns / np.linalg.norm(columns, axis=0))
         return np.ascontiguousarray(Q)
 
     @cached_property

@@ -101,10 +101,21 @@ class Beside:
         return rows
 
     @cached_property
-    def _basis(self) -> FloatArray:
+    def _norms(self) -> FloatArray:
         norms = np.linalg.norm(self.columns, axis=0)
-        u, s, _ = np.linalg.svd(self.columns / np.where(norms > 0, norms, 1.0), full_matrices=False)
-        basis: FloatArray = u[:, s > NEGLIGIBLE * s[0]]
+        return np.where(norms > 0, norms, 1.0)
+
+    @cached_property
+    def _factors(self) -> tuple[FloatArray, FloatArray]:
+        """Orthonormal and triangular factor of the columns at unit length: singular values are those of the second."""
+        Q, R = np.linalg.qr(self.columns / self._norms)
+        return Q, R
+
+    @cached_property
+    def _basis(self) -> FloatArray:
+        Q, R = self._factors
+        u, s, _ = np.linalg.svd(R)
+        basis: FloatArray = Q @ u[:, s > NEGLIGIBLE * s[0]]
         return basis
 
     def stacked(self, columns: Sequence[RunColumns]) -> FloatArray:
@@ -126,11 +137,9 @@ class Beside:
 
     def base_covariance(self) -> FloatArray:
         """Covariance of the base parameters (n_base, n_base), residuals taken as independent."""
-        norms = np.linalg.norm(self.columns, axis=0)
-        norms[norms == 0] = 1.0
-        _, s, vt = np.linalg.svd(self.columns / norms, full_matrices=False)
+        _, s, vt = np.linalg.svd(self._factors[1])
         n_base = self.fit.observations_.plan.n_base
-        root = (vt[:, :n_base].T / np.maximum(s, NEGLIGIBLE * s[0])) / norms[:n_base, None]
+        root = (vt[:, :n_base].T / np.maximum(s, NEGLIGIBLE * s[0])) / self._norms[:n_base, None]
         covariance: FloatArray = root @ root.T
         return covariance
 

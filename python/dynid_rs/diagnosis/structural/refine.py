@@ -79,6 +79,8 @@ def refine(setup: Setup, fit: ThreeLoopIdentifier) -> Setup:
 
     `fit` is that of `setup`. Returns `setup` itself where no step is worth a refit; gains are fitted by `fit` anyway.
     """
+    if not _is_structural(setup):
+        return setup
     beside, plausible = whole_model(fit)
     parts = [part for part in _parts(beside, setup, plausible) if part.kind != torque_gain.KIND]
     if not parts:
@@ -101,6 +103,8 @@ def structural_parameters(fit: ThreeLoopIdentifier, setup: Setup) -> list[Parame
     Displacements in directions that no torque shows have the standard error of their prior. Shapes of friction and
     delays count as known.
     """
+    if not _is_structural(setup):
+        return []
     beside, plausible = whole_model(fit)
     parts = _parts(beside, setup, plausible)
     if not parts:
@@ -111,6 +115,13 @@ def structural_parameters(fit: ThreeLoopIdentifier, setup: Setup) -> list[Parame
         Parameters(part.kind, part.joints, part.names, part.units, part.value, std_error[first:last])
         for part, first, last in zip(parts, edges[:-1], edges[1:], strict=True)
     ]
+
+
+def _is_structural(setup: Setup) -> bool:
+    """Whether there is any tilt, displacement, eccentricity or gain to speak of."""
+    robot = setup.robot
+    turned = is_tilted(setup.declared, robot) or len(moved_joints(setup.declared, robot)) > 0
+    return bool(turned or np.any(setup.encoder_error) or setup.gain_joints)
 
 
 def _parts(beside: Beside, setup: Setup, plausible: Plausible) -> list[Part]:
