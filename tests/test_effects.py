@@ -39,7 +39,7 @@ SHAPES = {
     "position_dependent_friction": {"cycles": [1.0, 2.0, 3.0], "transition_width": [0.01, 0.02, 0.03]},
     "friction_hysteresis": {"presliding_distance": [0.001, 0.01, 0.1]},
     "load_hysteresis": {"presliding_distance": [0.002, 0.02, 0.2]},
-    "gear_hysteresis": {"hysteresis_load": [1.0, 4.0, 0.5]},
+    "gear_hysteresis": {"hysteresis_load": [1.0, 4.0, 0.5], "carried_load": [0.0, 2.0, 3.0]},
     "coupled_friction": {
         "partner": [1.0, 0.0, -1.0],
         "ratio": [0.5, 2.0, 1.0],
@@ -205,22 +205,25 @@ def gear_hysteresis(load):
     return _core.effect_columns(effect_of("gear_hysteresis"), q, q, q, tau_link=load)[:, :, 0]
 
 
-def test_gear_hysteresis_is_dahls_equation_along_the_load():
-    """Against an integrator of dz/ds = x'/d (1 - z sign(x')) along the load x, straight between the samples."""
+def test_gear_hysteresis_is_dahls_equation_along_what_the_load_leaves_the_spring():
+    """Against an integrator of dz/ds = x'/d (1 - z sign(x')) along x = load - c z, the load straight between samples."""
     from scipy.integrate import solve_ivp
 
     load = wound(400, 2)
     columns = gear_hysteresis(load)
-    for j, d in enumerate(SHAPES["gear_hysteresis"]["hysteresis_load"]):
+    shape = SHAPES["gear_hysteresis"]
+    for j, (d, c) in enumerate(zip(shape["hysteresis_load"], shape["carried_load"], strict=True)):
         z = [0.0]
-        for dx in np.diff(load[:120, j]):
-            bent = solve_ivp(
-                lambda _, z, v=dx, d=d: v / d * (1 - z * np.sign(v)), (0, 1), z[-1:], rtol=1e-10, atol=1e-12
-            )
-            z.append(bent.y[0, -1])
+        for change in np.diff(load[:120, j]):
+
+            def rate(_, z, v=change, d=d, c=c):
+                turning = (1 - z * np.sign(v)) / d
+                return v * turning / (1 + c * turning)
+
+            z.append(solve_ivp(rate, (0, 1), z[-1:], rtol=1e-10, atol=1e-12).y[0, -1])
         assert_allclose(columns[:120, j], z, rtol=0, atol=1e-7)
     assert np.abs(columns).max() <= 1.0
-    assert (np.ptp(columns, axis=0) > 1.5).all()
+    assert (np.ptp(columns, axis=0) > 1.3).all()
 
 
 def test_gear_hysteresis_takes_energy_in_every_cycle():
@@ -228,7 +231,7 @@ def test_gear_hysteresis_takes_energy_in_every_cycle():
     load = wound(30_001, 3)
     wind_up, z = load[20_000:] / 1e4, gear_hysteresis(load)[20_000:]
     assert_allclose(wind_up[-1], wind_up[0], rtol=0, atol=1e-12)
-    assert_allclose(z[-1], z[0], rtol=0, atol=1e-6)
+    assert_allclose(z[-1], z[0], rtol=0, atol=1e-4)
     work = np.trapezoid(z, wind_up, axis=0)
     # Between none and that of dry friction along the same way.
     way = np.sum(np.abs(np.diff(wind_up, axis=0)), axis=0)
@@ -355,7 +358,7 @@ def test_a_search_can_begin(kind):
     entry = CATALOGUE[kind]
     names = [s["name"] for s in entry["shape"]]
     # What names another joint, follows the load or repeats friction comes from the fit.
-    by_the_fit = {"partner": -1.0, "hysteresis_load": 1.0, **dict.fromkeys(FRICTION_NAMES, 1.0)}
+    by_the_fit = {"partner": -1.0, "hysteresis_load": 1.0, "carried_load": 0.5, **dict.fromkeys(FRICTION_NAMES, 1.0)}
     grids = [[by_the_fit[s["name"]]] if s["name"] in by_the_fit else s["grid"] for s in entry["shape"]]
     assert all(len(grid) > 0 for grid in grids)
     made, refused = 0, []

@@ -247,7 +247,7 @@ def test_effects_that_remember_give_the_bits_of_python(estimator, tmp_path):
             "thermal_friction", time_constant=[0.3] * n, reference_speed=[0.0, 1.0] * 3, transition_width=[0.01] * n
         ),
         _core.Effect.of("load_dependent_friction", transition_width=[0.01] * n),
-        _core.Effect.of("gear_hysteresis", hysteresis_load=[3.0] * n),
+        _core.Effect.of("gear_hysteresis", hysteresis_load=[3.0] * n, carried_load=[1.0] * n),
         _core.Effect.of("friction_hysteresis", presliding_distance=[0.2] * n),
     ]
     model = _core.TorqueModel(

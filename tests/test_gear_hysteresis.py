@@ -39,7 +39,10 @@ def wind_up_load(arm):
 
 
 def placed(arm):
-    return [PlacedEffect.at("gear_hysteresis", j, hysteresis_load=wind_up_load(arm)[j]) for j in range(N)]
+    return [
+        PlacedEffect.at("gear_hysteresis", j, hysteresis_load=wind_up_load(arm)[j], carried_load=arm.hysteresis[j])
+        for j in range(N)
+    ]
 
 
 def lost(fit):

@@ -28,6 +28,7 @@ def shape_value(name: str, j: int) -> float:
         "cycles": 2.0 + 7.5 * j,
         "presliding_distance": 0.01,
         "hysteresis_load": 3.0,
+        "carried_load": 2.0,
         "time_constant": 2.0,
         "reference_speed": 0.0 if j % 2 else 0.7,
         "reference_temperature": 25.0,

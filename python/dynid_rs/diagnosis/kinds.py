@@ -32,7 +32,7 @@ REFINED: dict[str, dict[str, tuple[str, float, float]]] = {
     "stribeck": {"stribeck_velocity": ("log", 1e-3, 10.0), "exponent": ("log", 0.5, 4.0)},
     "friction_hysteresis": {"presliding_distance": ("log", 1e-5, 0.3)},
     "load_hysteresis": {"presliding_distance": ("log", 1e-5, 0.3)},
-    "gear_hysteresis": {"hysteresis_load": ("log", 1e-4, 1e5)},
+    "gear_hysteresis": {"hysteresis_load": ("log", 1e-4, 1e5), "carried_load": ("log", 1e-4, 1e5)},
     "coupled_friction": {"ratio": ("linear", -5.0, 5.0)},
     "torque_ripple": {"cycles": ("linear", 3.0, 1e4)},
     "counterbalance": {
@@ -51,6 +51,11 @@ COARSE = {
 """Grids of the scan where the catalogue's is finer than a search needs to begin with, or reaches beyond a run."""
 WINDS = (0.03, 0.1, 0.3, 1.0)
 """Loads over which a gear's teeth turn round, over the load's standard deviation."""
+CARRIED = 0.05
+"""Load that slipping teeth carry, over the load's standard deviation, with which its search begins."""
+FREE_ENDS = ("b", "carried_load")
+"""Shape parameters that may be as small as their search goes: a lever as short as can be is a cylinder all the same, one
+that pulls like a weight, and teeth may carry nothing."""
 UNSOUGHT = ("load_hysteresis",)
 """Kinds that can be declared and are not looked for: load with memory is what load-dependent friction and hysteresis
 tell together, and those are two causes that a person can act on."""
@@ -181,6 +186,8 @@ class Kinds:
                 values.append([-1.0])
             elif name == "hysteresis_load":
                 values.append([part * float(self._load_scatter[j]) for part in WINDS])
+            elif name == "carried_load":
+                values.append([CARRIED * float(self._load_scatter[j])])
             elif name in self.friction_of(j):
                 values.append([self.friction_of(j)[name]])
             elif (kind, name) in COARSE:
@@ -403,8 +410,7 @@ def at_a_bound(hypothesis: Hypothesis) -> bool:
         if has_no_end(hypothesis.kind, hypothesis.shape):
             continue
         value = abs(shape[name])
-        # A lever as short as can be is a cylinder all the same, one that pulls like a weight.
-        too_low = value <= low * (1 + AT_BOUND) and name != "b"
+        too_low = value <= low * (1 + AT_BOUND) and name not in FREE_ENDS
         if too_low or value >= high * (1 - AT_BOUND):
             return True
     return False

@@ -19,7 +19,7 @@ from dynid_rs.diagnosis.kinds import Kinds
 from dynid_rs.diagnosis.late_clock import explains_more, with_late_clock
 from dynid_rs.diagnosis.patchwork import as_unknown, nameless_patchworks
 from dynid_rs.diagnosis.reference import compare
-from dynid_rs.diagnosis.remainder import Remainder, what_is_left, with_terms
+from dynid_rs.diagnosis.remainder import Remainder, lines_told, what_is_left, with_terms
 from dynid_rs.diagnosis.remainder_entries import nearest_names, remainder_entries, unknown_entries
 from dynid_rs.diagnosis.ripple import RippleCandidate, add_ripple
 from dynid_rs.diagnosis.ripple_entries import ripple_entries
@@ -202,7 +202,7 @@ def _traced(
                     *structural_entries(found, train, tests),
                     *as_unknown(effect_entries(found, tests), nameless),
                     *unknown_entries(remainder, names),
-                    *ripple_entries(lines, found.fit),
+                    *ripple_entries(lines_told(lines, found, remainder), found.fit),
                 ]
             )
         ),

@@ -16,10 +16,11 @@ from dynid_rs.diagnosis.floor import Floor, floor
 from dynid_rs.diagnosis.kinds import Kinds
 from dynid_rs.diagnosis.leftovers import run_residuals, search_leftovers
 from dynid_rs.diagnosis.patchwork import patchworks
+from dynid_rs.diagnosis.ripple import RippleCandidate
 from dynid_rs.diagnosis.rows_beside import Beside as Rows
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.signals import STATE, Signal, candidate_signals
-from dynid_rs.diagnosis.state import Search, columns_in, fitted
+from dynid_rs.diagnosis.state import Search, columns_in, fitted, rms
 from dynid_rs.diagnosis.unknown import Unexplained, find_unknown
 from dynid_rs.identification import ThreeLoopIdentifier
 from dynid_rs.loops import link_load
@@ -139,6 +140,23 @@ def _nearest(found: Search, left: Remainder) -> dict[int, list[PlacedEffect]]:
         if own and before - after[j] < FORCED * (before - left.floor.value[j] ** 2):
             nearest[j] = [effects[k] for k in own]
     return nearest
+
+
+def lines_told(lines: Sequence[RippleCandidate], found: Search, left: Remainder) -> list[RippleCandidate]:
+    """Lines in the angle that are a name: a slow one beside more that depends on the same position only comes near."""
+    power = rms(found.fit) ** 2
+    beside = {
+        u.joint: u.share * power[u.joint]
+        for u in left.unexplained
+        if u.term is not None and u.share > OTHER_FORM and ("q", u.joint) in dict(u.depends_on)
+    }
+
+    def only_near(line: RippleCandidate) -> bool:
+        (j,), (first, *_) = line.joints, line.lines
+        own = 0.5 * first.amplitude**2
+        return first.order < SHARP and j in beside and own < FORCED * (own + beside[j])
+
+    return [line for line in lines if not only_near(line)]
 
 
 def signals_of(effect: PlacedEffect) -> set[Signal]:

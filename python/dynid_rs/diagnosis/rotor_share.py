@@ -8,7 +8,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
+
 from dynid_rs.diagnosis.beside import Beside, independent_rows
+from dynid_rs.diagnosis.candidate import RunColumns
 from dynid_rs.diagnosis.kinds import Hypothesis, Kinds, bounds_of
 from dynid_rs.diagnosis.peak import highest
 from dynid_rs.diagnosis.setup import Setup
@@ -18,7 +21,7 @@ from dynid_rs.placed import CATALOGUE, HeldEffect, PlacedEffect
 KIND = "rotor_inertia"
 SHARES = (0.0, 0.2, 0.4, 0.6, 0.8, 0.95)
 """Of a joint's whole inertia."""
-REFINED = 8
+REFINED = 6
 """Evaluations between the neighbours of the best one."""
 CLEAR = 5.0
 """Logarithmic evidence from which a share is told."""
@@ -50,14 +53,25 @@ def with_rotors(state: Search) -> Setup:
 
 
 def _share(beside: Beside, kinds: Kinds, hypothesis: Hypothesis) -> float:
-    """Part of the joint's inertia without which the effect's load explains most; 0 where that is not clear."""
+    """Part of the joint's inertia without which the effect's load explains most; 0 where that is not clear.
+
+    An effect's shape was fitted with the whole inertia in its load, so near the best share it is fitted anew.
+    """
     (j,) = hypothesis.joints
     whole, bounds = float(kinds.hidden_rotor[j]), bounds_of(hypothesis)
 
-    def power(share: float) -> float:
-        columns = kinds.with_rotor(j, share * whole).once(hypothesis)
+    def power(columns: RunColumns) -> float:
         return beside.gains(columns, [slice(None)], [bounds])[0].power
 
-    _, (share, most) = highest(power, SHARES, REFINED)
+    def as_it_is(share: float) -> float:
+        return power(kinds.with_rotor(j, share * whole).once(hypothesis))
+
+    def fitted_anew(share: float) -> float:
+        other = kinds.with_rotor(j, share * whole)
+        return power(other.once(other.refined(hypothesis, power)))
+
+    nothing, *_ = powers = [as_it_is(share) for share in SHARES]
+    at = int(np.argmax(powers))
+    _, (share, most) = highest(fitted_anew, SHARES[max(at - 1, 0) : at + 2], REFINED)
     rows = float(independent_rows(beside.residual, beside.blocks)[j])
-    return share if worth(most - power(0.0), beside.n_rows, rows, 1) > CLEAR else 0.0
+    return share if worth(most - nothing, beside.n_rows, rows, 1) > CLEAR else 0.0

@@ -345,19 +345,17 @@ pub static CATALOGUE: [Entry; 17] = [
     },
     Entry {
         kind: "gear_hysteresis",
-        formula: "k z, dz = dx/d (1 - z sign(dx)) along x = tau_link",
+        formula: "k z, dz = dx/d (1 - z sign(dx)) along x = tau_link - c z",
         coefficients: &[coefficient(
             "gear_hysteresis",
             "{torque}",
             Sign::NonNegative,
         )],
-        shape: &[shape(
-            "hysteresis_load",
-            "N*m",
-            Rule::Positive,
-            // Of the load's own scatter, so a search brings them.
-            &[],
-        )],
+        // Of the load's own scatter, so a search brings them.
+        shape: &[
+            shape("hysteresis_load", "N*m", Rule::Positive, &[]),
+            shape("carried_load", "N*m", Rule::NonNegative, &[]),
+        ],
         signals: &["tau_link"],
         memory: friction_hysteresis::MEMORY,
         declared: false,

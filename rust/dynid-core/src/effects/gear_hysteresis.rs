@@ -1,15 +1,19 @@
 //! Torque that an elastic gear loses in its teeth while it winds up: `k z`, z in \[-1, 1\] as in
-//! [`friction_hysteresis`](super::friction_hysteresis), but along the gear's load.
+//! [`friction_hysteresis`](super::friction_hysteresis), but along the gear's wind-up.
 //!
-//! The wind-up is the load over the stiffness, so the load tells its way as well as two encoders would, without their
-//! noise and without the teeth's own errors.
+//! The wind-up is what the load leaves the spring, over the stiffness: `x = tau_link - c z`, where c is the part of the
+//! load that slipping teeth carry themselves. So the load tells the way as well as two encoders would, without their
+//! noise and without the teeth's own errors. Between two samples the load goes one way, and `|dx| = u` follows from
+//! `u + c (1 - z s)(1 - exp(-u/d)) = |dtau_link|`, s the sign of that way: exact for any step.
 
-use super::friction_hysteresis::bristles;
 use super::EffectInput;
 use crate::slices::{at, copy, first};
 
-/// One column. `shape`: change of load d within which z turns round \[N·m\]. The load is the rigid-body torque that the
-/// model predicts, never a measured one.
+/// Most Newton steps: enough for eight digits where teeth carry a thousand times d, for all where it is like d.
+const STEPS: usize = 8;
+
+/// One column. `shape`: change of x within which z turns round d, and load c that slipping teeth carry, both \[N·m\]. The
+/// load is the rigid-body torque that the model predicts, never a measured one.
 pub fn columns(
     shape: &[f64],
     j: usize,
@@ -17,6 +21,27 @@ pub fn columns(
     memory: &mut [f64],
     columns: &mut [f64],
 ) {
-    let [change] = first(shape);
-    copy(&[bristles(change, at(input.tau_link, j), memory)], columns);
+    let [distance, carried] = first(shape);
+    let load = at(input.tau_link, j);
+    let [z, before, started] = first(memory);
+    let change = if started > 0.0 { load - before } else { 0.0 };
+    let way = if change == 0.0 { 0.0 } else { change.signum() };
+    let turning = carried * (1.0 - z * way);
+    let left = (-wound(change.abs() / distance, turning / distance)).exp();
+    let z = way + (z - way) * left;
+    copy(&[z, load, 1.0], memory);
+    copy(&[z], columns);
+}
+
+/// Root y of `y + a (1 - exp(-y)) = t` for t and a of at least zero: Newton's steps from the left never pass it.
+fn wound(t: f64, a: f64) -> f64 {
+    let mut y = (t / (1.0 + a)).max(t - a);
+    for _ in 0..STEPS {
+        let rest = t - y - a * (1.0 - (-y).exp());
+        if rest <= 0.0 {
+            break;
+        }
+        y += rest / (1.0 + a * (-y).exp());
+    }
+    y
 }

@@ -40,7 +40,7 @@ static FORMS: [Form; 17] = [
     form!("position_dependent_friction", [DIRECTION]),
     form!("friction_hysteresis", [BRISTLES]),
     form!("load_hysteresis", [BRISTLES]),
-    form!("gear_hysteresis", [BRISTLES]),
+    form!("gear_hysteresis", []),
     form!("coupled_friction", [DIRECTION]),
     form!("torque_ripple", []),
     form!("inertial_coupling", []),
