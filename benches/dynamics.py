@@ -71,12 +71,12 @@ def rows():
         pinocchio_regressors,
         per=N_SAMPLES,
     )
-    one = q[:1], dq[:1], ddq[:1]
+    one_q, one_dq, one_ddq = q[:1], dq[:1], ddq[:1]
     room = np.empty((1, robot.n_joints, 10 * robot.n_joints))
     yield compare(
         "G4",
         "one regressor from Python into a given array",
-        lambda: robot.joint_torque_regressor(*one, out=room),
+        lambda: robot.joint_torque_regressor(one_q, one_dq, one_ddq, out=room),
         "Pinocchio, Python",
         lambda: pin.computeJointTorqueRegressor(model, data, q[0], dq[0], ddq[0]),
         limit=15,
@@ -84,7 +84,7 @@ def rows():
     yield compare(
         "G4",
         "one regressor from Python",
-        lambda: robot.joint_torque_regressor(*one),
+        lambda: robot.joint_torque_regressor(one_q, one_dq, one_ddq),
         "Pinocchio, Python",
         lambda: pin.computeJointTorqueRegressor(model, data, q[0], dq[0], ddq[0]),
         limit=10,
@@ -92,7 +92,7 @@ def rows():
     yield compare(
         "",
         "one inverse dynamics from Python",
-        lambda: robot.inverse_dynamics(*one),
+        lambda: robot.inverse_dynamics(one_q, one_dq, one_ddq),
         "Pinocchio, Python",
         lambda: pin.rnea(model, data, q[0], dq[0], ddq[0]),
     )

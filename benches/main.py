@@ -27,8 +27,8 @@ READING = """## Reading these figures
 * The goals come from a prototype on a Zen 5 whose 512-bit units are whole and which did nothing else. A processor that
   runs 512-bit instructions in two halves (Zen 4) gains little over `avx2`, and a core that others share is slower for
   vector code than the ratio to scalar peers tells. Percentiles above p99 are then those of being interrupted.
-* A regressor leaves here row by row, as numpy wants it, not in the lanes' order; one call from Python is mostly
-  checking three arrays and making a fourth.
+* A regressor leaves here row by row, as numpy wants it, not in the lanes' order; of one call from Python
+  about half is the arithmetic, the rest is checking three arrays and making a fourth.
 * Base parameters come from orthogonal reflections throughout; no normal equations.
 * The search of G9 leaves to SciPy's SLSQP what is not an objective, in both; its own share, the bounds' and numpy's, is
   most of what is left of ours.

@@ -1,154 +1,11 @@
 //! The recursions along the chain, in rows: what inverse dynamics, the regressor and its derivatives share.
 
 use crate::kernel::Body;
-use crate::lanes::{Lanes, Matrix, Vector};
+use crate::lanes::{Lanes, Vector};
 use crate::link_params::N_LINK_PARAMS;
-use crate::robot::{Joint, JointKind, RobotModel};
-
-/// Where a joint puts its link, as numbers that do not move: the rotation (link to parent coordinates) is
-/// `constant + cos q * cosine + sin q * sine` for a turning joint (Rodrigues) and `constant` for a sliding one, the
-/// origin `translation + q * slide`.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Placement {
-    /// Revolute or prismatic.
-    pub kind: JointKind,
-    /// Unit axis, in the link frame and in the joint frame alike.
-    pub axis: [f64; 3],
-    /// True if the axis is z, as in most robot files: half the numbers below are zeros then.
-    along_z: bool,
-    constant: [[f64; 3]; 3],
-    cosine: [[f64; 3]; 3],
-    sine: [[f64; 3]; 3],
-    translation: [f64; 3],
-    slide: [f64; 3],
-}
-
-impl Placement {
-    pub(crate) fn new(joint: &Joint) -> Self {
-        let rows = |m: nalgebra::Matrix3<f64>| -> [[f64; 3]; 3] { m.transpose().into() };
-        let (axis, rotation) = (joint.axis, joint.rotation);
-        let along = axis * axis.transpose();
-        let across = nalgebra::Matrix3::identity() - along;
-        let zero = [[0.0; 3]; 3];
-        let (constant, cosine, sine, slide) = match joint.kind {
-            JointKind::Revolute => (
-                rows(rotation * along),
-                rows(rotation * across),
-                rows(rotation * axis.cross_matrix()),
-                [0.0; 3],
-            ),
-            JointKind::Prismatic => (rows(rotation), zero, zero, (rotation * axis).into()),
-        };
-        Self {
-            kind: joint.kind,
-            axis: axis.into(),
-            along_z: axis == nalgebra::Vector3::z(),
-            constant,
-            cosine,
-            sine,
-            translation: joint.translation.into(),
-            slide,
-        }
-    }
-
-    /// Rotation, link to parent coordinates, where `q` has this sine and cosine.
-    #[inline(always)]
-    pub fn rotation<L: Lanes>(&self, sin: L, cos: L) -> Matrix<L> {
-        match self.kind {
-            JointKind::Prismatic => Matrix([
-                Vector::splat(&self.constant[0]).0,
-                Vector::splat(&self.constant[1]).0,
-                Vector::splat(&self.constant[2]).0,
-            ]),
-            JointKind::Revolute => Matrix([
-                self.turned_row(0, sin, cos),
-                self.turned_row(1, sin, cos),
-                self.turned_row(2, sin, cos),
-            ]),
-        }
-    }
-
-    #[inline(always)]
-    fn turned_row<L: Lanes>(&self, k: usize, sin: L, cos: L) -> [L; 3] {
-        let (constant, cosine, sine) = (&self.constant[k], &self.cosine[k], &self.sine[k]);
-        if self.along_z {
-            // The same sums without their zeros.
-            let (first, second) = (L::splat(cosine[0]), L::splat(cosine[1]));
-            return [
-                second.mul_add(sin, first * cos),
-                first.mul_sub_from(sin, second * cos),
-                L::splat(constant[2]),
-            ];
-        }
-        let still = Vector::splat(constant);
-        let turned = Vector::splat(cosine).mul_add(cos, still);
-        Vector::splat(sine).mul_add(sin, turned).0
-    }
-
-    /// `v + axis * by`.
-    #[inline(always)]
-    pub fn along_axis<L: Lanes>(&self, v: Vector<L>, by: L) -> Vector<L> {
-        if self.along_z {
-            let [x, y, z] = v.0;
-            return Vector([x, y, z + by]);
-        }
-        Vector::splat(&self.axis).mul_add(by, v)
-    }
-
-    /// `v x axis`.
-    #[inline(always)]
-    pub fn cross_axis<L: Lanes>(&self, v: Vector<L>) -> Vector<L> {
-        if self.along_z {
-            let [x, y, _] = v.0;
-            return Vector([y, -x, L::splat(0.0)]);
-        }
-        v.cross(Vector::splat(&self.axis))
-    }
-
-    /// `axis . v`.
-    #[inline(always)]
-    pub fn dot_axis<L: Lanes>(&self, v: Vector<L>) -> L {
-        if self.along_z {
-            return v.0[2];
-        }
-        Vector::splat(&self.axis).dot(v)
-    }
-
-    /// What the joint feels of a wrench.
-    #[inline(always)]
-    fn along_joint<L: Lanes>(&self, force: Vector<L>, moment: Vector<L>) -> L {
-        match self.kind {
-            JointKind::Revolute => self.dot_axis(moment),
-            JointKind::Prismatic => self.dot_axis(force),
-        }
-    }
-
-    /// Origin of the link frame in the parent frame \[m\].
-    #[inline(always)]
-    pub fn origin<L: Lanes>(&self, q: L) -> Vector<L> {
-        let translation = Vector::splat(&self.translation);
-        match self.kind {
-            JointKind::Revolute => translation,
-            JointKind::Prismatic => self.slide::<L>().mul_add(q, translation),
-        }
-    }
-
-    /// How the origin moves with `q`: zero for a turning joint.
-    #[inline(always)]
-    pub fn slide<L: Lanes>(&self) -> Vector<L> {
-        Vector::splat(&self.slide)
-    }
-
-    /// Velocity \[linear, angular\] of the link at unit speed of its own joint.
-    #[inline(always)]
-    pub fn own_twist<L: Lanes>(&self) -> [Vector<L>; 2] {
-        let axis = Vector::splat(&self.axis);
-        match self.kind {
-            JointKind::Revolute => [Vector::zero(), axis],
-            JointKind::Prismatic => [axis, Vector::zero()],
-        }
-    }
-}
+pub use crate::placement::Placement;
+use crate::robot::{JointKind, RobotModel};
+pub use crate::turn::Turn;
 
 /// States in rows: of every joint position \[rad, m\], its sine and cosine, velocity and acceleration.
 #[derive(Clone, Copy, Debug)]
@@ -168,8 +25,7 @@ pub struct JointState<R> {
 /// What inverse dynamics keeps of a link on the way out.
 #[derive(Clone, Copy, Debug)]
 pub struct LinkRow<R> {
-    rotation: [[R; 3]; 3],
-    origin: [R; 3],
+    turn: [[R; 3]; 3],
     force: [R; 3],
     moment: [R; 3],
 }
@@ -179,22 +35,15 @@ impl<R: Copy> LinkRow<R> {
     #[must_use]
     pub fn new(zero: R) -> Self {
         Self {
-            rotation: [[zero; 3]; 3],
-            origin: [zero; 3],
+            turn: [[zero; 3]; 3],
             force: [zero; 3],
             moment: [zero; 3],
         }
     }
 
     #[inline(always)]
-    fn put<L: Lanes<Raw = R>>(
-        &mut self,
-        rotation: Matrix<L>,
-        origin: Vector<L>,
-        (force, moment): (Vector<L>, Vector<L>),
-    ) {
-        rotation.put(&mut self.rotation);
-        origin.put(&mut self.origin);
+    fn put<L: Lanes<Raw = R>>(&mut self, turn: Turn<L>, (force, moment): (Vector<L>, Vector<L>)) {
+        turn.put(&mut self.turn);
         force.put(&mut self.force);
         moment.put(&mut self.moment);
     }
@@ -207,22 +56,20 @@ fn from_base<L: Lanes>(
     robot: &RobotModel,
     place: &Placement,
     state: &JointState<L::Raw>,
-) -> (Matrix<L>, Vector<L>, Body<L>) {
-    let rotation = place.rotation(L::from_raw(state.sin), L::from_raw(state.cos));
-    let origin = place.origin(L::from_raw(state.q));
+) -> Body<L> {
+    let turn = place.turn(L::from_raw(state.sin), L::from_raw(state.cos));
     let (dq, ddq) = (L::from_raw(state.dq), L::from_raw(state.ddq));
     let g = robot.gravity();
     let still = Vector::zero();
-    let acc = rotation.tr_mul(Vector::splat(&[-g.x, -g.y, -g.z]));
-    let body = match place.kind {
+    let [acc] = place.to_link(&turn, [Vector::splat(&[-g.x, -g.y, -g.z])]);
+    match place.kind {
         JointKind::Revolute => Body::new(
             place.along_axis(still, dq),
             place.along_axis(still, ddq),
             acc,
         ),
         JointKind::Prismatic => Body::new(still, still, place.along_axis(acc, ddq)),
-    };
-    (rotation, origin, body)
+    }
 }
 
 /// Forward pass of Newton and Euler by one joint: velocities and accelerations of the link in its own frame.
@@ -231,27 +78,14 @@ fn outwards<L: Lanes>(
     place: &Placement,
     state: &JointState<L::Raw>,
     parent: &Body<L>,
-) -> (Matrix<L>, Vector<L>, Body<L>) {
-    let rotation = place.rotation(L::from_raw(state.sin), L::from_raw(state.cos));
+) -> (Turn<L>, Vector<L>, Body<L>) {
+    let turn = place.turn(L::from_raw(state.sin), L::from_raw(state.cos));
     let origin = place.origin(L::from_raw(state.q));
     let (dq, ddq) = (L::from_raw(state.dq), L::from_raw(state.ddq));
-    let omega = rotation.tr_mul(parent.omega);
-    let alpha = rotation.tr_mul(parent.alpha);
-    let acc = rotation.tr_mul(parent.acc + parent.spread * origin);
-    let turned = place.cross_axis(omega);
-    let body = match place.kind {
-        JointKind::Revolute => Body::new(
-            place.along_axis(omega, dq),
-            place.along_axis(turned.mul_add(dq, alpha), ddq),
-            acc,
-        ),
-        JointKind::Prismatic => Body::new(
-            omega,
-            alpha,
-            place.along_axis(turned.mul_add(dq + dq, acc), ddq),
-        ),
-    };
-    (rotation, origin, body)
+    let acc = parent.acc + parent.spread * origin;
+    let [omega, alpha, acc] = place.carried(&turn, [parent.omega, parent.alpha, acc], [dq, ddq]);
+    let body = Body::new(omega, alpha, acc);
+    (turn, origin, body)
 }
 
 /// Inverse dynamics of rows: `states`, `links` and `tau` hold one entry per joint, `phi` ten per link.
@@ -272,25 +106,32 @@ pub fn inverse_dynamics<L: Lanes>(
     let Some((((place, state), link), phi)) = joints.next() else {
         return;
     };
-    let (rotation, origin, mut parent) = from_base::<L>(robot, place, state);
-    link.put(rotation, origin, parent.wrench(phi));
+    let mut parent = from_base::<L>(robot, place, state);
+    let (force, moment) = parent.wrench(phi);
+    force.put(&mut link.force);
+    moment.put(&mut link.moment);
     for (((place, state), link), phi) in joints {
-        let (rotation, origin, body) = outwards(place, state, &parent);
-        link.put(rotation, origin, body.wrench(phi));
+        let (turn, _, body) = outwards(place, state, &parent);
+        link.put(turn, body.wrench(phi));
         parent = body;
     }
     let (mut force, mut moment) = (Vector::<L>::zero(), Vector::<L>::zero());
-    let mut joints = robot.placements().iter().zip(links.iter()).zip(tau);
+    let mut joints = robot
+        .placements()
+        .iter()
+        .zip(links.iter())
+        .zip(states.iter().zip(tau));
     let first = joints.next();
-    for ((place, link), tau) in joints.rev() {
+    for ((place, link), (state, tau)) in joints.rev() {
         force = force + Vector::from_raw(&link.force);
         moment = moment + Vector::from_raw(&link.moment);
         *tau = place.along_joint(force, moment).raw();
-        let rotation = Matrix::from_raw(&link.rotation);
-        force = rotation * force;
-        moment = Vector::from_raw(&link.origin).cross_add(force, rotation * moment);
+        let turn = Turn::from_raw(&link.turn);
+        [force, moment] = place.to_parent(&turn, [force, moment]);
+        let origin = place.origin(L::from_raw(state.q));
+        moment = origin.cross_add(force, moment);
     }
-    if let Some(((place, link), tau)) = first {
+    if let Some(((place, link), (_, tau))) = first {
         force = force + Vector::from_raw(&link.force);
         moment = moment + Vector::from_raw(&link.moment);
         *tau = place.along_joint(force, moment).raw();
@@ -315,16 +156,16 @@ pub fn joint_torque_regressor<L: Lanes>(
     let Some((_, (place, state))) = joints.next() else {
         return;
     };
-    let (_, _, mut parent) = from_base::<L>(robot, place, state);
+    let mut parent = from_base::<L>(robot, place, state);
     put_own(place, &parent, 0, width, twists, regressor);
     for (i, (place, state)) in joints {
-        let (rotation, origin, body) = outwards(place, state, &parent);
+        let (turn, origin, body) = outwards(place, state, &parent);
         // Power of link i's wrench on a unit motion of joint j, for every joint that moves the link: the twist of each
         // joint goes outwards instead of the wrench of each link inwards.
         for (j, twist) in twists.iter_mut().take(i).enumerate() {
             let angular = Vector::<L>::from_raw(&twist[1]);
             let linear = angular.cross_add(origin, Vector::from_raw(&twist[0]));
-            let (linear, angular) = (rotation.tr_mul(linear), rotation.tr_mul(angular));
+            let [linear, angular] = place.to_link(&turn, [linear, angular]);
             linear.put(&mut twist[0]);
             angular.put(&mut twist[1]);
             put_block(&body.power(linear, angular), j, i, width, regressor);
@@ -347,11 +188,11 @@ fn put_own<L: Lanes>(
     let [linear, angular] = place.own_twist::<L>();
     linear.put(&mut twists[i][0]);
     angular.put(&mut twists[i][1]);
-    if place.along_z && place.kind == JointKind::Revolute {
-        put_block(&body.power_about_z(), i, i, width, regressor);
-    } else {
-        put_block(&body.power(linear, angular), i, i, width, regressor);
-    }
+    let block = match place.turns_about() {
+        Some(axis) => body.power_about(axis),
+        None => body.power(linear, angular),
+    };
+    put_block(&block, i, i, width, regressor);
 }
 
 /// The ten entries of joint `j` and link `i`.

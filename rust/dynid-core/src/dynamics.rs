@@ -4,7 +4,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use crate::chain::{self, JointState, LinkRow, Placement, TwistRow};
 use crate::error::CoreError;
-use crate::lanes::{self, Kernel, Lanes, Portable, MOST_LANES};
+use crate::lanes::{self, Kernel, Lanes, Portable, Vector, MOST_LANES};
 use crate::link_params::N_LINK_PARAMS;
 use crate::robot::{Joint, RobotModel};
 use crate::slices::{rows_mut, tail};
@@ -95,12 +95,12 @@ pub fn placement(joint: &Joint, q: f64) -> (Matrix3<f64>, Vector3<f64>) {
     let place = Placement::new(joint);
     let one = Portable::<1, false>::splat;
     let (sin, cos) = lanes::sin_cos(one(q));
-    let rotation = place.rotation(sin, cos).raw();
-    let origin = place.origin(one(q)).raw();
-    (
-        Matrix3::from_fn(|i, k| rotation[i][k][0]),
-        Vector3::from_fn(|k, _| origin[k][0]),
-    )
+    let turn = place.turn(sin, cos);
+    let number = |v: Vector<Portable<1, false>>| Vector3::from(v.raw().map(|[x]| x));
+    let axes = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+    let axes = axes.map(|axis| Vector::splat(&axis));
+    let axes = place.to_parent(&turn, axes).map(number);
+    (Matrix3::from_columns(&axes), number(place.origin(one(q))))
 }
 
 /// Inverse dynamics `tau = M(q) ddq + C(q, dq) + G(q)` of the links alone (Eq. 1 without friction, contact and residual).

@@ -124,25 +124,18 @@ impl<L: Lanes> Body<L> {
         ]
     }
 
-    /// [`Self::power`] on a turn about z, without its zeros.
+    /// [`Self::power`] on a turn about axis `k` of the frame, without its zeros.
     #[inline(always)]
-    pub fn power_about_z(&self) -> [L; N_LINK_PARAMS] {
-        let Matrix([s0, s1, _]) = self.spread;
-        let [gx, gy, _] = self.acc.0;
+    pub fn power_about(&self, k: usize) -> [L; N_LINK_PARAMS] {
+        let Matrix([s0, s1, s2]) = self.spread;
+        let ([xy, xz, yz], [dxy, dzx, dyz]) = (self.mixed, self.squares);
+        let ([gx, gy, gz], [ax, ay, az]) = (self.acc.0, self.alpha.0);
         let zero = L::splat(0.0);
-        let xy = self.mixed[0];
-        [
-            zero,
-            gy,
-            -gx,
-            zero,
-            -xy,
-            self.squares[0],
-            xy,
-            -s1[2],
-            s0[2],
-            self.alpha.0[2],
-        ]
+        match k {
+            0 => [zero, zero, gz, -gy, ax, -s2[0], -yz, s1[0], dyz, yz],
+            1 => [zero, -gz, zero, gx, xz, s2[1], ay, dzx, -s0[1], -xz],
+            _ => [zero, gy, -gx, zero, -xy, dxy, xy, -s1[2], s0[2], az],
+        }
     }
 }
 

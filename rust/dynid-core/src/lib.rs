@@ -29,6 +29,7 @@ pub mod momentum;
 pub mod observer;
 pub mod online;
 pub mod physical;
+mod placement;
 pub mod rbf;
 pub mod residual;
 pub mod robot;
@@ -37,6 +38,7 @@ mod slices;
 pub mod state;
 mod step;
 pub mod stream;
+mod turn;
 
 pub use differentiator::Differentiator;
 pub use dynamics::{inverse_dynamics_into, joint_torque_regressor_into, Workspace};

@@ -14,7 +14,7 @@
 //! add up: what ddq does, what dq does, what gravity does. These are the blocks of Eq. 14, and the recursion carries them
 //! side by side (`P = 3`) or summed (`P = 1`). Samples stand in lanes.
 
-use dynid_core::chain::JointState;
+use dynid_core::chain::{JointState, Turn};
 use dynid_core::kernel::Body;
 use dynid_core::lanes::{self, Kernel, Lanes, Matrix, Vector};
 use dynid_core::link_params::N_LINK_PARAMS;
@@ -68,7 +68,7 @@ impl<L: Lanes, const P: usize> Motion<L, P> {
 #[derive(Clone, Copy)]
 struct Link<L, const P: usize> {
     /// Link to parent coordinates.
-    rotation: Matrix<L>,
+    turn: Turn<L>,
     /// Link origin in the parent frame.
     origin: Vector<L>,
     dq: L,
@@ -101,7 +101,7 @@ impl<L: Lanes, const P: usize> Sweep<L, P> {
         let n = robot.n_joints();
         let zero = Vector::zero();
         let link = Link {
-            rotation: Matrix([zero.0; 3]),
+            turn: Turn::zero(),
             origin: zero,
             dq: L::splat(0.0),
             carried: Motion::zero(),
@@ -125,18 +125,18 @@ impl<L: Lanes, const P: usize> Sweep<L, P> {
         let g = robot.gravity();
         parent.acc[Self::GRAVITY] = Vector::splat(&[-g.x, -g.y, -g.z]);
         for (i, (place, state)) in robot.placements().iter().zip(states).enumerate() {
-            let rotation = place.rotation(L::from_raw(state.sin), L::from_raw(state.cos));
+            let turn = place.turn(L::from_raw(state.sin), L::from_raw(state.cos));
             let origin = place.origin(L::from_raw(state.q));
             let (dq, ddq) = (L::from_raw(state.dq), L::from_raw(state.ddq));
             let mut carried = Motion::zero();
-            carried.omega = rotation.tr_mul(parent.omega);
+            [carried.omega] = place.to_link(&turn, [parent.omega]);
             for part in 0..P {
                 let mut acc = parent.alpha[part].cross_add(origin, parent.acc[part]);
                 if part == Self::VELOCITY {
                     acc = parent.omega.cross_add(parent.omega.cross(origin), acc);
                 }
-                carried.alpha[part] = rotation.tr_mul(parent.alpha[part]);
-                carried.acc[part] = rotation.tr_mul(acc);
+                [carried.alpha[part], carried.acc[part]] =
+                    place.to_link(&turn, [parent.alpha[part], acc]);
             }
             let mut motion = carried;
             let turned = place.cross_axis(carried.omega);
@@ -155,10 +155,9 @@ impl<L: Lanes, const P: usize> Sweep<L, P> {
             }
             for j in 0..i {
                 let inner = self.twists[j * n + i - 1];
-                self.twists[j * n + i] = Twist {
-                    linear: rotation.tr_mul(inner.angular.cross_add(origin, inner.linear)),
-                    angular: rotation.tr_mul(inner.angular),
-                };
+                let linear = inner.angular.cross_add(origin, inner.linear);
+                let [linear, angular] = place.to_link(&turn, [linear, inner.angular]);
+                self.twists[j * n + i] = Twist { linear, angular };
             }
             let [linear, angular] = place.own_twist();
             self.twists[i * n + i] = Twist { linear, angular };
@@ -172,7 +171,7 @@ impl<L: Lanes, const P: usize> Sweep<L, P> {
                 };
                 link.body[part] = Body::new(omega, motion.alpha[part], motion.acc[part]);
             }
-            link.rotation = rotation;
+            link.turn = turn;
             link.origin = origin;
             link.dq = dq;
             link.carried = carried;
@@ -235,11 +234,11 @@ impl<L: Lanes, const P: usize> Sweep<L, P> {
             gradient_ddq[i] = of_ddq.raw();
 
             // Into the parent's frame: x' = R(q)' x, and d(R' x)/dq = -axis x (R' x) for a turning joint.
-            let (rotation, origin) = (link.rotation, link.origin);
+            let (turn, origin) = (link.turn, link.origin);
             let mut turning = link.carried.omega.cross(carried_omega);
             let mut moved = Vector::zero(); // gradient with respect to the origin
             let mut up = Motion::<L, P>::zero();
-            up.omega = rotation * carried_omega;
+            [up.omega] = place.to_parent(&turn, [carried_omega]);
             let parent = if i > 0 {
                 self.links[i - 1].motion
             } else {
@@ -248,9 +247,9 @@ impl<L: Lanes, const P: usize> Sweep<L, P> {
             for part in 0..P {
                 turning = link.carried.alpha[part].cross_add(alpha[part], turning);
                 turning = link.carried.acc[part].cross_add(acc[part], turning);
-                let bar = rotation * acc[part];
+                let [bar, turned] = place.to_parent(&turn, [acc[part], alpha[part]]);
                 up.acc[part] = bar;
-                up.alpha[part] = origin.cross_add(bar, rotation * alpha[part]);
+                up.alpha[part] = origin.cross_add(bar, turned);
                 moved = bar.cross_add(parent.alpha[part], moved);
                 if part == Self::VELOCITY {
                     up.omega = up.omega + centripetal_gradient(parent.omega, origin, bar);
@@ -261,11 +260,11 @@ impl<L: Lanes, const P: usize> Sweep<L, P> {
                 let (twist, bar) = (self.twists[j * n + i], self.twist_gradients[j * n + i]);
                 turning = twist.linear.cross_add(bar.linear, turning);
                 turning = twist.angular.cross_add(bar.angular, turning);
-                let linear = rotation * bar.linear;
+                let [linear, angular] = place.to_parent(&turn, [bar.linear, bar.angular]);
                 moved = linear.cross_add(self.twists[j * n + i - 1].angular, moved);
                 let inner = &mut self.twist_gradients[j * n + i - 1];
                 inner.linear = inner.linear + linear;
-                inner.angular = inner.angular + origin.cross_add(linear, rotation * bar.angular);
+                inner.angular = inner.angular + origin.cross_add(linear, angular);
             }
             gradient_q[i] = match place.kind {
                 JointKind::Revolute => -a.dot(turning),

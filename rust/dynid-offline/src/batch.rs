@@ -6,6 +6,7 @@ use dynid_core::link_params::N_LINK_PARAMS;
 use dynid_core::{CoreError, RobotModel, State, TorqueEstimator};
 use rayon::prelude::*;
 
+use crate::error::OfflineError;
 use crate::observation::slice_state;
 use crate::rows::{put, put_at, StateRows};
 
@@ -15,7 +16,8 @@ const CHUNK: usize = 256;
 /// Inverse dynamics of every sample into `tau` (n_samples × n).
 ///
 /// # Errors
-/// [`CoreError::Length`] if lengths disagree.
+/// [`CoreError::Length`] if lengths disagree, [`OfflineError::NonFinite`] if a number of the motion is not finite (found on
+/// the way, so that `tau` is written all the same).
 pub fn inverse_dynamics(
     robot: &RobotModel,
     q: &[f64],
@@ -23,7 +25,7 @@ pub fn inverse_dynamics(
     ddq: &[f64],
     phi: &[f64],
     tau: &mut [f64],
-) -> Result<(), CoreError> {
+) -> Result<(), OfflineError> {
     let n = robot.n_joints();
     same_length("phi", phi, N_LINK_PARAMS * n)?;
     same_length("tau", tau, tau.len() / n * n)?;
@@ -37,20 +39,30 @@ pub fn inverse_dynamics(
             motion: [q, dq, ddq].map(|signal| &signal[at.clone()]),
             phi,
             tau,
-        });
-    });
-    Ok(())
+        })
+    })
 }
 
-/// `work(first sample, chunk)` on every [`CHUNK`] samples of `out` (`size` numbers each), on all threads. What fits in one
-/// chunk stays on this thread: waking another takes longer.
-fn in_chunks(out: &mut [f64], size: usize, work: impl Fn(usize, &mut [f64]) + Sync) {
-    if out.len() <= size * CHUNK {
-        return work(0, out);
+/// `work(first sample, chunk)` on every [`CHUNK`] samples of `out` (`size` numbers each), on all threads; it says whether
+/// what it read was finite. What fits in one chunk stays on this thread: waking another takes longer.
+fn in_chunks(
+    out: &mut [f64],
+    size: usize,
+    work: impl Fn(usize, &mut [f64]) -> bool + Sync,
+) -> Result<(), OfflineError> {
+    let finite = if out.len() <= size * CHUNK {
+        work(0, out)
+    } else {
+        out.par_chunks_mut(size * CHUNK)
+            .enumerate()
+            .map(|(chunk, out)| work(chunk * CHUNK, out))
+            .reduce(|| true, |one, other| one & other)
+    };
+    if finite {
+        Ok(())
+    } else {
+        Err(OfflineError::NonFinite { what: "run" })
     }
-    out.par_chunks_mut(size * CHUNK)
-        .enumerate()
-        .for_each(|(chunk, out)| work(chunk * CHUNK, out));
 }
 
 struct Torques<'a> {
@@ -61,21 +73,22 @@ struct Torques<'a> {
 }
 
 impl Kernel for Torques<'_> {
-    type Output = ();
+    /// Whether every number of the motion is finite.
+    type Output = bool;
 
     #[inline(always)]
-    fn run<S: Lanes<Raw = [f64; 1]>, L: Lanes>(self) {
+    fn run<S: Lanes<Raw = [f64; 1]>, L: Lanes>(self) -> bool {
         if self.tau.len() == self.robot.n_joints() {
-            self.rows::<S>();
+            self.rows::<S>()
         } else {
-            self.rows::<L>();
+            self.rows::<L>()
         }
     }
 }
 
 impl Torques<'_> {
     #[inline(always)]
-    fn rows<L: Lanes>(self) {
+    fn rows<L: Lanes>(self) -> bool {
         let n = self.robot.n_joints();
         let mut states = StateRows::<L>::new(n);
         let mut links = vec![LinkRow::new(L::ZERO); n];
@@ -85,20 +98,21 @@ impl Torques<'_> {
             chain::inverse_dynamics::<L>(self.robot, states.rows(), &mut links, self.phi, &mut tau);
             put::<L>(&tau, out, n);
         }
+        states.are_finite()
     }
 }
 
 /// Regressor of every sample into `regressor` (n_samples × n × 10 n).
 ///
 /// # Errors
-/// [`CoreError::Length`] if lengths disagree.
+/// As [`inverse_dynamics`].
 pub fn joint_torque_regressor(
     robot: &RobotModel,
     q: &[f64],
     dq: &[f64],
     ddq: &[f64],
     regressor: &mut [f64],
-) -> Result<(), CoreError> {
+) -> Result<(), OfflineError> {
     let n = robot.n_joints();
     let size = n * n * N_LINK_PARAMS;
     same_length("regressor", regressor, regressor.len() / size * size)?;
@@ -111,9 +125,8 @@ pub fn joint_torque_regressor(
             robot,
             motion: [q, dq, ddq].map(|signal| &signal[at.clone()]),
             regressor,
-        });
-    });
-    Ok(())
+        })
+    })
 }
 
 struct Regressors<'a> {
@@ -123,22 +136,23 @@ struct Regressors<'a> {
 }
 
 impl Kernel for Regressors<'_> {
-    type Output = ();
+    /// Whether every number of the motion is finite.
+    type Output = bool;
 
     #[inline(always)]
-    fn run<S: Lanes<Raw = [f64; 1]>, L: Lanes>(self) {
+    fn run<S: Lanes<Raw = [f64; 1]>, L: Lanes>(self) -> bool {
         let n = self.robot.n_joints();
         if self.regressor.len() == n * n * N_LINK_PARAMS {
-            self.rows::<S>();
+            self.rows::<S>()
         } else {
-            self.rows::<L>();
+            self.rows::<L>()
         }
     }
 }
 
 impl Regressors<'_> {
     #[inline(always)]
-    fn rows<L: Lanes>(self) {
+    fn rows<L: Lanes>(self) -> bool {
         let n = self.robot.n_joints();
         let width = n * N_LINK_PARAMS;
         let size = n * width;
@@ -157,13 +171,15 @@ impl Regressors<'_> {
                 // No link before joint j is moved by it.
                 let (start, own) = (j * width, j * width + j * N_LINK_PARAMS);
                 for sample in out.chunks_exact_mut(size) {
-                    for zeros in sample[start..own].chunks_mut(L::LEN) {
-                        L::splat(0.0).store_some(zeros);
+                    // Whole rows again: what goes too far is overwritten below.
+                    for at in (start..own).step_by(L::LEN) {
+                        L::splat(0.0).store(&mut sample[at..]);
                     }
                 }
                 put_at::<L>(&regressor[own..start + width], out, size, own);
             }
         }
+        states.are_finite()
     }
 }
 

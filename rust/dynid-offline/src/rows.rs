@@ -8,6 +8,8 @@ use dynid_core::lanes::{self, Lanes, MOST_LANES};
 /// [`Lanes::LEN`] samples of a robot's state.
 pub(crate) struct StateRows<L: Lanes> {
     rows: Vec<JointState<L::Raw>>,
+    /// Zeros, until a number was not finite: infinity times zero is not a number.
+    doubt: L,
 }
 
 impl<L: Lanes> StateRows<L> {
@@ -23,7 +25,14 @@ impl<L: Lanes> StateRows<L> {
         };
         Self {
             rows: vec![rest; n],
+            doubt: L::splat(0.0),
         }
+    }
+
+    /// True if every number that was taken is finite.
+    #[inline(always)]
+    pub(crate) fn are_finite(&self) -> bool {
+        self.doubt.abs().all_less(L::splat(1.0))
     }
 
     /// One entry per joint.
@@ -47,19 +56,29 @@ impl<L: Lanes> StateRows<L> {
         let n = self.rows.len();
         for first in (0..n).step_by(L::LEN) {
             let joints = first..n.min(first + L::LEN);
-            // One by one: what stands in a closure is not compiled for these registers.
+            // One by one: what stands in a closure is not compiled for these registers. Every square straight to its place:
+            // one that waits does so in memory.
             let q = square::<L>(motion[0], samples, n, joints.clone());
-            let dq = square::<L>(motion[1], samples, n, joints.clone());
-            let ddq = square::<L>(motion[2], samples, n, joints.clone());
-            let columns = q.iter().zip(&dq).zip(&ddq);
-            for (row, ((q, dq), ddq)) in self.rows[joints].iter_mut().zip(columns) {
-                let (sin, cos) = lanes::sin_cos(*q);
+            for (row, q) in each::<_, L>(&mut self.rows, first).zip(q) {
                 row.q = q.raw();
-                row.sin = sin.raw();
-                row.cos = cos.raw();
+            }
+            let dq = square::<L>(motion[1], samples, n, joints.clone());
+            for (row, dq) in each::<_, L>(&mut self.rows, first).zip(dq) {
                 row.dq = dq.raw();
+            }
+            let ddq = square::<L>(motion[2], samples, n, joints);
+            for (row, ddq) in each::<_, L>(&mut self.rows, first).zip(ddq) {
                 row.ddq = ddq.raw();
             }
+        }
+        let zero = L::splat(0.0);
+        for row in &mut self.rows {
+            let q = L::from_raw(row.q);
+            let (sin, cos) = lanes::sin_cos(q);
+            row.sin = sin.raw();
+            row.cos = cos.raw();
+            let (dq, ddq) = (L::from_raw(row.dq), L::from_raw(row.ddq));
+            self.doubt = ddq.mul_add(zero, dq.mul_add(zero, q.mul_add(zero, self.doubt)));
         }
     }
 }
@@ -82,6 +101,12 @@ pub(crate) fn gather<L: Lanes>(signal: &[f64], samples: &[usize], n: usize, j: u
         *x = signal[sample * n + j];
     }
     L::load(&numbers)
+}
+
+/// At most [`Lanes::LEN`] things from number `first` on, as many as there are.
+#[inline(always)]
+fn each<T, L: Lanes>(all: &mut [T], first: usize) -> impl Iterator<Item = &mut T> {
+    all[first..].iter_mut().take(L::LEN)
 }
 
 /// At most [`Lanes::LEN`] neighbouring numbers of every sample, one row for each number.
@@ -110,16 +135,47 @@ pub(crate) fn put<L: Lanes>(rows: &[L::Raw], out: &mut [f64], width: usize) {
 #[inline(always)]
 pub(crate) fn put_at<L: Lanes>(rows: &[L::Raw], out: &mut [f64], width: usize, start: usize) {
     let n_samples = (out.len() / width).min(L::LEN);
-    for (c, rows) in rows.chunks(L::LEN).enumerate() {
-        let mut square = [L::splat(0.0); MOST_LANES];
-        for (to, row) in square.iter_mut().zip(rows) {
-            *to = L::from_raw(*row);
+    if n_samples == L::LEN && rows.len() >= L::LEN {
+        // Whole rows only, because parts of one take many times as long to store: the last square begins early enough.
+        let last = rows.len() - L::LEN;
+        for first in (0..rows.len()).step_by(L::LEN) {
+            let first = first.min(last);
+            put_square::<L>(&rows[first..], &mut out[start + first..], width);
         }
-        let samples = L::transpose(square);
-        let first = start + c * L::LEN;
-        for (lane, sample) in samples[..n_samples].iter().enumerate() {
-            let at = lane * width + first;
-            sample.store_some(&mut out[at..at + rows.len()]);
+        return;
+    }
+    let one_row = rows.len() == width && width <= L::LEN;
+    for (c, rows) in rows.chunks(L::LEN).enumerate() {
+        let samples = L::transpose(some_rows::<L>(rows));
+        for (lane, sample) in samples.iter().enumerate().take(n_samples) {
+            let at = lane * width + start + c * L::LEN;
+            // What a sample writes too much is written again by the next one.
+            if one_row && at + L::LEN <= out.len() {
+                sample.store(&mut out[at..]);
+            } else {
+                sample.store_some(&mut out[at..at + rows.len()]);
+            }
         }
     }
+}
+
+/// The first square of `rows`: lane s to `out[s * width..]`. Counts that the compiler knows, so that it stays in registers.
+#[inline(always)]
+fn put_square<L: Lanes>(rows: &[L::Raw], out: &mut [f64], width: usize) {
+    let samples = L::transpose(some_rows::<L>(&rows[..L::LEN]));
+    for (lane, sample) in samples.iter().enumerate().take(L::LEN) {
+        sample.store(&mut out[lane * width..]);
+    }
+}
+
+/// At most [`Lanes::LEN`] rows, from memory; zeros after them.
+#[inline(always)]
+fn some_rows<L: Lanes>(rows: &[L::Raw]) -> [L; MOST_LANES] {
+    let mut square = [L::splat(0.0); MOST_LANES];
+    for (k, to) in square.iter_mut().enumerate().take(L::LEN) {
+        if let Some(row) = rows.get(k) {
+            *to = L::from_raw(*row);
+        }
+    }
+    square
 }

@@ -9,7 +9,7 @@ use dynid_core::{
 use dynid_io::mdh::{self, MdhOptions};
 use dynid_io::model_file;
 use dynid_io::urdf::{self, UrdfOptions};
-use dynid_offline::batch;
+use dynid_offline::{batch, OfflineError};
 use numpy::{PyArray1, PyArray2, PyArray3, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -40,6 +40,14 @@ pub type Rebuild<'py> = (Bound<'py, PyAny>, (String,));
 pub fn _robot_of(text: &str) -> PyResult<PyRobotModel> {
     let robot = model_file::robot_from_text(text, "<pickle>").map_err(errors::model_file)?;
     Ok(PyRobotModel(Arc::new(robot)))
+}
+
+/// What to say of a batch that went wrong; which number was not finite is only looked for now.
+fn said(error: OfflineError, signals: [(&str, &Bound<'_, PyAny>); 3], n: usize) -> PyErr {
+    match (&error, arrays::samples(signals, n)) {
+        (OfflineError::NonFinite { .. }, Err(place)) => place,
+        _ => errors::offline(error),
+    }
 }
 
 fn is_toml(path: &Path) -> bool {
@@ -286,7 +294,8 @@ impl PyRobotModel {
                 .map_err(errors::core)
             });
         }
-        let [q, dq, ddq] = arrays::samples([("q", q), ("dq", dq), ("ddq", ddq)], n)?;
+        let signals = [("q", q), ("dq", dq), ("ddq", ddq)];
+        let [q, dq, ddq] = arrays::any_samples(signals, n)?;
         let phi = match phi {
             Some(phi) => arrays::vector(phi, "phi", Some(10 * n))?
                 .as_slice()?
@@ -297,7 +306,7 @@ impl PyRobotModel {
         let (q, dq, ddq) = (q.as_slice()?, dq.as_slice()?, ddq.as_slice()?);
         small::result(py, [n_samples, n], out, |tau| {
             let work = || batch::inverse_dynamics(&self.0, q, dq, ddq, &phi, tau);
-            arrays::unlocked(py, n_samples, work).map_err(errors::core)
+            arrays::unlocked(py, n_samples, work).map_err(|error| said(error, signals, n))
         })
     }
 
@@ -333,12 +342,13 @@ impl PyRobotModel {
                 .map_err(errors::core)
             });
         }
-        let [q, dq, ddq] = arrays::samples([("q", q), ("dq", dq), ("ddq", ddq)], n)?;
+        let signals = [("q", q), ("dq", dq), ("ddq", ddq)];
+        let [q, dq, ddq] = arrays::any_samples(signals, n)?;
         let n_samples = q.shape()[0];
         let (q, dq, ddq) = (q.as_slice()?, dq.as_slice()?, ddq.as_slice()?);
         small::result(py, [n_samples, n, 10 * n], out, |regressor| {
             let work = || batch::joint_torque_regressor(&self.0, q, dq, ddq, regressor);
-            arrays::unlocked(py, n_samples, work).map_err(errors::core)
+            arrays::unlocked(py, n_samples, work).map_err(|error| said(error, signals, n))
         })
     }
 

@@ -319,11 +319,23 @@ unsafe fn load_some_256(from: *const f64, n: usize) -> __m256d {
     _mm256_maskload_pd(from, mask_256(n))
 }
 
+/// Without a masked store, which takes some processors as long as twenty whole ones.
+///
 /// # Safety
 /// `to` has `n` places, at most four.
 #[inline(always)]
 unsafe fn store_some_256(to: *mut f64, row: __m256d, n: usize) {
-    _mm256_maskstore_pd(to, mask_256(n), row);
+    if n == 4 {
+        return _mm256_storeu_pd(to, row);
+    }
+    let (mut rest, mut at) = (_mm256_castpd256_pd128(row), to);
+    if n >= 2 {
+        _mm_storeu_pd(at, rest);
+        (rest, at) = (_mm256_extractf128_pd::<1>(row), at.add(2));
+    }
+    if n % 2 == 1 {
+        _mm_storel_pd(at, rest);
+    }
 }
 
 /// # Safety
