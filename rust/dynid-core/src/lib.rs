@@ -37,6 +37,7 @@ mod slices;
 pub mod state;
 mod step;
 pub mod stream;
+mod track;
 
 pub use differentiator::Differentiator;
 pub use dynamics::{inverse_dynamics_into, joint_torque_regressor_into, Workspace};
