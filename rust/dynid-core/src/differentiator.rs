@@ -270,7 +270,7 @@ fn parabola(&[m0, m1, m2, m3, m4]: &[f64; 5]) -> Option<[[f64; 3]; 3]> {
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used)]
+#[allow(clippy::print_stdout, clippy::unwrap_used)]
 mod tests {
     use super::*;
 
