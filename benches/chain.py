@@ -1,4 +1,4 @@
-"""The paper's whole offline chain on one core: plan the motion, identify the links, friction, and a mixture per joint."""
+"""The paper's whole offline chain on one core: plan a motion, identify links, friction, and a mixture per joint."""
 
 from __future__ import annotations
 
