@@ -32,8 +32,9 @@ Six joints everywhere. The loop: rigid body, friction, a mixture of ten componen
 shared memory at 1 kHz; `compute` is from bytes to bytes, with a cold cache after a millisecond of sleep. `sleep
 only` is a second thread that does nothing else: what is in it is the machine's own. Runs: two encoders at 1
 kHz, made on the fly, each read, checked and reduced; samples per second of processor time, so that other
-programs count less. Two processes by processor time is what two workers and the process that gathers use, laid
-on two idle cores.
+programs count less. They still share caches and clock rates with it, so one run, always the same, is done beside
+the others all along: the ratio that counts is that of samples per second times its time. Two processes by
+processor time is what two workers and the process that gathers use, laid on two idle cores.
 """
 
 
@@ -81,7 +82,10 @@ def streamed(gigabytes: float) -> Iterator[str]:
         part = found[phase]
         ratio = part["last"] / part["first"]
         figure = f"{part['first']:,.0f} and {part['last']:,.0f} samples per second ({ratio:.3f})"
-        yield row(f"{phase}, first and last tenth", figure, "within 10 %", abs(ratio - 1) <= 0.1)
+        yield row(f"{phase}, first and last tenth of {found['runs']:,} runs, {found['gigabytes']:.3g} GB", figure)
+        steady = part["ratio"]
+        what = f"{phase}, last tenth over first, each beside one run that is done all along"
+        yield row(what, f"{steady:.3f}", "within 10 %", abs(steady - 1) <= 0.1)
         memory = f"{part['peak_first']:.0f} and {part['peak_last']:.0f} MB"
         yield row(f"{phase}, peak memory after the first and the last tenth", memory)
     yield row("both passes", f"{found['gigabytes_per_minute']:.2f} GB per minute of processor")

@@ -1,8 +1,9 @@
 """Streams runs that are made on the fly: samples per second from first to last, and peak memory.
 
 `python benches/stream.py --gigabytes 2` makes and reduces 2 GB of signals (six joints, two encoders, 1 kHz) that are
-never stored. `--space` prints what identification in memory takes per sample instead,
-which `archive/sample.py` estimates memory with.
+never stored. A processor that others share does not run at one speed for so long, not even by its own clock: one run,
+always the same, is done beside the others all along, and its time is the measure of theirs. `--space` prints what
+identification in memory takes per sample instead, which `archive/sample.py` estimates memory with.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import json
 import resource
 import sys
 import time
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
@@ -20,11 +22,15 @@ import numpy as np
 from made_runs import MadeRun, arm
 
 from dynid_rs import ThreeLoopIdentifier
-from dynid_rs.archive import Archive
+from dynid_rs.archive import Archive, RunSource
 from dynid_rs.archive.sample import KEPT_RATE, recording_bytes
+from dynid_rs.archive.survey import Entry
+from dynid_rs.archive.work import Unit, Work
 from dynid_rs.results import evaluate_runs, residual_table, summarise
 
 N_PARTS = 10
+CHECKS = 10
+"""Times that the same run is done in a tenth."""
 
 
 def peak() -> float:
@@ -37,7 +43,9 @@ class Speed:
 
     def __init__(self, n_runs: int, n_samples: int) -> None:
         self._edges = set(np.linspace(0, n_runs, N_PARTS + 1).astype(int)[1:].tolist())
+        self._every = max(1, n_runs // (N_PARTS * CHECKS))
         self._n_samples, self._passes, self._phase, self._done = n_samples, {}, "", 0
+        self._beside, self.aside = [], 0.0
         self._since = (time.perf_counter(), time.process_time())
 
     def __call__(self, words: str) -> None:
@@ -46,33 +54,62 @@ class Speed:
             return
         if phase != self._phase:
             # From the first run's end on: what comes before it is not the pass.
-            self._phase, self._done = phase, 1
+            self._phase, self._done, self._beside = phase, 1, []
             self._since = (time.perf_counter(), time.process_time())
         done = int(count.split()[0])
         if done in self._edges:
             now = (time.perf_counter(), time.process_time())
             wall, processor = (b - a for a, b in zip(self._since, now, strict=True))
             samples = (done - self._done) * self._n_samples
-            self._passes.setdefault(phase, []).append((samples / wall, samples / processor, peak()))
-            self._since, self._done = now, done
+            per_same = samples / processor * float(np.mean(self._beside)) / self._n_samples
+            self._passes.setdefault(phase, []).append((samples / wall, samples / processor, per_same, peak()))
+            self._since, self._done, self._beside = now, done, []
+
+    def beside(self, done: int, same: Callable[[], object]) -> None:
+        """Do `same` where its turn has come after `done` runs; its time counts to none of them."""
+        if done % self._every and done not in self._edges:
+            return
+        wall, processor = time.perf_counter(), time.process_time()
+        same()
+        taken = time.process_time() - processor
+        self._beside.append(taken)
+        self.aside += taken
+        self._since = (self._since[0] + time.perf_counter() - wall, self._since[1] + taken)
 
     def figures(self) -> dict[str, dict[str, float]]:
-        """Of every pass: samples per second of processor in its first and last tenth, and peak memory then [MB]."""
+        """Of every pass: samples per second of processor in its first and last tenth, and peak memory then [MB].
+
+        `ratio`: of last to first, each by the speed of the processor at that time.
+        """
         found = {}
         for phase, parts in self._passes.items():
-            (_, first, peak_first), (_, last, peak_last) = parts[0], parts[-1]
-            found[phase] = {"first": first, "last": last, "peak_first": peak_first, "peak_last": peak_last}
+            (_, first, slow, peak_first), (_, last, fast, peak_last) = parts[0], parts[-1]
+            found[phase] = {"first": first, "last": last, "ratio": fast / slow}
+            found[phase] |= {"peak_first": peak_first, "peak_last": peak_last}
         return found
 
     def report(self) -> None:
         for phase, parts in self._passes.items():
-            for k, (wall, processor, memory) in enumerate(parts):
+            for k, (wall, processor, per_same, memory) in enumerate(parts):
                 print(
                     f"  {phase} {10 * k:3d} to {10 * k + 10:3d} %: {wall:9.0f} samples/s, {processor:9.0f} per second "
-                    f"of processor, peak {memory:6.0f} MB"
+                    f"of processor, {per_same:.3f} runs in the time of the same one, peak {memory:6.0f} MB"
                 )
-            for clock, name in enumerate(("wall clock", "processor")):
+            for clock, name in enumerate(("wall clock", "processor", "beside the same run")):
                 print(f"  {phase}, last tenth over first, {name}: {parts[-1][clock] / parts[0][clock]:.3f}")
+
+
+class Beside(Work):
+    """Work in this process, with one unit of the same run after every few."""
+
+    def __init__(self, speed: Speed, same: MadeRun) -> None:
+        super().__init__()
+        self._speed, self._same = speed, same
+
+    def map(self, unit: Unit, sources: Sequence[RunSource], *arguments: object) -> Iterator[Entry]:
+        for done, entry in enumerate(super().map(unit, sources, *arguments), start=1):
+            self._speed.beside(done, lambda: unit(self._same, *arguments))
+            yield entry
 
 
 def stream(gigabytes: float, duration: float, memory: int, *, as_json: bool) -> None:
@@ -86,14 +123,16 @@ def stream(gigabytes: float, duration: float, memory: int, *, as_json: bool) -> 
             f"{n_runs} runs of {duration:g} s, {n_runs * one / 1e9:.2f} GB of signals, memory limit {memory / 1e9:g} GB"
         )
     speed = Speed(n_runs, n_samples)
-    archive = Archive(arm(), sources, memory=memory, on_progress=speed)
+    work = Beside(speed, MadeRun(n_runs, duration))
+    archive = Archive(arm(), sources, memory=memory, work=work, on_progress=speed)
     archive.check()
     sample = archive.sample()
     surveyed = peak()
     learned = archive.fit(ThreeLoopIdentifier(arm(), residual=None), sample, None)
-    rate = 60e-9 * n_runs * one / (time.process_time() - started)
+    rate = 60e-9 * n_runs * one / (time.process_time() - started - speed.aside)
     if as_json:
-        print(json.dumps({"gigabytes": 1e-9 * n_runs * one, "gigabytes_per_minute": rate, **speed.figures()}))
+        figures = {"runs": n_runs, "gigabytes": 1e-9 * n_runs * one, "gigabytes_per_minute": rate}
+        print(json.dumps(figures | speed.figures()))
         return
     speed.report()
     print(f"  {rate:.2f} GB per minute of processor, both passes, making the runs included")

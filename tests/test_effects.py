@@ -206,7 +206,7 @@ def gear_hysteresis(load):
 
 
 def test_gear_hysteresis_is_dahls_equation_along_what_the_load_leaves_the_spring():
-    """Against an integrator of dz/ds = x'/d (1 - z sign(x')) along x = load - c z, the load straight between samples."""
+    """Against an integrator of dz/ds = x'/d (1 - z sign(x')), x = load - c z, the load straight between samples."""
     from scipy.integrate import solve_ivp
 
     load = wound(400, 2)

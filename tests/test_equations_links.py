@@ -18,7 +18,8 @@ from tolerances import ALGEBRAIC, PINOCCHIO, relative_error, statistical
 
 from dynid_rs import LinkDynamicsIdentifier, RobotModel, _core
 from dynid_rs.columns import Block, Observations, make_plan
-from dynid_rs.links import block_residuals, residual_covariance, weighted_system
+from dynid_rs.links import weighted_system
+from dynid_rs.systems import block_residuals, residual_covariance
 
 FACTORED = {"rtol": 1e-8, "atol": 1e-8}
 """Normal equations of the transcription against orthogonal factors: the condition number is squared on one side."""

@@ -27,11 +27,12 @@ from dynid_rs.columns import observe
 from dynid_rs.evaluation import compare, noise_floor, rmse_interval
 from dynid_rs.excitation import FourierExcitation
 from dynid_rs.friction import friction_effect
-from dynid_rs.links import ASYMMETRY, stack_one
+from dynid_rs.links import ASYMMETRY
 from dynid_rs.loops import declared_plan
 from dynid_rs.preprocessing import Band, choose_band, prepare
 from dynid_rs.simulation import Tracking, bundled_robot, simulate, typical_arm
 from dynid_rs.simulation.tracking import track
+from dynid_rs.systems import stack_one
 
 
 @pytest.fixture(scope="module")

@@ -17,9 +17,9 @@ from dynid_rs.diagnosis.signals import candidate_signals, direction, way_since_r
 from dynid_rs.diagnosis.surrogates import phase_randomised, upper_tail
 from dynid_rs.diagnosis.unknown import find_unknown, names
 from dynid_rs.identification import ThreeLoopIdentifier
-from dynid_rs.links import stack_one
 from dynid_rs.loops import link_torque
 from dynid_rs.simulation import simulate
+from dynid_rs.systems import stack_one
 
 WIDTH = 0.01
 EFFECTS = {

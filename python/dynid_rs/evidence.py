@@ -32,9 +32,11 @@ from numpy.typing import NDArray
 
 from dynid_rs import _core
 from dynid_rs.columns import Observations, Plan
-from dynid_rs.links import ASYMMETRY, alike_rows, block_residuals, improve_scale, residual_power, stack_one
+from dynid_rs.links import ASYMMETRY, alike_rows
 from dynid_rs.memory import column_memory, inflation
 from dynid_rs.priors import InertialPrior, inertial_prior
+from dynid_rs.scales import improve_scale
+from dynid_rs.systems import block_residuals, residual_power, stack_one
 
 FloatArray = NDArray[np.float64]
 

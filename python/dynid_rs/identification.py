@@ -19,12 +19,13 @@ from dynid_rs.columns import Observations, observe
 from dynid_rs.friction import FrictionIdentifier
 from dynid_rs.friction_laws import DEFAULT_LAW, laws_per_joint
 from dynid_rs.known import KnownTerm, check_known
-from dynid_rs.links import ASYMMETRY, LinkDynamicsIdentifier, free_scales
+from dynid_rs.links import ASYMMETRY, LinkDynamicsIdentifier
 from dynid_rs.loops import Loops, link_torque
 from dynid_rs.placed import HeldEffect, PlacedEffect, held_terms
 from dynid_rs.preprocessing import States, prepare, without
 from dynid_rs.recording import Recording
 from dynid_rs.residual import ResidualCompensator
+from dynid_rs.scales import free_scales
 from dynid_rs.training import Excluded, TrainingData, check_training_runs, prepare_training_data
 from dynid_rs.uncertainty import parameter_covariance
 

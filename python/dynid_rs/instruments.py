@@ -20,8 +20,9 @@ from sklearn.base import BaseEstimator
 
 from dynid_rs import _core
 from dynid_rs.columns import Observations, run_rows
-from dynid_rs.links import LinkDynamicsIdentifier, block_residuals
+from dynid_rs.links import LinkDynamicsIdentifier
 from dynid_rs.preprocessing import States
+from dynid_rs.systems import block_residuals
 from dynid_rs.uncertainty import noise_products
 
 FloatArray = NDArray[np.float64]

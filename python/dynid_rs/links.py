@@ -12,6 +12,9 @@ from sklearn.base import BaseEstimator
 
 from dynid_rs import _core
 from dynid_rs.columns import Observations, Plan
+from dynid_rs.ridge import choose_ridge
+from dynid_rs.scales import free_scales, improve_scale
+from dynid_rs.systems import NEGLIGIBLE, residual_covariance, residual_power, solve, stack, whitened
 
 if TYPE_CHECKING:
     from dynid_rs.evidence import Posterior
@@ -20,22 +23,10 @@ FloatArray = NDArray[np.float64]
 Weighting = Literal["joint_variance", "full_covariance"] | None
 Start = Literal["torque", "least_squares"]
 
-RIDGES = (0.0, 1e-4, 1e-3, 3e-3, 1e-2, 3e-2, 1e-1)
-"""Ridges that are tried, relative to the greatest singular value of the unit-norm columns."""
-RIDGE_WORTH = 0.01
-"""Of ridges whose greatest regret (logarithm of a joint's left-out power over its least) differs less, the smallest."""
-RIDGE_NEED = 0.5
-"""A ridge biases: it has to lower the greatest regret by this much to be used at all."""
-RIDGE_COST = 1.6
-"""Most that a ridge may add to a joint's residual power on the training rows."""
 ASYMMETRY = 0.1
 """Usual difference of Coulomb friction's two directions over the joint's torque, where nothing else is said."""
 RE_WEIGHTINGS = 3
 """Rounds in which rows beside the training runs find their weight under a prior."""
-NEGLIGIBLE = 1e-12
-"""Relative singular values below this are rounding."""
-SCALE_SPREAD = 0.5
-"""How far drive gains lie from the first joint's: a weak prior for joints whose own load says little."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,7 +163,7 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
         self.converged_ = False
         for self.n_iter_ in range(1, self.max_iter + 1):
             if left_out and self.n_iter_ <= 3:  # later it would only flip between neighbours
-                self.ridge_ = _choose_ridge(observations, left_out, weights, scale)
+                self.ridge_ = choose_ridge(observations, left_out, weights, scale)
             x = solve(plan, _joined(stack(plan, factors, weights, scale), extra, scale, alike), (self.ridge_,))[0]
             if free.any():
                 scale = improve_scale(plan, factors, weights, scale, x, free, alike)
@@ -195,7 +186,7 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
             return self.use_posterior(observations, posterior, beside)
         self.covariance_ = residual_covariance(observations, x, scale)
         if self.weighting == "full_covariance":
-            system = _joined(_whitened(observations, self.covariance_, scale), extra, scale, alike)
+            system = _joined(whitened(observations, self.covariance_, scale), extra, scale, alike)
             x = solve(plan, system, (self.ridge_,))[0]
             self.covariance_ = residual_covariance(observations, x, scale)
         return self._keep(plan, x)
@@ -277,8 +268,8 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
         if self.weighting == "full_covariance":
             # Rows of a joint count as many as the independent samples they are worth.
             root = np.sqrt(self.worth_)
-            whitened = _whitened(observations, self.covariance_ / np.outer(root, root), scale)
-            x = solve(plan, _joined(np.concatenate([whitened, posterior.pull]), extra, scale), (0.0,))[0]
+            rows = whitened(observations, self.covariance_ / np.outer(root, root), scale)
+            x = solve(plan, _joined(np.concatenate([rows, posterior.pull]), extra, scale), (0.0,))[0]
             self.covariance_ = residual_covariance(observations, x, scale)
         return self._keep(plan, x)
 
@@ -341,11 +332,6 @@ def alike_rows(plan: Plan, factors: Sequence[FloatArray], n_rows: int, asymmetry
     return np.array(rows).reshape(-1, plan.n_columns + 1)
 
 
-def stack(plan: Plan, factors: Sequence[FloatArray], weights: FloatArray, scale: FloatArray) -> FloatArray:
-    """Weighted factors of all joints as one system ``[columns | torque]``, (rows, n_columns + 1) (Eq. 23)."""
-    return np.concatenate([weights[j] * stack_one(plan, j, R, scale) for j, R in enumerate(factors)])
-
-
 def weighted_system(
     observations: Observations, links: LinkDynamicsIdentifier, *, least_noise: float = 0.0
 ) -> FloatArray:
@@ -365,7 +351,7 @@ def weighted_system(
     if links.weighting == "full_covariance":
         short = np.maximum(least**2 - np.diag(links.covariance_), 0.0)
         covariance = (links.covariance_ + np.diag(short)) / np.outer(root, root)
-        system = _whitened(observations, covariance, links.torque_scale_)
+        system = whitened(observations, covariance, links.torque_scale_)
     else:
         noise = links.noise_std_
         if links.weighting is None:
@@ -373,32 +359,6 @@ def weighted_system(
         system = stack(plan, factors, root / np.maximum(noise, least), links.torque_scale_)
     pull = links._alike(observations) if links.posterior_ is None else links.posterior_.pull
     return np.concatenate([system, pull])
-
-
-def solve(plan: Plan, system: FloatArray, ridges: Sequence[float]) -> list[FloatArray]:
-    """Solutions (n_columns,) of ``[A | b]``, per ridge l: ``min |A x - b|^2 + (l s_max)^2 |D x|^2``, D the norms."""
-    from scipy.linalg import svd
-
-    R = _core.triangular_factor(system)
-    A, b = R[:-1, :-1], R[:-1, -1]
-    norms = np.linalg.norm(A, axis=0)
-    used = plan.estimable() & (norms > NEGLIGIBLE * norms.max(initial=0.0))
-    # gesvd: the divide-and-conquer driver failed to converge on real factors.
-    u, s, vt = svd(A[:, used] / norms[used], full_matrices=False, lapack_driver="gesvd")
-    good = s > NEGLIGIBLE * s[0]
-    projected = u.T @ b
-    solutions = []
-    for ridge in ridges:
-        gain = np.where(good, s / (s**2 + (ridge * s[0]) ** 2 + ~good), 0.0)
-        x = np.zeros(plan.n_columns)
-        x[used] = (vt.T @ (gain * projected)) / norms[used]
-        solutions.append(x)
-    return solutions
-
-
-def residual_power(plan: Plan, factors: Sequence[FloatArray], x: FloatArray, scale: FloatArray) -> FloatArray:
-    """Sum of squared residuals per joint, (n_joints,), from the factors alone: over n_rows it is Eq. 22's variance."""
-    return np.array([np.sum(_residual(plan, j, R, x, scale) ** 2) for j, R in enumerate(factors)])
 
 
 def own_beside(observations: Observations, phi_base: FloatArray, scale: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -417,133 +377,6 @@ def own_beside(observations: Observations, phi_base: FloatArray, scale: FloatArr
         own[j, plan.own[j]] = np.linalg.lstsq(columns / norms, target, rcond=NEGLIGIBLE)[0] / norms
         left[j] = np.linalg.norm(target - columns @ own[j, plan.own[j]])
     return own, left / np.sqrt(observations.n_rows)
-
-
-def _residual(plan: Plan, j: int, rows: FloatArray, x: FloatArray, scale: FloatArray) -> FloatArray:
-    """Torque left of joint j's rows (or factor rows)."""
-    coefficients = x[plan.unknowns(j)]
-    coefficients[plan.n_own :] *= scale[j]
-    left: FloatArray = rows[:, -1] - rows[:, :-1] @ coefficients
-    return left
-
-
-def block_residuals(observations: Observations, x: FloatArray, scale: FloatArray) -> list[FloatArray]:
-    """Residuals of every block, (n_rows, n_joints) each: E of Eq. 21."""
-    plan = observations.plan
-    return [
-        np.stack([_residual(plan, j, rows, x, scale) for j, rows in enumerate(block.rows)], axis=1)
-        for block in observations.blocks
-    ]
-
-
-def residual_covariance(
-    observations: Observations, x: FloatArray, scale: FloatArray, *, as_printed: bool = False
-) -> FloatArray:
-    """Covariance of the residual between joints (Eq. 24), divisor rows minus the rank's share of a joint.
-
-    `as_printed`: the divisor is rows minus the whole rank, as if each joint had paid for all parameters. The paper's
-    estimate (Eq. 25) is the same with either; noise and intervals are not, and the share is the unbiased one.
-    """
-    plan = observations.plan
-    left = np.concatenate(block_residuals(observations, x, scale))
-    rank = plan.estimable().sum()
-    share = rank if as_printed else rank / plan.robot.n_joints
-    covariance: FloatArray = left.T @ left / max(observations.n_rows - share, 1.0)
-    return covariance
-
-
-def _choose_ridge(
-    observations: Observations, left_out: list[list[FloatArray]], weights: FloatArray, scale: FloatArray
-) -> float:
-    """Smallest ridge with the least regret on left-out blocks: no joint pays for what another one gains."""
-    plan = observations.plan
-    power = np.zeros((len(RIDGES), plan.robot.n_joints))
-    for block, factors in zip(observations.blocks, left_out, strict=True):
-        for k, x in enumerate(solve(plan, stack(plan, factors, weights, scale), RIDGES)):
-            power[k] += residual_power(plan, block.factors, x, scale)
-    # What a ridge costs where the data does speak shows on the training rows themselves.
-    factors = observations.factors()
-    solutions = solve(plan, stack(plan, factors, weights, scale), RIDGES)
-    trained = np.array([residual_power(plan, factors, x, scale) for x in solutions])
-    power[np.any(trained > RIDGE_COST * trained[0] + 1e-300, axis=1)] = np.inf
-    log_power = np.log(np.maximum(power, 1e-300))
-    regret = (log_power - log_power.min(axis=0)).max(axis=1)
-    if regret[0] <= regret.min() + RIDGE_NEED:
-        return 0.0
-    return RIDGES[int(np.flatnonzero(regret <= regret.min() + RIDGE_WORTH)[0])]
-
-
-def free_scales(n_joints: int, fit_scale: bool, free_gains: Sequence[int]) -> NDArray[np.bool_]:
-    """Which joints' torque scales are estimated, (n_joints,): all but the first in ampere, `free_gains` in N m.
-
-    Raises
-    ------
-    ValueError
-        `free_gains` names a joint that is not there, or all of them: one has to hold the unit.
-    """
-    if any(not 0 <= j < n_joints for j in free_gains) or (free_gains and len(set(free_gains)) >= n_joints):
-        raise ValueError(
-            f"free_gains must name joints from 0 to {n_joints - 1} and leave one that holds the unit, "
-            f"found {tuple(free_gains)}"
-        )
-    joints = np.arange(n_joints)
-    return joints > 0 if fit_scale else np.isin(joints, list(free_gains))
-
-
-def improve_scale(
-    plan: Plan,
-    factors: Sequence[FloatArray],
-    weights: FloatArray,
-    scale: FloatArray,
-    x: FloatArray,
-    free: NDArray[np.bool_],
-    pull: FloatArray | None = None,
-) -> FloatArray:
-    """One Gauss-Newton step on the torque scales of the joints in `free` beside all other unknowns.
-
-    `pull`, rows ``[A | b]`` of a prior on the other unknowns.
-    """
-    n = plan.robot.n_joints
-    system = stack(plan, factors, weights, scale)
-    if pull is not None:
-        system = np.concatenate([system, pull])
-    changes = np.zeros((len(system), n))
-    first = 0
-    for j, R in enumerate(factors):
-        base = plan.unknowns(j)[plan.n_own :]
-        changes[first : first + len(R), j] = weights[j] * (R[:, plan.n_own : -1] @ x[base])
-        first += len(R)
-    prior = np.zeros((n, plan.n_columns + n + 1))
-    prior[:, plan.n_columns : -1] = np.eye(n) / SCALE_SPREAD
-    prior[:, -1] = (1 - scale) / SCALE_SPREAD
-    system = np.concatenate([np.concatenate([system[:, :-1], changes, system[:, -1:]], axis=1), prior])
-    norms = np.linalg.norm(system[:, :-1], axis=0)
-    used = np.concatenate([plan.estimable(), free]) & (norms > 0)
-    step = np.zeros(plan.n_columns + n)
-    step[used] = np.linalg.lstsq(system[:, :-1][:, used] / norms[used], system[:, -1], rcond=1e-6)[0] / norms[used]
-    change = np.clip(step[plan.n_columns :], -0.3 * scale, 0.5 * scale)
-    improved: FloatArray = scale + change
-    return improved
-
-
-def _whitened(observations: Observations, covariance: FloatArray, scale: FloatArray) -> FloatArray:
-    """Factor of all rows after whitening across joints (Eq. 25): one more pass, joints of one sample side by side."""
-    plan = observations.plan
-    whitener = np.linalg.inv(np.linalg.cholesky(covariance))
-    factors = []
-    for block in observations.blocks:
-        wide = np.stack([stack_one(plan, j, rows, scale) for j, rows in enumerate(block.rows)], axis=1)
-        factors.append(_core.triangular_factor(np.ascontiguousarray((whitener @ wide).reshape(-1, wide.shape[2]))))
-    return _core.merge_factors(factors)
-
-
-def stack_one(plan: Plan, j: int, rows: FloatArray, scale: FloatArray) -> FloatArray:
-    """Rows of joint j among all unknowns, (n_rows, n_columns + 1)."""
-    wide = np.zeros((len(rows), plan.n_columns + 1))
-    wide[:, plan.unknowns(j)] = rows[:, :-1]
-    wide[:, : plan.n_base] *= scale[j]
-    wide[:, -1] = rows[:, -1]
-    return wide
 
 
 def baseline(observations: Observations) -> tuple[Observations, FloatArray]:

@@ -18,10 +18,11 @@ from dynid_rs.friction_experiment.pairs import check_reversals, find_mirrors
 from dynid_rs.friction_experiment.rows import PairWindow, odd_torques, pair_rows, pair_windows, row_groups
 from dynid_rs.friction_laws import fit_stribeck, power_left, with_laws
 from dynid_rs.known import less_known
-from dynid_rs.links import LinkDynamicsIdentifier, RowGroup, baseline, block_residuals, own_beside
+from dynid_rs.links import LinkDynamicsIdentifier, RowGroup, baseline, own_beside
 from dynid_rs.placed import PlacedEffect, effects_of
 from dynid_rs.preprocessing import States
 from dynid_rs.residual import ResidualCompensator
+from dynid_rs.systems import block_residuals
 from dynid_rs.training import TrainingData
 
 FloatArray = NDArray[np.float64]

@@ -67,7 +67,7 @@ class MomentumObserver:
     false_contacts_per_hour : float
         That noise alone may make.
     window : int, optional
-        Samples to differentiate over, where positions come alone; about 20 ms by default.
+        Samples to differentiate over, where positions come alone; about 20 ms by default, 15 ms at 1 kHz.
 
     Attributes
     ----------

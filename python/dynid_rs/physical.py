@@ -20,7 +20,8 @@ from dynid_rs import _core
 from dynid_rs.assembly import with_parts
 from dynid_rs.bodies import Program, Terms, declared_bodies
 from dynid_rs.columns import Observations, Plan
-from dynid_rs.links import LinkDynamicsIdentifier, residual_power, weighted_system
+from dynid_rs.links import LinkDynamicsIdentifier, weighted_system
+from dynid_rs.systems import residual_power
 
 FloatArray = NDArray[np.float64]
 

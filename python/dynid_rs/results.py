@@ -16,12 +16,12 @@ from dynid_rs.evaluation import FLOOR_METHOD, Comparison, compare, noise_floor, 
 from dynid_rs.findings import Finding
 from dynid_rs.identification import ThreeLoopIdentifier
 from dynid_rs.instruments import InstrumentalVariables, endogeneity
-from dynid_rs.links import stack
 from dynid_rs.physical import PhysicalIdentifier
 from dynid_rs.physical_result import physical_section
 from dynid_rs.preprocessing import States
 from dynid_rs.recording import Recording
 from dynid_rs.separability import examine, not_separable
+from dynid_rs.systems import stack
 from dynid_rs.uncertainty import NORMAL_95
 from dynid_rs.wording import residual_reason, verdict
 

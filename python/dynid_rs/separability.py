@@ -28,10 +28,11 @@ from dynid_rs.evaluation import compare, rmse
 from dynid_rs.evidence import Posterior, fit_with_prior
 from dynid_rs.findings import Finding, Severity
 from dynid_rs.known import KnownTerm, known_torque
-from dynid_rs.links import LinkDynamicsIdentifier, block_residuals, solve, stack
+from dynid_rs.links import LinkDynamicsIdentifier
 from dynid_rs.memory import column_memory, inflation
 from dynid_rs.preprocessing import States
 from dynid_rs.priors import declares_inertia
+from dynid_rs.systems import block_residuals, solve, stack
 from dynid_rs.uncertainty import NORMAL_95
 
 if TYPE_CHECKING:

@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 
 from dynid_rs import _core
 from dynid_rs.columns import Observations, Plan
-from dynid_rs.links import LinkDynamicsIdentifier, block_residuals
+from dynid_rs.links import LinkDynamicsIdentifier
 from dynid_rs.memory import flat_top
 from dynid_rs.preprocessing import States
+from dynid_rs.systems import block_residuals
 
 FloatArray = NDArray[np.float64]
 

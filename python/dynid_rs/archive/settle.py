@@ -13,7 +13,8 @@ from dynid_rs import _core
 from dynid_rs.archive.reduction import Totals
 from dynid_rs.assembly import Regressions, assemble, with_domain
 from dynid_rs.columns import Observations, Plan
-from dynid_rs.links import LinkDynamicsIdentifier, baseline, own_beside, residual_power
+from dynid_rs.links import LinkDynamicsIdentifier, baseline, own_beside
+from dynid_rs.systems import residual_power
 from dynid_rs.uncertainty import covariance_of_products
 
 if TYPE_CHECKING:

@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 from dynid_rs import _core
 from dynid_rs.columns import Observations, Plan
 from dynid_rs.identification import ThreeLoopIdentifier
-from dynid_rs.links import ASYMMETRY, alike_rows, block_residuals, stack
+from dynid_rs.links import ASYMMETRY, alike_rows
+from dynid_rs.systems import block_residuals, stack
 
 FloatArray = NDArray[np.float64]
 

@@ -54,8 +54,8 @@ WINDS = (0.03, 0.1, 0.3, 1.0)
 CARRIED = 0.05
 """Load that slipping teeth carry, over the load's standard deviation, with which its search begins."""
 FREE_ENDS = ("b", "carried_load")
-"""Shape parameters that may be as small as their search goes: a lever as short as can be is a cylinder all the same, one
-that pulls like a weight, and teeth may carry nothing."""
+"""Shape parameters that may be as small as their search goes: a lever as short as can be is a cylinder all the same,
+one that pulls like a weight, and teeth may carry nothing."""
 UNSOUGHT = ("load_hysteresis",)
 """Kinds that can be declared and are not looked for: load with memory is what load-dependent friction and hysteresis
 tell together, and those are two causes that a person can act on."""

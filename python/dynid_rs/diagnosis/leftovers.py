@@ -15,7 +15,7 @@ from dynid_rs.diagnosis.signals import Candidates, candidate_signals
 from dynid_rs.diagnosis.surrogates import surrogates, upper_tail
 from dynid_rs.evaluation import noise_floor
 from dynid_rs.identification import ThreeLoopIdentifier
-from dynid_rs.links import block_residuals
+from dynid_rs.systems import block_residuals
 
 FloatArray = NDArray[np.float64]
 

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from dynid_rs.columns import Observations
 from dynid_rs.identification import ThreeLoopIdentifier
-from dynid_rs.links import LinkDynamicsIdentifier, stack_one, weighted_system
+from dynid_rs.links import LinkDynamicsIdentifier, weighted_system
+from dynid_rs.systems import stack_one
 
 FloatArray = NDArray[np.float64]
 

@@ -5,18 +5,20 @@
 
 #![allow(clippy::print_stdout, clippy::unwrap_used)]
 
+#[path = "common/arm.rs"]
+mod arm;
+
 use std::hint::black_box;
 use std::sync::Arc;
 use std::time::Instant;
 
+use arm::arm;
 use dynid_core::lanes::{use_path, Path};
 use dynid_core::model::TorqueModelParts;
 use dynid_core::{
     inverse_dynamics_into, Domain, Effect, EffectInput, EffectTerm, GaussianMixtureRegression,
-    Joint, JointKind, JointLimits, Load, Residual, ResidualInputs, RobotModel, State,
-    TorqueEstimator, TorqueModel, Workspace,
+    Load, Residual, ResidualInputs, State, TorqueEstimator, TorqueModel, Workspace,
 };
-use nalgebra::{Rotation3, Vector3};
 
 const N: usize = 6;
 const COMPONENTS: usize = 10;
@@ -38,29 +40,6 @@ impl Uniform {
     }
 }
 
-/// A six-axis arm of common shape: every axis turned a quarter from the one before or parallel to it.
-fn robot() -> RobotModel {
-    let turns = [0.0, 1.0, 0.0, 0.0, 1.0, -1.0].map(|t| t * std::f64::consts::FRAC_PI_2);
-    let joints = turns.iter().enumerate().map(|(j, turn)| Joint {
-        name: format!("joint {j}"),
-        link: format!("link {j}"),
-        kind: JointKind::Revolute,
-        rotation: Rotation3::from_euler_angles(*turn, 0.1 * j as f64, 0.0).into_inner(),
-        translation: Vector3::new(0.1 * j as f64, -0.05, 0.3),
-        axis: Vector3::z(),
-        limits: JointLimits::default(),
-        rotor_inertia: 0.0,
-        gear_ratio: None,
-        phi: [2.0, 0.3, -0.1, 0.5, 0.7, 0.02, 0.9, -0.05, 0.04, 1.1],
-    });
-    RobotModel::new(
-        "arm".to_owned(),
-        joints.collect(),
-        Vector3::new(0.0, 0.0, -9.81),
-    )
-    .unwrap()
-}
-
 fn mixture(random: &mut Uniform) -> GaussianMixtureRegression {
     let weights = vec![1.0 / COMPONENTS as f64; COMPONENTS];
     let means = (0..3 * COMPONENTS).map(|_| random.next()).collect();
@@ -72,7 +51,7 @@ fn mixture(random: &mut Uniform) -> GaussianMixtureRegression {
 }
 
 fn model(random: &mut Uniform) -> TorqueModel {
-    let robot = robot();
+    let robot = arm(0.1);
     let friction = Effect::friction(&[0.01; N], &[0.02; N]).unwrap();
     let coefficients = (0..8 * N).map(|_| 1.0 + random.next()).collect();
     let joints = (0..N).map(|_| Some(mixture(random).into())).collect();

@@ -29,6 +29,10 @@ pub const MAX_WINDOW: usize = 101;
 /// Length of the window where nothing else is asked for \[s\], and its fewest samples.
 const USUAL_WINDOW: (f64, usize) = (0.02, 7);
 
+/// Longest window whose first answer is that of the tenth sample, and the length up to which more samples are worth more
+/// cycles, because the noise of a fitted curvature goes with the window to the power -5/2 \[s\].
+const ANSWERS_WITHIN_TEN: (usize, f64) = (15, 0.015);
+
 /// The oldest sample must stand this far before the middle, in halves of the window: the middle is then well inside.
 const LEAST_REACH: f64 = 0.25;
 
@@ -53,13 +57,17 @@ pub struct Differentiator {
     fitted: [Vec<f64>; 3],
 }
 
-/// The window that is used where none is asked for: about 20 ms, at least seven samples, an odd number.
+/// The window that is used where none is asked for, an odd number: about 20 ms, at least seven samples, at most what answers
+/// within ten samples or, where they come faster than once a millisecond, 15 ms.
 #[must_use]
 pub fn usual_window(step: f64) -> usize {
-    let (seconds, least) = USUAL_WINDOW;
     // A cast saturates, so no step is too short or too long.
-    let samples = (seconds / step).round() as usize | 1;
-    samples.clamp(least, MAX_WINDOW)
+    let odd = |seconds: f64| (seconds / step).round() as usize | 1;
+    let (seconds, least) = USUAL_WINDOW;
+    let (samples, worth) = ANSWERS_WITHIN_TEN;
+    odd(seconds)
+        .min(odd(worth).max(samples))
+        .clamp(least, MAX_WINDOW)
 }
 
 /// By how much the middle of a window is behind its newest sample \[s\].
@@ -262,7 +270,7 @@ fn parabola(&[m0, m1, m2, m3, m4]: &[f64; 5]) -> Option<[[f64; 3]; 3]> {
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used)]
+#[allow(clippy::print_stdout, clippy::unwrap_used)]
 mod tests {
     use super::*;
 
@@ -445,13 +453,79 @@ mod tests {
     }
 
     #[test]
+    fn the_usual_window_answers_within_ten_samples() {
+        for step in [0.001, 0.00125, 0.002, 0.004, 0.008, 0.02] {
+            assert!(first_answer(usual_window(step)) <= 10, "{step}");
+        }
+        assert!(first_answer(usual_window(STEP) + 2) > 10);
+        // Faster than that it is ten milliseconds.
+        for step in [0.0005, 0.00025] {
+            assert!(
+                first_answer(usual_window(step)) as f64 * step < 0.0105,
+                "{step}"
+            );
+        }
+    }
+
+    /// Noise of one encoder step of 1e-5 rad, evenly spread, as noise of the answer: value, slope, curvature.
+    fn noise(window: usize) -> [f64; 3] {
+        let mut state = 1_u64;
+        let encoder: Vec<f64> = (0..2000)
+            .map(|_| {
+                state = state
+                    .wrapping_mul(6_364_136_223_846_793_005)
+                    .wrapping_add(1);
+                1e-5 * ((state >> 11) as f64 / (1_u64 << 53) as f64 - 0.5)
+            })
+            .collect();
+        let (mut squares, mut count) = ([0.0; 3], 0.0);
+        let read = |t: f64| encoder[(t / STEP).round() as usize];
+        run(
+            window,
+            read,
+            |_| false,
+            |t, fitted| {
+                // From the first full window on.
+                if t > 0.1 {
+                    count += 1.0;
+                    for (sum, x) in squares.iter_mut().zip(fitted) {
+                        *sum += x * x;
+                    }
+                }
+            },
+        );
+        squares.map(|sum: f64| (sum / count).sqrt())
+    }
+
+    #[test]
+    fn what_a_shorter_window_costs() {
+        let [usual, longer] = [usual_window(STEP), 21].map(noise);
+        for (window, [q, dq, ddq]) in [(usual_window(STEP), usual), (21, longer)] {
+            println!("window {window}: q {q:.1e} rad, dq {dq:.1e} rad/s, ddq {ddq:.3} rad/s^2");
+        }
+        let cost: Vec<f64> = usual.iter().zip(longer).map(|(a, b)| a / b).collect();
+        println!(
+            "times: q {:.2}, dq {:.2}, ddq {:.2}",
+            cost[0], cost[1], cost[2]
+        );
+        // White noise: the window to the powers -1/2, -3/2 and -5/2.
+        let shorter = 21.0 / usual_window(STEP) as f64;
+        for (cost, power) in cost.into_iter().zip([0.5, 1.5, 2.5]) {
+            assert!(
+                (cost / shorter.powf(power) - 1.0).abs() < 0.15,
+                "{cost} {power}"
+            );
+        }
+    }
+
+    #[test]
     fn windows_that_are_none() {
         for (step, window) in [(0.0, 7), (f64::NAN, 7), (STEP, 6), (STEP, 3), (STEP, 103)] {
             assert!(Differentiator::new(1, step, window).is_err());
         }
         assert_eq!(
-            [0.001, 0.002, 0.008, 1e-9, 1e9].map(usual_window),
-            [21, 11, 7, 101, 7]
+            [0.001, 0.002, 0.008, 0.0005, 1e-9, 1e9].map(usual_window),
+            [15, 11, 7, 31, 101, 7]
         );
         assert!(Differentiator::new(1, STEP, 5)
             .unwrap()

@@ -38,6 +38,7 @@ mod slices;
 pub mod state;
 mod step;
 pub mod stream;
+mod track;
 mod turn;
 
 pub use differentiator::Differentiator;

@@ -13,22 +13,20 @@ use crate::error::CoreError;
 use crate::estimator::{Status, TorqueEstimator};
 use crate::model::TorqueModel;
 use crate::observer::{MomentumObserver, ObserverSettings};
-use crate::slices::{copy, rows, rows_mut};
+use crate::slices::{copy, rows_mut};
 use crate::state::State;
 use crate::stream::{Place, Stream};
+use crate::track::{Taken, Track, MOST_STEPS};
 
 /// Signals of motion: q, dq, ddq of the link side, then of the motor side, as in [`State`].
 pub const N_MOTION: usize = 6;
 
 /// Channels that are filtered together: the motion and the measured torque.
-const N_CHANNELS: usize = N_MOTION + 1;
+pub(crate) const N_CHANNELS: usize = N_MOTION + 1;
 const TORQUE: usize = N_MOTION;
 
 /// So many cycles without a new state are stale input.
 const STALE_AFTER: u32 = 2;
-
-/// A sample longer after the one before it does not count more than this many steps for what effects remember.
-const MOST_STEPS: u64 = 1000;
 
 /// A position that does not change by a bit while its velocity covers this way stands still in the sensor only \[rad, m\].
 /// Coarser encoders are not in use on arms.
@@ -60,13 +58,11 @@ pub struct Sample<'a> {
 pub struct OnlineEstimator {
     estimator: TorqueEstimator,
     stream: Stream,
-    filter: Differentiator,
+    track: Track,
+    /// Samples that contradict the track, but not each other: once they are believed they are the track.
+    suspects: Track,
     /// The usual time between samples.
     step: f64,
-    /// Which signals the stream has; another set begins it again.
-    present: [bool; N_CHANNELS],
-    /// Time for the filter \[s\]: the sender's, or counted.
-    time: f64,
     /// One row of channels, and the signals that the estimator sees.
     row: Vec<f64>,
     motion: [Vec<f64>; N_MOTION],
@@ -109,13 +105,13 @@ impl OnlineEstimator {
         }
         let step = step.or(step_of_model).unwrap_or(USUAL_STEP);
         let window = window.unwrap_or_else(|| usual_window(step));
+        let track = Track::new(Differentiator::new(N_CHANNELS * n, step, window)?);
         Ok(Self {
             estimator,
             stream: Stream::default(),
-            filter: Differentiator::new(N_CHANNELS * n, step, window)?,
+            suspects: track.clone(),
+            track,
             step,
-            present: [false; N_CHANNELS],
-            time: 0.0,
             row: vec![0.0; N_CHANNELS * n],
             motion: std::array::from_fn(|_| vec![0.0; n]),
             measured: vec![f64::NAN; n],
@@ -161,7 +157,7 @@ impl OnlineEstimator {
     /// Delay of the answers where positions come alone \[s\].
     #[must_use]
     pub fn delay(&self) -> f64 {
-        self.filter.delay()
+        self.track.filter.delay()
     }
 
     /// Puts another model in its place. What effects remember goes over where the effects are the same
@@ -203,8 +199,12 @@ impl OnlineEstimator {
     /// [`CoreError::Length`] if a signal has the wrong length or q is missing; nothing changes then.
     pub fn step(&mut self, sample: &Sample<'_>) -> Result<Status, CoreError> {
         self.check(sample)?;
+        let row = self.stream.suspects();
         let place = self.stream.place(sample.sequence, sample.time);
         if !place.is_new() {
+            if place != Place::Repeated {
+                self.suspect(sample, row)?;
+            }
             let mut status = self.hold();
             status.set(Status::OUT_OF_ORDER, place == Place::OutOfOrder);
             status.set(Status::TIME_BACKWARDS, place == Place::TimeBackwards);
@@ -217,9 +217,17 @@ impl OnlineEstimator {
         status.set(Status::LOST, numbered && place != Place::Next { lost: 0 });
         status.set(Status::TIME_BACKWARDS, !numbered && place == Place::Restart);
         let present = self.channels(sample).map(|channel| channel.is_some());
-        if place == Place::Restart || present != self.present {
-            self.present = present;
-            self.filter.reset();
+        if place == Place::Restart {
+            // Without a row of suspects nothing is known of the new stream.
+            if row == 0 {
+                self.suspects.filter.reset();
+            }
+            core::mem::swap(&mut self.track, &mut self.suspects);
+            self.suspects.filter.reset();
+            self.has_before = false;
+        }
+        if present != self.track.present {
+            self.track.begin(present);
             self.has_before = false;
         }
         let lost = if let Place::Next { lost } = place {
@@ -228,11 +236,7 @@ impl OnlineEstimator {
             0
         };
         let elapsed = lost.saturating_add(1).min(MOST_STEPS) as f64 * self.step;
-        self.time = if sample.time.is_finite() {
-            sample.time
-        } else {
-            self.time + elapsed
-        };
+        self.track.go_on(sample, self.step);
         status.set(Status::STUCK, numbered && self.is_stuck(sample, elapsed));
         let is_direct = direct(&present);
         let answered = if is_direct {
@@ -251,7 +255,7 @@ impl OnlineEstimator {
                 match tau {
                     Some(tau) if used => {
                         let tau = if is_direct { tau } else { &self.measured };
-                        let apart = self.time - self.observed;
+                        let apart = self.track.time - self.observed;
                         // Written so that a NaN, before the first sample, is no time either.
                         let apart = if apart > 0.0 {
                             apart
@@ -260,7 +264,7 @@ impl OnlineEstimator {
                             self.step
                         };
                         observer.step(&self.estimator, tau, apart)?;
-                        self.observed = self.time;
+                        self.observed = self.track.time;
                     }
                     _ => observer.interrupt(),
                 }
@@ -269,6 +273,33 @@ impl OnlineEstimator {
             }
         };
         Ok(status.and(answered).and(observed))
+    }
+
+    /// Keeps a sample that may be the first ones of another stream, whose row was `before` long: once the row is believed,
+    /// derivatives need not wait for a whole window again.
+    fn suspect(&mut self, sample: &Sample<'_>, before: u8) -> Result<(), CoreError> {
+        let row = self.stream.suspects();
+        let present = self.channels(sample).map(|channel| channel.is_some());
+        // What is not differentiated needs no window; and a row that did not grow ends with the same state once more.
+        if direct(&present) || (row == before && row > 1) {
+            return Ok(());
+        }
+        if row == 1 {
+            self.suspects.filter.reset();
+        }
+        if self.fill_row(sample) {
+            self.go_on_suspecting(sample);
+            self.suspects.take_anew(&self.row, &self.most_speed)?;
+        }
+        Ok(())
+    }
+
+    fn go_on_suspecting(&mut self, sample: &Sample<'_>) {
+        let present = self.channels(sample).map(|channel| channel.is_some());
+        if present != self.suspects.present {
+            self.suspects.begin(present);
+        }
+        self.suspects.go_on(sample, self.step);
     }
 
     fn check(&self, sample: &Sample<'_>) -> Result<(), CoreError> {
@@ -315,19 +346,13 @@ impl OnlineEstimator {
         )
     }
 
-    /// The state of a window before now, from the signals that came.
-    fn answer_filtered(
-        &mut self,
-        sample: &Sample<'_>,
-        elapsed: f64,
-        numbered: bool,
-    ) -> Result<Status, CoreError> {
+    /// Lays the channels of a sample side by side; false if one is no number, which would stay in the window.
+    fn fill_row(&mut self, sample: &Sample<'_>) -> bool {
         let n = self.tau.len();
         let finite = |signal: &[f64]| signal.iter().all(|x| x.is_finite());
         let channels = self.channels(sample);
-        // A torque that is none would stay in the window.
         if !channels.iter().flatten().all(|signal| finite(signal)) {
-            return Ok(Status::NON_FINITE);
+            return false;
         }
         for (row, channel) in rows_mut(&mut self.row, n).zip(channels) {
             match channel {
@@ -335,16 +360,47 @@ impl OnlineEstimator {
                 None => row.fill(0.0),
             }
         }
-        if self.jumps() {
-            // Of two alone nobody knows which is wrong: the newer one begins the window again.
-            if self.filter.n_samples() < 2 {
-                self.filter.reset();
-                self.filter.push(self.time, &self.row)?;
-            }
-            return Ok(Status::OUTSIDE_DOMAIN.and(Status::REPEATED));
+        true
+    }
+
+    /// Takes a sample into the window; what keeps it from an answer.
+    fn differentiate(&mut self, sample: &Sample<'_>) -> Result<Status, CoreError> {
+        if !self.fill_row(sample) {
+            return Ok(Status::NON_FINITE);
         }
-        if !self.filter.push(self.time, &self.row)? {
-            return Ok(Status::SETTLING.and(Status::REPEATED));
+        let mut taken = self.track.take(&self.row, &self.most_speed)?;
+        if matches!(taken, Taken::Jump | Taken::Over) {
+            self.go_on_suspecting(sample);
+            let other = self.suspects.take_anew(&self.row, &self.most_speed)?;
+            let is_believed = taken == Taken::Over || self.suspects.is_believed();
+            // Of two alone nobody knows which is wrong: the newer one begins the window again.
+            if is_believed || self.track.filter.n_samples() < 2 {
+                core::mem::swap(&mut self.track, &mut self.suspects);
+            }
+            if is_believed {
+                taken = other;
+            }
+        }
+        if taken != Taken::Jump {
+            self.suspects.filter.reset();
+        }
+        Ok(match taken {
+            Taken::Answer => Status::OK,
+            Taken::Settling => Status::SETTLING.and(Status::REPEATED),
+            Taken::Jump | Taken::Over => Status::OUTSIDE_DOMAIN.and(Status::REPEATED),
+        })
+    }
+
+    /// The state of half a window before now, from the signals that came.
+    fn answer_filtered(
+        &mut self,
+        sample: &Sample<'_>,
+        elapsed: f64,
+        numbered: bool,
+    ) -> Result<Status, CoreError> {
+        let taken = self.differentiate(sample)?;
+        if taken != Status::OK {
+            return Ok(taken);
         }
         self.assemble();
         let [q, dq, ddq, q_motor, dq_motor, ddq_motor] = &self.motion;
@@ -368,14 +424,14 @@ impl OnlineEstimator {
     /// Signals of one instant: those that came, smoothed; the others as derivatives of the one below them.
     fn assemble(&mut self) {
         let n = self.tau.len();
-        let fitted = self.filter.fitted();
+        let fitted = self.track.filter.fitted();
         let of = |channel: usize, order: usize| {
             let start = channel * n;
             fitted
                 .get(order)
                 .and_then(|fitted| fitted.get(start..start + n))
         };
-        let there = |signal: usize| self.present.get(signal) == Some(&true);
+        let there = |signal: usize| self.track.present.get(signal) == Some(&true);
         for (signal, motion) in self.motion.iter_mut().enumerate() {
             // A motor side that has a position of its own has derivatives of its own.
             let side = if signal >= 3 && there(3) { 3 } else { 0 };
@@ -395,27 +451,6 @@ impl OnlineEstimator {
         if let Some(values) = of(TORQUE, 0) {
             copy(values, &mut self.measured);
         }
-    }
-
-    /// True if a position of the row is too far from the one before it to be one.
-    fn jumps(&mut self) -> bool {
-        let n = self.tau.len();
-        let Some((time, newest)) = self.filter.newest() else {
-            return false;
-        };
-        let elapsed = self.time - time;
-        // Longer than the window: the old position says nothing.
-        let comparable = elapsed > 0.0 && elapsed < 2.0 * self.filter.delay();
-        if !comparable {
-            self.filter.reset();
-            return false;
-        }
-        let pairs = rows(&self.row, n).zip(rows(newest, n));
-        let positions = pairs.step_by(3).take(2);
-        positions.into_iter().any(|(now, before)| {
-            let mut joints = now.iter().zip(before).zip(&self.most_speed);
-            joints.any(|((now, before), most)| (now - before).abs() > most * elapsed)
-        })
     }
 
     /// True if a sensor repeats itself while the motion goes on; keeps what it needs for the next sample.

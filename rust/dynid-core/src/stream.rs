@@ -73,6 +73,12 @@ impl Stream {
         self.suspect = Some((mark, row));
         place
     }
+
+    /// Length of the row of states, up to the last one, that contradict the newest good one but not each other.
+    #[must_use]
+    pub fn suspects(&self) -> u8 {
+        self.suspect.map_or(0, |(_, row)| row)
+    }
 }
 
 fn compare((number, time): Mark, (next_number, next_time): Mark) -> Place {

@@ -17,7 +17,7 @@ use crate::wire;
 pub struct Settings {
     /// Time between measurements \[s\]; none: as the model says.
     pub step: Option<f64>,
-    /// Samples that are differentiated over, where positions come alone; none: about 20 ms.
+    /// Samples that are differentiated over, where positions come alone; none: [`usual_window`](dynid_core::differentiator::usual_window).
     pub window: Option<usize>,
     /// How the observer listens; none: there is no observer.
     pub observer: Option<ObserverSettings>,

@@ -6,40 +6,25 @@
 
 #![allow(clippy::print_stdout, clippy::unwrap_used)]
 
+#[path = "../../dynid-core/benches/common/arm.rs"]
+mod arm;
+
 use std::hint::black_box;
 use std::time::Instant;
 
+use arm::arm;
 use dynid_core::chain::{self, JointState};
 use dynid_core::lanes::{self, use_path, Kernel, Lanes, Path};
 use dynid_core::{
-    inverse_dynamics_into, joint_torque_regressor_into, GaussianMixtureRegression, Joint,
-    JointKind, JointLimits, RobotModel, Workspace,
+    inverse_dynamics_into, joint_torque_regressor_into, GaussianMixtureRegression, RobotModel,
+    Workspace,
 };
 use dynid_offline::batch;
-use nalgebra::{Rotation3, Vector3};
 
 const N: usize = 6;
 /// As many as one task takes, so that nothing goes to another thread; their regressors fit into the second cache.
 const N_SAMPLES: usize = 256;
 const ROUNDS: usize = 400;
-
-fn robot() -> RobotModel {
-    let turns = [0.0, 1.0, 0.0, 0.0, 1.0, -1.0].map(|t| t * std::f64::consts::FRAC_PI_2);
-    let joints = turns.iter().enumerate().map(|(j, turn)| Joint {
-        name: format!("joint {j}"),
-        link: format!("link {j}"),
-        kind: JointKind::Revolute,
-        rotation: Rotation3::from_euler_angles(*turn, 0.1 * j as f64, 0.0).into_inner(),
-        translation: Vector3::new(0.1 * j as f64, -0.05, 0.3),
-        axis: Vector3::z(),
-        limits: JointLimits::default(),
-        rotor_inertia: 0.0,
-        gear_ratio: None,
-        phi: [2.0, 0.3, -0.1, 0.5, 0.7, 0.02, 0.9, -0.05, 0.04, 1.1],
-    });
-    let gravity = Vector3::new(0.0, 0.0, -9.81);
-    RobotModel::new("arm".to_owned(), joints.collect(), gravity).unwrap()
-}
 
 /// `Y phi` with the regressor of a row of samples in the first cache: what an identification does, which never stores it.
 /// Signals have one row per joint.
@@ -106,7 +91,7 @@ fn fastest(items: usize, mut work: impl FnMut()) -> f64 {
 }
 
 fn main() {
-    let robot = robot();
+    let robot = arm(0.1);
     let phi = robot.phi();
     let signal = |a: f64| -> Vec<f64> {
         let sample = |k: usize| 2.0 * (a * k as f64).sin();

@@ -4,42 +4,22 @@
 
 #![allow(clippy::print_stdout, clippy::unwrap_used)]
 
+#[path = "../../dynid-core/benches/common/arm.rs"]
+mod arm;
+
 use std::hint::black_box;
 use std::time::Instant;
 
-use dynid_core::{Effect, Joint, JointKind, JointLimits, RobotModel, State};
+use arm::arm;
+use dynid_core::{Effect, State};
 use dynid_offline::base::probing_states;
 use dynid_offline::{
     base_parameters, batch, fold, weighted_fit, Criterion, Excitation, RunSignals, RunStates,
 };
-use nalgebra::{Rotation3, Vector3};
 
 const SAMPLES: usize = 10_000;
 /// Samples of a motion that excites.
 const SHORT: usize = 200;
-
-/// A six-axis arm of common shape: every axis turned a quarter from the one before or parallel to it.
-fn robot() -> RobotModel {
-    let turns = [0.0, 1.0, 0.0, 0.0, 1.0, -1.0].map(|t| t * std::f64::consts::FRAC_PI_2);
-    let joints = turns.iter().enumerate().map(|(j, turn)| Joint {
-        name: format!("joint {j}"),
-        link: format!("link {j}"),
-        kind: JointKind::Revolute,
-        rotation: Rotation3::from_euler_angles(*turn, 0.0, 0.0).into_inner(),
-        translation: Vector3::new(0.1 * j as f64, -0.05, 0.3),
-        axis: Vector3::z(),
-        limits: JointLimits::default(),
-        rotor_inertia: 0.0,
-        gear_ratio: None,
-        phi: [2.0, 0.3, -0.1, 0.5, 0.7, 0.02, 0.9, -0.05, 0.04, 1.1],
-    });
-    RobotModel::new(
-        "arm".to_owned(),
-        joints.collect(),
-        Vector3::new(0.0, 0.0, -9.81),
-    )
-    .unwrap()
-}
 
 fn time<T>(what: &str, rounds: usize, mut work: impl FnMut() -> T) {
     if std::env::args()
@@ -59,7 +39,7 @@ fn time<T>(what: &str, rounds: usize, mut work: impl FnMut() -> T) {
 }
 
 fn main() {
-    let robot = robot();
+    let robot = arm(0.0);
     let base = base_parameters(&robot, 0, 1e-9).unwrap();
     let (q, dq, ddq) = probing_states(&robot, SAMPLES, 1);
     let mut tau = vec![0.0; q.len()];

@@ -121,11 +121,12 @@ pub fn friction_basis<'py>(
 ) -> PyResult<Bound<'py, PyArray2<f64>>> {
     let dq = arrays::vector(dq, "dq", None)?;
     check_shape(velocity_threshold, transition_width)?;
-    let columns = dq
-        .as_slice()?
-        .iter()
-        .flat_map(|&dq| friction_columns(dq, velocity_threshold, transition_width))
-        .collect();
+    let speeds = dq.as_slice()?.iter();
+    let columns = py.detach(|| {
+        speeds
+            .flat_map(|&dq| friction_columns(dq, velocity_threshold, transition_width))
+            .collect()
+    });
     arrays::to_matrix(py, columns, N_FRICTION)
 }
 

@@ -16,6 +16,7 @@ mod physical;
 mod rbf;
 mod robot;
 mod run;
+mod signals;
 mod small;
 
 use pyo3::prelude::*;
@@ -57,10 +58,10 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(effects::effect_catalogue, m)?)?;
     m.add_function(wrap_pyfunction!(effects::effect_columns, m)?)?;
     m.add_function(wrap_pyfunction!(effects::effect_torque, m)?)?;
-    m.add_function(wrap_pyfunction!(model::residual_inputs, m)?)?;
-    m.add_function(wrap_pyfunction!(model::named_signals, m)?)?;
-    m.add_function(wrap_pyfunction!(model::align_link_side, m)?)?;
-    m.add_function(wrap_pyfunction!(model::true_motion, m)?)?;
+    m.add_function(wrap_pyfunction!(signals::residual_inputs, m)?)?;
+    m.add_function(wrap_pyfunction!(signals::named_signals, m)?)?;
+    m.add_function(wrap_pyfunction!(signals::align_link_side, m)?)?;
+    m.add_function(wrap_pyfunction!(signals::true_motion, m)?)?;
     m.add_function(wrap_pyfunction!(offline::observe, m)?)?;
     m.add_function(wrap_pyfunction!(observer::observe_momentum, m)?)?;
     m.add_function(wrap_pyfunction!(offline::fold, m)?)?;

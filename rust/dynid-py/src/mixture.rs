@@ -92,9 +92,9 @@ impl PyGaussianMixtureRegression {
         let (d, k) = (self.0.n_inputs(), self.0.weights().len());
         let u = arrays::matrix(u, "u", d)?;
         let mut h = vec![0.0; u.shape()[0] * k];
-        for (u, h) in u.as_slice()?.chunks_exact(d).zip(h.chunks_exact_mut(k)) {
-            self.0.responsibilities_into(u, h).map_err(errors::core)?;
-        }
+        let mut rows = u.as_slice()?.chunks_exact(d).zip(h.chunks_exact_mut(k));
+        py.detach(|| rows.try_for_each(|(u, h)| self.0.responsibilities_into(u, h)))
+            .map_err(errors::core)?;
         arrays::to_matrix(py, h, k)
     }
 

@@ -133,9 +133,9 @@ impl PyNormalisedRbf {
         let (d, n) = (self.0.n_inputs(), self.0.weights().len());
         let u = arrays::matrix(u, "u", d)?;
         let mut rows = vec![0.0; u.shape()[0] * n];
-        for (u, row) in u.as_slice()?.chunks_exact(d).zip(rows.chunks_exact_mut(n)) {
-            write(&self.0, u, row).map_err(errors::core)?;
-        }
+        let mut pairs = u.as_slice()?.chunks_exact(d).zip(rows.chunks_exact_mut(n));
+        py.detach(|| pairs.try_for_each(|(u, row)| write(&self.0, u, row)))
+            .map_err(errors::core)?;
         arrays::to_matrix(py, rows, n)
     }
 }

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.identification import ThreeLoopIdentifier
-from dynid_rs.links import NEGLIGIBLE, stack_one
+from dynid_rs.systems import NEGLIGIBLE, stack_one
 
 FloatArray = NDArray[np.float64]
 

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from dynid_rs import _core
 from dynid_rs.columns import Observations, observe
 from dynid_rs.friction import friction_effect
-from dynid_rs.links import solve, stack
 from dynid_rs.loops import FIRST_WIDTH, declared_plan
 from dynid_rs.preprocessing import States
+from dynid_rs.systems import solve, stack
 
 FloatArray = NDArray[np.float64]
 

@@ -16,9 +16,10 @@ from dynid_rs import _core
 from dynid_rs.assembly import evaluate
 from dynid_rs.columns import run_rows
 from dynid_rs.identification import ThreeLoopIdentifier
-from dynid_rs.links import stack_one, weighted_system
+from dynid_rs.links import weighted_system
 from dynid_rs.memory import WEAK
 from dynid_rs.preprocessing import States
+from dynid_rs.systems import stack_one
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from dynid_rs.diagnosis.candidate import RunColumns
 from dynid_rs.identification import ThreeLoopIdentifier
-from dynid_rs.links import SCALE_SPREAD, block_residuals, free_scales, stack_one
 from dynid_rs.preprocessing import States
+from dynid_rs.scales import SCALE_SPREAD, free_scales
+from dynid_rs.systems import block_residuals, stack_one
 
 FloatArray = NDArray[np.float64]
 

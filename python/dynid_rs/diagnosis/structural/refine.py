@@ -275,7 +275,7 @@ def _by_block(beside: Beside, linear: list[Part], j: int, known: NDArray[np.bool
 
 
 def _residuals(beside: Beside) -> list[FloatArray]:
-    from dynid_rs.links import block_residuals
+    from dynid_rs.systems import block_residuals
 
     links = beside.fit.links_
     return block_residuals(beside.fit.observations_, links.x_, links.torque_scale_)

@@ -3,7 +3,7 @@
 //! By its power the stage gives joint p the torque `r k s(v_j + r v_p) = |r| k s(v_p + v_j / r)`: the same effect, seen
 //! from p, with the ratio 1/r, the width eps/|r| and a coefficient of its own.
 
-use super::catalogue::partner_of;
+use super::entry::partner_of;
 use super::friction::direction;
 use super::EffectInput;
 use crate::slices::{at, copy, first};

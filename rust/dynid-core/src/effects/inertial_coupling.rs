@@ -1,6 +1,6 @@
 //! Inertia of another joint's motor that this joint feels, as where a drive shaft runs through it: `c ddq_motor_p`.
 
-use super::catalogue::partner_of;
+use super::entry::partner_of;
 use super::EffectInput;
 use crate::slices::{at, copy, first};
 

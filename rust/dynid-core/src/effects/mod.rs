@@ -6,6 +6,7 @@
 pub mod catalogue;
 mod counterbalance;
 mod coupled_friction;
+pub mod entry;
 mod friction;
 mod friction_hysteresis;
 mod gear_hysteresis;
@@ -22,7 +23,8 @@ mod torque_offset;
 mod torque_ripple;
 mod torque_saturation;
 
-pub use catalogue::{Entry, CATALOGUE};
+pub use catalogue::CATALOGUE;
+pub use entry::Entry;
 pub use friction::{friction_columns, FRICTION_NAMES, N_FRICTION};
 
 use crate::dynamics::check_length;

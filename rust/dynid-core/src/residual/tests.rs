@@ -1,6 +1,7 @@
 #![allow(clippy::unwrap_used)]
 
 use super::*;
+use crate::signal::Signal;
 
 fn rbf(d: usize) -> Regression {
     // One bump: its weight is the torque anywhere, its width 1.

@@ -341,7 +341,7 @@ fn the_delay_stands_in_the_information() {
     let found = &json["differentiation"];
     assert_eq!(
         (&found["window"], &found["delay"], &found["first_answer"]),
-        (&21.into(), &0.01.into(), &14.into())
+        (&15.into(), &0.007.into(), &10.into())
     );
 }
 
