@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
@@ -11,6 +12,8 @@ from dynid_rs.diagnosis.candidate import RunColumns
 from dynid_rs.diagnosis.kinds import Hypothesis, Kinds, bounds_of, joined, stacked
 
 KIND = "counterbalance"
+N_WORKERS = 2
+"""Threads that search; results do not depend on their number."""
 N_VALLEYS, NEXT_VALLEY = 3, 0.6
 """Starts of the search for a cylinder's shape, and by how much [rad] their phases differ."""
 AS_LIKELY = 1.92
@@ -19,11 +22,16 @@ AS_LIKELY = 1.92
 
 def best_shape(beside: Beside, kinds: Kinds, hypothesis: Hypothesis) -> Hypothesis:
     """The hypothesis with the shape that takes off most, from every valley's start."""
-    ends = [
-        kinds.refined(start, lambda columns: _gain(beside, columns, hypothesis).power)
-        for start in valleys(beside, kinds, hypothesis)
-    ]
-    return ends[0] if len(ends) == 1 else max(ends, key=lambda end: _taken(beside, kinds, end))
+
+    def end(start: Hypothesis) -> Hypothesis:
+        return kinds.refined(start, lambda columns: _gain(beside, columns, hypothesis).power)
+
+    starts = valleys(beside, kinds, hypothesis)
+    if len(starts) == 1:
+        return end(starts[0])
+    with ThreadPoolExecutor(N_WORKERS) as pool:  # the core evaluates without the interpreter's lock
+        ends = list(pool.map(end, starts))
+    return max(ends, key=lambda end: _taken(beside, kinds, end))
 
 
 def valleys(beside: Beside, kinds: Kinds, hypothesis: Hypothesis) -> list[Hypothesis]:

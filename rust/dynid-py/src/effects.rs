@@ -1,6 +1,7 @@
 //! Effects in Python: their shapes; columns are evaluated in Rust.
 
 use dynid_core::effects::{friction_columns, Effect, EffectTerm, CATALOGUE, N_FRICTION};
+use dynid_offline::OfflineError;
 use numpy::{PyArray2, PyArray3};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -205,21 +206,24 @@ pub fn effect_columns<'py>(
 ) -> PyResult<Bound<'py, PyArray3<f64>>> {
     let n = arrays::width(&arrays::contiguous(q, "q")?, "q")?;
     let motor = [q_motor, dq_motor, ddq_motor];
-    let arrays = RunArrays::new([q, dq, ddq], motor, tau_link, temperature, step, n)?;
+    let arrays = RunArrays::any([q, dq, ddq], motor, tau_link, temperature, step, n)?;
     let run = arrays.signals()?;
     let joints = joints.unwrap_or_else(|| (0..n).collect());
     let n_columns = effect.0.n_columns();
     let n_rows = kept.as_ref().map_or(arrays.n_samples(), Vec::len);
     let sampling = kept.map(|kept| sampling(filter, kept)).transpose()?;
-    let columns = py
-        .detach(|| {
-            let columns = dynid_offline::effect_columns(&effect.0, n, &run, &joints)?;
-            match sampling {
-                Some(sampling) => sampling.rows_of(&columns, joints.len() * n_columns),
-                None => Ok(columns),
-            }
-        })
-        .map_err(errors::offline)?;
+    let columns = py.detach(|| {
+        let columns = dynid_offline::effect_columns(&effect.0, n, &run, &joints)?;
+        match sampling {
+            Some(sampling) => sampling.rows_of(&columns, joints.len() * n_columns),
+            None => Ok(columns),
+        }
+    });
+    if let Err(OfflineError::NonFinite { .. }) = columns {
+        // Which number it was is only looked for now.
+        RunArrays::new([q, dq, ddq], motor, tau_link, temperature, step, n)?;
+    }
+    let columns = columns.map_err(errors::offline)?;
     arrays::to_cube(py, columns, [n_rows, joints.len(), n_columns])
 }
 

@@ -44,11 +44,17 @@ impl<'py> RunArrays<'py> {
         step: Option<f64>,
         n_joints: usize,
     ) -> PyResult<Self> {
-        let signals = arrays::samples(six(link, motor), n_joints)?;
-        Self::with(signals, link[0], tau_link, temperature, step, n_joints)
+        let run = Self::any(link, motor, tau_link, temperature, step, n_joints)?;
+        arrays::samples(six(link, motor), n_joints)?;
+        for (name, value) in [("tau_link", tau_link), ("temperature", temperature)] {
+            if let Some(value) = value {
+                arrays::samples([(name, value)], n_joints)?;
+            }
+        }
+        Ok(run)
     }
 
-    /// [`Self::new`] where the six signals may hold any number: for what finds those that are not finite on its way.
+    /// [`Self::new`] where the signals may hold any number: for what finds those that are not finite on its way.
     ///
     /// # Errors
     /// As [`arrays::any_samples`].
@@ -61,23 +67,13 @@ impl<'py> RunArrays<'py> {
         n_joints: usize,
     ) -> PyResult<Self> {
         let signals = arrays::any_samples(six(link, motor), n_joints)?;
-        Self::with(signals, link[0], tau_link, temperature, step, n_joints)
-    }
-
-    fn with(
-        signals: [PyReadonlyArray2<'py, f64>; 6],
-        q: &Bound<'py, PyAny>,
-        tau_link: Option<&Bound<'py, PyAny>>,
-        temperature: Option<&Bound<'py, PyAny>>,
-        step: Option<f64>,
-        n_joints: usize,
-    ) -> PyResult<Self> {
+        let q = link[0];
         let tau_link = tau_link
-            .map(|tau| arrays::samples([("q", q), ("tau_link", tau)], n_joints))
+            .map(|tau| arrays::any_samples([("q", q), ("tau_link", tau)], n_joints))
             .transpose()?
             .map(|[_, tau]| tau);
         let temperature = temperature
-            .map(|t| arrays::samples([("q", q), ("temperature", t)], n_joints))
+            .map(|t| arrays::any_samples([("q", q), ("temperature", t)], n_joints))
             .transpose()?
             .map(|[_, t]| t);
         Ok(Self {
