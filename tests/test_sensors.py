@@ -53,6 +53,18 @@ def states(recordings):
     return prepare_training_runs(recordings, choose_band(recordings), common_rate(recordings))
 
 
+@pytest.mark.parametrize("encoder_delay", [0.0, 0.0028, 0.01])
+def test_inertia_of_links_whose_channel_is_late_is_not_late(encoder_delay):
+    """The acceleration has to come to the motor's clock with position and speed, or inertia's part is late."""
+    arm = replace(typical_arm(robot()).rigid(), delay=encoder_delay)
+    fit = fitted(simulate(arm, n_runs=3, duration=20.0, rate=250, seed=3).recordings)
+    assert fit.model_.encoder_delay == pytest.approx(np.full(6, encoder_delay), abs=2e-5)
+    parts = delay_parts(fit)
+    inertia, sure = parts.value[1], parts.std_error[1] < SUB_MILLISECOND
+    assert sure.sum() > 2
+    assert np.all(np.abs(inertia[sure]) < SIGMAS * parts.std_error[1][sure])
+
+
 @pytest.mark.parametrize("delay_ms", [1.0, 5.0, 12.0])
 def test_one_delay_of_all_torque_channels_is_recovered(delay_ms):
     _, recordings = runs(f"torque_delay::{delay_ms / 5}")

@@ -139,4 +139,4 @@ def _changed(model: _core.TorqueModel, **parts: Any) -> _core.TorqueModel:
 
 def evaluate(model: _core.TorqueModel, states: States) -> tuple[FloatArray, FloatArray, NDArray[np.uint32]]:
     """Total (n, n_joints), terms (n, n_terms, n_joints) and status bits (n,) along a run, channels as recorded."""
-    return model.evaluate(*states.signals(), temperature=states.temperature)
+    return model.evaluate(*states.in_step(model.encoder_delay).signals(), temperature=states.temperature)

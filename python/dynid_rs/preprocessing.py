@@ -151,8 +151,9 @@ class States:
             Cosine and sine part of what the link encoder shows too much [rad]; with one encoder the motor side is the
             same signal and shows it too.
         """
-        q, dq, ddq = self.q, self.dq, self.ddq
-        q_motor, dq_motor, ddq_motor = self.q_motor, self.dq_motor, self.ddq_motor
+        seen = self.in_step(encoder_delay)
+        q, dq, ddq = seen.q, seen.dq, seen.ddq
+        q_motor, dq_motor, ddq_motor = seen.q_motor, seen.dq_motor, seen.ddq_motor
         if encoder_error is not None and np.any(encoder_error):
             q, dq, ddq = _core.true_motion(q, dq, ddq, encoder_error)
             if not self.two_encoders:
@@ -160,6 +161,16 @@ class States:
         if self.two_encoders:
             q, dq = _core.align_link_side(q, dq, ddq, encoder_delay)
         return replace(self, q=q, dq=dq, ddq=ddq, q_motor=q_motor, dq_motor=dq_motor, ddq_motor=ddq_motor)
+
+    def in_step(self, encoder_delay: FloatArray) -> States:
+        """Return the same run with the links' acceleration on the motor channel's clock, where a model has the rest.
+
+        A model brings positions and speeds there by itself; the jerk, which the acceleration takes, only a record
+        has. Inertia that comes late by `encoder_delay` (n_joints,) [s] would look like a torque channel that is early.
+        """
+        if not self.two_encoders or not np.any(encoder_delay):
+            return self
+        return replace(self, ddq=self.ddq + encoder_delay * np.gradient(self.ddq, 1 / self.rate, axis=0))
 
 
 def common_rate(recordings: list[Recording]) -> float:

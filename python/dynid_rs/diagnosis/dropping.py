@@ -9,6 +9,7 @@ import numpy as np
 
 from dynid_rs.diagnosis.beside import Beside
 from dynid_rs.diagnosis.choice import Weighed, tested, weigh
+from dynid_rs.diagnosis.kinds import at_a_bound
 from dynid_rs.diagnosis.settling import refit
 from dynid_rs.diagnosis.state import Choice, Search, Step, columns_in, hypothesis_of, rms
 from dynid_rs.diagnosis.structural import structural_parameters
@@ -34,7 +35,9 @@ def drop_needless(state: Search, train: Sequence[Recording]) -> None:
             return
         beside = Beside(state.fit, columns_in(state)[k])
         weighed = tested(beside, weighed, beside.left_out(None))
-        if weighed.p_value * len(state.setup.effects) < FAMILY_WISE:
+        # A shape that has come to a bound beside the others means another kind, or nothing.
+        ended = not at_a_bound(hypothesis_of(state.setup.effects[k], state.kinds))
+        if ended and weighed.p_value * len(state.setup.effects) < FAMILY_WISE:
             return
         effects = state.setup.effects[:k] + state.setup.effects[k + 1 :]
         state.setup = replace(state.setup, effects=effects)
