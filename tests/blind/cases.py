@@ -13,7 +13,8 @@ from strangers import STRANGERS
 ONCE_WRONG = (27, 62, 101, 369)
 """Cases that an earlier program got wrong: physics that looks like one drive's delay, a line that the band shows as a
 slower one, a cylinder in the wrong valley, a lever that shrinks to nothing."""
-SEED = int(os.environ.get("BLIND_SEED", "20250"))
+USUAL_SEED = 20250
+SEED = int(os.environ.get("BLIND_SEED", USUAL_SEED))
 """Of the whole suite; joints, shapes, signs and trajectories of a case follow from it and the case's number. With
 another one in `BLIND_SEED` every case is another one of its kind."""
 N_TRAIN, N_TEST = 3, 2
@@ -103,6 +104,11 @@ class Case:
     def rng(self, stream: int = 0) -> np.random.Generator:
         """Source of all chance of this case."""
         return np.random.default_rng([SEED, self.number, stream])
+
+    @property
+    def motion(self) -> int:
+        """Seed of its trajectories and of the noise."""
+        return self.number if SEED == USUAL_SEED else int(self.rng(1).integers(10_000, 2**31))
 
     @property
     def label(self) -> str:

@@ -112,12 +112,12 @@ def build(case: Case) -> Built:
     """
     arm, rng = bare(case.arm), case.rng()
     # The ratio is a fact about these trajectories, so they are drawn first and then played.
-    plans = simulate(arm, n_runs=N_TRAIN + N_TEST, duration=DURATION, rate=25.0, seed=case.number).trajectories
+    plans = simulate(arm, n_runs=N_TRAIN + N_TEST, duration=DURATION, rate=25.0, seed=case.motion).trajectories
     placed = tuple(_place(case, put, plans[:N_TRAIN], rng) for put in case.puts)
     equipped = equip(arm, [each.effect for each in placed])
     how = {"n_runs": N_TRAIN + N_TEST, "duration": DURATION, "rate": RATE}
-    simulation = simulate(equipped, seed=case.number, trajectories=plans, **how)  # type: ignore[arg-type]
-    reference = simulate(arm, seed=10_000 + case.number, **how) if case.group == "reference" else None  # type: ignore[arg-type]
+    simulation = simulate(equipped, seed=case.motion, trajectories=plans, **how)  # type: ignore[arg-type]
+    reference = simulate(arm, seed=10_000 + case.motion, **how) if case.group == "reference" else None  # type: ignore[arg-type]
     return Built(case, placed, simulation, reference)
 
 
