@@ -14,12 +14,15 @@ from dynid_rs.diagnosis.kinds import Kinds, bounds_of, has_no_end, stacked
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.state import Search, columns_in, fitted, hypothesis_of
 from dynid_rs.diagnosis.structural import refine
+from dynid_rs.diagnosis.warmth import WARMTH
 from dynid_rs.recording import Recording
 
 FloatArray = NDArray[np.float64]
 
 REFINEMENTS = 3
 """Most Gauss-Newton steps on geometry, gravity and encoders, each with a fit of its own."""
+ROUNDS, AGREED = 4, 1e-3
+"""Most fits until warmth and friction agree, and the change of a coefficient, over the greatest, at which they do."""
 BESIDE_FRICTION = (
     "stribeck",
     "friction_hysteresis",
@@ -35,6 +38,27 @@ def settle(state: Search, train: Sequence[Recording], places: Iterable[int]) -> 
     polished = polish(state, places)
     if polished.effects != state.setup.effects:
         state.setup = polished
+        state.fit = fitted(state.setup, train)
+        state.kinds = Kinds(state.fit, state.kinds)
+        _follow_friction(state, train)
+
+
+def _follow_friction(state: Search, train: Sequence[Recording]) -> None:
+    """What warmth takes is a part of friction as it is fitted beside it: in turn, until the two agree."""
+    for _ in range(ROUNDS):
+        followed, moved = [], 0.0
+        for effect in state.setup.effects:
+            now = effect
+            if effect.kind == WARMTH:
+                (j,) = effect.joints
+                was, friction = effect.shape_at(j), state.kinds.friction_of(j)
+                size = max(map(abs, friction.values()), default=0.0)
+                moved = max(moved, *(abs(was[name] - value) / max(size, 1e-300) for name, value in friction.items()))
+                now = hypothesis_of(effect, state.kinds).placed()
+            followed.append(now)
+        if moved < AGREED:
+            return
+        state.setup = replace(state.setup, effects=tuple(followed))
         state.fit = fitted(state.setup, train)
         state.kinds = Kinds(state.fit, state.kinds)
 
