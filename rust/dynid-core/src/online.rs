@@ -216,7 +216,7 @@ impl OnlineEstimator {
         let numbered = sample.sequence.is_some();
         status.set(Status::LOST, numbered && place != Place::Next { lost: 0 });
         status.set(Status::TIME_BACKWARDS, !numbered && place == Place::Restart);
-        let present = self.channels(sample).map(|channel| channel.is_some());
+        let present = self.present(sample);
         if place == Place::Restart {
             // Without a row of suspects nothing is known of the new stream.
             if row == 0 {
@@ -279,7 +279,7 @@ impl OnlineEstimator {
     /// derivatives need not wait for a whole window again.
     fn suspect(&mut self, sample: &Sample<'_>, before: u8) -> Result<(), CoreError> {
         let row = self.stream.suspects();
-        let present = self.channels(sample).map(|channel| channel.is_some());
+        let present = self.present(sample);
         // What is not differentiated needs no window; and a row that did not grow ends with the same state once more.
         if direct(&present) || (row == before && row > 1) {
             return Ok(());
@@ -295,7 +295,7 @@ impl OnlineEstimator {
     }
 
     fn go_on_suspecting(&mut self, sample: &Sample<'_>) {
-        let present = self.channels(sample).map(|channel| channel.is_some());
+        let present = self.present(sample);
         if present != self.suspects.present {
             self.suspects.begin(present);
         }
@@ -311,6 +311,15 @@ impl OnlineEstimator {
             .chain([sample.temperature]);
         rest.flatten()
             .try_for_each(|signal| check_length("signal", signal, n))
+    }
+
+    /// Which channels a sample holds. A loop, so that no function of an array that may unwind is called.
+    fn present(&self, sample: &Sample<'_>) -> [bool; N_CHANNELS] {
+        let mut present = [false; N_CHANNELS];
+        for (there, channel) in present.iter_mut().zip(self.channels(sample)) {
+            *there = channel.is_some();
+        }
+        present
     }
 
     fn channels<'a>(&self, sample: &Sample<'a>) -> [Option<&'a [f64]>; N_CHANNELS] {
