@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from numpy.testing import assert_allclose
 from test_deflection import gear, value
 from test_diagnosis_search import ARM, ROBOT, TYPICAL, measured, start
 
+from dynid_rs.diagnosis import remainder as remaining
 from dynid_rs.diagnosis import search as searching
 from dynid_rs.diagnosis.beside import Beside
 from dynid_rs.diagnosis.deflection import examine_signals
@@ -19,15 +21,16 @@ from dynid_rs.diagnosis.deflection.fitting import finished_gear, search_gear
 from dynid_rs.diagnosis.deflection.terms import columns_of
 from dynid_rs.diagnosis.dropping import drop_doubtful_gains
 from dynid_rs.diagnosis.floor import floor
-from dynid_rs.diagnosis.kinds import Hypothesis, at_a_bound
+from dynid_rs.diagnosis.kinds import Hypothesis, Kinds, at_a_bound
 from dynid_rs.diagnosis.late_clock import with_late_clock
 from dynid_rs.diagnosis.leftovers import run_residuals, search_leftovers
 from dynid_rs.diagnosis.patchwork import as_unknown, nameless_patchworks, patchworks
-from dynid_rs.diagnosis.remainder import what_is_left
+from dynid_rs.diagnosis.remainder import Remainder, lines_told, nearest_effects, what_is_left
+from dynid_rs.diagnosis.remainder_entries import nearest_names, unknown_entries
 from dynid_rs.diagnosis.rotor_share import with_rotors
 from dynid_rs.diagnosis.search import scan
 from dynid_rs.diagnosis.setup import Setup
-from dynid_rs.diagnosis.state import fitted
+from dynid_rs.diagnosis.state import Search, columns_in, fitted
 from dynid_rs.diagnosis.unknown import find_unknown
 from dynid_rs.placed import PlacedEffect
 from dynid_rs.simulation import build_effects, parse_wish, simulate
@@ -125,6 +128,47 @@ def test_a_cylinder_with_a_spring_beside_it_is_a_function_without_a_name():
     assert unknown["depends_on"][0]["signal"] == f"q_{ROBOT.joint_names[ELBOW]}"
     assert "counterbalance, joint spring" in unknown["note"]
     assert ripple is entries[2]
+
+
+def left_at(joint, signals, share):
+    """What a `find_unknown` would say, as far as names are weighed by it."""
+    return SimpleNamespace(
+        joint=joint, share=share, depends_on=tuple((s, 1.0) for s in signals), term=object(), explained=share
+    )
+
+
+def test_a_name_that_leaves_most_of_its_own_signals_unexplained_is_told_as_unknown(monkeypatch):
+    runs = measured("joint_spring:elbow:2", n_runs=3)
+    spring = PlacedEffect.at("joint_spring", ELBOW, rest_position=0.0)
+    setup = Setup(ROBOT, effects=(spring,))
+    state = Search(setup, fitted(setup, runs), None)
+    state.kinds = Kinds(state.fit)
+    explained = float(np.mean(Beside(state.fit, columns_in(state)[0]).residual[:, ELBOW] ** 2))
+    after = float(np.mean(Beside(state.fit).residual[:, ELBOW] ** 2))
+    # The spring is all there is: whatever were left of its signals, it explains most of what could be explained.
+    floor_ = SimpleNamespace(value=np.full(ROBOT.n_joints, 0.5 * np.sqrt(after)))
+    both = [("q", ELBOW), ("q", 0)]
+    assert nearest_effects(state, Remainder(floor_, [left_at(ELBOW, both, 0.9)], [])) == {}
+    assert explained > 10 * after
+    # Where more than it explains is left of its signals it only comes near; not where little is, or of others.
+    monkeypatch.setattr(remaining, "FORCED", 2.0)
+    assert nearest_effects(state, Remainder(floor_, [left_at(ELBOW, both, 0.9)], [])) == {ELBOW: [spring]}
+    assert nearest_effects(state, Remainder(floor_, [left_at(ELBOW, both, 0.1)], [])) == {}
+    assert nearest_effects(state, Remainder(floor_, [left_at(ELBOW, [("dq", ELBOW)], 0.9)], [])) == {}
+    left = Remainder(floor_, [left_at(ELBOW, both, 0.9)], [], {ELBOW: [spring]})
+    (group,) = nearest_names(left, ROBOT.joint_names)
+    assert list(group.effects) == [spring]
+    assert [d["signal"] for d in group.depends_on] == [f"q_{ROBOT.joint_names[j]}" for j in (ELBOW, 0)]
+    assert unknown_entries(left, ROBOT.joint_names) == []
+
+
+@pytest.mark.parametrize(("cycles", "amplitude", "kept"), [(8.0, 0.5, False), (8.0, 50.0, True), (72.0, 0.5, True)])
+def test_a_slow_line_beside_a_greater_rest_of_the_same_position_is_no_name(cycles, amplitude, kept):
+    state = start(Setup(ROBOT), measured(n_runs=3))
+    size = float(np.sqrt(np.mean(Beside(state.fit).residual[:, ELBOW] ** 2)))
+    line = SimpleNamespace(joints=(ELBOW,), lines=[SimpleNamespace(order=cycles, amplitude=amplitude * size)])
+    left = Remainder(None, [left_at(ELBOW, [("q", ELBOW)], 0.9)], [])
+    assert lines_told([line], state, left) == ([line] if kept else [])
 
 
 @pytest.fixture(scope="module")

@@ -59,7 +59,7 @@ def estimate(
     if source.has_torque and recording.torque_unit != torque_model.torque_unit:
         raise _other_unit(recording, torque_model.torque_unit)
     _check_temperature(torque_model, recording)
-    t, signals, tau, temperature = states_of(recording, cutoff)
+    t, signals, tau, temperature = states_of(recording, cutoff, torque_model.encoder_delay)
     total, terms, status = torque_model.evaluate(*signals, temperature=temperature)
     errors = rmse([tau - total]) if source.has_torque else None
     columns: dict[str, Any] = {"t": t, **_by_joint("tau", total)}
@@ -149,9 +149,12 @@ def _other_unit(recording: Recording, unit: str) -> ValueError:
 
 
 def states_of(
-    recording: Recording, cutoff: float | None
+    recording: Recording, cutoff: float | None, encoder_delay: FloatArray
 ) -> tuple[FloatArray, tuple[FloatArray, ...], FloatArray, FloatArray | None]:
-    """Time (n,), the six signals of the states, measured torque and, if any, temperature, (n, n_joints) each."""
+    """Time (n,), the six signals of the states, measured torque and, if any, temperature, (n, n_joints) each.
+
+    Where they are made of positions, the links' acceleration is on the motor's clock, as in `dynid identify`.
+    """
     from dynid_rs.preprocessing import Band, choose_band, common_rate, prepare
 
     q, dq, ddq = recording.q, recording.dq, recording.ddq
@@ -161,7 +164,7 @@ def states_of(
         given = [x if own is None else own for own, x in zip(motor, (q, dq, ddq), strict=True)]
         return recording.t, (q, dq, ddq, *given), recording.tau, recording.temperature
     band = choose_band([recording]) if cutoff is None else Band(cutoff)
-    states = prepare(recording, band, common_rate([recording]))
+    states = prepare(recording, band, common_rate([recording])).in_step(encoder_delay)
     return states.t, states.signals(), states.tau, states.temperature
 
 

@@ -36,8 +36,8 @@ def drop_needless(state: Search, train: Sequence[Recording]) -> None:
         beside = Beside(state.fit, columns_in(state)[k])
         weighed = tested(beside, weighed, beside.left_out(None))
         # A shape that has come to a bound beside the others means another kind, or nothing.
-        ended = not at_a_bound(hypothesis_of(state.setup.effects[k], state.kinds))
-        if ended and weighed.p_value * len(state.setup.effects) < FAMILY_WISE:
+        lost = at_a_bound(hypothesis_of(state.setup.effects[k], state.kinds))
+        if not lost and weighed.p_value * len(state.setup.effects) < FAMILY_WISE:
             return
         effects = state.setup.effects[:k] + state.setup.effects[k + 1 :]
         state.setup = replace(state.setup, effects=effects)

@@ -332,7 +332,10 @@ class Kinds:
             return -float(power(columns))
 
         start = np.array(
-            [np.log2(abs(shape[name])) if how == "log" else shape[name] for name, (how, *_) in searched.items()]
+            [
+                np.log2(min(max(abs(shape[name]), low), high)) if how == "log" else shape[name]
+                for name, (how, low, high) in searched.items()
+            ]
         )
         spans = [0.5 if how == "log" else _span(name) for name, (how, *_) in searched.items()]
         simplex = np.vstack([start, *(start + span * row for span, row in zip(spans, np.eye(len(start)), strict=True))])

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from dynid_rs.diagnosis.beside import Beside, independent_rows
+from dynid_rs.diagnosis.kinds import Kinds
 from dynid_rs.diagnosis.search import search
 from dynid_rs.diagnosis.sensors import TorqueDelay, choose_delay, delay_parts, measure_delay, moved_delay
 from dynid_rs.diagnosis.sensors.beside import Beside as ClockBeside
@@ -60,6 +61,7 @@ def with_late_clock(
     delay = moved_delay(delay, step)
     other.setup = replace(other.setup, torque_delay=delay.per_joint)
     other.fit = fitted(other.setup, train)
+    other.kinds = Kinds(other.fit, other.kinds)
     if not explains_more(other, found, np.flatnonzero(delay.per_joint).tolist()):
         return found, None
     return other, delay
@@ -84,7 +86,7 @@ def explains_more(first: Search, second: Search, joints: Sequence[int]) -> bool:
     for state in (first, second):
         beside = Beside(state.fit)
         rows = float(independent_rows(beside.residual, beside.blocks)[list(joints)].sum())
-        n_found = sum(len(places) for places in columns_in(state)) + int(np.count_nonzero(state.setup.torque_delay))
+        n_found = sum(len(places) for places in columns_in(state)) + len({*state.setup.torque_delay} - {0.0})
         evidence.append((rows, float(np.log(rms(state.fit)[list(joints)]).mean()), n_found))
     rows = min(n for n, *_ in evidence)
     (_, left, n_first), (_, left_second, n_second) = evidence

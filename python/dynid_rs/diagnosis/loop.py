@@ -183,7 +183,9 @@ def _traced(
     after = _final(found, remainder, train)
     tests = [found.setup.corrected(recording) for recording in test]
     names = setup.robot.joint_names
-    nameless = [*nearest_names(remainder, names), *nameless_patchworks(found.setup.effects, names)]
+    nearest = [effect for group in remainder.nearest.values() for effect in group]
+    others = [effect for effect in found.setup.effects if not any(effect is near for near in nearest)]
+    nameless = [*nearest_names(remainder, names), *nameless_patchworks(others, names)]
     # The first look at gains is told apart from everything else by the search.
     own_gains = {f"tau_{j}" for j in found.setup.gain_joints}
     if gears:  # they know the delay better than the first look

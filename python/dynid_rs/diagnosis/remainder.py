@@ -66,7 +66,7 @@ def what_is_left(found: Search, train: Sequence[Recording]) -> Remainder:
     for forced in _forced(found, floor_, unexplained):
         bare = _without(found, forced, best, train)
         best = best if bare is None else bare
-    return replace(best, nearest=_nearest(found, best))
+    return replace(best, nearest=nearest_effects(found, best))
 
 
 def _without(
@@ -127,7 +127,7 @@ def _of_its_signals(effect: PlacedEffect, left: Unexplained) -> bool:
     return left.share > OTHER_FORM and bool(own) and own <= {signal for signal, _ in left.depends_on}
 
 
-def _nearest(found: Search, left: Remainder) -> dict[int, list[PlacedEffect]]:
+def nearest_effects(found: Search, left: Remainder) -> dict[int, list[PlacedEffect]]:
     """Names on a joint that explain too little of what depends on their own signals, and have no better replacement."""
     columns, effects = columns_in(found), found.setup.effects
     after = np.mean(Beside(found.fit).residual ** 2, axis=0)

@@ -70,8 +70,8 @@ def _share(beside: Beside, kinds: Kinds, hypothesis: Hypothesis) -> float:
         other = kinds.with_rotor(j, share * whole)
         return power(other.once(other.refined(hypothesis, power)))
 
-    nothing, *_ = powers = [as_it_is(share) for share in SHARES]
-    at = int(np.argmax(powers))
-    _, (share, most) = highest(fitted_anew, SHARES[max(at - 1, 0) : at + 2], REFINED)
+    at = int(np.argmax([as_it_is(share) for share in SHARES]))
+    ends = highest(fitted_anew, SHARES[max(at - 1, 0) : at + 2], REFINED)
+    share, most = max(ends, key=lambda end: end[1])
     rows = float(independent_rows(beside.residual, beside.blocks)[j])
-    return share if worth(most - nothing, beside.n_rows, rows, 1) > CLEAR else 0.0
+    return share if worth(most - fitted_anew(0.0), beside.n_rows, rows, 1) > CLEAR else 0.0

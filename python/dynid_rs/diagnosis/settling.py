@@ -40,7 +40,7 @@ def settle(state: Search, train: Sequence[Recording], places: Iterable[int]) -> 
         state.setup = polished
         state.fit = fitted(state.setup, train)
         state.kinds = Kinds(state.fit, state.kinds)
-        _follow_friction(state, train)
+    _follow_friction(state, train)
 
 
 def _follow_friction(state: Search, train: Sequence[Recording]) -> None:
