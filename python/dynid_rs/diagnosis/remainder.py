@@ -135,9 +135,11 @@ def nearest_effects(found: Search, left: Remainder) -> dict[int, list[PlacedEffe
     for u in (u for u in left.unexplained if u.term is not None):
         j = u.joint
         own = [k for k, e in enumerate(effects) if e.joints == (j,) and not _is_line(e) and _of_its_signals(e, u)]
+        if not own:
+            continue
         without = Beside(found.fit, [c for k in own for c in columns[k]])
         before = float(np.mean(without.residual[:, j] ** 2))
-        if own and before - after[j] < FORCED * (before - left.floor.value[j] ** 2):
+        if before - after[j] < FORCED * (before - left.floor.value[j] ** 2):
             nearest[j] = [effects[k] for k in own]
     return nearest
 

@@ -7,6 +7,7 @@ the gear carries the link alone, so friction under load, saturation and what tee
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
@@ -66,6 +67,7 @@ def _share(beside: Beside, kinds: Kinds, hypothesis: Hypothesis) -> float:
     def as_it_is(share: float) -> float:
         return power(kinds.with_rotor(j, share * whole).once(hypothesis))
 
+    @cache
     def fitted_anew(share: float) -> float:
         other = kinds.with_rotor(j, share * whole)
         return power(other.once(other.refined(hypothesis, power)))
