@@ -9,6 +9,7 @@ from cases import N_TRAIN
 from maker import Built
 from numpy.typing import NDArray
 
+from dynid_rs.assembly import evaluate
 from dynid_rs.identification import ThreeLoopIdentifier
 from dynid_rs.placed import PlacedEffect
 from dynid_rs.recording import Recording
@@ -16,10 +17,14 @@ from dynid_rs.results import score
 from dynid_rs.simulation.effects.columns import ColumnEffect
 from dynid_rs.simulation.effects.sensors import EncoderEccentricity, TorqueDelay, TorqueGain
 from dynid_rs.simulation.effects.structure import GravityTilt, KinematicError
+from dynid_rs.simulation.effects.thermal import ThermalDrift
 
 FloatArray = NDArray[np.float64]
 
 FIXED_POINTS = 50
+WARM_ROUNDS, WARM_AGREED = 40, 1e-4
+"""Most fits until what warmth takes and the friction that it is taken from agree, and the change [N m] at which they
+do."""
 _STRUCTURE = (GravityTilt, KinematicError)
 
 
@@ -27,14 +32,51 @@ def oracle_error(built: Built) -> FloatArray:
     """Error on the test runs (n_joints,) [N m], in the band, of a model that knows what is there.
 
     Columns of the catalogue are fitted with their true shapes; the robot is the true one; channels are corrected
-    by their true faults; torque of anything else is taken off. What is free in the declared model stays free.
+    by their true faults; of warmth the course and the share of friction that it takes are known, friction itself is
+    fitted; torque of anything else is taken off. What is free in the declared model stays free.
     """
     shown = [_told(built, run) for run in range(len(built.simulation.recordings))]
-    robot = built.simulation.arm.robot
-    model = ThreeLoopIdentifier(robot, residual=None, effects=_columns(built))
-    model.fit(shown[:N_TRAIN])
+    model = _fitted(built, shown)
+    if any(isinstance(placed.effect, ThermalDrift) for placed in built.placed):
+        model, shown = _warm(built, shown, model)
     error = score(model.model_, [model.states(recording) for recording in shown[N_TRAIN:]]).rmse
     return np.asarray(error * _gain(built))
+
+
+def _fitted(built: Built, shown: list[Recording]) -> ThreeLoopIdentifier:
+    model = ThreeLoopIdentifier(built.simulation.arm.robot, residual=None, effects=_columns(built))
+    return model.fit(shown[:N_TRAIN])
+
+
+def _warm(
+    built: Built, shown: list[Recording], model: ThreeLoopIdentifier
+) -> tuple[ThreeLoopIdentifier, list[Recording]]:
+    """A model of friction that the true warmth lessens, and the runs without what it takes; both by turns."""
+    shares = [_warm_share(built, run, recording) for run, recording in enumerate(shown)]
+    taken = [np.zeros_like(recording.tau) for recording in shown]
+    for _ in range(WARM_ROUNDS):
+        before, taken = (
+            taken,
+            [share * _friction(model, recording) for share, recording in zip(shares, shown, strict=True)],
+        )
+        without = [replace(r, tau=r.tau - torque) for r, torque in zip(shown, taken, strict=True)]
+        model = _fitted(built, without)
+        if max(np.abs(now - then).max() for now, then in zip(taken, before, strict=True)) < WARM_AGREED:
+            break
+    return model, without
+
+
+def _warm_share(built: Built, run: int, recording: Recording) -> FloatArray:
+    """Part of friction that warmth adds along a run, (n, n_joints)."""
+    drifts = [effect for effect in built.simulation.arms[run].effects if isinstance(effect, ThermalDrift)]
+    return np.asarray(sum(drift.change * drift.warmth(recording.t)[:, None] for drift in drifts))
+
+
+def _friction(model: ThreeLoopIdentifier, recording: Recording) -> FloatArray:
+    """Torque of the declared friction at the samples of a run, (n, n_joints)."""
+    states = model.states(recording)
+    torque = evaluate(model.model_, states)[1][:, model.model_.term_names.index("friction")]
+    return np.stack([np.interp(recording.t, states.t, column) for column in torque.T], axis=1)
 
 
 def _columns(built: Built) -> list[PlacedEffect]:
@@ -71,10 +113,10 @@ def _told(built: Built, run: int) -> Recording:
 
 
 def _foreign(built: Built, run: int, recording: Recording) -> FloatArray:
-    """Torque (n, n_joints) [N m] that neither a column nor the robot explains: strangers, contacts, warmth, gears."""
+    """Torque (n, n_joints) [N m] that neither a column nor the robot explains: strangers, contacts, gears."""
     arm, total = built.simulation.arms[run], np.zeros_like(recording.tau)
     gears = bool((arm.hysteresis_loss * arm.hysteresis).any())
-    known = (ColumnEffect, TorqueDelay, TorqueGain, EncoderEccentricity, *_STRUCTURE)
+    known = (ColumnEffect, TorqueDelay, TorqueGain, EncoderEccentricity, ThermalDrift, *_STRUCTURE)
     if not gears and all(isinstance(effect, known) for effect in arm.effects):
         return total
     motion = arm.motion(built.simulation.motions[run], np.arange(recording.n_samples) / built.simulation.rate)

@@ -100,6 +100,17 @@ def test_the_oracle_is_left_with_noise(number):
     np.testing.assert_allclose(oracle_error(built) / noise, 1.0, atol=2 * ESTIMATED)
 
 
+def test_the_oracle_of_warmth_has_to_fit_the_friction_that_warmth_lessens():
+    """It knows how warm it was, not the torque: where friction is nearly gone, friction is known less well."""
+    built = build(all_cases()[132])
+    noise = BAND_SHARE * bare(built.case.arm).noise_std
+    error = oracle_error(built) / noise
+    untold = replace(built, placed=())
+    assert np.all(error < 1.2)
+    assert np.all(error > 1)
+    assert np.all(oracle_error(untold) > 3 * noise)
+
+
 def gain_of(built):
     return [float(np.max(p.effect.gain)) for p in built.placed if hasattr(p.effect, "gain")]
 
