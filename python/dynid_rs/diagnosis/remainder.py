@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs.assembly import with_residual
+from dynid_rs.assembly import evaluate, with_residual
 from dynid_rs.diagnosis.beside import Beside
 from dynid_rs.diagnosis.data_term import WORTH, DataTerm, fit_data_term
 from dynid_rs.diagnosis.floor import Floor, floor
@@ -39,6 +39,10 @@ OTHER_FORM = 0.3
 """A name that leaves so much of a residual's power as a function of its own signals has not their form."""
 AS_WELL = 1.4
 """Times the power that is left with names, and a term beside them: a term alone that leaves no more replaces them."""
+NEEDLESS = 1.01
+"""The same for a name that is not suspect by itself, but stands on a joint that has a term."""
+DISSIPATIVE = ("stribeck", "friction_hysteresis", "load_hysteresis", "load_dependent_friction")
+"""Kinds that only take power; others, such as friction that varies with the position, are told apart from a mean."""
 SHARP = 12.0
 """Cycles per turn from which a ripple is a line, and no approximation of anything slower."""
 
@@ -64,15 +68,37 @@ def what_is_left(found: Search, train: Sequence[Recording]) -> Remainder:
     floor_, unexplained = _look(found)
     best = Remainder(floor_, unexplained, _terms(found, unexplained, train))
     for forced in _forced(found, floor_, unexplained):
-        bare = _without(found, forced, best, train)
+        bare = _without(found, forced, best, train, AS_WELL)
+        best = best if bare is None else bare
+    for effect in _beside_terms(found, best.terms):
+        bare = _without(found, [effect], best, train, AS_WELL if _drives(found, effect) else NEEDLESS)
         best = best if bare is None else bare
     return replace(best, nearest=nearest_effects(found, best))
 
 
+def _beside_terms(found: Search, terms: Sequence[DataTerm]) -> list[PlacedEffect]:
+    """Names on joints that have a term as well, which may leave them nothing to say."""
+    joints = {term.joint for term in terms}
+    return [e for e in found.setup.effects if len(e.joints) == 1 and e.joints[0] in joints and not _is_line(e)]
+
+
+def _drives(found: Search, effect: PlacedEffect) -> bool:
+    """Whether a friction, as fitted, gives more power to its joint than it takes: then it is none."""
+    if effect.kind not in DISSIPATIVE:
+        return False
+    (j,), model = effect.joints, found.fit.model_
+    term = model.term_names.index(effect.kind)
+    taken = [evaluate(model, states)[1][:, term, j] @ states.dq_motor[:, j] for states in found.fit.runs_]
+    return float(sum(taken)) < 0.0
+
+
 def _without(
-    found: Search, forced: Sequence[PlacedEffect], named: Remainder, train: Sequence[Recording]
+    found: Search, forced: Sequence[PlacedEffect], named: Remainder, train: Sequence[Recording], most: float
 ) -> Remainder | None:
-    """What is left without names, taken out of `found`; None, and `found` as it was, where that leaves more."""
+    """What is left without names, taken out of `found`; None, and `found` as it was, where that is more.
+
+    `most`: times the power that is left with them.
+    """
     kept = found.setup, found.fit, found.kinds
     with_names = _left_with(found, named.terms)
     effects = tuple(effect for effect in found.setup.effects if not any(effect is other for other in forced))
@@ -81,7 +107,7 @@ def _without(
     found.kinds = Kinds(found.fit, found.kinds)
     floor_, unexplained = _look(found)
     bare = Remainder(floor_, unexplained, _terms(found, unexplained, train))
-    as_well = _left_with(found, bare.terms) <= AS_WELL * with_names
+    as_well = _left_with(found, bare.terms) <= most * with_names
     replaced = {term.joint for term in bare.terms}
     if all(as_well[list(effect.joints)].all() and replaced & set(effect.joints) for effect in forced):
         return bare
