@@ -18,6 +18,10 @@ FloatArray = NDArray[np.float64]
 
 STEP = 1e-3
 """Relative step of a shape parameter's derivative."""
+SIGNED = ("gas_length",)
+"""Lengths that may be negative: searched in octaves, but no scales."""
+UNKNOWN = float(np.log(100.0))
+"""A scale that may be a hundred times as large is not known."""
 ROTOR_SHARE = 0.5
 """Rotor's part of a joint's inertia where nothing tells, and its standard deviation."""
 
@@ -58,7 +62,7 @@ def estimates(
     if other is not None:
         also = beside.gains(stacked(kinds.columns([other])[0]), [slice(None)], [bounds_of(other)])[0].coefficients
         low_also, high_also = _interval(beside, kinds, other, also, friction)
-        low, high = np.fmin(low, low_also), np.fmax(high, high_also)
+        low, high = np.minimum(low, low_also), np.maximum(high, high_also)
     known = np.isfinite(low) & np.isfinite(high)
     return [
         replace(number, interval=(float(low[k]), float(high[k])) if known[k] else None)
@@ -105,7 +109,8 @@ def _interval(
     values = np.array([number.value for number in _numbers(hypothesis, coefficients)])
     known = len(S) - len(rotors)
     half = NORMAL_95 * _sandwich(S[:known, :known], scores[:known], active[:known])[:n]
-    low, high = values - half, values + half
+    scales = np.append(np.zeros(len(coefficients)), [_is_scale(hypothesis, name) for name in shape]).astype(bool)
+    low, high = _ends(values, -half, scales), _ends(values, half, scales)
     if rotors:
         # As a part of the joint's whole inertia the rotor's is anything from nothing to all: 0.5 and as much again.
         S[known:, known:] += np.eye(len(rotors)) / ROTOR_SHARE**2
@@ -114,8 +119,24 @@ def _interval(
         score[:known] = 0.0  # the fit is at its best in these
         step = _inverse(S, active) @ score
         half = NORMAL_95 * _sandwich(S, scores, active)[:n]
-        low, high = np.fmin(low, values + step[:n] - half), np.fmax(high, values + step[:n] + half)
+        low = np.minimum(low, _ends(values, step[:n] - half, scales))
+        high = np.maximum(high, _ends(values, step[:n] + half, scales))
     return low, high
+
+
+def _is_scale(hypothesis: Hypothesis, name: str) -> bool:
+    """Whether a shape parameter is a scale: it is searched in octaves, and half as much is as far as twice as much."""
+    how, _, _ = REFINED[hypothesis.kind][name]
+    return how == "log" and name not in SIGNED
+
+
+def _ends(values: FloatArray, change: FloatArray, scales: NDArray[np.bool_]) -> FloatArray:
+    """Values after a change of so much; a scale by the factor that is as much to first order, so it keeps its sign."""
+    size = np.maximum(np.abs(values), 1e-300)
+    with np.errstate(over="ignore"):
+        factor = np.exp(np.where(scales, np.sign(values) * change / size, 0.0))
+    ends = np.where(scales, values * factor, values + change)
+    return np.where(scales & (np.abs(np.log(np.maximum(factor, 1e-300))) > UNKNOWN), np.nan, ends)
 
 
 def _hidden_rotors(kinds: Kinds, hypothesis: Hypothesis) -> list[int]:
