@@ -39,8 +39,9 @@ OTHER_FORM = 0.3
 """A name that leaves so much of a residual's power as a function of its own signals has not their form."""
 AS_WELL = 1.4
 """Times the power that is left with names, and a term beside them: a term alone that leaves no more replaces them."""
-NEEDLESS = 1.01
-"""The same for a name that is not suspect by itself, but stands on a joint that has a term."""
+NEEDLESS, AT_ONCE = 1.01, 1.1
+"""The same for a name that is not suspect by itself but stands on a joint that has a term, and for several of them: one
+function of its signals is simpler than it and two names beside it."""
 DISSIPATIVE = ("stribeck", "friction_hysteresis", "load_hysteresis", "load_dependent_friction")
 """Kinds that only take power; others, such as friction that varies with the position, are told apart from a mean."""
 SHARP = 12.0
@@ -70,16 +71,28 @@ def what_is_left(found: Search, train: Sequence[Recording]) -> Remainder:
     for forced in _forced(found, floor_, unexplained):
         bare = _without(found, forced, best, train, AS_WELL)
         best = best if bare is None else bare
-    for effect in _beside_terms(found, best.terms):
-        bare = _without(found, [effect], best, train, AS_WELL if _drives(found, effect) else NEEDLESS)
+    for group in _beside_terms(found, best.terms):
+        there = [effect for effect in group if any(effect is other for other in found.setup.effects)]
+        bare = _without(found, there, best, train, _most(found, there)) if there else None
         best = best if bare is None else bare
     return replace(best, nearest=nearest_effects(found, best))
 
 
-def _beside_terms(found: Search, terms: Sequence[DataTerm]) -> list[PlacedEffect]:
-    """Names on joints that have a term as well, which may leave them nothing to say."""
-    joints = {term.joint for term in terms}
-    return [e for e in found.setup.effects if len(e.joints) == 1 and e.joints[0] in joints and not _is_line(e)]
+def _beside_terms(found: Search, terms: Sequence[DataTerm]) -> list[list[PlacedEffect]]:
+    """Names on joints that have a term as well, which may leave them nothing to say: together, then one by one."""
+    groups = []
+    for j in sorted({term.joint for term in terms}):
+        there = [effect for effect in found.setup.effects if effect.joints == (j,) and not _is_line(effect)]
+        groups += [there] if len(there) > 1 else []
+        groups += [[effect] for effect in there]
+    return groups
+
+
+def _most(found: Search, names: Sequence[PlacedEffect]) -> float:
+    """Times the power with names that a term alone may leave to replace them."""
+    if len(names) > 1:
+        return AT_ONCE
+    return AS_WELL if _drives(found, names[0]) else NEEDLESS
 
 
 def _drives(found: Search, effect: PlacedEffect) -> bool:
