@@ -194,6 +194,52 @@ def test_viscous_friction_along_the_way_is_not_dry_friction_along_the_way(arm):
     assert unknown.term in remainder.terms
 
 
+def test_a_friction_that_drives_its_joint_is_none(arm):
+    joint = 0
+    friction = PlacedEffect.at("stribeck", joint, stribeck_velocity=0.1, exponent=1.0, transition_width=0.02)
+    wave = PlacedEffect.at("position_dependent_friction", joint, cycles=2.0, transition_width=0.02)
+
+    def bump(s):
+        return np.tanh(s.dq[:, joint] / 0.02) * np.exp(-np.abs(s.dq[:, joint]) / 0.1)
+
+    for sign, drives in ((1.0, False), (-1.0, True)):
+        found = start(Setup(arm.robot, effects=(friction, wave)), strange(arm, joint, lambda s, x=sign: x * bump(s)))
+        assert remaining._drives(found, friction) == drives
+        # What only varies round a friction that stays is told apart from its mean.
+        assert not remaining._drives(found, wave)
+
+
+def test_two_names_beside_a_term_are_one_function_without_a_name(arm):
+    joint = 0
+    runs = strange(arm, joint, lambda s: s.dq[:, joint] * np.cos(2 * s.q[:, joint]))
+    names = (
+        PlacedEffect.at("position_dependent_friction", joint, cycles=2.0, transition_width=0.02),
+        PlacedEffect.at("load_dependent_friction", joint, transition_width=0.02),
+    )
+    found = start(Setup(arm.robot, effects=names), runs)
+    groups = remaining._beside_terms(found, [SimpleNamespace(joint=joint)])
+    assert groups == [list(names), [names[0]], [names[1]]]
+    assert remaining._beside_terms(found, [SimpleNamespace(joint=1)]) == []
+    remainder = what_is_left(found, runs)
+    assert found.setup.effects == ()
+    assert [term.joint for term in remainder.terms] == [joint]
+
+
+def test_a_name_that_is_there_stays_beside_a_term(arm):
+    joint = 2
+
+    def torque(s):
+        hard = 3 * np.tanh(s.dq[:, joint] / 0.02) * np.exp(-((s.dq[:, joint] / 0.1) ** 2))
+        return hard + s.dq[:, joint] * np.cos(2 * s.q[:, 1])
+
+    runs = strange(arm, joint, torque)
+    friction = PlacedEffect.at("stribeck", joint, stribeck_velocity=0.1, exponent=2.0, transition_width=0.02)
+    found = start(Setup(arm.robot, effects=(friction,)), runs)
+    remainder = what_is_left(found, runs)
+    assert found.setup.effects == (friction,)
+    assert [term.joint for term in remainder.terms] == [joint]
+
+
 def test_teeth_behind_a_differential_depend_on_both_angles(arm):
     runs = strange(arm, 4, lambda s: np.sin(7 * (s.q[:, 4] + s.q[:, 3])))
     fit = start(Setup(arm.robot), runs).fit
