@@ -18,7 +18,7 @@
 use crate::dynamics::check_length;
 use crate::error::CoreError;
 use crate::model::check_step;
-use crate::slices::copy;
+use crate::slices::{copy, mirror_fields, Mirror};
 
 /// Fewest samples of a window: one more than a parabola needs, and odd.
 pub const MIN_WINDOW: usize = 5;
@@ -267,6 +267,12 @@ fn parabola(&[m0, m1, m2, m3, m4]: &[f64; 5]) -> Option<[[f64; 3]; 3]> {
     (determinant > LEAST_DETERMINANT * m0 * m2 * m4).then(|| {
         [[c00, c01, c02], [c01, c11, c12], [c02, c12, c22]].map(|row| row.map(|c| c / determinant))
     })
+}
+
+impl Mirror for Differentiator {
+    fn mirror(&mut self, of: &Self) {
+        mirror_fields!(self, of; times, samples, fitted; copied n_channels, window, step, newest, len; kept);
+    }
 }
 
 #[cfg(test)]
