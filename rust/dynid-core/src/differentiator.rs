@@ -271,7 +271,13 @@ fn parabola(&[m0, m1, m2, m3, m4]: &[f64; 5]) -> Option<[[f64; 3]; 3]> {
 
 impl Mirror for Differentiator {
     fn mirror(&mut self, of: &Self) {
-        mirror_fields!(self, of; times, samples, fitted; copied n_channels, window, step, newest, len; kept);
+        // An empty window holds nothing that is read, and it is long.
+        if of.len > 0 {
+            self.times.mirror(&of.times);
+            self.samples.mirror(&of.samples);
+            self.fitted.mirror(&of.fitted);
+        }
+        mirror_fields!(self, of; ; copied n_channels, window, step, newest, len; kept times, samples, fitted);
     }
 }
 

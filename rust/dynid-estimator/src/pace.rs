@@ -22,6 +22,10 @@ const FALL: u64 = 2_000;
 /// long.
 const FORGET: u64 = 8;
 
+/// The rehearsal is repeated in the last so many times of what it needs: branches are learnt by then, and what other
+/// threads did meanwhile is undone.
+const LAST: u64 = 4;
+
 /// Begins cycles at multiples of a period after the start, whatever the ones before took.
 #[derive(Debug)]
 pub struct Pace {
@@ -62,10 +66,10 @@ impl Pace {
 
     /// Sleeps until the next cycle begins, or a little less, rehearses it then, and waits awake. Where that time has passed
     /// already, the cycle is missed and the one after it comes.
-    pub fn wait(&mut self, rehearse: impl FnOnce()) -> Begin {
-        let now = sys::now();
-        let missed = if now > self.next {
-            (now - self.next).div_ceil(self.period)
+    pub fn wait(&mut self, mut rehearse: impl FnMut()) -> Begin {
+        let done = sys::now();
+        let missed = if done > self.next {
+            (done - self.next).div_ceil(self.period)
         } else {
             0
         };
@@ -83,18 +87,26 @@ impl Pace {
         }
         let woke = sys::now();
         let rehearsed = woke + self.needs < due;
-        if rehearsed {
-            rehearse();
-            let took = sys::now() - woke;
-            self.needs = took.max(self.needs - self.needs / FORGET);
-        } else {
-            self.needs -= self.needs / FORGET;
-        }
-        if now < wake {
+        self.needs -= self.needs / FORGET;
+        // Nothing is learnt from a sleep that there was no time for.
+        if done < wake {
             self.learn(rehearsed);
         }
-        while sys::now() < due {
-            std::hint::spin_loop();
+        let mut now = woke;
+        if rehearsed {
+            rehearse();
+            now = sys::now();
+            self.needs = self.needs.max(now - woke);
+        }
+        let again = rehearsed;
+        while now < due {
+            let left = due - now;
+            if again && (self.needs..LAST * self.needs).contains(&left) {
+                rehearse();
+            } else {
+                std::hint::spin_loop();
+            }
+            now = sys::now();
         }
         Begin {
             awake: due.saturating_sub(woke),
