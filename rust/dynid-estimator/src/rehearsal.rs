@@ -91,3 +91,45 @@ impl Rehearsal {
         let _ = black_box(self.twin.step(&self.frame.sample()));
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::args::Format;
+    use crate::counting;
+    use crate::cycle::Settings;
+    use crate::input::Lines;
+    use crate::live::tests::model;
+
+    /// Lines are rehearsed without taking memory, and leave the state as it was, also those that are no state.
+    #[test]
+    fn a_rehearsed_line_takes_no_memory_and_leaves_no_trace() {
+        let lines: [(&[u8], &[u8]); 2] = [
+            (b"q_0,dq_0,ddq_0\n0,0,0\n", b"0.5,0.25,1e-3"),
+            (
+                b"{\"q\":[0],\"dq\":[0],\"ddq\":[0]}\n",
+                b"{\"q\":[0.5],\"dq\":[0.25],\"ddq\":[1e-3]}",
+            ),
+        ];
+        for (begin, line) in lines {
+            let model = model(1.0);
+            let mut frame = Frame::new(1);
+            let mut source = Lines::new(begin);
+            let mut parser = Parser::begin(None, &mut source, model.robot(), &mut frame).unwrap();
+            let writer = Writer::new(Format::Jsonl, &model, false);
+            let cycle = Cycle::new(model, &Settings::default()).unwrap();
+            let mut rehearsal = Rehearsal::new(&cycle, &frame);
+            let before = (format!("{cycle:?}"), format!("{frame:?}"));
+            let calls = counting::calls();
+            for _ in 0..1000 {
+                rehearsal.of_line(&cycle, &frame, (&mut parser, line), &writer);
+            }
+            assert_eq!(counting::calls() - calls, 0);
+            // It did compute, and on the twin alone.
+            let rest = cycle.answer(None).tau.to_vec();
+            assert_ne!(rehearsal.twin.answer(None).tau, rest);
+            rehearsal.of_line(&cycle, &frame, (&mut parser, b"no state"), &writer);
+            assert_eq!((format!("{cycle:?}"), format!("{frame:?}")), before);
+        }
+    }
+}

@@ -189,6 +189,14 @@ impl SharedMemory {
     }
 }
 
+#[cfg(test)]
+impl SharedMemory {
+    /// What the other end does.
+    pub fn write_state(&self, bytes: &[u8]) {
+        self.state.write(bytes);
+    }
+}
+
 #[cfg(all(test, target_os = "linux"))]
 mod tests {
     use super::*;

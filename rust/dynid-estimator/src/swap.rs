@@ -58,6 +58,20 @@ impl Inbox {
     }
 }
 
+#[cfg(test)]
+impl Inbox {
+    /// An inbox that only a test fills.
+    pub fn empty() -> Self {
+        Self(Arc::default())
+    }
+
+    /// Lays another model ready.
+    pub fn offer(&self, cycle: Cycle) {
+        lock(&self.0).ready = Some(Box::new([cycle.clone(), cycle]));
+        self.0.offered.store(true, Ordering::Release);
+    }
+}
+
 /// What a file was like: when it was written, how long it is.
 type Stamp = (Option<SystemTime>, u64);
 
