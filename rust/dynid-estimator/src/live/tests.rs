@@ -205,7 +205,7 @@ fn messages(k: u64, with_derivatives: bool) -> Vec<Vec<u8>> {
     bytes[24..32].copy_from_slice(&(0.001 * sequence as f64).to_le_bytes());
     numbers.iter().for_each(|x| bytes.extend(x.to_le_bytes()));
     match k % 41 {
-        3 | 4 | 5 => vec![],
+        3..=5 => vec![],
         8 => vec![bytes.clone(), bytes],
         15 => vec![b"no state".to_vec()],
         21 => vec![bytes.clone(), b"DYNS".to_vec(), bytes],
