@@ -224,7 +224,7 @@ fn a_rehearsal_changes_no_bit() {
         };
         let mut plain = Rig::new(shared, &settings);
         let mut rehearsed = Rig::new(shared, &settings);
-        let mut seen = Status::OK;
+        let (mut seen, mut foreseen) = (Status::OK, 0);
         for k in 0..2000 {
             let messages = messages(k, with_derivatives);
             // The state may come before the rehearsal or after it.
@@ -244,7 +244,14 @@ fn a_rehearsal_changes_no_bit() {
                 rehearsed.offer(k);
             }
             let expected = plain.cycle();
+            // What was rehearsed is what came, with the model that ran.
+            let twin = rehearsed.live.rehearsal.twin().answer(None).tau.to_vec();
             assert_eq!(rehearsed.cycle(), expected, "{k}, shared {shared}");
+            let in_sight = shared && !swaps && k % 5 > 0;
+            if in_sight && messages.len() == 1 && messages[0] != b"no state" {
+                assert_eq!(twin, rehearsed.cycle.answer(None).tau, "{k}");
+                foreseen += 1;
+            }
             seen = seen.and(expected.0);
         }
         let all = [
@@ -258,6 +265,7 @@ fn a_rehearsal_changes_no_bit() {
             all.into_iter().all(|status| seen.contains(status)),
             "{seen:?}"
         );
+        assert_eq!(foreseen > 1000, shared);
         assert!(plain.live.counts.refused > 40 && plain.live.counts.states > 1500);
     }
 }
