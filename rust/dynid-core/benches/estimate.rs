@@ -17,7 +17,8 @@ use dynid_core::lanes::{use_path, Path};
 use dynid_core::model::TorqueModelParts;
 use dynid_core::{
     inverse_dynamics_into, Domain, Effect, EffectInput, EffectTerm, GaussianMixtureRegression,
-    Load, Residual, ResidualInputs, State, TorqueEstimator, TorqueModel, Workspace,
+    Load, OnlineEstimator, Residual, ResidualInputs, Sample, State, TorqueEstimator, TorqueModel,
+    Workspace,
 };
 
 const N: usize = 6;
@@ -109,6 +110,29 @@ fn report(what: &str, path: &str, cycles: u64, (counts, longest): &(Vec<u64>, u6
     );
 }
 
+/// The estimate at the end of a stream of numbered states.
+fn stream(model: &Arc<TorqueModel>, path: Path, cycles: u64, motion: [&[f64]; 3]) {
+    let mut online = OnlineEstimator::new(Arc::clone(model), None, None).unwrap();
+    let mut std = [0.0; N];
+    let mut sequence = 0;
+    let times = histogram(cycles, |k| {
+        let [q, dq, ddq] = motion.map(|signal| signal.get(k * N..(k + 1) * N));
+        sequence += 1;
+        let sample = Sample {
+            sequence: Some(sequence),
+            time: 0.001 * sequence as f64,
+            motion: [q, dq, ddq, None, None, None],
+            temperature: None,
+            tau: None,
+        };
+        black_box(online.step(black_box(&sample))).unwrap();
+        let estimator = online.estimator();
+        estimator.predicted_std_into(&mut std).unwrap();
+        black_box(&std);
+    });
+    report("stream", path.name(), cycles, &times);
+}
+
 /// The terms by themselves.
 fn parts(model: &TorqueModel, path: Path, cycles: u64, [q, dq, ddq]: [&[f64]; 3]) {
     let (mut tau, mut variance) = ([0.0; N], [0.0; N]);
@@ -179,6 +203,7 @@ fn main() {
             black_box(&tau);
         });
         report("estimate", path.name(), cycles, &times);
+        stream(&model, path, cycles / 10, [&q, &dq, &ddq]);
         parts(&model, path, cycles / 10, [&q, &dq, &ddq]);
     }
 }

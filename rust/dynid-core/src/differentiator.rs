@@ -18,7 +18,7 @@
 use crate::dynamics::check_length;
 use crate::error::CoreError;
 use crate::model::check_step;
-use crate::slices::copy;
+use crate::slices::{copy, mirror_fields, Mirror};
 
 /// Fewest samples of a window: one more than a parabola needs, and odd.
 pub const MIN_WINDOW: usize = 5;
@@ -267,6 +267,18 @@ fn parabola(&[m0, m1, m2, m3, m4]: &[f64; 5]) -> Option<[[f64; 3]; 3]> {
     (determinant > LEAST_DETERMINANT * m0 * m2 * m4).then(|| {
         [[c00, c01, c02], [c01, c11, c12], [c02, c12, c22]].map(|row| row.map(|c| c / determinant))
     })
+}
+
+impl Mirror for Differentiator {
+    fn mirror(&mut self, of: &Self) {
+        // An empty window holds nothing that is read, and it is long.
+        if of.len > 0 {
+            self.times.mirror(&of.times);
+            self.samples.mirror(&of.samples);
+            self.fitted.mirror(&of.fitted);
+        }
+        mirror_fields!(self, of; ; copied n_channels, window, step, newest, len; kept times, samples, fitted);
+    }
 }
 
 #[cfg(test)]

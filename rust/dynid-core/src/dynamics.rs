@@ -7,7 +7,7 @@ use crate::error::CoreError;
 use crate::lanes::{self, Kernel, Lanes, Portable, Vector, MOST_LANES};
 use crate::link_params::N_LINK_PARAMS;
 use crate::robot::{Joint, RobotModel};
-use crate::slices::{rows_mut, tail};
+use crate::slices::{mirror_fields, rows_mut, tail, Mirror};
 
 /// A single number in memory.
 type One = [f64; 1];
@@ -229,5 +229,11 @@ fn check_state(
             expected: n,
             actual: workspace.n_joints(),
         })
+    }
+}
+
+impl Mirror for Workspace {
+    fn mirror(&mut self, of: &Self) {
+        mirror_fields!(self, of; states, links, twists, trig; copied; kept);
     }
 }

@@ -8,6 +8,7 @@ use crate::error::CoreError;
 use crate::kernel::{body_regressor, BodyMotion};
 use crate::link_params::N_LINK_PARAMS;
 use crate::robot::{JointKind, RobotModel};
+use crate::slices::{mirror_fields, Mirror};
 
 /// Twist or momentum of one link in its own frame: the part along the axes and the part about them.
 #[derive(Clone, Copy, Debug)]
@@ -141,4 +142,10 @@ pub fn momentum_into(
         };
     }
     Ok(())
+}
+
+impl Mirror for MomentumWorkspace {
+    fn mirror(&mut self, of: &Self) {
+        mirror_fields!(self, of; twists, momenta; copied; kept);
+    }
 }

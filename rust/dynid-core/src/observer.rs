@@ -33,7 +33,7 @@ use crate::error::CoreError;
 use crate::estimator::TorqueEstimator;
 use crate::model::{check_step, TorqueModel};
 use crate::momentum::{momentum_into, MomentumWorkspace};
-use crate::slices::{copy, rows};
+use crate::slices::{copy, mirror_fields, rows, Mirror};
 use crate::state::State;
 
 /// A contact ends where every joint is below this part of its threshold.
@@ -419,3 +419,20 @@ fn at_rest(model: &TorqueModel) -> Vec<[f64; 2]> {
 /// Speeds at which a step at standstill is looked for \[rad/s, m/s\].
 const SLOWEST: f64 = 1e-4;
 const FASTEST: f64 = 0.5;
+
+impl Mirror for Memory {
+    fn mirror(&mut self, of: &Self) {
+        mirror_fields!(self, of; momentum, torque; copied valid; kept);
+    }
+}
+
+impl Mirror for MomentumObserver {
+    fn mirror(&mut self, of: &Self) {
+        mirror_fields!(
+            self, of;
+            workspace, momenta, at_rest, since_rest, zeros, before, momentum, torque, scratch, std, external, threshold, rest;
+            copied settings, factor, contact;
+            kept model
+        );
+    }
+}

@@ -13,7 +13,7 @@ use crate::error::CoreError;
 use crate::estimator::{Status, TorqueEstimator};
 use crate::model::TorqueModel;
 use crate::observer::{MomentumObserver, ObserverSettings};
-use crate::slices::{copy, rows_mut};
+use crate::slices::{copy, mirror_fields, rows_mut, Mirror};
 use crate::state::State;
 use crate::stream::{Place, Stream};
 use crate::track::{Taken, Track, MOST_STEPS};
@@ -522,4 +522,20 @@ fn estimate(
     let status = estimator.estimate_into(state, tau);
     estimator.set_step(step)?;
     status
+}
+
+impl OnlineEstimator {
+    /// Becomes like `of`, a clone of which it was once, in all but the model: a step of this one is then what the next step
+    /// of `of` would be, and everything that step needs has been read. Takes no memory; `of` is only looked at.
+    pub fn mirror(&mut self, of: &Self) {
+        if let (Some(own), Some(of)) = (&mut self.observer, &of.observer) {
+            own.mirror(of);
+        }
+        mirror_fields!(
+            self, of;
+            estimator, track, suspects, row, motion, measured, before, way, most_speed, tau;
+            copied stream, step, has_before, misses, observed;
+            kept observer
+        );
+    }
 }

@@ -40,11 +40,41 @@ pub fn set(x: &mut [f64], k: usize, value: f64) {
 }
 
 /// Copies as many values as both have.
-pub fn copy(from: &[f64], to: &mut [f64]) {
+pub fn copy<T: Copy>(from: &[T], to: &mut [T]) {
     for (to, from) in to.iter_mut().zip(from) {
         *to = *from;
     }
 }
+
+/// What can become like another of its shape without taking memory, which `clone_from` does not promise.
+pub(crate) trait Mirror {
+    /// Becomes like `of`.
+    fn mirror(&mut self, of: &Self);
+}
+
+impl<T: Copy> Mirror for Vec<T> {
+    fn mirror(&mut self, of: &Self) {
+        copy(of, self);
+    }
+}
+
+impl<T: Mirror, const N: usize> Mirror for [T; N] {
+    fn mirror(&mut self, of: &Self) {
+        for (own, of) in self.iter_mut().zip(of) {
+            own.mirror(of);
+        }
+    }
+}
+
+/// Every field that is named becomes like the other's; a field that is not named is an error, so none is forgotten.
+macro_rules! mirror_fields {
+    ($own:ident, $of:ident; $($mirrored:ident),*; copied $($copied:ident),*; kept $($kept:ident),*) => {
+        let Self { $($mirrored,)* $($copied,)* $($kept: _,)* } = $of;
+        $(crate::slices::Mirror::mirror(&mut $own.$mirrored, $mirrored);)*
+        $($own.$copied = *$copied;)*
+    };
+}
+pub(crate) use mirror_fields;
 
 /// Rows of `n` values, as many as there are whole ones; `n` is never 0.
 #[inline(always)]

@@ -2,7 +2,7 @@
 
 use crate::lanes::{Kernel, Lanes, MOST_LANES};
 use crate::model::TorqueModel;
-use crate::slices::{part, part_mut, rows, tail};
+use crate::slices::{mirror_fields, part, part_mut, rows, tail, Mirror};
 use crate::state::{align_row, State};
 
 /// Numbers of the model that every step asks for, each padded to whole rows.
@@ -130,5 +130,11 @@ impl Kernel for Sum<'_> {
             sum.store_some(total);
         }
         true
+    }
+}
+
+impl Mirror for StepRows {
+    fn mirror(&mut self, of: &Self) {
+        mirror_fields!(self, of; delay, domain; copied; kept);
     }
 }

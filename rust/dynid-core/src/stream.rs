@@ -35,7 +35,7 @@ const RESTART_AFTER: u8 = 3;
 type Mark = (Option<u64>, f64);
 
 /// Remembers the newest state's place.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct Stream {
     newest: Option<Mark>,
     /// The last of a row of states that contradict `newest`, and how many they are.

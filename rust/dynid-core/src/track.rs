@@ -3,7 +3,7 @@
 use crate::differentiator::Differentiator;
 use crate::error::CoreError;
 use crate::online::{Sample, N_CHANNELS};
-use crate::slices::rows;
+use crate::slices::{mirror_fields, rows, Mirror};
 
 /// A sample longer after the one before it does not count more than this many steps.
 pub(crate) const MOST_STEPS: u64 = 1000;
@@ -108,4 +108,10 @@ fn jumps(row: &[f64], before: &[f64], most_speed: &[f64], elapsed: f64) -> bool 
         let mut joints = now.iter().zip(before).zip(most_speed);
         joints.any(|((now, before), most)| (now - before).abs() > most * elapsed)
     })
+}
+
+impl Mirror for Track {
+    fn mirror(&mut self, of: &Self) {
+        mirror_fields!(self, of; filter; copied present, time, sequence; kept);
+    }
 }

@@ -101,6 +101,7 @@ fn is_entry(name: &str) -> bool {
         "15OnlineEstimator4step17h",
         "15OnlineEstimator4hold17h",
         "15OnlineEstimator4swap17h",
+        "15OnlineEstimator6mirror17h",
         "16MomentumObserver4step17h",
     ];
     methods.iter().any(|method| name.contains(method))

@@ -108,6 +108,7 @@ fn read(mut parser: Parser) -> Result<Command, lexopt::Error> {
             Arg::Long("udp") => transport = Some(Transport::Udp(parser.value()?.string()?)),
             Arg::Long("shm") => transport = Some(Transport::Shm(parser.value()?.into())),
             Arg::Long("rate") => real_time.rate = Some(parser.value()?.parse_with(hertz)?),
+            Arg::Long("early") => real_time.early = Some(parser.value()?.parse_with(early)?),
             Arg::Long("duration") => {
                 real_time.duration = Some(parser.value()?.parse_with(seconds)?);
             }
@@ -144,6 +145,13 @@ fn read(mut parser: Parser) -> Result<Command, lexopt::Error> {
     }
     if real_time.jitter && !(real_time.histogram && real_time.rate.is_some()) {
         return Err("--jitter goes with --histogram and --rate".into());
+    }
+    match (real_time.early, real_time.rate) {
+        (Some(_), None) => return Err("--early goes with --rate".into()),
+        (Some(early), Some(rate)) if early > 0.5 / rate => {
+            return Err("--early: expected half a period at most".into())
+        }
+        _ => {}
     }
     if transport.is_some() && (input.is_some() || output.is_some()) {
         return Err(
@@ -199,6 +207,13 @@ fn per_hour(text: &str) -> Result<f64, &'static str> {
     count
         .filter(|count| *count > 0.0 && count.is_finite())
         .ok_or("expected a positive number of false contacts per hour")
+}
+
+fn early(text: &str) -> Result<f64, &'static str> {
+    let early: Option<f64> = text.parse().ok();
+    early
+        .filter(|early| (0.0..=1.0).contains(early))
+        .ok_or("expected seconds, 0 to 1")
 }
 
 fn seconds(text: &str) -> Result<f64, &'static str> {

@@ -49,7 +49,7 @@ impl Present {
 }
 
 /// The numbers of one measurement, reused from one to the next.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Frame {
     n_joints: usize,
     /// Its number, where the sender counts.
@@ -79,6 +79,17 @@ impl Frame {
     pub fn wanting(mut self, signal: usize, wanted: bool) -> Self {
         self.wanted[signal] = wanted;
         self
+    }
+
+    /// Becomes like `of`, a clone of which it was once; takes no memory.
+    pub fn mirror(&mut self, of: &Self) {
+        self.values.copy_from_slice(&of.values);
+        (self.sequence, self.time, self.present) = (of.sequence, of.time, of.present);
+    }
+
+    /// Joints of the robot.
+    pub fn n_joints(&self) -> usize {
+        self.n_joints
     }
 
     /// True if a signal is read.

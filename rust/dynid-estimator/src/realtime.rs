@@ -6,15 +6,22 @@ use std::sync::Arc;
 use std::thread::{self, JoinHandle};
 
 use crate::histogram::Histogram;
+use crate::pace::Pace;
 use crate::stop::Stop;
 use crate::sys;
-use crate::timing::{Pace, Timing};
+use crate::timing::Timing;
+
+/// Most that a loop with a real-time priority wakes before a cycle \[s\], but not more than a quarter of its period: what a
+/// sleep in a virtual machine is late at its worst one percent. The loop finds out how much less this machine needs.
+const USUAL_EARLY: f64 = 0.00025;
 
 /// What was asked for.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct RealTime {
     /// Cycles per second; none: driven by input.
     pub rate: Option<f64>,
+    /// Most that the loop wakes before a cycle \[s\]; none: [`USUAL_EARLY`], or not at all where others use the core.
+    pub early: Option<f64>,
     /// End after so long \[s\].
     pub duration: Option<f64>,
     /// Say how long things took.
@@ -94,7 +101,17 @@ impl RealTime {
 
     /// The pace, if there is one.
     pub fn pace(&self) -> Option<Pace> {
-        self.rate.map(Pace::new)
+        self.rate.map(|rate| Pace::new(rate, self.most_early(rate)))
+    }
+
+    /// Most that the loop wakes before a cycle \[ns\]. Who waits awake takes time from others, so without a real-time
+    /// priority, where the core is shared with whoever else is there, nobody does unless it is asked for.
+    fn most_early(&self, rate: f64) -> u64 {
+        let usual = match self.fifo {
+            Some(_) => USUAL_EARLY.min(0.25 / rate),
+            None => 0.0,
+        };
+        (self.early.unwrap_or(usual) * 1e9) as u64
     }
 
     /// When it ends \[ns\].
@@ -106,27 +123,37 @@ impl RealTime {
 
     /// What is said at the end, if anything is.
     pub fn report(&self, timing: &Timing, sleeper: Option<Sleeper>) -> Option<String> {
-        let jitter = sleeper.and_then(Sleeper::stop);
+        let sleep = sleeper.and_then(Sleeper::stop);
         self.histogram.then(|| {
             if self.json {
-                timing.json(jitter.as_ref())
+                timing.json(sleep.as_ref())
             } else {
-                timing.text(jitter.as_ref())
+                timing.text(sleep.as_ref())
             }
         })
     }
+}
+
+/// How late a thread woke that does nothing but sleep \[ns\], and how often by more than a period.
+#[derive(Debug)]
+pub struct Sleep {
+    pub late: Histogram,
+    pub missed: u64,
 }
 
 /// A thread that wakes at the same rate and does nothing: what the machine itself adds.
 #[derive(Debug)]
 pub struct Sleeper {
     stop: Arc<AtomicBool>,
-    thread: JoinHandle<Histogram>,
+    thread: JoinHandle<Sleep>,
 }
 
 impl Sleeper {
     fn start(rate: f64, fifo: Option<i32>) -> io::Result<Self> {
-        let mut late = Histogram::new();
+        let mut sleep = Sleep {
+            late: Histogram::new(),
+            missed: 0,
+        };
         let stop = Arc::new(AtomicBool::new(false));
         let asked = Arc::clone(&stop);
         let work = move || {
@@ -135,18 +162,19 @@ impl Sleeper {
                 // Where it is refused, so is the loop's own, which says so.
                 let _ = sys::schedule_fifo(priority);
             }
-            let mut pace = Pace::new(rate);
+            let mut pace = Pace::new(rate, 0);
             while !asked.load(Ordering::Relaxed) {
-                let begin = pace.wait();
-                late.record(sys::now().saturating_sub(begin.due));
+                let begin = pace.wait(|| {});
+                sleep.late.record(sys::now().saturating_sub(begin.due));
+                sleep.missed += begin.missed;
             }
-            late
+            sleep
         };
         let thread = thread::Builder::new().name("jitter".into()).spawn(work)?;
         Ok(Self { stop, thread })
     }
 
-    fn stop(self) -> Option<Histogram> {
+    fn stop(self) -> Option<Sleep> {
         self.stop.store(true, Ordering::Relaxed);
         self.thread.join().ok()
     }

@@ -11,11 +11,13 @@ use crate::cycle::{Cycle, Settings};
 use crate::frame::{Frame, Present, TEMPERATURE, TORQUE};
 use crate::input::{Lines, Parser};
 use crate::output::Writer;
+use crate::pace::Pace;
 use crate::realtime::RealTime;
+use crate::rehearsal::Rehearsal;
 use crate::stop::Stop;
 use crate::swap;
 use crate::sys;
-use crate::timing::{Pace, Timing};
+use crate::timing::Timing;
 
 /// Answers every state of `source` on `out`. Nothing waits: as soon as no further line is there to be read, all answers
 /// are flushed. A line that is not a state ends the work, because what follows a broken line cannot be trusted either,
@@ -59,6 +61,7 @@ pub fn run(
         .begin(frame.present().time, out)
         .map_err(Stop::output)?;
     cycle = cycle.warm();
+    let mut rehearsal = Rehearsal::new(&cycle, &frame);
     let sleeper = real_time.begin()?;
     let (mut pace, end) = (real_time.pace(), real_time.end());
     let mut timing = Timing::new(pace.as_ref().map(Pace::period));
@@ -70,13 +73,15 @@ pub fn run(
             break;
         }
         let due = pace.as_mut().map(|pace| {
-            let begin = pace.wait();
+            let begin = pace.wait(|| {
+                rehearsal.of_line(&cycle, &frame, (&mut parser, lines.line()), &writer);
+            });
             timing.begin(begin, sys::now());
             begin.due
         });
         let start = sys::now();
         if let Some(inbox) = &inbox {
-            inbox.take(&mut cycle);
+            inbox.take(&mut cycle, rehearsal.twin());
         }
         parser
             .parse(lines.line(), &mut frame)
@@ -91,7 +96,11 @@ pub fn run(
         writer.write(&answer, out).map_err(Stop::output)?;
         // A sleep that was cut short by a wish to end leaves before it is due.
         let end_to_end = sys::now().saturating_sub(due.unwrap_or(start));
-        timing.end(computed - start, end_to_end);
+        let compute = computed - start;
+        let again = timing
+            .is_long(compute)
+            .then(|| rehearsal.of_line(&cycle, &frame, (&mut parser, lines.line()), &writer));
+        timing.end(compute, end_to_end, again);
     }
     out.flush().map_err(Stop::output)?;
     timing.stop();

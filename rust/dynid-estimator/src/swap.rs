@@ -29,10 +29,10 @@ struct Table {
 
 #[derive(Debug, Default)]
 struct Slot {
-    /// For the loop.
-    ready: Option<Box<Cycle>>,
+    /// For the loop: an estimator and the twin that it is rehearsed on.
+    ready: Option<Box<[Cycle; 2]>>,
     /// From the loop, to be freed elsewhere.
-    done: Option<Box<Cycle>>,
+    done: Option<Box<[Cycle; 2]>>,
 }
 
 /// The loop's side.
@@ -41,7 +41,7 @@ pub struct Inbox(Arc<Table>);
 
 impl Inbox {
     /// Goes on with the new model, if one lies ready.
-    pub fn take(&self, cycle: &mut Cycle) {
+    pub fn take(&self, cycle: &mut Cycle, twin: &mut Cycle) {
         if !self.0.offered.load(Ordering::Acquire) {
             return;
         }
@@ -49,10 +49,26 @@ impl Inbox {
             return; // in the next cycle then
         };
         if let Some(mut new) = slot.ready.take() {
-            cycle.swap(&mut new);
+            let [of_cycle, of_twin] = &mut *new;
+            cycle.swap(of_cycle);
+            twin.swap(of_twin);
             slot.done = Some(new);
         }
         self.0.offered.store(false, Ordering::Release);
+    }
+}
+
+#[cfg(test)]
+impl Inbox {
+    /// An inbox that only a test fills.
+    pub fn empty() -> Self {
+        Self(Arc::default())
+    }
+
+    /// Lays another model ready.
+    pub fn offer(&self, cycle: Cycle) {
+        lock(&self.0).ready = Some(Box::new([cycle.clone(), cycle]));
+        self.0.offered.store(true, Ordering::Release);
     }
 }
 
@@ -135,7 +151,7 @@ fn load(
     old: &TorqueModel,
     settings: &Settings,
     same_terms: bool,
-) -> Result<Box<Cycle>, String> {
+) -> Result<Box<[Cycle; 2]>, String> {
     let new = dynid_io::load(path).map_err(|error| error.to_string())?;
     let names = |model: &TorqueModel| -> Vec<String> {
         model
@@ -156,7 +172,7 @@ fn load(
     } else {
         let cycle = Cycle::new(Arc::new(new), settings);
         return cycle
-            .map(|cycle| Box::new(cycle.warm()))
+            .map(|cycle| Box::new([cycle.warm(), cycle]))
             .map_err(|stop| stop.to_string());
     };
     Err(format!(

@@ -1,56 +1,25 @@
-//! When cycles begin, how long they take, and what is said about it at the end.
+//! How long cycles take, and what is said about it at the end.
 
 use std::fmt::Write;
 
 use serde_json::{json, Value};
 
 use crate::histogram::Histogram;
+use crate::pace::Begin;
+use crate::realtime::Sleep;
 use crate::sys::{self, PageFaults};
 
-/// Begins cycles at multiples of a period after the start, whatever the ones before took.
-#[derive(Debug)]
-pub struct Pace {
-    period: u64,
-    next: u64,
-}
+/// A cycle that took this many times what the same took when it was done again at once did not compute for as long: the
+/// processor was taken away, by the system or, where that cannot even see it, from below. A cycle whose code and numbers
+/// came from far memory takes up to twenty times as long as the same again.
+const INTERRUPTED: u64 = 100;
 
-/// A cycle that begins.
-#[derive(Clone, Copy, Debug)]
-pub struct Begin {
-    /// When it should have begun \[ns\].
-    pub due: u64,
-    /// Beginnings that passed before it, because the cycle before was not done.
-    pub missed: u64,
-}
-
-impl Pace {
-    /// The first cycle begins a period from now.
-    pub fn new(hertz: f64) -> Self {
-        let period = (1e9 / hertz).round().max(1.0) as u64;
-        Self {
-            period,
-            next: sys::now() + period,
-        }
-    }
-
-    /// Sleeps until the next cycle begins. Where that has passed already, the cycle is missed and the one after it comes.
-    pub fn wait(&mut self) -> Begin {
-        let now = sys::now();
-        let missed = if now > self.next {
-            (now - self.next).div_ceil(self.period)
-        } else {
-            0
-        };
-        let due = self.next + missed * self.period;
-        self.next = due + self.period;
-        sys::sleep_until(due);
-        Begin { due, missed }
-    }
-
-    /// Time from one beginning to the next \[ns\].
-    pub fn period(&self) -> u64 {
-        self.period
-    }
+/// What made a cycle take more than half of a period, where computing did.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Long {
+    No,
+    ByComputing,
+    ByInterruption,
 }
 
 /// What is measured of a loop.
@@ -58,13 +27,21 @@ impl Pace {
 pub struct Timing {
     compute: Histogram,
     wake_up: Histogram,
+    awake: Histogram,
     end_to_end: Histogram,
     period: Option<u64>,
     missed: u64,
     missed_by_compute: u64,
-    /// Processor time of this thread when the cycle before was done, and what that cycle had used of it \[ns\].
+    missed_by_interruption: u64,
+    /// Cycles that were rehearsed.
+    rehearsed: u64,
+    /// Processor time of this thread when the cycle before was done, and what made that cycle long.
     used: u64,
-    last_used: u64,
+    last: Long,
+    /// Cycles that computing for as long as that one did can make miss.
+    most_missed: u64,
+    /// How long the loop was awake before this cycle \[ns\].
+    awake_before: u64,
     faults: PageFaults,
     faults_at_start: PageFaults,
 }
@@ -75,12 +52,17 @@ impl Timing {
         Self {
             compute: Histogram::new(),
             wake_up: Histogram::new(),
+            awake: Histogram::new(),
             end_to_end: Histogram::new(),
             period,
             missed: 0,
             missed_by_compute: 0,
+            missed_by_interruption: 0,
+            rehearsed: 0,
             used: sys::thread_time(),
-            last_used: 0,
+            last: Long::No,
+            most_missed: 0,
+            awake_before: 0,
             faults: PageFaults::default(),
             faults_at_start: sys::page_faults(),
         }
@@ -103,42 +85,64 @@ impl Timing {
     /// A paced cycle began, `woke` \[ns\].
     pub fn begin(&mut self, begin: Begin, woke: u64) {
         self.wake_up.record(woke.saturating_sub(begin.due));
+        self.awake.record(begin.awake);
+        self.awake_before = begin.awake;
+        self.rehearsed += u64::from(begin.rehearsed);
         self.missed += begin.missed;
-        // By the processor's time: a cycle that was interrupted for as long is the machine's affair.
-        if self.period.is_some_and(|period| self.last_used > period) {
-            self.missed_by_compute += begin.missed;
+        match self.last {
+            Long::No => {}
+            Long::ByComputing => self.missed_by_compute += begin.missed.min(self.most_missed),
+            Long::ByInterruption => {
+                self.missed_by_interruption += begin.missed.min(self.most_missed);
+            }
         }
+    }
+
+    /// True if a cycle computed for so long \[ns\] that it is to be done again, to know whether it was interrupted.
+    pub fn is_long(&self, compute: u64) -> bool {
+        self.period.is_some_and(|period| compute > period / 2)
     }
 
     /// A cycle is done: `compute` \[ns\] from bytes to bytes, `end_to_end` from when it was due (paced) or its input had
-    /// come (driven) until its answer had left.
-    pub fn end(&mut self, compute: u64, end_to_end: u64) {
+    /// come (driven) until its answer had left. `again`: how long it took when it was done again, where it [`Self::is_long`].
+    pub fn end(&mut self, compute: u64, end_to_end: u64, again: Option<u64>) {
         self.compute.record(compute);
         self.end_to_end.record(end_to_end);
-        if self.period.is_some() {
-            let used = sys::thread_time();
-            self.last_used = used.saturating_sub(self.used);
-            self.used = used;
-        }
+        let Some(period) = self.period else { return };
+        let now = sys::thread_time();
+        let used = now.saturating_sub(self.used);
+        self.used = now;
+        let Some(again) = again else {
+            self.last = Long::No;
+            return;
+        };
+        self.most_missed = compute.div_ceil(period);
+        let computed = used.saturating_sub(self.awake_before + again);
+        self.last = if computed > period / 2 && compute <= INTERRUPTED.saturating_mul(again) {
+            Long::ByComputing
+        } else {
+            Long::ByInterruption
+        };
     }
 
-    fn rows<'a>(&'a self, jitter: Option<&'a Histogram>) -> Vec<(&'static str, &'a Histogram)> {
-        let paced = self.period.map(|_| ("wake-up", &self.wake_up));
+    fn rows<'a>(&'a self, sleep: Option<&'a Sleep>) -> Vec<(&'static str, &'a Histogram)> {
         let mut rows = vec![("compute", &self.compute)];
-        rows.extend(paced);
+        if self.period.is_some() {
+            rows.extend([("wake-up", &self.wake_up), ("awake early", &self.awake)]);
+        }
         rows.push(("end-to-end", &self.end_to_end));
-        rows.extend(jitter.map(|jitter| ("sleep only", jitter)));
+        rows.extend(sleep.map(|sleep| ("sleep only", &sleep.late)));
         rows
     }
 
-    /// For people. `jitter`: how late a thread woke beside this one that did nothing but sleep.
-    pub fn text(&self, jitter: Option<&Histogram>) -> String {
+    /// For people. `sleep`: how late a thread woke beside this one that did nothing else.
+    pub fn text(&self, sleep: Option<&Sleep>) -> String {
         let mut text = format!("{:<11}", "us");
         for (name, _) in QUANTILES {
             let _ = write!(text, "{name:>10}");
         }
         let _ = writeln!(text, "{:>10}{:>12}", "max", "cycles");
-        for (name, histogram) in self.rows(jitter) {
+        for (name, histogram) in self.rows(sleep) {
             let _ = write!(text, "{name:<11}");
             let quantiles = QUANTILES.map(|(_, part)| histogram.quantile(part));
             for nanoseconds in quantiles.into_iter().chain([histogram.most()]) {
@@ -148,17 +152,25 @@ impl Timing {
         }
         let PageFaults { minor, major } = self.faults;
         if self.period.is_some() {
-            let (missed, by_compute) = (self.missed, self.missed_by_compute);
-            let _ = writeln!(text, "missed cycles: {missed}, {by_compute} of them because computing used more processor time than a period");
+            let _ = write!(
+                text,
+                "missed cycles: {}, {} of them because computing took too long, {} because it was interrupted",
+                self.missed, self.missed_by_compute, self.missed_by_interruption
+            );
+            if let Some(sleep) = sleep {
+                let _ = write!(text, "; sleep only missed {}", sleep.missed);
+            }
+            let (rehearsed, n) = (self.rehearsed, self.wake_up.n());
+            let _ = writeln!(text, "\nrehearsed: {rehearsed} of {n} cycles");
         }
         let _ = writeln!(text, "page faults: {minor} minor, {major} major");
         text
     }
 
     /// For machines \[s\].
-    pub fn json(&self, jitter: Option<&Histogram>) -> String {
+    pub fn json(&self, sleep: Option<&Sleep>) -> String {
         let mut object = serde_json::Map::new();
-        for (name, histogram) in self.rows(jitter) {
+        for (name, histogram) in self.rows(sleep) {
             let mut row = serde_json::Map::new();
             for (name, part) in QUANTILES {
                 row.insert(name.to_owned(), seconds(histogram.quantile(part)));
@@ -167,11 +179,16 @@ impl Timing {
             row.insert("cycles".to_owned(), histogram.n().into());
             object.insert(name.replace(['-', ' '], "_"), row.into());
         }
-        object.insert("missed".to_owned(), self.missed.into());
-        object.insert(
-            "missed_by_compute".to_owned(),
-            self.missed_by_compute.into(),
-        );
+        let counts = [
+            ("missed", Some(self.missed)),
+            ("missed_by_compute", Some(self.missed_by_compute)),
+            ("missed_by_interruption", Some(self.missed_by_interruption)),
+            ("missed_by_sleep_only", sleep.map(|sleep| sleep.missed)),
+            ("rehearsed", Some(self.rehearsed)),
+        ];
+        for (name, count) in counts {
+            object.extend(count.map(|count| (name.to_owned(), count.into())));
+        }
         let PageFaults { minor, major } = self.faults;
         object.insert(
             "page_faults".to_owned(),
@@ -198,19 +215,38 @@ mod tests {
 
     const PERIOD: u64 = 1_000_000;
 
+    /// A cycle that took `compute`, and `used` of the processor, and `again` when it was done again; how many of the seven
+    /// cycles that were missed after it count as computing's, and as an interruption's.
+    fn missed_after(compute: u64, used: u64, again: u64) -> (u64, u64) {
+        let mut timing = Timing::new(Some(PERIOD));
+        let begin = |missed, awake| Begin {
+            missed,
+            awake,
+            ..Begin::default()
+        };
+        // Awake for three periods before it: that is not computing.
+        timing.begin(begin(0, 3 * PERIOD), 0);
+        let start = sys::thread_time();
+        while sys::thread_time() < start + 3 * PERIOD + again + used {}
+        let again = timing.is_long(compute).then_some(again);
+        timing.end(compute, compute, again);
+        timing.begin(begin(7, 0), 0);
+        assert_eq!(timing.missed, 7);
+        (timing.missed_by_compute, timing.missed_by_interruption)
+    }
+
     #[test]
     fn what_interrupts_a_cycle_is_not_its_computing() {
-        let mut timing = Timing::new(Some(PERIOD));
-        let missed = |missed| Begin { due: 0, missed };
-        let start = sys::thread_time();
-        while sys::thread_time() < start + 3 * PERIOD {}
-        timing.end(3 * PERIOD, 3 * PERIOD);
-        timing.begin(missed(2), 0);
-        assert_eq!((timing.missed, timing.missed_by_compute), (2, 2));
+        assert_eq!(missed_after(7 * PERIOD, 7 * PERIOD, PERIOD), (7, 0));
+        // Code and numbers from far memory are computing's affair.
+        assert_eq!(missed_after(7 * PERIOD, 7 * PERIOD, PERIOD / 10), (7, 0));
+        // The same again takes a tiny part of it.
+        assert_eq!(missed_after(7 * PERIOD, 7 * PERIOD, PERIOD / 1000), (0, 7));
         // As long, but not on the processor.
-        sys::sleep_until(sys::now() + 20 * PERIOD);
-        timing.end(20 * PERIOD, 20 * PERIOD);
-        timing.begin(missed(19), 0);
-        assert_eq!((timing.missed, timing.missed_by_compute), (21, 2));
+        assert_eq!(missed_after(20 * PERIOD, 0, PERIOD), (0, 7));
+        // What it cannot have caused came later.
+        assert_eq!(missed_after(3 * PERIOD, 3 * PERIOD, PERIOD), (3, 0));
+        // It woke late, or the transport took long.
+        assert_eq!(missed_after(PERIOD / 3, 3 * PERIOD, PERIOD / 3), (0, 0));
     }
 }

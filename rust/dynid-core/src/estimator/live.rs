@@ -5,7 +5,7 @@ use std::sync::Arc;
 use super::TorqueEstimator;
 use crate::error::CoreError;
 use crate::model::{check_step, TorqueModel};
-use crate::slices::copy;
+use crate::slices::{copy, mirror_fields, Mirror};
 use crate::state::State;
 
 impl TorqueEstimator {
@@ -77,5 +77,17 @@ impl TorqueEstimator {
             ddq_motor,
             temperature: None,
         }
+    }
+}
+
+impl Mirror for TorqueEstimator {
+    fn mirror(&mut self, of: &Self) {
+        mirror_fields!(
+            self, of;
+            workspace, link, motor, rows, tau_link, noise_variance, wants_temperature, memory, next_memory, scratch, terms,
+            total, scratch_variance, variance;
+            copied wants_any, step;
+            kept model
+        );
     }
 }

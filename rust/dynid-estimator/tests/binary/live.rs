@@ -377,11 +377,12 @@ fn shared_memory_gives_the_bits_of_the_estimator() {
     let saved = Saved::new();
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("slot");
-    let args = ["--rate", "200", "--shm", path.to_str().unwrap()];
+    let path = path.to_str().unwrap();
     let mut estimator = TorqueEstimator::new(Arc::clone(&saved.model));
     // The second one takes over the file that the first one left; the client keeps its end.
     let mut client = None;
-    for start in [0, 100] {
+    for (start, early) in [(0, "0"), (100, "0.001")] {
+        let args = ["--rate", "200", "--shm", path, "--early", early];
         let mut running = Running::start(&saved, &args);
         let said = running.said("sharing ");
         let client = client.get_or_insert_with(|| Shared::open(&said));
@@ -417,6 +418,12 @@ fn what_cannot_be_had_is_refused() {
         (&["--json"], &["--histogram"]),
         (&["--duration", "-1"], &["positive number of seconds"]),
         (&["--window", "8"], &["odd number"]),
+        (&["--early", "0.0001"], &["--early", "--rate"]),
+        (
+            &["--early", "0.002", "--rate", "1000"],
+            &["--early", "half a period"],
+        ),
+        (&["--early", "-1", "--rate", "1000"], &["seconds, 0 to 1"]),
     ] {
         saved.run(args, "q_0,q_1\n0,0\n").refused(words);
     }
@@ -457,4 +464,35 @@ fn a_paced_replay_says_how_long_it_took() {
         .run(&["--rate", "100", "--duration", "0.1"], &states)
         .good();
     assert!((2..13).contains(&answer.lines().len()), "{}", answer.out);
+}
+
+#[test]
+fn a_rehearsed_replay_says_the_same() {
+    let saved = Saved::new();
+    let mut states = format!("t,{}\n", crate::common::HEADER);
+    for k in 0..300 {
+        let mut row: Vec<String> = numbers(k).iter().map(|x| format!("{x:?}")).collect();
+        match k % 50 {
+            10 => row[1] = "nan".to_owned(),
+            20 => row[0] = "1e200".to_owned(),
+            _ => {}
+        }
+        states += &format!("{},{}\n", 0.001 * k as f64, row.join(","));
+    }
+    let rate = ["--rate", "1000", "--histogram", "--json"];
+    let answer = |early: &str| {
+        let args = [&rate[..], &["--early", early]].concat();
+        let answer = saved.run(&args, &states).good();
+        let report = answer
+            .err
+            .lines()
+            .find(|line| line.starts_with('{'))
+            .unwrap();
+        let report: serde_json::Value = serde_json::from_str(report).unwrap();
+        assert_eq!(report["compute"]["cycles"], 300);
+        (answer.out, report["rehearsed"].as_u64().unwrap())
+    };
+    let ((plain, none), (rehearsed, some)) = (answer("0"), answer("0.0005"));
+    assert!(none == 0 && some > 0, "{none} {some}");
+    assert_eq!(plain, rehearsed);
 }

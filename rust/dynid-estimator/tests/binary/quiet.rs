@@ -102,6 +102,18 @@ fn the_loop_calls_the_system_for_clock_sleep_and_transport_only() {
     let (trace, said) = (folder.path().join("trace"), folder.path().join("said"));
     for (paced, args) in [
         (true, &["--rate", "1000", "--watch", "--duration", "3"][..]),
+        (
+            true,
+            &[
+                "--rate",
+                "1000",
+                "--early",
+                "0.0004",
+                "--watch",
+                "--duration",
+                "3",
+            ],
+        ),
         (false, &["--duration", "3"]),
     ] {
         let tracer = ["-o", trace.to_str().unwrap()];
@@ -155,7 +167,11 @@ fn no_page_is_missing_once_the_first_state_is_answered() {
         println!("skipped: memory may not be locked here");
         return;
     }
-    for args in [&["--rate", "1000"][..], &[]] {
+    for args in [
+        &["--rate", "1000"][..],
+        &["--rate", "1000", "--early", "0.0004"],
+        &[],
+    ] {
         let args = [
             args,
             &["--mlock", "--duration", "3", "--histogram", "--json"],
@@ -178,5 +194,7 @@ fn no_page_is_missing_once_the_first_state_is_answered() {
             serde_json::json!({"minor": 0, "major": 0})
         );
         assert!(report["compute"]["cycles"].as_u64() >= Some(1000));
+        let rehearsed = report["rehearsed"].as_u64();
+        assert_eq!(rehearsed > Some(0), args.contains(&"--early"), "{report}");
     }
 }
