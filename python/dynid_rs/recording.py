@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any, Literal
+from functools import cached_property
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dynid_rs import _core
 from dynid_rs.errors import DataError
 
 FloatArray = NDArray[np.float64]
@@ -29,6 +31,18 @@ _MATRICES = ("q", "tau", "dq", "ddq", "q_motor", "dq_motor", "ddq_motor", "q_ref
 _REQUIRED = ("q", "tau")
 
 OptionalSignal = Literal["dq", "ddq", "q_motor", "dq_motor", "ddq_motor", "q_reference", "temperature"]
+
+
+class Extent(NamedTuple):
+    """What the columns of a signal span, (n_joints,) each.
+
+    `longest_equal`: rows of the longest stretch of equal neighbours, 1 where there are none.
+    """
+
+    lowest: FloatArray
+    highest: FloatArray
+    largest_step: FloatArray
+    longest_equal: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +113,7 @@ class Recording:
             raise ValueError(f"{self.name}: torque_unit must be 'N*m' or 'A', got {self.torque_unit!r}")
         for name in _MATRICES:
             value = getattr(self, name)
-            if value is not None:
+            if value is not None and not np.isfinite(value).all():
                 for joint in range(self.n_joints):
                     check_finite(value[:, joint], file=self.name, column=f"{name}_{joint}")
         check_time(self.t, file=self.name)
@@ -125,10 +139,25 @@ class Recording:
         """Number of joints."""
         return int(self.q.shape[1])
 
+    @cached_property
+    def median_step(self) -> float:
+        """Median time from one sample to the next [s]."""
+        return float(np.median(np.diff(self.t)))
+
     @property
     def rate(self) -> float:
         """Sampling rate [Hz]: one over the median step."""
-        return float(1.0 / np.median(np.diff(self.t)))
+        return 1.0 / self.median_step
+
+    @cached_property
+    def _extents(self) -> dict[str, Extent]:
+        return {}
+
+    def extent(self, signal: str) -> Extent:
+        """What a signal that is there spans; looked at once."""
+        if signal not in self._extents:
+            self._extents[signal] = Extent(*_core.extent(getattr(self, signal)))
+        return self._extents[signal]
 
     @property
     def duration(self) -> float:
@@ -249,7 +278,7 @@ def check_time(t: FloatArray, *, file: str, column: str = "t", line_of: Callable
         )
 
 
-def gaps(t: FloatArray) -> Sequence[tuple[int, float]]:
-    """Short gaps of a checked time (n,): (0-based row after the gap, length in median steps) each."""
-    steps = np.diff(t) / np.median(np.diff(t))
+def gaps(recording: Recording) -> Sequence[tuple[int, float]]:
+    """Short gaps in time: (0-based row after the gap, length in median steps) each."""
+    steps = np.diff(recording.t) / recording.median_step
     return [(int(row) + 1, float(steps[row])) for row in np.flatnonzero(steps > GAP_STEPS)]

@@ -54,8 +54,8 @@ class RunFacts:
             recording.torque_unit,
             recording.has_motor_encoder,
             moving_joints(recording),
-            recording.tau.min(axis=0),
-            recording.tau.max(axis=0),
+            recording.extent("tau").lowest,
+            recording.extent("tau").highest,
         )
 
 

@@ -18,7 +18,8 @@ MIN_BLOCK = 5
 
 def spans(rec: Recording) -> FloatArray:
     """Range of every joint (n_joints,) [rad, m]."""
-    return np.asarray(np.ptp(rec.q, axis=0), dtype=np.float64)
+    found = rec.extent("q")
+    return found.highest - found.lowest
 
 
 def moving_joints(rec: Recording) -> NDArray[np.bool_]:
@@ -59,9 +60,14 @@ def equal_runs(values: FloatArray, min_length: int) -> list[tuple[int, int]]:
     return list(zip(starts[long].tolist(), stops[long].tolist(), strict=True))
 
 
+def is_same(a: FloatArray, b: FloatArray) -> bool:
+    """Whether two columns (n,) hold the same numbers."""
+    return bool(a[0] == b[0]) and np.array_equal(a, b)
+
+
 def rms(values: FloatArray) -> float:
     """Root of the mean square."""
-    return float(np.sqrt(np.mean(np.square(values))))
+    return float(np.sqrt(values @ values / len(values)))
 
 
 def correlation(a: FloatArray, b: FloatArray) -> float:
