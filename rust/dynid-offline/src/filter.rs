@@ -87,14 +87,20 @@ impl ZeroPhase {
         let n = samples.len();
         debug_assert!(n >= self.min_samples());
         work.clear();
-        work.extend(self.before(samples));
+        work.resize(self.pad, [0.0; N]);
         work.extend_from_slice(samples);
-        work.extend(self.behind(samples));
-        let mut memory = self.steady(&work[0]);
-        self.run(&mut memory, work, Direction::Forwards);
-        let mut memory = self.steady(&work[work.len() - 1]);
-        self.run(&mut memory, work, Direction::Backwards);
+        self.both_ways(work);
         samples.copy_from_slice(&work[self.pad..self.pad + n]);
+    }
+
+    /// Extends `samples`, before which there is room for the padding, and filters them forwards and backwards.
+    fn both_ways<const N: usize>(&self, samples: &mut Vec<[f64; N]>) {
+        self.put_before(samples);
+        self.put_behind(samples);
+        let mut memory = self.steady(&samples[0]);
+        self.run(&mut memory, samples, Direction::Forwards);
+        let mut memory = self.steady(&samples[samples.len() - 1]);
+        self.run(&mut memory, samples, Direction::Backwards);
     }
 
     /// Low-passes every column of `x` (n × width, row-major) in place.
@@ -109,39 +115,41 @@ impl ZeroPhase {
                 needed: self.min_samples(),
             });
         }
-        let (mut samples, mut work) = (Vec::with_capacity(n), Vec::new());
+        if self.is_empty() {
+            return Ok(());
+        }
+        let mut work = Vec::with_capacity(n + 2 * self.pad);
         for first in (0..width).step_by(LANES) {
             let used = LANES.min(width - first);
-            samples.clear();
-            samples.extend(x.chunks_exact(width).map(|row| {
+            work.clear();
+            work.resize(self.pad, [0.0; LANES]);
+            work.extend(x.chunks_exact(width).map(|row| {
                 let mut lanes = [0.0; LANES];
                 lanes[..used].copy_from_slice(&row[first..first + used]);
                 lanes
             }));
-            self.apply(&mut samples, &mut work);
-            for (row, lanes) in x.chunks_exact_mut(width).zip(&samples) {
+            self.both_ways(&mut work);
+            for (row, lanes) in x.chunks_exact_mut(width).zip(&work[self.pad..]) {
                 row[first..first + used].copy_from_slice(&lanes[..used]);
             }
         }
         Ok(())
     }
 
-    /// Odd extension before the first of `samples`, of which at least [`Self::min_samples`] have to be there.
-    pub(crate) fn before<'a, const N: usize>(
-        &self,
-        samples: &'a [[f64; N]],
-    ) -> impl Iterator<Item = [f64; N]> + 'a {
+    /// Odd extension into the first places of `samples`, before at least [`Self::min_samples`] that are there.
+    pub(crate) fn put_before<const N: usize>(&self, samples: &mut [[f64; N]]) {
         let pad = self.pad;
-        (0..pad).map(move |k| mirror(&samples[0], &samples[pad - k]))
+        for k in 0..pad {
+            samples[k] = mirror(&samples[pad], &samples[2 * pad - k]);
+        }
     }
 
-    /// Odd extension behind the last of `samples`, of which at least [`Self::min_samples`] have to be there.
-    pub(crate) fn behind<'a, const N: usize>(
-        &self,
-        samples: &'a [[f64; N]],
-    ) -> impl Iterator<Item = [f64; N]> + 'a {
+    /// Odd extension behind the last of `samples`, at least [`Self::min_samples`].
+    pub(crate) fn put_behind<const N: usize>(&self, samples: &mut Vec<[f64; N]>) {
         let n = samples.len();
-        (0..self.pad).map(move |k| mirror(&samples[n - 1], &samples[n - 2 - k]))
+        for k in 0..self.pad {
+            samples.push(mirror(&samples[n - 1], &samples[n - 2 - k]));
+        }
     }
 
     /// What the sections remember of a signal that has been `first` for ever.

@@ -97,21 +97,22 @@ impl Group {
         ends: (bool, bool),
         n_samples: usize,
     ) {
-        let mut samples = Vec::with_capacity(raw.len() / width);
+        let new = self.passed.len();
+        if ends.0 {
+            let pad = filter.min_samples() - 1;
+            self.passed.reserve_exact(n_samples + 2 * pad);
+            self.passed.resize(pad, [0.0; GROUP]);
+        }
         for row in raw.chunks_exact(width) {
             if let Ok(sample) = row[from..from + GROUP].try_into() {
-                samples.push(sample);
+                self.passed.push(sample);
             }
         }
         if ends.0 {
-            self.passed
-                .reserve_exact(n_samples + 2 * (filter.min_samples() - 1));
-            self.passed.extend(filter.before(&samples));
+            filter.put_before(&mut self.passed);
         }
-        let new = if ends.0 { 0 } else { self.passed.len() };
-        self.passed.extend_from_slice(&samples);
         if ends.1 {
-            self.passed.extend(filter.behind(&samples));
+            filter.put_behind(&mut self.passed);
         }
         let new = &mut self.passed[new..];
         let memory = self.memory.get_or_insert_with(|| filter.steady(&new[0]));
