@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dynid_rs import _core
 from dynid_rs.errors import DataError
 
 FloatArray = NDArray[np.float64]
@@ -31,18 +30,6 @@ _MATRICES = ("q", "tau", "dq", "ddq", "q_motor", "dq_motor", "ddq_motor", "q_ref
 _REQUIRED = ("q", "tau")
 
 OptionalSignal = Literal["dq", "ddq", "q_motor", "dq_motor", "ddq_motor", "q_reference", "temperature"]
-
-
-class Extent(NamedTuple):
-    """What the columns of a signal span, (n_joints,) each.
-
-    `longest_equal`: rows of the longest stretch of equal neighbours, 1 where there are none.
-    """
-
-    lowest: FloatArray
-    highest: FloatArray
-    largest_step: FloatArray
-    longest_equal: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,16 +135,6 @@ class Recording:
     def rate(self) -> float:
         """Sampling rate [Hz]: one over the median step."""
         return 1.0 / self.median_step
-
-    @cached_property
-    def _extents(self) -> dict[str, Extent]:
-        return {}
-
-    def extent(self, signal: str) -> Extent:
-        """What a signal that is there spans; looked at once."""
-        if signal not in self._extents:
-            self._extents[signal] = Extent(*_core.extent(getattr(self, signal)))
-        return self._extents[signal]
 
     @property
     def duration(self) -> float:

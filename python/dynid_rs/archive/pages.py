@@ -1,4 +1,4 @@
-"""Memory that runs take one after the other is not given back in between: new pages cost more than what is done in them."""
+"""Memory that run after run takes is not given back in between: new pages cost as much as what is done in them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ LARGEST_KEPT = 2**25 - 2**13
 def keep_pages() -> None:
     """Make the allocator of this process keep up to twice `LARGEST_KEPT` of what is freed.
 
-    glibc keeps as much as the largest block it has seen go back, and takes that for a habit. The block is never touched,
-    so it takes no memory itself; elsewhere nothing happens.
+    glibc takes the largest block that went back to it for a habit. This one is never touched, so it takes no memory
+    itself; elsewhere nothing happens.
     """
     np.empty(LARGEST_KEPT, dtype=np.uint8)

@@ -100,7 +100,7 @@ def run_key(keys: Sequence[str]) -> str:
 def _key(recording: Recording, start: int, stop: int) -> str:
     state = hashlib.sha256()
     for signal in (recording.t, recording.q, recording.tau):
-        state.update(signal[start:stop].reshape(-1))
+        state.update(signal[start:stop].data.cast("B"))
     return state.hexdigest()
 
 

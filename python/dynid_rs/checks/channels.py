@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from dynid_rs.checks.motion import MIN_SPAN, equal_runs, is_same, label, moving_joints, spans
+from dynid_rs.checks.motion import MIN_SPAN, equal_runs, extent, is_same, label, moving_joints, spans
 from dynid_rs.findings import Finding, joint_words
 from dynid_rs.recording import FloatArray, Recording
 
@@ -57,13 +57,13 @@ def check_channels(rec: Recording) -> Iterator[Finding]:
 
 
 def _is_constant(rec: Recording, signal: str, joint: int) -> bool:
-    found = rec.extent(signal)
+    found = extent(rec, signal)
     return bool(found.lowest[joint] == found.highest[joint])
 
 
 def _equal_runs(rec: Recording, signal: str, joint: int, min_length: int) -> list[tuple[int, int]]:
     """`equal_runs` of a joint's signal; most have none, and that is known already."""
-    if rec.extent(signal).longest_equal[joint] < min_length:
+    if extent(rec, signal).longest_equal[joint] < min_length:
         return []
     return equal_runs(getattr(rec, signal)[:, joint], min_length)
 
@@ -98,7 +98,7 @@ def _min_frozen(rec: Recording) -> int:
 
 def _frozen(rec: Recording, signal: str, values: FloatArray, q: FloatArray, joint: int) -> Iterator[Finding]:
     """Frozen torque or velocity: equal values over a long stretch while the joint travels."""
-    found = rec.extent(signal)
+    found = extent(rec, signal)
     for start, stop in _equal_runs(rec, signal, joint, _min_frozen(rec)):
         clipped = signal == "tau" and values[start] in (found.lowest[joint], found.highest[joint])
         if not clipped and np.ptp(q[start:stop]) > FROZEN_TRAVEL:
@@ -154,7 +154,7 @@ def _clipped(rec: Recording, joint: int, values: FloatArray, q: FloatArray) -> I
     stretches = _equal_runs(rec, "tau", joint, PLATEAU_SAMPLES)
     if not stretches or np.unique(values).size < MIN_LEVELS:
         return
-    found, column = rec.extent("tau"), f"tau_{joint}"
+    found, column = extent(rec, "tau"), f"tau_{joint}"
     for limit, word in ((found.highest[joint], "largest"), (found.lowest[joint], "smallest")):
         plateaus = [
             (start, stop)
@@ -179,7 +179,7 @@ def _clipped(rec: Recording, joint: int, values: FloatArray, q: FloatArray) -> I
 
 
 def _wrapped(rec: Recording, signal: str, values: FloatArray, joint: int) -> Iterator[Finding]:
-    if rec.extent(signal).largest_step[joint] < np.pi:
+    if extent(rec, signal).largest_step[joint] < np.pi:
         return
     steps, column = np.diff(values), f"{signal}_{joint}"
     rows = np.flatnonzero(np.abs(np.abs(steps) - 2 * np.pi) < 0.2 * 2 * np.pi)
@@ -198,7 +198,7 @@ def _wrapped(rec: Recording, signal: str, values: FloatArray, joint: int) -> Ite
 
 
 def _jump(rec: Recording, signal: str, values: FloatArray, joint: int) -> Iterator[Finding]:
-    if rec.extent(signal).largest_step[joint] <= MIN_JUMP:
+    if extent(rec, signal).largest_step[joint] <= MIN_JUMP:
         return
     dt, column = np.diff(rec.t), f"{signal}_{joint}"
     # A longer step of time explains a longer way, a shorter one does not: stamps jitter more than samples.

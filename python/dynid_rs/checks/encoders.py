@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from dynid_rs.checks.motion import correlation, is_same, label, moving_joints, rms
+from dynid_rs.checks.motion import correlation, extent, is_same, label, moving_joints, rms
 from dynid_rs.findings import Finding, Severity, joint_words
 from dynid_rs.recording import FloatArray, Recording
 
@@ -31,7 +31,7 @@ def check_encoders(rec: Recording) -> Iterator[Finding]:
             rec.name,
         )
         return
-    moves, motors = moving_joints(rec), rec.extent("q_motor")
+    moves, motors = moving_joints(rec), extent(rec, "q_motor")
     for joint in range(rec.n_joints):
         if is_same(rec.q_motor[:, joint], rec.q[:, joint]):
             yield _finding(
