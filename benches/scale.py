@@ -1,9 +1,9 @@
 """The loop at 1 kHz, runs larger than memory, two processes: short runs of three benches, written to docs/scale.md.
 
 Each is a program of its own, so that memory is that of one of them. For longer runs they are called by themselves:
-`python benches/paced.py --duration 600`, `python benches/stream.py --gigabytes 100`, `python benches/processes.py`. Or
-all as `python benches/scale.py --gigabytes 100`: what they find is kept as JSON in target/scale as it comes, and after a
-kill `--resume` takes what is there.
+`python benches/paced.py --duration 600`, `python benches/stream.py --gigabytes 100`, `python benches/processes.py`.
+Or all together, `python benches/scale.py --gigabytes 100`: what they find is kept as JSON in target/scale as it
+comes, and after a kill `--resume` takes what is there.
 """
 
 from __future__ import annotations
