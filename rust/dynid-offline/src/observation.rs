@@ -1,5 +1,7 @@
 //! From the states of a run to the filtered, decimated rows of every joint: one pass over the regressor.
 
+use std::ops::Range;
+
 use dynid_core::link_params::N_LINK_PARAMS;
 use dynid_core::{Effect, RobotModel, State};
 use rayon::prelude::*;
@@ -7,7 +9,7 @@ use rayon::prelude::*;
 use crate::columns::RunSignals;
 use crate::error::OfflineError;
 use crate::filter::{ZeroPhase, LANES};
-use crate::in_band::{Columns, GROUP};
+use crate::in_band::{Columns, Sample, GROUP};
 use crate::joint_columns::{EffectColumns, JointPlan};
 
 /// States and torques of one run on a uniform time grid; every slice is row-major, n_samples × n_joints.
@@ -135,13 +137,7 @@ pub fn observe(
             first = columns.end;
             let mut rows = Vec::with_capacity(sampling.kept.len() * width);
             for k in 0..sampling.kept.len() {
-                let mut c = columns.start;
-                while c < columns.end {
-                    let until = columns.end.min((c / GROUP + 1) * GROUP);
-                    let group = c / GROUP * GROUP;
-                    rows.extend_from_slice(&groups[c / GROUP][k][c - group..until - group]);
-                    c = until;
-                }
+                put_columns(&groups, k, columns.clone(), &mut rows);
             }
             JointRows { rows, width }
         })
@@ -150,6 +146,17 @@ pub fn observe(
         n_rows: sampling.kept.len(),
         joints,
     })
+}
+
+/// Columns of row `k`, whichever groups they are in, behind `to`.
+fn put_columns(groups: &[Vec<Sample>], k: usize, columns: Range<usize>, to: &mut Vec<f64>) {
+    let mut c = columns.start;
+    while c < columns.end {
+        let (group, from) = (c / GROUP, c % GROUP);
+        let until = GROUP.min(from + columns.end - c);
+        to.extend_from_slice(&groups[group][k][from..until]);
+        c += until - from;
+    }
 }
 
 /// One instant of a run's row-major signals.
