@@ -2,6 +2,8 @@
 
 Each is a program of its own, so that memory is that of one of them. For longer runs they are called by themselves:
 `python benches/paced.py --duration 600`, `python benches/stream.py --gigabytes 100`, `python benches/processes.py`.
+Or all together, `python benches/scale.py --gigabytes 100`: what they find is kept as JSON in target/scale as it
+comes, and after a kill `--resume` takes what is there.
 """
 
 from __future__ import annotations
@@ -27,6 +29,8 @@ Written by `make bench` ({seconds:g} s of the loop, {gigabytes:g} GB of runs, {r
 | what | figure | limit | met |
 |---|---|---|---|"""
 
+KEPT = ROOT / "target" / "scale"
+
 READING = """
 Six joints everywhere. The loop: rigid body, friction, a mixture of ten components per joint, states through
 shared memory at 1 kHz; `compute` is from bytes to bytes, with a cold cache after a millisecond of sleep. `sleep
@@ -38,15 +42,29 @@ processor time is what two workers and the process that gathers use, laid on two
 """
 
 
-def bench(script: str, *options: object) -> dict[str, Any]:
-    """What a bench prints as JSON."""
-    command = [sys.executable, ROOT / "benches" / script, *options]
-    done = subprocess.run(list(map(str, command)), capture_output=True, text=True, check=False)
-    lines = [line for line in done.stdout.splitlines() if line.startswith("{")]
-    if not lines:
-        raise SystemExit(f"{script}: {done.stdout}{done.stderr}")
-    figures: dict[str, Any] = json.loads(lines[-1])
-    return figures
+class Benches:
+    """Benches as programs; their figures are kept, and with `resume` taken from where they are kept."""
+
+    def __init__(self, *, resume: bool) -> None:
+        self._resume = resume
+        KEPT.mkdir(parents=True, exist_ok=True)
+
+    def __call__(self, script: str, *options: object) -> dict[str, Any]:
+        """What a bench prints as JSON."""
+        command = [sys.executable, ROOT / "benches" / script, *options]
+        words, place = list(map(str, command[1:])), KEPT / f"{Path(script).stem}.json"
+        if self._resume and place.exists():
+            kept = json.loads(place.read_text(encoding="utf-8"))
+            if kept["command"] == words:
+                figures: dict[str, Any] = kept["figures"]
+                return figures
+        done = subprocess.run([sys.executable, *words], stdout=subprocess.PIPE, text=True, check=False)
+        lines = [line for line in done.stdout.splitlines() if line.startswith("{")]
+        if not lines:
+            raise SystemExit(f"{script}: {done.stdout}")
+        figures = json.loads(lines[-1])
+        place.write_text(json.dumps({"command": words, "figures": figures}), encoding="utf-8")
+        return figures
 
 
 def row(what: str, figure: str, limit: str = "", met: bool | None = None) -> str:
@@ -55,7 +73,7 @@ def row(what: str, figure: str, limit: str = "", met: bool | None = None) -> str
     return f"| {what} | {figure} | {limit} | {answer} |"
 
 
-def loop(seconds: float) -> Iterator[str]:
+def loop(bench: Benches, seconds: float) -> Iterator[str]:
     """The binary at 1 kHz."""
     found = bench("paced.py", "--duration", seconds, "--", "--json")
     for name, words in (
@@ -75,9 +93,9 @@ def loop(seconds: float) -> Iterator[str]:
     yield row("page faults", f"{faults['minor']} minor, {faults['major']} major", "0", not any(faults.values()))
 
 
-def streamed(gigabytes: float) -> Iterator[str]:
+def streamed(bench: Benches, gigabytes: float) -> Iterator[str]:
     """Runs that are made on the fly."""
-    found = bench("stream.py", "--gigabytes", gigabytes, "--json")
+    found = bench("stream.py", "--gigabytes", gigabytes, "--json", "--keep", KEPT / "stream.partial.json")
     for phase in ("reading", "reducing"):
         part = found[phase]
         ratio = part["last"] / part["first"]
@@ -91,7 +109,7 @@ def streamed(gigabytes: float) -> Iterator[str]:
     yield row("both passes", f"{found['gigabytes_per_minute']:.2f} GB per minute of processor")
 
 
-def processes(runs: int, rounds: int) -> Iterator[str]:
+def processes(bench: Benches, runs: int, rounds: int) -> Iterator[str]:
     """Two processes against one."""
     found = bench("processes.py", "--runs", runs, "--rounds", rounds, "--json")
     for name, words in (("processor", "by processor time"), ("wall_clock", "by the wall clock")):
@@ -107,11 +125,18 @@ def main() -> None:
     parser.add_argument("--gigabytes", type=float, default=0.5)
     parser.add_argument("--runs", type=int, default=8, help="that processes share")
     parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--resume", action="store_true", help="take what an earlier call has kept in target/scale")
     parser.add_argument("--page", type=Path, default=ROOT / "docs" / "scale.md")
     options = parser.parse_args()
     head = INTRODUCTION.format(seconds=options.seconds, gigabytes=options.gigabytes, rounds=options.rounds)
     page = [head]
-    for rows in (loop(options.seconds), streamed(options.gigabytes), processes(options.runs, options.rounds)):
+    bench = Benches(resume=options.resume)
+    parts = (
+        loop(bench, options.seconds),
+        streamed(bench, options.gigabytes),
+        processes(bench, options.runs, options.rounds),
+    )
+    for rows in parts:
         for line in rows:
             print(line, flush=True)
             page.append(line)

@@ -17,15 +17,25 @@ WIDTH = 0.01
 SIZE = np.array([40.0, 160.0, 50.0, 4.0, 6.0, 0.8])
 """About the joints' torques [N m]."""
 STIFFNESS = 1e3 * SIZE
-FRICTION = np.array([0.1, 0.12, 0.05, 0.05])
-"""First columns of the paper's friction over the joint's torque."""
+FRICTION = np.array([0.1, 0.12, 0.05, 0.05, 0.0, 0.0, 0.0, 0.0])
+"""The paper's friction over the joint's torque."""
 N_HARMONICS = 5
+OMEGA = 2 * np.pi * 0.1 * np.arange(1, N_HARMONICS + 1)
+"""Of the motion [rad/s]."""
 
 
 @functools.cache
 def arm() -> RobotModel:
     """The bundled arm of six joints."""
     return RobotModel.from_urdf(bundled_robot())
+
+
+@functools.lru_cache(maxsize=2)
+def harmonics(duration: float, rate: float) -> tuple[np.ndarray, np.ndarray]:
+    """Time (n,) and ``[sine | cosine]`` of every harmonic (n, 2 * N_HARMONICS): those of all runs of a kind."""
+    t = np.arange(int(duration * rate)) / rate
+    angle = t[:, None] * OMEGA
+    return t, np.concatenate([np.sin(angle), np.cos(angle)], axis=1)
 
 
 @dataclass(frozen=True)
@@ -51,24 +61,27 @@ class MadeRun:
         recording = self.recording()
         return recording, check_recording(recording, arm())
 
+    def signals(self) -> Recording:
+        return self.recording()
+
     def recording(self) -> Recording:
         robot = arm()
         rng = np.random.default_rng(self.seed)
         n = robot.n_joints
-        t = np.arange(int(self.duration * self.rate)) / self.rate
-        omega = 2 * np.pi * 0.1 * np.arange(1, N_HARMONICS + 1)
+        t, waves = harmonics(self.duration, self.rate)
         size, phase = rng.uniform(0.1, 0.4, (N_HARMONICS, n)), rng.uniform(0, 2 * np.pi, (N_HARMONICS, n))
-        angle = t[:, None] * omega
-        sine, cosine = np.sin(angle), np.cos(angle)
         a, b = size * np.cos(phase), size * np.sin(phase)
-        q = sine @ a + cosine @ b + rng.uniform(-1, 1, n)
-        dq = (cosine * omega) @ a - (sine * omega) @ b
-        ddq = -(sine * omega**2) @ a - (cosine * omega**2) @ b
+        omega = OMEGA[:, None]
+        q = waves @ np.concatenate([a, b])
+        q += rng.uniform(-1, 1, n)
+        dq = waves @ np.concatenate([-omega * b, omega * a])
+        ddq = waves @ np.concatenate([-(omega**2) * a, -(omega**2) * b])
         tau = robot.inverse_dynamics(q, dq, ddq)
         q_motor = q + tau / STIFFNESS if self.two_encoders else None
         for j in range(n):
-            basis = _core.friction_basis(np.ascontiguousarray(dq[:, j]), 0.0, WIDTH)
-            tau[:, j] += basis[:, :4] @ (SIZE[j] * FRICTION)
-        tau += 0.005 * SIZE * rng.standard_normal(tau.shape)
-        q = q + 1e-5 * rng.standard_normal(q.shape)
+            tau[:, j] += _core.friction_basis(dq[:, j], 0.0, WIDTH) @ (SIZE[j] * FRICTION)
+        for signal, noise in ((tau, 0.005 * SIZE), (q, 1e-5)):
+            added = rng.standard_normal(signal.shape)
+            added *= noise
+            signal += added
         return Recording(t, q, tau=tau, q_motor=q_motor, name=self.name, joints=tuple(robot.joint_names))

@@ -46,6 +46,9 @@ class Held:
     def read(self):
         return self.recording, []
 
+    def signals(self):
+        return self.recording
+
     def content(self) -> str:
         return fingerprint(self.recording)
 

@@ -49,11 +49,13 @@ __all__ = [
     "effect_catalogue",
     "effect_columns",
     "effect_torque",
+    "extent",
     "filtered_friction_basis",
     "fit_mixture",
     "fold",
     "friction_basis",
     "inverse_dynamics_gradient",
+    "low_pass",
     "merge_factors",
     "named_signals",
     "observe",
@@ -1201,6 +1203,26 @@ def processor_path(path: str | None = None) -> str:
     ------
     ValueError
         This processor does not have them.
+    """
+
+def low_pass(x: ArrayLike, filter: _Filter | None) -> _FloatArray:
+    """Every column of `x` (n, k) forwards and backwards through a low-pass, as `scipy.signal.sosfiltfilt`: (n, k).
+
+    Raises
+    ------
+    ValueError
+        There are no more samples than padding.
+    """
+
+def extent(x: ArrayLike) -> _FloatArray:
+    """What every column of `x` (n, k) spans, (4, k).
+
+    Lowest and highest number, largest step from row to row, rows of the longest stretch of equal neighbours.
+
+    Raises
+    ------
+    ValueError
+        There is no row, or a number is not finite.
     """
 
 def triangular_factor(rows: _FloatArray) -> _FloatArray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -99,7 +100,7 @@ class Recording:
             raise ValueError(f"{self.name}: torque_unit must be 'N*m' or 'A', got {self.torque_unit!r}")
         for name in _MATRICES:
             value = getattr(self, name)
-            if value is not None:
+            if value is not None and not np.isfinite(value).all():
                 for joint in range(self.n_joints):
                     check_finite(value[:, joint], file=self.name, column=f"{name}_{joint}")
         check_time(self.t, file=self.name)
@@ -125,10 +126,15 @@ class Recording:
         """Number of joints."""
         return int(self.q.shape[1])
 
+    @cached_property
+    def median_step(self) -> float:
+        """Median time from one sample to the next [s]."""
+        return float(np.median(np.diff(self.t)))
+
     @property
     def rate(self) -> float:
         """Sampling rate [Hz]: one over the median step."""
-        return float(1.0 / np.median(np.diff(self.t)))
+        return 1.0 / self.median_step
 
     @property
     def duration(self) -> float:
@@ -249,7 +255,7 @@ def check_time(t: FloatArray, *, file: str, column: str = "t", line_of: Callable
         )
 
 
-def gaps(t: FloatArray) -> Sequence[tuple[int, float]]:
-    """Short gaps of a checked time (n,): (0-based row after the gap, length in median steps) each."""
-    steps = np.diff(t) / np.median(np.diff(t))
+def gaps(recording: Recording) -> Sequence[tuple[int, float]]:
+    """Short gaps in time: (0-based row after the gap, length in median steps) each."""
+    steps = np.diff(recording.t) / recording.median_step
     return [(int(row) + 1, float(steps[row])) for row in np.flatnonzero(steps > GAP_STEPS)]

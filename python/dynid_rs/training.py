@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
-from dynid_rs.checks.motion import MIN_SPAN, moving_joints
+from dynid_rs.checks.motion import MIN_SPAN, extent, moving_joints
 from dynid_rs.errors import DataError
 from dynid_rs.findings import joint_words
 from dynid_rs.known import KnownTerm
@@ -54,8 +54,8 @@ class RunFacts:
             recording.torque_unit,
             recording.has_motor_encoder,
             moving_joints(recording),
-            recording.tau.min(axis=0),
-            recording.tau.max(axis=0),
+            extent(recording, "tau").lowest,
+            extent(recording, "tau").highest,
         )
 
 

@@ -135,7 +135,7 @@ class Archive:
         recordings: list[Recording] = []
         for k, group in groupby((places[i] for i in chosen), key=lambda place: place[0]):
             self._say(f"sample: {self.surveys[k].facts.name}")
-            recording, _ = self.sources[k].read()
+            recording = self.sources[k].signals()
             whole = len(self.surveys[k].pieces) == 1
             recordings += [recording if whole else cut_out(recording, piece) for _, piece in group]
         band = Band(cutoff) if cutoff is not None else choose_band(recordings)

@@ -130,9 +130,10 @@ def reduce_run(source: RunSource, reduction: Reduction) -> Entry:
     DataError, OSError
         It cannot be read, or holds too little motion.
     """
-    recording, _ = source.read()
+    recording = source.signals()
     windows = reduction.excluded.get(recording.name, ())
     states = prepare_training_run(recording, reduction.band, reduction.rate, windows, standstill=reduction.standstill)
+    del recording  # nothing needs its full rate any more
     seen = _as_seen(states, reduction, reduction.encoder_delay)
     factors = {}
     for name, plan in reduction.plans.items():

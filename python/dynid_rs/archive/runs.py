@@ -9,7 +9,7 @@ from typing import Protocol
 
 from dynid_rs import _core
 from dynid_rs.archive.fingerprint import fingerprint
-from dynid_rs.checks import check_recording, refused_sources
+from dynid_rs.checks import check_recording, contradicting_signals, refused_sources
 from dynid_rs.errors import DataError
 from dynid_rs.files import check_readable, with_sentence
 from dynid_rs.findings import Finding
@@ -26,6 +26,9 @@ class RunSource(Protocol):
 
     def read(self) -> tuple[Recording, list[Finding]]:
         """Read the run without the signals that contradict its positions; and what its checks found."""
+
+    def signals(self) -> Recording:
+        """Read the run once more, whose findings are known."""
 
     def content(self) -> str:
         """Return a hash of all that `read` depends on: what is kept of the run is kept under it."""
@@ -63,6 +66,22 @@ class RunFile:
         DataError, OSError
             It cannot be read, or is no run of this robot; the text is a sentence.
         """
+        recording = self._recording()
+        findings = check_recording(recording, self.robot)
+        return recording.without(*refused_sources(findings)), findings
+
+    def signals(self) -> Recording:
+        """Read the file; of the checks, only what decides which signals are left out.
+
+        Raises
+        ------
+        DataError, OSError
+            As `read`.
+        """
+        recording = self._recording()
+        return recording.without(*contradicting_signals(recording))
+
+    def _recording(self) -> Recording:
         run = read_run(self.path, self.robot, self.config)
         if self.gain_given and "current" not in run.columns.signals:
             raise DataError(
@@ -70,9 +89,7 @@ class RunFile:
                 code="no_current",
                 file=self.name,
             )
-        recording = replace(run.recording, name=self.name)
-        findings = check_recording(recording, self.robot)
-        return recording.without(*refused_sources(findings)), findings
+        return replace(run.recording, name=self.name)
 
     def content(self) -> str:
         """Hash of the file's bytes, its name, its rules and the robot."""

@@ -64,15 +64,20 @@ def work_space(recording: Recording) -> int:
 
 def pieces_of(recording: Recording, duration: float = PIECE) -> list[Piece]:
     """Cut a run into pieces of about `duration` [s] in equal numbers of rows."""
+    cuts = _cuts(recording, duration)
+    per_row = work_space(recording) / recording.n_samples
+    pieces = []
+    for start, stop in cuts:
+        part = recording if len(cuts) == 1 else recording.slice(start, stop)
+        key = _key(recording, start, stop)
+        pieces.append(Piece(start, stop, key, _cells(part), int(per_row * (stop - start))))
+    return pieces
+
+
+def _cuts(recording: Recording, duration: float) -> list[tuple[int, int]]:
     n = recording.n_samples
     count = max(1, min(int(recording.duration / duration), n // (4 * MIN_SAMPLES)))
-    edges = np.linspace(0, n, count + 1).astype(int).tolist()
-    per_row = work_space(recording) / n
-    pieces = []
-    for start, stop in pairwise(edges):
-        part = recording if count == 1 else recording.slice(start, stop)
-        pieces.append(Piece(start, stop, content_key(part), _cells(part), int(per_row * (stop - start))))
-    return pieces
+    return list(pairwise(np.linspace(0, n, count + 1).astype(int).tolist()))
 
 
 def cut_out(recording: Recording, piece: Piece) -> Recording:
@@ -84,9 +89,18 @@ def cut_out(recording: Recording, piece: Piece) -> Recording:
 
 def content_key(recording: Recording) -> str:
     """Hash of what a run measured: time, position and torque."""
+    return run_key([_key(recording, start, stop) for start, stop in _cuts(recording, PIECE)])
+
+
+def run_key(keys: Sequence[str]) -> str:
+    """`content_key` of a run whose pieces have these keys: its samples are hashed once."""
+    return keys[0] if len(keys) == 1 else hashlib.sha256("".join(keys).encode()).hexdigest()
+
+
+def _key(recording: Recording, start: int, stop: int) -> str:
     state = hashlib.sha256()
     for signal in (recording.t, recording.q, recording.tau):
-        state.update(signal.tobytes())
+        state.update(signal[start:stop].data.cast("B"))
     return state.hexdigest()
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from dynid_rs import _core
 from dynid_rs.archive.runs import RunSource
-from dynid_rs.archive.sample import Piece, content_key, pieces_of, recording_bytes, work_space
+from dynid_rs.archive.sample import Piece, pieces_of, recording_bytes, run_key, work_space
 from dynid_rs.findings import Finding
 from dynid_rs.splitting import repeated
 from dynid_rs.training import RunFacts, check_facts
@@ -89,14 +89,15 @@ def survey_run(source: RunSource) -> Entry:
         It cannot be read, or is no run of this robot.
     """
     recording, findings = source.read()
+    pieces = pieces_of(recording)
     return Survey(
         RunFacts.of(recording),
-        content_key(recording),
+        run_key([piece.key for piece in pieces]),
         recording.n_samples,
         recording_bytes(recording),
         work_space(recording),
         tuple(findings),
-        tuple(pieces_of(recording)),
+        tuple(pieces),
     ).to_entry()
 
 

@@ -20,6 +20,7 @@ from typing import Any
 from dynid_rs import __version__, _core
 from dynid_rs.archive.cache import Cache
 from dynid_rs.archive.fingerprint import fingerprint
+from dynid_rs.archive.pages import keep_pages
 from dynid_rs.archive.runs import RunSource
 from dynid_rs.archive.survey import Entry
 from dynid_rs.findings import Finding
@@ -110,6 +111,7 @@ def done(
     unit: Unit, source: RunSource, arguments: tuple[object, ...], shared: str | None, cache: Cache | None
 ) -> tuple[Entry, str | None]:
     """Result of a unit, from the cache if it is there; and why it could not be kept, where it could not."""
+    keep_pages()
     if cache is None or shared is None:
         return unit(source, *arguments), None
     key = fingerprint(shared, source.content())

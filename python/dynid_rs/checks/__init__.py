@@ -14,7 +14,7 @@ from dynid_rs.checks.timing import check_timing, relative_jitter
 from dynid_rs.findings import SEVERITIES, Finding
 from dynid_rs.recording import OptionalSignal, Recording
 
-__all__ = ["check_recording", "moving_joints", "refused_sources", "relative_jitter"]
+__all__ = ["check_recording", "contradicting_signals", "moving_joints", "refused_sources", "relative_jitter"]
 
 _SOURCES: tuple[OptionalSignal, ...] = ("dq", "ddq", "dq_motor")
 
@@ -62,6 +62,12 @@ def check_recording(rec: Recording, robot: Limited | None = None) -> list[Findin
             )
         )
     return sorted(findings, key=lambda finding: -SEVERITIES.index(finding.severity))
+
+
+def contradicting_signals(rec: Recording) -> tuple[OptionalSignal, ...]:
+    """`refused_sources` of a run's findings, without the others."""
+    # Where numbers are damaged, they are all that `check_recording` finds.
+    return () if list(check_magnitudes(rec)) else refused_sources(check_derivatives(rec))
 
 
 def refused_sources(findings: Iterable[Finding]) -> tuple[OptionalSignal, ...]:

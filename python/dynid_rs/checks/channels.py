@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from dynid_rs.checks.motion import MIN_SPAN, equal_runs, label, moving_joints, spans
+from dynid_rs.checks.motion import MIN_SPAN, equal_runs, extent, is_same, label, moving_joints, spans
 from dynid_rs.findings import Finding, joint_words
 from dynid_rs.recording import FloatArray, Recording
 
@@ -32,14 +32,13 @@ def check_channels(rec: Recording) -> Iterator[Finding]:
         q = rec.q[:, joint]
         broken = False
         for signal, values in _positions(rec, joint):
-            column = f"{signal}_{joint}"
-            for finding in (*_frozen_position(rec, column, values, joint), *_wrapped(rec, column, values)):
+            for finding in (*_frozen_position(rec, signal, values, joint), *_wrapped(rec, signal, values, joint)):
                 broken = True
                 yield finding
             if not broken:
-                yield from _jump(rec, column, values)
+                yield from _jump(rec, signal, values, joint)
         tau = rec.tau[:, joint]
-        if np.ptp(tau) == 0:
+        if _is_constant(rec, "tau", joint):
             yield Finding(
                 "stuck",
                 "error" if moves[joint] else "warning",
@@ -51,15 +50,27 @@ def check_channels(rec: Recording) -> Iterator[Finding]:
             continue
         # A frozen position makes its joint look still: nothing can be said about the other channels then.
         if moves[joint] and not broken:
-            yield from _clipped(rec, f"tau_{joint}", tau, q)
-            yield from _frozen(rec, f"tau_{joint}", tau, q)
-            if rec.dq is not None and np.ptp(rec.dq[:, joint]) > 0:
-                yield from _frozen(rec, f"dq_{joint}", rec.dq[:, joint], q)
+            yield from _clipped(rec, joint, tau, q)
+            yield from _frozen(rec, "tau", tau, q, joint)
+            if rec.dq is not None and not _is_constant(rec, "dq", joint):
+                yield from _frozen(rec, "dq", rec.dq[:, joint], q, joint)
+
+
+def _is_constant(rec: Recording, signal: str, joint: int) -> bool:
+    found = extent(rec, signal)
+    return bool(found.lowest[joint] == found.highest[joint])
+
+
+def _equal_runs(rec: Recording, signal: str, joint: int, min_length: int) -> list[tuple[int, int]]:
+    """`equal_runs` of a joint's signal; most have none, and that is known already."""
+    if extent(rec, signal).longest_equal[joint] < min_length:
+        return []
+    return equal_runs(getattr(rec, signal)[:, joint], min_length)
 
 
 def _positions(rec: Recording, joint: int) -> list[tuple[str, FloatArray]]:
     found = [("q", rec.q[:, joint])]
-    if rec.q_motor is not None and not np.array_equal(rec.q_motor[:, joint], rec.q[:, joint]):
+    if rec.q_motor is not None and not is_same(rec.q_motor[:, joint], rec.q[:, joint]):
         found.append(("q_motor", rec.q_motor[:, joint]))
     return found
 
@@ -85,26 +96,29 @@ def _min_frozen(rec: Recording) -> int:
     return max(FROZEN_SAMPLES, round(FROZEN_SECONDS * rec.rate))
 
 
-def _frozen(rec: Recording, column: str, values: FloatArray, q: FloatArray) -> Iterator[Finding]:
+def _frozen(rec: Recording, signal: str, values: FloatArray, q: FloatArray, joint: int) -> Iterator[Finding]:
     """Frozen torque or velocity: equal values over a long stretch while the joint travels."""
-    lower, upper = values.min(), values.max()
-    for start, stop in equal_runs(values, _min_frozen(rec)):
-        clipped = column.startswith("tau") and values[start] in (lower, upper)
+    found = extent(rec, signal)
+    for start, stop in _equal_runs(rec, signal, joint, _min_frozen(rec)):
+        clipped = signal == "tau" and values[start] in (found.lowest[joint], found.highest[joint])
         if not clipped and np.ptp(q[start:stop]) > FROZEN_TRAVEL:
             # Constant speed is a legitimate constant velocity, unless the joint disagrees.
             dt = rec.t[stop - 1] - rec.t[start]
             travel = abs(q[stop - 1] - q[start] - values[start] * dt)
-            if column.startswith("dq") and travel < FROZEN_TRAVEL:
+            if signal == "dq" and travel < FROZEN_TRAVEL:
                 continue
-            yield _stuck(rec, column, start, stop, values[start])
+            yield _stuck(rec, f"{signal}_{joint}", start, stop, values[start])
 
 
-def _frozen_position(rec: Recording, column: str, values: FloatArray, joint: int) -> Iterator[Finding]:
+def _frozen_position(rec: Recording, signal: str, values: FloatArray, joint: int) -> Iterator[Finding]:
     """Frozen position: equal values that end in a jump, or while the other channels of the joint travel."""
+    stretches = _equal_runs(rec, signal, joint, _min_frozen(rec))
+    if not stretches:
+        return
     steps = np.abs(np.diff(values))
     moving = steps[steps > 0]
     usual = float(np.percentile(moving, 99)) if moving.size else np.inf
-    for start, stop in equal_runs(values, _min_frozen(rec)):
+    for start, stop in stretches:
         jump = steps[stop - 1] if stop < rec.n_samples else 0.0
         travel = 0.0
         if rec.dq is not None:
@@ -112,11 +126,11 @@ def _frozen_position(rec: Recording, column: str, values: FloatArray, joint: int
             dq = rec.dq[start:stop, joint]
             travel = abs(float(np.sum(0.5 * (dq[1:] + dq[:-1]) * dt)))
         if rec.q_motor is not None:
-            other = rec.q if column.startswith("q_motor") else rec.q_motor
+            other = rec.q if signal == "q_motor" else rec.q_motor
             travel = max(travel, abs(float(other[stop - 1, joint] - other[start, joint])))
         # With a dead encoder (all equal) only a long way tells it from a joint that was held.
         if (jump > 5 * usual and jump > MIN_SPAN) or travel > FROZEN_TRAVEL:
-            yield _stuck(rec, column, start, stop, values[start])
+            yield _stuck(rec, f"{signal}_{joint}", start, stop, values[start])
 
 
 def _stuck(rec: Recording, column: str, start: int, stop: int, value: float) -> Finding:
@@ -135,14 +149,16 @@ def _stuck(rec: Recording, column: str, start: int, stop: int, value: float) -> 
     )
 
 
-def _clipped(rec: Recording, column: str, values: FloatArray, q: FloatArray) -> Iterator[Finding]:
-    """Plateaus at the largest or smallest value while the joint moves: the range of the channel ended."""
-    if np.unique(values).size < MIN_LEVELS:
+def _clipped(rec: Recording, joint: int, values: FloatArray, q: FloatArray) -> Iterator[Finding]:
+    """Plateaus at the torque's largest or smallest value while the joint moves: the range of the channel ended."""
+    stretches = _equal_runs(rec, "tau", joint, PLATEAU_SAMPLES)
+    if not stretches or np.unique(values).size < MIN_LEVELS:
         return
-    for limit, word in ((values.max(), "largest"), (values.min(), "smallest")):
+    found, column = extent(rec, "tau"), f"tau_{joint}"
+    for limit, word in ((found.highest[joint], "largest"), (found.lowest[joint], "smallest")):
         plateaus = [
             (start, stop)
-            for start, stop in equal_runs(values, PLATEAU_SAMPLES)
+            for start, stop in stretches
             if values[start] == limit and np.ptp(q[start:stop]) > PLATEAU_TRAVEL
         ]
         if plateaus:
@@ -162,8 +178,10 @@ def _clipped(rec: Recording, column: str, values: FloatArray, q: FloatArray) -> 
             )
 
 
-def _wrapped(rec: Recording, column: str, values: FloatArray) -> Iterator[Finding]:
-    steps = np.diff(values)
+def _wrapped(rec: Recording, signal: str, values: FloatArray, joint: int) -> Iterator[Finding]:
+    if extent(rec, signal).largest_step[joint] < np.pi:
+        return
+    steps, column = np.diff(values), f"{signal}_{joint}"
     rows = np.flatnonzero(np.abs(np.abs(steps) - 2 * np.pi) < 0.2 * 2 * np.pi)
     usual = np.percentile(np.abs(steps), 95)
     if rows.size and usual < 1.0:
@@ -179,10 +197,12 @@ def _wrapped(rec: Recording, column: str, values: FloatArray) -> Iterator[Findin
         )
 
 
-def _jump(rec: Recording, column: str, values: FloatArray) -> Iterator[Finding]:
-    dt = np.diff(rec.t)
+def _jump(rec: Recording, signal: str, values: FloatArray, joint: int) -> Iterator[Finding]:
+    if extent(rec, signal).largest_step[joint] <= MIN_JUMP:
+        return
+    dt, column = np.diff(rec.t), f"{signal}_{joint}"
     # A longer step of time explains a longer way, a shorter one does not: stamps jitter more than samples.
-    steps = np.abs(np.diff(values)) / np.maximum(dt / np.median(dt), 1.0)
+    steps = np.abs(np.diff(values)) / np.maximum(dt / rec.median_step, 1.0)
     usual = float(np.percentile(steps, 99))
     row = int(np.argmax(steps))
     size = float(abs(values[row + 1] - values[row]))

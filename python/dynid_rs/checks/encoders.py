@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from dynid_rs.checks.motion import correlation, label, moving_joints, rms
+from dynid_rs.checks.motion import correlation, extent, is_same, label, moving_joints, rms
 from dynid_rs.findings import Finding, Severity, joint_words
 from dynid_rs.recording import FloatArray, Recording
 
@@ -31,23 +31,24 @@ def check_encoders(rec: Recording) -> Iterator[Finding]:
             rec.name,
         )
         return
-    moves = moving_joints(rec)
+    moves, motors = moving_joints(rec), extent(rec, "q_motor")
     for joint in range(rec.n_joints):
-        motor, link = rec.q_motor[:, joint], rec.q[:, joint]
-        if np.array_equal(motor, link):
+        if is_same(rec.q_motor[:, joint], rec.q[:, joint]):
             yield _finding(
                 rec, joint, "motor_copy", "info", "is a copy of the link position: this joint has one encoder"
             )
-        elif moves[joint] or np.ptp(motor) > MAX_OFFSET:
+        elif moves[joint] or motors.highest[joint] - motors.lowest[joint] > MAX_OFFSET:
             yield from _compare(rec, rec.q_motor, joint)
 
 
 def _compare(rec: Recording, motors: FloatArray, joint: int) -> Iterator[Finding]:
-    motor, link = motors[:, joint] - motors[:, joint].mean(), rec.q[:, joint] - rec.q[:, joint].mean()
-    if rms(motor - link) > MAX_DEFLECTION * max(rms(link), 1e-9):
+    q = np.ascontiguousarray(rec.q[:, joint])
+    deflection = motors[:, joint] - q
+    offset = float(np.mean(deflection))
+    deflection -= offset
+    if rms(deflection) > MAX_DEFLECTION * max(rms(q - q.mean()), 1e-9):
         yield _mismatch(rec, motors, joint)
         return
-    offset = float(np.mean(motors[:, joint] - rec.q[:, joint]))
     if abs(offset) > MAX_OFFSET:
         yield _finding(
             rec,
@@ -58,7 +59,7 @@ def _compare(rec: Recording, motors: FloatArray, joint: int) -> Iterator[Finding
             offset,
             "rad",
         )
-    yield from _delay(rec, motor - link, joint)
+    yield from _delay(rec, q, deflection, joint)
 
 
 def _mismatch(rec: Recording, motors: FloatArray, joint: int) -> Finding:
@@ -110,14 +111,13 @@ def _mismatch(rec: Recording, motors: FloatArray, joint: int) -> Finding:
     )
 
 
-def _delay(rec: Recording, deflection: FloatArray, joint: int) -> Iterator[Finding]:
+def _delay(rec: Recording, q: FloatArray, deflection: FloatArray, joint: int) -> Iterator[Finding]:
     """Tell a channel that comes late: the difference is proportional to velocity (first-order shift)."""
-    dq = np.gradient(rec.q[:, joint], rec.t)
-    power = float(dq @ dq)
-    if power == 0 or rms(deflection) == 0:
+    dq = np.gradient(q, rec.t)
+    power, whole, common = float(dq @ dq), float(deflection @ deflection), float(dq @ deflection)
+    if power == 0 or whole == 0:
         return
-    delay = float(dq @ deflection) / power
-    share = 1.0 - rms(deflection - delay * dq) ** 2 / rms(deflection) ** 2
+    delay, share = common / power, common * common / (power * whole)
     if share > MIN_DELAY_SHARE and abs(delay) > MIN_DELAY:
         late, early = ("q", "q_motor") if delay > 0 else ("q_motor", "q")
         yield _finding(

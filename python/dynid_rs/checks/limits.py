@@ -8,7 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs.checks.motion import label, moving_joints
+from dynid_rs.checks.motion import extent, label, moving_joints
 from dynid_rs.findings import Finding
 from dynid_rs.recording import Recording
 
@@ -37,7 +37,10 @@ def check_magnitudes(rec: Recording) -> Iterator[Finding]:
     """Numbers that no joint reaches in any unit: damaged cells."""
     for signal in ("q", "tau", "dq", "ddq", "q_motor", "dq_motor"):
         values = getattr(rec, signal)
-        if values is None or np.abs(values).max() <= ABSURD:
+        if values is None:
+            continue
+        found = extent(rec, signal)
+        if max(found.highest.max(), -found.lowest.min()) <= ABSURD:
             continue
         row, joint = np.unravel_index(int(np.argmax(np.abs(values))), values.shape)
         yield Finding(
@@ -54,7 +57,7 @@ def check_magnitudes(rec: Recording) -> Iterator[Finding]:
 
 def check_limits(rec: Recording, robot: Limited | None) -> Iterator[Finding]:
     """Angles that look like degrees; positions beyond the limits of the robot."""
-    low, high = rec.q.min(axis=0), rec.q.max(axis=0)
+    low, high, *_ = extent(rec, "q")
     largest = np.maximum(np.abs(low), np.abs(high))
     if robot is None:
         moves = moving_joints(rec)

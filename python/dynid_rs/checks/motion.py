@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+from weakref import WeakKeyDictionary
+
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid_rs import _core
 from dynid_rs.recording import FloatArray, Recording
 
 MIN_SPAN = 5e-3
@@ -16,9 +20,34 @@ BLOCK_SECONDS = 0.1
 MIN_BLOCK = 5
 
 
+class Extent(NamedTuple):
+    """What the columns of a signal span, (n_joints,) each.
+
+    `longest_equal`: rows of the longest stretch of equal neighbours, 1 where there are none.
+    """
+
+    lowest: FloatArray
+    highest: FloatArray
+    largest_step: FloatArray
+    longest_equal: FloatArray
+
+
+_SEEN: WeakKeyDictionary[Recording, dict[str, Extent]] = WeakKeyDictionary()
+"""Every signal is looked at once, as long as its run is there."""
+
+
+def extent(rec: Recording, signal: str) -> Extent:
+    """What a signal that is there spans."""
+    seen = _SEEN.setdefault(rec, {})
+    if signal not in seen:
+        seen[signal] = Extent(*_core.extent(getattr(rec, signal)))
+    return seen[signal]
+
+
 def spans(rec: Recording) -> FloatArray:
     """Range of every joint (n_joints,) [rad, m]."""
-    return np.asarray(np.ptp(rec.q, axis=0), dtype=np.float64)
+    found = extent(rec, "q")
+    return found.highest - found.lowest
 
 
 def moving_joints(rec: Recording) -> NDArray[np.bool_]:
@@ -59,9 +88,14 @@ def equal_runs(values: FloatArray, min_length: int) -> list[tuple[int, int]]:
     return list(zip(starts[long].tolist(), stops[long].tolist(), strict=True))
 
 
+def is_same(a: FloatArray, b: FloatArray) -> bool:
+    """Whether two columns (n,) hold the same numbers."""
+    return bool(a[0] == b[0]) and np.array_equal(a, b)
+
+
 def rms(values: FloatArray) -> float:
     """Root of the mean square."""
-    return float(np.sqrt(np.mean(np.square(values))))
+    return float(np.sqrt(values @ values / len(values)))
 
 
 def correlation(a: FloatArray, b: FloatArray) -> float:

@@ -18,14 +18,13 @@ STRONG_JITTER = 0.5
 
 def check_timing(rec: Recording) -> Iterator[Finding]:
     """Rate that cannot be seconds, rate too slow for dynamics, jitter, gaps."""
-    dt = np.diff(rec.t)
     rate = rec.rate
     if not MIN_RATE <= rate <= MAX_RATE:
         guess = "milliseconds" if rate < MIN_RATE else "not seconds"
         yield Finding(
             "sampling_rate",
             "error",
-            f"the median step of t is {np.median(dt):.4g} s ({rate:.3g} Hz); if t is {guess}, say so in "
+            f"the median step of t is {rec.median_step:.4g} s ({rate:.3g} Hz); if t is {guess}, say so in "
             'dynid.toml: [units] time = "ms"',
             rec.name,
             "t",
@@ -54,7 +53,7 @@ def check_timing(rec: Recording) -> Iterator[Finding]:
             value=jitter,
             unit="1",
         )
-    found = gaps(rec.t)
+    found = gaps(rec)
     if found:
         row, steps = max(found, key=lambda gap: gap[1])
         yield Finding(
@@ -62,7 +61,7 @@ def check_timing(rec: Recording) -> Iterator[Finding]:
             "warning",
             f"{len(found)} gap{'s' if len(found) > 1 else ''} of more than "
             f"{GAP_STEPS:g} median steps, the longest "
-            f"{dt[row - 1] * 1e3:.4g} ms before row {row + 1}; samples are interpolated there",
+            f"{(rec.t[row] - rec.t[row - 1]) * 1e3:.4g} ms before row {row + 1}; samples are interpolated there",
             rec.name,
             "t",
             (row - 1, row + 1),
@@ -74,5 +73,4 @@ def check_timing(rec: Recording) -> Iterator[Finding]:
 def relative_jitter(rec: Recording) -> float:
     """95th percentile of the deviation from the median step, over the median step."""
     dt = np.diff(rec.t)
-    median = np.median(dt)
-    return float(np.percentile(np.abs(dt - median), 95) / median)
+    return float(np.percentile(np.abs(dt - rec.median_step), 95) / rec.median_step)

@@ -38,7 +38,7 @@ def show(inspections: Sequence[Inspection]) -> None:
 
 def _show_run(out: Console, run: Run) -> None:
     rec, columns = run.recording, run.columns
-    n_gaps = len(gaps(rec.t))
+    n_gaps = len(gaps(rec))
     encoders = "motor and link encoders" if rec.has_motor_encoder else "one encoder per joint"
     out.print(Text(shown(rec.name, 100)), style="bold", soft_wrap=True)
     lines = [

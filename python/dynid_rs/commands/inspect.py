@@ -58,7 +58,7 @@ def to_json(inspection: Inspection) -> dict[str, object]:
         "duration_s": rec.duration,
         "rate_hz": rec.rate,
         "jitter": relative_jitter(rec),
-        "n_gaps": len(gaps(rec.t)),
+        "n_gaps": len(gaps(rec)),
         "torque_unit": rec.torque_unit,
         "encoders": 2 if rec.has_motor_encoder else 1,
         "columns": {

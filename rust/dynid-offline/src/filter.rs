@@ -1,15 +1,15 @@
 //! Zero-phase low-pass: a cascade of second-order sections, forwards and backwards.
 //!
 //! The sections are designed by `scipy.signal`; only the running is here, because it has to follow every column of the
-//! regressor. Eight columns run side by side, one per lane. Same result as `scipy.signal.sosfiltfilt` (odd padding,
+//! regressor. Columns run side by side, one per lane. Same result as `scipy.signal.sosfiltfilt` (odd padding,
 //! steady-state start).
+
+use dynid_core::lanes::{self, Kernel, Lanes};
 
 use crate::error::OfflineError;
 
 /// Columns that are filtered together.
 pub const LANES: usize = 8;
-/// One sample of [`LANES`] columns.
-pub type Lanes = [f64; LANES];
 
 /// A second-order section `(b0 + b1 z^-1 + b2 z^-2) / (1 + a1 z^-1 + a2 z^-2)` and its steady state for a unit input.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -87,50 +87,203 @@ impl ZeroPhase {
         let n = samples.len();
         debug_assert!(n >= self.min_samples());
         work.clear();
-        work.extend((0..self.pad).map(|k| mirror(&samples[0], &samples[self.pad - k])));
+        work.resize(self.pad, [0.0; N]);
         work.extend_from_slice(samples);
-        work.extend((0..self.pad).map(|k| mirror(&samples[n - 1], &samples[n - 2 - k])));
-        self.run(work.iter_mut());
-        self.run(work.iter_mut().rev());
+        self.both_ways(work);
         samples.copy_from_slice(&work[self.pad..self.pad + n]);
     }
 
-    /// One direction, direct form II transposed, started in the steady state of its first sample.
-    fn run<'a, const N: usize>(&self, samples: impl Iterator<Item = &'a mut [f64; N]>) {
+    /// Extends `samples`, before which there is room for the padding, and filters them forwards and backwards.
+    fn both_ways<const N: usize>(&self, samples: &mut Vec<[f64; N]>) {
+        self.put_before(samples);
+        self.put_behind(samples);
+        let mut memory = self.steady(&samples[0]);
+        self.run(&mut memory, samples, Direction::Forwards);
+        let mut memory = self.steady(&samples[samples.len() - 1]);
+        self.run(&mut memory, samples, Direction::Backwards);
+    }
+
+    /// Low-passes every column of `x` (n × width, row-major) in place.
+    ///
+    /// # Errors
+    /// [`OfflineError::TooFewSamples`] if there are no more than the padding.
+    pub fn low_pass(&self, x: &mut [f64], width: usize) -> Result<(), OfflineError> {
+        let n = x.len() / width.max(1);
+        if n < self.min_samples() {
+            return Err(OfflineError::TooFewSamples {
+                actual: n,
+                needed: self.min_samples(),
+            });
+        }
+        if self.is_empty() {
+            return Ok(());
+        }
+        let mut work = Vec::with_capacity(n + 2 * self.pad);
+        for first in (0..width).step_by(LANES) {
+            let used = LANES.min(width - first);
+            work.clear();
+            work.resize(self.pad, [0.0; LANES]);
+            work.extend(x.chunks_exact(width).map(|row| {
+                let mut lanes = [0.0; LANES];
+                lanes[..used].copy_from_slice(&row[first..first + used]);
+                lanes
+            }));
+            self.both_ways(&mut work);
+            for (row, lanes) in x.chunks_exact_mut(width).zip(&work[self.pad..]) {
+                row[first..first + used].copy_from_slice(&lanes[..used]);
+            }
+        }
+        Ok(())
+    }
+
+    /// Odd extension into the first places of `samples`, before at least [`Self::min_samples`] that are there.
+    pub(crate) fn put_before<const N: usize>(&self, samples: &mut [[f64; N]]) {
+        let pad = self.pad;
+        for k in 0..pad {
+            samples[k] = mirror(&samples[pad], &samples[2 * pad - k]);
+        }
+    }
+
+    /// Odd extension behind the last of `samples`, at least [`Self::min_samples`].
+    pub(crate) fn put_behind<const N: usize>(&self, samples: &mut Vec<[f64; N]>) {
+        let n = samples.len();
+        for k in 0..self.pad {
+            samples.push(mirror(&samples[n - 1], &samples[n - 2 - k]));
+        }
+    }
+
+    /// What the sections remember of a signal that has been `first` for ever.
+    pub(crate) fn steady<const N: usize>(&self, first: &[f64; N]) -> Memory<N> {
+        // A section's steady output for a steady input is the next one's input; `steady` already counts on that.
+        let of = |s: &Section| s.steady.map(|share| first.map(|x| x * share));
+        Memory(self.sections.iter().map(of).collect())
+    }
+
+    /// One direction, direct form II transposed; goes on from `memory`.
+    pub(crate) fn run<const N: usize>(
+        &self,
+        memory: &mut Memory<N>,
+        samples: &mut [[f64; N]],
+        direction: Direction,
+    ) {
+        lanes::run(Pass {
+            sections: &self.sections,
+            memory: &mut memory.0,
+            samples,
+            direction,
+        });
+    }
+}
+
+/// What the sections remember between two stretches of a signal: two numbers each, for every column.
+#[derive(Clone, Debug)]
+pub(crate) struct Memory<const N: usize>(Vec<[[f64; N]; 2]>);
+
+/// Which end of a stretch is filtered first.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Direction {
+    Forwards,
+    Backwards,
+}
+
+struct Pass<'a, const N: usize> {
+    sections: &'a [Section],
+    memory: &'a mut [[[f64; N]; 2]],
+    samples: &'a mut [[f64; N]],
+    direction: Direction,
+}
+
+impl<const N: usize> Kernel for Pass<'_, N> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Lanes<Raw = [f64; 1]>, L: Lanes>(mut self) {
+        let mut first = 0;
+        while first + 4 * L::LEN <= N {
+            self.columns::<L, 4>(first);
+            first += 4 * L::LEN;
+        }
+        while first + L::LEN <= N {
+            self.columns::<L, 1>(first);
+            first += L::LEN;
+        }
+        while first < N {
+            self.columns::<S, 1>(first);
+            first += 1;
+        }
+    }
+}
+
+impl<const N: usize> Pass<'_, N> {
+    /// Columns from `first` on, `U` rows of them at a time: what one has to wait for is time for the others.
+    #[inline(always)]
+    fn columns<L: Lanes, const U: usize>(&mut self, first: usize) {
         // The band's filter has two sections; with their number known they stay in registers.
-        match <&[Section; 2]>::try_from(self.sections.as_slice()) {
-            Ok(sections) => cascade(*sections, samples),
-            Err(_) => {
-                let mut samples: Vec<_> = samples.collect();
-                for section in &self.sections {
-                    cascade([*section], samples.iter_mut().map(|sample| &mut **sample));
-                }
+        if let (Ok(sections), Ok(memory)) = (
+            <&[Section; 2]>::try_from(self.sections),
+            <&mut [_; 2]>::try_from(&mut *self.memory),
+        ) {
+            cascade::<L, N, U, 2>(sections, memory, self.samples, first, self.direction);
+            return;
+        }
+        for (section, memory) in self.sections.iter().zip(self.memory.iter_mut()) {
+            let (section, memory) = (std::slice::from_ref(section), std::slice::from_mut(memory));
+            if let (Ok(section), Ok(memory)) = (section.try_into(), memory.try_into()) {
+                cascade::<L, N, U, 1>(section, memory, self.samples, first, self.direction);
             }
         }
     }
 }
 
 /// Runs `S` sections one after the other over all samples.
-fn cascade<'a, const N: usize, const S: usize>(
-    sections: [Section; S],
-    mut samples: impl Iterator<Item = &'a mut [f64; N]>,
+#[inline(always)]
+fn cascade<L: Lanes, const N: usize, const U: usize, const S: usize>(
+    sections: &[Section; S],
+    memory: &mut [[[f64; N]; 2]; S],
+    samples: &mut [[f64; N]],
+    first: usize,
+    direction: Direction,
 ) {
-    let Some(first) = samples.next() else { return };
-    // A section's steady output for a steady input is the next one's input; `steady` already counts on that.
-    let mut z0 = sections.map(|s| first.map(|x| x * s.steady[0]));
-    let mut z1 = sections.map(|s| first.map(|x| x * s.steady[1]));
-    for sample in std::iter::once(first).chain(samples) {
-        let mut x = *sample;
-        for (k, section) in sections.iter().enumerate() {
-            let mut y = [0.0; N];
-            for lane in 0..N {
-                y[lane] = section.b[0] * x[lane] + z0[k][lane];
-                z0[k][lane] = section.b[1] * x[lane] - section.a[0] * y[lane] + z1[k][lane];
-                z1[k][lane] = section.b[2] * x[lane] - section.a[1] * y[lane];
-            }
-            x = y;
+    let zero = L::splat(0.0);
+    let (mut b, mut a) = ([[zero; 3]; S], [[zero; 2]; S]);
+    let mut z = [[[zero; U]; 2]; S];
+    for k in 0..S {
+        for (to, x) in b[k].iter_mut().zip(sections[k].b) {
+            *to = L::splat(x);
         }
-        *sample = x;
+        for (to, x) in a[k].iter_mut().zip(sections[k].a) {
+            *to = L::splat(x);
+        }
+        for (to, from) in z[k].iter_mut().zip(&memory[k]) {
+            for (u, to) in to.iter_mut().enumerate() {
+                *to = L::load(&from[first + u * L::LEN..]);
+            }
+        }
+    }
+    let n = samples.len();
+    for i in 0..n {
+        let at = match direction {
+            Direction::Forwards => i,
+            Direction::Backwards => n - 1 - i,
+        };
+        let sample = &mut samples[at][first..first + U * L::LEN];
+        for u in 0..U {
+            let mut x = L::load(&sample[u * L::LEN..]);
+            for k in 0..S {
+                let y = b[k][0] * x + z[k][0][u];
+                z[k][0][u] = b[k][1] * x - a[k][0] * y + z[k][1][u];
+                z[k][1][u] = b[k][2] * x - a[k][1] * y;
+                x = y;
+            }
+            x.store(&mut sample[u * L::LEN..]);
+        }
+    }
+    for k in 0..S {
+        for (to, from) in memory[k].iter_mut().zip(&z[k]) {
+            for (u, from) in from.iter().enumerate() {
+                from.store(&mut to[first + u * L::LEN..]);
+            }
+        }
     }
 }
 
@@ -147,7 +300,7 @@ mod tests {
     #[test]
     fn a_symmetric_pair_of_passes_keeps_a_straight_line() {
         let filter = ZeroPhase::new(&[[0.5, 0.5, 0.0, 1.0, 0.0, 0.0]], &[[0.5, 0.0]], 4).unwrap();
-        let mut line: Vec<Lanes> = (0..50).map(|k| [f64::from(k); LANES]).collect();
+        let mut line: Vec<[f64; LANES]> = (0..50).map(|k| [f64::from(k); LANES]).collect();
         filter.apply(&mut line, &mut Vec::new());
         for (k, sample) in line.iter().enumerate() {
             assert!((sample[3] - k as f64).abs() < 1e-12);

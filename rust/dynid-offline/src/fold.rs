@@ -4,7 +4,6 @@
 //! cache. Every lane keeps a factor of its own, so that no sum runs across lanes; the eight are merged at the end.
 
 use dynid_core::chain;
-use dynid_core::effects::MAX_COLUMNS;
 use dynid_core::lanes::{self, Kernel, Lanes, MOST_LANES};
 use dynid_core::link_params::N_LINK_PARAMS;
 use dynid_core::{Effect, RobotModel};
@@ -12,9 +11,8 @@ use rayon::prelude::*;
 
 use crate::error::OfflineError;
 use crate::factor::{tree, triangular_factor};
-use crate::observation::{
-    check, check_shapes, columns_of, history, observe, RunStates, Sampling, Wanted,
-};
+use crate::joint_columns::{EffectColumns, JointPlan};
+use crate::observation::{check, check_shapes, observe, RunStates, Sampling};
 use crate::rows::{gather, StateRows};
 use crate::triangle::Columns;
 use reflect::{JointFold, DEPTH};
@@ -56,8 +54,7 @@ pub fn fold(
         None => check_shapes(robot, effects, pivots, run, n_samples)?,
     }
     let plan: Vec<JointPlan> = (0..n).map(|j| JointPlan::new(j, effects, pivots)).collect();
-    let history = history(effects, n, &run.signals);
-    let constant: Vec<_> = effects.iter().map(|e| constant(e, n, run)).collect();
+    let effects = EffectColumns::new(effects, n, &run.signals);
     let n_rows = sampling.map_or(n_samples, |sampling| sampling.kept.len());
     let folded = |chunk: usize| {
         let rows = chunk * CHUNK..n_rows.min((chunk + 1) * CHUNK);
@@ -71,10 +68,8 @@ pub fn fold(
         let not_finite = OfflineError::NonFinite { what: "run" };
         lanes::run(Chunk {
             robot,
-            effects,
+            effects: &effects,
             plan: &plan,
-            history: &history,
-            constant: &constant,
             run,
             kept,
         })
@@ -94,55 +89,11 @@ pub fn fold(
     Ok(factors.unwrap_or_else(|| none().collect()))
 }
 
-/// Columns of one joint's rows: those of the effects, then these of the links, then the torque.
-struct JointPlan {
-    n_effect_columns: usize,
-    /// Indices into phi.
-    links: Vec<usize>,
-}
-
-impl JointPlan {
-    fn new(j: usize, effects: &[Effect], pivots: &[usize]) -> Self {
-        let mut links = Vec::new();
-        let mut n_effect_columns = 0;
-        for wanted in columns_of(j, effects, pivots) {
-            match wanted {
-                Wanted::Effect { .. } => n_effect_columns += 1,
-                Wanted::Link { parameter } => links.push(parameter),
-                Wanted::Torque => {}
-            }
-        }
-        Self {
-            n_effect_columns,
-            links,
-        }
-    }
-
-    fn width(&self) -> usize {
-        self.n_effect_columns + self.links.len() + 1
-    }
-}
-
-/// Columns of an effect that no signal moves, for every joint.
-fn constant(effect: &Effect, n_joints: usize, run: &RunStates<'_>) -> Option<Vec<f64>> {
-    if effect.kind() != "torque_offset" || run.tau.is_empty() {
-        return None;
-    }
-    let mut columns = vec![0.0; n_joints * effect.n_columns()];
-    for (j, own) in columns.chunks_exact_mut(effect.n_columns()).enumerate() {
-        effect.columns_into(j, &run.signals.input(0, n_joints), &mut [], own);
-    }
-    Some(columns)
-}
-
 /// Factors of some samples.
 struct Chunk<'a> {
     robot: &'a RobotModel,
-    effects: &'a [Effect],
+    effects: &'a EffectColumns<'a>,
     plan: &'a [JointPlan],
-    history: &'a [Option<Vec<f64>>],
-    /// Columns of the effects that are the same in every sample, joint by joint.
-    constant: &'a [Option<Vec<f64>>],
     run: &'a RunStates<'a>,
     kept: &'a [usize],
 }
@@ -210,7 +161,7 @@ impl Chunk<'_> {
                     joints.iter_mut().zip(of_joint).enumerate()
                 {
                     let (effects, others) = joint.rows.split_at_mut(plan.n_effect_columns);
-                    self.effect_columns::<L>(j, samples, depth, effects);
+                    self.effects.put::<L, DEPTH>(j, samples, depth, effects);
                     for (column, &parameter) in others.iter_mut().zip(&plan.links) {
                         column[depth] = row[parameter];
                     }
@@ -234,57 +185,5 @@ impl Chunk<'_> {
             }
         }
         zeros.abs().all_less(L::splat(1.0))
-    }
-
-    /// Columns of every effect on joint `j`, to place `depth` of its rows.
-    #[inline(always)]
-    fn effect_columns<L: Lanes>(
-        &self,
-        j: usize,
-        samples: &[usize],
-        depth: usize,
-        rows: &mut [[L::Raw; DEPTH]],
-    ) {
-        let n = self.robot.n_joints();
-        let speeds = self.run.signals.state.dq_motor;
-        let known = self.history.iter().zip(self.constant);
-        let mut start = 0;
-        for (effect, (history, constant)) in self.effects.iter().zip(known) {
-            let width = effect.n_columns();
-            let rows = &mut rows[start..start + width];
-            start += width;
-            if let Some(all) = constant {
-                for (row, x) in rows.iter_mut().zip(&all[j * width..(j + 1) * width]) {
-                    row[depth] = L::splat(*x).raw();
-                }
-                continue;
-            }
-            if let Some(friction) = effect.friction_row::<L>(j, gather(speeds, samples, n, j)) {
-                for (row, column) in rows.iter_mut().zip(friction) {
-                    row[depth] = column.raw();
-                }
-                continue;
-            }
-            let mut numbers = [[0.0; MOST_LANES]; MAX_COLUMNS];
-            for (lane, &k) in samples.iter().enumerate() {
-                let mut own = [0.0; MAX_COLUMNS];
-                match history {
-                    Some(all) => {
-                        let start = (k * n + j) * width;
-                        own[..width].copy_from_slice(&all[start..start + width]);
-                    }
-                    None => {
-                        let input = self.run.signals.input(k, n);
-                        effect.columns_into(j, &input, &mut [], &mut own[..width]);
-                    }
-                }
-                for (row, x) in numbers[..width].iter_mut().zip(own) {
-                    row[lane] = x;
-                }
-            }
-            for (row, column) in rows.iter_mut().zip(&numbers) {
-                row[depth] = L::load(column).raw();
-            }
-        }
     }
 }

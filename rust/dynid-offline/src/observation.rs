@@ -1,13 +1,16 @@
 //! From the states of a run to the filtered, decimated rows of every joint: one pass over the regressor.
 
-use dynid_core::effects::MAX_COLUMNS;
+use std::ops::Range;
+
 use dynid_core::link_params::N_LINK_PARAMS;
-use dynid_core::{joint_torque_regressor_into, Effect, RobotModel, State, Workspace};
+use dynid_core::{Effect, RobotModel, State};
 use rayon::prelude::*;
 
-use crate::columns::{columns, RunSignals};
+use crate::columns::RunSignals;
 use crate::error::OfflineError;
-use crate::filter::{Lanes, ZeroPhase, LANES};
+use crate::filter::{ZeroPhase, LANES};
+use crate::in_band::{Columns, Sample, GROUP};
+use crate::joint_columns::{EffectColumns, JointPlan};
 
 /// States and torques of one run on a uniform time grid; every slice is row-major, n_samples × n_joints.
 #[derive(Clone, Copy, Debug)]
@@ -29,13 +32,13 @@ pub struct Sampling {
 
 impl Sampling {
     /// `raw` (n_samples × width, row-major) in the band at the kept samples, [`LANES`] columns in each block.
-    fn kept_in_band(&self, raw: &[f64], width: usize) -> Vec<Vec<Lanes>> {
+    fn kept_in_band(&self, raw: &[f64], width: usize) -> Vec<Vec<[f64; LANES]>> {
         (0..width.div_ceil(LANES))
             .into_par_iter()
             .map_init(Vec::new, |work, block| {
                 let first = block * LANES;
                 let used = LANES.min(width - first);
-                let mut samples: Vec<Lanes> = raw
+                let mut samples: Vec<[f64; LANES]> = raw
                     .chunks_exact(width)
                     .map(|row| {
                         let mut lanes = [0.0; LANES];
@@ -97,14 +100,6 @@ pub struct JointRows {
     pub width: usize,
 }
 
-/// Columns of all joints side by side: `wanted[c]` says what column c of the wide raw matrix is.
-#[derive(Clone, Copy)]
-pub(crate) enum Wanted {
-    Effect { term: usize, column: usize },
-    Link { parameter: usize },
-    Torque,
-}
-
 /// Builds the rows of one run.
 ///
 /// `effects` with their shapes; `pivots`: indices into phi of the base columns, ascending.
@@ -123,32 +118,28 @@ pub fn observe(
     let n_samples = run.tau.len() / n;
     check(robot, effects, pivots, run, sampling, n_samples)?;
 
-    let plan: Vec<Vec<Wanted>> = (0..n).map(|j| columns_of(j, effects, pivots)).collect();
-    let width: usize = plan.iter().map(Vec::len).sum();
-    let history = history(effects, n, &run.signals);
-    let mut raw = vec![0.0; n_samples * width];
-    raw.par_chunks_mut(width * 256)
-        .enumerate()
-        .try_for_each(|(chunk, out)| {
-            fill(robot, effects, &history, run, &plan, chunk * 256, out)
-        })?;
-
-    let blocks = sampling.kept_in_band(&raw, width);
+    let plan: Vec<_> = (0..n).map(|j| JointPlan::new(j, effects, pivots)).collect();
+    let effects = EffectColumns::new(effects, n, &run.signals);
+    let columns = Columns {
+        robot,
+        effects: &effects,
+        plan: &plan,
+        run,
+    };
+    let groups = columns.kept_in_band(sampling);
 
     let mut first = 0;
     let joints = plan
         .iter()
-        .map(|wanted| {
-            let columns = first..first + wanted.len();
+        .map(|joint| {
+            let width = joint.width();
+            let columns = first..first + width;
             first = columns.end;
-            let rows = (0..sampling.kept.len())
-                .flat_map(|k| columns.clone().map(move |c| (k, c)))
-                .map(|(k, c)| blocks[c / LANES][k][c % LANES])
-                .collect();
-            JointRows {
-                rows,
-                width: wanted.len(),
+            let mut rows = Vec::with_capacity(sampling.kept.len() * width);
+            for k in 0..sampling.kept.len() {
+                put_columns(&groups, k, columns.clone(), &mut rows);
             }
+            JointRows { rows, width }
         })
         .collect();
     Ok(Observation {
@@ -157,88 +148,15 @@ pub fn observe(
     })
 }
 
-/// Columns of the effects that remember, which run once along the whole run; everything else is evaluated where it is
-/// needed.
-pub(crate) fn history(
-    effects: &[Effect],
-    n_joints: usize,
-    signals: &RunSignals<'_>,
-) -> Vec<Option<Vec<f64>>> {
-    let all: Vec<usize> = (0..n_joints).collect();
-    let remembers = |effect: &Effect| effect.entry().memory > 0;
-    effects
-        .par_iter()
-        .map(|effect| remembers(effect).then(|| columns(effect, n_joints, signals, &all)))
-        .collect()
-}
-
-/// Columns of joint `j`: effects first (they are eliminated first), then the base columns of links j and beyond, torque.
-pub(crate) fn columns_of(j: usize, effects: &[Effect], pivots: &[usize]) -> Vec<Wanted> {
-    let effects = effects.iter().enumerate().flat_map(|(term, effect)| {
-        (0..effect.n_columns()).map(move |column| Wanted::Effect { term, column })
-    });
-    let links = pivots
-        .iter()
-        .filter(|&&parameter| parameter >= j * N_LINK_PARAMS)
-        .map(|&parameter| Wanted::Link { parameter });
-    effects.chain(links).chain([Wanted::Torque]).collect()
-}
-
-/// Raw rows of the samples from `start` on, as many as `out` holds.
-fn fill(
-    robot: &RobotModel,
-    effects: &[Effect],
-    history: &[Option<Vec<f64>>],
-    run: &RunStates<'_>,
-    plan: &[Vec<Wanted>],
-    start: usize,
-    out: &mut [f64],
-) -> Result<(), OfflineError> {
-    let n = robot.n_joints();
-    let width: usize = plan.iter().map(Vec::len).sum();
-    let mut workspace = Workspace::new(robot);
-    let mut regressor = vec![0.0; n * n * N_LINK_PARAMS];
-    let any_links = plan
-        .iter()
-        .flatten()
-        .any(|wanted| matches!(wanted, Wanted::Link { .. }));
-    let mut columns = vec![[0.0; MAX_COLUMNS]; effects.len()];
-    for (k, row) in out.chunks_exact_mut(width).enumerate() {
-        let at = (start + k) * n..(start + k + 1) * n;
-        let input = run.signals.input(start + k, n);
-        let state = &input.state;
-        if any_links {
-            joint_torque_regressor_into(
-                robot,
-                &mut workspace,
-                state.q,
-                state.dq,
-                state.ddq,
-                &mut regressor,
-            )?;
-        }
-        let mut cell = row.iter_mut();
-        for (j, wanted) in plan.iter().enumerate() {
-            for ((effect, history), columns) in effects.iter().zip(history).zip(&mut columns) {
-                let columns = &mut columns[..effect.n_columns()];
-                match history {
-                    Some(all) => {
-                        let first = (at.start + j) * columns.len();
-                        columns.copy_from_slice(&all[first..first + columns.len()]);
-                    }
-                    None => effect.columns_into(j, &input, &mut [], columns),
-                }
-            }
-            for (wanted, cell) in wanted.iter().zip(cell.by_ref()) {
-                *cell = match *wanted {
-                    Wanted::Effect { term, column } => columns[term][column],
-                    Wanted::Link { parameter } => regressor[j * n * N_LINK_PARAMS + parameter],
-                    Wanted::Torque => run.tau[at.start + j],
-                };
-            }
-        }
+/// Columns of row `k`, whichever groups they are in, behind `to`.
+fn put_columns(groups: &[Vec<Sample>], k: usize, columns: Range<usize>, to: &mut Vec<f64>) {
+    let mut c = columns.start;
+    while c < columns.end {
+        let (group, from) = (c / GROUP, c % GROUP);
+        let until = GROUP.min(from + columns.end - c);
+        to.extend_from_slice(&groups[group][k][from..until]);
+        c += until - from;
     }
-    Ok(())
 }
 
 /// One instant of a run's row-major signals.

@@ -12,6 +12,9 @@ pub(crate) type Rows = [f64; MOST_LANES];
 /// Sums of squares up to here are nothing: their reciprocals would be infinite.
 const NOTHING: f64 = 1e-200;
 
+/// Columns that are freed of another one together.
+const TILE: usize = 4;
+
 /// A matrix by columns.
 pub(crate) struct Columns {
     numbers: Vec<Rows>,
@@ -70,29 +73,124 @@ impl Columns {
     }
 
     /// Triangular factor, width × width, row-major, with non-negative diagonal. The columns are used up.
+    ///
+    /// A few columns at a time are freed of all that are done, so that these come from far away once for all of them.
     #[inline(always)]
     pub(crate) fn factor<L: Lanes>(&mut self) -> Vec<f64> {
         let width = self.width();
         let mut factor = vec![0.0; width * width];
-        for k in 0..width {
-            let (done, rest) = self.numbers.split_at_mut(self.begins[k + 1]);
-            let own = &done[self.begins[k]..];
-            let squares = product::<L>(own, own);
-            if squares <= NOTHING {
-                continue;
+        let mut inverses = vec![0.0; width];
+        for first in (0..width).step_by(TILE) {
+            let (done, tile) = self.numbers.split_at_mut(self.begins[first]);
+            let begins = &self.begins[first..=width.min(first + TILE)];
+            for k in 0..first {
+                let own = &done[self.begins[k]..self.begins[k + 1]];
+                let (norm, inverse) = (factor[k * width + k], inverses[k]);
+                if inverse == 0.0 {
+                    continue;
+                }
+                let row = &mut factor[k * width + first..(k + 1) * width];
+                if begins.len() == TILE + 1 {
+                    let mut shares = products::<L>(own, tile, begins);
+                    for (share, to) in shares.iter_mut().zip(row) {
+                        *share *= inverse;
+                        *to = *share * norm;
+                    }
+                    subtract_all::<L>(own, shares, tile, begins);
+                } else {
+                    for (begin, to) in begins[..begins.len() - 1].iter().zip(row) {
+                        let begin = begin - begins[0];
+                        let other = &mut tile[begin..begin + own.len()];
+                        let share = product::<L>(own, other) * inverse;
+                        *to = share * norm;
+                        subtract::<L>(other, share, own);
+                    }
+                }
             }
-            let (norm, inverse) = (squares.sqrt(), squares.recip());
-            let row = &mut factor[k * width..(k + 1) * width];
-            row[k] = norm;
-            for (c, to) in row.iter_mut().enumerate().skip(k + 1) {
-                let begin = self.begins[c] - self.begins[k + 1];
-                let other = &mut rest[begin..begin + own.len()];
-                let share = product::<L>(own, other) * inverse;
-                *to = share * norm;
-                subtract::<L>(other, share, own);
+            for k in first..width.min(first + TILE) {
+                let (own, rest) = tile.split_at_mut(self.begins[k + 1] - self.begins[first]);
+                let own = &own[self.begins[k] - self.begins[first]..];
+                let squares = product::<L>(own, own);
+                if squares <= NOTHING {
+                    continue;
+                }
+                let (norm, inverse) = (squares.sqrt(), squares.recip());
+                inverses[k] = inverse;
+                let row = &mut factor[k * width..(k + 1) * width];
+                row[k] = norm;
+                let others = row.iter_mut().enumerate().take(first + TILE).skip(k + 1);
+                for (c, to) in others {
+                    let begin = self.begins[c] - self.begins[k + 1];
+                    let other = &mut rest[begin..begin + own.len()];
+                    let share = product::<L>(own, other) * inverse;
+                    *to = share * norm;
+                    subtract::<L>(other, share, own);
+                }
             }
         }
         factor
+    }
+}
+
+/// [`product`] of `x` with as many rows of every column of a tile that begin at `begins`; the same bits.
+#[inline(always)]
+fn products<L: Lanes>(x: &[Rows], tile: &[Rows], begins: &[usize]) -> [f64; TILE] {
+    let mut sums = [[0.0; MOST_LANES]; TILE];
+    let at = |c: usize| &tile[begins[c] - begins[0]..][..x.len()];
+    let columns: [&[Rows]; TILE] = [at(0), at(1), at(2), at(3)];
+    for first in (0..MOST_LANES).step_by(L::LEN) {
+        let (mut even, mut odd) = ([L::splat(0.0); TILE], [L::splat(0.0); TILE]);
+        let mut k = 0;
+        while k + 1 < x.len() {
+            let (here, next) = (L::load(&x[k][first..]), L::load(&x[k + 1][first..]));
+            for c in 0..TILE {
+                even[c] = here.mul_add(L::load(&columns[c][k][first..]), even[c]);
+                odd[c] = next.mul_add(L::load(&columns[c][k + 1][first..]), odd[c]);
+            }
+            k += 2;
+        }
+        if k < x.len() {
+            let here = L::load(&x[k][first..]);
+            for c in 0..TILE {
+                even[c] = here.mul_add(L::load(&columns[c][k][first..]), even[c]);
+            }
+        }
+        for c in 0..TILE {
+            (even[c] + odd[c]).store(&mut sums[c][first..]);
+        }
+    }
+    let mut products = [0.0; TILE];
+    for (product, sums) in products.iter_mut().zip(&sums) {
+        *product = total(sums);
+    }
+    products
+}
+
+/// [`subtract`] from as many rows of every column of a tile that begin at `begins`; the same bits.
+#[inline(always)]
+fn subtract_all<L: Lanes>(x: &[Rows], shares: [f64; TILE], tile: &mut [Rows], begins: &[usize]) {
+    let n = x.len();
+    let (one, rest) = tile.split_at_mut(begins[1] - begins[0]);
+    let (two, rest) = rest.split_at_mut(begins[2] - begins[1]);
+    let (three, four) = rest.split_at_mut(begins[3] - begins[2]);
+    let columns: [&mut [Rows]; TILE] = [
+        &mut one[..n],
+        &mut two[..n],
+        &mut three[..n],
+        &mut four[..n],
+    ];
+    let mut minus = [L::splat(0.0); TILE];
+    for (minus, share) in minus.iter_mut().zip(shares) {
+        *minus = L::splat(-share);
+    }
+    for k in 0..n {
+        for first in (0..MOST_LANES).step_by(L::LEN) {
+            let own = L::load(&x[k][first..]);
+            for c in 0..TILE {
+                let to = &mut columns[c][k][first..];
+                own.mul_add(minus[c], L::load(to)).store(to);
+            }
+        }
     }
 }
 

@@ -1,6 +1,6 @@
 //! Effects in Python: their shapes; columns are evaluated in Rust.
 
-use dynid_core::effects::{friction_columns, Effect, EffectTerm, CATALOGUE, N_FRICTION};
+use dynid_core::effects::{Effect, EffectTerm, CATALOGUE, N_FRICTION};
 use dynid_offline::OfflineError;
 use numpy::{PyArray2, PyArray3};
 use pyo3::exceptions::PyValueError;
@@ -122,13 +122,11 @@ pub fn friction_basis<'py>(
 ) -> PyResult<Bound<'py, PyArray2<f64>>> {
     let dq = arrays::vector(dq, "dq", None)?;
     check_shape(velocity_threshold, transition_width)?;
-    let speeds = dq.as_slice()?.iter();
-    let columns = py.detach(|| {
-        speeds
-            .flat_map(|&dq| friction_columns(dq, velocity_threshold, transition_width))
-            .collect()
+    let speeds = dq.as_slice()?;
+    let rows = py.detach(|| {
+        dynid_offline::friction_basis::friction_basis(speeds, velocity_threshold, transition_width)
     });
-    arrays::to_matrix(py, columns, N_FRICTION)
+    arrays::to_matrix(py, rows.into_flattened(), N_FRICTION)
 }
 
 /// # Errors

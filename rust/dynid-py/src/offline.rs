@@ -1,8 +1,9 @@
 //! Rows and factors in Python.
 
-use dynid_core::effects::{friction_columns, N_FRICTION};
+use dynid_core::effects::N_FRICTION;
 use dynid_core::lanes::{use_path, Path};
 use dynid_offline::filter::LANES;
+use dynid_offline::friction_basis::friction_basis;
 use dynid_offline::{OfflineError, RunStates, Sampling, ZeroPhase};
 use numpy::{PyArray1, PyArray2};
 use pyo3::exceptions::PyValueError;
@@ -19,20 +20,57 @@ pub type FilterParts<'py> = Option<(Bound<'py, PyAny>, Bound<'py, PyAny>, usize)
 /// # Errors
 /// `ValueError` if the filter's parts do not fit each other.
 pub fn sampling(filter: FilterParts<'_>, kept: Vec<usize>) -> PyResult<Sampling> {
-    let filter = match filter {
-        None => ZeroPhase::default(),
-        Some((sections, steady, pad)) => {
-            let sections = arrays::matrix(&sections, "filter sections", 6)?;
-            let steady = arrays::matrix(&steady, "steady state of the filter", 2)?;
-            ZeroPhase::new(
-                sections.as_slice()?.as_chunks::<6>().0,
-                steady.as_slice()?.as_chunks::<2>().0,
-                pad,
-            )
-            .map_err(errors::offline)?
-        }
-    };
+    let filter = zero_phase(filter)?;
     Ok(Sampling { filter, kept })
+}
+
+fn zero_phase(filter: FilterParts<'_>) -> PyResult<ZeroPhase> {
+    let Some((sections, steady, pad)) = filter else {
+        return Ok(ZeroPhase::default());
+    };
+    let sections = arrays::matrix(&sections, "filter sections", 6)?;
+    let steady = arrays::matrix(&steady, "steady state of the filter", 2)?;
+    ZeroPhase::new(
+        sections.as_slice()?.as_chunks::<6>().0,
+        steady.as_slice()?.as_chunks::<2>().0,
+        pad,
+    )
+    .map_err(errors::offline)
+}
+
+/// Every column of `x` (n, k) forwards and backwards through a low-pass.
+#[pyfunction]
+pub fn low_pass<'py>(
+    py: Python<'py>,
+    x: &Bound<'py, PyAny>,
+    filter: FilterParts<'py>,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let width = arrays::width(x, "x")?;
+    // What is not finite comes out as such, as it does from scipy's.
+    let mut filtered = arrays::any_matrix(x, "x", width)?.as_slice()?.to_vec();
+    let filter = zero_phase(filter)?;
+    py.detach(|| filter.low_pass(&mut filtered, width))
+        .map_err(errors::offline)?;
+    arrays::to_matrix(py, filtered, width)
+}
+
+/// Lowest and highest number, largest step and longest stretch of equal neighbours of every column of `x` (n, k): (4, k).
+#[pyfunction]
+pub fn extent<'py>(py: Python<'py>, x: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let width = arrays::width(x, "x")?;
+    let x = arrays::matrix(x, "x", width)?;
+    let x = x.as_slice()?;
+    if x.is_empty() {
+        return Err(PyValueError::new_err("x must have at least one row"));
+    }
+    let found = py.detach(|| dynid_offline::extent(x, width));
+    let rows = [
+        found.lowest,
+        found.highest,
+        found.largest_step,
+        found.longest_equal,
+    ];
+    arrays::to_matrix(py, rows.concat(), width)
 }
 
 /// Filtered, decimated rows of every joint: a list of (n_rows, n_columns) arrays.
@@ -210,10 +248,7 @@ pub fn filtered_friction_basis<'py>(
         ));
     }
     let rows = py.detach(|| {
-        let mut columns: Vec<_> = dq
-            .iter()
-            .map(|&dq| friction_columns(dq, velocity_threshold, transition_width))
-            .collect();
+        let mut columns = friction_basis(dq, velocity_threshold, transition_width);
         sampling.filter.apply(&mut columns, &mut Vec::new());
         sampling.kept.iter().flat_map(|&k| columns[k]).collect()
     });

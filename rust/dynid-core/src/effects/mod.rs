@@ -25,7 +25,7 @@ mod torque_saturation;
 
 pub use catalogue::CATALOGUE;
 pub use entry::Entry;
-pub use friction::{friction_columns, FRICTION_NAMES, N_FRICTION};
+pub use friction::{friction_columns, friction_row, FRICTION_NAMES, N_FRICTION};
 
 use crate::dynamics::check_length;
 use crate::error::{CoreError, EffectError};
