@@ -20,6 +20,7 @@ pub mod fold;
 pub mod friction_search;
 pub mod observation;
 pub mod points;
+mod rotations;
 mod rows;
 mod triangle;
 pub mod weighted;
