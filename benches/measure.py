@@ -15,7 +15,7 @@ from pathlib import Path
 from dynid_rs import _core
 
 ROOT = Path(__file__).resolve().parent.parent
-PEERS = ("numpy", "scipy", "scikit-learn", "pin", "figaroh", "gmr")
+PEERS = ("numpy", "scipy", "scikit-learn", "pin", "casadi", "figaroh", "gmr")
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,6 @@
-// Pinocchio's C++ as a peer: inverse dynamics and regressor of many states, one thread. Built by `peers.py` against the
+// Pinocchio's C++ as a peer: inverse dynamics and regressor of many states, one thread. Built by `native.py` against the
 // headers of the wheel `pin`; prints one line of JSON with nanoseconds per call.
-#include <algorithm>
 #include <cstdio>
-#include <ctime>
 #include <random>
 #include <vector>
 
@@ -10,26 +8,7 @@
 #include <pinocchio/algorithm/rnea.hpp>
 #include <pinocchio/multibody/sample-models.hpp>
 
-// Of the processor: other people's jobs do not count.
-double now_ns()
-{
-    timespec time;
-    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &time);
-    return 1e9 * time.tv_sec + time.tv_nsec;
-}
-
-template <class Work> double median_ns(int rounds, int n, Work work)
-{
-    std::vector<double> times;
-    for (int round = 0; round < rounds; ++round) {
-        double start = now_ns();
-        for (int k = 0; k < n; ++k)
-            work(k);
-        times.push_back((now_ns() - start) / n);
-    }
-    std::sort(times.begin(), times.end());
-    return times[rounds / 2];
-}
+#include "clock.hpp"
 
 int main()
 {
