@@ -152,9 +152,6 @@ fn directions<L: Lanes>(rows: &[f64], width: usize) -> (Vec<f64>, Vec<f64>) {
         .iter()
         .take_while(|value| **value > DEPENDENT * strongest)
         .count();
-    if rank == 0 {
-        return (Vec::new(), Vec::new());
-    }
     let mut out = vec![0.0; m * rank];
     // As many rows at a time as registers hold, with all their columns in the first cache.
     for (first, rows) in out.chunks_mut(PIECE * MOST_LANES * rank).enumerate() {
