@@ -14,10 +14,6 @@ const MOST_ROUNDS: usize = 40;
 const NOTHING: f64 = 1e-200;
 /// A column of which less than this is left is a sum of earlier ones.
 const DEPENDENT: f64 = 1e-13;
-/// Of a column of which more is left, rounding is not worth a second pass.
-const MOST_LOST: f64 = 0.1;
-/// Rows over eight whose directions are put together at a time.
-const PIECE: usize = 8;
 
 /// Singular values of a square matrix, largest first, and a unit left singular vector for each (as rows). Of a symmetric
 /// matrix without negative eigenvalues: its eigenvalues and eigenvectors.
@@ -81,11 +77,6 @@ fn round<L: Lanes>(rows: &mut [Rows], squares: &mut [f64], blocks: usize) -> boo
             let (before, after) = rows.split_at_mut(2 * j * blocks);
             let one = &mut before[2 * i * blocks..][..2 * blocks];
             let two = &mut after[..2 * blocks];
-            // Longer rows first: fewer rounds.
-            if squares[i] < squares[j] {
-                one.swap_with_slice(two);
-                squares.swap(i, j);
-            }
             let (a, b) = (squares[i], squares[j]);
             let along = product::<L>(&one[..blocks], &two[..blocks]);
             if along.abs() <= (ORTHOGONAL * (a * b).max(0.0).sqrt()).max(NOTHING) {
@@ -153,25 +144,21 @@ fn directions<L: Lanes>(rows: &[f64], width: usize) -> (Vec<f64>, Vec<f64>) {
         .take_while(|value| **value > DEPENDENT * strongest)
         .count();
     let mut out = vec![0.0; m * rank];
-    // As many rows at a time as registers hold, with all their columns in the first cache.
-    for (first, rows) in out.chunks_mut(PIECE * MOST_LANES * rank).enumerate() {
-        let begin = first * PIECE;
-        let length = PIECE.min(blocks - begin);
-        for (k, vector) in vectors.chunks_exact(width).take(rank).enumerate() {
-            let mut sum = [[0.0; MOST_LANES]; PIECE];
-            for (column, share) in columns.chunks_exact(blocks).zip(vector) {
-                subtract::<L>(&mut sum, -share, &column[begin..begin + length]);
-            }
-            for (row, x) in rows.chunks_exact_mut(rank).zip(sum.as_flattened()) {
-                row[k] = *x;
-            }
+    let mut sum = vec![[0.0; MOST_LANES]; blocks];
+    for (k, vector) in vectors.chunks_exact(width).take(rank).enumerate() {
+        sum.fill([0.0; MOST_LANES]);
+        for (column, share) in columns.chunks_exact(blocks).zip(vector) {
+            subtract::<L>(&mut sum, -share, column);
+        }
+        for (to, x) in out[k..].iter_mut().step_by(rank).zip(sum.as_flattened()) {
+            *to = *x;
         }
     }
     (out, values[..rank].to_vec())
 }
 
 /// Makes the columns orthonormal, or zero where they depend on earlier ones, and gives the factor that takes them back.
-/// One that loses most of its length passes the earlier ones twice: what is left would not be orthogonal to them.
+/// Each passes the earlier ones twice, or what is left of it would not be orthogonal to them.
 #[inline(always)]
 fn gram_schmidt<L: Lanes>(columns: &mut [Rows], blocks: usize, width: usize) -> Vec<f64> {
     let mut factor = vec![0.0; width * width];
@@ -179,18 +166,14 @@ fn gram_schmidt<L: Lanes>(columns: &mut [Rows], blocks: usize, width: usize) -> 
         let (done, rest) = columns.split_at_mut(k * blocks);
         let own = &mut rest[..blocks];
         let length = product::<L>(own, own).sqrt();
-        let mut left = length;
         for _ in 0..2 {
             for (i, other) in done.chunks_exact(blocks).enumerate() {
                 let share = product::<L>(other, own);
                 factor[i * width + k] += share;
                 subtract::<L>(own, share, other);
             }
-            left = product::<L>(own, own).sqrt();
-            if left > MOST_LOST * length {
-                break;
-            }
         }
+        let left = product::<L>(own, own).sqrt();
         let dependent = left <= (DEPENDENT * length).max(NOTHING);
         let scale = if dependent { 0.0 } else { left.recip() };
         factor[k * width + k] = left * f64::from(!dependent);
