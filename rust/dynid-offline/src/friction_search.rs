@@ -5,10 +5,10 @@
 //! the width, so they are kept for as long as the threshold stays.
 
 use dynid_core::effects::{friction_columns, N_FRICTION};
+use faer::Mat;
 
 use crate::error::OfflineError;
 use crate::filter::ZeroPhase;
-use crate::rotations;
 
 /// Columns that are filtered side by side: Coulomb and first viscous order, then second and third.
 const HALF: usize = N_FRICTION / 2;
@@ -85,8 +85,8 @@ impl FrictionSearch {
     /// factor of fast samples); their torque stands at the end of `tau`.
     ///
     /// # Errors
-    /// [`OfflineError`] if lengths disagree, a number is not finite, a sample is out of range, or a run is shorter than its
-    /// filter's padding.
+    /// [`OfflineError`] if lengths disagree, a sample is out of range, a run is shorter than its filter's padding, or the
+    /// decomposition of the links' columns fails.
     pub fn new(
         runs: Vec<SearchRun>,
         links: &[f64],
@@ -119,7 +119,7 @@ impl FrictionSearch {
         {
             return Err(OfflineError::NonFinite { what: "rows" });
         }
-        let (links, strengths) = orthonormal(links, n_rows, width);
+        let (links, strengths) = orthonormal(links, n_rows, width)?;
         let strongest = strengths.first().copied().unwrap_or(0.0);
         let strong = strengths.iter().filter(|s| **s > weak * strongest).count();
         let mut search = Self {
@@ -251,7 +251,11 @@ fn check(run: &SearchRun) -> Result<(), OfflineError> {
 }
 
 /// Left singular vectors of the unit-norm columns (row-major, n_rows × rank) and the singular values, strongest first.
-fn orthonormal(links: &[f64], n_rows: usize, width: usize) -> (Vec<f64>, Vec<f64>) {
+fn orthonormal(
+    links: &[f64],
+    n_rows: usize,
+    width: usize,
+) -> Result<(Vec<f64>, Vec<f64>), OfflineError> {
     let norms: Vec<f64> = (0..width)
         .map(|c| {
             (0..n_rows)
@@ -265,13 +269,20 @@ fn orthonormal(links: &[f64], n_rows: usize, width: usize) -> (Vec<f64>, Vec<f64
         .filter(|&c| norms[c] > NEGLIGIBLE * longest)
         .collect();
     if used.is_empty() {
-        return (Vec::new(), Vec::new());
+        return Ok((Vec::new(), Vec::new()));
     }
-    let scaled: Vec<f64> = links
-        .chunks_exact(width)
-        .flat_map(|row| used.iter().map(|&c| row[c] / norms[c]))
+    let scaled = Mat::from_fn(n_rows, used.len(), |i, c| {
+        links[i * width + used[c]] / norms[used[c]]
+    });
+    let svd = scaled
+        .thin_svd()
+        .map_err(|_| OfflineError::NonFinite { what: "links" })?;
+    let (u, s) = (svd.U(), svd.S().column_vector());
+    let rank = u.ncols();
+    let vectors = (0..n_rows * rank)
+        .map(|k| u[(k / rank, k % rank)])
         .collect();
-    rotations::orthonormal(&scaled, used.len())
+    Ok((vectors, (0..rank).map(|k| s[k]).collect()))
 }
 
 /// Sum of squares of `tau` that the columns do not explain, by modified Gram-Schmidt.

@@ -24,7 +24,6 @@ mod in_band;
 mod joint_columns;
 pub mod observation;
 pub mod points;
-mod rotations;
 mod rows;
 mod triangle;
 pub mod weighted;

@@ -1,8 +1,9 @@
 //! Eigenvalues of a Gram matrix, and what the criteria make of them.
 
+use faer::{MatRef, Side};
+
 use super::tridiagonal::Tridiagonal;
 use crate::error::OfflineError;
-use crate::rotations;
 
 /// A block's smallest eigenvalue counts at least this part of its largest: conditions stay below 1e8 and finite.
 const FLOOR: f64 = 1e-16;
@@ -62,17 +63,20 @@ pub(super) fn sum(
     what: Sum,
 ) -> Result<(f64, Vec<Slope>), OfflineError> {
     check(gram, width)?;
-    let eigen = rotations::singular(gram, width);
-    let largest = eigen.values.first().copied().unwrap_or(0.0);
+    let eigen = MatRef::from_row_major_slice(gram, width, width)
+        .self_adjoint_eigen(Side::Lower)
+        .map_err(|_| OfflineError::NonFinite { what: "motion" })?;
+    let (values, vectors) = (eigen.S().column_vector(), eigen.U());
+    let largest = values[width - 1];
     let (mut total, mut slopes) = (0.0, Vec::with_capacity(width));
-    for (value, vector) in eigen.values.iter().zip(eigen.vectors.chunks_exact(width)) {
-        let value = floored(*value, largest);
+    for k in (0..width).rev() {
+        let value = floored(values[k], largest);
         let (part, slope) = match what {
             Sum::LogVolume => (-value.ln(), -1.0 / value),
             Sum::TotalVariance => (value.recip(), -value.powi(-2)),
         };
         total += part;
-        slopes.push((slope, vector.to_vec()));
+        slopes.push((slope, (0..width).map(|i| vectors[(i, k)]).collect()));
     }
     Ok((total, slopes))
 }
