@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -30,15 +31,19 @@ Written by `make bench` ({seconds:g} s of the loop, {gigabytes:g} GB of runs, {r
 |---|---|---|---|"""
 
 KEPT = ROOT / "target" / "scale"
+COLD = 30.0
+"""Seconds of the loop that does not wake early, at most."""
 
 READING = """
-Six joints everywhere. The loop: rigid body, friction, a mixture of ten components per joint, states through
-shared memory at 1 kHz; `compute` is from bytes to bytes, with a cold cache after a millisecond of sleep. `sleep
-only` is a second thread that does nothing else: what is in it is the machine's own. Runs: two encoders at 1
-kHz, made on the fly, each read, checked and reduced; samples per second of processor time, so that other
-programs count less. They still share caches and clock rates with it, so one run, always the same, is done beside
-the others all along: the ratio that counts is that of samples per second times its time. Two processes by
-processor time is what two workers and the process that gathers use, laid on two idle cores.
+Six joints everywhere. The loop: rigid body, friction, a mixture of ten components per joint, states through shared
+memory at 1 kHz, memory locked and with real-time priority where that is permitted; `compute` is from bytes to bytes.
+The loop wakes early and rehearses the cycle on a twin of its state; `cold` is without that (`--early 0`), after a
+millisecond of sleep. `sleep only` is a second thread that does nothing else: what is in it is the machine's own, and
+a host that takes the core away takes it from both. Runs: two encoders at 1 kHz, made on the fly, each read, checked
+and reduced; samples per second of processor time, so that other programs count less. They still share caches and
+clock rates with it, so one run, always the same, is done beside the others all along: the ratio that counts is that
+of samples per second times its time. Two processes by processor time is what two workers and the process that gathers
+use, laid on two idle cores.
 """
 
 
@@ -49,10 +54,10 @@ class Benches:
         self._resume = resume
         KEPT.mkdir(parents=True, exist_ok=True)
 
-    def __call__(self, script: str, *options: object) -> dict[str, Any]:
-        """What a bench prints as JSON."""
+    def __call__(self, script: str, *options: object, name: str = "") -> dict[str, Any]:
+        """What a bench prints as JSON; `name` where one script does several."""
         command = [sys.executable, ROOT / "benches" / script, *options]
-        words, place = list(map(str, command[1:])), KEPT / f"{Path(script).stem}.json"
+        words, place = list(map(str, command[1:])), KEPT / f"{name or Path(script).stem}.json"
         if self._resume and place.exists():
             kept = json.loads(place.read_text(encoding="utf-8"))
             if kept["command"] == words:
@@ -74,23 +79,44 @@ def row(what: str, figure: str, limit: str = "", met: bool | None = None) -> str
 
 
 def loop(bench: Benches, seconds: float) -> Iterator[str]:
-    """The binary at 1 kHz."""
-    found = bench("paced.py", "--duration", seconds, "--", "--json")
-    for name, words in (
+    """The binary at 1 kHz, as a controller would run it, and without waking early."""
+    asked = ["--mlock", "--fifo", "80"] if may_be_real_time() else []
+    found = bench("paced.py", "--duration", seconds, "--", "--json", *asked)
+    for part, words in (
         ("compute", "compute"),
         ("wake_up", "wake-up"),
         ("end_to_end", "end to end"),
         ("sleep_only", "sleep only"),
+        ("awake_early", "awake early, of one core"),
     ):
-        if (part := found.get(name)) is None:
-            continue
-        times = ", ".join(f"{key} {1e6 * part[key]:.2f}" for key in ("p50", "p99", "p99.9", "p99.99", "max"))
-        limit = ("p99 at most 2 us", part["p99"] <= 2e-6) if name == "compute" else ("", None)
-        yield row(f"{words}, {part['cycles']:,} cycles", f"{times} us", *limit)
-    missed = found["missed_by_compute"]
-    yield row("cycles missed because of computing", f"{missed} (of {found['missed']} missed)", "0", missed == 0)
+        if part in found:
+            yield times(words, found[part], limit=2e-6 if part == "compute" else None)
+    missed, others = found["missed_by_compute"], found["missed_by_interruption"]
+    figure = f"{missed} (of {found['missed']} missed; {others} while the core was taken away)"
+    yield row("cycles missed because of computing", figure, "0", missed == 0)
+    yield row("cycles that the thread which only sleeps would have missed", f"{found['missed_by_sleep_only']}")
     faults = found["page_faults"]
     yield row("page faults", f"{faults['minor']} minor, {faults['major']} major", "0", not any(faults.values()))
+    cold = bench("paced.py", "--duration", min(seconds, COLD), "--", "--json", *asked, "--early", "0", name="cold")
+    yield times("compute, cold", cold["compute"])
+
+
+def times(words: str, part: dict[str, float], limit: float | None = None) -> str:
+    """The row of one histogram; `limit` [s] of its p99."""
+    figures = ", ".join(f"{key} {1e6 * part[key]:.2f}" for key in ("p50", "p99", "p99.9", "p99.99", "max"))
+    wanted = ("", None) if limit is None else (f"p99 at most {1e6 * limit:g} us", part["p99"] <= limit)
+    return row(f"{words}, {part['cycles']:,} cycles", f"{figures} us", *wanted)
+
+
+def may_be_real_time() -> bool:
+    """Whether this process may ask for real-time priority."""
+    before = os.sched_getscheduler(0), os.sched_getparam(0)
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
+    except OSError:
+        return False
+    os.sched_setscheduler(0, *before)
+    return True
 
 
 def streamed(bench: Benches, gigabytes: float) -> Iterator[str]:
