@@ -22,8 +22,10 @@ import dynid_rs as dyn
 from dynid_rs import _core
 from dynid_rs.diagnosis import choice
 from dynid_rs.diagnosis.beside import Beside, bounded_gain
+from dynid_rs.diagnosis.candidate import joined, stacked
 from dynid_rs.diagnosis.dropping import drop_needless
-from dynid_rs.diagnosis.kinds import Hypothesis, Kinds, joined, stacked
+from dynid_rs.diagnosis.hypothesis import Hypothesis
+from dynid_rs.diagnosis.kinds import Kinds
 from dynid_rs.diagnosis.loop import diagnose
 from dynid_rs.diagnosis.null import effective_tests, noise_copies, p_value
 from dynid_rs.diagnosis.search import good_candidates, refined_candidate, search

@@ -9,7 +9,9 @@ from numpy.testing import assert_allclose
 import dynid_rs as dyn
 from dynid_rs import _core
 from dynid_rs.diagnosis.beside import Beside
-from dynid_rs.diagnosis.kinds import Kinds, bounds_of, stacked
+from dynid_rs.diagnosis.candidate import stacked
+from dynid_rs.diagnosis.hypothesis import bounds_of
+from dynid_rs.diagnosis.kinds import Kinds
 from dynid_rs.placed import PlacedEffect
 from dynid_rs.simulation import build_effects, bundled_robot, equip, parse_wish, simulate, typical_arm
 

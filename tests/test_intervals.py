@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from dynid_rs.diagnosis.hypothesis import Hypothesis
 from dynid_rs.diagnosis.intervals import _ends, _is_scale
-from dynid_rs.diagnosis.kinds import Hypothesis
 
 SCALES = np.array([False, True])
 

@@ -21,7 +21,8 @@ from dynid_rs.diagnosis.deflection.fitting import finished_gear, search_gear
 from dynid_rs.diagnosis.deflection.terms import columns_of
 from dynid_rs.diagnosis.dropping import drop_doubtful_gains
 from dynid_rs.diagnosis.floor import floor
-from dynid_rs.diagnosis.kinds import Hypothesis, Kinds, at_a_bound
+from dynid_rs.diagnosis.hypothesis import Hypothesis, at_a_bound
+from dynid_rs.diagnosis.kinds import Kinds
 from dynid_rs.diagnosis.late_clock import with_late_clock
 from dynid_rs.diagnosis.leftovers import run_residuals, search_leftovers
 from dynid_rs.diagnosis.patchwork import as_unknown, nameless_patchworks, patchworks

@@ -10,11 +10,14 @@ import pytest
 from test_diagnosis_search import ARM, ROBOT, measured, start
 
 from dynid_rs.diagnosis.beside import Beside
+from dynid_rs.diagnosis.candidate import stacked
 from dynid_rs.diagnosis.deflection_entries import ECCENTRICITY, seen_again
+from dynid_rs.diagnosis.hypothesis import Hypothesis
 from dynid_rs.diagnosis.intervals import estimates
-from dynid_rs.diagnosis.kinds import RIPPLES, Hypothesis, stacked
+from dynid_rs.diagnosis.kinds import RIPPLES
 from dynid_rs.diagnosis.one_cylinder import without_patches
 from dynid_rs.diagnosis.setup import Setup
+from dynid_rs.diagnosis.shape_search import refined_shape
 from dynid_rs.diagnosis.structural.kinematic_error import USUAL, spread
 from dynid_rs.diagnosis.valleys import mirrored, pulls
 from dynid_rs.diagnosis.wrong_geometry import with_other_geometry
@@ -43,7 +46,7 @@ def test_ripple_at_half_its_order_is_told_at_its_own():
     state = start(Setup(ROBOT), measured(wish, n_runs=3))
     half = Hypothesis("torque_ripple", (ELBOW,), (("cycles", true / 2),))
     power = power_beside(Beside(state.fit), np.tile([-np.inf, np.inf], (4, 1)))
-    found = dict(state.kinds.refined(half, power, own_order=True).shape)["cycles"]
+    found = dict(refined_shape(state.kinds, half, power, own_order=True).shape)["cycles"]
     assert found == pytest.approx(true, abs=0.1)
 
 

@@ -53,3 +53,21 @@ class Candidate:
     def place(self) -> tuple[str, tuple[int, ...]]:
         """Kind and joints: what a report names."""
         return self.kind, self.joints
+
+
+def stacked(columns: Sequence[RunColumns]) -> RunColumns:
+    """Columns of all runs under each other."""
+    return {j: np.concatenate([run[j] for run in columns]) for j in columns[0]}
+
+
+def joined(parts: Sequence[RunColumns]) -> RunColumns:
+    """Columns side by side; joints that one of them does not reach get zeros there."""
+    joints = sorted({j for part in parts for j in part})
+    widths = [next(iter(part.values())).shape[1] for part in parts]
+    n_rows = len(next(iter(parts[0].values())))
+    return {
+        j: np.concatenate(
+            [part.get(j, np.zeros((n_rows, width))) for part, width in zip(parts, widths, strict=True)], axis=1
+        )
+        for j in joints
+    }

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.diagnosis.beside import Beside, Gain, independent_rows
-from dynid_rs.diagnosis.candidate import Candidate
-from dynid_rs.diagnosis.kinds import stacked
+from dynid_rs.diagnosis.candidate import Candidate, stacked
 from dynid_rs.diagnosis.null import p_value
 
 FloatArray = NDArray[np.float64]

@@ -9,7 +9,7 @@ import numpy as np
 
 from dynid_rs.diagnosis.beside import Beside
 from dynid_rs.diagnosis.choice import Weighed, tested, weigh
-from dynid_rs.diagnosis.kinds import at_a_bound
+from dynid_rs.diagnosis.hypothesis import at_a_bound
 from dynid_rs.diagnosis.settling import refit
 from dynid_rs.diagnosis.state import Choice, Search, Step, columns_in, hypothesis_of, rms
 from dynid_rs.diagnosis.structural import structural_parameters

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from dynid_rs.columns import Observations, observe
 from dynid_rs.diagnosis.beside import Beside
-from dynid_rs.diagnosis.candidate import Candidate
+from dynid_rs.diagnosis.candidate import Candidate, stacked
 from dynid_rs.diagnosis.dropping import standing
+from dynid_rs.diagnosis.hypothesis import Hypothesis
 from dynid_rs.diagnosis.intervals import Estimate, estimates
-from dynid_rs.diagnosis.kinds import Hypothesis, stacked
 from dynid_rs.diagnosis.search import once_each
 from dynid_rs.diagnosis.state import Choice, Search, columns_in, hypothesis_of
 from dynid_rs.evaluation import rmse

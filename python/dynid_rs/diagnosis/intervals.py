@@ -8,7 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.diagnosis.beside import Beside
-from dynid_rs.diagnosis.kinds import REFINED, Hypothesis, Kinds, bounds_of, is_valid, joined, stacked
+from dynid_rs.diagnosis.candidate import joined, stacked
+from dynid_rs.diagnosis.hypothesis import REFINED, Hypothesis, bounds_of, is_valid
+from dynid_rs.diagnosis.kinds import Kinds
 from dynid_rs.diagnosis.null import noise_copies
 from dynid_rs.diagnosis.valleys import mirrored
 from dynid_rs.placed import CATALOGUE
@@ -20,8 +22,8 @@ STEP = 1e-3
 """Relative step of a shape parameter's derivative."""
 SIGNED = ("gas_length",)
 """Lengths that may be negative: searched in octaves, but no scales."""
-UNKNOWN = float(np.log(100.0))
-"""A scale that may be a hundred times as large is not known."""
+UNKNOWN = 7.0
+"""Octaves: a scale that may be a hundred times as large is not known."""
 ROTOR_SHARE = 0.5
 """Rotor's part of a joint's inertia where nothing tells, and its standard deviation."""
 
@@ -132,11 +134,10 @@ def _is_scale(hypothesis: Hypothesis, name: str) -> bool:
 
 def _ends(values: FloatArray, change: FloatArray, scales: NDArray[np.bool_]) -> FloatArray:
     """Values after a change of so much; a scale by the factor that is as much to first order, so it keeps its sign."""
-    size = np.maximum(np.abs(values), 1e-300)
-    with np.errstate(over="ignore"):
-        factor = np.exp(np.where(scales, np.sign(values) * change / size, 0.0))
-    ends = np.where(scales, values * factor, values + change)
-    return np.where(scales & (np.abs(np.log(np.maximum(factor, 1e-300))) > UNKNOWN), np.nan, ends)
+    octaves = np.where(scales, np.sign(values) * change / np.maximum(np.abs(values), 1e-300) / np.log(2.0), 0.0)
+    known = np.abs(octaves) <= UNKNOWN
+    ends = np.where(scales, values * np.exp2(np.where(known, octaves, 0.0)), values + change)
+    return np.where(known, ends, np.nan)
 
 
 def _hidden_rotors(kinds: Kinds, hypothesis: Hypothesis) -> list[int]:

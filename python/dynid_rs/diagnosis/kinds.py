@@ -1,48 +1,32 @@
-"""Candidates of the catalogue: every kind, joint, pair and shape as columns beside the model; shapes refined."""
+"""Candidates of the catalogue: every kind, joint, pair and shape as columns beside the model."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import product
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
 from dynid_rs.diagnosis.availability import LEAST_WARMTH
-from dynid_rs.diagnosis.candidate import Candidate, RunColumns
+from dynid_rs.diagnosis.candidate import Candidate, RunColumns, stacked
+from dynid_rs.diagnosis.hypothesis import REFINED, Hypothesis, Shape, bounds_of, is_valid, of_partner
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.identification import ThreeLoopIdentifier
 from dynid_rs.loops import link_load
-from dynid_rs.placed import CATALOGUE, PlacedEffect
+from dynid_rs.placed import CATALOGUE
 from dynid_rs.preprocessing import States
 
 FloatArray = NDArray[np.float64]
-Shape = tuple[tuple[str, float], ...]
 
 RIPPLES = (4, 24)
 """Ripple orders that the band's scan tries: slower ones are not told from gravity, springs and cylinders, faster ones
 are sought in the angle."""
 CHUNK = 48
 """Effects whose columns are built in one pass over a run; more would only take more memory."""
-REFINED: dict[str, dict[str, tuple[str, float, float]]] = {
-    "stribeck": {"stribeck_velocity": ("log", 1e-3, 10.0), "exponent": ("log", 0.5, 4.0)},
-    "friction_hysteresis": {"presliding_distance": ("log", 1e-5, 0.3)},
-    "load_hysteresis": {"presliding_distance": ("log", 1e-5, 0.3)},
-    "gear_hysteresis": {"hysteresis_load": ("log", 1e-4, 1e5), "carried_load": ("log", 1e-4, 1e5)},
-    "coupled_friction": {"ratio": ("linear", -5.0, 5.0)},
-    "torque_ripple": {"cycles": ("linear", 3.0, 1e4)},
-    "counterbalance": {
-        "b": ("log", 0.02, 0.95),
-        "phase": ("linear", -4.0, 4.0),
-        "gas_length": ("log", 0.05, 100.0),
-    },
-    "thermal_friction": {"time_constant": ("log", 3.0, 300.0)},
-}
-"""Shape parameters that are searched between the grid's values: how, and within which bounds."""
 COARSE = {
     ("counterbalance", "b"): [0.2, 0.35, 0.6],
     ("counterbalance", "gas_length"): [0.75, 1.25, 10.0, -1.5],
@@ -53,9 +37,6 @@ WINDS = (0.03, 0.1, 0.3, 1.0)
 """Loads over which a gear's teeth turn round, over the load's standard deviation."""
 CARRIED = 0.05
 """Load that slipping teeth carry, over the load's standard deviation, with which its search begins."""
-FREE_ENDS = ("b", "carried_load")
-"""Shape parameters that may be as small as their search goes: a lever as short as can be is a cylinder all the same,
-one that pulls like a weight, and teeth may carry nothing."""
 UNSOUGHT = ("load_hysteresis",)
 """Kinds that can be declared and are not looked for: load with memory is what load-dependent friction and hysteresis
 tell together, and those are two causes that a person can act on."""
@@ -63,50 +44,8 @@ NEIGHBOURS = ("coupled_friction",)
 """Kinds of two joints in one housing: only joints that follow each other share a gear."""
 LEAST_LOAD = 0.05
 """Part of some joint's torque that weight has to be, or nothing is looked for that follows the load."""
-AT_BOUND = 0.01
-"""A shape parameter this near to a bound, relatively, stands at it."""
-STARTS = {"stribeck": ("exponent", (1.0, 2.0))}
-"""Shape parameters whose search has several valleys, and where it begins besides."""
 N_PLACES = 50
 """Places of a run at which joint inertias are looked at."""
-OCTAVE = 0.02
-"""Part of what a ripple takes off that its first harmonic has to be: less is the chance of two more coefficients."""
-SEARCH_STEPS = 40
-"""Most evaluations of one search, for each parameter."""
-NEAR, ALIKE = 3e-3, 1e-2
-"""Where a search ends: shapes this near (octaves), and weighted residual powers this near (chance alone moves them by
-about 1)."""
-
-
-@dataclass(frozen=True)
-class Hypothesis:
-    """A kind at a place with a shape (of the first joint, where a pair shares one)."""
-
-    kind: str
-    joints: tuple[int, ...]
-    shape: Shape
-
-    def with_shape(self, name: str, value: float) -> Hypothesis:
-        """Return it with one shape parameter at `value`."""
-        return replace(self, shape=tuple((n, value if n == name else v) for n, v in self.shape))
-
-    def placed(self) -> PlacedEffect:
-        """Return it as an effect of a model."""
-        names = [name for name, _ in self.shape]
-        rows = [dict(_of_partner(self, at)) for at in range(len(self.joints))]
-        return PlacedEffect(self.kind, self.joints, tuple((name, tuple(row[name] for row in rows)) for name in names))
-
-
-def _of_partner(hypothesis: Hypothesis, at: int) -> Shape:
-    """Shape on joint `at` of the hypothesis: partners see each other, with the inverse ratio."""
-    if len(hypothesis.joints) == 1:
-        return hypothesis.shape
-    shape = dict(hypothesis.shape)
-    shape["partner"] = float(hypothesis.joints[1 - at])
-    if at == 1 and "ratio" in shape:
-        shape["ratio"] = 1 / shape["ratio"]
-        shape["transition_width"] = shape["transition_width"] * abs(shape["ratio"])
-    return tuple(shape.items())
 
 
 class Kinds:
@@ -218,7 +157,7 @@ class Kinds:
             else:
                 packs.append(pack := {})
             for at, j in enumerate(h.joints):
-                pack[j] = (h, _of_partner(h, at))
+                pack[j] = (h, of_partner(h, at))
         for h in hypotheses:
             self._cache[h] = [{} for _ in self.runs]
         for first in range(0, len(packs), CHUNK):
@@ -277,77 +216,6 @@ class Kinds:
             n_searched=len(REFINED.get(hypothesis.kind, {})) + ("cycles" in dict(hypothesis.shape)),
         )
 
-    def refined(
-        self, hypothesis: Hypothesis, power: Any, *, with_friction: bool = False, own_order: bool = False
-    ) -> Hypothesis:
-        """Hypothesis with the shape near its own that takes off most; `power` of columns {joint: (n_rows, k)}.
-
-        `with_friction`: the width of friction's transition is searched too, and friction's columns with it stand
-        behind the hypothesis' own in what `power` is given. `own_order`: a ripple may turn out to have twice its order.
-        """
-        name, starts = STARTS.get(hypothesis.kind, ("", ()))
-        tried = [self._refined(hypothesis, power, with_friction)]
-        for start in starts if with_friction else ():
-            tried.append(self._refined(hypothesis.with_shape(name, start), power, with_friction))
-        if own_order and hypothesis.kind == "torque_ripple":
-            return self._fundamental(*tried[0], power)
-        return max(tried, key=lambda pair: pair[0])[1]
-
-    def _fundamental(self, taken: float, ripple: Hypothesis, power: Any) -> Hypothesis:
-        """The ripple at twice its order where that takes off as much: its second harmonic was the line."""
-        low, high = REFINED[ripple.kind]["cycles"][1:]
-        double = 2 * dict(ripple.shape)["cycles"]
-        if not low <= double <= high:
-            return ripple
-        found, other = self._refined(ripple.with_shape("cycles", double), power, False)
-        return other if found > (1 - OCTAVE) * taken else ripple
-
-    def _refined(self, hypothesis: Hypothesis, power: Any, with_friction: bool) -> tuple[float, Hypothesis]:
-        """Power and hypothesis of one search from the hypothesis' own shape."""
-        from scipy.optimize import minimize
-
-        searched = dict(REFINED.get(hypothesis.kind, {}))
-        shape = dict(hypothesis.shape)
-        if with_friction:
-            searched["transition_width"] = ("log", 1e-4, 1.0)
-            shape.setdefault("transition_width", float(self.widths[hypothesis.joints[0]]))
-        if not searched:
-            return 0.0, hypothesis
-
-        def at(x: FloatArray) -> tuple[Hypothesis, dict[str, float]]:
-            moved = dict(shape)
-            for (name, (how, low, high)), value in zip(searched.items(), x, strict=True):
-                sign = -1.0 if how == "log" and shape[name] < 0 else 1.0
-                real = sign * float(np.exp2(value)) if how == "log" else float(value)
-                moved[name] = sign * min(max(abs(real), low), high) if how == "log" else min(max(real, low), high)
-            return replace(hypothesis, shape=tuple((name, moved[name]) for name, _ in hypothesis.shape)), moved
-
-        def cost(x: FloatArray) -> float:
-            h, moved = at(x)
-            if not is_valid(h.kind, h.shape):
-                return 0.0
-            columns = self.once(h)
-            if with_friction:
-                columns = joined([columns, self.friction(h.joints[0], moved["transition_width"])])
-            return -float(power(columns))
-
-        start = np.array(
-            [
-                np.log2(min(max(abs(shape[name]), low), high)) if how == "log" else shape[name]
-                for name, (how, low, high) in searched.items()
-            ]
-        )
-        spans = [0.5 if how == "log" else _span(name) for name, (how, *_) in searched.items()]
-        simplex = np.vstack([start, *(start + span * row for span, row in zip(spans, np.eye(len(start)), strict=True))])
-        options: Any = {
-            "initial_simplex": simplex,
-            "maxfev": SEARCH_STEPS * len(start),
-            "xatol": NEAR,
-            "fatol": ALIKE,
-        }
-        found = minimize(cost, start, method="Nelder-Mead", options=options)
-        return (-float(found.fun), at(found.x)[0]) if found.fun < cost(start) else (-cost(start), hypothesis)
-
     def friction_of(self, j: int) -> dict[str, float]:
         """Fitted coefficients of joint j's friction, by name."""
         names = [coefficient["name"] for coefficient in CATALOGUE["friction"]["coefficients"]]
@@ -373,7 +241,7 @@ class Kinds:
 
     def once(self, h: Hypothesis) -> RunColumns:
         """Columns over all runs, not kept."""
-        pack = {j: (h, _of_partner(h, at)) for at, j in enumerate(h.joints)}
+        pack = {j: (h, of_partner(h, at)) for at, j in enumerate(h.joints)}
         effect = self._effect(h.kind, pack)
         parts: list[RunColumns] = []
         for states in self.runs:
@@ -401,30 +269,6 @@ def _inertias(fit: ThreeLoopIdentifier) -> FloatArray:
     return np.asarray(np.mean(turned, axis=1))
 
 
-def at_a_bound(hypothesis: Hypothesis) -> bool:
-    """Whether a searched shape ended where its search had to stop: another kind is meant, or nothing.
-
-    A pre-sliding way of nothing is Coulomb friction. A time constant beyond the run is friction that goes on changing.
-    """
-    shape = dict(hypothesis.shape)
-    for name, (how, low, high) in REFINED.get(hypothesis.kind, {}).items():
-        if how != "log" or name == "gas_length":
-            continue  # an angle, a ratio or an order may be any; a gas column without end is a plain spring
-        if has_no_end(hypothesis.kind, hypothesis.shape):
-            continue
-        value = abs(shape[name])
-        too_low = value <= low * (1 + AT_BOUND) and name not in FREE_ENDS
-        if too_low or value >= high * (1 - AT_BOUND):
-            return True
-    return False
-
-
-def has_no_end(kind: str, shape: Shape) -> bool:
-    """Whether a shape ended where the data cannot follow: warming up that goes on beyond the runs."""
-    _, _, high = REFINED["thermal_friction"]["time_constant"]
-    return kind == "thermal_friction" and dict(shape)["time_constant"] >= high * (1 - AT_BOUND)
-
-
 def _same_motion(first: Sequence[States], second: Sequence[States]) -> bool:
     """Whether the states are the same, so that columns of them are: encoders may have been corrected."""
     pairs = zip(first, second, strict=True)
@@ -438,31 +282,6 @@ TURNING = {"counterbalance", "position_dependent_friction", "torque_ripple"}
 """Kinds that go round with the joint."""
 BENDING = {"gear_hysteresis"}
 """Kinds of gears that yield, which two encoders show."""
-
-
-def stacked(columns: Sequence[RunColumns]) -> RunColumns:
-    """Columns of all runs under each other."""
-    return {j: np.concatenate([run[j] for run in columns]) for j in columns[0]}
-
-
-def joined(parts: Sequence[RunColumns]) -> RunColumns:
-    """Columns side by side; joints that one of them does not reach get zeros there."""
-    joints = sorted({j for part in parts for j in part})
-    widths = [next(iter(part.values())).shape[1] for part in parts]
-    n_rows = len(next(iter(parts[0].values())))
-    return {
-        j: np.concatenate(
-            [part.get(j, np.zeros((n_rows, width))) for part, width in zip(parts, widths, strict=True)], axis=1
-        )
-        for j in joints
-    }
-
-
-def bounds_of(hypothesis: Hypothesis) -> FloatArray:
-    """What physics allows of the coefficients, (k, 2)."""
-    entry = CATALOGUE[hypothesis.kind]
-    bounds = [(c["lower"], c["upper"]) for c in entry["coefficients"]]
-    return np.array(bounds * len(hypothesis.joints), dtype=np.float64)
 
 
 def _less_rotor(states: States, j: int, inertia: float) -> FloatArray:
@@ -485,16 +304,3 @@ def _own_place(h: Hypothesis, j: int, columns: FloatArray) -> FloatArray:
 
 def _rules(kind: str) -> list[str]:
     return [parameter["name"] for parameter in CATALOGUE[kind]["shape"]]
-
-
-def is_valid(kind: str, shape: Shape) -> bool:
-    """Whether there is an effect of this shape."""
-    try:
-        _core.Effect.of(kind, **{name: [value] for name, value in shape})
-    except ValueError:
-        return False
-    return True
-
-
-def _span(name: str) -> float:
-    return {"phase": 0.3, "ratio": 0.2, "cycles": 0.2}[name]

@@ -8,7 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.diagnosis.beside import Beside, independent_rows
-from dynid_rs.diagnosis.kinds import RIPPLES, Hypothesis, Kinds, bounds_of, joined, stacked
+from dynid_rs.diagnosis.candidate import joined, stacked
+from dynid_rs.diagnosis.hypothesis import Hypothesis, bounds_of
+from dynid_rs.diagnosis.kinds import RIPPLES, Kinds
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.state import Search, columns_in, hypothesis_of
 from dynid_rs.diagnosis.valleys import KIND, best_shape

@@ -13,9 +13,11 @@ import numpy as np
 
 from dynid_rs.diagnosis.beside import Beside, independent_rows
 from dynid_rs.diagnosis.candidate import RunColumns
-from dynid_rs.diagnosis.kinds import Hypothesis, Kinds, bounds_of
+from dynid_rs.diagnosis.hypothesis import Hypothesis, bounds_of
+from dynid_rs.diagnosis.kinds import Kinds
 from dynid_rs.diagnosis.peak import highest
 from dynid_rs.diagnosis.setup import Setup
+from dynid_rs.diagnosis.shape_search import refined_shape
 from dynid_rs.diagnosis.state import Search, columns_in, hypothesis_of, worth
 from dynid_rs.placed import CATALOGUE, HeldEffect, PlacedEffect
 
@@ -70,7 +72,7 @@ def _share(beside: Beside, kinds: Kinds, hypothesis: Hypothesis) -> float:
     @cache
     def fitted_anew(share: float) -> float:
         other = kinds.with_rotor(j, share * whole)
-        return power(other.once(other.refined(hypothesis, power)))
+        return power(other.once(refined_shape(other, hypothesis, power)))
 
     at = int(np.argmax([as_it_is(share) for share in SHARES]))
     ends = highest(fitted_anew, SHARES[max(at - 1, 0) : at + 2], REFINED)

@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.diagnosis.beside import Beside, independent_rows
-from dynid_rs.diagnosis.candidate import Candidate
+from dynid_rs.diagnosis.candidate import Candidate, joined, stacked
 from dynid_rs.diagnosis.choice import Weighed, falls_by, tested, weigh
 from dynid_rs.diagnosis.dropping import FAMILY_WISE, drop_doubtful_gains, drop_needless
-from dynid_rs.diagnosis.kinds import Hypothesis, Kinds, at_a_bound, bounds_of, has_no_end, joined, stacked
+from dynid_rs.diagnosis.hypothesis import Hypothesis, at_a_bound, bounds_of, has_no_end
+from dynid_rs.diagnosis.kinds import Kinds
 from dynid_rs.diagnosis.null import effective_tests
 from dynid_rs.diagnosis.one_cylinder import PATCHES, without_patches
 from dynid_rs.diagnosis.rotor_share import with_rotors

@@ -10,8 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.diagnosis.beside import Beside
-from dynid_rs.diagnosis.kinds import Kinds, bounds_of, has_no_end, stacked
+from dynid_rs.diagnosis.candidate import stacked
+from dynid_rs.diagnosis.hypothesis import bounds_of, has_no_end
+from dynid_rs.diagnosis.kinds import Kinds
 from dynid_rs.diagnosis.setup import Setup
+from dynid_rs.diagnosis.shape_search import refined_shape
 from dynid_rs.diagnosis.state import Search, columns_in, fitted, hypothesis_of
 from dynid_rs.diagnosis.structural import refine
 from dynid_rs.diagnosis.warmth import WARMTH
@@ -97,7 +100,7 @@ def polish(state: Search, places: Iterable[int]) -> Setup:
         if has_no_end(hypothesis.kind, hypothesis.shape):
             starts = [h for h in state.kinds.grid([hypothesis.kind]) if h.joints == hypothesis.joints]
             hypothesis = max(starts, key=lambda h: power(stacked(state.kinds.columns([h])[0])))
-        refined = state.kinds.refined(hypothesis, power, with_friction=together, own_order=True)
+        refined = refined_shape(state.kinds, hypothesis, power, with_friction=together, own_order=True)
         effects[k] = refined.placed()
     return replace(state.setup, effects=tuple(effects))
 

@@ -11,7 +11,8 @@ from sklearn.base import clone
 
 from dynid_rs.diagnosis.beside import Beside
 from dynid_rs.diagnosis.choice import Weighed
-from dynid_rs.diagnosis.kinds import Hypothesis, Kinds
+from dynid_rs.diagnosis.hypothesis import Hypothesis
+from dynid_rs.diagnosis.kinds import Kinds
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.evaluation import rmse
 from dynid_rs.identification import ThreeLoopIdentifier

@@ -8,8 +8,10 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 from dynid_rs.diagnosis.beside import Beside, Gain, independent_rows
-from dynid_rs.diagnosis.candidate import RunColumns
-from dynid_rs.diagnosis.kinds import Hypothesis, Kinds, bounds_of, joined, stacked
+from dynid_rs.diagnosis.candidate import RunColumns, joined, stacked
+from dynid_rs.diagnosis.hypothesis import Hypothesis, bounds_of
+from dynid_rs.diagnosis.kinds import Kinds
+from dynid_rs.diagnosis.shape_search import refined_shape
 
 KIND = "counterbalance"
 N_WORKERS = 2
@@ -24,7 +26,7 @@ def best_shape(beside: Beside, kinds: Kinds, hypothesis: Hypothesis) -> Hypothes
     """The hypothesis with the shape that takes off most, from every valley's start."""
 
     def end(start: Hypothesis) -> Hypothesis:
-        return kinds.refined(start, lambda columns: _gain(beside, columns, hypothesis).power)
+        return refined_shape(kinds, start, lambda columns: _gain(beside, columns, hypothesis).power)
 
     starts = valleys(beside, kinds, hypothesis)
     if len(starts) == 1:
@@ -56,7 +58,7 @@ def mirrored(beside: Beside, kinds: Kinds, hypothesis: Hypothesis) -> Hypothesis
     others = _best_first(beside, kinds, hypothesis, pulling=not pulls(hypothesis))
     if not others:
         return None
-    other = kinds.refined(others[0], lambda columns: _gain(beside, columns, others[0]).power)
+    other = refined_shape(kinds, others[0], lambda columns: _gain(beside, columns, others[0]).power)
     lost = _taken(beside, kinds, hypothesis) - _taken(beside, kinds, other)
     rows = float(np.mean(independent_rows(beside.residual, beside.blocks)))
     return other if 0.5 * lost * rows / beside.n_rows < AS_LIKELY else None

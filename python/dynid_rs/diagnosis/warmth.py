@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.diagnosis.candidate import Candidate
-from dynid_rs.diagnosis.kinds import Kinds, bounds_of
+from dynid_rs.diagnosis.hypothesis import bounds_of
+from dynid_rs.diagnosis.kinds import Kinds
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.placed import CATALOGUE
 
