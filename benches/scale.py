@@ -23,9 +23,9 @@ from measure import ROOT, machine
 
 INTRODUCTION = """# The loop and large data, measured
 
-Written by `make bench` ({seconds:g} s of the loop, {gigabytes:g} GB of runs, {rounds} rounds of processes). For longer:
-`python benches/paced.py --duration 600 -- --mlock --fifo 80`, `python benches/stream.py --gigabytes 100`,
-`python benches/processes.py`.
+Written by `python benches/scale.py --seconds {seconds:g} --gigabytes {gigabytes:g} --rounds {rounds}`; `make bench` does a
+short one. Its parts: `python benches/paced.py --duration {seconds:g} -- --mlock --fifo 80`,
+`python benches/stream.py --gigabytes {gigabytes:g}`, `python benches/processes.py`.
 
 | what | figure | limit | met |
 |---|---|---|---|"""
@@ -42,7 +42,7 @@ millisecond of sleep. `sleep only` is a second thread that does nothing else: wh
 a host that takes the core away takes it from both. Runs: two encoders at 1 kHz, made on the fly, each read, checked
 and reduced; samples per second of processor time, so that other programs count less. They still share caches and
 clock rates with it, so one run, always the same, is done beside the others all along: the ratio that counts is that
-of samples per second times its time. Two processes by processor time is what two workers and the process that gathers
+of samples per second times its time. What grows in memory is what is known of every run, a few kB. Two processes by processor time is what two workers and the process that gathers
 use, laid on two idle cores.
 """
 
