@@ -23,7 +23,8 @@ from measure import ROOT, machine
 
 INTRODUCTION = """# The loop and large data, measured
 
-Written by `python benches/scale.py --seconds {seconds:g} --gigabytes {gigabytes:g} --rounds {rounds}`; `make bench` does a
+Written by `python benches/scale.py --seconds {seconds:g} --gigabytes {gigabytes:g} --rounds {rounds}`;
+`make bench` does a
 short one. Its parts: `python benches/paced.py --duration {seconds:g} -- --mlock --fifo 80`,
 `python benches/stream.py --gigabytes {gigabytes:g}`, `python benches/processes.py`.
 
@@ -42,8 +43,8 @@ millisecond of sleep. `sleep only` is a second thread that does nothing else: wh
 a host that takes the core away takes it from both. Runs: two encoders at 1 kHz, made on the fly, each read, checked
 and reduced; samples per second of processor time, so that other programs count less. They still share caches and
 clock rates with it, so one run, always the same, is done beside the others all along: the ratio that counts is that
-of samples per second times its time. What grows in memory is what is known of every run, a few kB. Two processes by processor time is what two workers and the process that gathers
-use, laid on two idle cores.
+of samples per second times its time. What grows in memory is what is known of every run, a few kB. Two processes by
+processor time is what two workers and the process that gathers use, laid on two idle cores.
 """
 
 
