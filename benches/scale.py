@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import resource
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -20,6 +21,8 @@ from typing import Any
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
 from measure import ROOT, machine
+
+from dynid_rs.archive.work import program
 
 INTRODUCTION = """# The loop and large data, measured
 
@@ -32,6 +35,7 @@ short one. Its parts: `python benches/paced.py --duration {seconds:g} -- --mlock
 |---|---|---|---|"""
 
 KEPT = ROOT / "target" / "scale"
+PRIORITY = 80
 COLD = 30.0
 """Seconds of the loop that does not wake early, at most."""
 
@@ -49,7 +53,7 @@ processor time is what two workers and the process that gathers use, laid on two
 
 
 class Benches:
-    """Benches as programs; their figures are kept, and with `resume` taken from where they are kept."""
+    """Benches as programs; their figures are kept, and with `resume` those of this very program are taken."""
 
     def __init__(self, *, resume: bool) -> None:
         self._resume = resume
@@ -61,7 +65,7 @@ class Benches:
         words, place = list(map(str, command[1:])), KEPT / f"{name or Path(script).stem}.json"
         if self._resume and place.exists():
             kept = json.loads(place.read_text(encoding="utf-8"))
-            if kept["command"] == words:
+            if (kept["command"], kept.get("program")) == (words, program()):
                 figures: dict[str, Any] = kept["figures"]
                 return figures
         done = subprocess.run([sys.executable, *words], stdout=subprocess.PIPE, text=True, check=False)
@@ -69,7 +73,7 @@ class Benches:
         if not lines:
             raise SystemExit(f"{script}: {done.stdout}")
         figures = json.loads(lines[-1])
-        place.write_text(json.dumps({"command": words, "figures": figures}), encoding="utf-8")
+        place.write_text(json.dumps({"command": words, "program": program(), "figures": figures}), encoding="utf-8")
         return figures
 
 
@@ -81,7 +85,7 @@ def row(what: str, figure: str, limit: str = "", met: bool | None = None) -> str
 
 def loop(bench: Benches, seconds: float) -> Iterator[str]:
     """The binary at 1 kHz, as a controller would run it, and without waking early."""
-    asked = ["--mlock", "--fifo", "80"] if may_be_real_time() else []
+    asked = ["--mlock", "--fifo", str(PRIORITY)] if may_be_real_time() else []
     found = bench("paced.py", "--duration", seconds, "--", "--json", *asked)
     for part, words in (
         ("compute", "compute"),
@@ -110,10 +114,13 @@ def times(words: str, part: dict[str, float], limit: float | None = None) -> str
 
 
 def may_be_real_time() -> bool:
-    """Whether this process may ask for real-time priority."""
+    """Whether this process may lock its memory and ask for real-time priority."""
+    locked, _ = resource.getrlimit(resource.RLIMIT_MEMLOCK)
+    if os.geteuid() != 0 and locked != resource.RLIM_INFINITY:
+        return False
     before = os.sched_getscheduler(0), os.sched_getparam(0)
     try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
     except OSError:
         return False
     os.sched_setscheduler(0, *before)

@@ -12,6 +12,7 @@ from run_files import write
 
 from dynid_rs import _core
 from dynid_rs.archive import RunFile
+from dynid_rs.archive.runs import signals_of
 from dynid_rs.archive.sample import PIECE, content_key, pieces_of, run_key
 from dynid_rs.checks import check_recording, contradicting_signals, refused_sources
 from dynid_rs.checks.motion import equal_runs, extent
@@ -84,3 +85,14 @@ def test_a_factor_is_that_of_the_same_columns_one_by_one():
     factor = _core.triangular_factor(rows)
     for width in range(1, 24):
         assert_array_equal(_core.triangular_factor(np.ascontiguousarray(rows[:, :width])), factor[:width, :width])
+
+
+def test_a_source_that_only_reads_is_read_again():
+    class Plain:
+        def __init__(self, run):
+            self.name, self.read, self.content = run.name, run.read, run.content
+
+    run = MadeRun(6, 4.0)
+    with pytest.raises(AttributeError):
+        Plain(run).signals()
+    assert_array_equal(signals_of(Plain(run)).tau, signals_of(run).tau)

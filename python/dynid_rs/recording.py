@@ -36,6 +36,9 @@ OptionalSignal = Literal["dq", "ddq", "q_motor", "dq_motor", "ddq_motor", "q_ref
 class Recording:
     """One measured run of one robot; link side, SI.
 
+    Arrays that are given are kept, not copied; what was once found out about them is remembered, so they have to stay
+    as they are (`dataclasses.replace` makes a run with others).
+
     Parameters
     ----------
     t : ndarray (n,)

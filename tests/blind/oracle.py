@@ -22,9 +22,9 @@ from dynid_rs.simulation.effects.thermal import ThermalDrift
 FloatArray = NDArray[np.float64]
 
 FIXED_POINTS = 50
-WARM_ROUNDS, WARM_AGREED = 40, 1e-4
-"""Most fits until what warmth takes and the friction that it is taken from agree, and the change [N m] at which they
-do."""
+WARM_ROUNDS, WARM_AGREED = 40, 0.05
+"""Most fits until what warmth takes and the friction that it is taken from agree, and the change at which they do, over
+the torque's noise."""
 _STRUCTURE = (GravityTilt, KinematicError)
 
 
@@ -54,6 +54,7 @@ def _warm(
     """A model of friction that the true warmth lessens, and the runs without what it takes; both by turns."""
     shares = [_warm_share(built, run, recording) for run, recording in enumerate(shown)]
     taken = [np.zeros_like(recording.tau) for recording in shown]
+    near = WARM_AGREED * built.simulation.arm.noise_std
     for _ in range(WARM_ROUNDS):
         before, taken = (
             taken,
@@ -61,9 +62,9 @@ def _warm(
         )
         without = [replace(r, tau=r.tau - torque) for r, torque in zip(shown, taken, strict=True)]
         model = _fitted(built, without)
-        if max(np.abs(now - then).max() for now, then in zip(taken, before, strict=True)) < WARM_AGREED:
-            break
-    return model, without
+        if all(np.all(np.abs(now - then) < near) for now, then in zip(taken, before, strict=True)):
+            return model, without
+    raise RuntimeError(f"{built.case.label}: what warmth takes and the friction that it is taken from do not agree")
 
 
 def _warm_share(built: Built, run: int, recording: Recording) -> FloatArray:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from dynid_rs import _core
 from dynid_rs.archive.reduction import Reduced, Reduction, Totals, reduce_run
-from dynid_rs.archive.runs import RunSource
+from dynid_rs.archive.runs import RunSource, signals_of
 from dynid_rs.archive.sample import choose_pieces, cut_out, recording_bytes, work_space
 from dynid_rs.archive.settle import settled
 from dynid_rs.archive.survey import Survey, check_surveys, gathered_findings, survey_run
@@ -135,7 +135,7 @@ class Archive:
         recordings: list[Recording] = []
         for k, group in groupby((places[i] for i in chosen), key=lambda place: place[0]):
             self._say(f"sample: {self.surveys[k].facts.name}")
-            recording = self.sources[k].signals()
+            recording = signals_of(self.sources[k])
             whole = len(self.surveys[k].pieces) == 1
             recordings += [recording if whole else cut_out(recording, piece) for _, piece in group]
         band = Band(cutoff) if cutoff is not None else choose_band(recordings)

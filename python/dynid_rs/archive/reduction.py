@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid_rs.archive.runs import RunSource, signals_of
 from dynid_rs.archive.survey import Entry
 from dynid_rs.archive.wide import FactorTree, cut_at_joints, observations_of, wide_factor
 from dynid_rs.columns import Observations, Plan, run_rows
@@ -21,7 +22,6 @@ from dynid_rs.training import Excluded, prepare_training_run
 from dynid_rs.uncertainty import NoiseSpectrum, noise_spectra, toeplitz_product, width_slope
 
 if TYPE_CHECKING:
-    from dynid_rs.archive.runs import RunSource
     from dynid_rs.identification import ThreeLoopIdentifier
 
 FloatArray = NDArray[np.float64]
@@ -130,7 +130,7 @@ def reduce_run(source: RunSource, reduction: Reduction) -> Entry:
     DataError, OSError
         It cannot be read, or holds too little motion.
     """
-    recording = source.signals()
+    recording = signals_of(source)
     windows = reduction.excluded.get(recording.name, ())
     states = prepare_training_run(recording, reduction.band, reduction.rate, windows, standstill=reduction.standstill)
     del recording  # nothing needs its full rate any more

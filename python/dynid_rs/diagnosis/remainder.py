@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs.assembly import evaluate, with_residual
+from dynid_rs.assembly import with_residual
 from dynid_rs.diagnosis.beside import Beside
 from dynid_rs.diagnosis.data_term import WORTH, DataTerm, fit_data_term
 from dynid_rs.diagnosis.floor import Floor, floor
@@ -20,7 +20,7 @@ from dynid_rs.diagnosis.ripple import RippleCandidate
 from dynid_rs.diagnosis.rows_beside import Beside as Rows
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.signals import STATE, Signal, candidate_signals
-from dynid_rs.diagnosis.state import Search, columns_in, fitted, rms
+from dynid_rs.diagnosis.state import Search, columns_in, fitted, hypothesis_of, rms
 from dynid_rs.diagnosis.unknown import Unexplained, find_unknown
 from dynid_rs.identification import ThreeLoopIdentifier
 from dynid_rs.loops import link_load
@@ -79,10 +79,13 @@ def what_is_left(found: Search, train: Sequence[Recording]) -> Remainder:
 
 
 def _beside_terms(found: Search, terms: Sequence[DataTerm]) -> list[list[PlacedEffect]]:
-    """Names on joints that have a term as well, which may leave them nothing to say: together, then one by one."""
+    """Names on joints that have a term as well, which may leave them nothing to say: together, then one by one.
+
+    Ripple has been weighed in the angle, where it is sharper than anything that a term can be.
+    """
     groups = []
     for j in sorted({term.joint for term in terms}):
-        there = [effect for effect in found.setup.effects if effect.joints == (j,) and not _is_line(effect)]
+        there = [e for e in found.setup.effects if e.joints == (j,) and e.kind != "torque_ripple"]
         groups += [there] if len(there) > 1 else []
         groups += [[effect] for effect in there]
     return groups
@@ -99,9 +102,12 @@ def _drives(found: Search, effect: PlacedEffect) -> bool:
     """Whether a friction, as fitted, gives more power to its joint than it takes: then it is none."""
     if effect.kind not in DISSIPATIVE:
         return False
-    (j,), model = effect.joints, found.fit.model_
-    term = model.term_names.index(effect.kind)
-    taken = [evaluate(model, states)[1][:, term, j] @ states.dq_motor[:, j] for states in found.fit.runs_]
+    k = next(k for k, other in enumerate(found.setup.effects) if other is effect)
+    fitted_ = np.array([found.fit.links_.own_[place] for place in columns_in(found)[k]])
+    columns = found.kinds.columns([hypothesis_of(effect, found.kinds)])[0]
+    (j,) = effect.joints
+    speeds = [states.dq_motor[states.rows, j] for states in found.kinds.runs]
+    taken = [dq @ (own[j] @ fitted_) for dq, own in zip(speeds, columns, strict=True)]
     return float(sum(taken)) < 0.0
 
 
