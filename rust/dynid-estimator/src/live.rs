@@ -133,7 +133,8 @@ pub fn run(
     let mut live = Live::new(link, &model, &cycle, settings, most_terms);
     live.inbox = inbox;
     let sleeper = real_time.begin()?;
-    let mut timing = Timing::new(real_time.pace().map(|pace| pace.period()));
+    let period = real_time.pace().map(|pace| pace.period());
+    let mut timing = Timing::new(period, real_time.histogram);
     live.work(&model, &mut cycle, real_time, &mut timing);
     let Counts { states, refused } = live.counts;
     if refused > 0 {
@@ -202,11 +203,7 @@ impl Live {
         let mut met = false;
         timing.start();
         while !sys::stop_asked() && sys::now() < end {
-            let begin = pace.as_mut().map(|pace| {
-                pace.wait(|| {
-                    self.rehearse(cycle);
-                })
-            });
+            let begin = pace.as_mut().map(|pace| pace.wait(|| self.rehearse(cycle)));
             if begin.is_some() && sys::stop_asked() {
                 break; // the sleep was cut short, so this is no cycle
             }
@@ -215,11 +212,8 @@ impl Live {
                 begin.due
             });
             let done = self.cycle(cycle, due.is_some());
-            let again = timing
-                .is_long(done.compute)
-                .then(|| self.rehearse(cycle).saturating_mul(done.messages.max(1)));
             let end_to_end = done.left.saturating_sub(due.unwrap_or(done.came));
-            timing.end(done.compute, end_to_end, again);
+            timing.end(done.compute, end_to_end, done.messages);
             if done.is_new && !met {
                 // The first state says what the input has; nothing is said after it, and page faults count from here.
                 met = true;
@@ -236,12 +230,12 @@ impl Live {
         timing.stop();
     }
 
-    /// Does what a cycle would do now and leaves no trace; how long it took \[ns\].
-    fn rehearse(&mut self, cycle: &Cycle) -> u64 {
+    /// Does what a cycle would do now and leaves no trace.
+    fn rehearse(&mut self, cycle: &Cycle) {
         self.newest = self.link.look(&mut self.received).unwrap_or(self.newest);
         let message = self.received.get(..self.newest).unwrap_or_default();
         self.rehearsal
-            .of_message(cycle, &self.frame, message, &mut self.sent)
+            .of_message(cycle, &self.frame, message, &mut self.sent);
     }
 
     /// Takes what came, and answers.

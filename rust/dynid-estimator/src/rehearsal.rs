@@ -1,7 +1,7 @@
 //! What the next cycle will do, done before on a twin of the state, so that code, model and state are near when it is due.
 //!
 //! The twin becomes like the state first, which reads all of it; the state itself is only looked at, so no answer can
-//! depend on whether there was a rehearsal. No allocation, no lock, no system call but the clock.
+//! depend on whether there was a rehearsal. No allocation, no lock, no system call.
 
 use std::hint::black_box;
 
@@ -9,7 +9,6 @@ use crate::cycle::Cycle;
 use crate::frame::Frame;
 use crate::input::Parser;
 use crate::output::Writer;
-use crate::sys;
 use crate::wire;
 
 /// Bytes of a line that is written and thrown away; what is longer is cut.
@@ -38,16 +37,9 @@ impl Rehearsal {
         &mut self.twin
     }
 
-    /// Answers a message, the newest there is, into `out`; how long that took \[ns\]. One that was used already stands for
-    /// the one that has not come yet.
-    pub fn of_message(
-        &mut self,
-        cycle: &Cycle,
-        frame: &Frame,
-        message: &[u8],
-        out: &mut [u8],
-    ) -> u64 {
-        let start = sys::now();
+    /// Answers a message, the newest there is, into `out`. One that was used already stands for the one that has not come
+    /// yet.
+    pub fn of_message(&mut self, cycle: &Cycle, frame: &Frame, message: &[u8], out: &mut [u8]) {
         self.twin.mirror(cycle);
         self.frame.mirror(frame);
         // What is no state leaves the one before.
@@ -57,18 +49,16 @@ impl Rehearsal {
         let sequence = self.frame.sequence.unwrap_or(0);
         black_box(wire::encode(&self.twin.answer(time), sequence, out));
         self.twin.hold();
-        sys::now() - start
     }
 
-    /// Answers a line; how long that took \[ns\].
+    /// Answers a line.
     pub fn of_line(
         &mut self,
         cycle: &Cycle,
         frame: &Frame,
         (parser, line): (&mut Parser, &[u8]),
         writer: &Writer,
-    ) -> u64 {
-        let start = sys::now();
+    ) {
         self.twin.mirror(cycle);
         self.frame.mirror(frame);
         // A line that is none is said by its own cycle.
@@ -78,7 +68,6 @@ impl Rehearsal {
         let time = self.frame.present().time.then_some(self.frame.time);
         let mut out = self.line.as_mut_slice();
         let _ = black_box(writer.write(&self.twin.answer(time), &mut out));
-        sys::now() - start
     }
 
     fn step(&mut self, before: &Frame) {
