@@ -211,6 +211,22 @@ fn messages(k: u64, with_derivatives: bool) -> Vec<Vec<u8>> {
     }
 }
 
+#[test]
+fn what_is_rehearsed_before_the_first_state_is_rest() {
+    for shared in [false, true] {
+        let mut rig = Rig::new(shared, &Settings::default());
+        rig.rehearse(2);
+        let live = &mut rig.live;
+        assert_eq!(
+            live.received[..live.newest],
+            wire::zero_state(1),
+            "{shared}"
+        );
+        // Gravity pulls at it, so it was computed.
+        assert_ne!(live.rehearsal.twin().answer(None).tau, [0.0], "{shared}");
+    }
+}
+
 /// Missed, doubled, broken and late input, a restarted sender, another model between two cycles and between a rehearsal and
 /// its cycle: no answer depends on whether there was a rehearsal, or on how many.
 #[test]
