@@ -71,8 +71,8 @@ impl Rehearsal {
     }
 
     fn step(&mut self, before: &Frame) {
-        // The same number again would be answered without computing.
-        if self.frame.sequence == before.sequence {
+        // The same number again would be answered without computing; a state without one has its own time.
+        if self.frame.sequence.is_some() && self.frame.sequence == before.sequence {
             self.frame.sequence = before.sequence.map(|number| number.wrapping_add(1));
             self.frame.time = before.time + self.twin.step_seconds();
         }
@@ -120,5 +120,42 @@ mod tests {
             rehearsal.of_line(&cycle, &frame, (&mut parser, b"no state"), &writer);
             assert_eq!((format!("{cycle:?}"), format!("{frame:?}")), before);
         }
+    }
+
+    #[test]
+    fn lines_keep_their_own_time() {
+        let model = model(1.0);
+        let mut frame = Frame::new(1);
+        let mut source = Lines::new(b"t,q_0,dq_0,ddq_0\n0,0,0,0\n".as_slice());
+        let mut parser = Parser::begin(None, &mut source, model.robot(), &mut frame).unwrap();
+        frame.time = 1.0;
+        let writer = Writer::new(Format::Csv, &model, false);
+        let cycle = Cycle::new(model, &Settings::default()).unwrap();
+        let mut rehearsal = Rehearsal::new(&cycle, &frame);
+        let line = b"7.5,0.5,0.25,1e-3";
+        rehearsal.of_line(&cycle, &frame, (&mut parser, line), &writer);
+        assert_eq!(
+            (rehearsal.frame.time, rehearsal.frame.sequence),
+            (7.5, None)
+        );
+    }
+
+    #[test]
+    fn a_numbered_state_that_was_used_stands_for_the_next() {
+        let model = model(1.0);
+        let cycle = Cycle::new(model, &Settings::default()).unwrap();
+        let mut frame = Frame::new(1);
+        let mut message = wire::zero_state(1);
+        let mut out = [0; 512];
+        wire::decode(&message, 1, &mut frame).unwrap();
+        let used = (frame.sequence, frame.time);
+        let mut rehearsal = Rehearsal::new(&cycle, &frame);
+        rehearsal.of_message(&cycle, &frame, &message, &mut out);
+        assert_eq!(rehearsal.frame.sequence, used.0.map(|number| number + 1));
+        assert_eq!(rehearsal.frame.time, used.1 + cycle.step_seconds());
+        // One that has not been used stands for itself.
+        message[16..24].copy_from_slice(&9_u64.to_le_bytes());
+        rehearsal.of_message(&cycle, &frame, &message, &mut out);
+        assert_eq!(rehearsal.frame.sequence, Some(9));
     }
 }
