@@ -14,6 +14,7 @@ use dynid_core::TorqueModel;
 
 use crate::cycle::{Cycle, Settings};
 use crate::frame::{Frame, TORQUE};
+use crate::pace::Pace;
 use crate::realtime::RealTime;
 use crate::rehearsal::Rehearsal;
 use crate::run::{frame_for, note_what_is_missing, tell};
@@ -132,10 +133,9 @@ pub fn run(
     cycle = cycle.warm();
     let mut live = Live::new(link, &model, &cycle, settings, most_terms);
     live.inbox = inbox;
-    let sleeper = real_time.begin()?;
-    let period = real_time.pace().map(|pace| pace.period());
-    let mut timing = Timing::new(period, real_time.histogram);
-    live.work(&model, &mut cycle, real_time, &mut timing);
+    let (sleeper, pace) = real_time.begin()?;
+    let mut timing = Timing::new(pace.as_ref().map(Pace::period), real_time.histogram);
+    live.work(&model, &mut cycle, (pace, real_time.end()), &mut timing);
     let Counts { states, refused } = live.counts;
     if refused > 0 {
         tell("note", &format!("{refused} messages were no states of this robot and not used, beside {states} that were"));
@@ -195,11 +195,9 @@ impl Live {
         &mut self,
         model: &TorqueModel,
         cycle: &mut Cycle,
-        real_time: &RealTime,
+        (mut pace, end): (Option<Pace>, u64),
         timing: &mut Timing,
     ) {
-        let end = real_time.end();
-        let mut pace = real_time.pace();
         let mut met = false;
         timing.start();
         while !sys::stop_asked() && sys::now() < end {

@@ -62,8 +62,8 @@ pub fn run(
         .map_err(Stop::output)?;
     cycle = cycle.warm();
     let mut rehearsal = Rehearsal::new(&cycle, &frame);
-    let sleeper = real_time.begin()?;
-    let (mut pace, end) = (real_time.pace(), real_time.end());
+    let (sleeper, mut pace) = real_time.begin()?;
+    let end = real_time.end();
     let mut timing = Timing::new(pace.as_ref().map(Pace::period), real_time.histogram);
     loop {
         if !lines.line_waits() {
