@@ -115,9 +115,9 @@ impl Timing {
         };
         self.last = self.what_made_it_long(compute, states, period);
         self.most_missed = compute.div_ceil(period);
-        if states > 0 {
-            let usual = self.usual.unwrap_or(u64::MAX);
-            self.usual = Some((compute / states).max(1).min(usual.saturating_mul(2)));
+        if let Some(each) = compute.checked_div(states) {
+            let most = self.usual.unwrap_or(u64::MAX).saturating_mul(2);
+            self.usual = Some(each.max(1).min(most));
         }
     }
 
