@@ -201,7 +201,12 @@ impl Live {
         let mut met = false;
         timing.start();
         while !sys::stop_asked() && sys::now() < end {
-            let begin = pace.as_mut().map(|pace| pace.wait(|| self.rehearse(cycle)));
+            let begin = pace.as_mut().map(|pace| {
+                pace.wait(|| {
+                    timing.rehearse();
+                    self.rehearse(cycle);
+                })
+            });
             if begin.is_some() && sys::stop_asked() {
                 break; // the sleep was cut short, so this is no cycle
             }

@@ -74,6 +74,7 @@ pub fn run(
         }
         let due = pace.as_mut().map(|pace| {
             let begin = pace.wait(|| {
+                timing.rehearse();
                 rehearsal.of_line(&cycle, &frame, (&mut parser, lines.line()), &writer);
             });
             timing.begin(begin, sys::now());

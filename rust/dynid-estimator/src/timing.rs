@@ -37,7 +37,7 @@ pub struct Timing {
     rehearsed: u64,
     /// Whether what made a cycle long is to be told; the clock of the processor is only asked then.
     told: bool,
-    /// Processor time of this thread when the cycle began \[ns\].
+    /// Processor time of this thread when the cycle was rehearsed last, or the one before was done \[ns\].
     used: u64,
     /// What made the cycle before long.
     last: Long,
@@ -64,7 +64,7 @@ impl Timing {
             missed_by_interruption: 0,
             rehearsed: 0,
             told,
-            used: 0,
+            used: if told { sys::thread_time() } else { 0 },
             last: Long::No,
             most_missed: 0,
             usual: None,
@@ -100,6 +100,11 @@ impl Timing {
                 self.missed_by_interruption += begin.missed.min(self.most_missed);
             }
         }
+    }
+
+    /// A cycle is rehearsed: what this thread used the processor for before is not that cycle's. Asked for here and where a
+    /// cycle ends, because between when a cycle is due and its answer it would come late by that.
+    pub fn rehearse(&mut self) {
         if self.told {
             self.used = sys::thread_time();
         }
@@ -113,7 +118,10 @@ impl Timing {
         let Some(period) = self.period.filter(|_| self.told) else {
             return;
         };
-        self.last = self.what_made_it_long(compute, states, period);
+        let now = sys::thread_time();
+        let used = now.saturating_sub(self.used);
+        self.used = now;
+        self.last = self.what_made_it_long(compute, states, used, period);
         self.most_missed = compute.div_ceil(period);
         if let Some(each) = compute.checked_div(states) {
             let most = self.usual.unwrap_or(u64::MAX).saturating_mul(2);
@@ -121,11 +129,10 @@ impl Timing {
         }
     }
 
-    fn what_made_it_long(&self, compute: u64, states: u64, period: u64) -> Long {
+    fn what_made_it_long(&self, compute: u64, states: u64, used: u64, period: u64) -> Long {
         if compute <= period / 2 {
             return Long::No;
         }
-        let used = sys::thread_time().saturating_sub(self.used);
         // The first one has nothing to be compared with.
         let most = self.usual.unwrap_or(u64::MAX).saturating_mul(INTERRUPTED);
         if used > period / 2 && compute / states.max(1) <= most {
@@ -237,8 +244,9 @@ mod tests {
             timing.begin(begin(0), 0);
             timing.end(*compute, *compute, *states);
         }
-        // What the loop does before it is not computing.
+        // What the loop does before it is rehearsed is not computing.
         spin(PERIOD);
+        timing.rehearse();
         timing.begin(begin(0), 0);
         spin(used);
         timing.end(compute, compute, states);
@@ -300,6 +308,7 @@ mod tests {
     #[test]
     fn nothing_is_told_apart_where_nobody_asks() {
         let mut timing = Timing::new(Some(PERIOD), false);
+        timing.rehearse();
         timing.begin(Begin::default(), 0);
         timing.end(9 * PERIOD, 9 * PERIOD, 1);
         assert_eq!((timing.used, timing.last), (0, Long::No));
