@@ -212,8 +212,8 @@ fn per_hour(text: &str) -> Result<f64, &'static str> {
 fn early(text: &str) -> Result<f64, &'static str> {
     let early: Option<f64> = text.parse().ok();
     early
-        .filter(|early| (0.0..=1.0).contains(early))
-        .ok_or("expected seconds, 0 to 1")
+        .filter(|early| (0.0..=0.01).contains(early))
+        .ok_or("expected seconds, 0 to 0.01")
 }
 
 fn seconds(text: &str) -> Result<f64, &'static str> {

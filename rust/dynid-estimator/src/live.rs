@@ -14,6 +14,7 @@ use dynid_core::TorqueModel;
 
 use crate::cycle::{Cycle, Settings};
 use crate::frame::{Frame, TORQUE};
+use crate::pace::Pace;
 use crate::realtime::RealTime;
 use crate::rehearsal::Rehearsal;
 use crate::run::{frame_for, note_what_is_missing, tell};
@@ -132,9 +133,9 @@ pub fn run(
     cycle = cycle.warm();
     let mut live = Live::new(link, &model, &cycle, settings, most_terms);
     live.inbox = inbox;
-    let sleeper = real_time.begin()?;
-    let mut timing = Timing::new(real_time.pace().map(|pace| pace.period()));
-    live.work(&model, &mut cycle, real_time, &mut timing);
+    let (sleeper, pace) = real_time.begin()?;
+    let mut timing = Timing::new(pace.as_ref().map(Pace::period), real_time.histogram);
+    live.work(&model, &mut cycle, (pace, real_time.end()), &mut timing);
     let Counts { states, refused } = live.counts;
     if refused > 0 {
         tell("note", &format!("{refused} messages were no states of this robot and not used, beside {states} that were"));
@@ -194,16 +195,15 @@ impl Live {
         &mut self,
         model: &TorqueModel,
         cycle: &mut Cycle,
-        real_time: &RealTime,
+        (mut pace, end): (Option<Pace>, u64),
         timing: &mut Timing,
     ) {
-        let end = real_time.end();
-        let mut pace = real_time.pace();
         let mut met = false;
         timing.start();
         while !sys::stop_asked() && sys::now() < end {
             let begin = pace.as_mut().map(|pace| {
                 pace.wait(|| {
+                    timing.rehearse();
                     self.rehearse(cycle);
                 })
             });
@@ -215,11 +215,8 @@ impl Live {
                 begin.due
             });
             let done = self.cycle(cycle, due.is_some());
-            let again = timing
-                .is_long(done.compute)
-                .then(|| self.rehearse(cycle).saturating_mul(done.messages.max(1)));
             let end_to_end = done.left.saturating_sub(due.unwrap_or(done.came));
-            timing.end(done.compute, end_to_end, again);
+            timing.end(done.compute, end_to_end, done.messages);
             if done.is_new && !met {
                 // The first state says what the input has; nothing is said after it, and page faults count from here.
                 met = true;
@@ -236,12 +233,12 @@ impl Live {
         timing.stop();
     }
 
-    /// Does what a cycle would do now and leaves no trace; how long it took \[ns\].
-    fn rehearse(&mut self, cycle: &Cycle) -> u64 {
+    /// Does what a cycle would do now and leaves no trace.
+    fn rehearse(&mut self, cycle: &Cycle) {
         self.newest = self.link.look(&mut self.received).unwrap_or(self.newest);
         let message = self.received.get(..self.newest).unwrap_or_default();
         self.rehearsal
-            .of_message(cycle, &self.frame, message, &mut self.sent)
+            .of_message(cycle, &self.frame, message, &mut self.sent);
     }
 
     /// Takes what came, and answers.

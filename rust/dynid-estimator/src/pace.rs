@@ -18,9 +18,15 @@ const LEAST_EARLY: u64 = 5_000;
 const RISE: u64 = 4;
 const FALL: u64 = 2_000;
 
-/// What a rehearsal needs is forgotten by this part with every cycle, so that one that was interrupted does not count for
-/// long.
+/// What a rehearsal needs is forgotten by this part with every one that was faster.
 const FORGET: u64 = 8;
+
+/// After so many cycles in a row that seemed to leave no time for a rehearsal, half of what it needs is forgotten: with
+/// another model or on another day it may be wrong, and only a rehearsal can say so.
+const PATIENCE: u64 = 500;
+
+/// Rehearsals that are timed before the first cycle; the fastest but one counts.
+const TRIALS: usize = 5;
 
 /// The rehearsal is repeated in the last so many times of what it needs: branches are learnt by then, and what other
 /// threads did meanwhile is undone.
@@ -34,8 +40,13 @@ pub struct Pace {
     /// Most that it wakes early, and how much it does now \[ns\].
     most_early: u64,
     early: u64,
-    /// What a rehearsal takes \[ns\].
+    /// What a rehearsal takes \[ns\], 0 before the first: the faster one of the last two, or what is not forgotten yet of
+    /// slower ones. One that was interrupted does not count.
     needs: u64,
+    /// What the last one took \[ns\].
+    last: u64,
+    /// Cycles since.
+    without: u64,
 }
 
 /// A cycle that begins.
@@ -61,6 +72,8 @@ impl Pace {
             most_early,
             early: most_early,
             needs: 0,
+            last: 0,
+            without: 0,
         }
     }
 
@@ -80,14 +93,17 @@ impl Pace {
             missed,
             ..Begin::default()
         };
+        // Where there is time enough before the first cycle, so that no rehearsal of unknown length begins before one.
+        if self.needs == 0 && self.most_early > 0 && due.saturating_sub(done) > self.most_early {
+            self.try_out(&mut rehearse, done + (due - done) / 4);
+        }
         let wake = due.saturating_sub(self.early);
         sys::sleep_until(wake);
         if self.most_early == 0 || sys::stop_asked() {
             return begin;
         }
         let woke = sys::now();
-        let rehearsed = woke + self.needs < due;
-        self.needs -= self.needs / FORGET;
+        let rehearsed = self.has_time(due.saturating_sub(woke));
         // Nothing is learnt from a sleep that there was no time for.
         if done < wake {
             self.learn(rehearsed);
@@ -96,12 +112,11 @@ impl Pace {
         if rehearsed {
             rehearse();
             now = sys::now();
-            self.needs = self.needs.max(now - woke);
+            self.rehearsed_in(now - woke);
         }
-        let again = rehearsed;
-        while now < due {
+        while now < due && !sys::stop_asked() {
             let left = due - now;
-            if again && (self.needs..LAST * self.needs).contains(&left) {
+            if rehearsed && (self.needs..LAST * self.needs).contains(&left) {
                 rehearse();
             } else {
                 std::hint::spin_loop();
@@ -115,7 +130,57 @@ impl Pace {
         }
     }
 
+    /// Times some rehearsals, but begins none after `until`.
+    fn try_out(&mut self, rehearse: &mut impl FnMut(), until: u64) {
+        let mut times = [u64::MAX; TRIALS];
+        let mut begin = sys::now();
+        for (k, time) in times.iter_mut().enumerate() {
+            if k > 0 && begin > until {
+                break;
+            }
+            rehearse();
+            let end = sys::now();
+            *time = end - begin;
+            begin = end;
+        }
+        times.sort_unstable();
+        let [fastest, next, ..] = times;
+        let needs = if next < u64::MAX { next } else { fastest };
+        self.needs = needs.clamp(1, self.most_early);
+        self.last = self.needs;
+    }
+
+    /// True if a rehearsal that begins `left` \[ns\] before a cycle will be done before it.
+    fn has_time(&self, left: u64) -> bool {
+        self.needs > 0 && self.needs < left
+    }
+
+    /// A rehearsal took so long \[ns\].
+    fn rehearsed_in(&mut self, time: u64) {
+        let seen = time.min(self.last);
+        self.last = time;
+        self.needs = if seen > self.needs {
+            seen.min(self.most_early)
+        } else {
+            (self.needs - (self.needs - seen) / FORGET).max(1)
+        };
+    }
+
+    /// A wake left time for a rehearsal, or did not.
     fn learn(&mut self, in_time: bool) {
+        if in_time {
+            self.without = 0;
+        } else {
+            self.without += 1;
+            if self.without >= PATIENCE {
+                self.without = 0;
+                self.needs = self.needs.div_ceil(2);
+            }
+        }
+        // No wake is early enough for a rehearsal that takes as long as the loop may be awake.
+        if self.needs >= self.most_early {
+            return;
+        }
         let early = if in_time {
             self.early - self.early / FALL
         } else {
@@ -165,10 +230,117 @@ mod tests {
         assert_eq!(pace.early, LEAST_EARLY);
     }
 
+    /// A loop on a machine that wakes it late, evenly spread over 80 us, without a clock.
+    struct Machine {
+        pace: Pace,
+        cycles: u64,
+    }
+
+    impl Machine {
+        fn new(needs: u64) -> Self {
+            let mut pace = Pace::new(1000.0, 250_000);
+            (pace.needs, pace.last) = (needs, needs);
+            let mut machine = Self { pace, cycles: 0 };
+            machine.rehearse(20_000, needs);
+            machine
+        }
+
+        /// How many of `n` cycles were rehearsed, and how many rehearsals of `time` were not done in time.
+        fn rehearse(&mut self, n: u64, time: u64) -> (u64, u64) {
+            let (mut rehearsed, mut past) = (0, 0);
+            for _ in 0..n {
+                self.cycles += 1;
+                let left = self.pace.early.saturating_sub(self.cycles * 7919 % 80_000);
+                let in_time = self.pace.has_time(left);
+                self.pace.learn(in_time);
+                if in_time {
+                    self.pace.rehearsed_in(time);
+                    rehearsed += 1;
+                    past += u64::from(time > left);
+                }
+            }
+            (rehearsed, past)
+        }
+    }
+
+    #[test]
+    fn one_interrupted_rehearsal_changes_nothing() {
+        let mut machine = Machine::new(10_000);
+        let (early, needs) = (machine.pace.early, machine.pace.needs);
+        while machine.rehearse(1, 5_000_000).0 == 0 {}
+        assert_eq!(machine.pace.needs, needs);
+        let (rehearsed, _) = machine.rehearse(100, 10_000);
+        assert!(rehearsed >= 98, "{rehearsed}");
+        let after = machine.pace.early;
+        assert!(
+            after.abs_diff(early) <= early / RISE + early / 10,
+            "{early} {after}"
+        );
+    }
+
+    #[test]
+    fn rehearsals_come_back_after_many_that_were_interrupted() {
+        let mut machine = Machine::new(10_000);
+        let early = machine.pace.early;
+        machine.rehearse(10, 5_000_000);
+        assert!(
+            machine.pace.early <= early + early / RISE,
+            "{:?}",
+            machine.pace
+        );
+        machine.rehearse(3 * PATIENCE, 10_000);
+        let (rehearsed, _) = machine.rehearse(1000, 10_000);
+        assert!(rehearsed > 950, "{rehearsed}");
+    }
+
+    #[test]
+    fn a_rehearsal_that_takes_longer_than_it_may_is_hardly_ever_begun() {
+        let mut machine = Machine::new(10_000);
+        machine.rehearse(10, 300_000);
+        let (rehearsed, past) = machine.rehearse(100 * PATIENCE, 300_000);
+        assert!(
+            (1..=100).contains(&rehearsed) && past == rehearsed,
+            "{rehearsed} {past}"
+        );
+        // Another model that takes longer, but not too long: the loop wakes earlier.
+        let mut machine = Machine::new(10_000);
+        machine.rehearse(200, 60_000);
+        let (rehearsed, past) = machine.rehearse(10_000, 60_000);
+        assert!(rehearsed > 9_900 && past == 0, "{rehearsed} {past}");
+    }
+
+    #[test]
+    fn what_a_rehearsal_needs_is_known_before_the_first() {
+        let mut pace = Pace::new(100.0, 1_000_000);
+        let mut times = [3_000, 40, 200, 60, 50].into_iter();
+        let mut begun = 0;
+        pace.try_out(
+            &mut || {
+                begun += 1;
+                let end = sys::now() + 1000 * times.next().unwrap();
+                while sys::now() < end {}
+            },
+            u64::MAX,
+        );
+        assert_eq!(begun, TRIALS);
+        assert!((50_000..=1_000_000).contains(&pace.needs), "{pace:?}");
+        // It does not become less while nothing is rehearsed.
+        let needs = pace.needs;
+        (0..50).for_each(|_| pace.learn(false));
+        assert_eq!(pace.needs, needs);
+        // None is begun when there is no time.
+        let mut begun = 0;
+        pace.try_out(&mut || begun += 1, 0);
+        assert_eq!(begun, 1);
+    }
+
     #[test]
     fn no_cycle_begins_before_it_is_due() {
         let mut pace = Pace::new(2000.0, 100_000);
         let mut rehearsals = 0;
+        while pace.needs == 0 {
+            pace.wait(|| rehearsals += 1);
+        }
         for _ in 0..200 {
             let before = rehearsals;
             let begin = pace.wait(|| rehearsals += 1);

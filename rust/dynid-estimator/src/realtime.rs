@@ -20,7 +20,7 @@ const USUAL_EARLY: f64 = 0.00025;
 pub struct RealTime {
     /// Cycles per second; none: driven by input.
     pub rate: Option<f64>,
-    /// Most that the loop wakes before a cycle \[s\]; none: [`USUAL_EARLY`], or not at all where others use the core.
+    /// Most that the loop wakes before a cycle \[s\]; none: [`USUAL_EARLY`], or not at all where others need the core.
     pub early: Option<f64>,
     /// End after so long \[s\].
     pub duration: Option<f64>,
@@ -61,11 +61,14 @@ impl RealTime {
         }
     }
 
-    /// Asks for the rest, for the calling thread. The sleeper is started before: it asks for the same priority itself.
+    /// Asks for the rest, for the calling thread, and begins the pace, if there is one. The sleeper is started before: it asks
+    /// for the same priority itself.
     ///
     /// # Errors
     /// [`Stop`] with what is not permitted.
-    pub fn begin(&self) -> Result<Option<Sleeper>, Stop> {
+    pub fn begin(&self) -> Result<(Option<Sleeper>, Option<Pace>), Stop> {
+        // Of this program, so before this thread stays on one of them. Unknown is like many.
+        let alone = thread::available_parallelism().is_ok_and(|cores| cores.get() == 1);
         let refused = |what: String, error: io::Error, mend: &str| {
             Err(Stop::Because(format!(
                 "{what}: {error}; {mend}, or leave it out"
@@ -96,20 +99,19 @@ impl RealTime {
                 return refused(format!("--fifo {priority}"), error, mend);
             }
         }
-        Ok(sleeper)
-    }
-
-    /// The pace, if there is one.
-    pub fn pace(&self) -> Option<Pace> {
-        self.rate.map(|rate| Pace::new(rate, self.most_early(rate)))
+        let pace = self
+            .rate
+            .map(|rate| Pace::new(rate, self.most_early(rate, alone)));
+        Ok((sleeper, pace))
     }
 
     /// Most that the loop wakes before a cycle \[ns\]. Who waits awake takes time from others, so without a real-time
-    /// priority, where the core is shared with whoever else is there, nobody does unless it is asked for.
-    fn most_early(&self, rate: f64) -> u64 {
+    /// priority, where the core is shared with whoever else is there, nobody does unless it is asked for. `alone`: there is
+    /// only one core, so with such a priority even the sender would have to wait.
+    fn most_early(&self, rate: f64, alone: bool) -> u64 {
         let usual = match self.fifo {
-            Some(_) => USUAL_EARLY.min(0.25 / rate),
-            None => 0.0,
+            Some(_) if !alone => USUAL_EARLY.min(0.25 / rate),
+            _ => 0.0,
         };
         (self.early.unwrap_or(usual) * 1e9) as u64
     }
@@ -177,5 +179,28 @@ impl Sleeper {
     fn stop(self) -> Option<Sleep> {
         self.stop.store(true, Ordering::Relaxed);
         self.thread.join().ok()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn it_wakes_early_by_itself_only_where_nobody_else_needs_the_core() {
+        let most = |fifo, early, alone| {
+            let asked = RealTime {
+                fifo,
+                early,
+                ..RealTime::default()
+            };
+            asked.most_early(1000.0, alone)
+        };
+        assert_eq!(most(Some(80), None, false), 250_000);
+        assert_eq!(most(Some(80), None, true), 0);
+        assert_eq!(most(None, None, false), 0);
+        // Who asks for it has it.
+        assert_eq!(most(Some(80), Some(0.0001), true), 100_000);
+        assert_eq!(most(None, Some(0.0001), true), 100_000);
     }
 }

@@ -62,9 +62,9 @@ pub fn run(
         .map_err(Stop::output)?;
     cycle = cycle.warm();
     let mut rehearsal = Rehearsal::new(&cycle, &frame);
-    let sleeper = real_time.begin()?;
-    let (mut pace, end) = (real_time.pace(), real_time.end());
-    let mut timing = Timing::new(pace.as_ref().map(Pace::period));
+    let (sleeper, mut pace) = real_time.begin()?;
+    let end = real_time.end();
+    let mut timing = Timing::new(pace.as_ref().map(Pace::period), real_time.histogram);
     loop {
         if !lines.line_waits() {
             out.flush().map_err(Stop::output)?;
@@ -74,6 +74,7 @@ pub fn run(
         }
         let due = pace.as_mut().map(|pace| {
             let begin = pace.wait(|| {
+                timing.rehearse();
                 rehearsal.of_line(&cycle, &frame, (&mut parser, lines.line()), &writer);
             });
             timing.begin(begin, sys::now());
@@ -96,11 +97,7 @@ pub fn run(
         writer.write(&answer, out).map_err(Stop::output)?;
         // A sleep that was cut short by a wish to end leaves before it is due.
         let end_to_end = sys::now().saturating_sub(due.unwrap_or(start));
-        let compute = computed - start;
-        let again = timing
-            .is_long(compute)
-            .then(|| rehearsal.of_line(&cycle, &frame, (&mut parser, lines.line()), &writer));
-        timing.end(compute, end_to_end, again);
+        timing.end(computed - start, end_to_end, 1);
     }
     out.flush().map_err(Stop::output)?;
     timing.stop();

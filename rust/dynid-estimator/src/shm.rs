@@ -177,10 +177,11 @@ impl SharedMemory {
         self.state.read(&mut self.seen, out)
     }
 
-    /// The newest state, whether it was received or not; it stays as new as it was.
+    /// The newest state, whether it was received or not; it stays as new as it was. `None` if nobody ever wrote one.
     pub fn look(&self, out: &mut [u8]) -> Option<usize> {
-        let mut never_seen = u64::MAX; // odd, so no message has it
-        self.state.read(&mut never_seen, out)
+        let mut nothing = 0; // a slot's counter before its first message
+        let length = self.state.read(&mut nothing, out);
+        length.filter(|length| *length > 0)
     }
 
     /// Leaves an answer.
@@ -226,6 +227,24 @@ mod tests {
         slot.words[1].store(u64::MAX, Ordering::Relaxed);
         slot.words[0].fetch_add(2, Ordering::Relaxed);
         assert_eq!(slot.read(&mut seen, &mut out), None);
+    }
+
+    #[test]
+    fn a_look_takes_nothing_away_and_finds_nothing_in_a_fresh_slot() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut memory = SharedMemory::create(&folder.path().join("slot"), 6, 20).unwrap();
+        let mut out = [0; 64];
+        assert_eq!(memory.look(&mut out), None);
+        memory.write_state(&[7; 24]);
+        assert_eq!(memory.look(&mut out), Some(24));
+        assert_eq!(memory.look(&mut out), Some(24));
+        assert_eq!(memory.receive(&mut out), Some(24));
+        assert_eq!(
+            (memory.receive(&mut out), memory.look(&mut out)),
+            (None, Some(24))
+        );
+        memory.write_state(&[]);
+        assert_eq!(memory.look(&mut out), None);
     }
 
     #[test]

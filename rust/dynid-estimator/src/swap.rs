@@ -172,7 +172,11 @@ fn load(
     } else {
         let cycle = Cycle::new(Arc::new(new), settings);
         return cycle
-            .map(|cycle| Box::new([cycle.warm(), cycle]))
+            .map(|cycle| {
+                let cycle = cycle.warm();
+                // A copy's pages are written to, so the twin's are in place too.
+                Box::new([cycle.clone(), cycle])
+            })
             .map_err(|stop| stop.to_string());
     };
     Err(format!(

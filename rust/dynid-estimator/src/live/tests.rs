@@ -1,7 +1,5 @@
 //! Cycles of a loop whose sender is this test: what they allocate, and that a rehearsal changes nothing.
 
-use std::hint::black_box;
-
 use super::*;
 use crate::counting;
 use dynid_core::model::TorqueModelParts;
@@ -158,7 +156,7 @@ impl Rig {
 
     fn rehearse(&mut self, times: u64) {
         for _ in 0..times {
-            black_box(self.live.rehearse(&self.cycle));
+            self.live.rehearse(&self.cycle);
         }
     }
 
@@ -210,6 +208,22 @@ fn messages(k: u64, with_derivatives: bool) -> Vec<Vec<u8>> {
         15 => vec![b"no state".to_vec()],
         21 => vec![bytes.clone(), b"DYNS".to_vec(), bytes],
         _ => vec![bytes],
+    }
+}
+
+#[test]
+fn what_is_rehearsed_before_the_first_state_is_rest() {
+    for shared in [false, true] {
+        let mut rig = Rig::new(shared, &Settings::default());
+        rig.rehearse(2);
+        let live = &mut rig.live;
+        assert_eq!(
+            live.received[..live.newest],
+            wire::zero_state(1),
+            "{shared}"
+        );
+        // Gravity pulls at it, so it was computed.
+        assert_ne!(live.rehearsal.twin().answer(None).tau, [0.0], "{shared}");
     }
 }
 

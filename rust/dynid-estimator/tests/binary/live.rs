@@ -423,7 +423,14 @@ fn what_cannot_be_had_is_refused() {
             &["--early", "0.002", "--rate", "1000"],
             &["--early", "half a period"],
         ),
-        (&["--early", "-1", "--rate", "1000"], &["seconds, 0 to 1"]),
+        (
+            &["--early", "-1", "--rate", "1000"],
+            &["seconds, 0 to 0.01"],
+        ),
+        (
+            &["--early", "0.011", "--rate", "1"],
+            &["seconds, 0 to 0.01"],
+        ),
     ] {
         saved.run(args, "q_0,q_1\n0,0\n").refused(words);
     }
