@@ -90,7 +90,7 @@ def test_friction_that_goes_on_changing_is_thermal_and_one_that_is_warm_at_once_
 
     assert not at_a_bound(warm(300.0))
     assert not at_a_bound(warm(7.0))
-    assert at_a_bound(warm(3.0))
+    assert at_a_bound(warm(5.0))
 
 
 def test_a_gain_has_to_stand_out_beside_everything_else():

@@ -25,7 +25,7 @@ REFINED: dict[str, dict[str, tuple[str, float, float]]] = {
         "phase": ("linear", -4.0, 4.0),
         "gas_length": ("log", 0.05, 100.0),
     },
-    "thermal_friction": {"time_constant": ("log", 3.0, 300.0)},
+    "thermal_friction": {"time_constant": ("log", 5.0, 300.0)},
 }
 """Shape parameters that are searched between the grid's values: how, and within which bounds."""
 FREE_ENDS = ("b", "carried_load")
