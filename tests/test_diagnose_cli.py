@@ -231,7 +231,7 @@ def test_signals_that_lack_are_said_with_the_effects_that_need_them():
     assert "backlash" in found["q_motor"]
     assert "joint_elasticity" in found["q_motor"]
     assert "thermal_friction" in found["temperature"]
-    assert "10 s is shorter than the fastest of these (30 s)" in found["temperature"]
+    assert "of one that takes 30 s or more the longest run of 10 s shows only the beginning" in found["temperature"]
     assert "shorter" not in {f.column: f.message for f in missing_signals([recording(100.0)])}["temperature"]
     whole = recording()
     whole = replace(whole, q_motor=whole.q, temperature=whole.q)
