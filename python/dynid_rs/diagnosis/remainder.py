@@ -103,11 +103,11 @@ def _drives(found: Search, effect: PlacedEffect) -> bool:
     if effect.kind not in DISSIPATIVE:
         return False
     k = next(k for k, other in enumerate(found.setup.effects) if other is effect)
-    fitted_ = np.array([found.fit.links_.own_[place] for place in columns_in(found)[k]])
+    coefficients = np.array([found.fit.links_.own_[place] for place in columns_in(found)[k]])
     columns = found.kinds.columns([hypothesis_of(effect, found.kinds)])[0]
     (j,) = effect.joints
     speeds = [states.dq_motor[states.rows, j] for states in found.kinds.runs]
-    taken = [dq @ (own[j] @ fitted_) for dq, own in zip(speeds, columns, strict=True)]
+    taken = [dq @ (own[j] @ coefficients) for dq, own in zip(speeds, columns, strict=True)]
     return float(sum(taken)) < 0.0
 
 
