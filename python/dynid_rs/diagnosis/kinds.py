@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from dynid_rs import _core
 from dynid_rs.diagnosis.availability import LEAST_WARMTH
 from dynid_rs.diagnosis.candidate import Candidate, RunColumns, stacked
+from dynid_rs.diagnosis.dead_point import KIND as CYLINDER
+from dynid_rs.diagnosis.dead_point import built_for_weight
 from dynid_rs.diagnosis.hypothesis import REFINED, Hypothesis, Shape, bounds_of, is_valid, of_partner
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.identification import ThreeLoopIdentifier
@@ -25,6 +27,8 @@ FloatArray = NDArray[np.float64]
 RIPPLES = (4, 24)
 """Ripple orders that the band's scan tries: slower ones are not told from gravity, springs and cylinders, faster ones
 are sought in the angle."""
+LEAST_WAVES = 1.0
+"""Waves of a ripple that a joint has to go through before it is looked for."""
 CHUNK = 48
 """Effects whose columns are built in one pass over a run; more would only take more memory."""
 COARSE = {
@@ -68,7 +72,11 @@ class Kinds:
         weight = np.concatenate([load(states) for states in still])
         self._load_scatter = np.concatenate([states.tau_link for states in self.runs]).std(axis=0)
         tau = np.concatenate([states.tau for states in fit.runs_])
-        self._carries_weight = bool(np.any(weight.std(axis=0) > LEAST_LOAD * tau.std(axis=0)))
+        self.weight = weight.std(axis=0)
+        self._carries_weight = bool(np.any(self.weight > LEAST_LOAD * tau.std(axis=0)))
+        q = np.concatenate([states.q for states in self.runs])
+        self._turns = np.ptp(q, axis=0) / (2 * np.pi)
+        self.belief = built_for_weight(fit.robot, q) if fit.links_.prior == "robot" else None
         self.hidden_rotor = np.where(fit.observations_.plan.own[:, 0], 0.0, _inertias(fit))
         friction, _ = fit.observations_.plan.friction
         self.widths = np.asarray(dict(friction.shape)["transition_width"])
@@ -99,10 +107,17 @@ class Kinds:
                     continue
                 if "temperature" in CATALOGUE[kind]["signals"] and not all(map(self._warms, place)):
                     continue
+                if kind == CYLINDER and self.belief is not None and not self.belief.allows(place[0]):
+                    continue
                 if kind in BENDING and not all(map(self._bends, place)):
                     continue
-                out += [Hypothesis(kind, place, shape) for shape in self._shapes(kind, place[0])]
+                shapes = self._shapes(kind, place[0])
+                out += [Hypothesis(kind, place, shape) for shape in shapes if self._seen_whole(kind, place[0], shape)]
         return out
+
+    def _seen_whole(self, kind: str, j: int, shape: Shape) -> bool:
+        """Whether joint j went through a wave of the ripple: part of a wave is any curve, and says nothing beyond."""
+        return kind != "torque_ripple" or dict(shape)["cycles"] * self._turns[j] >= LEAST_WAVES
 
     def _warms(self, j: int) -> bool:
         """Whether the temperature of joint j is measured, and changes enough to tell anything."""
@@ -139,6 +154,10 @@ class Kinds:
             shape = tuple(zip([p["name"] for p in parameters], combination, strict=True))
             if is_valid(kind, shape):
                 yield shape
+
+    def doubt(self, hypothesis: Hypothesis) -> float:
+        """What is believed against the shape of a hypothesis: minus the logarithm of a probability, zero at best."""
+        return 0.0 if self.belief is None else self.belief.doubt(hypothesis)
 
     def columns(self, hypotheses: Sequence[Hypothesis]) -> list[list[RunColumns]]:
         """In-band columns per run of every hypothesis; data is read once for all that are new."""

@@ -8,18 +8,44 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.diagnosis.beside import Beside, independent_rows
-from dynid_rs.diagnosis.candidate import joined, stacked
+from dynid_rs.diagnosis.candidate import Candidate, joined, stacked
+from dynid_rs.diagnosis.dead_point import KIND
 from dynid_rs.diagnosis.hypothesis import Hypothesis, bounds_of
 from dynid_rs.diagnosis.kinds import RIPPLES, Kinds
 from dynid_rs.diagnosis.setup import Setup
-from dynid_rs.diagnosis.state import Search, columns_in, hypothesis_of
-from dynid_rs.diagnosis.valleys import KIND, best_shape
+from dynid_rs.diagnosis.state import Choice, Search, columns_in, hypothesis_of
+from dynid_rs.diagnosis.valleys import best_shape
 from dynid_rs.placed import PlacedEffect
 
 FloatArray = NDArray[np.float64]
 
 PATCHES = ("joint_spring", "torque_ripple")
 """Kinds that depend on nothing but the same joint's position."""
+CARRIES = 0.2
+"""Part of the weight's scatter from which on a spring is no cable that bends: it was built to carry."""
+
+
+def named_by_task(choice: Choice, kinds: Kinds) -> Choice:
+    """A spring that carries much of a joint's weight is a cylinder, if the robot file is believed and data allow it.
+
+    Where thirty degrees were seen the two are one curve; the other name stays as a tie.
+    """
+    spring = choice.weighed.candidate
+    cylinders = [tie for tie in choice.ties if tie.weighed.candidate.kind == KIND]
+    if kinds.belief is None or spring.kind not in PATCHES or not cylinders:
+        return choice
+    (j,) = spring.joints
+    carried = float((stacked(spring.columns)[j] @ choice.weighed.gain.coefficients).std())
+    if carried < CARRIES * kinds.weight[j]:
+        return choice
+    best = max(cylinders, key=lambda tie: tie.weighed.evidence - kinds.doubt(as_hypothesis(tie.weighed.candidate)))
+    others = [tie for tie in choice.ties if tie.weighed.candidate.kind != KIND]
+    return replace(best, ties=(replace(choice, ties=()), *others))
+
+
+def as_hypothesis(candidate: Candidate) -> Hypothesis:
+    """The hypothesis that a candidate of the catalogue was made of."""
+    return Hypothesis(candidate.kind, candidate.joints, candidate.shape)
 
 
 def without_patches(state: Search) -> Setup:

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from dynid_rs.diagnosis.dead_point import KIND as CYLINDER
 from dynid_rs.diagnosis.one_cylinder import PATCHES
-from dynid_rs.diagnosis.valleys import KIND as CYLINDER
 from dynid_rs.placed import PlacedEffect
 
 FEWEST_TEETH = 6.0

@@ -17,7 +17,7 @@ from dynid_rs.diagnosis.dropping import FAMILY_WISE, drop_doubtful_gains, drop_n
 from dynid_rs.diagnosis.hypothesis import Hypothesis, at_a_bound, bounds_of, has_no_end
 from dynid_rs.diagnosis.kinds import Kinds
 from dynid_rs.diagnosis.null import effective_tests
-from dynid_rs.diagnosis.one_cylinder import PATCHES, without_patches
+from dynid_rs.diagnosis.one_cylinder import PATCHES, named_by_task, without_patches
 from dynid_rs.diagnosis.rotor_share import with_rotors
 from dynid_rs.diagnosis.settling import refit, settle
 from dynid_rs.diagnosis.setup import Setup
@@ -126,7 +126,8 @@ def good_candidates(state: Search, further: Sequence[Candidate]) -> list[Choice]
     # A shape without end may be what others leave: it waits until they are in.
     ended = [c for c in good if not has_no_end(c.weighed.candidate.kind, c.weighed.candidate.shape)]
     good = sorted(ended or good, key=lambda choice: -choice.weighed.evidence)
-    return [_told_apart(beside, choice, looked) for choice in _different(beside, good)]
+    chosen = [named_by_task(choice, state.kinds) for choice in _different(beside, good)]
+    return [_told_apart(beside, choice, looked) for choice in chosen]
 
 
 def shortlist(
@@ -240,7 +241,7 @@ def scan(
         for k, gain in zip(members, gains, strict=True):
             h = hypotheses[k]
             n_free = int(np.sum(gain.coefficients != 0))
-            value = worth(gain.power, len(joints) * beside.n_rows, len(joints) * rows, n_free)
+            value = worth(gain.power, len(joints) * beside.n_rows, len(joints) * rows, n_free) - state.kinds.doubt(h)
             place = (h.kind, h.joints, pulls(h))
             if value > best.get(place, (-np.inf, h))[0]:
                 best[place] = (value, h)

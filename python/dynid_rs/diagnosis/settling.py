@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +16,7 @@ from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.shape_search import refined_shape
 from dynid_rs.diagnosis.state import Search, columns_in, fitted, hypothesis_of
 from dynid_rs.diagnosis.structural import refine
+from dynid_rs.diagnosis.valleys import explained
 from dynid_rs.diagnosis.warmth import WARMTH
 from dynid_rs.recording import Recording
 
@@ -96,14 +96,10 @@ def polish(state: Search, places: Iterable[int]) -> Setup:
             used = plan.own[j, plan.friction[1]]
             free = np.where(used, np.inf, 0.0)
             bounds = np.concatenate([bounds, np.stack([-free, free], axis=1)])
-        power = _power(Beside(state.fit, without), bounds)
+        power = explained(Beside(state.fit, without), state.kinds, hypothesis, bounds)
         if has_no_end(hypothesis.kind, hypothesis.shape):
             starts = [h for h in state.kinds.grid([hypothesis.kind]) if h.joints == hypothesis.joints]
             hypothesis = max(starts, key=lambda h: power(stacked(state.kinds.columns([h])[0])))
         refined = refined_shape(state.kinds, hypothesis, power, with_friction=together, own_order=True)
         effects[k] = refined.placed()
     return replace(state.setup, effects=tuple(effects))
-
-
-def _power(beside: Beside, bounds: FloatArray) -> Callable[[Any], float]:
-    return lambda columns: beside.gains(columns, [slice(None)], [bounds])[0].power

@@ -30,6 +30,8 @@ def refined_shape(
 ) -> Hypothesis:
     """Hypothesis with the shape near its own that takes off most; `power` of columns {joint: (n_rows, k)}.
 
+    What is believed of a shape is held against it, in the unit of `power`: see `valleys.explained`.
+
     `with_friction`: the width of friction's transition is searched too, and friction's columns with it stand
     behind the hypothesis' own in what `power` is given. `own_order`: a ripple may turn out to have twice its order.
     """
@@ -75,11 +77,11 @@ def _refined(kinds: Kinds, hypothesis: Hypothesis, power: Any, with_friction: bo
     def cost(x: FloatArray) -> float:
         h, moved = at(x)
         if not is_valid(h.kind, h.shape):
-            return 0.0
+            return np.inf
         columns = kinds.once(h)
         if with_friction:
             columns = joined([columns, kinds.friction(h.joints[0], moved["transition_width"])])
-        return -float(power(columns))
+        return kinds.doubt(h) - float(power(columns))
 
     start = np.array(
         [

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynid_rs.diagnosis.beside import Beside, Gain, independent_rows
 from dynid_rs.diagnosis.candidate import RunColumns, joined, stacked
+from dynid_rs.diagnosis.dead_point import KIND
 from dynid_rs.diagnosis.hypothesis import Hypothesis, bounds_of
 from dynid_rs.diagnosis.kinds import Kinds
 from dynid_rs.diagnosis.shape_search import refined_shape
 
-KIND = "counterbalance"
+FloatArray = NDArray[np.float64]
+
 N_WORKERS = 2
 """Threads that search; results do not depend on their number."""
 N_VALLEYS, NEXT_VALLEY = 3, 0.6
@@ -24,16 +27,36 @@ AS_LIKELY = 1.92
 
 def best_shape(beside: Beside, kinds: Kinds, hypothesis: Hypothesis) -> Hypothesis:
     """The hypothesis with the shape that takes off most, from every valley's start."""
+    power = explained(beside, kinds, hypothesis, bounds_of(hypothesis))
 
     def end(start: Hypothesis) -> Hypothesis:
-        return refined_shape(kinds, start, lambda columns: _gain(beside, columns, hypothesis).power)
+        return refined_shape(kinds, start, power)
 
     starts = valleys(beside, kinds, hypothesis)
     if len(starts) == 1:
         return end(starts[0])
     with ThreadPoolExecutor(N_WORKERS) as pool:  # the core evaluates without the interpreter's lock
         ends = list(pool.map(end, starts))
-    return max(ends, key=lambda end: _taken(beside, kinds, end))
+    return max(ends, key=lambda end: power(stacked(kinds.columns([end])[0])) - kinds.doubt(end))
+
+
+def explained(
+    beside: Beside, kinds: Kinds, hypothesis: Hypothesis, bounds: FloatArray
+) -> Callable[[RunColumns], float]:
+    """What columns explain: weighted power, or its logarithmic likelihood where a belief stands against a shape."""
+
+    def gain(columns: RunColumns) -> Gain:
+        return beside.gains(columns, [slice(None)], [bounds])[0]
+
+    if kinds.belief is None or hypothesis.kind != KIND:
+        return lambda columns: gain(columns).power
+
+    def left(columns: RunColumns) -> FloatArray:
+        return beside.with_columns(columns, gain(columns).coefficients)
+
+    rows = independent_rows(left(kinds.once(hypothesis)), beside.blocks)
+    before = np.sum(beside.residual**2, axis=0)
+    return lambda columns: 0.5 * float(rows @ np.log(before / np.maximum(np.sum(left(columns) ** 2, axis=0), 1e-300)))
 
 
 def valleys(beside: Beside, kinds: Kinds, hypothesis: Hypothesis) -> list[Hypothesis]:
@@ -58,7 +81,7 @@ def mirrored(beside: Beside, kinds: Kinds, hypothesis: Hypothesis) -> Hypothesis
     others = _best_first(beside, kinds, hypothesis, pulling=not pulls(hypothesis))
     if not others:
         return None
-    other = refined_shape(kinds, others[0], lambda columns: _gain(beside, columns, others[0]).power)
+    other = refined_shape(kinds, others[0], explained(beside, kinds, others[0], bounds_of(others[0])))
     lost = _taken(beside, kinds, hypothesis) - _taken(beside, kinds, other)
     rows = float(np.mean(independent_rows(beside.residual, beside.blocks)))
     return other if 0.5 * lost * rows / beside.n_rows < AS_LIKELY else None

@@ -24,6 +24,8 @@ FloatArray = NDArray[np.float64]
 
 EXPLAINED = 0.3
 """Left-out residual power over torque power below which columns are taken to hold a channel."""
+CONTRADICTED = 0.1
+"""Share of the torque's power that no common links' parameters explain, from which on runs contradict each other."""
 CLEARLY = 4.0
 """Power by which a change of channels has to be better on every joint it concerns."""
 SPOILT = 10.0
@@ -68,6 +70,8 @@ def channel_findings(
     alone = np.diag(shares)
     spoilt = (whole > LEAST_SPOILT) & (whole > SPOILT * alone)
     several = len({block.run for block in rows.observations.blocks}) > 1
+    # Runs of little motion say nothing of each other; where one set of links explains them all, nothing is wrong.
+    several = several and bool(np.any(rows.pooled_shares() > CONTRADICTED))
     hopeless = (whole > 1) & several
     if not findings and (np.any(spoilt) or (several and np.any(whole > EXPLAINED))):
         findings = _other_layout(robot, runs, rows, whole) if thorough else [_larger_than_torque(robot, whole)]

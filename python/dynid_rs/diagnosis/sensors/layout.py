@@ -89,6 +89,19 @@ class Rows:
                 left[j] += np.sum((rows[:, -1] - rows[:, :-1] @ x[plan.unknowns(j)]) ** 2)
         return np.asarray(left / power)
 
+    def pooled_shares(self) -> FloatArray:
+        """The same with nothing left out: what no links' parameters explain, (n_joints,)."""
+        plan, n = self.observations.plan, self.n_joints
+        total = np.concatenate(self.torque)
+        power = np.maximum(np.sum((total - total.mean(axis=0)) ** 2, axis=0), 1e-300)
+        system = stack(plan, self.observations.factors(), 1 / np.sqrt(power), np.ones(n))
+        x = solve(plan, system, (RIDGE,))[0]
+        left = np.zeros(n)
+        for block in self.observations.blocks:
+            for j, rows in enumerate(block.rows):
+                left[j] += np.sum((rows[:, -1] - rows[:, :-1] @ x[plan.unknowns(j)]) ** 2)
+        return np.asarray(left / power)
+
     def prior_slopes(self) -> tuple[FloatArray, NDArray[np.bool_]]:
         """Torque over what the robot file's inertials predict, beside own columns, and where that says something."""
         plan, n = self.observations.plan, self.n_joints

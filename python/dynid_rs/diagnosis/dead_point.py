@@ -1,0 +1,83 @@
+"""What is believed of a cylinder where the robot file is believed: it was built to carry the weight.
+
+A motion of thirty degrees shows little more of a cylinder than a spring, and shapes that fit it alike differ by
+kilonewton metres a few degrees further on. Who builds one puts its dead point where the arm stands upright, so that it
+pulls whichever way the arm leans. Upright is where the weight of all that hangs on the joint is highest, averaged over
+whatever the joints beyond it do.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid_rs import _core
+from dynid_rs.diagnosis.hypothesis import Hypothesis
+
+FloatArray = NDArray[np.float64]
+
+KIND = "counterbalance"
+BESIDE_UPRIGHT = 0.2
+"""How far [rad] a dead point lies beside the upright."""
+LEVER, LEVER_WITHIN = 0.3, 2.0
+"""Usual length of the shorter of a cylinder's two levers over the other's, and within which factor."""
+COLUMN, COLUMN_WITHIN = 1.0, 3.0
+"""The same for the length of the gas column over the longer lever."""
+PUSHES = 2.0
+"""What stands against a strut that pushes: a rod that is pulled cannot buckle, and balancers of arms are built so."""
+N_PLACES = 8
+"""Places of the runs at which the joints before a cylinder's own are looked at."""
+
+
+@dataclass(frozen=True)
+class BuiltForWeight:
+    """Where every joint stands upright (n_joints,) [rad]; NaN where it carries no weight."""
+
+    upright: tuple[float, ...]
+
+    def allows(self, joint: int) -> bool:
+        """Whether there is weight for a cylinder to carry."""
+        return bool(np.isfinite(self.upright[joint]))
+
+    def doubt(self, hypothesis: Hypothesis) -> float:
+        """How far the shape is from what such cylinders are: minus the logarithm of its probability, zero at best."""
+        if hypothesis.kind != KIND:
+            return 0.0
+        shape = dict(hypothesis.shape)
+        # One that pulls is shortest at its dead point, a strut is longest there: L^2 = a^2 + b^2 + 2ab cos(q + phase).
+        dead_point = (np.pi if shape["gas_length"] > 0 else 0.0) - shape["phase"]
+        beside = np.angle(np.exp(1j * (dead_point - self.upright[hypothesis.joints[0]]))) / BESIDE_UPRIGHT
+        lever = np.log(shape["b"] / shape["a"] / LEVER) / np.log(LEVER_WITHIN)
+        column = np.log(abs(shape["gas_length"]) / shape["a"] / COLUMN) / np.log(COLUMN_WITHIN)
+        return 0.5 * float(beside**2 + lever**2 + column**2) + (PUSHES if shape["gas_length"] < 0 else 0.0)
+
+
+def built_for_weight(robot: _core.RobotModel, q: FloatArray) -> BuiltForWeight:
+    """What the robot file says of cylinders; `q` (n, n_joints) are places where the joints have been."""
+    places = q[:: max(1, len(q) // N_PLACES)]
+    return BuiltForWeight(tuple(_upright(robot, places, j) for j in range(robot.n_joints)))
+
+
+def _upright(robot: _core.RobotModel, places: FloatArray, j: int) -> float:
+    """Position [rad] of revolute joint j at which the weight is highest, averaged over turns of the joints beyond."""
+    if robot.joint_kinds[j] != "revolute":
+        return float("nan")
+    beyond = [k for k in range(j + 1, robot.n_joints) if robot.joint_kinds[k] == "revolute"]
+    # The weight is a sine of every angle, so that half a turn averages it away.
+    turns = np.array(list(product((0.0, np.pi), repeat=len(beyond)))).reshape(2 ** len(beyond), len(beyond))
+    q = np.repeat(places, len(turns), axis=0)
+    q[:, beyond] += np.tile(turns, (len(places), 1))
+
+    def weight(angle: float) -> FloatArray:
+        q[:, j] = angle
+        torque: FloatArray = robot.inverse_dynamics(q, 0 * q, 0 * q, np.asarray(robot.phi))[:, j]
+        return torque
+
+    # weight = A cos q + B sin q = -R sin(q - upright)
+    A = float(np.mean(weight(0.0) - weight(np.pi))) / 2
+    B = float(np.mean(weight(np.pi / 2) - weight(-np.pi / 2))) / 2
+    carried = float(np.max(np.abs(weight(0.0)))) + float(np.max(np.abs(weight(np.pi / 2))))
+    return float(np.arctan2(A, -B)) if np.hypot(A, B) > 1e-3 * carried else float("nan")
