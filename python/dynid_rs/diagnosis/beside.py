@@ -181,6 +181,16 @@ class Beside:
         own = self.own_part(columns)
         return self.residual - np.stack([own[j] @ coefficients for j in range(self.n_joints)], axis=1)
 
+    def friction_with(self, j: int, columns: Mapping[int, FloatArray], coefficients: FloatArray) -> FloatArray:
+        """The model's own friction of joint j at every row (n_rows,), fitted again beside columns."""
+        from scipy.linalg import solve_triangular
+
+        x = self._x - solve_triangular(self._root, self.imitate(columns) @ coefficients, check_finite=False)
+        own = np.flatnonzero(self._used[self._plan.unknowns(j)][: self._plan.n_own])
+        at = np.flatnonzero(np.isin(own, np.arange(self._plan.n_own)[self._plan.friction[1]]))
+        friction: FloatArray = self._columns[j][:, at] @ x[self._places[j][at]]
+        return friction
+
     def left_out(self, columns: Mapping[int, FloatArray] | None, bounds: FloatArray | None = None) -> FloatArray:
         """Residual (n_rows, n_joints) of every block under a fit to the others, with or without a candidate."""
         out = np.zeros_like(self.residual)
@@ -192,6 +202,29 @@ class Beside:
                 left = self._with_candidate(root, left, columns, bounds, block)
             out[block] = left[block]
         return out
+
+    def with_columns_elsewhere(self, columns: Mapping[int, FloatArray], bounds: FloatArray) -> FloatArray:
+        """Residual (n_rows, n_joints) of every block with a candidate whose coefficients come from the others.
+
+        The model beside it has seen all blocks. Where one run is all there is, a third of it more or less moves base
+        parameters by far more than any candidate does, and this tells the candidate's own part.
+        """
+        own = self.own_part(columns)
+        left = self.residual.copy()
+        for block in self.blocks:
+            seen = np.ones(self.n_rows, dtype=bool)
+            seen[block] = False
+            width = len(bounds)
+            gram, score, power = np.zeros((width, width)), np.zeros(width), np.zeros(width)
+            for j, C in own.items():
+                gram += self.weights[j] ** 2 * (C[seen].T @ C[seen])
+                score += self.weights[j] ** 2 * (C[seen].T @ self.residual[seen, j])
+                if j in columns:
+                    power += self.weights[j] ** 2 * np.sum(columns[j][seen] ** 2, axis=0)
+            coefficients = bounded_gain(gram, power, score, bounds).coefficients
+            for j, C in own.items():
+                left[block, j] -= C[block] @ coefficients
+        return left
 
     def _with_candidate(
         self, root: FloatArray, left: FloatArray, columns: Mapping[int, FloatArray], bounds: FloatArray, block: slice

@@ -61,22 +61,34 @@ def weigh(beside: Beside, candidate: Candidate) -> Weighed:
 
 
 def tested(beside: Beside, weighed: Weighed, without: FloatArray) -> Weighed:
-    """`weighed` with its tests; `without` is `beside.left_out(None)`."""
+    """`weighed` with its tests; `without` is `beside.left_out(None)`.
+
+    The thirds of a lone run are asked in two ways, and the worse answer counts: with everything fitted to the others,
+    and with the candidate alone. The first is mostly about base parameters, the second does not see what they cost;
+    what has to fall clearly is the power in the second.
+    """
     candidate = weighed.candidate
     columns = stacked(candidate.columns)
     free = weighed.gain.coefficients != 0
     p = p_value(beside, columns, weighed.after, free, n_searched=candidate.n_searched)
-    left = beside.left_out(columns, candidate.bounds)
+    ratio, pays, mean_log = _predicted(beside, candidate, without, beside.left_out(columns, candidate.bounds))
+    if beside.n_runs == 1:
+        elsewhere = beside.with_columns_elsewhere(columns, candidate.bounds)
+        own_ratio, own_pays, own_mean_log = _predicted(beside, candidate, beside.residual, elsewhere)
+        ratio, mean_log = max(ratio, own_ratio), max(mean_log, own_mean_log)
+        pays = own_pays if pays > 0 else min(pays, own_pays)
+    return replace(weighed, p_value=p, left_out_ratio=ratio, pays=pays, mean_log_ratio=mean_log)
+
+
+def _predicted(
+    beside: Beside, candidate: Candidate, without: FloatArray, left: FloatArray
+) -> tuple[float, float, float]:
+    """`left_out_ratio`, `pays` and `mean_log_ratio` of residuals (n_rows, n_joints) without and with a candidate."""
     ratio = float(np.sqrt(np.min(np.sum(left**2, axis=0) / np.maximum(np.sum(without**2, axis=0), 1e-300))))
     joints = list(candidate.joints)
     powers = [[np.sum(x[block][:, joints] ** 2, axis=0) + 1e-300 for x in (left, without)] for block in beside.blocks]
-    return replace(
-        weighed,
-        p_value=p,
-        left_out_ratio=ratio,
-        pays=falls_by(beside, without, left),
-        mean_log_ratio=float(np.mean([np.log(first / second) for first, second in powers])),
-    )
+    mean_log = float(np.mean([np.log(first / second) for first, second in powers]))
+    return ratio, falls_by(beside, without, left), mean_log
 
 
 def falls_by(beside: Beside, first: FloatArray, second: FloatArray) -> float:

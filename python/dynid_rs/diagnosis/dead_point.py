@@ -3,7 +3,7 @@
 A motion of thirty degrees shows little more of a cylinder than a spring, and shapes that fit it alike differ by
 kilonewton metres a few degrees further on. Who builds one puts its dead point where the arm stands upright, so that it
 pulls whichever way the arm leans. Upright is where the weight of all that hangs on the joint is highest, averaged over
-whatever the joints beyond it do.
+whatever the joints beyond it do. Lengths are believed to be about what the catalogue's grid has.
 """
 
 from __future__ import annotations
@@ -16,16 +16,13 @@ from numpy.typing import NDArray
 
 from dynid_rs import _core
 from dynid_rs.diagnosis.hypothesis import Hypothesis
+from dynid_rs.placed import CATALOGUE
 
 FloatArray = NDArray[np.float64]
 
 KIND = "counterbalance"
 BESIDE_UPRIGHT = 0.2
 """How far [rad] a dead point lies beside the upright."""
-LEVER, LEVER_WITHIN = 0.3, 2.0
-"""Usual length of the shorter of a cylinder's two levers over the other's, and within which factor."""
-COLUMN, COLUMN_WITHIN = 1.0, 3.0
-"""The same for the length of the gas column over the longer lever."""
 PUSHES = 2.0
 """What stands against a strut that pushes: a rod that is pulled cannot buckle, and balancers of arms are built so."""
 N_PLACES = 8
@@ -50,9 +47,16 @@ class BuiltForWeight:
         # One that pulls is shortest at its dead point, a strut is longest there: L^2 = a^2 + b^2 + 2ab cos(q + phase).
         dead_point = (np.pi if shape["gas_length"] > 0 else 0.0) - shape["phase"]
         beside = np.angle(np.exp(1j * (dead_point - self.upright[hypothesis.joints[0]]))) / BESIDE_UPRIGHT
-        lever = np.log(shape["b"] / shape["a"] / LEVER) / np.log(LEVER_WITHIN)
-        column = np.log(abs(shape["gas_length"]) / shape["a"] / COLUMN) / np.log(COLUMN_WITHIN)
+        lever = _unlike_others("b", shape["b"] / shape["a"])
+        column = _unlike_others("gas_length", shape["gas_length"] / shape["a"])
         return 0.5 * float(beside**2 + lever**2 + column**2) + (PUSHES if shape["gas_length"] < 0 else 0.0)
+
+
+def _unlike_others(name: str, length: float) -> float:
+    """How far a length (of the longer lever) is from the catalogue's, over their scatter in octaves."""
+    (grid,) = (parameter["grid"] for parameter in CATALOGUE[KIND]["shape"] if parameter["name"] == name)
+    others = np.log([abs(other) for other in grid if other * length > 0])
+    return float((np.log(abs(length)) - others.mean()) / others.std())
 
 
 def built_for_weight(robot: _core.RobotModel, q: FloatArray) -> BuiltForWeight:

@@ -28,7 +28,7 @@ from dynid_rs.diagnosis.sensors import channel_errors, examine
 from dynid_rs.diagnosis.sensors.messages import delay_entries, delay_findings
 from dynid_rs.diagnosis.settling import settle
 from dynid_rs.diagnosis.setup import Setup
-from dynid_rs.diagnosis.state import Search, fitted
+from dynid_rs.diagnosis.state import Search, fitted, trusted
 from dynid_rs.diagnosis.structural_entries import clock_entries, structural_entries
 from dynid_rs.diagnosis.wrong_geometry import with_other_geometry
 from dynid_rs.findings import Finding
@@ -228,7 +228,7 @@ def _final(found: Search, remainder: Remainder, train: Sequence[Recording]) -> T
     corrected = [found.setup.corrected(recording) for recording in train]
     if remainder.terms:
         return with_terms(found, remainder.terms, corrected)
-    return found.setup.identifier().fit(corrected)
+    return found.setup.identifier(**trusted(found.setup)).fit(corrected)
 
 
 def hold_ripple(found: Search, train: Sequence[Recording]) -> list[RippleCandidate]:

@@ -20,7 +20,7 @@ from dynid_rs.diagnosis.ripple import RippleCandidate
 from dynid_rs.diagnosis.rows_beside import Beside as Rows
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.signals import STATE, Signal, candidate_signals
-from dynid_rs.diagnosis.state import Search, columns_in, fitted, hypothesis_of, rms
+from dynid_rs.diagnosis.state import Search, columns_in, fitted, hypothesis_of, rms, trusted
 from dynid_rs.diagnosis.unknown import Unexplained, find_unknown
 from dynid_rs.identification import ThreeLoopIdentifier
 from dynid_rs.loops import link_load
@@ -266,7 +266,7 @@ def _with_terms(
         for term in terms:
             tau[:, term.joint] -= np.interp(recording.t, states.t, term.torque(states, load(states)))
         lessened.append(replace(recording, tau=tau))
-    fit = setup.identifier(residual=None).fit(lessened)
+    fit = setup.identifier(residual=None, **trusted(setup)).fit(lessened)
     n = setup.robot.n_joints
     signals: list[list[tuple[str, int]]] = [[] for _ in range(n)]
     regressions: list[Any] = [None] * n

@@ -24,7 +24,7 @@ from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.state import Choice, Search, Step, fitted, rms, worth
 from dynid_rs.diagnosis.structural import structural_candidates
 from dynid_rs.diagnosis.valleys import best_shape, pulls
-from dynid_rs.diagnosis.warmth import warm_arm
+from dynid_rs.diagnosis.warmth import takes_too_much, warm_arm
 from dynid_rs.recording import Recording
 
 FloatArray = NDArray[np.float64]
@@ -121,7 +121,8 @@ def good_candidates(state: Search, further: Sequence[Candidate]) -> list[Choice]
         weighed = tested(beside, weighed, without)
         looked.append(weighed)
         p = min(1.0, weighed.p_value * state.n_tests)
-        if p < FAMILY_WISE and carries_over(weighed, lone=beside.n_runs == 1):
+        certain = p < FAMILY_WISE and carries_over(weighed, lone=beside.n_runs == 1)
+        if certain and not takes_too_much(beside, state.kinds, weighed):
             good.append(Choice(weighed, p))
     # A shape without end may be what others leave: it waits until they are in.
     ended = [c for c in good if not has_no_end(c.weighed.candidate.kind, c.weighed.candidate.shape)]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +23,7 @@ from dynid_rs.recording import Recording
 FloatArray = NDArray[np.float64]
 
 TRUSTED = 0.05
-"""Relative uncertainty of a robot file's inertials while effects are searched for under them."""
+"""Relative uncertainty of a robot file's inertials where effects are searched for, and fitted, under them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,13 +59,19 @@ class Search:
 
 def fitted(setup: Setup, train: Sequence[Recording]) -> ThreeLoopIdentifier:
     """Declared model and what was found, without a third loop."""
-    options = {"residual": None}
+    return setup.identifier(residual=None, **trusted(setup)).fit([setup.corrected(recording) for recording in train])
+
+
+def trusted(setup: Setup) -> dict[str, Any]:
+    """Options under which the robot file is trusted, where it is to be believed.
+
+    Under the weight that the evidence finds while an effect is missing the parameters imitate it. A search trusts the
+    file as far as such files usually can be, and so does the model of what was found.
+    """
     links = setup.options.get("links")
-    if links is not None and links.prior == "robot":
-        # Under the weight that the evidence finds without an effect the parameters imitate it; in a search the file
-        # is trusted as far as such files usually can be.
-        options["links"] = clone(links).set_params(prior_spread=TRUSTED)
-    return setup.identifier(**options).fit([setup.corrected(recording) for recording in train])
+    if links is None or links.prior != "robot":
+        return {}
+    return {"links": clone(links).set_params(prior_spread=TRUSTED)}
 
 
 def hypothesis_of(effect: PlacedEffect, kinds: Kinds) -> Hypothesis:

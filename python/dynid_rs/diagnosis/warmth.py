@@ -7,7 +7,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs.diagnosis.candidate import Candidate
+from dynid_rs.diagnosis.beside import Beside
+from dynid_rs.diagnosis.candidate import Candidate, stacked
+from dynid_rs.diagnosis.choice import Weighed
 from dynid_rs.diagnosis.hypothesis import bounds_of
 from dynid_rs.diagnosis.kinds import Kinds
 from dynid_rs.diagnosis.setup import Setup
@@ -16,6 +18,9 @@ from dynid_rs.placed import CATALOGUE
 FloatArray = NDArray[np.float64]
 
 WARMTH = "temperature_friction"
+WARMING = "thermal_friction"
+DRIVES = 0.1
+"""Part of the rows on which a warm joint's friction may drive it, where it turns round or the fit is unsure."""
 
 
 def warm_arm(kinds: Kinds, setup: Setup) -> list[Candidate]:
@@ -48,3 +53,15 @@ def warm_arm(kinds: Kinds, setup: Setup) -> list[Candidate]:
             accept=accept,
         )
     ]
+
+
+def takes_too_much(beside: Beside, kinds: Kinds, weighed: Weighed) -> bool:
+    """Whether a warm-up takes more friction than there is, so that what is left drives the joint: then it is none."""
+    candidate = weighed.candidate
+    if candidate.kind != WARMING:
+        return False
+    (j,) = candidate.joints
+    columns, coefficients = stacked(candidate.columns), weighed.gain.coefficients
+    friction = beside.friction_with(j, columns, coefficients) + columns[j] @ coefficients
+    dq = np.concatenate([states.dq_motor[states.rows, j] for states in kinds.runs])
+    return bool(np.mean(dq * friction < 0) > DRIVES)
