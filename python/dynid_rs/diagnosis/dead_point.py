@@ -46,10 +46,15 @@ class BuiltForWeight:
         shape = dict(hypothesis.shape)
         # One that pulls is shortest at its dead point, a strut is longest there: L^2 = a^2 + b^2 + 2ab cos(q + phase).
         dead_point = (np.pi if shape["gas_length"] > 0 else 0.0) - shape["phase"]
-        beside = np.angle(np.exp(1j * (dead_point - self.upright[hypothesis.joints[0]]))) / BESIDE_UPRIGHT
+        beside = _angle(dead_point - self.upright[hypothesis.joints[0]]) / BESIDE_UPRIGHT
         lever = _unlike_others("b", shape["b"] / shape["a"])
         column = _unlike_others("gas_length", shape["gas_length"] / shape["a"])
         return 0.5 * float(beside**2 + lever**2 + column**2) + (PUSHES if shape["gas_length"] < 0 else 0.0)
+
+
+def _angle(turned: float) -> float:
+    """The same angle within half a turn of zero [rad]."""
+    return float(np.arctan2(np.sin(turned), np.cos(turned)))
 
 
 def _unlike_others(name: str, length: float) -> float:
