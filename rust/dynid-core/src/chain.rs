@@ -52,7 +52,7 @@ impl<R: Copy> LinkRow<R> {
 /// The first joint's link on the base, which is at rest; gravity is an upward acceleration. What [`outwards`] would multiply
 /// by zeros is left out.
 #[inline(always)]
-fn from_base<L: Lanes>(
+pub(crate) fn from_base<L: Lanes>(
     robot: &RobotModel,
     place: &Placement,
     state: &JointState<L::Raw>,
@@ -72,20 +72,30 @@ fn from_base<L: Lanes>(
     }
 }
 
-/// Forward pass of Newton and Euler by one joint: velocities and accelerations of the link in its own frame.
+/// A joint's rotation, and where it puts the origin of its link in the parent's frame.
 #[inline(always)]
-fn outwards<L: Lanes>(
+pub(crate) fn placed<L: Lanes>(
     place: &Placement,
     state: &JointState<L::Raw>,
+) -> (Turn<L>, Vector<L>) {
+    (
+        place.turn(L::from_raw(state.sin), L::from_raw(state.cos)),
+        place.origin(L::from_raw(state.q)),
+    )
+}
+
+/// Forward pass of Newton and Euler by one joint: velocities and accelerations of the link in its own frame.
+#[inline(always)]
+pub(crate) fn outwards<L: Lanes>(
+    place: &Placement,
+    (turn, origin): &(Turn<L>, Vector<L>),
+    state: &JointState<L::Raw>,
     parent: &Body<L>,
-) -> (Turn<L>, Vector<L>, Body<L>) {
-    let turn = place.turn(L::from_raw(state.sin), L::from_raw(state.cos));
-    let origin = place.origin(L::from_raw(state.q));
+) -> Body<L> {
     let (dq, ddq) = (L::from_raw(state.dq), L::from_raw(state.ddq));
-    let acc = parent.acc + parent.spread * origin;
-    let [omega, alpha, acc] = place.carried(&turn, [parent.omega, parent.alpha, acc], [dq, ddq]);
-    let body = Body::new(omega, alpha, acc);
-    (turn, origin, body)
+    let acc = parent.acc + parent.spread * *origin;
+    let [omega, alpha, acc] = place.carried(turn, [parent.omega, parent.alpha, acc], [dq, ddq]);
+    Body::new(omega, alpha, acc)
 }
 
 /// Inverse dynamics of rows: `states`, `links` and `tau` hold one entry per joint, `phi` ten per link.
@@ -111,8 +121,9 @@ pub fn inverse_dynamics<L: Lanes>(
     force.put(&mut link.force);
     moment.put(&mut link.moment);
     for (((place, state), link), phi) in joints {
-        let (turn, _, body) = outwards(place, state, &parent);
-        link.put(turn, body.wrench(phi));
+        let placed = placed(place, state);
+        let body = outwards(place, &placed, state, &parent);
+        link.put(placed.0, body.wrench(phi));
         parent = body;
     }
     let (mut force, mut moment) = (Vector::<L>::zero(), Vector::<L>::zero());
@@ -159,7 +170,9 @@ pub fn joint_torque_regressor<L: Lanes>(
     let mut parent = from_base::<L>(robot, place, state);
     put_own(place, &parent, 0, width, twists, regressor);
     for (i, (place, state)) in joints {
-        let (turn, origin, body) = outwards(place, state, &parent);
+        let placed = placed(place, state);
+        let body = outwards(place, &placed, state, &parent);
+        let (turn, origin) = placed;
         // Power of link i's wrench on a unit motion of joint j, for every joint that moves the link: the twist of each
         // joint goes outwards instead of the wrench of each link inwards.
         for (j, twist) in twists.iter_mut().take(i).enumerate() {

@@ -2,11 +2,12 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::chain::{self, JointState, LinkRow, Placement, TwistRow};
+use crate::chain::{self, JointState, LinkRow, Placement};
 use crate::error::CoreError;
 use crate::lanes::{self, Kernel, Lanes, Portable, Vector, MOST_LANES};
 use crate::link_params::N_LINK_PARAMS;
 use crate::robot::{Joint, RobotModel};
+use crate::single::{self, FourTwists};
 use crate::slices::{mirror_fields, rows_mut, tail, Mirror};
 
 /// A single number in memory.
@@ -17,7 +18,7 @@ type One = [f64; 1];
 pub struct Workspace {
     states: Vec<JointState<One>>,
     links: Vec<LinkRow<One>>,
-    twists: Vec<TwistRow<One>>,
+    twists: Vec<FourTwists>,
     /// Sines and cosines, each padded to whole rows.
     trig: [Vec<f64>; 2],
 }
@@ -39,7 +40,7 @@ impl Workspace {
         Self {
             states: vec![rest; n],
             links: vec![LinkRow::new(zero); n],
-            twists: vec![[[zero; 3]; 2]; n],
+            twists: vec![FourTwists::default(); n.div_ceil(4)],
             trig: [padded.clone(), padded],
         }
     }
@@ -198,16 +199,7 @@ impl Kernel for Regressor<'_> {
         let [q, dq, ddq] = self.motion;
         self.workspace.take::<L>(q, dq, ddq);
         let Workspace { states, twists, .. } = self.workspace;
-        let n = states.len();
-        let rows = self.regressor.chunks_exact_mut(N_LINK_PARAMS * n);
-        for (j, row) in rows.enumerate() {
-            // No link before joint j is moved by it.
-            for zeros in row[..N_LINK_PARAMS * j].chunks_mut(L::LEN) {
-                L::splat(0.0).store_some(zeros);
-            }
-        }
-        let (regressor, _) = self.regressor.as_chunks_mut::<1>();
-        chain::joint_torque_regressor::<S>(self.robot, states, twists, regressor);
+        single::joint_torque_regressor::<S>(self.robot, states, twists, self.regressor);
     }
 }
 

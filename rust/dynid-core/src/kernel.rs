@@ -108,20 +108,34 @@ impl<L: Lanes> Body<L> {
         let Matrix([s0, s1, s2]) = self.spread;
         let ([xy, xz, yz], [dxy, dzx, dyz]) = (self.mixed, self.squares);
         let ([ax, ay, az], [vx, vy, vz]) = (self.alpha.0, linear.0);
-        let [ux, uy, uz] = angular.0;
-        let [hx, hy, hz] = self.acc.cross(angular).0;
+        let ([gx, gy, gz], [ux, uy, uz]) = (self.acc.0, angular.0);
+        // Every sum begins with zero and goes through x, y, z about the axes, then along them: the entries of one state are
+        // summed side by side, and what one of them leaves out is a product with zero there.
+        let zero = L::splat(0.0);
+        let [hx, hy, hz] = [
+            uz.mul_add(gy, uy.mul_sub_from(gz, zero)),
+            uz.mul_sub_from(gx, ux.mul_add(gz, zero)),
+            uy.mul_add(gx, ux.mul_sub_from(gy, zero)),
+        ];
         [
-            self.acc.dot(linear),
+            self.acc.dot_add(linear, zero),
             vz.mul_add(s2[0], vy.mul_add(s1[0], vx.mul_add(s0[0], hx))),
             vz.mul_add(s2[1], vy.mul_add(s1[1], vx.mul_add(s0[1], hy))),
             vz.mul_add(s2[2], vy.mul_add(s1[2], vx.mul_add(s0[2], hz))),
-            uz.mul_sub_from(xy, uy.mul_add(xz, ux * ax)),
-            ux.mul_sub_from(s2[0], uy.mul_add(s2[1], uz * dxy)),
-            ux.mul_sub_from(yz, uz.mul_add(xy, uy * ay)),
-            uz.mul_sub_from(s1[2], ux.mul_add(s1[0], uy * dzx)),
-            uy.mul_sub_from(s0[1], uz.mul_add(s0[2], ux * dyz)),
-            uy.mul_sub_from(xz, ux.mul_add(yz, uz * az)),
+            uz.mul_sub_from(xy, uy.mul_add(xz, ux.mul_add(ax, zero))),
+            uz.mul_add(dxy, uy.mul_add(s2[1], ux.mul_sub_from(s2[0], zero))),
+            uz.mul_add(xy, uy.mul_add(ay, ux.mul_sub_from(yz, zero))),
+            uz.mul_sub_from(s1[2], uy.mul_add(dzx, ux.mul_add(s1[0], zero))),
+            uz.mul_add(s0[2], uy.mul_sub_from(s0[1], ux.mul_add(dyz, zero))),
+            uz.mul_add(az, uy.mul_sub_from(xz, ux.mul_add(yz, zero))),
         ]
+    }
+
+    /// [`Self::power`] on a motion along axis `k` of the frame, but for the moments of inertia, which have none.
+    #[inline(always)]
+    pub(crate) fn power_along(&self, k: usize) -> [L; 4] {
+        let [x, y, z] = self.spread.0[k];
+        [self.acc.0[k], x, y, z]
     }
 
     /// [`Self::power`] on a turn about axis `k` of the frame, without its zeros.

@@ -34,6 +34,7 @@ pub mod rbf;
 pub mod residual;
 pub mod robot;
 pub mod signal;
+mod single;
 mod slices;
 pub mod state;
 mod step;

@@ -124,6 +124,26 @@ impl Placement {
         })
     }
 
+    /// The same turn in each of four lanes.
+    #[inline(always)]
+    pub(crate) fn turn_of_four<S: Lanes<Raw = [f64; 1]>>(&self, turn: &Turn<S>) -> Turn<S::Four> {
+        let rows = turn.0 .0;
+        if self.form == Form::Plane {
+            let zero = S::Four::splat(0.0);
+            let [[a, b, _], [c, d, _], [_, _, sign]] = rows;
+            return Turn(Matrix([
+                [a.of_four(), b.of_four(), zero],
+                [c.of_four(), d.of_four(), zero],
+                [zero, zero, sign.of_four()],
+            ]));
+        }
+        Turn(Matrix([
+            Vector(rows[0]).of_four().0,
+            Vector(rows[1]).of_four().0,
+            Vector(rows[2]).of_four().0,
+        ]))
+    }
+
     /// The first two entries of row k, where the axis is called z.
     #[inline(always)]
     fn moving<L: Lanes>(&self, k: usize, sin: L, cos: L) -> [L; 2] {

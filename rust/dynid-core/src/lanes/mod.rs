@@ -39,6 +39,8 @@ pub trait Lanes:
 {
     /// The same row in memory; one type for single numbers of either kind of rounding.
     type Raw: Copy + Send + Sync + core::fmt::Debug;
+    /// Four lanes with the same rounding.
+    type Four: Lanes<Four = Self::Four>;
     /// Numbers in a row.
     const LEN: usize;
     /// A row of zeros in memory.
@@ -54,6 +56,18 @@ pub trait Lanes:
     fn load(from: &[f64]) -> Self;
     /// To the first places of `to`, which is long enough; nothing is written where it is not.
     fn store(self, to: &mut [f64]);
+    /// The first lane of each, side by side.
+    fn four(parts: [Self; 4]) -> Self::Four;
+    /// A single number in each of four lanes.
+    #[inline(always)]
+    fn of_four(self) -> Self::Four
+    where
+        Self: Lanes<Raw = [f64; 1]>,
+    {
+        let [x] = self.raw();
+        Self::Four::splat(x)
+    }
+
     /// As many as `from` has, at most a row; zeros in the other lanes.
     #[inline(always)]
     fn load_some(from: &[f64]) -> Self {

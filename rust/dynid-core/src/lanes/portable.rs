@@ -44,6 +44,7 @@ impl<const N: usize, const FUSED: bool> Neg for Portable<N, FUSED> {
 
 impl<const N: usize, const FUSED: bool> Lanes for Portable<N, FUSED> {
     type Raw = [f64; N];
+    type Four = Portable<4, FUSED>;
     const LEN: usize = {
         assert!(N <= MOST_LANES && MOST_LANES.is_multiple_of(N));
         N
@@ -77,6 +78,11 @@ impl<const N: usize, const FUSED: bool> Lanes for Portable<N, FUSED> {
         if let Some(to) = to.first_chunk_mut() {
             *to = self.0;
         }
+    }
+
+    #[inline(always)]
+    fn four([a, b, c, d]: [Self; 4]) -> Self::Four {
+        Portable([a.0[0], b.0[0], c.0[0], d.0[0]])
     }
 
     #[inline(always)]

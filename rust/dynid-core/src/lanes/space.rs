@@ -50,6 +50,27 @@ impl<L: Lanes> Vector<L> {
         to[2] = self.0[2].raw();
     }
 
+    /// The same vector in each of four lanes.
+    #[inline(always)]
+    pub fn of_four(self) -> Vector<L::Four>
+    where
+        L: Lanes<Raw = [f64; 1]>,
+    {
+        let [x, y, z] = self.0;
+        Vector([x.of_four(), y.of_four(), z.of_four()])
+    }
+
+    /// This vector in lanes where `sign` has its bit set, `other` elsewhere.
+    #[inline(always)]
+    pub fn where_signed(self, sign: L, other: Self) -> Self {
+        let ([a, b, c], [x, y, z]) = (self.0, other.0);
+        Self([
+            sign.if_signed(a, x),
+            sign.if_signed(b, y),
+            sign.if_signed(c, z),
+        ])
+    }
+
     /// Inner product.
     #[inline(always)]
     pub fn dot(self, other: Self) -> L {

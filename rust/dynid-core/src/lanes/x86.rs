@@ -22,7 +22,7 @@ macro_rules! register {
         load_some $load_some:ident, store_some $store_some:ident,
         less $less:ident, less_bits $less_bits:ident, signed $signed:ident, max $max:ident, min $min:ident,
         shift $shift:ident, and $and:ident, xor $xor:ident,
-        to_bits $to_bits:ident, from_bits $from_bits:ident, transpose $transpose:ident
+        to_bits $to_bits:ident, from_bits $from_bits:ident, transpose $transpose:ident, front $front:ident
     ) => {
         $(#[$doc])*
         #[derive(Clone, Copy, Debug)]
@@ -45,6 +45,7 @@ macro_rules! register {
 
         impl Lanes for $name {
             type Raw = $raw;
+            type Four = Avx2;
             const LEN: usize = $len;
             // SAFETY: all bits zero are a row of zeros.
             const ZERO: Self::Raw = unsafe { core::mem::zeroed() };
@@ -98,6 +99,16 @@ macro_rules! register {
                 let n = to.len().min($len);
                 // SAFETY: see the head of this file; masked lanes are not touched.
                 unsafe { $store_some(to.as_mut_ptr(), self.0, n) }
+            }
+
+            #[inline(always)]
+            fn four([a, b, c, d]: [Self; 4]) -> Avx2 {
+                // SAFETY: see the head of this file.
+                unsafe {
+                    let front = _mm_unpacklo_pd($front(a.0), $front(b.0));
+                    let back = _mm_unpacklo_pd($front(c.0), $front(d.0));
+                    Avx2(_mm256_set_m128d(back, front))
+                }
             }
 
             #[inline(always)]
@@ -196,7 +207,7 @@ register!(
     load_some load_some_128, store_some store_some_128,
     less less_128, less_bits less_bits_128, signed signed_128, max _mm_max_pd, min _mm_min_pd,
     shift _mm_sll_epi64, and _mm_and_si128, xor _mm_xor_si128,
-    to_bits _mm_castpd_si128, from_bits _mm_castsi128_pd, transpose same
+    to_bits _mm_castpd_si128, from_bits _mm_castsi128_pd, transpose same, front same
 );
 
 register!(
@@ -208,7 +219,7 @@ register!(
     load_some load_some_256, store_some store_some_256,
     less less_256, less_bits less_bits_256, signed signed_256, max _mm256_max_pd, min _mm256_min_pd,
     shift _mm256_sll_epi64, and _mm256_and_si256, xor _mm256_xor_si256,
-    to_bits _mm256_castpd_si256, from_bits _mm256_castsi256_pd, transpose transpose_256
+    to_bits _mm256_castpd_si256, from_bits _mm256_castsi256_pd, transpose transpose_256, front _mm256_castpd256_pd128
 );
 
 register!(
@@ -220,7 +231,7 @@ register!(
     load_some load_some_512, store_some store_some_512,
     less less_512, less_bits less_bits_512, signed signed_512, max _mm512_max_pd, min _mm512_min_pd,
     shift _mm512_sll_epi64, and _mm512_and_si512, xor _mm512_xor_si512,
-    to_bits _mm512_castpd_si512, from_bits _mm512_castsi512_pd, transpose transpose_512
+    to_bits _mm512_castpd_si512, from_bits _mm512_castsi512_pd, transpose transpose_512, front _mm512_castpd512_pd128
 );
 
 // Below: what is more than one instruction. Without features of their own, because the compiler then must inline them where
