@@ -21,6 +21,7 @@ from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.state import fitted
 from dynid_rs.diagnosis.zero_shift import zero_shifts
 from dynid_rs.identification import ThreeLoopIdentifier
+from dynid_rs.links import LinkDynamicsIdentifier
 from dynid_rs.readers import Config
 from dynid_rs.results import evaluate_runs
 from dynid_rs.splitting import split_runs
@@ -66,6 +67,9 @@ CASES = {
         ("20_02_12_40sec_12harm",),
     ),
     "KUKA KR300, two encoders": Case("kuka_kr300_weigand", ("traj_A",), ("traj_B",)),
+    "KUKA KR300, the file's inertials believed": Case(
+        "kuka_kr300_weigand", ("traj_A",), ("traj_B",), options={"links": LinkDynamicsIdentifier(prior="robot")}
+    ),
     "seven axes, currents": Case(
         "dualarm7_hujinfei",
         ("excite_13p5",),
