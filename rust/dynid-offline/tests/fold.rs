@@ -32,15 +32,17 @@ struct Run {
 impl Run {
     fn new(robot: &RobotModel, phi: &[f64], n_samples: usize, seed: u64, noise: f64) -> Self {
         let (q, dq, ddq) = probing_states(robot, n_samples, seed);
+        Self::along([q, dq, ddq], robot, phi, noise)
+    }
+
+    fn along(motion: [Vec<f64>; 3], robot: &RobotModel, phi: &[f64], noise: f64) -> Self {
+        let [q, dq, ddq] = &motion;
         let mut tau = vec![0.0; q.len()];
-        batch::inverse_dynamics(robot, &q, &dq, &ddq, phi, &mut tau).unwrap();
+        batch::inverse_dynamics(robot, q, dq, ddq, phi, &mut tau).unwrap();
         for (k, tau) in tau.iter_mut().enumerate() {
             *tau += noise * (1.0 + (k % N) as f64) * (k as f64 * 1.7).sin();
         }
-        Self {
-            motion: [q, dq, ddq],
-            tau,
-        }
+        Self { motion, tau }
     }
 
     fn states(&self) -> RunStates<'_> {
@@ -180,6 +182,54 @@ fn a_weighted_fit_is_least_squares_on_the_stacked_rows() {
         }
         noise = own;
     }
+}
+
+/// Slow and small motions excite badly: least squares on the folded factors is that on factors of the rows, which only ever
+/// see orthogonal steps. These square the spread of the deviations too, in the rounding of the rows themselves.
+#[test]
+fn ill_conditioned_motions_fold_as_well_as_their_rows() {
+    let case = fixed_case();
+    let pivots = base_parameters(&case.robot, 0, 1e-9).unwrap().pivots;
+    let n_samples = 2000;
+    let effects = vec![Effect::torque_offset()];
+    let mut widest = 0.0_f64;
+    for exponent in 0..5 {
+        let (q, dq, ddq) = probing_states(&case.robot, n_samples, 7);
+        let size = 0.1_f64.powi(exponent);
+        let motion = [q, dq, ddq].map(|signal| signal.iter().map(|x| size * x).collect());
+        let run = Run::along(motion, &case.robot, &case.phi, 0.1);
+        let sampling = Sampling {
+            filter: ZeroPhase::default(),
+            kept: (0..n_samples).collect(),
+        };
+        let folded = fold(&case.robot, &effects, &pivots, &run.states(), None).unwrap();
+        let rows = observe(&case.robot, &effects, &pivots, &run.states(), &sampling).unwrap();
+        let joints = rows.joints.iter();
+        let reflected: Vec<Vec<f64>> = joints
+            .map(|joint| triangular_factor(&joint.rows, joint.width).unwrap())
+            .collect();
+        let fit = |factors: &[Vec<f64>]| {
+            let slices: Vec<&[f64]> = factors.iter().map(Vec::as_slice).collect();
+            weighted_fit(&slices, &pivots, n_samples, 2).unwrap()
+        };
+        let (own, expected) = (fit(&folded), fit(&reflected));
+        let stds = || expected.base_std.iter().copied();
+        let spread = stds().fold(0.0, f64::max) / stds().fold(f64::MAX, f64::min);
+        widest = widest.max(spread);
+        let tolerance = 1e-9 + 1e-18 * spread * spread;
+        let pairs = own.base.iter().zip(&expected.base);
+        for ((x, y), std) in pairs.zip(stds()) {
+            assert!(
+                (x - y).abs() <= tolerance * std,
+                "{exponent}: {x} {y} {std}"
+            );
+        }
+        let stds = own.base_std.iter().zip(&expected.base_std);
+        for (x, y) in stds.chain(own.noise_std.iter().zip(&expected.noise_std)) {
+            assert!((x - y).abs() <= tolerance * y, "{exponent}: {x} {y}");
+        }
+    }
+    assert!(widest > 1e7, "{widest:e}");
 }
 
 #[test]
