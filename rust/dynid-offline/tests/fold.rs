@@ -1,8 +1,11 @@
 //! Factors folded in one pass are those of the rows; weighted fits on them are those of the stacked rows.
 
+#[path = "../../dynid-core/benches/common/arm.rs"]
+mod arm;
 #[path = "../../dynid-core/tests/chain/mod.rs"]
 mod chain;
 
+use arm::arm;
 use chain::case;
 use dynid_core::{Effect, RobotModel, State};
 use dynid_offline::base::probing_states;
@@ -182,6 +185,46 @@ fn a_weighted_fit_is_least_squares_on_the_stacked_rows() {
         }
         noise = own;
     }
+}
+
+/// In the rows of this arm's second joint a base column follows from others, as only the first joint tells them apart.
+#[test]
+fn columns_that_a_joint_does_not_tell_apart_come_back() {
+    let robot = arm(0.0);
+    let n_samples = 500;
+    let run = Run::new(&robot, &robot.phi(), n_samples, 3, 0.1);
+    let pivots = base_parameters(&robot, 0, 1e-9).unwrap().pivots;
+    let sampling = Sampling {
+        filter: ZeroPhase::default(),
+        kept: (0..n_samples).collect(),
+    };
+    let effects = [Effect::torque_offset()];
+    let folded = fold(&robot, &effects, &pivots, &run.states(), None).unwrap();
+    let rows = observe(&robot, &effects, &pivots, &run.states(), &sampling).unwrap();
+    let mut following = 0;
+    for (r, joint) in folded.iter().zip(&rows.joints) {
+        let width = joint.width;
+        assert_eq!(r.len(), width * width);
+        let expected = triangular_factor(&joint.rows, width).unwrap();
+        let product = |r: &[f64], i: usize, k: usize| -> f64 {
+            (0..width)
+                .map(|m| r[m * width + i] * r[m * width + k])
+                .sum()
+        };
+        let longest = (0..width)
+            .map(|i| product(&expected, i, i))
+            .fold(0.0, f64::max);
+        for i in 0..width {
+            let length = product(&expected, i, i).sqrt();
+            let left = expected[i * width + i];
+            following += usize::from(length > 1e-3 && left < 1e-10 * length);
+            for k in 0..width {
+                let (a, b) = (product(r, i, k), product(&expected, i, k));
+                assert!((a - b).abs() <= 1e-13 * longest, "{i} {k} {a:e} {b:e}");
+            }
+        }
+    }
+    assert!(following > 0);
 }
 
 /// Slow and small motions excite badly: least squares on the folded factors is that on factors of the rows, which only ever
