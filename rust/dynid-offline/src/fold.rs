@@ -29,6 +29,9 @@ mod structure;
 /// Samples per task. Tasks, not threads, decide the order of sums.
 const CHUNK: usize = 16_384;
 
+/// Samples of a task, all along it, that are looked at before the others; not of one that has few more.
+const GLANCE: usize = 256;
+
 /// Tasks whose factors are held at a time.
 const WAVE: usize = 8;
 
@@ -68,7 +71,7 @@ pub fn fold(
         .collect();
     let effects = EffectColumns::new(effects, n, &run.signals);
     let n_rows = sampling.map_or(n_samples, |sampling| sampling.kept.len());
-    let folded = |chunk: usize, reflected: bool| {
+    let folded = |chunk: usize, reflected: bool, first: bool| {
         let rows = chunk * CHUNK..n_rows.min((chunk + 1) * CHUNK);
         let all: Vec<usize>;
         let kept = if let Some(sampling) = sampling {
@@ -84,7 +87,21 @@ pub fn fold(
             run,
             kept,
         };
-        let factors = if reflected {
+        // Before the first wave is over a few of the samples tell whether it is worth while to try.
+        let few: Vec<usize> = kept
+            .iter()
+            .copied()
+            .step_by(kept.len() / GLANCE + 1)
+            .collect();
+        let poor = || -> Result<bool, OfflineError> {
+            let glance = first && kept.len() >= 8 * GLANCE;
+            let of_few = Chunk {
+                kept: &few,
+                ..chunk
+            };
+            Ok(glance && of_few.factors::<Products, { products::DEPTH }>()?.is_none())
+        };
+        let factors = if reflected || poor()? {
             None
         } else {
             chunk.factors::<Products, { products::DEPTH }>()?
@@ -103,7 +120,7 @@ pub fn fold(
         let last = n_rows.div_ceil(CHUNK).min(first + WAVE);
         let new = (first..last)
             .into_par_iter()
-            .map(|chunk| folded(chunk, reflected));
+            .map(|chunk| folded(chunk, reflected, first == 0));
         let new = new.collect::<Result<Vec<_>, _>>()?;
         reflected |= new.iter().any(|(_, reflected)| *reflected);
         let new = new.into_iter().map(|(factors, _)| factors);
