@@ -31,7 +31,8 @@ READING = """## Reading these figures
   vector code than the ratio to scalar peers tells. Percentiles above p99 are then those of being interrupted.
 * A regressor leaves here row by row, as numpy wants it, not in the lanes' order; of one call from Python
   about half is the arithmetic, the rest is checking three arrays and making a fourth.
-* Base parameters come from orthogonal reflections throughout; no normal equations.
+* Base parameters come from sums of products where the condition of the columns, torque and all, allows it, and from
+  orthogonal reflections where it does not, block by block; tests hold both to the same parameters.
 * The search of G9 leaves to SciPy's SLSQP what is not an objective, in both; its own share, the bounds' and numpy's, is
   most of what is left of ours.
 * The chain (G14) has no peer here: its limit was set against the paper's own computing. Mixtures are iterated in Rust

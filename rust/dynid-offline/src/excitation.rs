@@ -296,11 +296,19 @@ impl<const P: usize> Kernel for Fill<'_, P> {
                                 *x = *x * L::load(&mask);
                             }
                         }
-                        for &(column, parameter) in columns {
-                            if self.excitation.whitening.is_some() {
-                                white[j * width + column] = row[parameter].raw();
-                            } else {
-                                row[parameter].store(&mut out.at(j, column, group)[lane..]);
+                        // A link's columns are neighbours.
+                        let Some(&(first, _)) = columns.first() else {
+                            continue;
+                        };
+                        if self.excitation.whitening.is_some() {
+                            let white = &mut white[j * width + first..];
+                            for (to, &(_, parameter)) in white.iter_mut().zip(columns) {
+                                *to = row[parameter].raw();
+                            }
+                        } else {
+                            let of_link = out.columns_from(j, first).zip(columns);
+                            for (to, &(_, parameter)) in of_link {
+                                row[parameter].store(&mut to[group][lane..]);
                             }
                         }
                     }

@@ -1,7 +1,10 @@
 //! From the states of a run to one triangular factor per joint, without the rows in between.
 //!
 //! Columns are built for a few samples at a time, samples in lanes, and folded into the factors while they are in the
-//! cache. Every lane keeps a factor of its own, so that no sum runs across lanes; the eight are merged at the end.
+//! cache. Every lane keeps sums of its own, so that no sum runs across lanes; the eight are merged at the end. What is
+//! summed are products of columns; where these would lose digits, reflections take their place.
+
+use std::marker::PhantomData;
 
 use dynid_core::chain;
 use dynid_core::lanes::{self, Kernel, Lanes, MOST_LANES};
@@ -15,12 +18,19 @@ use crate::joint_columns::{EffectColumns, JointPlan};
 use crate::observation::{check, check_shapes, observe, RunStates, Sampling};
 use crate::rows::{gather, StateRows};
 use crate::triangle::Columns;
-use reflect::{JointFold, DEPTH};
+use products::Products;
+use reflect::Reflections;
+use structure::structures;
 
+mod products;
 mod reflect;
+mod structure;
 
 /// Samples per task. Tasks, not threads, decide the order of sums.
 const CHUNK: usize = 16_384;
+
+/// Samples of a task, all along it, that are looked at before the others; not of one that has few more.
+const GLANCE: usize = 256;
 
 /// Tasks whose factors are held at a time.
 const WAVE: usize = 8;
@@ -54,9 +64,14 @@ pub fn fold(
         None => check_shapes(robot, effects, pivots, run, n_samples)?,
     }
     let plan: Vec<JointPlan> = (0..n).map(|j| JointPlan::new(j, effects, pivots)).collect();
+    let structures = structures(robot, &plan)?;
+    let joints = structures.iter().zip(&plan);
+    let plan: Vec<JointPlan> = joints
+        .map(|(of_joint, joint)| of_joint.plan(joint))
+        .collect();
     let effects = EffectColumns::new(effects, n, &run.signals);
     let n_rows = sampling.map_or(n_samples, |sampling| sampling.kept.len());
-    let folded = |chunk: usize| {
+    let folded = |chunk: usize, reflected: bool, first: bool| {
         let rows = chunk * CHUNK..n_rows.min((chunk + 1) * CHUNK);
         let all: Vec<usize>;
         let kept = if let Some(sampling) = sampling {
@@ -65,31 +80,103 @@ pub fn fold(
             all = rows.collect();
             &all
         };
-        let not_finite = OfflineError::NonFinite { what: "run" };
-        lanes::run(Chunk {
+        let chunk = Chunk {
             robot,
             effects: &effects,
             plan: &plan,
             run,
             kept,
-        })
-        .ok_or(not_finite)
+        };
+        // Before the first wave is over a few of the samples tell whether it is worth while to try.
+        let few: Vec<usize> = kept
+            .iter()
+            .copied()
+            .step_by(kept.len() / GLANCE + 1)
+            .collect();
+        let poor = || -> Result<bool, OfflineError> {
+            let glance = first && kept.len() >= 8 * GLANCE;
+            let of_few = Chunk {
+                kept: &few,
+                ..chunk
+            };
+            Ok(glance && of_few.factors::<Products, { products::DEPTH }>()?.is_none())
+        };
+        let factors = if reflected || poor()? {
+            None
+        } else {
+            chunk.factors::<Products, { products::DEPTH }>()?
+        };
+        match factors {
+            Some(factors) => Ok((factors, false)),
+            None => chunk
+                .factors::<Reflections, { reflect::DEPTH }>()
+                .map(|factors| (factors.unwrap_or_default(), true)),
+        }
     };
-    // A wave of tasks at a time, each merged with what came before: memory stays that of one wave.
-    let mut factors: Option<Vec<Vec<f64>>> = None;
+    // A wave of tasks at a time, each merged with what came before: memory stays that of one wave. Where reflections were
+    // needed once, nothing else is tried in the waves that follow.
+    let (mut factors, mut reflected) = (None::<Vec<Vec<f64>>>, false);
     for first in (0..n_rows.div_ceil(CHUNK)).step_by(WAVE) {
         let last = n_rows.div_ceil(CHUNK).min(first + WAVE);
-        let new = (first..last).into_par_iter().map(folded);
+        let new = (first..last)
+            .into_par_iter()
+            .map(|chunk| folded(chunk, reflected, first == 0));
         let new = new.collect::<Result<Vec<_>, _>>()?;
+        reflected |= new.iter().any(|(_, reflected)| *reflected);
+        let new = new.into_iter().map(|(factors, _)| factors);
         let wave: Vec<_> = factors.take().into_iter().chain(new).collect();
         let of_joint = |j: usize| wave.iter().map(|chunk| chunk[j].clone()).collect();
         factors = Some((0..n).map(|j| tree(of_joint(j), plan[j].width())).collect());
     }
     let none = || plan.iter().map(|joint| vec![0.0; joint.width().pow(2)]);
-    Ok(factors.unwrap_or_else(|| none().collect()))
+    let factors = factors.unwrap_or_else(|| none().collect());
+    let joints = structures.iter().zip(&factors).zip(&plan);
+    Ok(joints
+        .map(|((of_joint, factor), joint)| of_joint.expand(factor, joint.n_effect_columns))
+        .collect())
 }
 
-/// Factors of some samples.
+/// A way from the rows of a joint to their factor.
+trait Folding<const DEPTH: usize> {
+    /// Takes the rows that have come into the triangles.
+    fn absorb<L: Lanes>(joint: &mut JointRows<L::Raw, DEPTH>);
+
+    /// Factor of the triangles of eight lanes, row i of all side by side; nothing where it would not be good enough.
+    fn factor<L: Lanes>(triangles: &mut Columns) -> Option<Vec<f64>>;
+}
+
+/// Rows of one joint, and what is left of those before them, samples in lanes.
+struct JointRows<R, const DEPTH: usize> {
+    width: usize,
+    /// Upper triangles, row by row without what is below the diagonal.
+    triangle: Vec<R>,
+    /// Rows that come next, one column after the other.
+    rows: Vec<[R; DEPTH]>,
+}
+
+impl<R: Copy, const DEPTH: usize> JointRows<R, DEPTH> {
+    fn new<L: Lanes<Raw = R>>(width: usize) -> Self {
+        Self {
+            width,
+            triangle: vec![L::ZERO; width * (width + 1) / 2],
+            rows: vec![[L::ZERO; DEPTH]; width],
+        }
+    }
+
+    /// Rows of the triangles that stand in these lanes, from lane `first` of eight on.
+    #[inline(always)]
+    fn put<L: Lanes<Raw = R>>(&self, first: usize, triangles: &mut Columns) {
+        let mut entries = self.triangle.iter();
+        for i in 0..self.width {
+            for (c, entry) in (i..self.width).zip(entries.by_ref()) {
+                L::from_raw(*entry).store(&mut triangles.column(c)[i][first..]);
+            }
+        }
+    }
+}
+
+/// Some samples.
+#[derive(Clone, Copy)]
 struct Chunk<'a> {
     robot: &'a RobotModel,
     effects: &'a EffectColumns<'a>,
@@ -98,38 +185,54 @@ struct Chunk<'a> {
     kept: &'a [usize],
 }
 
-impl Kernel for Chunk<'_> {
-    /// Nothing where a number is not finite.
-    type Output = Option<Vec<Vec<f64>>>;
+/// Factors of them.
+struct Factors<'a, F, const DEPTH: usize>(Chunk<'a>, PhantomData<F>);
+
+impl<F: Folding<DEPTH>, const DEPTH: usize> Kernel for Factors<'_, F, DEPTH> {
+    type Output = Result<Option<Vec<Vec<f64>>>, OfflineError>;
 
     #[inline(always)]
     fn run<S: Lanes<Raw = [f64; 1]>, L: Lanes>(self) -> Self::Output {
-        let widths = self.plan.iter().map(JointPlan::width);
+        let widths = self.0.plan.iter().map(JointPlan::width);
         // Row i of all eight side by side: column k ends with row k.
         let empty = |width: usize| Columns::zeros(1..=width);
-        let mut stacked: Vec<_> = widths.clone().map(empty).collect();
-        // Eight factors on every processor, so that the sums are the same: narrower rows go over the samples again.
+        let mut triangles: Vec<_> = widths.clone().map(empty).collect();
+        // Eight triangles on every processor, so that the sums are the same: narrower rows go over the samples again.
         for first in (0..MOST_LANES).step_by(L::LEN) {
-            let mut joints: Vec<_> = widths.clone().map(JointFold::new::<L>).collect();
-            if !self.fold_lanes::<L>(first, &mut joints) {
-                return None;
+            let mut joints: Vec<_> = widths.clone().map(JointRows::new::<L>).collect();
+            if !self.0.fold_lanes::<L, F, DEPTH>(first, &mut joints) {
+                return Err(OfflineError::NonFinite { what: "run" });
             }
-            for (joint, stacked) in joints.iter().zip(&mut stacked) {
-                joint.put::<L>(first, stacked);
+            for (joint, triangles) in joints.iter().zip(&mut triangles) {
+                joint.put::<L>(first, triangles);
             }
         }
-        let mut factors = Vec::with_capacity(stacked.len());
-        for stacked in &mut stacked {
-            factors.push(stacked.factor::<L>());
+        let mut factors = Vec::with_capacity(triangles.len());
+        for triangles in &mut triangles {
+            match F::factor::<L>(triangles) {
+                Some(factor) => factors.push(factor),
+                None => return Ok(None),
+            }
         }
-        Some(factors)
+        Ok(Some(factors))
     }
 }
 
 impl Chunk<'_> {
+    /// Nothing where this way is not good enough.
+    fn factors<F: Folding<DEPTH>, const DEPTH: usize>(
+        self,
+    ) -> Result<Option<Vec<Vec<f64>>>, OfflineError> {
+        lanes::run(Factors::<F, DEPTH>(self, PhantomData))
+    }
+
     /// Lanes `first..first + L::LEN` of all samples; whether all their numbers were finite.
     #[inline(always)]
-    fn fold_lanes<L: Lanes>(&self, first: usize, joints: &mut [JointFold<L::Raw>]) -> bool {
+    fn fold_lanes<L: Lanes, F: Folding<DEPTH>, const DEPTH: usize>(
+        &self,
+        first: usize,
+        joints: &mut [JointRows<L::Raw, DEPTH>],
+    ) -> bool {
         let n = self.robot.n_joints();
         let mut states = StateRows::<L>::new(n);
         let mut twists = vec![[[L::ZERO; 3]; 2]; n];
@@ -181,7 +284,7 @@ impl Chunk<'_> {
                 }
             }
             for joint in joints.iter_mut() {
-                joint.absorb::<L>();
+                F::absorb::<L>(joint);
             }
         }
         zeros.abs().all_less(L::splat(1.0))

@@ -240,7 +240,7 @@ fn solve_base(
 }
 
 /// Inverse (n × n) of the upper triangle in the first n columns of `r` (rows `width` long).
-fn invert(r: &[f64], width: usize, n: usize) -> Vec<f64> {
+pub(crate) fn invert(r: &[f64], width: usize, n: usize) -> Vec<f64> {
     let mut inverse = vec![0.0; n * n];
     for column in 0..n {
         inverse[column * n + column] = 1.0 / r[column * width + column];

@@ -1,8 +1,11 @@
 //! Factors folded in one pass are those of the rows; weighted fits on them are those of the stacked rows.
 
+#[path = "../../dynid-core/benches/common/arm.rs"]
+mod arm;
 #[path = "../../dynid-core/tests/chain/mod.rs"]
 mod chain;
 
+use arm::arm;
 use chain::case;
 use dynid_core::{Effect, RobotModel, State};
 use dynid_offline::base::probing_states;
@@ -32,15 +35,17 @@ struct Run {
 impl Run {
     fn new(robot: &RobotModel, phi: &[f64], n_samples: usize, seed: u64, noise: f64) -> Self {
         let (q, dq, ddq) = probing_states(robot, n_samples, seed);
+        Self::along([q, dq, ddq], robot, phi, noise)
+    }
+
+    fn along(motion: [Vec<f64>; 3], robot: &RobotModel, phi: &[f64], noise: f64) -> Self {
+        let [q, dq, ddq] = &motion;
         let mut tau = vec![0.0; q.len()];
-        batch::inverse_dynamics(robot, &q, &dq, &ddq, phi, &mut tau).unwrap();
+        batch::inverse_dynamics(robot, q, dq, ddq, phi, &mut tau).unwrap();
         for (k, tau) in tau.iter_mut().enumerate() {
             *tau += noise * (1.0 + (k % N) as f64) * (k as f64 * 1.7).sin();
         }
-        Self {
-            motion: [q, dq, ddq],
-            tau,
-        }
+        Self { motion, tau }
     }
 
     fn states(&self) -> RunStates<'_> {
@@ -180,6 +185,94 @@ fn a_weighted_fit_is_least_squares_on_the_stacked_rows() {
         }
         noise = own;
     }
+}
+
+/// In the rows of this arm's second joint a base column follows from others, as only the first joint tells them apart.
+#[test]
+fn columns_that_a_joint_does_not_tell_apart_come_back() {
+    let robot = arm(0.0);
+    let n_samples = 500;
+    let run = Run::new(&robot, &robot.phi(), n_samples, 3, 0.1);
+    let pivots = base_parameters(&robot, 0, 1e-9).unwrap().pivots;
+    let sampling = Sampling {
+        filter: ZeroPhase::default(),
+        kept: (0..n_samples).collect(),
+    };
+    let effects = [Effect::torque_offset()];
+    let folded = fold(&robot, &effects, &pivots, &run.states(), None).unwrap();
+    let rows = observe(&robot, &effects, &pivots, &run.states(), &sampling).unwrap();
+    let mut following = 0;
+    for (r, joint) in folded.iter().zip(&rows.joints) {
+        let width = joint.width;
+        assert_eq!(r.len(), width * width);
+        let expected = triangular_factor(&joint.rows, width).unwrap();
+        let product = |r: &[f64], i: usize, k: usize| -> f64 {
+            (0..width)
+                .map(|m| r[m * width + i] * r[m * width + k])
+                .sum()
+        };
+        let longest = (0..width)
+            .map(|i| product(&expected, i, i))
+            .fold(0.0, f64::max);
+        for i in 0..width {
+            let length = product(&expected, i, i).sqrt();
+            let left = expected[i * width + i];
+            following += usize::from(length > 1e-3 && left < 1e-10 * length);
+            for k in 0..width {
+                let (a, b) = (product(r, i, k), product(&expected, i, k));
+                assert!((a - b).abs() <= 1e-13 * longest, "{i} {k} {a:e} {b:e}");
+            }
+        }
+    }
+    assert!(following > 0);
+}
+
+/// Slow and small motions excite badly: least squares on the folded factors is that on factors of the rows, which only ever
+/// see orthogonal steps. These square the spread of the deviations too, in the rounding of the rows themselves.
+#[test]
+fn ill_conditioned_motions_fold_as_well_as_their_rows() {
+    let case = fixed_case();
+    let pivots = base_parameters(&case.robot, 0, 1e-9).unwrap().pivots;
+    let n_samples = 2000;
+    let effects = vec![Effect::torque_offset()];
+    let mut widest = 0.0_f64;
+    for exponent in 0..5 {
+        let (q, dq, ddq) = probing_states(&case.robot, n_samples, 7);
+        let size = 0.1_f64.powi(exponent);
+        let motion = [q, dq, ddq].map(|signal| signal.iter().map(|x| size * x).collect());
+        let run = Run::along(motion, &case.robot, &case.phi, 0.1);
+        let sampling = Sampling {
+            filter: ZeroPhase::default(),
+            kept: (0..n_samples).collect(),
+        };
+        let folded = fold(&case.robot, &effects, &pivots, &run.states(), None).unwrap();
+        let rows = observe(&case.robot, &effects, &pivots, &run.states(), &sampling).unwrap();
+        let joints = rows.joints.iter();
+        let reflected: Vec<Vec<f64>> = joints
+            .map(|joint| triangular_factor(&joint.rows, joint.width).unwrap())
+            .collect();
+        let fit = |factors: &[Vec<f64>]| {
+            let slices: Vec<&[f64]> = factors.iter().map(Vec::as_slice).collect();
+            weighted_fit(&slices, &pivots, n_samples, 2).unwrap()
+        };
+        let (own, expected) = (fit(&folded), fit(&reflected));
+        let stds = || expected.base_std.iter().copied();
+        let spread = stds().fold(0.0, f64::max) / stds().fold(f64::MAX, f64::min);
+        widest = widest.max(spread);
+        let tolerance = 1e-9 + 1e-18 * spread * spread;
+        let pairs = own.base.iter().zip(&expected.base);
+        for ((x, y), std) in pairs.zip(stds()) {
+            assert!(
+                (x - y).abs() <= tolerance * std,
+                "{exponent}: {x} {y} {std}"
+            );
+        }
+        let stds = own.base_std.iter().zip(&expected.base_std);
+        for (x, y) in stds.chain(own.noise_std.iter().zip(&expected.noise_std)) {
+            assert!((x - y).abs() <= tolerance * y, "{exponent}: {x} {y}");
+        }
+    }
+    assert!(widest > 1e7, "{widest:e}");
 }
 
 #[test]

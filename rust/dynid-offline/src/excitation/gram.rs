@@ -1,5 +1,7 @@
 //! Rows of the regressor as they come out of the lanes, and the Gram matrix of them.
 
+use std::slice::ChunksExactMut;
+
 use dynid_core::lanes::{self, Kernel, Lanes, MOST_LANES};
 
 use crate::triangle::{total, Rows};
@@ -33,6 +35,13 @@ impl LaneRows {
     pub(super) fn column(&self, j: usize, c: usize) -> &[Rows] {
         let start = (j * self.width + c) * self.n_groups;
         &self.numbers[start..start + self.n_groups]
+    }
+
+    /// Columns from `c` on in the rows of joint `j`.
+    #[inline(always)]
+    pub(super) fn columns_from(&mut self, j: usize, c: usize) -> ChunksExactMut<'_, Rows> {
+        let own = (j * self.width + c) * self.n_groups..(j + 1) * self.width * self.n_groups;
+        self.numbers[own].chunks_exact_mut(self.n_groups)
     }
 
     /// Group `g` of column `c` in the rows of joint `j`.

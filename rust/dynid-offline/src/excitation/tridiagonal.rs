@@ -160,10 +160,18 @@ fn reduce<L: Lanes>(matrix: &[f64], n: usize) -> Tridiagonal {
         e[k] = norm;
         let p = &mut p[first..];
         p.fill([0.0; MOST_LANES]);
-        for (i, row) in rest.chunks_exact(blocks).enumerate() {
-            let at = k + 1 + i;
-            let factor = -2.0 / squares * v_own[at / MOST_LANES - first][at % MOST_LANES];
-            subtract::<L>(p, factor, &row[first..]);
+        let factor = |at: usize| -2.0 / squares * v_own[at / MOST_LANES - first][at % MOST_LANES];
+        let mut at = k + 1;
+        let mut four = rest.chunks_exact(4 * blocks);
+        for rows in &mut four {
+            let row = |i: usize| &rows[i * blocks + first..(i + 1) * blocks];
+            let factors = [factor(at), factor(at + 1), factor(at + 2), factor(at + 3)];
+            subtract_each::<L, 4>(p, factors, [row(0), row(1), row(2), row(3)]);
+            at += 4;
+        }
+        for row in four.remainder().chunks_exact(blocks) {
+            subtract::<L>(p, factor(at), &row[first..]);
+            at += 1;
         }
         // w = p - (p.v / v.v) v; A <- A - v w' - w v'.
         let share = product::<L>(p, v_own) / squares;
@@ -172,8 +180,7 @@ fn reduce<L: Lanes>(matrix: &[f64], n: usize) -> Tridiagonal {
             let at = k + 1 + i;
             let (block, lane) = (at / MOST_LANES - first, at % MOST_LANES);
             let (v_i, w_i) = (v_own[block][lane], p[block][lane]);
-            subtract::<L>(&mut row[first..], v_i, p);
-            subtract::<L>(&mut row[first..], w_i, v_own);
+            subtract_each::<L, 2>(&mut row[first..], [v_i, w_i], [p, v_own]);
         }
     }
     Tridiagonal {
@@ -181,6 +188,22 @@ fn reduce<L: Lanes>(matrix: &[f64], n: usize) -> Tridiagonal {
         e,
         reflections,
         blocks,
+    }
+}
+
+/// [`subtract`] of one after the other, to the same bits: what is left stays in a register meanwhile.
+#[inline(always)]
+fn subtract_each<L: Lanes, const N: usize>(to: &mut [Rows], shares: [f64; N], x: [&[Rows]; N]) {
+    let n = to.len();
+    let x = x.map(|x| &x[..n]);
+    for (k, to) in to.iter_mut().enumerate() {
+        for first in (0..MOST_LANES).step_by(L::LEN) {
+            let mut left = L::load(&to[first..]);
+            for (x, share) in x.iter().zip(shares) {
+                left = L::load(&x[k][first..]).mul_add(L::splat(-share), left);
+            }
+            left.store(&mut to[first..]);
+        }
     }
 }
 

@@ -2,6 +2,7 @@
 
 use dynid_core::lanes::Lanes;
 
+use super::{Folding, JointRows};
 use crate::triangle::Columns;
 
 /// Samples of one lane that are folded at a time: their column stays in registers while the others pass by.
@@ -11,15 +12,6 @@ pub(super) const DEPTH: usize = 8;
 /// reflection and would end in numbers whose reciprocals are infinite.
 const NOTHING: f64 = 1e-200;
 
-/// The rows of one joint and their factors, one per lane.
-pub(super) struct JointFold<R> {
-    pub(super) width: usize,
-    /// Upper triangles, row by row without what is below the diagonal.
-    factor: Vec<R>,
-    /// Rows that come next, one column after the other.
-    pub(super) rows: Vec<[R; DEPTH]>,
-}
-
 /// `1 - scale v v'` with `v = (first, the column of the rows)`; `first` stands on the factor's row.
 #[derive(Clone, Copy)]
 struct Reflection<L> {
@@ -27,34 +19,18 @@ struct Reflection<L> {
     scale: L,
 }
 
-impl<R: Copy> JointFold<R> {
-    pub(super) fn new<L: Lanes<Raw = R>>(width: usize) -> Self {
-        Self {
-            width,
-            factor: vec![L::ZERO; width * (width + 1) / 2],
-            rows: vec![[L::ZERO; DEPTH]; width],
-        }
-    }
+/// Factors, one per lane.
+pub(super) struct Reflections;
 
-    /// Rows of the factors that stand in these lanes, from lane `first` of eight on.
-    #[inline(always)]
-    pub(super) fn put<L: Lanes<Raw = R>>(&self, first: usize, stacked: &mut Columns) {
-        let mut entries = self.factor.iter();
-        for i in 0..self.width {
-            for (c, entry) in (i..self.width).zip(entries.by_ref()) {
-                L::from_raw(*entry).store(&mut stacked.column(c)[i][first..]);
-            }
-        }
-    }
-
+impl Folding<DEPTH> for Reflections {
     /// Folds the rows into the factors; diagonals stay non-negative.
     ///
     /// Two reflections pass over the other columns at a time, so that these are loaded and stored half as often. The next
     /// two are found as soon as their own columns have been passed: their square roots and divisions wait beside the rest.
     #[inline(always)]
-    pub(super) fn absorb<L: Lanes<Raw = R>>(&mut self) {
-        let mut factor = &mut self.factor[..];
-        let mut rows = &mut self.rows[..];
+    fn absorb<L: Lanes>(joint: &mut JointRows<L::Raw, DEPTH>) {
+        let mut factor = &mut joint.triangle[..];
+        let mut rows = &mut joint.rows[..];
         let mut next = None;
         while let [left, right, rest @ ..] = rows {
             let (one_row, below) = factor.split_at_mut(rest.len() + 2);
@@ -97,6 +73,11 @@ impl<R: Copy> JointFold<R> {
         if let ([last], [head, ..]) = (rows, factor) {
             reflection::<L>(last, head);
         }
+    }
+
+    #[inline(always)]
+    fn factor<L: Lanes>(factors: &mut Columns) -> Option<Vec<f64>> {
+        Some(factors.factor::<L>())
     }
 }
 
