@@ -25,6 +25,8 @@ BESIDE_UPRIGHT = 0.2
 """How far [rad] a dead point lies beside the upright."""
 PUSHES = 2.0
 """What stands against a strut that pushes: a rod that is pulled cannot buckle, and balancers of arms are built so."""
+LEAST_WEIGHT = 0.01
+"""Part of the most heavily loaded joint's weight from which on there is anything to carry."""
 N_PLACES = 8
 """Places of the runs at which the joints before a cylinder's own are looked at."""
 
@@ -67,26 +69,26 @@ def _unlike_others(name: str, length: float) -> float:
 def built_for_weight(robot: _core.RobotModel, q: FloatArray) -> BuiltForWeight:
     """What the robot file says of cylinders; `q` (n, n_joints) are places where the joints have been."""
     places = q[:: max(1, len(q) // N_PLACES)]
-    return BuiltForWeight(tuple(_upright(robot, places, j) for j in range(robot.n_joints)))
+    sines = [_weight(robot, places, j) for j in range(robot.n_joints)]
+    least = LEAST_WEIGHT * max(float(np.hypot(A, B)) for A, B in sines)
+    return BuiltForWeight(tuple(float(np.arctan2(A, -B)) if np.hypot(A, B) > least else np.nan for A, B in sines))
 
 
-def _upright(robot: _core.RobotModel, places: FloatArray, j: int) -> float:
-    """Position [rad] of revolute joint j at which the weight is highest, averaged over turns of the joints beyond."""
+def _weight(robot: _core.RobotModel, places: FloatArray, j: int) -> tuple[float, float]:
+    """A and B [N m] of the weight ``A cos q + B sin q = -R sin(q - upright)`` on revolute joint j.
+
+    Averaged over turns of the joints beyond; zero on a slide.
+    """
     if robot.joint_kinds[j] != "revolute":
-        return float("nan")
+        return 0.0, 0.0
     beyond = [k for k in range(j + 1, robot.n_joints) if robot.joint_kinds[k] == "revolute"]
     # The weight is a sine of every angle, so that half a turn averages it away.
     turns = np.array(list(product((0.0, np.pi), repeat=len(beyond)))).reshape(2 ** len(beyond), len(beyond))
     q = np.repeat(places, len(turns), axis=0)
     q[:, beyond] += np.tile(turns, (len(places), 1))
 
-    def weight(angle: float) -> FloatArray:
+    def weight(angle: float) -> float:
         q[:, j] = angle
-        torque: FloatArray = robot.inverse_dynamics(q, 0 * q, 0 * q, np.asarray(robot.phi))[:, j]
-        return torque
+        return float(robot.inverse_dynamics(q, 0 * q, 0 * q, np.asarray(robot.phi))[:, j].mean())
 
-    # weight = A cos q + B sin q = -R sin(q - upright)
-    A = float(np.mean(weight(0.0) - weight(np.pi))) / 2
-    B = float(np.mean(weight(np.pi / 2) - weight(-np.pi / 2))) / 2
-    carried = float(np.max(np.abs(weight(0.0)))) + float(np.max(np.abs(weight(np.pi / 2))))
-    return float(np.arctan2(A, -B)) if np.hypot(A, B) > 1e-3 * carried else float("nan")
+    return (weight(0.0) - weight(np.pi)) / 2, (weight(np.pi / 2) - weight(-np.pi / 2)) / 2
