@@ -17,6 +17,7 @@ from dynid_rs.diagnosis.candidate import stacked
 from dynid_rs.diagnosis.choice import weigh
 from dynid_rs.diagnosis.dead_point import BESIDE_UPRIGHT, PUSHES, built_for_weight
 from dynid_rs.diagnosis.hypothesis import Hypothesis
+from dynid_rs.diagnosis.intervals import _sandwich
 from dynid_rs.diagnosis.kinds import LEAST_WAVES, Kinds
 from dynid_rs.diagnosis.loop import diagnose
 from dynid_rs.diagnosis.sensors import channel_errors
@@ -29,6 +30,8 @@ ROBOT = dyn.RobotModel.from_urdf_string(URDF)
 WRIST = 2
 BELIEVED = "KUKA KR300, the file's inertials believed"
 AXIS_2 = 1
+AUTHORS_LEVER, AUTHORS_PHASE = 0.2 / 0.8, np.deg2rad(95) - np.pi
+"""Of the cylinder in the set's own model, which nobody tells the diagnosis."""
 
 
 def usual(name, sign=1.0):
@@ -105,6 +108,16 @@ def test_doubt_is_the_logarithm_of_a_normal_law(kuka, upright):
     assert belief.doubt(HYSTERESIS) == 0.0
 
 
+def test_belief_narrows_an_interval_as_one_more_measurement_does():
+    rng = np.random.default_rng(0)
+    S = np.diag([4.0, 1.0])
+    scores = np.sqrt([[4.0], [1.0]]) * rng.standard_normal((2, 100_000))
+    active = np.ones(2, dtype=bool)
+    plain, believed = _sandwich(S, scores, active), _sandwich(S, scores, active, np.array([0.0, 3.0]))
+    np.testing.assert_allclose(plain, [0.5, 1.0], rtol=0.02)
+    np.testing.assert_allclose(believed, [0.5, 0.5], rtol=0.02)
+
+
 def test_without_the_file_nothing_is_believed():
     kinds = start(Setup(ROBOT), measured(n_runs=2)).kinds
     assert kinds.belief is None
@@ -118,6 +131,10 @@ def test_the_kukas_counterbalance_is_named_and_halves_the_error_of_axis_2(kuka):
     assert ("encoder_delay", ("joint_1", "joint_2", "joint_3")) in named
     effect = named["counterbalance", ("joint_2",)]
     assert [tie["kind"] for tie in effect["ties"]] == ["joint_spring"]  # thirty degrees do not tell them apart
+    intervals = {parameter["name"]: parameter["interval"] for parameter in effect["parameters"]}
+    assert intervals["counterbalance"][0] == 0.0  # physics allows no less
+    assert intervals["b"][0] < AUTHORS_LEVER < intervals["b"][1]
+    assert intervals["phase"][0] < AUTHORS_PHASE < intervals["phase"][1]
     before, after = (
         score(fit.model_, [fit.states(run) for run in kuka.test]).rmse for fit in (found.before, found.after)
     )

@@ -53,6 +53,15 @@ class BuiltForWeight:
         column = _unlike_others("gas_length", shape["gas_length"] / shape["a"])
         return 0.5 * float(beside**2 + lever**2 + column**2) + (PUSHES if shape["gas_length"] < 0 else 0.0)
 
+    def certainty(self, hypothesis: Hypothesis, name: str) -> float:
+        """One over the variance that is believed of a shape parameter, near its value; zero where nothing is."""
+        if hypothesis.kind != KIND:
+            return 0.0
+        if name == "phase":
+            return 1 / BESIDE_UPRIGHT**2
+        length = dict(hypothesis.shape)[name]
+        return 1 / (length * _of_others(name, length)[1]) ** 2
+
 
 def _angle(turned: float) -> float:
     """The same angle within half a turn of zero [rad]."""
@@ -60,10 +69,16 @@ def _angle(turned: float) -> float:
 
 
 def _unlike_others(name: str, length: float) -> float:
-    """How far a length (of the longer lever) is from the catalogue's, over their scatter in octaves."""
+    """How far a length (of the longer lever) is from the catalogue's, over their scatter, both as logarithms."""
+    mean, scatter = _of_others(name, length)
+    return (float(np.log(abs(length))) - mean) / scatter
+
+
+def _of_others(name: str, length: float) -> tuple[float, float]:
+    """Mean and scatter of the logarithms of the catalogue's lengths that have the same sign."""
     (grid,) = (parameter["grid"] for parameter in CATALOGUE[KIND]["shape"] if parameter["name"] == name)
     others = np.log([abs(other) for other in grid if other * length > 0])
-    return float((np.log(abs(length)) - others.mean()) / others.std())
+    return float(others.mean()), float(others.std())
 
 
 def built_for_weight(robot: _core.RobotModel, q: FloatArray) -> BuiltForWeight:

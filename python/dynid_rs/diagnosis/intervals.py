@@ -22,6 +22,8 @@ STEP = 1e-3
 """Relative step of a shape parameter's derivative."""
 SIGNED = ("gas_length",)
 """Lengths that may be negative: searched in octaves, but no scales."""
+ANGLES = ("phase",)
+"""Shape parameters that come back after a turn: known to half a turn they are not known."""
 UNKNOWN = 7.0
 """Octaves: a scale that may be a hundred times as large is not known."""
 ROTOR_SHARE = 0.5
@@ -65,6 +67,9 @@ def estimates(
         also = beside.gains(stacked(kinds.columns([other])[0]), [slice(None)], [bounds_of(other)])[0].coefficients
         low_also, high_also = _interval(beside, kinds, other, also, friction)
         low, high = np.minimum(low, low_also), np.maximum(high, high_also)
+    allowed = bounds_of(hypothesis)
+    low[: len(allowed)] = np.maximum(low[: len(allowed)], allowed[:, 0])
+    high[: len(allowed)] = np.minimum(high[: len(allowed)], allowed[:, 1])
     known = np.isfinite(low) & np.isfinite(high)
     return [
         replace(number, interval=(float(low[k]), float(high[k])) if known[k] else None)
@@ -110,8 +115,12 @@ def _interval(
     n = len(coefficients) + len(shape)
     values = np.array([number.value for number in _numbers(hypothesis, coefficients)])
     known = len(S) - len(rotors)
-    half = NORMAL_95 * _sandwich(S[:known, :known], scores[:known], active[:known])[:n]
+    belief = np.zeros(known)
+    belief[len(coefficients) : n] = [kinds.certainty(hypothesis, name) for name in shape]
+    half = NORMAL_95 * _sandwich(S[:known, :known], scores[:known], active[:known], belief)[:n]
     scales = np.append(np.zeros(len(coefficients)), [_is_scale(hypothesis, name) for name in shape]).astype(bool)
+    angles = np.append(np.zeros(len(coefficients)), [name in ANGLES for name in shape]).astype(bool)
+    half = np.where(angles & (half >= np.pi), np.nan, half)
     low, high = _ends(values, -half, scales), _ends(values, half, scales)
     if rotors:
         # As a part of the joint's whole inertia the rotor's is anything from nothing to all: 0.5 and as much again.
@@ -192,8 +201,17 @@ def _inverse(S: FloatArray, active: NDArray[np.bool_]) -> FloatArray:
     return inverse
 
 
-def _sandwich(S: FloatArray, scores: FloatArray, active: NDArray[np.bool_]) -> FloatArray:
-    """Standard errors, NaN of what is not active or not seen."""
-    drawn = _inverse(S, active) @ scores
-    std: FloatArray = np.sqrt(np.mean(drawn**2, axis=1))
-    return np.where(active & (np.diag(S) > 0), std, np.nan)
+def _sandwich(
+    S: FloatArray, scores: FloatArray, active: NDArray[np.bool_], belief: FloatArray | None = None
+) -> FloatArray:
+    """Standard errors, NaN of what is not active or not seen; `belief` is what is known besides, as one over variance.
+
+    Without belief ``S^-1 V S^-1``, with it ``(S V^-1 S + B)^-1``.
+    """
+    seen = active & (np.diag(S) > 0)
+    if belief is None or not np.any(belief):
+        drawn = _inverse(S, active) @ scores
+        return np.where(seen, np.sqrt(np.mean(drawn**2, axis=1)), np.nan)
+    information = S @ _inverse(scores @ scores.T / scores.shape[1], active) @ S + np.diag(belief)
+    std: FloatArray = np.sqrt(np.maximum(np.diag(_inverse(information, active)), 0.0))
+    return np.where(seen, std, np.nan)

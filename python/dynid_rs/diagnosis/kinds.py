@@ -159,6 +159,10 @@ class Kinds:
         """What is believed against the shape of a hypothesis: minus the logarithm of a probability, zero at best."""
         return 0.0 if self.belief is None else self.belief.doubt(hypothesis)
 
+    def certainty(self, hypothesis: Hypothesis, name: str) -> float:
+        """How well a shape parameter is believed to be known, as one over its variance; zero where nothing is."""
+        return 0.0 if self.belief is None else self.belief.certainty(hypothesis, name)
+
     def columns(self, hypotheses: Sequence[Hypothesis]) -> list[list[RunColumns]]:
         """In-band columns per run of every hypothesis; data is read once for all that are new."""
         missing = list(dict.fromkeys(h for h in hypotheses if h not in self._cache))
