@@ -222,9 +222,10 @@ HEAD = """# Effects that nobody declared, on measured robots
 Errors on runs that nothing was fitted to or chosen on, joint by joint, with the declared model and with what `diagnose`
 added: in the band in which torques are compared, and of the recorded samples (where ripple is). Joints count from 0.
 
-Where there is one training run alone (KUKA, xMate), names may not carry over to other motion: four joints of the xMate's sensor torque and two of the
-KUKA are worse after than before. The KUKA's test run goes where its training run has hardly been; its
-counterbalance on joint 1 needs the file's inertials (`--prior robot`). The table is written by `python tests/real_diagnosis.py --write`.
+Where there is one training run alone (KUKA, xMate), names may not carry over to other motion: four joints of the
+xMate's sensor torque and two of the KUKA are worse after than before. The KUKA's test run goes where its training run
+has hardly been; its counterbalance on joint 1 needs the file's inertials (`--prior robot`). The table is written by
+`python tests/real_diagnosis.py --write`.
 
 | robot | unit | in the band, before | after | recorded, before | after | found |
 |---|---|---|---|---|---|---|
