@@ -192,6 +192,24 @@ def fit_with_prior(
     )
 
 
+def lost_evidence(observations: Observations, posterior: Posterior, spread: float) -> float:
+    """By how much the logarithm of the evidence falls if the file is off by `spread` instead of what was found.
+
+    Samples count as many as they did for `posterior`, so that the two can be compared.
+    """
+    problem = _Problem(
+        observations.plan,
+        observations.factors(),
+        posterior.scale,
+        posterior.used_prior,
+        observations.n_rows,
+        posterior.n_effective,
+        1e-9 * posterior.noise_std,
+    )
+    at = problem.at(np.full(len(posterior.spreads), spread * posterior.gain), posterior.noise_std)
+    return problem.at(posterior.spreads, posterior.noise_std).evidence - at.evidence
+
+
 def left_out_power(
     observations: Observations, left_out: Sequence[Sequence[FloatArray]], posterior: Posterior
 ) -> FloatArray:

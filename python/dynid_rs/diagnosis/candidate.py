@@ -37,6 +37,8 @@ class Candidate:
         Shape parameters in use, where it has some.
     n_searched : int
         How many of them the search chose: each costs as much as a coefficient.
+    doubt : float, optional
+        What is believed against the shape (minus the logarithm of its probability); it is then the shape's whole cost.
     """
 
     kind: str
@@ -48,6 +50,7 @@ class Candidate:
     accept: Callable[[Setup, FloatArray], Setup]
     shape: tuple[tuple[str, float], ...] = ()
     n_searched: int = 0
+    doubt: float | None = None
 
     @property
     def place(self) -> tuple[str, tuple[int, ...]]:

@@ -24,7 +24,7 @@ class Weighed:
         What it takes off the weighted residual power, and its coefficients.
     evidence : float
         Logarithm of the likelihood ratio less what its parameters cost (half the logarithm of the number of
-        independent samples each, as in the Bayesian information criterion).
+        independent samples each, as in the Bayesian information criterion; a shape that is believed, its doubt).
     after : ndarray (n_rows, n_joints)
         What is left with it.
     p_value : float
@@ -56,7 +56,8 @@ def weigh(beside: Beside, candidate: Candidate) -> Weighed:
     independent = independent_rows(after, beside.blocks)
     before_power, after_power = np.sum(beside.residual**2, axis=0), np.sum(after**2, axis=0)
     ratio = np.log(np.maximum(before_power, 1e-300) / np.maximum(after_power, 1e-300))
-    cost = 0.5 * (free + candidate.n_searched) * np.log(max(float(np.mean(independent)), 2.0))
+    priced = free + (candidate.n_searched if candidate.doubt is None else 0)
+    cost = 0.5 * priced * np.log(max(float(np.mean(independent)), 2.0)) + (candidate.doubt or 0.0)
     return Weighed(candidate, gain, float(0.5 * independent @ ratio - cost), after)
 
 

@@ -121,6 +121,9 @@ def _interval(
     scales = np.append(np.zeros(len(coefficients)), [_is_scale(hypothesis, name) for name in shape]).astype(bool)
     angles = np.append(np.zeros(len(coefficients)), [name in ANGLES for name in shape]).astype(bool)
     half = np.where(angles & (half >= np.pi), np.nan, half)
+    # A length that may have either sign may be any: a column of gas that pulls, or one that pushes.
+    signed = np.append(np.zeros(len(coefficients)), [name in SIGNED for name in shape]).astype(bool)
+    half = np.where(signed & (half >= np.abs(values)), np.nan, half)
     low, high = _ends(values, -half, scales), _ends(values, half, scales)
     if rotors:
         # As a part of the joint's whole inertia the rotor's is anything from nothing to all: 0.5 and as much again.

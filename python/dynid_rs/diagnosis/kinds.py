@@ -28,7 +28,7 @@ RIPPLES = (4, 24)
 """Ripple orders that the band's scan tries: slower ones are not told from gravity, springs and cylinders, faster ones
 are sought in the angle."""
 LEAST_WAVES = 1.0
-"""Waves of a ripple that a joint has to go through before it is looked for."""
+"""Waves of a ripple that a joint has to go through in one run before it is looked for."""
 CHUNK = 48
 """Effects whose columns are built in one pass over a run; more would only take more memory."""
 COARSE = {
@@ -74,8 +74,8 @@ class Kinds:
         tau = np.concatenate([states.tau for states in fit.runs_])
         self.weight = weight.std(axis=0)
         self._carries_weight = bool(np.any(self.weight > LEAST_LOAD * tau.std(axis=0)))
+        self._turns = np.max([np.ptp(states.q, axis=0) for states in self.runs], axis=0) / (2 * np.pi)
         q = np.concatenate([states.q for states in self.runs])
-        self._turns = np.ptp(q, axis=0) / (2 * np.pi)
         self.belief = built_for_weight(fit.robot, q) if fit.links_.prior == "robot" else None
         self.hidden_rotor = np.where(fit.observations_.plan.own[:, 0], 0.0, _inertias(fit))
         friction, _ = fit.observations_.plan.friction
@@ -237,6 +237,7 @@ class Kinds:
             accept=accept,
             shape=hypothesis.shape,
             n_searched=len(REFINED.get(hypothesis.kind, {})) + ("cycles" in dict(hypothesis.shape)),
+            doubt=self.doubt(hypothesis) if self.belief is not None and hypothesis.kind == CYLINDER else None,
         )
 
     def friction_of(self, j: int) -> dict[str, float]:

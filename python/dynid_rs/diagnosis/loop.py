@@ -28,7 +28,7 @@ from dynid_rs.diagnosis.sensors import channel_errors, examine
 from dynid_rs.diagnosis.sensors.messages import delay_entries, delay_findings
 from dynid_rs.diagnosis.settling import settle
 from dynid_rs.diagnosis.setup import Setup
-from dynid_rs.diagnosis.state import Search, fitted, trusted
+from dynid_rs.diagnosis.state import Search, fitted, still_trusted
 from dynid_rs.diagnosis.structural_entries import clock_entries, structural_entries
 from dynid_rs.diagnosis.wrong_geometry import with_other_geometry
 from dynid_rs.findings import Finding
@@ -226,9 +226,10 @@ def _stopped(setup: Setup, fit: ThreeLoopIdentifier, findings: list[Finding]) ->
 def _final(found: Search, remainder: Remainder, train: Sequence[Recording]) -> ThreeLoopIdentifier:
     """Model with what was found: the third loop where nothing unknown takes its place."""
     corrected = [found.setup.corrected(recording) for recording in train]
+    options = still_trusted(found.setup, train)
     if remainder.terms:
-        return with_terms(found, remainder.terms, corrected)
-    return found.setup.identifier(**trusted(found.setup)).fit(corrected)
+        return with_terms(found, remainder.terms, corrected, options)
+    return found.setup.identifier(**options).fit(corrected)
 
 
 def hold_ripple(found: Search, train: Sequence[Recording]) -> list[RippleCandidate]:

@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.diagnosis.beside import Beside, independent_rows
-from dynid_rs.diagnosis.candidate import Candidate, joined, stacked
+from dynid_rs.diagnosis.candidate import joined, stacked
 from dynid_rs.diagnosis.dead_point import KIND
 from dynid_rs.diagnosis.hypothesis import Hypothesis, bounds_of
 from dynid_rs.diagnosis.kinds import RIPPLES, Kinds
 from dynid_rs.diagnosis.setup import Setup
-from dynid_rs.diagnosis.state import Choice, Search, columns_in, hypothesis_of
+from dynid_rs.diagnosis.state import EVEN, Choice, Search, columns_in, hypothesis_of
 from dynid_rs.diagnosis.valleys import best_shape
 from dynid_rs.placed import PlacedEffect
 
@@ -31,21 +31,17 @@ def named_by_task(choice: Choice, kinds: Kinds) -> Choice:
     Where thirty degrees were seen the two are one curve; the other name stays as a tie.
     """
     spring = choice.weighed.candidate
-    cylinders = [tie for tie in choice.ties if tie.weighed.candidate.kind == KIND]
-    if kinds.belief is None or spring.kind not in PATCHES or not cylinders:
+    alike = [tie for tie in choice.ties if tie.weighed.evidence > choice.weighed.evidence - EVEN]
+    best = max((t for t in alike if t.weighed.candidate.kind == KIND), key=lambda t: t.weighed.evidence, default=None)
+    if kinds.belief is None or spring.kind not in PATCHES or best is None:
         return choice
     (j,) = spring.joints
-    carried = float((stacked(spring.columns)[j] @ choice.weighed.gain.coefficients).std())
-    if carried < CARRIES * kinds.weight[j]:
+    torque = stacked(spring.columns)[j] @ choice.weighed.gain.coefficients
+    q = np.concatenate([states.q[states.rows, j] for states in kinds.runs])
+    if torque.std() < CARRIES * kinds.weight[j] or not kinds.belief.supports(j, q, torque):
         return choice
-    best = max(cylinders, key=lambda tie: tie.weighed.evidence - kinds.doubt(as_hypothesis(tie.weighed.candidate)))
-    others = [tie for tie in choice.ties if tie.weighed.candidate.kind != KIND]
+    others = [tie for tie in alike if tie.weighed.candidate.kind != KIND]
     return replace(best, ties=(replace(choice, ties=()), *others))
-
-
-def as_hypothesis(candidate: Candidate) -> Hypothesis:
-    """The hypothesis that a candidate of the catalogue was made of."""
-    return Hypothesis(candidate.kind, candidate.joints, candidate.shape)
 
 
 def without_patches(state: Search) -> Setup:

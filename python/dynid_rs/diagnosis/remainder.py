@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -245,19 +245,28 @@ def _carries_over(found: Search, term: DataTerm, train: Sequence[Recording]) -> 
         again = fit_data_term(j, term.signals, term.ridge, term.reach, rows, signals, bare.runs_, scored=False)
         if again is None:
             return False
-        whole = _with_terms(found.setup, bare, [again], others)
+        whole = _with_terms(found.setup, bare, [again], others, trusted(found.setup))
         states = bare.states(left_out)
         power[:, k] = [score(fit.model_, [states]).rmse[j] ** 2 for fit in (bare, whole)]
     return bool(np.all(power[1] < power[0]) and power[1].sum() < (1 - WORTH) * power[0].sum())
 
 
-def with_terms(found: Search, terms: Sequence[DataTerm], train: Sequence[Recording]) -> ThreeLoopIdentifier:
-    """Fit everything beside the data-driven terms and put them into the model, in the place of a third loop."""
-    return _with_terms(found.setup, found.fit, terms, train)
+def with_terms(
+    found: Search, terms: Sequence[DataTerm], train: Sequence[Recording], options: Mapping[str, Any]
+) -> ThreeLoopIdentifier:
+    """Fit everything beside the data-driven terms and put them into the model, in the place of a third loop.
+
+    `options` of the identifier, over those of the setup.
+    """
+    return _with_terms(found.setup, found.fit, terms, train, options)
 
 
 def _with_terms(
-    setup: Setup, bare: ThreeLoopIdentifier, terms: Sequence[DataTerm], train: Sequence[Recording]
+    setup: Setup,
+    bare: ThreeLoopIdentifier,
+    terms: Sequence[DataTerm],
+    train: Sequence[Recording],
+    options: Mapping[str, Any],
 ) -> ThreeLoopIdentifier:
     load = link_load(bare.observations_.plan, bare.links_)
     lessened = []
@@ -266,7 +275,7 @@ def _with_terms(
         for term in terms:
             tau[:, term.joint] -= np.interp(recording.t, states.t, term.torque(states, load(states)))
         lessened.append(replace(recording, tau=tau))
-    fit = setup.identifier(residual=None, **trusted(setup)).fit(lessened)
+    fit = setup.identifier(residual=None, **options).fit(lessened)
     n = setup.robot.n_joints
     signals: list[list[tuple[str, int]]] = [[] for _ in range(n)]
     regressions: list[Any] = [None] * n

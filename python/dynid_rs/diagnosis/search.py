@@ -21,7 +21,7 @@ from dynid_rs.diagnosis.one_cylinder import PATCHES, named_by_task, without_patc
 from dynid_rs.diagnosis.rotor_share import with_rotors
 from dynid_rs.diagnosis.settling import refit, settle
 from dynid_rs.diagnosis.setup import Setup
-from dynid_rs.diagnosis.state import Choice, Search, Step, fitted, rms, worth
+from dynid_rs.diagnosis.state import EVEN, Choice, Search, Step, fitted, rms, worth
 from dynid_rs.diagnosis.structural import structural_candidates
 from dynid_rs.diagnosis.valleys import best_shape, pulls
 from dynid_rs.diagnosis.warmth import takes_too_much, warm_arm
@@ -48,8 +48,6 @@ RIVAL = 0.5
 """Two candidates of which one takes more than this part of the other's gain are names of one thing."""
 TIE = 2.33
 """Two candidates whose errors differ by fewer standard errors are a tie (one in a hundred)."""
-EVEN = 3.0
-"""Two candidates whose logarithmic evidence differs by less are a tie (odds of twenty to one)."""
 
 
 def search(

@@ -22,8 +22,10 @@ from dynid_rs.recording import Recording
 
 FloatArray = NDArray[np.float64]
 
+EVEN = 3.0
+"""Two models whose logarithmic evidence differs by less are a tie (odds of twenty to one)."""
 TRUSTED = 0.05
-"""Relative uncertainty of a robot file's inertials where effects are searched for, and fitted, under them."""
+"""Relative uncertainty of a robot file's inertials where effects are searched for under them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,13 +67,26 @@ def fitted(setup: Setup, train: Sequence[Recording]) -> ThreeLoopIdentifier:
 def trusted(setup: Setup) -> dict[str, Any]:
     """Options under which the robot file is trusted, where it is to be believed.
 
-    Under the weight that the evidence finds while an effect is missing the parameters imitate it. A search trusts the
-    file as far as such files usually can be, and so does the model of what was found.
+    Under the weight that the evidence finds while an effect is missing the parameters imitate it, so a search trusts
+    the file as far as such files usually can be.
     """
     links = setup.options.get("links")
-    if links is None or links.prior != "robot":
+    if links is None or links.prior != "robot" or links.prior_spread is not None:
         return {}
     return {"links": clone(links).set_params(prior_spread=TRUSTED)}
+
+
+def still_trusted(setup: Setup, train: Sequence[Recording]) -> dict[str, Any]:
+    """The same for the model of what was found: where the evidence, with all that in, has nothing against it."""
+    from dynid_rs.evidence import lost_evidence
+
+    options = trusted(setup)
+    if not options or not setup.effects:
+        return {}
+    fit = setup.identifier(residual=None).fit([setup.corrected(recording) for recording in train])
+    posterior = fit.links_.posterior_
+    assert posterior is not None  # prior="robot" always has one
+    return options if lost_evidence(fit.observations_, posterior, TRUSTED) < EVEN else {}
 
 
 def hypothesis_of(effect: PlacedEffect, kinds: Kinds) -> Hypothesis:

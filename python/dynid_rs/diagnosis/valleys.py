@@ -43,7 +43,10 @@ def best_shape(beside: Beside, kinds: Kinds, hypothesis: Hypothesis) -> Hypothes
 def explained(
     beside: Beside, kinds: Kinds, hypothesis: Hypothesis, bounds: FloatArray
 ) -> Callable[[RunColumns], float]:
-    """What columns explain: weighted power, or its logarithmic likelihood where a belief stands against a shape."""
+    """What columns explain: weighted power, or its logarithmic likelihood where a belief stands against a shape.
+
+    The likelihood counts rows by what the hypothesis' own shape leaves, so that all shapes are measured alike.
+    """
 
     def gain(columns: RunColumns) -> Gain:
         return beside.gains(columns, [slice(None)], [bounds])[0]
@@ -55,7 +58,7 @@ def explained(
         return beside.with_columns(columns, gain(columns).coefficients)
 
     rows = independent_rows(left(kinds.once(hypothesis)), beside.blocks)
-    before = np.sum(beside.residual**2, axis=0)
+    before = np.maximum(np.sum(beside.residual**2, axis=0), 1e-300)
     return lambda columns: 0.5 * float(rows @ np.log(before / np.maximum(np.sum(left(columns) ** 2, axis=0), 1e-300)))
 
 
@@ -84,7 +87,8 @@ def mirrored(beside: Beside, kinds: Kinds, hypothesis: Hypothesis) -> Hypothesis
     other = refined_shape(kinds, others[0], explained(beside, kinds, others[0], bounds_of(others[0])))
     lost = _taken(beside, kinds, hypothesis) - _taken(beside, kinds, other)
     rows = float(np.mean(independent_rows(beside.residual, beside.blocks)))
-    return other if 0.5 * lost * rows / beside.n_rows < AS_LIKELY else None
+    less_likely = 0.5 * lost * rows / beside.n_rows + kinds.doubt(other) - kinds.doubt(hypothesis)
+    return other if less_likely < AS_LIKELY else None
 
 
 def pulls(h: Hypothesis) -> bool:
@@ -95,6 +99,8 @@ def pulls(h: Hypothesis) -> bool:
 def _best_first(beside: Beside, kinds: Kinds, hypothesis: Hypothesis, *, pulling: bool) -> Sequence[Hypothesis]:
     """Cylinders of the grid at the same joint that pull, or push, the one that takes off most first."""
     same = [h for h in kinds.grid([KIND]) if h.joints == hypothesis.joints and pulls(h) == pulling]
+    if not same:
+        return []
     columns = [stacked(c) for c in kinds.columns(same)]
     groups = [slice(k, k + 1) for k in range(len(same))]
     gains = beside.gains(joined(columns), groups, [bounds_of(h) for h in same])
