@@ -30,6 +30,7 @@ pub mod observer;
 pub mod online;
 pub mod physical;
 mod placement;
+pub mod powers;
 pub mod rbf;
 pub mod residual;
 pub mod robot;

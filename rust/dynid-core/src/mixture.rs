@@ -4,7 +4,8 @@ use nalgebra::DMatrix;
 
 use crate::error::CoreError;
 use crate::lanes::{self, Kernel, Lanes, MOST_LANES};
-use crate::mixture_rows::{MixtureRows, Shared, MOST_INPUTS};
+use crate::mixture_rows::{root_unit, MixtureRows, Shared, MOST_INPUTS};
+use crate::powers::power_falling;
 
 /// Conditional mean and variance of one output given `d` inputs, under a mixture of `K` Gaussians of dimension `d + 1`
 /// (inputs first, output last).
@@ -239,15 +240,23 @@ fn answer<L: Lanes>(queries: Queries<'_>) {
             }
             queries.rows.predict(&u[..d], Shared)
         };
-        row.mean.store_some(&mut mean[start..]);
-        row.variance.store_some(&mut variance[start..]);
-        row.distance_squared
-            .store_some(&mut distance_squared[start..]);
+        for (row, out) in [
+            (row.mean, &mut mean[start..]),
+            (row.variance, &mut variance[start..]),
+            (row.distance_squared, &mut distance_squared[start..]),
+        ] {
+            // Whole where there is room: parts of a row take some processors far longer.
+            if out.len() >= L::LEN {
+                row.store(out);
+            } else {
+                row.store_some(out);
+            }
+        }
         start += L::LEN;
     }
 }
 
-/// `exp(log density - maximum)` of every component.
+/// Density over the greatest one, of every component.
 struct Responsibilities<'a> {
     rows: &'a MixtureRows,
     u: &'a [f64],
@@ -270,7 +279,7 @@ impl Kernel for Responsibilities<'_> {
             [*h] = log_density.raw();
         }
         for h in self.h {
-            [*h] = lanes::exp_falling(S::splat(*h) - best).raw();
+            [*h] = power_falling(S::splat(*h) - best).raw();
         }
     }
 }
@@ -311,13 +320,19 @@ impl Component {
 
     /// As a row of numbers with room for `width` inputs, at least `d`; see [`MixtureRows`].
     pub(crate) fn numbers(&self, d: usize, width: usize) -> Vec<f64> {
-        let mut numbers = vec![self.log_weight, self.output_mean, self.variance];
+        let root = root_unit();
+        let log_weight = self.log_weight * core::f64::consts::LOG2_E;
+        let mut numbers = vec![log_weight, self.output_mean, self.variance];
         numbers.extend((0..width).map(|i| self.input_mean.get(i).copied().unwrap_or(0.0)));
         for r in 0..width {
             for i in 0..=r {
-                numbers.push(if r < d { self.whitener[r * d + i] } else { 0.0 });
+                numbers.push(if r < d {
+                    self.whitener[r * d + i] / root
+                } else {
+                    0.0
+                });
             }
-            numbers.push(self.gain.get(r).copied().unwrap_or(0.0));
+            numbers.push(self.gain.get(r).map_or(0.0, |gain| gain * root));
         }
         numbers
     }

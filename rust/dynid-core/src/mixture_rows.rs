@@ -1,7 +1,8 @@
 //! The mixture's formula (Eqs. 31-39) in rows: many queries of one mixture, or one query of many joints' mixtures.
 
-use crate::lanes::{self, Few, Lanes, MOST_LANES};
+use crate::lanes::{Few, Lanes, MOST_LANES};
 use crate::mixture::Component;
+use crate::powers::power_falling;
 use crate::slices::{at, part, tail};
 
 /// Components that are looked at together before their sums are merged.
@@ -10,8 +11,12 @@ const BLOCK: usize = 16;
 /// Most inputs of a mixture: a query stands on the stack.
 pub(crate) const MOST_INPUTS: usize = 32;
 
-/// Log of a density so far away that its square overflows: finite, and nothing beside any other.
-const FAR_AWAY: f64 = f64::MIN / 2.0;
+/// Squared distance where the true one overflows: finite, and the density nothing beside any other.
+const FAR_AWAY: f64 = f64::MAX / 2.0;
+
+/// Squared Mahalanobis distance of one binary digit of density, `d^2 / 2 = ln 2`: the unit of those below, so that densities
+/// are powers of two.
+const UNIT: f64 = 2.0 * core::f64::consts::LN_2;
 
 /// The numbers of a mixture, component by component; of several mixtures side by side, one per lane.
 #[derive(Clone, Debug, PartialEq)]
@@ -20,8 +25,8 @@ pub(crate) struct MixtureRows {
     n_components: usize,
     /// 1, or [`MOST_LANES`].
     n_lanes: usize,
-    /// Per component: logarithm of the weight, output mean, variance, input means, then row by row of the whitener its
-    /// entries up to the diagonal and the gain. Each is `n_lanes` wide.
+    /// Per component: binary logarithm of the weight, output mean, variance, input means, then row by row of the whitener its
+    /// entries up to the diagonal and the gain, in roots of [`UNIT`]. Each is `n_lanes` wide.
     numbers: Vec<f64>,
 }
 
@@ -35,6 +40,9 @@ pub(crate) struct PredictionRow<L> {
 
 /// How a number of a component becomes a row.
 pub(crate) trait Numbers: Copy {
+    /// Mixtures side by side.
+    const LANES: usize;
+
     /// Number `k`.
     fn get<L: Lanes>(self, component: &[f64], k: usize) -> L;
 }
@@ -44,6 +52,8 @@ pub(crate) trait Numbers: Copy {
 pub(crate) struct Shared;
 
 impl Numbers for Shared {
+    const LANES: usize = 1;
+
     #[inline(always)]
     fn get<L: Lanes>(self, component: &[f64], k: usize) -> L {
         L::splat(at(component, k))
@@ -55,10 +65,17 @@ impl Numbers for Shared {
 pub(crate) struct Own(pub usize);
 
 impl Numbers for Own {
+    const LANES: usize = MOST_LANES;
+
     #[inline(always)]
     fn get<L: Lanes>(self, component: &[f64], k: usize) -> L {
         L::load(tail(component, k * MOST_LANES + self.0))
     }
+}
+
+/// Root of [`UNIT`].
+pub(crate) fn root_unit() -> f64 {
+    UNIT.sqrt()
 }
 
 /// Numbers of a component with `d` inputs.
@@ -124,11 +141,16 @@ impl MixtureRows {
         part(&self.numbers, c * width, (c + 1) * width)
     }
 
-    /// Of a component: its log density at `u` up to the common factor (which Eq. 32 prints for two dimensions), the
-    /// squared Mahalanobis distance and the mean, Eq. 34, of its conditional density, Eq. 33.
+    /// Of a component: the binary logarithm of its density at `u` up to the common factor (which Eq. 32 prints for two
+    /// dimensions), the squared Mahalanobis distance in [`UNIT`]s and the mean, Eq. 34, of its conditional density, Eq. 33.
     #[inline(always)]
     pub(crate) fn condition<L: Lanes, N: Numbers>(&self, c: usize, u: &[L], numbers: N) -> [L; 3] {
-        let (component, d) = (self.component(c), u.len());
+        let d = u.len();
+        let width = n_numbers(d) * N::LANES;
+        // With a length that the compiler knows nothing is checked below.
+        let Some(component) = self.numbers.get(c * width..(c + 1) * width) else {
+            return [L::splat(f64::NAN); 3];
+        };
         let mut mean = numbers.get::<L>(component, 1);
         let mut distance_squared = L::splat(0.0);
         let mut k = 3 + d;
@@ -143,11 +165,10 @@ impl MixtureRows {
             mean = numbers.get::<L>(component, k).mul_add(z, mean);
             k += 1;
         }
-        let far = L::splat(FAR_AWAY);
         // Written so that what is not a number counts as far away.
-        let exponent = far.at_least(distance_squared * L::splat(-0.5));
+        let fall = L::splat(FAR_AWAY).at_most(distance_squared);
         [
-            numbers.get::<L>(component, 0) + exponent,
+            numbers.get::<L>(component, 0) - fall,
             distance_squared,
             mean,
         ]
@@ -155,7 +176,7 @@ impl MixtureRows {
 
     /// Conditional mean (Eq. 38) and variance at `u` (one row per input): the moments of the density of Eq. 36.
     ///
-    /// Responsibilities h_k (Eq. 37) are ratios of `exp(log density - maximum)`, so they sum to one at any distance from
+    /// Responsibilities h_k (Eq. 37) are ratios of `2^(log density - maximum)`, so they sum to one at any distance from
     /// the data. Variances are summed about the mean, so that a large mean does not cancel them.
     #[inline(always)]
     pub(crate) fn predict<L: Lanes, N: Numbers>(&self, u: &[L], numbers: N) -> PredictionRow<L> {
@@ -171,7 +192,7 @@ impl MixtureRows {
         let zero = L::splat(0.0);
         let mut best = L::splat(f64::NEG_INFINITY);
         let mut nearest = L::splat(f64::INFINITY);
-        let (mut total, mut mean, mut spread) = (zero, zero, zero);
+        let (mut total, mut mean, mut spread, mut variance) = (zero, zero, zero, zero);
         let mut from = 0;
         while from < self.n_components {
             let size = BLOCK.min(self.n_components - from);
@@ -179,19 +200,20 @@ impl MixtureRows {
             let mut top = best;
             for c in from..from + size {
                 let [log_density, distance_squared, own] = self.condition(c, u, numbers);
-                nearest = distance_squared.if_less(nearest, distance_squared, nearest);
+                nearest = nearest.at_most(distance_squared);
                 top = top.at_least(log_density);
                 block.push([log_density, own]);
             }
             let (mut block_total, mut block_mean) = (zero, zero);
             for [log_density, own] in block.all() {
-                let h = lanes::exp_falling(*log_density - top);
+                let h = power_falling(*log_density - top);
                 block_total = block_total + h;
                 block_mean = h.mul_add(*own, block_mean);
                 *log_density = h;
             }
             // A later block may be nothing beside an earlier one.
-            block_mean = block_mean / block_total.at_least(L::splat(f64::MIN_POSITIVE));
+            let one_over = L::splat(1.0) / block_total.at_least(L::splat(f64::MIN_POSITIVE));
+            block_mean = block_mean * one_over;
             let mut block_spread = zero;
             for (c, [h, own]) in block.all().iter().enumerate() {
                 let variance = numbers.get::<L>(self.component(from + c), 2);
@@ -200,21 +222,23 @@ impl MixtureRows {
             }
             if from == 0 {
                 (total, mean, spread) = (block_total, block_mean, block_spread);
+                variance = spread * one_over;
             } else {
-                let shrink = lanes::exp_falling(best - top);
+                let shrink = power_falling(best - top);
                 let (before, step) = (total * shrink, block_mean - mean);
                 total = before + block_total;
                 let share = block_total / total;
                 mean = step.mul_add(share, mean);
                 spread = spread * shrink + block_spread + step * step * before * share;
+                variance = spread / total;
             }
             best = top;
             from += size;
         }
         PredictionRow {
             mean,
-            variance: spread / total,
-            distance_squared: nearest,
+            variance,
+            distance_squared: nearest * L::splat(UNIT),
         }
     }
 }

@@ -2,10 +2,11 @@
 //! of Eq. 2).
 
 use dynid_core::lanes::{self, Kernel, Lanes, MOST_LANES};
+use dynid_core::link_params::N_LINK_PARAMS;
 use dynid_core::{JointKind, RobotModel};
 
 use crate::error::OfflineError;
-use crate::factor::triangular_factor;
+use crate::probes::{Place, Probes};
 use crate::triangle::{product, subtract, Columns};
 
 /// `Y phi = Y[:, pivots] phi_base` with `phi_base = phi[pivots] + beta phi[dependent]`.
@@ -35,19 +36,56 @@ const TIE: f64 = 1e-9;
 /// and scale do not decide).
 ///
 /// # Errors
-/// [`OfflineError`] from the regressor or the factor; none for a valid robot.
+/// [`OfflineError::NonFinite`] if the regressor overflows; not for a valid robot.
 pub fn base_parameters(
     robot: &RobotModel,
     seed: u64,
     rtol: f64,
 ) -> Result<BaseParameters, OfflineError> {
-    let n = robot.n_joints();
-    let width = 10 * n;
+    let width = N_LINK_PARAMS * robot.n_joints();
     let (q, dq, ddq) = probing_states(robot, PROBES, seed);
-    let mut rows = vec![0.0; PROBES * n * width];
-    crate::batch::joint_torque_regressor(robot, &q, &dq, &ddq, &mut rows)?;
-    let r = triangular_factor(&rows, width)?;
+    let r = lanes::run(ProbesFactor {
+        robot,
+        motion: [&q, &dq, &ddq],
+    });
+    if !r.iter().all(|x| x.is_finite()) {
+        return Err(OfflineError::NonFinite { what: "rows" });
+    }
     Ok(select_columns(&r, width, rtol))
+}
+
+/// Triangular factor of the regressor at some states.
+struct ProbesFactor<'a> {
+    robot: &'a RobotModel,
+    motion: [&'a [f64]; 3],
+}
+
+impl Kernel for ProbesFactor<'_> {
+    type Output = Vec<f64>;
+
+    #[inline(always)]
+    fn run<S: Lanes<Raw = [f64; 1]>, L: Lanes>(self) -> Vec<f64> {
+        let n = self.robot.n_joints();
+        let (width, eights) = (N_LINK_PARAMS * n, PROBES.div_ceil(MOST_LANES));
+        // Joint after joint: the rows of those behind it know nothing of a link, so its columns end before them.
+        let length = |link: usize| eights * (link / N_LINK_PARAMS + 1);
+        let mut columns = [Columns::zeros((0..width).map(length))];
+        let place = |j: usize| Place {
+            matrix: 0,
+            first: j * eights,
+            links: (j * N_LINK_PARAMS..width).collect(),
+            first_column: j * N_LINK_PARAMS,
+        };
+        let places: Vec<Place> = (0..n).map(place).collect();
+        let probes = Probes {
+            robot: self.robot,
+            motion: self.motion,
+            places: &places,
+        };
+        probes.fill::<L>(&mut columns);
+        let [columns] = &mut columns;
+        columns.factor::<L>()
+    }
 }
 
 /// Random states, row-major: positions within pi (1 m for prismatic joints), speeds and accelerations of order one.
@@ -84,7 +122,7 @@ pub fn probing_states(
 }
 
 fn select_columns(r: &[f64], width: usize, rtol: f64) -> BaseParameters {
-    let pivoted = pivoted(r, width);
+    let pivoted = pivoted(r, width, rtol);
     let diagonal = &pivoted.diagonal;
     let rank = pivoted.rank(rtol);
     let (first, others) = pivoted.order.split_at(rank);
@@ -125,14 +163,14 @@ fn select_columns(r: &[f64], width: usize, rtol: f64) -> BaseParameters {
 
 /// Rank of a triangular factor (width × width, row-major): diagonal entries above `rtol` times the first.
 pub(crate) fn rank(r: &[f64], width: usize, rtol: f64) -> usize {
-    pivoted(r, width).rank(rtol)
+    pivoted(r, width, rtol).rank(rtol)
 }
 
-/// Column-pivoted QR of a small matrix.
+/// Column-pivoted QR of a small matrix, up to the first column that counts as dependent.
 struct Pivoted {
-    /// Columns as they were taken.
+    /// Columns as they were taken, then the others.
     order: Vec<usize>,
-    /// Diagonal of R, which falls.
+    /// Diagonal of R, which falls; the last entry is that behind the cut, if columns are left there.
     diagonal: Vec<f64>,
     /// Row k of R, n entries in the order of the matrix's own columns.
     r: Vec<f64>,
@@ -142,14 +180,14 @@ struct Pivoted {
 ///
 /// The usual pivoted QR updates column norms instead of computing them; near the cut, where the rank is decided, they are
 /// rounding then. Here every norm is computed; the matrix is small.
-fn pivoted(r: &[f64], width: usize) -> Pivoted {
-    struct Pivoting(Columns);
+fn pivoted(r: &[f64], width: usize, rtol: f64) -> Pivoted {
+    struct Pivoting(Columns, f64);
     impl Kernel for Pivoting {
         type Output = Pivoted;
 
         #[inline(always)]
         fn run<S: Lanes<Raw = [f64; 1]>, L: Lanes>(mut self) -> Pivoted {
-            pivot::<L>(&mut self.0)
+            pivot::<L>(&mut self.0, self.1)
         }
     }
     let mut columns = Columns::zeros((0..width).map(|_| width.div_ceil(MOST_LANES)));
@@ -158,11 +196,11 @@ fn pivoted(r: &[f64], width: usize) -> Pivoted {
             columns.column(j)[i / MOST_LANES][i % MOST_LANES] = *x;
         }
     }
-    lanes::run(Pivoting(columns))
+    lanes::run(Pivoting(columns, rtol))
 }
 
 #[inline(always)]
-fn pivot<L: Lanes>(columns: &mut Columns) -> Pivoted {
+fn pivot<L: Lanes>(columns: &mut Columns, rtol: f64) -> Pivoted {
     let n = columns.width();
     let mut order: Vec<usize> = (0..n).collect();
     let mut diagonal = Vec::with_capacity(n);
@@ -189,8 +227,9 @@ fn pivot<L: Lanes>(columns: &mut Columns) -> Pivoted {
         let norm = norms[taken];
         diagonal.push(norm);
         r[k * n + taken] = norm;
-        if norm == 0.0 {
-            continue;
+        // Nothing hangs on what is left of the others.
+        if norm <= rtol * diagonal[0] {
+            break;
         }
         own.copy_from_slice(columns.column(taken));
         for own in &mut own {

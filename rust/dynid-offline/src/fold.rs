@@ -16,7 +16,7 @@ use crate::error::OfflineError;
 use crate::factor::{tree, triangular_factor};
 use crate::joint_columns::{EffectColumns, JointPlan};
 use crate::observation::{check, check_shapes, observe, RunStates, Sampling};
-use crate::rows::{gather, StateRows};
+use crate::rows::{take_numbers, StateRows};
 use crate::triangle::Columns;
 use products::Products;
 use reflect::Reflections;
@@ -29,8 +29,11 @@ mod structure;
 /// Samples per task. Tasks, not threads, decide the order of sums.
 const CHUNK: usize = 16_384;
 
-/// Samples of a task, all along it, that are looked at before the others; not of one that has few more.
-const GLANCE: usize = 256;
+/// Samples of a task for each column, all along it, that are looked at before the others.
+const GLANCE: usize = 3;
+
+/// Tasks of up to this many times as many samples are not looked at before.
+const SHORT: usize = 16;
 
 /// Tasks whose factors are held at a time.
 const WAVE: usize = 8;
@@ -71,6 +74,8 @@ pub fn fold(
         .collect();
     let effects = EffectColumns::new(effects, n, &run.signals);
     let n_rows = sampling.map_or(n_samples, |sampling| sampling.kept.len());
+    let widest = plan.iter().map(JointPlan::width).max().unwrap_or(0);
+    let glance = (GLANCE * widest).next_multiple_of(MOST_LANES * products::DEPTH);
     let folded = |chunk: usize, reflected: bool, first: bool| {
         let rows = chunk * CHUNK..n_rows.min((chunk + 1) * CHUNK);
         let all: Vec<usize>;
@@ -88,18 +93,17 @@ pub fn fold(
             kept,
         };
         // Before the first wave is over a few of the samples tell whether it is worth while to try.
-        let few: Vec<usize> = kept
-            .iter()
-            .copied()
-            .step_by(kept.len() / GLANCE + 1)
-            .collect();
         let poor = || -> Result<bool, OfflineError> {
-            let glance = first && kept.len() >= 8 * GLANCE;
+            if !first || kept.len() < SHORT * glance {
+                return Ok(false);
+            }
+            let step = kept.len() / glance + 1;
+            let few: Vec<usize> = kept.iter().copied().step_by(step).collect();
             let of_few = Chunk {
                 kept: &few,
                 ..chunk
             };
-            Ok(glance && of_few.factors::<Products, { products::DEPTH }>()?.is_none())
+            Ok(of_few.factors::<Products, { products::DEPTH }>()?.is_none())
         };
         let factors = if reflected || poor()? {
             None
@@ -239,7 +243,8 @@ impl Chunk<'_> {
         let mut regressor = vec![L::ZERO; n * n * N_LINK_PARAMS];
         let state = &self.run.signals.state;
         let motion = [state.q, state.dq, state.ddq];
-        // Zero times every number: zero as long as all are finite.
+        let mut torques = vec![L::ZERO; n];
+        // Zero times every torque: zero as long as all are finite.
         let (zero, mut zeros) = (L::splat(0.0), L::splat(0.0));
         for group in self.kept.chunks(MOST_LANES * DEPTH) {
             for depth in 0..DEPTH {
@@ -257,10 +262,11 @@ impl Chunk<'_> {
                         &mut twists,
                         &mut regressor,
                     );
+                    take_numbers::<L>(self.run.tau, samples, n, &mut torques);
                 }
                 let joint_rows = regressor.chunks_exact(n * N_LINK_PARAMS);
-                let of_joint = self.plan.iter().zip(states.rows()).zip(joint_rows);
-                for (j, (joint, ((plan, state), row))) in
+                let of_joint = self.plan.iter().zip(&torques).zip(joint_rows);
+                for (j, (joint, ((plan, torque), row))) in
                     joints.iter_mut().zip(of_joint).enumerate()
                 {
                     let (effects, others) = joint.rows.split_at_mut(plan.n_effect_columns);
@@ -268,11 +274,8 @@ impl Chunk<'_> {
                     for (column, &parameter) in others.iter_mut().zip(&plan.links) {
                         column[depth] = row[parameter];
                     }
-                    let tau = gather::<L>(self.run.tau, samples, n, j);
-                    others[plan.links.len()][depth] = tau.raw();
-                    for number in [state.q, state.dq, state.ddq, tau.raw()] {
-                        zeros = L::from_raw(number).mul_add(zero, zeros);
-                    }
+                    others[plan.links.len()][depth] = *torque;
+                    zeros = L::from_raw(*torque).mul_add(zero, zeros);
                     if there.len() < L::LEN {
                         let mut mask = [0.0; MOST_LANES];
                         mask[..there.len()].fill(1.0);
@@ -287,6 +290,6 @@ impl Chunk<'_> {
                 F::absorb::<L>(joint);
             }
         }
-        zeros.abs().all_less(L::splat(1.0))
+        states.are_finite() && zeros.abs().all_less(L::splat(1.0))
     }
 }

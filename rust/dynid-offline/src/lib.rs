@@ -24,6 +24,7 @@ mod in_band;
 mod joint_columns;
 pub mod observation;
 pub mod points;
+mod probes;
 mod rows;
 mod triangle;
 pub mod weighted;

@@ -103,6 +103,22 @@ pub(crate) fn gather<L: Lanes>(signal: &[f64], samples: &[usize], n: usize, j: u
     L::load(&numbers)
 }
 
+/// All `n` numbers of these samples of a signal, one row for each number.
+#[inline(always)]
+pub(crate) fn take_numbers<L: Lanes>(
+    signal: &[f64],
+    samples: &[usize],
+    n: usize,
+    rows: &mut [L::Raw],
+) {
+    for first in (0..n).step_by(L::LEN) {
+        let numbers = square::<L>(signal, samples, n, first..n.min(first + L::LEN));
+        for (row, number) in each::<_, L>(rows, first).zip(numbers) {
+            *row = number.raw();
+        }
+    }
+}
+
 /// At most [`Lanes::LEN`] things from number `first` on, as many as there are.
 #[inline(always)]
 fn each<T, L: Lanes>(all: &mut [T], first: usize) -> impl Iterator<Item = &mut T> {

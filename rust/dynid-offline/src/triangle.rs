@@ -77,6 +77,13 @@ impl Columns {
     /// A few columns at a time are freed of all that are done, so that these come from far away once for all of them.
     #[inline(always)]
     pub(crate) fn factor<L: Lanes>(&mut self) -> Vec<f64> {
+        self.factor_above::<L>(NOTHING)
+    }
+
+    /// [`Self::factor`], in which columns whose sums of squares are at most `nothing` once they are freed of those before
+    /// them count as zero: their rows are zeros.
+    #[inline(always)]
+    pub(crate) fn factor_above<L: Lanes>(&mut self, nothing: f64) -> Vec<f64> {
         let width = self.width();
         let mut factor = vec![0.0; width * width];
         let mut inverses = vec![0.0; width];
@@ -111,7 +118,7 @@ impl Columns {
                 let (own, rest) = tile.split_at_mut(self.begins[k + 1] - self.begins[first]);
                 let own = &own[self.begins[k] - self.begins[first]..];
                 let squares = product::<L>(own, own);
-                if squares <= NOTHING {
+                if squares <= nothing {
                     continue;
                 }
                 let (norm, inverse) = (squares.sqrt(), squares.recip());

@@ -240,15 +240,21 @@ fn solve_base(
 }
 
 /// Inverse (n × n) of the upper triangle in the first n columns of `r` (rows `width` long).
+#[inline(always)]
 pub(crate) fn invert(r: &[f64], width: usize, n: usize) -> Vec<f64> {
     let mut inverse = vec![0.0; n * n];
-    for column in 0..n {
-        inverse[column * n + column] = 1.0 / r[column * width + column];
-        for i in (0..column).rev() {
-            let sum: f64 = (i + 1..=column)
-                .map(|k| r[i * width + k] * inverse[k * n + column])
-                .sum();
-            inverse[i * n + column] = -sum / r[i * width + i];
+    // Row by row from the last one: what is summed stands side by side.
+    for i in (0..n).rev() {
+        let (above, below) = inverse.split_at_mut((i + 1) * n);
+        let (own, shares) = (&mut above[i * n + i..], &r[i * width + i..i * width + n]);
+        for (k, (share, other)) in shares[1..].iter().zip(below.chunks_exact(n)).enumerate() {
+            for (x, y) in own[k + 1..].iter_mut().zip(&other[i + k + 1..]) {
+                *x -= share * y;
+            }
+        }
+        own[0] = 1.0;
+        for x in own {
+            *x /= shares[0];
         }
     }
     inverse

@@ -74,10 +74,12 @@ proptest! {
         prop_assert!(base.pivots.iter().all(|k| !base.dependent.contains(k)));
         prop_assert_eq!(base.beta.len(), base.pivots.len() * base.dependent.len());
         let y = stacked_regressor(&case.robot, 20, seed ^ 0xbad);
-        let most = y.amax();
+        let length = |k: usize| y.column(k).norm();
+        let longest = (0..y.ncols()).map(length).fold(0.0, f64::max);
         let named = |k: &usize| base.pivots.contains(k) || base.dependent.contains(k);
         for k in (0..case.phi.len()).filter(|k| !named(k)) {
-            prop_assert!(y.column(k).amax() <= ALGEBRAIC * most);
+            // The search has seen other states, where its tolerance holds.
+            prop_assert!(length(k) <= 3.0 * RTOL * longest);
         }
     }
 

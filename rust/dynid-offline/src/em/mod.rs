@@ -136,6 +136,7 @@ fn check_finite(log_likelihood: f64) -> Result<(), OfflineError> {
 /// What the expectation needs of every component.
 fn densities<const D: usize>(mixture: &Mixture) -> Result<Vec<Density<D>>, OfflineError> {
     let constant = -0.5 * D as f64 * (2.0 * std::f64::consts::PI).ln();
+    let root = (2.0 * std::f64::consts::LN_2).sqrt();
     let identity = SMatrix::<f64, D, D>::identity();
     let density = |component: usize| {
         let collapsed = CoreError::Mixture { component };
@@ -146,9 +147,10 @@ fn densities<const D: usize>(mixture: &Mixture) -> Result<Vec<Density<D>>, Offli
         let inverse = lower.solve_lower_triangular(&identity).ok_or(collapsed)?;
         let log_det: f64 = lower.diagonal().iter().map(|x| x.ln()).sum();
         Ok(Density {
-            log_weight: mixture.weights[component].ln() - log_det + constant,
+            log_weight: (mixture.weights[component].ln() - log_det + constant)
+                * std::f64::consts::LOG2_E,
             mean: std::array::from_fn(|d| mean[d]),
-            whitener: std::array::from_fn(|r| std::array::from_fn(|c| inverse[(r, c)])),
+            whitener: std::array::from_fn(|r| std::array::from_fn(|c| inverse[(r, c)] / root)),
         })
     };
     (0..mixture.weights.len()).map(density).collect()

@@ -1,7 +1,8 @@
 //! One pass over the data: log-likelihood, and the moments of every component's responsibilities.
 #![allow(clippy::needless_range_loop)] // indices of a triangle, as in the formulas
 
-use dynid_core::lanes::{exp_falling, run, Kernel, Lanes, MOST_LANES};
+use dynid_core::lanes::{run, Kernel, Lanes, MOST_LANES};
+use dynid_core::powers::power_falling;
 use rayon::prelude::*;
 
 /// Samples whose responsibilities are in the cache together.
@@ -12,11 +13,11 @@ const BLOCKS_PER_TASK: usize = 64;
 /// A weighted Gaussian, ready for evaluation.
 #[derive(Clone, Copy, Debug)]
 pub struct Density<const D: usize> {
-    /// log(weight) - log|L| - D/2 log(2 pi), covariance = L Lᵀ.
+    /// log2(weight / |L| / (2 pi)^(D/2)), covariance = L Lᵀ.
     pub log_weight: f64,
     /// Mean.
     pub mean: [f64; D],
-    /// Inverse of L, lower triangular.
+    /// Inverse of L, lower triangular, over the root of 2 ln 2: the density is `2^(log_weight - |whitener δ|²)`.
     pub whitener: [[f64; D]; D],
 }
 
@@ -208,16 +209,14 @@ impl<const D: usize> Block<D> {
         for (density, share) in densities.iter().zip(&mut *share) {
             for at in (0..BLOCK).step_by(L::LEN) {
                 let delta = self.delta::<L>(at, &density.mean);
-                let mut distance_squared = L::splat(0.0);
+                let mut log_density = L::splat(density.log_weight);
                 for r in 0..D {
                     let mut z = L::splat(0.0);
                     for c in 0..=r {
                         z = delta[c].mul_add(L::splat(density.whitener[r][c]), z);
                     }
-                    distance_squared = z.mul_add(z, distance_squared);
+                    log_density = z.mul_sub_from(z, log_density);
                 }
-                let log_weight = L::splat(density.log_weight);
-                let log_density = distance_squared.mul_add(L::splat(-0.5), log_weight);
                 log_density.store(&mut share.0[at..]);
                 let so_far = L::load(&greatest.0[at..]);
                 log_density.at_least(so_far).store(&mut greatest.0[at..]);
@@ -229,7 +228,7 @@ impl<const D: usize> Block<D> {
             let (counts, greatest) = (L::load(&self.counts.0[at..]), L::load(&greatest.0[at..]));
             let mut total = L::splat(0.0);
             for share in &mut *share {
-                let part = exp_falling(L::load(&share.0[at..]) - greatest);
+                let part = power_falling(L::load(&share.0[at..]) - greatest);
                 part.store(&mut share.0[at..]);
                 total = total + part;
             }
@@ -239,7 +238,7 @@ impl<const D: usize> Block<D> {
         }
         let mut totals = [1.0; MOST_LANES];
         product.store(&mut totals);
-        totals.iter().map(|total| total.ln()).sum::<f64>() + sum_of(sum)
+        totals.iter().map(|total| total.ln()).sum::<f64>() + std::f64::consts::LN_2 * sum_of(sum)
     }
 
     /// Adds to the sums of one component what [`Self::weigh`] has weighed.

@@ -4,14 +4,14 @@
 //! from others, in every state. They need not be folded: their columns of the factor follow from the others' as well, and no
 //! factor of a single joint has to divide by what rounding leaves of zeros.
 
-use dynid_core::link_params::N_LINK_PARAMS;
+use dynid_core::lanes::{self, Kernel, Lanes, MOST_LANES};
 use dynid_core::RobotModel;
 
 use crate::base::probing_states;
-use crate::batch::joint_torque_regressor;
 use crate::error::OfflineError;
-use crate::factor::triangular_factor;
 use crate::joint_columns::JointPlan;
+use crate::probes::{Place, Probes};
+use crate::triangle::{product, Columns};
 
 /// What is left of a column, relative to the longest one, where it follows from those before it.
 const NOTHING: f64 = 1e-13;
@@ -32,65 +32,84 @@ pub(super) fn structures(
     robot: &RobotModel,
     plan: &[JointPlan],
 ) -> Result<Vec<Structure>, OfflineError> {
-    let n = robot.n_joints();
-    let row = N_LINK_PARAMS * n;
     let most = plan.iter().map(|joint| joint.links.len()).max();
-    let n_samples = most.unwrap_or(0) + SPARE;
+    let n_samples = (most.unwrap_or(0) + SPARE).next_multiple_of(MOST_LANES);
     let (q, dq, ddq) = probing_states(robot, n_samples, 0);
-    let mut rows = vec![0.0; n_samples * n * row];
-    joint_torque_regressor(robot, &q, &dq, &ddq, &mut rows)?;
-    let of_joint = |(j, joint): (usize, &JointPlan)| {
-        Structure::new(&joint.links, || rows.chunks_exact(row).skip(j).step_by(n))
+    let factors = lanes::run(Independent {
+        robot,
+        motion: [&q, &dq, &ddq],
+        plan,
+    });
+    let of_joint = |(r, joint): (Vec<f64>, &JointPlan)| {
+        let finite = r.iter().all(|x| x.is_finite());
+        finite
+            .then(|| Structure::new(&r, joint.links.len()))
+            .ok_or(OfflineError::NonFinite { what: "rows" })
     };
-    plan.iter().enumerate().map(of_joint).collect()
+    factors.into_iter().zip(plan).map(of_joint).collect()
+}
+
+/// For each joint the factor of its columns, with rows of zeros where one follows from those before it.
+struct Independent<'a> {
+    robot: &'a RobotModel,
+    motion: [&'a [f64]; 3],
+    plan: &'a [JointPlan],
+}
+
+impl Kernel for Independent<'_> {
+    type Output = Vec<Vec<f64>>;
+
+    #[inline(always)]
+    fn run<S: Lanes<Raw = [f64; 1]>, L: Lanes>(self) -> Self::Output {
+        let eights = self.motion[0].len() / self.robot.n_joints() / MOST_LANES;
+        let columns = |joint: &JointPlan| Columns::zeros(joint.links.iter().map(|_| eights));
+        let mut joints: Vec<Columns> = self.plan.iter().map(columns).collect();
+        let place = |(j, joint): (usize, &JointPlan)| Place {
+            matrix: j,
+            first: 0,
+            links: joint.links.clone(),
+            first_column: 0,
+        };
+        let places: Vec<Place> = self.plan.iter().enumerate().map(place).collect();
+        let probes = Probes {
+            robot: self.robot,
+            motion: self.motion,
+            places: &places,
+        };
+        probes.fill::<L>(&mut joints);
+        let mut factors = Vec::with_capacity(joints.len());
+        for joint in &mut joints {
+            let mut longest = 0.0_f64;
+            for c in 0..joint.width() {
+                let column = &*joint.column(c);
+                longest = longest.max(product::<L>(column, column));
+            }
+            factors.push(joint.factor_above::<L>(NOTHING * NOTHING * longest));
+        }
+        factors
+    }
 }
 
 impl Structure {
-    /// From the `rows` of a joint, in which its columns stand at `links`.
-    fn new<'a, I: Iterator<Item = &'a [f64]>>(
-        links: &[usize],
-        rows: impl Fn() -> I,
-    ) -> Result<Self, OfflineError> {
-        let width = links.len();
-        let factor = |order: &[usize]| {
-            let columns = |row: &'a [f64]| order.iter().map(|&c| row[links[c]]);
-            let rows: Vec<f64> = rows().flat_map(columns).collect();
-            triangular_factor(&rows, width)
-        };
-        let mut order: Vec<usize> = (0..width).collect();
-        if width == 0 {
-            return Ok(Self {
-                folded: order,
-                others: Vec::new(),
-                shares: Vec::new(),
-            });
-        }
-        let r = factor(&order)?;
-        let length = |c: usize| (0..=c).map(|i| r[i * width + c].powi(2)).sum::<f64>();
-        let longest = (0..width).map(length).fold(0.0, f64::max).sqrt();
-        let (folded, others): (Vec<usize>, Vec<usize>) = order
-            .iter()
-            .partition(|&c| r[c * width + c] > NOTHING * longest);
+    /// From the factor of its columns, as many as `width`.
+    fn new(r: &[f64], width: usize) -> Self {
+        let (folded, others): (Vec<usize>, Vec<usize>) =
+            (0..width).partition(|&c| r[c * width + c] > 0.0);
         let mut shares = vec![0.0; folded.len() * others.len()];
-        if !others.is_empty() {
-            // Once more, with the others last: what is left of one of them is not taken from those after it.
-            order.clear();
-            order.extend(folded.iter().chain(&others));
-            let r = factor(&order)?;
-            for (o, &other) in others.iter().enumerate() {
-                for i in (0..folded.partition_point(|&c| c < other)).rev() {
-                    let later = (i + 1..folded.len())
-                        .map(|k| r[i * width + k] * shares[k * others.len() + o]);
-                    let left = r[i * width + folded.len() + o] - later.sum::<f64>();
-                    shares[i * others.len() + o] = left / r[i * width + i];
-                }
+        for (o, &other) in others.iter().enumerate() {
+            for i in (0..folded.partition_point(|&c| c < other)).rev() {
+                let row = &r[folded[i] * width..(folded[i] + 1) * width];
+                let later =
+                    (i + 1..folded.len()).map(|k| row[folded[k]] * shares[k * others.len() + o]);
+                let left = row[other] - later.sum::<f64>();
+                shares[i * others.len() + o] = left / row[folded[i]];
             }
         }
-        Ok(Self {
+        Self {
             folded,
             others,
             shares,
-        })
+        }
     }
 
     /// What is folded of a joint's columns.
