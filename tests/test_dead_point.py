@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
+
 import data
 import numpy as np
 import pytest
@@ -12,6 +15,7 @@ from test_diagnosis_search import HYSTERESIS, measured, start
 
 import dynid_rs as dyn
 from dynid_rs import _core
+from dynid_rs.assembly import evaluate
 from dynid_rs.diagnosis.beside import Beside
 from dynid_rs.diagnosis.candidate import stacked
 from dynid_rs.diagnosis.choice import weigh
@@ -20,9 +24,12 @@ from dynid_rs.diagnosis.hypothesis import Hypothesis
 from dynid_rs.diagnosis.intervals import _sandwich
 from dynid_rs.diagnosis.kinds import LEAST_WAVES, Kinds
 from dynid_rs.diagnosis.loop import diagnose
+from dynid_rs.diagnosis.one_cylinder import named_by_task
 from dynid_rs.diagnosis.sensors import channel_errors
 from dynid_rs.diagnosis.setup import Setup
+from dynid_rs.diagnosis.state import EVEN, TRUSTED, Choice, still_trusted, trusted
 from dynid_rs.diagnosis.warmth import takes_too_much
+from dynid_rs.links import LinkDynamicsIdentifier
 from dynid_rs.placed import CATALOGUE
 from dynid_rs.results import score
 
@@ -116,6 +123,68 @@ def test_belief_narrows_an_interval_as_one_more_measurement_does():
     plain, believed = _sandwich(S, scores, active), _sandwich(S, scores, active, np.array([0.0, 3.0]))
     np.testing.assert_allclose(plain, [0.5, 1.0], rtol=0.02)
     np.testing.assert_allclose(believed, [0.5, 0.5], rtol=0.02)
+
+
+BELIEVE = {"links": LinkDynamicsIdentifier(prior="robot")}
+
+
+def test_where_nothing_is_found_the_model_stays_as_it_was():
+    runs = measured(n_runs=2)
+    found = diagnose(Setup(ROBOT, options=BELIEVE), runs[:1], runs[1:])
+    assert found.effects == []
+    states = found.before.states(runs[1])
+    np.testing.assert_array_equal(evaluate(found.after.model_, states)[0], evaluate(found.before.model_, states)[0])
+
+
+def test_a_users_own_trust_is_left_alone():
+    setup = Setup(ROBOT, options={"links": LinkDynamicsIdentifier(prior="robot", prior_spread=0.3)})
+    assert trusted(setup) == {}
+    assert trusted(Setup(ROBOT, options=BELIEVE))["links"].prior_spread == TRUSTED
+    assert trusted(Setup(ROBOT)) == {}
+
+
+@pytest.mark.parametrize(("factor", "kept"), [(1.06, True), (2.0, False)])
+def test_a_file_that_the_evidence_contradicts_is_trusted_no_longer(factor, kept):
+    """Links that are so many times as heavy as they are."""
+
+    def heavier(found):
+        return f'mass value="{factor * float(found[1])}"'
+
+    robot = dyn.RobotModel.from_urdf_string(re.sub(r'mass value="([^"]*)"', heavier, URDF))
+    assert robot.phi[0] != ROBOT.phi[0]
+    setup = Setup(robot, effects=(HYSTERESIS.placed(),), options=BELIEVE)
+    assert bool(still_trusted(setup, measured(n_runs=3))) == kept
+
+
+def test_a_spring_stays_a_spring_where_it_explains_more(kuka):
+    """Names change hands only between equals, and only for what carries."""
+    state = start(Setup(kuka.robot, options=kuka.options), list(kuka.train))
+    beside = Beside(state.fit)
+    spring = weigh(beside, state.kinds.candidate(Hypothesis("joint_spring", (AXIS_2,), (("rest_position", 0.0),))))
+    gas = weigh(beside, state.kinds.candidate(cylinder(AXIS_2, state.kinds.belief.upright[AXIS_2])))
+
+    def named(spring, gas):
+        return named_by_task(Choice(spring, 0.0, ties=(Choice(gas, 0.0),)), state.kinds).weighed.candidate.kind
+
+    equal = replace(gas, evidence=spring.evidence)
+    assert named(spring, equal) == "counterbalance"
+    assert named(spring, replace(gas, evidence=spring.evidence - 2 * EVEN)) == "joint_spring"
+    for factor in (-1.0, 0.05):  # presses the arm down; carries next to nothing
+        other = replace(spring, gain=replace(spring.gain, coefficients=factor * spring.gain.coefficients))
+        assert named(other, equal) == "joint_spring", factor
+
+
+def test_behind_a_joint_that_leans_there_is_no_upright():
+    """A forearm's upright turns with the upper arm; only what stays level before it leaves it in one place."""
+    robot = dyn.RobotModel.from_urdf(data.data_file("kuka_kr300_weigand"))
+    q = np.random.default_rng(0).uniform(-2.0, 2.0, (200, robot.n_joints))
+    belief = built_for_weight(robot, q)
+    assert np.isfinite(belief.upright[AXIS_2])
+    assert np.isnan(belief.upright[AXIS_2 + 1])
+    assert belief.allows(AXIS_2 + 1)
+    anywhere = [belief.doubt(cylinder(AXIS_2 + 1, angle)) for angle in (0.0, 1.0, 2.0)]
+    assert anywhere == pytest.approx([0.0] * 3, abs=1e-12)
+    assert belief.certainty(cylinder(AXIS_2 + 1, 0.0), "phase") == 0.0
 
 
 def test_without_the_file_nothing_is_believed():
