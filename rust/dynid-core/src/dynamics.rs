@@ -93,7 +93,12 @@ pub(crate) fn check_length(
 /// Joint placement at `q`: rotation (link to parent) and origin of the link frame in the parent frame.
 #[must_use]
 pub fn placement(joint: &Joint, q: f64) -> (Matrix3<f64>, Vector3<f64>) {
-    let place = Placement::new(joint);
+    placed(&Placement::new(joint), q)
+}
+
+/// [`placement`] of a joint whose numbers have been prepared.
+#[must_use]
+pub fn placed(place: &Placement, q: f64) -> (Matrix3<f64>, Vector3<f64>) {
     let one = Portable::<1, false>::splat;
     let (sin, cos) = lanes::sin_cos(one(q));
     let turn = place.turn(sin, cos);

@@ -3,7 +3,7 @@
 
 use nalgebra::{SVector, Vector3};
 
-use crate::dynamics::{check_length, placement};
+use crate::dynamics::{check_length, placed};
 use crate::error::CoreError;
 use crate::kernel::{body_regressor, BodyMotion};
 use crate::link_params::N_LINK_PARAMS;
@@ -75,10 +75,11 @@ pub fn momentum_into(
 
     let mut parent = Pair::ZERO;
     let links = twists.iter_mut().zip(momenta.iter_mut());
-    let state = robot.joints().iter().zip(q.iter().zip(dq));
+    let joints = robot.joints().iter().zip(robot.placements());
+    let state = joints.zip(q.iter().zip(dq));
     let phi = phi.as_chunks::<N_LINK_PARAMS>().0;
-    for (((joint, (q, dq)), (twist, momentum)), phi) in state.zip(links).zip(phi) {
-        let (rotation, origin) = placement(joint, *q);
+    for ((((joint, place), (q, dq)), (twist, momentum)), phi) in state.zip(links).zip(phi) {
+        let (rotation, origin) = placed(place, *q);
         *twist = Pair {
             linear: rotation.tr_mul(&(parent.linear + parent.angular.cross(&origin))),
             angular: rotation.tr_mul(&parent.angular),
@@ -104,8 +105,10 @@ pub fn momentum_into(
     let mut carried = Pair::ZERO; // by the joint behind, in this link's frame
     let links = twists.iter().zip(momenta.iter());
     let outputs = momentum.iter_mut().zip(drift.iter_mut());
-    let joints = robot.joints().iter().zip(q);
-    for (((joint, q), (twist, own)), (momentum, drift)) in joints.zip(links).zip(outputs).rev() {
+    let joints = robot.joints().iter().zip(robot.placements()).zip(q);
+    for ((((joint, place), q), (twist, own)), (momentum, drift)) in
+        joints.zip(links).zip(outputs).rev()
+    {
         let whole = Pair {
             linear: own.linear + carried.linear,
             angular: own.angular + carried.angular,
@@ -134,7 +137,7 @@ pub fn momentum_into(
         };
         *momentum = unit.dot(&whole);
         *drift = crossed.dot(&whole);
-        let (rotation, origin) = placement(joint, *q);
+        let (rotation, origin) = placed(place, *q);
         let linear = rotation * whole.linear;
         carried = Pair {
             linear,

@@ -1,6 +1,6 @@
 //! Where points of the links are in space, and how a function of these places moves with q.
 
-use dynid_core::dynamics::placement;
+use dynid_core::dynamics::placed;
 use dynid_core::{JointKind, RobotModel};
 use nalgebra::{Matrix3, Vector3};
 
@@ -85,8 +85,8 @@ pub fn point_gradient(
 fn link_frames(robot: &RobotModel, q: &[f64], frames: &mut Vec<(Matrix3<f64>, Vector3<f64>)>) {
     frames.clear();
     let mut outer = (Matrix3::identity(), Vector3::zeros());
-    for (joint, &q) in robot.joints().iter().zip(q) {
-        let (rotation, origin) = placement(joint, q);
+    for (place, &q) in robot.placements().iter().zip(q) {
+        let (rotation, origin) = placed(place, q);
         outer = (outer.0 * rotation, outer.1 + outer.0 * origin);
         frames.push(outer);
     }
