@@ -168,14 +168,6 @@ pub fn exp<L: Lanes>(x: L) -> L {
     (less_one + L::splat(1.0)) * power_of_two(half) * power_of_two(n - half)
 }
 
-/// `exp(x)` of numbers that are not positive; what would be below the least normal number (2e-308) is zero.
-#[inline(always)]
-pub fn exp_falling<L: Lanes>(x: L) -> L {
-    // There n is -1023, whose power of two has no bit.
-    let (n, less_one) = reduced(x.at_least(L::splat(-709.1)));
-    (less_one + L::splat(1.0)) * power_of_two(n)
-}
-
 /// `exp(x) - 1`, exact in the small; infinite above 709, not a number where `x` is not.
 #[inline(always)]
 pub fn expm1<L: Lanes>(x: L) -> L {

@@ -21,7 +21,7 @@ use core::ops::{Add, Div, Mul, Neg, Sub};
 use core::sync::atomic::{AtomicU8, Ordering};
 
 pub(crate) use few::Few;
-pub use functions::{exp, exp_falling, expm1, sin_cos, tanh};
+pub use functions::{exp, expm1, sin_cos, tanh};
 pub use portable::Portable;
 pub use space::{Matrix, Vector};
 
