@@ -9,7 +9,7 @@ SOURCES := Cargo.toml Cargo.lock pyproject.toml $(shell find rust build_backend 
 DEMO   ?= demo
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-rust test-python check bench blind paper clean toolchain
+.PHONY: help demo test test-rust test-python check bench arm blind paper clean toolchain
 
 help: ## this list
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
@@ -42,6 +42,13 @@ bench: $(STAMP) ## every figure side by side with its peer; writes docs/benchmar
 	$(BIN)/python benches/loops.py
 	$(BIN)/python benches/em.py
 	$(BIN)/python benches/scale.py
+
+# NEON is part of every 64-bit ARM processor, so its kernels are the baseline ones there.
+arm: export CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_LINKER = aarch64-linux-gnu-gcc
+arm: export CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_RUNNER = qemu-aarch64 -L /usr/aarch64-linux-gnu
+arm: toolchain ## the formulas' tests built for 64-bit ARM and run by an emulator (qemu-user, gcc-aarch64-linux-gnu)
+	rustup target add aarch64-unknown-linux-gnu
+	cargo test --release --target aarch64-unknown-linux-gnu -p dynid-core --quiet
 
 blind: $(STAMP) ## diagnose 420 simulated cases whose answers are hidden; writes docs/blind.md, goes on where it broke off
 	$(BIN)/python tests/blind/run.py --page docs/blind.md
