@@ -254,7 +254,7 @@ def test_coefficients_from_other_blocks_are_those_of_the_own_columns_there():
     beside = Beside(state.fit)
     columns = stacked(state.kinds.columns([HYSTERESIS])[0])
     free = np.array([[-np.inf, np.inf]])
-    left = beside.with_columns_elsewhere(columns, free)
+    left = beside.with_coefficients_of_others(columns, free)
     own = beside.own_part(columns)
     for block in beside.blocks:
         seen = np.setdiff1d(np.arange(beside.n_rows), np.arange(block.start, block.stop))

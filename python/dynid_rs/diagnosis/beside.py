@@ -203,7 +203,7 @@ class Beside:
             out[block] = left[block]
         return out
 
-    def with_columns_elsewhere(self, columns: Mapping[int, FloatArray], bounds: FloatArray) -> FloatArray:
+    def with_coefficients_of_others(self, columns: Mapping[int, FloatArray], bounds: FloatArray) -> FloatArray:
         """Residual (n_rows, n_joints) of every block with a candidate whose coefficients come from the others.
 
         The model beside it has seen all blocks. Where one run is all there is, a third of it more or less moves base

@@ -74,7 +74,7 @@ def tested(beside: Beside, weighed: Weighed, without: FloatArray) -> Weighed:
     p = p_value(beside, columns, weighed.after, free, n_searched=candidate.n_searched)
     ratio, pays, mean_log = _predicted(beside, candidate, without, beside.left_out(columns, candidate.bounds))
     if beside.n_runs == 1:
-        elsewhere = beside.with_columns_elsewhere(columns, candidate.bounds)
+        elsewhere = beside.with_coefficients_of_others(columns, candidate.bounds)
         own_ratio, own_pays, own_mean_log = _predicted(beside, candidate, beside.residual, elsewhere)
         ratio, mean_log = max(ratio, own_ratio), max(mean_log, own_mean_log)
         pays = own_pays if pays > 0 else min(pays, own_pays)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
-from dynid_rs.columns import Observations, observe
+from dynid_rs.columns import Block, Observations, observe
 from dynid_rs.friction import friction_effect
 from dynid_rs.loops import FIRST_WIDTH, declared_plan
 from dynid_rs.preprocessing import States
@@ -77,27 +77,24 @@ class Rows:
 
     def whole_shares(self) -> FloatArray:
         """Residual power over power per joint, left out, when all joints share the links' parameters, (n_joints,)."""
-        plan, n = self.observations.plan, self.n_joints
-        total = np.concatenate(self.torque)
-        power = np.maximum(np.sum((total - total.mean(axis=0)) ** 2, axis=0), 1e-300)
-        left = np.zeros(n)
-        for k, block in enumerate(self.observations.blocks):
-            factors = self.observations.factors(leave_out=k)
-            weights = 1 / np.sqrt(power)
-            x = solve(plan, stack(plan, factors, weights, np.ones(n)), (RIDGE,))[0]
-            for j, rows in enumerate(block.rows):
-                left[j] += np.sum((rows[:, -1] - rows[:, :-1] @ x[plan.unknowns(j)]) ** 2)
-        return np.asarray(left / power)
+        blocks = self.observations.blocks
+        return sum(
+            (self._left([block], self.observations.factors(leave_out=k)) for k, block in enumerate(blocks)),
+            start=np.zeros(self.n_joints),
+        )
 
     def pooled_shares(self) -> FloatArray:
         """The same with nothing left out: what no links' parameters explain, (n_joints,)."""
+        return self._left(self.observations.blocks, self.observations.factors())
+
+    def _left(self, blocks: Sequence[Block], factors: Sequence[FloatArray]) -> FloatArray:
+        """Residual power of blocks under a fit to `factors`, over the torque's power in all blocks, (n_joints,)."""
         plan, n = self.observations.plan, self.n_joints
         total = np.concatenate(self.torque)
         power = np.maximum(np.sum((total - total.mean(axis=0)) ** 2, axis=0), 1e-300)
-        system = stack(plan, self.observations.factors(), 1 / np.sqrt(power), np.ones(n))
-        x = solve(plan, system, (RIDGE,))[0]
+        x = solve(plan, stack(plan, factors, 1 / np.sqrt(power), np.ones(n)), (RIDGE,))[0]
         left = np.zeros(n)
-        for block in self.observations.blocks:
+        for block in blocks:
             for j, rows in enumerate(block.rows):
                 left[j] += np.sum((rows[:, -1] - rows[:, :-1] @ x[plan.unknowns(j)]) ** 2)
         return np.asarray(left / power)
