@@ -223,7 +223,7 @@ Errors on runs that nothing was fitted to or chosen on, joint by joint, with the
 added: in the band in which torques are compared, and of the recorded samples (where ripple is). Joints count from 0.
 
 Where there is one training run alone (KUKA, xMate), names may not carry over to other motion: four joints of the
-xMate's sensor torque and two of the KUKA are worse after than before. The KUKA's test run goes where its training run
+xMate's sensor torque and three of the KUKA are worse after than before. The KUKA's test run goes where its training run
 has hardly been; its counterbalance on joint 1 needs the file's inertials (`--prior robot`). The table is written by
 `python tests/real_diagnosis.py --write`.
 

@@ -193,7 +193,9 @@ def fit_with_prior(
 
 
 def lost_evidence(observations: Observations, posterior: Posterior, spread: float) -> float:
-    """By how much the logarithm of the evidence falls if the file is off by `spread` instead of what was found.
+    """By how much the logarithm of the evidence falls under the relative uncertainty `spread` instead of what was found.
+
+    In ampere times the gain, as `Posterior.spreads`.
 
     Samples count as many as they did for `posterior`, so that the two can be compared.
     """
@@ -206,7 +208,7 @@ def lost_evidence(observations: Observations, posterior: Posterior, spread: floa
         posterior.n_effective,
         1e-9 * posterior.noise_std,
     )
-    at = problem.at(np.full(len(posterior.spreads), spread * posterior.gain), posterior.noise_std)
+    at = problem.at(np.full(len(posterior.spreads), spread), posterior.noise_std)
     return problem.at(posterior.spreads, posterior.noise_std).evidence - at.evidence
 
 
