@@ -193,9 +193,9 @@ def fit_with_prior(
 
 
 def lost_evidence(observations: Observations, posterior: Posterior, spread: float) -> float:
-    """By how much the logarithm of the evidence falls under the relative uncertainty `spread` instead of what was found.
+    """By how much the logarithm of the evidence falls under another relative uncertainty than what was found.
 
-    In ampere times the gain, as `Posterior.spreads`.
+    `spread`: in ampere times the gain, as `Posterior.spreads`.
 
     Samples count as many as they did for `posterior`, so that the two can be compared.
     """
