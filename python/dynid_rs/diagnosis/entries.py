@@ -17,6 +17,7 @@ from dynid_rs.diagnosis.hypothesis import Hypothesis
 from dynid_rs.diagnosis.intervals import Estimate, estimates
 from dynid_rs.diagnosis.search import once_each
 from dynid_rs.diagnosis.state import Choice, Search, columns_in, hypothesis_of
+from dynid_rs.diagnosis.warmth import sharing_clocks
 from dynid_rs.evaluation import rmse
 from dynid_rs.loops import link_load
 from dynid_rs.placed import PlacedEffect
@@ -44,7 +45,7 @@ def effect_entries(found: Search, test: Sequence[Recording]) -> list[tuple[Place
     tested = [[] if rows is None else model.error_on(rows).tolist() for model in models]
     plan = found.fit.observations_.plan
     friction = found.fit.links_.own_[:, plan.friction[1]]
-    entries = []
+    entries, clocks = [], sharing_clocks(found.setup.effects)
     for rank, (weighed, k) in enumerate(order):
         effect = found.setup.effects[k]
         hypothesis = hypothesis_of(effect, found.kinds)
@@ -68,6 +69,10 @@ def effect_entries(found: Search, test: Sequence[Recording]) -> list[tuple[Place
             "told_apart_from": refuted_entries(found, choice),
             "plot": _plot(found, beside, hypothesis, weighed.gain.coefficients),
         }
+        alike = next((group for group in clocks if k in group), [])
+        if alike:
+            others = ", ".join(found.setup.robot.joint_names[j] for m in alike for j in found.setup.effects[m].joints)
+            entry["note"] = f"one time constant for {others}: by itself a joint may tell too little of it"
         entries.append((effect, entry))
     return entries
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import TypeVar
@@ -24,7 +24,7 @@ from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.state import EVEN, Choice, Search, Step, fitted, rms, worth
 from dynid_rs.diagnosis.structural import structural_candidates
 from dynid_rs.diagnosis.valleys import best_shape, pulls
-from dynid_rs.diagnosis.warmth import takes_too_much, warm_arm
+from dynid_rs.diagnosis.warmth import on_one_clock, takes_too_much, warm_arm
 from dynid_rs.recording import Recording
 
 FloatArray = NDArray[np.float64]
@@ -37,7 +37,8 @@ CONTENDER = 0.2
 SLACK = 10.0
 """However small the evidence, places within this of the best one are looked at."""
 LEAST_GAIN = 0.005
-"""Part of some joint's left-out error that an effect has to take off: less is of no use, however certain."""
+"""Part of the left-out error that an effect has to take off, of some joint on the whole or of its joints on average
+over the runs: less is of no use, however certain."""
 LONE_GAIN, LONE_PAYS = 0.05, 1.0
 """The same where there is one run, and by how many standard errors the power on its left-out thirds has to fall."""
 MOST_STEPS = 12
@@ -73,11 +74,15 @@ def search(
         state = Search(setup, fit, Kinds(fit))
         for step in range(MOST_STEPS):
             on_progress(f"step {step + 1}: {len(state.steps)} effects so far" if state.steps else "looking for effects")
-            further = [*structural_candidates(state.fit, state.setup), *warm_arm(state.kinds, state.setup)]
+            further = [
+                *structural_candidates(state.fit, state.setup),
+                *warm_arm(state.kinds, state.setup),
+                *on_one_clock(state.kinds, state.setup),
+            ]
             found = good_candidates(state, further)
             if not found:
                 break
-            before = len(state.setup.effects)
+            before, done = len(state.setup.effects), len(state.steps)
             for choice in found:
                 state.setup = choice.weighed.candidate.accept(state.setup, choice.weighed.gain.coefficients)
             refit(state, train, new=len(state.setup.effects) - before)
@@ -87,6 +92,8 @@ def search(
                 refit(state, train, new=len(state.setup.effects))
             state.steps += [Step("added", choice, rms(state.fit)) for choice in found]
             drop_needless(state, train)
+            if _in_vain(state.steps[done:]):
+                break
         # Shapes once more, now that everything is there; friction's and an effect's settle in turn.
         settle(state, train, range(len(state.setup.effects)))
         simpler = without_patches(state)
@@ -158,15 +165,18 @@ def shortlist(
 
 
 def carries_over(weighed: Weighed, *, lone: bool) -> bool:
-    """Whether blocks that were left out are predicted better, on the whole or most of them.
+    """Whether blocks that were left out are predicted better, on the whole or on average over them.
 
     One run that goes where the others have not been may lose more to every extrapolated parameter than all gain. The
-    thirds of a lone run resemble each other, so there both are asked, and more of each.
+    thirds of a lone run resemble each other, so there both are asked, and more of each. With odds that are even a model
+    without is the simpler one.
     """
+    if weighed.evidence < EVEN:
+        return False
     if lone:
-        clear = weighed.left_out_ratio < 1 - LONE_GAIN and weighed.pays > LONE_PAYS
-        return clear and weighed.mean_log_ratio < 0 and weighed.evidence > 0
-    return weighed.left_out_ratio < 1 - LEAST_GAIN and (weighed.pays > 0 or weighed.mean_log_ratio < 0)
+        return weighed.left_out_ratio < 1 - LONE_GAIN and weighed.pays > LONE_PAYS and weighed.mean_log_ratio < 0
+    on_the_whole = weighed.left_out_ratio < 1 - LEAST_GAIN and weighed.pays > 0
+    return on_the_whole or weighed.mean_log_ratio < 2 * np.log(1 - LEAST_GAIN)
 
 
 def _different(beside: Beside, good: Sequence[Choice]) -> list[Choice]:
@@ -228,7 +238,7 @@ def scan(
     for k, h in enumerate(hypotheses):
         by_joints.setdefault(h.joints, []).append(k)
     rows = float(np.mean(independent_rows(beside.residual, beside.blocks)))
-    best: dict[tuple[str, tuple[int, ...], bool], tuple[float, Hypothesis | Candidate]] = {}
+    best: dict[tuple[Hashable, ...], tuple[float, Hypothesis | Candidate]] = {}
     tests: list[tuple[dict[int, FloatArray], list[slice]]] = []
     for joints, members in by_joints.items():
         parts = [stacked(columns[k]) for k in members]
@@ -249,7 +259,7 @@ def scan(
         gain = beside.gains(part, [slice(None)], [candidate.bounds])[0]
         tests.append((part, [slice(None)]))
         value = worth(gain.power, len(part) * beside.n_rows, len(part) * rows, len(candidate.bounds))
-        best[(*candidate.place, True)] = (value, candidate)
+        best[(*candidate.place, candidate.shape)] = (value, candidate)
     return sorted(best.values(), key=lambda pair: -pair[0]), tests
 
 
@@ -267,6 +277,12 @@ def refined_candidate(beside: Beside, kinds: Kinds, hypothesis: Hypothesis) -> C
     """Candidate of the hypothesis with the best shape near its own; None where that stands at a bound."""
     refined = best_shape(beside, kinds, hypothesis)
     return None if at_a_bound(refined) else kinds.candidate(refined)
+
+
+def _in_vain(steps: Sequence[Step]) -> bool:
+    """Whether all that was added was dropped again, and nothing else: the next step would only do the same."""
+    places = [[s.choice.weighed.candidate.place for s in steps if s.action == a] for a in ("added", "dropped")]
+    return sorted(places[0]) == sorted(places[1])
 
 
 def _is_gone(choice: Choice, places: set[tuple[str, tuple[int, ...]]]) -> bool:

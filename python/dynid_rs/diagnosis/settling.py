@@ -17,7 +17,7 @@ from dynid_rs.diagnosis.shape_search import refined_shape
 from dynid_rs.diagnosis.state import Search, columns_in, fitted, hypothesis_of
 from dynid_rs.diagnosis.structural import refine
 from dynid_rs.diagnosis.valleys import explained
-from dynid_rs.diagnosis.warmth import WARMTH
+from dynid_rs.diagnosis.warmth import WARMTH, common_clock, sharing_clocks
 from dynid_rs.recording import Recording
 
 FloatArray = NDArray[np.float64]
@@ -80,11 +80,17 @@ def refit(state: Search, train: Sequence[Recording], new: int = 0) -> None:
 
 
 def polish(state: Search, places: Iterable[int]) -> Setup:
-    """Shapes of the effects at `places`, each refined beside all the rest."""
+    """Shapes of the effects at `places`, each refined beside all the rest; joints on one clock together."""
     effects = list(state.setup.effects)
+    places, groups = set(places), sharing_clocks(effects)
     plan = state.fit.observations_.plan
     friction = np.arange(plan.n_own)[plan.friction[1]]
-    for k in places:
+    for group in (group for group in groups if places & set(group)):
+        beside = Beside(state.fit, [column for k in group for column in columns_in(state)[k]])
+        warming = common_clock(beside, state.kinds, [hypothesis_of(effects[k], state.kinds) for k in group])
+        for k, hypothesis in zip(group, warming, strict=True):
+            effects[k] = hypothesis.placed()
+    for k in sorted(places - {k for group in groups for k in group}):
         hypothesis = hypothesis_of(effects[k], state.kinds)
         without = columns_in(state)[k]
         # Where friction begins to slip and what its neighbours in the catalogue do look alike: both move at once.

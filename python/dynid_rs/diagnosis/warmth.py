@@ -1,24 +1,28 @@
-"""An arm that warms up: friction of all joints follows their thermometers, which shows long before one joint does."""
+"""An arm that warms up as a whole: friction of all joints follows their thermometers, or joints share one clock."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.diagnosis.beside import Beside
-from dynid_rs.diagnosis.candidate import Candidate, stacked
+from dynid_rs.diagnosis.candidate import Candidate, joined, stacked
 from dynid_rs.diagnosis.choice import Weighed
-from dynid_rs.diagnosis.hypothesis import bounds_of
+from dynid_rs.diagnosis.hypothesis import REFINED, Hypothesis, Shape, bounds_of, has_no_end
 from dynid_rs.diagnosis.kinds import Kinds
 from dynid_rs.diagnosis.setup import Setup
-from dynid_rs.placed import CATALOGUE
+from dynid_rs.placed import CATALOGUE, PlacedEffect
 
 FloatArray = NDArray[np.float64]
 
 WARMTH = "temperature_friction"
 WARMING = "thermal_friction"
+WIDTH = "transition_width"
+OCTAVES, CLOSE = float(np.log(4.0)), 3e-3
+"""How far from where it began a common clock is searched, and how closely (logarithms of the time constant)."""
 DRIVES = 0.1
 """Part of the rows on which a warm joint's friction may drive it, where it turns round or the fit is unsure."""
 
@@ -53,6 +57,61 @@ def warm_arm(kinds: Kinds, setup: Setup) -> list[Candidate]:
             accept=accept,
         )
     ]
+
+
+def on_one_clock(kinds: Kinds, setup: Setup) -> list[Candidate]:
+    """Friction of every other joint that warms up by a clock which was found on one: no shape of its own is searched.
+
+    Gears of one make, with one grease, warm up alike; a single one of them may tell too little of how fast.
+    """
+    warming = [effect for effect in setup.effects if effect.kind == WARMING]
+    there = {j for effect in warming for j in effect.joints}
+    others = [j for j in range(len(kinds.widths)) if j not in there]
+    clocks = dict.fromkeys(clock(effect) for effect in warming if not has_no_end(WARMING, first_shape(effect)))
+    return [
+        replace(kinds.candidate(Hypothesis(WARMING, (j,), (*shape, (WIDTH, float(kinds.widths[j]))))), n_searched=0)
+        for shape in clocks
+        for j in others
+    ]
+
+
+def sharing_clocks(effects: Sequence[PlacedEffect]) -> list[list[int]]:
+    """Indices of effects that warm up by the same clock, where several do."""
+    groups: dict[Shape, list[int]] = {}
+    for k, effect in enumerate(effects):
+        if effect.kind == WARMING:
+            groups.setdefault(clock(effect), []).append(k)
+    return [group for group in groups.values() if len(group) > 1]
+
+
+def clock(effect: PlacedEffect) -> Shape:
+    """How fast a friction warms up, and by what: its shape but for the width of the transition."""
+    return tuple((name, value) for name, value in first_shape(effect) if name != WIDTH)
+
+
+def first_shape(effect: PlacedEffect) -> Shape:
+    """Shape on the effect's (first) joint."""
+    return tuple(effect.shape_at(effect.joints[0]).items())
+
+
+def common_clock(beside: Beside, kinds: Kinds, warming: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """The same effects with the one time constant that takes off most together; `beside` is without any of them."""
+    from scipy.optimize import minimize_scalar
+
+    name, (_, low, high) = next(iter(REFINED[WARMING].items()))
+    bounds = np.concatenate([bounds_of(h) for h in warming])
+    start = float(np.log(dict(warming[0].shape)[name]))
+
+    def at(log_time: float) -> list[Hypothesis]:
+        return [h.with_shape(name, float(np.exp(log_time))) for h in warming]
+
+    def cost(log_time: float) -> float:
+        columns = joined([kinds.once(h) for h in at(log_time)])
+        return -beside.gains(columns, [slice(None)], [bounds])[0].power
+
+    near = (max(np.log(low), start - OCTAVES), min(np.log(high), start + OCTAVES))
+    found = minimize_scalar(cost, bounds=near, method="bounded", options={"xatol": CLOSE})
+    return at(found.x) if found.fun < cost(start) else list(warming)
 
 
 def takes_too_much(beside: Beside, kinds: Kinds, weighed: Weighed) -> bool:
