@@ -35,6 +35,8 @@ class Weighed:
         How many standard errors the left-out power falls by; NaN before it was tested.
     mean_log_ratio : float
         Mean over left-out blocks of the logarithm of the power on its joints with it over without.
+    median_log_ratio : float
+        Median over left-out blocks of the same.
     """
 
     candidate: Candidate
@@ -45,6 +47,7 @@ class Weighed:
     left_out_ratio: float = float("nan")
     pays: float = float("nan")
     mean_log_ratio: float = float("nan")
+    median_log_ratio: float = float("nan")
 
 
 def weigh(beside: Beside, candidate: Candidate) -> Weighed:
@@ -72,24 +75,36 @@ def tested(beside: Beside, weighed: Weighed, without: FloatArray) -> Weighed:
     columns = stacked(candidate.columns)
     free = weighed.gain.coefficients != 0
     p = p_value(beside, columns, weighed.after, free, n_searched=candidate.n_searched)
-    ratio, pays, mean_log = _predicted(beside, candidate, without, beside.left_out(columns, candidate.bounds))
+    ratio, pays, logs = _predicted(beside, candidate, without, beside.left_out(columns, candidate.bounds))
+    mean_log, median_log = float(np.mean(logs)), float(np.median(logs))
     if beside.n_runs == 1:
         elsewhere = beside.with_coefficients_of_others(columns, candidate.bounds)
-        own_ratio, own_pays, own_mean_log = _predicted(beside, candidate, beside.residual, elsewhere)
-        ratio, mean_log = max(ratio, own_ratio), max(mean_log, own_mean_log)
+        own_ratio, own_pays, own_logs = _predicted(beside, candidate, beside.residual, elsewhere)
+        ratio, mean_log = max(ratio, own_ratio), max(mean_log, float(np.mean(own_logs)))
+        median_log = max(median_log, float(np.median(own_logs)))
         pays = own_pays if pays > 0 else min(pays, own_pays)
-    return replace(weighed, p_value=p, left_out_ratio=ratio, pays=pays, mean_log_ratio=mean_log)
+    return replace(
+        weighed,
+        p_value=p,
+        left_out_ratio=ratio,
+        pays=pays,
+        mean_log_ratio=mean_log,
+        median_log_ratio=median_log,
+    )
 
 
 def _predicted(
     beside: Beside, candidate: Candidate, without: FloatArray, left: FloatArray
-) -> tuple[float, float, float]:
-    """`left_out_ratio`, `pays` and `mean_log_ratio` of residuals (n_rows, n_joints) without and with a candidate."""
+) -> tuple[float, float, FloatArray]:
+    """`left_out_ratio`, `pays`, and the logarithm of the power's ratio on the candidate's joints by block (n_blocks,).
+
+    Of residuals (n_rows, n_joints) without and with a candidate.
+    """
     ratio = float(np.sqrt(np.min(np.sum(left**2, axis=0) / np.maximum(np.sum(without**2, axis=0), 1e-300))))
     joints = list(candidate.joints)
     powers = [[np.sum(x[block][:, joints] ** 2, axis=0) + 1e-300 for x in (left, without)] for block in beside.blocks]
-    mean_log = float(np.mean([np.log(first / second) for first, second in powers]))
-    return ratio, falls_by(beside, without, left), mean_log
+    logs = np.array([np.mean(np.log(first / second)) for first, second in powers])
+    return ratio, falls_by(beside, without, left), logs
 
 
 def falls_by(beside: Beside, first: FloatArray, second: FloatArray) -> float:

@@ -14,7 +14,7 @@ from dynid_rs.diagnosis.settling import refit
 from dynid_rs.diagnosis.state import Choice, Search, Step, columns_in, hypothesis_of, rms
 from dynid_rs.diagnosis.structural import structural_parameters
 from dynid_rs.diagnosis.structural.torque_gain import KIND as GAIN
-from dynid_rs.diagnosis.warmth import WARMTH
+from dynid_rs.diagnosis.warmth import WARMTH, sharing_clocks
 from dynid_rs.recording import Recording
 
 FAMILY_WISE = 0.01
@@ -66,6 +66,9 @@ def drop_doubtful_gains(state: Search, train: Sequence[Recording]) -> None:
 
 
 def standing(state: Search, k: int) -> tuple[Weighed, int]:
-    """What still speaks for effect k beside all others, and k."""
+    """What still speaks for effect k beside all others, and k; a clock that joints share counts for the first."""
     beside = Beside(state.fit, columns_in(state)[k])
-    return weigh(beside, state.kinds.candidate(hypothesis_of(state.setup.effects[k], state.kinds))), k
+    candidate = state.kinds.candidate(hypothesis_of(state.setup.effects[k], state.kinds))
+    if any(k in group[1:] for group in sharing_clocks(state.setup.effects)):
+        candidate = replace(candidate, n_searched=0)
+    return weigh(beside, candidate), k

@@ -21,7 +21,7 @@ from dynid_rs.diagnosis.one_cylinder import PATCHES, named_by_task, without_patc
 from dynid_rs.diagnosis.rotor_share import with_rotors
 from dynid_rs.diagnosis.settling import refit, settle
 from dynid_rs.diagnosis.setup import Setup
-from dynid_rs.diagnosis.state import EVEN, Choice, Search, Step, fitted, rms, worth
+from dynid_rs.diagnosis.state import EVEN, Choice, Search, Step, fitted, hypothesis_of, rms, worth
 from dynid_rs.diagnosis.structural import structural_candidates
 from dynid_rs.diagnosis.valleys import best_shape, pulls
 from dynid_rs.diagnosis.warmth import on_one_clock, takes_too_much, warm_arm
@@ -82,17 +82,17 @@ def search(
             found = good_candidates(state, further)
             if not found:
                 break
-            before, done = len(state.setup.effects), len(state.steps)
+            was, done = state.setup, len(state.steps)
             for choice in found:
                 state.setup = choice.weighed.candidate.accept(state.setup, choice.weighed.gain.coefficients)
-            refit(state, train, new=len(state.setup.effects) - before)
+            refit(state, train, new=len(state.setup.effects) - len(was.effects))
             rotors = with_rotors(state)
             if rotors is not state.setup:
                 state.setup = rotors
                 refit(state, train, new=len(state.setup.effects))
             state.steps += [Step("added", choice, rms(state.fit)) for choice in found]
             drop_needless(state, train)
-            if _in_vain(state.steps[done:]):
+            if _in_vain(was, state, state.steps[done:]):
                 break
         # Shapes once more, now that everything is there; friction's and an effect's settle in turn.
         settle(state, train, range(len(state.setup.effects)))
@@ -142,8 +142,10 @@ def shortlist(
     """Candidates with their best shapes that may win; one whose shape has no end stands in nobody's way."""
     best = None
     listed: list[tuple[str, tuple[int, ...]]] = []
-    for value, item in ranked[:SHORTLIST]:
-        if best is not None and value < min(CONTENDER * best, best - SLACK):
+    places: set[Hashable] = set()  # a clock that another joint lends is no place of its own
+    for value, item in ranked:
+        places.add((item.kind, item.joints, isinstance(item, Candidate) or pulls(item)))
+        if len(places) > SHORTLIST or (best is not None and value < min(CONTENDER * best, best - SLACK)):
             break
         candidate = item if isinstance(item, Candidate) else refined_candidate(beside, kinds, item)
         if candidate is not None:
@@ -165,18 +167,19 @@ def shortlist(
 
 
 def carries_over(weighed: Weighed, *, lone: bool) -> bool:
-    """Whether blocks that were left out are predicted better, on the whole or on average over them.
+    """Whether blocks that were left out are predicted better, on the whole or most of them and on average.
 
     One run that goes where the others have not been may lose more to every extrapolated parameter than all gain. The
-    thirds of a lone run resemble each other, so there both are asked, and more of each. With odds that are even a model
-    without is the simpler one.
+    thirds of a lone run resemble each other, so there both are asked, and more of each. What ties with nothing by its
+    evidence is not added: the model without is the simpler one.
     """
     if weighed.evidence < EVEN:
         return False
     if lone:
         return weighed.left_out_ratio < 1 - LONE_GAIN and weighed.pays > LONE_PAYS and weighed.mean_log_ratio < 0
     on_the_whole = weighed.left_out_ratio < 1 - LEAST_GAIN and weighed.pays > 0
-    return on_the_whole or weighed.mean_log_ratio < 2 * np.log(1 - LEAST_GAIN)
+    typical = max(weighed.mean_log_ratio, weighed.median_log_ratio)
+    return on_the_whole or bool(typical < 2 * np.log(1 - LEAST_GAIN))
 
 
 def _different(beside: Beside, good: Sequence[Choice]) -> list[Choice]:
@@ -279,10 +282,12 @@ def refined_candidate(beside: Beside, kinds: Kinds, hypothesis: Hypothesis) -> C
     return None if at_a_bound(refined) else kinds.candidate(refined)
 
 
-def _in_vain(steps: Sequence[Step]) -> bool:
+def _in_vain(was: Setup, state: Search, steps: Sequence[Step]) -> bool:
     """Whether all that was added was dropped again, and nothing else: the next step would only do the same."""
     places = [[s.choice.weighed.candidate.place for s in steps if s.action == a] for a in ("added", "dropped")]
-    return sorted(places[0]) == sorted(places[1])
+    if sorted(places[0]) != sorted(places[1]) or len(was.held) != len(state.setup.held):
+        return False
+    return all(_there(hypothesis_of(effect, state.kinds), was) for effect in state.setup.effects)
 
 
 def _is_gone(choice: Choice, places: set[tuple[str, tuple[int, ...]]]) -> bool:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from dynid_rs.diagnosis.beside import Beside
 from dynid_rs.diagnosis.candidate import Candidate, joined, stacked
 from dynid_rs.diagnosis.choice import Weighed
-from dynid_rs.diagnosis.hypothesis import REFINED, Hypothesis, Shape, bounds_of, has_no_end
+from dynid_rs.diagnosis.hypothesis import REFINED, Hypothesis, Shape, at_a_bound, bounds_of, has_no_end
 from dynid_rs.diagnosis.kinds import Kinds
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.placed import CATALOGUE, PlacedEffect
@@ -67,12 +67,18 @@ def on_one_clock(kinds: Kinds, setup: Setup) -> list[Candidate]:
     warming = [effect for effect in setup.effects if effect.kind == WARMING]
     there = {j for effect in warming for j in effect.joints}
     others = [j for j in range(len(kinds.widths)) if j not in there]
-    clocks = dict.fromkeys(clock(effect) for effect in warming if not has_no_end(WARMING, first_shape(effect)))
-    return [
-        replace(kinds.candidate(Hypothesis(WARMING, (j,), (*shape, (WIDTH, float(kinds.widths[j]))))), n_searched=0)
-        for shape in clocks
-        for j in others
+    clocks = dict.fromkeys(clock(effect) for effect in warming if _tells_time(effect))
+    hypotheses = [
+        Hypothesis(WARMING, (j,), (*shape, (WIDTH, float(kinds.widths[j])))) for shape in clocks for j in others
     ]
+    kinds.columns(hypotheses)  # of all in one pass
+    return [replace(kinds.candidate(hypothesis), n_searched=0) for hypothesis in hypotheses]
+
+
+def _tells_time(effect: PlacedEffect) -> bool:
+    """Whether the data know how fast an effect warms up: its time constant stands at no end of its search."""
+    hypothesis = Hypothesis(effect.kind, effect.joints, first_shape(effect))
+    return not at_a_bound(hypothesis) and not has_no_end(effect.kind, hypothesis.shape)
 
 
 def sharing_clocks(effects: Sequence[PlacedEffect]) -> list[list[int]]:
