@@ -60,12 +60,19 @@ def _joint(k: int) -> dict[str, Any]:
 ALONE = {"friction_law": "coulomb_viscous", "standstill": True}
 """One joint at crawling speed: cubic viscosity does not carry to higher speeds, and what it does at rest matters."""
 
+UR10E = ("20_02_12_50sec_12harm", "20_02_10_30sec_12harm", "20_02_19_14harm50sec")
+OTHER_DAYS = (
+    "20_01_31_unload",
+    "20_02_05_20sec_12harm",
+    "20_02_05_20sec_8harm",
+    "20_02_06_20sec_10harm",
+    "20_02_06_20sec_5harm",
+    "20_02_10_20sec_7harm",
+)
+
 CASES = {
-    "UR10e, currents": Case(
-        "ur10e_innopolis",
-        ("20_02_12_50sec_12harm", "20_02_10_30sec_12harm", "20_02_19_14harm50sec"),
-        ("20_02_12_40sec_12harm",),
-    ),
+    "UR10e, currents": Case("ur10e_innopolis", UR10E, ("20_02_12_40sec_12harm",)),
+    "UR10e, currents, six more runs": Case("ur10e_innopolis", UR10E, OTHER_DAYS),
     "KUKA KR300, two encoders": Case("kuka_kr300_weigand", ("traj_A",), ("traj_B",)),
     "KUKA KR300, the file's inertials believed": Case(
         "kuka_kr300_weigand", ("traj_A",), ("traj_B",), options={"links": LinkDynamicsIdentifier(prior="robot")}

@@ -17,7 +17,7 @@ from dynid_rs.diagnosis.choice import Weighed, weigh
 from dynid_rs.diagnosis.dropping import standing
 from dynid_rs.diagnosis.entries import effect_entries
 from dynid_rs.diagnosis.hypothesis import Hypothesis
-from dynid_rs.diagnosis.search import SHORTLIST, _in_vain, carries_over, scan, search, shortlist
+from dynid_rs.diagnosis.search import SHORTLIST, _in_vain, carries_over, outweighs_nothing, scan, search, shortlist
 from dynid_rs.diagnosis.settling import settle
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.state import EVEN, columns_in, hypothesis_of
@@ -121,7 +121,6 @@ def test_joints_on_one_clock_settle_together_and_the_report_says_so(both, runs):
     ("figures", "lone", "enough"),
     [
         ({}, False, True),
-        ({"evidence": EVEN - 0.1}, False, False),
         # One of three runs loses what the others gain: most of them gain, and on average.
         ({"left_out_ratio": 0.999, "pays": -0.1}, False, True),
         ({"left_out_ratio": 0.999, "pays": -0.1, "mean_log_ratio": -0.002}, False, False),
@@ -130,16 +129,25 @@ def test_joints_on_one_clock_settle_together_and_the_report_says_so(both, runs):
         ({"mean_log_ratio": 0.1}, False, True),
         ({"pays": -0.1, "mean_log_ratio": 0.1}, False, False),
         ({}, True, True),
-        ({"evidence": EVEN - 0.1}, True, False),
         ({"left_out_ratio": 0.96}, True, False),
         ({"mean_log_ratio": 0.01}, True, False),
         ({"pays": 0.9}, True, False),
     ],
 )
 def test_what_carries_over(figures, lone, enough):
-    usual = {"evidence": 10.0, "left_out_ratio": 0.9, "pays": 2.0, "mean_log_ratio": -0.05, "median_log_ratio": -0.05}
-    weighed = Weighed(None, None, after=np.zeros((1, 1)), p_value=0.0, **(usual | figures))
+    usual = {"left_out_ratio": 0.9, "pays": 2.0, "mean_log_ratio": -0.05, "median_log_ratio": -0.05}
+    weighed = Weighed(None, None, 10.0, np.zeros((1, 1)), **(usual | figures))
     assert carries_over(weighed, lone=lone) is enough
+
+
+def test_one_more_name_on_a_joint_has_to_be_better_than_a_tie(both):
+    def at(joint, evidence):
+        return Weighed(SimpleNamespace(joints=(joint,)), None, evidence, np.zeros((1, 1)))
+
+    assert outweighs_nothing(at(SHOULDER, 0.1), both.setup)
+    assert not outweighs_nothing(at(SHOULDER, -0.1), both.setup)
+    assert outweighs_nothing(at(WRIST, EVEN + 0.1), both.setup)
+    assert not outweighs_nothing(at(WRIST, EVEN - 0.1), both.setup)
 
 
 def test_a_median_of_runs_is_that_of_runs_left_out(both):

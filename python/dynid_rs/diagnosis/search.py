@@ -126,7 +126,8 @@ def good_candidates(state: Search, further: Sequence[Candidate]) -> list[Choice]
         weighed = tested(beside, weighed, without)
         looked.append(weighed)
         p = min(1.0, weighed.p_value * state.n_tests)
-        certain = p < FAMILY_WISE and carries_over(weighed, lone=beside.n_runs == 1)
+        certain = p < FAMILY_WISE and outweighs_nothing(weighed, state.setup)
+        certain = certain and carries_over(weighed, lone=beside.n_runs == 1)
         if certain and not takes_too_much(beside, state.kinds, weighed):
             good.append(Choice(weighed, p))
     # A shape without end may be what others leave: it waits until they are in.
@@ -170,16 +171,19 @@ def carries_over(weighed: Weighed, *, lone: bool) -> bool:
     """Whether blocks that were left out are predicted better, on the whole or most of them and on average.
 
     One run that goes where the others have not been may lose more to every extrapolated parameter than all gain. The
-    thirds of a lone run resemble each other, so there both are asked, and more of each. What ties with nothing by its
-    evidence is not added: the model without is the simpler one.
+    thirds of a lone run resemble each other, so there both are asked, and more of each.
     """
-    if weighed.evidence < EVEN:
-        return False
     if lone:
         return weighed.left_out_ratio < 1 - LONE_GAIN and weighed.pays > LONE_PAYS and weighed.mean_log_ratio < 0
     on_the_whole = weighed.left_out_ratio < 1 - LEAST_GAIN and weighed.pays > 0
     typical = max(weighed.mean_log_ratio, weighed.median_log_ratio)
     return on_the_whole or bool(typical < 2 * np.log(1 - LEAST_GAIN))
+
+
+def outweighs_nothing(weighed: Weighed, setup: Setup) -> bool:
+    """Whether the evidence is for a candidate; one more name on a joint that has one must not tie with none."""
+    named = {j for effect in setup.effects for j in effect.joints}
+    return weighed.evidence > (EVEN if named & set(weighed.candidate.joints) else 0.0)
 
 
 def _different(beside: Beside, good: Sequence[Choice]) -> list[Choice]:
