@@ -231,8 +231,9 @@ added: in the band in which torques are compared, and of the recorded samples (w
 
 Where there is one training run alone (KUKA, xMate), names may not carry over to other motion: four joints of the
 xMate's sensor torque and three of the KUKA are worse after than before. The KUKA's test run goes where its training run
-has hardly been; its counterbalance on joint 1 needs the file's inertials (`--prior robot`). The table is written by
-`python tests/real_diagnosis.py --write`.
+has hardly been; its counterbalance on joint 1 needs the file's inertials (`--prior robot`). The UR10e's six more runs
+are mostly of other days than those it was learned from; on joint 0 they gain less, and one of them loses. The table is
+written by `python tests/real_diagnosis.py --write`.
 
 | robot | unit | in the band, before | after | recorded, before | after | found |
 |---|---|---|---|---|---|---|

@@ -31,10 +31,15 @@ def test_the_error_falls_on_the_run_left_out(diagnosis):
 def test_the_error_falls_on_runs_of_other_days(diagnosis):
     _, found = diagnosis
     runs = load(CASES["UR10e, currents, six more runs"]).test
-    before, after = (
-        score(fit.model_, [fit.states(recording) for recording in runs]).rmse for fit in (found.before, found.after)
-    )
-    print("six more runs:", after / before)
+
+    def errors(recordings):
+        fits = found.before, found.after
+        return (score(fit.model_, [fit.states(recording) for recording in recordings]).rmse for fit in fits)
+
+    for recording in runs:
+        before, after = errors([recording])
+        print(recording.name, (after / before).round(2))
+    before, after = errors(runs)
     assert np.all(after < np.array(OTHER_DAYS) * before), after / before
 
 
