@@ -36,7 +36,6 @@ DENIED = {
         "friction_laws.py": "Stribeck's velocity is searched in its logarithm",
         "evidence.py": "the relative uncertainty is searched in its logarithm",
         "wording.py": "geometric mean of error ratios",
-        "diagnosis/warmth.py": "a common time constant is searched in its logarithm",
     },
     r"(?m)^\s*(import|from) (pickle|joblib|dill|cloudpickle|shelve|marshal)\b": {
         "archive/work.py": "units of work go to other processes; nothing is kept that way",

@@ -37,8 +37,8 @@ CONTENDER = 0.2
 SLACK = 10.0
 """However small the evidence, places within this of the best one are looked at."""
 LEAST_GAIN = 0.005
-"""Part of the left-out error that an effect has to take off, of some joint on the whole or of its joints on average
-over the runs: less is of no use, however certain."""
+"""Part of the left-out error that an effect has to take off, of some joint on the whole or of its joints in most runs
+and on average over them: less is of no use, however certain."""
 LONE_GAIN, LONE_PAYS = 0.05, 1.0
 """The same where there is one run, and by how many standard errors the power on its left-out thirds has to fall."""
 MOST_STEPS = 12

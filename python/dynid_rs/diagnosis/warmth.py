@@ -14,6 +14,8 @@ from dynid_rs.diagnosis.choice import Weighed
 from dynid_rs.diagnosis.hypothesis import REFINED, Hypothesis, Shape, at_a_bound, bounds_of, has_no_end
 from dynid_rs.diagnosis.kinds import Kinds
 from dynid_rs.diagnosis.setup import Setup
+from dynid_rs.diagnosis.shape_search import NEAR
+from dynid_rs.diagnosis.state import hypothesis_of
 from dynid_rs.placed import CATALOGUE, PlacedEffect
 
 FloatArray = NDArray[np.float64]
@@ -21,8 +23,8 @@ FloatArray = NDArray[np.float64]
 WARMTH = "temperature_friction"
 WARMING = "thermal_friction"
 WIDTH = "transition_width"
-OCTAVES, CLOSE = float(np.log(4.0)), 3e-3
-"""How far from where it began a common clock is searched, and how closely (logarithms of the time constant)."""
+OCTAVES = 2.0
+"""How far from where it began a common time constant is searched."""
 DRIVES = 0.1
 """Part of the rows on which a warm joint's friction may drive it, where it turns round or the fit is unsure."""
 
@@ -67,7 +69,7 @@ def on_one_clock(kinds: Kinds, setup: Setup) -> list[Candidate]:
     warming = [effect for effect in setup.effects if effect.kind == WARMING]
     there = {j for effect in warming for j in effect.joints}
     others = [j for j in range(len(kinds.widths)) if j not in there]
-    clocks = dict.fromkeys(clock(effect) for effect in warming if _tells_time(effect))
+    clocks = dict.fromkeys(clock(effect) for effect in warming if _tells_time(hypothesis_of(effect, kinds)))
     hypotheses = [
         Hypothesis(WARMING, (j,), (*shape, (WIDTH, float(kinds.widths[j])))) for shape in clocks for j in others
     ]
@@ -75,10 +77,9 @@ def on_one_clock(kinds: Kinds, setup: Setup) -> list[Candidate]:
     return [replace(kinds.candidate(hypothesis), n_searched=0) for hypothesis in hypotheses]
 
 
-def _tells_time(effect: PlacedEffect) -> bool:
+def _tells_time(warming: Hypothesis) -> bool:
     """Whether the data know how fast an effect warms up: its time constant stands at no end of its search."""
-    hypothesis = Hypothesis(effect.kind, effect.joints, first_shape(effect))
-    return not at_a_bound(hypothesis) and not has_no_end(effect.kind, hypothesis.shape)
+    return not at_a_bound(warming) and not has_no_end(warming.kind, warming.shape)
 
 
 def sharing_clocks(effects: Sequence[PlacedEffect]) -> list[list[int]]:
@@ -92,12 +93,7 @@ def sharing_clocks(effects: Sequence[PlacedEffect]) -> list[list[int]]:
 
 def clock(effect: PlacedEffect) -> Shape:
     """How fast a friction warms up, and by what: its shape but for the width of the transition."""
-    return tuple((name, value) for name, value in first_shape(effect) if name != WIDTH)
-
-
-def first_shape(effect: PlacedEffect) -> Shape:
-    """Shape on the effect's (first) joint."""
-    return tuple(effect.shape_at(effect.joints[0]).items())
+    return tuple((name, value) for name, value in effect.shape_at(effect.joints[0]).items() if name != WIDTH)
 
 
 def common_clock(beside: Beside, kinds: Kinds, warming: Sequence[Hypothesis]) -> list[Hypothesis]:
@@ -106,17 +102,17 @@ def common_clock(beside: Beside, kinds: Kinds, warming: Sequence[Hypothesis]) ->
 
     name, (_, low, high) = next(iter(REFINED[WARMING].items()))
     bounds = np.concatenate([bounds_of(h) for h in warming])
-    start = float(np.log(dict(warming[0].shape)[name]))
+    start = float(np.log2(dict(warming[0].shape)[name]))
 
-    def at(log_time: float) -> list[Hypothesis]:
-        return [h.with_shape(name, float(np.exp(log_time))) for h in warming]
+    def at(octave: float) -> list[Hypothesis]:
+        return [h.with_shape(name, float(np.exp2(octave))) for h in warming]
 
-    def cost(log_time: float) -> float:
-        columns = joined([kinds.once(h) for h in at(log_time)])
+    def cost(octave: float) -> float:
+        columns = joined([kinds.once(h) for h in at(octave)])
         return -beside.gains(columns, [slice(None)], [bounds])[0].power
 
-    near = (max(np.log(low), start - OCTAVES), min(np.log(high), start + OCTAVES))
-    found = minimize_scalar(cost, bounds=near, method="bounded", options={"xatol": CLOSE})
+    near = (max(np.log2(low), start - OCTAVES), min(np.log2(high), start + OCTAVES))
+    found = minimize_scalar(cost, bounds=near, method="bounded", options={"xatol": NEAR})
     return at(found.x) if found.fun < cost(start) else list(warming)
 
 
