@@ -9,7 +9,7 @@ SOURCES := Cargo.toml Cargo.lock pyproject.toml $(shell find rust build_backend 
 DEMO   ?= demo
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-rust test-python check bench arm blind paper clean toolchain
+.PHONY: help demo test test-rust test-python check bench arm exam paper clean toolchain
 
 help: ## this list
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
@@ -50,8 +50,8 @@ arm: toolchain ## the formulas' tests built for 64-bit ARM and run by an emulato
 	rustup target add aarch64-unknown-linux-gnu
 	cargo test --release --target aarch64-unknown-linux-gnu -p dynid-core --quiet
 
-blind: $(STAMP) ## diagnose 420 simulated cases whose answers are hidden; writes docs/blind.md, goes on where it broke off
-	$(BIN)/python tests/blind/run.py --page docs/blind.md
+exam: $(STAMP) $(TOOLS) ## diagnose 200 fresh cases of an examiner that shares nothing with the product; writes docs/exam.md
+	$(BIN)/python tests/exam/run.py --page docs/exam.md
 
 paper: $(STAMP) ## repeat the source paper's experiment and write docs/paper.md with its figures
 	$(BIN)/python -m pip install --quiet --editable '.[paper]'

@@ -21,7 +21,7 @@ from sklearn.mixture import GaussianMixture
 from threadpoolctl import threadpool_limits
 
 from dynid_rs import GaussianMixtureRegressor, _core
-from dynid_rs.mixture import start_of
+from dynid_rs.identification.mixture import start_of
 
 ROUNDS = 7
 ITERATIONS = 30

@@ -11,9 +11,9 @@ import time
 from threadpoolctl import threadpool_limits
 
 import dynid_rs as dyn
-from dynid_rs.loops import Loops
+from dynid_rs.identification.loops import Loops
+from dynid_rs.identification.training import prepare_training_data
 from dynid_rs.simulation import bundled_robot, simulate, typical_arm
-from dynid_rs.training import prepare_training_data
 
 ROUNDS = 5
 STEPS = ("start", "fit_friction", "fit_links", "fit_residual")

@@ -29,7 +29,7 @@ from dynid_rs.archive import Archive, RunSource
 from dynid_rs.archive.sample import KEPT_RATE, recording_bytes
 from dynid_rs.archive.survey import Entry
 from dynid_rs.archive.work import Unit, Work
-from dynid_rs.results import evaluate_runs, residual_table, summarise
+from dynid_rs.identification.results import evaluate_runs, residual_table, summarise
 
 N_PARTS = 10
 CHECKS = 10

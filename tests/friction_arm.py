@@ -9,8 +9,9 @@ import numpy as np
 from paper_tables import LIMITS
 
 from dynid_rs import FrictionIdentifier, Recording, RobotModel, ThreeLoopIdentifier, _core
-from dynid_rs.friction import friction_effect
-from dynid_rs.friction_experiment import FrictionExperiment, plan_friction_experiment
+from dynid_rs.excitation.friction_experiment import plan_friction_experiment
+from dynid_rs.excitation.friction_segments import FrictionExperiment
+from dynid_rs.identification.friction import friction_effect
 from dynid_rs.simulation import MotionLimits, SimulatedArm, bundled_robot, simulate, typical_arm
 from dynid_rs.simulation.limits import plausible_effort
 

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from dynid_rs.base.findings import Finding
 from dynid_rs.diagnosis.setup import Setup
-from dynid_rs.findings import Finding
-from dynid_rs.identification import ThreeLoopIdentifier
-from dynid_rs.placed import PlacedEffect
-from dynid_rs.results import score
+from dynid_rs.identification.results import score
+from dynid_rs.identification.three_loops import ThreeLoopIdentifier
+from dynid_rs.model.placed import PlacedEffect
 
 FLOOR_SHARE = 0.8
 SHAPE = {"stribeck_velocity": 0.1, "exponent": 1.0, "transition_width": 0.01}

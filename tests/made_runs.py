@@ -9,8 +9,8 @@ import numpy as np
 
 from dynid_rs import Recording, RobotModel, _core
 from dynid_rs.archive.fingerprint import fingerprint
-from dynid_rs.checks import check_recording
-from dynid_rs.findings import Finding
+from dynid_rs.base.findings import Finding
+from dynid_rs.runs.checks import check_recording
 from dynid_rs.simulation import bundled_robot
 
 WIDTH = 0.01

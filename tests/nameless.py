@@ -38,10 +38,3 @@ def with_nameless(arm, joint, torque, ratio, trajectories):
     effect = Nameless("nameless", (joint,), 1.0, torque=torque)
     left = unabsorbed(arm, [effect], trajectories)[joint]
     return equip(arm, [replace(effect, size=ratio * arm.noise_std[joint] / left)])
-
-
-def in_band_noise(arm, band, rate):
-    """Standard deviation of the arm's white torque noise once it went through the band (n_joints,)."""
-    impulse = np.zeros(4001)
-    impulse[2000] = 1.0
-    return arm.noise_std * np.sqrt(np.sum(band.apply(impulse, rate) ** 2))

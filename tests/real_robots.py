@@ -11,11 +11,11 @@ import data
 import numpy as np
 
 import dynid_rs as dyn
-from dynid_rs.checks import check_recording, refused_sources
-from dynid_rs.identification import ThreeLoopIdentifier
-from dynid_rs.readers import Config
-from dynid_rs.results import evaluate_runs, summarise
-from dynid_rs.splitting import split_runs
+from dynid_rs.identification.results import evaluate_runs, summarise
+from dynid_rs.identification.three_loops import ThreeLoopIdentifier
+from dynid_rs.runs.checks import check_recording, refused_sources
+from dynid_rs.runs.readers import Config
+from dynid_rs.runs.splitting import split_runs
 
 
 @dataclass(frozen=True)

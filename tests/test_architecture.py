@@ -1,4 +1,4 @@
-"""Floors: what may import what, formulas with one home, and dependencies that stay where they belong."""
+"""Rooms: what may import what, formulas with one home, and dependencies that stay where they belong."""
 
 import ast
 import re
@@ -14,17 +14,27 @@ PACKAGE = ROOT / "python" / "dynid_rs"
 MODULES = sorted(PACKAGE.rglob("*.py"))
 
 STANDARD_LIBRARY = sys.stdlib_module_names
-GROUND = {"errors", "files", "findings", "recording", "readers", "checks"}
-"""Runs and files: usable, and quick to import, without any identification."""
-FLOORS = {
-    "errors": set(),
-    "findings": set(),
-    "files": {"errors"},
-    "recording": {"errors"},
-    "readers": {"errors", "files", "findings", "recording"},
-    "checks": {"_core", "errors", "findings", "recording"},  # the package itself has brought the compiled module
+FACE = "dynid_rs"
+"""The package itself: hands names on, and nothing imports from it."""
+ROOMS = {
+    "base": set(),
+    "report": {"base"},
+    "runs": {"base"},
+    "simulation": {"base", "runs"},
+    "regression": {"base", "runs"},
+    "model": {"base", "runs", "regression"},
+    "identification": {"base", "runs", "regression", "model"},
+    "archive": {"base", "runs", "regression", "model", "identification"},
+    "excitation": {"base", "report", "runs", "simulation", "model"},
+    "diagnosis": {"base", "runs", "regression", "model", "identification", "excitation"},
+    "commands": {
+        *("base", "report", "runs", "simulation", "regression", "model"),
+        *("identification", "archive", "excitation", "diagnosis"),
+    },
 }
-"""What each ground module may import of the package, besides itself."""
+"""Rooms from the ground up, and what each may import of the package besides itself and the compiled module."""
+GROUND = {"base", "runs"}
+"""Runs and files: quick to import, without any identification."""
 HEAVY = {"sklearn", "plotly", "typer", "rich"}
 """Libraries that nobody on the ground needs."""
 
@@ -32,10 +42,10 @@ DENIED = {
     r"tanh\(": {},
     r"multivariate_normal": {},
     r"np\.exp\(": {
-        "friction.py": "widths and thresholds are searched in their logarithm",
-        "friction_laws.py": "Stribeck's velocity is searched in its logarithm",
-        "evidence.py": "the relative uncertainty is searched in its logarithm",
-        "wording.py": "geometric mean of error ratios",
+        "identification/friction.py": "widths and thresholds are searched in their logarithm",
+        "identification/friction_laws.py": "Stribeck's velocity is searched in its logarithm",
+        "diagnosis/ripple.py": "a wave in the angle, in complex numbers",
+        "base/wording.py": "geometric mean of error ratios",
     },
     r"(?m)^\s*(import|from) (pickle|joblib|dill|cloudpickle|shelve|marshal)\b": {
         "archive/work.py": "units of work go to other processes; nothing is kept that way",
@@ -45,16 +55,37 @@ DENIED = {
 """Formulas have their home in Rust; models are files with a version. Exceptions: module and reason."""
 
 
-def name_of(path):
-    """Top module inside the package: `readers/csv.py` is `readers`."""
-    return path.relative_to(PACKAGE).with_suffix("").parts[0]
+def module_of(path):
+    """Dotted name: `runs/readers/__init__.py` is `dynid_rs.runs.readers`."""
+    parts = path.relative_to(PACKAGE.parent).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
-def imports_of(path):
-    """Every module that a file imports, absolute, wherever the import stands: (line, dotted name)."""
+def room_of(module):
+    """Room of a dotted name; the command line's door is part of the commands, the package itself is the face."""
+    parts = module.split(".")
+    if len(parts) == 1:
+        return FACE
+    return "commands" if parts[1] == "cli" else parts[1]
+
+
+def imports_of(path, *, at_run_time=False):
+    """Every module that a file imports, absolute, wherever the import stands: (line, dotted name).
+
+    `at_run_time`: less what stands under TYPE_CHECKING.
+    """
     inside = path.relative_to(PACKAGE.parent).with_suffix("").parts
     package = inside[:-1]
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    skipped = set()
+    if at_run_time:
+        guards = (
+            node for node in ast.walk(tree) if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test)
+        )
+        skipped = {id(node) for guard in guards for part in guard.body for node in ast.walk(part)}
+    for node in ast.walk(tree):
+        if id(node) in skipped:
+            continue
         if isinstance(node, ast.Import):
             yield from ((node.lineno, alias.name) for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -64,34 +95,84 @@ def imports_of(path):
             yield from ((node.lineno, f"{module}.{alias.name}") for alias in node.names)
 
 
-def siblings_of(path):
-    """Modules of the package that a file imports: (line, top module)."""
-    known = {name_of(module) for module in MODULES} | {"_core"}
-    for line, imported in imports_of(path):
-        parts = imported.split(".")
-        if parts[0] == "dynid_rs" and len(parts) > 1 and parts[1] in known:
-            yield line, parts[1]
+def siblings_of(path, *, at_run_time=False):
+    """Modules of the package that a file imports, itself left out: (line, dotted name).
+
+    ``from package import module`` names the module; what else a package hands on stands for the package.
+    """
+    known = {module_of(module) for module in MODULES}
+    lines = {}
+    for line, imported in imports_of(path, at_run_time=at_run_time):
+        lines.setdefault(line, []).append(imported)
+    found = {}
+    for line, names in lines.items():
+        for name in names:
+            inside = [other for other in names if other.startswith(f"{name}.")]
+            only_modules = bool(inside) and all(other in known or other == f"{FACE}._core" for other in inside)
+            if name in known and not only_modules:
+                found.setdefault(name, line)
+    return [(line, module) for module, line in found.items() if module not in {FACE, module_of(path)}]
 
 
-def test_the_table_names_modules_that_exist():
-    assert set(FLOORS) == GROUND
-    assert {name_of(path) for path in MODULES} >= GROUND
+def circles(arrows):
+    """Groups of names of which each leads to every other one along `arrows`, a name to the names it leads to."""
+    reached = {}
+    for start in arrows:
+        seen, ways = set(), [start]
+        while ways:
+            for name in arrows.get(ways.pop(), ()):
+                if name not in seen:
+                    seen.add(name)
+                    ways.append(name)
+        reached[start] = seen
+    return {frozenset(b for b in reached[a] if a in reached.get(b, ())) for a in arrows if a in reached[a]}
 
 
-@pytest.mark.parametrize("module", sorted(GROUND))
-def test_the_ground_imports_nothing_from_above(module):
-    for path in (path for path in MODULES if name_of(path) == module):
+def test_circles_are_seen():
+    assert circles({"a": {"b"}, "b": {"c"}, "c": {"b"}, "d": {"a", "b"}}) == {frozenset("bc")}
+
+
+def test_the_table_names_the_rooms_that_exist_and_its_arrows_point_down():
+    assert set(ROOMS) == {room_of(module_of(path)) for path in MODULES} - {FACE}
+    above = list(ROOMS)
+    for place, allowed in enumerate(ROOMS.values()):
+        assert allowed <= set(above[:place])
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_a_room_imports_only_rooms_below_it(room):
+    for path in (path for path in MODULES if room_of(module_of(path)) == room):
         for line, imported in siblings_of(path):
-            assert imported in FLOORS[module] | {module}, f"{path}:{line} imports {imported}"
+            assert room_of(imported) in ROOMS[room] | {room}, f"{path}:{line} imports {imported}"
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_what_a_room_may_import_it_does(room):
+    paths = [path for path in MODULES if room_of(module_of(path)) == room]
+    assert ROOMS[room] == {room_of(imported) for path in paths for _, imported in siblings_of(path)} - {room}
+
+
+def test_there_is_no_circle_between_modules():
+    """At run time: a name that stands in an annotation alone may point either way, within its room."""
+    arrows = {module_of(path): {name for _, name in siblings_of(path, at_run_time=True)} for path in MODULES}
+    assert not circles(arrows)
+
+
+@pytest.mark.parametrize("room", sorted(GROUND))
+def test_the_ground_needs_no_heavy_library(room):
+    for path in (path for path in MODULES if room_of(module_of(path)) == room):
         for line, imported in imports_of(path):
             assert imported.split(".")[0] not in HEAVY, f"{path}:{line} imports {imported}"
 
 
-def test_only_the_command_line_imports_the_command_line():
+def test_nothing_imports_from_the_package_itself():
+    """Its names are for users; inside, a name comes from the module it lives in."""
+    known = {module_of(path) for path in MODULES}
     for path in MODULES:
-        if name_of(path) not in {"cli", "commands"}:
-            for line, imported in siblings_of(path):
-                assert imported not in {"cli", "commands"}, f"{path}:{line} imports {imported}"
+        for line, imported in imports_of(path):
+            parts = imported.split(".")
+            if parts[0] == FACE and len(parts) == 2:
+                assert parts[1] == "_core" or imported in known, f"{path}:{line} imports {imported}"
 
 
 def test_the_package_never_imports_tests():
@@ -114,7 +195,7 @@ def test_the_package_imports_only_what_it_declares():
     allowed = {modules.get(name, name) for name in declared} | {"dynid_rs"}
     allowed |= {name for name, by in brought.items() if by in declared}
     # Module: the extra that brings what it imports, late.
-    optional = {"bodies.py": "physical", "excitation/collision.py": "collision"}
+    optional = {"model/bodies.py": "physical", "excitation/collision.py": "collision"}
     for path in MODULES:
         extra = project["optional-dependencies"].get(optional.get(path.relative_to(PACKAGE).as_posix()), [])
         brings = {re.split(r"[<>=~!;\[ ]", name)[0] for name in extra}

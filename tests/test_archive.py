@@ -23,12 +23,12 @@ from dynid_rs.archive.fingerprint import fingerprint
 from dynid_rs.archive.sample import Piece, choose_pieces, cut_out, pieces_of, work_space
 from dynid_rs.archive.survey import Survey, gathered_findings, survey_run
 from dynid_rs.archive.wide import FactorTree, cut_at_joints, wide_factor
+from dynid_rs.base.findings import Finding
 from dynid_rs.commands._inputs import size_in_bytes
-from dynid_rs.findings import Finding
-from dynid_rs.placed import PlacedEffect
-from dynid_rs.readers import Config
-from dynid_rs.recording import Recording
-from dynid_rs.results import evaluate_runs, score
+from dynid_rs.identification.results import evaluate_runs, score
+from dynid_rs.model.placed import PlacedEffect
+from dynid_rs.runs.readers import Config
+from dynid_rs.runs.recording import Recording
 
 PLENTY = 10**9
 
@@ -53,6 +53,10 @@ class Held:
         return fingerprint(self.recording)
 
 
+NEARLY = {"rtol": 1e-3, "atol": 1e-3}
+"""Torques [N m] of two fits under the weak prior whose noise's search began at different places: it ends within 1 %."""
+
+
 @functools.cache
 def small_runs(encoders):
     case = study(encoders)
@@ -70,26 +74,38 @@ def both_ways(encoders, memory=PLENTY, **options):
     return learned, ThreeLoopIdentifier(robot, **options).fit([source.read()[0] for source in sources])
 
 
+@pytest.mark.parametrize("prior", ["auto", None])
 @pytest.mark.parametrize("weighting", ["joint_variance", "full_covariance"])
-def test_with_everything_in_the_sample_nothing_is_lost(weighting):
+def test_with_everything_in_the_sample_nothing_is_lost(weighting, prior):
     """Factors, covariance between joints, models, domain, standard errors, training error: all as in memory."""
-    links = LinkDynamicsIdentifier(weighting, asymmetry=0.1)
+    links = LinkDynamicsIdentifier(weighting, prior=prior)
     learned, held = both_ways(1, links=links)
     streamed = learned.identifier
     assert len(learned.sample) == 3
     assert streamed.observations_.n_rows == held.observations_.n_rows
-    size = np.abs(held.links_.x_).max()
-    assert_allclose(streamed.links_.x_, held.links_.x_, rtol=1e-9, atol=1e-11 * size)
-    assert_allclose(streamed.links_.covariance_, held.links_.covariance_, rtol=1e-8)
-    assert_allclose(streamed.parameter_covariance(), held.parameter_covariance(), rtol=1e-6, atol=1e-15)
+    covariance = held.parameter_covariance()
+    std, size = np.sqrt(np.diag(covariance)), np.abs(held.links_.x_).max()
+    if prior is None:
+        assert_allclose(streamed.links_.x_, held.links_.x_, rtol=1e-9, atol=1e-11 * size)
+        assert_allclose(streamed.links_.covariance_, held.links_.covariance_, rtol=1e-8)
+        assert_allclose(streamed.parameter_covariance(), covariance, rtol=1e-6, atol=1e-15)
+    else:
+        # The noise's search ends at a change of 1 %, and goes on where the sample's ended.
+        assert streamed.links_.posterior_.choice == held.links_.posterior_.choice
+        assert_allclose(streamed.links_.worth_, held.links_.worth_, rtol=1e-12)
+        assert np.all(np.abs(streamed.links_.x_ - held.links_.x_) <= 0.01 * std + 1e-9 * size)
+        assert_allclose(streamed.links_.covariance_, held.links_.covariance_, rtol=1e-3, atol=1e-6)
+        assert_allclose(np.sqrt(np.diag(streamed.parameter_covariance())), std, rtol=1e-2)
     motion = held.raw_runs_[0]
     for name in ("baseline_", "friction_model_", "two_loop_model_", "model_"):
         one, other = getattr(streamed, name), getattr(held, name)
-        assert_allclose(one.evaluate(*motion.signals())[0], other.evaluate(*motion.signals())[0], **ALGEBRAIC)
+        near = ALGEBRAIC if prior is None or name in ("baseline_", "friction_model_") else NEARLY
+        assert_allclose(one.evaluate(*motion.signals())[0], other.evaluate(*motion.signals())[0], **near)
         assert one.domain == other.domain
     recordings = [source.read()[0] for source in small_runs(1)[1]]
     runs = evaluate_runs(held.model_, recordings, held.raw_runs_)
-    assert_allclose(learned.rmse, np.sqrt(np.mean(np.concatenate([r.comparison.error for r in runs]) ** 2, axis=0)))
+    rmse = np.sqrt(np.mean(np.concatenate([r.comparison.error for r in runs]) ** 2, axis=0))
+    assert_allclose(learned.rmse, rmse, rtol=1e-7 if prior is None else 1e-4)
 
 
 def test_with_a_third_loop_all_stages_but_the_last_are_as_in_memory():
@@ -100,7 +116,8 @@ def test_with_a_third_loop_all_stages_but_the_last_are_as_in_memory():
     motion = held.raw_runs_[0]
     for name in ("baseline_", "friction_model_", "two_loop_model_"):
         one, other = getattr(streamed, name), getattr(held, name)
-        assert_allclose(one.evaluate(*motion.signals())[0], other.evaluate(*motion.signals())[0], **ALGEBRAIC)
+        near = NEARLY if name == "two_loop_model_" else ALGEBRAIC
+        assert_allclose(one.evaluate(*motion.signals())[0], other.evaluate(*motion.signals())[0], **near)
     assert streamed.model_.residual is not None
     assert_allclose(score(streamed.model_, held.raw_runs_).rmse, score(held.model_, held.raw_runs_).rmse, rtol=1e-2)
 
@@ -142,10 +159,12 @@ def test_what_stands_beside_the_declared_model_is_streamed_too(name):
     learned = archive.fit(ThreeLoopIdentifier(robot, residual=None, **options), archive.sample(), None)
     held = ThreeLoopIdentifier(robot, residual=None, **options).fit([source.recording for source in sources])
     size = np.abs(held.links_.x_).max()
-    near = {"rtol": 1e-3, "atol": 1e-4 * size} if name == "load" else {"rtol": 1e-7, "atol": 1e-9 * size}
-    assert_allclose(learned.identifier.links_.x_, held.links_.x_, **near)
-    assert_allclose(learned.identifier.links_.torque_scale_, held.links_.torque_scale_, rtol=1e-6)
     std = np.sqrt(np.diag(held.parameter_covariance()))
+    # Load, noise and drive gains settle to a small part of the parameters' errors, from where the sample's ended.
+    slow = 1e-3 * np.abs(held.links_.x_) + 1e-4 * size if name == "load" else 1e-9 * size
+    difference = np.abs(learned.identifier.links_.x_ - held.links_.x_)
+    assert np.all(difference <= 0.02 * std + slow)
+    assert_allclose(learned.identifier.links_.torque_scale_, held.links_.torque_scale_, rtol=1e-3)
     assert_allclose(np.sqrt(np.diag(learned.identifier.parameter_covariance())), std, rtol=1e-2, atol=1e-9)
 
 

@@ -17,7 +17,7 @@ from small_arm import dynid, refusal, snapshot
 from whole_model import RESIDUALS, SIGNALS, STEP, every_effect, recorded_states, spoiled, whole_model
 
 from dynid_rs import _core
-from dynid_rs.export import c_header, c_prefix
+from dynid_rs.model.export import c_header, c_prefix
 from dynid_rs.simulation import bundled_robot
 
 STRICT = ["-Wall", "-Wextra", "-Wpedantic", "-Werror", "-O2", "-ffp-contract=off", "-fPIC", "-shared"]

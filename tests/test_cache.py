@@ -24,7 +24,7 @@ from dynid_rs.archive.cache import SUFFIX, Cache, packed, unpacked
 from dynid_rs.archive.survey import survey_run
 from dynid_rs.archive.work import Work
 from dynid_rs.commands._inputs import size_in_bytes
-from dynid_rs.readers import Config
+from dynid_rs.runs.readers import Config
 
 ENTRY = ({"name": "a", "value": 0.1, "none": None}, {"x": np.arange(6.0).reshape(2, 3), "flags": np.array([True])})
 KEYS = [f"{k:02x}" * 32 for k in range(5)]
@@ -136,7 +136,7 @@ def test_a_full_disk_costs_a_warning_and_not_the_answer(tmp_path, monkeypatch):
 
     def put(self, key, entry):
         with monkeypatch.context() as full:
-            full.setattr("dynid_rs.files._sync", no_space)
+            full.setattr("dynid_rs.base.files._sync", no_space)
             real(self, key, entry)
 
     monkeypatch.setattr(Cache, "put", put)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from run_files import RATE, motion
 
-from dynid_rs.checks import check_recording, moving_joints, refused_sources
-from dynid_rs.findings import joint_words
-from dynid_rs.recording import Recording
+from dynid_rs.base.findings import joint_words
+from dynid_rs.runs.checks import check_recording, moving_joints, refused_sources
+from dynid_rs.runs.recording import Recording
 
 N = 1200
 HINTS = {"single_encoder"}

@@ -82,7 +82,7 @@ def test_interrupt_ends_in_130_and_writes_nothing(tmp_path):
     code = """if True:
         import os, signal, time
         signal.signal(signal.SIGINT, signal.default_int_handler)  # a job in the background inherits "ignore"
-        from dynid_rs.identification import ThreeLoopIdentifier
+        from dynid_rs.identification.three_loops import ThreeLoopIdentifier
         def fit(self, *args, **kwargs):
             os.kill(os.getpid(), signal.SIGINT)
             time.sleep(30)

@@ -16,13 +16,13 @@ from test_identify import FILES, validator
 from tolerances import ALGEBRAIC
 
 from dynid_rs import TorqueModel
+from dynid_rs.base.findings import Finding
 from dynid_rs.diagnosis.availability import missing_signals
 from dynid_rs.diagnosis.plausibility import implausible
 from dynid_rs.diagnosis.wording import explained_share, next_experiments, not_worse, verdict
-from dynid_rs.evaluation import Comparison
-from dynid_rs.findings import Finding
-from dynid_rs.recording import Recording
+from dynid_rs.regression.evaluation import Comparison
 from dynid_rs.report import diagnosis as report_diagnosis
+from dynid_rs.runs.recording import Recording
 
 
 @pytest.fixture
@@ -73,7 +73,8 @@ def test_before_is_identifys_and_after_is_the_saved_models(tmp_path, search):
     done = study()
     _, result = diagnosed(tmp_path, done.robot, *done.runs[:2], "--test", done.runs[2])
     plain = tmp_path / "plain"
-    dynid("identify", done.robot, *done.runs[:2], "--test", done.runs[2], "-o", plain, "--residual", "none")
+    same = ("--residual", "none", "--friction-law", "smooth")
+    dynid("identify", done.robot, *done.runs[:2], "--test", done.runs[2], "-o", plain, *same)
     identified = json.loads((plain / "result.json").read_text())["rmse"]["test"]
     test = result["rmse"]["test"]
     for mine, theirs in (("before", "after"), ("before_interval", "after_interval"), ("wls", "wls")):
@@ -148,6 +149,97 @@ def test_worse_after_than_before_ends_in_one(tmp_path, search):
     printed, result = diagnosed(tmp_path, done.robot, *done.runs)
     assert printed.exit_code == 1
     assert not not_worse(result)
+
+
+# The search itself
+
+
+@pytest.fixture(scope="module")
+def real(tmp_path_factory):
+    """Two encoders, gears that yield, ripple, friction that turns round over a way, a base that is not level."""
+    from diagnosed import recorded, with_effects
+
+    from dynid_rs import RobotModel
+    from dynid_rs.simulation import typical_arm
+    from dynid_rs.simulation.folder import run_columns
+
+    folder = tmp_path_factory.mktemp("real")
+    robot = write_robot(folder)
+    arm = replace(typical_arm(RobotModel.from_urdf(robot)).rigid(), delay=0.0028)
+    arm = with_effects(arm, "joint_elasticity:elbow", "friction_hysteresis:wrist:2", "gravity_tilt::3")
+    ripple = 2 * arm.noise_std[0]
+    runs = [
+        replace(r, tau=r.tau + ripple * np.cos(90 * r.q_motor[:, :1]) * np.array([1.0, 0.0, 0.0]))
+        for r in recorded(arm, encoders=2)
+    ]
+    paths = [write(folder / f"run_{k}.parquet", run_columns(r)) for k, r in enumerate(runs)]
+    printed, result = diagnosed(folder, robot, *paths[:2], "--test", paths[2])
+    return folder, printed, result
+
+
+def test_what_a_diagnosis_writes_is_of_the_documented_form(real):
+    folder, printed, result = real
+    assert printed.exit_code == 0, printed.output
+    assert sorted(path.name for path in (folder / "out").iterdir()) == FILES
+    validator().validate(result)
+    named = {(entry["kind"], tuple(entry["joints"])) for entry in result["effects"]}
+    assert named >= {
+        ("encoder_delay", JOINTS),
+        ("joint_elasticity", ("elbow",)),
+        ("friction_hysteresis", ("wrist",)),
+        ("gravity_tilt", JOINTS),
+        ("torque_ripple", ("shoulder",)),
+    }
+    assert [entry["rank"] for entry in result["effects"]] == list(range(1, len(result["effects"]) + 1))
+    assert all(entry["name"] for entry in result["parameters"]["base"])
+    assert all(entry["sharpness"] > 0 for entry in result["parameters"]["friction_shape"])
+
+
+def test_everything_that_was_found_is_printed_and_in_the_report(real):
+    folder, printed, result = real
+    page = (folder / "out" / "report.html").read_text(encoding="utf-8")
+    assert "Traceback" not in printed.output
+    for entry in result["effects"]:
+        assert f"{entry['rank']}. " in printed.stdout
+        assert entry["kind"].replace("_dependent_", "-dependent ").replace("_", " ") in printed.stdout
+        assert entry["kind"].replace("_dependent_", "-dependent ").replace("_", " ").capitalize() in page
+
+
+def test_a_changed_test_run_changes_no_bit_of_the_model(real):
+    folder, _, result = real
+    robot, runs = folder / "robot.urdf", [folder / f"run_{k}.parquet" for k in range(3)]
+    table = pq.read_table(runs[2]).to_pydict()
+    spoiled = {name: np.array(values) for name, values in table.items()}
+    spoiled |= {f"tau_{j}": 2 * spoiled[f"tau_{j}"][::-1] for j in range(3)}
+    other = folder / "other"
+    other.mkdir()
+    _, again = diagnosed(other, robot, *runs[:2], "--test", write(other / "test.parquet", spoiled))
+    assert (other / "out" / "model.json").read_bytes() == (folder / "out" / "model.json").read_bytes()
+    assert again["rmse"]["train"] == result["rmse"]["train"]
+    assert again["steps"] == result["steps"]
+    for one, two in zip(again["effects"], result["effects"], strict=True):
+        assert {k: v for k, v in one.items() if "test" not in k} == {k: v for k, v in two.items() if "test" not in k}
+    assert again["rmse"]["test"]["after"] != result["rmse"]["test"]["after"]
+
+
+def test_a_reference_names_the_payload(tmp_path):
+    from diagnosed import recorded, rigid, with_effects
+
+    from dynid_rs.simulation.folder import run_columns
+
+    robot = write_robot(tmp_path)
+    before, after = (
+        [write(tmp_path / f"{name}_{k}.parquet", run_columns(r)) for k, r in enumerate(recorded(arm, seed=seed))]
+        for name, arm, seed in (("empty", rigid(), 0), ("loaded", with_effects(rigid(), "payload::1"), 7))
+    )
+    model = tmp_path / "trusted"
+    trained = dynid("identify", robot, *before[:2], "--test", before[2], "-o", model, "--friction-law", "smooth")
+    assert trained.exit_code == 0, trained.output
+    _, result = diagnosed(tmp_path, robot, *after[:2], "--test", after[2], "--reference", model / "model.json")
+    validator().validate(result)
+    assert [entry["kind"] for entry in result["effects"]] == ["payload"]
+    mass = result["effects"][0]["parameters"][0]
+    assert mass["interval"][0] < mass["value"] < mass["interval"][1]
 
 
 # Bad input
@@ -231,8 +323,9 @@ def test_signals_that_lack_are_said_with_the_effects_that_need_them():
     assert "backlash" in found["q_motor"]
     assert "joint_elasticity" in found["q_motor"]
     assert "thermal_friction" in found["temperature"]
-    assert "of one that takes 30 s or more the longest run of 10 s shows only the beginning" in found["temperature"]
-    assert "shorter" not in {f.column: f.message for f in missing_signals([recording(100.0)])}["temperature"]
+    (short,) = (f.message for f in missing_signals([recording(6.0)]) if f.column == "temperature")
+    assert "the longest run of 6 s shows only the beginning" in short
+    assert "beginning" not in {f.column: f.message for f in missing_signals([recording(100.0)])}["temperature"]
     whole = recording()
     whole = replace(whole, q_motor=whole.q, temperature=whole.q)
     assert missing_signals([whole]) == []
@@ -242,7 +335,7 @@ def test_signals_that_lack_are_said_with_the_effects_that_need_them():
 @functools.cache
 def states():
     """States of one run, for comparisons whose torques are made up."""
-    from dynid_rs.preprocessing import Band, prepare
+    from dynid_rs.runs.preprocessing import Band, prepare
 
     t = np.arange(0.0, 10.0, 0.01)
     q = np.stack([np.sin(t), np.cos(t), np.sin(2 * t)], axis=1)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from test_report import BROWSER, HOSTILE, Page, data_of, make_result, make_table, write_inputs
 
-from dynid_rs.errors import DataError
+from dynid_rs.base.errors import DataError
 from dynid_rs.report import write_report
 from dynid_rs.report.before_after import before_after_table
 

@@ -11,11 +11,11 @@ from robots import random_chain
 from tolerances import ALGEBRAIC, EXACT
 
 from dynid_rs import _core
-from dynid_rs.assembly import assemble, evaluate
-from dynid_rs.columns import make_plan, observe
-from dynid_rs.links import LinkDynamicsIdentifier
-from dynid_rs.preprocessing import Band, States
-from dynid_rs.results import own_unit
+from dynid_rs.identification.links import LinkDynamicsIdentifier
+from dynid_rs.identification.results import own_unit
+from dynid_rs.model.assembly import assemble, evaluate
+from dynid_rs.regression.columns import make_plan, observe
+from dynid_rs.runs.preprocessing import Band, States
 
 N, N_SAMPLES = 3, 600
 CATALOGUE = {entry["kind"]: entry for entry in _core.effect_catalogue()}
@@ -24,6 +24,7 @@ SHAPES = {
     "rotor_inertia": {},
     "torque_offset": {},
     "friction": {"velocity_threshold": [0.0, 0.05, 0.1], "transition_width": [0.01, 0.02, 0.03]},
+    "smooth_friction": {"transition_width": [0.01, 0.002, 0.12], "sharpness": [1.0, 2.5, 6.0]},
     "stribeck": {
         "stribeck_velocity": [0.1, 0.3, 1.0],
         "exponent": [1.0, 2.0, 0.7],
@@ -96,6 +97,12 @@ def step(speed, width):
     return np.tanh(speed / width)
 
 
+def smooth_friction(p, x):
+    v, size = x.dq_motor, np.abs(x.dq_motor)
+    s = v / (size**p.sharpness + p.transition_width**p.sharpness) ** (1 / p.sharpness)
+    return [s, np.abs(s), v, size, v * size, v**2]
+
+
 def stribeck(p, x):
     size = step(x.dq_motor, p.transition_width) * np.exp(-((np.abs(x.dq_motor) / p.stribeck_velocity) ** p.exponent))
     return [np.where(x.dq_motor >= 0, size, 0), np.where(x.dq_motor < 0, size, 0)]
@@ -112,7 +119,10 @@ def position_dependent_friction(p, x):
 
 def coupled_friction(p, x):
     both = [x.dq_motor[:, 0] + 0.5 * x.dq_motor[:, 1], x.dq_motor[:, 1] + 2.0 * x.dq_motor[:, 0]]
-    return [np.stack([step(both[0], 0.01), step(both[1], 0.02), 0 * both[0]], axis=1)]
+    return [
+        np.stack(column, axis=1)
+        for column in ((step(both[0], 0.01), step(both[1], 0.02), 0 * both[0]), (*both, 0 * both[0]))
+    ]
 
 
 def torque_ripple(p, x):
@@ -133,6 +143,7 @@ def temperature_friction(p, x):
 FORMULAS = {
     "rotor_inertia": lambda p, x: [x.ddq_motor],
     "torque_offset": lambda p, x: [np.ones_like(x.q)],
+    "smooth_friction": smooth_friction,
     "stribeck": stribeck,
     "load_dependent_friction": load_dependent_friction,
     "position_dependent_friction": position_dependent_friction,
@@ -163,6 +174,35 @@ def test_columns_are_the_formula(kind):
 def test_every_kind_has_a_formula_here():
     elsewhere = REMEMBER | {"friction", "counterbalance"}
     assert set(FORMULAS) | elsewhere == set(CATALOGUE)
+
+
+def smooth_sign(v, width, sharpness):
+    """Of speeds (n,), as the first column of smooth friction."""
+    effect = _core.Effect.of("smooth_friction", transition_width=[width], sharpness=[sharpness])
+    dq = np.asarray(v)[:, None]
+    return _core.effect_columns(effect, 0 * dq, dq, 0 * dq)[:, 0, 0]
+
+
+@pytest.mark.parametrize("sharpness", [0.5, 1.0, 2.5, 6.0, 50.0])
+def test_the_smooth_sign_is_a_number_at_any_speed(sharpness):
+    speeds = np.concatenate([[0.0], np.logspace(-150, 150, 301)])
+    s = smooth_sign(speeds, 0.004, sharpness)
+    assert s[0] == 0.0
+    assert (np.diff(s) >= 0).all()
+    assert s[-1] <= 1.0
+    assert_array_equal(smooth_sign(-speeds, 0.004, sharpness), -s)
+    slow = speeds < 1e-60
+    assert_allclose(s[slow], speeds[slow] / 0.004, rtol=1e-12)
+
+
+def test_the_smooth_sign_has_the_shape_that_its_sharpness_says():
+    """2.5 is nearest to a hyperbolic tangent; at 6 it is a straight line and then one, and at 1 it rises for long."""
+    v = np.linspace(0, 5, 501)
+    off = [np.abs(smooth_sign(v, 1.0, p) - np.tanh(v)).max() for p in (1.0, 1.5, 2.5, 6.0)]
+    assert np.argmin(off) == 2
+    assert off[2] < 0.04
+    assert np.abs(smooth_sign(v, 1.0, 6.0) - np.minimum(v, 1.0)).max() < 0.11
+    assert_allclose(smooth_sign([1.0, 4.0], 1.0, 1.0), [0.5, 0.8], rtol=1e-15)
 
 
 def test_friction_hysteresis_is_dahls_equation():
@@ -349,7 +389,77 @@ def test_every_kind_is_in_the_catalogue_and_tested():
         assert not any("{" in unit for unit in units)
         assert effect.signals == entry["signals"]
         assert effect.has_memory == entry["memory"] == (kind in REMEMBER)
-        assert entry["declared"] == (kind in {"rotor_inertia", "torque_offset", "friction"})
+        assert entry["declared"] == (kind in {"rotor_inertia", "torque_offset", "friction", "smooth_friction"})
+
+
+def kinds_that(holds):
+    return {kind for kind, entry in CATALOGUE.items() if holds(entry)}
+
+
+def test_the_catalogue_says_where_a_kind_acts_and_what_it_takes():
+    assert kinds_that(lambda entry: entry["places"] == "pair") == {"inertial_coupling"}
+    assert kinds_that(lambda entry: entry["places"] == "neighbours") == {"coupled_friction"}
+    for entry in CATALOGUE.values():
+        assert (entry["places"] == "joint") == all(p["name"] != "partner" for p in entry["shape"])
+    assert kinds_that(lambda entry: not entry["sought"] and not entry["declared"]) == {"load_hysteresis"}
+    assert not kinds_that(lambda entry: entry["sought"] and entry["declared"])
+    loaded = {"load_dependent_friction", "load_hysteresis", "gear_hysteresis", "torque_saturation"}
+    assert kinds_that(lambda entry: "load" in entry["requires"]) == loaded
+    assert kinds_that(lambda entry: "temperature" in entry["requires"]) == {"temperature_friction"}
+    assert CATALOGUE["gear_hysteresis"]["requires"] == ["two_encoders", "load"]
+    turning = {"counterbalance", "position_dependent_friction", "torque_ripple"}
+    assert kinds_that(lambda entry: "revolute" in entry["requires"]) == turning
+
+
+def test_the_catalogue_says_how_a_report_draws_a_kind_and_how_large_it_may_be():
+    drawn = {kind: entry["drawn_against"] for kind, entry in CATALOGUE.items() if entry["drawn_against"]}
+    assert drawn == {
+        "stribeck": ["dq", "rad/s"],
+        "load_dependent_friction": ["tau_link", "N*m"],
+        "position_dependent_friction": ["q", "rad"],
+        "torque_ripple": ["q", "rad"],
+        "joint_spring": ["q", "rad"],
+        "counterbalance": ["q", "rad"],
+        "torque_saturation": ["tau_link", "N*m"],
+        "inertial_coupling": ["ddq", "rad/s^2"],
+        "thermal_friction": ["t", "s"],
+        "temperature_friction": ["temperature", "degC"],
+        "load_hysteresis": ["tau_link", "N*m"],
+    }
+    largest = {kind: entry["most_relative"] for kind, entry in CATALOGUE.items() if entry["most_relative"] is not None}
+    assert largest == {"torque_saturation": 0.5}
+
+
+def test_the_catalogue_says_how_a_shape_is_searched():
+    relative, ranges = {}, {}
+    for kind, entry in CATALOGUE.items():
+        for p in entry["shape"]:
+            if p["relative_to"] is not None:
+                relative.setdefault((p["name"], p["relative_to"]), set()).add(kind)
+            assert (p["lowest"] is None) == (p["highest"] is None) == (p["scale"] is None)
+            if p["lowest"] is not None:
+                ranges[kind, p["name"]] = (p["scale"], p["lowest"], p["highest"])
+    widths = kinds_that(lambda entry: any(p["name"] == "transition_width" for p in entry["shape"]))
+    assert relative == {
+        ("transition_width", "friction_width"): widths - {"friction", "smooth_friction"},
+        ("hysteresis_load", "load"): {"gear_hysteresis"},
+        ("carried_load", "load"): {"gear_hysteresis"},
+        ("stribeck_velocity", "speed"): {"stribeck"},
+    }
+    assert ranges == {
+        ("stribeck", "stribeck_velocity"): ("log", 1e-3, 10.0),
+        ("stribeck", "exponent"): ("log", 0.5, 4.0),
+        ("friction_hysteresis", "presliding_distance"): ("log", 1e-5, 0.3),
+        ("load_hysteresis", "presliding_distance"): ("log", 1e-5, 0.3),
+        ("gear_hysteresis", "hysteresis_load"): ("log", 1e-4, 1e5),
+        ("gear_hysteresis", "carried_load"): ("log", 1e-4, 1e5),
+        ("coupled_friction", "ratio"): ("linear", -5.0, 5.0),
+        ("torque_ripple", "cycles"): ("linear", 3.0, 1e4),
+        ("counterbalance", "b"): ("log", 0.02, 0.95),
+        ("counterbalance", "phase"): ("linear", -4.0, 4.0),
+        ("counterbalance", "gas_length"): ("log", 0.05, 100.0),
+        ("thermal_friction", "time_constant"): ("log", 5.0, 300.0),
+    }
 
 
 @pytest.mark.parametrize("kind", [kind for kind in CATALOGUE if not CATALOGUE[kind]["declared"]])
@@ -357,8 +467,8 @@ def test_a_search_can_begin(kind):
     """Most combinations of the grid make an effect; every parameter has values."""
     entry = CATALOGUE[kind]
     names = [s["name"] for s in entry["shape"]]
-    # What names another joint, follows the load or repeats friction comes from the fit.
-    by_the_fit = {"partner": -1.0, "hysteresis_load": 1.0, "carried_load": 0.5, **dict.fromkeys(FRICTION_NAMES, 1.0)}
+    # What names another joint or repeats friction comes from the fit.
+    by_the_fit = {"partner": -1.0, **dict.fromkeys(FRICTION_NAMES, 1.0)}
     grids = [[by_the_fit[s["name"]]] if s["name"] in by_the_fit else s["grid"] for s in entry["shape"]]
     assert all(len(grid) > 0 for grid in grids)
     made, refused = 0, []
@@ -500,6 +610,7 @@ def test_a_plan_knows_what_can_be_told_apart():
     for at in range(edges[3], plan.n_own):
         told = {
             "coupled_friction": [1, 1, 0],  # no partner
+            "coupled_viscous": [1, 1, 0],
             "inertial_coupling": [1, 0, 0],  # no partner; as joint 0's, with its link and both rotors
             "ripple_cos1": [0, 1, 1],  # once per turn of the first joint is its gravity
             "ripple_sin1": [0, 1, 1],
@@ -570,7 +681,7 @@ def test_a_fit_recovers_what_the_estimator_adds():
         observe(plan, runs)
     runs = [replace(states, tau_link=load) for states, load in zip(runs, tau_link, strict=True)]
     observations = observe(plan, runs)
-    links = LinkDynamicsIdentifier(ridge=0.0).fit(observations)
+    links = LinkDynamicsIdentifier(prior=None).fit(observations)
     assert_allclose(links.own_, own, rtol=0, atol=1e-5)
     model = assemble(plan, links, links.own_, runs, encoder_delay=np.zeros(N), torque_unit="N*m")
     assert model.step == 1 / 250.0

@@ -12,7 +12,7 @@ from sklearn.exceptions import ConvergenceWarning
 from sklearn.mixture import GaussianMixture
 
 from dynid_rs import GaussianMixtureRegressor, _core
-from dynid_rs.mixture import FUSED_FROM, start_of
+from dynid_rs.identification.mixture import FUSED_FROM, start_of
 
 LOG_LIKELIHOOD = 1e-9
 """What is promised of the mean log-likelihood per sample."""

@@ -12,8 +12,8 @@ from test_estimator import run as answer_of
 
 import dynid_rs as dyn
 from dynid_rs import _core
-from dynid_rs.assembly import evaluate, with_parts
-from dynid_rs.preprocessing import Band, prepare
+from dynid_rs.model.assembly import evaluate, with_parts
+from dynid_rs.runs.preprocessing import Band, prepare
 from dynid_rs.simulation import (
     build_effects,
     bundled_robot,

@@ -11,14 +11,15 @@ from small_arm import URDF
 from tolerances import ALGEBRAIC, PINOCCHIO, relative_error
 
 from dynid_rs import FrictionIdentifier, RobotModel, _core
-from dynid_rs.columns import make_plan, observe
-from dynid_rs.friction import friction_effect
-from dynid_rs.friction_experiment import odd_friction, plan_friction_experiment
-from dynid_rs.friction_experiment.pairs import SAME_PLACE, SAME_SPEED, find_mirrors
-from dynid_rs.friction_experiment.rows import PairWindow, pair_rows
-from dynid_rs.friction_laws import with_laws
-from dynid_rs.preprocessing import Band, States, prepare
-from dynid_rs.recording import Recording
+from dynid_rs.excitation.friction_experiment import plan_friction_experiment
+from dynid_rs.identification.friction import friction_effect
+from dynid_rs.identification.friction_experiment import odd_friction
+from dynid_rs.identification.friction_experiment.pairs import SAME_PLACE, SAME_SPEED, find_mirrors
+from dynid_rs.identification.friction_experiment.rows import PairWindow, pair_rows
+from dynid_rs.identification.friction_laws import with_laws
+from dynid_rs.regression.columns import make_plan, observe
+from dynid_rs.runs.preprocessing import Band, States, prepare
+from dynid_rs.runs.recording import Recording
 
 SEEDS = (3, 8)
 K = np.array([3.0, 2.6, 1.1, 0.9, -0.4, 0.3, 0.05, 0.07])

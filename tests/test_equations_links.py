@@ -17,9 +17,9 @@ from small_arm import URDF
 from tolerances import ALGEBRAIC, PINOCCHIO, relative_error, statistical
 
 from dynid_rs import LinkDynamicsIdentifier, RobotModel, _core
-from dynid_rs.columns import Block, Observations, make_plan
-from dynid_rs.links import weighted_system
-from dynid_rs.systems import block_residuals, residual_covariance
+from dynid_rs.regression.columns import Block, Observations, make_plan
+from dynid_rs.regression.fitted import weighted_system
+from dynid_rs.regression.systems import block_residuals, residual_covariance
 
 FACTORED = {"rtol": 1e-8, "atol": 1e-8}
 """Normal equations of the transcription against orthogonal factors: the condition number is squared on one side."""
@@ -55,7 +55,7 @@ def problem(seed=0, m=M, noise=NOISE):
 
 
 def halves(rows):
-    """Two runs, so that nothing is left out and no ridge is looked for."""
+    """Two runs."""
     half = len(rows[0]) // 2
     return [(0, [row[:half] for row in rows]), (1, [row[half:] for row in rows])]
 
@@ -92,7 +92,7 @@ def joint_errors(small, x):
 
 
 def fit(small, *arguments, **options):
-    return LinkDynamicsIdentifier(*arguments, ridge=0.0, **options).fit(small.observations)
+    return LinkDynamicsIdentifier(*arguments, prior=None, **options).fit(small.observations)
 
 
 K = np.array([3.0, 2.6, 1.1, 0.9, -0.4, 0.3, 0.05, 0.07])

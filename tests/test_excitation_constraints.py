@@ -9,7 +9,7 @@ from data import ROOT
 from numpy.testing import assert_allclose
 
 from dynid_rs import DataError, RobotModel
-from dynid_rs.errors import MissingLibraryError
+from dynid_rs.base.errors import MissingLibraryError
 from dynid_rs.excitation import FourierExcitation, SelfCollision, WorkspaceBox
 from dynid_rs.excitation.collision import BoundCollision
 

@@ -9,10 +9,10 @@ from small_arm import JOINTS, URDF, dynid, refusal, snapshot, write_robot
 from tolerances import EXACT
 
 from dynid_rs import DataError, RobotModel
+from dynid_rs.base.files import write_json
 from dynid_rs.excitation import SelfCollision, WorkspaceBox
+from dynid_rs.excitation.friction_segments import FrictionExperiment
 from dynid_rs.excitation.limits_file import read_limits
-from dynid_rs.files import write_json
-from dynid_rs.friction_experiment import FrictionExperiment
 
 QUICK = ("--duration", 8, "--restarts", 2, "--iterations", 10)
 LIMITS = """

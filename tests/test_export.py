@@ -11,7 +11,7 @@ from small_arm import URDF, dynid, refusal, snapshot
 
 import dynid_rs as dyn
 from dynid_rs import RobotModel, UrdfError
-from dynid_rs.export import urdf
+from dynid_rs.model.export import urdf
 
 ROUND_TRIP = 1e-9
 CHANGED = re.compile(r"\s*<inertial>.*?</inertial>|\s*<inertial\s*/>|\s*<dynamics\b[^>]*?/>", re.S)

@@ -13,10 +13,13 @@ from small_arm import URDF, dynid, refusal, run, write_robot, write_runs
 from tolerances import EXACT, FINITE_DIFFERENCE
 
 from dynid_rs import DataError, RobotModel, ThreeLoopIdentifier, _core
-from dynid_rs.friction_experiment import FrictionExperiment, Leg, ReversedPair, odd_friction, plan_friction_experiment
-from dynid_rs.friction_experiment.pairs import check_reversals, find_mirrors
-from dynid_rs.friction_laws import LAWS, compare_friction_laws
-from dynid_rs.preprocessing import Band, prepare
+from dynid_rs.excitation.friction_experiment import plan_friction_experiment
+from dynid_rs.excitation.friction_segments import FrictionExperiment, Leg, ReversedPair
+from dynid_rs.identification.friction_experiment import odd_friction
+from dynid_rs.identification.friction_experiment.pairs import check_reversals, find_mirrors
+from dynid_rs.identification.friction_laws import LAWS_BY_JOINT
+from dynid_rs.identification.law_comparison import compare_friction_laws
+from dynid_rs.runs.preprocessing import Band, prepare
 from dynid_rs.simulation import Tracking, motion_limits, simulate, typical_arm
 from dynid_rs.simulation.folder import run_columns
 from dynid_rs.simulation.tracking import track
@@ -170,7 +173,7 @@ def test_every_planned_pair_is_found_without_the_plan(small, small_truth, rate, 
     planned = short_plan(small)
     truth = replace(small_truth, delay=delay)
     recording = truth.record(planned, rate, np.random.default_rng(1), "friction", stamp_jitter=jitter)
-    from dynid_rs.preprocessing import Band, common_rate
+    from dynid_rs.runs.preprocessing import Band, common_rate
 
     states = prepare(recording, Band(5.0), common_rate([recording]))
     mirrors = find_mirrors(states)
@@ -186,8 +189,8 @@ def test_every_planned_pair_is_found_without_the_plan(small, small_truth, rate, 
 @pytest.mark.parametrize("cutoff", [5.0, 10.0])
 def test_a_window_holds_every_sample_that_it_uses(small, small_truth, cutoff):
     """In a closed loop joints creep, and their motion may fall between the thinned samples at a window's end."""
-    from dynid_rs.friction_experiment.rows import pair_windows
-    from dynid_rs.preprocessing import Band
+    from dynid_rs.identification.friction_experiment.rows import pair_windows
+    from dynid_rs.runs.preprocessing import Band
 
     played = simulate(small_truth, n_runs=1, rate=1000.0, seed=1, trajectories=[short_plan(small)], tracking=Tracking())
     states = prepare(played.recordings[0], Band(cutoff), 1000.0)
@@ -358,7 +361,7 @@ def law_runs(small_truth, law):
 def test_the_law_that_made_the_data_is_chosen(small, small_truth, law):
     runs = law_runs(small_truth, law)
     compared = compare_friction_laws(small, runs[:2], runs[2:], laws=("coulomb_viscous", "paper", "stribeck"))
-    assert compared.laws == LAWS
+    assert compared.laws == LAWS_BY_JOINT
     assert compared.rmse.shape == (3, 3)
     assert compared.chosen == (law,) * 3
     assert (compared.interval[..., 0] <= compared.rmse).all()
@@ -367,7 +370,7 @@ def test_the_law_that_made_the_data_is_chosen(small, small_truth, law):
         assert compared.beyond_noise[0].all()
         shape = dict(compared.models["stribeck"].observations_.plan.effects[-2].shape)
         assert_allclose(shape["stribeck_velocity"], 0.2, rtol=0.3)
-    assert all(word in str(compared) for word in (*LAWS, *small.joint_names))
+    assert all(word in str(compared) for word in (*LAWS_BY_JOINT, *small.joint_names))
 
 
 def test_a_simpler_law_has_no_columns_of_the_others(small, small_truth):
@@ -382,8 +385,12 @@ def test_a_simpler_law_has_no_columns_of_the_others(small, small_truth):
 
 
 def test_unknown_laws_are_refused(small, small_run):
-    with pytest.raises(ValueError, match="friction_law must be one of coulomb_viscous, stribeck, paper, found 'dahl'"):
+    with pytest.raises(
+        ValueError, match="friction_law must be one of coulomb_viscous, smooth, stribeck, paper, found 'dahl'"
+    ):
         ThreeLoopIdentifier(small, friction_law="dahl").fit(small_run)
+    with pytest.raises(ValueError, match="friction_law 'smooth' is a law for all joints; give it alone"):
+        ThreeLoopIdentifier(small, friction_law=("smooth", "paper", "paper")).fit(small_run)
     with pytest.raises(ValueError, match="one law or 3, one per joint; found 2"):
         ThreeLoopIdentifier(small, friction_law=("paper", "paper")).fit(small_run)
     with pytest.raises(ValueError, match="at least one law and one test run"):
@@ -406,7 +413,7 @@ def test_identify_takes_a_friction_run_and_a_law(tmp_path, small_run):
 def test_identify_refuses_an_unknown_law_and_a_run_without_reversal(tmp_path):
     robot_file, runs = write_robot(tmp_path), write_runs(tmp_path)
     said = refusal(dynid("identify", robot_file, *runs, "--friction-law", "dahl", "-o", tmp_path / "out"))
-    assert said == "--friction-law must be coulomb_viscous, stribeck, paper or auto, found 'dahl'"
+    assert said == "--friction-law must be coulomb_viscous, smooth, stribeck, paper or auto, found 'dahl'"
     same = write(tmp_path / "slow.parquet", run(0, duration=12.0))
     said = refusal(dynid("identify", robot_file, *runs, "--friction", same, "-o", tmp_path / "out"))
     assert "slow.parquet: joint shoulder turns round" in said

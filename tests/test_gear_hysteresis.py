@@ -9,10 +9,8 @@ from numpy.testing import assert_allclose
 import dynid_rs as dyn
 from dynid_rs import _core
 from dynid_rs.diagnosis.beside import Beside
-from dynid_rs.diagnosis.candidate import stacked
-from dynid_rs.diagnosis.hypothesis import bounds_of
-from dynid_rs.diagnosis.kinds import Kinds
-from dynid_rs.placed import PlacedEffect
+from dynid_rs.diagnosis.hypotheses import Catalogue
+from dynid_rs.model.placed import PlacedEffect
 from dynid_rs.simulation import build_effects, bundled_robot, equip, parse_wish, simulate, typical_arm
 
 N = 6
@@ -69,23 +67,25 @@ def test_one_encoder_is_enough_to_fit_it(elastic, plain):
     fit = dyn.ThreeLoopIdentifier(robot, residual=None, effects=placed(arm)).fit(runs)
     assert (fit.links_.noise_std_ < 0.5 * plain.links_.noise_std_).all()
     assert_allclose(lost(fit), arm.hysteresis, rtol=0.2)
-    assert Kinds(fit).grid(["gear_hysteresis"]) == []
+    assert not [shaped for shaped in Catalogue(fit).grid() if shaped.kind == "gear_hysteresis"]
 
 
-def test_the_scan_tries_it_where_gears_bend(elastic, plain):
+def test_the_search_tries_it_where_gears_bend(elastic, plain):
     _, arm, _ = elastic
-    kinds = Kinds(plain)
-    grid = kinds.grid(["gear_hysteresis"])
-    assert sorted({h.joints for h in grid}) == [(j,) for j in range(N)]
-    beside = Beside(plain)
+    catalogue = Catalogue(plain)
+    tried = [h for h in catalogue.hypotheses() if h.kind == "gear_hysteresis"]
+    assert sorted({h.joints for h in tried}) == [(j,) for j in range(N)]
+    scores = Beside.of(plain).screened(tried)
     for j in range(N):
-        own = [h for h in grid if h.joints == (j,)]
-        gains = [
-            beside.gains(stacked(columns), [slice(0, 1)], [bounds_of(h)])[0].power
-            for h, columns in zip(own, kinds.columns(own), strict=True)
-        ]
-        best = dict(own[int(np.argmax(gains))].shape)["hysteresis_load"]
-        assert 1 / 4 < best / wind_up_load(arm)[j] < 4
-    # A joint whose encoders say the same.
-    kinds.runs = [replace(run, q_motor=np.where(np.arange(N) == 2, run.q, run.q_motor)) for run in kinds.runs]
-    assert {h.joints for h in kinds.grid(["gear_hysteresis"])} == {(j,) for j in range(N) if j != 2}
+        own = [(score.value, h) for score, h in zip(scores, tried, strict=True) if h.joints == (j,)]
+        value, best = max(own, key=lambda pair: pair[0])
+        assert value > 0
+        assert 1 / 4 < dict(best.shape)["hysteresis_load"] / wind_up_load(arm)[j] < 4
+
+
+def test_a_joint_whose_encoders_say_the_same_is_not_asked(elastic):
+    robot, _, runs = elastic
+    same = [replace(run, q_motor=np.where(np.arange(N) == 2, run.q, run.q_motor)) for run in runs]
+    fit = dyn.ThreeLoopIdentifier(robot, residual=None).fit(same)
+    asked = {shaped.joints for shaped in Catalogue(fit).grid() if shaped.kind == "gear_hysteresis"}
+    assert asked == {(j,) for j in range(N) if j != 2}

@@ -22,17 +22,17 @@ from dynid_rs import (
     ThreeLoopIdentifier,
     rmse,
 )
-from dynid_rs.assembly import evaluate
-from dynid_rs.columns import observe
-from dynid_rs.evaluation import compare, noise_floor, rmse_interval
 from dynid_rs.excitation import FourierExcitation
-from dynid_rs.friction import friction_effect
-from dynid_rs.links import ASYMMETRY
-from dynid_rs.loops import declared_plan
-from dynid_rs.preprocessing import Band, choose_band, prepare
+from dynid_rs.identification.friction import friction_effect
+from dynid_rs.identification.loops import declared_plan
+from dynid_rs.model.assembly import evaluate
+from dynid_rs.regression.columns import observe
+from dynid_rs.regression.evaluation import compare, noise_floor, rmse_interval
+from dynid_rs.regression.systems import stack_one
+from dynid_rs.regression.uncertainty import parameter_covariance
+from dynid_rs.runs.preprocessing import Band, choose_band, prepare
 from dynid_rs.simulation import Tracking, bundled_robot, simulate, typical_arm
 from dynid_rs.simulation.tracking import track
-from dynid_rs.systems import stack_one
 
 
 @pytest.fixture(scope="module")
@@ -94,14 +94,14 @@ def test_rows_are_the_regressor_through_scipys_zero_phase_filter(robot, observed
 
 
 def test_ordinary_least_squares_is_numpys(observed):
-    links = LinkDynamicsIdentifier(None, ridge=0.0).fit(observed[1])
+    links = LinkDynamicsIdentifier(None, prior=None).fit(observed[1])
     A, b = stacked(observed[1])
     reference = np.linalg.lstsq(A.reshape(-1, A.shape[2]), b.ravel(), rcond=None)[0]
     assert_allclose(estimated(links, observed[1]), reference, rtol=1e-7, atol=1e-8)
 
 
 def test_weighted_least_squares_has_converged_weights(observed):
-    links = LinkDynamicsIdentifier("joint_variance", ridge=0.0, tol=1e-10, max_iter=100).fit(observed[1])
+    links = LinkDynamicsIdentifier("joint_variance", prior=None, tol=1e-10, max_iter=100).fit(observed[1])
     A, b = stacked(observed[1])
     residual = b - A @ estimated(links, observed[1])
     weights = 1 / np.sqrt(np.mean(residual**2, axis=1))
@@ -118,8 +118,8 @@ def test_generalised_least_squares_whitens_across_joints(robot, rigid_arm, rigid
     runs = [prepare(recording, Band(5.0), 200.0) for recording in noisy]
     shape = friction_effect(np.array(rigid_arm.velocity_threshold), np.array(rigid_arm.transition_width))
     observations = observe(declared_plan(robot, shape), runs)
-    weighted = LinkDynamicsIdentifier("joint_variance", ridge=0.0).fit(observations)
-    general = LinkDynamicsIdentifier("full_covariance", ridge=0.0).fit(observations)
+    weighted = LinkDynamicsIdentifier("joint_variance", prior=None).fit(observations)
+    general = LinkDynamicsIdentifier("full_covariance", prior=None).fit(observations)
     A, b = stacked(observations)
     share = observations.plan.estimable().sum() / 6
     residual = b - A @ estimated(weighted, observations)
@@ -130,8 +130,32 @@ def test_generalised_least_squares_whitens_across_joints(robot, rigid_arm, rigid
     assert_allclose(estimated(general, observations), reference, rtol=1e-4, atol=1e-5)
 
 
-def test_a_ridge_is_refused_where_data_stands_alone(observed):
-    assert LinkDynamicsIdentifier().fit(observed[1]).ridge_ == 0
+def test_a_ridge_is_a_number_and_takes_the_prior_s_place(observed):
+    """Ridge l on unit-norm columns: min |A x - b|^2 + (l s_max)^2 |D x|^2, D their norms."""
+    links = LinkDynamicsIdentifier(None, ridge=1e-2).fit(observed[1])
+    assert links.ridge_ == 1e-2
+    assert links.posterior_ is None
+    A, b = stacked(observed[1])
+    A = A.reshape(-1, A.shape[2])
+    norms = np.linalg.norm(A, axis=0)
+    greatest = np.linalg.svd(A / norms, compute_uv=False)[0]
+    below = 1e-2 * greatest * np.diag(norms)
+    reference = np.linalg.lstsq(np.concatenate([A, below]), np.append(b.ravel(), np.zeros(len(norms))), rcond=None)[0]
+    assert_allclose(estimated(links, observed[1]), reference, rtol=1e-6, atol=1e-8)
+
+
+@pytest.mark.parametrize("n_runs", [1, 3])
+def test_the_weak_prior_moves_rich_data_by_less_than_their_errors(observed, n_runs):
+    """Always there, for a lone run too; the most that it moves of some eighty unknowns is as far as noise moves one."""
+    runs, observations = observed
+    observations = observe(observations.plan, runs[:n_runs])
+    weak, plain = (LinkDynamicsIdentifier(prior=prior).fit(observations) for prior in ("auto", None))
+    assert weak.posterior_ is not None
+    assert weak.ridge_ == plain.ridge_ == 0
+    assert plain.posterior_ is None
+    std = np.sqrt(np.diag(parameter_covariance(observations, plain, runs[:n_runs], fitted_widths=False)))
+    used = observations.plan.estimable()
+    assert np.abs((weak.x_ - plain.x_)[used] / std[used]).max() < 3
 
 
 def test_currents_give_the_ratio_of_the_drive_gains(robot, rigid_runs):
@@ -262,10 +286,10 @@ def test_offset_and_friction_of_both_directions_do_not_cancel_each_other():
         runs.append(arm.record(track(arm, plan, Tracking(), rng), 250.0, rng, f"run_{seed}"))
     coulomb = arm.friction[:, :2].mean(axis=1)
     worst = {}
-    for asymmetry in (None, ASYMMETRY):
-        links = LinkDynamicsIdentifier(asymmetry=asymmetry)
+    for prior in ("auto", None):
+        links = LinkDynamicsIdentifier(prior=prior)
         identifier = ThreeLoopIdentifier(robot, links=links, residual=None).fit(runs)
         _, _, forwards, backwards = identifier.links_.own_.T[:4]
-        worst[asymmetry] = np.max(np.abs(forwards - backwards) / coulomb)
-    assert worst[ASYMMETRY] < 0.5, worst
+        worst[prior] = np.max(np.abs(forwards - backwards) / coulomb)
+    assert worst["auto"] < 0.5, worst
     assert worst[None] > 5, worst

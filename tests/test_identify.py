@@ -16,10 +16,10 @@ from tolerances import ALGEBRAIC
 
 import dynid_rs
 from dynid_rs import TorqueModel
-from dynid_rs.errors import DataError
-from dynid_rs.recording import Recording
-from dynid_rs.splitting import split_runs
-from dynid_rs.wording import is_better, verdict
+from dynid_rs.base.errors import DataError
+from dynid_rs.base.wording import is_better, verdict
+from dynid_rs.runs.recording import Recording
+from dynid_rs.runs.splitting import split_runs
 
 ROOT = Path(__file__).parents[1]
 FILES = ["model.json", "report.html", "residuals.parquet", "result.json"]
@@ -253,7 +253,7 @@ def test_error_in_the_data_ends_in_one_with_all_results(tmp_path):
 
 
 def test_model_that_is_not_better_ends_in_one(tmp_path, monkeypatch):
-    monkeypatch.setattr("dynid_rs.wording.is_better", lambda result: False)
+    monkeypatch.setattr("dynid_rs.base.wording.is_better", lambda result: False)
     printed, _ = identify(tmp_path, *write_runs(tmp_path, n_runs=2))
     assert printed.exit_code == 1
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == FILES
@@ -344,7 +344,7 @@ def test_gravity_may_point_anywhere(tmp_path):
 
 
 def test_what_did_not_converge_is_a_finding(tmp_path, monkeypatch):
-    from dynid_rs.identification import ThreeLoopIdentifier
+    from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 
     fit = ThreeLoopIdentifier.fit
 

@@ -11,10 +11,10 @@ from scipy.signal import lfilter
 from tolerances import ALGEBRAIC
 
 from dynid_rs import InstrumentalVariables, LinkDynamicsIdentifier, Recording, _core, read_recording
-from dynid_rs.columns import make_plan, observe
-from dynid_rs.instruments import choose_source, endogeneity, instrument_states
-from dynid_rs.preprocessing import Band, prepare
-from dynid_rs.wording import verdict
+from dynid_rs.base.wording import verdict
+from dynid_rs.regression.columns import make_plan, observe
+from dynid_rs.regression.instruments import choose_source, endogeneity, instrument_states
+from dynid_rs.runs.preprocessing import Band, prepare
 
 ENCODER_NOISE = 2e-3
 """Noise of the encoders [rad]: coarse, so that 16 seconds show what an hour would show with a fine one."""
@@ -32,7 +32,7 @@ def plan():
 
 def fitted(plan, states, source="auto"):
     observations = observe(plan, [states])
-    links = LinkDynamicsIdentifier(ridge=0.0).fit(observations)
+    links = LinkDynamicsIdentifier(prior=None).fit(observations)
     return links, InstrumentalVariables(source).fit(observations, links, [states])
 
 
@@ -97,7 +97,7 @@ def test_two_stages_are_the_textbook_estimate(plan):
     recording = closed_loop.run(ENCODER_NOISE).recording(torque_noise=0.2)
     states = prepare(recording, Band(5.0), closed_loop.RATE)
     observations = observe(plan, [states])
-    links = LinkDynamicsIdentifier(None, ridge=0.0).fit(observations)
+    links = LinkDynamicsIdentifier(None, prior=None).fit(observations)
     instruments = InstrumentalVariables("reference").fit(observations, links, [states])
     account = observe(plan, [instrument_states(states, "reference")])
     used = plan.estimable()

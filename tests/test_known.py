@@ -13,8 +13,8 @@ from sklearn.base import clone
 from small_arm import N_RUNS, URDF, as_current, dynid, refusal, run, write_robot
 
 from dynid_rs import DataError, Recording, RobotModel, TorqueModel, _core
-from dynid_rs.identification import ThreeLoopIdentifier
-from dynid_rs.terms import read_terms
+from dynid_rs.identification.three_loops import ThreeLoopIdentifier
+from dynid_rs.model.terms import read_terms
 
 SHAPE = {"a": 0.5, "b": 0.12, "phase": 0.7, "gas_length": 0.4}
 COEFFICIENT = 60.0
@@ -137,9 +137,9 @@ def test_a_term_that_rich_data_tells_is_called_separable(command):
 
 def test_the_standard_error_of_the_size_is_that_of_a_fit(robot):
     """A factor in front of the term, fitted by plain least squares over many draws of the noise."""
-    from dynid_rs.columns import Block, Observations, observe
-    from dynid_rs.links import LinkDynamicsIdentifier
-    from dynid_rs.separability import separation
+    from dynid_rs.identification.links import LinkDynamicsIdentifier
+    from dynid_rs.identification.separability import separation
+    from dynid_rs.regression.columns import Block, Observations, observe
 
     identifier = ThreeLoopIdentifier(robot, residual=None).fit([recording_of(0, False), recording_of(1, False)])
     plan, runs = identifier.observations_.plan, identifier.runs_
@@ -169,7 +169,7 @@ def test_the_standard_error_of_the_size_is_that_of_a_fit(robot):
         norms[norms == 0] = 1
         factors.append(np.linalg.lstsq(A / norms, np.concatenate(right), rcond=1e-12)[0][-1] / norms[-1])
         fitted = with_torque([a + b for a, b in zip(clean, noise, strict=True)])
-        links = LinkDynamicsIdentifier(ridge=0.0, prior=None).fit(fitted)
+        links = LinkDynamicsIdentifier(prior=None).fit(fitted)
         told.append(separation(with_torque(torque), fitted, links, ELBOW).std_error)
     assert np.mean(factors) == pytest.approx(1, abs=5 * np.std(factors) / np.sqrt(60))
     # 60 draws know their spread to about a tenth

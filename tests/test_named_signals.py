@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from dynid_rs import GaussianMixtureRegressor, RbfRegressor, TorqueModel, _core
-from dynid_rs.assembly import with_parts, with_residual
+from dynid_rs.model.assembly import with_parts, with_residual
 from dynid_rs.simulation import bundled_robot
 
 N = 6

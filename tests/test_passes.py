@@ -14,10 +14,10 @@ from dynid_rs import _core
 from dynid_rs.archive import RunFile
 from dynid_rs.archive.runs import signals_of
 from dynid_rs.archive.sample import PIECE, content_key, pieces_of, run_key
-from dynid_rs.checks import check_recording, contradicting_signals, refused_sources
-from dynid_rs.checks.motion import equal_runs, extent
-from dynid_rs.preprocessing import Band
-from dynid_rs.readers import Config
+from dynid_rs.runs.checks import check_recording, contradicting_signals, refused_sources
+from dynid_rs.runs.checks.motion import equal_runs, extent
+from dynid_rs.runs.preprocessing import Band
+from dynid_rs.runs.readers import Config
 
 
 @pytest.mark.parametrize("shape", [(500,), (500, 1), (500, 6), (500, 3, 5)])

@@ -17,11 +17,12 @@ from tolerances import ALGEBRAIC, EXACT
 
 import dynid_rs as dyn
 from dynid_rs import PhysicalIdentifier, RobotModel, ThreeLoopIdentifier, _core
-from dynid_rs.bodies import declared_bodies
-from dynid_rs.export import urdf
-from dynid_rs.links import LinkDynamicsIdentifier, weighted_system
-from dynid_rs.physical import coulomb_viscous
-from dynid_rs.results import score
+from dynid_rs.identification.links import LinkDynamicsIdentifier
+from dynid_rs.identification.results import score
+from dynid_rs.model.bodies import declared_bodies
+from dynid_rs.model.export import urdf
+from dynid_rs.model.physical import coulomb_viscous
+from dynid_rs.regression.fitted import weighted_system
 from dynid_rs.simulation import bundled_robot, simulate, typical_arm
 
 LARGEST_GROWTH = 0.02
@@ -281,7 +282,7 @@ def test_the_system_is_the_one_that_the_fit_solved(weighting):
     """Normal equations of `weighted_system` vanish at the fit, whatever the weighting."""
     robot = RobotModel.from_urdf_string(URDF)
     _, _, observations = fit_to(robot, robot.phi, noise=0.3)
-    links = LinkDynamicsIdentifier(weighting, ridge=0.0).fit(observations)
+    links = LinkDynamicsIdentifier(weighting, prior=None).fit(observations)
     system = weighted_system(observations, links)
     gradient = system[:, :-1].T @ (system[:, -1] - system[:, :-1] @ links.x_)
     size = np.linalg.norm(system[:, :-1], axis=0) * np.linalg.norm(system[:, -1])

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from dynid_rs import _core
 from dynid_rs.commands.simulate import simulate as command
-from dynid_rs.readers import read_recording
+from dynid_rs.runs.readers import read_recording
 from dynid_rs.simulation import bundled_robot, motion_limits, random_trajectory, read_plan
 
 

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from sklearn.utils.estimator_checks import parametrize_with_checks
 
 from dynid_rs import FormatError, RbfRegressor, TorqueModel, _core
-from dynid_rs.residual import ResidualCompensator, choose_inputs
+from dynid_rs.identification.residual import ResidualCompensator, choose_inputs
 from dynid_rs.simulation import bundled_robot
 
 

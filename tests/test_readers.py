@@ -27,8 +27,8 @@ from run_files import (
     write_parquet,
 )
 
-from dynid_rs.errors import DataError
-from dynid_rs.readers import Config, open_run, read_config, read_recording, read_run
+from dynid_rs.base.errors import DataError
+from dynid_rs.runs.readers import Config, open_run, read_config, read_recording, read_run
 
 SUFFIXES = list(WRITERS)
 
@@ -219,7 +219,7 @@ def test_csv_round_trip_is_exact(tmp_path, values, form):
 
 
 def test_both_roads_of_the_csv_reader_give_the_same_bits(tmp_path, monkeypatch):
-    from dynid_rs.readers import csv
+    from dynid_rs.runs.readers import csv
 
     path = write_csv(tmp_path / "run.csv", valid_columns())
     fast = read_recording(path, JOINTS)
@@ -619,7 +619,7 @@ def test_zip_bomb_is_refused_before_it_grows(tmp_path):
 
 
 def test_honest_but_huge_npz_is_refused(tmp_path, monkeypatch):
-    from dynid_rs.readers import table
+    from dynid_rs.runs.readers import table
 
     path = write_npz(tmp_path / "run.npz", valid_columns())
     monkeypatch.setattr(table, "MAX_BYTES", 10_000)

@@ -107,7 +107,7 @@ def test_the_diagnosis_in_python(folder, monkeypatch, capsys):
     names = {}
     exec(block("python", "dyn.diagnose"), names)
     assert capsys.readouterr().out.startswith("[")
-    assert names["found"].search.fit.n_iter_ > 0
+    assert names["found"].after.n_iter_ > 0
     assert (folder / "model.json").is_file()
 
 
@@ -123,7 +123,7 @@ def test_the_python_block(folder, monkeypatch):
 
 
 def test_the_config_block_is_one(folder):
-    from dynid_rs.readers import read_config
+    from dynid_rs.runs.readers import read_config
 
     path = folder / "dynid.toml"
     path.write_text(block("toml", "[columns]"))

@@ -65,7 +65,7 @@ def test_the_report_says_in_plain_words_whether_the_third_loop_paid(identified):
 
 def test_predictions_are_those_of_the_saved_model(identified, tmp_path):
     import dynid_rs as dyn
-    from dynid_rs.assembly import evaluate
+    from dynid_rs.model.assembly import evaluate
 
     identifier, _ = identified("UR10e, currents")
     identifier.model_.save(tmp_path / "model.json")

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from run_files import folder_of_another_user, motion
 
-from dynid_rs.errors import DataError
-from dynid_rs.files import atomic_path, write_json, write_table
-from dynid_rs.findings import Finding
-from dynid_rs.recording import Recording
+from dynid_rs.base.errors import DataError
+from dynid_rs.base.files import atomic_path, write_json, write_table
+from dynid_rs.base.findings import Finding
+from dynid_rs.runs.recording import Recording
 
 
 def arrays(**changes):

@@ -10,11 +10,11 @@ from numpy.testing import assert_allclose
 
 import dynid_rs as dyn
 from dynid_rs import _core
-from dynid_rs.checks import check_recording, refused_sources
+from dynid_rs.base.errors import DataError
 from dynid_rs.diagnosis.reference import compare
-from dynid_rs.errors import DataError
-from dynid_rs.identification import ThreeLoopIdentifier
-from dynid_rs.readers import Config
+from dynid_rs.identification.three_loops import ThreeLoopIdentifier
+from dynid_rs.runs.checks import check_recording, refused_sources
+from dynid_rs.runs.readers import Config
 from dynid_rs.simulation import build_effects, bundled_robot, equip, parse_wish, simulate, typical_arm
 
 HALF_WIDTHS = 2.0

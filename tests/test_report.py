@@ -20,8 +20,8 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from dynid_rs.errors import DataError
-from dynid_rs.files import write_table
+from dynid_rs.base.errors import DataError
+from dynid_rs.base.files import write_table
 from dynid_rs.report import write_report
 
 TERMS = ("rigid_body", "rotor_inertia", "torque_offset", "friction", "residual_term")

@@ -14,14 +14,10 @@ from test_estimator import run as answer_of
 
 import dynid_rs as dyn
 from dynid_rs import _core
-from dynid_rs.assembly import evaluate
-from dynid_rs.diagnosis.beside import Beside
-from dynid_rs.diagnosis.choice import weigh
-from dynid_rs.diagnosis.kinds import Kinds
-from dynid_rs.diagnosis.setup import Setup
-from dynid_rs.diagnosis.warmth import warm_arm
-from dynid_rs.placed import CATALOGUE, PlacedEffect
-from dynid_rs.preprocessing import Band, prepare
+from dynid_rs.diagnosis.hypotheses import Catalogue
+from dynid_rs.model.assembly import evaluate
+from dynid_rs.model.placed import CATALOGUE, PlacedEffect
+from dynid_rs.runs.preprocessing import Band, prepare
 from dynid_rs.simulation import build_effects, bundled_robot, equip, parse_wish, simulate, typical_arm
 
 estimator = test_estimator.estimator
@@ -79,38 +75,20 @@ def test_a_session_that_warms_up_is_told_by_its_thermometers(robot, session, fit
 
 def test_it_is_looked_for_where_thermometers_move(fitted):
     """On every joint; not where one is stuck, and not at all where there is none."""
-    kinds = Kinds(fitted)
-    assert [h.joints for h in kinds.grid(["temperature_friction"])] == [(j,) for j in range(N)]
-    whole = kinds.runs
+    catalogue = Catalogue(fitted)
+
+    def joints():
+        return sorted({h.joints for h in catalogue.grid() if h.kind == "temperature_friction"})
+
+    assert joints() == [(j,) for j in range(N)]
+    whole = catalogue.runs
     stuck = [states.temperature.copy() for states in whole]
     for temperature in stuck:
         temperature[:, 2] = 31.5
-    kinds.runs = [replace(states, temperature=t) for states, t in zip(whole, stuck, strict=True)]
-    assert [h.joints for h in kinds.grid(["temperature_friction"])] == [(j,) for j in range(N) if j != 2]
-    kinds.runs = [*whole[1:], replace(whole[0], temperature=None)]
-    assert kinds.grid(["temperature_friction"]) == []
-
-
-def test_the_whole_arm_is_one_candidate(session, fitted):
-    """One number for all joints, found where single joints would have to be; then each joint has its own."""
-    arm, drift, _ = session
-    kinds, setup = Kinds(fitted), Setup(fitted.robot)
-    (candidate,) = warm_arm(kinds, setup)
-    assert candidate.joints == tuple(range(N))
-    beside = Beside(fitted, [(j, c) for j, _, c in _warmth_columns(fitted)])
-    weighed = weigh(beside, candidate)
-    assert_allclose(weighed.gain.coefficients, drift.change[:1] / 20.0, rtol=0.05)
-    after = candidate.accept(setup, weighed.gain.coefficients)
-    assert [effect.joints for effect in after.effects] == [(j,) for j in range(N)]
-    shape = after.effects[0].shape_at(0)
-    assert_allclose(shape["coulomb_pos"], arm.friction[0, 0], rtol=0.1)
-    assert warm_arm(kinds, after) == []
-
-
-def _warmth_columns(fit):
-    """(joint, name, own column) of the fitted warmth."""
-    names = [name for effect in fit.observations_.plan.effects for name in effect.coefficient_names]
-    return [(j, name, c) for c, name in enumerate(names) if name == "friction_per_kelvin" for j in range(N)]
+    catalogue.runs = [replace(states, temperature=t) for states, t in zip(whole, stuck, strict=True)]
+    assert joints() == [(j,) for j in range(N) if j != 2]
+    catalogue.runs = [*whole[1:], replace(whole[0], temperature=None)]
+    assert joints() == []
 
 
 def test_states_carry_the_temperature_on_their_grid(session):

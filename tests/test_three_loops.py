@@ -10,11 +10,11 @@ import pytest
 from numpy.testing import assert_allclose
 
 from dynid_rs import _core
-from dynid_rs.assembly import evaluate
-from dynid_rs.identification import ThreeLoopIdentifier
-from dynid_rs.partially_linear import LinearTerms, fit_beside
-from dynid_rs.rbf import RbfRegressor
-from dynid_rs.residual import ResidualCompensator
+from dynid_rs.identification.partially_linear import LinearTerms, fit_beside
+from dynid_rs.identification.rbf import RbfRegressor
+from dynid_rs.identification.residual import ResidualCompensator
+from dynid_rs.identification.three_loops import ThreeLoopIdentifier
+from dynid_rs.model.assembly import evaluate
 from dynid_rs.simulation import bundled_robot, simulate, typical_arm
 
 SEEDS = (0, 1, 2)

@@ -10,14 +10,14 @@ import pytest
 from threadpoolctl import threadpool_limits
 
 from dynid_rs import Recording, RobotModel, _core
-from dynid_rs.columns import Block, Observations, observe
-from dynid_rs.friction import friction_effect
-from dynid_rs.identification import ThreeLoopIdentifier
-from dynid_rs.links import LinkDynamicsIdentifier
-from dynid_rs.loops import declared_plan
-from dynid_rs.preprocessing import Band, prepare
+from dynid_rs.identification.friction import friction_effect
+from dynid_rs.identification.links import LinkDynamicsIdentifier
+from dynid_rs.identification.loops import declared_plan
+from dynid_rs.identification.three_loops import ThreeLoopIdentifier
+from dynid_rs.regression.columns import Block, Observations, observe
+from dynid_rs.regression.uncertainty import NORMAL_95, parameter_covariance
+from dynid_rs.runs.preprocessing import Band, prepare
 from dynid_rs.simulation import bundled_robot, simulate, typical_arm
-from dynid_rs.uncertainty import NORMAL_95, parameter_covariance
 
 N_RUNS = 200
 N_WHOLE = int(os.environ.get("DYNID_COVERAGE_RUNS", "25"))
@@ -52,15 +52,15 @@ def with_noise(plan, runs, observations, noise):
     return Observations(plan, factored)
 
 
-def coverage(experiment, draw):
+def coverage(experiment, draw, prior=None, n_runs=N_RUNS):
     """Share of 95 % intervals that hold the truth: base parameters, own coefficients."""
     plan, runs, observations, truth, _ = experiment
     used = plan.estimable()
     inside = []
     with threadpool_limits(1):
-        for _ in range(N_RUNS):
+        for _ in range(n_runs):
             noisy = with_noise(plan, runs, observations, [draw(states) for states in runs])
-            links = LinkDynamicsIdentifier(ridge=0.0).fit(noisy)
+            links = LinkDynamicsIdentifier(prior=prior).fit(noisy)
             std = np.sqrt(np.diag(parameter_covariance(noisy, links, runs, fitted_widths=False)))
             inside.append((np.abs(links.x_ - truth) <= NORMAL_95 * std)[used])
     hits = np.mean(inside, axis=0)
@@ -73,17 +73,28 @@ def test_intervals_cover_under_white_noise(experiment):
         assert 0.93 <= share <= 0.97, share
 
 
-def test_intervals_cover_under_noise_with_a_memory(experiment):
+def with_a_memory(experiment):
+    """First-order noise with a memory of 0.2 s."""
     from scipy.signal import lfilter
 
     rng, std = np.random.default_rng(1), experiment[-1]
 
-    def draw(states):  # first-order noise with a memory of 0.2 s
+    def draw(states):
         pole = np.exp(-1 / (0.2 * states.rate))
         return lfilter([1 - pole], [1, -pole], rng.normal(size=(len(states.t) + 500, 6)), axis=0)[500:] * 20 * std
 
-    for share in coverage(experiment, draw):
+    return draw
+
+
+def test_intervals_cover_under_noise_with_a_memory(experiment):
+    for share in coverage(experiment, with_a_memory(experiment)):
         assert 0.92 <= share <= 0.98, share
+
+
+def test_intervals_cover_under_the_weak_prior(experiment):
+    """More often than they say: its centre may be the file, which is the truth here, and the noise is large."""
+    for share in coverage(experiment, with_a_memory(experiment), prior="auto", n_runs=40):
+        assert 0.92 <= share <= 0.998, share
 
 
 def test_intervals_cover_the_whole_way(experiment):

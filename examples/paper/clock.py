@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 
 from dynid_rs import Recording, RobotModel, ThreeLoopIdentifier, TorqueModel
-from dynid_rs.preprocessing import States
+from dynid_rs.runs.preprocessing import States
 
 
 class Clock:

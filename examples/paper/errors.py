@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from dynid_rs import Recording, ThreeLoopIdentifier
-from dynid_rs.evaluation import torque_std
-from dynid_rs.preprocessing import States
-from dynid_rs.results import score
+from dynid_rs.identification.results import score
+from dynid_rs.regression.evaluation import torque_std
+from dynid_rs.runs.preprocessing import States
 
 TRAINING = "training"
 WLS, FIRST, SECOND, THIRD = "WLS", "first loop", "second loop", "all loops"

@@ -12,7 +12,8 @@ from clock import Clock
 from errors import Outcome, outcome_of
 
 from dynid_rs import FourierExcitation, FrictionIdentifier, Recording, ResidualCompensator, ThreeLoopIdentifier, _core
-from dynid_rs.friction_experiment import OddFriction, odd_friction, plan_friction_experiment
+from dynid_rs.excitation.friction_experiment import plan_friction_experiment
+from dynid_rs.identification.friction_experiment import OddFriction, odd_friction
 from dynid_rs.simulation import SimulatedArm, Tracking, simulate, typical_arm
 
 REST = 0.5

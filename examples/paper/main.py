@@ -15,8 +15,8 @@ import page
 import shortcomings
 
 from dynid_rs import RobotModel
-from dynid_rs.assembly import evaluate
-from dynid_rs.evaluation import compare
+from dynid_rs.model.assembly import evaluate
+from dynid_rs.regression.evaluation import compare
 from dynid_rs.simulation import bundled_robot
 
 

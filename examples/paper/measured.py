@@ -9,8 +9,8 @@ import numpy as np
 from errors import Outcome, outcome_of
 
 from dynid_rs import LinkDynamicsIdentifier, Recording, RobotModel, ThreeLoopIdentifier, _core, read_recording
-from dynid_rs.checks import check_recording, refused_sources
-from dynid_rs.known import KnownTerm
+from dynid_rs.model.known import KnownTerm
+from dynid_rs.runs.checks import check_recording, refused_sources
 
 UR10E, KUKA = "ur10e_innopolis", "kuka_kr300_weigand"
 """Folders; each holds robot.urdf and Parquet runs."""

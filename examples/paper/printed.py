@@ -8,7 +8,7 @@ import numpy as np
 from errors import Outcome
 
 from dynid_rs import RbfRegressor
-from dynid_rs.assembly import evaluate
+from dynid_rs.model.assembly import evaluate
 
 N_CENTERS = 8
 JOINT = 2

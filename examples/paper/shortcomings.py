@@ -14,8 +14,8 @@ from measured import KUKA, UR10E, Measured
 from page import Experiment
 from printed import printed_basis
 
-from dynid_rs.friction import AS_PRINTED
-from dynid_rs.results import score
+from dynid_rs.identification.friction import AS_PRINTED
+from dynid_rs.identification.results import score
 
 GAIN = tables.CLAIMED_GAIN
 

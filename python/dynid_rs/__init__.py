@@ -18,42 +18,42 @@ from dynid_rs._core import (
     UrdfError,
     __version__,
 )
-from dynid_rs.errors import DataError, MissingLibraryError, RankDeficientError
-from dynid_rs.recording import Recording
+from dynid_rs.base.errors import DataError, MissingLibraryError, RankDeficientError
+from dynid_rs.runs.recording import Recording
 
 if TYPE_CHECKING:
-    from dynid_rs.base_fit import BaseFit, fit_base_parameters
     from dynid_rs.diagnosis.loop import diagnose
     from dynid_rs.diagnosis.setup import Setup
     from dynid_rs.excitation import FourierExcitation
-    from dynid_rs.friction import FrictionIdentifier
-    from dynid_rs.identification import ThreeLoopIdentifier
-    from dynid_rs.instruments import InstrumentalVariables
-    from dynid_rs.links import LinkDynamicsIdentifier
-    from dynid_rs.mixture import GaussianMixtureRegressor
-    from dynid_rs.observer import MomentumObserver
-    from dynid_rs.physical import PhysicalIdentifier
-    from dynid_rs.rbf import RbfRegressor
-    from dynid_rs.readers import read_recording
-    from dynid_rs.residual import ResidualCompensator
+    from dynid_rs.identification.base_fit import BaseFit, fit_base_parameters
+    from dynid_rs.identification.friction import FrictionIdentifier
+    from dynid_rs.identification.links import LinkDynamicsIdentifier
+    from dynid_rs.identification.mixture import GaussianMixtureRegressor
+    from dynid_rs.identification.rbf import RbfRegressor
+    from dynid_rs.identification.residual import ResidualCompensator
+    from dynid_rs.identification.three_loops import ThreeLoopIdentifier
+    from dynid_rs.model.observer import MomentumObserver
+    from dynid_rs.model.physical import PhysicalIdentifier
+    from dynid_rs.regression.instruments import InstrumentalVariables
+    from dynid_rs.runs.readers import read_recording
 
 # scikit-learn takes a second to import; nobody who only evaluates a model should wait for it.
 _LATE = {
-    "BaseFit": "base_fit",
+    "BaseFit": "identification.base_fit",
     "FourierExcitation": "excitation",
-    "FrictionIdentifier": "friction",
-    "GaussianMixtureRegressor": "mixture",
-    "InstrumentalVariables": "instruments",
-    "LinkDynamicsIdentifier": "links",
-    "MomentumObserver": "observer",
-    "PhysicalIdentifier": "physical",
-    "RbfRegressor": "rbf",
-    "ResidualCompensator": "residual",
+    "FrictionIdentifier": "identification.friction",
+    "GaussianMixtureRegressor": "identification.mixture",
+    "InstrumentalVariables": "regression.instruments",
+    "LinkDynamicsIdentifier": "identification.links",
+    "MomentumObserver": "model.observer",
+    "PhysicalIdentifier": "model.physical",
+    "RbfRegressor": "identification.rbf",
+    "ResidualCompensator": "identification.residual",
     "Setup": "diagnosis.setup",
-    "ThreeLoopIdentifier": "identification",
+    "ThreeLoopIdentifier": "identification.three_loops",
     "diagnose": "diagnosis.loop",
-    "fit_base_parameters": "base_fit",
-    "read_recording": "readers",
+    "fit_base_parameters": "identification.base_fit",
+    "read_recording": "runs.readers",
 }
 
 __all__ = [

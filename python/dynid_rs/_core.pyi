@@ -914,9 +914,21 @@ def effect_catalogue() -> list[dict[str, Any]]:
     -------
     list of dict
         `kind`; `formula`; `coefficients`: of one joint, in order, dicts of `name`, `unit`, `lower` and `upper` (what
-        physics allows); `shape`: dicts of `name`, `unit`, `rule`, `grid` (values that a search begins with); `signals`
-        that it needs, `tau_link`, `temperature` and `step` among them; `memory`: whether it depends on the samples
-        before; `declared`: whether every model has it. Units hold `{torque}` and `{angle}`, for `str.format`.
+        physics allows); `shape`: dicts as below; `signals` that it needs, `tau_link`, `temperature` and `step` among
+        them; `memory`: whether it depends on the samples before; `declared`: whether declared models have it. Units
+        hold `{torque}` and `{angle}`, for `str.format`.
+
+        What a search goes by: `places`: "joint", "pair" (any two) or "neighbours" (two that follow each other);
+        `sought`: whether it is looked for; `requires`: of "two_encoders", "revolute", "load" and "temperature" what a
+        joint must have or its runs must show; `drawn_against`: [signal, unit] of a report's plot, None for its own
+        column; `most_relative`: largest part of the joint's torque that it may add within the trained load, or None.
+
+        Of a shape parameter: `name`, `unit`, `rule`; `grid`: values that a search begins with; `relative_to`: None
+        (they are in its unit), "load" (they are parts of the predicted load's standard deviation), "speed" (of the
+        joint's greatest speed) or "friction_width" (it is friction's own width, and the grid, in its unit, is for
+        where there is no fit); `lowest`, `highest`, `scale`: bounds between which a search goes on, in its unit, and
+        whether in even steps of the value ("linear") or of its magnitude's logarithm ("log"), None if it does not.
+        Values of the grid outside of the bounds are not searched.
     """
 
 def effect_columns(

@@ -27,7 +27,7 @@ for command in (inspect, excite, identify, diagnose, estimate, export, simulate,
 
 def _version(value: bool) -> None:
     if value:
-        from dynid_rs import __version__
+        from dynid_rs._core import __version__
 
         typer.echo(__version__)
         raise typer.Exit

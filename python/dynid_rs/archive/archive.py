@@ -16,12 +16,12 @@ from dynid_rs.archive.sample import choose_pieces, cut_out, recording_bytes, wor
 from dynid_rs.archive.settle import settled
 from dynid_rs.archive.survey import Survey, check_surveys, gathered_findings, survey_run
 from dynid_rs.archive.work import Work
-from dynid_rs.errors import DataError
-from dynid_rs.findings import Finding
-from dynid_rs.identification import ThreeLoopIdentifier
-from dynid_rs.preprocessing import Band, choose_band, common_rate
-from dynid_rs.recording import Recording
-from dynid_rs.training import LEAST_ROWS, prepare_training_run
+from dynid_rs.base.errors import DataError
+from dynid_rs.base.findings import Finding
+from dynid_rs.identification.three_loops import ThreeLoopIdentifier
+from dynid_rs.identification.training import LEAST_ROWS, prepare_training_run
+from dynid_rs.runs.preprocessing import Band, choose_band, common_rate
+from dynid_rs.runs.recording import Recording
 
 FloatArray = NDArray[np.float64]
 

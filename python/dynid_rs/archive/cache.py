@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from dynid_rs.archive.survey import Entry
-from dynid_rs.files import atomic_path, with_sentence
+from dynid_rs.base.files import atomic_path, with_sentence
 
 MARK = b"dynid-cache 1\n"
 SUFFIX = ".dynid"

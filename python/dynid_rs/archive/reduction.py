@@ -11,18 +11,18 @@ from numpy.typing import NDArray
 from dynid_rs.archive.runs import RunSource, signals_of
 from dynid_rs.archive.survey import Entry
 from dynid_rs.archive.wide import FactorTree, cut_at_joints, observations_of, wide_factor
-from dynid_rs.columns import Observations, Plan, run_rows
-from dynid_rs.friction import friction_effect
-from dynid_rs.known import KnownTerm, less_known
-from dynid_rs.links import LinkDynamicsIdentifier
-from dynid_rs.loops import FIRST_WIDTH, declared_plan, link_load, link_torque
-from dynid_rs.preprocessing import Band, States
-from dynid_rs.residual import ResidualCompensator
-from dynid_rs.training import Excluded, prepare_training_run
-from dynid_rs.uncertainty import NoiseSpectrum, noise_spectra, toeplitz_product, width_slope
+from dynid_rs.identification.friction import friction_effect
+from dynid_rs.identification.links import LinkDynamicsIdentifier
+from dynid_rs.identification.loops import FIRST_WIDTH, declared_plan, link_load, link_torque
+from dynid_rs.identification.residual import ResidualCompensator
+from dynid_rs.identification.training import Excluded, prepare_training_run
+from dynid_rs.model.known import KnownTerm, less_known
+from dynid_rs.regression.columns import Observations, Plan, run_rows
+from dynid_rs.regression.uncertainty import NoiseSpectrum, noise_spectra, toeplitz_product, width_slope
+from dynid_rs.runs.preprocessing import Band, States
 
 if TYPE_CHECKING:
-    from dynid_rs.identification import ThreeLoopIdentifier
+    from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 
 FloatArray = NDArray[np.float64]
 

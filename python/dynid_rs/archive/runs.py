@@ -9,12 +9,12 @@ from typing import Protocol
 
 from dynid_rs import _core
 from dynid_rs.archive.fingerprint import fingerprint
-from dynid_rs.checks import check_recording, contradicting_signals, refused_sources
-from dynid_rs.errors import DataError
-from dynid_rs.files import check_readable, with_sentence
-from dynid_rs.findings import Finding
-from dynid_rs.readers import Config, read_run
-from dynid_rs.recording import Recording
+from dynid_rs.base.errors import DataError
+from dynid_rs.base.files import check_readable, with_sentence
+from dynid_rs.base.findings import Finding
+from dynid_rs.runs.checks import check_recording, contradicting_signals, refused_sources
+from dynid_rs.runs.readers import Config, read_run
+from dynid_rs.runs.recording import Recording
 
 
 class RunSource(Protocol):

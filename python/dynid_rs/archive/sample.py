@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs.checks.motion import block_edges, block_velocity
-from dynid_rs.recording import MIN_SAMPLES, Recording
+from dynid_rs.runs.checks.motion import block_edges, block_velocity
+from dynid_rs.runs.recording import MIN_SAMPLES, Recording
 
 KEPT_RATE = 200.0
 """Rate [Hz] that states have at the default band."""

@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 from copy import copy
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from sklearn.base import clone
 
 from dynid_rs import _core
 from dynid_rs.archive.reduction import Totals
-from dynid_rs.assembly import Regressions, assemble, with_domain
-from dynid_rs.columns import Observations, Plan
-from dynid_rs.links import LinkDynamicsIdentifier, baseline, own_beside
-from dynid_rs.systems import residual_power
-from dynid_rs.uncertainty import covariance_of_products
+from dynid_rs.identification.links import LinkDynamicsIdentifier, baseline, own_beside
+from dynid_rs.model.assembly import Regressions, assemble, with_domain
+from dynid_rs.regression.columns import Observations, Plan
+from dynid_rs.regression.systems import residual_power
+from dynid_rs.regression.uncertainty import covariance_of_products
 
 if TYPE_CHECKING:
-    from dynid_rs.identification import ThreeLoopIdentifier
+    from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 
 FloatArray = NDArray[np.float64]
 
@@ -42,7 +42,7 @@ class Settled:
         self._loops, self._totals = identifier.loops_, totals
         reduction, plans = totals.reduction, totals.reduction.plans
         simple, regroup = baseline(totals.observations("baseline"))
-        first = LinkDynamicsIdentifier(ridge=0.0, prior=None).fit(simple, fit_scale=self._loops.data.in_ampere)
+        first = LinkDynamicsIdentifier(prior=None).fit(simple, fit_scale=self._loops.data.in_ampere)
         self.observations = totals.observations("model")
         self.links = links = self._fit(identifier, self.observations)
         two_loops, two_plan, kept = self.observations, plans["model"], None
@@ -63,12 +63,16 @@ class Settled:
         self.covariance = covariance_of_products(plans["model"], self.links, factors, totals.noise_products())
 
     def _fit(self, identifier: ThreeLoopIdentifier, observations: Observations) -> LinkDynamicsIdentifier:
-        links: LinkDynamicsIdentifier = clone(identifier.links_)
+        links = copy(identifier.links_)
+        if links.posterior_ is not None:
+            # How much a row counts shows in their order, which factors have lost: the sample's holds for all.
+            links.posterior_ = replace(links.posterior_, n_effective=links.worth_ * observations.n_rows)
         return links.fit(
             observations,
             fit_scale=self._loops.data.in_ampere,
             free_gains=self._loops.free_gains,
             beside=self._loops.beside(),
+            again=True,
         )
 
     def _model(

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from dynid_rs import _core
 from dynid_rs.archive.runs import RunSource
 from dynid_rs.archive.sample import Piece, pieces_of, recording_bytes, run_key, work_space
-from dynid_rs.findings import Finding
-from dynid_rs.splitting import repeated
-from dynid_rs.training import RunFacts, check_facts
+from dynid_rs.base.findings import Finding
+from dynid_rs.runs.facts import RunFacts, check_facts
+from dynid_rs.runs.splitting import repeated
 
 Entry = tuple[dict[str, Any], Mapping[str, NDArray[Any]]]
 """What is kept of a unit of work: plain data for JSON, and arrays."""

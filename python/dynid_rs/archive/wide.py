@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
-from dynid_rs.columns import Block, Observations, Plan
+from dynid_rs.regression.columns import Block, Observations, Plan
 
 FloatArray = NDArray[np.float64]
 

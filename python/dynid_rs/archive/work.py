@@ -17,13 +17,13 @@ from multiprocessing import TimeoutError as NoAnswer
 from pathlib import Path
 from typing import Any
 
-from dynid_rs import __version__, _core
+from dynid_rs import _core
 from dynid_rs.archive.cache import Cache
 from dynid_rs.archive.fingerprint import fingerprint
 from dynid_rs.archive.pages import keep_pages
 from dynid_rs.archive.runs import RunSource
 from dynid_rs.archive.survey import Entry
-from dynid_rs.findings import Finding
+from dynid_rs.base.findings import Finding
 
 Unit = Callable[..., Entry]
 
@@ -143,7 +143,7 @@ def _this_process() -> tuple[str, int]:
 @remembered
 def program() -> str:
     """Fingerprint of this program: another one may give other numbers."""
-    state = hashlib.sha256(__version__.encode())
+    state = hashlib.sha256(_core.__version__.encode())
     package = Path(__file__).parents[1]
     for path in [Path(_core.__file__), *sorted(package.rglob("*.py"))]:
         state.update(path.read_bytes())

@@ -25,9 +25,9 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, NoReturn
 
+from dynid_rs.base.errors import DataError
+from dynid_rs.base.files import check_readable, with_sentence
 from dynid_rs.commands._job import Job
-from dynid_rs.errors import DataError
-from dynid_rs.files import check_readable, with_sentence
 
 MOST_BYTES = 16 << 20
 LISTS = ("runs", "test", "friction")

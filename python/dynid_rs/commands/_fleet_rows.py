@@ -82,8 +82,8 @@ def rows_of(
 
 def identify_one(place: Place) -> Entry:
     """Row of a robot: a unit of work. Whatever is wrong with this robot stops no other."""
+    from dynid_rs.base.files import write_json
     from dynid_rs.commands._identifier import MODEL_FILE, RESULT_FILE
-    from dynid_rs.files import write_json
 
     robot = place.robot
     try:

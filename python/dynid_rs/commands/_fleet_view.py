@@ -9,7 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from dynid_rs.commands._console import console
-from dynid_rs.readers.table import shown
+from dynid_rs.runs.readers.table import shown
 
 
 def show(answer: dict[str, Any], folder: Path) -> None:

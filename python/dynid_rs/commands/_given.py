@@ -12,9 +12,9 @@ from dynid_rs.commands._inputs import Settings, check_cutoff, run_sources
 if TYPE_CHECKING:
     from dynid_rs.archive import Archive, RunFile
     from dynid_rs.archive.work import Work
-    from dynid_rs.findings import Finding
-    from dynid_rs.recording import Recording
-    from dynid_rs.results import LearnedFrom
+    from dynid_rs.base.findings import Finding
+    from dynid_rs.identification.results import LearnedFrom
+    from dynid_rs.runs.recording import Recording
 
 
 @dataclass
@@ -35,7 +35,7 @@ class Given:
         """Fitted identifier, and what it has learned from where that is more than `train`; adds to the findings."""
         if self.archive is None:
             return identifier.fit(self.train, slow, on_progress=say), None
-        from dynid_rs.results import LearnedFrom
+        from dynid_rs.identification.results import LearnedFrom
 
         learned = self.archive.fit(identifier, self.train, slow)
         self.findings += learned.findings
@@ -78,7 +78,7 @@ def read_given(
     DataError, OSError, ValueError
         As `split_runs` and `Archive` do; a lone run or test runs that do not fit.
     """
-    from dynid_rs.splitting import split_runs
+    from dynid_rs.runs.splitting import split_runs
 
     sources = run_sources([*runs, *test], robot, settings)
     held = _read_within(sources, memory)
@@ -117,7 +117,7 @@ def _survey(
     from dynid_rs.archive import Archive
     from dynid_rs.archive.archive import fits
     from dynid_rs.archive.sample import content_key
-    from dynid_rs.splitting import last_run_kept, refuse_another_kind
+    from dynid_rs.runs.splitting import last_run_kept, refuse_another_kind
 
     train, tests = sources[:n_runs], sources[n_runs:]
     if not tests and n_runs == 1:

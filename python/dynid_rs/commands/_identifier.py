@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 if TYPE_CHECKING:
-    from dynid_rs.findings import Finding
-    from dynid_rs.preprocessing import States
-    from dynid_rs.recording import Recording
+    from dynid_rs.base.findings import Finding
+    from dynid_rs.runs.preprocessing import States
+    from dynid_rs.runs.recording import Recording
 
 MODEL_FILE, RESULT_FILE, RESIDUALS_FILE = "model.json", "result.json", "residuals.parquet"
 
@@ -30,7 +30,7 @@ def known_terms(path: Path | None, robot: Any) -> list[Any]:
     """Terms of `--known`; none where there is no file."""
     if path is None:
         return []
-    from dynid_rs.terms import read_terms
+    from dynid_rs.model.terms import read_terms
 
     return list(read_terms(path, robot))
 
@@ -43,8 +43,8 @@ def identifier_options(weighting: str, prior: str, cutoff: float | None, frictio
     ValueError
         A word that is not known, or two that contradict each other; names the option.
     """
-    from dynid_rs.friction_laws import LAWS
-    from dynid_rs.links import ASYMMETRY, LinkDynamicsIdentifier
+    from dynid_rs.identification.friction_laws import LAWS
+    from dynid_rs.identification.links import LinkDynamicsIdentifier
 
     choices: dict[str, Literal["joint_variance", "full_covariance"] | None] = {
         "joint_variance": "joint_variance",
@@ -64,7 +64,7 @@ def identifier_options(weighting: str, prior: str, cutoff: float | None, frictio
         raise ValueError(f"--friction-law must be {', '.join(LAWS)} or auto, found {friction_law!r}")
     return {
         "friction_law": "paper" if friction_law == "auto" else friction_law,
-        "links": LinkDynamicsIdentifier(choices[weighting], prior=priors[prior], asymmetry=ASYMMETRY),
+        "links": LinkDynamicsIdentifier(choices[weighting], prior=priors[prior]),
         "cutoff": cutoff,
     }
 
@@ -73,7 +73,7 @@ def chosen_laws(identifier: Any, train: list[Recording], slow: list[Recording] |
     """Law of every joint, by a training run that is left out for it; the test runs stay untouched."""
     from threadpoolctl import threadpool_limits
 
-    from dynid_rs.friction_laws import choose_friction_laws
+    from dynid_rs.identification.law_comparison import choose_friction_laws
 
     options = {"links": identifier.links, "cutoff": identifier.cutoff, "friction_recording": slow}
     with threadpool_limits(limits=1, user_api="blas"):
@@ -88,7 +88,7 @@ def convergence_findings() -> Iterator[Callable[[], list[Finding]]]:
     """
     from sklearn.exceptions import ConvergenceWarning
 
-    from dynid_rs.findings import Finding
+    from dynid_rs.base.findings import Finding
 
     caught: list[warnings.WarningMessage]
 
@@ -106,7 +106,8 @@ def convergence_findings() -> Iterator[Callable[[], list[Finding]]]:
 
 def scored_states(identifier: Any, test: list[Recording]) -> list[States]:
     """States of the test runs; refuses one that stands still or whose torque does: there would be nothing to score."""
-    from dynid_rs.training import check_motion, check_torque
+    from dynid_rs.identification.training import check_motion
+    from dynid_rs.runs.facts import check_torque
 
     check_torque(test)
     runs: list[States] = [identifier.states(recording) for recording in test]
@@ -116,8 +117,8 @@ def scored_states(identifier: Any, test: list[Recording]) -> list[States]:
 
 def write_results(output: Path, model: Any, result: dict[str, Any], table: dict[str, Any]) -> None:
     """Fill the folder: model, residuals, result and report, all of them or none."""
+    from dynid_rs.base.files import write_json, write_table
     from dynid_rs.commands._output import filled_together
-    from dynid_rs.files import write_json, write_table
     from dynid_rs.report import write_report
     from dynid_rs.report.source import source_of
 

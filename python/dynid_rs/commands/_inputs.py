@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from dynid_rs.archive.runs import RunFile
-    from dynid_rs.findings import Finding
-    from dynid_rs.readers import Config
-    from dynid_rs.recording import Recording
-    from dynid_rs.splitting import Split
+    from dynid_rs.base.findings import Finding
+    from dynid_rs.runs.readers import Config
+    from dynid_rs.runs.recording import Recording
+    from dynid_rs.runs.splitting import Split
 
 STRONGEST_GRAVITY = 100.0
 """More than this [m/s^2] is a slip of the unit or of a key; Jupiter has 25."""
@@ -34,7 +34,7 @@ class Settings:
 def read_robot(path: Path, base: str | None = None, tip: str | None = None, gravity: str | None = None) -> Any:
     """Read a robot, URDF or robot.toml, in its own gravity or in the given one, "X,Y,Z" [m/s^2]."""
     from dynid_rs import _core
-    from dynid_rs.files import check_readable
+    from dynid_rs.base.files import check_readable
 
     vector = None if gravity is None else numbers("--gravity", gravity, 3)
     if vector is not None and sum(g * g for g in vector) > STRONGEST_GRAVITY**2:
@@ -50,8 +50,8 @@ def read_robot(path: Path, base: str | None = None, tip: str | None = None, grav
 def with_rotors(robot: Any, settings: Settings, path: Path, base: str | None, tip: str | None) -> Any:
     """Return the robot with the rotor inertias of `dynid.toml`; the same one where it gives none."""
     from dynid_rs import _core
-    from dynid_rs.errors import DataError
-    from dynid_rs.files import check_readable
+    from dynid_rs.base.errors import DataError
+    from dynid_rs.base.files import check_readable
 
     inertia, n = settings.config.rotor_inertia, robot.n_joints
     if inertia is None:
@@ -71,7 +71,7 @@ def with_rotors(robot: Any, settings: Settings, path: Path, base: str | None, ti
 
 def read_settings(config: Path | None, drive_gain: str | None, n_joints: int) -> Settings:
     """Read `dynid.toml`; drive gains from the command line replace its own."""
-    from dynid_rs.readers import Config, read_config
+    from dynid_rs.runs.readers import Config, read_config
 
     rules = Config() if config is None else read_config(config)
     if drive_gain is None:
@@ -86,7 +86,7 @@ def read_split(
     runs: list[Path], test: list[Path], test_from: float | None, robot: Any, settings: Settings
 ) -> tuple[Split, list[Finding]]:
     """Read, check and split; findings on all runs."""
-    from dynid_rs.splitting import split_runs
+    from dynid_rs.runs.splitting import split_runs
 
     recordings, findings = _read([*runs, *test], robot, settings)
     split = split_runs(recordings[: len(runs)], recordings[len(runs) :], test_from)

@@ -10,17 +10,17 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 from rich.text import Text
 
-from dynid_rs.checks import relative_jitter
+from dynid_rs.base.findings import Finding
 from dynid_rs.commands._console import console
-from dynid_rs.findings import Finding
-from dynid_rs.readers import Run
-from dynid_rs.readers.table import shown, shown_names
-from dynid_rs.recording import gaps
+from dynid_rs.runs.checks import relative_jitter
+from dynid_rs.runs.readers import Run
+from dynid_rs.runs.readers.table import shown, shown_names
+from dynid_rs.runs.recording import gaps
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from dynid_rs.commands.inspect import Inspection
+    from dynid_rs.commands._inspection import Inspection
 
 _STYLES = {"error": "bold red", "warning": "yellow", "info": "cyan"}
 

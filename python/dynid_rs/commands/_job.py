@@ -12,10 +12,10 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from dynid_rs.archive.work import Work
+    from dynid_rs.base.findings import Finding
     from dynid_rs.commands._given import Given
-    from dynid_rs.findings import Finding
-    from dynid_rs.recording import Recording
-    from dynid_rs.results import LearnedFrom
+    from dynid_rs.identification.results import LearnedFrom
+    from dynid_rs.runs.recording import Recording
 
 
 @dataclass(frozen=True)
@@ -99,8 +99,8 @@ def _identifier(
     friction_law: str,
 ) -> Any:
     from dynid_rs.commands._identifier import identifier_options
-    from dynid_rs.identification import ThreeLoopIdentifier
-    from dynid_rs.residual import METHODS, ResidualCompensator
+    from dynid_rs.identification.residual import METHODS, ResidualCompensator
+    from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 
     options = identifier_options(weighting, prior, cutoff, friction_law)
     inputs = ("auto", "load_free_deflection", "deflection", "joint_state")
@@ -124,13 +124,13 @@ def _fit(
 
 def _check_physical() -> None:
     """Refuse before any work is done where the solver is not installed."""
-    from dynid_rs.bodies import import_cvxpy
+    from dynid_rs.model.bodies import import_cvxpy
 
     import_cvxpy()
 
 
 def _physical(identifier: Any, say: Callable[[str], None]) -> Any:
-    from dynid_rs.physical import PhysicalIdentifier
+    from dynid_rs.model.physical import PhysicalIdentifier
 
     say("physically consistent parameters")
     return PhysicalIdentifier().fit(identifier.observations_, identifier.links_, torque_unit=identifier.torque_unit_)
@@ -145,8 +145,8 @@ def _write(
     learned_from: LearnedFrom | None = None,
 ) -> dict[str, Any]:
     from dynid_rs.commands._identifier import scored_states, write_results
-    from dynid_rs.encoders import with_fitted_delay
-    from dynid_rs.results import evaluate_runs, residual_table, summarise
+    from dynid_rs.identification.results import evaluate_runs, residual_table, summarise
+    from dynid_rs.runs.encoders import with_fitted_delay
 
     model = identifier.model_
     tested = evaluate_runs(model, given.test, scored_states(identifier, given.test))
@@ -162,7 +162,7 @@ def _write(
 
 def exit_code(result: dict[str, Any]) -> int:
     """1 where the data has an error in it or the model is no better than weighted least squares."""
-    from dynid_rs.wording import is_better
+    from dynid_rs.base.wording import is_better
 
     errors = any(finding["severity"] == "error" for finding in result["data"]["findings"])
     return EXIT_NO if errors or not is_better(result) else 0

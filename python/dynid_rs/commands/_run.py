@@ -11,7 +11,7 @@ from typing import ParamSpec
 
 import typer
 
-from dynid_rs.files import with_sentence
+from dynid_rs.base.files import with_sentence
 
 EXIT_NO = 1
 EXIT_UNUSABLE = 2

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -11,10 +12,10 @@ from dynid_rs.commands import _options
 from dynid_rs.commands._run import EXIT_NO, print_json, run_command
 
 if TYPE_CHECKING:
+    from dynid_rs.base.findings import Finding
     from dynid_rs.diagnosis.results import Outcome
-    from dynid_rs.findings import Finding
-    from dynid_rs.recording import Recording
-    from dynid_rs.splitting import Split
+    from dynid_rs.runs.recording import Recording
+    from dynid_rs.runs.splitting import Split
 
 N_STATES, OTHER_ROBOT = 8, 0.1
 """Random states at which two robots are compared, and the part of their links' torque by which they may differ."""
@@ -39,7 +40,7 @@ def diagnose(
     weighting: _options.Weighting = "joint_variance",
     prior: _options.Prior = "auto",
     known: _options.Known = None,
-    friction_law: _options.FrictionLaw = "paper",
+    friction_law: _options.FrictionLaw = "smooth",
     cutoff: _options.Cutoff = None,
     json_output: _options.Json = False,
 ) -> int:
@@ -57,7 +58,7 @@ def diagnose(
         known_terms,
     )
     from dynid_rs.commands._inputs import check_cutoff, read_robot, read_settings, read_split, with_rotors
-    from dynid_rs.training import check_torque
+    from dynid_rs.runs.facts import check_torque
 
     check_places(output, [robot, *runs, *(test or []), config, known, reference])
     with progress() as say:
@@ -79,7 +80,7 @@ def diagnose(
         setup = Setup(model, options=options)
         if friction_law == "auto":
             say("comparing laws of friction")
-            options["friction_law"] = chosen_laws(setup.identifier(), split.train)
+            setup = replace(setup, options={**options, "friction_law": chosen_laws(setup.identifier(), split.train)})
         findings += missing_signals(split.train)
         with convergence_findings() as unsettled:
             outcome = find_effects(setup, split.train, split.test, on_progress=say, **more)
@@ -97,7 +98,7 @@ def diagnose(
 def _reference(path: Path, robot: Any, run: Recording) -> Any:
     """Read the trusted model; it must be of this robot, in the unit of the runs."""
     from dynid_rs import _core
-    from dynid_rs.files import check_readable
+    from dynid_rs.base.files import check_readable
 
     model = _core.TorqueModel.load(check_readable(path))
     if list(model.robot.joint_names) != list(robot.joint_names):
@@ -131,7 +132,7 @@ def _moves_otherwise(trusted: Any, robot: Any) -> bool:
 def _write(outcome: Outcome, split: Split, findings: list[Finding], output: Path) -> dict[str, Any]:
     from dynid_rs.commands._identifier import write_results
     from dynid_rs.diagnosis.results import evaluated, residual_table, summarise_diagnosis
-    from dynid_rs.training import check_motion
+    from dynid_rs.identification.training import check_motion
 
     runs = evaluated(outcome, split.train, split.test)
     check_motion([run.states for run in runs.test_after])  # what counts as standstill follows the fitted friction

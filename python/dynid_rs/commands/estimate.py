@@ -12,7 +12,7 @@ from dynid_rs.commands._run import print_json, run_command
 
 if TYPE_CHECKING:
     from dynid_rs._core import TorqueModel
-    from dynid_rs.recording import FloatArray, Recording
+    from dynid_rs.runs.recording import FloatArray, Recording
 
 SIGNALS = ("q", "dq", "ddq", "q_motor", "dq_motor", "ddq_motor")
 
@@ -45,10 +45,10 @@ def estimate(
     torque is fine; there is then no error to report.
     """
     from dynid_rs import _core
+    from dynid_rs.base.files import check_readable, write_table
     from dynid_rs.commands._inputs import check_cutoff
-    from dynid_rs.evaluation import rmse
-    from dynid_rs.files import check_readable, write_table
-    from dynid_rs.readers import Config, read_config, read_run
+    from dynid_rs.regression.evaluation import rmse
+    from dynid_rs.runs.readers import Config, read_config, read_run
 
     _check_outputs(output, states, inputs=(model, run))
     torque_model = _core.TorqueModel.load(check_readable(model))
@@ -122,7 +122,7 @@ def _check_outputs(output: Path | None, states: Path | None, inputs: tuple[Path,
 
 def _check_temperature(model: TorqueModel, recording: Recording) -> None:
     """Refuse a run that lacks the temperature which the model's friction follows."""
-    from dynid_rs.errors import DataError
+    from dynid_rs.base.errors import DataError
 
     follows = any("temperature" in effect.signals and values.any() for effect, values in model.effects)
     if follows and recording.temperature is None:
@@ -136,7 +136,7 @@ def _check_temperature(model: TorqueModel, recording: Recording) -> None:
 
 
 def _other_unit(recording: Recording, unit: str) -> ValueError:
-    from dynid_rs.errors import DataError
+    from dynid_rs.base.errors import DataError
 
     mend = "give [drive] gain in dynid.toml, or leave the currents out: [columns] current = false"
     if recording.torque_unit == "N*m":
@@ -155,7 +155,7 @@ def states_of(
 
     Where they are made of positions, the links' acceleration is on the motor's clock, as in `dynid identify`.
     """
-    from dynid_rs.preprocessing import Band, choose_band, common_rate, prepare
+    from dynid_rs.runs.preprocessing import Band, choose_band, common_rate, prepare
 
     q, dq, ddq = recording.q, recording.dq, recording.ddq
     if dq is not None and ddq is not None and cutoff is None:
@@ -170,7 +170,7 @@ def states_of(
 
 def write_states(path: Path, t: FloatArray, signals: tuple[FloatArray, ...], temperature: FloatArray | None) -> None:
     """Write states as CSV; every number in the shortest form that reads back to the same bits."""
-    from dynid_rs.files import write_text
+    from dynid_rs.base.files import write_text
 
     n = signals[0].shape[1]
     columns = dict(zip(SIGNALS, signals, strict=True))

@@ -13,9 +13,9 @@ from dynid_rs.commands._run import print_json, run_command
 
 if TYPE_CHECKING:
     from dynid_rs.excitation import FourierExcitation, Restart
+    from dynid_rs.excitation.friction_segments import FrictionExperiment
     from dynid_rs.excitation.named import NamedEffect
     from dynid_rs.excitation.separating import Separated
-    from dynid_rs.friction_experiment import FrictionExperiment
 
 
 @dataclass(frozen=True)
@@ -239,10 +239,10 @@ def _write(
     separated: Separated | None = None,
 ) -> dict[str, Any]:
     """Write the files of the trajectory together, then forget the finished searches."""
+    from dynid_rs.base.files import write_json, write_text
     from dynid_rs.commands._output import filled_together
     from dynid_rs.excitation.output import answer, write_csv
     from dynid_rs.excitation.plots import page
-    from dynid_rs.files import write_json, write_text
 
     result = answer(design, model)
     if separated is not None:

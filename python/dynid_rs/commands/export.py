@@ -65,9 +65,9 @@ Answer = tuple[dict[str, Any], str]
 
 def _write_urdf(model: Path, target: Path, robot: Path | None) -> Answer:
     from dynid_rs._core import TorqueModel
+    from dynid_rs.base.files import check_readable, write_bytes
     from dynid_rs.commands._output import check_file, check_not_read
-    from dynid_rs.export import urdf
-    from dynid_rs.files import check_readable, write_bytes
+    from dynid_rs.model.export import urdf
 
     if robot is not None and robot.suffix.lower() == ".toml":
         raise ValueError(f"--robot {robot}: only a URDF can be edited; leave it out for a URDF of links and joints")
@@ -97,9 +97,9 @@ def _write_urdf(model: Path, target: Path, robot: Path | None) -> Answer:
 
 def _write_header(model: Path, target: Path, name: str | None) -> Answer:
     from dynid_rs._core import TorqueModel
+    from dynid_rs.base.files import check_readable, write_bytes
     from dynid_rs.commands._output import check_file, check_not_read
-    from dynid_rs.export import c_header, c_prefix
-    from dynid_rs.files import check_readable, write_bytes
+    from dynid_rs.model.export import c_header, c_prefix
 
     check_file(target)
     check_not_read([target], [model])

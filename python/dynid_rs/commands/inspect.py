@@ -3,39 +3,18 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 import typer
 
-from dynid_rs.checks import check_recording, relative_jitter
 from dynid_rs.commands._inputs import read_robot
+from dynid_rs.commands._inspection import Inspection, inspect_run
 from dynid_rs.commands._run import EXIT_NO, EXIT_UNUSABLE, error_object, print_json, run_command, sentence
-from dynid_rs.findings import Finding
-from dynid_rs.readers import Config, Run, read_config, read_run
-from dynid_rs.recording import Recording, gaps
-
-
-@dataclass(frozen=True)
-class Inspection:
-    """One file: what was read and found, or why it could not be read."""
-
-    path: Path
-    run: Run | None = None
-    findings: tuple[Finding, ...] = ()
-    error: Exception | None = None
-
-
-def inspect_run(path: Path, robot: Any | None, config: Config) -> Inspection:
-    """Read and check one file; what the file did wrong is kept, not raised."""
-    try:
-        run = read_run(path, robot, config)
-        notes = [Finding("column_ignored", "info", note, run.recording.name) for note in run.columns.notes]
-        return Inspection(path, run, (*check_recording(run.recording, robot), *notes))
-    except (ValueError, OSError) as error:
-        return Inspection(path, error=error)
+from dynid_rs.runs.checks import relative_jitter
+from dynid_rs.runs.readers import Config, read_config
+from dynid_rs.runs.recording import Recording, gaps
 
 
 def exit_code(inspections: list[Inspection]) -> int:

@@ -1,1 +1,1 @@
-"""Tracing a residual to the physical effect that the model lacks: look, add, fit everything again, look again."""
+"""The diagnosis: what a model lacks, found by one rule, added, and tested on runs that chose nothing."""

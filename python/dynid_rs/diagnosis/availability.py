@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs.findings import Finding
-from dynid_rs.placed import CATALOGUE
-from dynid_rs.recording import Recording
+from dynid_rs.base.findings import Finding
+from dynid_rs.model.placed import CATALOGUE
+from dynid_rs.runs.recording import Recording
 
 LEAST_WARMTH = 1.0
 """A thermometer that moves less than this over all runs [K] tells nothing about friction."""

@@ -9,92 +9,56 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs.columns import Observations, observe
-from dynid_rs.diagnosis.beside import Beside
-from dynid_rs.diagnosis.candidate import Candidate, stacked
-from dynid_rs.diagnosis.dropping import standing
-from dynid_rs.diagnosis.hypothesis import Hypothesis
-from dynid_rs.diagnosis.intervals import Estimate, estimates
-from dynid_rs.diagnosis.search import once_each
-from dynid_rs.diagnosis.state import Choice, Search, columns_in, hypothesis_of
-from dynid_rs.diagnosis.warmth import sharing_clocks
-from dynid_rs.evaluation import rmse
-from dynid_rs.loops import link_load
-from dynid_rs.placed import PlacedEffect
-from dynid_rs.recording import Recording
+from dynid_rs.diagnosis.estimates import Estimate, estimates
+from dynid_rs.diagnosis.hypotheses import Place
+from dynid_rs.diagnosis.search import Named, Search, places_in
+from dynid_rs.identification.loops import link_load
+from dynid_rs.model.placed import CATALOGUE, PlacedEffect
+from dynid_rs.regression.columns import run_rows
+from dynid_rs.regression.evaluation import rmse
+from dynid_rs.regression.evidence import linear_model
+from dynid_rs.regression.linear_model import LinearModel
+from dynid_rs.runs.recording import Recording
 
 FloatArray = NDArray[np.float64]
 
-N_POINTS = 400
-"""Most points of a plot."""
-N_BINS = 60
-"""Points of a fitted curve."""
+N_POINTS, N_BINS = 400, 60
+"""Most points of a plot, and points of a fitted curve."""
 
 
-def effect_entries(found: Search, test: Sequence[Recording]) -> list[tuple[PlacedEffect, dict[str, Any]]]:
-    """Every effect of the final setup with its entry, the one that takes off most first."""
-    if not found.setup.effects:
-        return []
-    columns = columns_in(found)
-    told, rows = _choices(found), _test_rows(found, test)
-    order = sorted((standing(found, k) for k in range(len(columns))), key=lambda pair: -pair[0].evidence)
-    # One model more than effects: without any of them, with the first, with the first two, ...
-    places = [k for _, k in order]
-    models = [Beside(found.fit, [c for k in places[n:] for c in columns[k]]) for n in range(len(places) + 1)]
-    trained = [rmse([model.residual]).tolist() for model in models]
-    tested = [[] if rows is None else model.error_on(rows).tolist() for model in models]
-    plan = found.fit.observations_.plan
-    friction = found.fit.links_.own_[:, plan.friction[1]]
-    entries, clocks = [], sharing_clocks(found.setup.effects)
-    for rank, (weighed, k) in enumerate(order):
-        effect = found.setup.effects[k]
-        hypothesis = hypothesis_of(effect, found.kinds)
-        beside = Beside(found.fit, columns[k])
-        choice = told.get((effect.kind, effect.joints[:1]))
+def effect_entries(found: Search, test: Sequence[Recording]) -> list[dict[str, Any]]:
+    """One entry per name, the most certain first; `test` with their channels on the setup's clocks."""
+    errors = _Errors(found, test)
+    known = estimates(found)
+    names = found.setup.robot.joint_names
+    entries = []
+    for place, named in sorted(found.named.items(), key=lambda item: -item[1].log_odds):
+        kind, joints = place
+        effect = next((e for e in found.setup.effects if (e.kind, e.joints) == place), None)
         entry: dict[str, Any] = {
-            "rank": rank + 1,
-            "kind": effect.kind,
-            "joints": [found.setup.robot.joint_names[j] for j in effect.joints],
-            "parameters": [
-                _parameter(e, found)
-                for e in estimates(beside, found.kinds, hypothesis, weighed.gain.coefficients, friction)
-            ],
-            "p_value": 1.0 if choice is None else choice.p_value,
-            "evidence": weighed.evidence,
-            "rmse_train_before": trained[rank],
-            "rmse_train_after": trained[rank + 1],
-            "rmse_test_before": tested[rank],
-            "rmse_test_after": tested[rank + 1],
-            "ties": tie_entries(found, choice),
-            "told_apart_from": refuted_entries(found, choice),
-            "plot": _plot(found, beside, hypothesis, weighed.gain.coefficients),
+            "kind": kind,
+            "joints": [names[j] for j in joints],
+            "parameters": [_parameter(estimate, found) for estimate in known[place]],
+            "p_value": float(1 / (1 + np.exp2(min(named.log_odds, 500.0) / np.log(2.0)))),
+            "evidence": named.log_odds,
+            **errors.without(effect),
+            "ties": [_tie(other, odds, named, names) for other, odds in named.ties],
+            "told_apart_from": [{**_where(other, names), "log_evidence": odds} for other, odds in named.refuted],
         }
-        alike = next((group for group in clocks if k in group), [])
-        if alike:
-            others = ", ".join(found.setup.robot.joint_names[j] for m in alike for j in found.setup.effects[m].joints)
-            entry["note"] = f"one time constant for {others}: by itself a joint may tell too little of it"
-        entries.append((effect, entry))
+        if kind == "gravity_tilt":  # a first joint whose frame is turned stands on a tilted base: no data tell those
+            entry["ties"].append({"kind": "kinematic_error", "joints": [names[0]]})
+        if effect is not None:
+            entry["plot"] = _plot(found, effect, errors)
+        entries.append(entry)
     return entries
 
 
-def ranked(entries: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Entries with their ranks: sensors and clocks first, then by what they take off."""
-    return [{**entry, "rank": rank + 1} for rank, entry in enumerate(entries)]
+def _tie(other: Place, odds: float, named: Named, names: Sequence[str]) -> dict[str, Any]:
+    return {**_where(other, names), "evidence": named.log_odds + odds}
 
 
-def _choices(found: Search) -> dict[tuple[str, tuple[int, ...]], Choice]:
-    """By kind and joint: what acts on several joints was chosen once for all of them."""
-    candidates = [(s.choice.weighed.candidate, s.choice) for s in found.steps if s.action == "added"]
-    return {(candidate.kind, (j,)): choice for candidate, choice in candidates for j in candidate.joints}
-
-
-def _test_rows(found: Search, test: Sequence[Recording]) -> Observations | None:
-    if not test:
-        return None
-    fit = found.fit
-    load = link_load(fit.observations_.plan, fit.links_)
-    runs = [fit.states(recording).aligned(fit.model_.encoder_delay, fit.model_.encoder_error) for recording in test]
-    return observe(fit.observations_.plan, [replace(states, tau_link=load(states)) for states in runs])
+def _where(place: Place, names: Sequence[str]) -> dict[str, Any]:
+    return {"kind": place[0], "joints": [names[j] for j in place[1]]}
 
 
 def _parameter(estimate: Estimate, found: Search) -> dict[str, Any]:
@@ -110,87 +74,92 @@ def _parameter(estimate: Estimate, found: Search) -> dict[str, Any]:
     }
 
 
-def tie_entries(found: Search, choice: Choice | None) -> list[dict[str, Any]]:
-    """What explains the same as well as what was chosen, each name once."""
-    ties = () if choice is None else choice.ties
-    return [
-        {
-            **_where(found, tie.weighed.candidate),
-            "evidence": tie.weighed.evidence,
-            "p_value": tie.p_value,
+class _Errors:
+    """Errors of the final model with each effect left out in turn and all else fitted again."""
+
+    def __init__(self, found: Search, test: Sequence[Recording]) -> None:
+        fit, posterior = found.fit, found.fit.links_.posterior_
+        assert posterior is not None  # every fit that is diagnosed has the weak prior
+        self._found, observations = found, fit.observations_
+        plan, n = observations.plan, fit.robot.n_joints
+        self._posterior, self._plan = posterior, plan
+        rows = [np.concatenate([block.rows[j] for block in observations.blocks]) for j in range(n)]
+        self.model = self._linear(rows, observations.n_rows)
+        self.test = self._test_rows(test) if test else None
+        self.places = dict(zip(found.setup.effects, places_in(found), strict=True))
+        self.x = self._solved(self.model)
+
+    def without(self, effect: PlacedEffect | None) -> dict[str, Any]:
+        """Errors before and after it; of a change of structure, whose fit cannot be undone column by column, after."""
+        x = self.x
+        if effect is not None:
+            model = self.model
+            for j, at in self.places[effect]:
+                model = model.without(j, np.array([at]))
+            x = self._solved(model)
+        said: dict[str, Any] = {
+            "rmse_train_before": _error(self.model, x),
+            "rmse_train_after": _error(self.model, self.x),
         }
-        for tie in once_each(ties, lambda tie: tie.weighed.candidate.place)
-    ]
+        tests = {"rmse_test_before": x, "rmse_test_after": self.x}
+        return said | {key: [] if self.test is None else _error(self.test, value) for key, value in tests.items()}
+
+    def _solved(self, model: LinearModel) -> FloatArray:
+        p = self._posterior
+        x = model.fit(p.choice, p.noise_std).x
+        kept = np.zeros(len(x), dtype=bool)
+        kept[np.concatenate(model.places)] = True
+        return np.where(kept, x, 0.0)
+
+    def _linear(self, rows: Sequence[FloatArray], n_rows: int) -> LinearModel:
+        p = self._posterior
+        return linear_model(self._plan, rows, n_rows, p.scale, p.prior, p.n_effective, np.full(len(rows), 1e-300))
+
+    def _test_rows(self, test: Sequence[Recording]) -> LinearModel:
+        fit = self._found.fit
+        load = link_load(self._plan, fit.links_)
+        parts = []
+        for recording in test:
+            states = fit.states(recording).aligned(fit.model_.encoder_delay, fit.model_.encoder_error)
+            parts.append(run_rows(self._plan, replace(states, tau_link=load(states)), states.tau))
+        rows = [np.concatenate([part[j] for part in parts]) for j in range(len(parts[0]))]
+        return self._linear(rows, len(rows[0]))
 
 
-def refuted_entries(found: Search, choice: Choice | None) -> list[dict[str, Any]]:
-    """What explains the same worse than what was chosen, with its evidence against that."""
-    if choice is None:
-        return []
-    return [
-        {**_where(found, other.candidate), "log_evidence": other.evidence - choice.weighed.evidence}
-        for other in choice.refuted
-    ]
+def _error(model: LinearModel, x: FloatArray) -> list[float]:
+    left = [part[:, -1] - part[:, :-1] @ x[at] for part, at in zip(model.rows, model.places, strict=True)]
+    return [float(value) for value in rmse([np.stack(left, axis=1)])]
 
 
-def _where(found: Search, candidate: Candidate) -> dict[str, Any]:
-    return {"kind": candidate.kind, "joints": [found.setup.robot.joint_names[j] for j in candidate.joints]}
-
-
-SIGNALS = {
-    "stribeck": ("dq", "rad/s"),
-    "load_dependent_friction": ("tau_link", "N*m"),
-    "position_dependent_friction": ("q", "rad"),
-    "torque_ripple": ("q", "rad"),
-    "joint_spring": ("q", "rad"),
-    "counterbalance": ("q", "rad"),
-    "torque_saturation": ("tau_link", "N*m"),
-    "inertial_coupling": ("ddq", "rad/s^2"),
-    "thermal_friction": ("t", "s"),
-    "temperature_friction": ("temperature", "degC"),
-    "load_hysteresis": ("tau_link", "N*m"),
-}
-"""What an effect is drawn against, and its unit; others against their own column."""
-
-
-def _plot(found: Search, beside: Beside, hypothesis: Hypothesis, coefficients: FloatArray) -> dict[str, Any]:
+def _plot(found: Search, effect: PlacedEffect, errors: _Errors) -> dict[str, Any]:
     """Partial residual (what is left and the effect's own torque) against the effect's signal, and the fitted curve."""
-    j = hypothesis.joints[0]
-    columns = stacked(found.kinds.columns([hypothesis])[0])
-    torque = columns[j] @ coefficients
-    partial = beside.with_columns(columns, coefficients)[:, j] + torque
-    signal, unit = SIGNALS.get(hypothesis.kind, ("", ""))
-    x = _signal(found, hypothesis, signal, columns[j][:, 0])
+    j, robot = effect.joints[0], found.setup.robot
+    at = [place for joint, place in errors.places[effect] if joint == j]
+    where = np.searchsorted(errors.model.places[j], at)
+    columns = errors.model.rows[j][:, where]
+    torque = columns @ errors.x[at]
+    left = errors.model.rows[j][:, -1] - errors.model.rows[j][:, :-1] @ errors.x[errors.model.places[j]]
+    signal, unit = CATALOGUE[effect.kind]["drawn_against"] or ("", "1")
+    x = _signal(found, effect, signal) if signal else columns[:, 0]
     order = np.argsort(x, kind="stable")
     bins = [b for b in np.array_split(order, min(N_BINS, len(order))) if len(b)]
     thin = order[:: max(1, len(order) // N_POINTS)]
-    name = f"{signal}_{found.setup.robot.joint_names[j]}" if signal and signal != "t" else signal or "column"
     return {
-        "signal": name,
-        "unit": unit or "1",
-        "joint": found.setup.robot.joint_names[j],
+        "signal": f"{signal}_{robot.joint_names[j]}" if signal and signal != "t" else signal or "column",
+        "unit": unit,
+        "joint": robot.joint_names[j],
         "x": x[thin].tolist(),
-        "partial": partial[thin].tolist(),
+        "partial": (left + torque)[thin].tolist(),
         "curve_x": [float(x[b].mean()) for b in bins],
         "curve": [float(torque[b].mean()) for b in bins],
     }
 
 
-def _signal(found: Search, hypothesis: Hypothesis, signal: str, column: FloatArray) -> FloatArray:
-    j = hypothesis.joints[0]
-    at = hypothesis.joints[1] if signal == "ddq" and len(hypothesis.joints) > 1 else j
-    if not signal:
-        return column
+def _signal(found: Search, effect: PlacedEffect, signal: str) -> FloatArray:
+    """The signal that an effect is drawn against, at the rows of the fit."""
+    at = effect.joints[-1] if signal.startswith("ddq") else effect.joints[0]
     parts = []
-    for states in found.kinds.runs:
-        if signal == "t":
-            parts.append(states.t[states.rows] - states.t[0])
-        elif signal == "tau_link":
-            assert states.tau_link is not None  # `Kinds` puts it in
-            parts.append(states.tau_link[states.rows, at])
-        elif signal == "temperature":
-            assert states.temperature is not None  # or the effect would not have been looked for
-            parts.append(states.temperature[states.rows, at])
-        else:
-            parts.append(getattr(states, f"{signal}_motor")[states.rows, at])
+    for states in found.catalogue.runs:
+        values = states.t - states.t[0] if signal == "t" else getattr(states, signal)[:, at]
+        parts.append(values[states.rows])
     return np.concatenate(parts)

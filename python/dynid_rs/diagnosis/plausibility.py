@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from dynid_rs import _core
-from dynid_rs.evaluation import Comparison, rmse, torque_std
-from dynid_rs.findings import Finding, joint_words
+from dynid_rs.base.findings import Finding, joint_words
+from dynid_rs.regression.evaluation import Comparison, rmse, torque_std
 
 UNLIKE = 5.0
 """A run whose error is this many times that of the other runs, on most joints, is another robot or another unit."""

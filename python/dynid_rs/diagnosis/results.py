@@ -9,19 +9,19 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs import results
+from dynid_rs.base.findings import Finding
 from dynid_rs.diagnosis.plausibility import implausible
 from dynid_rs.diagnosis.setup import Setup, Windows
 from dynid_rs.diagnosis.wording import next_experiments, verdict
-from dynid_rs.encoders import with_fitted_delay
-from dynid_rs.evaluation import rmse_interval
 from dynid_rs.excitation.named import NamedEffect, separate_command
-from dynid_rs.findings import Finding
-from dynid_rs.identification import ThreeLoopIdentifier
-from dynid_rs.placed import CATALOGUE
-from dynid_rs.preprocessing import States
-from dynid_rs.recording import Recording
-from dynid_rs.results import Evaluated, Scores
+from dynid_rs.identification import results
+from dynid_rs.identification.results import Evaluated, Scores
+from dynid_rs.identification.three_loops import ThreeLoopIdentifier
+from dynid_rs.model.placed import CATALOGUE
+from dynid_rs.regression.evaluation import rmse_interval
+from dynid_rs.runs.encoders import with_fitted_delay
+from dynid_rs.runs.preprocessing import States
+from dynid_rs.runs.recording import Recording
 
 FloatArray = NDArray[np.float64]
 Entry = Mapping[str, Any]
@@ -111,7 +111,7 @@ def summarise_diagnosis(outcome: Outcome, runs: EvaluatedRuns, findings: Sequenc
     `findings` are those on the files; the outcome's own follow them.
     """
     before, after = outcome.before, outcome.after
-    comparisons = [run.comparison for run in (*runs.train_before, *runs.test_before)]
+    comparisons = [run.comparison for run in (*runs.train_after, *runs.test_after)]
     said = [*findings, *outcome.findings]
     said += implausible(after.robot, comparisons) if _not_said(said) else []
     said = with_fitted_delay(said, after.encoder_delay_)

@@ -1,260 +1,235 @@
-"""Torque ripple: lines in the angle domain, at full rate, and what they are as effects of the catalogue."""
+"""Torque ripple: sharp lines in the angle domain, sought at full rate, told as families of one gear or motor.
+
+The residual's spectrum over angle, ``P(N) = |sum e exp(i N q)|^2``, is measured against its own background: the
+median over neighbouring orders, so that the residual's colour does not matter. Noise gives ``z = P / background`` an
+exponential law; a line whose power beforehand is s times the background has ``ln BF = z s / (1 + s) - ln (1 + s)``,
+at its likeliest ``z - 1 - ln z``. Bursts are no noise of one strength: the same is asked of the line's amplitudes in
+16 parts of the data, whose own scatter is the noise, ``ln BF = 15 ln(1 + T / 15) - 1 - ln T``. The lesser counts, by
+the rule of the search: posterior odds of 19 to 1 over all orders of all joints.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs import _core
-from dynid_rs.diagnosis.angle_data import AngleRun, FullRateRun, angle_runs, full_rate_runs
-from dynid_rs.diagnosis.candidate import Candidate
-from dynid_rs.diagnosis.ripple_fit import LineFit, Order, line_columns
-from dynid_rs.diagnosis.ripple_search import search_lines
-from dynid_rs.diagnosis.ripple_size import sized
+from dynid_rs.diagnosis.search import SURE
 from dynid_rs.diagnosis.setup import Setup
-from dynid_rs.identification import ThreeLoopIdentifier
-from dynid_rs.placed import CATALOGUE, HeldEffect, PlacedEffect
-from dynid_rs.recording import Recording
-from dynid_rs.uncertainty import NORMAL_95
+from dynid_rs.identification.three_loops import ThreeLoopIdentifier
+from dynid_rs.model.placed import HeldEffect, PlacedEffect
+from dynid_rs.regression.uncertainty import NORMAL_95
+from dynid_rs.runs.recording import Recording
 
 FloatArray = NDArray[np.float64]
 
-HARMONIC = 0.5
-"""Of a resolution cell: an order this near to twice another is its second harmonic."""
-VISIBLE = 0.8
-"""Ripple of which the band lets through more than this part of its power is fitted there, with everything else."""
-KIND = "torque_ripple"
-REVERSING = "position_dependent_friction"
+ORDERS = (3.5, 1000.0)
+"""Cycles per turn that are sought: slower ones look like gravity, faster ones no encoder shows."""
+LEAST_CYCLES = 4.0
+"""Cycles that the joint has to go through: with fewer a line is any curve."""
+BINS = 8
+"""Bins of the angle per cycle of the greatest order."""
+OVERSAMPLED = 4
+"""Orders per resolution cell, one over the range of the angle."""
+BACKGROUND = 25
+"""Resolution cells on either side over which the background is measured."""
+PARTS = 16
+"""Parts of the data, in order of time, in which a line has one amplitude and phase."""
+MOST_LINES = 12
+"""Most lines of one joint."""
+HARMONICS = 6
+"""Harmonics of a line that belong to its family."""
 
 
 @dataclass(frozen=True, eq=False)
-class RippleLine:
-    """A sharp line in the angle domain.
+class Family:
+    """Lines of one gear or motor on joint `joint`: `orders` (n,) [1/turn], the lowest first, and their sizes.
 
-    Parameters
-    ----------
-    joint : int
-        Where.
-    order, order_interval : float, (float, float)
-        Cycles per turn of the joint, 95 %.
-    amplitude, amplitude_interval : float, (float, float)
-        Root mean square of the amplitudes in the two directions of motion [torque unit], 95 %.
-    phase : float
-        Of ``amplitude * cos(order * q_motor - phase)`` in forward motion [rad].
-    reversing : float
-        Share of the power that changes its sign with the direction, as friction of the teeth does; 0 if one phase
-        holds for both directions.
-    p_value : float
-        Corrected for all orders of the joint.
-    coefficients : ndarray (4,)
-        Cosine and sine [torque unit], and both once more with the sign of the motion.
+    `coefficients` (n, 2) cosine and sine [torque unit] with standard errors `std` (n,) and those of the orders;
+    `log_odds` of the strongest.
     """
 
     joint: int
-    order: float
-    order_interval: tuple[float, float]
-    amplitude: float
-    amplitude_interval: tuple[float, float]
-    phase: float
-    reversing: float
-    p_value: float
+    orders: FloatArray
     coefficients: FloatArray
+    std: FloatArray
+    order_std: FloatArray
+    log_odds: float
+
+    def held(self) -> list[HeldEffect]:
+        """The family as effects of a model, each of which has an order and twice it."""
+        left = list(range(len(self.orders)))
+        effects = []
+        while left:
+            k = left.pop(0)
+            twice = next((m for m in left if abs(self.orders[m] / self.orders[k] - 2) < 1e-9), None)
+            second = self.coefficients[twice] if twice is not None else np.zeros(2)
+            if twice is not None:
+                left.remove(twice)
+            effect = PlacedEffect.at("torque_ripple", self.joint, cycles=float(self.orders[k]))
+            effects.append(HeldEffect(effect, (*self.coefficients[k].tolist(), *second.tolist())))
+        return effects
 
 
 @dataclass(frozen=True, eq=False)
-class RippleCandidate(Candidate):
-    """Ripple of one order and twice that order, with the evidence that it has at full rate.
+class Line:
+    """One order [1/turn], its logarithmic odds."""
 
-    Its columns in the band may be next to nothing; amplitudes are those of the full rate, and accepting it holds them.
-
-    Parameters
-    ----------
-    lines : tuple of RippleLine
-        One or two.
-    p_value : float
-        Of the stronger one, corrected for all orders of all joints.
-    residual_rms : tuple of float
-        Of the joint's full-rate residual in motion [torque unit], before and with these lines.
-    """
-
-    lines: tuple[RippleLine, ...] = ()
-    p_value: float = 1.0
-    residual_rms: tuple[float, float] = (np.nan, np.nan)
+    order: float
+    log_odds: float
 
 
-def ripple_orders(fit: ThreeLoopIdentifier, recordings: Sequence[Recording]) -> list[RippleLine]:
-    """Lines of all joints, each joint's strongest first.
-
-    Parameters
-    ----------
-    fit : ThreeLoopIdentifier
-        Fitted; what it holds already is not found again.
-    recordings : sequence of Recording
-        At full rate: training runs, or others with the same robot, in which joints may rest.
-    """
-    runs = full_rate_runs(fit, recordings)
-    return [line for j in range(fit.robot.n_joints) for line in _lines(runs, j)[0]]
-
-
-def ripple_candidates(fit: ThreeLoopIdentifier, recordings: Sequence[Recording], setup: Setup) -> list[Candidate]:
-    """Ripple of every joint by families: an order and twice it; a joint's strongest first.
-
-    Parameters
-    ----------
-    fit : ThreeLoopIdentifier
-        Of `setup`.
-    recordings : sequence of Recording
-        As recorded, at full rate.
-    setup : Setup
-        What is believed of the channels.
-    """
-    return list(_candidates(fit, recordings, setup))
+def find_ripple(setup: Setup, fit: ThreeLoopIdentifier, train: Sequence[Recording]) -> list[Family]:
+    """Lines of every turning joint in what `fit` leaves of the training runs at full rate, as families."""
+    runs = [setup.corrected(recording) for recording in train]
+    residuals = [run.tau - fit.predict(run) for run in runs]
+    moving = [np.abs(np.gradient(_angle(run), run.t, axis=0)) for run in runs]
+    found = []
+    for j, kind in enumerate(setup.robot.joint_kinds):
+        if kind != "revolute":
+            continue
+        parts = []
+        for run, residual, speed in zip(runs, residuals, moving, strict=True):
+            used = speed[:, j] > 0.02 * speed[:, j].max()
+            parts.append((_angle(run)[used, j], residual[used, j]))
+        q = np.concatenate([part[0] for part in parts])
+        e = np.concatenate([part[1] - part[1].mean() for part in parts])
+        if len(q) and np.ptp(q) > 0:
+            found += _families(j, q, e, setup.robot.n_joints)
+    return found
 
 
-def add_ripple(
-    setup: Setup, fit: ThreeLoopIdentifier, recordings: Sequence[Recording]
-) -> tuple[Setup, list[RippleCandidate]]:
-    """Return the setup with all ripple that stands out at full rate, and the candidates that were accepted.
-
-    Parameters as of `ripple_candidates`. Nothing is left to choose: lines are orthogonal to each other and to what the
-    band holds, and each has passed its test against chance and its test on sweeps that were left out.
-    """
-    found = _candidates(fit, recordings, setup)
-    for candidate in found:
-        setup = candidate.accept(setup, np.zeros(len(candidate.bounds)))
-    return setup, found
+def _angle(run: Recording) -> FloatArray:
+    return run.q if run.q_motor is None else run.q_motor
 
 
-def _candidates(fit: ThreeLoopIdentifier, recordings: Sequence[Recording], setup: Setup) -> list[RippleCandidate]:
-    runs = full_rate_runs(fit, [setup.corrected(recording) for recording in recordings])
-    candidates = []
-    for j in range(fit.robot.n_joints):
-        lines, parts = _lines(runs, j)
-        candidates += [_candidate(fit, j, family, parts) for family in _families(lines, parts)]
-    return candidates
+def _families(joint: int, q: FloatArray, e: FloatArray, n_joints: int) -> list[Family]:
+    """Lines one after the other, each taken off before the next, then put together by their orders."""
+    turns = np.ptp(q) / (2 * np.pi)
+    lines: list[Line] = []
+    left = e
+    for _ in range(MOST_LINES):
+        line = _strongest(q, left, turns, n_joints)
+        if line is None or any(abs(line.order - other.order) * turns < 1.0 for other in lines):
+            break
+        lines.append(line)
+        left = e - _columns(q, [each.order for each in lines]) @ _sizes(q, e, lines)[0]
+    families: list[list[Line]] = []
+    for line in sorted(lines, key=lambda each: each.order):
+        home = next((f for f in families if _is_harmonic(line.order, f[0].order, turns)), None)
+        if home is None:
+            families.append([line])
+        else:
+            home.append(Line(round(line.order / home[0].order) * home[0].order, line.log_odds))
+    return [_family(joint, q, e, members) for members in families]
 
 
-def _lines(runs: Sequence[FullRateRun], j: int) -> tuple[list[RippleLine], list[AngleRun]]:
-    parts = angle_runs(runs, j)
-    if not parts:
-        return [], []
-    found, log_p = search_lines(parts, runs[0].residual.shape[1])
-    found = sized(parts, found)
-    first = np.cumsum([0, *(order.n_columns for order in found.orders)])
-    lines = [_line(found, j, k, int(first[k]), log_p[k]) for k in range(len(log_p))]
-    return sorted(lines, key=lambda line: -line.amplitude), parts
+def _is_harmonic(order: float, first: float, turns: float) -> bool:
+    times = round(order / first)
+    return 2 <= times <= HARMONICS and abs(order - times * first) * turns < 0.5 * times
 
 
-def _line(found: LineFit, j: int, k: int, first: int, log_p: float) -> RippleLine:
-    order, c = found.orders[k], found.coefficients[k]
-    covariance = found.covariance[first : first + len(c), first : first + len(c)]
-    whole = np.zeros(4)
-    whole[: len(c)] = c
-    amplitude = float(np.linalg.norm(c))
-    spread = NORMAL_95 * float(np.sqrt(max(float(c @ covariance @ c), 0.0))) / amplitude
-    forward = whole[:2] + whole[2:]
-    half = NORMAL_95 * float(found.cycles_std[k])
-    return RippleLine(
-        joint=j,
-        order=order.cycles,
-        order_interval=(order.cycles - half, order.cycles + half),
-        amplitude=amplitude,
-        amplitude_interval=(max(0.0, amplitude - spread), amplitude + spread),
-        phase=float(np.arctan2(forward[1], forward[0])),
-        reversing=float(np.sum(whole[2:] ** 2)) / amplitude**2,
-        p_value=float(np.power(np.e, log_p)),
-        coefficients=whole,
-    )
+def _strongest(q: FloatArray, e: FloatArray, turns: float, n_joints: int) -> Line | None:
+    """The line that stands out most of its background, if it does by the rule."""
+    from scipy.ndimage import median_filter
+
+    lowest = max(ORDERS[0], LEAST_CYCLES / turns)
+    span = int(np.ceil(turns + 1)) * OVERSAMPLED
+    n_bins = span * int(BINS * ORDERS[1])
+    at = np.floor((q - q.min()) / (2 * np.pi) * BINS * ORDERS[1]).astype(int)
+    power = np.abs(np.fft.rfft(np.bincount(at, weights=e, minlength=n_bins))) ** 2
+    orders = np.arange(len(power)) / span
+    sought = (orders >= lowest) & (orders <= ORDERS[1])
+    cell = max(1, round(span / turns / OVERSAMPLED * 1.0))
+    width = 2 * BACKGROUND * cell + 1
+    if sought.sum() < 2 * width:
+        return None
+    background = median_filter(power, width, mode="nearest") / np.log(2.0)
+    z = np.where(sought, power / np.maximum(background, 1e-300), 0.0)
+    best = int(np.argmax(z))
+    prior = float(np.log((ORDERS[1] - lowest) * turns * n_joints))
+    order = _refined(q, e, float(orders[best]), 1.0 / span)
+    odds = min(float(z[best] - 1 - np.log(max(z[best], 1.0))), _in_parts(q, e, order)) - prior
+    return Line(order, odds) if odds > SURE else None
 
 
-def _families(lines: Sequence[RippleLine], parts: Sequence[AngleRun]) -> list[list[RippleLine]]:
-    """Lines by base order: a base and, where there is one, its second harmonic; the strongest family first."""
-    if not lines:
-        return []
-    near = HARMONIC * 2 * np.pi / max(part.span for part in parts)
-    left = sorted(lines, key=lambda line: line.order)
-    families = []
-    while left:
-        base = left.pop(0)
-        second = [line for line in left if abs(line.order - 2 * base.order) < near]
-        family = [base, *second[:1]]
-        left = [line for line in left if line not in family]
-        families.append(family)
-    return sorted(families, key=lambda family: -max(line.amplitude for line in family))
+def _refined(q: FloatArray, e: FloatArray, order: float, step: float) -> float:
+    """The order near `order` at which the line is strongest."""
+    from scipy.optimize import minimize_scalar
+
+    thin = slice(None, None, max(1, len(q) // 20000))
+
+    def less(N: float) -> float:
+        return -float(np.abs(np.exp(1j * N * q[thin]) @ e[thin]))
+
+    return float(minimize_scalar(less, bounds=(order - step, order + step), method="bounded").x)
 
 
-def _candidate(
-    fit: ThreeLoopIdentifier, j: int, family: Sequence[RippleLine], parts: Sequence[AngleRun]
-) -> RippleCandidate:
-    held = held_effects(fit, family)
-    ripple = held[0].effect
-    entry = CATALOGUE[KIND]
-    cycles = ripple.shape_at(j)["cycles"]
-    before, after = _rms(parts, []), _rms(parts, family)
-    in_band = _in_band(fit, ripple, j)
-    visible = 2 * float(np.mean(np.concatenate(in_band)[:, :2] ** 2))  # a sine that the band lets through has a half
-
-    def accept(setup: Setup, coefficients: FloatArray) -> Setup:
-        del coefficients  # those of the band are fitted again, or say little beside those of the full rate
-        if visible > VISIBLE:
-            return replace(setup, effects=(*setup.effects, *(one.effect for one in held)))
-        return replace(setup, held=(*setup.held, *held))
-
-    return RippleCandidate(
-        kind=KIND,
-        joints=(j,),
-        coefficient_names=tuple(c["name"] for c in entry["coefficients"]),
-        units=(fit.torque_unit_,) * len(entry["coefficients"]),
-        bounds=np.array([[c["lower"], c["upper"]] for c in entry["coefficients"]]),
-        columns=[{j: columns} for columns in in_band],
-        accept=accept,
-        shape=(("cycles", cycles),),
-        n_searched=1,
-        lines=tuple(family),
-        p_value=min(line.p_value for line in family),
-        residual_rms=(before, after),
-    )
+def _in_parts(q: FloatArray, e: FloatArray, order: float) -> float:
+    """Logarithm of the Bayes factor of a line by its amplitudes in parts of the data."""
+    wave = np.exp(1j * order * q) * e
+    amplitudes = np.array([part.mean() for part in np.array_split(wave, PARTS)])
+    scatter = float(np.sum(np.abs(amplitudes - amplitudes.mean()) ** 2)) / (PARTS - 1)
+    T = PARTS * float(np.abs(amplitudes.mean()) ** 2) / max(scatter, 1e-300)
+    return float((PARTS - 1) * np.log1p(T / (PARTS - 1)) - 1 - np.log(max(T, 1.0)))
 
 
-def held_effects(fit: ThreeLoopIdentifier, family: Sequence[RippleLine]) -> list[HeldEffect]:
-    """Effects of a base order and its second harmonic, with the coefficients of the full rate.
-
-    The part with one sign is torque ripple; the part that follows the direction is friction that depends on position.
-    """
-    j, cycles = family[0].joint, _cycles(family)
-    ripple = np.zeros(4)
-    effects = []
-    width = float(fit.friction_.transition_width_[j])
-    for k, line in enumerate(family):
-        ripple[2 * k : 2 * k + 2] = line.coefficients[:2]
-        if line.reversing > 0:
-            friction = PlacedEffect.at(REVERSING, j, cycles=(k + 1) * cycles, transition_width=width)
-            effects.append(HeldEffect(friction, tuple(line.coefficients[2:])))
-    return [HeldEffect(PlacedEffect.at(KIND, j, cycles=cycles), tuple(ripple)), *effects]
+def _columns(q: FloatArray, orders: Sequence[float]) -> FloatArray:
+    """Cosine and sine of every order, (n, 2 n_orders)."""
+    return np.concatenate([np.stack([np.cos(N * q), np.sin(N * q)], axis=1) for N in orders], axis=1)
 
 
-def _cycles(family: Sequence[RippleLine]) -> float:
-    """Order of the base, from both lines by their precision."""
-    orders = np.array([line.order / (k + 1) for k, line in enumerate(family)])
-    widths = np.array([(line.order_interval[1] - line.order_interval[0]) / (k + 1) for k, line in enumerate(family)])
-    return float(np.average(orders, weights=1 / np.maximum(widths, 1e-12) ** 2))
+def _sizes(q: FloatArray, e: FloatArray, lines: Sequence[Line]) -> tuple[FloatArray, FloatArray]:
+    """Least-squares coefficients (2 n_lines,) and what they leave (n,)."""
+    columns = _columns(q, [line.order for line in lines])
+    x = np.asarray(np.linalg.lstsq(columns, e, rcond=None)[0], dtype=np.float64)
+    return x, e - columns @ x
 
 
-def _in_band(fit: ThreeLoopIdentifier, ripple: PlacedEffect, j: int) -> list[FloatArray]:
-    cycles = np.full(fit.robot.n_joints, ripple.shape_at(j)["cycles"])
-    effect = _core.Effect.of(KIND, cycles=cycles)
-    return [s.in_band(_core.effect_columns(effect, *s.signals())[:, j]) for s in fit.runs_]
+def _family(joint: int, q: FloatArray, e: FloatArray, lines: Sequence[Line]) -> Family:
+    """Sizes of a family's lines with their errors from the residual's background at those orders."""
+    x, left = _sizes(q, e, lines)
+    coefficients = x.reshape(-1, 2)
+    orders = np.array([line.order for line in lines])
+    noise = []
+    for order in orders:
+        near = order + np.linspace(-3.0, 3.0, 24) / (np.ptp(q) / (2 * np.pi))
+        power = np.abs(np.exp(1j * np.outer(near, q)) @ left) ** 2
+        noise.append(np.sqrt(2 * np.median(power) / np.log(2.0)) / len(q))
+    std = np.array(noise)
+    size = np.maximum(np.linalg.norm(coefficients, axis=1), 1e-300)
+    order_std = std / size / max(float(q.std()), 1e-300)
+    return Family(joint, orders, coefficients, std, order_std, max(line.log_odds for line in lines))
 
 
-def _rms(parts: Sequence[AngleRun], lines: Sequence[RippleLine]) -> float:
-    squares, count = 0.0, 0
-    for part in parts:
-        left = part.residual.copy()
-        for line in lines:
-            left -= line_columns(part, Order(line.order, True)) @ line.coefficients
-        squares += float(np.sum(left[part.used] ** 2))
-        count += int(part.used.sum())
-    return float(np.sqrt(squares / max(count, 1)))
+def ripple_entries(found: Sequence[Family], fit: ThreeLoopIdentifier) -> list[dict[str, Any]]:
+    """One entry per family, the most certain first."""
+    entries = []
+    for family in sorted(found, key=lambda one: -one.log_odds):
+        parameters: list[dict[str, Any]] = []
+        for k, (order, pair) in enumerate(zip(family.orders, family.coefficients, strict=True)):
+            name = "" if k == 0 else f"_{round(order / family.orders[0])}"
+            size, half = float(np.linalg.norm(pair)), NORMAL_95 * float(family.std[k])
+            reach = NORMAL_95 * float(family.order_std[k])
+            amplitude = {"value": size, "unit": fit.torque_unit_, "interval": [max(size - half, 0.0), size + half]}
+            parameters += [
+                {"name": f"cycles{name}", "value": order, "unit": "1/turn", "interval": [order - reach, order + reach]},
+                {"name": f"amplitude{name}", **amplitude},
+            ]
+        entries.append(
+            {
+                "kind": "torque_ripple",
+                "joints": [fit.robot.joint_names[family.joint]],
+                "parameters": parameters,
+                "p_value": float(1 / (1 + np.exp2(min(family.log_odds, 500.0) / np.log(2.0)))),
+                "evidence": family.log_odds,
+                "rmse_test_before": [],
+                "rmse_test_after": [],
+                "ties": [],
+                "note": "lines in the angle, found at full rate; most of it is above the band of the other errors",
+            }
+        )
+    return entries

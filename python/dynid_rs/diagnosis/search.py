@@ -1,59 +1,99 @@
-"""The search: forward one effect at a time, everything fitted again, earlier ones dropped where they are needless."""
+"""The search: names that the data ask for, one rule for all of them, until nothing more passes.
+
+    ln BF(kind, place)  =  evidence of the best shape beside everything else, averaged over the shapes of the grid
+    named               if  ln BF - ln(kinds x places)  >  ln 19, and it holds on parts of the data
+
+A name is at posterior odds of 19 to 1. It holds on parts if parts that were left out are predicted better with it, on
+no joint worse, and if it comes first on its joint in most halves of the data (Meinshausen and Buehlmann 2010).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs.diagnosis.beside import Beside, independent_rows
-from dynid_rs.diagnosis.candidate import Candidate, joined, stacked
-from dynid_rs.diagnosis.choice import Weighed, falls_by, tested, weigh
-from dynid_rs.diagnosis.dropping import FAMILY_WISE, drop_doubtful_gains, drop_needless
-from dynid_rs.diagnosis.hypothesis import Hypothesis, at_a_bound, bounds_of, has_no_end
-from dynid_rs.diagnosis.kinds import Kinds
-from dynid_rs.diagnosis.null import effective_tests
-from dynid_rs.diagnosis.one_cylinder import PATCHES, named_by_task, without_patches
-from dynid_rs.diagnosis.rotor_share import with_rotors
-from dynid_rs.diagnosis.settling import refit, settle
+from dynid_rs.diagnosis.beside import Beside, places_of
+from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis, Place, Shaped, shaped_as
 from dynid_rs.diagnosis.setup import Setup
-from dynid_rs.diagnosis.state import EVEN, Choice, Search, Step, fitted, hypothesis_of, rms, worth
-from dynid_rs.diagnosis.structural import structural_candidates
-from dynid_rs.diagnosis.valleys import best_shape, pulls
-from dynid_rs.diagnosis.warmth import on_one_clock, takes_too_much, warm_arm
-from dynid_rs.recording import Recording
+from dynid_rs.diagnosis.shapes import polished
+from dynid_rs.diagnosis.structural import KINDS, structural_hypotheses, undone, value_of
+from dynid_rs.identification.smooth_friction import SmoothFrictionIdentifier
+from dynid_rs.identification.three_loops import ThreeLoopIdentifier
+from dynid_rs.model.placed import own_columns
+from dynid_rs.regression.linear_model import Columns, sign_cost
+from dynid_rs.runs.recording import Recording
 
 FloatArray = NDArray[np.float64]
-Item = TypeVar("Item")
+BoolArray = NDArray[np.bool_]
 
-SHORTLIST = 7
-"""Places whose shapes are refined and that are tested in a step."""
-CONTENDER = 0.2
-"""A place whose evidence in the scan is below this part of the best one's cannot win by a better shape."""
-SLACK = 10.0
-"""However small the evidence, places within this of the best one are looked at."""
-LEAST_GAIN = 0.005
-"""Part of the left-out error that an effect has to take off, of some joint on the whole or of its joints in most runs
-and on average over them: less is of no use, however certain."""
-LONE_GAIN, LONE_PAYS = 0.05, 1.0
-"""The same where there is one run, and by how many standard errors the power on its left-out thirds has to fall."""
-MOST_STEPS = 12
-"""Steps of the search; each may add several effects."""
-SIMPLER = {"counterbalance": "joint_spring"}
-"""A kind that another one contains; it is always weighed beside that one."""
-RIVAL = 0.5
-"""Two candidates of which one takes more than this part of the other's gain are names of one thing."""
-TIE = 2.33
-"""Two candidates whose errors differ by fewer standard errors are a tie (one in a hundred)."""
+SURE = float(np.log(19.0))
+"""Logarithm of the posterior odds at which a hypothesis is named: 95 %."""
+N_BLOCKS = 8
+"""Parts of the data, in order of time: left out one by one, and halved."""
+N_HALVES, FIRST_IN = 16, 11
+"""Random halves of the parts, and in how many a name has to come first on its joint: by chance half of them would do in
+one of ten."""
+HARM = 1.02
+"""No joint's left-out error may grow by this factor."""
+LEAST_GAIN = 0.01
+"""Part of some joint's left-out error that a name has to take off; an effect of a third of the noise takes 4 %."""
+REFUTED = 2.0
+"""Standard errors by which a coefficient has the wrong sign: one in forty by chance."""
+SHORTLIST = 12
+"""Places whose evidence is computed with the noise estimated anew in a step; screening orders them."""
+HOPELESS, WITHIN_REACH = -2.0, 10.0
+"""Screened evidence below which a place is not looked at again in a round, and nats by which a finer shape may raise
+it."""
+MOST_ROUNDS, MOST_A_ROUND = 6, 12
+"""Rounds of naming and refitting, and names in a round."""
+SETTLED_AFTER = 1
+"""Rounds in which the shapes of what was found are searched once more."""
+SETTLING = 3
+"""Refits in which geometry, clocks and encoders that were accepted settle; each brings them ten times closer."""
+
+
+@dataclass(frozen=True, eq=False)
+class Named:
+    """A hypothesis that passed: its logarithmic odds, and others that explain the same, as well or worse."""
+
+    hypothesis: Hypothesis
+    log_odds: float
+    ties: tuple[tuple[Place, float], ...] = ()
+    refuted: tuple[tuple[Place, float], ...] = ()
+
+
+@dataclass(eq=False)
+class Search:
+    """What is believed so far: the setup, its fit, and why each name is there."""
+
+    setup: Setup
+    fit: ThreeLoopIdentifier
+    catalogue: Catalogue
+    named: dict[Place, Named] = field(default_factory=dict)
+    mounting: Place | None = None
+    steps: list[tuple[str, Place, FloatArray]] = field(default_factory=list)
+
+    def believe_mounting(self, odds: float) -> None:
+        """Name the mounting that the search began with; its angles stand in the setup's robot."""
+        place = ("gravity_tilt", tuple(range(self.setup.robot.n_joints)))
+        (h,) = structural_hypotheses(self.fit, self.setup, ["gravity_tilt"])
+        self.named[place] = Named(h, odds)
+        self.mounting = place
+
+    def left(self) -> FloatArray:
+        """RMS that the fit leaves on its training rows, (n_joints,)."""
+        covariance: FloatArray = np.sqrt(np.diag(self.fit.links_.covariance_))
+        return covariance
 
 
 def search(
     setup: Setup,
     train: Sequence[Recording],
+    fit: ThreeLoopIdentifier | None = None,
     *,
     on_progress: Callable[[str], None] = lambda step: None,
 ) -> Search:
@@ -64,236 +104,320 @@ def search(
     setup : Setup
         What is believed at the beginning.
     train : sequence of Recording
-        Training runs, on one clock.
+        Training runs.
+    fit : ThreeLoopIdentifier, optional
+        Of the setup to these runs.
     """
-    from threadpoolctl import threadpool_limits
-
-    # Small matrices by the thousand: BLAS threads spin on each other and cost more than they give.
-    with threadpool_limits(limits=1, user_api="blas"):
-        fit = fitted(setup, train)
-        state = Search(setup, fit, Kinds(fit))
-        for step in range(MOST_STEPS):
-            on_progress(f"step {step + 1}: {len(state.steps)} effects so far" if state.steps else "looking for effects")
-            further = [
-                *structural_candidates(state.fit, state.setup),
-                *warm_arm(state.kinds, state.setup),
-                *on_one_clock(state.kinds, state.setup),
-            ]
-            found = good_candidates(state, further)
-            if not found:
-                break
-            was, done = state.setup, len(state.steps)
-            for choice in found:
-                state.setup = choice.weighed.candidate.accept(state.setup, choice.weighed.gain.coefficients)
-            refit(state, train, new=len(state.setup.effects) - len(was.effects))
-            rotors = with_rotors(state)
-            if rotors is not state.setup:
-                state.setup = rotors
-                refit(state, train, new=len(state.setup.effects))
-            state.steps += [Step("added", choice, rms(state.fit)) for choice in found]
-            drop_needless(state, train)
-            if _in_vain(was, state, state.steps[done:]):
-                break
-        # Shapes once more, now that everything is there; friction's and an effect's settle in turn.
-        settle(state, train, range(len(state.setup.effects)))
-        simpler = without_patches(state)
-        if simpler is not state.setup:
-            places = {(effect.kind, effect.joints) for effect in simpler.effects}
-            state.setup = simpler
-            refit(state, train, new=len(simpler.effects))
-            gone = [s for s in state.steps if s.action == "added" and _is_gone(s.choice, places)]
-            state.steps += [Step("dropped", step.choice, rms(state.fit)) for step in gone]
-            drop_needless(state, train)
-        drop_doubtful_gains(state, train)
+    fit = fitted(setup, train) if fit is None else fit
+    state, declared = Search(setup, fit, Catalogue(fit)), Beside.of(fit)
+    for _ in range(MOST_ROUNDS):
+        on_progress(f"{len(state.named)} effects so far" if state.named else "looking for effects")
+        found = forward(state)
+        if not found:
+            break
+        accept(state, found, train)
+        dropped = backward(state, setup, train)
+        if {named.hypothesis.place for named in found} <= dropped:
+            break  # all that was added is gone again: the next round would only do the same
+    settle(state, train)
+    backward(state, setup, train)
+    harmless(state, declared, setup, train)
     return state
 
 
-def good_candidates(state: Search, further: Sequence[Candidate]) -> list[Choice]:
-    """The candidate that explains most, and others that explain something else; none if none is good enough."""
-    beside = Beside(state.fit)
-    ranked, tests = scan(beside, state, further)
-    if not ranked:
+def settle(state: Search, train: Sequence[Recording]) -> None:
+    """Shapes once more, each beside all others: friction and what turns round with it settle in turn."""
+    for _ in range(SETTLED_AFTER):
+        beside, before = Beside.of(state.fit), state.setup.effects
+        moved = []
+        for effect, places in zip(before, places_in(state), strict=True):
+            others = beside.without(places)
+            (h,) = state.catalogue.of([shaped_as(effect)])
+            h = polished(others, state.catalogue, h)
+            moved.append(Shaped(h.kind, h.joints, h.shape).placed())
+            state.named[h.place] = replace(state.named[h.place], hypothesis=h)
+        if tuple(moved) == before:
+            return
+        state.setup = replace(state.setup, effects=tuple(moved))
+        refit(state, train)
+
+
+def places_in(state: Search) -> list[list[tuple[int, int]]]:
+    """Joint and place among the fit's unknowns of every coefficient of every torque term of the setup."""
+    if not state.setup.effects:
         return []
-    without = beside.left_out(None)
-    if np.isnan(state.n_tests):
-        state.n_tests = effective_tests(beside, tests)
-    good: list[Choice] = []
-    looked: list[Weighed] = []
-    for candidate in shortlist(beside, state.kinds, ranked):
-        weighed = weigh(beside, candidate)
-        if weighed.gain.power <= 0:
-            continue
-        weighed = tested(beside, weighed, without)
-        looked.append(weighed)
-        p = min(1.0, weighed.p_value * state.n_tests)
-        certain = p < FAMILY_WISE and outweighs_nothing(weighed, state.setup)
-        certain = certain and carries_over(weighed, lone=beside.n_runs == 1)
-        if certain and not takes_too_much(beside, state.kinds, weighed):
-            good.append(Choice(weighed, p))
-    # A shape without end may be what others leave: it waits until they are in.
-    ended = [c for c in good if not has_no_end(c.weighed.candidate.kind, c.weighed.candidate.shape)]
-    good = sorted(ended or good, key=lambda choice: -choice.weighed.evidence)
-    chosen = [named_by_task(choice, state.kinds) for choice in _different(beside, good)]
-    return [_told_apart(beside, choice, looked) for choice in chosen]
+    plan, columns = state.fit.observations_.plan, own_columns(state.setup.effects, 0)
+    first = plan.friction[1].start - 1 - max(column for places in columns for _, column in places)
+    return [[(j, plan.n_base + j * plan.n_own + first + column) for j, column in places] for places in columns]
 
 
-def shortlist(
-    beside: Beside, kinds: Kinds, ranked: Sequence[tuple[float, Hypothesis | Candidate]]
-) -> Iterator[Candidate]:
-    """Candidates with their best shapes that may win; one whose shape has no end stands in nobody's way."""
-    best = None
-    listed: list[tuple[str, tuple[int, ...]]] = []
-    places: set[Hashable] = set()  # a clock that another joint lends is no place of its own
-    for value, item in ranked:
-        places.add((item.kind, item.joints, isinstance(item, Candidate) or pulls(item)))
-        if len(places) > SHORTLIST or (best is not None and value < min(CONTENDER * best, best - SLACK)):
-            break
-        candidate = item if isinstance(item, Candidate) else refined_candidate(beside, kinds, item)
-        if candidate is not None:
-            best = value if best is None else best
-            listed.append(candidate.place)
-            yield candidate
-    # What is a straight line as far as the data go is the simpler of the two.
-    simpler = [(SIMPLER[kind], joints) for kind, joints in listed if kind in SIMPLER]
-    for _, item in ranked:
-        if (
-            isinstance(item, Hypothesis)
-            and (item.kind, item.joints) in simpler
-            and (item.kind, item.joints) not in listed
-        ):
-            candidate = refined_candidate(beside, kinds, item)
-            if candidate is not None:
-                listed.append(candidate.place)
-                yield candidate
+def harmless(state: Search, declared: Beside, setup: Setup, train: Sequence[Recording]) -> None:
+    """Take out names until no joint is predicted worse than by the declared model, on parts that were left out.
 
-
-def carries_over(weighed: Weighed, *, lone: bool) -> bool:
-    """Whether blocks that were left out are predicted better, on the whole or most of them and on average.
-
-    One run that goes where the others have not been may lose more to every extrapolated parameter than all gain. The
-    thirds of a lone run resemble each other, so there both are asked, and more of each.
+    Worse: by more than `HARM`, and by more than one standard error of the difference over the parts. The least certain
+    name that reaches the joint goes first.
     """
-    if lone:
-        return weighed.left_out_ratio < 1 - LONE_GAIN and weighed.pays > LONE_PAYS and weighed.mean_log_ratio < 0
-    on_the_whole = weighed.left_out_ratio < 1 - LEAST_GAIN and weighed.pays > 0
-    typical = max(weighed.mean_log_ratio, weighed.median_log_ratio)
-    return on_the_whole or bool(typical < 2 * np.log(1 - LEAST_GAIN))
+    parts = blocks(declared.model.n_rows)
+    without = declared.model.left_out(declared.best, parts)
+    while state.named:
+        beside = Beside.of(state.fit)
+        if beside.model.n_rows != declared.model.n_rows:
+            return  # another clock has other rows: nothing to compare row by row
+        lost = beside.model.left_out(beside.best, parts) - without
+        ratio = np.sqrt(1 + lost.sum(axis=0) / np.maximum(without.sum(axis=0), 1e-300))
+        clear = lost.sum(axis=0) > np.sqrt(len(parts)) * lost.std(axis=0, ddof=1)
+        harmed = np.flatnonzero((ratio > HARM) & clear)
+        guilty = [n for n in state.named.values() if set(reach(n.hypothesis, state)) & set(harmed.tolist())]
+        if not guilty:
+            return
+        remove(state, min(guilty, key=lambda named: named.log_odds).hypothesis.place, setup)
+        refit(state, train)
 
 
-def outweighs_nothing(weighed: Weighed, setup: Setup) -> bool:
-    """Whether the evidence is for a candidate; one more name on a joint that has one must not tie with none."""
-    named = {j for effect in setup.effects for j in effect.joints}
-    return weighed.evidence > (EVEN if named & set(weighed.candidate.joints) else 0.0)
+def remove(state: Search, place: Place, declared: Setup) -> None:
+    """Take a name out of the setup; a change of structure goes back to where `declared` has it."""
+    kind, joints = place
+    state.setup = replace(state.setup, effects=tuple(e for e in state.setup.effects if (e.kind, e.joints) != place))
+    if kind in KINDS:
+        state.setup = undone(state.setup, declared, kind, joints)
+    state.steps.append(("dropped", place, state.left()))
+    del state.named[place]
 
 
-def _different(beside: Beside, good: Sequence[Choice]) -> list[Choice]:
-    """The best, its rivals as its ties, and of the others those that no better one would make needless."""
-    chosen: list[Choice] = []
-    for choice in good:
-        rival = next(
-            (k for k, better in enumerate(chosen) if overlap(beside, better.weighed, choice.weighed) > RIVAL), None
-        )
-        if rival is None:
-            chosen.append(choice)
-        elif chosen[rival].weighed.candidate.place == choice.weighed.candidate.place:
+def fitted(setup: Setup, train: Sequence[Recording]) -> ThreeLoopIdentifier:
+    """Declared model and what was found."""
+    return setup.identifier(residual=None).fit([setup.corrected(recording) for recording in train])
+
+
+def refitted(setup: Setup, fit: ThreeLoopIdentifier, train: Sequence[Recording]) -> ThreeLoopIdentifier:
+    """Fit again after a change of the setup; friction's shapes stay near those of `fit`."""
+    friction = SmoothFrictionIdentifier((fit.friction_.transition_width_, fit.friction_.sharpness_))
+    identifier = setup.identifier(residual=None, friction=friction)
+    return identifier.fit([setup.corrected(recording) for recording in train])
+
+
+def forward(state: Search) -> list[Named]:
+    """Names that pass, one after the other, each beside those before it."""
+    open_ = [h for h in hypotheses_of(state) if h.place not in state.named]
+    beside = Beside.of(state.fit)
+    n_places = len(places_of(open_))
+    need = SURE + float(np.log(n_places))
+    parts = blocks(beside.model.n_rows)
+    found: list[Named] = []
+    refused: set[Place] = set()
+    for _ in range(MOST_A_ROUND):
+        open_ = [h for h in open_ if h.place not in refused]
+        values, open_ = evidence(beside, open_, state.catalogue)
+        passing = sorted((v for v in values.values() if v.value > need), key=lambda v: -v.value)
+        if not passing:
+            break
+        best = passing[0]
+        place = best.hypothesis.place
+        after = beside.with_columns(best.columns)
+        rivals = [v for v in values.values() if v.hypothesis.place != place and shares(v.hypothesis, best.hypothesis)]
+        if not (helps(beside, after, reach(best.hypothesis, state), parts) and is_stable(beside, best, rivals, parts)):
+            refused.add(place)
             continue
-        elif _as_good(beside, choice.weighed, chosen[rival].weighed):
-            chosen[rival] = replace(chosen[rival], ties=(*chosen[rival].ties, choice))
-    return chosen
+        told = {v.hypothesis.place: v.value - best.value for v in rivals if v.value > need}
+        beside = after
+        if told:
+            still = {v.hypothesis.place: beside.evidence_for(v.hypothesis)[0] for v in rivals}
+            told = {p: d for p, d in told.items() if still[p] < need}
+        ties = tuple((p, d) for p, d in told.items() if d > -SURE)
+        others = tuple((p, d) for p, d in told.items() if d <= -SURE)
+        found.append(Named(best.hypothesis, best.value - float(np.log(n_places)), ties, others))
+        refused |= {place, *(p for p, _ in ties)}
+    return found
 
 
-def _told_apart(beside: Beside, choice: Choice, looked: Sequence[Weighed]) -> Choice:
-    """The choice with those that would explain the same, and explain less of it."""
-    names = {other.weighed.candidate.place for other in (choice, *choice.ties)}
-    rivals = [
-        other
-        for other in sorted(looked, key=lambda w: -w.evidence)
-        if other.candidate.place not in names and overlap(beside, choice.weighed, other) > RIVAL
-    ]
-    return replace(choice, refuted=tuple(once_each(rivals, lambda other: other.candidate.place)))
+def hypotheses_of(state: Search) -> list[Hypothesis]:
+    """Everything that is sought, of the catalogue and of the structure."""
+    return [*state.catalogue.hypotheses(), *structural_hypotheses(state.fit, state.setup)]
 
 
-def once_each(items: Iterable[Item], place: Callable[[Item], object]) -> list[Item]:
-    """The first item of every place: two shapes of one effect have one name."""
-    first: dict[object, Item] = {}
-    for item in items:
-        first.setdefault(place(item), item)
-    return list(first.values())
+@dataclass(frozen=True, eq=False)
+class Value:
+    """Evidence of a place: its best hypothesis, the columns in their likeliest size."""
+
+    value: float
+    hypothesis: Hypothesis
+    columns: Columns
 
 
-def _as_good(beside: Beside, first: Weighed, second: Weighed) -> bool:
-    """Whether nothing tells which of two candidates it is: by the scatter of their difference, or by the odds."""
-    odds = abs(first.evidence - second.evidence)
-    return odds < EVEN or abs(falls_by(beside, first.after, second.after)) < TIE
+def evidence(
+    beside: Beside, hypotheses: Sequence[Hypothesis], catalogue: Catalogue
+) -> tuple[dict[Place, Value], list[Hypothesis]]:
+    """Logarithm of the Bayes factor of the places that screening puts first, averaged over their shapes.
+
+    Also the hypotheses of all places that are not hopeless: those that may yet pass beside what is named next.
+    """
+    screened = np.array([score.value for score in beside.screened(hypotheses)])
+    places = places_of(hypotheses)
+    order = sorted(places, key=lambda place: -float(screened[places[place]].max()))
+    values = {}
+    for place in order[:SHORTLIST]:
+        at = places[place]
+        best = at[int(np.argmax(screened[at]))]
+        if not np.isfinite(screened[best]):
+            continue
+        value, columns = beside.evidence_for(hypotheses[best])
+        averaged = value + float(np.log(np.mean(np.exp2((screened[at] - screened[best]) / np.log(2.0)))))
+        values[place] = Value(averaged, hypotheses[best], columns)
+        if len(at) > 1 and -WITHIN_REACH < averaged < WITHIN_REACH and place not in catalogue.finer:
+            # A grid may miss a narrow best; one shape of so many is then its price.
+            finer = catalogue.finer.setdefault(place, polished(beside, catalogue, hypotheses[best]))
+            value, columns = beside.evidence_for(finer)
+            if value - float(np.log(len(at))) > averaged:
+                values[place] = Value(value - float(np.log(len(at))), finer, columns)
+    kept = {place for place, at in places.items() if screened[at].max() > HOPELESS}
+    return values, [h for h in hypotheses if h.place in kept]
 
 
-def overlap(beside: Beside, first: Weighed, second: Weighed) -> float:
-    """Part of the second's gain that the first takes away: 0 for different effects, 1 for two names of one."""
-    columns = joined([stacked(first.candidate.columns), stacked(second.candidate.columns)])
-    bounds = np.concatenate([first.candidate.bounds, second.candidate.bounds])
-    together = beside.gains(columns, [slice(None)], [bounds])[0].power
-    return 1.0 - max(together - first.gain.power, 0.0) / max(second.gain.power, 1e-300)
+def shares(one: Hypothesis, other: Hypothesis) -> bool:
+    """Whether two hypotheses act on a common joint, so that one may explain what the other does."""
+    return bool(set(one.columns) & set(other.columns))
 
 
-def scan(
-    beside: Beside, state: Search, further: Sequence[Candidate]
-) -> tuple[list[tuple[float, Hypothesis | Candidate]], list[tuple[dict[int, FloatArray], list[slice]]]]:
-    """Best shape of every place, the most likely place first; and all columns, for the null."""
-    hypotheses = [h for h in state.kinds.grid() if not _there(h, state.setup)]
-    columns = state.kinds.columns(hypotheses)
-    by_joints: dict[tuple[int, ...], list[int]] = {}
-    for k, h in enumerate(hypotheses):
-        by_joints.setdefault(h.joints, []).append(k)
-    rows = float(np.mean(independent_rows(beside.residual, beside.blocks)))
-    best: dict[tuple[Hashable, ...], tuple[float, Hypothesis | Candidate]] = {}
-    tests: list[tuple[dict[int, FloatArray], list[slice]]] = []
-    for joints, members in by_joints.items():
-        parts = [stacked(columns[k]) for k in members]
-        together = joined(parts)
-        edges = np.cumsum([0, *(part[joints[0]].shape[1] for part in parts)])
-        groups = [slice(int(a), int(b)) for a, b in pairwise(edges)]
-        tests.append((together, groups))
-        gains = beside.gains(together, groups, [bounds_of(hypotheses[k]) for k in members])
-        for k, gain in zip(members, gains, strict=True):
-            h = hypotheses[k]
-            n_free = int(np.sum(gain.coefficients != 0))
-            value = worth(gain.power, len(joints) * beside.n_rows, len(joints) * rows, n_free) - state.kinds.doubt(h)
-            place = (h.kind, h.joints, pulls(h))
-            if value > best.get(place, (-np.inf, h))[0]:
-                best[place] = (value, h)
-    for candidate in further:
-        part = stacked(candidate.columns)
-        gain = beside.gains(part, [slice(None)], [candidate.bounds])[0]
-        tests.append((part, [slice(None)]))
-        value = worth(gain.power, len(part) * beside.n_rows, len(part) * rows, len(candidate.bounds))
-        best[(*candidate.place, candidate.shape)] = (value, candidate)
-    return sorted(best.values(), key=lambda pair: -pair[0]), tests
+def blocks(n_rows: int) -> list[BoolArray]:
+    """Parts of the rows in order of time, (n_rows,) each."""
+    edges = np.linspace(0, n_rows, N_BLOCKS + 1).astype(int)
+    at = np.arange(n_rows)
+    return [(at >= first) & (at < last) for first, last in pairwise(edges)]
 
 
-def _there(h: Hypothesis, setup: Setup) -> bool:
-    """Whether the setup has this kind at this place already; of periodic ones, with about this period."""
-    for effect in setup.effects:
-        if effect.kind == h.kind and set(effect.joints) == set(h.joints):
-            cycles = dict(effect.shape).get("cycles")
-            if cycles is None or abs(cycles[0] - dict(h.shape)["cycles"]) < 0.6:
-                return True
-    return False
+def reach(hypothesis: Hypothesis, state: Search) -> list[int]:
+    """Joints whose torque a hypothesis changes: its own, or all where it changes the links that they share."""
+    return list(range(state.setup.robot.n_joints)) if hypothesis.kind in KINDS else sorted(hypothesis.columns)
 
 
-def refined_candidate(beside: Beside, kinds: Kinds, hypothesis: Hypothesis) -> Candidate | None:
-    """Candidate of the hypothesis with the best shape near its own; None where that stands at a bound."""
-    refined = best_shape(beside, kinds, hypothesis)
-    return None if at_a_bound(refined) else kinds.candidate(refined)
+def helps(before: Beside, after: Beside, joints: Sequence[int], parts: Sequence[BoolArray]) -> bool:
+    """Whether parts that were left out are not predicted worse on the joints it acts on, by more than chance.
+
+    Chance: one standard error of the difference over the parts. At the prior that suits it some joint's error has to
+    fall by `LEAST_GAIN`: less is of no use, however certain. What it does to other joints through the links that they
+    share is judged when all names are in.
+    """
+    own = list(joints)
+    with_it = after.model.left_out(after.best, parts)[:, own]
+    without = before.model.left_out(before.best, parts)[:, own]
+    lost = (with_it - without) @ before.best.weights[own] ** 2
+    alike = next(fit for fit in before.fits if fit.choice == after.best.choice)
+    at_that_prior = before.model.left_out(alike, parts)[:, own].sum(axis=0)
+    gain = 1 - np.sqrt(with_it.sum(axis=0) / np.maximum(at_that_prior, 1e-300))
+    return bool(lost.sum() < np.sqrt(len(parts)) * lost.std(ddof=1) and gain.max() > LEAST_GAIN)
 
 
-def _in_vain(was: Setup, state: Search, steps: Sequence[Step]) -> bool:
-    """Whether all that was added was dropped again, and nothing else: the next step would only do the same."""
-    places = [[s.choice.weighed.candidate.place for s in steps if s.action == a] for a in ("added", "dropped")]
-    if sorted(places[0]) != sorted(places[1]) or len(was.held) != len(state.setup.held):
-        return False
-    return all(_there(hypothesis_of(effect, state.kinds), was) for effect in state.setup.effects)
+def is_stable(beside: Beside, best: Value, rivals: Sequence[Value], parts: Sequence[BoolArray]) -> bool:
+    """Whether no rival on its joints refutes the name in most halves of the data."""
+    rng = np.random.default_rng(0)
+    hypotheses = [best.hypothesis, *(rival.hypothesis for rival in rivals)]
+    first = 0
+    for _ in range(N_HALVES):
+        half = np.any([parts[k] for k in rng.choice(N_BLOCKS, N_BLOCKS // 2, replace=False)], axis=0)
+        scores = beside.within(half).screened([_within(h, half) for h in hypotheses])
+        values = [score.value for score in scores]
+        first += values[0] > max(values) - SURE
+    return first >= FIRST_IN
 
 
-def _is_gone(choice: Choice, places: set[tuple[str, tuple[int, ...]]]) -> bool:
-    candidate = choice.weighed.candidate
-    return candidate.kind in PATCHES and candidate.place not in places
+def _within(hypothesis: Hypothesis, kept: BoolArray) -> Hypothesis:
+    return replace(hypothesis, columns={j: part[kept] for j, part in hypothesis.columns.items()})
+
+
+def accept(state: Search, found: Sequence[Named], train: Sequence[Recording]) -> None:
+    """Put names into the setup, fit everything again, shapes and structure included."""
+    beside = Beside.of(state.fit)
+    for named in found:
+        h = polished(beside, state.catalogue, named.hypothesis)
+        columns = beside.evidence_for(h)[1]
+        beside = beside.with_columns(columns)
+        state.setup = h.accept(state.setup, coefficients(h, columns, beside))
+        state.named[h.place] = replace(named, hypothesis=h)
+    refit(state, train)
+    for named in found:
+        state.steps.append(("added", named.hypothesis.place, state.left()))
+
+
+def coefficients(h: Hypothesis, columns: Columns, beside: Beside) -> FloatArray:
+    """Coefficients of the last hypothesis in the model, in their own units."""
+    j = next(iter(columns))
+    size = np.linalg.norm(columns[j]) / max(float(np.linalg.norm(h.columns[j])), 1e-300)
+    x: FloatArray = beside.best.x[-len(h.unit) :] * size * h.unit
+    return x
+
+
+def refit(state: Search, train: Sequence[Recording]) -> None:
+    """Fit everything again; geometry, clocks and encoders that were accepted move to where they belong."""
+    state.fit = refitted(state.setup, state.fit, train)
+    structural = {place for place in state.named if place[0] in KINDS and place[0] != "torque_gain"}
+    kinds = {kind for kind, _ in structural}
+    for _ in range(SETTLING if structural else 0):
+        beside, moved = Beside.of(state.fit), False
+        for h in structural_hypotheses(state.fit, state.setup, sorted(kinds)):
+            if h.place in structural:
+                beside = beside.with_columns(h.columns)
+                x = coefficients(h, h.columns, beside)
+                std = np.sqrt(np.diag(beside.best.covariance)[-len(h.unit) :]) * h.unit
+                moved = moved or bool(np.any(np.abs(x) > 0.1 * std))
+                state.setup = h.accept(state.setup, x)
+        if not moved:
+            break
+        state.fit = refitted(state.setup, state.fit, train)
+    state.catalogue = Catalogue(state.fit, state.catalogue)
+
+
+def backward(state: Search, declared: Setup, train: Sequence[Recording]) -> set[Place]:
+    """Take out names that have become less likely than not beside all others; which those were."""
+    dropped: set[Place] = set()
+    while True:
+        values = standing(state)
+        weakest = min(values, key=lambda place: values[place], default=None)
+        if weakest is None or values[weakest] > 0:
+            return dropped
+        remove(state, weakest, declared)
+        refit(state, train)
+        dropped.add(weakest)
+
+
+def standing_structure(state: Search, beside: Beside) -> dict[Place, float]:
+    """Logarithmic odds of the changes of structure, by the density of their posterior at none (Savage and Dickey).
+
+    ``ln BF = v' S^-1 v / 2 + ln(det S / det S_0) / 2``: value v, its covariance S beside everything, its prior's S_0.
+    """
+    kinds = sorted({kind for kind, _ in state.named if kind in KINDS and kind != "torque_gain"})
+    n_places = len(places_of(state.catalogue.hypotheses()))
+    odds = {}
+    for h in structural_hypotheses(state.fit, state.setup, kinds):
+        if h.place not in state.named or h.place == state.mounting:
+            continue
+        size = max(h.sizes)
+        after = beside.with_columns({j: size * part for j, part in h.columns.items()})
+        value = value_of(state.setup, h.kind, h.joints)
+        width, unit = len(value), size * h.unit[: len(value)]
+        at = slice(len(after.best.x) - len(h.unit), len(after.best.x) - len(h.unit) + width)
+        S = after.best.covariance[at, at]
+        z = (value + after.best.x[at] * unit) / unit
+        factor = 0.5 * float(z @ np.linalg.solve(S, z)) + 0.5 * float(np.linalg.slogdet(S)[1])
+        odds[h.place] = factor - float(np.log(n_places))
+    return odds
+
+
+def standing(state: Search) -> dict[Place, float]:
+    """Logarithmic odds of every name of the setup beside all others."""
+    beside = Beside.of(state.fit)
+    odds = standing_structure(state, beside)
+    if not state.setup.effects:
+        return odds
+    n_places = len({(s.kind, s.joints) for s in state.catalogue.grid()})
+    best = beside.best
+    std = np.sqrt(np.diag(best.covariance))
+    for effect, places in zip(state.setup.effects, places_in(state), strict=True):
+        less = beside.without(places)
+        at = [place for _, place in places]
+        (h,) = state.catalogue.of([shaped_as(effect)])
+        z = best.x[at] / std[at]
+        # A coefficient that physics does not allow refutes the name, however well it fits.
+        refuted = np.any((h.bounds[:, 0] == 0) & (z < -REFUTED)) or np.any((h.bounds[:, 1] == 0) & (z > REFUTED))
+        value = best.evidence - less.best.evidence + sign_cost(z, h.bounds)
+        odds[h.place] = -np.inf if refuted else value - float(np.log(n_places))
+    return odds

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
-from dynid_rs.identification import ThreeLoopIdentifier
-from dynid_rs.placed import HeldEffect, PlacedEffect
-from dynid_rs.recording import Recording
+from dynid_rs.identification.three_loops import ThreeLoopIdentifier
+from dynid_rs.model.placed import HeldEffect, PlacedEffect
+from dynid_rs.runs.recording import Recording
 
 FloatArray = NDArray[np.float64]
 Windows = tuple[tuple[float, float], ...]
@@ -36,8 +36,6 @@ class Setup:
         Cosine and sine parts [rad] of what the link encoder shows too much: `e_c cos q + e_s sin q`.
     torque_delay : ndarray (n_joints,)
         How late the torque channel is [s].
-    torque_zero : mapping of str to ndarray (n_joints,)
-        Name of a run to what its torque channel shows too much [torque unit], from the mean of the training runs.
     excluded : mapping of str to windows
         Name of a run to the times [s] in which something from outside acts: neither fitted nor scored.
     options : mapping
@@ -52,7 +50,6 @@ class Setup:
     gain_joints: tuple[int, ...] = ()
     encoder_error: FloatArray = None  # type: ignore[assignment]
     torque_delay: FloatArray = None  # type: ignore[assignment]
-    torque_zero: Mapping[str, FloatArray] = field(default_factory=dict)
     excluded: Mapping[str, Windows] = field(default_factory=dict)
     options: Mapping[str, Any] = field(default_factory=dict)
     declared: _core.RobotModel = None  # type: ignore[assignment]
@@ -74,13 +71,10 @@ class Setup:
             "encoder_error": self.encoder_error,
             "excluded": dict(self.excluded) or None,
         }
-        return ThreeLoopIdentifier(self.robot, **{**parts, **self.options, **options})
+        return ThreeLoopIdentifier(self.robot, **{"friction_law": "smooth", **parts, **self.options, **options})
 
     def corrected(self, recording: Recording) -> Recording:
-        """Return the run with its torque channel on the encoders' clock, and its zero where it is known."""
-        zero = self.torque_zero.get(recording.name)
-        if zero is not None:
-            recording = replace(recording, tau=recording.tau - zero)
+        """Return the run with its torque channel on the encoders' clock."""
         if not np.any(self.torque_delay):
             return recording
         tau = np.stack(

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from dynid_rs.wording import is_better
+from dynid_rs.base.wording import concluded, is_better
 
 Result = Mapping[str, Any]
 
@@ -88,12 +88,6 @@ def verdict(result: Result) -> str:
     what = " what the declared model lacked" if share is None else f" {100 * share:.0f} % of what could be explained"
     names = "; ".join(named(entry, joints) for entry in found)
     return f"{who}{what}: {names}. {_change(result)}{_left(result)}"
-
-
-def concluded(result: Result) -> bool:
-    """Whether the answer stands: an error in the data ends the diagnosis before there is one."""
-    errors = any(finding["severity"] == "error" for finding in result["data"]["findings"])
-    return not errors or bool(result["effects"] or result["unexplained"])
 
 
 def next_experiments(result: Result) -> list[str]:

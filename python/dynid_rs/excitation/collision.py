@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import logsumexp, softmax
 
-from dynid_rs.errors import DataError, MissingLibraryError
+from dynid_rs.base.errors import DataError, MissingLibraryError
+from dynid_rs.base.files import check_readable
 from dynid_rs.excitation.constraints import Motion
 from dynid_rs.excitation.workspace import SHARPNESS
-from dynid_rs.files import check_readable
 
 if TYPE_CHECKING:
     from dynid_rs._core import RobotModel

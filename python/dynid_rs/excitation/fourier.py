@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.base import BaseEstimator
 
-from dynid_rs.errors import RankDeficientError
+from dynid_rs.base.errors import RankDeficientError
 from dynid_rs.excitation.constraints import Constraint, PhysicalLimits, torque_bound
 from dynid_rs.excitation.limits import ExcitationLimits
 from dynid_rs.excitation.merit import merit_of

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from dynid_rs.excitation.constraints import PhysicalLimits, torque_bound
+from dynid_rs.excitation.friction_experiment import plan_friction_experiment
+from dynid_rs.excitation.friction_segments import FrictionExperiment
 from dynid_rs.excitation.limits import ExcitationLimits
-from dynid_rs.friction_experiment import FrictionExperiment, plan_friction_experiment
 from dynid_rs.simulation.limits import MotionLimits
 
 if TYPE_CHECKING:

@@ -48,14 +48,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs.errors import DataError
+from dynid_rs.base.errors import DataError
+from dynid_rs.base.files import check_readable
 from dynid_rs.excitation.collision import SelfCollision
 from dynid_rs.excitation.constraints import PhysicalLimits
 from dynid_rs.excitation.limits import MOTIONS, ExcitationLimits
 from dynid_rs.excitation.workspace import WorkspaceBox
-from dynid_rs.files import check_readable
-from dynid_rs.readers.config import UNITS
-from dynid_rs.readers.table import shown
+from dynid_rs.runs.readers.config import UNITS
+from dynid_rs.runs.readers.table import shown
 
 if TYPE_CHECKING:
     from dynid_rs._core import RobotModel

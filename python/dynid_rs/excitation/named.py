@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from dynid_rs.placed import CATALOGUE
+from dynid_rs.model.placed import CATALOGUE
 
 if TYPE_CHECKING:
     from dynid_rs._core import RobotModel

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs.files import atomic_path
+from dynid_rs.base.files import atomic_path
 
 if TYPE_CHECKING:
     from dynid_rs._core import RobotModel

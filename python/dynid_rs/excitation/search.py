@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs.errors import DataError
+from dynid_rs.base.errors import DataError
+from dynid_rs.base.files import check_readable, write_json
 from dynid_rs.excitation.problem import LEAST_SHARE, Problem
-from dynid_rs.files import check_readable, write_json
 
 FloatArray = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from dynid_rs import _core
 from dynid_rs.excitation.shapes import ShapedEffect
-from dynid_rs.preprocessing import ROW_RATE, Band
+from dynid_rs.runs.preprocessing import ROW_RATE, Band
 
 if TYPE_CHECKING:
     from dynid_rs._core import BaseParameters, RobotModel

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from dynid_rs import _core
 from dynid_rs.excitation.named import TILT, NamedEffect
-from dynid_rs.placed import CATALOGUE
+from dynid_rs.model.placed import CATALOGUE
 
 if TYPE_CHECKING:
     from dynid_rs._core import RobotModel

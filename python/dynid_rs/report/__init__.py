@@ -33,7 +33,7 @@ def write_report(directory: Path, source: Source | None = None) -> Path:
     DataError
         A file is damaged or not what it should be; the sentence names the place.
     """
-    from dynid_rs.files import atomic_path
+    from dynid_rs.base.files import atomic_path
     from dynid_rs.report.page import build_page
     from dynid_rs.report.source import read_source
 

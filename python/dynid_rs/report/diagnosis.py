@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from dynid_rs.diagnosis.wording import concluded
+from dynid_rs.base.wording import concluded
 from dynid_rs.report import before_after, effect_cards, error_table, tables
 from dynid_rs.report.figures import Figures
 from dynid_rs.report.text import (

@@ -12,8 +12,8 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs.errors import DataError
-from dynid_rs.files import check_readable, with_sentence
+from dynid_rs.base.errors import DataError
+from dynid_rs.base.files import check_readable, with_sentence
 from dynid_rs.report.shape import RESULT_SHAPE
 
 Array = NDArray[np.float64]

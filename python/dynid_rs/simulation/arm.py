@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
-from dynid_rs.recording import Recording
+from dynid_rs.runs.recording import Recording
 from dynid_rs.simulation.effects.base import LabEffect, Readings
 from dynid_rs.simulation.motion import ArmMotion, solve_motion
 from dynid_rs.simulation.tracking import SENSOR_SHARE, TrackedMotion

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs.recording import Recording
+from dynid_rs.runs.recording import Recording
 from dynid_rs.simulation.arm import SimulatedArm
 from dynid_rs.simulation.limits import motion_limits, plausible_effort
 from dynid_rs.simulation.plan import PlayedTrajectory

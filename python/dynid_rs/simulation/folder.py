@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs.files import atomic_path, write_json, write_table
-from dynid_rs.recording import Recording
+from dynid_rs.base.files import atomic_path, write_json, write_table
+from dynid_rs.runs.recording import Recording
 from dynid_rs.simulation.experiment import Simulation
 
 FloatArray = NDArray[np.float64]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs.errors import DataError
+from dynid_rs.base.errors import DataError
 from dynid_rs.simulation.trajectory import REST
 
 if TYPE_CHECKING:
@@ -90,7 +90,7 @@ def read_plan(path: Path, robot: RobotModel) -> PlayedTrajectory:
     OSError
         The file cannot be read.
     """
-    from dynid_rs.readers.csv import open_csv
+    from dynid_rs.runs.readers.csv import open_csv
 
     table = open_csv(path)
     names = robot.joint_names
@@ -163,7 +163,7 @@ def _column(names: tuple[str, ...], signal: str, joint: int, joints: list[str], 
 
 
 def _check_time(t: FloatArray, file: str) -> None:
-    from dynid_rs.recording import check_time
+    from dynid_rs.runs.recording import check_time
 
     check_time(t, file=file)
     longest = float(np.diff(t).max())
@@ -184,7 +184,7 @@ def _check_time(t: FloatArray, file: str) -> None:
 
 
 def _check_numbers(q: FloatArray, dq: FloatArray, ddq: FloatArray, file: str) -> None:
-    from dynid_rs.recording import check_finite
+    from dynid_rs.runs.recording import check_finite
 
     for signal, values in zip(_SIGNALS, (q, dq, ddq), strict=True):
         for joint in range(values.shape[1]):

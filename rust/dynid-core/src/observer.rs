@@ -28,7 +28,7 @@
 use std::sync::Arc;
 
 use crate::dynamics::{check_length, inverse_dynamics_into, Workspace};
-use crate::effects::EffectInput;
+use crate::effects::{smooth_friction, EffectInput, EffectTerm};
 use crate::error::CoreError;
 use crate::estimator::TorqueEstimator;
 use crate::model::{check_step, TorqueModel};
@@ -379,6 +379,8 @@ fn at_rest(model: &TorqueModel) -> Vec<[f64; 2]> {
         if !effect.effect().entry().needs("dq_motor") || effect.effect().memory_len(n) > 0 {
             continue;
         }
+        let of_sign = sign_of(effect, n);
+        let (effect, by_its_sign) = (of_sign.as_ref().unwrap_or(effect), of_sign.is_some());
         let mut half_step = |speed: f64| -> Vec<f64> {
             for (sign, out) in [(-1.0, &mut low), (1.0, &mut high)] {
                 let dq = vec![sign * speed; n];
@@ -404,7 +406,8 @@ fn at_rest(model: &TorqueModel) -> Vec<[f64; 2]> {
             let (here, there) = (half_step(speed), half_step(2.0 * speed));
             for (j, settled) in settled.iter_mut().enumerate() {
                 let step = here[j].abs();
-                if !*settled && step > 0.0 && step >= STEP_PART * there[j].abs() {
+                let is_last = by_its_sign && 2.0 * speed >= FASTEST;
+                if !*settled && step > 0.0 && (is_last || step >= STEP_PART * there[j].abs()) {
                     *settled = true;
                     found[j][0] += step;
                     found[j][1] = found[j][1].max(speed);
@@ -414,6 +417,19 @@ fn at_rest(model: &TorqueModel) -> Vec<[f64; 2]> {
         }
     }
     found
+}
+
+/// Of friction with a shape of its own, the part of its sign alone: a wide one still rises where viscous friction has taken
+/// over, and would be no step beside it.
+fn sign_of(term: &EffectTerm, n: usize) -> Option<EffectTerm> {
+    if term.effect().kind() != smooth_friction::KIND {
+        return None;
+    }
+    let mut coefficients = term.coefficients().to_vec();
+    for own in coefficients.chunks_mut(term.effect().n_columns()) {
+        own[smooth_friction::N_SIGN..].fill(0.0);
+    }
+    EffectTerm::new(term.effect().clone(), coefficients, n).ok()
 }
 
 /// Speeds at which a step at standstill is looked for \[rad/s, m/s\].

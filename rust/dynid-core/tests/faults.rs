@@ -436,7 +436,8 @@ fn any_part_of_the_samples_may_be_lost() {
                         // The window smooths (w h)^2 / 10 of the motion; friction's step at a reversal is not smooth.
                         let slow = motion.at(k - late)[1].iter().any(|dq| dq.abs() < 0.05);
                         let tolerance = if positions_alone {
-                            0.02 * expected.abs() + 0.02
+                            // All kinds of friction at once are steep in the speed, and their sum may be small.
+                            0.02 * expected.abs() + 0.03
                         } else {
                             0.0
                         };

@@ -70,6 +70,12 @@ const STEP: f64 = 0.001;
 
 /// Three joints with rotors, one coupled to another, friction and offsets.
 fn model() -> Arc<TorqueModel> {
+    let friction = Effect::friction(&[0.0; N], &[0.01; N]).unwrap();
+    let coulomb_and_viscous = [5.0, 5.0, 2.0, 2.0, 0.0, 0.0, 0.0, 0.0];
+    model_of(EffectTerm::new(friction, coulomb_and_viscous.repeat(N), N).unwrap())
+}
+
+fn model_of(friction: EffectTerm) -> Arc<TorqueModel> {
     let joint = |j: usize| Joint {
         name: format!("joint {j}"),
         link: format!("link {j}"),
@@ -90,8 +96,6 @@ fn model() -> Arc<TorqueModel> {
     .unwrap();
     let term =
         |effect: Effect, coefficients: Vec<f64>| EffectTerm::new(effect, coefficients, N).unwrap();
-    let friction = Effect::friction(&[0.0; N], &[0.01; N]).unwrap();
-    let coulomb_and_viscous = [5.0, 5.0, 2.0, 2.0, 0.0, 0.0, 0.0, 0.0];
     let coupling = Effect::new("inertial_coupling", &[("partner", [1.0, -1.0, 0.0])]).unwrap();
     let parts = TorqueModelParts {
         phi: robot.phi(),
@@ -100,7 +104,7 @@ fn model() -> Arc<TorqueModel> {
         effects: vec![
             term(Effect::rotor_inertia(), vec![0.5, 0.4, 0.1]),
             term(Effect::torque_offset(), vec![0.3, -0.2, 0.1]),
-            term(friction, coulomb_and_viscous.repeat(N)),
+            friction,
             term(coupling, vec![0.2, 0.0, 0.1]),
         ],
         residual: None,
@@ -318,6 +322,42 @@ fn settings_that_are_none() {
         },
     ] {
         assert!(MomentumObserver::new(model(), bad).is_err());
+    }
+}
+
+/// Threshold of every joint for what friction holds at this speed.
+fn held(friction: EffectTerm, dq: f64) -> Vec<f64> {
+    let model = model_of(friction);
+    let mut estimator = TorqueEstimator::new(model.clone());
+    let mut observer = MomentumObserver::new(model, ObserverSettings::default()).unwrap();
+    let (q, dq, ddq, mut tau) = ([0.1; N], [dq; N], [0.0; N], [0.0; N]);
+    for _ in 0..2000 {
+        let state = State::single(&q, &dq, &ddq);
+        estimator.estimate_into(&state, &mut tau).unwrap();
+        observer.step(&estimator, &tau, STEP).unwrap();
+    }
+    observer.rest().to_vec()
+}
+
+/// Of smooth friction it is Coulomb's part, however wide its step is and however much of it is viscous.
+#[test]
+fn a_joint_that_stands_is_held_by_its_smooth_friction() {
+    for (width, sharpness) in [(0.002, 1.0), (0.12, 1.0), (0.01, 2.5), (0.12, 6.0)] {
+        let shape = [
+            ("transition_width", [width; N]),
+            ("sharpness", [sharpness; N]),
+        ];
+        let term = |viscous: f64| {
+            let effect = Effect::new("smooth_friction", &shape).unwrap();
+            let own = [5.0, 0.4, viscous, 0.0, 0.0, 0.0];
+            EffectTerm::new(effect, own.repeat(N), N).unwrap()
+        };
+        for viscous in [0.0, 20.0] {
+            for rest in held(term(viscous), 0.0) {
+                assert!((3.5..=5.0).contains(&rest), "{width} {sharpness}: {rest}");
+            }
+            assert_eq!(held(term(viscous), 1.5), [0.0; N]);
+        }
     }
 }
 

@@ -1,5 +1,6 @@
 //! Effects in Python: their shapes; columns are evaluated in Rust.
 
+use dynid_core::effects::entry::{Need, Reference};
 use dynid_core::effects::{Effect, EffectTerm, CATALOGUE, N_FRICTION};
 use dynid_offline::OfflineError;
 use numpy::{PyArray2, PyArray3};
@@ -167,6 +168,10 @@ pub fn effect_catalogue(py: Python<'_>) -> PyResult<Bound<'_, PyList>> {
             dict.set_item("unit", parameter.unit)?;
             dict.set_item("rule", parameter.rule.words())?;
             dict.set_item("grid", parameter.grid.to_vec())?;
+            dict.set_item("relative_to", parameter.relative_to.map(Reference::word))?;
+            dict.set_item("lowest", parameter.range.map(|range| range.lowest))?;
+            dict.set_item("highest", parameter.range.map(|range| range.highest))?;
+            dict.set_item("scale", parameter.range.map(|range| range.scale.word()))?;
             shape.append(dict)?;
         }
         let dict = PyDict::new(py);
@@ -177,6 +182,14 @@ pub fn effect_catalogue(py: Python<'_>) -> PyResult<Bound<'_, PyList>> {
         dict.set_item("signals", entry.signals.to_vec())?;
         dict.set_item("memory", entry.memory > 0)?;
         dict.set_item("declared", entry.declared)?;
+        let diagnosis = &entry.diagnosis;
+        let requires: Vec<&str> = entry.requirements().map(Need::word).collect();
+        let drawn_against = diagnosis.drawn_against.map(|(signal, unit)| [signal, unit]);
+        dict.set_item("places", diagnosis.places.word())?;
+        dict.set_item("sought", diagnosis.sought)?;
+        dict.set_item("requires", requires)?;
+        dict.set_item("drawn_against", drawn_against)?;
+        dict.set_item("most_relative", diagnosis.most_relative)?;
         list.append(dict)?;
     }
     Ok(list)

@@ -1,7 +1,7 @@
 """Channels that are not what they are called: swapped joints, flipped signs, other units.
 
 A model would be wrong with any of them, and none of them is mended here: each is an error with its mend in the
-sentence. What one run shows by itself (degrees, derivatives, motor against link encoder) is found by `dynid_rs.checks`.
+sentence. What one run shows by itself (degrees, derivatives, motor against link encoder) is found by `runs/checks`.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
+from dynid_rs.base.findings import Finding, joint_words
 from dynid_rs.diagnosis.sensors.layout import Rows
-from dynid_rs.findings import Finding, joint_words
-from dynid_rs.preprocessing import States
-from dynid_rs.priors import declares_inertia
+from dynid_rs.regression.priors import declares_inertia
+from dynid_rs.runs.preprocessing import States
 
 FloatArray = NDArray[np.float64]
 
@@ -45,9 +45,7 @@ MOST_PERCENT = 400.0
 SIGNALS = ("q", "dq", "ddq", "q_motor", "dq_motor", "ddq_motor")
 
 
-def channel_findings(
-    robot: _core.RobotModel, runs: Sequence[States], torque_unit: str = "N*m", *, thorough: bool = True
-) -> list[Finding]:
+def channel_findings(robot: _core.RobotModel, runs: Sequence[States], torque_unit: str = "N*m") -> list[Finding]:
     """Look for channels that are swapped, flipped or in other units.
 
     Parameters
@@ -58,8 +56,6 @@ def channel_findings(
         Training runs.
     torque_unit : {"N*m", "A"}
         Currents have gains of their own: units are not judged then.
-    thorough : bool
-        Where links contradict each other, try every sign and every exchange of joints; otherwise only say so.
     """
     rows = Rows.of(robot, runs)
     shares, whole = rows.shares(), rows.whole_shares()
@@ -72,11 +68,8 @@ def channel_findings(
     several = len({block.run for block in rows.observations.blocks}) > 1
     # Runs of little motion say nothing of each other; where one set of links explains them all, nothing is wrong.
     several = several and bool(np.any(rows.pooled_shares() > CONTRADICTED))
-    hopeless = (whole > 1) & several
     if not findings and (np.any(spoilt) or (several and np.any(whole > EXPLAINED))):
-        findings = _other_layout(robot, runs, rows, whole) if thorough else [_larger_than_torque(robot, whole)]
-    if not findings and np.any(hopeless):
-        findings = [_larger_than_torque(robot, whole)]
+        findings = _other_layout(robot, runs, rows, whole)
     if not findings and judged:
         findings = _unknown_unit(robot, rows)
     return findings
@@ -197,21 +190,6 @@ def _ordered(states: States, order: NDArray[np.intp], with_torque: bool) -> Stat
     names = (*SIGNALS, "tau") if with_torque else SIGNALS
     changed: dict[str, Any] = {name: np.ascontiguousarray(getattr(states, name)[:, order]) for name in names}
     return replace(states, **changed)
-
-
-def _larger_than_torque(robot: _core.RobotModel, whole: FloatArray) -> Finding:
-    joints = np.flatnonzero(whole > 1)
-    worst = int(np.argmax(whole))
-    return Finding(
-        "residual_exceeds_torque",
-        "error",
-        f"on runs left out the error is larger than the torque itself on "
-        f"{joint_words(*(robot.joint_names[j] for j in joints))} ({np.sqrt(whole[worst]):.2g} times on the worst): "
-        "robot file and runs do not belong together; check the order and the units of the columns, and the robot",
-        column=f"tau_{worst}",
-        value=float(np.sqrt(whole[worst])),
-        unit="1",
-    )
 
 
 def _known_units(robot: _core.RobotModel, rows: Rows) -> list[Finding]:

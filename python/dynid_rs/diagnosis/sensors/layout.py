@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
-from dynid_rs.columns import Block, Observations, observe
-from dynid_rs.friction import friction_effect
-from dynid_rs.loops import FIRST_WIDTH, declared_plan
-from dynid_rs.preprocessing import States
-from dynid_rs.systems import solve, stack
+from dynid_rs.identification.friction import friction_effect
+from dynid_rs.identification.loops import FIRST_WIDTH, declared_plan
+from dynid_rs.regression.columns import Block, Observations, observe
+from dynid_rs.regression.systems import solve, stack
+from dynid_rs.runs.preprocessing import States
 
 FloatArray = NDArray[np.float64]
 

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from dynid_rs import _core
-from dynid_rs.diagnosis.sensors.clocks import LEVEL, TorqueDelay
+from dynid_rs.base.findings import Finding, joint_words
 from dynid_rs.diagnosis.sensors.contact import Contact
-from dynid_rs.encoders import N_PARTS, EncoderDelay
-from dynid_rs.findings import Finding, joint_words
-from dynid_rs.recording import Recording
+from dynid_rs.runs.encoders import N_PARTS, EncoderDelay
+from dynid_rs.runs.recording import Recording
 
+LEVEL = 2e-3
+"""Chance that channels on one clock are said to be on two."""
 LEAST_ENCODER_DELAY = 1e-4
 """Encoder channels closer than this [s] are on one clock: their steps alone shift them as much."""
 
@@ -43,51 +43,6 @@ def contact_findings(contacts: Sequence[Contact], recordings: Sequence[Recording
             )
         )
     return findings
-
-
-def delay_findings(robot: _core.RobotModel, delay: TorqueDelay, *, two_encoders: bool) -> list[Finding]:
-    """One warning per place whose torque channel is on another clock."""
-    findings = []
-    for joints, value, (low, high) in zip(delay.places, delay.value, delay.intervals(), strict=True):
-        everywhere = len(joints) == robot.n_joints
-        where = "all joints" if everywhere else joint_words(*(robot.joint_names[j] for j in joints))
-        clock = "late" if value >= 0 else "early"
-        also = "" if everywhere or len(delay.places) == 1 else ", on top of what all joints are"
-        other = (
-            ""
-            if two_encoders
-            else f"; with one encoder the positions may as well be {'early' if value >= 0 else 'late'}"
-        )
-        size = sorted((abs(1e3 * low), abs(1e3 * high)))
-        findings.append(
-            Finding(
-                "torque_delay",
-                "warning",
-                f"the torque of {where} comes {abs(1e3 * value):.2f} ms {clock} against the motion (95 %: "
-                f"{size[0]:.2f} to {size[1]:.2f} ms){also}{other}; the model is fitted with the channels on one clock",
-                column=None if everywhere else f"tau_{joints[0]}",
-                value=value,
-                unit="s",
-            )
-        )
-    return findings
-
-
-def delay_entries(delay: TorqueDelay) -> list[dict[str, Any]]:
-    """Places with a delay, for the list of effects."""
-    rows = zip(delay.places, delay.value, delay.std_error, delay.intervals(), delay.p_value, strict=True)
-    return [
-        {
-            "kind": "torque_delay",
-            "joints": joints,
-            "value": value,
-            "std_error": std_error,
-            "interval": interval,
-            "p_value": p_value,
-            "significant": True,
-        }
-        for joints, value, std_error, interval, p_value in rows
-    ]
 
 
 def encoder_entries(delay: EncoderDelay | None) -> list[dict[str, Any]]:

@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
-from dynid_rs.assembly import evaluate
-from dynid_rs.columns import run_rows
-from dynid_rs.identification import ThreeLoopIdentifier
-from dynid_rs.links import weighted_system
-from dynid_rs.memory import WEAK
-from dynid_rs.preprocessing import States
-from dynid_rs.systems import stack_one
+from dynid_rs.base.memory import WEAK
+from dynid_rs.identification.three_loops import ThreeLoopIdentifier
+from dynid_rs.model.assembly import evaluate
+from dynid_rs.regression.columns import run_rows
+from dynid_rs.regression.fitted import weighted_system
+from dynid_rs.regression.systems import stack_one
+from dynid_rs.runs.preprocessing import States
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -74,8 +74,8 @@ class Usual:
         self.range: FloatArray = np.ptp(np.concatenate([states.q for states in runs]), axis=0)
         self._most = {states.name: self._extremes(states) for states in runs}
         self.top: FloatArray = np.max(list(self._most.values()), axis=0)[0]
-        names = [name for effect in fit.observations_.plan.effects for name in effect.coefficient_names]
-        sides = [names.index(name) for name in ("coulomb_pos", "coulomb_neg")]
+        friction, own = fit.observations_.plan.friction
+        sides = [own.start + k for k, name in enumerate(friction.coefficient_names) if name.startswith("coulomb")]
         self.coulomb: FloatArray = np.abs(fit.links_.own_[:, sides]).max(axis=1)
 
     def unsure(self, states: States, load: FloatArray) -> FloatArray:

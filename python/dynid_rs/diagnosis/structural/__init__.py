@@ -1,41 +1,68 @@
-"""Effects that are no torque columns of the catalogue: changes of geometry, gravity, gains and encoders.
+"""Hypotheses that are no torque columns of the catalogue: changes of geometry, gravity, gains, encoders and clocks.
 
-Their columns are derivatives of the predicted torque; what accepts them changes the robot or a channel, and the fit is
-made again there. `refine` then moves what was accepted, one Gauss-Newton step per refit.
+Their columns are derivatives of the predicted torque; accepting one changes the robot or a channel, and the fit is made
+again there.
 """
 
 from __future__ import annotations
 
-from dynid_rs.diagnosis.candidate import Candidate
-from dynid_rs.diagnosis.setup import Setup
-from dynid_rs.diagnosis.structural.beside import Beside
-from dynid_rs.diagnosis.structural.encoder_eccentricity import eccentricity_candidates
-from dynid_rs.diagnosis.structural.frames import displacement, levelled, put_back, tilt_of
-from dynid_rs.diagnosis.structural.gravity_tilt import tilt_candidates
-from dynid_rs.diagnosis.structural.kinematic_error import kinematic_candidates
-from dynid_rs.diagnosis.structural.refine import Parameters, refine, structural_parameters, whole_model
-from dynid_rs.diagnosis.structural.torque_gain import gain_candidates
-from dynid_rs.identification import ThreeLoopIdentifier
+from collections.abc import Callable, Collection
+from dataclasses import replace
 
-__all__ = [
-    "Beside",
-    "Parameters",
-    "displacement",
-    "levelled",
-    "put_back",
-    "refine",
-    "structural_candidates",
-    "structural_parameters",
-    "tilt_of",
-]
+import numpy as np
+
+from dynid_rs.diagnosis.hypotheses import Hypothesis
+from dynid_rs.diagnosis.setup import FloatArray, Setup
+from dynid_rs.diagnosis.structural.about import About
+from dynid_rs.diagnosis.structural.encoder_eccentricity import eccentricity_hypotheses
+from dynid_rs.diagnosis.structural.frames import displacement, tilt_of, with_displacement
+from dynid_rs.diagnosis.structural.gravity_tilt import tilt_hypotheses
+from dynid_rs.diagnosis.structural.kinematic_error import kinematic_hypotheses
+from dynid_rs.diagnosis.structural.torque_delay import delay_hypotheses
+from dynid_rs.diagnosis.structural.torque_gain import gain_hypotheses
+from dynid_rs.identification.three_loops import ThreeLoopIdentifier
+
+KINDS: dict[str, Callable[[About, Setup], list[Hypothesis]]] = {
+    "torque_delay": delay_hypotheses,
+    "gravity_tilt": tilt_hypotheses,
+    "kinematic_error": kinematic_hypotheses,
+    "torque_gain": gain_hypotheses,
+    "encoder_eccentricity": eccentricity_hypotheses,
+}
 
 
-def structural_candidates(fit: ThreeLoopIdentifier, setup: Setup) -> list[Candidate]:
-    """Return every structural hypothesis beside the model that `fit` has of `setup`."""
-    beside, plausible = whole_model(fit)
-    return [
-        *tilt_candidates(beside, setup, plausible),
-        *kinematic_candidates(beside, setup, plausible),
-        *gain_candidates(beside, setup),
-        *eccentricity_candidates(beside, setup),
-    ]
+def undone(setup: Setup, declared: Setup, kind: str, joints: tuple[int, ...]) -> Setup:
+    """Return the setup with one change of structure back where `declared` has it."""
+    if kind == "torque_delay":
+        return replace(setup, torque_delay=declared.torque_delay)
+    if kind == "torque_gain":
+        return replace(setup, gain_joints=tuple(j for j in setup.gain_joints if j not in joints))
+    if kind == "encoder_eccentricity":
+        error = setup.encoder_error.copy()
+        error[list(joints)] = declared.encoder_error[list(joints)]
+        return replace(setup, encoder_error=error)
+    if kind == "gravity_tilt":
+        return replace(setup, robot=setup.robot.with_gravity(declared.robot.gravity.tolist()))
+    change = displacement(setup.robot, declared.robot, joints[0])
+    return replace(setup, robot=with_displacement(setup.robot, joints[0], change))
+
+
+def value_of(setup: Setup, kind: str, joints: tuple[int, ...]) -> FloatArray:
+    """What a change of structure is now, (k,), in the order of its hypothesis."""
+    if kind == "torque_delay":
+        delay: FloatArray = setup.torque_delay[:1]
+        return delay
+    if kind == "encoder_eccentricity":
+        error: FloatArray = setup.encoder_error[joints[0]]
+        return error
+    if kind == "gravity_tilt":
+        return np.array(tilt_of(setup.declared, setup.robot))
+    return displacement(setup.declared, setup.robot, joints[0])
+
+
+def structural_hypotheses(
+    fit: ThreeLoopIdentifier, setup: Setup, kinds: Collection[str] = tuple(KINDS)
+) -> list[Hypothesis]:
+    """Every hypothesis of these kinds beside the model that `fit` has of `setup`."""
+    about = About.of(fit)
+    return [h for kind in kinds for h in KINDS[kind](about, setup)]

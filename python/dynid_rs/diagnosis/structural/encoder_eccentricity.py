@@ -7,48 +7,48 @@ from dataclasses import replace
 
 import numpy as np
 
-from dynid_rs.assembly import evaluate
-from dynid_rs.diagnosis.candidate import Candidate, RunColumns
+from dynid_rs.diagnosis.hypotheses import Hypothesis, standardised
 from dynid_rs.diagnosis.setup import FloatArray, Setup
-from dynid_rs.diagnosis.structural.beside import Beside
+from dynid_rs.diagnosis.structural.about import About
+from dynid_rs.regression.linear_model import Columns
 
-KIND = "encoder_eccentricity"
 STEP = 1e-4
 """Of the derivative [rad]."""
+USUAL = np.array([1e-3, 1e-3])
+"""Usual amplitude of a badly centred encoder's error [rad]."""
 
 
-def eccentricity_candidates(beside: Beside, setup: Setup) -> list[Candidate]:
-    """Return one candidate per turning joint: cosine and sine part [rad] of what its encoder shows too much.
+def eccentricity_hypotheses(about: About, setup: Setup) -> list[Hypothesis]:
+    """One per turning joint: cosine and sine part [rad] of what its encoder shows too much.
 
-    With two encoders their difference shows it by itself, and far more clearly: no candidates here.
+    With two encoders their difference shows it by itself, and far more clearly: no hypotheses here.
     """
-    if any(states.two_encoders for states in beside.fit.runs_):
+    if any(states.two_encoders for states in about.fit.runs_):
         return []
     turning = [j for j, kind in enumerate(setup.robot.joint_kinds) if kind == "revolute"]
     return [
-        Candidate(
-            KIND,
+        Hypothesis(
+            "encoder_eccentricity",
             (j,),
             ("cosine", "sine"),
             ("rad", "rad"),
-            np.tile([-1.0, 1.0], (2, 1)),
-            eccentricity_columns(beside, j),
+            standardised(_slopes(about, j), USUAL),
+            USUAL,
+            np.tile([-np.inf, np.inf], (2, 1)),
             _acceptance(j),
         )
         for j in turning
-        if not np.any(setup.encoder_error[j])
     ]
 
 
-def eccentricity_columns(beside: Beside, joint: int) -> list[RunColumns]:
-    """Change of all joints' torque per rad of ``e = c cos q + s sin q`` that the encoder of `joint` shows too much.
+def _slopes(about: About, joint: int) -> Columns:
+    """Change of all joints' torque per rad of an error ``e = c cos q + s sin q`` of one joint's encoder.
 
-    The true position is ``q - e``, so speed and acceleration lose ``e' dq`` and ``e' ddq + e'' dq^2``. The whole model
-    is evaluated there: rotor and friction follow the same encoder.
+    The true position is ``q - e``, so speed and acceleration lose ``e' dq`` and ``e' ddq + e'' dq^2``. What friction
+    rotor make of that is small beside gravity's part.
     """
-    fit = beside.fit
-    columns: list[RunColumns] = []
-    for states in fit.raw_runs_:
+    parts = []
+    for states in about.fit.runs_:
         q, dq, ddq = (x[:, joint] for x in (states.q, states.dq, states.ddq))
         slopes = []
         for error, slope in ((np.cos(q), -np.sin(q)), (np.sin(q), np.cos(q))):
@@ -58,14 +58,10 @@ def eccentricity_columns(beside: Beside, joint: int) -> list[RunColumns]:
                 true[0][:, joint] -= step * error
                 true[1][:, joint] -= step * slope * dq
                 true[2][:, joint] -= step * (slope * ddq - error * dq**2)
-                there = replace(
-                    states, q=true[0], dq=true[1], ddq=true[2], q_motor=true[0], dq_motor=true[1], ddq_motor=true[2]
-                )
-                torque.append(evaluate(fit.model_, there)[0])
+                torque.append(about.fit.robot.inverse_dynamics(true[0], true[1], true[2], about.phi))
             slopes.append((torque[0] - torque[1]) / (2 * STEP))
-        rows = states.in_band(np.stack(slopes, axis=2))
-        columns.append({j: rows[:, j] for j in range(rows.shape[1])})
-    return columns
+        parts.append(np.stack(slopes, axis=2))
+    return about.in_band(parts)
 
 
 def added(setup: Setup, joint: int, change: FloatArray) -> Setup:

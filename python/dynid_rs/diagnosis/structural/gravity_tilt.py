@@ -9,64 +9,49 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
-from dynid_rs.diagnosis.candidate import Candidate
+from dynid_rs.diagnosis.hypotheses import Hypothesis, standardised
 from dynid_rs.diagnosis.setup import Setup
-from dynid_rs.diagnosis.structural.beside import Beside, in_band
+from dynid_rs.diagnosis.structural.about import About
 from dynid_rs.diagnosis.structural.frames import tilt_of, tilted_gravity
-from dynid_rs.diagnosis.structural.plausible import Plausible
-from dynid_rs.preprocessing import States
 
 FloatArray = NDArray[np.float64]
 
-KIND = "gravity_tilt"
 STEP = 1e-4
 """Of the derivative of gravity [rad]."""
 USUAL = 0.03
-"""Tilt [rad] for which unseen parameters are looked at."""
-LEAST_SIGNAL = 0.1
-"""What unseen parameters may do counts above this, in standard deviations of the noise over all independent rows: low,
-since what the noise is taken for holds the tilt itself."""
-N_SAMPLES = 150
-"""States of the runs on which unseen parameters are looked for."""
-WORTH = 0.2
-"""Independent samples that a row is taken for in that."""
+"""Usual tilt of a base [rad]."""
 LARGEST_STEP = 0.6
-"""Longest turn at once [rad]: a base on a wall is reached in steps."""
+"""Longest turn at once [rad]: what is far is reached in steps."""
+UNSEEN = 4
+"""Directions of inertials that level gravity hides and a tilt brings out, the strongest first, that stand beside it."""
 
 
-def tilt_candidates(beside: Beside, setup: Setup, plausible: Plausible) -> list[Candidate]:
-    """Return the candidate: roll and pitch, then what parameters that level gravity hides can add.
+def tilt_hypotheses(about: About, setup: Setup) -> list[Hypothesis]:
+    """Roll and pitch, then what inertials that level gravity hides can add.
 
     On a vertical first axis level gravity pulls without torque, and nothing tells where the links' masses are about
-    that axis. Tilted gravity does pull, so that those unseen parameters act with any tilt; their columns are part of
-    the hypothesis. With the effect accepted they are base parameters like the others.
+    that axis. Tilted gravity does pull, so those unseen parameters act with any tilt.
     """
     if not np.any(setup.robot.gravity):
         return []
-    fit = beside.fit
-    robot = setup.robot
-    pulls = gravity_steps(setup.declared, setup.robot)
-    directions = [(pulls[0], plausible.phi), (pulls[1], plausible.phi)]
-    weights = beside.weights * fit.links_.torque_scale_
-    unseen = unseen_directions(robot, fit.runs_, weights, fit.observations_.n_rows, pulls, plausible)
+    pulls = [setup.robot.with_gravity(g.tolist()) for g in gravity_steps(setup.declared, setup.robot)]
     columns = []
-    for states in fit.runs_:
+    for states in about.fit.runs_:
         still = np.zeros_like(states.q)
-        torque = [robot.with_gravity(g.tolist()).inverse_dynamics(states.q, still, still, phi) for g, phi in directions]
-        extra = [
-            sum(robot.with_gravity(g.tolist()).inverse_dynamics(states.q, still, still, phi) for g, phi in pair)
-            for pair in unseen
-        ]
-        columns.append(in_band(fit, states, np.stack([*torque, *extra], axis=2)))
-    names = ("roll", "pitch", *(f"unseen_{k}" for k in range(len(unseen))))
+        seen = [pull.inverse_dynamics(states.q, still, still, about.phi) for pull in pulls]
+        unseen = [pull.inverse_dynamics(states.q, still, still, phi) for phi, pull in _unseen(about, pulls)]
+        columns.append(np.stack([*seen, *(USUAL * torque for torque in unseen)], axis=2))
+    n_unseen = columns[0].shape[2] - 2
+    unit = np.array([USUAL, USUAL, *[1.0] * n_unseen])
     return [
-        Candidate(
-            KIND,
-            tuple(range(robot.n_joints)),
-            names,
-            ("rad", "rad", *("1" for _ in unseen)),
-            np.tile([-np.inf, np.inf], (len(names), 1)),
-            columns,
+        Hypothesis(
+            "gravity_tilt",
+            tuple(range(setup.robot.n_joints)),
+            ("roll", "pitch", *(f"unseen_{k}" for k in range(n_unseen))),
+            ("rad", "rad", *["1"] * n_unseen),
+            standardised(about.in_band(columns), unit),
+            unit,
+            np.tile([-np.inf, np.inf], (len(unit), 1)),
             lambda setup, x: turned(setup, x[:2]),
         )
     ]
@@ -91,52 +76,15 @@ def gravity_steps(declared: _core.RobotModel, robot: _core.RobotModel) -> list[F
     return steps
 
 
-def unseen_directions(
-    robot: _core.RobotModel,
-    runs: Sequence[States],
-    weights: FloatArray,
-    n_rows: int,
-    pulls: Sequence[FloatArray],
-    plausible: Plausible,
-) -> list[list[tuple[FloatArray, FloatArray]]]:
-    """Pairs of gravity and phi whose torque a usual tilt may add beyond base parameters and the tilt itself.
-
-    Parameters
-    ----------
-    robot, runs : RobotModel, sequence of States
-        As they are believed to be, and where they were.
-    weights : ndarray (n_joints,)
-        Torque channel per N m, over its noise.
-    n_rows : int
-        Of the fit, per joint.
-    pulls : (2,) of ndarray (3,)
-        Change of gravity per rad of roll and pitch.
-    plausible : Plausible
-        Inertial parameters and what is not known of them.
-    """
-    moving = [np.flatnonzero(states.moving) for states in runs]
-    at = [kept[:: max(1, len(runs) * len(kept) // N_SAMPLES)] for kept in moving]
-    q, dq, ddq = (
-        np.concatenate([getattr(states, name)[kept] for states, kept in zip(runs, at, strict=True)])
-        for name in ("q", "dq", "ddq")
-    )
-    weight = weights[:, None]
-    seen = (weight * robot.joint_torque_regressor(q, dq, ddq)).reshape(-1, len(plausible.phi))
+def _unseen(about: About, pulls: Sequence[_core.RobotModel]) -> list[tuple[FloatArray, _core.RobotModel]]:
+    """Inertials (10 n_links,) that the runs have not shown, each with the pull that would, the strongest first."""
+    states = about.fit.runs_[0]
+    q = np.ascontiguousarray(states.q[states.rows[:: max(1, len(states.rows) // 50)]])
     still = np.zeros_like(q)
-    regressors = [
-        (weight * robot.with_gravity(g.tolist()).joint_torque_regressor(q, still, still)).reshape(len(seen), -1)
-        for g in pulls
-    ]
-    known = np.column_stack([seen, *(Y @ plausible.phi for Y in regressors)])
-    norms = np.linalg.norm(known, axis=0)
-    u, s, _ = np.linalg.svd(known[:, norms > 0] / norms[norms > 0], full_matrices=False)
-    u = u[:, s > 1e-9 * s[0]]
-    added = USUAL * np.concatenate([Y @ plausible.root for Y in regressors], axis=1)
-    added -= u @ (u.T @ added)
-    _, s, vt = np.linalg.svd(added, full_matrices=False)
-    signal = s * np.sqrt(WORTH * n_rows / len(q))
-    width = plausible.root.shape[1]
-    return [
-        [(g, USUAL * plausible.root @ v[k * width : (k + 1) * width]) for k, g in enumerate(pulls)]
-        for v in vt[signal > LEAST_SIGNAL]
-    ]
+    found = []
+    for pull in pulls:
+        shown = pull.joint_torque_regressor(q, still, still).reshape(-1, len(about.phi)) @ about.root
+        _, s, vt = np.linalg.svd(shown, full_matrices=False)
+        found += [(strength, about.root @ v, pull) for strength, v in zip(s, vt, strict=True) if strength > 1e-6 * s[0]]
+    found.sort(key=lambda each: -each[0])
+    return [(phi, pull) for _, phi, pull in found[:UNSEEN]]

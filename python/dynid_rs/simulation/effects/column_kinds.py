@@ -84,7 +84,10 @@ def coupled_friction(site: Site, joints: Joints, size: float) -> LabEffect:
         "ratio": np.full(site.n_joints, RATIO),
         "transition_width": np.full(site.n_joints, float(site.arm.transition_width[list(joints)].max())),
     }
-    coefficients = {"coupled_friction": at_joints(joints, site.n_joints, level)}
+    coefficients = {
+        "coupled_friction": at_joints(joints, site.n_joints, level),
+        "coupled_viscous": np.zeros(site.n_joints),
+    }
     return column_effect("coupled_friction", joints, size, shape, coefficients)
 
 

@@ -3,12 +3,14 @@
 //! Units name `{torque}` and `{angle}`, which depend on the model's torque channel and on the joint: "N*m" or "A", "rad"
 //! or "m".
 
-use super::entry::{Coefficient, Entry, Rule, ShapeParameter, Sign};
+use super::entry::{
+    Coefficient, Diagnosis, Entry, Need, Places, Reference, Rule, Scale, ShapeParameter, Sign,
+};
 use super::{
     counterbalance, coupled_friction, friction, friction_hysteresis, gear_hysteresis,
     inertial_coupling, joint_spring, load_dependent_friction, load_hysteresis,
-    position_dependent_friction, rotor_inertia, stribeck, temperature_friction, thermal_friction,
-    torque_offset, torque_ripple, torque_saturation, FRICTION_NAMES, N_FRICTION,
+    position_dependent_friction, rotor_inertia, smooth_friction, stribeck, temperature_friction,
+    thermal_friction, torque_offset, torque_ripple, torque_saturation, FRICTION_NAMES, N_FRICTION,
 };
 
 const fn coefficient(name: &'static str, unit: &'static str, sign: Sign) -> Coefficient {
@@ -26,6 +28,8 @@ const fn shape(
         unit,
         rule,
         grid,
+        relative_to: None,
+        range: None,
     }
 }
 
@@ -33,15 +37,44 @@ fn nothing_more(_shape: &[f64]) -> Result<(), &'static str> {
     Ok(())
 }
 
+/// Found on one joint, from the signals alone, and drawn against its own column.
+const ON_A_JOINT: Diagnosis = Diagnosis {
+    places: Places::Joint,
+    sought: true,
+    requires: &[],
+    drawn_against: None,
+    most_relative: None,
+};
+
+/// Part of a declared model.
+const DECLARED: Diagnosis = Diagnosis {
+    sought: false,
+    ..ON_A_JOINT
+};
+
+const fn drawn_against(signal: &'static str, unit: &'static str) -> Diagnosis {
+    Diagnosis {
+        drawn_against: Some((signal, unit)),
+        ..ON_A_JOINT
+    }
+}
+
+/// What goes round with a joint that turns.
+const AROUND_THE_TURN: Diagnosis = Diagnosis {
+    requires: &[Need::Revolute],
+    ..drawn_against("q", "rad")
+};
+
 const SPEED: &str = "{angle}/s";
 
-/// Width of the step at standstill; friction's own is the best guess.
+/// Width of the step at standstill: friction's own.
 const TRANSITION_WIDTH: ShapeParameter = shape(
     "transition_width",
     SPEED,
     Rule::Positive,
     &[0.003, 0.01, 0.03],
-);
+)
+.of(Reference::FrictionWidth);
 
 /// Way over which bristles bend until they slip.
 const PRESLIDING_DISTANCE: ShapeParameter = shape(
@@ -49,7 +82,8 @@ const PRESLIDING_DISTANCE: ShapeParameter = shape(
     "{angle}",
     Rule::Positive,
     &[1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2],
-);
+)
+.refined(Scale::Log, 1e-5, 0.3);
 
 /// Cycles per turn of the joint.
 const CYCLES: &str = "1/turn";
@@ -67,8 +101,8 @@ const FRICTION: [Coefficient; N_FRICTION] = [
     coefficient(FRICTION_NAMES[7], "{torque}*(s/{angle})^3", Sign::Free),
 ];
 
-/// Every kind of effect; those of every model come first.
-pub static CATALOGUE: [Entry; 17] = [
+/// Every kind of effect; those of declared models come first.
+pub static CATALOGUE: [Entry; 18] = [
     Entry {
         kind: "rotor_inertia",
         formula: "J ddq_motor",
@@ -81,6 +115,7 @@ pub static CATALOGUE: [Entry; 17] = [
         signals: &["ddq_motor"],
         memory: 0,
         declared: true,
+        diagnosis: DECLARED,
         check: nothing_more,
         columns: rotor_inertia::columns,
     },
@@ -92,6 +127,7 @@ pub static CATALOGUE: [Entry; 17] = [
         signals: &[],
         memory: 0,
         declared: true,
+        diagnosis: DECLARED,
         check: nothing_more,
         columns: torque_offset::columns,
     },
@@ -106,8 +142,38 @@ pub static CATALOGUE: [Entry; 17] = [
         signals: &["dq_motor"],
         memory: 0,
         declared: true,
+        diagnosis: DECLARED,
         check: nothing_more,
         columns: friction::columns,
+    },
+    Entry {
+        kind: smooth_friction::KIND,
+        formula: "(c + c' sign v) s + (d + d' sign v) v + (k + k' sign v) v |v| at v = dq_motor, \
+                  s = v / (|v|^p + e^p)^(1/p)",
+        coefficients: &[
+            coefficient("coulomb", "{torque}", Sign::NonNegative),
+            coefficient("coulomb_asymmetry", "{torque}", Sign::Free),
+            coefficient("viscous", "{torque}*s/{angle}", Sign::Free),
+            coefficient("viscous_asymmetry", "{torque}*s/{angle}", Sign::Free),
+            coefficient("quadratic", "{torque}*(s/{angle})^2", Sign::Free),
+            coefficient("quadratic_asymmetry", "{torque}*(s/{angle})^2", Sign::Free),
+        ],
+        shape: &[
+            shape(
+                "transition_width",
+                SPEED,
+                Rule::Positive,
+                &[0.0005, 0.001, 0.002, 0.004, 0.008, 0.016, 0.03, 0.06, 0.12],
+            ),
+            // Like an arctan, like a tanh, nearly a corner.
+            shape("sharpness", "1", Rule::Positive, &[1.0, 1.5, 2.5, 6.0]),
+        ],
+        signals: &["dq_motor"],
+        memory: 0,
+        declared: true,
+        diagnosis: DECLARED,
+        check: nothing_more,
+        columns: smooth_friction::columns,
     },
     Entry {
         kind: "stribeck",
@@ -121,14 +187,17 @@ pub static CATALOGUE: [Entry; 17] = [
                 "stribeck_velocity",
                 SPEED,
                 Rule::Positive,
-                &[0.01, 0.03, 0.1, 0.3, 1.0],
-            ),
-            shape("exponent", "1", Rule::Positive, &[1.0, 2.0]),
+                &[0.01, 0.03, 0.1, 0.3],
+            )
+            .of(Reference::Speed)
+            .refined(Scale::Log, 1e-3, 10.0),
+            shape("exponent", "1", Rule::Positive, &[1.0, 2.0]).refined(Scale::Log, 0.5, 4.0),
             TRANSITION_WIDTH,
         ],
         signals: &["dq_motor"],
         memory: 0,
         declared: false,
+        diagnosis: drawn_against("dq", "rad/s"),
         check: nothing_more,
         columns: stribeck::columns,
     },
@@ -139,7 +208,7 @@ pub static CATALOGUE: [Entry; 17] = [
         shape: &[
             // Only ratios of the lengths matter, so a search holds one of them.
             shape("a", "m", Rule::Positive, &[1.0]),
-            shape("b", "m", Rule::Positive, &[0.15, 0.25, 0.4, 0.6]),
+            shape("b", "m", Rule::Positive, &[0.2, 0.35, 0.6]).refined(Scale::Log, 0.02, 0.95),
             shape(
                 "phase",
                 "rad",
@@ -147,17 +216,18 @@ pub static CATALOGUE: [Entry; 17] = [
                 &[
                     -2.5, -2.0, -1.5, -1.0, -0.5, 0.0, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0,
                 ],
-            ),
-            shape(
-                "gas_length",
-                "m",
-                Rule::Any,
-                &[0.75, 1.25, 2.5, 10.0, -1.0, -10.0],
+            )
+            .refined(Scale::Linear, -4.0, 4.0),
+            shape("gas_length", "m", Rule::Any, &[0.75, 1.25, 10.0, -1.5]).refined(
+                Scale::Log,
+                0.05,
+                100.0,
             ),
         ],
         signals: &["q"],
         memory: 0,
         declared: false,
+        diagnosis: AROUND_THE_TURN,
         check: counterbalance::check,
         columns: counterbalance::columns,
     },
@@ -172,6 +242,7 @@ pub static CATALOGUE: [Entry; 17] = [
         signals: &["dq_motor", "tau_link"],
         memory: 0,
         declared: false,
+        diagnosis: drawn_against("tau_link", "N*m"),
         check: nothing_more,
         columns: load_dependent_friction::columns,
     },
@@ -183,12 +254,18 @@ pub static CATALOGUE: [Entry; 17] = [
             coefficient("position_friction_sin", "{torque}", Sign::Free),
         ],
         shape: &[
-            shape("cycles", CYCLES, Rule::Positive, &[1.0, 2.0, 3.0, 4.0]),
+            shape(
+                "cycles",
+                CYCLES,
+                Rule::Positive,
+                &[1.0, 2.0, 3.0, 4.0, 5.0, 6.0],
+            ),
             TRANSITION_WIDTH,
         ],
         signals: &["q", "dq_motor"],
         memory: 0,
         declared: false,
+        diagnosis: AROUND_THE_TURN,
         check: nothing_more,
         columns: position_dependent_friction::columns,
     },
@@ -200,6 +277,7 @@ pub static CATALOGUE: [Entry; 17] = [
         signals: &["q_motor"],
         memory: friction_hysteresis::MEMORY,
         declared: false,
+        diagnosis: ON_A_JOINT,
         check: nothing_more,
         columns: friction_hysteresis::columns,
     },
@@ -211,6 +289,11 @@ pub static CATALOGUE: [Entry; 17] = [
         signals: &["q_motor", "tau_link"],
         memory: friction_hysteresis::MEMORY,
         declared: false,
+        diagnosis: Diagnosis {
+            // Load-dependent friction and friction with hysteresis tell it together, and each is a cause to act on.
+            sought: false,
+            ..drawn_against("tau_link", "N*m")
+        },
         check: nothing_more,
         columns: load_hysteresis::columns,
     },
@@ -222,33 +305,54 @@ pub static CATALOGUE: [Entry; 17] = [
             "{torque}",
             Sign::NonNegative,
         )],
-        // Of the load's own scatter, so a search brings them.
         shape: &[
-            shape("hysteresis_load", "N*m", Rule::Positive, &[]),
-            shape("carried_load", "N*m", Rule::NonNegative, &[]),
+            shape(
+                "hysteresis_load",
+                "N*m",
+                Rule::Positive,
+                &[0.03, 0.1, 0.3, 1.0],
+            )
+            .of(Reference::Load)
+            .refined(Scale::Log, 1e-4, 1e5),
+            shape("carried_load", "N*m", Rule::NonNegative, &[0.05])
+                .of(Reference::Load)
+                .refined(Scale::Log, 1e-4, 1e5),
         ],
         signals: &["tau_link"],
         memory: friction_hysteresis::MEMORY,
         declared: false,
+        diagnosis: Diagnosis {
+            // Which show that the gear yields.
+            requires: &[Need::TwoEncoders],
+            ..ON_A_JOINT
+        },
         check: nothing_more,
         columns: gear_hysteresis::columns,
     },
     Entry {
         kind: "coupled_friction",
-        formula: "k s(dq_motor + r dq_motor of the partner)",
-        coefficients: &[coefficient(
-            "coupled_friction",
-            "{torque}",
-            Sign::NonNegative,
-        )],
+        formula: "k s(u) + d u, u = dq_motor + r dq_motor of the partner",
+        coefficients: &[
+            coefficient("coupled_friction", "{torque}", Sign::NonNegative),
+            coefficient("coupled_viscous", "{torque}*s/{angle}", Sign::NonNegative),
+        ],
         shape: &[
             PARTNER,
-            shape("ratio", "1", Rule::Any, &[-1.0, -0.5, 0.5, 1.0]),
+            shape("ratio", "1", Rule::Any, &[-1.0, -0.5, 0.5, 1.0]).refined(
+                Scale::Linear,
+                -5.0,
+                5.0,
+            ),
             TRANSITION_WIDTH,
         ],
         signals: &["dq_motor"],
         memory: 0,
         declared: false,
+        diagnosis: Diagnosis {
+            // Joints that share a gear sit in one housing.
+            places: Places::Neighbours,
+            ..ON_A_JOINT
+        },
         check: nothing_more,
         columns: coupled_friction::columns,
     },
@@ -265,11 +369,14 @@ pub static CATALOGUE: [Entry; 17] = [
             "cycles",
             CYCLES,
             Rule::Positive,
+            // The first two look like gravity, springs and cylinders, so a search leaves them out.
             &[1.0, 2.0, 50.0, 100.0],
-        )],
+        )
+        .refined(Scale::Linear, 3.0, 1e4)],
         signals: &["q_motor"],
         memory: 0,
         declared: false,
+        diagnosis: AROUND_THE_TURN,
         check: nothing_more,
         columns: torque_ripple::columns,
     },
@@ -285,6 +392,10 @@ pub static CATALOGUE: [Entry; 17] = [
         signals: &["ddq_motor"],
         memory: 0,
         declared: false,
+        diagnosis: Diagnosis {
+            places: Places::Pair,
+            ..drawn_against("ddq", "rad/s^2")
+        },
         check: nothing_more,
         columns: inertial_coupling::columns,
     },
@@ -300,6 +411,7 @@ pub static CATALOGUE: [Entry; 17] = [
         signals: &["q"],
         memory: 0,
         declared: false,
+        diagnosis: drawn_against("q", "rad"),
         check: nothing_more,
         columns: joint_spring::columns,
     },
@@ -311,6 +423,11 @@ pub static CATALOGUE: [Entry; 17] = [
         signals: &["tau_link"],
         memory: 0,
         declared: false,
+        diagnosis: Diagnosis {
+            // A drive that droops claims more than it gives, a sensor that saturates less; neither is half of the torque.
+            most_relative: Some(0.5),
+            ..drawn_against("tau_link", "N*m")
+        },
         check: nothing_more,
         columns: torque_saturation::columns,
     },
@@ -326,14 +443,16 @@ pub static CATALOGUE: [Entry; 17] = [
                 "time_constant",
                 "s",
                 Rule::Positive,
-                &[30.0, 100.0, 300.0, 1000.0, 3000.0],
-            ),
+                &[10.0, 30.0, 100.0, 300.0],
+            )
+            .refined(Scale::Log, 5.0, 300.0),
             shape("reference_speed", SPEED, Rule::NonNegative, &[0.0, 1.0]),
             TRANSITION_WIDTH,
         ],
         signals: &["dq_motor", "step"],
         memory: thermal_friction::MEMORY,
         declared: false,
+        diagnosis: drawn_against("t", "s"),
         check: nothing_more,
         columns: thermal_friction::columns,
     },
@@ -359,6 +478,7 @@ pub static CATALOGUE: [Entry; 17] = [
         signals: &["dq_motor", "temperature"],
         memory: 0,
         declared: false,
+        diagnosis: drawn_against("temperature", "degC"),
         check: nothing_more,
         columns: temperature_friction::columns,
     },
@@ -368,4 +488,54 @@ pub static CATALOGUE: [Entry; 17] = [
 #[must_use]
 pub fn find(kind: &str) -> Option<&'static Entry> {
     CATALOGUE.iter().find(|entry| entry.kind == kind)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_names_a_partner_acts_on_two_joints() {
+        for entry in &CATALOGUE {
+            let named = entry.shape.iter().any(|p| p.rule == Rule::Partner);
+            let alone = entry.diagnosis.places == Places::Joint;
+            assert_eq!(named, !alone, "{}", entry.kind);
+        }
+    }
+
+    #[test]
+    fn what_is_declared_is_not_sought() {
+        for entry in &CATALOGUE {
+            assert!(
+                !(entry.declared && entry.diagnosis.sought),
+                "{}",
+                entry.kind
+            );
+        }
+    }
+
+    #[test]
+    fn ranges_hold_the_grids_that_are_in_their_unit() {
+        for entry in &CATALOGUE {
+            for parameter in entry.shape {
+                let Some(range) = parameter.range else {
+                    continue;
+                };
+                let name = (entry.kind, parameter.name);
+                assert!(range.lowest < range.highest, "{name:?}");
+                let is_log = range.scale == Scale::Log;
+                assert!(!is_log || range.lowest > 0.0, "{name:?}");
+                if parameter.relative_to.is_some() {
+                    continue;
+                }
+                let size = |x: &f64| if is_log { x.abs() } else { *x };
+                let within = |x: &f64| (range.lowest..=range.highest).contains(&size(x));
+                let inside = parameter.grid.iter().filter(|x| within(x)).count();
+                let left_out = parameter.grid.len() - inside;
+                assert!(inside > 0, "{name:?}");
+                let kept_for_planning = if entry.kind == "torque_ripple" { 2 } else { 0 };
+                assert_eq!(left_out, kept_for_planning, "{name:?}");
+            }
+        }
+    }
 }

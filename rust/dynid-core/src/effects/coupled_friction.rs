@@ -1,14 +1,14 @@
-//! Friction of a gear stage that two joints turn, as in wrists: `k s(v_j + r v_p)`, p the partner of j.
+//! Friction of a gear stage that two joints turn, as in wrists: `k s(u) + d u`, `u = v_j + r v_p`, p the partner.
 //!
-//! By its power the stage gives joint p the torque `r k s(v_j + r v_p) = |r| k s(v_p + v_j / r)`: the same effect, seen
-//! from p, with the ratio 1/r, the width eps/|r| and a coefficient of its own.
+//! By its power the stage gives joint p the torque `r (k s(u) + d u) = |r| k s(u / r) + r^2 d u / r`: the same effect, seen
+//! from p, with the ratio 1/r, the width eps/|r| and coefficients of its own.
 
 use super::entry::partner_of;
 use super::friction::direction;
 use super::EffectInput;
 use crate::slices::{at, copy, first};
 
-/// One column, zero without a partner. `shape`: partner (index along the chain, or -1), ratio r, eps \[rad/s\].
+/// Two columns, zeros without a partner. `shape`: partner (index along the chain, or -1), ratio r, eps \[rad/s\].
 pub fn columns(
     shape: &[f64],
     j: usize,
@@ -18,8 +18,9 @@ pub fn columns(
 ) {
     let [partner, ratio, transition_width] = first(shape);
     let dq = input.state.dq_motor;
-    let column = partner_of(partner).map_or(0.0, |partner| {
-        direction(at(dq, j) + ratio * at(dq, partner), transition_width)
+    let both = partner_of(partner).map_or([0.0; 2], |partner| {
+        let speed = at(dq, j) + ratio * at(dq, partner);
+        [direction(speed, transition_width), speed]
     });
-    copy(&[column], columns);
+    copy(&both, columns);
 }

@@ -17,8 +17,10 @@ pub struct Entry {
     pub signals: &'static [&'static str],
     /// Numbers per joint that it remembers from sample to sample, all zero before the first.
     pub memory: usize,
-    /// Part of every declared model, so never found.
+    /// Part of declared models, so never found: smooth friction takes the place of the paper's, the others are in all.
     pub declared: bool,
+    /// What a search for it and a report of it go by.
+    pub diagnosis: Diagnosis,
     /// What the rules of the single shape parameters do not say; the mend as the end of a sentence.
     pub check: fn(shape: &[f64]) -> Result<(), &'static str>,
     /// Torque of joint `j` per unit coefficient, written to `columns`.
@@ -36,6 +38,81 @@ impl Entry {
     #[must_use]
     pub fn needs(&self, signal: &str) -> bool {
         self.signals.contains(&signal)
+    }
+
+    /// What a joint must have, and its runs must show, before the effect can be found there: [`Diagnosis::requires`] and what
+    /// follows from the signals.
+    pub fn requirements(&self) -> impl Iterator<Item = Need> + use<'_> {
+        let of_signals = [("tau_link", Need::Load), ("temperature", Need::Temperature)];
+        let needed = of_signals
+            .into_iter()
+            .filter(|(signal, _)| self.needs(signal));
+        let own = self.diagnosis.requires.iter().copied();
+        own.chain(needed.map(|(_, need)| need))
+    }
+}
+
+/// What a search for an effect and a report of it go by.
+#[derive(Clone, Copy, Debug)]
+pub struct Diagnosis {
+    /// Where it can act.
+    pub places: Places,
+    /// Looked for where it is not declared.
+    pub sought: bool,
+    /// What it needs beside its signals.
+    pub requires: &'static [Need],
+    /// Signal and its unit that a report draws the torque against; `None`: its own column.
+    pub drawn_against: Option<(&'static str, &'static str)>,
+    /// Largest part of the joint's torque that it may add within the trained load, where more is no physics.
+    pub most_relative: Option<f64>,
+}
+
+/// Where an effect can act.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Places {
+    /// On a joint.
+    Joint,
+    /// On any two joints.
+    Pair,
+    /// On two joints that follow each other in the chain.
+    Neighbours,
+}
+
+impl Places {
+    /// In files and reports.
+    #[must_use]
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Joint => "joint",
+            Self::Pair => "pair",
+            Self::Neighbours => "neighbours",
+        }
+    }
+}
+
+/// What a joint must have, or its runs must show.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Need {
+    /// An encoder on either side of the gear.
+    TwoEncoders,
+    /// A joint that turns.
+    Revolute,
+    /// A load that the model predicts.
+    Load,
+    /// A measured temperature.
+    Temperature,
+}
+
+impl Need {
+    /// In files and reports.
+    #[must_use]
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::TwoEncoders => "two_encoders",
+            Self::Revolute => "revolute",
+            Self::Load => "load",
+            Self::Temperature => "temperature",
+        }
     }
 }
 
@@ -82,8 +159,92 @@ pub struct ShapeParameter {
     pub unit: &'static str,
     /// What values it may have.
     pub rule: Rule,
-    /// Values that a search begins with; combinations that [`Entry::check`] refuses are left out.
+    /// Values that a search begins with; combinations that [`Entry::check`] refuses are left out, and so are values outside
+    /// of the [`Range`], which are for those who plan motions.
     pub grid: &'static [f64],
+    /// Whose size the values of the grid are parts of; `None`: they are in the parameter's own unit.
+    pub relative_to: Option<Reference>,
+    /// Between which values a search goes on, in the parameter's own unit; `None`: the grid's alone.
+    pub range: Option<Range>,
+}
+
+impl ShapeParameter {
+    /// The same with a grid that is relative to what the runs show.
+    #[must_use]
+    pub const fn of(self, reference: Reference) -> Self {
+        Self {
+            relative_to: Some(reference),
+            ..self
+        }
+    }
+
+    /// The same, searched between the grid's values.
+    #[must_use]
+    pub const fn refined(self, scale: Scale, lowest: f64, highest: f64) -> Self {
+        Self {
+            range: Some(Range {
+                scale,
+                lowest,
+                highest,
+            }),
+            ..self
+        }
+    }
+}
+
+/// What a fit and its runs show of a joint, to which a shape parameter is relative.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Reference {
+    /// The width of friction's step, which the parameter is equal to: nothing is searched. The grid, in its own unit, is for
+    /// those who have no fit.
+    FrictionWidth,
+    /// The standard deviation of the load that the model predicts.
+    Load,
+    /// The greatest speed.
+    Speed,
+}
+
+impl Reference {
+    /// In files and reports.
+    #[must_use]
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::FrictionWidth => "friction_width",
+            Self::Load => "load",
+            Self::Speed => "speed",
+        }
+    }
+}
+
+/// Bounds of a search between the values of a grid.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Range {
+    /// In what even steps are taken.
+    pub scale: Scale,
+    /// Least value; of a logarithm, least magnitude.
+    pub lowest: f64,
+    /// Greatest value; of a logarithm, greatest magnitude.
+    pub highest: f64,
+}
+
+/// In what a search takes even steps.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Scale {
+    /// The logarithm of the magnitude; the sign stays.
+    Log,
+    /// The value.
+    Linear,
+}
+
+impl Scale {
+    /// In files and reports.
+    #[must_use]
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Log => "log",
+            Self::Linear => "linear",
+        }
+    }
 }
 
 /// What values a shape parameter may have.

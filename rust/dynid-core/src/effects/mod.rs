@@ -16,6 +16,7 @@ mod load_dependent_friction;
 mod load_hysteresis;
 mod position_dependent_friction;
 mod rotor_inertia;
+pub(crate) mod smooth_friction;
 mod stribeck;
 mod temperature_friction;
 mod thermal_friction;

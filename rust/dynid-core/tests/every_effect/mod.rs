@@ -35,6 +35,7 @@ fn value(parameter: &str, j: usize) -> f64 {
         "ratio" => 0.5 - k,
         "cycles" => 2.0 + k,
         "presliding_distance" => 0.01,
+        "sharpness" => 1.0 + k,
         "time_constant" => 0.05,
         "reference_speed" if j.is_multiple_of(2) => 0.0,
         _ => 0.02 + 0.01 * k,

@@ -30,10 +30,11 @@ macro_rules! form {
     };
 }
 
-static FORMS: [Form; 17] = [
+static FORMS: [Form; 18] = [
     form!("rotor_inertia", []),
     form!("torque_offset", []),
     form!("friction", [DIRECTION, FRICTION_COLUMNS]),
+    form!("smooth_friction", []),
     form!("stribeck", [DIRECTION]),
     form!("counterbalance", []),
     form!("load_dependent_friction", [DIRECTION]),

@@ -1,0 +1,180 @@
+"""Files: whole or not at all, and every refusal of the system as a sentence."""
+
+from __future__ import annotations
+
+import json
+import os
+import secrets
+import stat
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from dynid_rs.base.errors import DataError
+
+_REASONS: dict[type[OSError], str] = {
+    FileNotFoundError: "it does not exist; check the path",
+    PermissionError: "permission is denied; change its rights or choose another path",
+    IsADirectoryError: "it is a folder; name a file",
+    NotADirectoryError: "a part of its path is a file, not a folder; check the path",
+}
+
+
+def with_sentence(error: OSError, path: str | os.PathLike[str], action: str) -> OSError:
+    """Return an error of the same class whose text is one sentence.
+
+    Parameters
+    ----------
+    error : OSError
+        What the system said.
+    path : str or path-like
+        The file that was meant.
+    action : str
+        What was tried: ``"read"`` or ``"write"``.
+    """
+    reason = _REASONS.get(type(error)) or (error.strerror or str(error) or type(error).__name__).lower()
+    spoken = type(error)(f"{os.fspath(path)}: cannot {action} this file: {reason}")
+    # With errno alone (no strerror, no filename) str() stays the sentence.
+    spoken.errno = error.errno
+    vars(spoken)["is_sentence"] = True
+    return spoken
+
+
+def check_readable(path: str | os.PathLike[str]) -> Path:
+    """Return `path` when it is a regular file that can be opened and is not empty.
+
+    Raises
+    ------
+    FileNotFoundError, PermissionError, IsADirectoryError, OSError
+        The system refuses; the text is a sentence.
+    DataError
+        It is a device or a pipe, or holds no byte.
+    """
+    place = Path(path)
+    try:
+        info = place.stat()
+        if stat.S_ISDIR(info.st_mode):
+            raise IsADirectoryError  # open() says so on Linux only
+        if stat.S_ISREG(info.st_mode):
+            with place.open("rb"):
+                pass
+    except OSError as error:
+        raise with_sentence(error, path, "read") from None
+    except ValueError:  # a NUL byte in the path
+        raise FileNotFoundError(f"{str(path)!r}: this is not a path; check its spelling") from None
+    if not stat.S_ISREG(info.st_mode):
+        raise DataError(
+            f"{path}: this is a device or a pipe, not a file; save it as a file first",
+            code="not_a_file",
+            file=str(path),
+        )
+    if info.st_size == 0:
+        raise DataError(f"{path}: the file is empty; record or copy it again", code="empty_file", file=str(path))
+    return place
+
+
+@contextmanager
+def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """Temporary sibling of `path`, moved into its place when the body succeeds.
+
+    Readers see the old file or the whole new one. When the body raises, the temporary file is removed
+    and `path` is untouched.
+
+    Raises
+    ------
+    OSError
+        The place cannot be written; same class as the system's error, the text is a sentence.
+    """
+    target = Path(path)
+    # The suffix stays last: some writers choose the format by it.
+    temporary = target.with_name(f".{target.stem}.{secrets.token_hex(6)}{target.suffix}")
+    try:
+        if target.is_dir():
+            raise IsADirectoryError
+        if not target.parent.exists():
+            missing = FileNotFoundError(f"{target}: the folder {target.parent} does not exist; create it first")
+            vars(missing)["is_sentence"] = True
+            raise missing
+        yield temporary
+        _sync(temporary)
+        os.replace(temporary, target)
+    except OSError as error:
+        # A sentence from an inner file (another path) passes through as it is.
+        if getattr(error, "is_sentence", False):
+            raise
+        raise with_sentence(error, target, "write") from None
+    finally:
+        with suppress(OSError):
+            temporary.unlink()
+
+
+def _sync(path: Path) -> None:
+    """Bytes on the disk before the name: else a power cut leaves an empty file under the right name."""
+    descriptor = os.open(path, os.O_RDWR)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def write_text(path: str | os.PathLike[str], text: str) -> None:
+    """Write `text` as UTF-8, whole or not at all."""
+    with atomic_path(path) as temporary:
+        temporary.write_text(text, encoding="utf-8", newline="\n")
+
+
+def write_bytes(path: str | os.PathLike[str], content: bytes) -> None:
+    """Write `content` as it is, whole or not at all."""
+    with atomic_path(path) as temporary:
+        temporary.write_bytes(content)
+
+
+def write_json(path: str | os.PathLike[str], obj: object) -> None:
+    """Write `obj` as JSON, whole or not at all; numpy scalars and arrays are allowed.
+
+    Raises
+    ------
+    ValueError
+        NaN or infinity somewhere in `obj`: JSON has no word for it.
+    TypeError
+        Something in `obj` is not JSON.
+    """
+    text = json.dumps(obj, indent=2, allow_nan=False, default=_plain) + "\n"
+    write_text(path, text)
+
+
+def _plain(value: object) -> object:
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    raise TypeError(f"{type(value).__name__} cannot be written as JSON")
+
+
+def write_table(path: str | os.PathLike[str], columns: Mapping[str, np.ndarray[Any, Any]]) -> None:
+    """Write equally long columns as Parquet, whole or not at all.
+
+    Parameters
+    ----------
+    path : str or path-like
+        Usually ends in ``.parquet``.
+    columns : mapping of str to ndarray, each (n,)
+        Numbers or text.
+
+    Raises
+    ------
+    ValueError
+        Columns of different length, or not one-dimensional.
+    OSError
+        The place cannot be written.
+    """
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    shapes = {name: np.shape(column) for name, column in columns.items()}
+    if any(len(shape) != 1 for shape in shapes.values()) or len(set(shapes.values())) > 1:
+        raise ValueError(f"columns of one table must be (n,) of one length, got {shapes}")
+    table = pa.table({name: pa.array(np.asarray(column)) for name, column in columns.items()})
+    with atomic_path(path) as temporary:
+        pq.write_table(table, temporary, compression="zstd", write_page_checksum=True)

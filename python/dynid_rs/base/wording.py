@@ -1,0 +1,152 @@
+"""What the numbers mean, in plain words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def verdict(result: dict[str, Any]) -> str:
+    """One or two sentences for an engineer who has a minute."""
+    test = result["rmse"]["test"]
+    change = 100 * (1 - _mean_ratio(test["after"], test["wls"]))
+    errors = _relative_errors(np.asarray(test["after"]), np.asarray(test["torque_std"]))
+    if abs(change) < 1:
+        against = "as much as weighted least squares leaves"
+    elif change > 0:
+        against = f"{change:.0f} % less than weighted least squares leaves"
+    else:
+        against = f"{-change:.0f} % MORE than weighted least squares leaves; the simple model is the better one here"
+    summary = f"On runs that it has not seen the model leaves {errors}, on average {against}."
+    third, declared = result["residual"]["reason"], _prior(result) + _not_separable(result)
+    return f"{summary}{_worse_joints(result)}{_bias(result)} {third}{declared}"
+
+
+def _prior(result: dict[str, Any]) -> str:
+    """How far the data trusts the robot file's inertials, where they are in the fit."""
+    prior = result.get("prior")
+    if prior is None:
+        return ""
+    off = prior["relative_uncertainty"]
+    rotors = "" if off["rotors"] is None else f" and its rotors as if off by {100 * off['rotors']:.2g} %"
+    return (
+        f" The robot file's inertials stand beside the data as if off by {100 * off['links']:.2g} %{rotors}: "
+        f"of {prior['n_directions']} directions in them the data determines {prior['n_determined']:.0f}."
+    )
+
+
+def _not_separable(result: dict[str, Any]) -> str:
+    messages = [f["message"] for f in result.get("data", {}).get("findings", ()) if f["code"] == "not_separable"]
+    return "".join(f" {message[0].upper()}{message[1:]}." for message in messages)
+
+
+def _bias(result: dict[str, Any]) -> str:
+    """Say that least squares is biased where the test with instruments finds it."""
+    found = result.get("endogeneity")
+    if not found or not found["biased"]:
+        return ""
+    account = {
+        "reference": "the reference trajectory",
+        "second_encoder": "the other encoders",
+        "smooth": "the smooth part of the motion",
+    }[found["instruments"]]
+    worst = found["largest_shift"]
+    return (
+        f" Least squares is biased: with instruments from {account}, {worst['parameter']} moves by "
+        f"{worst['standard_errors']:.1f} standard errors (Durbin-Wu-Hausman p = {found['p_value']:.1g}); noise of the "
+        "positions, or an effect that the model lacks, is in the regressor."
+    )
+
+
+def _worse_joints(result: dict[str, Any]) -> str:
+    """Name the joints on which the simple model is clearly better, and those on which no model helps."""
+    test = result["rmse"]["test"]
+    joints, after = result["joints"], np.asarray(test["after"])
+    ratio = after / np.maximum(test["wls"], 1e-300)
+    words = ""
+    worse = [f"{joints[j]} ({100 * (ratio[j] - 1):+.0f} %)" for j in np.flatnonzero(ratio > 1.1)]
+    if worse:
+        words += f" Least squares is better on {', '.join(worse)}."
+    lost = [joints[j] for j in np.flatnonzero(_lost(test))]
+    if lost:
+        words += f" On {', '.join(lost)} the error is as large as the torque itself: look at the data first."
+    return words
+
+
+def is_better(result: dict[str, Any]) -> bool:
+    """Whether the model explains every joint's torque, and does it better than the baseline on average over the joints.
+
+    A model that leaves nothing is good whatever the baseline leaves.
+    """
+    test = result["rmse"]["test"]
+    if np.any(_lost(test)):
+        return False
+    nothing_left = np.all(np.asarray(test["after"]) <= 1e-6 * np.asarray(test["torque_std"]))
+    return bool(nothing_left or _mean_ratio(test["after"], test["wls"]) < 1.02)
+
+
+def _lost(test: dict[str, Any]) -> NDArray[np.bool_]:
+    """Joints whose torque changes and whose error is no smaller than that, (n_joints,)."""
+    std = np.asarray(test["torque_std"])
+    lost: NDArray[np.bool_] = (std > 0) & (np.asarray(test["after"]) >= std)
+    return lost
+
+
+def residual_reason(result: dict[str, Any]) -> str:
+    """Whether the third loop paid, and where, with the figures."""
+    residual = result["residual"]
+    if residual.get("switched_off"):
+        return "The third loop was switched off."
+    method = {"gmr": "mixture regression", "rbf": "radial basis functions"}[residual["kind"]]
+    signals = {
+        "deflection": "the gears' deflection",
+        "joint_state": "joint position and velocity",
+        "load_free_deflection": "the gears' deflection without the load's share",
+    }[residual["inputs"]]
+    kept = np.isin(result["joints"], residual["kept_on"])
+    change = 100 * (np.asarray(residual["rmse_test_with"]) / np.maximum(residual["rmse_test_without"], 1e-300) - 1)
+    fitted = np.asarray(residual["n_components"]) > 0
+    if not fitted.any():
+        return "The third loop had nothing to learn from: no joint has two different encoder signals."
+    if not kept.any():
+        return (
+            f"The third loop ({method} on {signals}) did not pay on training runs left out and is not in the "
+            f"model; on the test runs it would have changed the error by {_range(change[fitted])}."
+        )
+    names = ", ".join(np.asarray(result["joints"])[kept])
+    words = f"The third loop ({method} on {signals}) paid on {names} and is in the model there: "
+    words += f"it changed the error on the test runs by {_range(change[kept])}."
+    if not kept.all():
+        words += " On the other joints it did not pay on training runs left out."
+    return words
+
+
+def _relative_errors(error: Any, std: Any) -> str:
+    """Smallest and largest error over the joints whose torque changes at all; a dead channel has no scale."""
+    alive = std > 0
+    if not alive.any():
+        return "errors that have no scale, because no torque changes on the test runs,"
+    relative = 100 * error[alive] / std[alive]
+    return f"{relative.min():.1f} to {relative.max():.1f} % of the torque's standard deviation"
+
+
+def _mean_ratio(after: Any, before: Any) -> float:
+    """Geometric mean over the joints, so that none counts for its size."""
+    floor = 1e-300
+    return float(np.exp(np.mean(np.log(np.maximum(after, floor)) - np.log(np.maximum(before, floor)))))
+
+
+def _range(percent: Any) -> str:
+    low, high = round(float(np.min(percent))), round(float(np.max(percent)))
+    if low == high:
+        return f"{low:+d} %" if low else "less than 1 %"
+    return f"{low:+d} to {high:+d} %"
+
+
+def concluded(result: Mapping[str, Any]) -> bool:
+    """Whether the answer stands: an error in the data ends the diagnosis before there is one."""
+    errors = any(finding["severity"] == "error" for finding in result["data"]["findings"])
+    return not errors or bool(result["effects"] or result["unexplained"])

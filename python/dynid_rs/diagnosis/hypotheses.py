@@ -1,0 +1,328 @@
+"""Hypotheses: every kind of the catalogue at every place with every shape of its grid, as columns beside the model."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import combinations, pairwise, product
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid_rs import _core
+from dynid_rs.diagnosis.setup import Setup
+from dynid_rs.identification.loops import link_load
+from dynid_rs.identification.smooth_friction import in_paper_terms, tanh_widths
+from dynid_rs.identification.three_loops import ThreeLoopIdentifier
+from dynid_rs.model.placed import CATALOGUE, PlacedEffect
+from dynid_rs.regression.linear_model import Columns
+from dynid_rs.runs.preprocessing import States
+
+FloatArray = NDArray[np.float64]
+Shape = tuple[tuple[str, float], ...]
+Place = tuple[str, tuple[int, ...]]
+
+USUAL = 0.1
+"""Torque of an effect's column over its joint's own that is usual beforehand (`priors.py`)."""
+AT_FULL_RATE = ("torque_ripple",)
+"""Kinds that `ripple.py` seeks, in the angle: the band shows little of them."""
+LEAST_WEIGHT = 0.1
+"""Part of a joint's load that weight has to be where nothing tells the rotor from the link."""
+CHUNK = 48
+"""Effects whose columns are built in one pass over a run; more would only take more memory."""
+
+
+@dataclass(frozen=True, eq=False)
+class Hypothesis:
+    """An effect at a place with a shape, as columns beside the model.
+
+    Parameters
+    ----------
+    kind : str
+        Name in the catalogue of effects.
+    joints : tuple of int
+        Where it acts, as a person would say it; its columns may reach other joints.
+    names, units : tuple of str
+        Of the coefficients.
+    columns : dict
+        Joint to (n_rows, k), all runs under each other, for coefficients that are standard normal beforehand.
+    unit : ndarray (k,)
+        Standard deviation of the coefficients beforehand, in their own units.
+    bounds : ndarray (k, 2)
+        What physics allows of them.
+    accept : callable
+        (setup, coefficients) to the setup with this effect in it.
+    shape : tuple of (str, float)
+        Shape parameters.
+    sizes : tuple of float
+        Multiples of `unit` that are as likely beforehand.
+    """
+
+    kind: str
+    joints: tuple[int, ...]
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    columns: Columns
+    unit: FloatArray
+    bounds: FloatArray
+    accept: Callable[[Setup, FloatArray], Setup]
+    shape: Shape = ()
+    sizes: tuple[float, ...] = (1.0, 10.0)
+
+    @property
+    def place(self) -> Place:
+        """Kind and joints: what a report names."""
+        return self.kind, self.joints
+
+
+def standardised(columns: Columns, unit: FloatArray) -> Columns:
+    """Columns for coefficients that are standard normal beforehand."""
+    return {j: part * unit for j, part in columns.items()}
+
+
+@dataclass(frozen=True)
+class Shaped:
+    """A kind of the catalogue at a place with a shape (of the first joint, where a pair shares one)."""
+
+    kind: str
+    joints: tuple[int, ...]
+    shape: Shape
+
+    def at(self, place: int) -> Shape:
+        """Shape on joint number `place` of its joints: partners see each other, with the inverse ratio."""
+        if len(self.joints) == 1:
+            return self.shape
+        shape = dict(self.shape)
+        shape["partner"] = float(self.joints[1 - place])
+        if place == 1 and "ratio" in shape:
+            shape["ratio"] = 1 / shape["ratio"]
+            shape["transition_width"] = shape["transition_width"] * abs(shape["ratio"])
+        return tuple(shape.items())
+
+    def with_shape(self, name: str, value: float) -> Shaped:
+        """Return it with one shape parameter at `value`."""
+        return replace(self, shape=tuple((n, value if n == name else v) for n, v in self.shape))
+
+    def placed(self) -> PlacedEffect:
+        """Return it as an effect of a model."""
+        rows = [dict(self.at(place)) for place in range(len(self.joints))]
+        shape = tuple((name, tuple(row[name] for row in rows)) for name, _ in self.shape)
+        return PlacedEffect(self.kind, self.joints, shape)
+
+
+def shaped_as(effect: PlacedEffect) -> Shaped:
+    """The effect of a model as a hypothesis has it."""
+    shape = effect.shape_at(effect.joints[0])
+    if "partner" in shape:
+        shape["partner"] = -1.0
+    return Shaped(effect.kind, effect.joints, tuple(shape.items()))
+
+
+@dataclass(eq=False)
+class Catalogue:
+    """Hypotheses of the catalogue along the training runs of a fit; columns are computed once each.
+
+    `before`: of an earlier fit to the same runs, whose columns stay where they do not depend on the fitted load.
+    """
+
+    fit: ThreeLoopIdentifier
+    before: Catalogue | None = None
+    runs: list[States] = field(init=False)
+    finer: dict[Place, Hypothesis] = field(init=False, default_factory=dict)
+    _columns: dict[Shaped, Columns] = field(init=False, default_factory=dict)
+
+    def __post_init__(self) -> None:
+        fit = self.fit
+        load = link_load(fit.observations_.plan, fit.links_)
+        self.runs = [replace(states, tau_link=load(states)) for states in fit.runs_]
+        self._load = np.concatenate([states.tau_link for states in self.runs if states.tau_link is not None]).std(
+            axis=0
+        )
+        still = [replace(states, dq=0 * states.dq, ddq=0 * states.ddq) for states in fit.runs_]
+        self._weight = np.concatenate([load(states) for states in still]).std(axis=0)
+        self._speed = np.max([np.abs(states.dq_motor).max(axis=0) for states in self.runs], axis=0)
+        factors, n_rows = fit.observations_.factors(), fit.observations_.n_rows
+        self._torque = np.array([np.linalg.norm(R[:, -1]) for R in factors]) / np.sqrt(n_rows)
+        self._widths = tanh_widths(fit.observations_.plan.friction[0])
+        before, self.before = self.before, None
+        if before is not None and _same_motion(before.runs, self.runs):
+            kept = before._columns.items()
+            self._columns = {s: c for s, c in kept if "tau_link" not in CATALOGUE[s.kind]["signals"]}
+
+    def hypotheses(self) -> list[Hypothesis]:
+        """Every kind that is sought, at every place, with every shape of its grid."""
+        return self.of(list(self.grid()))
+
+    def of(self, shaped: Sequence[Shaped]) -> list[Hypothesis]:
+        """Hypotheses of these shapes, their columns built in few passes over the runs."""
+        missing = list(dict.fromkeys(s for s in shaped if s not in self._columns))
+        for kind in dict.fromkeys(s.kind for s in missing):
+            self._build(kind, [s for s in missing if s.kind == kind])
+        return [self._hypothesis(s) for s in shaped]
+
+    def grid(self) -> Iterator[Shaped]:
+        """Every shape of every kind at every place that the signals allow."""
+        n = self.fit.robot.n_joints
+        for kind, entry in CATALOGUE.items():
+            if entry["declared"] or not entry["sought"] or kind in AT_FULL_RATE:
+                continue
+            places: list[tuple[int, ...]] = [(j,) for j in range(n)]
+            if entry["places"] != "joint":
+                places = list(combinations(range(n), 2)) if entry["places"] == "pair" else list(pairwise(range(n)))
+            for joints in places:
+                if all(self._allows(entry, j) for j in joints):
+                    yield from (Shaped(kind, joints, shape) for shape in self._shapes(kind, joints[0]))
+
+    def _allows(self, entry: dict[str, Any], j: int) -> bool:
+        """Whether joint j and the runs have what the kind requires."""
+        said = {
+            "two_encoders": lambda: any(np.ptp(s.q_motor[:, j] - s.q[:, j]) > 0 for s in self.runs),
+            "revolute": lambda: self.fit.robot.joint_kinds[j] == "revolute",
+            "temperature": lambda: all(
+                s.temperature is not None and np.ptp(s.temperature[:, j]) > 0 for s in self.runs
+            ),
+            "load": lambda: self._carries(j),
+        }
+        return all(said[need]() for need in entry["requires"])
+
+    def _carries(self, j: int) -> bool:
+        """Whether it is known what joint j's gear carries: not where it is inertia alone that may be its rotor's."""
+        told = self.fit.observations_.plan.own[j, 0] or self._weight[j] > LEAST_WEIGHT * self._load[j]
+        return bool(self._load[j] > 0 and told)
+
+    def _shapes(self, kind: str, j: int) -> Iterator[Shape]:
+        parameters = CATALOGUE[kind]["shape"]
+        names = [parameter["name"] for parameter in parameters]
+        for values in product(*(self._values(parameter, j) for parameter in parameters)):
+            shape = tuple(zip(names, values, strict=True))
+            if is_valid(kind, shape):
+                yield shape
+
+    def _values(self, parameter: dict[str, Any], j: int) -> list[float]:
+        """Values of a shape parameter on joint j in its own unit."""
+        if parameter["relative_to"] == "friction_width":
+            return [float(self._widths[j])]
+        if parameter["name"] == "partner":
+            return [-1.0]
+        if parameter["name"] in self._friction(j):
+            return [self._friction(j)[parameter["name"]]]
+        unit = {"load": self._load[j], "speed": self._speed[j]}.get(parameter["relative_to"] or "", 1.0)
+        return [float(value * unit) for value in parameter["grid"]]
+
+    def _friction(self, j: int) -> dict[str, float]:
+        """Fitted coefficients of joint j's friction, by name: what a measured temperature scales."""
+        friction, places = self.fit.observations_.plan.friction
+        return in_paper_terms(
+            dict(zip(friction.coefficient_names, self.fit.links_.own_[j, places].tolist(), strict=True))
+        )
+
+    def _build(self, kind: str, shaped: Sequence[Shaped]) -> None:
+        """Pack shapes on different joints into one effect each, and the effects into few passes over the runs."""
+        packs: list[dict[int, tuple[Shaped, Shape]]] = []
+        for s in shaped:
+            pack = next((pack for pack in packs if not set(s.joints) & set(pack)), None)
+            if pack is None:
+                packs.append(pack := {})
+            pack |= {j: (s, s.at(place)) for place, j in enumerate(s.joints)}
+        width = len(CATALOGUE[kind]["coefficients"])
+        parts: dict[Shaped, list[Columns]] = {s: [] for s in shaped}
+        for first in range(0, len(packs), CHUNK):
+            part = packs[first : first + CHUNK]
+            effects = [self._effect(kind, pack) for pack in part]
+            for states in self.runs:
+                rows = self._rows(effects, states) if len(effects) > 1 else self._few(effects[0], states, list(part[0]))
+                for p, pack in enumerate(part):
+                    for s in dict.fromkeys(s for s, _ in pack.values()):
+                        own = {j: rows[j][:, p * width : (p + 1) * width] for j in s.joints}
+                        parts[s].append(own)
+        for s, runs in parts.items():
+            self._columns[s] = _apart({j: np.concatenate([run[j] for run in runs]) for j in s.joints})
+
+    def _effect(self, kind: str, pack: dict[int, tuple[Shaped, Shape]]) -> _core.Effect:
+        idle = dict(next(iter(pack.values()))[1])
+        if "partner" in idle:
+            idle["partner"] = -1.0
+        shape = {name: np.full(self.fit.robot.n_joints, value) for name, value in idle.items()}
+        for j, (_, values) in pack.items():
+            for name, value in values:
+                shape[name][j] = value
+        return _core.Effect.of(kind, **shape)
+
+    def _rows(self, effects: Sequence[_core.Effect], states: States) -> dict[int, FloatArray]:
+        """In-band rows of effects alone: per joint (n_rows, columns of all effects + 1)."""
+        rows = _core.observe(
+            self.fit.robot,
+            list(effects),
+            [],
+            *states.signals(),
+            np.zeros_like(states.tau),
+            filter=states.filter,
+            kept=states.kept,
+            tau_link=states.tau_link,
+            step=1 / states.rate,
+            temperature=states.temperature,
+        )
+        return dict(enumerate(rows))
+
+    def _few(self, effect: _core.Effect, states: States, joints: list[int]) -> dict[int, FloatArray]:
+        """The same of one effect on some joints."""
+        columns = _core.effect_columns(
+            effect,
+            *states.signals(),
+            tau_link=states.tau_link,
+            step=1 / states.rate,
+            temperature=states.temperature,
+            joints=joints,
+            filter=states.filter,
+            kept=states.kept,
+        )
+        return {j: columns[:, at] for at, j in enumerate(joints)}
+
+    def _hypothesis(self, s: Shaped) -> Hypothesis:
+        entry, columns, n = CATALOGUE[s.kind], self._columns[s], len(s.joints)
+        placed, coefficients = s.placed(), CATALOGUE[s.kind]["coefficients"]
+        size = np.max([np.sqrt(np.mean(part**2, axis=0)) / self._torque[j] for j, part in columns.items()], axis=0)
+        unit = np.where(size > 0, USUAL / np.where(size > 0, size, 1.0), 0.0)
+        return Hypothesis(
+            s.kind,
+            s.joints,
+            tuple(c["name"] for c in coefficients) * n,
+            tuple(c["unit"] for c in entry["coefficients"]) * n,
+            standardised(columns, unit),
+            unit,
+            np.array([(c["lower"], c["upper"]) for c in coefficients] * n, dtype=np.float64),
+            lambda setup, x: replace(setup, effects=(*setup.effects, placed)),
+            s.shape,
+        )
+
+
+def is_valid(kind: str, shape: Shape) -> bool:
+    """Whether there is an effect of this shape."""
+    if dict(shape).get("ratio") == 0.0:
+        return False  # a partner that has no part in it is none
+    try:
+        _core.Effect.of(kind, **{name: [value] for name, value in shape})
+    except ValueError:
+        return False
+    return True
+
+
+def _apart(columns: Columns) -> Columns:
+    """Columns of several joints, each with coefficients of its own."""
+    widths = [part.shape[1] for part in columns.values()]
+    edges = np.cumsum([0, *widths])
+    apart = {}
+    for (j, part), first in zip(columns.items(), edges[:-1], strict=True):
+        apart[j] = np.zeros((len(part), int(edges[-1])))
+        apart[j][:, first : first + part.shape[1]] = part
+    return apart
+
+
+def _same_motion(first: Sequence[States], second: Sequence[States]) -> bool:
+    """Whether the states are the same, so that columns of them are: encoders may have been corrected."""
+    return all(
+        all(np.array_equal(a, b) for a, b in zip(one.signals(), other.signals(), strict=True))
+        and np.array_equal(one.rows, other.rows)
+        for one, other in zip(first, second, strict=True)
+    )

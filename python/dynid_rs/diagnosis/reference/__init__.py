@@ -1,0 +1,7 @@
+"""What has changed since a trusted model was made: payload, tilt, gains, friction, offsets."""
+
+from __future__ import annotations
+
+from dynid_rs.diagnosis.reference.compare import Changes, compare
+
+__all__ = ["Changes", "compare"]

@@ -1,0 +1,186 @@
+"""What has changed against a trusted model: a payload, a tilt, gains, friction, offsets; or nothing.
+
+Everything that the reference knows is held. Friction and offsets differ a little from day to day, so every fit gives
+them a little freedom (a weak prior around the reference); they are named only where they have changed a lot.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid_rs import _core
+from dynid_rs.base.errors import DataError
+from dynid_rs.base.findings import Finding, joint_words
+from dynid_rs.diagnosis.reference.change_search import ChangeSearch
+from dynid_rs.diagnosis.reference.changes import PAYLOAD, Believed, Hypothesis
+from dynid_rs.diagnosis.reference.payload import physical_payload
+from dynid_rs.identification.training import prepare_training_runs
+from dynid_rs.model.assembly import evaluate
+from dynid_rs.regression.evaluation import rmse
+from dynid_rs.regression.uncertainty import NORMAL_95
+from dynid_rs.runs.facts import check_training_runs
+from dynid_rs.runs.preprocessing import Band, States, choose_band, common_rate, prepare
+from dynid_rs.runs.recording import Recording
+
+FloatArray = NDArray[np.float64]
+
+REFERENCE_DATA = 1.0
+"""Rows that the reference is taken to be made of, over those of the runs: its own errors widen every interval."""
+UNEXPLAINED = 1.5
+"""Error over the reference's own from which a joint is said to hold something else."""
+
+
+@dataclass(frozen=True, eq=False)
+class Changes:
+    """What has changed.
+
+    Parameters
+    ----------
+    effects : list of dict
+        As in `result.json`, in the order found: kind, joints, parameters with intervals, errors on the test runs before
+        and after, p_value, ties.
+    model : TorqueModel
+        The reference with every named change.
+    findings : list of Finding
+        What a person should know.
+    rmse : dict
+        `train` and `test`: `before` and `after`, (n_joints,) each [torque unit].
+    """
+
+    effects: list[dict[str, Any]]
+    model: _core.TorqueModel
+    findings: list[Finding] = field(default_factory=list)
+    rmse: dict[str, dict[str, FloatArray]] = field(default_factory=dict)
+
+
+def compare(
+    reference: _core.TorqueModel,
+    robot: _core.RobotModel,
+    train: Sequence[Recording],
+    test: Sequence[Recording] = (),
+    *,
+    cutoff: float | None = None,
+) -> Changes:
+    """Find what has changed since `reference` was made.
+
+    Parameters
+    ----------
+    reference : TorqueModel
+        Trusted; nothing of it is fitted again.
+    robot : RobotModel
+        Of the same arm; its declared inertials fill what the reference leaves open (needed by a tilt).
+    train, test : sequence of Recording
+        Runs of the robot as it is now: learned from, and errors reported on.
+    cutoff : float, optional
+        Band [Hz] in which torques are compared; chosen from the motion if None.
+
+    Raises
+    ------
+    DataError
+        Runs of another robot or in another torque unit than the reference's, a joint that never moves.
+    """
+    from threadpoolctl import threadpool_limits
+
+    train, test = list(train), list(test)
+    _check(reference, robot, [*train, *test])
+    band = Band(cutoff) if cutoff is not None else choose_band(train)
+    rate = common_rate(train)
+    runs = prepare_training_runs(train, band, rate)
+    with threadpool_limits(limits=1, user_api="blas"):
+        search = ChangeSearch(Believed.unchanged(reference, robot.phi), runs)
+        return _report(search, search.run(), [prepare(recording, band, rate) for recording in test])
+
+
+def _report(search: ChangeSearch, beliefs: list[Believed], tests: list[States]) -> Changes:
+    """Everything that `search` has named, with intervals and errors."""
+    findings: list[Finding] = []
+    weighing = search.weigh()
+    free, held = search.split()
+    half = np.zeros(len(weighing.precision))
+    if len(free):
+        variance = (1 + 1 / REFERENCE_DATA) * np.diag(weighing.covariance(free, held))
+        half[free] = NORMAL_95 * np.sqrt(np.maximum(variance, 0.0))
+    believed = beliefs[-1]
+    for h in (named.hypothesis for named in search.named if named.hypothesis.kind == PAYLOAD):
+        believed, notes = physical_payload(believed, weighing, h.places, free, held)
+        findings += notes
+    steps = [*beliefs[:-1], believed]
+    errors = {"train": [_errors(b, search.runs) for b in steps], "test": [_errors(b, tests) for b in steps]}
+    joints = believed.robot.joint_names
+    effects = []
+    for k, named in enumerate(search.named):
+        h = named.hypothesis
+        value, estimate = h.value(believed), h.value(beliefs[-1])
+        margin = half[h.places[: len(value)]]
+        low, high = np.minimum(estimate - margin, value), np.maximum(estimate + margin, value)
+        effect: dict[str, Any] = {
+            "rank": k + 1,
+            "kind": h.kind,
+            "joints": [joints[j] for j in h.joints],
+            "parameters": [
+                {"name": n, "value": float(v), "unit": u, "interval": [float(a), float(b)]}
+                for n, u, v, a, b in zip(h.names, h.units, value, low, high, strict=True)
+            ],
+            "p_value": named.p_value,
+            "ties": [_tie(other, belief, tests) for other, belief in named.ties],
+        }
+        if tests:
+            effect["rmse_test_before"] = errors["test"][k].tolist()
+            effect["rmse_test_after"] = errors["test"][k + 1].tolist()
+        effects.append(effect)
+    left = rmse(weighing.left(weighing.solve(free, held)))
+    findings += _unexplained(left / search.reference_noise, joints)
+    table = {part: {"before": every[0], "after": every[-1]} for part, every in errors.items() if len(every[0])}
+    return Changes(effects, believed.model(), findings, table)
+
+
+def _tie(other: Hypothesis, belief: Believed, tests: list[States]) -> dict[str, Any]:
+    joints = belief.robot.joint_names
+    entry: dict[str, Any] = {"kind": other.kind, "joints": [joints[j] for j in other.joints]}
+    return entry | ({"rmse_test_after": _errors(belief, tests).tolist()} if tests else {})
+
+
+def _errors(believed: Believed, runs: Sequence[States]) -> FloatArray:
+    model = believed.model()
+    if not runs:
+        return np.zeros(0)
+    return rmse([states.in_band(states.tau - evaluate(model, states)[0]) for states in runs])
+
+
+def _unexplained(ratio: FloatArray, names: Sequence[str]) -> list[Finding]:
+    """Joints whose error is `ratio` (n_joints,) times that of the reference on its own runs, if that is much."""
+    return [
+        Finding(
+            "change_unexplained",
+            "warning",
+            f"{joint_words(names[j])}: the error is {ratio[j]:.1f} times the reference's on its own runs, and no "
+            "change of payload, tilt, gain, friction or offset explains it",
+            column=f"tau_{j}",
+            value=float(ratio[j]),
+            unit="1",
+        )
+        for j in np.flatnonzero(ratio > UNEXPLAINED).tolist()
+    ]
+
+
+def _check(reference: _core.TorqueModel, robot: _core.RobotModel, recordings: Sequence[Recording]) -> None:
+    if robot.n_joints != reference.robot.n_joints:
+        raise DataError(
+            f"the reference is a model of {reference.robot.n_joints} joints, the robot {robot.name!r} has "
+            f"{robot.n_joints}; is it the same arm?",
+            code="wrong_reference",
+        )
+    check_training_runs(robot, recordings)
+    for recording in recordings:
+        if recording.torque_unit != reference.torque_unit:
+            raise DataError(
+                f"{recording.name}: torque in {recording.torque_unit}, but the reference's is in "
+                f"{reference.torque_unit}; give the drive gains that the reference was made with",
+                code="mixed_units",
+                file=recording.name,
+            )

@@ -1,0 +1,54 @@
+"""Shapes between the grid's values, by the evidence."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from dynid_rs.diagnosis.beside import Beside
+from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis, Shaped, is_valid
+from dynid_rs.model.placed import CATALOGUE
+
+MOST_TRIES = 40
+"""Shapes that are tried; the evidence is smooth near its best."""
+
+
+def polished(beside: Beside, catalogue: Catalogue, hypothesis: Hypothesis) -> Hypothesis:
+    """Return the hypothesis with the shape near its own under which the data are most probable."""
+    from scipy.optimize import minimize
+
+    if hypothesis.kind not in CATALOGUE:
+        return hypothesis
+    searched = [p for p in CATALOGUE[hypothesis.kind]["shape"] if p["lowest"] is not None]
+    if not searched:
+        return hypothesis
+    start = Shaped(hypothesis.kind, hypothesis.joints, hypothesis.shape)
+    best = (beside.screened([hypothesis])[0].value, hypothesis)
+
+    def shaped(x: np.ndarray) -> Shaped | None:
+        moved = start
+        for parameter, value in zip(searched, x, strict=True):
+            own = dict(start.shape)[parameter["name"]]
+            new = own * float(np.exp2(value)) if parameter["scale"] == "log" else own + float(value)
+            if not parameter["lowest"] < abs(new) < parameter["highest"] and parameter["scale"] == "log":
+                return None
+            moved = moved.with_shape(parameter["name"], new)
+        return moved if is_valid(moved.kind, moved.shape) else None
+
+    def less(x: np.ndarray) -> float:
+        nonlocal best
+        there = shaped(x)
+        if there is None:
+            return 1e6
+        (h,) = catalogue.of([there])
+        value = beside.screened([h])[0].value
+        if value > best[0]:
+            best = (value, h)
+        return -value
+
+    steps = [0.5 if p["scale"] == "log" else 0.1 for p in searched]
+    simplex = np.concatenate([np.zeros((1, len(searched))), np.diag(steps)])
+    options: Any = {"initial_simplex": simplex, "maxfev": MOST_TRIES, "xatol": 0.02, "fatol": 0.05}
+    minimize(less, np.zeros(len(searched)), method="Nelder-Mead", options=options)
+    return best[1]

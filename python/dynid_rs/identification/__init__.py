@@ -1,0 +1,1 @@
+"""The paper's three loops: friction, links, residual."""

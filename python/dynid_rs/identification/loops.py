@@ -1,0 +1,309 @@
+"""What the three loops share while they run: data, model so far, and one step per loop (the paper's Figure 2)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid_rs import _core
+from dynid_rs.identification.friction import FrictionIdentifier, friction_effect
+from dynid_rs.identification.friction_experiment.pairs import check_reversals, find_mirrors
+from dynid_rs.identification.friction_experiment.rows import (
+    PairWindow,
+    odd_torques,
+    pair_rows,
+    pair_windows,
+    row_groups,
+)
+from dynid_rs.identification.friction_laws import fit_stribeck, power_left, with_laws
+from dynid_rs.identification.links import LinkDynamicsIdentifier, RowGroup, baseline, own_beside
+from dynid_rs.identification.residual import ResidualCompensator
+from dynid_rs.identification.smooth_friction import SmoothFrictionIdentifier
+from dynid_rs.identification.training import TrainingData
+from dynid_rs.model.assembly import Regressions, assemble, evaluate
+from dynid_rs.model.known import less_known
+from dynid_rs.model.placed import PlacedEffect, effects_of
+from dynid_rs.regression.columns import Observations, Plan, make_plan, observe
+from dynid_rs.regression.evaluation import rmse as rms
+from dynid_rs.regression.systems import block_residuals
+from dynid_rs.runs.encoders import EncoderDelay, estimate_encoder_delay
+from dynid_rs.runs.preprocessing import States
+
+FloatArray = NDArray[np.float64]
+
+FIRST_WIDTH = 4e-3
+"""Transition width [rad/s] of the first pass and of the baseline, before any search."""
+SHAPE_ROUNDS, SAME_SHAPE = 6, 0.1
+"""Rounds in which a smooth law's shapes and the links settle, and the change of a width's logarithm at which they
+have."""
+LOAD_ROUNDS = 2
+"""Fits after each other in which the load and what depends on it settle; the change falls tenfold with each."""
+
+
+class Loops:
+    """State of the three loops; `start` once, then `fit_friction`, `fit_links` and `fit_residual` in turn.
+
+    Attributes
+    ----------
+    runs : list of States
+        Training runs, link channel on the motor channel's clock, known terms taken off.
+    plan, observations : Plan, Observations
+        Columns with friction's shape so far, and their rows without the third loop's torque.
+    two_loop_plan : Plan
+        Columns with friction's shape before there was a third loop.
+    left : dict
+        RMS per joint (n_joints,) that each loop of this round leaves: `friction`, `links`, `residual`.
+    stages : list of TorqueModel
+        The baseline, it with the first loop's friction, both loops without a third.
+    encoder_delay : EncoderDelay or None
+        Between the two channels; None with one encoder.
+    """
+
+    def __init__(
+        self,
+        robot: _core.RobotModel,
+        data: TrainingData,
+        friction: FrictionIdentifier | SmoothFrictionIdentifier,
+        links: LinkDynamicsIdentifier,
+        residual: ResidualCompensator | None,
+        laws: Sequence[str],
+        effects: Sequence[PlacedEffect] = (),
+        free_gains: Sequence[int] = (),
+        encoder_error: FloatArray | None = None,
+    ) -> None:
+        self.robot, self.data, self.laws, self.effects = robot, data, laws, effects
+        # In ampere all gains but one are free already.
+        self.free_gains = () if data.in_ampere else tuple(free_gains)
+        self.encoder_error = encoder_error
+        self.friction, self.links, self.residual = friction, links, residual
+        self.encoder_delay: EncoderDelay | None = None
+        self.stages: list[_core.TorqueModel] = []
+        self.left: dict[str, FloatArray] = {}
+        self._delay = np.zeros(robot.n_joints)
+        self._stribeck: _core.Effect | None = None
+        self._changed: list[int] | None = None  # joints whose torque the third loop has changed; at first all are new
+
+    @property
+    def third_loop_kept(self) -> bool:
+        """Whether some joint has a third loop, so that another round can change something."""
+        return self.residual is not None and bool(self.residual.kept.any())
+
+    def start(self) -> None:
+        """Weighted least squares as the paper compares with, the two encoders on one clock, pairs of the slow runs."""
+        data = self.data
+        n = self.robot.n_joints
+        first_friction = friction_effect(np.zeros(n), np.full(n, FIRST_WIDTH))
+        # The baseline knows no effects; what it says of the load is what they begin with.
+        self.plan = declared_plan(self.robot, first_friction)
+        self.runs = less_known(data.known, [self._as_seen(states) for states in data.runs])
+        self.observations = observe(self.plan, self.runs)
+        simple, regroup = baseline(self.observations)
+        self._first = LinkDynamicsIdentifier(prior=None).fit(simple, fit_scale=data.in_ampere)
+        self._held = self._first.phi_base_, self._first.torque_scale_
+        self.stages = [self.model(self.plan, self._first, self._first.own_ @ regroup.T)]
+        if all(states.two_encoders for states in data.runs):
+            self.encoder_delay = self._measure_encoder_delay()
+            self._delay = self.encoder_delay.value
+            self.runs = less_known(data.known, [self._as_seen(states) for states in data.runs])
+        slow_runs = less_known(data.known, [self._as_seen(states) for states in data.slow_runs])
+        if self.effects:
+            load = link_load(self.plan, self._first)
+            slow_runs = [replace(states, tau_link=load(states)) for states in slow_runs]
+            self.runs = [replace(states, tau_link=load(states)) for states in self.runs]
+        if isinstance(self.friction, SmoothFrictionIdentifier):
+            first_friction = self.friction.begin(n).effect_
+        self.plan = self._plan(first_friction)
+        self.observations = observe(self.plan, self.runs)
+        mirrors = [find_mirrors(states) for states in slow_runs]
+        check_reversals(slow_runs, mirrors, self.robot.joint_names)
+        self._pairs: list[PairWindow] = pair_windows(slow_runs, mirrors)
+        self._third_loop = [np.zeros_like(states.tau) for states in self.runs]
+
+    def fit_friction(self) -> None:
+        """First loop: friction's shape, on what the links leave; the pairs decide where a joint has some."""
+        pairs = zip(self.runs, self._third_loop, strict=True)
+        self._search_shape(self.observations.rows_with([s.in_band(s.tau - u) for s, u in pairs]), self._changed)
+        self.observations = self._without_third_loop()
+        own, self.left = own_beside(self.observations, *self._held), {}
+        self.left["friction"] = own[1]
+        if len(self.stages) == 1:
+            self.stages.append(self.model(self.plan, self._first, own[0]))
+
+    def fit_links(self) -> None:
+        """Second loop: all linear coefficients, beside the rows of the pairs."""
+        again = len(self.stages) > 2
+        self._fit_links(again)
+        if self.depends_on_load:
+            # Columns of the load follow from the links, which follow from them.
+            for _ in range(LOAD_ROUNDS):
+                load = link_load(self.plan, self.links)
+                self.runs = [replace(states, tau_link=load(states)) for states in self.runs]
+                self.observations = self._without_third_loop()
+                self._fit_links(True)
+        self._held = self.links.phi_base_, self.links.torque_scale_
+        self._links_leave = block_residuals(self.observations, self.links.x_, self.links.torque_scale_)
+        self.left["links"] = self.left["residual"] = rms(self._links_leave)
+        if not again:
+            self.two_loop_plan = self.plan
+            self.stages.append(self.model(self.plan, self.links, self.links.own_))
+
+    @property
+    def depends_on_load(self) -> bool:
+        """Whether some effect's columns are made of the predicted load."""
+        return any("tau_link" in effect.signals for effect in self.plan.effects)
+
+    def _fit_links(self, again: bool) -> None:
+        self.links.fit(
+            self.observations,
+            beside=self.beside(),
+            again=again,
+            **self._gains(),
+        )
+
+    def _gains(self) -> dict[str, Any]:
+        """Which gains are fitted, and where their search begins: where the baseline's ended."""
+        scale = self._first.torque_scale_ if self.data.in_ampere else None
+        return {"fit_scale": self.data.in_ampere, "free_gains": self.free_gains, "scale": scale}
+
+    def fit_residual(self) -> None:
+        """Third loop: what is left, from the deflection; the choice where it is kept is made in the first round."""
+        if self.residual is None:
+            return
+        left = self.observations.by_run(self._links_leave)
+        left = [e + s.in_band(u) for e, s, u in zip(left, self.runs, self._third_loop, strict=True)]
+        tau_link = [link_torque(self.plan, self.links, states) for states in self.runs]
+        if self._changed is None:
+            columns = _linear_columns(self.observations)
+            self.residual.fit(self.runs, left, tau_link=tau_link, columns=columns)
+        else:
+            self.residual.refit(self.runs, left, tau_link=tau_link)
+        self._third_loop = [self.residual.torque(s, load) for s, load in zip(self.runs, tau_link, strict=True)]
+        self._changed = np.flatnonzero(self.residual.kept).tolist()
+        self.left["residual"] = rms(
+            [e - s.in_band(u) for e, s, u in zip(left, self.runs, self._third_loop, strict=True)]
+        )
+
+    def beside(self) -> list[RowGroup]:
+        """Rows of the friction experiment that stand beside the training runs'."""
+        return row_groups(pair_rows(self.plan, self._pairs)) if self._pairs else []
+
+    def whole_model(self) -> _core.TorqueModel:
+        """Model of all three loops."""
+        third = self.residual
+        kept = None if third is None else (third.inputs_, third.mixtures_, third.compliance_)
+        return self.model(self.plan, self.links, self.links.own_, kept)
+
+    def model(
+        self,
+        plan: Plan,
+        links: LinkDynamicsIdentifier,
+        own: FloatArray,
+        third_loop: tuple[str, Regressions, FloatArray] | None = None,
+    ) -> _core.TorqueModel:
+        """Model of fitted numbers on this data's clock, in its unit, with its known terms."""
+        return assemble(
+            plan,
+            links,
+            own,
+            self.data.runs,
+            encoder_delay=self._delay,
+            encoder_error=self.encoder_error,
+            torque_unit=self.data.torque_unit,
+            third_loop=third_loop,
+            known=self.data.known,
+        )
+
+    def _without_third_loop(self) -> Observations:
+        return observe(self.plan, self.runs, [s.tau - u for s, u in zip(self.runs, self._third_loop, strict=True)])
+
+    def _measure_encoder_delay(self) -> EncoderDelay:
+        tau_link = [evaluate(self.stages[0], states)[1][:, 0] for states in self.data.runs]
+        return estimate_encoder_delay(self.runs, tau_link)
+
+    def _as_seen(self, states: States) -> States:
+        """Return a run less what is known of its encoders' error and delay so far."""
+        return states.aligned(self._delay, self.encoder_error)
+
+    def _plan(self, friction: _core.Effect) -> Plan:
+        law = [] if self._stribeck is None else [self._stribeck]
+        placed = effects_of(self.effects, self.robot.n_joints)
+        first = 2 + len(law)
+        acts_on = {first + k: joints for k, (_, joints) in enumerate(placed)}
+        plan = declared_plan(self.robot, friction, [*law, *(effect for effect, _ in placed)], acts_on)
+        return with_laws(plan, self.laws, 2 if law else None)
+
+    def _search_shape(self, rows: list[list[FloatArray]], joints: Sequence[int] | None) -> None:
+        if isinstance(self.friction, SmoothFrictionIdentifier):
+            return self._search_smooth_shape()
+        pairs = None
+        if self._pairs:
+            pairs = odd_torques(self.plan, self._pairs, pair_rows(self.plan, self._pairs)[0], *self._held)
+        self.friction.fit(self.plan, self.runs, rows, joints, pairs=pairs)
+        self.plan = self._plan(self.friction.effect_)
+        if "stribeck" in self.laws:
+            first = self._stribeck is None
+            self._search_stribeck()
+            if first:  # the width was searched without the part that falls with speed: once more, with it
+                torque = [np.column_stack([joint[:, -1] for joint in run]) for run in rows]
+                self._search_shape(observe(self.plan, self.runs).rows_with(torque), None)
+
+    def _search_smooth_shape(self) -> None:
+        """Width and sharpness of a smooth law, beside links that were fitted with the shapes so far."""
+        assert isinstance(self.friction, SmoothFrictionIdentifier)
+        for step in range(SHAPE_ROUNDS):
+            observations = self._without_third_loop()
+            self.links.fit(observations, beside=self.beside(), **self._gains())
+            if step == 0 and self.friction.start is None:
+                self.friction.fit(observations, self.links, self.runs)
+                change = np.inf
+            else:
+                change = self.friction.improve(observations, self.links, self.runs)
+            self.plan = self._plan(self.friction.effect_)
+            if change < SAME_SHAPE:
+                break
+
+    def _search_stribeck(self) -> None:
+        """Choose the shape of the part that falls with speed; the pairs decide where a joint has some."""
+
+        def left(stribeck: _core.Effect) -> FloatArray:
+            self._stribeck = stribeck
+            plan = self._plan(self.friction.effect_)
+            odd = [_core.triangular_factor(rows) for rows in pair_rows(plan, self._pairs)[0]] if self._pairs else None
+            return power_left(observe(plan, self.runs), odd)
+
+        top_speed = np.max([np.abs(states.dq_motor).max(axis=0) for states in self.runs], axis=0)
+        self._stribeck = fit_stribeck(self.friction.effect_, top_speed, left)
+        self.plan = self._plan(self.friction.effect_)
+
+
+def declared_plan(
+    robot: _core.RobotModel,
+    friction: _core.Effect,
+    between: Sequence[_core.Effect] = (),
+    acts_on: Mapping[int, Collection[int]] | None = None,
+) -> Plan:
+    """Columns of the declared model: rotor inertia, offset, effects `between`, friction; then the rigid body's."""
+    effects = [_core.Effect.rotor_inertia(), _core.Effect.torque_offset(), *between, friction]
+    return make_plan(robot, effects, acts_on=acts_on)
+
+
+def link_load(plan: Plan, links: LinkDynamicsIdentifier) -> Callable[[States], FloatArray]:
+    """Rigid-body torque [N m] that fitted links predict at every sample, (n, n_joints)."""
+    phi = np.zeros(10 * plan.robot.n_joints)
+    phi[plan.pivots] = links.phi_base_
+    return lambda states: plan.robot.inverse_dynamics(states.q, states.dq, states.ddq, phi)
+
+
+def link_torque(plan: Plan, links: LinkDynamicsIdentifier, states: States) -> FloatArray:
+    """Rigid-body torque of the second loop at every sample, (n, n_joints) in the torque unit."""
+    return link_load(plan, links)(states) * links.torque_scale_
+
+
+def _linear_columns(observations: Observations) -> list[list[FloatArray]]:
+    """Columns of every joint's terms, per joint and run."""
+    blocks = observations.blocks
+    return [observations.by_run([block.rows[j][:, :-1] for block in blocks]) for j in range(len(blocks[0].rows))]

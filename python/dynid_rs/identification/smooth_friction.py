@@ -1,0 +1,208 @@
+"""First loop with a smooth law: how Coulomb's sign turns round at rest, by the evidence.
+
+``F(v) = c s + c' |s| + k v + k' |v| + m v |v| + m' v^2`` with ``s(v) = v / (|v|^p + e^p)^(1/p)``. A sign that turns
+round wider or rounder than a model allows looks like Stribeck's friction on every joint of an arm; with width e and
+sharpness p free a curve that falls is still told from it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+from sklearn.base import BaseEstimator
+
+from dynid_rs import _core
+from dynid_rs.identification.links import LinkDynamicsIdentifier
+from dynid_rs.regression.columns import Observations, Plan
+from dynid_rs.regression.evidence import FIRST_MEMORY, Posterior, linear_model
+from dynid_rs.regression.uncertainty import shape_slope
+from dynid_rs.runs.preprocessing import States
+
+FloatArray = NDArray[np.float64]
+
+KIND = "smooth_friction"
+SHARPNESS = (1.2, 1.5, 2.5, 4.0)
+"""Sharpnesses that are tried: like an arctan, a root, a tanh, a corner."""
+FIRST_WIDTH, FIRST_SHARPNESS = 4e-3, 2.5
+"""Shape [rad/s, 1] before there is a fit."""
+WIDTHS = (0.0005, 0.001, 0.002, 0.005, 0.01, 0.02, 0.04, 0.08)
+"""Widths that are tried, over the joint's greatest speed."""
+USUAL_WIDTH, SPREAD = 0.003, 1.0
+"""Usual width over the greatest speed, and the spread of its logarithm: what is wide is a curve of friction too."""
+UNUSUAL = float(np.log(19.0))
+"""What the evidence for another sharpness than the usual has to be: a long tail of the sign is a curve too."""
+HALF_UP = float(np.log(3.0) / 2)
+"""Speed over its width at which a hyperbolic tangent is half up."""
+LONGEST, SHARPEST = 1.0, 10.0
+"""Sharpness of the longest tail and of the sharpest corner."""
+SPREAD_HERE, LARGEST_STEP = 0.3, 0.5
+"""How far the logarithm of a shape may be off in a Gauss-Newton step, and the longest step."""
+
+
+class SmoothFrictionIdentifier(BaseEstimator):  # type: ignore[misc]
+    """Width and sharpness of every joint's friction.
+
+    Parameters
+    ----------
+    start : (ndarray (n_joints,), ndarray (n_joints,)), optional
+        Width and sharpness that an earlier fit of the same runs has found: they are only improved.
+
+    Attributes
+    ----------
+    transition_width_, sharpness_ : ndarray (n_joints,)
+        e [rad/s] and p.
+    velocity_threshold_ : ndarray (n_joints,)
+        Zeros: this law has none.
+    effect_ : Effect
+        The same as an effect of the torque model.
+    """
+
+    def __init__(self, start: tuple[FloatArray, FloatArray] | None = None) -> None:
+        self.start = start
+
+    def begin(self, n_joints: int) -> SmoothFrictionIdentifier:
+        """Take the usual shape on every joint."""
+        self.velocity_threshold_ = np.zeros(n_joints)
+        self._tried: list[list[FloatArray]] | None = None
+        usual = (np.full(n_joints, FIRST_WIDTH), np.full(n_joints, FIRST_SHARPNESS))
+        self._keep(*(usual if self.start is None else self.start))
+        return self
+
+    def fit(
+        self, observations: Observations, links: LinkDynamicsIdentifier, runs: Sequence[States]
+    ) -> SmoothFrictionIdentifier:
+        """Choose the shapes beside everything else that `links` has fitted to `observations`."""
+        self._top = np.max([np.abs(states.dq_motor).max(axis=0) for states in runs], axis=0)
+        grid = [list(product(np.array(WIDTHS) * v, SHARPNESS)) for v in self._top]
+        width, sharpness = self.transition_width_.copy(), self.sharpness_.copy()
+        for j, best in enumerate(self._best(observations, links, runs, grid)):
+            width[j], sharpness[j] = best
+        self._keep(width, sharpness)
+        return self
+
+    def improve(self, observations: Observations, links: LinkDynamicsIdentifier, runs: Sequence[States]) -> float:
+        """One Gauss-Newton step on all shapes beside everything else; its greatest change of a logarithm."""
+        plan, posterior = observations.plan, links.posterior_
+        assert posterior is not None  # this law is for fits with the weak prior
+        n = plan.robot.n_joints
+        rows = [np.concatenate([block.rows[j] for block in observations.blocks]) for j in range(n)]
+        least = np.full(n, 1e-300)
+        model = linear_model(
+            plan, rows, observations.n_rows, posterior.scale, posterior.prior, _at_least(posterior, observations), least
+        )
+        for j in range(n):
+            model = model.beside({j: SPREAD_HERE * shape_slopes(plan, links, runs, j)})
+        fit = model.fit(posterior.choice, posterior.noise_std)
+        step = np.clip(SPREAD_HERE * fit.x[-2 * n :].reshape(n, 2), -LARGEST_STEP, LARGEST_STEP)
+        width, sharpness = (np.exp2(part / np.log(2.0)) for part in step.T)
+        self._keep(self.transition_width_ * width, np.clip(self.sharpness_ * sharpness, LONGEST, SHARPEST))
+        return float(np.max(np.abs(step[:, 0])))
+
+    def _best(
+        self,
+        observations: Observations,
+        links: LinkDynamicsIdentifier,
+        runs: Sequence[States],
+        tries: Sequence[Sequence[tuple[float, float]]],
+    ) -> list[tuple[float, float]]:
+        """Shape of every joint under which the data are most probable, all other joints' shapes as they are."""
+        plan, posterior = observations.plan, links.posterior_
+        assert posterior is not None  # this law is for fits with the weak prior
+        n = plan.robot.n_joints
+        effects = [
+            _core.Effect.of(KIND, transition_width=[t[k][0] for t in tries], sharpness=[t[k][1] for t in tries])
+            for k in range(len(tries[0]))
+        ]
+        rows = [np.concatenate([block.rows[j] for block in observations.blocks]) for j in range(n)]
+        _, own = plan.friction
+        if self._tried is None:  # the motion is the same in every round
+            self._tried = [
+                _core.observe(plan.robot, effects, [], *s.signals(), np.zeros_like(s.tau), filter=s.filter, kept=s.kept)
+                for s in runs
+            ]
+        least = np.full(n, 1e-300)
+        whole = linear_model(
+            plan, rows, observations.n_rows, posterior.scale, posterior.prior, _at_least(posterior, observations), least
+        )
+        shapes = []
+        for j in range(n):
+            at = plan.n_base + j * plan.n_own + np.arange(own.start, own.stop)
+            model = whole.without(j, at)
+            # At the noise that friction leaves: without friction it would be noise, and no shape better than others.
+            fit = model.at(posterior.choice, posterior.noise_std)
+            columns = np.concatenate([run[j][:, :-1] for run in self._tried])
+            torque = np.sqrt(np.mean(rows[j][:, -1] ** 2))
+            hypotheses = [
+                {j: _standardised(part, torque, posterior.choice.bends)}
+                for part in np.split(columns, len(effects), axis=1)
+            ]
+            bounds = np.tile([-np.inf, np.inf], (hypotheses[0][j].shape[1], 1))
+            bounds[0, 0] = 0.0  # friction does not drive
+            scores = model.screen(fit, hypotheses, [bounds] * len(hypotheses))
+            values = [score.value - _doubt(*shape, self._top[j]) for score, shape in zip(scores, tries[j], strict=True)]
+            shapes.append(tries[j][int(np.argmax(values))])
+        return shapes
+
+    def _keep(self, width: FloatArray, sharpness: FloatArray) -> None:
+        self.transition_width_, self.sharpness_ = width, sharpness
+        self.effect_ = _core.Effect.of(KIND, transition_width=width, sharpness=sharpness)
+
+
+def tanh_widths(friction: _core.Effect) -> FloatArray:
+    """Width (n_joints,) [rad/s] of the tanh that is half up where the law's sign is; others turn round with it."""
+    shape = {name: np.asarray(values) for name, values in friction.shape}
+    if "sharpness" not in shape:
+        return shape["transition_width"]
+    half_up = shape["transition_width"] * (2 ** shape["sharpness"] - 1) ** (-1 / shape["sharpness"])
+    widths: FloatArray = half_up / HALF_UP
+    return widths
+
+
+def in_paper_terms(coefficients: dict[str, float]) -> dict[str, float]:
+    """Coefficients of Eqs. 9-11 that give the same friction beyond the step; those of that law stay as they are."""
+    if "coulomb_asymmetry" not in coefficients:
+        return coefficients
+    c, dc, k, dk, m, dm = (
+        coefficients[name + end] for name in ("coulomb", "viscous", "quadratic") for end in ("", "_asymmetry")
+    )
+    # The printed quadratic term keeps its sign in both directions.
+    pairs = {
+        "coulomb": (c + dc, c - dc),
+        "viscous1": (k + dk, k - dk),
+        "viscous2": (dm + m, dm - m),
+        "viscous3": (0, 0),
+    }
+    return {
+        f"{name}_{side}": float(x) for name, both in pairs.items() for side, x in zip(("pos", "neg"), both, strict=True)
+    }
+
+
+def _at_least(posterior: Posterior, observations: Observations) -> FloatArray:
+    """Independent samples per joint, (n_joints,): a shape that does not fit must not hide behind its long memory."""
+    return np.maximum(posterior.n_effective, FIRST_MEMORY * observations.n_rows)
+
+
+def shape_slopes(plan: Plan, links: LinkDynamicsIdentifier, runs: Sequence[States], j: int) -> FloatArray:
+    """Change of joint j's filtered friction with the logarithm of each shape parameter of its law, (n_rows, k)."""
+    friction, at = plan.friction
+    own = links.own_[j, at]
+    names = [name for name, _ in friction.shape if name != "velocity_threshold"]
+    slopes = [np.concatenate([shape_slope(friction, name, states, j, own) for states in runs]) for name in names]
+    return np.stack(slopes, axis=1)
+
+
+def _doubt(width: float, sharpness: float, top_speed: float) -> float:
+    """Minus the logarithm of a shape's probability beforehand."""
+    far = np.log(width / (USUAL_WIDTH * max(top_speed, 1e-9))) / SPREAD
+    return float(0.5 * far**2 + UNUSUAL * (sharpness != FIRST_SHARPNESS))
+
+
+def _standardised(columns: FloatArray, torque: float, bends: float) -> FloatArray:
+    """Columns for coefficients that are standard normal beforehand, as `priors.py` has them."""
+    size = np.sqrt(np.mean(columns**2, axis=0))
+    usual = np.array([1.0, bends, 1.0, bends, bends, bends])
+    scaled: FloatArray = columns * np.where(size > 0, usual * torque / np.where(size > 0, size, 1.0), 0.0)
+    return np.ascontiguousarray(scaled)

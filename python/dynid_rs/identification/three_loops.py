@@ -1,0 +1,320 @@
+"""The three loops of the paper's Figure 2: friction, link dynamics, residual, until nothing changes."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Sequence
+from copy import copy
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from sklearn.base import BaseEstimator, clone
+from sklearn.exceptions import ConvergenceWarning
+from sklearn.utils.validation import check_is_fitted
+
+from dynid_rs import _core
+from dynid_rs.identification.friction import FrictionIdentifier
+from dynid_rs.identification.friction_laws import DEFAULT_LAW, laws_per_joint
+from dynid_rs.identification.links import LinkDynamicsIdentifier
+from dynid_rs.identification.loops import Loops, link_torque
+from dynid_rs.identification.residual import ResidualCompensator
+from dynid_rs.identification.smooth_friction import SmoothFrictionIdentifier
+from dynid_rs.identification.training import Excluded, TrainingData, prepare_training_data
+from dynid_rs.model.assembly import Regressions, evaluate
+from dynid_rs.model.known import KnownTerm, check_known
+from dynid_rs.model.placed import HeldEffect, PlacedEffect, held_terms
+from dynid_rs.regression.columns import Observations, observe
+from dynid_rs.regression.scales import free_scales
+from dynid_rs.regression.uncertainty import parameter_covariance
+from dynid_rs.runs.facts import check_training_runs
+from dynid_rs.runs.preprocessing import States, prepare, without
+from dynid_rs.runs.recording import Recording
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class FitInMemory:
+    """Rows in time of the runs that are held in memory, and the links fitted to them alone."""
+
+    observations: Observations
+    links: LinkDynamicsIdentifier
+
+
+class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
+    """Torque model of an arm from measured runs (Eq. 26: ``tau = tau_friction + tau_link + tau_residual``).
+
+    Parameters
+    ----------
+    robot : RobotModel
+        Kinematics and gravity.
+    friction : FrictionIdentifier, optional
+        First loop.
+    links : LinkDynamicsIdentifier, optional
+        Second loop.
+    residual : ResidualCompensator, None or "default"
+        Third loop; None switches it off.
+    known : sequence of (Effect, ndarray (n_joints, n_columns))
+        Effects whose coefficients [N*m] are known, not fitted: taken off the torque, and part of the model.
+    effects : sequence of PlacedEffect
+        What the arm has beside rigid body and friction, with its shapes; coefficients are fitted in the second loop.
+    held : sequence of HeldEffect
+        Effects on single joints whose coefficients were fitted elsewhere (ripple, at full rate): taken off the torque
+        and part of the model, as known terms are, but in the unit of the torque channel.
+    free_gains : sequence of int
+        Joints whose torque channel has a gain of its own against the others', which is fitted; one has to hold the
+        unit. In ampere all gains but the first are fitted anyway.
+    encoder_error : ndarray (n_joints, 2), optional
+        Cosine and sine part [rad] of what each link encoder shows too much; taken off before anything else.
+    excluded : mapping of str to windows, optional
+        Name of a run to the times (start, end) [s] in which something from outside acts: neither fitted nor scored.
+    friction_law : str or sequence of str
+        "paper" (Eqs. 9-11), "coulomb_viscous" or "stribeck", for all joints or one per joint.
+    cutoff : float, optional
+        Band [Hz] in which torques are fitted and compared; chosen from the motion if None.
+    standstill : bool
+        Whether pauses are fitted and scored too, which only a model with memory can do well.
+    max_iter : int
+        Most rounds of the three loops.
+    tol : float
+        Relative change of every joint's residual at which they stop.
+
+    Attributes
+    ----------
+    model_ : TorqueModel
+        The result, owned by Rust.
+    links_, friction_, residual_ : estimators
+        The fitted loops.
+    baseline_ : TorqueModel
+        Rigid body, Coulomb and viscous friction by weighted least squares: what the paper compares with.
+    two_loop_model_ : TorqueModel
+        Friction and link dynamics without a third loop.
+    friction_model_ : TorqueModel
+        What the first loop gives by itself: friction with its shape beside the baseline's links.
+    encoder_delay_ : EncoderDelay or None
+        Delay between the two encoder channels; None with one encoder.
+    observations_ : Observations
+        Rows and factors of the last round.
+    raw_runs_, runs_ : list of States
+        Training runs as recorded, and with the encoders' error taken off, the link channel on the motor channel's clock
+        and the known terms' torque taken off.
+    in_memory_ : FitInMemory
+        Observations and links of `runs_`, row by row in time: `observations_` and `links_` themselves, unless
+        `archive.Archive.settle` has fitted those to more runs than memory holds.
+    known_ : list of (Effect, ndarray)
+        Known terms as they were used.
+    loops_ : Loops
+        The loops as they ended, with the data that they ran over.
+    history_ : list of dict
+        RMS per joint (n_joints,) that is left on the training runs after every loop of every round: `friction` with
+        the links held, `links`, `residual`.
+    n_iter_, converged_ : int, bool
+        Of the three loops.
+    """
+
+    _covariance: FloatArray | None
+
+    def __init__(
+        self,
+        robot: _core.RobotModel,
+        *,
+        friction: FrictionIdentifier | None = None,
+        links: LinkDynamicsIdentifier | None = None,
+        residual: ResidualCompensator | str | None = "default",
+        known: Sequence[KnownTerm] = (),
+        effects: Sequence[PlacedEffect] = (),
+        held: Sequence[HeldEffect] = (),
+        free_gains: Sequence[int] = (),
+        encoder_error: FloatArray | None = None,
+        excluded: Excluded | None = None,
+        friction_law: str | Sequence[str] = DEFAULT_LAW,
+        cutoff: float | None = None,
+        standstill: bool = False,
+        max_iter: int = 10,
+        tol: float = 2e-2,
+    ) -> None:
+        self.robot = robot
+        self.friction = friction
+        self.links = links
+        self.residual = residual
+        self.known = known
+        self.effects = effects
+        self.held = held
+        self.free_gains = free_gains
+        self.encoder_error = encoder_error
+        self.excluded = excluded
+        self.friction_law = friction_law
+        self.cutoff = cutoff
+        self.standstill = standstill
+        self.max_iter = max_iter
+        self.tol = tol
+
+    def fit(
+        self,
+        recordings: Recording | Sequence[Recording],
+        friction_recording: Recording | Sequence[Recording] | None = None,
+        *,
+        on_progress: Callable[[str], None] = lambda step: None,
+    ) -> ThreeLoopIdentifier:
+        """Fit to training runs.
+
+        Parameters
+        ----------
+        recordings : Recording or sequence of Recording
+            Exciting motion.
+        friction_recording : Recording or sequence of Recording, optional
+            Friction experiment: the same positions passed in both directions at the same speeds (Eqs. 5-8). Its pairs
+            decide friction's shape and its odd part; their sums stand beside the training runs in the joint fit.
+        on_progress : callable
+            Called with a few words before every step.
+
+        Raises
+        ------
+        DataError
+            Runs of another robot, mixed units, a joint that never moves, too little motion, a friction run
+            without reversal.
+        """
+        from threadpoolctl import threadpool_limits
+
+        if self.max_iter < 1:
+            raise ValueError(f"max_iter must be at least 1, found {self.max_iter}")
+        if self.cutoff is not None and not 0 < self.cutoff < np.inf:
+            raise ValueError(f"cutoff must be a positive frequency in Hz, found {self.cutoff}")
+        if not (self.residual is None or self.residual == "default" or isinstance(self.residual, ResidualCompensator)):
+            raise ValueError(f"residual must be a ResidualCompensator, None or 'default', found {self.residual!r}")
+        laws_per_joint(self.friction_law, self.robot.n_joints)
+        free_scales(self.robot.n_joints, False, self.free_gains)
+        n = self.robot.n_joints
+        if self.encoder_error is not None and np.shape(self.encoder_error) != (n, 2):
+            raise ValueError(f"encoder_error has shape {np.shape(self.encoder_error)}, expected ({n}, 2)")
+        recordings = _as_list(recordings)
+        slow = _as_list(friction_recording) if friction_recording is not None else []
+        check_training_runs(self.robot, recordings + slow)
+        self.known_ = check_known(self.known, self.robot, recordings[0].torque_unit)
+        # Small matrices by the thousand: BLAS threads spin on each other and cost more than they give.
+        with threadpool_limits(limits=1, user_api="blas"):
+            on_progress("filtering the runs")
+            loops = self._loops(self._training_data(recordings, slow))
+            self._iterate(loops, on_progress)
+        self._keep(loops)
+        return self
+
+    def _iterate(self, loops: Loops, on_progress: Callable[[str], None]) -> None:
+        on_progress("weighted least squares")
+        loops.start()
+        self.history_: list[dict[str, FloatArray]] = []
+        self.converged_ = False
+        for self.n_iter_ in range(1, self.max_iter + 1):
+            # Loop 1: friction's shape, on what the links leave (Eqs. 9-12).
+            on_progress(f"round {self.n_iter_}: friction")
+            loops.fit_friction()
+            # Loop 2: links and all linear coefficients, without the third loop's torque (Eqs. 19-25).
+            on_progress(f"round {self.n_iter_}: link dynamics")
+            loops.fit_links()
+            # Loop 3: what is left, from the deflection (Eqs. 26-39); where it does not pay, it stays out.
+            on_progress(f"round {self.n_iter_}: residual")
+            loops.fit_residual()
+            self.history_.append(loops.left)
+            if not loops.third_loop_kept or self._settled():
+                self.converged_ = True
+                return
+        warnings.warn(
+            f"the three loops still changed after {self.max_iter} rounds; raise max_iter or tol",
+            ConvergenceWarning,
+            stacklevel=3,
+        )
+
+    def predict(self, recording: Recording) -> FloatArray:
+        """Torque of `recording` at its own stamps, (n_samples, n_joints), in the unit of the training runs."""
+        check_is_fitted(self, "model_")
+        states = self.states(recording)
+        total = evaluate(self.model_, states)[0]
+        return np.stack([np.interp(recording.t, states.t, column) for column in total.T], axis=1)
+
+    def states(self, recording: Recording) -> States:
+        """States of a run in the band and at the rate of the training runs, channels as recorded; less `excluded`."""
+        check_is_fitted(self, "band_")
+        states = prepare(recording, self.band_, self.rate_, standstill=self.standstill)
+        return without(states, (self.excluded or {}).get(recording.name, ()))
+
+    def model_with(self, regressions: Regressions) -> _core.TorqueModel:
+        """Return the model with other regressions in its third loop; all None leaves it out.
+
+        The second loop is fitted again beside them: its terms depend on what the third one takes.
+        """
+        check_is_fitted(self, "model_")
+        if all(regression is None for regression in regressions):
+            return self.two_loop_model_
+        third, plan = self.residual_, self.observations_.plan
+        if third is None:
+            raise ValueError("the third loop was switched off; fit with a ResidualCompensator first")
+        if list(regressions) == third.mixtures_:
+            return self.model_
+        loads = [link_torque(plan, self.links_, states) for states in self.runs_]
+        torque = [third.torque(states, load, regressions) for states, load in zip(self.runs_, loads, strict=True)]
+        observations = observe(plan, self.runs_, [s.tau - u for s, u in zip(self.runs_, torque, strict=True)])
+        links = copy(self.links_)
+        links.fit(
+            observations,
+            fit_scale=self.torque_unit_ == "A",
+            free_gains=self.loops_.free_gains,
+            beside=self.loops_.beside(),
+            again=True,
+        )
+        kept = (third.inputs_, list(regressions), third.compliance_)
+        return self.loops_.model(plan, links, links.own_, kept)
+
+    def parameter_covariance(self) -> FloatArray:
+        """Covariance of all unknowns of the second loop, (n_columns, n_columns), as in `regression/uncertainty.py`."""
+        check_is_fitted(self, "links_")
+        if self._covariance is None:
+            return parameter_covariance(self.observations_, self.links_, self.runs_)
+        return self._covariance
+
+    def take_covariance(self, covariance: FloatArray) -> None:
+        """Use a covariance that was found from more than `runs_`."""
+        self._covariance = covariance
+
+    def _training_data(self, recordings: list[Recording], slow: list[Recording]) -> TrainingData:
+        taken_off = self.known_ + held_terms(self.held, self.robot.n_joints)
+        return prepare_training_data(
+            recordings, slow, taken_off, self.cutoff, self.excluded, standstill=self.standstill
+        )
+
+    def _loops(self, data: TrainingData) -> Loops:
+        """Fresh copies of the three loops around the data, so that the user's own are never changed."""
+        friction: FrictionIdentifier | SmoothFrictionIdentifier
+        if self.friction is not None:
+            friction = clone(self.friction)
+        elif "smooth" in laws_per_joint(self.friction_law, self.robot.n_joints):
+            friction = SmoothFrictionIdentifier()
+        else:
+            friction = FrictionIdentifier()
+        links = clone(self.links) if self.links is not None else LinkDynamicsIdentifier()
+        residual = ResidualCompensator() if self.residual == "default" else self.residual
+        laws = laws_per_joint(self.friction_law, self.robot.n_joints)
+        third = clone(residual) if residual is not None else None
+        return Loops(self.robot, data, friction, links, third, laws, self.effects, self.free_gains, self.encoder_error)
+
+    def _keep(self, loops: Loops) -> None:
+        data = loops.data
+        self.torque_unit_, self.rate_, self.band_ = data.torque_unit, data.rate, data.band
+        self.friction_, self.links_, self.residual_ = loops.friction, loops.links, loops.residual
+        self.encoder_delay_ = loops.encoder_delay
+        self.observations_, self.raw_runs_, self.runs_ = loops.observations, data.runs, loops.runs
+        self.in_memory_ = FitInMemory(loops.observations, loops.links)
+        self._covariance = None
+        self.baseline_, self.friction_model_, self.two_loop_model_ = loops.stages
+        self.model_ = loops.whole_model()
+        self.loops_ = loops
+
+    def _settled(self) -> bool:
+        if len(self.history_) < 2:
+            return False
+        last, now = self.history_[-2]["links"], self.history_[-1]["links"]
+        return bool(np.all(np.abs(now - last) <= self.tol * np.maximum(last, 1e-300)))
+
+
+def _as_list(recordings: Recording | Sequence[Recording]) -> list[Recording]:
+    return [recordings] if isinstance(recordings, Recording) else list(recordings)

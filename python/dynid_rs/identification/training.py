@@ -1,0 +1,129 @@
+"""What is learned from: the states of runs with enough motion in them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid_rs.base.errors import DataError
+from dynid_rs.model.known import KnownTerm
+from dynid_rs.runs.preprocessing import Band, States, choose_band, common_rate, prepare, without
+from dynid_rs.runs.recording import Recording
+
+FloatArray = NDArray[np.float64]
+
+LEAST_TEST_ROWS = 20
+"""Fewer rows of a test run say nothing."""
+Excluded = Mapping[str, Sequence[tuple[float, float]]]
+"""Name of a run to the windows (start, end) [s] in which something from outside acts."""
+LEAST_ROWS = 20
+"""Rows of the fit that a run has to have in motion."""
+
+
+@dataclass(frozen=True, eq=False)
+class TrainingData:
+    """What is learned from: states of the training runs as recorded, of slow runs, and what is known beside them.
+
+    `known` terms (`model/known.py`); `torque_unit` of all runs; `rate` [Hz] of the grid that `band` is applied on.
+    """
+
+    runs: list[States]
+    slow_runs: list[States]
+    known: list[KnownTerm]
+    torque_unit: str
+    rate: float
+    band: Band
+
+    @property
+    def in_ampere(self) -> bool:
+        """Whether the joints' relative drive gains are unknowns too."""
+        return self.torque_unit == "A"
+
+
+def prepare_training_data(
+    recordings: Sequence[Recording],
+    slow: Sequence[Recording],
+    known: list[KnownTerm],
+    cutoff: float | None,
+    excluded: Excluded | None = None,
+    *,
+    standstill: bool = False,
+) -> TrainingData:
+    """States of checked runs in one band: `cutoff` [Hz], or chosen from the motion; `excluded` windows by run name.
+
+    Raises
+    ------
+    DataError
+        Too little motion is left in a training run after standstill is taken out.
+    """
+    rate = common_rate(list(recordings))
+    band = Band(cutoff) if cutoff is not None else choose_band(list(recordings))
+    runs = prepare_training_runs(recordings, band, rate, excluded, standstill=standstill)
+    slow_runs = [prepare(recording, band, rate) for recording in slow]
+    return TrainingData(runs, slow_runs, known, recordings[0].torque_unit, rate, band)
+
+
+def check_motion(runs: Sequence[States]) -> None:
+    """Refuse test runs with hardly any motion.
+
+    Raises
+    ------
+    DataError
+        A run of which next to nothing is left after standstill is taken out.
+    """
+    for states in runs:
+        if len(states.rows) < LEAST_TEST_ROWS:
+            seconds = len(states.rows) * states.step / states.rate
+            raise DataError(
+                f"{states.name}: only {seconds:.2f} s of motion are left to test on after standstill is taken "
+                "out; test on a longer motion",
+                code="too_little_motion",
+                file=states.name,
+            )
+
+
+def prepare_training_runs(
+    recordings: Sequence[Recording],
+    band: Band,
+    rate: float,
+    excluded: Excluded | None = None,
+    *,
+    standstill: bool = False,
+) -> list[States]:
+    """States of the runs in `band` at `rate` [Hz], without the windows [s] of `excluded`.
+
+    Raises
+    ------
+    DataError
+        Too little motion is left in a run after standstill is taken out.
+    """
+    windows = excluded or {}
+    return [
+        prepare_training_run(recording, band, rate, windows.get(recording.name, ()), standstill=standstill)
+        for recording in recordings
+    ]
+
+
+def prepare_training_run(
+    recording: Recording,
+    band: Band,
+    rate: float,
+    excluded: Sequence[tuple[float, float]] = (),
+    *,
+    standstill: bool = False,
+) -> States:
+    """`prepare_training_runs` of one run, less its `excluded` windows [s]."""
+    states = without(prepare(recording, band, rate, standstill=standstill), excluded)
+    if len(states.rows) < LEAST_ROWS:
+        raise DataError(
+            f"{states.name}: only {len(states.rows) * states.step / states.rate:.2f} s of motion are left "
+            f"after standstill {'and what was excluded ' if excluded else ''}and "
+            f"{1 / band.cutoff:.2g} s (1/cutoff) beside it and at both ends are taken out; "
+            "record a longer motion, or raise the cutoff",
+            code="too_little_motion",
+            file=states.name,
+        )
+    return states

@@ -1,0 +1,142 @@
+"""From fitted loops to a `TorqueModel`, and from a model to torques along a run."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid_rs import _core
+from dynid_rs.model.known import KnownTerm
+from dynid_rs.regression.columns import Plan
+from dynid_rs.regression.fitted import FittedLinks
+from dynid_rs.runs.preprocessing import States
+
+FloatArray = NDArray[np.float64]
+Regressions = Sequence[_core.GaussianMixtureRegression | _core.NormalisedRbf | None]
+Signals = Sequence[Sequence[tuple[str, int]]]
+"""Per joint: name and joint of what its regression sees."""
+
+
+def assemble(
+    plan: Plan,
+    links: FittedLinks,
+    own: FloatArray,
+    runs: Sequence[States],
+    *,
+    encoder_delay: FloatArray,
+    encoder_error: FloatArray | None = None,
+    torque_unit: str,
+    third_loop: tuple[str, Regressions, FloatArray] | None = None,
+    residual_signals: Signals | None = None,
+    known: Sequence[KnownTerm] = (),
+) -> _core.TorqueModel:
+    """Model of the fitted numbers.
+
+    Parameters
+    ----------
+    plan : Plan
+        Effects with their shapes, and where base parameters stand in phi.
+    links : FittedLinks
+        Fitted; gives base parameters, torque scales and noise.
+    own : ndarray (n_joints, n_own)
+        Own coefficients in the order of the plan's effects.
+    runs : sequence of States
+        Training runs; their extremes become the model's domain.
+    encoder_delay : ndarray (n_joints,)
+        Delay of the link channel [s].
+    encoder_error : ndarray (n_joints, 2), optional
+        Cosine and sine part of what the link encoder shows too much [rad].
+    torque_unit : {"N*m", "A"}
+        Unit of the torques.
+    third_loop : (inputs, regressions, compliance), optional
+        One regression or None per joint; compliance (n_joints,) of the gears [rad per torque unit].
+    residual_signals : sequence of sequence of (str, int), optional
+        What the regressions of a third loop on `"signals"` see, per joint.
+    known : sequence of (Effect, ndarray (n_joints, n_columns))
+        Effects that were not fitted; they stand behind the plan's.
+    """
+    phi = np.zeros(10 * plan.robot.n_joints)
+    phi[plan.pivots] = links.phi_base_
+    edges = np.cumsum([0, *(effect.n_columns for effect in plan.effects)])
+    effects = [
+        (effect, own[:, first:last]) for effect, (first, last) in zip(plan.effects, pairwise(edges), strict=True)
+    ]
+    effects += known
+    q, dq, ddq = (np.concatenate([getattr(states, name) for states in runs]) for name in ("q", "dq", "ddq"))
+    kept = third_loop is not None and any(regression is not None for regression in third_loop[1])
+    return _core.TorqueModel(
+        plan.robot,
+        phi,
+        effects,
+        residual=(third_loop[0], list(third_loop[1])) if third_loop is not None and kept else None,
+        residual_signals=residual_signals if kept else None,
+        compliance=third_loop[2].tolist() if third_loop is not None and kept else None,
+        torque_scale=links.torque_scale_.tolist(),
+        encoder_delay=encoder_delay.tolist(),
+        encoder_error=encoder_error,
+        encoder_error_sides="link" if all(states.two_encoders for states in runs) else "both",
+        noise_std=links.noise_std_.tolist(),
+        domain=(
+            np.stack([q.min(axis=0), q.max(axis=0)], axis=1).tolist(),
+            np.abs(dq).max(axis=0).tolist(),
+            np.abs(ddq).max(axis=0).tolist(),
+        ),
+        torque_unit=torque_unit,
+        step=1 / runs[0].rate if any("step" in effect.signals for effect in plan.effects) else None,
+    )
+
+
+def with_parts(
+    model: _core.TorqueModel, phi: FloatArray, effects: Sequence[tuple[_core.Effect, FloatArray]]
+) -> _core.TorqueModel:
+    """Return `model` with other inertial parameters (10 n_links,) and effects; everything else stays."""
+    return _changed(model, phi=phi, effects=effects)
+
+
+def with_domain(
+    model: _core.TorqueModel, domain: tuple[list[list[float]], list[float], list[float]]
+) -> _core.TorqueModel:
+    """Return `model` trained within other extremes: [lowest, highest] of q, greatest |dq| and |ddq|, per joint."""
+    return _changed(model, domain=domain)
+
+
+def with_residual(model: _core.TorqueModel, signals: Signals, regressions: Regressions) -> _core.TorqueModel:
+    """Return `model` with a third loop on named signals in the place of its own; everything else stays.
+
+    Parameters
+    ----------
+    signals : sequence of sequence of (str, int)
+        Per joint: name and joint of what its regression sees, one to six; as for `_core.named_signals`.
+    regressions : sequence of GaussianMixtureRegression, NormalisedRbf or None
+        One per joint, None where there is none.
+    """
+    return _changed(model, residual=("signals", list(regressions)), residual_signals=signals, compliance=None)
+
+
+def _changed(model: _core.TorqueModel, **parts: Any) -> _core.TorqueModel:
+    """Return `model` with some parts exchanged, in the words of its constructor."""
+    given = {
+        "phi": model.phi,
+        "effects": model.effects,
+        "residual": model.residual,
+        "residual_signals": model.residual_signals,
+        "compliance": None if model.compliance is None else model.compliance.tolist(),
+        "torque_scale": model.torque_scale.tolist(),
+        "encoder_delay": model.encoder_delay.tolist(),
+        "encoder_error": model.encoder_error,
+        "encoder_error_sides": model.encoder_error_sides,
+        "noise_std": model.noise_std.tolist(),
+        "domain": model.domain,
+        "torque_unit": model.torque_unit,
+        "step": model.step,
+    }
+    return _core.TorqueModel(model.robot, **(given | parts))
+
+
+def evaluate(model: _core.TorqueModel, states: States) -> tuple[FloatArray, FloatArray, NDArray[np.uint32]]:
+    """Total (n, n_joints), terms (n, n_terms, n_joints) and status bits (n,) along a run, channels as recorded."""
+    return model.evaluate(*states.in_step(model.encoder_delay).signals(), temperature=states.temperature)

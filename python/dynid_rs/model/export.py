@@ -1,0 +1,78 @@
+"""The identified model for other programs: a URDF with the physically consistent inertials, or the whole model in C."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from dynid_rs import _core
+from dynid_rs.base.files import check_readable, with_sentence
+
+
+def urdf(model: _core.TorqueModel, robot: str | os.PathLike[str] | None = None) -> bytes:
+    """URDF with the physical set of `model`: inertials, and friction as ``<dynamics>``.
+
+    Parameters
+    ----------
+    model : TorqueModel
+        With a physical set.
+    robot : path-like, optional
+        The URDF that the model was identified with. Its text is kept byte for byte but for ``<inertial>`` and
+        ``<dynamics>``; a moving link gets the total of all that is fixed to it. Without it the result holds links and
+        joints alone, with the rotor inertias as Drake writes them.
+
+    Raises
+    ------
+    ValueError
+        The model has no physical set.
+    UrdfError
+        The file is refused, or is another robot's.
+    OSError
+        The file cannot be read.
+    """
+    if model.physical is None:
+        raise ValueError(
+            "the model has no masses and inertias that a body can have, only what the torque tells; identify it again "
+            "with --physical"
+        )
+    if robot is None:
+        return _core.urdf_with_physical(model)
+    path = check_readable(robot)
+    return _core.urdf_with_physical(model, _bytes_of(path), source_name=str(path))
+
+
+def c_header(model: _core.TorqueModel, prefix: str) -> str:
+    """`model` as one self-contained C99 file: no allocation, no library but ``math.h``.
+
+    Its numbers are those of the estimator within 1e-11 of each term's size.
+
+    Parameters
+    ----------
+    model : TorqueModel
+        Any.
+    prefix : str
+        What its names begin with: a letter, then letters, digits and underscores; `c_prefix` makes one of any text.
+
+    Returns
+    -------
+    str
+        ASCII text.
+
+    Raises
+    ------
+    ValueError
+        The prefix is no beginning of a C name, or an effect has no C form.
+    """
+    return _core.c_header(model, prefix)
+
+
+def c_prefix(text: str) -> str:
+    """Return a prefix for `c_header` made of any text, the name of a file say."""
+    return _core.c_prefix(text)
+
+
+def _bytes_of(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise with_sentence(error, path, "read") from None

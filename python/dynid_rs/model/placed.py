@@ -1,0 +1,111 @@
+"""Effects at their places: what a fit has beside the declared model, in the words of the catalogue."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from dynid_rs import _core
+from dynid_rs.model.known import KnownTerm
+
+CATALOGUE = {entry["kind"]: entry for entry in _core.effect_catalogue()}
+
+
+@dataclass(frozen=True)
+class PlacedEffect:
+    """A kind of the catalogue on one joint, or on the two joints of a pair.
+
+    Parameters
+    ----------
+    kind : str
+        Name in `effect_catalogue()`.
+    joints : tuple of int
+        Where it acts; every joint has coefficients of its own.
+    shape : tuple of (str, tuple of float)
+        Shape parameters by name, one value per joint of `joints`.
+    """
+
+    kind: str
+    joints: tuple[int, ...]
+    shape: tuple[tuple[str, tuple[float, ...]], ...] = ()
+
+    @staticmethod
+    def at(kind: str, joint: int, **shape: float) -> PlacedEffect:
+        """Place `kind` on one joint."""
+        return PlacedEffect(kind, (joint,), tuple((name, (float(value),)) for name, value in shape.items()))
+
+    def shape_at(self, joint: int) -> dict[str, float]:
+        """Shape parameters on one of its joints."""
+        at = self.joints.index(joint)
+        return {name: values[at] for name, values in self.shape}
+
+
+@dataclass(frozen=True)
+class HeldEffect:
+    """An effect on one joint with coefficients that were fitted elsewhere, in the unit of the torque channel."""
+
+    effect: PlacedEffect
+    coefficients: tuple[float, ...]
+
+
+def held_terms(held: Sequence[HeldEffect], n_joints: int) -> list[KnownTerm]:
+    """Terms of a model, coefficients (n_joints, n_columns) zero where an effect does not act."""
+    placed = [one.effect for one in held]
+    terms: list[KnownTerm] = []
+    for group in _groups(placed):
+        effect = _together([placed[k] for k in group], n_joints)
+        coefficients = np.zeros((n_joints, effect.n_columns))
+        for k in group:
+            coefficients[placed[k].joints[0]] = held[k].coefficients
+        terms.append((effect, coefficients))
+    return terms
+
+
+def effects_of(placed: Sequence[PlacedEffect], n_joints: int) -> list[tuple[_core.Effect, tuple[int, ...]]]:
+    """Effects of the core and the joints that each acts on.
+
+    Places of one kind share an effect as long as they lie on different joints, so a model has few terms.
+    """
+    groups = _groups(placed)
+    together = [[placed[k] for k in group] for group in groups]
+    return [(_together(group, n_joints), tuple(sorted(j for e in group for j in e.joints))) for group in together]
+
+
+def own_columns(placed: Sequence[PlacedEffect], first: int) -> list[list[tuple[int, int]]]:
+    """Joint and own column of every coefficient of every placed effect, `first` the first column of `effects_of`."""
+    columns: list[list[tuple[int, int]]] = [[] for _ in placed]
+    for group in _groups(placed):
+        width = len(CATALOGUE[placed[group[0]].kind]["coefficients"])
+        for k in group:
+            columns[k] = [(j, first + c) for j in placed[k].joints for c in range(width)]
+        first += width
+    return columns
+
+
+def _groups(placed: Sequence[PlacedEffect]) -> list[list[int]]:
+    """Indices of places that share an effect."""
+    groups: list[list[int]] = []
+    for k, effect in enumerate(placed):
+        for group in groups:
+            taken = {j for other in group for j in placed[other].joints}
+            if placed[group[0]].kind == effect.kind and not taken & set(effect.joints):
+                group.append(k)
+                break
+        else:
+            groups.append([k])
+    return groups
+
+
+def _together(group: Sequence[PlacedEffect], n_joints: int) -> _core.Effect:
+    """One effect; joints where it does not act get a valid shape that means nothing."""
+    shape: dict[str, np.ndarray] = {}
+    for parameter in CATALOGUE[group[0].kind]["shape"]:
+        name = parameter["name"]
+        idle = -1.0 if name == "partner" else dict(group[0].shape)[name][0]
+        values = np.full(n_joints, idle)
+        for effect in group:
+            values[list(effect.joints)] = dict(effect.shape)[name]
+        shape[name] = values
+    return _core.Effect.of(group[0].kind, **shape)

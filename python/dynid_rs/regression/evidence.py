@@ -1,0 +1,218 @@
+"""The second loop under the weak prior: its width and centre by the evidence, the likelihood tempered by memory.
+
+Width w and centre c of the prior (`priors.py`) are those under which the data are most probable (`linear_model.py`).
+
+Neighbouring samples are not independent: a row of joint j counts as ``k_j = 1 / (1 + 2 sum rho)`` of one
+(`memory.residual_memory`). The residual's memory lowers how much the data count; it is not filtered out, for a filter
+fitted to a misfit would call the misfit noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid_rs import _core
+from dynid_rs.base.memory import residual_memory
+from dynid_rs.regression.columns import Observations, Plan
+from dynid_rs.regression.linear_model import Choice, Fit, LinearModel
+from dynid_rs.regression.priors import WeakPrior, declares_inertia, weak_prior
+from dynid_rs.regression.scales import improve_scale
+from dynid_rs.regression.systems import block_residuals
+
+FloatArray = NDArray[np.float64]
+
+WIDTHS = (0.3, 1.0, 3.0, 10.0, 100.0, 1e3, 1e4)
+"""Widths of the prior that are compared: from a file that is as good as such files are to an arm of tons without
+one."""
+TRUSTED = (0.03, 0.1, 0.3, 1.0)
+"""The same where the user trusts the robot file."""
+BENDS = (0.03, 0.2)
+"""Sizes of friction's bends that are compared: hardly any, and a curved law's."""
+SCALE_STEPS = 4
+"""Gauss-Newton steps on the gains in a round; gains ten times off are reached."""
+ROUNDS = 3
+"""Rounds of memory and width; the width is one of a few, so it settles at once."""
+LEAST_NOISE = 1e-6
+"""No joint's noise counts as less than this part of its torque: rounding."""
+FIRST_MEMORY = 0.1
+"""Independent samples that a row counts as before there is a residual."""
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """Solution under the weak prior.
+
+    Parameters
+    ----------
+    x : ndarray (n_columns,)
+        Most probable unknowns.
+    noise_std : ndarray (n_joints,)
+        sigma_j [torque unit].
+    choice : Choice
+        Of the prior.
+    evidence : float
+        Logarithm, up to a constant that every fit of the same rows shares.
+    n_determined : float
+        Of the unknowns, how many the data determine.
+    n_effective : ndarray (n_joints,)
+        Independent samples that the rows are worth, ``k_j n``.
+    weights : ndarray (n_joints,)
+        ``w_j`` of the joints' rows.
+    scale : ndarray (n_joints,)
+        Torque channel per link torque relative to the first joint's.
+    prior : WeakPrior
+        As it was used.
+    pull : ndarray (n_used, n_columns + 1)
+        Its rows ``[A | b]``.
+    converged : bool
+        Whether width and centre were the same in the last two rounds.
+    """
+
+    x: FloatArray
+    noise_std: FloatArray
+    choice: Choice
+    evidence: float
+    n_determined: float
+    n_effective: FloatArray
+    weights: FloatArray
+    scale: FloatArray
+    prior: WeakPrior
+    pull: FloatArray
+    n_rounds: int
+    converged: bool
+
+    @property
+    def relative_uncertainty(self) -> float:
+        """Standard deviation of a link's mass beforehand, over its mass."""
+        return self.choice.width / 2
+
+
+def fit_with_prior(
+    observations: Observations,
+    *,
+    free: NDArray[np.bool_] | None = None,
+    unknown_gain: bool = False,
+    trusted: bool = False,
+    held: Posterior | None = None,
+    scale: FloatArray | None = None,
+) -> Posterior:
+    """Fit all unknowns under the weak prior.
+
+    Parameters
+    ----------
+    observations : Observations
+        Rows and factors.
+    free : ndarray (n_joints,), optional
+        Joints whose drive gains relative to the others are estimated too; none by default.
+    unknown_gain : bool
+        The torque's unit is an unknown multiple of N m: taken from the sizes of measured and declared torque.
+    trusted : bool
+        The user trusts the robot file's inertials: they are the prior's centre, and its width is small.
+    held : Posterior, optional
+        Earlier fit of nearly the same rows, whose width, centre and memory stay.
+    scale : ndarray (n_joints,), optional
+        Where the search for the gains of the joints in `free` begins.
+    """
+    plan, factors, n_rows = observations.plan, observations.factors(), observations.n_rows
+    n = plan.robot.n_joints
+    size = np.array([max(float(np.linalg.norm(R[:, -1])) / np.sqrt(n_rows), 1e-300) for R in factors])
+    prior = weak_prior(plan, factors, n_rows)
+    widths = [(w, c) for w in (TRUSTED if trusted else WIDTHS) for c in _centres(plan.robot, trusted)]
+    choice = Choice()
+    scale = np.ones(n) if scale is None else scale
+    noise, n_effective = 0.1 * size, np.full(n, FIRST_MEMORY * n_rows)
+    if held is not None:
+        choice, scale, noise, n_effective = held.choice, held.scale, held.noise_std, held.n_effective
+    if unknown_gain:
+        prior = prior.in_unit(held.prior.unit if held is not None else _unit(plan, factors, scale))
+    chosen: list[Choice] = []
+    for _ in range(ROUNDS if held is None else 1):
+        model = linear_model(plan, factors, n_rows, scale, prior, n_effective, LEAST_NOISE * size)
+        best = model.fit(choice, noise)
+        if held is None:
+            best = _likeliest(model, noise, [choice._replace(width=w, centre=c) for w, c in widths])
+            best = _likeliest(model, best.noise, [best.choice._replace(bends=size) for size in BENDS])
+        choice = best.choice
+        if free is not None and free.any():
+            pull = prior.rows(choice)[0]
+            for _ in range(SCALE_STEPS):
+                scale = improve_scale(plan, factors, best.weights, scale, best.x, free, pull)
+                model = linear_model(plan, factors, n_rows, scale, prior, n_effective, LEAST_NOISE * size)
+                best = model.fit(choice, best.noise)
+        noise = best.noise
+        chosen.append(choice)
+        if held is None:
+            left = observations.by_run(block_residuals(observations, best.x, scale))
+            n_effective = np.array([n_rows / residual_memory([run[:, j] for run in left]) for j in range(n)])
+    model = linear_model(plan, factors, n_rows, scale, prior, n_effective, LEAST_NOISE * size)
+    end = model.fit(choice, noise)
+    pull = prior.rows(choice)[0]
+    n_determined = len(pull) - float(np.sum((pull[:, :-1] @ end.covariance) * pull[:, :-1]))
+    return Posterior(
+        end.x,
+        end.noise,
+        choice,
+        end.evidence,
+        n_determined,
+        n_effective,
+        end.weights,
+        scale,
+        prior,
+        pull,
+        len(chosen),
+        len(set(chosen[-2:])) == 1,
+    )
+
+
+def linear_model(
+    plan: Plan,
+    rows: Sequence[FloatArray],
+    n_rows: int,
+    scale: FloatArray,
+    prior: WeakPrior,
+    n_effective: FloatArray,
+    least_noise: FloatArray,
+) -> LinearModel:
+    """Model of rows ``[own | base | torque]`` per joint, or of factors that stand for `n_rows` of them."""
+    places, scaled = [], []
+    for j, part in enumerate(rows):
+        at = plan.unknowns(j)
+        kept = plan.estimable()[at]
+        units = np.ones(len(at))
+        units[plan.n_own :] = scale[j]
+        scaled.append(np.ascontiguousarray(np.column_stack([(part[:, :-1] * units)[:, kept], part[:, -1]])))
+        places.append(at[kept])
+    return LinearModel(scaled, places, prior, n_effective, least_noise, n_rows)
+
+
+def _likeliest(model: LinearModel, noise: FloatArray, choices: Sequence[Choice]) -> Fit:
+    """Fit under that of several priors under which the data are most probable."""
+    return max((model.fit(choice, noise) for choice in choices), key=lambda fit: fit.evidence)
+
+
+def _centres(robot: _core.RobotModel, trusted: bool) -> tuple[float, ...]:
+    if not declares_inertia(robot):
+        return (0.0,)
+    return (1.0,) if trusted else (0.0, 1.0)
+
+
+def _unit(plan: Plan, factors: Sequence[FloatArray], scale: FloatArray) -> float:
+    """Torque unit per N m of the first joint: median over all of what the torque has of the file's links.
+
+    Off the joint's own columns, so that friction is no load; `scale` (n_joints,) of the joints as far as it is known.
+    """
+    robot = plan.robot
+    phi = np.asarray(robot.phi) if declares_inertia(robot) else np.zeros(10 * robot.n_joints)
+    base = robot.base_parameters()
+    phi_base = phi[np.asarray(base.pivots)] + np.asarray(base.beta) @ phi[np.asarray(base.dependent)]
+    ratios = []
+    for j, R in enumerate(factors):
+        beside = R[plan.n_own :]  # rows of a triangular factor below its own columns are orthogonal to them
+        declared = scale[j] * (beside[:, plan.n_own : -1] @ phi_base[plan.pivots >= 10 * j])
+        if declared @ beside[:, -1] > 0:
+            ratios.append(float(declared @ beside[:, -1] / (declared @ declared)))
+    return float(np.median(ratios)) if ratios else 1.0

@@ -1,0 +1,57 @@
+"""What a fit of the link dynamics gives to those who build on it, whoever fitted it."""
+
+from __future__ import annotations
+
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid_rs.regression.columns import Observations
+from dynid_rs.regression.evidence import Posterior
+from dynid_rs.regression.systems import stack, whitened
+
+FloatArray = NDArray[np.float64]
+Weighting = Literal["joint_variance", "full_covariance"] | None
+
+
+class FittedLinks(Protocol):
+    """A fitted `LinkDynamicsIdentifier`, as far as intervals, models and bodies need it; its page says what each is."""
+
+    weighting: Weighting
+    x_: FloatArray
+    phi_base_: FloatArray
+    own_: FloatArray
+    torque_scale_: FloatArray
+    noise_std_: FloatArray
+    covariance_: FloatArray
+    weights_: FloatArray
+    worth_: FloatArray
+    ridge_: float
+    posterior_: Posterior | None
+
+
+def weighted_system(observations: Observations, links: FittedLinks, *, least_noise: float = 0.0) -> FloatArray:
+    """System ``[columns | torque]`` that `links` was solved on, its noise of variance one (Eq. 13).
+
+    With a prior its rows stand below, and a joint's rows count as many as the independent samples they are worth.
+
+    Parameters
+    ----------
+    least_noise : float
+        No joint's noise counts as less than this part of its torque.
+    """
+    plan, factors = observations.plan, observations.factors()
+    size = np.array([np.linalg.norm(R[:, -1]) for R in factors]) / np.sqrt(observations.n_rows)
+    least = np.maximum(least_noise * size, 1e-300)
+    root = np.sqrt(links.worth_)
+    if links.weighting == "full_covariance":
+        short = np.maximum(least**2 - np.diag(links.covariance_), 0.0)
+        covariance = (links.covariance_ + np.diag(short)) / np.outer(root, root)
+        system = whitened(observations, covariance, links.torque_scale_)
+    else:
+        noise = links.noise_std_
+        if links.weighting is None:
+            noise = np.full(len(factors), np.sqrt(np.mean(noise**2)))
+        system = stack(plan, factors, root / np.maximum(noise, least), links.torque_scale_)
+    return system if links.posterior_ is None else np.concatenate([system, links.posterior_.pull])

@@ -1,0 +1,1 @@
+"""What was measured: recordings, their readers and checks, the states made of them, training and test runs."""

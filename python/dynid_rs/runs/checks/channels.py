@@ -1,0 +1,220 @@
+"""Channels that do not follow the robot: still joints, frozen, clipped, wrapped or jumping values."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from dynid_rs.base.findings import Finding, joint_words
+from dynid_rs.runs.checks.motion import MIN_SPAN, equal_runs, extent, is_same, label, moving_joints, spans
+from dynid_rs.runs.recording import FloatArray, Recording
+
+FROZEN_SECONDS = 0.1
+FROZEN_SAMPLES = 20
+FROZEN_TRAVEL = 0.02
+"""Travel of the joint [rad, m] in a frozen stretch: the channel stood still, not the joint."""
+
+PLATEAU_SAMPLES = 5
+PLATEAU_TRAVEL = 1e-3
+MIN_LEVELS = 30
+"""Channels with fewer different values are coarsely quantised: plateaus are their nature."""
+
+MIN_JUMP = 0.05
+JUMP_FACTOR = 5.0
+
+
+def check_channels(rec: Recording) -> Iterator[Finding]:
+    """Joints that never move; frozen, clipped, wrapped and jumping channels."""
+    moves = moving_joints(rec)
+    yield from _still_joints(rec)
+    for joint in range(rec.n_joints):
+        q = rec.q[:, joint]
+        broken = False
+        for signal, values in _positions(rec, joint):
+            for finding in (*_frozen_position(rec, signal, values, joint), *_wrapped(rec, signal, values, joint)):
+                broken = True
+                yield finding
+            if not broken:
+                yield from _jump(rec, signal, values, joint)
+        tau = rec.tau[:, joint]
+        if _is_constant(rec, "tau", joint):
+            yield Finding(
+                "stuck",
+                "error" if moves[joint] else "warning",
+                f"{label(rec, 'tau', joint)} is {tau[0]:g} {rec.torque_unit} in every row; its channel is dead",
+                rec.name,
+                f"tau_{joint}",
+                (0, rec.n_samples),
+            )
+            continue
+        # A frozen position makes its joint look still: nothing can be said about the other channels then.
+        if moves[joint] and not broken:
+            yield from _clipped(rec, joint, tau, q)
+            yield from _frozen(rec, "tau", tau, q, joint)
+            if rec.dq is not None and not _is_constant(rec, "dq", joint):
+                yield from _frozen(rec, "dq", rec.dq[:, joint], q, joint)
+
+
+def _is_constant(rec: Recording, signal: str, joint: int) -> bool:
+    found = extent(rec, signal)
+    return bool(found.lowest[joint] == found.highest[joint])
+
+
+def _equal_runs(rec: Recording, signal: str, joint: int, min_length: int) -> list[tuple[int, int]]:
+    """`equal_runs` of a joint's signal; most have none, and that is known already."""
+    if extent(rec, signal).longest_equal[joint] < min_length:
+        return []
+    return equal_runs(getattr(rec, signal)[:, joint], min_length)
+
+
+def _positions(rec: Recording, joint: int) -> list[tuple[str, FloatArray]]:
+    found = [("q", rec.q[:, joint])]
+    if rec.q_motor is not None and not is_same(rec.q_motor[:, joint], rec.q[:, joint]):
+        found.append(("q_motor", rec.q_motor[:, joint]))
+    return found
+
+
+def _still_joints(rec: Recording) -> Iterator[Finding]:
+    moves, ranges = moving_joints(rec), spans(rec)
+    for joint in np.flatnonzero(~moves).tolist():
+        yield Finding(
+            "joint_never_moves",
+            "warning" if moves.any() else "error",
+            f"{joint_words(rec.joints[joint])} never moves (range {ranges[joint]:.2g}, at "
+            f"least {MIN_SPAN:g} rad is motion); "
+            "its friction and inertia cannot be identified from this run",
+            rec.name,
+            f"q_{joint}",
+            (0, rec.n_samples),
+            float(ranges[joint]),
+            "rad",
+        )
+
+
+def _min_frozen(rec: Recording) -> int:
+    return max(FROZEN_SAMPLES, round(FROZEN_SECONDS * rec.rate))
+
+
+def _frozen(rec: Recording, signal: str, values: FloatArray, q: FloatArray, joint: int) -> Iterator[Finding]:
+    """Frozen torque or velocity: equal values over a long stretch while the joint travels."""
+    found = extent(rec, signal)
+    for start, stop in _equal_runs(rec, signal, joint, _min_frozen(rec)):
+        clipped = signal == "tau" and values[start] in (found.lowest[joint], found.highest[joint])
+        if not clipped and np.ptp(q[start:stop]) > FROZEN_TRAVEL:
+            # Constant speed is a legitimate constant velocity, unless the joint disagrees.
+            dt = rec.t[stop - 1] - rec.t[start]
+            travel = abs(q[stop - 1] - q[start] - values[start] * dt)
+            if signal == "dq" and travel < FROZEN_TRAVEL:
+                continue
+            yield _stuck(rec, f"{signal}_{joint}", start, stop, values[start])
+
+
+def _frozen_position(rec: Recording, signal: str, values: FloatArray, joint: int) -> Iterator[Finding]:
+    """Frozen position: equal values that end in a jump, or while the other channels of the joint travel."""
+    stretches = _equal_runs(rec, signal, joint, _min_frozen(rec))
+    if not stretches:
+        return
+    steps = np.abs(np.diff(values))
+    moving = steps[steps > 0]
+    usual = float(np.percentile(moving, 99)) if moving.size else np.inf
+    for start, stop in stretches:
+        jump = steps[stop - 1] if stop < rec.n_samples else 0.0
+        travel = 0.0
+        if rec.dq is not None:
+            dt = np.diff(rec.t[start:stop])
+            dq = rec.dq[start:stop, joint]
+            travel = abs(float(np.sum(0.5 * (dq[1:] + dq[:-1]) * dt)))
+        if rec.q_motor is not None:
+            other = rec.q if signal == "q_motor" else rec.q_motor
+            travel = max(travel, abs(float(other[stop - 1, joint] - other[start, joint])))
+        # With a dead encoder (all equal) only a long way tells it from a joint that was held.
+        if (jump > 5 * usual and jump > MIN_SPAN) or travel > FROZEN_TRAVEL:
+            yield _stuck(rec, f"{signal}_{joint}", start, stop, values[start])
+
+
+def _stuck(rec: Recording, column: str, start: int, stop: int, value: float) -> Finding:
+    seconds = float(rec.t[stop - 1] - rec.t[start])
+    return Finding(
+        "stuck",
+        "error",
+        f"{column} stays at {value:.6g} for {seconds:.3g} s (rows {start + 1} to "
+        f"{stop}) while the joint moves; "
+        "cut these rows out",
+        rec.name,
+        column,
+        (start, stop),
+        seconds,
+        "s",
+    )
+
+
+def _clipped(rec: Recording, joint: int, values: FloatArray, q: FloatArray) -> Iterator[Finding]:
+    """Plateaus at the torque's largest or smallest value while the joint moves: the range of the channel ended."""
+    stretches = _equal_runs(rec, "tau", joint, PLATEAU_SAMPLES)
+    if not stretches or np.unique(values).size < MIN_LEVELS:
+        return
+    found, column = extent(rec, "tau"), f"tau_{joint}"
+    for limit, word in ((found.highest[joint], "largest"), (found.lowest[joint], "smallest")):
+        plateaus = [
+            (start, stop)
+            for start, stop in stretches
+            if values[start] == limit and np.ptp(q[start:stop]) > PLATEAU_TRAVEL
+        ]
+        if plateaus:
+            count = sum(stop - start for start, stop in plateaus)
+            yield Finding(
+                "saturated",
+                "error",
+                f"{column} sits on its {word} value {limit:.6g} {rec.torque_unit} for "
+                f"{count} rows, first rows "
+                f"{plateaus[0][0] + 1} to {plateaus[0][1]}; the channel or the drive is "
+                "saturated: move less or slower",
+                rec.name,
+                column,
+                (plateaus[0][0], plateaus[-1][1]),
+                float(limit),
+                rec.torque_unit,
+            )
+
+
+def _wrapped(rec: Recording, signal: str, values: FloatArray, joint: int) -> Iterator[Finding]:
+    if extent(rec, signal).largest_step[joint] < np.pi:
+        return
+    steps, column = np.diff(values), f"{signal}_{joint}"
+    rows = np.flatnonzero(np.abs(np.abs(steps) - 2 * np.pi) < 0.2 * 2 * np.pi)
+    usual = np.percentile(np.abs(steps), 95)
+    if rows.size and usual < 1.0:
+        yield Finding(
+            "wrapped",
+            "error",
+            f"{column} jumps by a whole turn {rows.size} times, first at row {rows[0] + 2}; unwrap the angle",
+            rec.name,
+            column,
+            (int(rows[0]), int(rows[0]) + 2),
+            float(steps[rows[0]]),
+            "rad",
+        )
+
+
+def _jump(rec: Recording, signal: str, values: FloatArray, joint: int) -> Iterator[Finding]:
+    if extent(rec, signal).largest_step[joint] <= MIN_JUMP:
+        return
+    dt, column = np.diff(rec.t), f"{signal}_{joint}"
+    # A longer step of time explains a longer way, a shorter one does not: stamps jitter more than samples.
+    steps = np.abs(np.diff(values)) / np.maximum(dt / rec.median_step, 1.0)
+    usual = float(np.percentile(steps, 99))
+    row = int(np.argmax(steps))
+    size = float(abs(values[row + 1] - values[row]))
+    if size > MIN_JUMP and steps[row] > JUMP_FACTOR * usual:
+        yield Finding(
+            "position_jump",
+            "error",
+            f"{column} jumps by {size:.3g} rad at row {row + 2}, where {usual:.2g} rad is a large step; "
+            "lost samples or a broken channel: cut these rows out",
+            rec.name,
+            column,
+            (row, row + 2),
+            size,
+            "rad",
+        )

@@ -1,0 +1,108 @@
+"""Positions against what a joint can do: units that look like degrees, limits of the robot."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid_rs.base.findings import Finding
+from dynid_rs.runs.checks.motion import extent, label, moving_joints
+from dynid_rs.runs.recording import Recording
+
+DEGREE = np.pi / 180.0
+ABSURD = 1e7
+"""No position, torque or acceleration of an arm has this size, in degrees and N mm neither."""
+
+TWO_TURNS = 4 * np.pi
+TOLERANCE = 0.01
+"""Excess over a limit [rad, m] that calibration explains."""
+
+
+class Limited(Protocol):
+    """The part of a robot model that these checks need; NaN or infinity where a joint has no limit."""
+
+    @property
+    def lower(self) -> NDArray[np.float64]:
+        """Lower position limits (n_joints,) [rad, m]."""
+
+    @property
+    def upper(self) -> NDArray[np.float64]:
+        """Upper position limits (n_joints,) [rad, m]."""
+
+
+def check_magnitudes(rec: Recording) -> Iterator[Finding]:
+    """Numbers that no joint reaches in any unit: damaged cells."""
+    for signal in ("q", "tau", "dq", "ddq", "q_motor", "dq_motor"):
+        values = getattr(rec, signal)
+        if values is None:
+            continue
+        found = extent(rec, signal)
+        if max(found.highest.max(), -found.lowest.min()) <= ABSURD:
+            continue
+        row, joint = np.unravel_index(int(np.argmax(np.abs(values))), values.shape)
+        yield Finding(
+            "absurd_value",
+            "error",
+            f"{label(rec, signal, int(joint))} is {values[row, joint]:.3g} in row {row + 1}; "
+            "the file is damaged or its unit is wrong",
+            rec.name,
+            f"{signal}_{joint}",
+            (int(row), int(row) + 1),
+            float(values[row, joint]),
+        )
+
+
+def check_limits(rec: Recording, robot: Limited | None) -> Iterator[Finding]:
+    """Angles that look like degrees; positions beyond the limits of the robot."""
+    low, high, *_ = extent(rec, "q")
+    largest = np.maximum(np.abs(low), np.abs(high))
+    if robot is None:
+        moves = moving_joints(rec)
+        wide = moves & (largest > TWO_TURNS)
+        # One joint may turn round and round; half of the robot does not.
+        if wide.any() and 2 * wide.sum() >= moves.sum():
+            yield _degrees(rec, "warning", largest, f"{int(wide.sum())} of {rec.n_joints} joints go beyond two turns")
+        return
+    lower, upper = _limits(robot.lower, -np.inf), _limits(robot.upper, np.inf)
+    excess = np.maximum(lower - low, high - upper)
+    beyond = excess > TOLERANCE
+    limit = np.maximum(np.abs(lower), np.abs(upper))
+    fits = np.all((low * DEGREE >= lower - TOLERANCE) & (high * DEGREE <= upper + TOLERANCE))
+    if fits and np.any(largest > 3 * limit):
+        text = f"q_{int(np.argmax(largest / limit))} is far beyond the limits of the robot, and all fit as degrees"
+        yield _degrees(rec, "error", largest, text)
+        return
+    for joint in np.flatnonzero(beyond).tolist():
+        outside = np.flatnonzero((rec.q[:, joint] < lower[joint]) | (rec.q[:, joint] > upper[joint]))
+        yield Finding(
+            "position_limits",
+            "warning",
+            f"{label(rec, 'q', joint)} goes from {low[joint]:.4g} to {high[joint]:.4g} rad, its limits are "
+            f"{lower[joint]:.4g} to {upper[joint]:.4g}; check the robot, the zero position and the sign",
+            rec.name,
+            f"q_{joint}",
+            (int(outside[0]), int(outside[-1]) + 1),
+            float(excess[joint]),
+            "rad",
+        )
+
+
+def _limits(values: Any, missing: float) -> NDArray[np.float64]:
+    limits = np.array(values, dtype=np.float64)
+    return np.where(np.isnan(limits), missing, limits)
+
+
+def _degrees(rec: Recording, severity: Any, largest: NDArray[np.float64], text: str) -> Finding:
+    return Finding(
+        "units_degrees",
+        severity,
+        f'q looks like degrees: {text}; if so write in dynid.toml: [units] angle = "deg"',
+        rec.name,
+        f"q_{int(np.argmax(largest))}",
+        (0, rec.n_samples),
+        float(largest.max()),
+        "rad",
+    )

@@ -1,0 +1,76 @@
+"""Sampling: rate, jitter, short gaps. Long gaps and backward time never become a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from dynid_rs.base.findings import Finding
+from dynid_rs.runs.recording import GAP_STEPS, Recording, gaps
+
+MIN_RATE = 2.0
+SLOW_RATE = 40.0
+MAX_RATE = 50_000.0
+JITTER = 0.05
+STRONG_JITTER = 0.5
+
+
+def check_timing(rec: Recording) -> Iterator[Finding]:
+    """Rate that cannot be seconds, rate too slow for dynamics, jitter, gaps."""
+    rate = rec.rate
+    if not MIN_RATE <= rate <= MAX_RATE:
+        guess = "milliseconds" if rate < MIN_RATE else "not seconds"
+        yield Finding(
+            "sampling_rate",
+            "error",
+            f"the median step of t is {rec.median_step:.4g} s ({rate:.3g} Hz); if t is {guess}, say so in "
+            'dynid.toml: [units] time = "ms"',
+            rec.name,
+            "t",
+            value=rate,
+            unit="Hz",
+        )
+    elif rate < SLOW_RATE:
+        yield Finding(
+            "sampling_rate",
+            "warning",
+            f"{rate:.3g} Hz is slow for identification; 100 Hz or more separates inertia from friction better",
+            rec.name,
+            "t",
+            value=rate,
+            unit="Hz",
+        )
+    jitter = relative_jitter(rec)
+    if jitter > JITTER:
+        yield Finding(
+            "jitter",
+            "warning" if jitter > STRONG_JITTER else "info",
+            f"the steps of t vary by {100 * jitter:.0f} % of the median step (95th percentile); "
+            "the run is resampled on the stamps given",
+            rec.name,
+            "t",
+            value=jitter,
+            unit="1",
+        )
+    found = gaps(rec)
+    if found:
+        row, steps = max(found, key=lambda gap: gap[1])
+        yield Finding(
+            "gap",
+            "warning",
+            f"{len(found)} gap{'s' if len(found) > 1 else ''} of more than "
+            f"{GAP_STEPS:g} median steps, the longest "
+            f"{(rec.t[row] - rec.t[row - 1]) * 1e3:.4g} ms before row {row + 1}; samples are interpolated there",
+            rec.name,
+            "t",
+            (row - 1, row + 1),
+            steps,
+            "steps",
+        )
+
+
+def relative_jitter(rec: Recording) -> float:
+    """95th percentile of the deviation from the median step, over the median step."""
+    dt = np.diff(rec.t)
+    return float(np.percentile(np.abs(dt - rec.median_step), 95) / rec.median_step)

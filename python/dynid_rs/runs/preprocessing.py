@@ -1,0 +1,368 @@
+"""From a recording to states on a uniform grid, and the band in which torques are compared.
+
+Every column of the regressor and the torque go through the same zero-phase low-pass (parallel filtering), so the filter
+cancels from the equation; only positions are filtered before they are differentiated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid_rs import _core
+from dynid_rs.runs.recording import Recording
+
+FloatArray = NDArray[np.float64]
+Filter = tuple[FloatArray, FloatArray, int]
+
+ORDER = 4
+"""Butterworth order of one pass; the two passes together fall off with twice that."""
+STATE_BAND = 2.0
+"""Positions are low-passed at this multiple of the band's cutoff before they are differentiated."""
+WORK_RATE = 40.0
+"""States are kept at this multiple of the cutoff at least; friction's corners live above the band."""
+ROW_RATE = 4.0
+"""Rows of the fit are kept at this multiple of the cutoff: twice what the band can hold."""
+LATEST_VELOCITY = 0.05
+"""A recorded velocity that lags its position by more than this over the cutoff is differentiated instead."""
+STILL_SPEED = 0.01
+"""A joint moves above this part of its greatest speed."""
+STILL_TIME = 0.2
+"""Shorter standstill [s] is a reversal, not a pause."""
+LEAST_MOTION = 0.5
+"""Shorter motion between two pauses [s] is a twitch (a brake opening), not motion."""
+EXACT = 1e-2
+"""A recorded acceleration counts as the derivative of the recorded velocity below this relative difference."""
+
+
+@lru_cache(maxsize=64)
+def _design(rate: float, cutoff: float) -> Filter | None:
+    from scipy.signal import butter, sosfilt_zi
+
+    relative = cutoff / (rate / 2)
+    if relative >= 0.95:
+        return None
+    sections = butter(ORDER, relative, output="sos")
+    return sections, sosfilt_zi(sections), int(3 * rate / cutoff)
+
+
+@dataclass(frozen=True)
+class Band:
+    """Where measured and predicted torque are compared: zero-phase Butterworth below `cutoff` [Hz]."""
+
+    cutoff: float
+
+    def design(self, rate: float, cutoff: float | None = None) -> Filter | None:
+        """Second-order sections, their steady state and the padding, for `rate` [Hz]; None if nothing is cut."""
+        return _design(rate, cutoff or self.cutoff)
+
+    def apply(self, x: FloatArray, rate: float, cutoff: float | None = None) -> FloatArray:
+        """Low-passed x (n, ...) sampled at `rate` [Hz]."""
+        design = self.design(rate, cutoff)
+        if design is None or x.size == 0:
+            return x
+        sections, steady, padding = design
+        filtered = _core.low_pass(x.reshape(len(x), -1), (sections, steady, min(padding, len(x) - 1)))
+        return filtered.reshape(x.shape)
+
+
+@dataclass(frozen=True, eq=False)
+class States:
+    """A run on a uniform grid; every matrix is (n, n_joints).
+
+    `q, dq, ddq` link side, `q_motor, dq_motor, ddq_motor` motor side (the same arrays with one encoder), `tau` in the
+    recording's unit. `moving` (n,) marks the samples that are fitted and scored, `rows` those of them that become
+    rows of the fit. `notes` says what was done to the signals. `reference` is the position that the controller was
+    asked for, with its derivatives, through the same filter; None where it was not recorded. `tau_link` is the
+    rigid-body torque [N m] that a model predicts, for effects that depend on the load; None before there is one.
+    `temperature` [degC] as it was measured, on the grid; None where it was not.
+    """
+
+    name: str
+    t: FloatArray
+    q: FloatArray
+    dq: FloatArray
+    ddq: FloatArray
+    q_motor: FloatArray
+    dq_motor: FloatArray
+    ddq_motor: FloatArray
+    tau: FloatArray
+    rate: float
+    band: Band
+    moving: NDArray[np.bool_]
+    two_encoders: bool
+    notes: tuple[str, ...] = ()
+    reference: tuple[FloatArray, FloatArray, FloatArray] | None = None
+    tau_link: FloatArray | None = None
+    temperature: FloatArray | None = None
+
+    @cached_property
+    def filter(self) -> Filter | None:
+        """The band's filter at this rate."""
+        return self.band.design(self.rate)
+
+    @property
+    def step(self) -> int:
+        """Samples from one row to the next."""
+        return max(1, int(self.rate / (ROW_RATE * self.band.cutoff)))
+
+    @property
+    def grid(self) -> NDArray[np.intp]:
+        """Samples of the decimated grid, (n_grid,), standstill included."""
+        return np.arange(0, len(self.t), self.step)
+
+    @cached_property
+    def rows(self) -> NDArray[np.intp]:
+        """Samples that become rows of the fit, (n_rows,)."""
+        return self.grid[self.moving[self.grid]]
+
+    @cached_property
+    def kept(self) -> list[int]:
+        """`rows` as the compiled module takes them."""
+        result: list[int] = self.rows.tolist()
+        return result
+
+    def velocity_noise(self, j: int) -> float:
+        """Standard deviation of joint j's motor-side velocity above the band [rad/s], by its median."""
+        above = self.dq_motor[:, j] - self.band.apply(self.dq_motor[:, j], self.rate)
+        return float(np.median(np.abs(above)) / 0.6745)
+
+    def in_band(self, x: FloatArray) -> FloatArray:
+        """`x` (n, ...) through the band's filter, at the rows of the fit."""
+        return self.band.apply(x, self.rate)[self.rows]
+
+    def signals(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Return q, dq, ddq, q_motor, dq_motor, ddq_motor."""
+        return self.q, self.dq, self.ddq, self.q_motor, self.dq_motor, self.ddq_motor
+
+    def aligned(self, encoder_delay: FloatArray, encoder_error: FloatArray | None = None) -> States:
+        """Return the same run as a model sees it that knows about the encoders.
+
+        Parameters
+        ----------
+        encoder_delay : ndarray (n_joints,)
+            How late the link channel is behind the motor channel [s].
+        encoder_error : ndarray (n_joints, 2), optional
+            Cosine and sine part of what the link encoder shows too much [rad]; with one encoder the motor side is the
+            same signal and shows it too.
+        """
+        seen = self.in_step(encoder_delay)
+        q, dq, ddq = seen.q, seen.dq, seen.ddq
+        q_motor, dq_motor, ddq_motor = seen.q_motor, seen.dq_motor, seen.ddq_motor
+        if encoder_error is not None and np.any(encoder_error):
+            q, dq, ddq = _core.true_motion(q, dq, ddq, encoder_error)
+            if not self.two_encoders:
+                q_motor, dq_motor, ddq_motor = q, dq, ddq
+        if self.two_encoders:
+            q, dq = _core.align_link_side(q, dq, ddq, encoder_delay)
+        return replace(self, q=q, dq=dq, ddq=ddq, q_motor=q_motor, dq_motor=dq_motor, ddq_motor=ddq_motor)
+
+    def in_step(self, encoder_delay: FloatArray) -> States:
+        """Return the same run with the links' acceleration on the motor channel's clock, where a model has the rest.
+
+        A model brings positions and speeds there by itself; the jerk, which the acceleration takes, only a record
+        has. Inertia that comes late by `encoder_delay` (n_joints,) [s] would look like a torque channel that is early.
+        """
+        if not self.two_encoders or not np.any(encoder_delay):
+            return self
+        return replace(self, ddq=self.ddq + encoder_delay * np.gradient(self.ddq, 1 / self.rate, axis=0))
+
+
+def common_rate(recordings: list[Recording]) -> float:
+    """Mean sampling rate of the first run [Hz], a whole number where it is one; the grid of all of them."""
+    first = recordings[0]
+    rate = (first.n_samples - 1) / first.duration
+    return float(round(rate)) if rate > 10 else float(rate)
+
+
+def choose_band(recordings: list[Recording], least: float = 5.0) -> Band:
+    """Band that holds the motion: 5 Hz, or five times the frequency below which nine tenths of the speed's power lie.
+
+    The median over joints and runs, so that one vibrating joint does not open the band to its noise.
+    """
+    frequencies = []
+    for recording in recordings:
+        rate = recording.rate
+        grid = np.arange(recording.t[0], recording.t[-1], 1 / rate)
+        q = Band(4 * least).apply(_linear(recording.t, recording.q, grid), rate)
+        power = np.cumsum(np.abs(np.fft.rfft(np.gradient(q, 1 / rate, axis=0), axis=0)) ** 2, axis=0)
+        frequencies += [np.searchsorted(column, 0.9 * column[-1]) * rate / len(grid) for column in power.T]
+    nyquist = min(recording.rate for recording in recordings) / 2
+    return Band(float(min(max(least, 5 * np.median(frequencies)), 0.8 * nyquist)))
+
+
+def prepare(recording: Recording, band: Band, rate: float, *, standstill: bool = False) -> States:
+    """States of `recording` at `rate` [Hz] or a whole fraction of it.
+
+    Recorded velocity and acceleration are taken as they are where both are there and belong together (a simulation, or
+    a careful logger). Otherwise positions are low-passed at twice the band and differentiated; a recorded velocity
+    replaces the derivative unless it lags behind. With `standstill` pauses are fitted and scored too: friction at rest
+    is no function of the state, but a model with memory can know it.
+
+    Raises
+    ------
+    ValueError
+        The run is too short for the band.
+    """
+    grid = _grid(recording, rate)
+    if len(grid) / rate < 4 / band.cutoff:
+        raise ValueError(
+            f"{recording.name}: {len(grid) / rate:.2f} s are too short for a band of {band.cutoff:g} Hz; "
+            f"at least {4 / band.cutoff:.2f} s are needed"
+        )
+    notes: list[str] = []
+    two_encoders = recording.q_motor is not None
+    link = _side(recording, recording.q, recording.dq, recording.ddq, grid, band, rate, "dq", notes)
+    exact = link[3]
+    motor = link
+    if recording.q_motor is not None and not np.array_equal(recording.q_motor, recording.q):
+        motor = _side(recording, recording.q_motor, recording.dq_motor, None, grid, band, rate, "dq_motor", notes)
+    tau = _linear(recording.t, recording.tau, grid)
+    step = 1 if exact else max(1, int(rate / (WORK_RATE * band.cutoff)))
+    if step > 1:
+        tau = band.apply(tau, rate, 0.4 * rate / step)
+    reference: list[FloatArray] | None = None
+    if recording.q_reference is not None:
+        asked = _side(recording, recording.q_reference, None, None, grid, band, rate, "q_reference", notes)[:3]
+        reference = [np.ascontiguousarray(x[::step]) for x in asked]
+    temperature = recording.temperature
+    if temperature is not None:
+        temperature = np.ascontiguousarray(_linear(recording.t, temperature, grid)[::step])
+    moving = _moving(link[1][::step], rate / step, band, standstill)
+    names = ("q", "dq", "ddq", "q_motor", "dq_motor", "ddq_motor")
+    signals = dict(zip(names, (np.ascontiguousarray(x[::step]) for x in (*link[:3], *motor[:3])), strict=True))
+    return States(
+        name=recording.name,
+        t=grid[::step],
+        **signals,
+        tau=np.ascontiguousarray(tau[::step]),
+        rate=rate / step,
+        band=band,
+        moving=moving,
+        two_encoders=two_encoders,
+        notes=tuple(notes),
+        reference=None if reference is None else (reference[0], reference[1], reference[2]),
+        temperature=temperature,
+    )
+
+
+def without(states: States, windows: Sequence[tuple[float, float]], guard: float | None = None) -> States:
+    """Return the same run with windows (start, end) [s] neither fitted nor scored.
+
+    `guard` [s] on both sides keeps out what the band's filter smears; one over the cutoff by default.
+    """
+    guard = 1 / states.band.cutoff if guard is None else guard
+    outside = np.ones(len(states.t), dtype=bool)
+    for start, end in windows:
+        outside &= (states.t < start - guard) | (states.t > end + guard)
+    return states if outside.all() else replace(states, moving=states.moving & outside)
+
+
+def _grid(recording: Recording, rate: float) -> FloatArray:
+    t = recording.t
+    uniform = t[0] + np.arange(len(t)) / rate
+    if np.abs(t - uniform).max() < 1e-6 / rate:
+        return t  # already there: interpolation would only add rounding
+    return np.arange(t[0], t[-1], 1 / rate)
+
+
+def _side(
+    recording: Recording,
+    q: FloatArray,
+    dq: FloatArray | None,
+    ddq: FloatArray | None,
+    grid: FloatArray,
+    band: Band,
+    rate: float,
+    name: str,
+    notes: list[str],
+) -> tuple[FloatArray, FloatArray, FloatArray, bool]:
+    """Position, velocity, acceleration on the grid, and whether they are the recorded ones untouched."""
+    from scipy.interpolate import CubicSpline
+
+    t = recording.t
+    q_grid = q if grid is t else CubicSpline(t, q)(grid)
+    if dq is not None and ddq is not None and grid is t and _belongs(q, dq, ddq, band, rate):
+        return q, dq, ddq, True
+    if ddq is not None:
+        notes.append(f"{recording.name}: the recorded ddq is not the derivative of dq; it was not used")
+    cutoff = STATE_BAND * band.cutoff
+    q_grid = band.apply(q_grid, rate, cutoff)
+    derivative = np.gradient(q_grid, 1 / rate, axis=0)
+    velocity = derivative
+    if dq is not None:
+        recorded = _linear(t, dq, grid)
+        lag, agrees = _velocity_lag(derivative, recorded, band, rate)
+        usable = agrees & (np.abs(lag) < LATEST_VELOCITY / band.cutoff)
+        velocity = np.where(usable, band.apply(recorded, rate, cutoff), derivative)
+        for j in np.flatnonzero(~usable):
+            why = f"lags by {1e3 * lag[j]:.0f} ms" if agrees[j] else "is not the derivative of the position"
+            notes.append(f"{recording.name}: the recorded {name}_{j} {why}; the position was differentiated instead")
+    return q_grid, velocity, np.gradient(velocity, 1 / rate, axis=0), False
+
+
+def _linear(t: FloatArray, x: FloatArray, grid: FloatArray) -> FloatArray:
+    if grid is t:
+        return x
+    return np.stack([np.interp(grid, t, column) for column in x.T], axis=1)
+
+
+def _belongs(q: FloatArray, dq: FloatArray, ddq: FloatArray, band: Band, rate: float) -> bool:
+    """True if dq is q's derivative and ddq is dq's, in the band."""
+    for x, dx in ((q, dq), (dq, ddq)):
+        derivative = band.apply(np.gradient(x, 1 / rate, axis=0), rate)
+        filtered = band.apply(dx, rate)
+        scale = np.sqrt(np.mean(filtered**2, axis=0))
+        difference = np.sqrt(np.mean((derivative - filtered)[2:-2] ** 2, axis=0))
+        if np.any(difference > EXACT * scale + 1e-12):
+            return False
+    return True
+
+
+def _velocity_lag(
+    derivative: FloatArray, recorded: FloatArray, band: Band, rate: float
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Lag of the recorded velocity behind the position's derivative [s], and whether the two agree in size."""
+    reference, filtered = band.apply(derivative, rate), band.apply(recorded, rate)
+    slope = np.gradient(reference, 1 / rate, axis=0)
+    lag, agrees = np.zeros(reference.shape[1]), np.ones(reference.shape[1], dtype=bool)
+    for j in range(reference.shape[1]):
+        columns = np.stack([reference[:, j], slope[:, j]], axis=1)
+        if not np.any(columns[:, 0]):
+            continue
+        (gain, shift), *_ = np.linalg.lstsq(columns, filtered[:, j], rcond=None)
+        agrees[j] = abs(gain - 1) < 0.1
+        lag[j] = -shift / gain if agrees[j] else 0.0
+    return lag, agrees
+
+
+def _moving(dq: FloatArray, rate: float, band: Band, standstill: bool = False) -> NDArray[np.bool_]:
+    """Samples in motion: friction at rest is not a function of the state, so pauses are neither fitted nor scored.
+
+    A guard on both sides of a pause, and at both ends of the run, keeps the filters' transients out.
+    """
+    top = np.abs(dq).max(axis=0)
+    still: NDArray[np.bool_] = np.all(np.abs(dq) <= STILL_SPEED * np.where(top > 0, top, np.inf), axis=1)
+    guard = int(rate / band.cutoff)
+    moving = np.ones(len(dq), dtype=bool)
+    if standstill:
+        still[:] = False
+    for first, last in stretches(still):
+        at_an_end = first == 0 or last == len(still)
+        if at_an_end or last - first > STILL_TIME * rate:
+            moving[max(0, first - guard) : last + guard] = False
+    moving[:guard] = moving[-guard:] = False
+    for first, last in stretches(moving):
+        if last - first < LEAST_MOTION * rate:
+            moving[first:last] = False
+    return moving
+
+
+def stretches(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Half-open index ranges in which `mask` is true."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
+    return [(int(first), int(last)) for first, last in edges.reshape(-1, 2)]

@@ -1,0 +1,140 @@
+"""Columns of a file become a recording: SI, link side, one sign convention."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid_rs.base.errors import DataError
+from dynid_rs.runs.readers.columns import ColumnMap
+from dynid_rs.runs.readers.config import Config, PerJoint
+from dynid_rs.runs.readers.table import Columns, Table
+from dynid_rs.runs.recording import FloatArray, Recording, check_finite, check_time
+
+_SIGN_OF = {
+    "q": "q",
+    "dq": "q",
+    "ddq": "q",
+    "q_reference": "q",
+    "q_motor": "q_motor",
+    "dq_motor": "q_motor",
+    "ddq_motor": "q_motor",
+    "tau": "tau",
+    "current": "tau",
+}
+_EXACT_INTEGER = 2**53
+
+
+@dataclass(frozen=True)
+class _Converter:
+    config: Config
+    joints: tuple[str, ...]
+    kinds: tuple[str, ...]
+
+    def per_joint(self, values: PerJoint, key: str) -> FloatArray:
+        n_joints = len(self.joints)
+        if len(values) not in (1, n_joints):
+            raise DataError(
+                f"{self.config.source}, {key}: has {len(values)} numbers, but the robot "
+                f"has {n_joints} joints "
+                f"({', '.join(self.joints)}); give one number per joint",
+                code="bad_config",
+                file=self.config.source,
+                column=key,
+            )
+        return np.broadcast_to(np.array(values, dtype=np.float64), (n_joints,))
+
+    def unit(self, signal: str) -> FloatArray:
+        """Factor to SI per joint; prismatic joints have lengths where others have angles."""
+        factor = self.config.factor
+        if signal in ("q", "q_motor", "q_reference"):
+            turning, sliding = factor("angle"), factor("length")
+        elif signal in ("dq", "dq_motor"):
+            turning, sliding = factor("velocity"), factor("length")
+        elif signal in ("ddq", "ddq_motor"):
+            turning, sliding = factor("angle"), factor("length")
+        else:
+            turning = sliding = factor({"tau": "torque", "current": "current"}[signal])
+        return np.array([sliding if kind == "prismatic" else turning for kind in self.kinds])
+
+    def scale(self, signal: str) -> FloatArray:
+        """Everything a column is multiplied by, per joint."""
+        scale = self.unit(signal)
+        sign = _SIGN_OF[signal]
+        if sign in self.config.signs:
+            scale = scale * self.per_joint(self.config.signs[sign], f"[signs] {sign}")
+        if signal == "current" and self.config.drive_gain is not None:
+            scale = scale * self.per_joint(self.config.drive_gain, "[drive] gain")
+        if self.config.gear_ratio is not None:
+            ratio = self.per_joint(self.config.gear_ratio, "[gear] ratio")
+            applies = self.config.gear_apply_to
+            if signal in ("q_motor", "dq_motor", "ddq_motor") and signal in applies:
+                scale = scale / ratio
+            if signal == "tau" and signal in applies:
+                scale = scale * ratio
+        return scale
+
+
+def to_recording(
+    table: Table, found: ColumnMap, joints: Sequence[str], kinds: Sequence[str], config: Config
+) -> Recording:
+    """Read the mapped columns and convert them.
+
+    Parameters
+    ----------
+    table : Table
+        Opened file.
+    found : ColumnMap
+        Its columns by meaning.
+    joints, kinds : sequence of str
+        Joint names, and ``"revolute"`` or ``"prismatic"`` for each.
+    config : Config
+        Units, gear ratios, drive gains, signs.
+
+    Raises
+    ------
+    DataError
+        A cell that is not a finite number, faulty time, a config that does not fit the robot.
+    """
+    converter = _Converter(config, tuple(joints), tuple(kinds))
+    scales = {signal: converter.scale(signal) for signal in found.signals if signal != "temperature"}
+    columns = table.load(found.used())
+    t = _seconds(columns[found.time], config.factor("time"))
+    if not t.size:
+        raise DataError(
+            f"{table.file}: no rows, only the names of the columns; record or copy it again",
+            code="no_rows",
+            file=table.file,
+        )
+    check_time(t, file=table.file, column=found.time, line_of=table.line_of)
+    signals: dict[str, Any] = {}
+    for signal, names in found.signals.items():
+        matrix = _stack(table, columns, names)
+        signals[signal] = matrix * scales[signal] if signal in scales else matrix
+    torque_unit = "N*m"
+    if "current" in signals:
+        signals["tau"] = signals.pop("current")
+        torque_unit = "N*m" if config.drive_gain is not None else "A"
+    signals.setdefault("tau", np.zeros_like(signals["q"]))  # only where the caller does without torque
+    return Recording(t=t, name=table.file, joints=tuple(joints), torque_unit=torque_unit, **signals)
+
+
+def _seconds(values: NDArray[Any], factor: float) -> FloatArray:
+    # Ticks since 1970 in nanoseconds do not fit a float64: count them from the first row.
+    if values.dtype.kind in "iu" and values.size and int(np.max(values)) > _EXACT_INTEGER:
+        first = int(values[0])
+        values = np.array([int(v) - first for v in values]) if values.dtype.kind == "u" else values - first
+    return np.ascontiguousarray(values.astype(np.float64) * factor)
+
+
+def _stack(table: Table, columns: Columns, names: Sequence[str]) -> FloatArray:
+    matrix = np.empty((len(columns[names[0]]), len(names)))
+    for joint, name in enumerate(names):
+        values = columns[name].astype(np.float64, copy=False)
+        check_finite(values, file=table.file, column=name, line_of=table.line_of)
+        matrix[:, joint] = values
+    return matrix

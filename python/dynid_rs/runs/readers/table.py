@@ -1,0 +1,128 @@
+"""What every reader gives: the names of the columns at once, their numbers on demand."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid_rs.base.errors import DataError
+
+MAX_BYTES = 4 * 2**30
+"""Columns that would take more memory than this are refused before any of it is taken."""
+
+MAX_SHOWN = 12
+
+Columns = dict[str, NDArray[Any]]
+
+
+@dataclass(frozen=True)
+class Table:
+    """An opened run file.
+
+    Parameters
+    ----------
+    file : str
+        Name for messages.
+    kind : str
+        ``"Parquet"``, ``"CSV"`` or ``"NPZ"``.
+    names : tuple of str
+        Columns in the order of the file, each once.
+    n_rows : int or None
+        Number of data rows where the file says so before it is read.
+    load : callable
+        Reads some columns: names -> {name: (n,) array of floats or integers}. Raises `DataError`.
+    line_of : callable, optional
+        0-based data row -> 1-based line, for text files.
+    """
+
+    file: str
+    kind: str
+    names: tuple[str, ...]
+    n_rows: int | None
+    load: Callable[[Sequence[str]], Columns]
+    line_of: Callable[[int], int] | None = None
+
+
+def shown(text: str, limit: int = 40) -> str:
+    """Text from a file, safe to print: short, and without control characters."""
+    safe = text if text.isprintable() else ascii(text)[1:-1]
+    return safe if len(safe) <= limit else safe[: limit - 3] + "..."
+
+
+def shown_names(names: Sequence[str]) -> str:
+    """Return the columns of a file as a short list."""
+    listed = ", ".join(shown(name) for name in names[:MAX_SHOWN])
+    rest = len(names) - MAX_SHOWN
+    return listed + (f", ... ({len(names)} columns)" if rest > 0 else "") if names else "no column"
+
+
+def refuse_duplicates(names: Sequence[str], file: str) -> None:
+    """Raise `DataError` when a column name stands twice: which one is meant cannot be known."""
+    for name, count in Counter(names).items():
+        if count > 1:
+            raise DataError(
+                f"{file}: column {shown(name)} appears {count} times; rename or remove all but one",
+                code="duplicate_column",
+                file=file,
+                column=shown(name),
+            )
+
+
+def refuse_too_large(n_bytes: int, file: str) -> None:
+    """Raise `DataError` when the declared size of the data is beyond `MAX_BYTES`."""
+    if n_bytes > MAX_BYTES:
+        raise DataError(
+            f"{file}: declares {n_bytes / 2**30:.1f} GiB of data, more than the {MAX_BYTES / 2**30:.0f} GiB "
+            "that one run may take; split the run, or write it again if the file is damaged",
+            code="too_large",
+            file=file,
+        )
+
+
+_MAGIC = (
+    (b"PAR1", "Parquet"),
+    (b"PK\x03\x04", "a zip archive or NPZ"),
+    (b"PK\x05\x06", "an empty zip archive or NPZ"),
+    (b"\x89HDF", "HDF5"),
+    (b"\x93NUMPY", "a single NumPy array (.npy)"),
+    (b"\x1f\x8b", "a gzip archive"),
+    (b"MATLAB 5.0", "MATLAB"),
+    (b"\xff\xfe", "UTF-16 text"),
+    (b"\xfe\xff", "UTF-16 text"),
+)
+
+
+def looks_like(head: bytes) -> str:
+    """Guess from its first bytes what a file is, for the message that refuses it."""
+    for magic, kind in _MAGIC:
+        if head.startswith(magic):
+            return f"it looks like {kind}"
+    if head and not head.strip(b"\0"):
+        return "it holds only zero bytes"
+    if head and b"\0" not in head and head[:64].isascii():
+        return f"it starts with the text {shown(head[:24].decode('ascii'))!r}"
+    return "it holds something else"
+
+
+def as_numbers(values: NDArray[Any], file: str, column: str) -> NDArray[Any]:
+    """Return a column (n,) when it holds integers or floats.
+
+    Raises
+    ------
+    DataError
+        Text, flags, dates or objects.
+    """
+    if values.dtype.kind not in "fiu":
+        raise DataError(
+            f"{file}, column {shown(column)}: holds {values.dtype.name}, expected numbers; "
+            "convert the column, or map another one in dynid.toml",
+            code="not_numbers",
+            file=file,
+            column=shown(column),
+        )
+    return np.ascontiguousarray(values)

@@ -1,0 +1,96 @@
+//! Friction whose sign is rounded by a shape of its own: `s(v) = v / (|v|^p + e^p)^(1/p)`.
+//!
+//! The larger the sharpness p, the longer the sign is a straight line and the shorter the way from there to one: 1 is like an
+//! arctan, 2.5 like a tanh, 6 nearly a corner. Odd and even terms make up the two directions, up to the second order.
+
+use super::EffectInput;
+use crate::slices::{at, copy, first};
+
+/// Name in files and reports.
+pub(crate) const KIND: &str = "smooth_friction";
+
+/// Columns that jump at standstill where the transition is narrow: `s` and `|s|`. The others are zero there.
+pub(crate) const N_SIGN: usize = 2;
+
+/// The sign of `v`, rounded over the width `e` with the sharpness `p`.
+///
+/// Finite for every finite `v`: a power is only ever taken of what is at most one.
+#[must_use]
+pub fn rounded_sign(v: f64, e: f64, p: f64) -> f64 {
+    let size = v.abs();
+    let part = if size < e {
+        let part = size / e;
+        part * (1.0 + part.powf(p)).powf(-1.0 / p)
+    } else {
+        (1.0 + (e / size).powf(p)).powf(-1.0 / p)
+    };
+    part.copysign(v)
+}
+
+/// Six columns at the motor's speed v: `s`, `|s|`, `v`, `|v|`, `v |v|`, `v^2`. `shape`: e \[rad/s\], p.
+pub fn columns(
+    shape: &[f64],
+    j: usize,
+    input: &EffectInput<'_>,
+    _memory: &mut [f64],
+    columns: &mut [f64],
+) {
+    let [transition_width, sharpness] = first(shape);
+    let v = at(input.state.dq_motor, j);
+    let (s, size) = (rounded_sign(v, transition_width, sharpness), v.abs());
+    copy(&[s, s.abs(), v, size, v * size, v * v], columns);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::rounded_sign;
+
+    const SPEEDS: [f64; 9] = [
+        f64::MIN_POSITIVE,
+        1e-200,
+        1e-60,
+        1e-5,
+        0.02,
+        0.7,
+        1e60,
+        1e200,
+        f64::MAX,
+    ];
+
+    #[test]
+    fn it_is_the_formula() {
+        for p in [0.5, 1.0, 1.5, 2.5, 6.0] {
+            for v in [1e-5, 0.003, 0.02, 0.05, 0.7, 30.0] {
+                let formula = v / (f64::powf(v, p) + f64::powf(0.02, p)).powf(1.0 / p);
+                let s = rounded_sign(v, 0.02, p);
+                assert!((s - formula).abs() < 1e-14 * formula, "{v} {p}");
+            }
+        }
+    }
+
+    #[test]
+    fn it_is_odd_rises_and_stays_within_one_at_any_speed() {
+        for e in [1e-300, 0.0005, 0.12, 1e300] {
+            for p in [1e-3, 1.0, 2.5, 6.0, 400.0] {
+                let mut before = 0.0;
+                for v in SPEEDS {
+                    let s = rounded_sign(v, e, p);
+                    assert!((before..=1.0).contains(&s), "{v} {e} {p}: {s}");
+                    assert!(rounded_sign(-v, e, p).to_bits() == (-s).to_bits());
+                    before = s;
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn it_is_nothing_at_rest_and_straight_beside_it() {
+        for p in [f64::MIN_POSITIVE, 1.0, 2.5, 6.0, f64::MAX] {
+            assert!(rounded_sign(0.0, 0.01, p) == 0.0);
+            assert!(rounded_sign(-0.0, 0.01, p) == 0.0);
+        }
+        // Powers of such a speed are no numbers any more.
+        let s = rounded_sign(1e-250, 0.01, 6.0);
+        assert!((s / 1e-248 - 1.0).abs() < 1e-15, "{s:e}");
+    }
+}

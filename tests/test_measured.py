@@ -1,0 +1,82 @@
+"""Measured arms through the plain command, no option given: errors, lists, names, and no joint worse."""
+
+from __future__ import annotations
+
+import functools
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from data import data_folder
+from measured_sets import (
+    MOST_OF_DECLARED,
+    MOST_OF_WLS,
+    REACHED,
+    SETS,
+    SLACK,
+    missing_names,
+    relative,
+    worst_ratio,
+)
+from test_identify import validator
+
+
+@functools.cache
+def answer(name):
+    """result.json of a set, diagnosed once per session."""
+    data_folder()
+    with tempfile.TemporaryDirectory() as folder:
+        return SETS[name].diagnose(Path(folder) / "out")
+
+
+@pytest.mark.parametrize("name", SETS)
+def test_errors_on_unseen_runs(name):
+    result, limits, reached = answer(name), SETS[name].limits, REACHED.get(name)
+    validator().validate(result)
+    errors = np.array(relative(result))
+    print(name, errors.round(3))
+    least = np.zeros(len(errors)) if limits.error is None else np.array(limits.error)
+    if reached is not None:
+        least = np.maximum(least, SLACK * np.array(reached.error))
+    elif limits.error is None:
+        pytest.skip("neither a limit nor a figure for this set's errors")
+    assert np.all(errors <= least), (errors / least).round(3)
+
+
+@pytest.mark.parametrize("name", SETS)
+def test_no_joint_is_worse_than_declared_or_than_least_squares(name):
+    result, reached = answer(name), REACHED.get(name)
+    of_declared, of_wls = worst_ratio(result, "before"), worst_ratio(result, "wls")
+    print(name, round(of_declared, 3), round(of_wls, 3))
+    assert of_declared <= max(MOST_OF_DECLARED, SLACK * reached.of_declared if reached else 0.0)
+    assert of_wls <= max(MOST_OF_WLS, SLACK * reached.of_wls if reached else 0.0)
+
+
+@pytest.mark.parametrize("name", SETS)
+def test_a_list_that_a_person_believes(name):
+    result, limits, reached = answer(name), SETS[name].limits, REACHED.get(name)
+    print(name, [(effect["kind"], effect["joints"]) for effect in result["effects"]])
+    assert len(result["effects"]) <= max(limits.effects, reached.effects if reached else 0)
+    if reached is None or reached.named:
+        assert missing_names(result, limits) == []
+
+
+def test_the_ur10e_s_names():
+    """Load friction on shoulder and elbow, memory on the wrists; nothing of the sensors is accused."""
+    result = answer("ur10e")
+    named = {(effect["kind"], joint) for effect in result["effects"] for joint in effect["joints"]}
+    for joint in ("shoulder_lift_joint", "elbow_joint"):
+        assert ("load_dependent_friction", joint) in named
+    for joint in ("wrist_1_joint", "wrist_2_joint", "wrist_3_joint"):
+        assert ("friction_hysteresis", joint) in named
+    assert not [f for f in result["data"]["findings"] if f["severity"] == "error" or f["code"] == "contact"]
+    assert not any("delay" in effect["kind"] or "gain" in effect["kind"] for effect in result["effects"])
+
+
+def test_the_kuka_s_encoders_are_on_two_clocks():
+    result = answer("kuka")
+    (clock,) = (effect for effect in result["effects"] if effect["kind"] == "encoder_delay")
+    assert clock["joints"] == result["joints"][:3]
+    low, high = clock["parameters"][0]["interval"]
+    assert 2.5e-3 < low < high < 3.4e-3
