@@ -46,6 +46,9 @@ DENIED = {
         "identification/friction_laws.py": "Stribeck's velocity is searched in its logarithm",
         "diagnosis/ripple.py": "a wave in the angle, in complex numbers",
         "base/wording.py": "geometric mean of error ratios",
+        "identification/smooth_friction.py": "widths and sharpness are improved in their logarithm",
+        "diagnosis/estimates.py": "an interval of a scale, in its logarithm",
+        "diagnosis/sensors/contact.py": "a chance from its logarithm",
     },
     r"(?m)^\s*(import|from) (pickle|joblib|dill|cloudpickle|shelve|marshal)\b": {
         "archive/work.py": "units of work go to other processes; nothing is kept that way",

@@ -121,7 +121,7 @@ def test_the_noise_is_the_most_probable_one():
 
 def test_unknowns_that_nothing_holds_stay_at_zero():
     model, _, _ = make()
-    gone = model.without(0, np.array([0])).fit(Choice(1.0, 0.0), NOISE)
+    gone = model.without([(0, 0)]).fit(Choice(1.0, 0.0), NOISE)
     assert np.all(np.isfinite(gone.x))
 
     class Partly(PlainPrior):
@@ -237,7 +237,7 @@ def test_a_column_that_the_model_has_already_is_worth_nothing_under_a_wide_prior
 def test_without_a_joint_s_columns_their_unknowns_stay_elsewhere():
     model, dense, y = make()
     shared = 2
-    fit = held(model.without(0, np.array([shared]))).fit(Choice(1.0, 1.0), NOISE)
+    fit = held(model.without([(0, shared)])).fit(Choice(1.0, 1.0), NOISE)
     cut = dense.copy()
     cut[0][:, shared] = 0.0
     assert fit.evidence + constant(y) == pytest.approx(marginal(cut, y, model.prior, 1.0, 1.0, NOISE), abs=1e-8)
@@ -249,7 +249,7 @@ def test_what_is_put_beside_and_taken_away_again_leaves_the_model():
     beside = model.beside({0: np.random.default_rng(0).normal(size=(N, 2))})
     assert beside.n_further == 2
     assert_array_equal(beside.places[1], model.places[1])
-    back = beside.without(0, UNKNOWNS + np.arange(2))
+    back = beside.without([(0, UNKNOWNS), (0, UNKNOWNS + 1)])
     one, other = model.fit(Choice(1.0, 0.0), NOISE), back.fit(Choice(1.0, 0.0), NOISE)
     assert other.evidence == pytest.approx(one.evidence, abs=1e-9)
     assert_allclose(other.x, np.append(one.x, [0.0, 0.0]), atol=1e-10)

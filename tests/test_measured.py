@@ -32,33 +32,29 @@ def answer(name):
 
 @pytest.mark.parametrize("name", SETS)
 def test_errors_on_unseen_runs(name):
-    result, limits, reached = answer(name), SETS[name].limits, REACHED.get(name)
+    result, limits, reached = answer(name), SETS[name].limits, REACHED[name]
     validator().validate(result)
     errors = np.array(relative(result))
     print(name, errors.round(3))
-    least = np.zeros(len(errors)) if limits.error is None else np.array(limits.error)
-    if reached is not None:
-        least = np.maximum(least, SLACK * np.array(reached.error))
-    elif limits.error is None:
-        pytest.skip("neither a limit nor a figure for this set's errors")
+    least = np.maximum(0.0 if limits.error is None else limits.error, SLACK * np.array(reached.error))
     assert np.all(errors <= least), (errors / least).round(3)
 
 
 @pytest.mark.parametrize("name", SETS)
 def test_no_joint_is_worse_than_declared_or_than_least_squares(name):
-    result, reached = answer(name), REACHED.get(name)
+    result, reached = answer(name), REACHED[name]
     of_declared, of_wls = worst_ratio(result, "before"), worst_ratio(result, "wls")
     print(name, round(of_declared, 3), round(of_wls, 3))
-    assert of_declared <= max(MOST_OF_DECLARED, SLACK * reached.of_declared if reached else 0.0)
-    assert of_wls <= max(MOST_OF_WLS, SLACK * reached.of_wls if reached else 0.0)
+    assert of_declared <= max(MOST_OF_DECLARED, SLACK * reached.of_declared)
+    assert of_wls <= max(MOST_OF_WLS, SLACK * reached.of_wls)
 
 
 @pytest.mark.parametrize("name", SETS)
 def test_a_list_that_a_person_believes(name):
-    result, limits, reached = answer(name), SETS[name].limits, REACHED.get(name)
+    result, limits, reached = answer(name), SETS[name].limits, REACHED[name]
     print(name, [(effect["kind"], effect["joints"]) for effect in result["effects"]])
-    assert len(result["effects"]) <= max(limits.effects, reached.effects if reached else 0)
-    if reached is None or reached.named:
+    assert len(result["effects"]) <= max(limits.effects, reached.effects)
+    if reached.named:
         assert missing_names(result, limits) == []
 
 

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from dynid_rs import _core
 from dynid_rs.diagnosis.hypotheses import Hypothesis, Place
+from dynid_rs.identification.loops import load_rows
 from dynid_rs.identification.smooth_friction import shape_slopes, tanh_widths
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
-from dynid_rs.regression.evidence import LEAST_NOISE, linear_model
+from dynid_rs.regression.evidence import LEAST_NOISE
 from dynid_rs.regression.linear_model import Columns, Fit, LinearModel, Score, sign_cost
 from dynid_rs.regression.priors import declares_inertia
 from dynid_rs.regression.scales import SCALE_SPREAD
@@ -49,15 +50,12 @@ class Beside:
         posterior, observations = fit.links_.posterior_, fit.observations_
         assert posterior is not None  # every fit that is diagnosed has the weak prior
         plan, n = observations.plan, fit.robot.n_joints
-        rows = [np.concatenate([block.rows[j] for block in observations.blocks]) for j in range(n)]
+        rows = observations.joint_rows()
         size = np.array([np.sqrt(np.mean(part[:, -1] ** 2)) for part in rows])
-        least = LEAST_NOISE * size
-        n_rows = observations.n_rows
-        model = linear_model(plan, rows, n_rows, posterior.scale, posterior.prior, posterior.n_effective, least)
+        model = posterior.model(plan, rows, least_noise=LEAST_NOISE * size)
+        load = load_rows(observations, fit.links_)
         for j in np.flatnonzero(posterior.scale != 1.0).tolist():
-            base = fit.links_.x_[plan.unknowns(j)[plan.n_own :]]
-            load = posterior.scale[j] * (rows[j][:, plan.n_own : -1] @ base)
-            model = model.beside({j: SCALE_SPREAD * load[:, None]})
+            model = model.beside({j: SCALE_SPREAD * load[j][:, None]})
         for j in range(n):
             model = model.beside({j: SHAPE_SPREAD * shape_slopes(plan, fit.links_, fit.runs_, j)})
             model = model.beside({j: SHAPE_SPREAD * other_roundings(fit, j)})
@@ -80,13 +78,7 @@ class Beside:
 
     def without(self, places: Sequence[tuple[int, int]]) -> Beside:
         """Return the model without columns, named by joint and place among all unknowns."""
-        rows, kept_places = list(self.model.rows), list(self.model.places)
-        for j in {j for j, _ in places}:
-            kept = ~np.isin(kept_places[j], [at for joint, at in places if joint == j])
-            rows[j] = rows[j][:, np.append(kept, True)]
-            kept_places[j] = kept_places[j][kept]
-        m = self.model
-        model = LinearModel(rows, kept_places, m.prior, m.n_effective, m.least_noise, m.n_rows, m.n_further)
+        model = self.model.without(places)
         return Beside(model, tuple(model.fit(fit.choice, fit.noise) for fit in self.fits))
 
     def within(self, kept: BoolArray) -> Beside:

@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid_rs.base.odds import p_value
+from dynid_rs.diagnosis.belief import Belief, Named
 from dynid_rs.diagnosis.estimates import Estimate, estimates
 from dynid_rs.diagnosis.hypotheses import Place
-from dynid_rs.diagnosis.search import Named, Search, places_in
 from dynid_rs.identification.loops import link_load
 from dynid_rs.model.placed import CATALOGUE, PlacedEffect
 from dynid_rs.regression.columns import run_rows
 from dynid_rs.regression.evaluation import rmse
-from dynid_rs.regression.evidence import linear_model
 from dynid_rs.regression.linear_model import LinearModel
 from dynid_rs.runs.recording import Recording
 
@@ -26,7 +26,7 @@ N_POINTS, N_BINS = 400, 60
 """Most points of a plot, and points of a fitted curve."""
 
 
-def effect_entries(found: Search, test: Sequence[Recording]) -> list[dict[str, Any]]:
+def effect_entries(found: Belief, test: Sequence[Recording]) -> list[dict[str, Any]]:
     """One entry per name, the most certain first; `test` with their channels on the setup's clocks."""
     errors = _Errors(found, test)
     known = estimates(found)
@@ -39,7 +39,7 @@ def effect_entries(found: Search, test: Sequence[Recording]) -> list[dict[str, A
             "kind": kind,
             "joints": [names[j] for j in joints],
             "parameters": [_parameter(estimate, found) for estimate in known[place]],
-            "p_value": float(1 / (1 + np.exp2(min(named.log_odds, 500.0) / np.log(2.0)))),
+            "p_value": p_value(named.log_odds),
             "evidence": named.log_odds,
             **errors.without(effect),
             "ties": [_tie(other, odds, named, names) for other, odds in named.ties],
@@ -53,6 +53,11 @@ def effect_entries(found: Search, test: Sequence[Recording]) -> list[dict[str, A
     return entries
 
 
+def unscored(p: float) -> dict[str, Any]:
+    """Return the entries of an effect whose share of the band's error is not asked for, and that nothing ties with."""
+    return {"p_value": p, "rmse_test_before": [], "rmse_test_after": [], "ties": []}
+
+
 def _tie(other: Place, odds: float, named: Named, names: Sequence[str]) -> dict[str, Any]:
     return {**_where(other, names), "evidence": named.log_odds + odds}
 
@@ -61,7 +66,7 @@ def _where(place: Place, names: Sequence[str]) -> dict[str, Any]:
     return {"kind": place[0], "joints": [names[j] for j in place[1]]}
 
 
-def _parameter(estimate: Estimate, found: Search) -> dict[str, Any]:
+def _parameter(estimate: Estimate, found: Belief) -> dict[str, Any]:
     robot = found.setup.robot
     angle = "m" if robot.joint_kinds[estimate.joint] == "prismatic" else "rad"
     unit = estimate.unit.replace("{torque}", found.fit.torque_unit_).replace("{angle}", angle)
@@ -77,26 +82,21 @@ def _parameter(estimate: Estimate, found: Search) -> dict[str, Any]:
 class _Errors:
     """Errors of the final model with each effect left out in turn and all else fitted again."""
 
-    def __init__(self, found: Search, test: Sequence[Recording]) -> None:
+    def __init__(self, found: Belief, test: Sequence[Recording]) -> None:
         fit, posterior = found.fit, found.fit.links_.posterior_
         assert posterior is not None  # every fit that is diagnosed has the weak prior
         self._found, observations = found, fit.observations_
-        plan, n = observations.plan, fit.robot.n_joints
-        self._posterior, self._plan = posterior, plan
-        rows = [np.concatenate([block.rows[j] for block in observations.blocks]) for j in range(n)]
-        self.model = self._linear(rows, observations.n_rows)
+        self._posterior, self._plan = posterior, observations.plan
+        self.model = posterior.model(self._plan, observations.joint_rows())
         self.test = self._test_rows(test) if test else None
-        self.places = dict(zip(found.setup.effects, places_in(found), strict=True))
+        self.places = dict(zip(found.setup.effects, found.places(), strict=True))
         self.x = self._solved(self.model)
 
     def without(self, effect: PlacedEffect | None) -> dict[str, Any]:
         """Errors before and after it; of a change of structure, whose fit cannot be undone column by column, after."""
         x = self.x
         if effect is not None:
-            model = self.model
-            for j, at in self.places[effect]:
-                model = model.without(j, np.array([at]))
-            x = self._solved(model)
+            x = self._solved(self.model.without(self.places[effect]))
         said: dict[str, Any] = {
             "rmse_train_before": _error(self.model, x),
             "rmse_train_after": _error(self.model, self.x),
@@ -111,10 +111,6 @@ class _Errors:
         kept[np.concatenate(model.places)] = True
         return np.where(kept, x, 0.0)
 
-    def _linear(self, rows: Sequence[FloatArray], n_rows: int) -> LinearModel:
-        p = self._posterior
-        return linear_model(self._plan, rows, n_rows, p.scale, p.prior, p.n_effective, np.full(len(rows), 1e-300))
-
     def _test_rows(self, test: Sequence[Recording]) -> LinearModel:
         fit = self._found.fit
         load = link_load(self._plan, fit.links_)
@@ -123,7 +119,7 @@ class _Errors:
             states = fit.states(recording).aligned(fit.model_.encoder_delay, fit.model_.encoder_error)
             parts.append(run_rows(self._plan, replace(states, tau_link=load(states)), states.tau))
         rows = [np.concatenate([part[j] for part in parts]) for j in range(len(parts[0]))]
-        return self._linear(rows, len(rows[0]))
+        return self._posterior.model(self._plan, rows)
 
 
 def _error(model: LinearModel, x: FloatArray) -> list[float]:
@@ -131,7 +127,7 @@ def _error(model: LinearModel, x: FloatArray) -> list[float]:
     return [float(value) for value in rmse([np.stack(left, axis=1)])]
 
 
-def _plot(found: Search, effect: PlacedEffect, errors: _Errors) -> dict[str, Any]:
+def _plot(found: Belief, effect: PlacedEffect, errors: _Errors) -> dict[str, Any]:
     """Partial residual (what is left and the effect's own torque) against the effect's signal, and the fitted curve."""
     j, robot = effect.joints[0], found.setup.robot
     at = [place for joint, place in errors.places[effect] if joint == j]
@@ -155,7 +151,7 @@ def _plot(found: Search, effect: PlacedEffect, errors: _Errors) -> dict[str, Any
     }
 
 
-def _signal(found: Search, effect: PlacedEffect, signal: str) -> FloatArray:
+def _signal(found: Belief, effect: PlacedEffect, signal: str) -> FloatArray:
     """The signal that an effect is drawn against, at the rows of the fit."""
     at = effect.joints[-1] if signal.startswith("ddq") else effect.joints[0]
     parts = []

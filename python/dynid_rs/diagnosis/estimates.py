@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs.diagnosis.beside import Beside
+from dynid_rs.diagnosis.belief import Belief
 from dynid_rs.diagnosis.hypotheses import Place, is_valid, shaped_as
-from dynid_rs.diagnosis.search import Search, places_in
-from dynid_rs.diagnosis.setup import Setup
-from dynid_rs.diagnosis.structural import structural_hypotheses, value_of
+from dynid_rs.diagnosis.shapes import searched
+from dynid_rs.diagnosis.structural import value_of
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.model.placed import CATALOGUE, PlacedEffect
 from dynid_rs.regression.linear_model import Columns
+from dynid_rs.regression.scales import SCALE_SPREAD
 from dynid_rs.regression.uncertainty import NORMAL_95
 
 FloatArray = NDArray[np.float64]
@@ -37,24 +36,23 @@ class Estimate:
     unit: str
 
 
-def estimates(found: Search) -> dict[Place, list[Estimate]]:
+def estimates(found: Belief) -> dict[Place, list[Estimate]]:
     """Numbers of every name with intervals: from the covariance with all of them, and all shapes, unknown together."""
     fit, setup = found.fit, found.setup
-    beside = Beside.of(fit)
+    beside = found.beside
     model = beside.model
     size = len(beside.best.x)
     shapes: dict[Place, list[str]] = {}
-    places = {effect: [at for _, at in own] for effect, own in zip(setup.effects, places_in(found), strict=True)}
+    places = {effect: [at for _, at in own] for effect, own in zip(setup.effects, found.places(), strict=True)}
     for effect in setup.effects:
         own = fit.links_.x_[places[effect]]
         shapes[effect.kind, effect.joints] = []
-        for name in searched(effect.kind):
+        for name in (parameter["name"] for parameter in searched(effect.kind)):
             slope = _slope(found, effect, name, own)
             if slope is not None:
                 model = model.beside(slope)
                 shapes[effect.kind, effect.joints].append(name)
-    placed = {(effect.kind, effect.joints) for effect in setup.effects}
-    structural = [h for h in structural_hypotheses(fit, setup) if h.place in found.named and h.place not in placed]
+    structural = found.structure()
     for h in structural:
         model = model.beside(h.columns)
     best = model.fit(beside.best.choice, beside.best.noise)
@@ -69,21 +67,16 @@ def estimates(found: Search) -> dict[Place, list[Estimate]]:
             at += 1
     for h in structural:
         spread = std[at : at + len(h.unit)] * h.unit
-        values, names, units = _value(h.kind, h.joints, setup, fit)
+        values = value_of(setup, h.kind, h.joints)
         known[h.place] = [
             Estimate(name, h.joints[0], float(value), (float(value - half), float(value + half)), unit)
-            for name, value, unit, half in zip(names, values, units, NORMAL_95 * spread, strict=False)
+            for name, value, unit, half in zip(h.names, values, h.units, NORMAL_95 * spread, strict=False)
         ]
         at += len(h.unit)
     for place in found.named:
         if place[0] == "torque_gain" and not known[place]:
             known[place] = [_gain(fit, place[1][0], std)]
     return known
-
-
-def searched(kind: str) -> list[str]:
-    """Shape parameters of a kind that are refined between the grid's values."""
-    return [p["name"] for p in CATALOGUE[kind]["shape"] if p["lowest"] is not None]
 
 
 def _coefficients(effect: PlacedEffect, values: FloatArray, std: FloatArray) -> list[Estimate]:
@@ -103,12 +96,12 @@ def _shape(effect: PlacedEffect, name: str, std: float) -> Estimate:
     if parameter["scale"] == "linear":
         interval = (value - half, value + half)
     elif half < UNKNOWN:
-        ends = sorted(value * np.exp2(np.array([-half, half]) / np.log(2.0)))
+        ends = sorted(value * np.exp([-half, half]))
         interval = (float(ends[0]), float(ends[1]))
     return Estimate(name, effect.joints[0], value, interval, parameter["unit"])
 
 
-def _slope(found: Search, effect: PlacedEffect, name: str, own: FloatArray) -> Columns | None:
+def _slope(found: Belief, effect: PlacedEffect, name: str, own: FloatArray) -> Columns | None:
     """Change of an effect's torque with a shape parameter (with its logarithm, of a scale), one column."""
     shaped = shaped_as(effect)
     parameter = next(p for p in CATALOGUE[effect.kind]["shape"] if p["name"] == name)
@@ -130,23 +123,8 @@ def _safe(unit: FloatArray) -> FloatArray:
     return np.where(unit > 0, unit, 1.0)
 
 
-def _value(
-    kind: str, joints: tuple[int, ...], setup: Setup, fit: ThreeLoopIdentifier
-) -> tuple[Sequence[float], Sequence[str], Sequence[str]]:
-    """What a change of structure is now, in the order of its hypothesis."""
-    names, units = {
-        "gravity_tilt": (("roll", "pitch"), ("rad", "rad")),
-        "kinematic_error": (("x", "y", "z", "rx", "ry", "rz"), ("m", "m", "m", "rad", "rad", "rad")),
-        "encoder_eccentricity": (("cosine", "sine"), ("rad", "rad")),
-        "torque_delay": (("delay",), ("s",)),
-    }[kind]
-    return value_of(setup, kind, joints).tolist(), names, units
-
-
 def _gain(fit: ThreeLoopIdentifier, j: int, std: FloatArray) -> Estimate:
     """A gain that is fitted in every round; its standard deviation stands behind the fit's own unknowns."""
-    from dynid_rs.regression.scales import SCALE_SPREAD
-
     scale = fit.links_.torque_scale_
     free = [int(k) for k in np.flatnonzero(scale != 1.0)]
     value = float(scale[j] - 1)

@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.base.memory import residual_memory
-from dynid_rs.diagnosis.search import SURE
+from dynid_rs.base.odds import SURE, p_value
+from dynid_rs.diagnosis.entries import unscored
 from dynid_rs.diagnosis.sensors.messages import encoder_entries
 from dynid_rs.identification.loops import link_load
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
@@ -62,10 +63,7 @@ def gear_entries(fit: ThreeLoopIdentifier) -> list[dict[str, Any]]:
             "parameters": [
                 {"name": "delay", "value": clock["value"], "unit": "s", "interval": list(clock["interval"])}
             ],
-            "p_value": clock["p_value"],
-            "rmse_test_before": [],
-            "rmse_test_after": [],
-            "ties": [],
+            **unscored(clock["p_value"]),
         }
         for clock in encoder_entries(fit.encoder_delay_)
         if clock["significant"]
@@ -199,10 +197,7 @@ def _entry(
             {"name": n, "value": float(v), "unit": u, "interval": [float(v - h), float(v + h)]}
             for n, v, u, h in zip(gear.names, x, gear.units, half, strict=True)
         ],
-        "p_value": float(1 / (1 + np.exp2(min(odds, 500.0) / np.log(2.0)))),
+        **unscored(p_value(odds)),
         "evidence": odds,
-        "rmse_test_before": [],
-        "rmse_test_after": [],
-        "ties": [],
         "note": "seen between the two encoders",
     }

@@ -154,6 +154,11 @@ class Catalogue:
         """Every kind that is sought, at every place, with every shape of its grid."""
         return self.of(list(self.grid()))
 
+    @property
+    def n_places(self) -> int:
+        """How many kinds at how many places are sought."""
+        return len({(s.kind, s.joints) for s in self.grid()})
+
     def of(self, shaped: Sequence[Shaped]) -> list[Hypothesis]:
         """Hypotheses of these shapes, their columns built in few passes over the runs."""
         missing = list(dict.fromkeys(s for s in shaped if s not in self._columns))
@@ -280,15 +285,15 @@ class Catalogue:
         return {j: columns[:, at] for at, j in enumerate(joints)}
 
     def _hypothesis(self, s: Shaped) -> Hypothesis:
-        entry, columns, n = CATALOGUE[s.kind], self._columns[s], len(s.joints)
-        placed, coefficients = s.placed(), CATALOGUE[s.kind]["coefficients"]
+        columns, placed, n = self._columns[s], s.placed(), len(s.joints)
+        coefficients = CATALOGUE[s.kind]["coefficients"]
         size = np.max([np.sqrt(np.mean(part**2, axis=0)) / self._torque[j] for j, part in columns.items()], axis=0)
         unit = np.where(size > 0, USUAL / np.where(size > 0, size, 1.0), 0.0)
         return Hypothesis(
             s.kind,
             s.joints,
             tuple(c["name"] for c in coefficients) * n,
-            tuple(c["unit"] for c in entry["coefficients"]) * n,
+            tuple(c["unit"] for c in coefficients) * n,
             standardised(columns, unit),
             unit,
             np.array([(c["lower"], c["upper"]) for c in coefficients] * n, dtype=np.float64),

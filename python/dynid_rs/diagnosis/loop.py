@@ -16,13 +16,14 @@ from numpy.typing import NDArray
 
 from dynid_rs import _core
 from dynid_rs.base.findings import Finding
+from dynid_rs.diagnosis.belief import fitted
 from dynid_rs.diagnosis.entries import effect_entries
 from dynid_rs.diagnosis.gears import gear_entries
 from dynid_rs.diagnosis.hypotheses import Catalogue, Place
 from dynid_rs.diagnosis.mounting import mounted
 from dynid_rs.diagnosis.reference import compare
 from dynid_rs.diagnosis.ripple import find_ripple, ripple_entries
-from dynid_rs.diagnosis.search import fitted, search
+from dynid_rs.diagnosis.search import search
 from dynid_rs.diagnosis.sensors import channel_errors, examine
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.unexplained import unexplained
@@ -49,8 +50,6 @@ class Diagnosis:
         One per effect, most certain first; the entries of `result.json`.
     steps : list of dict
         History of the search.
-    floor : dict
-        Empty: the floor of the test runs is that of `results.summarise`.
     unexplained : list of dict
         Structure that is left, joint by joint.
     """
@@ -61,7 +60,6 @@ class Diagnosis:
     findings: list[Finding] = field(default_factory=list)
     effects: list[dict[str, Any]] = field(default_factory=list)
     steps: list[dict[str, Any]] = field(default_factory=list)
-    floor: dict[str, Any] = field(default_factory=dict)
     unexplained: list[dict[str, Any]] = field(default_factory=list)
 
 

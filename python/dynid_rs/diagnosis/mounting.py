@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
+from dynid_rs.base.odds import SURE
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.identification.loops import declared_plan
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
@@ -16,9 +17,6 @@ from dynid_rs.regression.evidence import LEAST_NOISE, WIDTHS, linear_model
 from dynid_rs.regression.priors import declares_inertia, weak_prior
 
 FloatArray = NDArray[np.float64]
-
-SURE = float(np.log(19.0))
-"""Logarithm of the odds at which another mounting is believed."""
 
 
 def mounted(setup: Setup, fit: ThreeLoopIdentifier) -> tuple[Setup, float]:

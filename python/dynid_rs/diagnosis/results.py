@@ -58,10 +58,6 @@ class Outcome(Protocol):
         """Entries of `result.json`."""
 
     @property
-    def floor(self) -> Mapping[str, Any]:
-        """`value` (n_joints,), `interval` (n_joints, 2), `method` per joint; empty where it was not measured."""
-
-    @property
     def steps(self) -> Sequence[Entry]:
         """What was added or dropped, in order, and the error then."""
 
@@ -125,11 +121,6 @@ def summarise_diagnosis(outcome: Outcome, runs: EvaluatedRuns, findings: Sequenc
         "before": tested.rmse,
         "before_interval": rmse_interval(tested.comparisons),
     }
-    if outcome.floor:
-        floor, bounds = (np.asarray(outcome.floor[key], dtype=np.float64) for key in ("value", "interval"))
-        result["rmse"]["test"]["floor"] = [None if np.isnan(value) else value for value in floor]
-        result["rmse"]["test"]["floor_interval"] = [None if np.isnan(pair).any() else pair for pair in bounds]
-        result["floor_method"] = _method(outcome.floor["method"])
     names = result["joints"]
     effects = [_complete(entry, k + 1, names) for k, entry in enumerate(outcome.effects)]
     result |= {
@@ -157,11 +148,6 @@ def residual_table(outcome: Outcome, runs: EvaluatedRuns) -> dict[str, NDArray[A
 def _not_said(findings: Sequence[Finding]) -> bool:
     """Whether nothing yet says that data and robot file do not belong together; a known cause needs no consequence."""
     return all(finding.severity != "error" and finding.code != "run_unlike_others" for finding in findings)
-
-
-def _method(method: str | Sequence[str]) -> str:
-    """One text; where joints differ, every way once."""
-    return method if isinstance(method, str) else "; ".join(dict.fromkeys(method))
 
 
 def _complete(entry: Entry, rank: int, joint_names: Sequence[str]) -> dict[str, Any]:

@@ -17,7 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs.diagnosis.search import SURE
+from dynid_rs.base.odds import SURE, p_value
+from dynid_rs.diagnosis.entries import unscored
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.model.placed import HeldEffect, PlacedEffect
@@ -143,7 +144,7 @@ def _strongest(q: FloatArray, e: FloatArray, turns: float, n_joints: int) -> Lin
     power = np.abs(np.fft.rfft(np.bincount(at, weights=e, minlength=n_bins))) ** 2
     orders = np.arange(len(power)) / span
     sought = (orders >= lowest) & (orders <= ORDERS[1])
-    cell = max(1, round(span / turns / OVERSAMPLED * 1.0))
+    cell = max(1, round(span / turns / OVERSAMPLED))
     width = 2 * BACKGROUND * cell + 1
     if sought.sum() < 2 * width:
         return None
@@ -224,11 +225,8 @@ def ripple_entries(found: Sequence[Family], fit: ThreeLoopIdentifier) -> list[di
                 "kind": "torque_ripple",
                 "joints": [fit.robot.joint_names[family.joint]],
                 "parameters": parameters,
-                "p_value": float(1 / (1 + np.exp2(min(family.log_odds, 500.0) / np.log(2.0)))),
+                **unscored(p_value(family.log_odds)),
                 "evidence": family.log_odds,
-                "rmse_test_before": [],
-                "rmse_test_after": [],
-                "ties": [],
                 "note": "lines in the angle, found at full rate; most of it is above the band of the other errors",
             }
         )

@@ -10,8 +10,15 @@ from dynid_rs.diagnosis.beside import Beside
 from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis, Shaped, is_valid
 from dynid_rs.model.placed import CATALOGUE
 
+Parameter = dict[str, Any]
+
 MOST_TRIES = 40
 """Shapes that are tried; the evidence is smooth near its best."""
+
+
+def searched(kind: str) -> list[Parameter]:
+    """Shape parameters of a kind that lie between the grid's values too."""
+    return [p for p in CATALOGUE[kind]["shape"] if p["lowest"] is not None]
 
 
 def polished(beside: Beside, catalogue: Catalogue, hypothesis: Hypothesis) -> Hypothesis:
@@ -20,15 +27,15 @@ def polished(beside: Beside, catalogue: Catalogue, hypothesis: Hypothesis) -> Hy
 
     if hypothesis.kind not in CATALOGUE:
         return hypothesis
-    searched = [p for p in CATALOGUE[hypothesis.kind]["shape"] if p["lowest"] is not None]
-    if not searched:
+    free = searched(hypothesis.kind)
+    if not free:
         return hypothesis
     start = Shaped(hypothesis.kind, hypothesis.joints, hypothesis.shape)
     best = (beside.screened([hypothesis])[0].value, hypothesis)
 
     def shaped(x: np.ndarray) -> Shaped | None:
         moved = start
-        for parameter, value in zip(searched, x, strict=True):
+        for parameter, value in zip(free, x, strict=True):
             own = dict(start.shape)[parameter["name"]]
             new = own * float(np.exp2(value)) if parameter["scale"] == "log" else own + float(value)
             if not parameter["lowest"] < abs(new) < parameter["highest"] and parameter["scale"] == "log":
@@ -47,8 +54,8 @@ def polished(beside: Beside, catalogue: Catalogue, hypothesis: Hypothesis) -> Hy
             best = (value, h)
         return -value
 
-    steps = [0.5 if p["scale"] == "log" else 0.1 for p in searched]
-    simplex = np.concatenate([np.zeros((1, len(searched))), np.diag(steps)])
+    steps = [0.5 if p["scale"] == "log" else 0.1 for p in free]
+    simplex = np.concatenate([np.zeros((1, len(free))), np.diag(steps)])
     options: Any = {"initial_simplex": simplex, "maxfev": MOST_TRIES, "xatol": 0.02, "fatol": 0.05}
-    minimize(less, np.zeros(len(searched)), method="Nelder-Mead", options=options)
+    minimize(less, np.zeros(len(free)), method="Nelder-Mead", options=options)
     return best[1]

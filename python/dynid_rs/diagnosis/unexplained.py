@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs.diagnosis.beside import Beside
+from dynid_rs.base.odds import SURE, p_value
+from dynid_rs.diagnosis.belief import Belief
 from dynid_rs.diagnosis.hypotheses import USUAL, Hypothesis, standardised
-from dynid_rs.diagnosis.search import SURE, Search, blocks
+from dynid_rs.diagnosis.trials import blocks
 
 FloatArray = NDArray[np.float64]
 Signal = tuple[str, int]
@@ -22,9 +23,9 @@ SIGNALS = ("q", "dq_motor", "ddq_motor", "tau_link")
 """Signals that what is left may depend on, of any joint."""
 
 
-def unexplained(found: Search) -> list[dict[str, Any]]:
+def unexplained(found: Belief) -> list[dict[str, Any]]:
     """Entries of `unexplained` in `result.json`: one per joint whose residual some signals still tell."""
-    beside = Beside.of(found.fit)
+    beside = found.beside
     parts, names = blocks(beside.model.n_rows), found.setup.robot.joint_names
     entries = []
     for j in range(len(names)):
@@ -45,7 +46,7 @@ def unexplained(found: Search) -> list[dict[str, Any]]:
             {
                 "joint": names[j],
                 "share": min(share, 1.0),
-                "p_value": float(1 / (1 + np.exp2(min(value - np.log(len(sets) * len(names)), 500.0) / np.log(2.0)))),
+                "p_value": p_value(value - float(np.log(len(sets) * len(names)))),
                 "depends_on": [
                     {
                         "signal": f"{name}_{names[k]}",
@@ -59,7 +60,7 @@ def unexplained(found: Search) -> list[dict[str, Any]]:
     return entries
 
 
-def _sets(found: Search, j: int) -> Iterator[tuple[Signal, ...]]:
+def _sets(found: Belief, j: int) -> Iterator[tuple[Signal, ...]]:
     """Single signals of any joint, and pairs with a signal of joint j's own."""
     n = found.setup.robot.n_joints
     single = [(name, k) for name in SIGNALS for k in range(n)]
@@ -69,7 +70,7 @@ def _sets(found: Search, j: int) -> Iterator[tuple[Signal, ...]]:
             yield pair
 
 
-def _hypothesis(found: Search, j: int, signals: tuple[Signal, ...]) -> Hypothesis:
+def _hypothesis(found: Belief, j: int, signals: tuple[Signal, ...]) -> Hypothesis:
     """Waves of a signal, or of two and of their sum and difference, on joint j."""
     parts = []
     for states in found.catalogue.runs:

@@ -298,6 +298,15 @@ def link_load(plan: Plan, links: LinkDynamicsIdentifier) -> Callable[[States], F
     return lambda states: plan.robot.inverse_dynamics(states.q, states.dq, states.ddq, phi)
 
 
+def load_rows(observations: Observations, links: LinkDynamicsIdentifier) -> list[FloatArray]:
+    """Rigid-body torque of every joint in the torque unit at the fit's rows, (n_rows,) each."""
+    plan = observations.plan
+    return [
+        scale * (rows[:, plan.n_own : -1] @ links.x_[plan.unknowns(j)[plan.n_own :]])
+        for j, (rows, scale) in enumerate(zip(observations.joint_rows(), links.torque_scale_, strict=True))
+    ]
+
+
 def link_torque(plan: Plan, links: LinkDynamicsIdentifier, states: States) -> FloatArray:
     """Rigid-body torque of the second loop at every sample, (n, n_joints) in the torque unit."""
     return link_load(plan, links)(states) * links.torque_scale_

@@ -15,9 +15,11 @@ from numpy.typing import NDArray
 from sklearn.base import BaseEstimator
 
 from dynid_rs import _core
+from dynid_rs.base.odds import SURE
 from dynid_rs.identification.links import LinkDynamicsIdentifier
 from dynid_rs.regression.columns import Observations, Plan
-from dynid_rs.regression.evidence import FIRST_MEMORY, Posterior, linear_model
+from dynid_rs.regression.evidence import FIRST_MEMORY, Posterior
+from dynid_rs.regression.priors import usual_torque
 from dynid_rs.regression.uncertainty import shape_slope
 from dynid_rs.runs.preprocessing import States
 
@@ -32,8 +34,6 @@ WIDTHS = (0.0005, 0.001, 0.002, 0.005, 0.01, 0.02, 0.04, 0.08)
 """Widths that are tried, over the joint's greatest speed."""
 USUAL_WIDTH, SPREAD = 0.003, 1.0
 """Usual width over the greatest speed, and the spread of its logarithm: what is wide is a curve of friction too."""
-UNUSUAL = float(np.log(19.0))
-"""What the evidence for another sharpness than the usual has to be: a long tail of the sign is a curve too."""
 HALF_UP = float(np.log(3.0) / 2)
 """Speed over its width at which a hyperbolic tangent is half up."""
 LONGEST, SHARPEST = 1.0, 10.0
@@ -88,16 +88,12 @@ class SmoothFrictionIdentifier(BaseEstimator):  # type: ignore[misc]
         plan, posterior = observations.plan, links.posterior_
         assert posterior is not None  # this law is for fits with the weak prior
         n = plan.robot.n_joints
-        rows = [np.concatenate([block.rows[j] for block in observations.blocks]) for j in range(n)]
-        least = np.full(n, 1e-300)
-        model = linear_model(
-            plan, rows, observations.n_rows, posterior.scale, posterior.prior, _at_least(posterior, observations), least
-        )
+        model = posterior.model(plan, observations.joint_rows(), n_effective=_at_least(posterior, observations))
         for j in range(n):
             model = model.beside({j: SPREAD_HERE * shape_slopes(plan, links, runs, j)})
         fit = model.fit(posterior.choice, posterior.noise_std)
         step = np.clip(SPREAD_HERE * fit.x[-2 * n :].reshape(n, 2), -LARGEST_STEP, LARGEST_STEP)
-        width, sharpness = (np.exp2(part / np.log(2.0)) for part in step.T)
+        width, sharpness = np.exp(step).T
         self._keep(self.transition_width_ * width, np.clip(self.sharpness_ * sharpness, LONGEST, SHARPEST))
         return float(np.max(np.abs(step[:, 0])))
 
@@ -116,29 +112,25 @@ class SmoothFrictionIdentifier(BaseEstimator):  # type: ignore[misc]
             _core.Effect.of(KIND, transition_width=[t[k][0] for t in tries], sharpness=[t[k][1] for t in tries])
             for k in range(len(tries[0]))
         ]
-        rows = [np.concatenate([block.rows[j] for block in observations.blocks]) for j in range(n)]
+        rows = observations.joint_rows()
         _, own = plan.friction
         if self._tried is None:  # the motion is the same in every round
             self._tried = [
                 _core.observe(plan.robot, effects, [], *s.signals(), np.zeros_like(s.tau), filter=s.filter, kept=s.kept)
                 for s in runs
             ]
-        least = np.full(n, 1e-300)
-        whole = linear_model(
-            plan, rows, observations.n_rows, posterior.scale, posterior.prior, _at_least(posterior, observations), least
-        )
+        whole = posterior.model(plan, rows, n_effective=_at_least(posterior, observations))
+        sizes = (usual_torque(effects[0], name) for name in effects[0].coefficient_names)
+        usual = np.array([size * (posterior.choice.bends if bends else 1.0) for size, bends in sizes])
         shapes = []
         for j in range(n):
-            at = plan.n_base + j * plan.n_own + np.arange(own.start, own.stop)
-            model = whole.without(j, at)
+            first = plan.n_base + j * plan.n_own
+            model = whole.without([(j, first + k) for k in range(own.start, own.stop)])
             # At the noise that friction leaves: without friction it would be noise, and no shape better than others.
             fit = model.at(posterior.choice, posterior.noise_std)
             columns = np.concatenate([run[j][:, :-1] for run in self._tried])
             torque = np.sqrt(np.mean(rows[j][:, -1] ** 2))
-            hypotheses = [
-                {j: _standardised(part, torque, posterior.choice.bends)}
-                for part in np.split(columns, len(effects), axis=1)
-            ]
+            hypotheses = [{j: _standardised(part, torque * usual)} for part in np.split(columns, len(effects), axis=1)]
             bounds = np.tile([-np.inf, np.inf], (hypotheses[0][j].shape[1], 1))
             bounds[0, 0] = 0.0  # friction does not drive
             scores = model.screen(fit, hypotheses, [bounds] * len(hypotheses))
@@ -195,14 +187,16 @@ def shape_slopes(plan: Plan, links: LinkDynamicsIdentifier, runs: Sequence[State
 
 
 def _doubt(width: float, sharpness: float, top_speed: float) -> float:
-    """Minus the logarithm of a shape's probability beforehand."""
+    """Minus the logarithm of a shape's probability beforehand.
+
+    Another sharpness than the usual has to be sure: a long tail of the sign is a curve of friction too.
+    """
     far = np.log(width / (USUAL_WIDTH * max(top_speed, 1e-9))) / SPREAD
-    return float(0.5 * far**2 + UNUSUAL * (sharpness != FIRST_SHARPNESS))
+    return float(0.5 * far**2 + SURE * (sharpness != FIRST_SHARPNESS))
 
 
-def _standardised(columns: FloatArray, torque: float, bends: float) -> FloatArray:
-    """Columns for coefficients that are standard normal beforehand, as `priors.py` has them."""
+def _standardised(columns: FloatArray, torque: FloatArray) -> FloatArray:
+    """Columns for coefficients that are standard normal beforehand: each may have so much `torque` (k,)."""
     size = np.sqrt(np.mean(columns**2, axis=0))
-    usual = np.array([1.0, bends, 1.0, bends, bends, bends])
-    scaled: FloatArray = columns * np.where(size > 0, usual * torque / np.where(size > 0, size, 1.0), 0.0)
+    scaled: FloatArray = columns * np.where(size > 0, torque / np.where(size > 0, size, 1.0), 0.0)
     return np.ascontiguousarray(scaled)

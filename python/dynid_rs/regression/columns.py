@@ -172,6 +172,10 @@ class Observations:
             np.concatenate([part for part, run in zip(parts, runs, strict=True) if run == k]) for k in sorted(set(runs))
         ]
 
+    def joint_rows(self) -> list[FloatArray]:
+        """Rows of every joint, all blocks under each other, (n_rows, k + 1) each."""
+        return [np.concatenate(parts) for parts in zip(*(block.rows for block in self.blocks), strict=True)]
+
     def rows_with(self, torque: Sequence[FloatArray]) -> list[list[FloatArray]]:
         """Rows of every run and joint with another torque, (n_rows, n_joints) each, in the last column."""
         joints = [self.by_run([block.rows[j] for block in self.blocks]) for j in range(len(self.blocks[0].rows))]

@@ -85,6 +85,22 @@ class Posterior:
     n_rounds: int
     converged: bool
 
+    def model(
+        self,
+        plan: Plan,
+        rows: Sequence[FloatArray],
+        *,
+        n_effective: FloatArray | None = None,
+        least_noise: FloatArray | None = None,
+    ) -> LinearModel:
+        """Model of rows ``[own | base | torque]`` per joint under this fit's prior and gains.
+
+        With its memory and no least noise, unless told otherwise.
+        """
+        n_effective = self.n_effective if n_effective is None else n_effective
+        least_noise = np.full(len(rows), 1e-300) if least_noise is None else least_noise
+        return linear_model(plan, rows, len(rows[0]), self.scale, self.prior, n_effective, least_noise)
+
     @property
     def relative_uncertainty(self) -> float:
         """Standard deviation of a link's mass beforehand, over its mass."""

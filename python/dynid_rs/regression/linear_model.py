@@ -182,11 +182,12 @@ class LinearModel:
             places.append(at)
         return replace(self, rows=rows, places=places, n_further=self.n_further + width)
 
-    def without(self, j: int, unknowns: NDArray[np.intp]) -> LinearModel:
-        """Return the model without joint j's columns of some unknowns."""
+    def without(self, columns: Sequence[tuple[int, int]]) -> LinearModel:
+        """Return the model without columns, named by joint and place among all unknowns."""
         rows, places = list(self.rows), list(self.places)
-        kept = ~np.isin(places[j], unknowns)
-        rows[j], places[j] = rows[j][:, np.append(kept, True)], places[j][kept]
+        for j in {j for j, _ in columns}:
+            kept = ~np.isin(places[j], [at for joint, at in columns if joint == j])
+            rows[j], places[j] = rows[j][:, np.append(kept, True)], places[j][kept]
         return replace(self, rows=rows, places=places)
 
     def within(self, kept: BoolArray) -> LinearModel:

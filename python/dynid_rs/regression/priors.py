@@ -135,7 +135,7 @@ def _own_roots(
         names = effect.coefficient_names
         for name in names:
             at, root = first + column, np.zeros(plan.n_columns)
-            usual, bends = _usual(effect, name)
+            usual, bends = usual_torque(effect, name)
             std = usual * torque / max(sizes[column], LEAST_COLUMN * torque)
             twin = name.removesuffix("_pos") + "_neg" if effect.kind == "friction" else ""
             if name == "rotor_inertia":
@@ -163,7 +163,7 @@ def _signs(n_columns: int, at: int) -> FloatArray:
     return signs
 
 
-def _usual(effect: _core.Effect, name: str) -> tuple[float, bool]:
+def usual_torque(effect: _core.Effect, name: str) -> tuple[float, bool]:
     """Torque of a coefficient's column over the joint's own, and whether it is one of friction's bends, at size one."""
     if effect.kind in FRICTION:
         return 1.0, not (name in ("coulomb", "viscous") or name.startswith(("coulomb_p", "coulomb_n", "viscous1")))

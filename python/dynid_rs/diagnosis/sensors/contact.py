@@ -194,7 +194,7 @@ def _together(z: FloatArray) -> FloatArray:
 
     tail = np.clip(chi2.logsf(np.sum(z**2, axis=1), z.shape[1]), -700, None)
     # One degree of freedom with the same chance.
-    result: FloatArray = np.maximum(np.sqrt(chi2.isf(np.exp2(tail / np.log(2)), 1)), z.max(axis=1))
+    result: FloatArray = np.maximum(np.sqrt(chi2.isf(np.exp(tail), 1)), z.max(axis=1))
     return result
 
 

@@ -122,12 +122,11 @@ class Rows:
         plan, n = self.observations.plan, self.n_joints
         _, places = plan.friction
         result = np.full(n, np.nan)
-        for j, R in enumerate(self.observations.factors()):
+        for j, (R, rows) in enumerate(zip(self.observations.factors(), self.observations.joint_rows(), strict=True)):
             used = np.concatenate([plan.own[j], np.ones(R.shape[1] - 1 - plan.n_own, dtype=bool)])
             at = np.flatnonzero(used)
             x = np.zeros(R.shape[1] - 1)
             x[at] = _ridge(R[:, at], R[:, -1:])[:, 0]
-            rows = np.concatenate([block.rows[j] for block in self.observations.blocks])
             friction = rows[:, places] @ x[places]
             left = rows[:, -1] - rows[:, :-1] @ x
             if np.std(friction) < np.std(left):

@@ -29,6 +29,8 @@ KINDS: dict[str, Callable[[About, Setup], list[Hypothesis]]] = {
     "torque_gain": gain_hypotheses,
     "encoder_eccentricity": eccentricity_hypotheses,
 }
+REFITTED = tuple(kind for kind in KINDS if kind != "torque_gain")
+"""Kinds that move the robot or a channel in steps, a fit after each; gains are fitted in every round."""
 
 
 def undone(setup: Setup, declared: Setup, kind: str, joints: tuple[int, ...]) -> Setup:

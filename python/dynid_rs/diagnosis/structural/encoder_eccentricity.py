@@ -45,7 +45,7 @@ def _slopes(about: About, joint: int) -> Columns:
     """Change of all joints' torque per rad of an error ``e = c cos q + s sin q`` of one joint's encoder.
 
     The true position is ``q - e``, so speed and acceleration lose ``e' dq`` and ``e' ddq + e'' dq^2``. What friction
-    rotor make of that is small beside gravity's part.
+    and rotor make of that is small beside gravity's part.
     """
     parts = []
     for states in about.fit.runs_:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from dynid_rs.diagnosis.hypotheses import Hypothesis, standardised
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.structural.about import About
+from dynid_rs.identification.loops import load_rows
 
 FloatArray = NDArray[np.float64]
 
@@ -29,12 +30,9 @@ def gain_hypotheses(about: About, setup: Setup) -> list[Hypothesis]:
     fit, n = about.fit, setup.robot.n_joints
     if fit.torque_unit_ != "N*m" or len(setup.gain_joints) >= n - 1:
         return []
-    observations, x, plan = fit.observations_, fit.links_.x_, fit.observations_.plan
     found = []
-    for j in (j for j in range(n) if j not in setup.gain_joints):
-        base = x[plan.unknowns(j)[plan.n_own :]] * fit.links_.torque_scale_[j]
-        load = np.concatenate([block.rows[j][:, plan.n_own : -1] @ base for block in observations.blocks])
-        if np.any(load):
+    for j, load in enumerate(load_rows(fit.observations_, fit.links_)):
+        if j not in setup.gain_joints and np.any(load):
             found.append(
                 Hypothesis(
                     "torque_gain",

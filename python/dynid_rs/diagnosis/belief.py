@@ -1,0 +1,171 @@
+"""What is believed so far: the setup, its fit, and why each name is there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid_rs.diagnosis.beside import Beside
+from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis, Place
+from dynid_rs.diagnosis.setup import Setup
+from dynid_rs.diagnosis.shapes import polished
+from dynid_rs.diagnosis.structural import KINDS, REFITTED, structural_hypotheses, undone
+from dynid_rs.identification.smooth_friction import SmoothFrictionIdentifier
+from dynid_rs.identification.three_loops import ThreeLoopIdentifier
+from dynid_rs.model.placed import own_columns
+from dynid_rs.regression.linear_model import Columns
+from dynid_rs.runs.recording import Recording
+
+FloatArray = NDArray[np.float64]
+
+SETTLING = 3
+"""Refits in which geometry, clocks and encoders that were accepted settle; each brings them ten times closer."""
+SETTLED = 0.1
+"""Change over its standard deviation at which they have."""
+
+
+@dataclass(frozen=True, eq=False)
+class Named:
+    """A hypothesis that passed: its logarithmic odds, and others that explain the same, as well or worse."""
+
+    hypothesis: Hypothesis
+    log_odds: float
+    ties: tuple[tuple[Place, float], ...] = ()
+    refuted: tuple[tuple[Place, float], ...] = ()
+
+
+@dataclass(eq=False)
+class Belief:
+    """The setup with all that was named, fitted to training runs.
+
+    Parameters
+    ----------
+    declared : Setup
+        As it was at the beginning; a name that goes leaves what was declared.
+    train : sequence of Recording
+        Training runs.
+    setup, fit, catalogue
+        What is believed now, its fit, and hypotheses beside it.
+    named : dict
+        Place to its name.
+    mounting : Place, optional
+        Of a mounting that the search began with: it is not taken back.
+    steps : list
+        History: what was done, where, and what the fit left then.
+    """
+
+    declared: Setup
+    train: Sequence[Recording]
+    setup: Setup
+    fit: ThreeLoopIdentifier
+    catalogue: Catalogue
+    named: dict[Place, Named] = field(default_factory=dict)
+    mounting: Place | None = None
+    steps: list[tuple[str, Place, FloatArray]] = field(default_factory=list)
+    _beside: tuple[ThreeLoopIdentifier, Beside] | None = None
+
+    @staticmethod
+    def in_declared(setup: Setup, train: Sequence[Recording], fit: ThreeLoopIdentifier | None = None) -> Belief:
+        """Believe the declared model alone; `fit` of it to these runs, where there is one already."""
+        fit = fitted(setup, train) if fit is None else fit
+        return Belief(setup, train, setup, fit, Catalogue(fit))
+
+    @property
+    def beside(self) -> Beside:
+        """The fit as a linear model; made once for each fit."""
+        if self._beside is None or self._beside[0] is not self.fit:
+            self._beside = self.fit, Beside.of(self.fit)
+        return self._beside[1]
+
+    @property
+    def left(self) -> FloatArray:
+        """RMS that the fit leaves on its training rows, (n_joints,)."""
+        covariance: FloatArray = np.sqrt(np.diag(self.fit.links_.covariance_))
+        return covariance
+
+    def hypotheses(self) -> list[Hypothesis]:
+        """Everything that is sought, of the catalogue and of the structure."""
+        return [*self.catalogue.hypotheses(), *structural_hypotheses(self.fit, self.setup)]
+
+    def structure(self) -> list[Hypothesis]:
+        """Further changes of the structure that was named, the mounting included."""
+        kinds = sorted({kind for kind, _ in self.named if kind in REFITTED})
+        return [h for h in structural_hypotheses(self.fit, self.setup, kinds) if h.place in self.named]
+
+    def reach(self, hypothesis: Hypothesis) -> list[int]:
+        """Joints whose torque a hypothesis changes: its own, or all where it changes the links that they share."""
+        return list(range(self.setup.robot.n_joints)) if hypothesis.kind in KINDS else sorted(hypothesis.columns)
+
+    def places(self) -> list[list[tuple[int, int]]]:
+        """Joint and place among the fit's unknowns of every coefficient of every torque term of the setup."""
+        if not self.setup.effects:
+            return []
+        plan, columns = self.fit.observations_.plan, own_columns(self.setup.effects, 0)
+        first = plan.friction[1].start - 1 - max(column for places in columns for _, column in places)
+        return [[(j, plan.n_base + j * plan.n_own + first + column) for j, column in places] for places in columns]
+
+    def believe_mounting(self, odds: float) -> None:
+        """Name the mounting that the search began with; its angles stand in the setup's robot."""
+        (h,) = structural_hypotheses(self.fit, self.setup, ["gravity_tilt"])
+        self.named[h.place] = Named(h, odds)
+        self.mounting = h.place
+
+    def accept(self, found: Sequence[Named]) -> None:
+        """Put names into the setup, fit everything again, shapes and structure included."""
+        beside = self.beside
+        for named in found:
+            h = polished(beside, self.catalogue, named.hypothesis)
+            columns = beside.evidence_for(h)[1]
+            beside = beside.with_columns(columns)
+            self.setup = h.accept(self.setup, coefficients(h, columns, beside))
+            self.named[h.place] = replace(named, hypothesis=h)
+        self.refit()
+        self.steps += [("added", named.hypothesis.place, self.left) for named in found]
+
+    def remove(self, place: Place) -> None:
+        """Take a name out of the setup and fit again; a change of structure goes back to where it was declared."""
+        kind, joints = place
+        self.setup = replace(self.setup, effects=tuple(e for e in self.setup.effects if (e.kind, e.joints) != place))
+        if kind in KINDS:
+            self.setup = undone(self.setup, self.declared, kind, joints)
+        self.steps.append(("dropped", place, self.left))
+        del self.named[place]
+        self.refit()
+
+    def refit(self) -> None:
+        """Fit everything again; geometry, clocks and encoders that were accepted move to where they belong."""
+        self.fit = self._refitted()
+        for _ in range(SETTLING):
+            beside, moved = self.beside, False
+            for h in self.structure():
+                beside = beside.with_columns(h.columns)
+                x = coefficients(h, h.columns, beside)
+                std = np.sqrt(np.diag(beside.best.covariance)[-len(h.unit) :]) * h.unit
+                moved = moved or bool(np.any(np.abs(x) > SETTLED * std))
+                self.setup = h.accept(self.setup, x)
+            if not moved:
+                break
+            self.fit = self._refitted()
+        self.catalogue = Catalogue(self.fit, self.catalogue)
+
+    def _refitted(self) -> ThreeLoopIdentifier:
+        """Fit of the setup now; friction's shapes stay near those of the fit so far."""
+        friction = SmoothFrictionIdentifier((self.fit.friction_.transition_width_, self.fit.friction_.sharpness_))
+        return fitted(self.setup, self.train, friction=friction)
+
+
+def fitted(setup: Setup, train: Sequence[Recording], **options: SmoothFrictionIdentifier) -> ThreeLoopIdentifier:
+    """Fit declared model and what was found; without a third loop."""
+    identifier = setup.identifier(residual=None, **options)
+    return identifier.fit([setup.corrected(recording) for recording in train])
+
+
+def coefficients(h: Hypothesis, columns: Columns, beside: Beside) -> FloatArray:
+    """Coefficients of the last hypothesis in the model, in their own units."""
+    j = next(iter(columns))
+    size = np.linalg.norm(columns[j]) / max(float(np.linalg.norm(h.columns[j])), 1e-300)
+    x: FloatArray = beside.best.x[-len(h.unit) :] * size * h.unit
+    return x

@@ -1,0 +1,90 @@
+"""Which names stand beside all others: those that are unlikely go, and those that do harm."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from dynid_rs.diagnosis.belief import Belief
+from dynid_rs.diagnosis.beside import Beside
+from dynid_rs.diagnosis.hypotheses import Place, shaped_as
+from dynid_rs.diagnosis.structural import value_of
+from dynid_rs.diagnosis.trials import blocks
+from dynid_rs.regression.linear_model import sign_cost
+
+HARM = 1.02
+"""No joint's left-out error may grow by this factor."""
+REFUTED = 2.0
+"""Standard errors by which a coefficient has the wrong sign: one in forty by chance."""
+
+
+def backward(belief: Belief) -> set[Place]:
+    """Take out names that have become less likely than not beside all others; which those were."""
+    dropped: set[Place] = set()
+    while True:
+        odds = standing(belief)
+        weakest = min(odds, key=lambda place: odds[place], default=None)
+        if weakest is None or odds[weakest] > 0:
+            return dropped
+        belief.remove(weakest)
+        dropped.add(weakest)
+
+
+def standing(belief: Belief) -> dict[Place, float]:
+    """Logarithmic odds of every name of the setup beside all others."""
+    beside, best = belief.beside, belief.beside.best
+    log_places = float(np.log(belief.catalogue.n_places))
+    odds = {place: value - log_places for place, value in _structure(belief).items()}
+    std = np.sqrt(np.diag(best.covariance))
+    for effect, places in zip(belief.setup.effects, belief.places(), strict=True):
+        less = beside.without(places)
+        at = [place for _, place in places]
+        (h,) = belief.catalogue.of([shaped_as(effect)])
+        z = best.x[at] / std[at]
+        # A coefficient that physics does not allow refutes the name, however well it fits.
+        refuted = np.any((h.bounds[:, 0] == 0) & (z < -REFUTED)) or np.any((h.bounds[:, 1] == 0) & (z > REFUTED))
+        value = best.evidence - less.best.evidence + sign_cost(z, h.bounds)
+        odds[h.place] = -np.inf if refuted else value - log_places
+    return odds
+
+
+def _structure(belief: Belief) -> dict[Place, float]:
+    """Logarithm of the Bayes factor of the changes of structure, by their posterior's density at none.
+
+    ``ln BF = v' S^-1 v / 2 + ln(det S / det S_0) / 2``: value v, its covariance S beside everything, its prior's S_0
+    (Dickey 1971, Annals of Mathematical Statistics 42).
+    """
+    factors = {}
+    for h in belief.structure():
+        if h.place == belief.mounting:
+            continue
+        size = max(h.sizes)
+        after = belief.beside.with_columns({j: size * part for j, part in h.columns.items()})
+        value = value_of(belief.setup, h.kind, h.joints)
+        width, unit = len(value), size * h.unit[: len(value)]
+        at = slice(len(after.best.x) - len(h.unit), len(after.best.x) - len(h.unit) + width)
+        S = after.best.covariance[at, at]
+        z = (value + after.best.x[at] * unit) / unit
+        factors[h.place] = 0.5 * float(z @ np.linalg.solve(S, z)) + 0.5 * float(np.linalg.slogdet(S)[1])
+    return factors
+
+
+def harmless(belief: Belief, declared: Beside) -> None:
+    """Take out names until no joint is predicted worse than by the declared model, on parts that were left out.
+
+    Worse: by more than `HARM`, and by more than one standard error of the difference over the parts. The least certain
+    name that reaches the joint goes first.
+    """
+    parts = blocks(declared.model.n_rows)
+    without = declared.model.left_out(declared.best, parts)
+    while belief.named:
+        beside = belief.beside
+        if beside.model.n_rows != declared.model.n_rows:
+            return  # another clock has other rows: nothing to compare row by row
+        lost = beside.model.left_out(beside.best, parts) - without
+        ratio = np.sqrt(1 + lost.sum(axis=0) / np.maximum(without.sum(axis=0), 1e-300))
+        clear = lost.sum(axis=0) > np.sqrt(len(parts)) * lost.std(axis=0, ddof=1)
+        harmed = set(np.flatnonzero((ratio > HARM) & clear).tolist())
+        guilty = [named for named in belief.named.values() if set(belief.reach(named.hypothesis)) & harmed]
+        if not guilty:
+            return
+        belief.remove(min(guilty, key=lambda named: named.log_odds).hypothesis.place)
