@@ -27,6 +27,7 @@ from dynid_rs.base.findings import Finding
 from dynid_rs.commands._inputs import size_in_bytes
 from dynid_rs.identification.results import evaluate_runs, score
 from dynid_rs.model.placed import PlacedEffect
+from dynid_rs.regression.evaluation import band_rmse
 from dynid_rs.runs.readers import Config
 from dynid_rs.runs.recording import Recording
 
@@ -104,7 +105,7 @@ def test_with_everything_in_the_sample_nothing_is_lost(weighting, prior):
         assert one.domain == other.domain
     recordings = [source.read()[0] for source in small_runs(1)[1]]
     runs = evaluate_runs(held.model_, recordings, held.raw_runs_)
-    rmse = np.sqrt(np.mean(np.concatenate([r.comparison.error for r in runs]) ** 2, axis=0))
+    rmse = band_rmse([run.comparison for run in runs])
     assert_allclose(learned.rmse, rmse, rtol=1e-7 if prior is None else 1e-4)
 
 

@@ -88,9 +88,11 @@ def test_rows_are_the_regressor_through_scipys_zero_phase_filter(robot, observed
     filtered = sosfiltfilt(sos, regressor, axis=0, padlen=int(3 * rate / cutoff))[states.rows]
     torque = sosfiltfilt(sos, states.tau, axis=0, padlen=int(3 * rate / cutoff))[states.rows]
     for j, rows in enumerate(observations.blocks[0].rows):
-        seen = plan.pivots >= 10 * j
-        assert_allclose(rows[:, plan.n_own : -1], filtered[:, j][:, seen], **ALGEBRAIC)
-        assert_allclose(rows[:, -1], torque[:, j], **ALGEBRAIC)
+        seen, moves = plan.pivots >= 10 * j, states.counted[:, j]
+        assert_allclose(rows[moves, plan.n_own : -1], filtered[moves, j][:, seen], **ALGEBRAIC)
+        assert_allclose(rows[moves, -1], torque[moves, j], **ALGEBRAIC)
+        assert np.mean(moves) > 0.9
+        assert not rows[~moves].any()  # what a joint at rest shows is not fitted
 
 
 def test_ordinary_least_squares_is_numpys(observed):
@@ -123,7 +125,8 @@ def test_generalised_least_squares_whitens_across_joints(robot, rigid_arm, rigid
     A, b = stacked(observations)
     share = observations.plan.estimable().sum() / 6
     residual = b - A @ estimated(weighted, observations)
-    precision = np.linalg.inv(residual @ residual.T / (residual.shape[1] - share))  # Eq. 24
+    freedom = np.sqrt(np.sum([states.counted.sum(axis=0) for states in runs], axis=0) - share)
+    precision = np.linalg.inv(residual @ residual.T / np.outer(freedom, freedom))  # Eq. 24
     normal = np.einsum("imp,ij,jmq->pq", A, precision, A, optimize=True)
     right = np.einsum("imp,ij,jm->p", A, precision, b, optimize=True)
     reference = np.linalg.solve(normal, right)  # Eq. 25

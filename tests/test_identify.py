@@ -115,7 +115,8 @@ def test_residuals_add_up():
         np.testing.assert_array_equal(column["measured"] - column["predicted"], column["residual"])
         terms = sum(np.array(table[f"{'residual_term' if name == 'residual' else name}_{j}"]) for name in names)
         np.testing.assert_allclose(terms, column["predicted"], **ALGEBRAIC)
-        rmse = np.sqrt(np.mean(column["residual"][is_test] ** 2))
+        scored = is_test & np.array(table[f"moves_{j}"])
+        rmse = np.sqrt(np.mean(column["residual"][scored] ** 2))
         np.testing.assert_allclose(rmse, result["rmse"]["test"]["after"][j], **ALGEBRAIC)
 
 

@@ -161,7 +161,8 @@ def test_the_standard_error_of_the_size_is_that_of_a_fit(robot):
             rows = np.concatenate([block.rows[j] for block in with_torque(measured).blocks])
             extended = np.zeros((len(rows), plan.n_columns + 1))
             extended[:, plan.unknowns(j)] = rows[:, :-1]
-            extended[:, -1] = np.concatenate(torque)[:, j]
+            moves = np.concatenate([states.counted[:, j] for states in runs])
+            extended[:, -1] = np.concatenate(torque)[:, j] * moves
             wide.append(weights[j] * extended)
             right.append(weights[j] * rows[:, -1])
         A = np.concatenate(wide)

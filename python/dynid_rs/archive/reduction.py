@@ -85,11 +85,13 @@ class Reduction:
 class Reduced:
     """What is left of a run.
 
-    `factors`: wide (`wide.py`), by plan; `products` (n_joints, k, k): ``C_j' Gamma_j C_j`` in the columns
-    ``[own | base | width_slope]`` of the model, padded with zeros; `extremes`: of q, |dq|, |ddq|, (n_joints,) each.
+    `n_counted`: rows in which every joint moves, (n_joints,); `factors`: wide (`wide.py`), by plan; `products`
+    (n_joints, k, k): ``C_j' Gamma_j C_j`` in the columns ``[own | base | width_slope]`` of the model, padded with
+    zeros; `extremes`: of q, |dq|, |ddq|, (n_joints,) each.
     """
 
     n_rows: int
+    n_counted: NDArray[np.int64]
     n_dropped: int
     factors: dict[str, FloatArray]
     products: FloatArray
@@ -99,7 +101,7 @@ class Reduced:
         """Plain data and arrays, of a factor the upper triangle."""
         plain = {"n_rows": self.n_rows, "n_dropped": self.n_dropped}
         upper = {f"factor_{name}": factor[np.triu_indices(len(factor))] for name, factor in self.factors.items()}
-        return plain, upper | {"products": self.products} | self.extremes
+        return plain, upper | {"products": self.products, "n_counted": self.n_counted} | self.extremes
 
     @staticmethod
     def from_entry(entry: Entry) -> Reduced:
@@ -108,6 +110,7 @@ class Reduced:
         extremes = {name: arrays[name] for name in _EXTREMES}
         return Reduced(
             plain["n_rows"],
+            arrays["n_counted"],
             plain["n_dropped"],
             {name: _triangle(arrays[f"factor_{name}"]) for name in PLANS if f"factor_{name}" in arrays},
             arrays["products"],
@@ -152,6 +155,7 @@ def reduce_run(source: RunSource, reduction: Reduction) -> Entry:
     extremes = (states.q.min(axis=0), states.q.max(axis=0), *(np.abs(x).max(axis=0) for x in (states.dq, states.ddq)))
     return Reduced(
         len(states.rows),
+        states.counted.sum(axis=0),
         int(np.sum(~states.moving)),
         factors,
         products,
@@ -190,6 +194,7 @@ class Totals:
     def __init__(self, reduction: Reduction) -> None:
         self.reduction = reduction
         self.n_rows, self.n_dropped, self.n_runs = 0, 0, 0
+        self.n_counted = np.zeros(len(next(iter(reduction.plans.values())).own), dtype=np.int64)
         self.products: FloatArray | None = None
         self.extremes: dict[str, FloatArray] = {}
         self._trees = {name: FactorTree() for name in reduction.plans}
@@ -198,6 +203,7 @@ class Totals:
         """Take in the next run."""
         self.n_runs += 1
         self.n_rows += reduced.n_rows
+        self.n_counted = self.n_counted + reduced.n_counted
         self.n_dropped += reduced.n_dropped
         for name, tree in self._trees.items():
             tree.add(reduced.factors[name])
@@ -213,7 +219,7 @@ class Totals:
     def observations(self, name: str) -> Observations:
         """The same as observations of that plan."""
         joints = [np.delete(joint, -2, axis=1) if name == "model" else joint for joint in self.joints(name)]
-        return observations_of(self.reduction.plans[name], joints, self.n_rows)
+        return observations_of(self.reduction.plans[name], joints, self.n_rows, self.n_counted)
 
     def noise_products(self) -> list[FloatArray]:
         """``C_j' Gamma_j C_j`` of every joint over all runs, without padding."""

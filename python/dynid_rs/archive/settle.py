@@ -100,7 +100,7 @@ class Settled:
     def _rmse(self) -> FloatArray:
         plan, observations, links = self.observations.plan, self.observations, self.links
         power = residual_power(plan, observations.factors(), links.x_, links.torque_scale_)
-        error: FloatArray = np.sqrt(power / observations.n_rows)
+        error: FloatArray = np.sqrt(power / np.maximum(observations.n_counted, 1))
         return error
 
 

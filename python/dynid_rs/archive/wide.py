@@ -29,10 +29,15 @@ def cut_at_joints(factor: FloatArray, widths: Sequence[int]) -> list[FloatArray]
     return np.split(factor, np.cumsum(widths)[:-1], axis=1)
 
 
-def observations_of(plan: Plan, joints: Sequence[FloatArray], n_rows: int) -> Observations:
-    """Observations of one block that stands for `n_rows` rows; `joints` as `columns.run_rows` gives them."""
+def observations_of(
+    plan: Plan, joints: Sequence[FloatArray], n_rows: int, n_counted: NDArray[np.int64]
+) -> Observations:
+    """Observations of one block that stands for `n_rows` rows; `joints` as `columns.run_rows` gives them.
+
+    `n_counted` (n_joints,): in how many of them every joint moves.
+    """
     rows = [np.ascontiguousarray(joint) for joint in joints]
-    return Observations(plan, [Block(0, rows, [_core.triangular_factor(joint) for joint in rows], n_rows)])
+    return Observations(plan, [Block(0, rows, [_core.triangular_factor(joint) for joint in rows], (n_rows, n_counted))])
 
 
 class FactorTree:

@@ -124,7 +124,7 @@ class _Errors:
 
 def _error(model: LinearModel, x: FloatArray) -> list[float]:
     left = [part[:, -1] - part[:, :-1] @ x[at] for part, at in zip(model.rows, model.places, strict=True)]
-    return [float(value) for value in rmse([np.stack(left, axis=1)])]
+    return [float(value) for value in rmse([np.stack(left, axis=1)], [np.stack(model.counted, axis=1)])]
 
 
 def _plot(found: Belief, effect: PlacedEffect, errors: _Errors) -> dict[str, Any]:

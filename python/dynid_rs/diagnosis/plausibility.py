@@ -8,7 +8,7 @@ import numpy as np
 
 from dynid_rs import _core
 from dynid_rs.base.findings import Finding, joint_words
-from dynid_rs.regression.evaluation import Comparison, rmse, torque_std
+from dynid_rs.regression.evaluation import Comparison, band_rmse, torque_std
 
 UNLIKE = 5.0
 """A run whose error is this many times that of the other runs, on most joints, is another robot or another unit."""
@@ -36,7 +36,7 @@ def implausible(robot: _core.RobotModel, comparisons: Sequence[Comparison]) -> l
 
 
 def _lost_joints(robot: _core.RobotModel, comparisons: Sequence[Comparison]) -> list[Finding]:
-    left, size = rmse([c.error for c in comparisons]), torque_std(comparisons)
+    left, size = band_rmse(comparisons), torque_std(comparisons)
     lost = np.flatnonzero((size > 0) & (left >= size))
     if not len(lost):
         return []
@@ -55,7 +55,7 @@ def _odd_runs(comparisons: Sequence[Comparison]) -> list[Finding]:
     if len(comparisons) < 2:
         return []
     size = np.maximum(torque_std(comparisons), 1e-300)
-    errors = np.array([rmse([c.error]) for c in comparisons]) / size
+    errors = np.array([band_rmse([c]) for c in comparisons]) / size
     found = []
     for k, comparison in enumerate(comparisons):
         others = np.median(np.delete(errors, k, axis=0), axis=0)

@@ -126,9 +126,13 @@ class FrictionIdentifier(BaseEstimator):  # type: ignore[misc]
             if pairs is not None and (odd := pairs[j]) is not None:
                 power = _PowerLeft(odd.runs, odd.beside, odd.tau, odd.noise, n_orders, of_pairs=True)
                 return self._sharpen(power, odd, *self._search(power))
-            stacked = np.concatenate([run[j] for run in rows])
+            moves = [states.counted[:, j] for states in runs]
+            stacked = np.concatenate([run[j][counted] for run, counted in zip(rows, moves, strict=True)])
             keep = np.concatenate([others & plan.own[j], np.ones(stacked.shape[1] - plan.n_own - 1, dtype=bool)])
-            parts: list[SearchRun] = [(np.ascontiguousarray(s.dq_motor[:, j]), s.filter, s.kept, None) for s in runs]
+            parts: list[SearchRun] = [
+                (np.ascontiguousarray(states.dq_motor[:, j]), states.filter, states.rows[counted].tolist(), None)
+                for states, counted in zip(runs, moves, strict=True)
+            ]
             noise = max(states.velocity_noise(j) for states in runs)
             return self._search(_PowerLeft(parts, stacked[:, :-1][:, keep], stacked[:, -1], noise, n_orders))
 

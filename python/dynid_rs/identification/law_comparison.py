@@ -107,7 +107,7 @@ def compare_friction_laws(
         model = ThreeLoopIdentifier(robot, **{"residual": None, **options, "friction_law": law})
         models[law] = model.fit(list(runs), friction_recording)
         states = [model.states(recording) for recording in test]
-        errors.append([compare(s, evaluate(model.model_, s)[0]).error for s in states])
+        errors.append([np.where(s.counted, compare(s, evaluate(model.model_, s)[0]).error, 0.0) for s in states])
     lengths = [max(1, int(LEAST_BLOCK * s.rate / s.step)) for s in states]
     return _compared(tuple(robot.joint_names), laws, errors, lengths, models)
 

@@ -22,8 +22,10 @@ from dynid_rs.regression.columns import Plan
 from dynid_rs.regression.evaluation import (
     FLOOR_METHOD,
     Comparison,
+    band_rmse,
     compare,
     noise_floor,
+    raw_rmse,
     rmse,
     rmse_interval,
     torque_std,
@@ -50,12 +52,12 @@ class Scores:
     @property
     def rmse(self) -> FloatArray:
         """In the band, in motion."""
-        return rmse([comparison.error for comparison in self.comparisons])
+        return band_rmse(self.comparisons)
 
     @property
     def raw(self) -> FloatArray:
         """As recorded, in motion."""
-        return rmse([comparison.raw_error for comparison in self.comparisons])
+        return raw_rmse(self.comparisons)
 
 
 def score(model: _core.TorqueModel, runs: Sequence[States]) -> Scores:
@@ -200,7 +202,10 @@ def _summarise(
 def residual_table(
     model: _core.TorqueModel, train: Sequence[Evaluated], test: Sequence[Evaluated]
 ) -> dict[str, NDArray[Any]]:
-    """Content of `residuals.parquet`: per row and joint measured, predicted, every term, residual; in the band."""
+    """Content of `residuals.parquet`: per row and joint measured, predicted, every term, residual; in the band.
+
+    `moves_j`: whether the joint moves there; errors are those of such rows.
+    """
     parts: list[dict[str, NDArray[Any]]] = []
     for kind, runs in (("train", train), ("test", test)):
         for run in runs:
@@ -214,6 +219,7 @@ def residual_table(
             }
             for j in range(model.robot.n_joints):
                 part[f"q_{j}"], part[f"dq_{j}"] = states.q[states.rows, j], states.dq_motor[states.rows, j]
+                part[f"moves_{j}"] = states.counted[:, j]
                 part[f"measured_{j}"], part[f"predicted_{j}"] = comparison.measured[:, j], comparison.predicted[:, j]
                 part[f"residual_{j}"] = comparison.error[:, j]
                 for k, name in enumerate(model.term_names):

@@ -28,7 +28,7 @@ from dynid_rs.identification.links import LinkDynamicsIdentifier
 from dynid_rs.model.assembly import assemble, evaluate
 from dynid_rs.model.known import KnownTerm, known_torque
 from dynid_rs.regression.columns import Block, Observations
-from dynid_rs.regression.evaluation import compare, rmse
+from dynid_rs.regression.evaluation import band_rmse, compare
 from dynid_rs.regression.evidence import Posterior, fit_with_prior
 from dynid_rs.regression.priors import declares_inertia
 from dynid_rs.regression.systems import block_residuals, solve, stack
@@ -94,7 +94,7 @@ def _examine(identifier: ThreeLoopIdentifier, term: KnownTerm, j: int, test: Seq
             residual_signals=identifier.model_.residual_signals,
             known=known,
         )
-        return float(rmse([compare(states, evaluate(model, states)[0]).error for states in test])[j])
+        return float(band_rmse([compare(states, evaluate(model, states)[0]) for states in test])[j])
 
     data = LinkDynamicsIdentifier(prior=None)
     with_it, without_it = data.fit(observations), LinkDynamicsIdentifier(prior=None).fit(without)

@@ -138,19 +138,29 @@ def _probing_states(n: int, n_samples: int, random_state: int) -> list[FloatArra
 class Block:
     """A stretch of consecutive rows that is fitted or left out as a whole: a run, or a part of a lone one.
 
-    `stands_for`: rows per joint that `rows` are a factor of (`archive/wide.py`); None where they are the rows
-    themselves.
+    `stands_for`: rows per joint that `rows` are a factor of (`archive/wide.py`), and in how many of them every joint
+    moves, (n_joints,); None where they are the rows themselves.
     """
 
     run: int
     rows: list[FloatArray]
     factors: list[FloatArray]
-    stands_for: int | None = None
+    stands_for: tuple[int, NDArray[np.int64]] | None = None
 
     @property
     def n_rows(self) -> int:
         """Rows per joint."""
-        return len(self.rows[0]) if self.stands_for is None else self.stands_for
+        return len(self.rows[0]) if self.stands_for is None else self.stands_for[0]
+
+    @property
+    def counted(self) -> NDArray[np.bool_]:
+        """Joints that move at the rows, (n_rows, n_joints): zeros say nothing."""
+        return np.stack([part.any(axis=1) for part in self.rows], axis=1)
+
+    @property
+    def n_counted(self) -> NDArray[np.int64]:
+        """Rows of every joint in which it moves, (n_joints,)."""
+        return self.counted.sum(axis=0) if self.stands_for is None else self.stands_for[1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,6 +174,12 @@ class Observations:
     def n_rows(self) -> int:
         """Rows per joint over all blocks."""
         return sum(block.n_rows for block in self.blocks)
+
+    @property
+    def n_counted(self) -> NDArray[np.int64]:
+        """Rows of every joint in which it moves, (n_joints,)."""
+        total: NDArray[np.int64] = np.sum([block.n_counted for block in self.blocks], axis=0)
+        return total
 
     def by_run(self, parts: Sequence[FloatArray]) -> list[FloatArray]:
         """Put together what belongs to one run from one array per block."""
@@ -180,7 +196,7 @@ class Observations:
         """Rows of every run and joint with another torque, (n_rows, n_joints) each, in the last column."""
         joints = [self.by_run([block.rows[j] for block in self.blocks]) for j in range(len(self.blocks[0].rows))]
         return [
-            [np.column_stack([rows[k][:, :-1], tau[:, j]]) for j, rows in enumerate(joints)]
+            [np.column_stack([rows[k][:, :-1], tau[:, j] * rows[k].any(axis=1)]) for j, rows in enumerate(joints)]
             for k, tau in enumerate(torque)
         ]
 
@@ -215,9 +231,13 @@ def run_rows(
     *,
     kept: list[int] | None = None,
 ) -> list[FloatArray]:
-    """Filtered, decimated rows of one run: per joint (n_rows, n_own + base columns + 1), at samples `kept` if given."""
+    """Filtered, decimated rows of one run: per joint (n_rows, n_own + base columns + 1), at samples `kept` if given.
+
+    Where a joint rests while others move its rows are zero: they say nothing. At samples that are `kept` on purpose
+    all is told.
+    """
     q, dq, ddq, q_motor, dq_motor, ddq_motor = states.signals()
-    return _core.observe(
+    rows = _core.observe(
         plan.robot,
         list(plan.effects),
         plan.pivots.tolist(),
@@ -234,6 +254,15 @@ def run_rows(
         step=1 / states.rate,
         temperature=states.temperature,
     )
+    return rows if kept is not None else counted_rows(rows, states.counted)
+
+
+def counted_rows(rows: Sequence[FloatArray], counted: NDArray[np.bool_]) -> list[FloatArray]:
+    """Rows of every joint, zero where it does not count, (n_rows, n_joints)."""
+    return [
+        part if moves.all() else np.where(moves[:, None], part, 0.0)
+        for part, moves in zip(rows, counted.T, strict=True)
+    ]
 
 
 def _thirds(n: int) -> list[slice]:

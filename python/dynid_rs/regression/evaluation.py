@@ -28,7 +28,10 @@ FLOOR_METHOD = (
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """Measured and predicted torque of one run at its rows, in the band and as recorded; (n_rows, n_joints) each."""
+    """Measured and predicted torque of one run at its rows, in the band and as recorded; (n_rows, n_joints) each.
+
+    Joints that rest while others move are in them too; `states.counted` says what is scored.
+    """
 
     states: States
     measured: FloatArray
@@ -48,16 +51,33 @@ def compare(states: States, predicted: FloatArray) -> Comparison:
     )
 
 
-def rmse(errors: Sequence[FloatArray]) -> FloatArray:
-    """Root mean square over all rows, (n_joints,)."""
+def rmse(errors: Sequence[FloatArray], counted: Sequence[NDArray[np.bool_]] | None = None) -> FloatArray:
+    """Root mean square over all rows, or over those that are `counted` (n_rows, n_joints) per run; (n_joints,)."""
     stacked = np.concatenate(list(errors))
-    result: FloatArray = np.sqrt(np.mean(stacked**2, axis=0))
+    where = True if counted is None else np.concatenate(list(counted))
+    # A joint that rests all the time has no error.
+    mean = np.sum(stacked**2, axis=0, where=where) / np.maximum(np.sum(np.ones_like(stacked), axis=0, where=where), 1)
+    result: FloatArray = np.sqrt(mean)
     return result
 
 
+def band_rmse(comparisons: Sequence[Comparison]) -> FloatArray:
+    """Root mean square of the error in the band where joints move, (n_joints,)."""
+    return rmse([c.error for c in comparisons], [c.states.counted for c in comparisons])
+
+
+def raw_rmse(comparisons: Sequence[Comparison]) -> FloatArray:
+    """The same of the torque as recorded."""
+    return rmse([c.raw_error for c in comparisons], [~c.states.resting[c.states.moving] for c in comparisons])
+
+
 def torque_std(comparisons: Sequence[Comparison]) -> FloatArray:
-    """Standard deviation of the measured torque, (n_joints,)."""
-    result: FloatArray = np.concatenate([comparison.measured for comparison in comparisons]).std(axis=0)
+    """Standard deviation of the measured torque where it is scored, (n_joints,)."""
+    measured = np.concatenate([c.measured for c in comparisons])
+    counted = np.concatenate([c.states.counted for c in comparisons])
+    n = np.maximum(counted.sum(axis=0), 1)
+    mean = np.sum(measured, axis=0, where=counted) / n
+    result: FloatArray = np.sqrt(np.sum((measured - mean) ** 2, axis=0, where=counted) / n)
     return result
 
 
@@ -69,11 +89,12 @@ def rmse_interval(comparisons: Sequence[Comparison], random_state: int = 0) -> F
         states = comparison.states
         length = max(1, int(LEAST_BLOCK * states.rate / states.step))
         n_blocks = min(max(LEAST_BLOCKS, len(comparison.error) // length), len(comparison.error))
-        squares += [(np.sum(block**2, axis=0), len(block)) for block in np.array_split(comparison.error, n_blocks)]
-    sums = np.array([total for total, _ in squares])
-    counts = np.array([count for _, count in squares], dtype=float)
+        power = comparison.error**2 * states.counted
+        blocks = zip(np.array_split(power, n_blocks), np.array_split(states.counted, n_blocks), strict=True)
+        squares += [(part.sum(axis=0), moves.sum(axis=0)) for part, moves in blocks]
+    sums, counts = (np.array(part, dtype=np.float64) for part in zip(*squares, strict=True))
     draws = rng.integers(0, len(counts), (N_RESAMPLES, len(counts)))
-    values = np.sqrt(sums[draws].sum(axis=1) / counts[draws].sum(axis=1)[:, None])
+    values = np.sqrt(sums[draws].sum(axis=1) / np.maximum(counts[draws].sum(axis=1), 1.0))
     interval: FloatArray = np.percentile(values, [2.5, 97.5], axis=0).T
     return interval
 

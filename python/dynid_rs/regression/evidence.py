@@ -163,7 +163,7 @@ def fit_with_prior(
         chosen.append(choice)
         if held is None:
             left = observations.by_run(block_residuals(observations, best.x, scale))
-            n_effective = np.array([n_rows / residual_memory([run[:, j] for run in left]) for j in range(n)])
+            n_effective = observations.n_counted / [residual_memory([run[:, j] for run in left]) for j in range(n)]
     model = linear_model(plan, factors, n_rows, scale, prior, n_effective, LEAST_NOISE * size)
     end = model.fit(choice, noise)
     pull = prior.rows(choice)[0]

@@ -134,6 +134,11 @@ class LinearModel:
         """``[M_j | y_j]'[M_j | y_j]`` per joint."""
         return [part.T @ part for part in self.rows]
 
+    @cached_property
+    def counted(self) -> list[BoolArray]:
+        """Rows of every joint that say something, (n_rows,): those of a joint at rest are zero."""
+        return [np.any(part, axis=1) for part in self.rows]
+
     def fit(self, choice: Choice, noise: FloatArray) -> Fit:
         """Most probable unknowns; the noise is searched from `noise` (n_joints,)."""
         held = self._held(choice)
@@ -176,7 +181,8 @@ class LinearModel:
         rows, places = [], []
         for j, (part, at) in enumerate(zip(self.rows, self.places, strict=True)):
             if j in columns:
-                part = np.concatenate([part[:, :-1], columns[j], part[:, -1:]], axis=1)
+                new_columns = columns[j] * self.counted[j][:, None]
+                part = np.concatenate([part[:, :-1], new_columns, part[:, -1:]], axis=1)
                 at = np.concatenate([at, new])
             rows.append(part)
             places.append(at)
@@ -236,7 +242,8 @@ class LinearModel:
             if not here:
                 continue
             at = np.concatenate([np.arange(edges[h], edges[h + 1]) for h in here])
-            weighted = [weight * hypotheses[h][j] for h in here]
+            row_weight = weight * self.counted[j][:, None]
+            weighted = [row_weight * hypotheses[h][j] for h in here]
             together = np.concatenate(weighted, axis=1)
             cross[np.ix_(self.places[j], at)] += weight * (self.rows[j][:, :-1].T @ together)
             moment[at] += weight * (together.T @ fit.residual[j])

@@ -85,7 +85,8 @@ def residual_covariance(
     left = np.concatenate(block_residuals(observations, x, scale))
     rank = plan.estimable().sum()
     share = rank if as_printed else rank / plan.robot.n_joints
-    covariance: FloatArray = left.T @ left / max(observations.n_rows - share, 1.0)
+    freedom = np.sqrt(np.maximum(observations.n_counted - share, 1.0))
+    covariance: FloatArray = left.T @ left / np.outer(freedom, freedom)
     return covariance
 
 

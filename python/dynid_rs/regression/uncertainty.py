@@ -111,13 +111,13 @@ class _Weighed:
         self.pull = _prior_rows(links, self.used, int(self.used.sum()) + n * fitted_widths)
         self.bread = _bread(self.columns, np.sqrt(self.weights), self.pull)
         self._residuals = _on_grid(observations, runs, block_residuals(observations, links.x_, links.torque_scale_))
-        self._masks = _on_grid(observations, runs, [np.ones((block.n_rows, 1)) for block in observations.blocks])
+        self._masks = _on_grid(observations, runs, _counted(observations))
 
     def noise(self, j: int) -> NoiseSpectrum:
         """Spectrum of joint j's noise."""
         places, grids = self.columns[j]
         bread = self.weights[j] * self.bread[np.ix_(places, places)]
-        return NoiseSpectrum([run[:, j] for run in self._residuals], [run[:, 0] for run in self._masks], grids, bread)
+        return NoiseSpectrum([run[:, j] for run in self._residuals], [run[:, j] for run in self._masks], grids, bread)
 
 
 def _columns(
@@ -164,7 +164,10 @@ def width_slope(plan: Plan, states: States, j: int, coefficients: FloatArray) ->
 def shape_slope(
     effect: _core.Effect, name: str, states: States, j: int, coefficients: FloatArray, step: float = WIDTH_STEP
 ) -> FloatArray:
-    """Change of an effect's filtered torque on joint j with the logarithm of a shape parameter, (n_rows,)."""
+    """Change of an effect's filtered torque on joint j with the logarithm of a shape parameter, (n_rows,).
+
+    Zero where the joint rests.
+    """
     ends = []
     for factor in (1 + step, 1 - step):
         shape = {key: np.array(values, dtype=np.float64) for key, values in effect.shape}
@@ -181,7 +184,7 @@ def shape_slope(
             kept=states.kept,
         )
         ends.append(columns[:, 0] @ coefficients)
-    slope: FloatArray = (ends[0] - ends[1]) / (2 * step)
+    slope: FloatArray = (ends[0] - ends[1]) / (2 * step) * states.counted[:, j]
     return slope
 
 
@@ -292,6 +295,11 @@ def _on_grid(observations: Observations, runs: Sequence[States], parts: Sequence
     return grids
 
 
+def _counted(observations: Observations) -> list[FloatArray]:
+    """Ones where a joint moves, zeros where it rests, per block (n_rows, n_joints)."""
+    return [block.counted.astype(np.float64) for block in observations.blocks]
+
+
 def noise_products(
     observations: Observations,
     runs: Sequence[States],
@@ -315,7 +323,7 @@ def noise_products(
         As for `grid_noise_products`.
     """
     left = _on_grid(observations, runs, residuals)
-    masks = [mask[:, 0] for mask in _on_grid(observations, runs, [np.ones((len(part), 1)) for part in residuals])]
+    masks = _on_grid(observations, runs, _counted(observations))
     grids = [_on_grid(observations, runs, parts) for parts in columns]
     return grid_noise_products(left, masks, grids, weighted_breads, power=power)
 
@@ -328,7 +336,7 @@ def grid_noise_products(
     *,
     power: int = 1,
 ) -> list[FloatArray]:
-    """As `noise_products`, on every run's full grid: zeros where `masks` (n_grid,) is zero.
+    """As `noise_products`, on every run's full grid: zeros where `masks` (n_grid, n_joints) is zero.
 
     `power` 2 makes up for shapes and weights that were fitted too (`NoiseSpectrum`).
 
@@ -342,6 +350,6 @@ def grid_noise_products(
     products = []
     for j, bread in enumerate(weighted_breads):
         fitted = [grid[:, : len(bread)] for grid in columns[j]]
-        noise = NoiseSpectrum([run[:, j] for run in residuals], masks, fitted, bread, power=power)
+        noise = NoiseSpectrum([run[:, j] for run in residuals], [m[:, j] for m in masks], fitted, bread, power=power)
         products.append(np.sum([toeplitz_product(run, noise.spectrum) for run in columns[j]], axis=0))
     return products

@@ -33,6 +33,8 @@ STILL_SPEED = 0.01
 """A joint moves above this part of its greatest speed."""
 STILL_TIME = 0.2
 """Shorter standstill [s] is a reversal, not a pause."""
+REST_TIME = 0.5
+"""The same of one joint while others move: where several slow waves meet, a reversal takes longer."""
 LEAST_MOTION = 0.5
 """Shorter motion between two pauses [s] is a twitch (a brake opening), not motion."""
 EXACT = 1e-2
@@ -76,10 +78,11 @@ class States:
 
     `q, dq, ddq` link side, `q_motor, dq_motor, ddq_motor` motor side (the same arrays with one encoder), `tau` in the
     recording's unit. `moving` (n,) marks the samples that are fitted and scored, `rows` those of them that become
-    rows of the fit. `notes` says what was done to the signals. `reference` is the position that the controller was
-    asked for, with its derivatives, through the same filter; None where it was not recorded. `tau_link` is the
-    rigid-body torque [N m] that a model predicts, for effects that depend on the load; None before there is one.
-    `temperature` [degC] as it was measured, on the grid; None where it was not.
+    rows of the fit; `resting` (n, n_joints) the joints that stand still meanwhile, whose torque no state tells.
+    `notes` says what was done to the signals. `reference` is the position that the controller was asked for, with its
+    derivatives, through the same filter; None where it was not recorded. `tau_link` is the rigid-body torque [N m]
+    that a model predicts, for effects that depend on the load; None before there is one. `temperature` [degC] as it
+    was measured, on the grid; None where it was not.
     """
 
     name: str
@@ -94,6 +97,7 @@ class States:
     rate: float
     band: Band
     moving: NDArray[np.bool_]
+    resting: NDArray[np.bool_]
     two_encoders: bool
     notes: tuple[str, ...] = ()
     reference: tuple[FloatArray, FloatArray, FloatArray] | None = None
@@ -119,6 +123,11 @@ class States:
     def rows(self) -> NDArray[np.intp]:
         """Samples that become rows of the fit, (n_rows,)."""
         return self.grid[self.moving[self.grid]]
+
+    @cached_property
+    def counted(self) -> NDArray[np.bool_]:
+        """Joints that move at the rows, (n_rows, n_joints): what is fitted and scored."""
+        return ~self.resting[self.rows]
 
     @cached_property
     def kept(self) -> list[int]:
@@ -232,7 +241,7 @@ def prepare(recording: Recording, band: Band, rate: float, *, standstill: bool =
     temperature = recording.temperature
     if temperature is not None:
         temperature = np.ascontiguousarray(_linear(recording.t, temperature, grid)[::step])
-    moving = _moving(link[1][::step], rate / step, band, standstill)
+    moving, resting = _motion(link[1][::step], rate / step, band, standstill)
     names = ("q", "dq", "ddq", "q_motor", "dq_motor", "ddq_motor")
     signals = dict(zip(names, (np.ascontiguousarray(x[::step]) for x in (*link[:3], *motor[:3])), strict=True))
     return States(
@@ -243,6 +252,7 @@ def prepare(recording: Recording, band: Band, rate: float, *, standstill: bool =
         rate=rate / step,
         band=band,
         moving=moving,
+        resting=resting,
         two_encoders=two_encoders,
         notes=tuple(notes),
         reference=None if reference is None else (reference[0], reference[1], reference[2]),
@@ -340,26 +350,34 @@ def _velocity_lag(
     return lag, agrees
 
 
-def _moving(dq: FloatArray, rate: float, band: Band, standstill: bool = False) -> NDArray[np.bool_]:
-    """Samples in motion: friction at rest is not a function of the state, so pauses are neither fitted nor scored.
+def _motion(
+    dq: FloatArray, rate: float, band: Band, standstill: bool = False
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Samples in motion (n,), and joints that rest meanwhile (n, n_joints).
 
-    A guard on both sides of a pause, and at both ends of the run, keeps the filters' transients out.
+    Friction at rest is not a function of the state, so pauses are neither fitted nor scored: those of the arm, and
+    those of a joint while others move. A guard on both sides of a pause, and at both ends of the run, keeps the
+    filters' transients out.
     """
     top = np.abs(dq).max(axis=0)
-    still: NDArray[np.bool_] = np.all(np.abs(dq) <= STILL_SPEED * np.where(top > 0, top, np.inf), axis=1)
+    still = np.less_equal(np.abs(dq), STILL_SPEED * np.where(top > 0, top, np.inf))
     guard = int(rate / band.cutoff)
-    moving = np.ones(len(dq), dtype=bool)
+    moving, resting = np.ones(len(dq), dtype=bool), np.zeros(dq.shape, dtype=bool)
     if standstill:
         still[:] = False
-    for first, last in stretches(still):
+    for first, last in stretches(np.all(still, axis=1)):
         at_an_end = first == 0 or last == len(still)
         if at_an_end or last - first > STILL_TIME * rate:
             moving[max(0, first - guard) : last + guard] = False
+    for j in np.flatnonzero(top > 0):  # a joint that never moves is told by all of its samples, or by none
+        for first, last in stretches(still[:, j]):
+            if last - first > REST_TIME * rate:
+                resting[max(0, first - guard) : last + guard, j] = True
     moving[:guard] = moving[-guard:] = False
     for first, last in stretches(moving):
         if last - first < LEAST_MOTION * rate:
             moving[first:last] = False
-    return moving
+    return moving, resting
 
 
 def stretches(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
