@@ -14,9 +14,6 @@ from dynid_rs.model.placed import PlacedEffect
 from dynid_rs.simulation import build_effects, bundled_robot, equip, parse_wish, simulate, typical_arm
 
 N = 6
-KNOWN = range(1, N)
-"""Joints whose gear's load is known: what turns the first one is inertia alone, and no motion tells its rotor's part,
-which the gear does not carry."""
 CLEAN = 0.25
 """What white noise of the torque leaves in the band, as a part of it: 0.2 and what three short runs scatter."""
 
@@ -77,9 +74,9 @@ def test_the_search_tries_it_where_gears_bend(elastic, plain):
     _, arm, _ = elastic
     catalogue = Catalogue(plain)
     tried = [h for h in catalogue.hypotheses() if h.kind == "gear_hysteresis"]
-    assert sorted({h.joints for h in tried}) == [(j,) for j in KNOWN]
+    assert sorted({h.joints for h in tried}) == [(j,) for j in range(N)]
     scores = Beside.of(plain).screened(tried)
-    for j in KNOWN:
+    for j in range(N):
         own = [(score.value, h) for score, h in zip(scores, tried, strict=True) if h.joints == (j,)]
         value, best = max(own, key=lambda pair: pair[0])
         assert value > 0
@@ -91,4 +88,4 @@ def test_a_joint_whose_encoders_say_the_same_is_not_asked(elastic):
     same = [replace(run, q_motor=np.where(np.arange(N) == 2, run.q, run.q_motor)) for run in runs]
     fit = dyn.ThreeLoopIdentifier(robot, residual=None).fit(same)
     asked = {shaped.joints for shaped in Catalogue(fit).grid() if shaped.kind == "gear_hysteresis"}
-    assert asked == {(j,) for j in KNOWN if j != 2}
+    assert asked == {(j,) for j in range(N) if j != 2}

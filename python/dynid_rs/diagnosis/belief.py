@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.diagnosis.beside import Beside
-from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis, Place
+from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis, Place, Shaped
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.shapes import polished
 from dynid_rs.diagnosis.structural import KINDS, REFITTED, structural_hypotheses, undone
@@ -134,6 +134,14 @@ class Belief:
         self.steps.append(("dropped", place, self.left))
         del self.named[place]
         self.refit()
+
+    def exchange(self, place: Place, h: Hypothesis) -> None:
+        """Put another kind in the place of a torque's; the fit is not made again."""
+        new = Shaped(h.kind, h.joints, h.shape).placed()
+        effects = [new if (e.kind, e.joints) == place else e for e in self.setup.effects]
+        self.setup = replace(self.setup, effects=tuple(effects))
+        self.named[h.place] = replace(self.named.pop(place), hypothesis=h, ties=(), refuted=())
+        self.steps += [("dropped", place, self.left), ("added", h.place, self.left)]
 
     def refit(self) -> None:
         """Fit everything again; geometry, clocks and encoders that were accepted move to where they belong."""

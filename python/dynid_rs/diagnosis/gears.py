@@ -1,9 +1,10 @@
 """What two encoders show of the gears between them: compliance, lost motion, encoders that are not centred.
 
 Motor minus link position is one more linear model under the same rule: columns of the predicted load beside the
-acceleration (a rotor that no motion tells from the link is in the predicted load, and the gear does not carry it) and
-what is left of the delay between the channels. Every run has an offset of its own: encoders are set to zero between
-runs. What samples are worth follows from what is left with a hypothesis, as a gear yields as slowly as its load moves.
+acceleration (a rotor that no motion tells from the link is in the predicted load, and the gear does not carry it), what
+is not known of the load, and what is left of the delay between the channels. Where a joint rests its gear keeps what it
+had. Every run has an offset of its own: encoders are set to zero between runs. What samples are worth follows from what
+is left with a hypothesis, as a gear yields as slowly as its load moves.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ TURNS = (0.02, 0.05, 0.1, 0.2)
 class _Flat:
     """Prior of the columns that stand beside everything: standard normal in units of the deflection itself."""
 
-    size: int = 2
+    size: int
 
     def rows(self, choice: Choice) -> tuple[FloatArray, float]:
         return np.eye(self.size, self.size + 1), 0.0
@@ -76,28 +77,33 @@ def gear_entries(fit: ThreeLoopIdentifier) -> list[dict[str, Any]]:
 def _of_joint(fit: ThreeLoopIdentifier, j: int) -> list[dict[str, Any]]:
     """Names for one gear, one after the other, by posterior odds."""
     load = link_load(fit.observations_.plan, fit.links_)
-    torque, deflection, speed, acceleration, angle, rate = [], [], [], [], [], []
+    torque, deflection, speed, acceleration, angle, rate, moves = [], [], [], [], [], [], []
     for states in fit.runs_:
-        tau = load(states)[:, j]
+        tau, moving = load(states)[:, j], states.counted[:, j]
         torque.append(tau)
-        deflection.append(states.in_band((states.q_motor - states.q)[:, j]))
-        speed.append(states.in_band(states.dq_motor[:, j]))
+        deflection.append(states.in_band((states.q_motor - states.q)[:, j])[moving])
+        speed.append(states.in_band(states.dq_motor[:, j])[moving])
         angle.append(states.q[:, j])
         rate.append(np.gradient(tau, 1 / states.rate))
-        acceleration.append(states.in_band(states.ddq_motor[:, j]))
+        acceleration.append(states.in_band(states.ddq_motor[:, j])[moving])
+        moves.append(moving)
     bent = np.concatenate(_centred(deflection))
     size = float(bent.std())
     if size == 0 or np.std(np.concatenate(torque)) == 0:
         return []
     moved = [np.concatenate(_centred(x)) for x in (speed, acceleration)]
     beside = [size * x / max(float(x.std()), 1e-300) for x in moved]
-    rows = np.stack([*beside, bent], axis=1)
+    carried_std = _load_roots(fit, j, moves)
+    twist = np.concatenate(_centred([s.in_band(x)[m] for s, x, m in zip(fit.runs_, torque, moves, strict=True)]))
+    compliance = float(bent @ twist) / max(float(twist @ twist), 1e-300)
+    rows = np.concatenate([np.stack(beside, axis=1), compliance * carried_std, bent[:, None]], axis=1)
+    n = rows.shape[1] - 1
     model = LinearModel(
-        [rows], [np.arange(2)], _Flat(), np.array([0.1 * len(bent)]), np.array([1e-6 * size]), len(bent)
+        [rows], [np.arange(n)], _Flat(n), np.array([0.1 * len(bent)]), np.array([1e-6 * size]), len(bent)
     )
     fitted = model.fit(Choice(), np.array([0.3 * size]))
     edges = np.cumsum([len(x) for x in deflection])[:-1]
-    hypotheses = _hypotheses(fit, torque, rate, angle, size)
+    hypotheses = _hypotheses(fit, torque, rate, angle, size, moves)
     named: list[tuple[_Gear, float]] = []
     need = SURE + float(np.log(len({h.kind for h in hypotheses}) * fit.robot.n_joints))
     while True:
@@ -113,13 +119,28 @@ def _of_joint(fit: ThreeLoopIdentifier, j: int) -> list[dict[str, Any]]:
         value, model, fitted, best = max(tries, key=lambda t: t[0])
         named.append((best, value - need + SURE))
     std = np.sqrt(np.diag(fitted.covariance))
-    entries, at = [], 2
+    entries, at = [], n
     for gear, odds in named:
         width = len(gear.unit)
         x, spread = fitted.x[at : at + width] * gear.unit, std[at : at + width] * gear.unit
         at += width
         entries.append(_entry(fit, j, gear, x, spread, odds))
     return entries
+
+
+def _load_roots(fit: ThreeLoopIdentifier, j: int, moves: list[NDArray[np.bool_]]) -> FloatArray:
+    """What is not known of joint j's load, one standard deviation a column, (n_rows, k), less the mean of every run."""
+    observations, plan = fit.observations_, fit.observations_.plan
+    posterior = fit.links_.posterior_
+    assert posterior is not None  # every fit that is diagnosed has the weak prior
+    best = posterior.model(plan, observations.joint_rows()).at(posterior.choice, posterior.noise_std)
+    base = plan.unknowns(j)[plan.n_own :]
+    values, vectors = np.linalg.eigh(best.covariance[np.ix_(base, base)])
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    scale = float(fit.links_.torque_scale_[j])
+    runs = observations.by_run([block.rows[j][:, plan.n_own : -1] for block in observations.blocks])
+    parts = _centred([run[moving] @ root / scale for run, moving in zip(runs, moves, strict=True)])
+    return np.concatenate(parts)
 
 
 def _may_follow(h: _Gear, named: list[tuple[_Gear, float]]) -> bool:
@@ -144,7 +165,12 @@ def _centred(parts: list[FloatArray]) -> list[FloatArray]:
 
 
 def _hypotheses(
-    fit: ThreeLoopIdentifier, torque: list[FloatArray], rate: list[FloatArray], angle: list[FloatArray], size: float
+    fit: ThreeLoopIdentifier,
+    torque: list[FloatArray],
+    rate: list[FloatArray],
+    angle: list[FloatArray],
+    size: float,
+    moves: list[NDArray[np.bool_]],
 ) -> list[_Gear]:
     """Compliance and damping, hardening, lost motion, an encoder that is not centred."""
     scatter = float(np.concatenate(torque).std())
@@ -152,7 +178,8 @@ def _hypotheses(
 
     def columns(*signals: list[FloatArray]) -> tuple[FloatArray, FloatArray]:
         stacked = [np.stack(parts, axis=1) for parts in zip(*signals, strict=True)]
-        rows = np.concatenate(_centred([s.in_band(x) for s, x in zip(fit.runs_, stacked, strict=True)]))
+        parts = [s.in_band(x)[moving] for s, x, moving in zip(fit.runs_, stacked, moves, strict=True)]
+        rows = np.concatenate(_centred(parts))
         norm = np.sqrt(np.mean(rows**2, axis=0))
         scale = size / np.where(norm > 0, norm, 1.0)
         return rows * scale, scale

@@ -139,8 +139,7 @@ class Catalogue:
         self._load = np.concatenate([states.tau_link for states in self.runs if states.tau_link is not None]).std(
             axis=0
         )
-        still = [replace(states, dq=0 * states.dq, ddq=0 * states.ddq) for states in fit.runs_]
-        self._weight = np.concatenate([load(states) for states in still]).std(axis=0)
+        self._carries = carried_loads(fit)
         self._speed = np.max([np.abs(states.dq_motor).max(axis=0) for states in self.runs], axis=0)
         factors, n_rows = fit.observations_.factors(), fit.observations_.n_rows
         self._torque = np.array([np.linalg.norm(R[:, -1]) for R in factors]) / np.sqrt(n_rows)
@@ -187,14 +186,9 @@ class Catalogue:
             "temperature": lambda: all(
                 s.temperature is not None and np.ptp(s.temperature[:, j]) > 0 for s in self.runs
             ),
-            "load": lambda: self._carries(j),
+            "load": lambda: bool(self._carries[j]),
         }
         return all(said[need]() for need in entry["requires"])
-
-    def _carries(self, j: int) -> bool:
-        """Whether it is known what joint j's gear carries: not where it is inertia alone that may be its rotor's."""
-        told = self.fit.observations_.plan.own[j, 0] or self._weight[j] > LEAST_WEIGHT * self._load[j]
-        return bool(self._load[j] > 0 and told)
 
     def _shapes(self, kind: str, j: int) -> Iterator[Shape]:
         parameters = CATALOGUE[kind]["shape"]
@@ -300,6 +294,15 @@ class Catalogue:
             lambda setup, x: replace(setup, effects=(*setup.effects, placed)),
             s.shape,
         )
+
+
+def carried_loads(fit: ThreeLoopIdentifier) -> NDArray[np.bool_]:
+    """Whether it is known what a joint's gear carries, (n_joints,): not inertia alone that may be its rotor's."""
+    load = link_load(fit.observations_.plan, fit.links_)
+    still = [replace(states, dq=0 * states.dq, ddq=0 * states.ddq) for states in fit.runs_]
+    moved, held = (np.concatenate([load(states) for states in runs]).std(axis=0) for runs in (fit.runs_, still))
+    carried: NDArray[np.bool_] = (moved > 0) & (fit.observations_.plan.own[:, 0] | (held > LEAST_WEIGHT * moved))
+    return carried
 
 
 def is_valid(kind: str, shape: Shape) -> bool:

@@ -43,8 +43,10 @@ def _evidence(robot: _core.RobotModel, fit: ThreeLoopIdentifier) -> float:
     """Logarithm of the evidence of the declared model under another gravity, friction's shapes as they were."""
     posterior = fit.links_.posterior_
     assert posterior is not None  # every fit that is diagnosed has the weak prior
-    observations = observe(declared_plan(robot, fit.observations_.plan.friction[0]), fit.runs_)
-    factors, n_rows, plan = observations.factors(), observations.n_rows, observations.plan
+    apart = all(states.two_encoders for states in fit.runs_)
+    plan = declared_plan(robot, fit.observations_.plan.friction[0], two_encoders=apart)
+    observations = observe(plan, fit.runs_)
+    factors, n_rows, plan = observations.factors(), observations.n_rows, plan
     size = np.array([np.linalg.norm(R[:, -1]) for R in factors]) / np.sqrt(n_rows)
     prior = weak_prior(plan, factors, n_rows).in_unit(posterior.prior.unit)
     least = LEAST_NOISE * size

@@ -58,6 +58,8 @@ def search(
         dropped = backward(belief)
         if {named.hypothesis.place for named in found} <= dropped:
             break  # all that was added is gone again: the next round would only do the same
+    if exchange(belief):
+        backward(belief)
     settle(belief)
     backward(belief)
     harmless(belief, declared)
@@ -101,6 +103,30 @@ def forward(belief: Belief) -> list[Named]:
 def shares(one: Hypothesis, other: Hypothesis) -> bool:
     """Whether two hypotheses act on a common joint, so that one may explain what the other does."""
     return bool(set(one.columns) & set(other.columns))
+
+
+def exchange(belief: Belief) -> bool:
+    """Other kinds in the place of every torque's, each beside all others: names that came early had fewer beside them.
+
+    Whether something was exchanged.
+    """
+    parts, changed = blocks(belief.beside.model.n_rows), False
+    for effect, places in zip(belief.setup.effects, belief.places(), strict=True):
+        others = belief.beside.without(places)
+        (own,) = belief.catalogue.of([shaped_as(effect)])
+        here = [s for s in belief.catalogue.grid() if s.joints == own.joints and (s.kind, s.joints) not in belief.named]
+        values, _ = evidence(others, belief.catalogue.of(here), belief.catalogue)
+        best = max(values.values(), key=lambda value: value.value, default=None)
+        now, columns = others.evidence_for(own)
+        if best is None or best.value < now + SURE:
+            continue
+        before, after = others.with_columns(columns), others.with_columns(best.columns)
+        if helps(before, after, belief.reach(best.hypothesis), parts):
+            belief.exchange(own.place, best.hypothesis)
+            changed = True
+    if changed:
+        belief.refit()
+    return changed
 
 
 def settle(belief: Belief) -> None:

@@ -233,7 +233,9 @@ class Loops:
         placed = effects_of(self.effects, self.robot.n_joints)
         first = 2 + len(law)
         acts_on = {first + k: joints for k, (_, joints) in enumerate(placed)}
-        plan = declared_plan(self.robot, friction, [*law, *(effect for effect, _ in placed)], acts_on)
+        between = [*law, *(effect for effect, _ in placed)]
+        apart = self.links.prior is not None and all(states.two_encoders for states in self.data.runs)
+        plan = declared_plan(self.robot, friction, between, acts_on, two_encoders=apart)
         return with_laws(plan, self.laws, 2 if law else None)
 
     def _search_shape(self, rows: list[list[FloatArray]], joints: Sequence[int] | None) -> None:
@@ -285,10 +287,12 @@ def declared_plan(
     friction: _core.Effect,
     between: Sequence[_core.Effect] = (),
     acts_on: Mapping[int, Collection[int]] | None = None,
+    *,
+    two_encoders: bool = False,
 ) -> Plan:
     """Columns of the declared model: rotor inertia, offset, effects `between`, friction; then the rigid body's."""
     effects = [_core.Effect.rotor_inertia(), _core.Effect.torque_offset(), *between, friction]
-    return make_plan(robot, effects, acts_on=acts_on)
+    return make_plan(robot, effects, acts_on=acts_on, two_encoders=two_encoders)
 
 
 def link_load(plan: Plan, links: LinkDynamicsIdentifier) -> Callable[[States], FloatArray]:

@@ -76,6 +76,7 @@ def make_plan(
     effects: Sequence[_core.Effect],
     *,
     acts_on: Mapping[int, Collection[int]] | None = None,
+    two_encoders: bool = False,
     random_state: int = 0,
 ) -> Plan:
     """Base columns of the rigid body, and those of the effects that add something to them.
@@ -92,6 +93,9 @@ def make_plan(
         With their shapes, summed in this order.
     acts_on : mapping, optional
         Place in `effects` to the joints that it acts on; their number is not limited by default.
+    two_encoders : bool
+        Motor and link move apart, so that a rotor is told from the link behind an elastic gear, however weakly: for
+        fits that have a prior.
     random_state : int
         Seed of the states that are probed.
     """
@@ -100,6 +104,7 @@ def make_plan(
     n = robot.n_joints
     widths = [effect.n_columns for effect in effects]
     q, dq, ddq, tau_link, temperature = _probing_states(n, 40 + 2 * sum(widths), random_state)
+    q_motor, dq_motor, ddq_motor = _probing_states(n, len(q), random_state + 1)[:3] if two_encoders else (q, dq, ddq)
     rigid = base.reduce(robot.joint_torque_regressor(q, dq, ddq)).reshape(-1, base.n_base)
     known, _ = np.linalg.qr(rigid / np.linalg.norm(rigid, axis=0))
     own = np.ones((n, sum(widths)), dtype=bool)
@@ -109,7 +114,9 @@ def make_plan(
         own[[j for j in range(n) if j not in acting], first : first + effect.n_columns] = False
         if effect.has_memory:
             continue
-        columns = _core.effect_columns(effect, q, dq, ddq, tau_link=tau_link, temperature=temperature)
+        columns = _core.effect_columns(
+            effect, q, dq, ddq, q_motor, dq_motor, ddq_motor, tau_link=tau_link, temperature=temperature
+        )
         for j, k in product(acting, range(effect.n_columns)):
             probe = np.zeros((len(q), n))
             probe[:, j] = columns[:, j, k]
