@@ -258,7 +258,7 @@ class Loops:
         assert isinstance(self.friction, SmoothFrictionIdentifier)
         for step in range(SHAPE_ROUNDS):
             observations = self._without_third_loop()
-            self.links.fit(observations, beside=self.beside(), **self._gains())
+            self.links.fit(observations, beside=self.beside(), again=step > 0, **self._gains())
             if step == 0 and self.friction.start is None:
                 self.friction.fit(observations, self.links, self.runs)
                 change = np.inf

@@ -1,0 +1,76 @@
+"""Functions of one or two signals without a name: what a kind of the catalogue has to be better than."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid_rs.base.odds import SURE
+from dynid_rs.diagnosis.belief import Belief
+from dynid_rs.diagnosis.beside import Beside
+from dynid_rs.diagnosis.hypotheses import USUAL, Hypothesis, standardised
+from dynid_rs.diagnosis.trials import Value
+from dynid_rs.model.placed import CATALOGUE
+
+FloatArray = NDArray[np.float64]
+Signal = tuple[str, int]
+
+N_WAVES = 5
+"""Waves of a signal within its range that a function of it is made of."""
+SIGNALS = ("q", "dq_motor", "ddq_motor", "tau_link")
+"""Signals that a torque may depend on, of any joint."""
+
+
+def signal_sets(found: Belief, j: int) -> Iterator[tuple[Signal, ...]]:
+    """Single signals of any joint, and pairs with a signal of joint j's own."""
+    n = found.setup.robot.n_joints
+    single = [(name, k) for name in SIGNALS for k in range(n)]
+    yield from ((signal,) for signal in single)
+    for pair in combinations(single, 2):
+        if all(k == j for _, k in pair) or (pair[0][0] == pair[1][0] == "q" and j in (pair[0][1], pair[1][1])):
+            yield pair
+
+
+def is_nameless(found: Belief, beside: Beside, best: Value) -> bool:
+    """Whether a nameless function of one or two signals tells far more than a torque of the catalogue does there.
+
+    Then that is not what the joint lacks, however well it imitates it: nothing is named, and what is left is told.
+    """
+    kind, joints = best.hypothesis.place
+    if kind not in CATALOGUE:
+        return False
+    for j in joints:
+        sets = [s for s in signal_sets(found, j) if len(s) == 1 or all(k == j for _, k in s)]
+        waves = [wave_hypothesis(found, j, signals) for signals in sets]
+        strongest = max(zip(beside.screened(waves), waves, strict=True), key=lambda pair: pair[0].value)[1]
+        if beside.evidence_for(strongest)[0] - float(np.log(len(sets))) > best.value + SURE:
+            return True
+    return False
+
+
+def wave_hypothesis(found: Belief, j: int, signals: tuple[Signal, ...]) -> Hypothesis:
+    """Waves of a signal, or of two and of their sum and difference, on joint j."""
+    parts = []
+    for states in found.catalogue.runs:
+        scaled = []
+        for name, k in signals:
+            values = [np.asarray(getattr(s, name))[:, k] for s in found.catalogue.runs]
+            low, high = min(x.min() for x in values), max(x.max() for x in values)
+            scaled.append(np.pi * (np.asarray(getattr(states, name))[:, k] - low) / max(high - low, 1e-300))
+        if len(scaled) == 2:
+            scaled += [scaled[0] + scaled[1], scaled[0] - scaled[1]]
+        waves = [np.cos(m * u) for u in scaled for m in range(1, N_WAVES + 1)]
+        parts.append(states.in_band(np.stack(waves, axis=1)))
+    columns = np.concatenate(parts)
+    torque = np.sqrt(np.mean(found.fit.observations_.blocks[0].rows[j][:, -1] ** 2))
+    size = np.sqrt(np.mean(columns**2, axis=0))
+    unit = USUAL * torque / np.where(size > 0, size, 1.0)
+    width = columns.shape[1]
+    free = np.tile([-np.inf, np.inf], (width, 1))
+    names = tuple(f"wave_{k}" for k in range(width))
+    return Hypothesis(
+        "unknown", (j,), names, ("1",) * width, standardised({j: columns}, unit), unit, free, lambda setup, _: setup
+    )
