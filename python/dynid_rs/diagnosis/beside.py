@@ -28,6 +28,8 @@ SHAPE_SPREAD = 0.3
 """How far the logarithm of a shape of friction may be off where the fit has it."""
 
 
+FAR = 20.0
+"""Nats that the noise, estimated anew, does not make up for between two priors."""
 WIDER = (0.7, 1.0, 1.4)
 """Widths of a tanh beside a fitted sign, over its own: between them and the fitted one lies any sign that is round."""
 NEVER = 1e9
@@ -99,9 +101,14 @@ class Beside:
 
     def evidence_for(self, hypothesis: Hypothesis) -> tuple[float, Columns]:
         """Logarithm of the Bayes factor with the noise estimated anew, and the columns in their likeliest size."""
-        size = self.screened([hypothesis])[0].size
+        h, sizes = hypothesis, hypothesis.sizes
+        scores = [self.model.screen(fit, [h.columns], [h.bounds], sizes)[0] for fit in self.fits]
+        expected = [score.value + fit.evidence for score, fit in zip(scores, self.fits, strict=True)]
+        size = scores[int(np.argmax(expected))].size
         columns = {j: size * part for j, part in hypothesis.columns.items()}
-        best = self.with_columns(columns).best
+        model = self.model.beside(columns)
+        near = [fit for fit, value in zip(self.fits, expected, strict=True) if value > max(expected) - FAR]
+        best = max((model.fit(fit.choice, fit.noise) for fit in near), key=lambda fit: fit.evidence)
         width = len(hypothesis.unit)
         x, std = best.x[-width:], np.sqrt(np.diag(best.covariance)[-width:])
         return best.evidence - self.best.evidence + sign_cost(x / std, hypothesis.bounds), columns

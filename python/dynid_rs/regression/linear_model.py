@@ -25,6 +25,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple, Protocol
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -269,15 +270,14 @@ class LinearModel:
 
     def _held(self, choice: Choice) -> tuple[FloatArray, FloatArray, float, float]:
         """The prior's precision, moment, square and ``ln det(S)``; unknowns that it does not hold stay at zero."""
-        rows, log_det = self.prior.rows(choice)
-        n = rows.shape[1] - 1
+        own, pulled, square, log_det = _normal_equations(self.prior, choice)
+        n = len(own)
         size = n + self.n_further
         precision, moment = np.eye(size), np.zeros(size)
-        precision[:n, :n] = rows[:, :-1].T @ rows[:, :-1]
+        precision[:n, :n], moment[:n] = own, pulled
         unheld = np.flatnonzero(np.diag(precision) == 0)
         precision[unheld, unheld] = 1.0
-        moment[:n] = rows[:, :-1].T @ rows[:, -1]
-        return precision, moment, float(rows[:, -1] @ rows[:, -1]), log_det
+        return precision, moment, square, log_det
 
     def _solve(
         self,
@@ -301,6 +301,20 @@ class LinearModel:
         # Once more on what is left: H has the square of the columns' condition.
         x = x + scale * cho_solve((root, True), scale * (moment - precision @ x))
         return root / scale[:, None], x
+
+
+_OF_PRIORS: WeakKeyDictionary[Prior, dict[Choice, tuple[FloatArray, FloatArray, float, float]]] = WeakKeyDictionary()
+"""Normal equations of priors, which all models under them share."""
+
+
+def _normal_equations(prior: Prior, choice: Choice) -> tuple[FloatArray, FloatArray, float, float]:
+    """``P'P``, ``P'P mean``, ``|P mean|^2`` and ``ln det(S)``."""
+    known = _OF_PRIORS.setdefault(prior, {})
+    if choice not in known:
+        rows, log_det = prior.rows(choice)
+        P, target = rows[:, :-1], rows[:, -1]
+        known[choice] = P.T @ P, P.T @ target, float(target @ target), log_det
+    return known[choice]
 
 
 def _power(gram: FloatArray, x: FloatArray) -> float:
