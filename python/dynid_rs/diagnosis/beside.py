@@ -111,7 +111,7 @@ class Beside:
         best = max((model.fit(fit.choice, fit.noise) for fit in near), key=lambda fit: fit.evidence)
         width = len(hypothesis.unit)
         x, std = best.x[-width:], np.sqrt(np.diag(best.covariance)[-width:])
-        return best.evidence - self.best.evidence + sign_cost(x / std, hypothesis.bounds), columns
+        return best.evidence - self.best.evidence + float(sign_cost(x / std, hypothesis.bounds)), columns
 
 
 def places_of(hypotheses: Sequence[Hypothesis]) -> dict[Place, list[int]]:

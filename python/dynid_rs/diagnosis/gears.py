@@ -95,7 +95,7 @@ def _evidence(model: LinearModel, fitted: Fit, h: GearHypothesis, worth: float) 
     width = len(h.unit)
     std = np.sqrt(np.diag(best.covariance)[-width:])
     gain = best.evidence - model.fit(Choice(), fitted.noise).evidence
-    return gain + sign_cost(best.x[-width:] / std, h.bounds), after, best
+    return gain + float(sign_cost(best.x[-width:] / std, h.bounds)), after, best
 
 
 def _entry(gear: Gear, h: GearHypothesis, x: FloatArray, std: FloatArray, odds: float) -> dict[str, Any]:

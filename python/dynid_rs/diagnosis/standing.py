@@ -42,7 +42,7 @@ def standing(belief: Belief) -> dict[Place, float]:
         z = best.x[at] / std[at]
         # A coefficient that physics does not allow refutes the name, however well it fits.
         refuted = np.any((h.bounds[:, 0] == 0) & (z < -REFUTED)) or np.any((h.bounds[:, 1] == 0) & (z > REFUTED))
-        value = best.evidence - less.best.evidence + sign_cost(z, h.bounds)
+        value = best.evidence - less.best.evidence + float(sign_cost(z, h.bounds))
         odds[h.place] = -np.inf if refuted else value - log_places
     return odds
 

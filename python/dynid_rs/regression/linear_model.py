@@ -140,6 +140,16 @@ class LinearModel:
         """Rows of every joint that say something, (n_rows,): those of a joint at rest are zero."""
         return [np.any(part, axis=1) for part in self.rows]
 
+    @cached_property
+    def _wide(self) -> tuple[FloatArray, FloatArray]:
+        """``M_j'M_j`` (n_joints, n, n) and ``M_j'y_j`` (n_joints, n) among all unknowns."""
+        size = self._size()
+        wide, moments = np.zeros((len(self.rows), size, size)), np.zeros((len(self.rows), size))
+        for j, (gram, at) in enumerate(zip(self.grams, self.places, strict=True)):
+            wide[j][np.ix_(at, at)] = gram[:-1, :-1]
+            moments[j, at] = gram[:-1, -1]
+        return wide, moments
+
     def fit(self, choice: Choice, noise: FloatArray) -> Fit:
         """Most probable unknowns; the noise is searched from `noise` (n_joints,)."""
         held = self._held(choice)
@@ -288,10 +298,16 @@ class LinearModel:
         """Cholesky factor of H, and the most probable unknowns."""
         from scipy.linalg import cho_solve
 
-        precision, moment = held[0].copy(), held[1].copy()
-        for w, gram, at in zip(weights, grams or self.grams, self.places, strict=True):
-            precision[np.ix_(at, at)] += w**2 * gram[:-1, :-1]
-            moment[at] += w**2 * gram[:-1, -1]
+        squares = weights**2
+        if grams is None:
+            wide, moments = self._wide
+            precision = held[0] + np.tensordot(squares, wide, 1)
+            moment = held[1] + squares @ moments
+        else:
+            precision, moment = held[0].copy(), held[1].copy()
+            for w, gram, at in zip(squares, grams, self.places, strict=True):
+                precision[np.ix_(at, at)] += w * gram[:-1, :-1]
+                moment[at] += w * gram[:-1, -1]
         # At unit diagonal the factor loses no digits to the units of the unknowns.
         scale = 1 / np.sqrt(np.diag(precision))
         scaled = precision * np.outer(scale, scale)
@@ -340,16 +356,15 @@ def _values(own: FloatArray, moment: FloatArray, bounds: FloatArray, size: float
     b = np.einsum("nij,nj->ni", vectors, along / values)
     std = np.sqrt(np.einsum("nij,nj->ni", vectors**2, 1 / values))
     gain = 0.5 * np.sum(along**2 / values, axis=1) - 0.5 * np.sum(np.log(values), axis=1)
-    scores: FloatArray = gain + np.array([sign_cost(z, held) for z, held in zip(b / std, bounds, strict=True)])
+    scores: FloatArray = gain + sign_cost(b / std, bounds)
     return scores
 
 
-def sign_cost(z: FloatArray, bounds: FloatArray) -> float:
-    """``sum ln 2 Phi(z)`` over the coefficients that physics holds to one sign; z in their standard deviations."""
+def sign_cost(z: FloatArray, bounds: FloatArray) -> FloatArray:
+    """``sum ln 2 Phi(z)`` over the coefficients (..., k) that physics holds to one sign, z in standard deviations."""
     from scipy.special import log_ndtr
 
-    signs = np.where(bounds[:, 0] == 0.0, 1.0, np.where(bounds[:, 1] == 0.0, -1.0, 0.0))
-    held = signs != 0.0
-    if not held.any():
-        return 0.0
-    return float(np.sum(np.log(2.0) + log_ndtr(signs[held] * z[held])))
+    signs = np.where(bounds[..., 0] == 0.0, 1.0, np.where(bounds[..., 1] == 0.0, -1.0, 0.0))
+    # Without a sign 2 Phi(0) is one.
+    cost: FloatArray = np.sum(np.log(2.0) + log_ndtr(signs * z), axis=-1)
+    return cost
