@@ -18,7 +18,7 @@ PLACES = [np.array([0, 1, 2, 3]), np.array([2, 3, 4, 5])]
 """Two joints that share two unknowns."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PlainPrior:
     """Normal around centre * mean with the covariance (width * root)'(width * root)."""
 

@@ -58,7 +58,7 @@ class Choice(NamedTuple):
 
 
 class Prior(Protocol):
-    """What is known of the unknowns beforehand."""
+    """What is known of the unknowns beforehand; hashable."""
 
     @property
     def size(self) -> int:
