@@ -44,10 +44,18 @@ def test_what_no_catalogue_has_gets_no_wrong_name_and_no_joint_is_worse(name):
     assert np.all(after <= NO_HARM * before)
 
 
-@pytest.mark.xfail(
-    reason="what is left is weighed by its own memory, and only pairs of the joint's own signals are asked"
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(
+            name,
+            marks=pytest.mark.xfail(reason="25 waves of two signals are too many for parts left out of 20 s")
+            if name == "load of another joint"
+            else (),
+        )
+        for name in SIGNALS
+    ],
 )
-@pytest.mark.parametrize("name", SIGNALS)
 def test_what_is_left_is_told_with_its_signals(name):
     joint, _ = OUTSIDE[name]
     found = found_in(strange(name, 4.0))

@@ -2,40 +2,46 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from dynid_rs.base.memory import residual_memory
 from dynid_rs.base.odds import SURE, p_value
 from dynid_rs.diagnosis.belief import Belief
+from dynid_rs.diagnosis.hypotheses import Hypothesis
 from dynid_rs.diagnosis.trials import blocks
 from dynid_rs.diagnosis.waves import signal_sets, wave_hypothesis
+
+BoolArray = NDArray[np.bool_]
+
+LOOKED_AT = 3
+"""Sets of signals of a joint that are looked at closely; screening orders them."""
 
 
 def unexplained(found: Belief) -> list[dict[str, Any]]:
     """Entries of `unexplained` in `result.json`: one per joint whose residual some signals still tell."""
-    beside = found.beside
-    parts, names = blocks(beside.model.n_rows), found.setup.robot.joint_names
+    parts, names = blocks(found.beside.model.n_rows), found.setup.robot.joint_names
     entries = []
     for j in range(len(names)):
         sets = list(signal_sets(found, j))
         hypotheses = [wave_hypothesis(found, j, signals) for signals in sets]
-        scores = [score.value for score in beside.screened(hypotheses)]
-        best = int(np.argmax(scores))
-        if scores[best] - float(np.log(len(sets) * len(names))) < SURE:
-            continue
-        value, columns = beside.evidence_for(hypotheses[best])
-        without = beside.model.left_out(beside.best, parts)[:, j].sum()
-        after = beside.with_columns(columns)
-        share = 1 - float(after.model.left_out(after.best, parts)[:, j].sum() / max(without, 1e-300))
-        if share <= 0:
+        scores = _screened(found, j, hypotheses)
+        tries = [(_log_odds(found, j, hypotheses[k]), k) for k in np.argsort(scores)[-LOOKED_AT:].tolist()]
+        value, best = max(tries)
+        log_odds = value - float(np.log(len(sets) * len(names)))
+        share = _share(found, j, hypotheses[best], parts)
+        if log_odds < SURE or share <= 0:
             continue
         alone = [max(scores[k] for k, other in enumerate(sets) if other == (signal,)) for signal in sets[best]]
         entries.append(
             {
                 "joint": names[j],
                 "share": min(share, 1.0),
-                "p_value": p_value(value - float(np.log(len(sets) * len(names)))),
+                "p_value": p_value(log_odds),
                 "depends_on": [
                     {
                         "signal": f"{name}_{names[k]}",
@@ -47,3 +53,37 @@ def unexplained(found: Belief) -> list[dict[str, Any]]:
             }
         )
     return entries
+
+
+def _screened(found: Belief, j: int, hypotheses: Sequence[Hypothesis]) -> list[float]:
+    """Scores that order waves on joint j: as if its rows were independent, for how much they are worth is not known."""
+    model, best = found.beside.model, found.beside.best
+    worth = model.n_effective.copy()
+    worth[j] = model.counted[j].sum()
+    model = replace(model, n_effective=worth)
+    fit = model.fit(best.choice, best.noise)
+    columns, bounds = [h.columns for h in hypotheses], [h.bounds for h in hypotheses]
+    return [score.value for score in model.screen(fit, columns, bounds, hypotheses[0].sizes)]
+
+
+def _log_odds(found: Belief, j: int, h: Hypothesis) -> float:
+    """Logarithm of the Bayes factor of waves on joint j, where its rows are worth what the waves leave says.
+
+    What has no name is as slow as its signals, and its own memory would make a few samples of it.
+    """
+    model, best = found.beside.model, found.beside.best
+    waves = model.beside(found.beside.evidence_for(h)[1])
+    left = waves.fit(best.choice, best.noise).residual[j]
+    edges = np.cumsum([len(states.rows) for states in found.fit.runs_])[:-1]
+    worth = model.n_effective.copy()
+    worth[j] = max(worth[j], int(model.counted[j].sum()) / residual_memory(np.split(left, edges)))
+    without, with_it = (replace(one, n_effective=worth).fit(best.choice, best.noise) for one in (model, waves))
+    return with_it.evidence - without.evidence
+
+
+def _share(found: Belief, j: int, h: Hypothesis, parts: Sequence[BoolArray]) -> float:
+    """Part of joint j's power on parts that were left out which waves take off."""
+    beside = found.beside
+    after = beside.with_columns(beside.evidence_for(h)[1])
+    without, left = (float(b.model.left_out(b.best, parts)[:, j].sum()) for b in (beside, after))
+    return 1 - left / max(without, 1e-300)

@@ -25,12 +25,14 @@ SIGNALS = ("q", "dq_motor", "ddq_motor", "tau_link")
 
 
 def signal_sets(found: Belief, j: int) -> Iterator[tuple[Signal, ...]]:
-    """Single signals of any joint, and pairs with a signal of joint j's own."""
+    """Single signals of any joint, and pairs: of joint j's own, of it and another's position or load, of positions."""
     n = found.setup.robot.n_joints
     single = [(name, k) for name in SIGNALS for k in range(n)]
     yield from ((signal,) for signal in single)
     for pair in combinations(single, 2):
-        if all(k == j for _, k in pair) or (pair[0][0] == pair[1][0] == "q" and j in (pair[0][1], pair[1][1])):
+        kinds, joints = {name for name, _ in pair}, [k for _, k in pair]
+        crossed = ("dq_motor", j) in pair and bool(kinds & {"q", "tau_link"})
+        if joints == [j, j] or crossed or (kinds == {"q"} and j in joints):
             yield pair
 
 
@@ -52,7 +54,7 @@ def is_nameless(found: Belief, beside: Beside, best: Value) -> bool:
 
 
 def wave_hypothesis(found: Belief, j: int, signals: tuple[Signal, ...]) -> Hypothesis:
-    """Waves of a signal, or of two and of their sum and difference, on joint j."""
+    """Cosine series of a signal within its range, or of two and of their products, on joint j."""
     parts = []
     for states in found.catalogue.runs:
         scaled = []
@@ -60,9 +62,10 @@ def wave_hypothesis(found: Belief, j: int, signals: tuple[Signal, ...]) -> Hypot
             values = [np.asarray(getattr(s, name))[:, k] for s in found.catalogue.runs]
             low, high = min(x.min() for x in values), max(x.max() for x in values)
             scaled.append(np.pi * (np.asarray(getattr(states, name))[:, k] - low) / max(high - low, 1e-300))
-        if len(scaled) == 2:
-            scaled += [scaled[0] + scaled[1], scaled[0] - scaled[1]]
         waves = [np.cos(m * u) for u in scaled for m in range(1, N_WAVES + 1)]
+        if len(scaled) == 2:
+            orders = [(m, k) for m in range(1, N_WAVES + 1) for k in range(1, N_WAVES + 2 - m)]
+            waves += [np.cos(m * scaled[0]) * np.cos(k * scaled[1]) for m, k in orders]
         parts.append(states.in_band(np.stack(waves, axis=1)))
     columns = np.concatenate(parts)
     torque = np.sqrt(np.mean(found.fit.observations_.blocks[0].rows[j][:, -1] ** 2))
