@@ -22,7 +22,6 @@ from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.shapes import polished
 from dynid_rs.diagnosis.standing import backward, harmless
 from dynid_rs.diagnosis.trials import blocks, evidence, helps, is_stable
-from dynid_rs.diagnosis.waves import is_nameless
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.runs.recording import Recording
 
@@ -86,8 +85,7 @@ def forward(belief: Belief) -> list[Named]:
         place = best.hypothesis.place
         after = beside.with_columns(best.columns)
         rivals = [v for v in values.values() if v.hypothesis.place != place and shares(v.hypothesis, best.hypothesis)]
-        held = helps(beside, after, belief.reach(best.hypothesis), parts) and is_stable(beside, best, rivals, parts)
-        if not held or is_nameless(belief, beside, best):
+        if not (helps(beside, after, belief.reach(best.hypothesis), parts) and is_stable(beside, best, rivals, parts)):
             refused.add(place)
             continue
         told = {v.hypothesis.place: v.value - best.value for v in rivals if v.value > need}

@@ -1,4 +1,4 @@
-"""Functions of one or two signals without a name: what a kind of the catalogue has to be better than."""
+"""Functions of one or two signals, without a name."""
 
 from __future__ import annotations
 
@@ -8,12 +8,8 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs.base.odds import SURE
 from dynid_rs.diagnosis.belief import Belief
-from dynid_rs.diagnosis.beside import Beside
 from dynid_rs.diagnosis.hypotheses import USUAL, Hypothesis, standardised
-from dynid_rs.diagnosis.trials import Value
-from dynid_rs.model.placed import CATALOGUE
 
 FloatArray = NDArray[np.float64]
 Signal = tuple[str, int]
@@ -34,23 +30,6 @@ def signal_sets(found: Belief, j: int) -> Iterator[tuple[Signal, ...]]:
         crossed = ("dq_motor", j) in pair and bool(kinds & {"q", "tau_link"})
         if joints == [j, j] or crossed or (kinds == {"q"} and j in joints):
             yield pair
-
-
-def is_nameless(found: Belief, beside: Beside, best: Value) -> bool:
-    """Whether a nameless function of one or two signals tells far more than a torque of the catalogue does there.
-
-    Then that is not what the joint lacks, however well it imitates it: nothing is named, and what is left is told.
-    """
-    kind, joints = best.hypothesis.place
-    if kind not in CATALOGUE:
-        return False
-    for j in joints:
-        sets = [s for s in signal_sets(found, j) if len(s) == 1 or all(k == j for _, k in s)]
-        waves = [wave_hypothesis(found, j, signals) for signals in sets]
-        strongest = max(zip(beside.screened(waves), waves, strict=True), key=lambda pair: pair[0].value)[1]
-        if beside.evidence_for(strongest)[0] - float(np.log(len(sets))) > best.value + SURE:
-            return True
-    return False
 
 
 def wave_hypothesis(found: Belief, j: int, signals: tuple[Signal, ...]) -> Hypothesis:
