@@ -343,7 +343,7 @@ def law_runs(small_truth, law):
     if law != "paper":
         friction[:, 4:] = 0.0
     truth = replace(small_truth, friction=friction, velocity_threshold=0.0)
-    simulation = simulate(truth, n_runs=3, duration=20.0, rate=250.0, seed=2)
+    simulation = simulate(truth, n_runs=3, duration=40.0, rate=250.0, seed=2)
     if law != "stribeck":
         return list(simulation.recordings)
     falling = _core.Effect.of(

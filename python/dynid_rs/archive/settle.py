@@ -66,7 +66,7 @@ class Settled:
         links = copy(identifier.links_)
         if links.posterior_ is not None:
             # How much a row counts shows in their order, which factors have lost: the sample's holds for all.
-            links.posterior_ = replace(links.posterior_, n_effective=links.worth_ * observations.n_rows)
+            links.posterior_ = replace(links.posterior_, n_effective=links.worth_ * observations.n_counted)
         return links.fit(
             observations,
             fit_scale=self._loops.data.in_ampere,

@@ -77,7 +77,8 @@ def residual_memory(residuals: list[FloatArray]) -> float:
     """``1 + 2 sum rho`` over the lags before the autocorrelation first falls below `WEAKEST`; one array per run."""
     from scipy.fft import irfft, next_fast_len, rfft
 
-    lags = np.zeros(max(map(len, residuals)))
+    residuals = [residual for residual in residuals if len(residual)]
+    lags = np.zeros(max(map(len, residuals), default=1))
     for residual in residuals:
         size = next_fast_len(2 * len(residual))
         lags[: len(residual)] += irfft(np.abs(rfft(residual, size)) ** 2, size)[: len(residual)]

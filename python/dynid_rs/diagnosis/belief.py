@@ -131,16 +131,17 @@ class Belief:
         self.setup = replace(self.setup, effects=tuple(e for e in self.setup.effects if (e.kind, e.joints) != place))
         if kind in KINDS:
             self.setup = undone(self.setup, self.declared, kind, joints)
-        self.steps.append(("dropped", place, self.left))
-        del self.named[place]
+        self.named.pop(place, None)
         self.refit()
+        self.steps.append(("dropped", place, self.left))
 
-    def exchange(self, place: Place, h: Hypothesis) -> None:
+    def exchange(self, place: Place, h: Hypothesis, log_odds: float) -> None:
         """Put another kind in the place of a torque's; the fit is not made again."""
         new = Shaped(h.kind, h.joints, h.shape).placed()
         effects = [new if (e.kind, e.joints) == place else e for e in self.setup.effects]
         self.setup = replace(self.setup, effects=tuple(effects))
-        self.named[h.place] = replace(self.named.pop(place), hypothesis=h, ties=(), refuted=())
+        self.named.pop(place, None)
+        self.named[h.place] = Named(h, log_odds)
         self.steps += [("dropped", place, self.left), ("added", h.place, self.left)]
 
     def refit(self) -> None:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from dynid_rs import _core
 from dynid_rs.base.odds import SURE
 from dynid_rs.diagnosis.setup import Setup
-from dynid_rs.identification.loops import declared_plan
+from dynid_rs.identification.loops import declared_plan, moved_apart
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.regression.columns import observe
 from dynid_rs.regression.evidence import LEAST_NOISE, WIDTHS, linear_model
@@ -43,8 +43,7 @@ def _evidence(robot: _core.RobotModel, fit: ThreeLoopIdentifier) -> float:
     """Logarithm of the evidence of the declared model under another gravity, friction's shapes as they were."""
     posterior = fit.links_.posterior_
     assert posterior is not None  # every fit that is diagnosed has the weak prior
-    apart = all(states.two_encoders for states in fit.runs_)
-    plan = declared_plan(robot, fit.observations_.plan.friction[0], two_encoders=apart)
+    plan = declared_plan(robot, fit.observations_.plan.friction[0], apart=moved_apart(fit.runs_))
     observations = observe(plan, fit.runs_)
     factors, n_rows, plan = observations.factors(), observations.n_rows, plan
     size = np.array([np.linalg.norm(R[:, -1]) for R in factors]) / np.sqrt(n_rows)

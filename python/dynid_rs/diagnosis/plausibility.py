@@ -55,12 +55,17 @@ def _odd_runs(comparisons: Sequence[Comparison]) -> list[Finding]:
     if len(comparisons) < 2:
         return []
     size = np.maximum(torque_std(comparisons), 1e-300)
+    told = np.array([c.states.counted.any(axis=0) for c in comparisons])
     errors = np.array([band_rmse([c]) for c in comparisons]) / size
     found = []
     for k, comparison in enumerate(comparisons):
-        others = np.median(np.delete(errors, k, axis=0), axis=0)
-        factor = float(np.median(errors[k] / np.maximum(others, 1e-300)))
-        if factor >= UNLIKE and np.median(errors[k]) >= LEAST_ERROR:
+        others = told & (np.arange(len(told)) != k)[:, None]
+        joints = np.flatnonzero(told[k] & others.any(axis=0))
+        if not len(joints):
+            continue
+        usual = np.array([np.median(errors[others[:, j], j]) for j in joints])
+        factor = float(np.median(errors[k, joints] / np.maximum(usual, 1e-300)))
+        if factor >= UNLIKE and np.median(errors[k, joints]) >= LEAST_ERROR:
             name = comparison.states.name
             message = (
                 f"{name}: the declared model leaves {factor:.0f} times as much as on the other runs; it may be of "

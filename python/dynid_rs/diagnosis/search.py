@@ -122,7 +122,7 @@ def exchange(belief: Belief) -> bool:
             continue
         before, after = others.with_columns(columns), others.with_columns(best.columns)
         if helps(before, after, belief.reach(best.hypothesis), parts):
-            belief.exchange(own.place, best.hypothesis)
+            belief.exchange(own.place, best.hypothesis, best.value - float(np.log(belief.catalogue.n_places)))
             changed = True
     if changed:
         belief.refit()
@@ -136,7 +136,8 @@ def settle(belief: Belief) -> None:
         (h,) = belief.catalogue.of([shaped_as(effect)])
         h = polished(belief.beside.without(places), belief.catalogue, h)
         moved.append(Shaped(h.kind, h.joints, h.shape).placed())
-        belief.named[h.place] = replace(belief.named[h.place], hypothesis=h)
+        if h.place in belief.named:  # what was believed from the beginning has no name
+            belief.named[h.place] = replace(belief.named[h.place], hypothesis=h)
     if tuple(moved) != before:
         belief.setup = replace(belief.setup, effects=tuple(moved))
         belief.refit()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from dynid_rs.diagnosis.belief import Belief
@@ -59,7 +61,7 @@ def _structure(belief: Belief) -> dict[Place, float]:
             continue
         size = max(h.sizes)
         after = belief.beside.with_columns({j: size * part for j, part in h.columns.items()})
-        value = value_of(belief.setup, h.kind, h.joints)
+        value = value_of(replace(belief.setup, declared=belief.declared.robot), h.kind, h.joints)
         width, unit = len(value), size * h.unit[: len(value)]
         at = slice(len(after.best.x) - len(h.unit), len(after.best.x) - len(h.unit) + width)
         S = after.best.covariance[at, at]

@@ -46,8 +46,9 @@ def wave_hypothesis(found: Belief, j: int, signals: tuple[Signal, ...]) -> Hypot
             orders = [(m, k) for m in range(1, N_WAVES + 1) for k in range(1, N_WAVES + 2 - m)]
             waves += [np.cos(m * scaled[0]) * np.cos(k * scaled[1]) for m, k in orders]
         parts.append(states.in_band(np.stack(waves, axis=1)))
-    columns = np.concatenate(parts)
-    torque = np.sqrt(np.mean(found.fit.observations_.blocks[0].rows[j][:, -1] ** 2))
+    moves = np.concatenate([states.counted[:, j] for states in found.catalogue.runs])
+    columns = np.concatenate(parts) * moves[:, None]
+    torque = np.sqrt(np.mean(np.concatenate([block.rows[j][:, -1] for block in found.fit.observations_.blocks]) ** 2))
     size = np.sqrt(np.mean(columns**2, axis=0))
     unit = USUAL * torque / np.where(size > 0, size, 1.0)
     width = columns.shape[1]

@@ -137,10 +137,10 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
             return self.use_posterior(
                 observations, self._posterior(observations, fit_scale, free, found, scale), beside
             )
-        plan, n_rows = observations.plan, observations.n_rows
+        plan, n_rows = observations.plan, np.maximum(observations.n_counted, 1)
         n = plan.robot.n_joints
         factors = observations.factors()
-        weights = np.array([np.sqrt(n_rows) / max(np.linalg.norm(R[:, -1]), 1e-300) for R in factors])
+        weights: FloatArray = np.sqrt(n_rows) / np.array([max(np.linalg.norm(R[:, -1]), 1e-300) for R in factors])
         if self.weighting is None or self.start == "least_squares":
             weights = np.ones(n)
         scale = np.ones(n)
@@ -196,7 +196,7 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
         self.posterior_ = posterior
         self.ridge_, self.n_iter_, self.converged_ = 0.0, posterior.n_rounds, posterior.converged
         self.weights_, self.torque_scale_ = posterior.weights, posterior.scale
-        self.worth_ = posterior.n_effective / observations.n_rows
+        self.worth_ = posterior.n_effective / np.maximum(observations.n_counted, 1)
         plan, scale, x = observations.plan, posterior.scale, posterior.x
         extra = [_Weighted(plan, group, True, self.worth_) for group in beside]
         if extra:
@@ -263,7 +263,7 @@ def own_beside(observations: Observations, phi_base: FloatArray, scale: FloatArr
         norms[norms == 0] = 1.0
         own[j, plan.own[j]] = np.linalg.lstsq(columns / norms, target, rcond=NEGLIGIBLE)[0] / norms
         left[j] = np.linalg.norm(target - columns @ own[j, plan.own[j]])
-    return own, left / np.sqrt(observations.n_rows)
+    return own, left / np.sqrt(np.maximum(observations.n_counted, 1))
 
 
 def baseline(observations: Observations) -> tuple[Observations, FloatArray]:

@@ -234,8 +234,8 @@ class Loops:
         first = 2 + len(law)
         acts_on = {first + k: joints for k, (_, joints) in enumerate(placed)}
         between = [*law, *(effect for effect, _ in placed)]
-        apart = self.links.prior is not None and all(states.two_encoders for states in self.data.runs)
-        plan = declared_plan(self.robot, friction, between, acts_on, two_encoders=apart)
+        apart = None if self.links.prior is None else moved_apart(self.data.runs)
+        plan = declared_plan(self.robot, friction, between, acts_on, apart=apart)
         return with_laws(plan, self.laws, 2 if law else None)
 
     def _search_shape(self, rows: list[list[FloatArray]], joints: Sequence[int] | None) -> None:
@@ -288,11 +288,17 @@ def declared_plan(
     between: Sequence[_core.Effect] = (),
     acts_on: Mapping[int, Collection[int]] | None = None,
     *,
-    two_encoders: bool = False,
+    apart: NDArray[np.bool_] | None = None,
 ) -> Plan:
     """Columns of the declared model: rotor inertia, offset, effects `between`, friction; then the rigid body's."""
     effects = [_core.Effect.rotor_inertia(), _core.Effect.torque_offset(), *between, friction]
-    return make_plan(robot, effects, acts_on=acts_on, two_encoders=two_encoders)
+    return make_plan(robot, effects, acts_on=acts_on, apart=apart)
+
+
+def moved_apart(runs: Sequence[States]) -> NDArray[np.bool_]:
+    """Joints whose motor and link positions differ by more than where they were set to zero, (n_joints,)."""
+    apart: NDArray[np.bool_] = np.any([np.ptp(states.q_motor - states.q, axis=0) > 0 for states in runs], axis=0)
+    return apart
 
 
 def link_load(plan: Plan, links: LinkDynamicsIdentifier) -> Callable[[States], FloatArray]:

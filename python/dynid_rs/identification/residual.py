@@ -127,19 +127,24 @@ class ResidualCompensator(BaseEstimator):  # type: ignore[misc]
         lone = len(runs) == 1
         signals = [part for x in self._inputs_of(runs, tau_link) for part in _parts(x, lone)]
         left_over = [part for x in residuals for part in _parts(x, lone)]
+        moves = [part for states in runs for part in _parts(states.counted, lone)]
         least_gain = self.least_gain * (2 if lone else 1)
         self.mixtures_: list[Regression | None] = [None] * n
         self.candidates_: list[Regression | None] = [None] * n
         self.ratio_ = np.ones(n)
         self.n_centers_ = [0] * n
         for j in range(n):
-            u = [x[:, j] for x in signals]
-            if any(np.ptp(x[:, 0]) < 1e-12 for x in u):
-                continue  # no second encoder on this joint
+            used = [k for k, counted in enumerate(moves) if counted[:, j].any()]
+            rows = {k: moves[k][:, j] for k in used}
+            u = [signals[k][rows[k], j] for k in used]
+            if len(used) < 2 or any(np.ptp(x[:, 0]) < 1e-12 for x in u):
+                continue  # no second encoder on this joint, or it rests nearly all the time
             beside: list[FloatArray | None] = [None] * len(u)
             if load_free and columns is not None:
-                beside = [part for x in columns[j] for part in _parts(x, lone)]
-            kept, fitted, self.ratio_[j] = self._fit_joint(u, [x[:, j] for x in left_over], beside, least_gain)
+                parts = [part for x in columns[j] for part in _parts(x, lone)]
+                beside = [parts[k][rows[k]] for k in used]
+            left = [left_over[k][rows[k], j] for k in used]
+            kept, fitted, self.ratio_[j] = self._fit_joint(u, left, beside, least_gain)
             self.candidates_[j] = _evaluated(fitted)
             self.mixtures_[j] = self.candidates_[j] if kept else None
             self.n_centers_[j] = getattr(fitted, "n_centers", 0)
@@ -154,7 +159,7 @@ class ResidualCompensator(BaseEstimator):  # type: ignore[misc]
     ) -> ResidualCompensator:
         """Fit the kept regressions again, with as many terms as before; which joints are kept stays as it is."""
         signals = np.concatenate(self._inputs_of(runs, tau_link))
-        left = np.concatenate(list(residuals))
+        left, counted = np.concatenate(list(residuals)), np.concatenate([states.counted for states in runs])
         thin = self._thin(len(left))
         for j in np.flatnonzero(self.kept):
             last = self.mixtures_[j]
@@ -165,7 +170,8 @@ class ResidualCompensator(BaseEstimator):  # type: ignore[misc]
                 assert last is not None  # it is kept
                 # From the last means, or the rounds would jump between equally good mixtures.
                 regressor = self._mixture(last.n_components, last.means)
-            fitted = regressor.fit(signals[::thin, j], left[::thin, j])
+            rows = np.flatnonzero(counted[:, j])[::thin]
+            fitted = regressor.fit(signals[rows, j], left[rows, j])
             self.mixtures_[j] = self.candidates_[j] = _evaluated(fitted)
         return self
 
@@ -248,7 +254,7 @@ def _evaluated(regressor: Any) -> Regression:
     return regression
 
 
-def _parts(x: FloatArray, lone: bool) -> list[FloatArray]:
+def _parts(x: NDArray[Any], lone: bool) -> list[NDArray[Any]]:
     """Blocks that are left out in turn: whole runs, or thirds of a lone one."""
     return np.array_split(x, 3) if lone else [x]
 

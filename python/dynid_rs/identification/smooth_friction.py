@@ -174,7 +174,8 @@ def in_paper_terms(coefficients: dict[str, float]) -> dict[str, float]:
 
 def _at_least(posterior: Posterior, observations: Observations) -> FloatArray:
     """Independent samples per joint, (n_joints,): a shape that does not fit must not hide behind its long memory."""
-    return np.maximum(posterior.n_effective, FIRST_MEMORY * observations.n_rows)
+    least: FloatArray = np.maximum(posterior.n_effective, FIRST_MEMORY * observations.n_counted)
+    return least
 
 
 def shape_slopes(plan: Plan, links: LinkDynamicsIdentifier, runs: Sequence[States], j: int) -> FloatArray:

@@ -76,7 +76,7 @@ def make_plan(
     effects: Sequence[_core.Effect],
     *,
     acts_on: Mapping[int, Collection[int]] | None = None,
-    two_encoders: bool = False,
+    apart: NDArray[np.bool_] | None = None,
     random_state: int = 0,
 ) -> Plan:
     """Base columns of the rigid body, and those of the effects that add something to them.
@@ -93,9 +93,9 @@ def make_plan(
         With their shapes, summed in this order.
     acts_on : mapping, optional
         Place in `effects` to the joints that it acts on; their number is not limited by default.
-    two_encoders : bool
-        Motor and link move apart, so that a rotor is told from the link behind an elastic gear, however weakly: for
-        fits that have a prior.
+    apart : ndarray (n_joints,), optional
+        Joints whose motor and link move apart, so that a rotor is told from the link behind an elastic gear, however
+        weakly: for fits that have a prior. None by default.
     random_state : int
         Seed of the states that are probed.
     """
@@ -104,7 +104,11 @@ def make_plan(
     n = robot.n_joints
     widths = [effect.n_columns for effect in effects]
     q, dq, ddq, tau_link, temperature = _probing_states(n, 40 + 2 * sum(widths), random_state)
-    q_motor, dq_motor, ddq_motor = _probing_states(n, len(q), random_state + 1)[:3] if two_encoders else (q, dq, ddq)
+    moved = np.zeros(n, dtype=bool) if apart is None else apart
+    motor = _probing_states(n, len(q), random_state + 1)[:3]
+    q_motor, dq_motor, ddq_motor = (
+        np.where(moved, there, here) for there, here in zip(motor, (q, dq, ddq), strict=True)
+    )
     rigid = base.reduce(robot.joint_torque_regressor(q, dq, ddq)).reshape(-1, base.n_base)
     known, _ = np.linalg.qr(rigid / np.linalg.norm(rigid, axis=0))
     own = np.ones((n, sum(widths)), dtype=bool)

@@ -210,7 +210,8 @@ class LinearModel:
     def within(self, kept: BoolArray) -> LinearModel:
         """Return the model of some of the rows, (n_rows,)."""
         rows = [part[kept] for part in self.rows]
-        n_effective = self.n_effective * float(kept.mean())
+        shares = [float(counted[kept].sum()) / max(int(counted.sum()), 1) for counted in self.counted]
+        n_effective = self.n_effective * np.maximum(shares, 1e-9)
         return replace(self, rows=rows, n_effective=n_effective, n_rows=int(kept.sum()))
 
     def left_out(self, fit: Fit, blocks: Sequence[BoolArray]) -> FloatArray:

@@ -51,7 +51,7 @@ class TimePlots:
 
 def terms_of(signals: Signals, n_joints: int) -> tuple[str, ...]:
     """Names of the torque terms in the table that are not zero throughout, in the order of its columns."""
-    other = {"measured", "predicted", "residual", BEFORE, "q", "dq"}
+    other = {"measured", "predicted", "residual", BEFORE, "q", "dq", "moves"}
     names: dict[str, bool] = {}
     for column, values in signals.columns.items():
         name, _, index = column.rpartition("_")

@@ -33,8 +33,9 @@ STILL_SPEED = 0.01
 """A joint moves above this part of its greatest speed."""
 STILL_TIME = 0.2
 """Shorter standstill [s] is a reversal, not a pause."""
-REST_TIME = 0.5
-"""The same of one joint while others move: where several slow waves meet, a reversal takes longer."""
+REST_TIME = 1.0
+"""The same of one joint while others move: smooth starts, and reversals where slow waves meet, take longer than that of
+the whole arm, and what is below a rounded sign is told by them alone."""
 LEAST_MOTION = 0.5
 """Shorter motion between two pauses [s] is a twitch (a brake opening), not motion."""
 EXACT = 1e-2
@@ -78,7 +79,8 @@ class States:
 
     `q, dq, ddq` link side, `q_motor, dq_motor, ddq_motor` motor side (the same arrays with one encoder), `tau` in the
     recording's unit. `moving` (n,) marks the samples that are fitted and scored, `rows` those of them that become
-    rows of the fit; `resting` (n, n_joints) the joints that stand still meanwhile, whose torque no state tells.
+    rows of the fit; `resting` (n, n_joints) the joints that stand still meanwhile, whose torque no state tells; none by
+    default.
     `notes` says what was done to the signals. `reference` is the position that the controller was asked for, with its
     derivatives, through the same filter; None where it was not recorded. `tau_link` is the rigid-body torque [N m]
     that a model predicts, for effects that depend on the load; None before there is one. `temperature` [degC] as it
@@ -97,12 +99,16 @@ class States:
     rate: float
     band: Band
     moving: NDArray[np.bool_]
-    resting: NDArray[np.bool_]
     two_encoders: bool
     notes: tuple[str, ...] = ()
     reference: tuple[FloatArray, FloatArray, FloatArray] | None = None
     tau_link: FloatArray | None = None
     temperature: FloatArray | None = None
+    resting: NDArray[np.bool_] = None  # type: ignore[assignment]
+
+    def __post_init__(self) -> None:
+        if self.resting is None:
+            object.__setattr__(self, "resting", np.zeros(self.q.shape, dtype=bool))  # the class is frozen
 
     @cached_property
     def filter(self) -> Filter | None:

@@ -38,7 +38,8 @@ class Rows:
         """Rows of `runs` with the first friction that a fit begins with."""
         n = robot.n_joints
         plan = declared_plan(robot, friction_effect(np.zeros(n), np.full(n, FIRST_WIDTH)))
-        observations = observe(plan, runs)
+        # A channel in the wrong column rests with another joint: everything counts here.
+        observations = observe(plan, [replace(run, resting=np.zeros_like(run.resting)) for run in runs])
         torque = [np.column_stack([x[:, -1] for x in block.rows]) for block in observations.blocks]
         return Rows(observations, torque)
 
