@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 from data import URDF_ROBOTS, data_file
 from engines import Pinocchio
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 from robots import random_chain, random_states
 from tolerances import ALGEBRAIC, CENTRAL_DIFFERENCE, EXACT, PINOCCHIO, relative_error
 
@@ -210,6 +210,28 @@ def test_many_threads_at_once_see_the_same_numbers():
             for one, other in zip(alone, together, strict=True):
                 for a, b in zip(one, other, strict=True):
                     assert_allclose(a, b, **EXACT)
+
+
+@pytest.mark.parametrize("path", ["baseline", "avx2", "avx512"])
+def test_a_shorter_motion_finds_nothing_of_the_longer_one_before_it(path):
+    """Memory is kept between evaluations; narrow lanes leave the end of a group of eight samples alone."""
+    usual = _core.processor_path()
+    try:
+        _core.processor_path(path)
+    except ValueError as missing:
+        pytest.skip(str(missing))
+    try:
+        robot, _ = chain(4)
+        used = excitation(robot)
+        for n_samples in (40, 33, 34, 39, 36):
+            motion = random_states(n_samples, robot.n_joints, n_samples)
+            for criterion, weights in CRITERIA:
+                again, gradient = used.value_and_gradient(*motion, criterion=criterion, weights=weights)
+                value, expected = excitation(robot).value_and_gradient(*motion, criterion=criterion, weights=weights)
+                assert again == value
+                assert_array_equal(gradient, expected)
+    finally:
+        _core.processor_path(usual)
 
 
 def test_without_gravity_its_block_says_nothing():

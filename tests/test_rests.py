@@ -13,7 +13,7 @@ from dynid_rs.regression.evaluation import band_rmse, compare, torque_std
 from dynid_rs.runs.preprocessing import Band, prepare
 
 RATE, BAND = 200.0, Band(5.0)
-REST = (8.0, 11.0)
+REST = (8.0, 12.0)
 """Seconds in which the elbow stands still while its neighbours move on."""
 FRICTION = np.array([[4.0, 3.0], [5.0, 4.0], [1.0, 0.5]])
 """Coulomb [N m] and viscous [N m s/rad] of every joint."""
@@ -44,14 +44,14 @@ def recording(robot, seed, stiction):
     ddq = np.gradient(dq, t, axis=0)
     tau = robot.inverse_dynamics(q, dq, ddq, robot.phi) + FRICTION[:, 0] * np.tanh(dq / 0.02) + FRICTION[:, 1] * dq
     tau += 0.02 * np.random.default_rng(seed).normal(size=tau.shape)
-    held = (t > REST[0] + 1.0) & (t < REST[1] - 1.0)
+    held = (t > REST[0] + 1.2) & (t < REST[1] - 1.2)
     tau[held, 1] += stiction
     return dyn.Recording(t, q, tau=tau, name=f"run_{seed}")
 
 
 def test_the_joint_rests_and_the_arm_does_not(robot):
     states = prepare(recording(robot, 0, 0.0), BAND, RATE)
-    inside = (states.t > REST[0] + 0.8) & (states.t < REST[1] - 0.8)
+    inside = (states.t > REST[0] + 1.2) & (states.t < REST[1] - 1.2)
     assert states.resting[inside, 1].all()
     assert not states.resting[(states.t < REST[0] - 1) | (states.t > REST[1] + 1), 1].any()
     assert not states.resting[:, [0, 2]].any()

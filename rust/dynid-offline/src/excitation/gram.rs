@@ -16,17 +16,19 @@ pub(super) struct LaneRows {
     numbers: Vec<Rows>,
     width: usize,
     n_groups: usize,
+    n_samples: usize,
 }
 
 impl LaneRows {
-    /// Memory for so many rows. What stands there is zero at first and is from the same places afterwards.
+    /// Memory for so many rows. What stands there is zero at first and is from the same places afterwards; another number
+    /// of samples starts anew, for narrow lanes do not reach the last places of a group that is not full.
     pub(super) fn reserve(&mut self, n_joints: usize, width: usize, n_samples: usize) {
         let n_groups = n_samples.div_ceil(MOST_LANES);
         let length = n_joints * width * n_groups;
-        if [self.width, self.n_groups, self.numbers.len()] != [width, n_groups, length] {
+        if [self.width, self.n_samples, self.numbers.len()] != [width, n_samples, length] {
             self.numbers.clear();
             self.numbers.resize(length, [0.0; MOST_LANES]);
-            (self.width, self.n_groups) = (width, n_groups);
+            (self.width, self.n_groups, self.n_samples) = (width, n_groups, n_samples);
         }
     }
 
