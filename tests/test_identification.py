@@ -106,7 +106,7 @@ def test_weighted_least_squares_has_converged_weights(observed):
     links = LinkDynamicsIdentifier("joint_variance", prior=None, tol=1e-10, max_iter=100).fit(observed[1])
     A, b = stacked(observed[1])
     residual = b - A @ estimated(links, observed[1])
-    weights = 1 / np.sqrt(np.mean(residual**2, axis=1))
+    weights = 1 / np.sqrt(np.sum(residual**2, axis=1) / observed[1].n_counted)
     weighted = (A * weights[:, None, None]).reshape(-1, A.shape[2])
     reference = np.linalg.lstsq(weighted, (b * weights[:, None]).ravel(), rcond=None)[0]
     assert links.converged_

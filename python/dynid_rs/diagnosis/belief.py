@@ -115,15 +115,18 @@ class Belief:
 
     def accept(self, found: Sequence[Named]) -> None:
         """Put names into the setup, fit everything again, shapes and structure included."""
-        beside = self.beside
+        beside, accepted = self.beside, []
         for named in found:
             h = polished(beside, self.catalogue, named.hypothesis)
             columns = beside.evidence_for(h)[1]
             beside = beside.with_columns(columns)
-            self.setup = h.accept(self.setup, coefficients(h, columns, beside))
-            self.named[h.place] = replace(named, hypothesis=h)
+            setup = h.accept(self.setup, coefficients(h, columns, beside))
+            if setup is self.setup:
+                continue  # gains of all joints but one tell all that gains can
+            self.setup, self.named[h.place] = setup, replace(named, hypothesis=h)
+            accepted.append(h.place)
         self.refit()
-        self.steps += [("added", named.hypothesis.place, self.left) for named in found]
+        self.steps += [("added", place, self.left) for place in accepted]
 
     def remove(self, place: Place) -> None:
         """Take a name out of the setup and fit again; a change of structure goes back to where it was declared."""

@@ -13,7 +13,6 @@ from dynid_rs.diagnosis.hypotheses import Hypothesis, Place
 from dynid_rs.identification.loops import load_rows
 from dynid_rs.identification.smooth_friction import shape_slopes, tanh_widths
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
-from dynid_rs.regression.evidence import LEAST_NOISE
 from dynid_rs.regression.linear_model import Columns, Fit, LinearModel, Score, sign_cost
 from dynid_rs.regression.priors import declares_inertia
 from dynid_rs.regression.scales import SCALE_SPREAD
@@ -52,9 +51,7 @@ class Beside:
         posterior, observations = fit.links_.posterior_, fit.observations_
         assert posterior is not None  # every fit that is diagnosed has the weak prior
         plan, n = observations.plan, fit.robot.n_joints
-        rows = observations.joint_rows()
-        size = np.array([np.sqrt(np.mean(part[:, -1] ** 2)) for part in rows])
-        model = posterior.model(plan, rows, least_noise=LEAST_NOISE * size)
+        model = posterior.model(plan, observations.joint_rows())
         load = load_rows(observations, fit.links_)
         for j in np.flatnonzero(posterior.scale != 1.0).tolist():
             model = model.beside({j: SCALE_SPREAD * load[j][:, None]})

@@ -128,5 +128,6 @@ def _gain(fit: ThreeLoopIdentifier, j: int, std: FloatArray) -> Estimate:
     scale = fit.links_.torque_scale_
     free = [int(k) for k in np.flatnonzero(scale != 1.0)]
     value = float(scale[j] - 1)
-    half = NORMAL_95 * SCALE_SPREAD * float(std[fit.observations_.plan.n_columns + free.index(j)]) if j in free else 0.0
+    own = fit.observations_.plan.n_columns + free.index(j) if j in free else None
+    half = 0.0 if own is None else NORMAL_95 * SCALE_SPREAD * float(scale[j] * std[own])  # of its logarithm
     return Estimate("gain", j, value, (value - half, value + half), "1")

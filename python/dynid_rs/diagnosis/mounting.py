@@ -45,7 +45,7 @@ def _evidence(robot: _core.RobotModel, fit: ThreeLoopIdentifier) -> float:
     assert posterior is not None  # every fit that is diagnosed has the weak prior
     plan = declared_plan(robot, fit.observations_.plan.friction[0], apart=moved_apart(fit.runs_))
     observations = observe(plan, fit.runs_)
-    factors, n_rows, plan = observations.factors(), observations.n_rows, plan
+    factors, n_rows = observations.factors(), observations.n_rows
     size = np.array([np.linalg.norm(R[:, -1]) for R in factors]) / np.sqrt(n_rows)
     prior = weak_prior(plan, factors, n_rows).in_unit(posterior.prior.unit)
     least = LEAST_NOISE * size

@@ -3,8 +3,8 @@
     ln BF(kind, place)  =  evidence of the best shape beside everything else, averaged over the shapes of the grid
     named               if  ln BF - ln(kinds x places)  >  ln 19, and it holds on parts of the data
 
-A name is at posterior odds of 19 to 1. It holds on parts if parts that were left out are predicted better with it, on
-no joint worse, and if it comes first on its joint in most halves of the data (Meinshausen and Buehlmann 2010).
+A name is at posterior odds of 19 to 1. It holds on parts if parts that were left out are not predicted worse with it on
+the joints it acts on, and if it comes first there in most halves of the data (Meinshausen and Buehlmann 2010).
 """
 
 from __future__ import annotations
@@ -121,7 +121,8 @@ def exchange(belief: Belief) -> bool:
         if best is None or best.value < now + SURE:
             continue
         before, after = others.with_columns(columns), others.with_columns(best.columns)
-        if helps(before, after, belief.reach(best.hypothesis), parts):
+        rivals = [v for v in values.values() if v is not best]
+        if helps(before, after, belief.reach(best.hypothesis), parts) and is_stable(others, best, rivals, parts):
             belief.exchange(own.place, best.hypothesis, best.value - float(np.log(belief.catalogue.n_places)))
             changed = True
     if changed:

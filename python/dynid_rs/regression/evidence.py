@@ -91,14 +91,14 @@ class Posterior:
         rows: Sequence[FloatArray],
         *,
         n_effective: FloatArray | None = None,
-        least_noise: FloatArray | None = None,
     ) -> LinearModel:
         """Model of rows ``[own | base | torque]`` per joint under this fit's prior and gains.
 
-        With its memory and no least noise, unless told otherwise.
+        With its memory, unless told otherwise.
         """
         n_effective = self.n_effective if n_effective is None else n_effective
-        least_noise = np.full(len(rows), 1e-300) if least_noise is None else least_noise
+        size = np.sqrt([np.mean(part[:, -1] ** 2) for part in rows])
+        least_noise = np.maximum(LEAST_NOISE * size, 1e-300)
         return linear_model(plan, rows, len(rows[0]), self.scale, self.prior, n_effective, least_noise)
 
     @property

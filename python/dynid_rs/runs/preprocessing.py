@@ -38,6 +38,8 @@ REST_TIME = 1.0
 the whole arm, and what is below a rounded sign is told by them alone."""
 LEAST_MOTION = 0.5
 """Shorter motion between two pauses [s] is a twitch (a brake opening), not motion."""
+LEAST_TOLD = 20
+"""Rows in motion below which a joint is told by all of its rows, rests or not."""
 EXACT = 1e-2
 """A recorded acceleration counts as the derivative of the recorded velocity below this relative difference."""
 
@@ -383,6 +385,8 @@ def _motion(
     for first, last in stretches(moving):
         if last - first < LEAST_MOTION * rate:
             moving[first:last] = False
+    told = np.sum(moving[:, None] & ~resting, axis=0)
+    resting[:, told * ROW_RATE * band.cutoff < LEAST_TOLD * rate] = False
     return moving, resting
 
 

@@ -83,9 +83,11 @@ class ChangeSearch:
         """Everything that may have changed, linear about what is believed."""
         self.columns = change_columns(self.believed, self.runs, 1 / self.noise)
         model = self.believed.model()
-        error = [states.in_band(states.tau - evaluate(model, states)[0]) for states in self.runs]
-        precision, weak = self._precision(self.columns.rows)
-        return Weighing(self.runs, self.columns.rows, error, 1 / self.noise, precision, weak)
+        # What a joint shows at rest is its stiction, here as in a fit.
+        error = [s.counted * s.in_band(s.tau - evaluate(model, s)[0]) for s in self.runs]
+        columns = [s.counted[:, :, None] * rows for s, rows in zip(self.runs, self.columns.rows, strict=True)]
+        precision, weak = self._precision(columns)
+        return Weighing(self.runs, columns, error, 1 / self.noise, precision, weak)
 
     def _precision(self, rows: list[FloatArray]) -> tuple[FloatArray, FloatArray]:
         """Of the day-to-day freedom of offsets and friction, and where those or what a tilt brings out are free."""
@@ -168,7 +170,8 @@ class ChangeSearch:
             for named in self.named:
                 h = named.hypothesis
                 self.believed = h.added(self.believed, x[h.places], self.columns)
-            self.noise = np.maximum(rmse(weighing.left(x)), self.reference_noise)
+            left = rmse(weighing.left(x), [s.counted for s in self.runs])
+            self.noise = np.maximum(left, self.reference_noise)
 
 
 def _wald(x: FloatArray, covariance: FloatArray, chosen: NDArray[np.bool_]) -> float:

@@ -133,7 +133,7 @@ def _report(search: ChangeSearch, beliefs: list[Believed], tests: list[States]) 
             effect["rmse_test_before"] = errors["test"][k].tolist()
             effect["rmse_test_after"] = errors["test"][k + 1].tolist()
         effects.append(effect)
-    left = rmse(weighing.left(weighing.solve(free, held)))
+    left = rmse(weighing.left(weighing.solve(free, held)), [states.counted for states in search.runs])
     findings += _unexplained(left / search.reference_noise, joints)
     table = {part: {"before": every[0], "after": every[-1]} for part, every in errors.items() if len(every[0])}
     return Changes(effects, believed.model(), findings, table)
@@ -149,7 +149,8 @@ def _errors(believed: Believed, runs: Sequence[States]) -> FloatArray:
     model = believed.model()
     if not runs:
         return np.zeros(0)
-    return rmse([states.in_band(states.tau - evaluate(model, states)[0]) for states in runs])
+    errors = [states.in_band(states.tau - evaluate(model, states)[0]) for states in runs]
+    return rmse(errors, [states.counted for states in runs])
 
 
 def _unexplained(ratio: FloatArray, names: Sequence[str]) -> list[Finding]:

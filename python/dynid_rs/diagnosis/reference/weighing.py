@@ -99,7 +99,7 @@ class Weighing:
         bread = np.linalg.pinv(normal * np.outer(scale, scale), rcond=1e-13, hermitian=True) * np.outer(scale, scale)
         residuals, masks = [], []
         for states, left in zip(self.runs, self.left(self.solve(free, held)), strict=True):
-            masks.append(np.tile(states.moving[states.grid][:, None], len(self.weights)).astype(np.float64))
+            masks.append(_on_grid(states, states.counted.astype(np.float64)))
             residuals.append(_on_grid(states, left))
         columns = [
             [_on_grid(states, part[:, j, used]) for states, part in zip(self.runs, self.columns, strict=True)]

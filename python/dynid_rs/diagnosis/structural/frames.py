@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
-from dynid_rs.diagnosis.setup import Setup
 
 FloatArray = NDArray[np.float64]
 
@@ -37,11 +34,6 @@ def tilt_of(declared: _core.RobotModel, robot: _core.RobotModel) -> tuple[float,
     return float(np.arctan2(-y, -z)), float(np.arcsin(np.clip(x, -1.0, 1.0)))
 
 
-def is_tilted(declared: _core.RobotModel, robot: _core.RobotModel) -> bool:
-    """Whether gravity differs from the declared one."""
-    return bool(np.any(np.abs(robot.gravity - declared.gravity) > SAME))
-
-
 def displacement(declared: _core.RobotModel, robot: _core.RobotModel, joint: int) -> FloatArray:
     """How far a joint's frame sits from its declared place: offset [m] and rotation vector [rad], (6,).
 
@@ -53,26 +45,9 @@ def displacement(declared: _core.RobotModel, robot: _core.RobotModel, joint: int
     return np.concatenate([place_now - place, Rotation.from_matrix(turn.T @ turn_now).as_rotvec()])
 
 
-def moved_joints(declared: _core.RobotModel, robot: _core.RobotModel) -> tuple[int, ...]:
-    """Joints whose frames are elsewhere than declared."""
-    joints = range(declared.n_joints)
-    return tuple(j for j in joints if np.any(np.abs(displacement(declared, robot, j)) > 1e3 * SAME))
-
-
 def with_displacement(robot: _core.RobotModel, joint: int, change: FloatArray) -> _core.RobotModel:
     """Return the robot with a joint's frame moved by `change` (6,) [m, rad]."""
     return robot.with_joint_moved(joint, change[:3].tolist(), change[3:].tolist())
-
-
-def levelled(setup: Setup) -> Setup:
-    """Return the setup with gravity as declared."""
-    return replace(setup, robot=setup.robot.with_gravity(setup.declared.gravity.tolist()))
-
-
-def put_back(setup: Setup, joint: int) -> Setup:
-    """Return the setup with a joint's frame where the file has it."""
-    change = displacement(setup.robot, setup.declared, joint)
-    return replace(setup, robot=with_displacement(setup.robot, joint, change))
 
 
 def _level(gravity: FloatArray):  # type: ignore[no-untyped-def]  # scipy's Rotation, imported late

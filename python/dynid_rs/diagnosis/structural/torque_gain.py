@@ -50,4 +50,8 @@ def gain_hypotheses(about: About, setup: Setup) -> list[Hypothesis]:
 
 
 def _acceptance(joint: int) -> Callable[[Setup, FloatArray], Setup]:
-    return lambda setup, x: replace(setup, gain_joints=tuple(sorted({*setup.gain_joints, joint})))
+    def accepted(setup: Setup, x: FloatArray) -> Setup:
+        gains = tuple(sorted({*setup.gain_joints, joint}))
+        return replace(setup, gain_joints=gains) if len(gains) < setup.robot.n_joints else setup
+
+    return accepted
