@@ -86,6 +86,11 @@ class Belief:
         covariance: FloatArray = np.sqrt(np.diag(self.fit.links_.covariance_))
         return covariance
 
+    @property
+    def run_lengths(self) -> list[int]:
+        """Rows of every run of the fit."""
+        return [len(states.rows) for states in self.fit.runs_]
+
     def hypotheses(self) -> list[Hypothesis]:
         """Everything that is sought, of the catalogue and of the structure."""
         return [*self.catalogue.hypotheses(), *structural_hypotheses(self.fit, self.setup)]

@@ -21,7 +21,7 @@ from dynid_rs.diagnosis.hypotheses import Hypothesis, Place, Shaped, shaped_as
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.shapes import polished
 from dynid_rs.diagnosis.standing import backward, harmless
-from dynid_rs.diagnosis.trials import blocks, evidence, helps, is_stable
+from dynid_rs.diagnosis.trials import blocks, evidence, helps, is_stable, whole_runs
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.runs.recording import Recording
 
@@ -72,7 +72,7 @@ def forward(belief: Belief) -> list[Named]:
     beside = belief.beside
     log_places = float(np.log(len(places_of(open_))))
     need = SURE + log_places
-    parts = blocks(beside.model.n_rows)
+    parts, runs = blocks(beside.model.n_rows), whole_runs(belief.run_lengths)
     found: list[Named] = []
     refused: set[Place] = set()
     for _ in range(MOST_A_ROUND):
@@ -85,7 +85,7 @@ def forward(belief: Belief) -> list[Named]:
         place = best.hypothesis.place
         after = beside.with_columns(best.columns)
         rivals = [v for v in values.values() if v.hypothesis.place != place and shares(v.hypothesis, best.hypothesis)]
-        if not (helps(beside, after, belief.reach(best.hypothesis), parts) and is_stable(beside, best, rivals, parts)):
+        if not (helps(beside, after, belief.reach(best.hypothesis), parts, runs) and is_stable(beside, best, rivals, parts)):
             refused.add(place)
             continue
         told = {v.hypothesis.place: v.value - best.value for v in rivals if v.value > need}
@@ -110,7 +110,7 @@ def exchange(belief: Belief) -> bool:
 
     Whether something was exchanged.
     """
-    parts, changed = blocks(belief.beside.model.n_rows), False
+    parts, runs, changed = blocks(belief.beside.model.n_rows), whole_runs(belief.run_lengths), False
     for effect, places in zip(belief.setup.effects, belief.places(), strict=True):
         others = belief.beside.without(places)
         (own,) = belief.catalogue.of([shaped_as(effect)])
@@ -122,7 +122,7 @@ def exchange(belief: Belief) -> bool:
             continue
         before, after = others.with_columns(columns), others.with_columns(best.columns)
         rivals = [v for v in values.values() if v is not best]
-        if helps(before, after, belief.reach(best.hypothesis), parts) and is_stable(others, best, rivals, parts):
+        if helps(before, after, belief.reach(best.hypothesis), parts, runs) and is_stable(others, best, rivals, parts):
             belief.exchange(own.place, best.hypothesis, best.value - float(np.log(belief.catalogue.n_places)))
             changed = True
     if changed:

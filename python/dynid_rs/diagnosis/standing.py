@@ -10,7 +10,7 @@ from dynid_rs.diagnosis.belief import Belief
 from dynid_rs.diagnosis.beside import Beside
 from dynid_rs.diagnosis.hypotheses import Place, shaped_as
 from dynid_rs.diagnosis.structural import value_of
-from dynid_rs.diagnosis.trials import blocks
+from dynid_rs.diagnosis.trials import blocks, whole_runs, worse
 from dynid_rs.regression.linear_model import sign_cost
 
 HARM = 1.02
@@ -76,16 +76,17 @@ def harmless(belief: Belief, declared: Beside) -> None:
     Worse: by more than `HARM`, and by more than one standard error of the difference over the parts. The least certain
     name that reaches the joint goes first.
     """
-    parts = blocks(declared.model.n_rows)
-    without = declared.model.left_out(declared.best, parts)
+    ways = [parts for parts in (blocks(declared.model.n_rows), whole_runs(belief.run_lengths)) if parts]
+    without = [declared.model.left_out(declared.best, parts) for parts in ways]
     while belief.named:
         beside = belief.beside
         if beside.model.n_rows != declared.model.n_rows:
             return  # another clock has other rows: nothing to compare row by row
-        lost = beside.model.left_out(beside.best, parts) - without
-        ratio = np.sqrt(1 + lost.sum(axis=0) / np.maximum(without.sum(axis=0), 1e-300))
-        clear = lost.sum(axis=0) > np.sqrt(len(parts)) * lost.std(axis=0, ddof=1)
-        harmed = set(np.flatnonzero((ratio > HARM) & clear).tolist())
+        harmed: set[int] = set()
+        for parts, before in zip(ways, without, strict=True):
+            lost = beside.model.left_out(beside.best, parts) - before
+            ratio = np.sqrt(1 + lost.sum(axis=0) / np.maximum(before.sum(axis=0), 1e-300))
+            harmed |= set(np.flatnonzero((ratio > HARM) & worse(lost)).tolist())
         guilty = [named for named in belief.named.values() if set(belief.reach(named.hypothesis)) & harmed]
         if not guilty:
             return

@@ -16,6 +16,7 @@ from dynid_rs.diagnosis.shapes import polished
 from dynid_rs.regression.linear_model import Columns
 
 BoolArray = NDArray[np.bool_]
+FloatArray = NDArray[np.float64]
 
 N_BLOCKS = 8
 """Parts of the data, in order of time: left out one by one, and halved."""
@@ -78,21 +79,40 @@ def blocks(n_rows: int) -> list[BoolArray]:
     return [(at >= first) & (at < last) for first, last in pairwise(edges)]
 
 
-def helps(before: Beside, after: Beside, joints: Sequence[int], parts: Sequence[BoolArray]) -> bool:
+def whole_runs(lengths: Sequence[int]) -> list[BoolArray]:
+    """The rows of each of several runs, (n_rows,) each; nothing of a lone one, which has no other to be told by."""
+    of_run = np.repeat(np.arange(len(lengths)), lengths)
+    return [of_run == run for run in range(len(lengths))] if len(lengths) > 1 else []
+
+
+def worse(lost: FloatArray) -> FloatArray:
+    """Whether what is lost in parts (n_parts, ...) is more than one standard error of its sum over them."""
+    clearly: FloatArray = lost.sum(axis=0) > np.sqrt(len(lost)) * lost.std(axis=0, ddof=1)
+    return clearly
+
+
+def helps(
+    before: Beside, after: Beside, joints: Sequence[int], parts: Sequence[BoolArray], runs: Sequence[BoolArray]
+) -> bool:
     """Whether parts that were left out are not predicted worse on the joints it acts on, by more than chance.
 
-    Chance: one standard error of the difference over the parts. At the prior that suits it some joint's error has to
-    fall by `LEAST_GAIN`: less is of no use, however certain. What it does to other joints through the links that they
-    share is judged when all names are in.
+    Chance: one standard error of the difference over the parts; nor whole runs, which move elsewhere. At the prior that
+    suits it some joint's error has to fall by `LEAST_GAIN`: less is of no use, however certain. What it does to other
+    joints through the links that they share is judged when all names are in.
     """
     own = list(joints)
+    for left_out in (parts, runs):
+        if not left_out:
+            continue
+        with_it = after.model.left_out(after.best, left_out)[:, own]
+        without = before.model.left_out(before.best, left_out)[:, own]
+        if worse((with_it - without) @ before.best.weights[own] ** 2):
+            return False
     with_it = after.model.left_out(after.best, parts)[:, own]
-    without = before.model.left_out(before.best, parts)[:, own]
-    lost = (with_it - without) @ before.best.weights[own] ** 2
     alike = next(fit for fit in before.fits if fit.choice == after.best.choice)
     at_that_prior = before.model.left_out(alike, parts)[:, own].sum(axis=0)
     gain = 1 - np.sqrt(with_it.sum(axis=0) / np.maximum(at_that_prior, 1e-300))
-    return bool(lost.sum() < np.sqrt(len(parts)) * lost.std(ddof=1) and gain.max() > LEAST_GAIN)
+    return bool(gain.max() > LEAST_GAIN)
 
 
 def is_stable(beside: Beside, best: Value, rivals: Sequence[Value], parts: Sequence[BoolArray]) -> bool:
@@ -102,8 +122,12 @@ def is_stable(beside: Beside, best: Value, rivals: Sequence[Value], parts: Seque
     first = 0
     for _ in range(N_HALVES):
         half = np.any([parts[k] for k in rng.choice(N_BLOCKS, N_BLOCKS // 2, replace=False)], axis=0)
-        scores = beside.within(half).screened([_within(h, half) for h in hypotheses])
-        values = [score.value for score in scores]
+        within, parts_of = beside.within(half), [_within(h, half) for h in hypotheses]
+        values = [score.value for score in within.screened(parts_of)]
+        if values[0] <= max(values) - SURE:
+            # The noise that an effect leaves is less than the noise without it; few rows tell it by that alone.
+            ahead = int(np.argmax(values))
+            values = [within.evidence_for(parts_of[0])[0], within.evidence_for(parts_of[ahead])[0]]
         first += values[0] > max(values) - SURE
     return first >= FIRST_IN
 

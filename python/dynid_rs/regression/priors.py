@@ -171,8 +171,13 @@ def usual_torque(effect: _core.Effect, name: str) -> tuple[float, bool]:
 
 
 def declares_inertia(robot: _core.RobotModel) -> bool:
-    """True if the robot file declares at least one link's mass."""
-    return bool(np.any(np.asarray(robot.phi)[::10] > 0))
+    """True if the robot file says something of the links: a mass at least, and not the same of three and more of them.
+
+    No arm is built of equal links; where all are, somebody filled the file in.
+    """
+    links = np.asarray(robot.phi).reshape(-1, 10)
+    alike = len(links) > 2 and bool(np.all(links == links[0]))
+    return bool(np.any(links[:, 0] > 0)) and not alike
 
 
 def link_spread(phi: FloatArray) -> FloatArray:

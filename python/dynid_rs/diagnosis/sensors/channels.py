@@ -32,6 +32,8 @@ SPOILT = 10.0
 """Links shared by all joints leave this many times what each joint's own would: some sign or order is wrong..."""
 LEAST_SPOILT = 0.05
 """...if that is this share of the torque at least."""
+CONTRARY = 1.1
+"""Factor by which the power that no common links explain may grow with a change of signs: more speaks against it."""
 RESISTS = 0.5
 """Friction's correlation with the direction of motion; below minus this it would drive."""
 UNIT_RANGE = 3.0
@@ -59,7 +61,7 @@ def channel_findings(robot: _core.RobotModel, runs: Sequence[States], torque_uni
     """
     rows = Rows.of(robot, runs)
     shares, whole = rows.shares(), rows.whole_shares()
-    findings = _swapped_torque(robot, shares) or _flipped_torque(robot, rows, shares, whole)
+    findings = _swapped_torque(robot, shares) or _flipped_torque(robot, runs, rows, shares)
     judged = torque_unit == "N*m" and declares_inertia(robot)
     if not findings and judged:
         findings = _known_units(robot, rows)
@@ -95,18 +97,25 @@ def _swapped_torque(robot: _core.RobotModel, shares: FloatArray) -> list[Finding
     return [Finding("torque_swapped", "error", message, column=column)]
 
 
-def _flipped_torque(robot: _core.RobotModel, rows: Rows, shares: FloatArray, whole: FloatArray) -> list[Finding]:
+def _flipped_torque(robot: _core.RobotModel, runs: Sequence[States], rows: Rows, shares: FloatArray) -> list[Finding]:
     """Joints whose friction would drive them; the torque's sign or the position's, whichever all joints agree with."""
     drives = np.flatnonzero((rows.dissipation() < -RESISTS) & (np.diag(shares) < EXPLAINED))
     if not len(drives):
         return []
     flipped = np.ones(rows.n_joints)
     flipped[drives] = -1
-    # All of them flipped is a model with negative masses: as good for the residual, and as wrong.
-    worse = np.log(rows.with_signs(flipped).whole_shares() / whole).mean() > np.log(CLEARLY)
-    if worse:
+    as_it_is = rows.pooled_shares()
+    # Torque first: all of them flipped is a model with negative masses, as good for the residual, and as wrong.
+    if _grown(rows.with_signs(flipped).pooled_shares(), as_it_is) < CONTRARY:
+        return [_flip(robot, int(j), "tau") for j in drives]
+    if _grown(Rows.of(robot, [_signed(states, flipped) for states in runs]).pooled_shares(), as_it_is) < CONTRARY:
         return [_flip(robot, int(j), "q") for j in drives]
-    return [_flip(robot, int(j), "tau") for j in drives]
+    return []  # friction that is not well known: the links say that the signs are right
+
+
+def _grown(shares: FloatArray, before: FloatArray) -> float:
+    """Factor by which shares of unexplained power have grown, over all joints."""
+    return float(np.exp(np.mean(np.log(np.maximum(shares, 1e-300) / np.maximum(before, 1e-300)))))
 
 
 def _flip(robot: _core.RobotModel, j: int, signal: str) -> Finding:
