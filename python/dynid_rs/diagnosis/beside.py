@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
+from dynid_rs.base.memory import residual_memory
 from dynid_rs.diagnosis.hypotheses import Hypothesis, Place
 from dynid_rs.identification.loops import load_rows
 from dynid_rs.identification.smooth_friction import shape_slopes, tanh_widths
@@ -29,6 +30,8 @@ SHAPE_SPREAD = 0.3
 
 FAR = 20.0
 """Nats that the noise, estimated anew, does not make up for between two priors."""
+FORGETS = 1.2
+"""Factor by which samples have to be worth more with a hypothesis for both models to be fitted anew."""
 WIDER = (0.7, 1.0, 1.4)
 """Widths of a tanh beside a fitted sign, over its own: between them and the fitted one lies any sign that is round."""
 NEVER = 1e9
@@ -97,7 +100,11 @@ class Beside:
         return [max(scores, key=lambda score: score.value) for scores in zip(*per_fit, strict=True)]
 
     def evidence_for(self, hypothesis: Hypothesis) -> tuple[float, Columns]:
-        """Logarithm of the Bayes factor with the noise estimated anew, and the columns in their likeliest size."""
+        """Logarithm of the Bayes factor with the noise estimated anew, and the columns in their likeliest size.
+
+        Both models count their samples by the memory of what the hypothesis leaves: noise is what the better model
+        leaves, and a large effect that is not yet in one remembers itself.
+        """
         h, sizes = hypothesis, hypothesis.sizes
         scores = [self.model.screen(fit, [h.columns], [h.bounds], sizes)[0] for fit in self.fits]
         expected = [score.value + fit.evidence for score, fit in zip(scores, self.fits, strict=True)]
@@ -106,9 +113,17 @@ class Beside:
         model = self.model.beside(columns)
         near = [fit for fit, value in zip(self.fits, expected, strict=True) if value > max(expected) - FAR]
         best = max((model.fit(fit.choice, fit.noise) for fit in near), key=lambda fit: fit.evidence)
+        without = self.best
+        worth = model.n_effective.copy()
+        for j in columns:
+            worth[j] = max(worth[j], model.counted[j].sum() / residual_memory([best.residual[j]]))
+        if np.any(worth > FORGETS * model.n_effective):
+            best = replace(model, n_effective=worth).fit(best.choice, best.noise)
+            alone = replace(self.model, n_effective=worth)
+            without = max((alone.fit(fit.choice, fit.noise) for fit in self.fits), key=lambda fit: fit.evidence)
         width = len(hypothesis.unit)
         x, std = best.x[-width:], np.sqrt(np.diag(best.covariance)[-width:])
-        return best.evidence - self.best.evidence + float(sign_cost(x / std, hypothesis.bounds)), columns
+        return best.evidence - without.evidence + float(sign_cost(x / std, hypothesis.bounds)), columns
 
 
 def places_of(hypotheses: Sequence[Hypothesis]) -> dict[Place, list[int]]:
