@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from dynid_rs.diagnosis.beside import Beside
 from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis, Place, Shaped
 from dynid_rs.diagnosis.setup import Setup
-from dynid_rs.diagnosis.shapes import polished
 from dynid_rs.diagnosis.structural import KINDS, REFITTED, structural_hypotheses, undone
 from dynid_rs.identification.smooth_friction import SmoothFrictionIdentifier
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
@@ -122,13 +121,13 @@ class Belief:
         """Put names into the setup, fit everything again, shapes and structure included."""
         beside, accepted = self.beside, []
         for named in found:
-            h = polished(beside, self.catalogue, named.hypothesis)
+            h = named.hypothesis
             columns = beside.evidence_for(h)[1]
             beside = beside.with_columns(columns)
             setup = h.accept(self.setup, coefficients(h, columns, beside))
             if setup is self.setup:
                 continue  # gains of all joints but one tell all that gains can
-            self.setup, self.named[h.place] = setup, replace(named, hypothesis=h)
+            self.setup, self.named[h.place] = setup, named
             accepted.append(h.place)
         self.refit()
         self.steps += [("added", place, self.left) for place in accepted]

@@ -27,6 +27,9 @@ from dynid_rs.runs.recording import Recording
 
 MOST_ROUNDS, MOST_A_ROUND = 6, 12
 """Rounds of naming and refitting, and names in a round."""
+FALLEN = 0.5
+"""A joint whose noise falls below this part waits until friction's shapes, which are linear near themselves only, are
+fitted again."""
 
 
 def search(
@@ -61,7 +64,7 @@ def search(
     if exchange(belief):
         backward(belief)
     settle(belief)
-    backward(belief)
+    backward(belief, SURE)
     harmless(belief, declared)
     return belief
 
@@ -85,17 +88,23 @@ def forward(belief: Belief) -> list[Named]:
         place = best.hypothesis.place
         after = beside.with_columns(best.columns)
         rivals = [v for v in values.values() if v.hypothesis.place != place and shares(v.hypothesis, best.hypothesis)]
-        if not (helps(beside, after, belief.reach(best.hypothesis), parts, runs) and is_stable(beside, best, rivals, parts)):
+        if not (
+            helps(beside, after, belief.reach(best.hypothesis), parts, runs) and is_stable(beside, best, rivals, parts)
+        ):
             refused.add(place)
             continue
         told = {v.hypothesis.place: v.value - best.value for v in rivals if v.value > need}
-        beside = after
+        # In its own shape: what a grid's leaves of an effect looks like the next one.
+        shaped = polished(beside, belief.catalogue, best.hypothesis)
+        before, beside = beside.best, beside.with_columns(beside.evidence_for(shaped)[1])
+        settled = beside.best.noise > FALLEN * before.noise
+        open_ = [h for h in open_ if all(settled[j] for j in h.columns)]
         if told:
             still = {v.hypothesis.place: beside.evidence_for(v.hypothesis)[0] for v in rivals}
             told = {p: d for p, d in told.items() if still[p] < need}
         ties = tuple((p, d) for p, d in told.items() if d > -SURE)
         others = tuple((p, d) for p, d in told.items() if d <= -SURE)
-        found.append(Named(best.hypothesis, best.value - log_places, ties, others))
+        found.append(Named(shaped, best.value - log_places, ties, others))
         refused |= {place, *(p for p, _ in ties)}
     return found
 

@@ -19,13 +19,16 @@ REFUTED = 2.0
 """Standard errors by which a coefficient has the wrong sign: one in forty by chance."""
 
 
-def backward(belief: Belief) -> set[Place]:
-    """Take out names that have become less likely than not beside all others; which those were."""
+def backward(belief: Belief, need: float = 0.0) -> set[Place]:
+    """Take out names whose logarithmic odds beside all others have fallen below `need`; which those were.
+
+    Odds of one to one while names still come and go, those at which a name is believed in the end.
+    """
     dropped: set[Place] = set()
     while True:
         odds = standing(belief)
         weakest = min(odds, key=lambda place: odds[place], default=None)
-        if weakest is None or odds[weakest] > 0:
+        if weakest is None or odds[weakest] > need:
             return dropped
         belief.remove(weakest)
         dropped.add(weakest)

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs.base.memory import residual_memory
 from dynid_rs.base.odds import SURE, p_value
 from dynid_rs.diagnosis.belief import Belief
 from dynid_rs.diagnosis.hypotheses import Hypothesis
@@ -30,7 +29,7 @@ def unexplained(found: Belief) -> list[dict[str, Any]]:
         sets = list(signal_sets(found, j))
         hypotheses = [wave_hypothesis(found, j, signals) for signals in sets]
         scores = _screened(found, j, hypotheses)
-        tries = [(_log_odds(found, j, hypotheses[k]), k) for k in np.argsort(scores)[-LOOKED_AT:].tolist()]
+        tries = [(found.beside.evidence_for(hypotheses[k])[0], k) for k in np.argsort(scores)[-LOOKED_AT:].tolist()]
         value, best = max(tries)
         log_odds = value - float(np.log(len(sets) * len(names)))
         share = _share(found, j, hypotheses[best], parts)
@@ -64,21 +63,6 @@ def _screened(found: Belief, j: int, hypotheses: Sequence[Hypothesis]) -> list[f
     fit = model.fit(best.choice, best.noise)
     columns, bounds = [h.columns for h in hypotheses], [h.bounds for h in hypotheses]
     return [score.value for score in model.screen(fit, columns, bounds, hypotheses[0].sizes)]
-
-
-def _log_odds(found: Belief, j: int, h: Hypothesis) -> float:
-    """Logarithm of the Bayes factor of waves on joint j, where its rows are worth what the waves leave says.
-
-    What has no name is as slow as its signals, and its own memory would make a few samples of it.
-    """
-    model, best = found.beside.model, found.beside.best
-    waves = model.beside(found.beside.evidence_for(h)[1])
-    left = waves.fit(best.choice, best.noise).residual[j]
-    edges = np.cumsum([len(states.rows) for states in found.fit.runs_])[:-1]
-    worth = model.n_effective.copy()
-    worth[j] = max(worth[j], int(model.counted[j].sum()) / residual_memory(np.split(left, edges)))
-    without, with_it = (replace(one, n_effective=worth).fit(best.choice, best.noise) for one in (model, waves))
-    return with_it.evidence - without.evidence
 
 
 def _share(found: Belief, j: int, h: Hypothesis, parts: Sequence[BoolArray]) -> float:
