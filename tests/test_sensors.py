@@ -1,7 +1,9 @@
 """Channels and contacts: what is no model's matter is found where it is, and nothing where nothing is."""
 
+import re
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import data
 import numpy as np
@@ -14,13 +16,18 @@ import dynid_rs as dyn
 from dynid_rs.diagnosis.sensors import channel_errors, examine
 from dynid_rs.diagnosis.sensors.channels import channel_findings
 from dynid_rs.diagnosis.sensors.contact import find_contacts
+from dynid_rs.diagnosis.sensors.layout import Rows
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.identification.training import prepare_training_runs
+from dynid_rs.regression.priors import declares_inertia
 from dynid_rs.runs.preprocessing import choose_band, common_rate, without
-from dynid_rs.simulation import simulate
+from dynid_rs.simulation import bundled_robot, simulate
 
 CLEAN_SEEDS = 6
+PLACEHOLDER = (
+    '<inertial><mass value="0.001"/><inertia ixx="1e-6" ixy="0" ixz="0" iyy="1e-6" iyz="0" izz="1e-6"/></inertial>'
+)
 EDGES = 0.25
 """Start and end of a push are known this well [s]: it swells and fades over half its length."""
 
@@ -147,6 +154,22 @@ def test_channels_that_are_not_what_they_are_called_are_errors(signals, code, co
     recordings = changed(runs()[1][:3], **signals)
     findings = channel_findings(robot(), states(recordings))
     assert [(finding.code, finding.severity, finding.column) for finding in findings] == [(code, "error", column)]
+
+
+def test_friction_that_is_not_well_known_flips_no_sign(monkeypatch):
+    """Links that would contradict each other with the sign flipped outweigh a friction that seems to drive."""
+    monkeypatch.setattr(Rows, "dissipation", lambda self: np.array([1.0, 1.0, -0.9, 1.0, 1.0, 1.0]))
+    assert channel_findings(robot(), states(runs()[1][:3])) == []
+
+
+def test_a_file_of_equal_links_tells_no_unit():
+    """A gram in every link is what somebody filled in, not a torque a thousand times too large."""
+    filled = re.sub(
+        r"<inertial>.*?</inertial>", PLACEHOLDER, Path(bundled_robot()).read_text(encoding="utf-8"), flags=re.S
+    )
+    arm = dyn.RobotModel.from_urdf_string(filled)
+    assert not declares_inertia(arm)
+    assert channel_findings(arm, states(runs()[1][:3])) == []
 
 
 def test_torque_on_the_motor_side_names_the_gears_and_every_flipped_joint_is_named():

@@ -171,13 +171,14 @@ def usual_torque(effect: _core.Effect, name: str) -> tuple[float, bool]:
 
 
 def declares_inertia(robot: _core.RobotModel) -> bool:
-    """True if the robot file says something of the links: a mass at least, and not the same of three and more of them.
+    """True if the robot file says something of the links: a mass at least, and not the same of most links.
 
-    No arm is built of equal links; where all are, somebody filled the file in.
+    No arm of three joints and more is built of equal links; where most are, somebody filled the file in (a flange that
+    is fixed to a link makes that one different).
     """
     links = np.asarray(robot.phi).reshape(-1, 10)
-    alike = len(links) > 2 and bool(np.all(links == links[0]))
-    return bool(np.any(links[:, 0] > 0)) and not alike
+    _, alike = np.unique(links, axis=0, return_counts=True)
+    return bool(np.any(links[:, 0] > 0)) and not (len(links) > 2 and 2 * alike.max() > len(links))
 
 
 def link_spread(phi: FloatArray) -> FloatArray:

@@ -1,0 +1,68 @@
+"""What a name has to stand: evidence at the noise that it leaves, halves of the data, whole runs."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from diagnosed import ROBOT, measured
+
+from dynid_rs.diagnosis import beside
+from dynid_rs.diagnosis.belief import Belief
+from dynid_rs.diagnosis.beside import Beside
+from dynid_rs.diagnosis.search import forward
+from dynid_rs.diagnosis.setup import Setup
+from dynid_rs.diagnosis.trials import blocks, evidence, is_stable, whole_runs, worse
+from dynid_rs.regression.linear_model import Score
+
+
+@pytest.mark.parametrize(("wish", "hidden"), [("position_dependent_friction:elbow:5", True), (None, False)])
+def test_a_large_effect_does_not_hide_behind_its_own_memory(monkeypatch, wish, hidden):
+    """Without it in the model the residual is as slow as the effect; what it leaves is noise."""
+    belief = Belief.in_declared(Setup(ROBOT), measured(*[wish] if wish else [], duration=8.0, n_runs=1))
+    of_kind = [h for h in belief.hypotheses() if h.place == ("position_dependent_friction", (1,))]
+    best = of_kind[int(np.argmax([score.value for score in belief.beside.screened(of_kind)]))]
+    value = belief.beside.evidence_for(best)[0]
+    monkeypatch.setattr(beside, "FORGETS", np.inf)
+    by_its_own = belief.beside.evidence_for(best)[0]
+    if hidden:
+        assert value > 1.5 * by_its_own > 0
+    else:
+        assert value < 0
+        assert by_its_own < 0
+
+
+def test_halves_tell_a_large_effect_by_the_noise_it_leaves(monkeypatch):
+    """On few rows the screening's noise, which is the effect's own, would refute it."""
+    belief = Belief.in_declared(Setup(ROBOT), measured("position_dependent_friction:elbow:5", duration=8.0, n_runs=1))
+    values, _ = evidence(belief.beside, belief.hypotheses(), belief.catalogue)
+    best = max(values.values(), key=lambda value: value.value)
+    assert best.hypothesis.place == ("position_dependent_friction", (1,))
+    rivals = [value for value in values.values() if value is not best]
+    parts = blocks(belief.beside.model.n_rows)
+    assert is_stable(belief.beside, best, rivals, parts)
+    # Where screening refutes it everywhere, the evidence with the noise anew decides.
+    own = best.hypothesis.place
+    screened = {True: Score(-1e3, 1.0), False: Score(0.0, 1.0)}
+    monkeypatch.setattr(Beside, "screened", lambda self, tried: [screened[h.place == own] for h in tried])
+    for value, holds in ((1.0, True), (-5.0, False)):
+        monkeypatch.setattr(Beside, "evidence_for", lambda self, h, own_value=value: (own_value * (h.place == own), {}))
+        assert is_stable(belief.beside, best, rivals, parts) == holds
+
+
+def test_whole_runs_are_left_out_where_there_are_several():
+    assert whole_runs([5]) == []
+    first, second = whole_runs([2, 3])
+    np.testing.assert_array_equal(first, [True, True, False, False, False])
+    np.testing.assert_array_equal(second, ~first)
+
+
+def test_worse_is_more_than_one_standard_error_over_the_parts():
+    lost = np.array([[1.0, 1.0, -1.0], [1.0, -0.9, -1.0]])
+    np.testing.assert_array_equal(worse(lost), [True, False, False])
+
+
+def test_a_joint_whose_noise_has_fallen_waits_for_the_fit():
+    """Beside a hysteresis that friction's shapes do not know of yet, what is left looks like the next effect."""
+    belief = Belief.in_declared(Setup(ROBOT), measured("friction_hysteresis:wrist:3"))
+    found = forward(belief)
+    assert [named.hypothesis.place for named in found] == [("friction_hysteresis", (2,))]
