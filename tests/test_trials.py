@@ -44,7 +44,7 @@ def test_halves_tell_a_large_effect_by_the_noise_it_leaves(monkeypatch):
     own = best.hypothesis.place
     screened = {True: Score(-1e3, 1.0), False: Score(0.0, 1.0)}
     monkeypatch.setattr(Beside, "screened", lambda self, tried: [screened[h.place == own] for h in tried])
-    for value, holds in ((1.0, True), (-5.0, False)):
+    for value, holds in ((1.0, True), (-1.0, False)):
         monkeypatch.setattr(Beside, "evidence_for", lambda self, h, own_value=value: (own_value * (h.place == own), {}))
         assert is_stable(belief.beside, best, rivals, parts) == holds
 

@@ -23,8 +23,11 @@ N_BLOCKS = 8
 N_HALVES, FIRST_IN = 16, 11
 """Random halves of the parts, and in how many a name has to come first on its joint: by chance half of them would do in
 one of ten."""
-LEAST_GAIN = 0.01
-"""Part of some joint's left-out error that a name has to take off; an effect of a third of the noise takes 4 %."""
+LEAST_GAIN = 0.03
+"""Part of some joint's left-out error that a name has to take off: an effect of a quarter of the noise does.
+
+``1 - 1 / sqrt(1 + 0.25^2)``; a person could neither see a smaller one nor use it.
+"""
 SHORTLIST = 12
 """Places whose evidence is computed with the noise estimated anew in a step; screening orders them."""
 HOPELESS, WITHIN_REACH = -2.0, 10.0
@@ -124,11 +127,12 @@ def is_stable(beside: Beside, best: Value, rivals: Sequence[Value], parts: Seque
         half = np.any([parts[k] for k in rng.choice(N_BLOCKS, N_BLOCKS // 2, replace=False)], axis=0)
         within, parts_of = beside.within(half), [_within(h, half) for h in hypotheses]
         values = [score.value for score in within.screened(parts_of)]
-        if values[0] <= max(values) - SURE:
-            # The noise that an effect leaves is less than the noise without it; few rows tell it by that alone.
-            ahead = int(np.argmax(values))
-            values = [within.evidence_for(parts_of[0])[0], within.evidence_for(parts_of[ahead])[0]]
-        first += values[0] > max(values) - SURE
+        if values[0] > max(values) - SURE:
+            first += 1
+            continue
+        # The noise that an effect leaves is less than the noise without it; few rows tell it by that alone.
+        ahead = int(np.argmax(values))
+        first += within.evidence_for(parts_of[0])[0] > max(within.evidence_for(parts_of[ahead])[0], 0.0)
     return first >= FIRST_IN
 
 

@@ -138,5 +138,18 @@ def _changed(model: _core.TorqueModel, **parts: Any) -> _core.TorqueModel:
 
 
 def evaluate(model: _core.TorqueModel, states: States) -> tuple[FloatArray, FloatArray, NDArray[np.uint32]]:
-    """Total (n, n_joints), terms (n, n_terms, n_joints) and status bits (n,) along a run, channels as recorded."""
-    return model.evaluate(*states.in_step(model.encoder_delay).signals(), temperature=states.temperature)
+    """Total (n, n_joints), terms (n, n_terms, n_joints) and status bits (n,) along a run, channels as recorded.
+
+    A part of a run begins with what the model remembers of the run before it.
+    """
+    run = states.in_step(model.encoder_delay)
+    if states.before is None:
+        return model.evaluate(*run.signals(), temperature=run.temperature)
+    before = states.before.in_step(model.encoder_delay)
+    signals = [np.concatenate(parts) for parts in zip(before.signals(), run.signals(), strict=True)]
+    temperature = None
+    if before.temperature is not None and run.temperature is not None:
+        temperature = np.concatenate([before.temperature, run.temperature])
+    total, terms, status = model.evaluate(*signals, temperature=temperature)
+    first = len(before.t)
+    return total[first:], terms[first:], status[first:]

@@ -86,7 +86,8 @@ class States:
     `notes` says what was done to the signals. `reference` is the position that the controller was asked for, with its
     derivatives, through the same filter; None where it was not recorded. `tau_link` is the rigid-body torque [N m]
     that a model predicts, for effects that depend on the load; None before there is one. `temperature` [degC] as it
-    was measured, on the grid; None where it was not.
+    was measured, on the grid; None where it was not. `before`: the run up to here, where it is a part of one; what a
+    model remembers comes from there.
     """
 
     name: str
@@ -107,6 +108,7 @@ class States:
     tau_link: FloatArray | None = None
     temperature: FloatArray | None = None
     resting: NDArray[np.bool_] = None  # type: ignore[assignment]
+    before: States | None = None
 
     def __post_init__(self) -> None:
         if self.resting is None:
@@ -265,7 +267,16 @@ def prepare(recording: Recording, band: Band, rate: float, *, standstill: bool =
         notes=tuple(notes),
         reference=None if reference is None else (reference[0], reference[1], reference[2]),
         temperature=temperature,
+        before=_states_before(recording, band, rate, standstill),
     )
+
+
+def _states_before(recording: Recording, band: Band, rate: float, standstill: bool) -> States | None:
+    """States of what came before a part of a run; None where there is nothing, or too little to be filtered."""
+    before = recording.before
+    if before is None or before.duration < 4 / band.cutoff + 2 / rate:
+        return None
+    return prepare(before, band, rate, standstill=standstill)
 
 
 def without(states: States, windows: Sequence[tuple[float, float]], guard: float | None = None) -> States:

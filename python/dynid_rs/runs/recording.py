@@ -61,6 +61,8 @@ class Recording:
         Names along the chain; ``"0"``, ``"1"``, ... when left out.
     torque_unit : {"N*m", "A"}
         Unit of `tau`; ampere when a motor current without drive gain stands for torque.
+    before : Recording, optional
+        What the same measurement holds before this part of it: a model with memory (warm gears) comes from there.
 
     Raises
     ------
@@ -83,6 +85,7 @@ class Recording:
     name: str = "recording"
     joints: tuple[str, ...] = ()
     torque_unit: str = "N*m"
+    before: Recording | None = None
 
     def __post_init__(self) -> None:
         def put(name: str, value: object) -> None:

@@ -70,7 +70,7 @@ def _cut(run: Recording, test_from: float | None) -> Split:
         "testing. A second run would test more"
     )
     first = replace(run, name=f"{run.name} (first {start:.3g} s)").slice(None, row)
-    rest = replace(run, name=f"{run.name} (after {start:.3g} s)").slice(row, None)
+    rest = replace(run, name=f"{run.name} (after {start:.3g} s)", before=first).slice(row, None)
     return Split([first], [rest], Finding("test_part_chosen", "info", message, file=run.name))
 
 
