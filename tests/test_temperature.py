@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import test_estimator
+from diagnosed import ROBOT, recorded, rigid
 from numpy.testing import assert_allclose, assert_array_equal
 from run_files import write
 from small_arm import dynid, refusal
@@ -15,9 +16,11 @@ from test_estimator import run as answer_of
 import dynid_rs as dyn
 from dynid_rs import _core
 from dynid_rs.diagnosis.hypotheses import Catalogue
+from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.model.assembly import evaluate
 from dynid_rs.model.placed import CATALOGUE, PlacedEffect
 from dynid_rs.runs.preprocessing import Band, prepare
+from dynid_rs.runs.splitting import split_runs
 from dynid_rs.simulation import build_effects, bundled_robot, equip, parse_wish, simulate, typical_arm
 
 estimator = test_estimator.estimator
@@ -166,3 +169,23 @@ def test_online_a_missing_temperature_stops_nothing(estimator, session, fitted, 
     answers = from_json(answer_of(estimator, path, "\n".join(lines) + "\n"), model.term_names, N)
     expected[10:20, at] = 0.0
     assert_array_equal(answers.terms, expected)
+
+
+def test_the_part_that_is_kept_aside_is_as_warm_as_the_run_made_it():
+    """A lone run is cut in two: what the model remembers at the cut is the run's, not that of a cold start."""
+    arm = equip(rigid(ROBOT), build_effects([parse_wish("thermal_friction:wrist:3")], typical_arm(ROBOT)))
+    (run,) = recorded(arm, n_runs=1, duration=30.0, rate=100.0)
+    split = split_runs([run], [])
+    warm = PlacedEffect(
+        "thermal_friction",
+        (2,),
+        (("time_constant", (20.0,)), ("reference_speed", (0.0,)), ("transition_width", (0.02,))),
+    )
+    fit = Setup(ROBOT, effects=(warm,)).identifier(residual=None).fit(split.train)
+    (kept_aside,) = split.test
+    whole, part, cold = (fit.states(r) for r in (run, kept_aside, replace(kept_aside, before=None)))
+    torque = evaluate(fit.model_, whole)[0][-len(part.t) :, 2]
+    inside = slice(len(part.t) // 4, 3 * len(part.t) // 4)  # where no filter's end is near
+    size = np.abs(torque).max()
+    assert np.abs(evaluate(fit.model_, part)[0][inside, 2] - torque[inside]).max() < 1e-3 * size
+    assert np.abs(evaluate(fit.model_, cold)[0][inside, 2] - torque[inside]).max() > 0.02 * size
