@@ -115,7 +115,9 @@ def _flipped_torque(robot: _core.RobotModel, runs: Sequence[States], rows: Rows,
 
 def _grown(shares: FloatArray, before: FloatArray) -> float:
     """Factor by which shares of unexplained power have grown, over all joints."""
-    return float(np.exp(np.mean(np.log(np.maximum(shares, 1e-300) / np.maximum(before, 1e-300)))))
+    from scipy.stats import gmean
+
+    return float(gmean(np.maximum(shares, 1e-300) / np.maximum(before, 1e-300)))
 
 
 def _flip(robot: _core.RobotModel, j: int, signal: str) -> Finding:
