@@ -9,21 +9,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.diagnosis.beside import Beside
-from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis, Place, Shaped
+from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis, Place, Shaped, shaped_as
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.structural import KINDS, REFITTED, structural_hypotheses, undone
-from dynid_rs.identification.smooth_friction import SmoothFrictionIdentifier
+from dynid_rs.identification.smooth_friction import SmoothFrictionIdentifier, tanh_widths
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
-from dynid_rs.model.placed import own_columns
+from dynid_rs.model.placed import CATALOGUE, own_columns
 from dynid_rs.regression.linear_model import Columns
 from dynid_rs.runs.recording import Recording
 
 FloatArray = NDArray[np.float64]
 
 SETTLING = 3
-"""Refits in which geometry, clocks and encoders that were accepted settle; each brings them ten times closer."""
+"""Refits in which geometry, clocks, encoders and signs that were accepted settle; each brings them ten times closer."""
 SETTLED = 0.1
-"""Change over its standard deviation at which they have."""
+"""Change over its standard deviation at which they have, and that of a sign's width over itself."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,10 +152,11 @@ class Belief:
         self.steps += [("dropped", place, self.left), ("added", h.place, self.left)]
 
     def refit(self) -> None:
-        """Fit everything again; geometry, clocks and encoders that were accepted move to where they belong."""
+        """Fit everything again; geometry, clocks, encoders and signs that were accepted move to where they belong."""
         self.fit = self._refitted()
         for _ in range(SETTLING):
-            beside, moved = self.beside, False
+            moved = self._follow_friction()
+            beside = self.beside
             for h in self.structure():
                 beside = beside.with_columns(h.columns)
                 x = coefficients(h, h.columns, beside)
@@ -166,6 +167,23 @@ class Belief:
                 break
             self.fit = self._refitted()
         self.catalogue = Catalogue(self.fit, self.catalogue)
+
+    def _follow_friction(self) -> bool:
+        """Let the signs of all effects turn round with the fitted friction's; whether one was clearly elsewhere.
+
+        A peak of friction that had no name makes the fitted sign steeper, and named with that sign the peak is another.
+        """
+        widths, followed, moved = tanh_widths(self.fit.observations_.plan.friction[0]), [], False
+        for effect in self.setup.effects:
+            own, width = shaped_as(effect), float(widths[effect.joints[0]])
+            for parameter in CATALOGUE[effect.kind]["shape"]:
+                if parameter["relative_to"] == "friction_width":
+                    moved = moved or abs(np.log(dict(own.shape)[parameter["name"]] / width)) > SETTLED
+                    own = own.with_shape(parameter["name"], width)
+            followed.append(own.placed())
+        if moved:
+            self.setup = replace(self.setup, effects=tuple(followed))
+        return moved
 
     def _refitted(self) -> ThreeLoopIdentifier:
         """Fit of the setup now; friction's shapes stay near those of the fit so far."""
