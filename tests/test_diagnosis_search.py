@@ -118,7 +118,7 @@ def test_one_effect_is_found_by_name_and_place_and_its_numbers_hold_the_truth(wi
 def test_what_needs_six_axes_to_be_seen(wish):
     kind, joint, _ = wish.split(":")
     arm = with_effects(rigid(SIX_AXES), wish)
-    runs = recorded(arm, duration=15.0, rate=100.0)
+    runs = recorded(arm, duration=25.0, rate=100.0)
     found = found_in(runs, SIX_AXES)
     assert names(found) == {(kind, (SIX_AXES.joint_names[int(joint)],))}
     (effect,) = arm.effects

@@ -49,16 +49,24 @@ def test_halves_tell_a_large_effect_by_the_noise_it_leaves(monkeypatch):
         assert is_stable(belief.beside, best, rivals, parts) == holds
 
 
-def test_whole_runs_are_left_out_where_there_are_several():
-    assert whole_runs([5]) == []
+def test_whole_runs_are_left_out_and_the_thirds_of_a_lone_one():
+    thirds = whole_runs([6])
+    np.testing.assert_array_equal(np.array(thirds), np.repeat(np.eye(3, dtype=bool), 2, axis=1))
     first, second = whole_runs([2, 3])
     np.testing.assert_array_equal(first, [True, True, False, False, False])
     np.testing.assert_array_equal(second, ~first)
 
 
-def test_worse_is_more_than_one_standard_error_over_the_parts():
+def test_worse_is_worse_than_one_chance_in_six():
+    """Student's t over the parts: two have to agree better than many of the same mean and scatter."""
     lost = np.array([[1.0, 1.0, -1.0], [1.0, -0.9, -1.0]])
     np.testing.assert_array_equal(worse(lost), [True, False, False])
+    scattered = np.array([[2.0], [0.4]])
+    assert not worse(scattered)
+    assert worse(np.tile(scattered, (4, 1)))
+    rng = np.random.default_rng(0)
+    for n_parts in (2, 3, 8):
+        assert abs(np.mean(worse(rng.normal(size=(n_parts, 20_000)))) - 0.16) < 0.01
 
 
 def test_a_joint_whose_noise_has_fallen_waits_for_the_fit():

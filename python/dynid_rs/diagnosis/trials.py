@@ -23,6 +23,10 @@ N_BLOCKS = 8
 N_HALVES, FIRST_IN = 16, 11
 """Random halves of the parts, and in how many a name has to come first on its joint: by chance half of them would do in
 one of ten."""
+THIRDS = 3
+"""Parts of a lone run that stand for runs: the last third is what is kept aside of one for the test."""
+CHANCE = 0.16
+"""That parts which are worse by chance alone are taken for worse: of one standard error, were there many parts."""
 LEAST_GAIN = 0.03
 """Part of some joint's left-out error that a name has to take off: an effect of a quarter of the noise does.
 
@@ -83,14 +87,18 @@ def blocks(n_rows: int) -> list[BoolArray]:
 
 
 def whole_runs(lengths: Sequence[int]) -> list[BoolArray]:
-    """The rows of each of several runs, (n_rows,) each; nothing of a lone one, which has no other to be told by."""
-    of_run = np.repeat(np.arange(len(lengths)), lengths)
-    return [of_run == run for run in range(len(lengths))] if len(lengths) > 1 else []
+    """The rows of each run, (n_rows,) each, or the thirds of a lone one: as far from the rest as what comes next is."""
+    n = sum(lengths)
+    of_run = np.repeat(np.arange(len(lengths)), lengths) if len(lengths) > 1 else np.arange(n) * THIRDS // max(n, 1)
+    return [of_run == run for run in range(int(of_run[-1]) + 1)]
 
 
 def worse(lost: FloatArray) -> FloatArray:
-    """Whether what is lost in parts (n_parts, ...) is more than one standard error of its sum over them."""
-    clearly: FloatArray = lost.sum(axis=0) > np.sqrt(len(lost)) * lost.std(axis=0, ddof=1)
+    """Whether what is lost in parts (n_parts, ...) is more than chance: one in six, by Student's t over the parts."""
+    from scipy.stats import t
+
+    need = float(t.isf(CHANCE, len(lost) - 1))
+    clearly: FloatArray = lost.sum(axis=0) > need * np.sqrt(len(lost)) * lost.std(axis=0, ddof=1)
     return clearly
 
 
