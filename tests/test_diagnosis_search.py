@@ -94,6 +94,7 @@ def test_friction_that_turns_round_like_an_arctan_is_no_effect():
         ("stribeck:elbow", ("elbow",), ("transition_width",)),
         ("load_dependent_friction:wrist", ("wrist",), ("transition_width",)),
         ("friction_hysteresis:elbow", ("elbow",), ()),
+        ("load_hysteresis:elbow:2", ("elbow",), ()),
         ("joint_spring:elbow:2", ("elbow",), ("rest_position",)),
         ("counterbalance:elbow:2", ("elbow",), ("a",)),
         ("torque_gain:elbow:3", ("elbow",), ()),

@@ -401,8 +401,7 @@ def test_the_catalogue_says_where_a_kind_acts_and_what_it_takes():
     assert kinds_that(lambda entry: entry["places"] == "neighbours") == {"coupled_friction"}
     for entry in CATALOGUE.values():
         assert (entry["places"] == "joint") == all(p["name"] != "partner" for p in entry["shape"])
-    assert kinds_that(lambda entry: not entry["sought"] and not entry["declared"]) == {"load_hysteresis"}
-    assert not kinds_that(lambda entry: entry["sought"] and entry["declared"])
+    assert kinds_that(lambda entry: entry["sought"]) == kinds_that(lambda entry: not entry["declared"])
     loaded = {"load_dependent_friction", "load_hysteresis", "gear_hysteresis", "torque_saturation"}
     assert kinds_that(lambda entry: "load" in entry["requires"]) == loaded
     assert kinds_that(lambda entry: "temperature" in entry["requires"]) == {"temperature_friction"}

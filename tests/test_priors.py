@@ -20,6 +20,7 @@ from dynid_rs.identification.friction import friction_effect
 from dynid_rs.identification.links import LinkDynamicsIdentifier
 from dynid_rs.identification.loops import declared_plan
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
+from dynid_rs.regression import evidence
 from dynid_rs.regression.columns import Block, Observations, observe
 from dynid_rs.regression.evidence import TRUSTED, WIDTHS, fit_with_prior, linear_model
 from dynid_rs.regression.linear_model import Choice
@@ -27,6 +28,8 @@ from dynid_rs.regression.priors import LEAST_MASS, LENGTH, declares_inertia, lin
 from dynid_rs.regression.uncertainty import NORMAL_95, parameter_covariance
 from dynid_rs.runs.preprocessing import Band, prepare
 from dynid_rs.simulation import bundled_robot, simulate, typical_arm
+
+FAR_OFF = 20.0
 
 
 def spread_of(phi):
@@ -401,6 +404,23 @@ def test_drive_gains_far_from_each_other_are_found(six_axes):
     # The wrist's last joints carry next to nothing: their gain is not told from their inertia.
     np.testing.assert_allclose(links.torque_scale_[:4], per_torque[:4] / per_torque[0], rtol=0.05)
     assert links.posterior_.prior.unit == pytest.approx(per_torque[0], rel=0.2)
+
+
+def test_gains_that_agree_with_each_other_do_not_hold_the_first_off(six_axes, monkeypatch):
+    """Begun twenty times off, joints behind an upright first axis settle among themselves; its noise would hide it."""
+    robot, arm, plan, runs = six_axes
+    rng = np.random.default_rng(6)
+    in_torque = observed(plan, runs[:3], 0 * robot.phi, np.asarray(arm.noise_std), rng)
+    begin = np.array([1.0, *[FAR_OFF] * 5])
+
+    def fitted():
+        with threadpool_limits(1):
+            return fit_with_prior(in_torque, free=np.arange(6) > 0, unknown_gain=True, scale=begin)
+
+    found = fitted()
+    np.testing.assert_allclose(found.scale[:4], 1.0, rtol=0.1)
+    monkeypatch.setattr(evidence, "COMMON", (1.0,))
+    assert fitted().evidence < found.evidence - 100
 
 
 def test_without_declared_inertials_there_is_no_centre(six_axes):

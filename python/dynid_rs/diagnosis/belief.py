@@ -151,6 +151,16 @@ class Belief:
         self.named[h.place] = Named(h, log_odds)
         self.steps += [("dropped", place, self.left), ("added", h.place, self.left)]
 
+    def merge(self, places: Sequence[Place], h: Hypothesis, log_odds: float) -> None:
+        """Put one torque in the place of several, and fit everything again."""
+        kept = [e for e in self.setup.effects if (e.kind, e.joints) not in places]
+        self.setup = replace(self.setup, effects=(*kept, Shaped(h.kind, h.joints, h.shape).placed()))
+        for place in places:
+            self.named.pop(place)
+        self.named[h.place] = Named(h, log_odds)
+        self.refit()
+        self.steps += [("dropped", place, self.left) for place in places] + [("added", h.place, self.left)]
+
     def refit(self) -> None:
         """Fit everything again; geometry, clocks, encoders and signs that were accepted move to where they belong."""
         self.fit = self._refitted()

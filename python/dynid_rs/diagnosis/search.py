@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 
@@ -61,7 +62,7 @@ def search(
         dropped = backward(belief)
         if {named.hypothesis.place for named in found} <= dropped:
             break  # all that was added is gone again: the next round would only do the same
-    if exchange(belief):
+    if exchange(belief) | merge(belief):
         backward(belief)
     settle(belief)
     backward(belief, SURE)
@@ -136,6 +137,37 @@ def exchange(belief: Belief) -> bool:
             changed = True
     if changed:
         belief.refit()
+    return changed
+
+
+def merge(belief: Belief) -> bool:
+    """One kind in the place of two on the same joints, where it is more probable than both; whether there was one.
+
+    Each name has had to pass against all kinds and places, so two of them pay for one name more.
+    """
+    parts, runs, changed = blocks(belief.beside.model.n_rows), whole_runs(belief.run_lengths), False
+    log_places = float(np.log(belief.catalogue.n_places))
+    for one, two in combinations([shaped_as(effect) for effect in belief.setup.effects], 2):
+        now = [(s.kind, s.joints) for s in (one, two)]
+        own = dict(zip([(e.kind, e.joints) for e in belief.setup.effects], belief.places(), strict=True))
+        if one.joints != two.joints or not set(now) <= set(own) & set(belief.named):
+            continue
+        others = belief.beside.without([place for name in now for place in own[name]])
+        first, second = belief.catalogue.of([one, two])
+        value, columns = others.evidence_for(first)
+        both = value + others.with_columns(columns).evidence_for(second)[0]
+        here = [s for s in belief.catalogue.grid() if s.joints == one.joints and (s.kind, s.joints) not in belief.named]
+        values, _ = evidence(others, belief.catalogue.of(here), belief.catalogue)
+        best = max(values.values(), key=lambda value: value.value, default=None)
+        if best is None:
+            continue
+        alone = polished(others, belief.catalogue, best.hypothesis)
+        value, columns = others.evidence_for(alone)
+        after = others.with_columns(columns)
+        if value < both - log_places or not helps(others, after, belief.reach(alone), parts, runs):
+            continue
+        belief.merge(now, alone, value - log_places)
+        changed = True
     return changed
 
 

@@ -9,7 +9,7 @@ fitted to a misfit would call the misfit noise.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,15 +30,13 @@ WIDTHS = (0.3, 1.0, 3.0, 10.0, 100.0, 1e3, 1e4)
 one."""
 TRUSTED = (0.03, 0.1, 0.3, 1.0)
 """The same where the user trusts the robot file."""
-FREE = 100.0
-"""Width at which a prior holds the links no more."""
 BENDS = (0.03, 0.2)
 """Sizes of friction's bends that are compared: hardly any, and a curved law's."""
 SCALE_STEPS = 4
 """Gauss-Newton steps on the gains in a round; gains ten times off are reached."""
-COMMON = (1.0, 0.1, 0.3, 3.0, 10.0)
-"""Where the search for the gains of all joints but the first begins, over the first's: its friction may hide its gain,
-and then joints that agree with each other hold the first off for good."""
+COMMON = np.geomspace(0.1, 10.0, 41)
+"""Multiples of the gains of all joints but the first that are compared, 12 % apart: steps on single gains end where
+joints agree with each other and the first one, whose misfit passes for noise, no longer counts."""
 ROUNDS = 3
 """Rounds of memory and width; the width is one of a few, so it settles at once."""
 LEAST_NOISE = 1e-6
@@ -151,8 +149,7 @@ def fit_with_prior(
     if unknown_gain:
         prior = prior.in_unit(held.prior.unit if held is not None else _unit(plan, factors, scale))
     chosen: list[Choice] = []
-    for round_ in range(ROUNDS if held is None else 1):
-        first = round_ == 0 and held is None
+    for _ in range(ROUNDS if held is None else 1):
         model = linear_model(plan, factors, n_rows, scale, prior, n_effective, LEAST_NOISE * size)
         best = model.fit(choice, noise)
         if held is None:
@@ -160,24 +157,21 @@ def fit_with_prior(
             best = _likeliest(model, best.noise, [best.choice._replace(bends=size) for size in BENDS])
         choice = best.choice
         if free is not None and free.any():
-            starts = COMMON if first and unknown_gain else (1.0,)
-            ways = [(prior.in_unit(prior.unit / k), np.where(free, k * scale, scale)) for k in starts]
-            tried = []
-            for own, gains in ways:
-                end = best
-                for _ in range(SCALE_STEPS):
-                    gains = improve_scale(plan, factors, end.weights, gains, end.x, free, own.rows(choice)[0])
-                    model = linear_model(plan, factors, n_rows, gains, own, n_effective, LEAST_NOISE * size)
-                    end = model.fit(choice, end.noise)
-                tried.append((end, own, gains))
-            best, prior, scale = max(tried, key=lambda way: way[0].evidence)
+            pull = prior.rows(choice)[0]
+            for _ in range(SCALE_STEPS):
+                scale = improve_scale(plan, factors, best.weights, scale, best.x, free, pull)
+                model = linear_model(plan, factors, n_rows, scale, prior, n_effective, LEAST_NOISE * size)
+                best = model.fit(choice, best.noise)
+            if unknown_gain and held is None:
+                ways = _in_common(observations, prior, choice, scale, free, n_effective, size)
+                end, own, gains = max(ways, key=lambda way: way[0].evidence)
+                if end.evidence > best.evidence:
+                    best, prior, scale = end, own, gains
         noise = best.noise
         chosen.append(choice)
         if held is None:
-            # Noise is what the better model leaves: what a narrow prior leaves of the links would remember itself.
-            free_links = model.fit(choice._replace(width=FREE), noise)
-            memory = np.minimum(*(_memory(observations, x, scale) for x in (best.x, free_links.x)))
-            n_effective = observations.n_counted / memory
+            left = observations.by_run(block_residuals(observations, best.x, scale))
+            n_effective = observations.n_counted / [residual_memory([run[:, j] for run in left]) for j in range(n)]
     model = linear_model(plan, factors, n_rows, scale, prior, n_effective, LEAST_NOISE * size)
     end = model.fit(choice, noise)
     pull = prior.rows(choice)[0]
@@ -198,10 +192,21 @@ def fit_with_prior(
     )
 
 
-def _memory(observations: Observations, x: FloatArray, scale: FloatArray) -> FloatArray:
-    """Rows that are worth one independent sample, by what a solution leaves, (n_joints,)."""
-    left = observations.by_run(block_residuals(observations, x, scale))
-    return np.array([residual_memory([run[:, j] for run in left]) for j in range(len(scale))])
+def _in_common(
+    observations: Observations,
+    prior: WeakPrior,
+    choice: Choice,
+    scale: FloatArray,
+    free: NDArray[np.bool_],
+    n_effective: FloatArray,
+    size: FloatArray,
+) -> Iterator[tuple[Fit, WeakPrior, FloatArray]]:
+    """Fits with all gains in `free` changed by a common factor, over the first joint's, with their priors and gains."""
+    plan, factors, n_rows = observations.plan, observations.factors(), observations.n_rows
+    for factor in COMMON:
+        own, gains = prior.in_unit(prior.unit / factor), np.where(free, factor * scale, scale)
+        model = linear_model(plan, factors, n_rows, gains, own, n_effective, LEAST_NOISE * size)
+        yield model.fit(choice, 0.1 * size), own, gains
 
 
 def linear_model(

@@ -289,11 +289,7 @@ pub static CATALOGUE: [Entry; 18] = [
         signals: &["q_motor", "tau_link"],
         memory: friction_hysteresis::MEMORY,
         declared: false,
-        diagnosis: Diagnosis {
-            // Load-dependent friction and friction with hysteresis tell it together, and each is a cause to act on.
-            sought: false,
-            ..drawn_against("tau_link", "N*m")
-        },
+        diagnosis: drawn_against("tau_link", "N*m"),
         check: nothing_more,
         columns: load_hysteresis::columns,
     },
