@@ -53,21 +53,27 @@ def search(
     """
     belief = Belief.in_declared(setup, train, fit)
     declared = belief.beside
-    for _ in range(MOST_ROUNDS):
-        on_progress(f"{len(belief.named)} effects so far" if belief.named else "looking for effects")
-        found = forward(belief)
-        if not found:
-            break
-        belief.accept(found)
-        dropped = backward(belief)
-        if {named.hypothesis.place for named in found} <= dropped:
-            break  # all that was added is gone again: the next round would only do the same
+    name(belief, on_progress)
     if exchange(belief) | merge(belief):
         backward(belief)
+        name(belief, on_progress)  # beside another kind another one may be missing
     settle(belief)
     backward(belief, SURE)
     harmless(belief, declared)
     return belief
+
+
+def name(belief: Belief, on_progress: Callable[[str], None]) -> None:
+    """Rounds of naming, until nothing passes."""
+    for _ in range(MOST_ROUNDS):
+        on_progress(f"{len(belief.named)} effects so far" if belief.named else "looking for effects")
+        found = forward(belief)
+        if not found:
+            return
+        belief.accept(found)
+        dropped = backward(belief)
+        if {named.hypothesis.place for named in found} <= dropped:
+            return  # all that was added is gone again: the next round would only do the same
 
 
 def forward(belief: Belief) -> list[Named]:
@@ -152,7 +158,7 @@ def merge(belief: Belief) -> bool:
         own = dict(zip([(e.kind, e.joints) for e in belief.setup.effects], belief.places(), strict=True))
         if one.joints != two.joints or not set(now) <= set(own) & set(belief.named):
             continue
-        others = belief.beside.without([place for name in now for place in own[name]])
+        others = belief.beside.without([column for place in now for column in own[place]])
         first, second = belief.catalogue.of([one, two])
         value, columns = others.evidence_for(first)
         both = value + others.with_columns(columns).evidence_for(second)[0]
