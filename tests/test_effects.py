@@ -449,7 +449,7 @@ def test_the_catalogue_says_how_a_shape_is_searched():
         ("stribeck", "stribeck_velocity"): ("log", 1e-3, 10.0),
         ("stribeck", "exponent"): ("log", 0.5, 4.0),
         ("friction_hysteresis", "presliding_distance"): ("log", 1e-5, 0.3),
-        ("load_hysteresis", "presliding_distance"): ("log", 1e-5, 0.3),
+        ("load_hysteresis", "presliding_distance"): ("log", 5e-4, 0.3),
         ("gear_hysteresis", "hysteresis_load"): ("log", 1e-4, 1e5),
         ("gear_hysteresis", "carried_load"): ("log", 1e-4, 1e5),
         ("coupled_friction", "ratio"): ("linear", -5.0, 5.0),

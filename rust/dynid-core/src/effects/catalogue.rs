@@ -285,7 +285,14 @@ pub static CATALOGUE: [Entry; 18] = [
         kind: "load_hysteresis",
         formula: "k |tau_link| z, dz = dx/d (1 - z sign(dx)) along q_motor",
         coefficients: &[coefficient("load_hysteresis", "1", Sign::NonNegative)],
-        shape: &[PRESLIDING_DISTANCE],
+        // Over a shorter way it is friction under load, whose sign is rounded.
+        shape: &[shape(
+            "presliding_distance",
+            "{angle}",
+            Rule::Positive,
+            &[1e-3, 3e-3, 1e-2, 3e-2],
+        )
+        .refined(Scale::Log, 5e-4, 0.3)],
         signals: &["q_motor", "tau_link"],
         memory: friction_hysteresis::MEMORY,
         declared: false,
