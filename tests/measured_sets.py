@@ -140,7 +140,7 @@ REACHED: dict[str, Reached] = {
     "xmate3": Reached((0.575, 0.041, 0.110, 0.022, 0.311, 0.141, 0.326), 3, 1.52, 1.01),
     "xmate7": Reached((0.086, 0.012, 0.035, 0.020, 0.156, 0.090, 0.152), 12, 1.05, 0.88),
     "xmate7-slow": Reached((0.988, 0.097, 0.272, 0.096, 0.267, 0.178, 0.238), 12, 1.04, 1.01),
-    "ur10e": Reached((0.029, 0.010, 0.015, 0.029, 0.043, 0.039), 11, 0.81, 0.77),
+    "ur10e": Reached((0.029, 0.010, 0.015, 0.029, 0.043, 0.039), 13, 0.82, 0.77),
 }
 """What each set reaches today; the limits stand beside its runs above. A set without figures is held to its limits."""
 
