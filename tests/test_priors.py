@@ -29,8 +29,6 @@ from dynid_rs.regression.uncertainty import NORMAL_95, parameter_covariance
 from dynid_rs.runs.preprocessing import Band, prepare
 from dynid_rs.simulation import bundled_robot, simulate, typical_arm
 
-FAR_OFF = 20.0
-
 
 def spread_of(phi):
     """Standard deviation of the links' parameters at width one, written out once more."""
@@ -411,7 +409,7 @@ def test_gains_that_agree_with_each_other_do_not_hold_the_first_off(six_axes, mo
     robot, arm, plan, runs = six_axes
     rng = np.random.default_rng(6)
     in_torque = observed(plan, runs[:3], 0 * robot.phi, np.asarray(arm.noise_std), rng)
-    begin = np.array([1.0, *[FAR_OFF] * 5])
+    begin = np.array([1.0, 20.0, 20.0, 20.0, 20.0, 20.0])
 
     def fitted():
         with threadpool_limits(1):
