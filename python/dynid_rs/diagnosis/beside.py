@@ -61,6 +61,10 @@ class Beside:
         for j in range(n):
             model = model.beside({j: SHAPE_SPREAD * shape_slopes(plan, fit.links_, fit.runs_, j)})
             model = model.beside({j: SHAPE_SPREAD * other_roundings(fit, j)})
+        between = between_encoders(fit)
+        if between.size:
+            for j in range(n):
+                model = model.beside({j: float(np.sqrt(np.mean(model.rows[j][:, -1] ** 2))) * between})
         priors = [posterior.choice]
         if declares_inertia(fit.robot):
             trusting = [posterior.choice._replace(width=width, centre=centre) for width, centre in TRUSTING]
@@ -149,6 +153,22 @@ def other_roundings(fit: ThreeLoopIdentifier, j: int) -> FloatArray:
         )
         columns.append(coulomb * (_sign(fit, tanh, j) - own))
     return np.stack(columns, axis=1)
+
+
+def between_encoders(fit: ThreeLoopIdentifier) -> FloatArray:
+    """By how much two encoders show other accelerations, over those accelerations, (n_rows, n_joints or none).
+
+    The steps of a coarse encoder are noise that links multiply with their inertia: whatever the finer one shows in the
+    place of it explains that noise, and is no torque.
+    """
+    if not any(states.two_encoders for states in fit.runs_):
+        return np.empty((0, 0))
+    link, motor = (
+        np.concatenate([states.in_band(getattr(states, name)) for states in fit.runs_]) for name in ("ddq", "ddq_motor")
+    )
+    size = np.sqrt(np.mean(link**2, axis=0))
+    between: FloatArray = (motor - link)[:, size > 0] / size[size > 0]
+    return between
 
 
 def _sign(fit: ThreeLoopIdentifier, effect: _core.Effect, j: int) -> FloatArray:

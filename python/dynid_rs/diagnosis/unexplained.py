@@ -13,7 +13,7 @@ from dynid_rs.base.odds import SURE, p_value
 from dynid_rs.diagnosis.belief import Belief
 from dynid_rs.diagnosis.hypotheses import Hypothesis
 from dynid_rs.diagnosis.trials import blocks
-from dynid_rs.diagnosis.waves import signal_sets, wave_hypothesis
+from dynid_rs.diagnosis.waves import of_signal, signal_sets, waves
 
 BoolArray = NDArray[np.bool_]
 
@@ -26,8 +26,8 @@ def unexplained(found: Belief) -> list[dict[str, Any]]:
     parts, names = blocks(found.beside.model.n_rows), found.setup.robot.joint_names
     entries = []
     for j in range(len(names)):
-        sets = list(signal_sets(found, j))
-        hypotheses = [wave_hypothesis(found, j, signals) for signals in sets]
+        sets = list(signal_sets(len(names), j))
+        hypotheses = [waves(found.catalogue, j, [of_signal(signal) for signal in signals]) for signals in sets]
         scores = _screened(found, j, hypotheses)
         tries = [(found.beside.evidence_for(hypotheses[k])[0], k) for k in np.argsort(scores)[-LOOKED_AT:].tolist()]
         value, best = max(tries)

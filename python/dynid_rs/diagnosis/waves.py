@@ -2,28 +2,51 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs.diagnosis.belief import Belief
-from dynid_rs.diagnosis.hypotheses import USUAL, Hypothesis, standardised
+from dynid_rs.diagnosis.hypotheses import USUAL, Catalogue, Hypothesis, standardised
+from dynid_rs.identification.smooth_friction import tanh_widths
+from dynid_rs.model.placed import CATALOGUE
+from dynid_rs.runs.preprocessing import States
 
 FloatArray = NDArray[np.float64]
 Signal = tuple[str, int]
 
-N_WAVES = 5
-"""Waves of a signal within its range that a function of it is made of."""
+ALONE, TOGETHER = 10, 5
+"""Waves within a signal's range that a function of it is made of, and where there are two of them."""
+FALLS = 2
+"""Waves of a function that bends but does not jump fall with this power of their order; so do the coefficients'
+priors."""
+SIZES = (0.1, 0.3, 1.0, 3.0, 10.0)
+"""Sizes of a function that are as likely beforehand, over a tenth of the joint's torque."""
 SIGNALS = ("q", "dq_motor", "ddq_motor", "tau_link")
 """Signals that a torque may depend on, of any joint."""
 
 
-def signal_sets(found: Belief, j: int) -> Iterator[tuple[Signal, ...]]:
+@dataclass(frozen=True)
+class Argument:
+    """What a function depends on: a signal, or a sum of such, ``sum_k factor_k signal_k``."""
+
+    terms: tuple[tuple[float, Signal], ...]
+
+    def values(self, states: States) -> FloatArray:
+        """Along a run, (n,)."""
+        return np.sum([factor * np.asarray(getattr(states, name))[:, j] for factor, (name, j) in self.terms], axis=0)
+
+
+def of_signal(signal: Signal) -> Argument:
+    """A signal alone."""
+    return Argument(((1.0, signal),))
+
+
+def signal_sets(n_joints: int, j: int) -> Iterator[tuple[Signal, ...]]:
     """Single signals of any joint, and pairs: of joint j's own, of it and another's position or load, of positions."""
-    n = found.setup.robot.n_joints
-    single = [(name, k) for name in SIGNALS for k in range(n)]
+    single = [(name, k) for name in SIGNALS for k in range(n_joints)]
     yield from ((signal,) for signal in single)
     for pair in combinations(single, 2):
         kinds, joints = {name for name, _ in pair}, [k for _, k in pair]
@@ -32,28 +55,64 @@ def signal_sets(found: Belief, j: int) -> Iterator[tuple[Signal, ...]]:
             yield pair
 
 
-def wave_hypothesis(found: Belief, j: int, signals: tuple[Signal, ...]) -> Hypothesis:
-    """Cosine series of a signal within its range, or of two and of their products, on joint j."""
+def waves(catalogue: Catalogue, j: int, arguments: Sequence[Argument], *, turning: bool = False) -> Hypothesis:
+    """Cosine series of an argument within its range, or of two and of their products, on joint j.
+
+    `turning`: times the sign of joint j's speed.
+    """
+    runs, fit = catalogue.runs, catalogue.fit
+    values = [[argument.values(states) for states in runs] for argument in arguments]
+    low = [min(x.min() for x in own) for own in values]
+    span = [max(max(x.max() for x in own) - first, 1e-300) for own, first in zip(values, low, strict=True)]
+    orders = _orders(len(arguments))
+    width = tanh_widths(fit.observations_.plan.friction[0])[j]
     parts = []
-    for states in found.catalogue.runs:
-        scaled = []
-        for name, k in signals:
-            values = [np.asarray(getattr(s, name))[:, k] for s in found.catalogue.runs]
-            low, high = min(x.min() for x in values), max(x.max() for x in values)
-            scaled.append(np.pi * (np.asarray(getattr(states, name))[:, k] - low) / max(high - low, 1e-300))
-        waves = [np.cos(m * u) for u in scaled for m in range(1, N_WAVES + 1)]
-        if len(scaled) == 2:
-            orders = [(m, k) for m in range(1, N_WAVES + 1) for k in range(1, N_WAVES + 2 - m)]
-            waves += [np.cos(m * scaled[0]) * np.cos(k * scaled[1]) for m, k in orders]
-        parts.append(states.in_band(np.stack(waves, axis=1)))
-    moves = np.concatenate([states.counted[:, j] for states in found.catalogue.runs])
+    for k, states in enumerate(runs):
+        u = [np.pi * (own[k] - first) / whole for own, first, whole in zip(values, low, span, strict=True)]
+        series = np.stack([np.prod([np.cos(m * x) for m, x in zip(order, u, strict=True)], axis=0) for order in orders])
+        sign = np.tanh(states.dq_motor[:, j] / width) if turning else 1.0
+        parts.append(states.in_band((series * sign).T))
+    moves = np.concatenate([states.counted[:, j] for states in runs])
     columns = np.concatenate(parts) * moves[:, None]
-    torque = np.sqrt(np.mean(np.concatenate([block.rows[j][:, -1] for block in found.fit.observations_.blocks]) ** 2))
+    torque = np.sqrt(np.mean(np.concatenate([block.rows[j][:, -1] for block in fit.observations_.blocks]) ** 2))
     size = np.sqrt(np.mean(columns**2, axis=0))
-    unit = USUAL * torque / np.where(size > 0, size, 1.0)
-    width = columns.shape[1]
-    free = np.tile([-np.inf, np.inf], (width, 1))
-    names = tuple(f"wave_{k}" for k in range(width))
+    falling = np.linalg.norm(orders, axis=1) ** -FALLS
+    unit = USUAL * torque * falling / np.where(size > 0, size, 1.0)
+    free = np.tile([-np.inf, np.inf], (len(orders), 1))
     return Hypothesis(
-        "unknown", (j,), names, ("1",) * width, standardised({j: columns}, unit), unit, free, lambda setup, _: setup
+        "unknown",
+        (j,),
+        tuple(f"wave_{k}" for k in range(len(orders))),
+        ("1",) * len(orders),
+        standardised({j: columns}, unit),
+        unit,
+        free,
+        lambda setup, _: setup,
+        sizes=SIZES,
     )
+
+
+def _orders(n_arguments: int) -> list[tuple[int, ...]]:
+    """Orders of the waves in every argument: sums of orders up to a highest."""
+    if n_arguments == 1:
+        return [(m,) for m in range(1, ALONE + 1)]
+    both = range(TOGETHER + 1)
+    return [(m, k) for m in both for k in both if 0 < m + k <= TOGETHER + (m > 0 and k > 0)]
+
+
+def same_signals(kind: str, j: int, n_joints: int) -> tuple[list[Argument], bool]:
+    """What a kind on joint j depends on, and whether it turns round with the speed.
+
+    Nothing where it has a memory, or where it is a function of the speed alone: that may be the declared friction's
+    misfit. An angle stands for its sums with the others' too: what is stretched over two joints.
+    """
+    entry = CATALOGUE[kind]
+    signals = [name for name in entry["signals"] if name != "dq_motor"]
+    if entry["memory"] or entry["places"] != "joint" or len(signals) != 1 or signals[0] not in SIGNALS:
+        return [], False
+    own = (1.0, (signals[0], j))
+    arguments = [Argument((own,))]
+    if signals == ["q"]:
+        others = [k for k in range(n_joints) if k != j]
+        arguments += [Argument((own, (sign, ("q", k)))) for k in others for sign in (1.0, -1.0)]
+    return arguments, len(entry["signals"]) > 1
