@@ -375,10 +375,10 @@ pub static CATALOGUE: [Entry; 18] = [
             "cycles",
             CYCLES,
             Rule::Positive,
-            // The first two look like gravity, springs and cylinders, so a search leaves them out.
-            &[1.0, 2.0, 50.0, 100.0],
+            // Slower ones look like gravity, springs and cylinders.
+            &[4.0, 5.0, 6.0, 7.0, 8.5, 10.0, 12.0, 14.0, 17.0, 20.0, 24.0, 28.0],
         )
-        .refined(Scale::Linear, 3.0, 1e4)],
+        .refined(Scale::Log, 3.5, 1e4)],
         signals: &["q_motor"],
         memory: 0,
         declared: false,
