@@ -34,9 +34,6 @@ FORGETS = 1.2
 """Factor by which samples have to be worth more with a hypothesis for both models to be fitted anew."""
 WIDER = (0.7, 1.0, 1.4)
 """Widths of a tanh beside a fitted sign, over its own: between them and the fitted one lies any sign that is round."""
-UNSEEN = 1e-4
-"""Way [rad] after which a direction counts as turned round that no gear shows (`PRESLIDING_DISTANCE` in the catalogue):
-a sign that is told by the way and not by a speed, which steps of the encoder blur."""
 NEVER = 1e9
 """Velocity [rad/s] at which a Stribeck part falls that is a rounded sign alone."""
 
@@ -155,8 +152,6 @@ def other_roundings(fit: ThreeLoopIdentifier, j: int) -> FloatArray:
             "stribeck", stribeck_velocity=np.full(n, NEVER), exponent=np.ones(n), transition_width=width
         )
         columns.append(coulomb * (_sign(fit, tanh, j) - own))
-    kept = _core.Effect.of("friction_hysteresis", presliding_distance=np.full(n, UNSEEN))
-    columns.append(coulomb * (_in_band(fit, kept, j)[:, 0] - own))
     return np.stack(columns, axis=1)
 
 
@@ -180,14 +175,8 @@ def _sign(fit: ThreeLoopIdentifier, effect: _core.Effect, j: int) -> FloatArray:
     """Rounded sign of joint j's speed in the band, (n_rows,): a law's Coulomb columns taken together."""
     names = list(effect.coefficient_names)
     at = [k for k, name in enumerate(names) if name == "coulomb" or name.startswith(("coulomb_p", "coulomb_n", "stri"))]
-    sign: FloatArray = _in_band(fit, effect, j)[:, at].sum(axis=1)
-    return sign
-
-
-def _in_band(fit: ThreeLoopIdentifier, effect: _core.Effect, j: int) -> FloatArray:
-    """Columns of an effect on joint j, (n_rows, k)."""
-    rows = [
-        _core.effect_columns(effect, *states.signals(), joints=[j], filter=states.filter, kept=states.kept)[:, 0]
-        for states in fit.runs_
-    ]
-    return np.concatenate(rows)
+    parts = []
+    for states in fit.runs_:
+        rows = _core.effect_columns(effect, *states.signals(), joints=[j], filter=states.filter, kept=states.kept)
+        parts.append(rows[:, 0][:, at].sum(axis=1))
+    return np.concatenate(parts)
