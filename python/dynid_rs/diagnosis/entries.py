@@ -13,6 +13,8 @@ from dynid_rs.base.odds import p_value
 from dynid_rs.diagnosis.belief import Belief, Named
 from dynid_rs.diagnosis.estimates import Estimate, estimates
 from dynid_rs.diagnosis.hypotheses import Place
+from dynid_rs.diagnosis.misfit import nameless
+from dynid_rs.diagnosis.waves import Argument
 from dynid_rs.identification.loops import link_load
 from dynid_rs.model.placed import CATALOGUE, PlacedEffect
 from dynid_rs.regression.columns import run_rows
@@ -30,6 +32,7 @@ def effect_entries(found: Belief, test: Sequence[Recording]) -> list[dict[str, A
     """One entry per name, the most certain first; `test` with their channels on the setup's clocks."""
     errors = _Errors(found, test)
     known = estimates(found)
+    nameless_places = nameless(found)
     names = found.setup.robot.joint_names
     entries = []
     for place, named in sorted(found.named.items(), key=lambda item: -item[1].log_odds):
@@ -49,8 +52,17 @@ def effect_entries(found: Belief, test: Sequence[Recording]) -> list[dict[str, A
             entry["ties"].append({"kind": "kinematic_error", "joints": [names[0]]})
         if effect is not None:
             entry["plot"] = _plot(found, effect, errors)
+        if place in nameless_places:
+            entry |= {"kind": "unknown", "told_as": kind, "depends_on": _signals(nameless_places[place], names)}
         entries.append(entry)
     return entries
+
+
+def _signals(argument: Argument, names: Sequence[str]) -> list[dict[str, Any]]:
+    return [
+        {"signal": f"{name}_{names[j]}", "strength": abs(factor), "direct": True}
+        for factor, (name, j) in argument.terms
+    ]
 
 
 def unscored(p: float) -> dict[str, Any]:

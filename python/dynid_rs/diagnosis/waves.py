@@ -36,7 +36,9 @@ class Argument:
 
     def values(self, states: States) -> FloatArray:
         """Along a run, (n,)."""
-        return np.sum([factor * np.asarray(getattr(states, name))[:, j] for factor, (name, j) in self.terms], axis=0)
+        parts = [factor * np.asarray(getattr(states, name))[:, j] for factor, (name, j) in self.terms]
+        total: FloatArray = np.sum(parts, axis=0)
+        return total
 
 
 def of_signal(signal: Signal) -> Argument:

@@ -376,7 +376,9 @@ pub static CATALOGUE: [Entry; 18] = [
             CYCLES,
             Rule::Positive,
             // Slower ones look like gravity, springs and cylinders.
-            &[4.0, 5.0, 6.0, 7.0, 8.5, 10.0, 12.0, 14.0, 17.0, 20.0, 24.0, 28.0],
+            &[
+                4.0, 5.0, 6.0, 7.0, 8.5, 10.0, 12.0, 14.0, 17.0, 20.0, 24.0, 28.0,
+            ],
         )
         .refined(Scale::Log, 3.5, 1e4)],
         signals: &["q_motor"],
