@@ -9,6 +9,8 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid_rs import _core
+from dynid_rs.diagnosis.beside import NEVER
 from dynid_rs.diagnosis.hypotheses import USUAL, Catalogue, Hypothesis, standardised
 from dynid_rs.identification.smooth_friction import tanh_widths
 from dynid_rs.model.placed import CATALOGUE
@@ -72,13 +74,13 @@ def waves(catalogue: Catalogue, j: int, arguments: Sequence[Argument], *, turnin
     for k, states in enumerate(runs):
         u = [np.pi * (own[k] - first) / whole for own, first, whole in zip(values, low, span, strict=True)]
         series = np.stack([np.prod([np.cos(m * x) for m, x in zip(order, u, strict=True)], axis=0) for order in orders])
-        sign = np.tanh(states.dq_motor[:, j] / width) if turning else 1.0
+        sign = _sign(states, j, width) if turning else 1.0
         parts.append(states.in_band((series * sign).T))
     moves = np.concatenate([states.counted[:, j] for states in runs])
     columns = np.concatenate(parts) * moves[:, None]
     torque = np.sqrt(np.mean(np.concatenate([block.rows[j][:, -1] for block in fit.observations_.blocks]) ** 2))
     size = np.sqrt(np.mean(columns**2, axis=0))
-    falling = np.linalg.norm(orders, axis=1) ** -FALLS
+    falling = np.linalg.norm(orders, axis=1) ** -FALLS if len(arguments) == 1 else 1.0
     unit = USUAL * torque * falling / np.where(size > 0, size, 1.0)
     free = np.tile([-np.inf, np.inf], (len(orders), 1))
     return Hypothesis(
@@ -90,8 +92,17 @@ def waves(catalogue: Catalogue, j: int, arguments: Sequence[Argument], *, turnin
         unit,
         free,
         lambda setup, _: setup,
-        sizes=SIZES,
+        sizes=SIZES if len(arguments) == 1 else (1.0, 10.0),
     )
+
+
+def _sign(states: States, j: int, width: float) -> FloatArray:
+    """Rounded sign of joint j's speed at every sample, (n,)."""
+    n = states.q.shape[1]
+    shape = {"stribeck_velocity": NEVER, "exponent": 1.0, "transition_width": width}
+    effect = _core.Effect.of("stribeck", **{name: np.full(n, value) for name, value in shape.items()})
+    sign: FloatArray = _core.effect_columns(effect, *states.signals(), joints=[j])[:, 0].sum(axis=1)
+    return sign
 
 
 def _orders(n_arguments: int) -> list[tuple[int, ...]]:
