@@ -114,18 +114,16 @@ def _orders(n_arguments: int) -> list[tuple[int, ...]]:
 
 
 def same_signals(kind: str, j: int, n_joints: int) -> tuple[list[Argument], bool]:
-    """What a kind on joint j depends on, and whether it turns round with the speed.
+    """Angles that a kind on joint j depends on, and whether it turns round with the speed; none where it has a memory.
 
-    Nothing where it has a memory, or where it is a function of the speed alone: that may be the declared friction's
-    misfit. An angle stands for its sums with the others' too: what is stretched over two joints.
+    Of the speed declared friction may leave a function, of the load an error of the links: no name is to blame for
+    those. An angle stands for its sums with the others' too: what is stretched over two joints.
     """
     entry = CATALOGUE[kind]
     signals = [name for name in entry["signals"] if name != "dq_motor"]
-    if entry["memory"] or entry["places"] != "joint" or len(signals) != 1 or signals[0] not in SIGNALS:
+    if entry["memory"] or entry["places"] != "joint" or signals != ["q"]:
         return [], False
-    own = (1.0, (signals[0], j))
+    own, others = (1.0, ("q", j)), [k for k in range(n_joints) if k != j]
     arguments = [Argument((own,))]
-    if signals == ["q"]:
-        others = [k for k in range(n_joints) if k != j]
-        arguments += [Argument((own, (sign, ("q", k)))) for k in others for sign in (1.0, -1.0)]
+    arguments += [Argument((own, (sign, ("q", k)))) for k in others for sign in (1.0, -1.0)]
     return arguments, len(entry["signals"]) > 1

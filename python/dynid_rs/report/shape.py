@@ -83,6 +83,7 @@ RESULT_SHAPE: Mapping[str, Any] = {
             "depends_on?": [_DEPENDENCE],
             "plot?": _PLOT,
             "note?": str,
+            "told_as?": str,
         }
     ],
     "residual?": {
