@@ -113,7 +113,7 @@ def _orders(n_arguments: int) -> list[tuple[int, ...]]:
     return [(m, k) for m in both for k in both if 0 < m + k <= TOGETHER + (m > 0 and k > 0)]
 
 
-def same_signals(kind: str, j: int, n_joints: int) -> tuple[list[Argument], bool]:
+def same_angles(kind: str, j: int, n_joints: int) -> tuple[list[Argument], bool]:
     """Angles that a kind on joint j depends on, and whether it turns round with the speed; none where it has a memory.
 
     Of the speed declared friction may leave a function, of the load an error of the links: no name is to blame for
