@@ -25,8 +25,9 @@ Place = tuple[str, tuple[int, ...]]
 
 USUAL = 0.1
 """Torque of an effect's column over its joint's own that is usual beforehand (`priors.py`)."""
-AT_FULL_RATE = ("torque_ripple",)
-"""Kinds that `ripple.py` seeks, in the angle: the band shows little of them."""
+MOST_CYCLES = {"torque_ripple": 4.0}
+"""Kinds of which the band shows little, but for shapes that go through fewer cycles than this on the joint's way;
+`ripple.py` seeks the others, in the angle."""
 LEAST_WEIGHT = 0.1
 """Part of a joint's load that weight has to be where nothing tells the rotor from the link."""
 CHUNK = 48
@@ -140,6 +141,7 @@ class Catalogue:
             axis=0
         )
         self._carries = carried_loads(fit)
+        self._turns = np.ptp(np.concatenate([states.q for states in self.runs]), axis=0) / (2 * np.pi)
         self._speed = np.max([np.abs(states.dq_motor).max(axis=0) for states in self.runs], axis=0)
         factors, n_rows = fit.observations_.factors(), fit.observations_.n_rows
         self._torque = np.array([np.linalg.norm(R[:, -1]) for R in factors]) / np.sqrt(n_rows)
@@ -169,7 +171,7 @@ class Catalogue:
         """Every shape of every kind at every place that the signals allow."""
         n = self.fit.robot.n_joints
         for kind, entry in CATALOGUE.items():
-            if entry["declared"] or not entry["sought"] or kind in AT_FULL_RATE:
+            if entry["declared"] or not entry["sought"]:
                 continue
             places: list[tuple[int, ...]] = [(j,) for j in range(n)]
             if entry["places"] != "joint":
@@ -193,9 +195,10 @@ class Catalogue:
     def _shapes(self, kind: str, j: int) -> Iterator[Shape]:
         parameters = CATALOGUE[kind]["shape"]
         names = [parameter["name"] for parameter in parameters]
+        most = MOST_CYCLES.get(kind, np.inf)
         for values in product(*(self._values(parameter, j) for parameter in parameters)):
             shape = tuple(zip(names, values, strict=True))
-            if is_valid(kind, shape):
+            if is_valid(kind, shape) and dict(shape).get("cycles", 0.0) * self._turns[j] <= most:
                 yield shape
 
     def _values(self, parameter: dict[str, Any], j: int) -> list[float]:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from dynid_rs.base.odds import SURE, p_value
 from dynid_rs.diagnosis.entries import unscored
+from dynid_rs.diagnosis.hypotheses import MOST_CYCLES
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.model.placed import HeldEffect, PlacedEffect
@@ -29,8 +30,8 @@ FloatArray = NDArray[np.float64]
 
 ORDERS = (3.5, 1000.0)
 """Cycles per turn that are sought: slower ones look like gravity, faster ones no encoder shows."""
-LEAST_CYCLES = 4.0
-"""Cycles that the joint has to go through: with fewer a line is any curve."""
+LEAST_CYCLES = MOST_CYCLES["torque_ripple"]
+"""Cycles that the joint has to go through: with fewer a line is a curve, which the band shows."""
 BINS = 8
 """Bins of the angle per cycle of the greatest order."""
 OVERSAMPLED = 4

@@ -22,7 +22,7 @@ from dynid_rs.identification.friction_experiment.rows import (
 from dynid_rs.identification.friction_laws import fit_stribeck, power_left, with_laws
 from dynid_rs.identification.links import LinkDynamicsIdentifier, RowGroup, baseline, own_beside
 from dynid_rs.identification.residual import ResidualCompensator
-from dynid_rs.identification.smooth_friction import SmoothFrictionIdentifier
+from dynid_rs.identification.smooth_friction import SmoothFrictionIdentifier, sign_by_way
 from dynid_rs.identification.training import TrainingData
 from dynid_rs.model.assembly import Regressions, assemble, evaluate
 from dynid_rs.model.known import less_known
@@ -230,6 +230,8 @@ class Loops:
 
     def _plan(self, friction: _core.Effect) -> Plan:
         law = [] if self._stribeck is None else [self._stribeck]
+        if isinstance(self.friction, SmoothFrictionIdentifier):
+            law = [sign_by_way(self.robot.n_joints)]
         placed = effects_of(self.effects, self.robot.n_joints)
         first = 2 + len(law)
         acts_on = {first + k: joints for k, (_, joints) in enumerate(placed)}

@@ -1,8 +1,10 @@
 """First loop with a smooth law: how Coulomb's sign turns round at rest, by the evidence.
 
-``F(v) = c s + c' |s| + k v + k' |v| + m v |v| + m' v^2`` with ``s(v) = v / (|v|^p + e^p)^(1/p)``. A sign that turns
-round wider or rounder than a model allows looks like Stribeck's friction on every joint of an arm; with width e and
-sharpness p free a curve that falls is still told from it.
+``F(v) = c s + c' |s| + k v + k' |v| + m v |v| + m' v^2 + h z`` with ``s(v) = v / (|v|^p + e^p)^(1/p)``. A sign that
+turns round wider or rounder than a model allows looks like Stribeck's friction on every joint of an arm; with width e
+and sharpness p free a curve that falls is still told from it. z is the sign once more, told by the way instead of the
+speed: it has turned round when the joint has come back by a tenth of a milliradian, it is sharp where a speed from an
+encoder's steps is not, and it keeps its value where the joint rests.
 """
 
 from __future__ import annotations
@@ -28,6 +30,9 @@ FloatArray = NDArray[np.float64]
 KIND = "smooth_friction"
 SHARPNESS = (1.2, 1.5, 2.5, 4.0)
 """Sharpnesses that are tried: like an arctan, a root, a tanh, a corner."""
+WAY = 1e-4
+"""Way [rad] on which a sign that is told by it turns round: less than the arc minute of lost motion that gears have
+(`PRESLIDING_DISTANCE` in the catalogue of effects), more than an encoder's step at the joint."""
 FIRST_WIDTH, FIRST_SHARPNESS = 4e-3, 2.5
 """Shape [rad/s, 1] before there is a fit."""
 WIDTHS = (0.0005, 0.001, 0.002, 0.005, 0.01, 0.02, 0.04, 0.08)
@@ -141,6 +146,11 @@ class SmoothFrictionIdentifier(BaseEstimator):  # type: ignore[misc]
     def _keep(self, width: FloatArray, sharpness: FloatArray) -> None:
         self.transition_width_, self.sharpness_ = width, sharpness
         self.effect_ = _core.Effect.of(KIND, transition_width=width, sharpness=sharpness)
+
+
+def sign_by_way(n_joints: int) -> _core.Effect:
+    """Return the part of Coulomb's friction whose sign is told by the way."""
+    return _core.Effect.of("friction_hysteresis", presliding_distance=np.full(n_joints, WAY))
 
 
 def tanh_widths(friction: _core.Effect) -> FloatArray:

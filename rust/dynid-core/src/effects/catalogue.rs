@@ -76,14 +76,15 @@ const TRANSITION_WIDTH: ShapeParameter = shape(
 )
 .of(Reference::FrictionWidth);
 
-/// Way over which bristles bend until they slip.
+/// Way over which bristles bend until they slip: an arc minute at least, which makers of gears call no lost motion. A
+/// shorter way is a rounded sign's that keeps its value at rest.
 const PRESLIDING_DISTANCE: ShapeParameter = shape(
     "presliding_distance",
     "{angle}",
     Rule::Positive,
-    &[1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2],
+    &[3e-4, 1e-3, 3e-3, 1e-2, 3e-2],
 )
-.refined(Scale::Log, 1e-5, 0.3);
+.refined(Scale::Log, 2.9e-4, 0.3);
 
 /// Cycles per turn of the joint.
 const CYCLES: &str = "1/turn";
@@ -206,9 +207,11 @@ pub static CATALOGUE: [Entry; 18] = [
         formula: "c / (gas_length - (L - |a - b|)) dL/dq, L^2 = a^2 + b^2 + 2 a b cos(q + phase)",
         coefficients: &[coefficient("counterbalance", "{torque}", Sign::NonNegative)],
         shape: &[
-            // Only ratios of the lengths matter, so a search holds one of them.
+            // Only ratios of the lengths matter, so a search holds one of them. A rod that goes into its tube at most
+            // doubles the cylinder's length: b is a third of a where the joint turns round, two thirds where it turns a
+            // quarter about the dead point. Beyond, the pins nearly meet, and the torque bends as any stop's does.
             shape("a", "m", Rule::Positive, &[1.0]),
-            shape("b", "m", Rule::Positive, &[0.2, 0.35, 0.6]).refined(Scale::Log, 0.02, 0.95),
+            shape("b", "m", Rule::Positive, &[0.2, 0.35, 0.6]).refined(Scale::Log, 0.02, 2.0 / 3.0),
             shape(
                 "phase",
                 "rad",
@@ -372,10 +375,12 @@ pub static CATALOGUE: [Entry; 18] = [
             "cycles",
             CYCLES,
             Rule::Positive,
-            // The first two look like gravity, springs and cylinders, so a search leaves them out.
-            &[1.0, 2.0, 50.0, 100.0],
+            // Slower ones look like gravity, springs and cylinders.
+            &[
+                4.0, 5.0, 6.0, 7.0, 8.5, 10.0, 12.0, 14.0, 17.0, 20.0, 24.0, 28.0,
+            ],
         )
-        .refined(Scale::Linear, 3.0, 1e4)],
+        .refined(Scale::Log, 3.5, 1e4)],
         signals: &["q_motor"],
         memory: 0,
         declared: false,
