@@ -171,7 +171,8 @@ def fit_with_prior(
         chosen.append(choice)
         if held is None:
             left = observations.by_run(block_residuals(observations, best.x, scale))
-            n_effective = observations.n_counted / [residual_memory([run[:, j] for run in left]) for j in range(n)]
+            found = observations.n_counted / [residual_memory([run[:, j] for run in left]) for j in range(n)]
+            n_effective = found if len(chosen) == 1 else np.maximum(n_effective, found)
     model = linear_model(plan, factors, n_rows, scale, prior, n_effective, LEAST_NOISE * size)
     end = model.fit(choice, noise)
     pull = prior.rows(choice)[0]
