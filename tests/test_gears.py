@@ -58,7 +58,6 @@ def test_their_numbers_are_those_of_the_arm(elastic):
     assert gap["value"] == pytest.approx(truth["backlash"]["gap"] / 2, rel=0.2)
 
 
-@pytest.mark.xfail(reason="the teeth's hysteresis carries part of the load: compliance is told 6 % too small, ± 2 %")
 def test_the_interval_of_a_stiffness_holds_the_truth(elastic):
     arm, found = elastic
     (effect,) = (effect for effect in arm.effects if effect.kind == "joint_elasticity")

@@ -14,7 +14,7 @@ from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.structural import KINDS, REFITTED, structural_hypotheses, undone
 from dynid_rs.identification.smooth_friction import SmoothFrictionIdentifier, tanh_widths
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
-from dynid_rs.model.placed import CATALOGUE, own_columns
+from dynid_rs.model.placed import CATALOGUE, PlacedEffect, own_columns
 from dynid_rs.regression.linear_model import Columns
 from dynid_rs.runs.recording import Recording
 
@@ -161,9 +161,33 @@ class Belief:
         self.refit()
         self.steps += [("dropped", place, self.left) for place in places] + [("added", h.place, self.left)]
 
-    def refit(self) -> None:
+    @property
+    def shapes(self) -> tuple[Setup, ThreeLoopIdentifier, Catalogue, dict[Place, Named]]:
+        """What `restore` takes."""
+        return self.setup, self.fit, self.catalogue, dict(self.named)
+
+    def restore(self, shapes: tuple[Setup, ThreeLoopIdentifier, Catalogue, dict[Place, Named]]) -> None:
+        """Go back to what `shapes` was."""
+        self.setup, self.fit, self.catalogue, self.named = shapes
+
+    def reshape(self, effects: Sequence[PlacedEffect], friction: tuple[FloatArray, FloatArray] | None = None) -> None:
+        """Give effects, and friction's sign (widths and sharpnesses), other shapes, and fit everything again."""
+        self.setup = replace(self.setup, effects=tuple(effects))
+        for h in self.catalogue.of([shaped_as(effect) for effect in effects]):
+            if h.place in self.named:  # what was believed from the beginning has no name
+                self.named[h.place] = replace(self.named[h.place], hypothesis=h)
+        self.refit(friction)
+
+    def leaves_less_than(self, shapes: tuple[Setup, ThreeLoopIdentifier, Catalogue, dict[Place, Named]]) -> bool:
+        """Whether the fit leaves less of all joints together than that of `shapes`, each weighed by its samples."""
+        before, now = shapes[1].links_.posterior_, self.fit.links_.posterior_
+        assert before is not None  # every fit that is diagnosed has the weak prior
+        assert now is not None
+        return float(before.n_effective @ np.log(now.noise_std / before.noise_std)) < 0
+
+    def refit(self, friction: tuple[FloatArray, FloatArray] | None = None) -> None:
         """Fit everything again; geometry, clocks, encoders and signs that were accepted move to where they belong."""
-        self.fit = self._refitted()
+        self.fit = self._refitted(friction)
         for _ in range(SETTLING):
             moved = self._follow_friction()
             beside = self.beside
@@ -195,10 +219,10 @@ class Belief:
             self.setup = replace(self.setup, effects=tuple(followed))
         return moved
 
-    def _refitted(self) -> ThreeLoopIdentifier:
-        """Fit of the setup now; friction's shapes stay near those of the fit so far."""
-        friction = SmoothFrictionIdentifier((self.fit.friction_.transition_width_, self.fit.friction_.sharpness_))
-        return fitted(self.setup, self.train, friction=friction)
+    def _refitted(self, friction: tuple[FloatArray, FloatArray] | None = None) -> ThreeLoopIdentifier:
+        """Fit of the setup now; friction's shapes stay near those given, or of the fit so far."""
+        so_far = self.fit.friction_.transition_width_, self.fit.friction_.sharpness_
+        return fitted(self.setup, self.train, friction=SmoothFrictionIdentifier(friction or so_far))
 
 
 def fitted(setup: Setup, train: Sequence[Recording], **options: SmoothFrictionIdentifier) -> ThreeLoopIdentifier:

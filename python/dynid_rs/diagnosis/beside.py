@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from dynid_rs import _core
 from dynid_rs.base.memory import residual_memory
 from dynid_rs.diagnosis.hypotheses import Hypothesis, Place
-from dynid_rs.identification.loops import load_rows
+from dynid_rs.diagnosis.structural.about import About
+from dynid_rs.identification.loops import link_load, load_rows
 from dynid_rs.identification.smooth_friction import shape_slopes, tanh_widths
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.regression.linear_model import Columns, Fit, LinearModel, Score, sign_cost
@@ -34,6 +35,8 @@ FORGETS = 1.2
 """Factor by which samples have to be worth more with a hypothesis for both models to be fitted anew."""
 WIDER = (0.7, 1.0, 1.4)
 """Widths of a tanh beside a fitted sign, over its own: between them and the fitted one lies any sign that is round."""
+YIELDS = 1e-3
+"""Usual yielding of a gear [rad]: three arc minutes under the load that it usually has."""
 NEVER = 1e9
 """Velocity [rad/s] at which a Stribeck part falls that is a rounded sign alone."""
 
@@ -65,6 +68,8 @@ class Beside:
         if between.size:
             for j in range(n):
                 model = model.beside({j: float(np.sqrt(np.mean(model.rows[j][:, -1] ** 2))) * between})
+        for columns in yielding(fit):
+            model = model.beside(columns)
         priors = [posterior.choice]
         if declares_inertia(fit.robot):
             trusting = [posterior.choice._replace(width=width, centre=centre) for width, centre in TRUSTING]
@@ -169,6 +174,34 @@ def between_encoders(fit: ThreeLoopIdentifier) -> FloatArray:
     size = np.sqrt(np.mean(link**2, axis=0))
     between: FloatArray = (motor - link)[:, size > 0] / size[size > 0]
     return between
+
+
+def yielding(fit: ThreeLoopIdentifier) -> list[Columns]:
+    """Change of all joints' torque if a gear yielded by `YIELDS` under its usual load, one column per joint.
+
+    With one encoder, on the motor's side, a link is not where it is read to be but hangs behind by its load.
+    """
+    if any(states.two_encoders for states in fit.runs_):
+        return []
+    about, load = About.of(fit), link_load(fit.observations_.plan, fit.links_)
+    bent = [load(states) for states in fit.runs_]
+    size = np.sqrt(np.mean(np.concatenate(bent) ** 2, axis=0))
+    found = []
+    for j in np.flatnonzero(size > 0).tolist():
+        slopes = []
+        for states, tau in zip(fit.runs_, bent, strict=True):
+            behind = YIELDS * tau[:, j] / size[j]
+            rate = np.gradient(behind, 1 / states.rate)
+            moved = behind, rate, np.gradient(rate, 1 / states.rate)
+            ends = []
+            for sign in (-0.5, 0.5):
+                motion = [x.copy() for x in (states.q, states.dq, states.ddq)]
+                for x, change in zip(motion, moved, strict=True):
+                    x[:, j] += sign * change
+                ends.append(fit.robot.inverse_dynamics(*motion, about.phi))
+            slopes.append((ends[0] - ends[1])[:, :, None])
+        found.append(about.in_band(slopes))
+    return found
 
 
 def _sign(fit: ThreeLoopIdentifier, effect: _core.Effect, j: int) -> FloatArray:

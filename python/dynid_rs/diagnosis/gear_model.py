@@ -10,11 +10,14 @@ from numpy.typing import NDArray
 
 from dynid_rs.identification.loops import link_load
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
+from dynid_rs.model.assembly import evaluate
 from dynid_rs.regression.linear_model import Choice, LinearModel
 from dynid_rs.runs.preprocessing import States
 
 FloatArray = NDArray[np.float64]
 
+DRIVEN = 2
+"""Terms of a model that no link carries: the rigid body's own, which is the load, and the rotor's."""
 TURNS = (0.02, 0.05, 0.1, 0.2)
 """Loads over which lost motion turns round, over the load's standard deviation."""
 FIRST_WORTH, FIRST_LEFT, ROUNDING = 0.1, 0.3, 1e-6
@@ -50,11 +53,20 @@ class Gear:
     """Motor minus link position of joint `joint`, and the load that bends its gear, run by run.
 
     Rows are those in which the joint moves (where it rests its gear keeps what it had), less their mean over every
-    run: encoders are set to zero between runs.
+    run: encoders are set to zero between runs. `torques`: those of the fit's other terms, (n, k) per run, which may act
+    on the motor or on the link.
     """
 
     fit: ThreeLoopIdentifier
     joint: int
+    torques: Sequence[FloatArray]
+
+    @staticmethod
+    def all_of(fit: ThreeLoopIdentifier) -> list[Gear]:
+        """Gears of the joints whose two encoders differ and whose load changes."""
+        terms = [evaluate(fit.model_, states)[1][:, DRIVEN:] for states in fit.raw_runs_]
+        gears = [Gear(fit, j, [torque[:, :, j] for torque in terms]) for j in range(fit.robot.n_joints)]
+        return [gear for gear in gears if _changes(gear.deflection) and _changes(gear.load)]
 
     @property
     def load(self) -> list[FloatArray]:
@@ -69,15 +81,29 @@ class Gear:
 
     @property
     def deflection(self) -> list[FloatArray]:
-        """Motor minus link position [rad], (n_rows,) per run."""
-        return self.rows([(states.q_motor - states.q)[:, self.joint] for states in self.fit.runs_])
+        """Motor minus link position as the encoders show them [rad], (n_rows,) per run."""
+        shown = [
+            (states.q_motor - states.q)[:, self.joint] - self._once_a_turn(states) @ self.taken_off
+            for states in self.fit.runs_
+        ]
+        return self.rows(shown)
+
+    @property
+    def taken_off(self) -> FloatArray:
+        """What the fit takes off the link encoder, cosine and sine part [rad]."""
+        error = self.fit.encoder_error
+        return np.zeros(2) if error is None else np.asarray(error)[self.joint]
+
+    def _once_a_turn(self, states: States) -> FloatArray:
+        q = states.q[:, self.joint]
+        return np.stack([np.cos(q), np.sin(q)], axis=1)
 
     def model(self, covariance: FloatArray) -> tuple[LinearModel, FloatArray]:
         """Model without any hypothesis, and the noise to begin with, (1,).
 
         Beside everything stand speed and acceleration of the motor (what is left of the delay; a rotor that no motion
-        tells from the link is in the predicted load, and the gear does not carry it), and what is not known of the
-        load: `covariance` is that of all unknowns of the fit.
+        tells from the link is in the predicted load, and the gear does not carry it), what is not known of the load
+        (`covariance` is that of all unknowns of the fit), and torques that a gear carries only if they act on the link.
         """
         j, runs = self.joint, self.fit.runs_
         bent = np.concatenate(self.deflection)
@@ -86,7 +112,8 @@ class Gear:
         beside = np.stack([size * x / max(float(x.std()), 1e-300) for x in motion], axis=1)
         load = np.concatenate(self.rows(self.load))
         compliance = float(bent @ load) / max(float(load @ load), 1e-300)
-        rows = np.concatenate([beside, compliance * self._unknown_load(covariance), bent[:, None]], axis=1)
+        unknown = np.concatenate([self._unknown_load(covariance), self._on_the_link()], axis=1)
+        rows = np.concatenate([beside, compliance * unknown, bent[:, None]], axis=1)
         n = rows.shape[1] - 1
         worth, least = np.array([FIRST_WORTH * len(bent)]), np.array([ROUNDING * size])
         return LinearModel([rows], [np.arange(n)], Flat(n), worth, least, len(bent)), np.array([FIRST_LEFT * size])
@@ -101,10 +128,16 @@ class Gear:
         parts = [rows[s.counted[:, j]] @ root for s, rows in zip(self.fit.runs_, runs, strict=True)]
         return np.concatenate(_centred(parts))
 
+    def _on_the_link(self) -> FloatArray:
+        """Torques of the other terms, (n_rows, k); those that do not change are left out."""
+        rows = np.concatenate(self.rows(self.torques)) / float(self.fit.links_.torque_scale_[self.joint])
+        return rows[:, np.ptp(rows, axis=0) > 0]
+
     def hypotheses(self) -> list[GearHypothesis]:
         """Compliance and damping, hardening, an encoder that is not centred, lost motion."""
         load, runs = self.load, self.fit.runs_
-        angle = [states.q[:, self.joint] for states in runs]
+        # Whoever shows too much makes the difference smaller.
+        turning = [-self._once_a_turn(states) for states in runs]
         rate = [np.gradient(tau, 1 / states.rate) for tau, states in zip(load, runs, strict=True)]
         unit = "N*m" if self.fit.torque_unit_ == "N*m" else "A"
         free, positive = (-np.inf, np.inf), (0.0, np.inf)
@@ -118,7 +151,7 @@ class Gear:
             self._hypothesis(
                 "encoder_eccentricity",
                 {"cosine": ("rad", free), "sine": ("rad", free)},
-                [[np.cos(q) for q in angle], [np.sin(q) for q in angle]],
+                [[both[:, k] for both in turning] for k in range(2)],
             ),
         ]
         scatter = float(np.concatenate(load).std())
@@ -143,6 +176,10 @@ class Gear:
         scale = np.minimum(size / np.where(norm > 0, norm, 1.0), most)
         units, bounds = zip(*coefficients.values(), strict=True)
         return GearHypothesis(kind, tuple(coefficients), units, rows * scale, scale, np.array(bounds))
+
+
+def _changes(parts: Sequence[FloatArray]) -> bool:
+    return any(np.ptp(part) > 0 for part in parts if len(part))
 
 
 def _motor_motion(runs: Sequence[States]) -> list[list[FloatArray]]:

@@ -7,7 +7,7 @@ from what is left with a hypothesis, as a gear yields as slowly as its load move
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -15,12 +15,16 @@ from numpy.typing import NDArray
 
 from dynid_rs.base.memory import residual_memory
 from dynid_rs.base.odds import SURE, p_value
+from dynid_rs.diagnosis.belief import SETTLING, fitted
 from dynid_rs.diagnosis.entries import unscored
 from dynid_rs.diagnosis.gear_model import Gear, GearHypothesis
 from dynid_rs.diagnosis.sensors.messages import encoder_entries
+from dynid_rs.diagnosis.setup import Setup
+from dynid_rs.identification.smooth_friction import SmoothFrictionIdentifier
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.regression.linear_model import Choice, Fit, LinearModel, sign_cost
 from dynid_rs.regression.uncertainty import NORMAL_95
+from dynid_rs.runs.recording import Recording
 
 FloatArray = NDArray[np.float64]
 
@@ -29,8 +33,7 @@ def gear_entries(fit: ThreeLoopIdentifier) -> list[dict[str, Any]]:
     """Entries of `result.json`: the delay between the channels, then every joint's gear; none with one encoder."""
     if not all(states.two_encoders for states in fit.runs_):
         return []
-    names, posterior = fit.robot.joint_names, fit.links_.posterior_
-    assert posterior is not None  # every fit that is diagnosed has the weak prior
+    names = fit.robot.joint_names
     entries = [
         {
             "kind": "encoder_delay",
@@ -43,43 +46,78 @@ def gear_entries(fit: ThreeLoopIdentifier) -> list[dict[str, Any]]:
         for clock in encoder_entries(fit.encoder_delay_)
         if clock["significant"]
     ]
-    observations = fit.observations_
+    return entries + [_entry(seen, names) for seen in seen_between(fit)]
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """A name for a gear: its joint, what it says, its coefficients and how well they are known, its odds."""
+
+    joint: int
+    what: GearHypothesis
+    value: FloatArray
+    std: FloatArray
+    log_odds: float
+
+
+def seen_between(fit: ThreeLoopIdentifier) -> list[Seen]:
+    """All names that the two encoders of a fit's runs show, joint by joint."""
+    if not all(states.two_encoders for states in fit.runs_):
+        return []
+    posterior, observations = fit.links_.posterior_, fit.observations_
+    assert posterior is not None  # every fit that is diagnosed has the weak prior
     model = posterior.model(observations.plan, observations.joint_rows())
     covariance = model.at(posterior.choice, posterior.noise_std).covariance
-    for j in range(fit.robot.n_joints):
-        gear = Gear(fit, j)
-        if any(np.ptp(part) > 0 for part in gear.deflection if len(part)) and any(np.ptp(tau) > 0 for tau in gear.load):
-            entries += _entries(gear, covariance)
-    return entries
+    return [seen for gear in Gear.all_of(fit) for seen in _named(gear, covariance)]
 
 
-def _entries(gear: Gear, covariance: FloatArray) -> list[dict[str, Any]]:
+def centred(setup: Setup, train: Sequence[Recording], fit: ThreeLoopIdentifier) -> tuple[Setup, ThreeLoopIdentifier]:
+    """Take off link encoders what the gears show that they show too much, no more and no less; setup and its fit.
+
+    A link that is not where it is read to be looks like frames and inertials that are not where the file has them.
+    """
+    if not all(states.two_encoders for states in fit.runs_):
+        return setup, fit
+    for _ in range(SETTLING):
+        error, std = np.zeros_like(setup.encoder_error), np.zeros_like(setup.encoder_error)
+        for seen in seen_between(fit):
+            if seen.what.kind == "encoder_eccentricity":
+                error[seen.joint], std[seen.joint] = seen.value, seen.std
+        if np.all(np.abs(error - setup.encoder_error) <= std):
+            break
+        setup = replace(setup, encoder_error=error)
+        shapes = fit.friction_.transition_width_, fit.friction_.sharpness_
+        fit = fitted(setup, train, friction=SmoothFrictionIdentifier(shapes))
+    return setup, fit
+
+
+def _named(gear: Gear, covariance: FloatArray) -> list[Seen]:
     """Names for one gear, one after the other, by posterior odds."""
     model, noise = gear.model(covariance)
-    at, fitted = model.prior.size, model.fit(Choice(), noise)
+    at, fit = model.prior.size, model.fit(Choice(), noise)
     edges = np.cumsum([len(part) for part in gear.deflection])[:-1]
     hypotheses = gear.hypotheses()
     named: list[tuple[GearHypothesis, float]] = []
     need = SURE + float(np.log(len({h.kind for h in hypotheses}) * gear.fit.robot.n_joints))
     while True:
         open_ = [h for h in hypotheses if h.kind not in {g.kind for g, _ in named} and _may_follow(h, named)]
-        left = [model.beside({0: h.columns}).fit(Choice(), fitted.noise).residual[0] for h in open_]
+        left = [model.beside({0: h.columns}).fit(Choice(), fit.noise).residual[0] for h in open_]
         worth = [model.n_rows / residual_memory(np.split(part, edges)) for part in left]
-        passing = [(w, h) for w, h in zip(worth, open_, strict=True) if _evidence(model, fitted, h, w)[0] > need]
+        passing = [(w, h) for w, h in zip(worth, open_, strict=True) if _evidence(model, fit, h, w)[0] > need]
         if not passing:
             break
         # Those that pass on what they leave themselves are compared on what the best of them leaves.
         most = max(w for w, _ in passing)
-        tries = [(*_evidence(model, fitted, h, most), h) for _, h in passing]
-        value, model, fitted, best = max(tries, key=lambda t: t[0])
+        tries = [(*_evidence(model, fit, h, most), h) for _, h in passing]
+        value, model, fit, best = max(tries, key=lambda t: t[0])
         named.append((best, value - need + SURE))
-    std = np.sqrt(np.diag(fitted.covariance))
-    entries = []
+    std = np.sqrt(np.diag(fit.covariance))
+    found = []
     for h, odds in named:
         places = slice(at, at + len(h.unit))
         at += len(h.unit)
-        entries.append(_entry(gear, h, fitted.x[places] * h.unit, std[places] * h.unit, odds))
-    return entries
+        found.append(Seen(gear.joint, h, fit.x[places] * h.unit, std[places] * h.unit, odds))
+    return found
 
 
 def _may_follow(h: GearHypothesis, named: Sequence[tuple[GearHypothesis, float]]) -> bool:
@@ -87,27 +125,27 @@ def _may_follow(h: GearHypothesis, named: Sequence[tuple[GearHypothesis, float]]
     return h.kind != "nonlinear_elasticity" or any(g.kind == "joint_elasticity" for g, _ in named)
 
 
-def _evidence(model: LinearModel, fitted: Fit, h: GearHypothesis, worth: float) -> tuple[float, LinearModel, Fit]:
+def _evidence(model: LinearModel, fit: Fit, h: GearHypothesis, worth: float) -> tuple[float, LinearModel, Fit]:
     """Logarithm of the Bayes factor of a hypothesis where all rows are worth so many samples, and the model with it."""
     model = replace(model, n_effective=np.array([worth]))
     after = model.beside({0: h.columns})
-    best = after.fit(Choice(), fitted.noise)
+    best = after.fit(Choice(), fit.noise)
     width = len(h.unit)
     std = np.sqrt(np.diag(best.covariance)[-width:])
-    gain = best.evidence - model.fit(Choice(), fitted.noise).evidence
+    gain = best.evidence - model.fit(Choice(), fit.noise).evidence
     return gain + float(sign_cost(best.x[-width:] / std, h.bounds)), after, best
 
 
-def _entry(gear: Gear, h: GearHypothesis, x: FloatArray, std: FloatArray, odds: float) -> dict[str, Any]:
-    half = NORMAL_95 * std
+def _entry(seen: Seen, names: Sequence[str]) -> dict[str, Any]:
+    h = seen.what
     return {
         "kind": h.kind,
-        "joints": [gear.fit.robot.joint_names[gear.joint]],
+        "joints": [names[seen.joint]],
         "parameters": [
             {"name": name, "value": float(v), "unit": unit, "interval": [float(v - r), float(v + r)]}
-            for name, v, unit, r in zip(h.names, x, h.units, half, strict=True)
+            for name, v, unit, r in zip(h.names, seen.value, h.units, NORMAL_95 * seen.std, strict=True)
         ],
-        **unscored(p_value(odds)),
-        "evidence": odds,
+        **unscored(p_value(seen.log_odds)),
+        "evidence": seen.log_odds,
         "note": "seen between the two encoders",
     }

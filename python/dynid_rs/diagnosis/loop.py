@@ -18,7 +18,7 @@ from dynid_rs import _core
 from dynid_rs.base.findings import Finding
 from dynid_rs.diagnosis.belief import fitted
 from dynid_rs.diagnosis.entries import effect_entries
-from dynid_rs.diagnosis.gears import gear_entries
+from dynid_rs.diagnosis.gears import centred, gear_entries
 from dynid_rs.diagnosis.hypotheses import Catalogue, Place
 from dynid_rs.diagnosis.mounting import mounted
 from dynid_rs.diagnosis.reference import compare
@@ -111,14 +111,17 @@ def _traced(
     check_motion([before.states(recording) for recording in test])  # before the long part
     on_progress("mounting")
     asked, odds = mounted(setup, before)
-    found = search(asked, train, before if asked is setup else None, on_progress=on_progress)
-    if asked is not setup:
+    asked, fit = centred(asked, train, before if asked is setup else fitted(asked, train))
+    found = search(asked, train, fit, on_progress=on_progress)
+    if odds:
         found.believe_mounting(odds)
     on_progress("ripple")
     lines = find_ripple(found.setup, found.fit, train)
     if lines:
         found.setup = replace(found.setup, held=(*found.setup.held, *(h for family in lines for h in family.held())))
         found.fit = fitted(found.setup, train)
+    found.setup, found.fit = centred(found.setup, train, found.fit)
+    if found.fit is not found.catalogue.fit:
         found.catalogue = Catalogue(found.fit, found.catalogue)
     on_progress("what is left")
     tests = [found.setup.corrected(recording) for recording in test]

@@ -10,7 +10,6 @@ the joints it acts on, and if it comes first there in most halves of the data (M
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -18,7 +17,8 @@ import numpy as np
 from dynid_rs.base.odds import SURE
 from dynid_rs.diagnosis.belief import Belief, Named
 from dynid_rs.diagnosis.beside import places_of
-from dynid_rs.diagnosis.hypotheses import Hypothesis, Place, Shaped, shaped_as
+from dynid_rs.diagnosis.hypotheses import Hypothesis, Place, shaped_as
+from dynid_rs.diagnosis.settling import settle
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.shapes import polished
 from dynid_rs.diagnosis.standing import backward, harmless
@@ -175,17 +175,3 @@ def merge(belief: Belief) -> bool:
         belief.merge(now, alone, value - log_places)
         changed = True
     return changed
-
-
-def settle(belief: Belief) -> None:
-    """Shapes once more, each beside all others: friction and what turns round with it settle in turn."""
-    before, moved = belief.setup.effects, []
-    for effect, places in zip(before, belief.places(), strict=True):
-        (h,) = belief.catalogue.of([shaped_as(effect)])
-        h = polished(belief.beside.without(places), belief.catalogue, h)
-        moved.append(Shaped(h.kind, h.joints, h.shape).placed())
-        if h.place in belief.named:  # what was believed from the beginning has no name
-            belief.named[h.place] = replace(belief.named[h.place], hypothesis=h)
-    if tuple(moved) != before:
-        belief.setup = replace(belief.setup, effects=tuple(moved))
-        belief.refit()

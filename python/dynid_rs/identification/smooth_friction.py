@@ -99,7 +99,7 @@ class SmoothFrictionIdentifier(BaseEstimator):  # type: ignore[misc]
         fit = model.fit(posterior.choice, posterior.noise_std)
         step = np.clip(SPREAD_HERE * fit.x[-2 * n :].reshape(n, 2), -LARGEST_STEP, LARGEST_STEP)
         width, sharpness = np.exp(step).T
-        self._keep(self.transition_width_ * width, np.clip(self.sharpness_ * sharpness, LONGEST, SHARPEST))
+        self._keep(*in_reach(self.transition_width_ * width, self.sharpness_ * sharpness))
         return float(np.max(np.abs(step[:, 0])))
 
     def _best(
@@ -146,6 +146,11 @@ class SmoothFrictionIdentifier(BaseEstimator):  # type: ignore[misc]
     def _keep(self, width: FloatArray, sharpness: FloatArray) -> None:
         self.transition_width_, self.sharpness_ = width, sharpness
         self.effect_ = _core.Effect.of(KIND, transition_width=width, sharpness=sharpness)
+
+
+def in_reach(width: FloatArray, sharpness: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return shapes with the sharpness where a law may have it."""
+    return width, np.clip(sharpness, LONGEST, SHARPEST)
 
 
 def sign_by_way(n_joints: int) -> _core.Effect:

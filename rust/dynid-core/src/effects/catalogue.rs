@@ -192,7 +192,8 @@ pub static CATALOGUE: [Entry; 18] = [
             )
             .of(Reference::Speed)
             .refined(Scale::Log, 1e-3, 10.0),
-            shape("exponent", "1", Rule::Positive, &[1.0, 2.0]).refined(Scale::Log, 0.5, 4.0),
+            // From boundary lubrication to a full film that builds up; beyond, a step that rounding hides.
+            shape("exponent", "1", Rule::Positive, &[1.0, 2.0]).refined(Scale::Log, 0.5, 2.1),
             TRANSITION_WIDTH,
         ],
         signals: &["dq_motor"],

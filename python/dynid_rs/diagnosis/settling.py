@@ -1,0 +1,86 @@
+"""Shapes of all effects and of friction settle together, once the names are there.
+
+In turn they would stop in any narrow valley that no single one of them leads along.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid_rs.diagnosis.belief import Belief
+from dynid_rs.diagnosis.hypotheses import Shaped, is_valid, shaped_as
+from dynid_rs.diagnosis.shapes import polished, searched
+from dynid_rs.diagnosis.slopes import Slope, effect_slopes, friction_slopes, is_logarithmic
+from dynid_rs.identification.smooth_friction import LARGEST_STEP, SPREAD_HERE, in_reach
+from dynid_rs.model.placed import PlacedEffect
+
+FloatArray = NDArray[np.float64]
+
+MOST_STEPS = 6
+"""Steps of all shapes together."""
+SETTLED = 0.02
+"""Step of a logarithm or of an angle at which shapes have settled."""
+
+
+def settle(belief: Belief) -> None:
+    """Every effect's shape beside all others, then steps of all shapes together for as long as they leave less."""
+    effects = []
+    for effect, places in zip(belief.setup.effects, belief.places(), strict=True):
+        (h,) = belief.catalogue.of([shaped_as(effect)])
+        h = polished(belief.beside.without(places), belief.catalogue, h)
+        effects.append(Shaped(h.kind, h.joints, h.shape).placed())
+    if tuple(effects) != belief.setup.effects:
+        belief.reshape(effects)
+    for _ in range(MOST_STEPS):
+        slopes = [*effect_slopes(belief), *friction_slopes(belief)]
+        if not any(slope.effect for slope in slopes):
+            return
+        steps = _steps(belief, slopes)
+        if np.max(np.abs(steps)) < SETTLED:
+            return
+        before = belief.shapes
+        belief.reshape(*_moved(belief, slopes, steps))
+        if not belief.leaves_less_than(before):
+            belief.restore(before)
+            return
+
+
+def _steps(belief: Belief, slopes: list[Slope]) -> FloatArray:
+    """Gauss-Newton step of every shape, beside everything else that is fitted."""
+    posterior, observations = belief.fit.links_.posterior_, belief.fit.observations_
+    assert posterior is not None  # every fit that is diagnosed has the weak prior
+    model = posterior.model(observations.plan, observations.joint_rows())
+    for slope in slopes:
+        model = model.beside({j: SPREAD_HERE * column for j, column in slope.columns.items()})
+    x = model.fit(posterior.choice, posterior.noise_std).x[-len(slopes) :]
+    return np.clip(SPREAD_HERE * x, -LARGEST_STEP, LARGEST_STEP)
+
+
+def _moved(
+    belief: Belief, slopes: list[Slope], steps: FloatArray
+) -> tuple[list[PlacedEffect], tuple[FloatArray, FloatArray]]:
+    """Effects and friction's shapes after the steps, those that lead out of what a shape may be left out."""
+    effects = {effect: shaped_as(effect) for effect in belief.setup.effects}
+    friction = belief.fit.friction_
+    width, sharpness = friction.transition_width_.copy(), friction.sharpness_.copy()
+    for slope, step in zip(slopes, steps.tolist(), strict=True):
+        if slope.effect is None:
+            (width if slope.name == "transition_width" else sharpness)[slope.joint] *= np.exp(step)
+            continue
+        old = effects[slope.effect]
+        value = dict(old.shape)[slope.name]
+        new = old.with_shape(
+            slope.name, value * float(np.exp(step)) if is_logarithmic(old.kind, slope.name) else value + step
+        )
+        if _in_range(new, slope.name) and is_valid(new.kind, new.shape):
+            effects[slope.effect] = new
+    return [shaped.placed() for shaped in effects.values()], in_reach(width, sharpness)
+
+
+def _in_range(shaped: Shaped, name: str) -> bool:
+    parameter = next(p for p in searched(shaped.kind) if p["name"] == name)
+    value = dict(shaped.shape)[name]
+    return bool(parameter["scale"] == "linear" or parameter["lowest"] < abs(value) < parameter["highest"])

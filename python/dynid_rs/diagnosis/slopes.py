@@ -1,0 +1,102 @@
+"""How the torque changes with the shapes of effects and of friction: for steps towards better ones, and for intervals.
+
+Signs of effects turn round with their joint's friction (`relative_to` in the catalogue), so the width of that sign is
+one parameter of all of them: a wide sign that nearly hides a peak of friction, and a narrow one beside a smaller peak,
+may fit alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid_rs.diagnosis.belief import Belief
+from dynid_rs.diagnosis.hypotheses import Shaped, is_valid, shaped_as
+from dynid_rs.diagnosis.shapes import searched
+from dynid_rs.identification.smooth_friction import shape_slopes
+from dynid_rs.model.placed import CATALOGUE, PlacedEffect
+from dynid_rs.regression.linear_model import Columns
+
+FloatArray = NDArray[np.float64]
+
+STEP = 1e-2
+"""Step of a shape parameter's derivative, relative or in its own unit."""
+
+
+@dataclass(frozen=True, eq=False)
+class Slope:
+    """Change of the torque with one shape parameter (with its logarithm, unless it is an angle or a length of any sign).
+
+    `effect` is None for friction on joint `joint`, whose width carries the signs of all effects there.
+    """
+
+    effect: PlacedEffect | None
+    joint: int
+    name: str
+    columns: Columns
+
+
+def effect_slopes(found: Belief) -> list[Slope]:
+    """Of every effect's shapes that are searched."""
+    slopes = []
+    for effect, x in coefficients_of(found):
+        for parameter in searched(effect.kind):
+            columns = _slope(found, effect, parameter["name"], x)
+            if columns is not None:
+                slopes.append(Slope(effect, effect.joints[0], parameter["name"], columns))
+    return slopes
+
+
+def friction_slopes(found: Belief) -> list[Slope]:
+    """Of every joint's friction: width, with the signs that follow it, and sharpness."""
+    fit, n = found.fit, found.setup.robot.n_joints
+    plan = fit.observations_.plan
+    following: dict[int, FloatArray] = {}
+    for effect, x in coefficients_of(found):
+        for parameter in CATALOGUE[effect.kind]["shape"]:
+            if parameter["relative_to"] == "friction_width":
+                for j, column in (_slope(found, effect, parameter["name"], x) or {}).items():
+                    following[j] = following.get(j, 0.0) + column
+    slopes = []
+    for j in range(n):
+        own = shape_slopes(plan, fit.links_, fit.runs_, j)
+        slopes.append(Slope(None, j, "transition_width", {j: own[:, :1] + following.get(j, 0.0)}))
+        slopes.append(Slope(None, j, "sharpness", {j: own[:, 1:]}))
+    return slopes
+
+
+def coefficients_of(found: Belief) -> Iterator[tuple[PlacedEffect, FloatArray]]:
+    """Every torque that was found, with its coefficients."""
+    for effect, places in zip(found.setup.effects, found.places(), strict=True):
+        yield effect, found.fit.links_.x_[[at for _, at in places]]
+
+
+def is_logarithmic(kind: str, name: str) -> bool:
+    """Whether a shape parameter is a scale."""
+    parameter = next(p for p in CATALOGUE[kind]["shape"] if p["name"] == name)
+    return bool(parameter["scale"] != "linear")
+
+
+def _slope(found: Belief, effect: PlacedEffect, name: str, own: FloatArray) -> Columns | None:
+    """One column; None at the edge of what the shape may be."""
+    shaped = shaped_as(effect)
+    value = dict(shaped.shape)[name]
+    if is_logarithmic(effect.kind, name):
+        ends, width = [value / (1 + STEP), value * (1 + STEP)], 2 * float(np.log1p(STEP))
+    else:
+        ends, width = [value - STEP, value + STEP], 2 * STEP
+    both: list[Shaped] = [shaped.with_shape(name, end) for end in ends]
+    if not all(is_valid(s.kind, s.shape) for s in both):
+        return None
+    low, high = found.catalogue.of(both)
+    return {
+        j: ((high.columns[j] / _safe(high.unit) - low.columns[j] / _safe(low.unit)) @ own / width)[:, None]
+        for j in low.columns
+    }
+
+
+def _safe(unit: FloatArray) -> FloatArray:
+    return np.where(unit > 0, unit, 1.0)
