@@ -12,7 +12,7 @@ from dynid_rs.diagnosis.beside import Beside
 from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis, Place, Shaped, shaped_as
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.structural import KINDS, REFITTED, structural_hypotheses, undone
-from dynid_rs.identification.smooth_friction import SmoothFrictionIdentifier, tanh_widths
+from dynid_rs.identification.smooth_friction import SmoothFrictionIdentifier, smooth, tanh_widths
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.model.placed import CATALOGUE, PlacedEffect, own_columns
 from dynid_rs.regression.linear_model import Columns
@@ -172,6 +172,8 @@ class Belief:
 
     def reshape(self, effects: Sequence[PlacedEffect], friction: tuple[FloatArray, FloatArray] | None = None) -> None:
         """Give effects, and friction's sign (widths and sharpnesses), other shapes, and fit everything again."""
+        if friction is not None:
+            effects = following(effects, tanh_widths(smooth(*friction)))
         self.setup = replace(self.setup, effects=tuple(effects))
         for h in self.catalogue.of([shaped_as(effect) for effect in effects]):
             if h.place in self.named:  # what was believed from the beginning has no name
@@ -199,7 +201,7 @@ class Belief:
                 self.setup = h.accept(self.setup, x)
             if not moved:
                 break
-            self.fit = self._refitted()
+            self.fit = self._refitted(friction)
         self.catalogue = Catalogue(self.fit, self.catalogue)
 
     def _follow_friction(self) -> bool:
@@ -207,22 +209,37 @@ class Belief:
 
         A peak of friction that had no name makes the fitted sign steeper, and named with that sign the peak is another.
         """
-        widths, followed, moved = tanh_widths(self.fit.observations_.plan.friction[0]), [], False
-        for effect in self.setup.effects:
-            own, width = shaped_as(effect), float(widths[effect.joints[0]])
-            for parameter in CATALOGUE[effect.kind]["shape"]:
-                if parameter["relative_to"] == "friction_width":
-                    moved = moved or abs(np.log(dict(own.shape)[parameter["name"]] / width)) > SETTLED
-                    own = own.with_shape(parameter["name"], width)
-            followed.append(own.placed())
+        widths = tanh_widths(self.fit.observations_.plan.friction[0])
+        followed = following(self.setup.effects, widths)
+        pairs = zip(self.setup.effects, followed, strict=True)
+        moved = any(_apart(shaped_as(old), shaped_as(new)) > SETTLED for old, new in pairs)
         if moved:
-            self.setup = replace(self.setup, effects=tuple(followed))
+            self.setup = replace(self.setup, effects=followed)
         return moved
 
     def _refitted(self, friction: tuple[FloatArray, FloatArray] | None = None) -> ThreeLoopIdentifier:
-        """Fit of the setup now; friction's shapes stay near those given, or of the fit so far."""
+        """Fit of the setup now; friction's shapes are those given, or stay near those of the fit so far."""
         so_far = self.fit.friction_.transition_width_, self.fit.friction_.sharpness_
-        return fitted(self.setup, self.train, friction=SmoothFrictionIdentifier(friction or so_far))
+        shapes = SmoothFrictionIdentifier(friction or so_far, held=friction is not None)
+        return fitted(self.setup, self.train, friction=shapes)
+
+
+def following(effects: Sequence[PlacedEffect], widths: FloatArray) -> tuple[PlacedEffect, ...]:
+    """Return effects whose signs turn round as wide as friction's, `widths` (n_joints,) of a tanh."""
+    followed = []
+    for effect in effects:
+        own = shaped_as(effect)
+        for parameter in CATALOGUE[effect.kind]["shape"]:
+            if parameter["relative_to"] == "friction_width":
+                own = own.with_shape(parameter["name"], float(widths[effect.joints[0]]))
+        followed.append(own.placed())
+    return tuple(followed)
+
+
+def _apart(one: Shaped, other: Shaped) -> float:
+    """Greatest logarithm of a ratio between the shapes of two that are shaped alike but for scales."""
+    pairs = zip(one.shape, other.shape, strict=True)
+    return max((abs(float(np.log(b / a))) for (_, a), (_, b) in pairs if a != b), default=0.0)
 
 
 def fitted(setup: Setup, train: Sequence[Recording], **options: SmoothFrictionIdentifier) -> ThreeLoopIdentifier:

@@ -34,18 +34,24 @@ def settle(belief: Belief) -> None:
         effects.append(Shaped(h.kind, h.joints, h.shape).placed())
     if tuple(effects) != belief.setup.effects:
         belief.reshape(effects)
+    if not any(slope.effect for slope in effect_slopes(belief)):
+        return
+    alone = belief.shapes
+    belief.reshape(belief.setup.effects, (belief.fit.friction_.transition_width_, belief.fit.friction_.sharpness_))
     for _ in range(MOST_STEPS):
         slopes = [*effect_slopes(belief), *friction_slopes(belief)]
-        if not any(slope.effect for slope in slopes):
-            return
         steps = _steps(belief, slopes)
-        if np.max(np.abs(steps)) < SETTLED:
-            return
         before = belief.shapes
-        belief.reshape(*_moved(belief, slopes, steps))
-        if not belief.leaves_less_than(before):
+        while np.max(np.abs(steps)) > SETTLED:
+            belief.reshape(*_moved(belief, slopes, steps))
+            if belief.leaves_less_than(before):
+                break
             belief.restore(before)
-            return
+            steps /= 2
+        else:
+            break
+    if not belief.leaves_less_than(alone):
+        belief.restore(alone)
 
 
 def _steps(belief: Belief, slopes: list[Slope]) -> FloatArray:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from dynid_rs.diagnosis.belief import Belief
 from dynid_rs.diagnosis.hypotheses import Shaped, is_valid, shaped_as
 from dynid_rs.diagnosis.shapes import searched
-from dynid_rs.identification.smooth_friction import shape_slopes
+from dynid_rs.identification.smooth_friction import shape_slopes, width_with_sharpness
 from dynid_rs.model.placed import CATALOGUE, PlacedEffect
 from dynid_rs.regression.linear_model import Columns
 
@@ -60,11 +60,11 @@ def friction_slopes(found: Belief) -> list[Slope]:
             if parameter["relative_to"] == "friction_width":
                 for j, column in (_slope(found, effect, parameter["name"], x) or {}).items():
                     following[j] = following.get(j, 0.0) + column
-    slopes = []
+    slopes, sharper = [], width_with_sharpness(fit.friction_.sharpness_)
     for j in range(n):
-        own = shape_slopes(plan, fit.links_, fit.runs_, j)
-        slopes.append(Slope(None, j, "transition_width", {j: own[:, :1] + following.get(j, 0.0)}))
-        slopes.append(Slope(None, j, "sharpness", {j: own[:, 1:]}))
+        own, signs = shape_slopes(plan, fit.links_, fit.runs_, j), following.get(j, 0.0)
+        slopes.append(Slope(None, j, "transition_width", {j: own[:, :1] + signs}))
+        slopes.append(Slope(None, j, "sharpness", {j: own[:, 1:] + sharper[j] * signs}))
     return slopes
 
 

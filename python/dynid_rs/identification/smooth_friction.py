@@ -22,7 +22,7 @@ from dynid_rs.identification.links import LinkDynamicsIdentifier
 from dynid_rs.regression.columns import Observations, Plan
 from dynid_rs.regression.evidence import FIRST_MEMORY, Posterior
 from dynid_rs.regression.priors import usual_torque
-from dynid_rs.regression.uncertainty import shape_slope
+from dynid_rs.regression.uncertainty import WIDTH_STEP, shape_slope
 from dynid_rs.runs.preprocessing import States
 
 FloatArray = NDArray[np.float64]
@@ -54,6 +54,8 @@ class SmoothFrictionIdentifier(BaseEstimator):  # type: ignore[misc]
     ----------
     start : (ndarray (n_joints,), ndarray (n_joints,)), optional
         Width and sharpness that an earlier fit of the same runs has found: they are only improved.
+    held : bool
+        They are not even improved.
 
     Attributes
     ----------
@@ -65,8 +67,9 @@ class SmoothFrictionIdentifier(BaseEstimator):  # type: ignore[misc]
         The same as an effect of the torque model.
     """
 
-    def __init__(self, start: tuple[FloatArray, FloatArray] | None = None) -> None:
+    def __init__(self, start: tuple[FloatArray, FloatArray] | None = None, *, held: bool = False) -> None:
         self.start = start
+        self.held = held
 
     def begin(self, n_joints: int) -> SmoothFrictionIdentifier:
         """Take the usual shape on every joint."""
@@ -145,7 +148,12 @@ class SmoothFrictionIdentifier(BaseEstimator):  # type: ignore[misc]
 
     def _keep(self, width: FloatArray, sharpness: FloatArray) -> None:
         self.transition_width_, self.sharpness_ = width, sharpness
-        self.effect_ = _core.Effect.of(KIND, transition_width=width, sharpness=sharpness)
+        self.effect_ = smooth(width, sharpness)
+
+
+def smooth(width: FloatArray, sharpness: FloatArray) -> _core.Effect:
+    """Return the law with these shapes."""
+    return _core.Effect.of(KIND, transition_width=width, sharpness=sharpness)
 
 
 def in_reach(width: FloatArray, sharpness: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -163,9 +171,21 @@ def tanh_widths(friction: _core.Effect) -> FloatArray:
     shape = {name: np.asarray(values) for name, values in friction.shape}
     if "sharpness" not in shape:
         return shape["transition_width"]
-    half_up = shape["transition_width"] * (2 ** shape["sharpness"] - 1) ** (-1 / shape["sharpness"])
-    widths: FloatArray = half_up / HALF_UP
+    widths: FloatArray = shape["transition_width"] * _half_up(shape["sharpness"]) / HALF_UP
     return widths
+
+
+def _half_up(sharpness: FloatArray) -> FloatArray:
+    """Speed over its width at which a smooth law's sign is half up."""
+    speed: FloatArray = (2**sharpness - 1) ** (-1 / sharpness)
+    return speed
+
+
+def width_with_sharpness(sharpness: FloatArray) -> FloatArray:
+    """Change of the logarithm of `tanh_widths` with the logarithm of the sharpness."""
+    ends = [np.log(_half_up(sharpness * np.exp(step))) for step in (-WIDTH_STEP, WIDTH_STEP)]
+    slope: FloatArray = (ends[1] - ends[0]) / (2 * WIDTH_STEP)
+    return slope
 
 
 def in_paper_terms(coefficients: dict[str, float]) -> dict[str, float]:
