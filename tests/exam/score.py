@@ -116,6 +116,8 @@ def _intervals(effect: dict[str, Any], match: int | str | None, truth: dict[str,
     if not isinstance(match, int) or truth["effects"][match]["kind"] != effect["kind"]:
         return []
     told = truth["effects"][match]
+    if effect["kind"] == "position_dependent_friction" and not _same_cycles(effect, told):
+        return []
     out = []
     for parameter in effect["parameters"]:
         name, interval = parameter["name"], parameter["interval"]
@@ -128,6 +130,11 @@ def _intervals(effect: dict[str, Any], match: int | str | None, truth: dict[str,
         covered = bool(interval[0] <= value <= interval[1])
         out.append({"kind": effect["kind"], "parameter": name, "covered": covered})
     return out
+
+
+def _same_cycles(effect: dict[str, Any], told: dict[str, Any]) -> bool:
+    """Cosine and sine of other cycles per turn are other numbers."""
+    return any(p["name"] == "cycles" and p["value"] == told["shape"]["cycles"] for p in effect["parameters"])
 
 
 def _first_harmonic(effect: dict[str, Any], told: dict[str, Any]) -> bool:

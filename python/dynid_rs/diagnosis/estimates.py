@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from dynid_rs.diagnosis.belief import Belief
 from dynid_rs.diagnosis.hypotheses import Place
+from dynid_rs.diagnosis.shapes import searched
 from dynid_rs.diagnosis.slopes import effect_slopes, friction_slopes, is_logarithmic
 from dynid_rs.diagnosis.structural import value_of
 from dynid_rs.identification.smooth_friction import SPREAD
@@ -19,6 +20,8 @@ from dynid_rs.regression.uncertainty import NORMAL_95
 
 FloatArray = NDArray[np.float64]
 
+CYCLES = "1/turn"
+"""Unit of shapes that count."""
 UNKNOWN = float(np.log(10.0))
 """A scale that may be ten times as large or as small is not known."""
 
@@ -57,6 +60,7 @@ def estimates(found: Belief) -> dict[Place, list[Estimate]]:
         place = (effect.kind, effect.joints)
         scale = fit.links_.torque_scale_ if "tau_link" in CATALOGUE[effect.kind]["signals"] else np.ones_like(std)
         known[place] = _coefficients(effect, fit.links_.x_[places[effect]], std[places[effect]], scale)
+        known[place] += _chosen(effect)
         for slope in slopes:
             if slope.effect is effect:
                 known[place].append(_shape(effect, slope.name, float(std[at])))
@@ -85,6 +89,15 @@ def _coefficients(effect: PlacedEffect, values: FloatArray, std: FloatArray, sca
         low, high = max(own - half, c["lower"]), min(own + half, c["upper"])
         found.append(Estimate(c["name"], j, own, (low, high), c["unit"]))
     return found
+
+
+def _chosen(effect: PlacedEffect) -> list[Estimate]:
+    """Shapes that are one of a few, as cycles per turn are: known, or not at all."""
+    few = [p for p in CATALOGUE[effect.kind]["shape"] if p not in searched(effect.kind) and p["unit"] == CYCLES]
+    j = effect.joints[0]
+    return [
+        Estimate(p["name"], j, effect.shape_at(j)[p["name"]], None, p["unit"]) for p in few
+    ]
 
 
 def _shape(effect: PlacedEffect, name: str, std: float) -> Estimate:

@@ -162,7 +162,7 @@ def fit_with_prior(
                 scale = improve_scale(plan, factors, best.weights, scale, best.x, free, pull)
                 model = linear_model(plan, factors, n_rows, scale, prior, n_effective, LEAST_NOISE * size)
                 best = model.fit(choice, best.noise)
-            if unknown_gain and held is None:
+            if unknown_gain and held is None and not chosen:
                 ways = _in_common(observations, prior, choice, scale, free, n_effective, size)
                 end, own, gains = max(ways, key=lambda way: way[0].evidence)
                 if end.evidence > best.evidence:
