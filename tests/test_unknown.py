@@ -80,3 +80,19 @@ def test_viscous_friction_along_the_way_is_nothing_else_than_friction_along_the_
 def test_clean_runs_leave_nothing():
     found = found_in(recorded(rigid(), seed=4))
     assert found.unexplained == []
+
+
+@pytest.mark.parametrize("size", [2.0, 6.0])
+def test_a_cable_that_is_drawn_tight_is_no_cylinder(size):
+    """What bends once at an end of the way fits a cylinder or a spring nearly; the rest of it is told by the angle."""
+    arm = rigid()
+
+    def cable(signals):
+        slack = signals.q[:, 1] - 0.3
+        return np.expm1(np.maximum(slack, 0.0) / 0.2)
+
+    runs = recorded(equip(arm, [Nameless("nameless", (1,), size * arm.noise_std[1], torque=cable)]))
+    found = found_in(runs)
+    assert {kind for kind, _ in names(found)} <= {"unknown"}
+    before, after = errors(found, runs[2:])
+    assert np.all(after <= NO_HARM * before)

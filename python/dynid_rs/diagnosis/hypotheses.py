@@ -25,9 +25,9 @@ Place = tuple[str, tuple[int, ...]]
 
 USUAL = 0.1
 """Torque of an effect's column over its joint's own that is usual beforehand (`priors.py`)."""
-MOST_CYCLES = {"torque_ripple": 4.0}
-"""Kinds of which the band shows little, but for shapes that go through fewer cycles than this on the joint's way;
-`ripple.py` seeks the others, in the angle."""
+CYCLES_SHOWN = {"torque_ripple": (2.0, 4.0)}
+"""Cycles on the joint's way between which the band shows a kind: with fewer nothing returns, and any curve is a part of
+one; with more there is little in the band, and `ripple.py` seeks it in the angle."""
 LEAST_WEIGHT = 0.1
 """Part of a joint's load that weight has to be where nothing tells the rotor from the link."""
 CHUNK = 48
@@ -195,10 +195,10 @@ class Catalogue:
     def _shapes(self, kind: str, j: int) -> Iterator[Shape]:
         parameters = CATALOGUE[kind]["shape"]
         names = [parameter["name"] for parameter in parameters]
-        most = MOST_CYCLES.get(kind, np.inf)
+        least, most = CYCLES_SHOWN.get(kind, (0.0, np.inf))
         for values in product(*(self._values(parameter, j) for parameter in parameters)):
             shape = tuple(zip(names, values, strict=True))
-            if is_valid(kind, shape) and dict(shape).get("cycles", 0.0) * self._turns[j] <= most:
+            if is_valid(kind, shape) and least <= dict(shape).get("cycles", 0.0) * self._turns[j] <= most:
                 yield shape
 
     def _values(self, parameter: dict[str, Any], j: int) -> list[float]:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from dynid_rs.base.odds import SURE, p_value
 from dynid_rs.diagnosis.entries import unscored
-from dynid_rs.diagnosis.hypotheses import MOST_CYCLES
+from dynid_rs.diagnosis.hypotheses import CYCLES_SHOWN
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.model.placed import HeldEffect, PlacedEffect
@@ -30,7 +30,7 @@ FloatArray = NDArray[np.float64]
 
 ORDERS = (3.5, 1000.0)
 """Cycles per turn that are sought: slower ones look like gravity, faster ones no encoder shows."""
-LEAST_CYCLES = MOST_CYCLES["torque_ripple"]
+LEAST_CYCLES = CYCLES_SHOWN["torque_ripple"][1]
 """Cycles that the joint has to go through: with fewer a line is a curve, which the band shows."""
 BINS = 8
 """Bins of the angle per cycle of the greatest order."""
