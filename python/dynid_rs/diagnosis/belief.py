@@ -36,6 +36,17 @@ class Named:
     refuted: tuple[tuple[Place, float], ...] = ()
 
 
+@dataclass(frozen=True, eq=False)
+class Kept:
+    """What was believed at some time: parts of a `Belief`."""
+
+    setup: Setup
+    fit: ThreeLoopIdentifier
+    catalogue: Catalogue
+    named: dict[Place, Named]
+    steps: list[tuple[str, Place, FloatArray]]
+
+
 @dataclass(eq=False)
 class Belief:
     """The setup with all that was named, fitted to training runs.
@@ -162,13 +173,14 @@ class Belief:
         self.steps += [("dropped", place, self.left) for place in places] + [("added", h.place, self.left)]
 
     @property
-    def shapes(self) -> tuple[Setup, ThreeLoopIdentifier, Catalogue, dict[Place, Named]]:
+    def kept(self) -> Kept:
         """What `restore` takes."""
-        return self.setup, self.fit, self.catalogue, dict(self.named)
+        return Kept(self.setup, self.fit, self.catalogue, dict(self.named), list(self.steps))
 
-    def restore(self, shapes: tuple[Setup, ThreeLoopIdentifier, Catalogue, dict[Place, Named]]) -> None:
-        """Go back to what `shapes` was."""
-        self.setup, self.fit, self.catalogue, self.named = shapes
+    def restore(self, kept: Kept) -> None:
+        """Believe again what was believed then."""
+        self.setup, self.fit, self.catalogue = kept.setup, kept.fit, kept.catalogue
+        self.named, self.steps = dict(kept.named), list(kept.steps)
 
     def reshape(self, effects: Sequence[PlacedEffect], friction: tuple[FloatArray, FloatArray] | None = None) -> None:
         """Give effects, and friction's sign (widths and sharpnesses), other shapes, and fit everything again."""
@@ -180,12 +192,14 @@ class Belief:
                 self.named[h.place] = replace(self.named[h.place], hypothesis=h)
         self.refit(friction)
 
-    def leaves_less_than(self, shapes: tuple[Setup, ThreeLoopIdentifier, Catalogue, dict[Place, Named]]) -> bool:
-        """Whether the fit leaves less of all joints together than that of `shapes`, each weighed by its samples."""
-        before, now = shapes[1].links_.posterior_, self.fit.links_.posterior_
-        assert before is not None  # every fit that is diagnosed has the weak prior
-        assert now is not None
-        return float(before.n_effective @ np.log(now.noise_std / before.noise_std)) < 0
+    def is_likelier_than(self, kept: Kept) -> bool:
+        """Whether the data are more probable than they were, samples worth what they were then."""
+        worth = kept.fit.links_.posterior_
+        assert worth is not None  # every fit that is diagnosed has the weak prior
+        if kept.fit.observations_.n_rows != self.fit.observations_.n_rows:
+            return True  # another clock has other rows: nothing to compare
+        before, now = (shaped_evidence(fit, worth.n_effective) for fit in (kept.fit, self.fit))
+        return now > before
 
     def refit(self, friction: tuple[FloatArray, FloatArray] | None = None) -> None:
         """Fit everything again; geometry, clocks, encoders and signs that were accepted move to where they belong."""
@@ -222,6 +236,14 @@ class Belief:
         so_far = self.fit.friction_.transition_width_, self.fit.friction_.sharpness_
         shapes = SmoothFrictionIdentifier(friction or so_far, held=friction is not None)
         return fitted(self.setup, self.train, friction=shapes)
+
+
+def shaped_evidence(fit: ThreeLoopIdentifier, worth: FloatArray) -> float:
+    """Logarithm of the evidence, friction's shapes as probable as they are, where rows are worth `worth` samples."""
+    posterior, plan = fit.links_.posterior_, fit.observations_.plan
+    assert posterior is not None  # every fit that is diagnosed has the weak prior
+    model = posterior.model(plan, fit.observations_.joint_rows(), n_effective=worth)
+    return model.fit(posterior.choice, posterior.noise_std).evidence - fit.friction_.doubt(fit.runs_)
 
 
 def following(effects: Sequence[PlacedEffect], widths: FloatArray) -> tuple[PlacedEffect, ...]:

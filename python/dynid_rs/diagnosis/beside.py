@@ -12,6 +12,7 @@ from dynid_rs import _core
 from dynid_rs.base.memory import residual_memory
 from dynid_rs.diagnosis.hypotheses import Hypothesis, Place
 from dynid_rs.diagnosis.structural.about import About
+from dynid_rs.diagnosis.structural.torque_delay import lateness
 from dynid_rs.identification.loops import link_load, load_rows
 from dynid_rs.identification.smooth_friction import shape_slopes, tanh_widths
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
@@ -35,6 +36,8 @@ FORGETS = 1.2
 """Factor by which samples have to be worth more with a hypothesis for both models to be fitted anew."""
 WIDER = (0.7, 1.0, 1.4)
 """Widths of a tanh beside a fitted sign, over its own: between them and the fitted one lies any sign that is round."""
+GAIN, CLOCK = 2e-3, 0.1
+"""Tolerance of a gain, as good drives and torque sensors have it, and of a torque channel's clock in samples."""
 YIELDS = 1e-3
 """Usual yielding of a gear [rad]: three arc minutes under the load that it usually has."""
 NEVER = 1e9
@@ -68,7 +71,7 @@ class Beside:
         if between.size:
             for j in range(n):
                 model = model.beside({j: float(np.sqrt(np.mean(model.rows[j][:, -1] ** 2))) * between})
-        for columns in yielding(fit):
+        for columns in [*yielding(fit), *within_tolerance(fit, load)]:
             model = model.beside(columns)
         priors = [posterior.choice]
         if declares_inertia(fit.robot):
@@ -174,6 +177,17 @@ def between_encoders(fit: ThreeLoopIdentifier) -> FloatArray:
     size = np.sqrt(np.mean(link**2, axis=0))
     between: FloatArray = (motor - link)[:, size > 0] / size[size > 0]
     return between
+
+
+def within_tolerance(fit: ThreeLoopIdentifier, load: Sequence[FloatArray]) -> list[Columns]:
+    """Change of the torque if gains and clocks are off by their tolerances: nothing that is declared is exact.
+
+    `load`: rigid-body torque of every joint at the rows of the fit.
+    """
+    gains = [{j: GAIN * torque[:, None]} for j, torque in enumerate(load) if np.any(torque)]
+    sample = 1 / fit.raw_runs_[0].rate
+    late = {j: CLOCK * sample * column for j, column in lateness(fit).items()}
+    return [*gains, late]
 
 
 def yielding(fit: ThreeLoopIdentifier) -> list[Columns]:

@@ -9,7 +9,7 @@ the joints it acts on, and if it comes first there in most halves of the data (M
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from itertools import combinations
 
 import numpy as np
@@ -22,6 +22,7 @@ from dynid_rs.diagnosis.settling import settle
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.shapes import polished
 from dynid_rs.diagnosis.standing import backward, harmless
+from dynid_rs.diagnosis.structural import REFITTED
 from dynid_rs.diagnosis.trials import blocks, evidence, helps, is_stable, whole_runs
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.runs.recording import Recording
@@ -65,20 +66,39 @@ def search(
 
 def name(belief: Belief, on_progress: Callable[[str], None]) -> None:
     """Rounds of naming, until nothing passes."""
+    refused: set[Place] = set()
     for _ in range(MOST_ROUNDS):
         on_progress(f"{len(belief.named)} effects so far" if belief.named else "looking for effects")
-        found = forward(belief)
+        found = forward(belief, refused)
         if not found:
             return
-        belief.accept(found)
+        found = accept(belief, found, refused)
         dropped = backward(belief)
-        if {named.hypothesis.place for named in found} <= dropped:
+        if found and {named.hypothesis.place for named in found} <= dropped:
             return  # all that was added is gone again: the next round would only do the same
 
 
-def forward(belief: Belief) -> list[Named]:
-    """Names that pass, one after the other, each beside those before it."""
-    open_ = [h for h in belief.hypotheses() if h.place not in belief.named]
+def accept(belief: Belief, found: list[Named], refused: set[Place]) -> list[Named]:
+    """Believe names; which those were.
+
+    A change of structure is linear near what it changes only: changes after which the data are less probable are
+    `refused`.
+    """
+    before = belief.kept
+    belief.accept(found)
+    moved = [named for named in found if named.hypothesis.kind in REFITTED]
+    if not moved or belief.is_likelier_than(before):
+        return found
+    belief.restore(before)
+    refused |= {named.hypothesis.place for named in moved}
+    found = [named for named in found if named not in moved]
+    belief.accept(found)
+    return found
+
+
+def forward(belief: Belief, never: Collection[Place] = ()) -> list[Named]:
+    """Names that pass, one after the other, each beside those before it; none of `never`."""
+    open_ = [h for h in belief.hypotheses() if h.place not in belief.named and h.place not in never]
     beside = belief.beside
     log_places = float(np.log(len(places_of(open_))))
     need = SURE + log_places

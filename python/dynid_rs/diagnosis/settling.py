@@ -26,7 +26,7 @@ SETTLED = 0.02
 
 
 def settle(belief: Belief) -> None:
-    """Every effect's shape beside all others, then steps of all shapes together for as long as they leave less."""
+    """Every effect's shape beside all others, then steps of all shapes together towards likelier ones."""
     effects = []
     for effect, places in zip(belief.setup.effects, belief.places(), strict=True):
         (h,) = belief.catalogue.of([shaped_as(effect)])
@@ -36,21 +36,21 @@ def settle(belief: Belief) -> None:
         belief.reshape(effects)
     if not any(slope.effect for slope in effect_slopes(belief)):
         return
-    alone = belief.shapes
+    alone = belief.kept
     belief.reshape(belief.setup.effects, (belief.fit.friction_.transition_width_, belief.fit.friction_.sharpness_))
     for _ in range(MOST_STEPS):
         slopes = [*effect_slopes(belief), *friction_slopes(belief)]
         steps = _steps(belief, slopes)
-        before = belief.shapes
+        before = belief.kept
         while np.max(np.abs(steps)) > SETTLED:
             belief.reshape(*_moved(belief, slopes, steps))
-            if belief.leaves_less_than(before):
+            if belief.is_likelier_than(before):
                 break
             belief.restore(before)
             steps /= 2
         else:
             break
-    if not belief.leaves_less_than(alone):
+    if not belief.is_likelier_than(alone):
         belief.restore(alone)
 
 
@@ -83,7 +83,7 @@ def _moved(
         )
         if _in_range(new, slope.name) and is_valid(new.kind, new.shape):
             effects[slope.effect] = new
-    return [shaped.placed() for shaped in effects.values()], in_reach(width, sharpness)
+    return [shaped.placed() for shaped in effects.values()], in_reach(width, sharpness, belief.fit.runs_)
 
 
 def _in_range(shaped: Shaped, name: str) -> bool:

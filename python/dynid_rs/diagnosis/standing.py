@@ -10,8 +10,10 @@ from dynid_rs.diagnosis.belief import Belief
 from dynid_rs.diagnosis.beside import Beside
 from dynid_rs.diagnosis.hypotheses import Place, shaped_as
 from dynid_rs.diagnosis.structural import value_of
+from dynid_rs.diagnosis.structural.torque_gain import USUAL
 from dynid_rs.diagnosis.trials import blocks, whole_runs, worse
 from dynid_rs.regression.linear_model import sign_cost
+from dynid_rs.regression.scales import SCALE_SPREAD
 
 HARM = 1.02
 """No joint's left-out error may grow by this factor."""
@@ -70,6 +72,19 @@ def _structure(belief: Belief) -> dict[Place, float]:
         S = after.best.covariance[at, at]
         z = (value + after.best.x[at] * unit) / unit
         factors[h.place] = 0.5 * float(z @ np.linalg.solve(S, z)) + 0.5 * float(np.linalg.slogdet(S)[1])
+    return factors | _gains(belief)
+
+
+def _gains(belief: Belief) -> dict[Place, float]:
+    """The same of gains, which stand in the fit's model already, by their logarithms."""
+    scale, best = belief.fit.links_.torque_scale_, belief.beside.best
+    first = belief.fit.observations_.plan.n_columns
+    factors = {}
+    for k, j in enumerate(np.flatnonzero(scale != 1.0).tolist()):
+        if ("torque_gain", (j,)) in belief.named:
+            std = SCALE_SPREAD * float(np.sqrt(best.covariance[first + k, first + k])) / float(USUAL[0])
+            z = float(np.log(scale[j])) / float(USUAL[0])
+            factors["torque_gain", (j,)] = 0.5 * (z / std) ** 2 + float(np.log(std))
     return factors
 
 

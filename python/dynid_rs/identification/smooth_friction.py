@@ -83,7 +83,7 @@ class SmoothFrictionIdentifier(BaseEstimator):  # type: ignore[misc]
         self, observations: Observations, links: LinkDynamicsIdentifier, runs: Sequence[States]
     ) -> SmoothFrictionIdentifier:
         """Choose the shapes beside everything else that `links` has fitted to `observations`."""
-        self._top = np.max([np.abs(states.dq_motor).max(axis=0) for states in runs], axis=0)
+        self._top = _top_speed(runs)
         grid = [list(product(np.array(WIDTHS) * v, SHARPNESS)) for v in self._top]
         width, sharpness = self.transition_width_.copy(), self.sharpness_.copy()
         for j, best in enumerate(self._best(observations, links, runs, grid)):
@@ -102,8 +102,13 @@ class SmoothFrictionIdentifier(BaseEstimator):  # type: ignore[misc]
         fit = model.fit(posterior.choice, posterior.noise_std)
         step = np.clip(SPREAD_HERE * fit.x[-2 * n :].reshape(n, 2), -LARGEST_STEP, LARGEST_STEP)
         width, sharpness = np.exp(step).T
-        self._keep(*in_reach(self.transition_width_ * width, self.sharpness_ * sharpness))
+        self._keep(*in_reach(self.transition_width_ * width, self.sharpness_ * sharpness, runs))
         return float(np.max(np.abs(step[:, 0])))
+
+    def doubt(self, runs: Sequence[States]) -> float:
+        """Minus the logarithm of all shapes' probability beforehand."""
+        shapes = zip(self.transition_width_, self.sharpness_, _top_speed(runs), strict=True)
+        return sum(_doubt(*shape) for shape in shapes)
 
     def _best(
         self,
@@ -156,9 +161,10 @@ def smooth(width: FloatArray, sharpness: FloatArray) -> _core.Effect:
     return _core.Effect.of(KIND, transition_width=width, sharpness=sharpness)
 
 
-def in_reach(width: FloatArray, sharpness: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return shapes with the sharpness where a law may have it."""
-    return width, np.clip(sharpness, LONGEST, SHARPEST)
+def in_reach(width: FloatArray, sharpness: FloatArray, runs: Sequence[States]) -> tuple[FloatArray, FloatArray]:
+    """Return shapes where a law may have them: what turns round over a tenth of all speeds is no sign."""
+    top = _top_speed(runs)
+    return np.clip(width, WIDTHS[0] * top, WIDTHS[-1] * top), np.clip(sharpness, LONGEST, SHARPEST)
 
 
 def sign_by_way(n_joints: int) -> _core.Effect:
@@ -220,6 +226,12 @@ def shape_slopes(plan: Plan, links: LinkDynamicsIdentifier, runs: Sequence[State
     names = [name for name, _ in friction.shape if name != "velocity_threshold"]
     slopes = [np.concatenate([shape_slope(friction, name, states, j, own) for states in runs]) for name in names]
     return np.stack(slopes, axis=1)
+
+
+def _top_speed(runs: Sequence[States]) -> FloatArray:
+    """Greatest speed of every joint, (n_joints,) [rad/s]."""
+    top: FloatArray = np.max([np.abs(states.dq_motor).max(axis=0) for states in runs], axis=0)
+    return top
 
 
 def _doubt(width: float, sharpness: float, top_speed: float) -> float:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from dynid_rs.diagnosis.hypotheses import Hypothesis, standardised
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.structural.about import About
+from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.model.assembly import evaluate
 
 FloatArray = NDArray[np.float64]
@@ -28,7 +29,7 @@ def delay_hypotheses(about: About, setup: Setup) -> list[Hypothesis]:
             tuple(range(setup.robot.n_joints)),
             ("delay",),
             ("s",),
-            standardised(_slopes(about), USUAL),
+            standardised(lateness(about.fit), USUAL),
             USUAL,
             np.array([[-np.inf, np.inf]]),
             later,
@@ -36,9 +37,8 @@ def delay_hypotheses(about: About, setup: Setup) -> list[Hypothesis]:
     ]
 
 
-def _slopes(about: About) -> dict[int, FloatArray]:
+def lateness(fit: ThreeLoopIdentifier) -> dict[int, FloatArray]:
     """Change of the channel per second of delay, minus the predicted torque's rate, (n_rows, 1) per joint."""
-    fit = about.fit
     rows = []
     for states in fit.raw_runs_:
         torque = evaluate(fit.model_, states)[0]
