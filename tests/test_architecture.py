@@ -43,6 +43,7 @@ DENIED = {
     r"multivariate_normal": {},
     r"np\.exp\(": {
         "identification/friction.py": "widths and thresholds are searched in their logarithm",
+        "diagnosis/settling.py": "shapes that are scales are stepped in their logarithm",
         "identification/friction_laws.py": "Stribeck's velocity is searched in its logarithm",
         "diagnosis/ripple.py": "a wave in the angle, in complex numbers",
         "base/wording.py": "geometric mean of error ratios",

@@ -447,7 +447,7 @@ def test_the_catalogue_says_how_a_shape_is_searched():
     }
     assert ranges == {
         ("stribeck", "stribeck_velocity"): ("log", 1e-3, 10.0),
-        ("stribeck", "exponent"): ("log", 0.5, 4.0),
+        ("stribeck", "exponent"): ("log", 0.5, 2.1),
         ("friction_hysteresis", "presliding_distance"): ("log", 2.9e-4, 0.3),
         ("load_hysteresis", "presliding_distance"): ("log", 5e-4, 0.3),
         ("gear_hysteresis", "hysteresis_load"): ("log", 1e-4, 1e5),

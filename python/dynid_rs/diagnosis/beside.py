@@ -212,7 +212,8 @@ def yielding(fit: ThreeLoopIdentifier) -> list[Columns]:
                 motion = [x.copy() for x in (states.q, states.dq, states.ddq)]
                 for x, change in zip(motion, moved, strict=True):
                     x[:, j] += sign * change
-                ends.append(fit.robot.inverse_dynamics(*motion, about.phi))
+                q, dq, ddq = motion
+                ends.append(fit.robot.inverse_dynamics(q, dq, ddq, about.phi))
             slopes.append((ends[0] - ends[1])[:, :, None])
         found.append(about.in_band(slopes))
     return found

@@ -86,18 +86,23 @@ def _coefficients(effect: PlacedEffect, values: FloatArray, std: FloatArray, sca
     for k, (value, half) in enumerate(zip(values, NORMAL_95 * std, strict=True)):
         c, j = entry[k % len(entry)], effect.joints[k // len(entry)]
         own, half = float(value / scale[j]), float(half / scale[j])
-        low, high = max(own - half, c["lower"]), min(own + half, c["upper"])
-        found.append(Estimate(c["name"], j, own, (low, high), c["unit"]))
+        found.append(Estimate(c["name"], j, own, _interval(own, half, c["lower"], c["upper"]), c["unit"]))
     return found
+
+
+def _interval(value: float, half: float, lower: float, upper: float) -> tuple[float, float]:
+    """Of a coefficient; one that has a sign and is known to have it is a scale, known in its logarithm."""
+    if 0.0 in (lower, upper) and half < abs(value):
+        low, high = sorted(value * np.exp([-half / abs(value), half / abs(value)]))
+        return float(low), float(high)
+    return max(value - half, lower), min(value + half, upper)
 
 
 def _chosen(effect: PlacedEffect) -> list[Estimate]:
     """Shapes that are one of a few, as cycles per turn are: known, or not at all."""
     few = [p for p in CATALOGUE[effect.kind]["shape"] if p not in searched(effect.kind) and p["unit"] == CYCLES]
     j = effect.joints[0]
-    return [
-        Estimate(p["name"], j, effect.shape_at(j)[p["name"]], None, p["unit"]) for p in few
-    ]
+    return [Estimate(p["name"], j, effect.shape_at(j)[p["name"]], None, p["unit"]) for p in few]
 
 
 def _shape(effect: PlacedEffect, name: str, std: float) -> Estimate:

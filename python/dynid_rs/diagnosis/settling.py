@@ -5,8 +5,6 @@ In turn they would stop in any narrow valley that no single one of them leads al
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -28,7 +28,7 @@ STEP = 1e-2
 
 @dataclass(frozen=True, eq=False)
 class Slope:
-    """Change of the torque with one shape parameter (with its logarithm, unless it is an angle or a length of any sign).
+    """Change of the torque with one shape parameter (with the logarithm of a scale).
 
     `effect` is None for friction on joint `joint`, whose width carries the signs of all effects there.
     """

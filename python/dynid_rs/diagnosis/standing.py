@@ -79,7 +79,7 @@ def _gains(belief: Belief) -> dict[Place, float]:
     """The same of gains, which stand in the fit's model already, by their logarithms."""
     scale, best = belief.fit.links_.torque_scale_, belief.beside.best
     first = belief.fit.observations_.plan.n_columns
-    factors = {}
+    factors: dict[Place, float] = {}
     for k, j in enumerate(np.flatnonzero(scale != 1.0).tolist()):
         if ("torque_gain", (j,)) in belief.named:
             std = SCALE_SPREAD * float(np.sqrt(best.covariance[first + k, first + k])) / float(USUAL[0])

@@ -102,7 +102,7 @@ class SmoothFrictionIdentifier(BaseEstimator):  # type: ignore[misc]
         fit = model.fit(posterior.choice, posterior.noise_std)
         step = np.clip(SPREAD_HERE * fit.x[-2 * n :].reshape(n, 2), -LARGEST_STEP, LARGEST_STEP)
         width, sharpness = np.exp(step).T
-        self._keep(*in_reach(self.transition_width_ * width, self.sharpness_ * sharpness, runs))
+        self._keep(self.transition_width_ * width, np.clip(self.sharpness_ * sharpness, LONGEST, SHARPEST))
         return float(np.max(np.abs(step[:, 0])))
 
     def doubt(self, runs: Sequence[States]) -> float:
@@ -162,7 +162,7 @@ def smooth(width: FloatArray, sharpness: FloatArray) -> _core.Effect:
 
 
 def in_reach(width: FloatArray, sharpness: FloatArray, runs: Sequence[States]) -> tuple[FloatArray, FloatArray]:
-    """Return shapes where a law may have them: what turns round over a tenth of all speeds is no sign."""
+    """Return shapes where a sign has them beside names: what turns round over a tenth of all speeds is a curve."""
     top = _top_speed(runs)
     return np.clip(width, WIDTHS[0] * top, WIDTHS[-1] * top), np.clip(sharpness, LONGEST, SHARPEST)
 
