@@ -1,8 +1,9 @@
-"""Names that do not tell what they are named for: they leave another function of their angle, or their shape is no end.
+"""Names that do not tell what they are named for: they leave another function of their angle, or their shape goes on.
 
 A name says that a torque is one function, up to its coefficients and shape. Beside a right one no other function of
 the same angle is more probable than none; beside a wrong one (a cable that is drawn tight, told as a cylinder) the
-rest of the true function is. So it is where a shape is at the end of what it may be and would go on. Its torque is kept, for it predicts, and its cause is called unknown.
+rest of the true function is. The same holds where a shape is at the end of what it may be and would go on. The torque
+is kept, for it predicts, and its cause is called unknown.
 """
 
 from __future__ import annotations
