@@ -8,6 +8,7 @@ import data
 import numpy as np
 import pytest
 from diagnosed import ROBOT, entry_of, found_in, holds, names, recorded, rigid, with_effects
+from numpy.testing import assert_allclose
 from small_arm import JOINTS
 
 import dynid_rs as dyn
@@ -90,10 +91,17 @@ def test_an_encoder_that_is_not_centred_is_named():
     assert entry["joints"] == ["elbow"]
     (effect,) = arm.effects
     size, phase = effect.amplitude[ELBOW], effect.phase[ELBOW]
-    # Motor minus link position: the link encoder shows too much.
+    # The link encoder shows too much: size sin(q + phase).
     known = {p["name"]: p["value"] for p in entry["parameters"]}
-    assert np.hypot(known["cosine"], known["sine"]) == pytest.approx(size, rel=0.1)
-    assert np.tan(phase) * known["sine"] == pytest.approx(known["cosine"], rel=0.2)
+    assert known["cosine"] == pytest.approx(size * np.sin(phase), abs=0.1 * size)
+    assert known["sine"] == pytest.approx(size * np.cos(phase), abs=0.1 * size)
+    assert_allclose(found.after.model_.encoder_error[ELBOW], [known["cosine"], known["sine"]], rtol=0.05)
+
+
+def test_an_encoder_that_is_far_from_centred_looks_like_no_frame():
+    arm = with_effects(ON_CLOCKS, "encoder_eccentricity:elbow:10")
+    found = found_in(both_encoders(arm))
+    assert {entry["kind"] for entry in found.effects} == {"encoder_delay", "encoder_eccentricity"}
 
 
 @pytest.fixture(scope="module")

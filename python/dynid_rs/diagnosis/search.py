@@ -92,7 +92,8 @@ def accept(belief: Belief, found: list[Named], refused: set[Place]) -> list[Name
     belief.restore(before)
     refused |= {named.hypothesis.place for named in moved}
     found = [named for named in found if named not in moved]
-    belief.accept(found)
+    if found:
+        belief.accept(found)
     return found
 
 
