@@ -11,8 +11,8 @@ from diagnosed import ROBOT, measured, rigid, with_effects
 from dynid_rs.diagnosis.belief import Belief, Named
 from dynid_rs.diagnosis.hypotheses import Shaped
 from dynid_rs.diagnosis.search import accept
-from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.settling import settle
+from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.standing import backward
 from dynid_rs.diagnosis.structural.encoder_eccentricity import added
 from dynid_rs.identification.smooth_friction import tanh_widths
