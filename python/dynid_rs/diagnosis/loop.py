@@ -1,7 +1,8 @@
 """`diagnose`: closes the loop. What the model lacks is found, added, and the error is reported before and after.
 
 channels and contacts  ->  declared model  ->  mounting, encoders centred  ->  search (`search.py`)
-->  ripple at full rate  ->  gears, where there are two encoders  ->  what is left  ->  errors on runs that chose nothing
+->  ripple at full rate  ->  gears, where there are two encoders  ->  what is left
+->  errors on runs that chose nothing
 """
 
 from __future__ import annotations
