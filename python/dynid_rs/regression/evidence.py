@@ -149,6 +149,7 @@ def fit_with_prior(
     if unknown_gain:
         prior = prior.in_unit(held.prior.unit if held is not None else _unit(plan, factors, scale))
     chosen: list[Choice] = []
+    apart = True
     for _ in range(ROUNDS if held is None else 1):
         model = linear_model(plan, factors, n_rows, scale, prior, n_effective, LEAST_NOISE * size)
         best = model.fit(choice, noise)
@@ -162,10 +163,11 @@ def fit_with_prior(
                 scale = improve_scale(plan, factors, best.weights, scale, best.x, free, pull)
                 model = linear_model(plan, factors, n_rows, scale, prior, n_effective, LEAST_NOISE * size)
                 best = model.fit(choice, best.noise)
-            if unknown_gain and held is None and not chosen:
+            if unknown_gain and held is None and apart:
                 ways = _in_common(observations, prior, choice, scale, free, n_effective, size)
                 end, own, gains = max(ways, key=lambda way: way[0].evidence)
-                if end.evidence > best.evidence:
+                apart = end.evidence > best.evidence  # else nothing is to be found there next time
+                if apart:
                     best, prior, scale = end, own, gains
         noise = best.noise
         chosen.append(choice)
