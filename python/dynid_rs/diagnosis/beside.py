@@ -36,8 +36,8 @@ FORGETS = 1.2
 """Factor by which samples have to be worth more with a hypothesis for both models to be fitted anew."""
 WIDER = (0.7, 1.0, 1.4)
 """Widths of a tanh beside a fitted sign, over its own: between them and the fitted one lies any sign that is round."""
-GAIN, CLOCK = 2e-3, 0.1
-"""Tolerance of a gain, as good drives and torque sensors have it, and of a torque channel's clock in samples."""
+GAIN, CLOCK = 5e-4, 0.02
+"""Tolerance of a gain, and of a torque channel's clock in samples: ten times as much is still nothing to anybody."""
 YIELDS = 1e-3
 """Usual yielding of a gear [rad]: three arc minutes under the load that it usually has."""
 NEVER = 1e9
