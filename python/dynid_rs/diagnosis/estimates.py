@@ -12,10 +12,10 @@ from dynid_rs.diagnosis.hypotheses import Place
 from dynid_rs.diagnosis.shapes import searched
 from dynid_rs.diagnosis.slopes import effect_slopes, friction_slopes, is_logarithmic
 from dynid_rs.diagnosis.structural import value_of
+from dynid_rs.diagnosis.structural.torque_gain import gain_spread
 from dynid_rs.identification.smooth_friction import SPREAD
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.model.placed import CATALOGUE, PlacedEffect
-from dynid_rs.regression.scales import SCALE_SPREAD
 from dynid_rs.regression.uncertainty import NORMAL_95
 
 FloatArray = NDArray[np.float64]
@@ -118,10 +118,7 @@ def _shape(effect: PlacedEffect, name: str, std: float) -> Estimate:
 
 
 def _gain(fit: ThreeLoopIdentifier, j: int, std: FloatArray) -> Estimate:
-    """A gain that is fitted in every round; its standard deviation stands behind the fit's own unknowns."""
-    scale = fit.links_.torque_scale_
-    free = [int(k) for k in np.flatnonzero(scale != 1.0)]
-    value = float(scale[j] - 1)
-    own = fit.observations_.plan.n_columns + free.index(j) if j in free else None
-    half = 0.0 if own is None else NORMAL_95 * SCALE_SPREAD * float(scale[j] * std[own])  # of its logarithm
+    """A gain that is fitted in every round."""
+    scale, spread = float(fit.links_.torque_scale_[j]), gain_spread(fit, j, std)
+    value, half = scale - 1, NORMAL_95 * scale * (spread or 0.0)
     return Estimate("gain", j, value, (value - half, value + half), "1")

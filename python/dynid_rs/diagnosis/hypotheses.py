@@ -17,7 +17,7 @@ from dynid_rs.identification.smooth_friction import in_paper_terms, tanh_widths
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.model.placed import CATALOGUE, PlacedEffect
 from dynid_rs.regression.linear_model import Columns
-from dynid_rs.runs.preprocessing import States
+from dynid_rs.runs.preprocessing import States, top_speed
 
 FloatArray = NDArray[np.float64]
 Shape = tuple[tuple[str, float], ...]
@@ -142,7 +142,7 @@ class Catalogue:
         )
         self._carries = carried_loads(fit)
         self._turns = np.ptp(np.concatenate([states.q for states in self.runs]), axis=0) / (2 * np.pi)
-        self._speed = np.max([np.abs(states.dq_motor).max(axis=0) for states in self.runs], axis=0)
+        self._speed = top_speed(self.runs)
         factors, n_rows = fit.observations_.factors(), fit.observations_.n_rows
         self._torque = np.array([np.linalg.norm(R[:, -1]) for R in factors]) / np.sqrt(n_rows)
         self._widths = tanh_widths(fit.observations_.plan.friction[0])

@@ -10,10 +10,9 @@ from dynid_rs.diagnosis.belief import Belief
 from dynid_rs.diagnosis.beside import Beside
 from dynid_rs.diagnosis.hypotheses import Place, shaped_as
 from dynid_rs.diagnosis.structural import value_of
-from dynid_rs.diagnosis.structural.torque_gain import USUAL
+from dynid_rs.diagnosis.structural.torque_gain import USUAL, gain_spread
 from dynid_rs.diagnosis.trials import blocks, whole_runs, worse
 from dynid_rs.regression.linear_model import sign_cost
-from dynid_rs.regression.scales import SCALE_SPREAD
 
 HARM = 1.02
 """No joint's left-out error may grow by this factor."""
@@ -77,14 +76,14 @@ def _structure(belief: Belief) -> dict[Place, float]:
 
 def _gains(belief: Belief) -> dict[Place, float]:
     """The same of gains, which stand in the fit's model already, by their logarithms."""
-    scale, best = belief.fit.links_.torque_scale_, belief.beside.best
-    first = belief.fit.observations_.plan.n_columns
+    scale, usual = belief.fit.links_.torque_scale_, float(USUAL[0])
+    spread_of_all = np.sqrt(np.diag(belief.beside.best.covariance))
     factors: dict[Place, float] = {}
-    for k, j in enumerate(np.flatnonzero(scale != 1.0).tolist()):
-        if ("torque_gain", (j,)) in belief.named:
-            std = SCALE_SPREAD * float(np.sqrt(best.covariance[first + k, first + k])) / float(USUAL[0])
-            z = float(np.log(scale[j])) / float(USUAL[0])
-            factors["torque_gain", (j,)] = 0.5 * (z / std) ** 2 + float(np.log(std))
+    for kind, joints in belief.named:
+        spread = gain_spread(belief.fit, joints[0], spread_of_all) if kind == "torque_gain" else None
+        if spread is not None:
+            z = float(np.log(scale[joints[0]])) / spread
+            factors[kind, joints] = 0.5 * z**2 + float(np.log(spread / usual))
     return factors
 
 

@@ -31,7 +31,7 @@ from dynid_rs.regression.columns import Observations, Plan, make_plan, observe
 from dynid_rs.regression.evaluation import rmse as rms
 from dynid_rs.regression.systems import block_residuals
 from dynid_rs.runs.encoders import EncoderDelay, estimate_encoder_delay
-from dynid_rs.runs.preprocessing import States
+from dynid_rs.runs.preprocessing import States, top_speed
 
 FloatArray = NDArray[np.float64]
 
@@ -281,8 +281,7 @@ class Loops:
             odd = [_core.triangular_factor(rows) for rows in pair_rows(plan, self._pairs)[0]] if self._pairs else None
             return power_left(observe(plan, self.runs), odd)
 
-        top_speed = np.max([np.abs(states.dq_motor).max(axis=0) for states in self.runs], axis=0)
-        self._stribeck = fit_stribeck(self.friction.effect_, top_speed, left)
+        self._stribeck = fit_stribeck(self.friction.effect_, top_speed(self.runs), left)
         self.plan = self._plan(self.friction.effect_)
 
 

@@ -23,7 +23,7 @@ from dynid_rs.regression.columns import Observations, Plan
 from dynid_rs.regression.evidence import FIRST_MEMORY, Posterior
 from dynid_rs.regression.priors import usual_torque
 from dynid_rs.regression.uncertainty import WIDTH_STEP, shape_slope
-from dynid_rs.runs.preprocessing import States
+from dynid_rs.runs.preprocessing import States, top_speed
 
 FloatArray = NDArray[np.float64]
 
@@ -83,7 +83,7 @@ class SmoothFrictionIdentifier(BaseEstimator):  # type: ignore[misc]
         self, observations: Observations, links: LinkDynamicsIdentifier, runs: Sequence[States]
     ) -> SmoothFrictionIdentifier:
         """Choose the shapes beside everything else that `links` has fitted to `observations`."""
-        self._top = _top_speed(runs)
+        self._top = top_speed(runs)
         grid = [list(product(np.array(WIDTHS) * v, SHARPNESS)) for v in self._top]
         width, sharpness = self.transition_width_.copy(), self.sharpness_.copy()
         for j, best in enumerate(self._best(observations, links, runs, grid)):
@@ -107,7 +107,7 @@ class SmoothFrictionIdentifier(BaseEstimator):  # type: ignore[misc]
 
     def doubt(self, runs: Sequence[States]) -> float:
         """Minus the logarithm of all shapes' probability beforehand."""
-        shapes = zip(self.transition_width_, self.sharpness_, _top_speed(runs), strict=True)
+        shapes = zip(self.transition_width_, self.sharpness_, top_speed(runs), strict=True)
         return sum(_doubt(*shape) for shape in shapes)
 
     def _best(
@@ -163,7 +163,7 @@ def smooth(width: FloatArray, sharpness: FloatArray) -> _core.Effect:
 
 def in_reach(width: FloatArray, sharpness: FloatArray, runs: Sequence[States]) -> tuple[FloatArray, FloatArray]:
     """Return shapes where a sign has them beside names: what turns round over a tenth of all speeds is a curve."""
-    top = _top_speed(runs)
+    top = top_speed(runs)
     return np.clip(width, WIDTHS[0] * top, WIDTHS[-1] * top), np.clip(sharpness, LONGEST, SHARPEST)
 
 
@@ -228,18 +228,12 @@ def shape_slopes(plan: Plan, links: LinkDynamicsIdentifier, runs: Sequence[State
     return np.stack(slopes, axis=1)
 
 
-def _top_speed(runs: Sequence[States]) -> FloatArray:
-    """Greatest speed of every joint, (n_joints,) [rad/s]."""
-    top: FloatArray = np.max([np.abs(states.dq_motor).max(axis=0) for states in runs], axis=0)
-    return top
-
-
-def _doubt(width: float, sharpness: float, top_speed: float) -> float:
+def _doubt(width: float, sharpness: float, top: float) -> float:
     """Minus the logarithm of a shape's probability beforehand.
 
     Another sharpness than the usual has to be sure: a long tail of the sign is a curve of friction too.
     """
-    far = np.log(width / (USUAL_WIDTH * max(top_speed, 1e-9))) / SPREAD
+    far = np.log(width / (USUAL_WIDTH * max(top, 1e-9))) / SPREAD
     return float(0.5 * far**2 + SURE * (sharpness != FIRST_SHARPNESS))
 
 

@@ -191,6 +191,12 @@ class States:
         return replace(self, ddq=self.ddq + encoder_delay * np.gradient(self.ddq, 1 / self.rate, axis=0))
 
 
+def top_speed(runs: Sequence[States]) -> FloatArray:
+    """Greatest speed of every joint's motor over all runs, (n_joints,) [rad/s]."""
+    top: FloatArray = np.max([np.abs(states.dq_motor).max(axis=0) for states in runs], axis=0)
+    return top
+
+
 def common_rate(recordings: list[Recording]) -> float:
     """Mean sampling rate of the first run [Hz], a whole number where it is one; the grid of all of them."""
     first = recordings[0]

@@ -12,6 +12,8 @@ from dynid_rs.diagnosis.hypotheses import Hypothesis, standardised
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.structural.about import About
 from dynid_rs.identification.loops import load_rows
+from dynid_rs.identification.three_loops import ThreeLoopIdentifier
+from dynid_rs.regression.scales import SCALE_SPREAD
 
 FloatArray = NDArray[np.float64]
 
@@ -47,6 +49,17 @@ def gain_hypotheses(about: About, setup: Setup) -> list[Hypothesis]:
                 )
             )
     return found
+
+
+def gain_spread(fit: ThreeLoopIdentifier, j: int, std: FloatArray) -> float | None:
+    """Standard deviation of the logarithm of joint j's gain; None where it is not fitted.
+
+    `std` is that of all unknowns of the model that diagnosis makes of the fit: gains stand behind the fit's own.
+    """
+    free = np.flatnonzero(fit.links_.torque_scale_ != 1.0).tolist()
+    if j not in free:
+        return None
+    return SCALE_SPREAD * float(std[fit.observations_.plan.n_columns + free.index(j)])
 
 
 def _acceptance(joint: int) -> Callable[[Setup, FloatArray], Setup]:
