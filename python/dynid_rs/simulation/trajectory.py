@@ -155,6 +155,9 @@ def random_trajectory(limits: MotionLimits, duration: float, rng: np.random.Gene
     )
     low, high = factor * q.min(axis=0), factor * q.max(axis=0)
     offset = limits.lower - low + rng.uniform(0.0, 1.0, room.size) * (room - (high - low))
+    # Between two samples a step h apart the series passes its samples by at most h^2/8 of its acceleration.
+    beyond = factor * np.abs(ddq).max(axis=0) * (period / (len(q) - 1)) ** 2 / 8
+    offset = np.clip(offset, limits.lower - low + beyond, limits.upper - high - beyond)
     return replace(unit, offset=offset, sin_coef=unit.sin_coef * factor, cos_coef=unit.cos_coef * factor)
 
 
