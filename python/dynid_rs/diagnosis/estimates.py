@@ -92,10 +92,11 @@ def _coefficients(effect: PlacedEffect, values: FloatArray, std: FloatArray, sca
 
 def _interval(value: float, half: float, lower: float, upper: float) -> tuple[float, float]:
     """Of a coefficient; one that has a sign and is known to have it is a scale, known in its logarithm."""
-    if 0.0 in (lower, upper) and half < abs(value):
+    if 0.0 in (lower, upper) and lower <= value <= upper and half < abs(value):
         low, high = sorted(value * np.exp([-half / abs(value), half / abs(value)]))
         return float(low), float(high)
-    return max(value - half, lower), min(value + half, upper)
+    low, high = np.clip([value - half, value + half], lower, upper)
+    return float(low), float(high)
 
 
 def _chosen(effect: PlacedEffect) -> list[Estimate]:

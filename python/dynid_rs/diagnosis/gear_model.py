@@ -148,12 +148,11 @@ class Gear:
                 [load, rate],
             ),
             self._hypothesis("nonlinear_elasticity", {"cubic": (f"rad/({unit})^3", free)}, [[tau**3 for tau in load]]),
-            self._hypothesis(
-                "encoder_eccentricity",
-                {"cosine": ("rad", free), "sine": ("rad", free)},
-                [[both[:, k] for both in turning] for k in range(2)],
-            ),
         ]
+        if self.fit.robot.joint_kinds[self.joint] == "revolute":
+            once = {"cosine": ("rad", free), "sine": ("rad", free)}
+            parts = [[both[:, k] for both in turning] for k in range(2)]
+            found.append(self._hypothesis("encoder_eccentricity", once, parts))
         scatter = float(np.concatenate(load).std())
         widest = float(np.concatenate(self.deflection).std())
         for turn in TURNS:

@@ -71,15 +71,18 @@ def seen_between(fit: ThreeLoopIdentifier) -> list[Seen]:
     return [seen for gear in Gear.all_of(fit) for seen in _named(gear, covariance)]
 
 
-def centred(setup: Setup, train: Sequence[Recording], fit: ThreeLoopIdentifier) -> tuple[Setup, ThreeLoopIdentifier]:
+def centred(
+    setup: Setup, train: Sequence[Recording], fit: ThreeLoopIdentifier, declared: FloatArray
+) -> tuple[Setup, ThreeLoopIdentifier]:
     """Take off link encoders what the gears show that they show too much, no more and no less; setup and its fit.
 
     A link that is not where it is read to be looks like frames and inertials that are not where the file has them.
+    Where a gear shows nothing, the `declared` error (n_joints, 2) [rad] stays.
     """
     if not all(states.two_encoders for states in fit.runs_):
         return setup, fit
     for _ in range(SETTLING):
-        error, std = np.zeros_like(setup.encoder_error), np.zeros_like(setup.encoder_error)
+        error, std = declared.copy(), np.zeros_like(declared)
         for seen in seen_between(fit):
             if seen.what.kind == "encoder_eccentricity":
                 error[seen.joint], std[seen.joint] = seen.value, seen.std

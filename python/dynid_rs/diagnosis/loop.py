@@ -112,7 +112,7 @@ def _traced(
     check_motion([before.states(recording) for recording in test])  # before the long part
     on_progress("mounting")
     asked, odds = mounted(setup, before)
-    asked, fit = centred(asked, train, before if asked is setup else fitted(asked, train))
+    asked, fit = centred(asked, train, before if asked is setup else fitted(asked, train), setup.encoder_error)
     found = search(asked, train, fit, on_progress=on_progress)
     if odds:
         found.believe_mounting(odds)
@@ -121,7 +121,7 @@ def _traced(
     if lines:
         found.setup = replace(found.setup, held=(*found.setup.held, *(h for family in lines for h in family.held())))
         found.fit = fitted(found.setup, train)
-    found.setup, found.fit = centred(found.setup, train, found.fit)
+    found.setup, found.fit = centred(found.setup, train, found.fit, setup.encoder_error)
     if found.fit is not found.catalogue.fit:
         found.catalogue = Catalogue(found.fit, found.catalogue)
     on_progress("what is left")

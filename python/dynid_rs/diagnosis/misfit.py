@@ -41,18 +41,22 @@ def nameless(belief: Belief) -> dict[Place, Argument]:
             if beside.evidence_for(functions[k])[0] > SURE + float(np.log(len(functions))):
                 found[kind, joints] = arguments[k]
                 break
-    return found | _parts_of(found, belief)
+    return _parts_of(found, belief) | found
 
 
 def _parts_of(found: dict[Place, Argument], belief: Belief) -> dict[Place, Argument]:
-    """Places of other functions of an angle that a function without a name depends on: together they are that one."""
-    by_joint = {joints: argument for (_, joints), argument in found.items()}
+    """Places of all functions of an angle where one of them has no name: together they are what it is a part of."""
+    by_joint = {joints: argument for (kind, joints), argument in found.items() if _is_of_the_angle(kind)}
     return {
         (effect.kind, effect.joints): by_joint[effect.joints]
         for effect in belief.setup.effects
-        if effect.joints in by_joint and set(CATALOGUE[effect.kind]["signals"]) <= set(ANGLES)
-        if not CATALOGUE[effect.kind]["memory"]
+        if effect.joints in by_joint and _is_of_the_angle(effect.kind)
     }
+
+
+def _is_of_the_angle(kind: str) -> bool:
+    """Whether a torque is a function of its joint's angle and of nothing else."""
+    return set(CATALOGUE[kind]["signals"]) <= set(ANGLES) and not CATALOGUE[kind]["memory"]
 
 
 def _at_an_end(belief: Belief) -> dict[Place, Argument]:

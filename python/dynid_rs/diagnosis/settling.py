@@ -81,7 +81,8 @@ def _moved(
         )
         if _in_range(new, slope.name) and is_valid(new.kind, new.shape):
             effects[slope.effect] = new
-    return [shaped.placed() for shaped in effects.values()], in_reach(width, sharpness, belief.fit.runs_)
+    found = in_reach((width, sharpness), (friction.transition_width_, friction.sharpness_), belief.fit.runs_)
+    return [shaped.placed() for shaped in effects.values()], found
 
 
 def _in_range(shaped: Shaped, name: str) -> bool:

@@ -54,17 +54,18 @@ def friction_slopes(found: Belief) -> list[Slope]:
     """Of every joint's friction: width, with the signs that follow it, and sharpness."""
     fit, n = found.fit, found.setup.robot.n_joints
     plan = fit.observations_.plan
-    following: dict[int, FloatArray] = {}
+    following: list[Columns] = [{} for _ in range(n)]
     for effect, x in coefficients_of(found):
         for parameter in CATALOGUE[effect.kind]["shape"]:
             if parameter["relative_to"] == "friction_width":
-                for j, column in (_slope(found, effect, parameter["name"], x) or {}).items():
-                    following[j] = following.get(j, 0.0) + column
+                j = effect.joints[0]
+                following[j] = _sum(following[j], _slope(found, effect, parameter["name"], x) or {})
     slopes, sharper = [], width_with_sharpness(fit.friction_.sharpness_)
-    for j in range(n):
-        own, signs = shape_slopes(plan, fit.links_, fit.runs_, j), following.get(j, 0.0)
-        slopes.append(Slope(None, j, "transition_width", {j: own[:, :1] + signs}))
-        slopes.append(Slope(None, j, "sharpness", {j: own[:, 1:] + sharper[j] * signs}))
+    for j, signs in enumerate(following):
+        own = shape_slopes(plan, fit.links_, fit.runs_, j)
+        slopes.append(Slope(None, j, "transition_width", _sum(signs, {j: own[:, :1]})))
+        less = {k: sharper[j] * column for k, column in signs.items()}
+        slopes.append(Slope(None, j, "sharpness", _sum(less, {j: own[:, 1:]})))
     return slopes
 
 
@@ -96,6 +97,10 @@ def _slope(found: Belief, effect: PlacedEffect, name: str, own: FloatArray) -> C
         j: ((high.columns[j] / _safe(high.unit) - low.columns[j] / _safe(low.unit)) @ own / width)[:, None]
         for j in low.columns
     }
+
+
+def _sum(one: Columns, other: Columns) -> Columns:
+    return {j: np.sum([part[j] for part in (one, other) if j in part], axis=0) for j in {**one, **other}}
 
 
 def _safe(unit: FloatArray) -> FloatArray:

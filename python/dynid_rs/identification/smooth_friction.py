@@ -26,6 +26,7 @@ from dynid_rs.regression.uncertainty import WIDTH_STEP, shape_slope
 from dynid_rs.runs.preprocessing import States, top_speed
 
 FloatArray = NDArray[np.float64]
+Shapes = tuple[FloatArray, FloatArray]
 
 KIND = "smooth_friction"
 SHARPNESS = (1.2, 1.5, 2.5, 4.0)
@@ -161,10 +162,14 @@ def smooth(width: FloatArray, sharpness: FloatArray) -> _core.Effect:
     return _core.Effect.of(KIND, transition_width=width, sharpness=sharpness)
 
 
-def in_reach(width: FloatArray, sharpness: FloatArray, runs: Sequence[States]) -> tuple[FloatArray, FloatArray]:
-    """Return shapes where a sign has them beside names: what turns round over a tenth of all speeds is a curve."""
-    top = top_speed(runs)
-    return np.clip(width, WIDTHS[0] * top, WIDTHS[-1] * top), np.clip(sharpness, LONGEST, SHARPEST)
+def in_reach(shapes: Shapes, before: Shapes, runs: Sequence[States]) -> Shapes:
+    """Return shapes where a sign has them beside names: what turns round over a tenth of all speeds is a curve.
+
+    One that was beyond `before` may be so, but not further.
+    """
+    (width, sharpness), (was, _), top = shapes, before, top_speed(runs)
+    narrowest, widest = np.minimum(WIDTHS[0] * top, was), np.maximum(WIDTHS[-1] * top, was)
+    return np.clip(width, narrowest, widest), np.clip(sharpness, LONGEST, SHARPEST)
 
 
 def sign_by_way(n_joints: int) -> _core.Effect:
