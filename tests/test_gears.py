@@ -8,11 +8,14 @@ import data
 import numpy as np
 import pytest
 from diagnosed import ROBOT, entry_of, found_in, holds, names, recorded, rigid, with_effects
-from numpy.testing import assert_allclose
-from small_arm import JOINTS
+from numpy.testing import assert_allclose, assert_array_equal
+from small_arm import JOINTS, URDF
 
 import dynid_rs as dyn
-from dynid_rs.diagnosis.gears import gear_entries
+from dynid_rs.diagnosis.belief import fitted
+from dynid_rs.diagnosis.gear_model import Gear
+from dynid_rs.diagnosis.gears import centred, gear_entries
+from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.runs.checks import check_recording, refused_sources
 
@@ -102,6 +105,26 @@ def test_an_encoder_that_is_far_from_centred_looks_like_no_frame():
     arm = with_effects(ON_CLOCKS, "encoder_eccentricity:elbow:10")
     found = found_in(both_encoders(arm))
     assert {entry["kind"] for entry in found.effects} == {"encoder_delay", "encoder_eccentricity"}
+
+
+def test_a_declared_error_stays_where_no_gear_shows_one():
+    runs = both_encoders(ON_CLOCKS)
+    declared = np.zeros((3, 2))
+    declared[WRIST] = 1e-6, -2e-6
+    setup = Setup(ROBOT, encoder_error=declared)
+    centred_on, _ = centred(setup, runs, fitted(setup, runs), declared)
+    assert_array_equal(centred_on.encoder_error, declared)
+
+
+def test_an_encoder_along_a_straight_way_is_not_off_centre():
+    robot = dyn.RobotModel.from_urdf_string(
+        URDF.replace('name="wrist" type="revolute"', 'name="wrist" type="prismatic"')
+    )
+    arm = replace(rigid(robot), delay=DELAY)
+    fit = fitted(Setup(robot), both_encoders(with_effects(arm, "joint_elasticity:elbow:0.6")))
+    offered = {gear.joint: {h.kind for h in gear.hypotheses()} for gear in Gear.all_of(fit)}
+    assert "encoder_eccentricity" in offered[ELBOW]
+    assert "encoder_eccentricity" not in offered.get(WRIST, set())
 
 
 @pytest.fixture(scope="module")

@@ -13,11 +13,12 @@ from dynid_rs.diagnosis.hypotheses import Shaped
 from dynid_rs.diagnosis.search import accept
 from dynid_rs.diagnosis.settling import settle
 from dynid_rs.diagnosis.setup import Setup
+from dynid_rs.diagnosis.slopes import friction_slopes
 from dynid_rs.diagnosis.standing import backward
 from dynid_rs.diagnosis.structural.encoder_eccentricity import added
-from dynid_rs.identification.smooth_friction import tanh_widths
+from dynid_rs.identification.smooth_friction import in_reach, tanh_widths
 
-ELBOW = 1
+ELBOW, WRIST = 1, 2
 FAR = 0.05
 """An encoder's error [rad] that none of the runs has."""
 
@@ -53,6 +54,37 @@ def test_a_change_of_structure_that_makes_the_data_less_probable_is_taken_back()
     assert belief.named == {}
     assert belief.setup is before.setup
     assert belief.steps == []
+
+
+def test_a_clock_that_is_wrong_is_no_likelier():
+    late = replace(Setup(ROBOT), torque_delay=np.full(3, 0.1))
+    belief = Belief.in_declared(Setup(ROBOT), measured())
+    declared = belief.kept
+    belief.setup = late
+    belief.refit()
+    assert not belief.is_likelier_than(declared)
+    wrong = belief.kept
+    belief.restore(declared)
+    assert belief.is_likelier_than(wrong)
+
+
+def test_both_signs_of_friction_that_two_joints_share_turn_round_with_one_width():
+    shared = Shaped(
+        "coupled_friction", (ELBOW, WRIST), (("partner", float(WRIST)), ("ratio", 1.0), ("transition_width", 0.02))
+    )
+    belief = Belief.in_declared(Setup(ROBOT, effects=(shared.placed(),)), measured("stribeck:elbow"))
+    reached = {(slope.name, slope.joint): set(slope.columns) for slope in friction_slopes(belief)}
+    assert reached["transition_width", ELBOW] == reached["sharpness", ELBOW] == {ELBOW, WRIST}
+    assert reached["transition_width", WRIST] == {WRIST}
+
+
+def test_a_width_beyond_its_reach_stays_where_it_is_until_it_is_moved():
+    runs = Belief.in_declared(Setup(ROBOT), measured()).fit.runs_
+    width, sharpness = np.array([1e-6, 0.01, 9.0]), np.full(3, 2.5)
+    kept, _ = in_reach((width, sharpness), (width, sharpness), runs)
+    np.testing.assert_array_equal(kept, width)
+    further, _ = in_reach((width * [0.5, 1.0, 2.0], sharpness), (width, sharpness), runs)
+    np.testing.assert_array_equal(further, width)
 
 
 def _with(belief: Belief, error: float) -> Belief:

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from diagnosed import errors, found_in, names, recorded, rigid
 from nameless import Nameless
 
+from dynid_rs.diagnosis.misfit import _parts_of
+from dynid_rs.diagnosis.waves import of_signal
 from dynid_rs.simulation import equip
 
 WIDTH = 0.02
@@ -75,6 +79,20 @@ def test_viscous_friction_along_the_way_is_nothing_else_than_friction_along_the_
 
     found = found_in(recorded(equip(arm, [Nameless("nameless", (0,), 1.5 * arm.noise_std[0], torque=viscous)])))
     assert names(found) <= {(kind, ("shoulder",)) for kind in ("position_dependent_friction", "unknown")}
+
+
+def test_a_name_that_is_none_costs_functions_of_the_same_angle_theirs_and_no_other():
+    """A cylinder that is something else takes the spring beside it along, Stribeck's friction does not."""
+    kinds = ("stribeck", "position_dependent_friction", "counterbalance", "joint_spring")
+    effects = tuple(SimpleNamespace(kind=kind, joints=(1,)) for kind in kinds)
+    belief = SimpleNamespace(
+        setup=SimpleNamespace(effects=(*effects, SimpleNamespace(kind="joint_spring", joints=(2,))))
+    )
+    angle, speed = of_signal(("q", 1)), of_signal(("dq_motor", 1))
+    for without_blame in ("stribeck", "position_dependent_friction"):
+        assert _parts_of({(without_blame, (1,)): speed}, belief) == {}
+    blamed = _parts_of({("stribeck", (1,)): speed, ("counterbalance", (1,)): angle}, belief)
+    assert blamed == {("counterbalance", (1,)): angle, ("joint_spring", (1,)): angle}
 
 
 def test_clean_runs_leave_nothing():

@@ -193,15 +193,10 @@ class Belief:
         self.refit(friction)
 
     def is_likelier_than(self, kept: Kept) -> bool:
-        """Whether a row of the data is more probable than it was, samples worth what they were then.
-
-        Another clock has a few rows more or less.
-        """
+        """Whether the data are more probable than they were, samples worth what they were then."""
         worth = kept.fit.links_.posterior_
         assert worth is not None  # every fit that is diagnosed has the weak prior
-        before, now = (
-            shaped_evidence(fit, worth.n_effective) / fit.observations_.n_rows for fit in (kept.fit, self.fit)
-        )
+        before, now = (shaped_evidence(fit, worth.n_effective) for fit in (kept.fit, self.fit))
         return now > before
 
     def refit(self, friction: tuple[FloatArray, FloatArray] | None = None) -> None:

@@ -53,14 +53,14 @@ def search(
         Of the setup to these runs.
     """
     belief = Belief.in_declared(setup, train, fit)
-    declared, lengths = belief.beside, belief.run_lengths
+    declared = belief.beside
     name(belief, on_progress)
     if exchange(belief) | merge(belief):
         backward(belief)
         name(belief, on_progress)  # beside another kind another one may be missing
     settle(belief)
     backward(belief, SURE)
-    harmless(belief, declared, lengths)
+    harmless(belief, declared)
     return belief
 
 

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dynid_rs.diagnosis.belief import Belief
 from dynid_rs.diagnosis.beside import Beside
@@ -15,8 +13,6 @@ from dynid_rs.diagnosis.structural import value_of
 from dynid_rs.diagnosis.structural.torque_gain import USUAL, gain_spread
 from dynid_rs.diagnosis.trials import blocks, whole_runs, worse
 from dynid_rs.regression.linear_model import sign_cost
-
-FloatArray = NDArray[np.float64]
 
 HARM = 1.02
 """No joint's left-out error may grow by this factor."""
@@ -91,26 +87,21 @@ def _gains(belief: Belief) -> dict[Place, float]:
     return factors
 
 
-def harmless(belief: Belief, declared: Beside, lengths: Sequence[int]) -> None:
-    """Take out names until no joint is predicted worse than by the `declared` model, on parts that were left out.
+def harmless(belief: Belief, declared: Beside) -> None:
+    """Take out names until no joint is predicted worse than by the declared model, on parts that were left out.
 
     Worse: by more than `HARM`, and by more than one standard error of the difference over the parts. The least certain
-    name that reaches the joint goes first. `lengths`: rows of the declared model's runs.
+    name that reaches the joint goes first.
     """
-    without = _left_out(declared, lengths)
+    ways = [parts for parts in (blocks(declared.model.n_rows), whole_runs(belief.run_lengths)) if parts]
+    without = [declared.model.left_out(declared.best, parts) for parts in ways]
     while belief.named:
-        harmed: set[int] = set()
-        for before, after in zip(without, _left_out(belief.beside, belief.run_lengths), strict=True):
-            lost = after - before
+        beside, harmed = belief.beside, set[int]()
+        for parts, before in zip(ways, without, strict=True):
+            lost = beside.model.left_out(beside.best, parts) - before
             ratio = np.sqrt(1 + lost.sum(axis=0) / np.maximum(before.sum(axis=0), 1e-300))
             harmed |= set(np.flatnonzero((ratio > HARM) & worse(lost)).tolist())
         guilty = [named for named in belief.named.values() if set(belief.reach(named.hypothesis)) & harmed]
         if not guilty:
             return
         belief.remove(min(guilty, key=lambda named: named.log_odds).hypothesis.place)
-
-
-def _left_out(beside: Beside, lengths: Sequence[int]) -> list[FloatArray]:
-    """Power a row, (n_parts, n_joints), of parts and of whole runs that are predicted from the others."""
-    n_rows = beside.model.n_rows
-    return [beside.model.left_out(beside.best, parts) / n_rows for parts in (blocks(n_rows), whole_runs(lengths))]
