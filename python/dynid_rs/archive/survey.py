@@ -13,6 +13,7 @@ from dynid_rs import _core
 from dynid_rs.archive.runs import RunSource
 from dynid_rs.archive.sample import Piece, pieces_of, recording_bytes, run_key, work_space
 from dynid_rs.base.findings import Finding
+from dynid_rs.runs.checks.clocks import Clock
 from dynid_rs.runs.facts import RunFacts, check_facts
 from dynid_rs.runs.splitting import repeated
 
@@ -41,6 +42,7 @@ class Survey:
     def to_entry(self) -> Entry:
         """Plain data and arrays."""
         facts = {name: getattr(self.facts, name) for name in ("name", "joints", "torque_unit", "has_motor_encoder")}
+        facts["clock"] = asdict(self.facts.clock)
         cells = [piece.cells for piece in self.pieces]
         plain = {
             "facts": facts,
@@ -58,7 +60,7 @@ class Survey:
     def from_entry(entry: Entry) -> Survey:
         """Inverse of `to_entry`."""
         plain, arrays = entry
-        facts = plain["facts"] | {"joints": tuple(plain["facts"]["joints"])}
+        facts = plain["facts"] | {"joints": tuple(plain["facts"]["joints"]), "clock": Clock(**plain["facts"]["clock"])}
         facts |= {name: arrays[name] for name in ("moves", "lowest", "highest")}
         places = [field.name for field in fields(Finding)]
         findings = [Finding(**{name: finding[name] for name in places}) for finding in plain["findings"]]

@@ -117,6 +117,7 @@ def _survey(
     from dynid_rs.archive import Archive
     from dynid_rs.archive.archive import fits
     from dynid_rs.archive.sample import content_key
+    from dynid_rs.runs.checks.clocks import Clock, check_clocks
     from dynid_rs.runs.splitting import last_run_kept, refuse_another_kind
 
     train, tests = sources[:n_runs], sources[n_runs:]
@@ -143,6 +144,7 @@ def _survey(
     check_cutoff(cutoff, test)
     archive = Archive(train[0].robot, train, memory=memory, work=work, on_progress=say)
     archive.check({content_key(recording): recording.name for recording in test})
+    check_clocks([*(survey.facts.clock for survey in archive.surveys), *map(Clock.of, test)])
     for recording in test:
         refuse_another_kind(archive.surveys[0].facts, recording)
     sample = archive.sample(cutoff)

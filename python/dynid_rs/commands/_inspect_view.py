@@ -25,9 +25,12 @@ if TYPE_CHECKING:
 _STYLES = {"error": "bold red", "warning": "yellow", "info": "cyan"}
 
 
-def show(inspections: Sequence[Inspection]) -> None:
-    """Write what was found in each readable file."""
+def show(inspections: Sequence[Inspection], of_robot: Sequence[Finding] = ()) -> None:
+    """Write what was found in the robot file, and in each readable run."""
     out = console()
+    if of_robot:
+        out.print(Text(shown(of_robot[0].file or "robot", 100)), style="bold", soft_wrap=True)
+        _show_findings(out, of_robot)
     for inspection in inspections:
         if inspection.run is None:
             out.print(Text(f"{inspection.path}: not readable"), style="bold red", soft_wrap=True)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from dynid_rs.base.findings import Finding
 from dynid_rs.runs.checks import check_recording
+from dynid_rs.runs.checks.clocks import Clock, clock_findings
 from dynid_rs.runs.readers import Config, Run, read_run
 
 
@@ -29,3 +31,17 @@ def inspect_run(path: Path, robot: Any | None, config: Config) -> Inspection:
         return Inspection(path, run, (*check_recording(run.recording, robot), *notes))
     except (ValueError, OSError) as error:
         return Inspection(path, error=error)
+
+
+def compared(inspections: Sequence[Inspection]) -> list[Inspection]:
+    """Add what runs say of each other: a run whose time is in another unit than that of the rest."""
+    result, clocks = list(inspections), {}
+    for k, inspection in enumerate(inspections):
+        if inspection.run is not None:
+            clocks[k] = Clock.of(inspection.run.recording)
+    places = list(clocks)
+    for at, finding in clock_findings(list(clocks.values())).items():
+        inspection = inspections[places[at]]
+        others = [f for f in inspection.findings if (f.code, f.severity) != (finding.code, finding.severity)]
+        result[places[at]] = replace(inspection, findings=(finding, *others))
+    return result

@@ -60,6 +60,7 @@ class Job:
         from dynid_rs.commands._given import read_given
         from dynid_rs.commands._identifier import check_places, chosen_laws, known_terms
         from dynid_rs.commands._inputs import read_friction, read_robot, read_settings, size_in_bytes, with_rotors
+        from dynid_rs.model.inertials import inertial_findings
 
         if self.physical:
             _check_physical()
@@ -86,7 +87,8 @@ class Job:
         identifier, learned_from, findings = _fit(identifier, given, slow, say)
         bodies = _physical(identifier, say) if self.physical else None
         say("testing")
-        return _write(identifier, given, [*given.findings, *findings], self.output, bodies, learned_from)
+        said = [*inertial_findings(model, self.robot.name), *given.findings, *findings]
+        return _write(identifier, given, said, self.output, bodies, learned_from)
 
 
 def _identifier(

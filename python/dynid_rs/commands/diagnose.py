@@ -76,12 +76,13 @@ def diagnose(
         from dynid_rs.diagnosis.availability import missing_signals
         from dynid_rs.diagnosis.loop import diagnose as find_effects
         from dynid_rs.diagnosis.setup import Setup
+        from dynid_rs.model.inertials import inertial_findings
 
         setup = Setup(model, options=options)
         if friction_law == "auto":
             say("comparing laws of friction")
             setup = replace(setup, options={**options, "friction_law": chosen_laws(setup.identifier(), split.train)})
-        findings += missing_signals(split.train)
+        findings = [*inertial_findings(model, robot.name), *findings, *missing_signals(split.train)]
         with convergence_findings() as unsettled:
             outcome = find_effects(setup, split.train, split.test, on_progress=say, **more)
         say("testing")

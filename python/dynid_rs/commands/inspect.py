@@ -10,8 +10,9 @@ import numpy as np
 import typer
 
 from dynid_rs.commands._inputs import read_robot
-from dynid_rs.commands._inspection import Inspection, inspect_run
+from dynid_rs.commands._inspection import Inspection, compared, inspect_run
 from dynid_rs.commands._run import EXIT_NO, EXIT_UNUSABLE, error_object, print_json, run_command, sentence
+from dynid_rs.model.inertials import inertial_findings
 from dynid_rs.runs.checks import relative_jitter
 from dynid_rs.runs.readers import Config, read_config
 from dynid_rs.runs.recording import Recording, gaps
@@ -80,7 +81,8 @@ def inspect(
     """
     rules = Config() if config is None else read_config(config)
     model = None if robot is None else read_robot(robot)
-    inspections = [inspect_run(path, model, rules) for path in runs]
+    of_robot = [] if model is None or robot is None else inertial_findings(model, robot.name)
+    inspections = compared([inspect_run(path, model, rules) for path in runs])
     code = exit_code(inspections)
     if json_output:
         print_json(
@@ -88,6 +90,7 @@ def inspect(
                 "format": "dynid-inspect",
                 "version": 1,
                 "robot": None if model is None else model.name,
+                "robot_findings": [finding.to_json() for finding in of_robot],
                 "ok": code == 0,
                 "runs": [to_json(inspection) for inspection in inspections],
             }
@@ -95,7 +98,7 @@ def inspect(
     else:
         from dynid_rs.commands._inspect_view import show
 
-        show(inspections)
+        show(inspections, of_robot)
     for inspection in inspections:
         if inspection.error is not None:
             sys.stderr.write(f"error: {sentence(inspection.error)}{_hint(inspection, config)}\n")

@@ -151,7 +151,7 @@ def _compared(
     on_progress: Callable[[str], None],
 ) -> Diagnosis:
     """What has changed against a reference; the model with what was found is the reference with it."""
-    errors = channel_errors(setup, train)
+    errors = channel_errors(setup, train, test)
     fit = setup.identifier(residual=None).fit(list(train))
     if errors:
         return Diagnosis(setup, fit, fit, findings=errors)

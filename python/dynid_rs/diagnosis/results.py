@@ -108,7 +108,7 @@ def summarise_diagnosis(outcome: Outcome, runs: EvaluatedRuns, findings: Sequenc
     """
     before, after = outcome.before, outcome.after
     comparisons = [run.comparison for run in (*runs.train_after, *runs.test_after)]
-    said = [*findings, *outcome.findings]
+    said = list(dict.fromkeys([*findings, *outcome.findings]))  # a damaged sample is seen in the file and in the run
     said += implausible(after.robot, comparisons) if _not_said(said) else []
     said = with_fitted_delay(said, after.encoder_delay_)
     result = results.summarise(after, runs.train_after, runs.test_after, said)

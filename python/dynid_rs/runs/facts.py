@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from dynid_rs import _core
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.findings import joint_words
+from dynid_rs.runs.checks.clocks import Clock, check_clocks
+from dynid_rs.runs.checks.limits import check_magnitudes
 from dynid_rs.runs.checks.motion import MIN_SPAN, extent, moving_joints
 from dynid_rs.runs.recording import Recording
 
@@ -24,7 +26,8 @@ MOST_NAMES = 8
 class RunFacts:
     """What decides whether runs belong together: enough to check them without holding them.
 
-    `moves` (n_joints,) which joints move; `lowest, highest` (n_joints,) of the torque.
+    `moves` (n_joints,) which joints move; `lowest, highest` (n_joints,) of the torque; `clock` what tells the unit of
+    time.
     """
 
     name: str
@@ -34,10 +37,25 @@ class RunFacts:
     moves: NDArray[np.bool_]
     lowest: FloatArray
     highest: FloatArray
+    clock: Clock
 
     @staticmethod
     def of(recording: Recording) -> RunFacts:
-        """Facts of a run."""
+        """Facts of a run.
+
+        Raises
+        ------
+        DataError
+            It holds a number that no arm has: sums over it would be none.
+        """
+        for finding in check_magnitudes(recording):
+            raise DataError(
+                f"{recording.name}: {finding.message}",
+                code=finding.code,
+                file=recording.name,
+                column=finding.column,
+                row=None if finding.rows is None else finding.rows[0],
+            )
         return RunFacts(
             recording.name,
             recording.joints,
@@ -46,6 +64,7 @@ class RunFacts:
             moving_joints(recording),
             extent(recording, "tau").lowest,
             extent(recording, "tau").highest,
+            Clock.of(recording),
         )
 
 
@@ -57,7 +76,8 @@ def check_training_runs(robot: _core.RobotModel, recordings: Sequence[Recording]
     ValueError
         No run at all.
     DataError
-        Runs of another robot or of different kinds, or a joint that never moves in any of them.
+        Runs of another robot or of different kinds, time in another unit, numbers that no arm has, or a joint that
+        never moves in any of them.
     """
     if not recordings:
         raise ValueError("no recording to learn from; give at least one")
@@ -67,6 +87,7 @@ def check_training_runs(robot: _core.RobotModel, recordings: Sequence[Recording]
 def check_facts(robot: _core.RobotModel, runs: Sequence[RunFacts]) -> None:
     """`check_training_runs` on facts alone; at least one."""
     n, first = robot.n_joints, runs[0]
+    check_clocks([run.clock for run in runs])
     for recording in runs:
         if len(recording.joints) != n:
             raise DataError(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, Literal
@@ -25,6 +25,12 @@ MAX_GAP_STEPS = 10.0
 
 MIN_STEP = 1e-9
 """Shorter median steps [s] come from a wrong unit or damaged numbers."""
+
+ABSURD = 1e7
+"""No position, torque or acceleration of an arm has this size, in degrees and N mm neither."""
+
+TIME_UNITS: Mapping[str, float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+"""Seconds of every unit that a file's time may be in."""
 
 _MATRICES = ("q", "tau", "dq", "ddq", "q_motor", "dq_motor", "ddq_motor", "q_reference", "temperature")
 _REQUIRED = ("q", "tau")
@@ -61,6 +67,8 @@ class Recording:
         Names along the chain; ``"0"``, ``"1"``, ... when left out.
     torque_unit : {"N*m", "A"}
         Unit of `tau`; ampere when a motor current without drive gain stands for torque.
+    time_unit : str
+        Unit that the file's time was read in (`t` is in seconds all the same); said where it looks wrong.
     before : Recording, optional
         What the same measurement holds before this part of it: a model with memory (warm gears) comes from there.
 
@@ -85,6 +93,7 @@ class Recording:
     name: str = "recording"
     joints: tuple[str, ...] = ()
     torque_unit: str = "N*m"
+    time_unit: str = "s"
     before: Recording | None = None
 
     def __post_init__(self) -> None:
@@ -104,6 +113,8 @@ class Recording:
             raise ValueError(f"{self.name}: joints must be {self.n_joints} different names, got {list(self.joints)}")
         if self.torque_unit not in ("N*m", "A"):
             raise ValueError(f"{self.name}: torque_unit must be 'N*m' or 'A', got {self.torque_unit!r}")
+        if self.time_unit not in TIME_UNITS:
+            raise ValueError(f"{self.name}: time_unit must be one of {', '.join(TIME_UNITS)}, got {self.time_unit!r}")
         for name in _MATRICES:
             value = getattr(self, name)
             if value is not None and not np.isfinite(value).all():
@@ -210,6 +221,35 @@ def check_finite(values: FloatArray, *, file: str, column: str, line_of: Callabl
         f"{file}, {row_text(row, line_of)}, column {column}: {values[row]} is not a finite number{more}; "
         "cut these rows out or split the run there",
         code="not_finite",
+        file=file,
+        column=column,
+        row=row,
+    )
+
+
+def check_size(
+    values: FloatArray, scale: float = 1.0, *, file: str, column: str, line_of: Callable[[int], int] | None = None
+) -> None:
+    """Check that a column (n,) of finite numbers holds no number that is absurd once multiplied by `scale`, to SI.
+
+    Raises
+    ------
+    DataError
+        A number beyond `ABSURD`; names file, row, column, the number in the file, and the mend.
+    """
+    limit = ABSURD / abs(scale)
+    if -limit <= values.min() and values.max() <= limit:
+        return
+    wrong = np.flatnonzero(np.abs(values) > limit)
+    row = int(wrong[0])
+    more = f" (and {wrong.size - 1} more in this column)" if wrong.size > 1 else ""
+    mend = "cut these rows out or split the run there"
+    if 2 * wrong.size > values.size:
+        mend = "give its unit in dynid.toml under [units], or map another column under [columns]"
+    raise DataError(
+        f"{file}, {row_text(row, line_of)}, column {column}: {values[row]:g} is no value that an arm has (at most "
+        f"{ABSURD:g} in SI){more}; {mend}",
+        code="absurd_value",
         file=file,
         column=column,
         row=row,

@@ -9,6 +9,7 @@ import numpy as np
 
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.findings import Finding
+from dynid_rs.runs.checks.clocks import Clock, check_clocks
 from dynid_rs.runs.facts import RunFacts
 from dynid_rs.runs.recording import Recording
 
@@ -40,12 +41,14 @@ def split_runs(runs: Sequence[Recording], test: Sequence[Recording], test_from: 
     ValueError
         `test_from` with several runs or with test runs, or outside of the run.
     DataError
-        A run is there twice, under whatever name, or a test run holds other signals than the training runs.
+        The time of a run is in another unit; a run is there twice, under whatever name; or a test run holds other
+        signals than the training runs.
     """
     if test_from is not None and (test or len(runs) != 1):
         raise ValueError(
             "--test-from cuts a lone run; with --test or several runs there is nothing to cut, leave it out"
         )
+    check_clocks([Clock.of(recording) for recording in (*runs, *test)])
     _refuse_repeats(runs, test)
     if test:
         for recording in test:

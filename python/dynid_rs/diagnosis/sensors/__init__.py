@@ -6,7 +6,7 @@ scored. Clocks, gains and encoders are hypotheses like all others (`structural/`
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 from dynid_rs.base.findings import Finding
@@ -16,11 +16,17 @@ from dynid_rs.diagnosis.sensors.messages import contact_findings
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.identification.training import prepare_training_runs
+from dynid_rs.runs.checks.channels import check_channels
+from dynid_rs.runs.checks.clocks import check_clocks
+from dynid_rs.runs.checks.torque import check_torque
+from dynid_rs.runs.facts import RunFacts, check_facts
 from dynid_rs.runs.preprocessing import choose_band, common_rate, prepare
 from dynid_rs.runs.recording import Recording
 
 __all__ = ["Contact", "channel_errors", "examine", "find_contacts", "windows_of"]
 
+DAMAGED = ("torque_spike", "position_jump")
+"""Findings of `runs/checks` on samples that spoil whatever is fitted to them."""
 N_SEARCHES = 3
 """Searches for contact, each with what the one before found taken out of the fit."""
 
@@ -53,7 +59,7 @@ def examine(
         Errors, or contacts.
     """
     on_progress("channels")
-    errors = channel_errors(setup, train)
+    errors = channel_errors(setup, train, test)
     if errors:
         return setup, None, errors
     on_progress("contacts")
@@ -75,8 +81,26 @@ def examine(
     return setup, fit, contact_findings(contacts, [*train, *test])
 
 
-def channel_errors(setup: Setup, train: Sequence[Recording]) -> list[Finding]:
-    """Channels that are not what they are called."""
+def channel_errors(setup: Setup, train: Sequence[Recording], test: Sequence[Recording] = ()) -> list[Finding]:
+    """Channels that are not what they are called; first of all, what is wrong with the runs themselves.
+
+    Raises
+    ------
+    DataError
+        As `check_training_runs`: a joint that never moves, say, would look like a robot file of another arm.
+    """
+    facts = [RunFacts.of(recording) for recording in train]
+    check_clocks([*(run.clock for run in facts), *(RunFacts.of(recording).clock for recording in test)])
+    check_facts(setup.robot, facts)
+    damaged = [finding for recording in train for finding in _damaged(setup, recording)]
+    if damaged:  # whatever a damaged sample does to a fit looks like another robot, or another order of the joints
+        return damaged
     runs = prepare_training_runs(train, choose_band(list(train)), common_rate(list(train)), setup.excluded)
     findings = channel_findings(setup.robot, runs, train[0].torque_unit)
     return [finding for finding in findings if finding.severity == "error"]
+
+
+def _damaged(setup: Setup, recording: Recording) -> Iterator[Finding]:
+    """Samples that no arm has: of a torque that stands alone, of a position that jumps."""
+    found = (*check_torque(recording, setup.robot), *check_channels(recording))
+    yield from (finding for finding in found if finding.code in DAMAGED)

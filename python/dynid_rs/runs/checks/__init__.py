@@ -12,6 +12,7 @@ from dynid_rs.runs.checks.excitation import check_excitation
 from dynid_rs.runs.checks.limits import Limited, check_limits, check_magnitudes
 from dynid_rs.runs.checks.motion import moving_joints
 from dynid_rs.runs.checks.timing import check_timing, relative_jitter
+from dynid_rs.runs.checks.torque import check_torque
 from dynid_rs.runs.recording import OptionalSignal, Recording
 
 __all__ = ["check_recording", "contradicting_signals", "moving_joints", "refused_sources", "relative_jitter"]
@@ -44,14 +45,20 @@ def check_recording(rec: Recording, robot: Limited | None = None) -> list[Findin
     damaged = list(check_magnitudes(rec))
     if damaged:  # the other checks would only compare absurd numbers with each other
         return damaged
+    timing = list(check_timing(rec))
+    if any(finding.severity == "error" for finding in timing):  # speeds, delays and rests would all be wrong
+        return sorted(timing, key=_severity)
     findings = [
-        *check_timing(rec),
-        *check_limits(rec, robot),
+        *timing,
+        *check_torque(rec, robot),
         *check_channels(rec),
+        *check_limits(rec, robot),
         *check_derivatives(rec),
         *check_encoders(rec),
         *check_excitation(rec),
     ]
+    broken = {finding.column for finding in findings if finding.code == "position_jump"}
+    findings = [finding for finding in findings if not _follows(finding, broken)]
     if rec.torque_unit == "A":
         findings.append(
             Finding(
@@ -61,7 +68,17 @@ def check_recording(rec: Recording, robot: Limited | None = None) -> list[Findin
                 rec.name,
             )
         )
-    return sorted(findings, key=lambda finding: -SEVERITIES.index(finding.severity))
+    return sorted(findings, key=_severity)
+
+
+def _severity(finding: Finding) -> int:
+    return -SEVERITIES.index(finding.severity)
+
+
+def _follows(finding: Finding, broken: set[str | None]) -> bool:
+    """Whether a finding only says that the two encoders of a joint differ, of which one jumps."""
+    joint = (finding.column or "").rpartition("_")[2]
+    return finding.code == "motor_disagrees" and bool({f"q_{joint}", f"q_motor_{joint}"} & broken)
 
 
 def contradicting_signals(rec: Recording) -> tuple[OptionalSignal, ...]:

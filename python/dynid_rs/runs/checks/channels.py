@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from dynid_rs.base.findings import Finding, joint_words
+from dynid_rs.runs.checks.derivatives import agrees_outside
 from dynid_rs.runs.checks.motion import MIN_SPAN, equal_runs, extent, is_same, label, moving_joints, spans
 from dynid_rs.runs.recording import FloatArray, Recording
 
@@ -118,10 +119,11 @@ def _frozen_position(rec: Recording, signal: str, values: FloatArray, joint: int
     steps = np.abs(np.diff(values))
     moving = steps[steps > 0]
     usual = float(np.percentile(moving, 99)) if moving.size else np.inf
+    trusted = rec.dq is not None and agrees_outside(rec, values, rec.dq[:, joint], stretches)
     for start, stop in stretches:
         jump = steps[stop - 1] if stop < rec.n_samples else 0.0
         travel = 0.0
-        if rec.dq is not None:
+        if rec.dq is not None and trusted:
             dt = np.diff(rec.t[start:stop])
             dq = rec.dq[start:stop, joint]
             travel = abs(float(np.sum(0.5 * (dq[1:] + dq[:-1]) * dt)))

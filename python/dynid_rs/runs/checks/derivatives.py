@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +49,24 @@ def check_derivatives(rec: Recording) -> Iterator[Finding]:
     if rec.ddq is not None:
         velocity = rec.dq if rec.dq is not None and trusted else _velocity(rec)
         yield from _compare(rec, "ddq", rec.ddq, "dq", block_changes(rec, velocity), moves)
+
+
+def agrees_outside(
+    rec: Recording, values: FloatArray, velocity: FloatArray, stretches: Sequence[tuple[int, int]]
+) -> bool:
+    """Whether a velocity (n,) is the derivative of a position (n,) in the blocks that none of `stretches` touches.
+
+    So it is where there is no such block: nothing contradicts it.
+    """
+    edges = block_edges(rec)
+    outside = np.ones(len(edges) - 1, dtype=bool)
+    for start, stop in stretches:
+        outside &= (edges[1:] < start) | (edges[:-1] >= stop)
+    if not outside.any():
+        return True
+    change = block_changes(rec, values[:, None])[outside, 0]
+    error = rms(change - block_integrals(rec, velocity[:, None])[outside, 0])
+    return error <= MAX_DISAGREEMENT * max(rms(change), NOISE)
 
 
 def _velocity(rec: Recording) -> FloatArray:

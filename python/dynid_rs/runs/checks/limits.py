@@ -10,13 +10,12 @@ from numpy.typing import NDArray
 
 from dynid_rs.base.findings import Finding
 from dynid_rs.runs.checks.motion import extent, label, moving_joints
-from dynid_rs.runs.recording import Recording
+from dynid_rs.runs.recording import ABSURD, Recording
 
 DEGREE = np.pi / 180.0
-ABSURD = 1e7
-"""No position, torque or acceleration of an arm has this size, in degrees and N mm neither."""
-
 TWO_TURNS = 4 * np.pi
+FEW = 0.005
+"""A unit is in every row: where fewer rows than this are beyond, it is some rows that are wrong."""
 TOLERANCE = 0.01
 """Excess over a limit [rad, m] that calibration explains."""
 
@@ -61,7 +60,7 @@ def check_limits(rec: Recording, robot: Limited | None) -> Iterator[Finding]:
     largest = np.maximum(np.abs(low), np.abs(high))
     if robot is None:
         moves = moving_joints(rec)
-        wide = moves & (largest > TWO_TURNS)
+        wide = moves & (largest > TWO_TURNS) & _often(np.abs(rec.q) > TWO_TURNS)
         # One joint may turn round and round; half of the robot does not.
         if wide.any() and 2 * wide.sum() >= moves.sum():
             yield _degrees(rec, "warning", largest, f"{int(wide.sum())} of {rec.n_joints} joints go beyond two turns")
@@ -71,8 +70,10 @@ def check_limits(rec: Recording, robot: Limited | None) -> Iterator[Finding]:
     beyond = excess > TOLERANCE
     limit = np.maximum(np.abs(lower), np.abs(upper))
     fits = np.all((low * DEGREE >= lower - TOLERANCE) & (high * DEGREE <= upper + TOLERANCE))
-    if fits and np.any(largest > 3 * limit):
-        text = f"q_{int(np.argmax(largest / limit))} is far beyond the limits of the robot, and all fit as degrees"
+    far = (largest > 3 * limit) & _often(np.abs(rec.q) > 3 * limit)
+    if fits and np.any(far):
+        worst = int(np.argmax(np.where(far, largest / limit, 0.0)))
+        text = f"q_{worst} is far beyond the limits of the robot, and all fit as degrees"
         yield _degrees(rec, "error", largest, text)
         return
     for joint in np.flatnonzero(beyond).tolist():
@@ -88,6 +89,12 @@ def check_limits(rec: Recording, robot: Limited | None) -> Iterator[Finding]:
             float(excess[joint]),
             "rad",
         )
+
+
+def _often(beyond: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Columns of (n, n_joints) that are true in more than a few rows, (n_joints,)."""
+    often: NDArray[np.bool_] = beyond.mean(axis=0) > FEW
+    return often
 
 
 def _limits(values: Any, missing: float) -> NDArray[np.float64]:

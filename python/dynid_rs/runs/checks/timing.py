@@ -7,11 +7,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from dynid_rs.base.findings import Finding
+from dynid_rs.runs.checks.clocks import MAX_RATE, MIN_RATE, Clock, clock_findings
 from dynid_rs.runs.recording import GAP_STEPS, Recording, gaps
 
-MIN_RATE = 2.0
 SLOW_RATE = 40.0
-MAX_RATE = 50_000.0
 JITTER = 0.05
 STRONG_JITTER = 0.5
 
@@ -19,13 +18,15 @@ STRONG_JITTER = 0.5
 def check_timing(rec: Recording) -> Iterator[Finding]:
     """Rate that cannot be seconds, rate too slow for dynamics, jitter, gaps."""
     rate = rec.rate
-    if not MIN_RATE <= rate <= MAX_RATE:
-        guess = "milliseconds" if rate < MIN_RATE else "not seconds"
+    in_another_unit = clock_findings([Clock.of(rec)])
+    if in_another_unit:
+        yield from in_another_unit.values()
+    elif not MIN_RATE <= rate <= MAX_RATE:
         yield Finding(
             "sampling_rate",
             "error",
-            f"the median step of t is {rec.median_step:.4g} s ({rate:.3g} Hz); if t is {guess}, say so in "
-            'dynid.toml: [units] time = "ms"',
+            f"the median step of t is {rec.median_step:.4g} s ({rate:.3g} Hz), as no robot is recorded; t is "
+            "not seconds then, or not the right column (dynid.toml: [units] time, [columns] t)",
             rec.name,
             "t",
             value=rate,

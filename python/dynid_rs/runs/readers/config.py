@@ -42,6 +42,7 @@ from typing import Any
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.files import check_readable
 from dynid_rs.runs.readers.table import shown
+from dynid_rs.runs.recording import TIME_UNITS
 
 ColumnRule = str | tuple[str, ...] | None
 """A template, one name per joint, or None: do not read."""
@@ -50,7 +51,7 @@ SIGNALS = ("t", "q", "dq", "ddq", "q_motor", "dq_motor", "ddq_motor", "tau", "cu
 PLACEHOLDERS = ("i", "n", "joint")
 
 UNITS: Mapping[str, Mapping[str, float]] = {
-    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
+    "time": TIME_UNITS,
     "angle": {"rad": 1.0, "deg": math.pi / 180.0},
     "velocity": {"rad/s": 1.0, "deg/s": math.pi / 180.0, "rpm": math.pi / 30.0},
     "length": {"m": 1.0, "mm": 1e-3},
@@ -108,8 +109,11 @@ class Config:
         """Factor from the unit of the file to SI."""
         if quantity == "velocity" and "velocity" not in self.units:
             quantity = "angle"
-        table = UNITS[quantity]
-        return table[self.units.get(quantity, next(iter(table)))]
+        return UNITS[quantity][self.unit(quantity)]
+
+    def unit(self, quantity: str) -> str:
+        """Unit of the file."""
+        return self.units.get(quantity, next(iter(UNITS[quantity])))
 
     def with_gears(self, ratios: Iterable[float] | None) -> Config:
         """Return these rules with the robot's gear ratios (NaN: unknown), if the file left them to the robot.

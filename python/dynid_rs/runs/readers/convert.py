@@ -13,7 +13,7 @@ from dynid_rs.base.errors import DataError
 from dynid_rs.runs.readers.columns import ColumnMap
 from dynid_rs.runs.readers.config import Config, PerJoint
 from dynid_rs.runs.readers.table import Columns, Table
-from dynid_rs.runs.recording import FloatArray, Recording, check_finite, check_time
+from dynid_rs.runs.recording import FloatArray, Recording, check_finite, check_size, check_time
 
 _SIGN_OF = {
     "q": "q",
@@ -113,14 +113,21 @@ def to_recording(
     check_time(t, file=table.file, column=found.time, line_of=table.line_of)
     signals: dict[str, Any] = {}
     for signal, names in found.signals.items():
-        matrix = _stack(table, columns, names)
-        signals[signal] = matrix * scales[signal] if signal in scales else matrix
+        scale = scales.get(signal, np.ones(len(names)))
+        signals[signal] = _stack(table, columns, names, scale) * scale
     torque_unit = "N*m"
     if "current" in signals:
         signals["tau"] = signals.pop("current")
         torque_unit = "N*m" if config.drive_gain is not None else "A"
     signals.setdefault("tau", np.zeros_like(signals["q"]))  # only where the caller does without torque
-    return Recording(t=t, name=table.file, joints=tuple(joints), torque_unit=torque_unit, **signals)
+    return Recording(
+        t=t,
+        name=table.file,
+        joints=tuple(joints),
+        torque_unit=torque_unit,
+        time_unit=config.unit("time"),
+        **signals,
+    )
 
 
 def _seconds(values: NDArray[Any], factor: float) -> FloatArray:
@@ -131,10 +138,12 @@ def _seconds(values: NDArray[Any], factor: float) -> FloatArray:
     return np.ascontiguousarray(values.astype(np.float64) * factor)
 
 
-def _stack(table: Table, columns: Columns, names: Sequence[str]) -> FloatArray:
+def _stack(table: Table, columns: Columns, names: Sequence[str], scale: FloatArray) -> FloatArray:
+    """Columns of a signal as they are in the file, (n, n_joints); checked."""
     matrix = np.empty((len(columns[names[0]]), len(names)))
     for joint, name in enumerate(names):
         values = columns[name].astype(np.float64, copy=False)
         check_finite(values, file=table.file, column=name, line_of=table.line_of)
+        check_size(values, float(scale[joint]), file=table.file, column=name, line_of=table.line_of)
         matrix[:, joint] = values
     return matrix
