@@ -246,15 +246,22 @@ def test_a_reference_names_the_payload(tmp_path):
 # Bad input
 
 
-def test_torque_in_another_unit_on_the_test_run_is_an_error(tmp_path, search):
+@pytest.mark.parametrize(
+    ("factor", "expected"),
+    [
+        (-8.0, {"residual_exceeds_torque", "run_unlike_others"}),
+        (-1e3, {"torque_beyond_effort"}),  # the cause is known: no consequence is told
+    ],
+)
+def test_torque_in_another_unit_on_the_test_run_is_an_error(tmp_path, search, factor, expected):
     search(made_diagnosis.clean)
     robot, runs = write_robot(tmp_path), write_runs(tmp_path)
     columns = run(2)
-    columns |= {f"tau_{j}": -1e3 * columns[f"tau_{j}"] for j in range(3)}
-    printed, result = diagnosed(tmp_path, robot, *runs[:2], "--test", write(tmp_path / "milli.parquet", columns))
+    columns |= {f"tau_{j}": factor * columns[f"tau_{j}"] for j in range(3)}
+    printed, result = diagnosed(tmp_path, robot, *runs[:2], "--test", write(tmp_path / "odd.parquet", columns))
     assert printed.exit_code == 1
     codes = {f["code"] for f in result["data"]["findings"] if f["severity"] != "info"}
-    assert {"residual_exceeds_torque", "run_unlike_others"} <= codes
+    assert codes == expected
     assert result["verdict"].startswith("Look at the data first: ")
     validator().validate(result)
 
