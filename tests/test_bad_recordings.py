@@ -130,6 +130,11 @@ def test_units_of_time_by_what_robots_do(clocks, units):
         assert f'"{unit}"' in found[k].message
 
 
+def test_nothing_that_rests_on_time_is_said_of_a_run_in_another_unit():
+    (damaged, *_) = recordings(times(1e3), encoders=2)
+    assert [finding.code for finding in check_recording(damaged)] == ["sampling_rate"]
+
+
 def one(name, row, value):
     def change(columns):
         columns[name][row] = value
@@ -217,6 +222,18 @@ def test_without_effort_limits_the_channel_itself_tells(robot):
     findings = [finding for finding in check_recording(damaged) if finding.severity == "error"]
     assert [(f.code, f.column, f.rows) for f in findings] == [("torque_spike", "tau_2", (30, 31))]
     assert not any(finding.code in NEW for recording in clean for finding in check_recording(recording, robot))
+
+
+def test_damaged_torques_of_all_sizes_and_on_a_still_joint_are_told_by_the_effort_limits(robot):
+    def many(columns):
+        columns["tau_0"][[100, 300, 500]] = 900.0, 4000.0, 1e5  # the least is not far from what was measured
+        columns["q_2"][:] = 0.1
+        columns["tau_2"][200] = 300.0
+
+    (damaged, *_) = recordings(many)
+    spikes = [finding for finding in check_recording(damaged, robot) if finding.code == "torque_spike"]
+    assert [(f.column, f.rows) for f in spikes] == [("tau_0", (500, 501)), ("tau_2", (200, 201))]
+    assert "(and so are 2 more)" in spikes[0].message
 
 
 class Placeholder:
