@@ -13,9 +13,11 @@ from dynid_rs.diagnosis.shapes import searched
 from dynid_rs.diagnosis.slopes import effect_slopes, friction_slopes, is_logarithmic
 from dynid_rs.diagnosis.structural import value_of
 from dynid_rs.diagnosis.structural.torque_gain import gain_spread
+from dynid_rs.diagnosis.trials import blocks
 from dynid_rs.identification.smooth_friction import SPREAD
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.model.placed import CATALOGUE, PlacedEffect
+from dynid_rs.regression.linear_model import Fit, LinearModel
 from dynid_rs.regression.uncertainty import NORMAL_95
 
 FloatArray = NDArray[np.float64]
@@ -53,7 +55,7 @@ def estimates(found: Belief) -> dict[Place, list[Estimate]]:
     for slope in friction_slopes(found):
         model = model.beside({j: SPREAD * column for j, column in slope.columns.items()})
     best = model.fit(beside.best.choice, beside.best.noise)
-    std = np.sqrt(np.maximum(np.diag(best.covariance), 0.0))
+    std = np.maximum(np.sqrt(np.maximum(np.diag(best.covariance), 0.0)), _scatter(model, best))
     known: dict[Place, list[Estimate]] = {place: [] for place in found.named}
     at = size
     for effect in setup.effects:
@@ -77,6 +79,17 @@ def estimates(found: Belief) -> dict[Place, list[Estimate]]:
         if place[0] == "torque_gain" and not known[place]:
             known[place] = [_gain(fit, place[1][0], std)]
     return known
+
+
+def _scatter(model: LinearModel, fit: Fit) -> FloatArray:
+    """Standard deviation of all unknowns by how much they change when parts of the data are left out, (n,).
+
+    The jackknife over parts (Tukey 1958): what a model cannot say is other in every part, and its covariance does not
+    know of it.
+    """
+    parts = model.solved_without(fit, blocks(model.n_rows))
+    scatter: FloatArray = np.sqrt((len(parts) - 1) * np.var(parts, axis=0))
+    return scatter
 
 
 def _coefficients(effect: PlacedEffect, values: FloatArray, std: FloatArray, scale: FloatArray) -> list[Estimate]:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
-from dynid_rs.base.memory import residual_memory
+from dynid_rs.base.memory import power_memory
 from dynid_rs.regression.columns import Observations, Plan
 from dynid_rs.regression.linear_model import Choice, Fit, LinearModel
 from dynid_rs.regression.priors import WeakPrior, declares_inertia, weak_prior
@@ -173,7 +173,7 @@ def fit_with_prior(
         chosen.append(choice)
         if held is None:
             left = observations.by_run(block_residuals(observations, best.x, scale))
-            found = observations.n_counted / [residual_memory([run[:, j] for run in left]) for j in range(n)]
+            found = observations.n_counted / [power_memory([run[:, j] for run in left]) for j in range(n)]
             n_effective = found if len(chosen) == 1 else np.maximum(n_effective, found)
     model = linear_model(plan, factors, n_rows, scale, prior, n_effective, LEAST_NOISE * size)
     end = model.fit(choice, noise)

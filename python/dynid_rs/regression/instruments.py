@@ -114,8 +114,9 @@ class InstrumentalVariables(BaseEstimator):  # type: ignore[misc]
                 total += gain.T @ product @ gain
             return total
 
-        std_plain = np.maximum(np.sqrt(np.diag(covariance(1.0, 0.0))), 1e-300)
-        std_own = np.sqrt(np.diag(covariance(0.0, 1.0)))
+        # A part's noise may be known no better than to a rounding below nothing.
+        plain_std, std_own = (np.sqrt(np.maximum(np.diag(covariance(*of)), 0.0)) for of in ((1.0, 0.0), (0.0, 1.0)))
+        std_plain = np.maximum(plain_std, 1e-300)
         shift = (estimate - least_squares) / std_plain
         self.statistic_, self.dof_ = _wald(shift, covariance(-1.0, 1.0) / np.outer(std_plain, std_plain))
         self.p_value_ = float(chi2.sf(self.statistic_, self.dof_)) if self.dof_ else 1.0

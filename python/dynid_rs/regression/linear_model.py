@@ -199,6 +199,14 @@ class LinearModel:
             places.append(at)
         return replace(self, rows=rows, places=places, n_further=self.n_further + width)
 
+    def less(self, torque: Mapping[int, FloatArray]) -> LinearModel:
+        """Return the model of what is left beside a torque that is known, (n_rows,) per joint."""
+        rows = list(self.rows)
+        for j, known in torque.items():
+            rows[j] = rows[j].copy()
+            rows[j][:, -1] -= known * self.counted[j]
+        return replace(self, rows=rows)
+
     def without(self, columns: Sequence[tuple[int, int]]) -> LinearModel:
         """Return the model without columns, named by joint and place among all unknowns."""
         rows, places = list(self.rows), list(self.places)
@@ -216,16 +224,22 @@ class LinearModel:
 
     def left_out(self, fit: Fit, blocks: Sequence[BoolArray]) -> FloatArray:
         """Power per block and joint, (n_blocks, n_joints), when a block is predicted from the others."""
-        held = self._held(fit.choice)
         power = np.zeros((len(blocks), len(self.rows)))
-        for k, block in enumerate(blocks):
-            out = [part[block] for part in self.rows]
-            grams = [gram - part.T @ part for gram, part in zip(self.grams, out, strict=True)]
-            _, x = self._solve(held, fit.weights, grams)
+        for k, (block, x) in enumerate(zip(blocks, self.solved_without(fit, blocks), strict=True)):
             power[k] = [
-                np.sum((part[:, -1] - part[:, :-1] @ x[at]) ** 2) for part, at in zip(out, self.places, strict=True)
+                np.sum((part[block, -1] - part[block, :-1] @ x[at]) ** 2)
+                for part, at in zip(self.rows, self.places, strict=True)
             ]
         return power
+
+    def solved_without(self, fit: Fit, blocks: Sequence[BoolArray]) -> FloatArray:
+        """Unknowns from the rows outside each block, (n_blocks, n)."""
+        held, solutions = self._held(fit.choice), []
+        for block in blocks:
+            out = [part[block] for part in self.rows]
+            grams = [gram - part.T @ part for gram, part in zip(self.grams, out, strict=True)]
+            solutions.append(self._solve(held, fit.weights, grams)[1])
+        return np.array(solutions)
 
     def screen(
         self, fit: Fit, hypotheses: Sequence[Columns], bounds: Sequence[FloatArray], sizes: Sequence[float] = (1.0,)
