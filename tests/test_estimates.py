@@ -1,11 +1,16 @@
-"""Intervals of coefficients that have a sign."""
+"""Intervals: of coefficients that have a sign, and of those that are other in every part of the data."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from dynid_rs.diagnosis.estimates import _interval
+from dynid_rs.diagnosis.estimates import _interval, _scatter
+from dynid_rs.diagnosis.gear_model import Flat
+from dynid_rs.regression.linear_model import Choice, LinearModel
+
+N = 800
+NOISE = 0.1
 
 
 @pytest.mark.parametrize(
@@ -20,3 +25,21 @@ from dynid_rs.diagnosis.estimates import _interval
 )
 def test_an_interval_lies_where_its_coefficient_may_be(value, half, bounds, expected):
     assert _interval(value, half, *bounds) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_coefficient_that_changes_from_part_to_part_is_known_no_better_than_that(seed):
+    rng = np.random.default_rng(seed)
+    column, noise = rng.standard_normal(N), NOISE * rng.standard_normal(N)
+    spreads = {}
+    for change in (0.0, 0.5):
+        coefficient = 1.0 + change * np.repeat(rng.standard_normal(8), N // 8)
+        rows = np.column_stack([column, coefficient * column + noise])
+        model = LinearModel([rows], [np.array([0])], Flat(1), np.array([float(N)]), np.array([1e-9]), N)
+        fit = model.fit(Choice(), np.array([NOISE]))
+        spreads[change] = float(np.sqrt(fit.covariance[0, 0])), float(_scatter(model, fit)[0])
+    assert spreads[0.0][1] == pytest.approx(spreads[0.0][0], rel=0.8)  # 7 degrees of freedom
+    known, scattered = spreads[0.5]
+    # Eight coefficients of spread 0.5 have a mean that is known to 0.5 / sqrt(8) = 0.18.
+    assert known < 0.03
+    assert 0.07 < scattered < 0.4
