@@ -56,7 +56,8 @@ def assert_follows_joints(result, n):
     if result["encoder_delay"] is not None:
         arrays += [result["encoder_delay"][name] for name in ("value", "interval", "measured")]
     assert {len(array) for array in arrays} == {n}
-    assert all(low <= high for low, high in test["after_interval"])
+    pairs = zip(test["after_interval"], test["after"], strict=True)
+    assert all(pair is None or pair[0] <= value <= pair[1] for pair, value in pairs)
     entries = result["parameters"]["base"] + result["parameters"]["joint"]
     assert all(e["interval"][0] <= e["value"] <= e["interval"][1] for e in entries)
     assert len(result["parameters"]["base"]) == result["base_parameters"]["n_base"]
