@@ -75,6 +75,23 @@ def test_four_files_and_a_table():
     assert "\x1b" not in done.printed.stdout
 
 
+def test_the_floor_is_that_of_the_test_run(tmp_path):
+    """Noise in the training runs alone leaves it where it was; in the test run it lifts it."""
+    done, noise = study(), np.random.default_rng(0)
+    noisy = []
+    for k in range(3):
+        columns = run(k)
+        for j in range(len(JOINTS)):
+            columns[f"tau_{j}"] += 5 * noise.standard_normal(len(columns["t"]))
+        noisy.append(write(tmp_path / f"noisy_{k}.parquet", columns))
+    clean = identify(tmp_path, *done.runs[:2], "--test", done.runs[2])[1]
+    taught = identify(tmp_path, *noisy[:2], "--test", done.runs[2])[1]
+    tested = identify(tmp_path, *done.runs[:2], "--test", noisy[2])[1]
+    floors = [np.array(result["rmse"]["test"]["floor"]) for result in (clean, taught, tested)]
+    np.testing.assert_allclose(floors[1], floors[0], **ALGEBRAIC)
+    assert np.all(floors[2] > 1.5 * floors[0])
+
+
 @pytest.mark.parametrize("encoders", [1, 2])
 def test_result_follows_its_schema(encoders):
     result = study(encoders).result  # NaN and infinity fail here

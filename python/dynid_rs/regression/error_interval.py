@@ -26,8 +26,8 @@ Interval = tuple[float, float]
 
 LEVEL = 0.95
 N_COSINES = 4
-"""More see the variance better, but only of errors that forget sooner. Four cost 27 % of width against a variance that
-is known, and see a memory of up to a thirtieth of the run without being stretched."""
+"""More see the variance better, but only of errors that forget sooner. Four cost a third of width against a variance
+that is known (0.94 * 2.78 / 1.96, from chi and Student's t), and see memories of up to a thirtieth of the run unstretched."""
 N_BLOCKS = 32
 """Parts of a run whose mean squares show a size of the error that changes slowly."""
 LEAST_ROWS = 2 * N_BLOCKS
@@ -38,7 +38,7 @@ INFINITE = 3.0
 """Half width of the interval of a relative mean square at which its upper end is no number any more: (1 - 3/3)^-3."""
 STRETCH = 10.0
 """Stretch of an interval per memory over run: what the cosines miss of a slow error, and what a short run hides of its
-memory. Measured with the script above: without it 15 s with errors of 1 s are covered in 89 %, with it in 95 %."""
+memory. Measured with the script above: 15 s with AR(1) errors of 2 s hold in 86 % without it and in 94 % with it."""
 
 
 @dataclass(frozen=True, eq=False)
