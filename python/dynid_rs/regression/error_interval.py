@@ -27,7 +27,7 @@ Interval = tuple[float, float]
 LEVEL = 0.95
 N_COSINES = 4
 """More see the variance better, but only of errors that forget sooner. Four cost a third of width against a variance
-that is known (0.94 * 2.78 / 1.96, from chi and Student's t), and see memories of up to a thirtieth of the run unstretched."""
+that is known (0.94 * 2.78 / 1.96, from chi and Student's t), and see a memory of up to a thirtieth of the run."""
 N_BLOCKS = 32
 """Parts of a run whose mean squares show a size of the error that changes slowly."""
 LEAST_ROWS = 2 * N_BLOCKS
