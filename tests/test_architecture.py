@@ -48,6 +48,7 @@ DENIED = {
         "diagnosis/ripple.py": "a wave in the angle, in complex numbers",
         "base/wording.py": "geometric mean of error ratios",
         "identification/smooth_friction.py": "widths and sharpness are improved in their logarithm",
+        "regression/error_interval.py": "an interval of a ratio, in its logarithm",
         "diagnosis/estimates.py": "an interval of a scale, in its logarithm",
         "diagnosis/sensors/contact.py": "a chance from its logarithm",
     },

@@ -17,6 +17,8 @@ from tolerances import ALGEBRAIC
 
 from dynid_rs import TorqueModel
 from dynid_rs.base.findings import Finding
+from dynid_rs.base.wording import NO_INTERVAL
+from dynid_rs.commands._diagnose_view import show
 from dynid_rs.diagnosis.availability import missing_signals
 from dynid_rs.diagnosis.plausibility import implausible
 from dynid_rs.diagnosis.wording import explained_share, next_experiments, not_worse, verdict
@@ -78,7 +80,8 @@ def test_before_is_identifys_and_after_is_the_saved_models(tmp_path, search):
     identified = json.loads((plain / "result.json").read_text())["rmse"]["test"]
     test = result["rmse"]["test"]
     for mine, theirs in (("before", "after"), ("before_interval", "after_interval"), ("wls", "wls")):
-        np.testing.assert_allclose(test[mine], identified[theirs], **ALGEBRAIC)
+        found, expected = (np.array(part, dtype=float) for part in (test[mine], identified[theirs]))  # None is NaN
+        np.testing.assert_allclose(found, expected, **ALGEBRAIC)
     table = pq.read_table(tmp_path / "out" / "residuals.parquet").to_pydict()
     unseen = np.array(table["set"]) == "test"
     for name, key in (("residual", "after"), ("residual_before", "before")):
@@ -86,6 +89,30 @@ def test_before_is_identifys_and_after_is_the_saved_models(tmp_path, search):
             errors = np.array(table[f"{name}_{j}"])[unseen & np.array(table[f"moves_{j}"])]
             np.testing.assert_allclose(np.sqrt(np.mean(errors**2)), told, **ALGEBRAIC)
     assert test["after"] != test["before"]
+    assert any(test["change_interval"])
+    for pair, after, before in zip(test["change_interval"], test["after"], test["before"], strict=True):
+        assert pair is None or pair[0] <= after / before - 1 <= pair[1]
+
+
+def test_a_change_has_its_interval_and_what_cannot_be_said_is_a_dash(tmp_path, search, capsys):
+    search(made_diagnosis.with_effects)
+    done = study()
+    _, result = diagnosed(tmp_path, done.robot, *done.runs[:2], "--test", done.runs[2])
+    test = result["rmse"]["test"]
+    test |= {"after_interval": [[1.0, 2.0], [3.0, 4.0], None], "change_interval": [[-0.2, 0.1], [-0.5, -0.4], None]}
+    validator().validate(result)
+    show(result, tmp_path)
+    rows = [
+        line for line in capsys.readouterr().out.splitlines() if any(f"\u2502 {joint} " in line for joint in JOINTS)
+    ]
+    cells = [[cell.strip() for cell in row.strip("\u2502").split("\u2502")] for row in rows]
+    assert [row[3] for row in cells] == ["1 - 2", "3 - 4", "-"]
+    assert [row[5] for row in cells] == ["-20 to +10 %", "-50 to -40 %", "-"]
+    show(result, tmp_path)
+    assert f"-: {NO_INTERVAL[:60]}" in capsys.readouterr().out
+    test |= {"after_interval": [[1.0, 2.0]] * 3, "change_interval": [[-0.2, 0.1]] * 3}
+    show(result, tmp_path)
+    assert "no interval can be said" not in capsys.readouterr().out
 
 
 def test_clean_data_is_a_good_answer(tmp_path, search):
@@ -399,6 +426,12 @@ def test_share_of_what_could_be_explained():
     assert explained_share(outcome([2.0, 1.0], [1.0, 1.0], [1.0, 1.5])) == pytest.approx(1)
     assert explained_share(outcome([2.0, 1.0], [1.0, 1.0], [None, None])) is None
     assert explained_share(outcome([2.0, 1.0], [1.0, 1.0], [2.0, 1.5])) is None
+
+
+def test_without_an_interval_the_error_itself_stands_against_the_floor():
+    clean = outcome([2.0, 1.0], [2.0, 1.0], [1.0, 1.0], nothing_to_add=True)
+    clean["rmse"]["test"]["after_interval"] = [None, None]
+    assert "leaves on a is above the floor" in verdict(clean)
 
 
 def test_verdicts():

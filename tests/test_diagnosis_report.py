@@ -12,6 +12,7 @@ import pytest
 from test_report import BROWSER, HOSTILE, Page, data_of, make_result, make_table, write_inputs
 
 from dynid_rs.base.errors import DataError
+from dynid_rs.base.wording import NO_INTERVAL
 from dynid_rs.report import write_report
 from dynid_rs.report.before_after import before_after_table
 
@@ -26,6 +27,7 @@ def make_diagnosis(n_joints: int) -> dict[str, Any]:
     test |= {
         "before": before.tolist(),
         "before_interval": np.column_stack([0.95 * before, 1.05 * before]).tolist(),
+        "change_interval": [[-0.5, -0.25]] * n_joints,
         "floor_interval": [[0.9 * x, 1.1 * x] for x in test["floor"]],
     }
     ties = [made_diagnosis.tie("friction_hysteresis", where[0], after.tolist())]
@@ -103,6 +105,22 @@ def test_bars_stand_for_their_numbers() -> None:
         band = re.search(r'class="floor" x="([\d.]+)"[^>]*? width="([\d.]+)"', row)
         line = re.search(r'class="floor-line" x1="([\d.]+)"', row)
         assert float(band[1]) + float(band[2]) == pytest.approx(float(line[1]), abs=0.11)
+
+
+def test_a_change_has_its_interval_and_what_cannot_be_said_is_a_dash(tmp_path: Path) -> None:
+    result = make_diagnosis(3)
+    result["rmse"]["test"]["change_interval"] = [[-0.5, -0.25], [-0.1, 0.2], None]
+    cells = re.findall(r"<td[^>]*>(?:(?!</td>).)*(?:less|more|same)(?:(?!</td>).)*</td>", before_after_table(result))
+    assert len(cells) == 3
+    assert "\u221250\u00a0% to \u221225\u00a0%" in cells[0]
+    assert 'class="num better"' in cells[0]
+    assert "\u221210\u00a0% to +20\u00a0%" in cells[1]
+    assert 'class="num soft"' in cells[1]  # it may be none
+    assert " to " not in cells[2]
+    _, page = page_of(tmp_path, result)
+    assert NO_INTERVAL in page.text
+    result["rmse"]["test"]["change_interval"][2] = [0.0, 0.0]
+    assert NO_INTERVAL not in page_of(tmp_path, result)[1].text
 
 
 def test_dots_and_curve_reach_the_page(tmp_path: Path) -> None:

@@ -20,3 +20,25 @@ def test_wide_band_noise_is_bounded_from_below(seed):
     ratio = noise_floor([states]) / np.sqrt(np.sum(band.apply(impulse, 250.0) ** 2))
     # A bound from below: the quietest of eight stretches is taken, which lies somewhat under their mean.
     assert np.all((ratio > 0.8) & (ratio < 1.02)), ratio
+
+
+def white(name, size, seed, rows_per=1.0, rate=250.0, n=5000):
+    """Run of white torque noise of `size`, scored on its first part only."""
+    still = np.zeros((n, 1))
+    tau = size * np.random.default_rng(seed).standard_normal((n, 1))
+    moving = np.arange(n) < rows_per * n
+    return States(name, np.arange(n) / rate, *[still] * 6, tau, rate, Band(5.0), moving, two_encoders=False)
+
+
+def test_runs_count_by_their_scored_rows():
+    quiet, loud = noise_floor([white("a", 1.0, 0)]), noise_floor([white("b", 3.0, 1)])
+    runs = [white("a", 1.0, 0, rows_per=0.8), white("b", 3.0, 1, rows_per=0.2)]
+    share = len(runs[0].rows) / sum(len(run.rows) for run in runs)
+    assert 0.75 < share < 0.85
+    np.testing.assert_allclose(noise_floor(runs), np.sqrt(share * quiet**2 + (1 - share) * loud**2), rtol=1e-12)
+
+
+def test_one_run_whose_noise_is_not_seen_leaves_no_floor():
+    hidden = white("hidden", 1.0, 0, rate=20.0)  # nothing lies above twice the band
+    assert np.isnan(noise_floor([hidden])).all()
+    assert np.isnan(noise_floor([white("seen", 1.0, 0), hidden])).all()

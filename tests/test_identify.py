@@ -56,7 +56,8 @@ def assert_follows_joints(result, n):
     if result["encoder_delay"] is not None:
         arrays += [result["encoder_delay"][name] for name in ("value", "interval", "measured")]
     assert {len(array) for array in arrays} == {n}
-    assert all(low <= high for low, high in test["after_interval"])
+    pairs = zip(test["after_interval"], test["after"], strict=True)
+    assert all(pair is None or pair[0] <= value <= pair[1] for pair, value in pairs)
     entries = result["parameters"]["base"] + result["parameters"]["joint"]
     assert all(e["interval"][0] <= e["value"] <= e["interval"][1] for e in entries)
     assert len(result["parameters"]["base"]) == result["base_parameters"]["n_base"]
@@ -72,6 +73,23 @@ def test_four_files_and_a_table():
         assert text in done.printed.stdout
     assert done.printed.stdout.endswith(f"report: {done.output / 'report.html'}\n")
     assert "\x1b" not in done.printed.stdout
+
+
+def test_the_floor_is_that_of_the_test_run(tmp_path):
+    """Noise in the training runs alone leaves it where it was; in the test run it lifts it."""
+    done, noise = study(), np.random.default_rng(0)
+    noisy = []
+    for k in range(3):
+        columns = run(k)
+        for j in range(len(JOINTS)):
+            columns[f"tau_{j}"] += 5 * noise.standard_normal(len(columns["t"]))
+        noisy.append(write(tmp_path / f"noisy_{k}.parquet", columns))
+    clean = identify(tmp_path, *done.runs[:2], "--test", done.runs[2])[1]
+    taught = identify(tmp_path, *noisy[:2], "--test", done.runs[2])[1]
+    tested = identify(tmp_path, *done.runs[:2], "--test", noisy[2])[1]
+    floors = [np.array(result["rmse"]["test"]["floor"]) for result in (clean, taught, tested)]
+    np.testing.assert_allclose(floors[1], floors[0], **ALGEBRAIC)
+    assert np.all(floors[2] > 1.5 * floors[0])
 
 
 @pytest.mark.parametrize("encoders", [1, 2])

@@ -22,6 +22,7 @@ from typer.testing import CliRunner
 
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.files import write_table
+from dynid_rs.base.wording import NO_INTERVAL
 from dynid_rs.report import write_report
 
 TERMS = ("rigid_body", "rotor_inertia", "torque_offset", "friction", "residual_term")
@@ -363,6 +364,7 @@ def test_third_loop_left_out_and_joint_that_never_moved(tmp_path: Path) -> None:
     text = Page(write_report(write_inputs(tmp_path, result, columns)).read_text(encoding="utf-8")).text
     assert "It was left out of the model" in text
     assert "no gain on runs left out" in text
+    assert NO_INTERVAL in text
 
 
 def test_effects_are_shown(tmp_path: Path) -> None:

@@ -75,18 +75,27 @@ WEAKEST = 0.05
 
 def residual_memory(residuals: list[FloatArray]) -> float:
     """``1 + 2 sum rho`` over the lags before the autocorrelation first falls below `WEAKEST`; one array per run."""
-    from scipy.fft import irfft, next_fast_len, rfft
-
     residuals = [residual for residual in residuals if len(residual)]
     lags = np.zeros(max(map(len, residuals), default=1))
     for residual in residuals:
-        size = next_fast_len(2 * len(residual))
-        lags[: len(residual)] += irfft(np.abs(rfft(residual, size)) ** 2, size)[: len(residual)]
+        lags[: len(residual)] += _autocovariance(residual)
     if lags[0] <= 0:
         return 1.0
-    rho = lags / lags[0]
-    ended = np.flatnonzero(rho < WEAKEST)
-    return 1.0 + 2.0 * float(rho[1 : ended[0] if len(ended) else len(rho)].sum())
+    return 1.0 + 2.0 * float(_remembered(lags / lags[0]).sum())
+
+
+def square_memory(residual: FloatArray) -> float:
+    """Samples of `residual` (n,) that its squares count as one, were it Gaussian around its mean; at least 1.
+
+    A square's autocorrelation is then ``(gamma^2 + 2 mu^2 gamma) / (gamma_0^2 + 2 mu^2 gamma_0)`` with ``gamma`` the
+    residual's autocovariance and ``mu`` its mean. The residual tells its memory more surely than its squares do.
+    """
+    mean = residual.mean()
+    lags = _autocovariance(residual - mean)
+    if lags[0] <= 0:
+        return float(len(residual))  # one value all along
+    rho, offset = _remembered(lags / lags[0]), 2 * mean**2 * len(residual) / lags[0]
+    return 1.0 + 2.0 * float(np.sum(rho**2 + offset * rho) / (1.0 + offset))
 
 
 def power_memory(residuals: list[FloatArray]) -> float:
@@ -104,3 +113,18 @@ def power_memory(residuals: list[FloatArray]) -> float:
     squares = [np.where(own, residual**2 / power - 1, 0.0) for own, residual in zip(counted, residuals, strict=True)]
     spread = sum(float(square @ square) for square in squares) / (2 * n)
     return max(residual_memory(residuals), spread * residual_memory(squares))
+
+
+def _autocovariance(residual: FloatArray) -> FloatArray:
+    """Sums of products at every lag, (n,)."""
+    from scipy.fft import irfft, next_fast_len, rfft
+
+    size = next_fast_len(2 * len(residual))
+    lags: FloatArray = irfft(np.abs(rfft(residual, size)) ** 2, size)[: len(residual)]
+    return lags
+
+
+def _remembered(rho: FloatArray) -> FloatArray:
+    """Correlations from lag 1 to before the first that is below `WEAKEST`."""
+    ended = np.flatnonzero(rho < WEAKEST)
+    return rho[1 : ended[0] if len(ended) else len(rho)]

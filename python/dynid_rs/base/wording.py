@@ -8,6 +8,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+NO_INTERVAL = (
+    "no interval can be said where the test runs are too short for how long the errors remember each other, or for how "
+    "much their size varies"
+)
+"""Why there is a dash in the place of a 95 % interval."""
+
+
+def lacks_interval(result: Mapping[str, Any]) -> bool:
+    """Whether a joint has no interval of its error or of the change, although intervals were asked for."""
+    test = result["rmse"]["test"]
+    return any(pair is None for key in ("after_interval", "change_interval") for pair in test.get(key) or ())
+
 
 def verdict(result: dict[str, Any]) -> str:
     """One or two sentences for an engineer who has a minute."""

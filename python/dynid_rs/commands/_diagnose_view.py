@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from rich.table import Table
 from rich.text import Text
 
-from dynid_rs.commands._console import console
+from dynid_rs.base.wording import NO_INTERVAL, lacks_interval
+from dynid_rs.commands._console import console, interval
 from dynid_rs.commands._identify_view import with_file
 from dynid_rs.diagnosis.wording import named
 from dynid_rs.report import REPORT_FILE
@@ -20,6 +22,8 @@ def show(result: dict[str, Any], directory: Path) -> None:
     out = console()
     out.print(Text(result["verdict"]))
     out.print(_errors(result))
+    if lacks_interval(result):
+        out.print(Text(f"-: {NO_INTERVAL}"))
     for entry in result["effects"]:
         out.print(Text(_effect(entry, result)), soft_wrap=True)
     for entry in result["unexplained"]:
@@ -36,15 +40,20 @@ def _errors(result: dict[str, Any]) -> Table:
     test = result["rmse"]["test"]
     table = Table(title=Text(f"RMSE on test runs [{result['torque_unit']}]"), title_justify="left")
     table.add_column("joint")
-    for heading in ("before", "after", "95 % interval", "change", "floor"):
+    for heading in ("before", "after", "95 % interval", "change", "95 % interval", "floor"):
         table.add_column(heading, justify="right")
     for j, joint in enumerate(result["joints"]):
         before, after, floor = test["before"][j], test["after"][j], test["floor"][j]
-        low, high = test["after_interval"][j]
         change = f"{100 * (after / before - 1):+.0f} %" if before > 0 else "-"
-        numbers = (f"{before:.3g}", f"{after:.3g}", f"{low:.3g} - {high:.3g}", change)
+        bounds = interval(test["after_interval"][j]), _percent(test["change_interval"][j])
+        numbers = (f"{before:.3g}", f"{after:.3g}", bounds[0], change, bounds[1])
         table.add_row(Text(shown(joint)), *numbers, "unknown" if floor is None else f"{floor:.3g}")
     return table
+
+
+def _percent(bounds: Sequence[float] | None) -> str:
+    """Interval of a change, in percent."""
+    return "-" if bounds is None else f"{100 * bounds[0]:+.0f} to {100 * bounds[1]:+.0f} %"
 
 
 def _effect(entry: dict[str, Any], result: dict[str, Any]) -> str:

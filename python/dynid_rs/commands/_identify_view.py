@@ -8,7 +8,8 @@ from typing import Any
 from rich.table import Table
 from rich.text import Text
 
-from dynid_rs.commands._console import console
+from dynid_rs.base.wording import NO_INTERVAL, lacks_interval
+from dynid_rs.commands._console import console, interval
 from dynid_rs.report import REPORT_FILE
 from dynid_rs.runs.readers.table import shown
 
@@ -25,16 +26,17 @@ def show(result: dict[str, Any], directory: Path) -> None:
         table.add_column(heading, justify="right")
     for j, joint in enumerate(result["joints"]):
         std = test["torque_std"][j]
-        low, high = test["after_interval"][j]
         table.add_row(
             Text(shown(joint)),
             f"{std:.4g}",
             _with_share(test["wls"][j], std),
             _with_share(test["after"][j], std),
-            f"{low:.3g} - {high:.3g}",
+            interval(test["after_interval"][j]),
             _with_share(test["floor"][j], std),
         )
     out.print(table)
+    if lacks_interval(result):
+        out.print(Text(f"-: {NO_INTERVAL}"))
     out.print(Text(result["verdict"]))
     if "physical" in result:
         out.print(Text(f"Physical set: {result['physical']['reason']}"))

@@ -18,7 +18,7 @@ from dynid_rs.identification import results
 from dynid_rs.identification.results import Evaluated, Scores
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.model.placed import CATALOGUE
-from dynid_rs.regression.evaluation import rmse_interval
+from dynid_rs.regression.error_interval import change_interval, rmse_interval
 from dynid_rs.runs.encoders import with_fitted_delay
 from dynid_rs.runs.preprocessing import States
 from dynid_rs.runs.recording import Recording
@@ -120,6 +120,7 @@ def summarise_diagnosis(outcome: Outcome, runs: EvaluatedRuns, findings: Sequenc
         "wls": result["loops"]["test"]["wls"],
         "before": tested.rmse,
         "before_interval": rmse_interval(tested.comparisons),
+        "change_interval": change_interval([run.comparison for run in runs.test_after], tested.comparisons),
     }
     names = result["joints"]
     effects = [_complete(entry, k + 1, names) for k, entry in enumerate(outcome.effects)]

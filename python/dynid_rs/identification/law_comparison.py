@@ -13,12 +13,19 @@ from dynid_rs import _core
 from dynid_rs.identification.friction_laws import LAWS, LAWS_BY_JOINT, laws_per_joint
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.model.assembly import evaluate
-from dynid_rs.regression.evaluation import LEAST_BLOCK, LEAST_BLOCKS, N_RESAMPLES, compare, rmse
+from dynid_rs.regression.error_interval import interval_of
+from dynid_rs.regression.evaluation import compare, rmse
 from dynid_rs.runs.recording import Recording
 from dynid_rs.runs.splitting import split_runs
 
 FloatArray = NDArray[np.float64]
 
+N_RESAMPLES = 400
+"""Bootstrap resamples of the laws' errors."""
+LEAST_BLOCK = 1.0
+"""Block [s] that is resampled as a whole."""
+LEAST_BLOCKS = 8
+"""Fewer blocks have nothing to resample; a short run is cut finer."""
 BEYOND = 0.05
 """A difference is beyond noise where at most this part of the resampled ones has the other sign."""
 
@@ -34,7 +41,7 @@ class LawComparison:
     laws : tuple of str
         Laws, simplest first.
     rmse, interval : ndarray (n_laws, n_joints), (n_laws, n_joints, 2)
-        Error on the test runs and its 95 % interval [torque unit].
+        Error on the test runs and its 95 % interval [torque unit]; NaN where the runs are too short to say one.
     best : tuple of str
         Law of the least error, per joint.
     beyond_noise : ndarray (n_laws, n_joints)
@@ -132,7 +139,8 @@ def _compared(
             counts.append(len(block))
     draws = rng.integers(0, len(sums), (N_RESAMPLES, len(sums)))
     drawn = np.array(sums)[draws].sum(axis=1) / np.array(counts)[draws].sum(axis=1)[:, None, None]
-    interval = np.sqrt(np.percentile(drawn, [2.5, 97.5], axis=0)).transpose(1, 2, 0)
+    unknown = (np.nan, np.nan)
+    interval = np.array([[interval_of(e) or unknown for e in np.concatenate(parts).T] for parts in errors])
     least = powers.argmin(axis=0)
     best_drawn = np.take_along_axis(drawn, least[None, None, :], axis=1)
     beyond = np.mean(drawn <= best_drawn, axis=0) <= BEYOND

@@ -19,6 +19,7 @@ from dynid_rs.model.assembly import evaluate
 from dynid_rs.model.physical import PhysicalIdentifier
 from dynid_rs.model.physical_result import physical_section
 from dynid_rs.regression.columns import Plan
+from dynid_rs.regression.error_interval import rmse_interval
 from dynid_rs.regression.evaluation import (
     FLOOR_METHOD,
     Comparison,
@@ -27,7 +28,6 @@ from dynid_rs.regression.evaluation import (
     noise_floor,
     raw_rmse,
     rmse,
-    rmse_interval,
     torque_std,
 )
 from dynid_rs.regression.instruments import InstrumentalVariables, endogeneity

@@ -1,4 +1,4 @@
-"""Errors on runs, their intervals, and the floor under them."""
+"""Errors on runs, and the floor under them."""
 
 from __future__ import annotations
 
@@ -12,12 +12,6 @@ from dynid_rs.runs.preprocessing import States
 
 FloatArray = NDArray[np.float64]
 
-N_RESAMPLES = 400
-"""Bootstrap resamples of an error's interval."""
-LEAST_BLOCK = 1.0
-"""Block [s] that is resampled as a whole; errors stay alike for about as long."""
-LEAST_BLOCKS = 8
-"""Fewer blocks have nothing to resample; a short run is cut finer."""
 WELCH = 1024
 """Samples of a segment of the noise's spectrum."""
 FLOOR_METHOD = (
@@ -81,26 +75,11 @@ def torque_std(comparisons: Sequence[Comparison]) -> FloatArray:
     return result
 
 
-def rmse_interval(comparisons: Sequence[Comparison], random_state: int = 0) -> FloatArray:
-    """95 % interval of the RMSE, (n_joints, 2), by resampling blocks as long as the error's memory."""
-    rng = np.random.default_rng(random_state)
-    squares = []
-    for comparison in comparisons:
-        states = comparison.states
-        length = max(1, int(LEAST_BLOCK * states.rate / states.step))
-        n_blocks = min(max(LEAST_BLOCKS, len(comparison.error) // length), len(comparison.error))
-        power = comparison.error**2 * states.counted
-        blocks = zip(np.array_split(power, n_blocks), np.array_split(states.counted, n_blocks), strict=True)
-        squares += [(part.sum(axis=0), moves.sum(axis=0)) for part, moves in blocks]
-    sums, counts = (np.array(part, dtype=np.float64) for part in zip(*squares, strict=True))
-    draws = rng.integers(0, len(counts), (N_RESAMPLES, len(counts)))
-    values = np.sqrt(sums[draws].sum(axis=1) / np.maximum(counts[draws].sum(axis=1), 1.0))
-    interval: FloatArray = np.percentile(values, [2.5, 97.5], axis=0).T
-    return interval
-
-
 def noise_floor(runs: Sequence[States]) -> FloatArray:
     """Standard deviation of the torque channel's own noise inside the band, (n_joints,); NaN where it cannot be seen.
+
+    Of the same samples as the error that stands above it: every run counts by the rows on which it is scored, and one
+    run whose noise cannot be seen leaves none.
 
     The level is that of the quietest stretch of the spectrum above the band (vibrations stand above it); white noise of
     that level is then passed through the band. Noise that lives inside the band alone is not seen, so this is a bound
@@ -109,13 +88,13 @@ def noise_floor(runs: Sequence[States]) -> FloatArray:
     from scipy.signal import freqz_sos, welch
     from scipy.stats import chi2
 
-    floors = []
+    power, weight = np.zeros(runs[0].tau.shape[1]), np.zeros(runs[0].tau.shape[1])
     for states in runs:
         frequency, density = welch(states.tau, states.rate, nperseg=min(len(states.tau), WELCH), axis=0)
         # Torques that were thinned out carry an anti-aliasing edge at 0.4 of the rate.
         high = density[(frequency > 2 * states.band.cutoff) & (frequency < 0.35 * states.rate)]
         if states.filter is None or len(high) < 4:
-            continue  # no room above the band
+            return np.full_like(power, np.nan)  # no room above the band
         stretches = np.array_split(high, min(8, len(high) // 4))
         # A line's power is chi-squared distributed over the segments that were averaged: its median is below its mean.
         n_segments = max(1, (len(states.tau) - WELCH) // (WELCH // 2) + 1)
@@ -123,8 +102,7 @@ def noise_floor(runs: Sequence[States]) -> FloatArray:
         level = np.min([np.median(stretch, axis=0) / middle for stretch in stretches], axis=0)
         _, response = freqz_sos(states.filter[0], worN=frequency, fs=states.rate)
         passed = np.trapezoid(np.abs(response) ** 4, frequency)  # forwards and backwards
-        floors.append(np.sqrt(level * passed))
-    if not floors:
-        return np.full(runs[0].tau.shape[1], np.nan)
-    result: FloatArray = np.sqrt(np.mean(np.square(floors), axis=0))
+        scored = states.counted.sum(axis=0)
+        power, weight = power + scored * level * passed, weight + scored
+    result: FloatArray = np.sqrt(np.divide(power, weight, out=np.full_like(power, np.nan), where=weight > 0))
     return result

@@ -19,6 +19,7 @@ def before_after_table(result: Result) -> str:
     test, unit, n = result["rmse"]["test"], result["torque_unit"], len(result["joints"])
     unknown = [None] * n
     bounds, floors = test.get("after_interval") or unknown, test.get("floor") or unknown
+    changes = test.get("change_interval") or unknown
     floor_bounds, before_bounds = test.get("floor_interval") or unknown, test.get("before_interval") or unknown
     scale = _scale(test, bounds)
     said = f"<small>{esc(unit_text(unit))}</small>"
@@ -28,7 +29,7 @@ def before_after_table(result: Result) -> str:
         f"After {said}",
         f"95 % interval {said}",
         f"Floor {said}",
-        "Change",
+        "Change <small>95 % interval</small>",
         f'<th scope="col" class="strip-head wide">Error, in % of the error before{_axis(scale)}</th>',
     ]
     rows = []
@@ -41,7 +42,7 @@ def before_after_table(result: Result) -> str:
                 _pair(after, std, None, "main"),
                 cell(interval(bounds[j]), "num soft"),
                 _floor(after, bounds[j], floor, floor_bounds[j]),
-                change_cell(after, before),
+                change_cell(after, before, changes[j]),
                 cell(_bars(before, after, bounds[j], floor, scale), "strip"),
             ]
         )

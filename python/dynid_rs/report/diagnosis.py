@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from dynid_rs.base.wording import concluded
+from dynid_rs.base.wording import NO_INTERVAL, concluded, lacks_interval
 from dynid_rs.report import before_after, effect_cards, error_table, tables
 from dynid_rs.report.figures import Figures
 from dynid_rs.report.text import (
@@ -93,12 +93,13 @@ def errors(result: Result) -> str:
     """Before and after per joint, with the key."""
     data = result["data"]
     method = f" Floor: {esc(result['floor_method'])}." if result.get("floor_method") else ""
+    missing = f" {DASH} {NO_INTERVAL}." if lacks_interval(result) else ""
     return (
         f"<p>Root-mean-square torque error in {esc(unit_text(result['torque_unit']))}, and in percent of the joint's "
         "torque standard deviation, on runs that neither fitting nor choosing has touched.</p>\n"
         f"{before_after.before_after_table(result)}\n{before_after.key()}\n"
         f'<p class="note next">Intervals allow for errors that depend on their neighbours in time. \u25cf the error '
-        f"reaches the floor, below which no model can go.{method}</p>\n"
+        f"reaches the floor, below which no model can go.{method}{missing}</p>\n"
         f'<p class="note">Test: {file_names(data["test"])}. Train: {file_names(data["train"])}.</p>'
     )
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from dynid_rs.base.wording import NO_INTERVAL, lacks_interval
 from dynid_rs.report import error_table, plots, tables
 from dynid_rs.report.figures import Figures
 from dynid_rs.report.source import Source
@@ -110,6 +111,7 @@ def errors(result: Result) -> str:
     )
     key = "".join(f"<li>{_key_mark(mark)} {word}</li>" for mark, word in marks)
     method = f" Floor: {esc(result['floor_method'])}." if result.get("floor_method") else ""
+    missing = f" {DASH} {NO_INTERVAL}." if lacks_interval(result) else ""
     key = f'<ul class="key" aria-label="Key">{key}</ul>'
     return (
         "<p>Root-mean-square torque error on the test runs only, in "
@@ -119,7 +121,7 @@ def errors(result: Result) -> str:
         '<p class="note next">Weighted least squares: rigid body, Coulomb and viscous friction, fitted once. '
         "Three loops: friction, link dynamics and residual, repeated until nothing changes. The floor is "
         "the part that no model "
-        f"can remove; the interval allows for errors that depend on their neighbours in time.{method}</p>\n"
+        f"can remove; the interval allows for errors that depend on their neighbours in time.{method}{missing}</p>\n"
         f'<p class="note">Test: {file_names(data["test"])}. Train: {file_names(data["train"])}.</p>'
     )
 

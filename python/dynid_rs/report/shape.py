@@ -45,6 +45,7 @@ RESULT_SHAPE: Mapping[str, Any] = {
             "before_interval?": ("per joint", "interval"),
             "after": ("per joint", float),
             "after_interval?": ("per joint", "interval"),
+            "change_interval?": ("per joint", "interval"),  # of after over before, less one
             "floor?": ("per joint", float),
             "floor_interval?": ("per joint", "interval"),
         },

@@ -50,16 +50,22 @@ def cell(html: str, kind: str = "num") -> str:
     return f'<td class="{kind}">{html}</td>'
 
 
-def change_cell(after: float | None, wls: float | None) -> str:
-    """Table cell: by how much the error fell or rose, in a word, a sign and a colour."""
+def change_cell(after: float | None, wls: float | None, bounds: Sequence[float] | None = None) -> str:
+    """Table cell: by how much the error fell or rose, in a word, a sign and a colour.
+
+    `bounds`: 95 % interval of ``after / wls - 1``, shown under it; a change whose interval holds zero has no colour.
+    """
     share = ratio(after, wls)
     if share is None:
         return cell(DASH)
     kind, sign, word = ("better", "\u25bc", "less") if share < 1.0 else ("worse", "\u25b2", "more")
+    ends = "" if bounds is None else " to ".join(percent(bound, signed=True) for bound in bounds)
+    said = f'<br><span class="soft" title="95 % interval">{ends}</span>' if ends else ""
     if abs(share - 1.0) < 0.005:
-        return cell("same", "num soft")
+        return cell(f"same{said}", "num soft")
     change = f"{percent(abs(share - 1.0))} {word}"
-    return cell(f'<span aria-hidden="true">{sign}</span> {change}', f"num {kind}")
+    sure = bounds is None or bounds[0] > 0 or bounds[1] < 0
+    return cell(f'<span aria-hidden="true">{sign}</span> {change}{said}', f"num {kind if sure else 'soft'}")
 
 
 def effects_table(result: Result) -> str:
