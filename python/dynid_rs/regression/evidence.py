@@ -2,9 +2,10 @@
 
 Width w and centre c of the prior (`priors.py`) are those under which the data are most probable (`linear_model.py`).
 
-Neighbouring samples are not independent: a row of joint j counts as ``k_j = 1 / (1 + 2 sum rho)`` of one
-(`memory.residual_memory`). The residual's memory lowers how much the data count; it is not filtered out, for a filter
-fitted to a misfit would call the misfit noise.
+Neighbouring samples are not independent: a row of joint j counts as ``k_j = 1 / (1 + 2 sum rho)`` of one, and as less
+where the residual comes in bursts (`memory.power_memory`): a misfit at starts and turns is told by so many events. The
+residual's memory lowers how much the data count; it is not filtered out, for a filter fitted to a misfit would call the
+misfit noise.
 """
 
 from __future__ import annotations
