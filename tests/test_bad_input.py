@@ -471,9 +471,7 @@ def test_link_to_nowhere_in_the_place_of_the_folder(folder):
 def test_folder_in_the_place_of_a_result(folder):
     (folder / "out" / "report.html").mkdir(parents=True)
     sentence = out(folder, folder / "out")
-    assert sentence.startswith(
-        f"{folder}/out/report.html: this is a folder, and a file of that name is to be written; "
-    )
+    assert sentence.startswith(f"{folder}/out/report.html: this is a folder, where a file is to be written; ")
 
 
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="no /proc")

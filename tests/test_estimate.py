@@ -264,7 +264,7 @@ def test_output_that_cannot_be_written(folder, option):
     (folder / "sub").mkdir()
     places = {
         folder / "none" / "x": f"the folder {folder}/none does not exist; create it first",
-        folder / "sub": "this is a folder; name a file",
+        folder / "sub": "this is a folder, where a file is to be written; name a file, or remove it",
         folder / "run.csv" / "x": "not a folder",
         folder / "run.csv": "is read here and would be replaced; name another file",
         folder / "model.json": "is read here and would be replaced; name another file",

@@ -154,7 +154,7 @@ def test_atomic_path_replaces_or_leaves(tmp_path):
 def test_unwritable_places_are_named(tmp_path):
     with pytest.raises(FileNotFoundError, match=r"nowhere/out.json: the folder .*nowhere does not exist"):
         write_json(tmp_path / "nowhere" / "out.json", {})
-    with pytest.raises(IsADirectoryError, match="it is a folder"):
+    with pytest.raises(IsADirectoryError, match="this is a folder"):
         write_json(tmp_path, {})
     (tmp_path / "file").write_text("")
     with pytest.raises(OSError, match="cannot write this file"):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import typer
 
+from dynid_rs.commands._run import run_app
 from dynid_rs.commands.cache import cache
 from dynid_rs.commands.diagnose import diagnose
 from dynid_rs.commands.estimate import estimate
@@ -42,4 +43,4 @@ def _options(
 
 def main() -> None:
     """Entry point."""
-    app()
+    run_app(app)

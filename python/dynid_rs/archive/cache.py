@@ -10,7 +10,6 @@ import hashlib
 import io
 import json
 import re
-import time
 import zipfile
 from collections.abc import Iterator
 from contextlib import suppress
@@ -22,11 +21,10 @@ import numpy as np
 
 from dynid_rs.archive.survey import Entry
 from dynid_rs.base.files import atomic_path, with_sentence
+from dynid_rs.base.held import clear_leftovers
 
 MARK = b"dynid-cache 1\n"
 SUFFIX = ".dynid"
-STALE = 3600.0
-"""A temporary file that is older [s] belongs to nobody any more."""
 _PLAIN = "plain"
 _NAME = re.compile(r"[0-9a-f]{64}" + re.escape(SUFFIX))
 
@@ -102,12 +100,8 @@ class Cache:
 
     def sweep(self) -> None:
         """Remove what killed writers left behind, and folders that hold nothing."""
-        for path in self._files():
-            if path.name.startswith(".") and path.suffix == SUFFIX:
-                with suppress(OSError):
-                    if time.time() - path.stat().st_mtime > STALE:
-                        path.unlink()
         for folder in self._folders():
+            clear_leftovers(folder)
             with suppress(OSError):
                 folder.rmdir()  # refused unless it is empty
 

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import json
 import os
-import secrets
 import stat
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,8 @@ from typing import Any
 import numpy as np
 
 from dynid_rs.base.errors import DataError
+from dynid_rs.base.held import held_file, held_folder
+from dynid_rs.base.quoting import LONGEST, shown
 
 _REASONS: dict[type[OSError], str] = {
     FileNotFoundError: "it does not exist; check the path",
@@ -39,8 +40,7 @@ def with_sentence(error: OSError, path: str | os.PathLike[str], action: str) -> 
     spoken = type(error)(f"{os.fspath(path)}: cannot {action} this file: {reason}")
     # With errno alone (no strerror, no filename) str() stays the sentence.
     spoken.errno = error.errno
-    vars(spoken)["is_sentence"] = True
-    return spoken
+    return _sentence(spoken)
 
 
 def check_readable(path: str | os.PathLike[str]) -> Path:
@@ -76,39 +76,115 @@ def check_readable(path: str | os.PathLike[str]) -> Path:
     return place
 
 
+def check_replaceable(path: str | os.PathLike[str]) -> Path:
+    """Return `path` when nothing is there yet, or a regular file, which a new one may replace.
+
+    Renaming over a device or a pipe would put a file in its place for everybody, and over a link would cut what
+    somebody has tied together.
+
+    Raises
+    ------
+    FileExistsError, IsADirectoryError
+        Something else is there: a folder, a link, a device, a pipe, a socket; the text is a sentence.
+    OSError
+        The system does not say what is there; the text is a sentence.
+    """
+    place = Path(path)
+    try:
+        mode = place.lstat().st_mode
+        if stat.S_ISLNK(mode):
+            aim = os.readlink(place)
+    except (FileNotFoundError, NotADirectoryError):
+        return place  # whether its folder is one shows when the file is written
+    except OSError as error:
+        raise with_sentence(error, path, "write") from None
+    except ValueError:  # a NUL byte in the path
+        raise _sentence(FileNotFoundError(f"{str(path)!r}: this is not a path; check its spelling")) from None
+    if stat.S_ISREG(mode):
+        return place
+    if stat.S_ISDIR(mode):
+        raise _sentence(
+            IsADirectoryError(f"{path}: this is a folder, where a file is to be written; name a file, or remove it")
+        )
+    if stat.S_ISLNK(mode):
+        what = f"this is a symbolic link to {shown(aim, LONGEST)}; name the file it points to, or remove the link"
+    else:
+        kind = next((words for is_kind, words in _KINDS if is_kind(mode)), "no file")
+        what = f"this is {kind}, and a file would take its place; name another one"
+    raise _sentence(FileExistsError(f"{path}: {what}"))
+
+
+_KINDS: tuple[tuple[Callable[[int], bool], str], ...] = (
+    (stat.S_ISCHR, "a device"),
+    (stat.S_ISBLK, "a device"),
+    (stat.S_ISFIFO, "a pipe"),
+    (stat.S_ISSOCK, "a socket"),
+)
+
+
+def _sentence(error: OSError) -> OSError:
+    """Mark an error whose text needs no other words."""
+    vars(error)["is_sentence"] = True
+    return error
+
+
 @contextmanager
 def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Temporary sibling of `path`, moved into its place when the body succeeds.
 
     Readers see the old file or the whole new one. When the body raises, the temporary file is removed
-    and `path` is untouched.
+    and `path` is untouched. What a killed process left beside `path` is removed.
 
     Raises
     ------
     OSError
-        The place cannot be written; same class as the system's error, the text is a sentence.
+        The place cannot be written, or `check_replaceable` refuses what is there; the text is a sentence.
     """
     target = Path(path)
-    # The suffix stays last: some writers choose the format by it.
-    temporary = target.with_name(f".{target.stem}.{secrets.token_hex(6)}{target.suffix}")
     try:
-        if target.is_dir():
-            raise IsADirectoryError
+        check_replaceable(target)
         if not target.parent.exists():
-            missing = FileNotFoundError(f"{target}: the folder {target.parent} does not exist; create it first")
-            vars(missing)["is_sentence"] = True
-            raise missing
-        yield temporary
-        _sync(temporary)
-        os.replace(temporary, target)
+            raise _sentence(FileNotFoundError(f"{target}: the folder {target.parent} does not exist; create it first"))
+        # The suffix stays last: some writers choose the format by it.
+        with held_file(target.parent, target.suffix) as temporary:
+            yield temporary
+            _sync(temporary)
+            check_replaceable(target)  # the body may have taken hours
+            os.replace(temporary, target)
     except OSError as error:
         # A sentence from an inner file (another path) passes through as it is.
         if getattr(error, "is_sentence", False):
             raise
         raise with_sentence(error, target, "write") from None
-    finally:
-        with suppress(OSError):
-            temporary.unlink()
+
+
+@contextmanager
+def filled_together(folder: Path) -> Iterator[Path]:
+    """Temporary folder whose files move to `folder` when the body has succeeded.
+
+    When the body raises, older results stay as they were, and a folder that was not there is not there again.
+    What a killed process left in `folder` is removed.
+
+    Raises
+    ------
+    OSError
+        `check_replaceable` refuses what is in the place of one of the files; the text is a sentence.
+    """
+    missing = [place for place in (folder, *folder.parents) if not place.exists()]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with held_folder(folder) as stage:
+            yield stage
+            files = sorted(stage.iterdir())
+            for file in files:  # all of them before the first one moves
+                check_replaceable(folder / file.name)
+            for file in files:
+                os.replace(file, folder / file.name)
+    except BaseException:
+        for place in missing:
+            with suppress(OSError):
+                place.rmdir()
+        raise
 
 
 def _sync(path: Path) -> None:

@@ -7,8 +7,8 @@ from typing import Any
 from rich.table import Table
 from rich.text import Text
 
+from dynid_rs.base.quoting import shown
 from dynid_rs.commands._console import console
-from dynid_rs.runs.readers.table import shown
 
 _QUANTITIES = {"position": "", "velocity": "/s", "acceleration": "/s^2"}
 

@@ -27,6 +27,7 @@ from typing import Any, NoReturn
 
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.files import check_readable, with_sentence
+from dynid_rs.base.quoting import shown_ends, shown_value
 from dynid_rs.commands._job import Job
 
 MOST_BYTES = 16 << 20
@@ -75,7 +76,7 @@ class FleetRobot:
         if isinstance(value, str):
             return [part.strip() for part in value.split(";") if part.strip()]
         if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
-            raise ValueError(f"{key} must be a path or a list of paths, found {value!r}")
+            raise ValueError(f"{key} must be a path or a list of paths, found {shown_value(value)}")
         return value
 
     def _found(self, key: str, pattern: str) -> list[Path]:
@@ -86,15 +87,15 @@ class FleetRobot:
         try:
             found = sorted(root.glob(str(place.relative_to(place.anchor))))
         except (ValueError, NotImplementedError):
-            raise ValueError(f"{key}: {pattern!r} is not a pattern of files") from None
+            raise ValueError(f"{key}: {shown_value(pattern)} is not a pattern of files") from None
         if not found:
-            raise ValueError(f"{key}: no file matches {pattern!r} in {root}")
+            raise ValueError(f"{key}: no file matches {shown_value(pattern)} in {root}")
         return found
 
     @staticmethod
     def _text(key: str, value: Any) -> str:
         if isinstance(value, bool) or not isinstance(value, str | int | float):
-            raise ValueError(f"{key} must be text, found {value!r}")
+            raise ValueError(f"{key} must be text, found {shown_value(value)}")
         return str(value)
 
     @staticmethod
@@ -104,14 +105,14 @@ class FleetRobot:
                 raise TypeError
             return float(value)
         except (TypeError, ValueError):
-            raise ValueError(f"{key} must be a number, found {value!r}") from None
+            raise ValueError(f"{key} must be a number, found {shown_value(value)}") from None
 
     @staticmethod
     def _switch(key: str, value: Any) -> bool:
         words = {"true": True, "false": False, "yes": True, "no": False}
         found = value if isinstance(value, bool) else words.get(str(value).lower())
         if found is None:
-            raise ValueError(f"{key} must be true or false, found {value!r}")
+            raise ValueError(f"{key} must be true or false, found {shown_value(value)}")
         return found
 
 
@@ -147,10 +148,12 @@ def _from_toml(path: Path, text: str) -> list[dict[str, Any]]:
     try:
         content = tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError) as error:
-        _refuse(path, f"it is not valid TOML: {error}")
+        _refuse(path, f"it is not valid TOML: {shown_ends(str(error))}")
     unknown = set(content) - {"defaults", "robot"}
     if unknown:
-        _refuse(path, f"{sorted(unknown)[0]!r} is not known; expected [defaults] and one [[robot]] per robot")
+        _refuse(
+            path, f"{shown_value(sorted(unknown)[0])} is not known; expected [defaults] and one [[robot]] per robot"
+        )
     defaults, entries = content.get("defaults", {}), content.get("robot", [])
     if not isinstance(defaults, dict) or not isinstance(entries, list):
         _refuse(path, "expected [defaults] and one [[robot]] per robot")
@@ -163,14 +166,14 @@ def _from_csv(path: Path, text: str) -> list[dict[str, Any]]:
     try:
         rows = list(csv.reader(io.StringIO(text), strict=True))
     except csv.Error as error:
-        _refuse(path, f"it is not valid CSV: {error}")
+        _refuse(path, f"it is not valid CSV: {shown_ends(str(error))}")
     rows = [[cell.strip() for cell in row] for row in rows if any(cell.strip() for cell in row)]
     if not rows:
         return []
     header, *body = rows
     for row in body:
         if len(row) != len(header):
-            _refuse(path, f"the row of {row[0]!r} has {len(row)} cells and the header {len(header)}")
+            _refuse(path, f"the row of {shown_value(row[0])} has {len(row)} cells and the header {len(header)}")
     return [{key: cell for key, cell in zip(header, row, strict=True) if cell} for row in body]
 
 
@@ -179,13 +182,13 @@ def _robot(path: Path, number: int, entry: dict[str, Any], output: Path) -> Flee
         if key not in KEYS:
             near = OTHER_NAMES.get(key) or next(iter(difflib.get_close_matches(key, KEYS, 1)), None)
             hint = f"; did you mean {near!r}?" if near else f"; known are {', '.join(KEYS)}"
-            _refuse(path, f"robot {number}: {key!r} is not known{hint}")
+            _refuse(path, f"robot {number}: {shown_value(key)} is not known{hint}")
     name = entry.get("name")
     if not isinstance(name, str) or not re.fullmatch(r"\w[\w.-]*", name):
-        _refuse(path, f"robot {number}: name must be letters, digits, '_', '-' and '.', found {name!r}")
+        _refuse(path, f"robot {number}: name must be letters, digits, '_', '-' and '.', found {shown_value(name)}")
     place = entry.get("output")
     if place is not None and not isinstance(place, str):
-        _refuse(path, f"robot {number}: output must be a path, found {place!r}")
+        _refuse(path, f"robot {number}: output must be a path, found {shown_value(place)}")
     folder = path.absolute().parent
     options = tuple((key, entry[key]) for key in KEYS if key in entry and key not in ("name", "output"))
     return FleetRobot(name, folder, output / name if place is None else folder / place, options)
@@ -194,7 +197,7 @@ def _robot(path: Path, number: int, entry: dict[str, Any], output: Path) -> Flee
 def _refuse_twice(path: Path, key: str, values: list[str]) -> None:
     for value in values:
         if values.count(value) > 1:
-            _refuse(path, f"the {key} {value!r} is there twice; every robot has its own")
+            _refuse(path, f"the {key} {shown_value(value)} is there twice; every robot has its own")
 
 
 def _refuse(path: Path, fault: str) -> NoReturn:

@@ -117,8 +117,7 @@ def scored_states(identifier: Any, test: list[Recording]) -> list[States]:
 
 def write_results(output: Path, model: Any, result: dict[str, Any], table: dict[str, Any]) -> None:
     """Fill the folder: model, residuals, result and report, all of them or none."""
-    from dynid_rs.base.files import write_json, write_table
-    from dynid_rs.commands._output import filled_together
+    from dynid_rs.base.files import filled_together, write_json, write_table
     from dynid_rs.report import write_report
     from dynid_rs.report.source import source_of
 

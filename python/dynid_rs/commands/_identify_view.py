@@ -8,10 +8,10 @@ from typing import Any
 from rich.table import Table
 from rich.text import Text
 
+from dynid_rs.base.quoting import shown
 from dynid_rs.base.wording import NO_INTERVAL, lacks_interval
 from dynid_rs.commands._console import console, interval
 from dynid_rs.report import REPORT_FILE
-from dynid_rs.runs.readers.table import shown
 
 
 def show(result: dict[str, Any], directory: Path) -> None:

@@ -11,10 +11,10 @@ from rich.table import Table
 from rich.text import Text
 
 from dynid_rs.base.findings import Finding
+from dynid_rs.base.quoting import shown, shown_names
 from dynid_rs.commands._console import console
 from dynid_rs.runs.checks import relative_jitter
 from dynid_rs.runs.readers import Run
-from dynid_rs.runs.readers.table import shown, shown_names
 from dynid_rs.runs.recording import gaps
 
 if TYPE_CHECKING:

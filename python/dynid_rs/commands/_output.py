@@ -1,15 +1,12 @@
-"""Where results go: checked before the work begins, written all together or not at all."""
+"""Where results go: checked before the work begins."""
 
 from __future__ import annotations
 
-import os
-import shutil
-import tempfile
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Sequence
 from pathlib import Path
 
-_MARK = ".dynid-"
+from dynid_rs.base.files import check_replaceable
+from dynid_rs.base.held import held_folder
 
 
 def check_folder(folder: Path, files: Sequence[str]) -> None:
@@ -25,7 +22,8 @@ def check_folder(folder: Path, files: Sequence[str]) -> None:
     Raises
     ------
     OSError
-        Something that is no folder is in the way, or the system refuses; the text is a sentence.
+        Something that is no folder is in the way, something that is no file is in the place of a result, or the system
+        refuses; the text is a sentence.
     """
     try:
         place = folder
@@ -37,11 +35,7 @@ def check_folder(folder: Path, files: Sequence[str]) -> None:
         raise NotADirectoryError(f"{folder}: {place} is not a folder; name another place")
     _try(folder, place)
     for name in files:
-        if (folder / name).is_dir():
-            raise IsADirectoryError(
-                f"{folder / name}: this is a folder, and a file of that name is to be written; "
-                "remove it or name another place"
-            )
+        check_replaceable(folder / name)
 
 
 def check_not_read(outputs: Sequence[Path], inputs: Sequence[Path]) -> None:
@@ -63,42 +57,18 @@ def check_file(path: Path) -> None:
     Raises
     ------
     OSError
-        Its folder is missing or cannot be written, or it is a folder itself; the text is a sentence.
+        Its folder is missing or cannot be written, or what is in its place is no file; the text is a sentence.
     """
     folder = path.parent
     try:
         if not folder.exists():
             raise FileNotFoundError(f"{path}: the folder {folder} does not exist; create it first")
-        if path.is_dir():
-            raise IsADirectoryError(f"{path}: this is a folder; name a file")
     except OSError as error:
         raise (_refusal(error, path, "its path") if error.errno else error) from None
     if not folder.is_dir():
         raise NotADirectoryError(f"{path}: {folder} is not a folder; name another place")
+    check_replaceable(path)
     _try(path, folder)
-
-
-@contextmanager
-def filled_together(folder: Path) -> Iterator[Path]:
-    """Temporary folder whose files move to `folder` when the body has succeeded.
-
-    When the body raises, older results stay as they were, and a folder that was not there is not there again.
-    """
-    missing = [place for place in (folder, *folder.parents) if not place.exists()]
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        stage = Path(tempfile.mkdtemp(prefix=_MARK, dir=folder))
-        try:
-            yield stage
-            for file in sorted(stage.iterdir()):
-                os.replace(file, folder / file.name)
-        finally:
-            shutil.rmtree(stage, ignore_errors=True)
-    except BaseException:
-        for place in missing:
-            with suppress(OSError):
-                place.rmdir()
-        raise
 
 
 def _try(target: Path, folder: Path) -> None:
@@ -106,7 +76,7 @@ def _try(target: Path, folder: Path) -> None:
     if "\0" in str(target):
         raise FileNotFoundError(f"{str(target)!r}: this is not a path; check its spelling")
     try:
-        with tempfile.TemporaryDirectory(prefix=_MARK, dir=folder):
+        with held_folder(folder):
             pass
     except OSError as error:
         raise _refusal(error, target, f"the folder {folder}") from None

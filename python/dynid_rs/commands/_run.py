@@ -2,21 +2,31 @@
 
 from __future__ import annotations
 
+import errno
 import functools
 import json
 import os
 import sys
+import traceback
 from collections.abc import Callable
-from typing import ParamSpec
+from contextlib import suppress
+from typing import ParamSpec, TextIO
 
 import typer
 
 from dynid_rs.base.files import with_sentence
+from dynid_rs.base.quoting import shown_ends
 
 EXIT_NO = 1
 EXIT_UNUSABLE = 2
 EXIT_INTERRUPTED = 130
 EXIT_BROKEN_PIPE = 141
+
+_LONGEST = 1000
+"""Characters of one sentence: enough for two long paths and a list of names, whatever a damaged file holds."""
+
+_WRITERS = (f"{__package__}.", "typer.", "click.", "rich.")
+"""Modules that write to standard output."""
 
 P = ParamSpec("P")
 
@@ -35,11 +45,19 @@ def sentence(error: BaseException) -> str:
     """Return the text of an error on one line; a bare error of the system becomes a sentence."""
     if isinstance(error, OSError) and error.errno is not None and error.filename is not None:
         error = with_sentence(error, error.filename, "open")
-    return " ".join(str(error).split()) or type(error).__name__
+    return shown_ends(str(error), _LONGEST) or type(error).__name__
 
 
 def print_json(obj: object) -> None:
-    """Write one JSON value to standard output."""
+    """Write one JSON value to standard output.
+
+    Raises
+    ------
+    OSError
+        Standard output is closed, or cannot be written.
+    """
+    if sys.stdout is None:  # `>&-`
+        raise OSError(errno.EBADF, os.strerror(errno.EBADF))
     sys.stdout.write(json.dumps(obj, indent=2, allow_nan=False) + "\n")
 
 
@@ -47,7 +65,8 @@ def run_command(command: Callable[P, int | None]) -> Callable[P, None]:
     """Wrap a command function: its return value becomes the exit code, its errors one sentence each.
 
     `ValueError` and `OSError` end in exit code 2 with a sentence on standard error, and with ``--json``
-    (an argument called `json_output`) in ``{"error": {...}}`` on standard output as well. Anything else is
+    (an argument called `json_output`) in ``{"error": {...}}`` on standard output as well. So does an answer that
+    standard output does not take; where only its reader has left, the code is 141, without a word. Anything else is
     our own bug and keeps its traceback.
     """
 
@@ -55,20 +74,78 @@ def run_command(command: Callable[P, int | None]) -> Callable[P, None]:
     def wrapped(*args: P.args, **kwargs: P.kwargs) -> None:
         try:
             code = command(*args, **kwargs)
-            sys.stdout.flush()
+            if sys.stdout is not None:
+                sys.stdout.flush()
         except KeyboardInterrupt:
-            sys.stderr.write("interrupted\n")
+            _complain("interrupted")
             raise typer.Exit(EXIT_INTERRUPTED) from None
-        except BrokenPipeError:
-            # The reader (head, less) left. Python would complain once more when it flushes at exit.
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-            raise typer.Exit(EXIT_BROKEN_PIPE) from None
         except (ValueError, OSError) as error:
-            sys.stderr.write(f"error: {sentence(error)}\n")
-            if kwargs.get("json_output"):
-                print_json({"error": error_object(error)})
-            raise typer.Exit(EXIT_UNUSABLE) from None
+            raise typer.Exit(_failed(error, as_json=bool(kwargs.get("json_output")))) from None
         if code:
             raise typer.Exit(code)
 
     return wrapped
+
+
+def run_app(app: Callable[[], object]) -> None:
+    """Run the whole program; help and version, which belong to no command, fail as answers of commands do."""
+    try:
+        app()
+    except OSError as error:
+        if not _is_of_a_stream(error):
+            raise
+        raise SystemExit(_unanswered(error)) from None
+    except SystemExit as end:
+        # Click ends with 1, which is our "no", when the reader of a help leaves.
+        if isinstance(end.__context__, BrokenPipeError):
+            raise SystemExit(_unanswered(end.__context__)) from None
+        raise
+
+
+def _failed(error: ValueError | OSError, *, as_json: bool) -> int:
+    """Say what is wrong and return the exit code."""
+    if isinstance(error, OSError) and _is_of_a_stream(error):
+        return _unanswered(error)
+    _complain(f"error: {sentence(error)}")
+    if as_json:
+        try:
+            print_json({"error": error_object(error)})
+            sys.stdout.flush()
+        except OSError:
+            _give_up(sys.stdout)  # what is wrong stands on standard error
+    return EXIT_UNUSABLE
+
+
+def _is_of_a_stream(error: OSError) -> bool:
+    """Whether standard output failed: a file would have given its name to the error, and what writes there is known."""
+    if error.errno is None or error.filename is not None or getattr(error, "is_sentence", False):
+        return False
+    *_, (writer, _) = traceback.walk_tb(error.__traceback__)
+    return str(writer.f_globals.get("__name__")).startswith(_WRITERS)
+
+
+def _unanswered(error: OSError) -> int:
+    """Standard output took no answer, or a part of it; returns the exit code."""
+    _give_up(sys.stdout)
+    if error.errno == errno.EPIPE:
+        return EXIT_BROKEN_PIPE
+    reason = (error.strerror or type(error).__name__).lower()
+    _complain(f"error: standard output cannot be written ({reason}), the answer is lost; send it to another place")
+    return EXIT_UNUSABLE
+
+
+def _complain(text: str) -> None:
+    try:
+        print(text, file=sys.stderr, flush=True)
+    except OSError:
+        _give_up(sys.stderr)  # nobody is left who could hear it; the exit code tells
+
+
+def _give_up(stream: TextIO | None) -> None:
+    """Let nothing more come of a stream that failed: Python would try again at exit, complain and change the code."""
+    if stream is None:
+        return
+    with suppress(OSError, ValueError):
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, stream.fileno())
+        os.close(nowhere)

@@ -239,8 +239,7 @@ def _write(
     separated: Separated | None = None,
 ) -> dict[str, Any]:
     """Write the files of the trajectory together, then forget the finished searches."""
-    from dynid_rs.base.files import write_json, write_text
-    from dynid_rs.commands._output import filled_together
+    from dynid_rs.base.files import filled_together, write_json, write_text
     from dynid_rs.excitation.output import answer, write_csv
     from dynid_rs.excitation.plots import page
 

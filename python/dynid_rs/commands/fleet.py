@@ -61,9 +61,8 @@ def fleet(
 
 
 def _write(output: Path, rows: list[dict[str, Any]], answer: dict[str, Any]) -> None:
-    from dynid_rs.base.files import write_json, write_table, write_text
+    from dynid_rs.base.files import filled_together, write_json, write_table, write_text
     from dynid_rs.commands._fleet_rows import COLUMNS, table_of
-    from dynid_rs.commands._output import filled_together
 
     text = io.StringIO()
     writer = csv.DictWriter(text, list(COLUMNS), extrasaction="ignore", lineterminator="\n")

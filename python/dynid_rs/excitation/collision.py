@@ -15,6 +15,7 @@ from scipy.special import logsumexp, softmax
 
 from dynid_rs.base.errors import DataError, MissingLibraryError
 from dynid_rs.base.files import check_readable
+from dynid_rs.base.quoting import shown_value
 from dynid_rs.excitation.constraints import Motion
 from dynid_rs.excitation.workspace import SHARPNESS
 
@@ -184,7 +185,8 @@ class BoundCollision:
             for name in pair:
                 if name not in known:
                     raise DataError(
-                        f"{self._wanted.urdf}: has no link {name!r}, which is to be ignored; check its spelling",
+                        f"{self._wanted.urdf}: has no link {shown_value(name)}, which is to be ignored; "
+                        "check its spelling",
                         code="collision_shapes",
                         file=str(self._wanted.urdf),
                     )

@@ -11,6 +11,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid_rs.base.quoting import shown_value
+
 FloatArray = NDArray[np.float64]
 Motion = tuple[FloatArray, FloatArray, FloatArray]
 
@@ -207,7 +209,7 @@ class FrictionExperiment:
         if stored.get("format") != "dynid-friction-experiment" or stored.get("version") != 1:
             raise ValueError(
                 "expected a friction experiment of version 1, found format "
-                f"{stored.get('format')!r}, version {stored.get('version')!r}"
+                f"{shown_value(stored.get('format'))}, version {shown_value(stored.get('version'))}"
             )
         segments = []
         for fields in stored["segments"]:

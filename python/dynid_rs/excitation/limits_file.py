@@ -50,12 +50,12 @@ from numpy.typing import NDArray
 
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.files import check_readable
+from dynid_rs.base.quoting import shown, shown_ends, shown_value
 from dynid_rs.excitation.collision import SelfCollision
 from dynid_rs.excitation.constraints import PhysicalLimits
 from dynid_rs.excitation.limits import MOTIONS, ExcitationLimits
 from dynid_rs.excitation.workspace import WorkspaceBox
 from dynid_rs.runs.readers.config import UNITS
-from dynid_rs.runs.readers.table import shown
 
 if TYPE_CHECKING:
     from dynid_rs._core import RobotModel
@@ -116,7 +116,7 @@ def read_limits(path: str | Path, robot: RobotModel, urdf: str | Path | None = N
     except UnicodeDecodeError:
         raise DataError(f"{file}: is not UTF-8 text; save it as UTF-8", code="bad_limits", file=file) from None
     except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise DataError(f"{file}: is not valid TOML: {error}", code="bad_limits", file=file) from None
+        raise DataError(f"{file}: is not valid TOML: {shown_ends(str(error))}", code="bad_limits", file=file) from None
     return _Parser(file, robot, content).parse(urdf)
 
 
@@ -127,7 +127,9 @@ class _Parser:
     content: dict[str, Any]
 
     def fault(self, key: str, text: str) -> DataError:
-        return DataError(f"{self.file}, {shown(key, 60)}: {text}", code="bad_limits", file=self.file, column=key)
+        return DataError(
+            f"{self.file}, {shown(key, 60)}: {text}", code="bad_limits", file=self.file, column=shown(key, 60)
+        )
 
     def known(self, key: str, name: str, names: Iterable[str], what: str) -> None:
         names = list(names)
@@ -146,7 +148,9 @@ class _Parser:
         for quantity, unit in self.content.get("units", {}).items():
             if not isinstance(unit, str) or unit not in UNITS[quantity]:
                 choices = ", ".join(UNITS[quantity])
-                raise self.fault(f"units.{quantity}", f"the unit {unit!r} is not known; choose one of {choices}")
+                raise self.fault(
+                    f"units.{quantity}", f"the unit {shown_value(unit)} is not known; choose one of {choices}"
+                )
         position, velocity, acceleration = (self.motion(name) for name in MOTIONS)
         torque = self.sides("torque", np.stack([np.full(self.n, -np.inf), np.full(self.n, np.inf)]))
         try:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp, softmax
 
 from dynid_rs import _core
+from dynid_rs.base.quoting import shown_value
 from dynid_rs.excitation.constraints import Motion
 
 if TYPE_CHECKING:
@@ -57,7 +58,9 @@ class WorkspaceBox:
         known = list(robot.link_names)
         unknown = [name for name in self.links or () if name not in known]
         if unknown:
-            raise ValueError(f"the workspace names link {unknown[0]!r}, and the chain has {', '.join(known)}")
+            raise ValueError(
+                f"the workspace names link {shown_value(unknown[0])}, and the chain has {', '.join(known)}"
+            )
         chosen = range(1, len(known)) if self.links is None else [known.index(name) for name in self.links]
         links, places, labels = [*chosen], [(0.0, 0.0, 0.0)] * len(chosen), [f"link {known[i]}" for i in chosen]
         if self.tool is not None:

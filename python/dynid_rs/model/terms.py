@@ -27,8 +27,8 @@ import numpy as np
 from dynid_rs import _core
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.files import check_readable
+from dynid_rs.base.quoting import shown, shown_ends, shown_value
 from dynid_rs.model.known import KnownTerm
-from dynid_rs.runs.readers.table import shown
 
 MAX_TERMS_BYTES = 1 << 20
 
@@ -52,7 +52,7 @@ def read_terms(path: str | Path, robot: _core.RobotModel) -> list[KnownTerm]:
     except UnicodeDecodeError:
         raise DataError(f"{file}: is not UTF-8 text; save it as UTF-8", code="bad_terms", file=file) from None
     except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise DataError(f"{file}: is not valid TOML: {error}", code="bad_terms", file=file) from None
+        raise DataError(f"{file}: is not valid TOML: {shown_ends(str(error))}", code="bad_terms", file=file) from None
     return _Parser(file, robot).terms(content)
 
 
@@ -71,7 +71,9 @@ class _Parser:
     robot: _core.RobotModel
 
     def fault(self, key: str, text: str) -> DataError:
-        return DataError(f"{self.file}, {shown(key, 80)}: {text}", code="bad_terms", file=self.file, column=key)
+        return DataError(
+            f"{self.file}, {shown(key, 80)}: {text}", code="bad_terms", file=self.file, column=shown(key, 80)
+        )
 
     def terms(self, content: dict[str, Any]) -> list[KnownTerm]:
         entries = content.get("term")
@@ -90,7 +92,7 @@ class _Parser:
         catalogue = {kind["kind"]: kind for kind in _core.effect_catalogue() if not kind["declared"]}
         kind = entry.get("kind")
         if not isinstance(kind, str) or kind not in catalogue:
-            found = "is missing" if kind is None else f"{shown(repr(kind))} is not known"
+            found = "is missing" if kind is None else f"{shown_value(kind)} is not known"
             raise self.fault(f"{where}, kind", f"{found}; {_hint(str(kind), catalogue)}")
         where = f"{where} ({kind})"
         shape = [parameter["name"] for parameter in catalogue[kind]["shape"]]
@@ -117,7 +119,7 @@ class _Parser:
         if isinstance(joint, int) and not isinstance(joint, bool) and 0 <= joint < len(names):
             return joint
         expected = f"expected one of {', '.join(shown(name) for name in names)}, or an index from 0 to {len(names) - 1}"
-        found = "is missing" if joint is None else f"{shown(repr(joint))} is no joint of {shown(self.robot.name)}"
+        found = "is missing" if joint is None else f"{shown_value(joint)} is no joint of {shown(self.robot.name)}"
         raise self.fault(f"{where}, joint", f"{found}; {expected}")
 
     def number(self, where: str, name: str, entry: dict[str, Any]) -> float:
@@ -125,7 +127,7 @@ class _Parser:
         if value is None:
             raise self.fault(f"{where}, {name}", "is missing; shape parameters and coefficients are all needed")
         if not isinstance(value, int | float) or isinstance(value, bool) or abs(value) >= 1e300 or math.isnan(value):
-            raise self.fault(f"{where}, {name}", f"must be a finite number, found {shown(repr(value))}")
+            raise self.fault(f"{where}, {name}", f"must be a finite number, found {shown_value(value)}")
         return float(value)
 
     def effect(self, kind: str, terms: list[_Term]) -> KnownTerm:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.files import check_readable, with_sentence
+from dynid_rs.base.quoting import shown, shown_value
 from dynid_rs.report.shape import RESULT_SHAPE
 
 Array = NDArray[np.float64]
@@ -108,8 +109,9 @@ def _read_result(path: Path) -> dict[str, Any]:
     if not isinstance(result, dict) or result.get("format") != FORMAT:
         _refuse(path, f'"format" must be "{FORMAT}"')
     if result.get("version") != VERSION:
+        found = shown_value(result.get("version"))
         raise DataError(
-            f'{path}: "version" must be {VERSION}, found {result.get("version")!r}; use the dynid that wrote it',
+            f'{path}: "version" must be {VERSION}, found {found}; use the dynid that wrote it',
             code="result_version",
             file=str(path),
         )
@@ -182,8 +184,7 @@ def _is_number(value: Any) -> bool:
 
 
 def _seen(value: Any) -> str:
-    text = json.dumps(value)
-    return text if len(text) <= 30 else text[:27] + "..."
+    return shown(json.dumps(value), 30)
 
 
 def _read_signals(path: Path, n_joints: int) -> Signals:

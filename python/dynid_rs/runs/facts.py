@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from dynid_rs import _core
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.findings import joint_words
+from dynid_rs.base.quoting import shown_value
 from dynid_rs.runs.checks.clocks import Clock, check_clocks
 from dynid_rs.runs.checks.limits import check_magnitudes
 from dynid_rs.runs.checks.motion import MIN_SPAN, extent, moving_joints
@@ -91,7 +92,7 @@ def check_facts(robot: _core.RobotModel, runs: Sequence[RunFacts]) -> None:
     for recording in runs:
         if len(recording.joints) != n:
             raise DataError(
-                f"{recording.name} has {len(recording.joints)} joints, the robot {robot.name!r} has {n}; "
+                f"{recording.name} has {len(recording.joints)} joints, the robot {shown_value(robot.name)} has {n}; "
                 "is it a run of this robot?",
                 code="wrong_robot",
                 file=recording.name,

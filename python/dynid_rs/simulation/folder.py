@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs.base.files import atomic_path, write_json, write_table
+from dynid_rs.base.files import atomic_path, check_replaceable, write_json, write_table
 from dynid_rs.runs.recording import Recording
 from dynid_rs.simulation.experiment import Simulation
 
@@ -52,7 +52,7 @@ def write_simulation(
     ValueError
         The folder holds runs or a robot that this simulation would mix with or replace.
     OSError
-        The folder cannot be written.
+        The folder cannot be written, or holds a link, a device or the like by a name that is to be written.
     """
     robot, own_name = robot_file.read_bytes(), robot_name(robot_file)
     names = [recording.name for recording in simulation.recordings]
@@ -81,6 +81,8 @@ def run_columns(recording: Recording) -> dict[str, FloatArray]:
 
 
 def _prepare(directory: Path, names: list[str], own_name: str, robot: bytes) -> None:
+    for name in (TRUTH_FILE, own_name, *names):
+        check_replaceable(directory / name)
     try:
         directory.mkdir(parents=True, exist_ok=True)
         found = sorted(path.name for path in directory.iterdir())

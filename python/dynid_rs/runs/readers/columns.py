@@ -6,8 +6,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from dynid_rs.base.errors import DataError
+from dynid_rs.base.quoting import shown, shown_names
 from dynid_rs.runs.readers.config import Config
-from dynid_rs.runs.readers.table import shown, shown_names
 
 ALIASES: Mapping[str, tuple[str, ...]] = {
     "t": ("t", "time", "timestamp"),

@@ -41,7 +41,7 @@ from typing import Any
 
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.files import check_readable
-from dynid_rs.runs.readers.table import shown
+from dynid_rs.base.quoting import shown, shown_ends, shown_value
 from dynid_rs.runs.recording import TIME_UNITS
 
 ColumnRule = str | tuple[str, ...] | None
@@ -155,7 +155,7 @@ def read_config(path: str | Path) -> Config:
     except UnicodeDecodeError:
         raise DataError(f"{file}: is not UTF-8 text; save it as UTF-8", code="bad_config", file=file) from None
     except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise DataError(f"{file}: is not valid TOML: {error}", code="bad_config", file=file) from None
+        raise DataError(f"{file}: is not valid TOML: {shown_ends(str(error))}", code="bad_config", file=file) from None
     return _Parser(file).config(content)
 
 
@@ -164,7 +164,9 @@ class _Parser:
     file: str
 
     def fault(self, key: str, text: str) -> DataError:
-        return DataError(f"{self.file}, {shown(key, 60)}: {text}", code="bad_config", file=self.file, column=key)
+        return DataError(
+            f"{self.file}, {shown(key, 60)}: {text}", code="bad_config", file=self.file, column=shown(key, 60)
+        )
 
     def known(self, key: str, name: str, names: Iterable[str]) -> None:
         names = list(names)
@@ -223,17 +225,19 @@ class _Parser:
         try:
             parts = list(string.Formatter().parse(template))
         except ValueError as error:
-            raise self.fault(key, f"{template!r}: {error}") from None
+            raise self.fault(key, f"{shown_value(template)}: {shown_ends(str(error))}") from None
         fields = [name for _, name, _, _ in parts if name is not None]
         if any(
             name not in PLACEHOLDERS or spec or conversion for _, name, spec, conversion in parts if name is not None
         ):
-            raise self.fault(key, f"{template!r}: only {{i}}, {{n}} and {{joint}} may stand in braces")
+            raise self.fault(key, f"{shown_value(template)}: only {{i}}, {{n}} and {{joint}} may stand in braces")
         return fields
 
     def unit(self, quantity: str, unit: object) -> str:
         if not isinstance(unit, str) or unit not in UNITS[quantity]:
-            raise self.fault(f"[units] {quantity}", f"must be one of {', '.join(UNITS[quantity])}, got {unit!r}")
+            raise self.fault(
+                f"[units] {quantity}", f"must be one of {', '.join(UNITS[quantity])}, got {shown_value(unit)}"
+            )
         return unit
 
     def numbers(self, key: str, value: object) -> PerJoint:
@@ -243,7 +247,7 @@ class _Parser:
         except OverflowError:  # TOML integers have no end
             numbers = ()
         if not numbers or len(numbers) != len(listed) or not all(math.isfinite(v) for v in numbers):
-            raise self.fault(key, f"must be a number or a list of numbers, one per joint, got {shown(repr(value))}")
+            raise self.fault(key, f"must be a number or a list of numbers, one per joint, got {shown_value(value)}")
         return numbers
 
     def positive(self, key: str, value: object) -> PerJoint:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.files import check_readable
+from dynid_rs.base.quoting import shown
 from dynid_rs.runs.readers.table import (
     Columns,
     Table,
@@ -21,7 +22,6 @@ from dynid_rs.runs.readers.table import (
     looks_like,
     refuse_duplicates,
     refuse_too_large,
-    shown,
 )
 
 _SUFFIX = ".npy"

@@ -10,6 +10,7 @@ import numpy as np
 
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.files import check_readable
+from dynid_rs.base.quoting import shown
 from dynid_rs.runs.readers.table import (
     Columns,
     Table,
@@ -17,7 +18,6 @@ from dynid_rs.runs.readers.table import (
     looks_like,
     refuse_duplicates,
     refuse_too_large,
-    shown,
 )
 
 _MAGIC = b"PAR1"

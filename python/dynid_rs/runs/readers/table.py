@@ -11,11 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.base.errors import DataError
+from dynid_rs.base.quoting import shown
 
 MAX_BYTES = 4 * 2**30
 """Columns that would take more memory than this are refused before any of it is taken."""
-
-MAX_SHOWN = 12
 
 Columns = dict[str, NDArray[Any]]
 
@@ -46,19 +45,6 @@ class Table:
     n_rows: int | None
     load: Callable[[Sequence[str]], Columns]
     line_of: Callable[[int], int] | None = None
-
-
-def shown(text: str, limit: int = 40) -> str:
-    """Text from a file, safe to print: short, and without control characters."""
-    safe = text if text.isprintable() else ascii(text)[1:-1]
-    return safe if len(safe) <= limit else safe[: limit - 3] + "..."
-
-
-def shown_names(names: Sequence[str]) -> str:
-    """Return the columns of a file as a short list."""
-    listed = ", ".join(shown(name) for name in names[:MAX_SHOWN])
-    rest = len(names) - MAX_SHOWN
-    return listed + (f", ... ({len(names)} columns)" if rest > 0 else "") if names else "no column"
 
 
 def refuse_duplicates(names: Sequence[str], file: str) -> None:
