@@ -290,19 +290,6 @@ def test_units_of_the_unknowns_change_nothing():
     assert other.evidence == pytest.approx(one.evidence, abs=1e-5)
 
 
-def test_less_a_known_torque_only_what_it_leaves_is_asked_for():
-    model, _, y = make()
-    model.rows[1][4] = 0.0  # the joint rests
-    known = np.linspace(-1.0, 1.0, N)
-    less = model.less({1: known})
-    assert_array_equal(less.rows[0], model.rows[0])
-    expected = y[1] - known
-    expected[4] = 0.0
-    assert_array_equal(less.rows[1][:, -1], expected)
-    assert_array_equal(less.rows[1][:, :-1], model.rows[1][:, :-1])
-    assert model.rows[1][0, -1] == y[1][0]
-
-
 def test_unknowns_without_a_block_are_those_of_the_other_rows():
     model, dense, y = make(seed=5)
     fit = model.fit(Choice(1.0, 1.0), np.ones(JOINTS))

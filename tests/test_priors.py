@@ -15,7 +15,7 @@ from small_arm import URDF, dynid, refusal, write_robot, write_runs
 from threadpoolctl import threadpool_limits
 
 from dynid_rs import RobotModel, _core, read_recording
-from dynid_rs.base.memory import column_memory, inflation, power_memory, residual_memory
+from dynid_rs.base.memory import column_memory, inflation, residual_memory
 from dynid_rs.identification.friction import friction_effect
 from dynid_rs.identification.links import LinkDynamicsIdentifier
 from dynid_rs.identification.loops import declared_plan
@@ -269,34 +269,6 @@ def test_a_residual_counts_as_the_independent_samples_it_is_worth():
     assert residual_memory([np.zeros(10)]) == 1.0
 
 
-def test_the_power_of_a_residual_in_bursts_is_known_as_well_as_of_so_many_samples():
-    """Its variance over many runs against ``2 sigma^4 / m`` of m independent samples."""
-    rng = np.random.default_rng(0)
-    n, bursts, length = 4000, 8, 40
-    runs = []
-    for _ in range(400):
-        size = np.full(n, 0.2)
-        for start in rng.integers(0, n - length, rng.poisson(bursts)):
-            size[start : start + length] = 5.0
-        runs.append(size * rng.normal(size=n))
-    powers = np.array([run @ run / n for run in runs])
-    worth = 2 * powers.mean() ** 2 / powers.var()
-    told = np.median([n / power_memory([run]) for run in runs])
-    assert worth / 2.5 < told < 2.5 * worth
-    assert told < n / 20
-    assert n / residual_memory([runs[0]]) > 10 * told
-
-
-def test_quiet_and_resting_samples_change_no_power_memory():
-    rng = np.random.default_rng(1)
-    white = rng.normal(size=20000)
-    assert power_memory([white]) == pytest.approx(1.0, abs=0.1)
-    assert power_memory([np.concatenate([white, np.zeros(20000)])]) == pytest.approx(power_memory([white]), rel=0.05)
-    red = lfilter([1.0], [1.0, -0.8], white)
-    assert power_memory([red]) == pytest.approx(residual_memory([red]))
-    assert power_memory([np.zeros(10), np.zeros(0)]) == 1.0
-
-
 # --- what it is good for ---------------------------------------------------------------------------------------------
 
 
@@ -446,7 +418,7 @@ def test_gains_that_agree_with_each_other_do_not_hold_the_first_off(six_axes, mo
     found = fitted()
     np.testing.assert_allclose(found.scale[:4], 1.0, rtol=0.1)
     monkeypatch.setattr(evidence, "COMMON", (1.0,))
-    assert fitted().evidence < found.evidence - 10
+    assert fitted().evidence < found.evidence - 100
 
 
 def test_without_declared_inertials_there_is_no_centre(six_axes):
@@ -618,15 +590,17 @@ def test_the_term_is_the_authors_formula():
     assert np.ptp(tau) > 4000
 
 
-def test_with_the_prior_the_counterbalance_takes_axis_2_from_above_70_to_below_35_percent(kuka):
+def test_with_the_prior_the_counterbalance_takes_axis_2_from_above_80_to_below_35_percent(kuka):
     result = kuka["robot"][0]
     (entry,) = result["known"]
     std = result["rmse"]["test"]["torque_std"][AXIS_2]
     errors = {key: value / std for key, value in entry["rmse_test_with_prior"].items()}
     print(errors, result["prior"]["relative_uncertainty"])
-    assert min(errors["without_same_weight"], errors["without"]) > 0.7
+    assert errors["without_same_weight"] > 0.8
     assert errors["with"] < 0.35
     assert result["rmse"]["test"]["after"][AXIS_2] / std < 0.35
+    # The evidence alone, without the term, loosens the prior until base parameters imitate it.
+    assert errors["with"] < errors["without"] < errors["without_same_weight"]
     off = entry["relative_uncertainty"]
     assert off["with"] == off["without_same_weight"] < 0.3
     assert off["without"] > 2 * off["with"]

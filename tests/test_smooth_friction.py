@@ -3,21 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from dynid_rs import RobotModel, ThreeLoopIdentifier, _core
-from dynid_rs.identification.smooth_friction import (
-    FIRST_SHARPNESS,
-    FIRST_WIDTH,
-    SPREAD_HERE,
-    USUAL_WIDTH,
-    SmoothFrictionIdentifier,
-    steps_expected,
-)
+from dynid_rs.identification.smooth_friction import FIRST_SHARPNESS, FIRST_WIDTH, SmoothFrictionIdentifier
 from dynid_rs.model.assembly import evaluate
 from dynid_rs.simulation import bundled_robot, simulate, typical_arm
 
@@ -141,20 +133,3 @@ def test_the_model_is_saved_and_read_with_its_bits(robot, frictionless, tmp_path
     states = runs[0].q, runs[0].dq, runs[0].ddq
     assert_array_equal(again.torque(*states), model.torque(*states))
     assert "smooth_friction" in again.term_names
-
-
-def test_a_shape_that_no_data_tell_steps_towards_what_is_usual():
-    runs = [SimpleNamespace(dq_motor=np.array([[1.0, 2.0], [-2.0, 1.0]]))]
-    usual = USUAL_WIDTH * np.array([2.0, 2.0])
-    shapes = SmoothFrictionIdentifier((usual * [1.0, 3.0], np.array([FIRST_SHARPNESS, 10.0]))).begin(2)
-    towards, spread = steps_expected(shapes, runs)
-    assert_allclose(towards[0], 0.0, atol=1e-12)
-    assert np.all(towards[1] < 0)
-    assert np.all(spread < SPREAD_HERE)
-    for _ in range(200):
-        shapes = SmoothFrictionIdentifier(
-            (shapes.transition_width_ * np.exp(towards[:, 0]), shapes.sharpness_ * np.exp(towards[:, 1]))
-        ).begin(2)
-        towards, _ = steps_expected(shapes, runs)
-    assert_allclose(shapes.transition_width_, usual, rtol=1e-6)
-    assert_allclose(shapes.sharpness_, FIRST_SHARPNESS, rtol=1e-6)

@@ -98,23 +98,6 @@ def square_memory(residual: FloatArray) -> float:
     return 1.0 + 2.0 * float(np.sum(rho**2 + offset * rho) / (1.0 + offset))
 
 
-def power_memory(residuals: list[FloatArray]) -> float:
-    """Samples that are worth one for the residual's power, at least `residual_memory`; one array per run.
-
-    ``var(mean e^2) n / (2 sigma^4)``, 1 for independent normal samples: a residual that comes in a few bursts, where
-    a joint starts or turns round, tells of a few events, however many samples are quiet. Zeros (a joint at rest) are no
-    samples.
-    """
-    counted = [residual != 0 for residual in residuals]
-    n = sum(int(own.sum()) for own in counted)
-    power = sum(float(residual @ residual) for residual in residuals) / max(n, 1)
-    if power <= 0:
-        return 1.0
-    squares = [np.where(own, residual**2 / power - 1, 0.0) for own, residual in zip(counted, residuals, strict=True)]
-    spread = sum(float(square @ square) for square in squares) / (2 * n)
-    return max(residual_memory(residuals), spread * residual_memory(squares))
-
-
 def _autocovariance(residual: FloatArray) -> FloatArray:
     """Sums of products at every lag, (n,)."""
     from scipy.fft import irfft, next_fast_len, rfft

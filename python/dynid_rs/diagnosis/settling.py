@@ -12,7 +12,7 @@ from dynid_rs.diagnosis.belief import Belief
 from dynid_rs.diagnosis.hypotheses import Shaped, is_valid, shaped_as
 from dynid_rs.diagnosis.shapes import polished, searched
 from dynid_rs.diagnosis.slopes import Slope, effect_slopes, friction_slopes, is_logarithmic
-from dynid_rs.identification.smooth_friction import LARGEST_STEP, SPREAD_HERE, in_reach, steps_expected
+from dynid_rs.identification.smooth_friction import LARGEST_STEP, SPREAD_HERE, in_reach
 from dynid_rs.model.placed import PlacedEffect
 
 FloatArray = NDArray[np.float64]
@@ -57,18 +57,10 @@ def _steps(belief: Belief, slopes: list[Slope]) -> FloatArray:
     posterior, observations = belief.fit.links_.posterior_, belief.fit.observations_
     assert posterior is not None  # every fit that is diagnosed has the weak prior
     model = posterior.model(observations.plan, observations.joint_rows())
-    friction, at = steps_expected(belief.fit.friction_, belief.fit.runs_), ("transition_width", "sharpness")
-    expected = [
-        (0.0, SPREAD_HERE) if s.effect else (friction[0][s.joint, at.index(s.name)], friction[1][at.index(s.name)])
-        for s in slopes
-    ]
-    towards, spread = np.array(expected).T
-    for slope, step, own in zip(slopes, towards, spread, strict=True):
-        model = model.less({j: step * column[:, 0] for j, column in slope.columns.items()})
-        model = model.beside({j: own * column for j, column in slope.columns.items()})
+    for slope in slopes:
+        model = model.beside({j: SPREAD_HERE * column for j, column in slope.columns.items()})
     x = model.fit(posterior.choice, posterior.noise_std).x[-len(slopes) :]
-    clipped: FloatArray = np.clip(towards + spread * x, -LARGEST_STEP, LARGEST_STEP)
-    return clipped
+    return np.clip(SPREAD_HERE * x, -LARGEST_STEP, LARGEST_STEP)
 
 
 def _moved(

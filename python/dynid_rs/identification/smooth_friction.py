@@ -40,8 +40,6 @@ WIDTHS = (0.0005, 0.001, 0.002, 0.005, 0.01, 0.02, 0.04, 0.08)
 """Widths that are tried, over the joint's greatest speed."""
 USUAL_WIDTH, SPREAD = 0.003, 1.0
 """Usual width over the greatest speed, and the spread of its logarithm: what is wide is a curve of friction too."""
-SHARPNESS_SPREAD = 0.6
-"""Spread of the sharpness's logarithm: half the way from the bluntest that is tried to the sharpest."""
 HALF_UP = float(np.log(3.0) / 2)
 """Speed over its width at which a hyperbolic tangent is half up."""
 LONGEST, SHARPEST = 1.0, 10.0
@@ -100,12 +98,10 @@ class SmoothFrictionIdentifier(BaseEstimator):  # type: ignore[misc]
         assert posterior is not None  # this law is for fits with the weak prior
         n = plan.robot.n_joints
         model = posterior.model(plan, observations.joint_rows(), n_effective=_at_least(posterior, observations))
-        towards, spread = steps_expected(self, runs)
         for j in range(n):
-            slopes = shape_slopes(plan, links, runs, j)
-            model = model.less({j: slopes @ towards[j]}).beside({j: slopes * spread})
+            model = model.beside({j: SPREAD_HERE * shape_slopes(plan, links, runs, j)})
         fit = model.fit(posterior.choice, posterior.noise_std)
-        step = np.clip(towards + spread * fit.x[-2 * n :].reshape(n, 2), -LARGEST_STEP, LARGEST_STEP)
+        step = np.clip(SPREAD_HERE * fit.x[-2 * n :].reshape(n, 2), -LARGEST_STEP, LARGEST_STEP)
         width, sharpness = np.exp(step).T
         self._keep(self.transition_width_ * width, np.clip(self.sharpness_ * sharpness, LONGEST, SHARPEST))
         return float(np.max(np.abs(step[:, 0])))
@@ -164,18 +160,6 @@ class SmoothFrictionIdentifier(BaseEstimator):  # type: ignore[misc]
 def smooth(width: FloatArray, sharpness: FloatArray) -> _core.Effect:
     """Return the law with these shapes."""
     return _core.Effect.of(KIND, transition_width=width, sharpness=sharpness)
-
-
-def steps_expected(shapes: SmoothFrictionIdentifier, runs: Sequence[States]) -> tuple[FloatArray, FloatArray]:
-    """Steps of the logarithms of width and sharpness before data are asked, (n_joints, 2), and their spread, (2,).
-
-    From where they are towards what is usual, as far as a step is trusted: without that, a shape that the data do not
-    tell would go on for as long as steps are made.
-    """
-    usual = USUAL_WIDTH * np.maximum(top_speed(runs), 1e-9)
-    way = np.log(np.stack([usual / shapes.transition_width_, FIRST_SHARPNESS / shapes.sharpness_], axis=1))
-    beforehand, here = np.array([SPREAD, SHARPNESS_SPREAD]) ** -2, SPREAD_HERE**-2
-    return way * beforehand / (beforehand + here), (beforehand + here) ** -0.5
 
 
 def in_reach(shapes: Shapes, before: Shapes, runs: Sequence[States]) -> Shapes:
@@ -255,8 +239,7 @@ def _doubt(width: float, sharpness: float, top: float) -> float:
     Another sharpness than the usual has to be sure: a long tail of the sign is a curve of friction too.
     """
     far = np.log(width / (USUAL_WIDTH * max(top, 1e-9))) / SPREAD
-    other = np.log(sharpness / FIRST_SHARPNESS) / SHARPNESS_SPREAD
-    return float(0.5 * (far**2 + other**2) + SURE * (sharpness != FIRST_SHARPNESS))
+    return float(0.5 * far**2 + SURE * (sharpness != FIRST_SHARPNESS))
 
 
 def _standardised(columns: FloatArray, torque: FloatArray) -> FloatArray:

@@ -2,10 +2,9 @@
 
 Width w and centre c of the prior (`priors.py`) are those under which the data are most probable (`linear_model.py`).
 
-Neighbouring samples are not independent: a row of joint j counts as ``k_j = 1 / (1 + 2 sum rho)`` of one, and as less
-where the residual comes in bursts (`memory.power_memory`): a misfit at starts and turns is told by so many events. The
-residual's memory lowers how much the data count; it is not filtered out, for a filter fitted to a misfit would call the
-misfit noise.
+Neighbouring samples are not independent: a row of joint j counts as ``k_j = 1 / (1 + 2 sum rho)`` of one
+(`memory.residual_memory`). The residual's memory lowers how much the data count; it is not filtered out, for a filter
+fitted to a misfit would call the misfit noise.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
-from dynid_rs.base.memory import power_memory
+from dynid_rs.base.memory import residual_memory
 from dynid_rs.regression.columns import Observations, Plan
 from dynid_rs.regression.linear_model import Choice, Fit, LinearModel
 from dynid_rs.regression.priors import WeakPrior, declares_inertia, weak_prior
@@ -174,7 +173,7 @@ def fit_with_prior(
         chosen.append(choice)
         if held is None:
             left = observations.by_run(block_residuals(observations, best.x, scale))
-            found = observations.n_counted / [power_memory([run[:, j] for run in left]) for j in range(n)]
+            found = observations.n_counted / [residual_memory([run[:, j] for run in left]) for j in range(n)]
             n_effective = found if len(chosen) == 1 else np.maximum(n_effective, found)
     model = linear_model(plan, factors, n_rows, scale, prior, n_effective, LEAST_NOISE * size)
     end = model.fit(choice, noise)

@@ -199,14 +199,6 @@ class LinearModel:
             places.append(at)
         return replace(self, rows=rows, places=places, n_further=self.n_further + width)
 
-    def less(self, torque: Mapping[int, FloatArray]) -> LinearModel:
-        """Return the model of what is left beside a torque that is known, (n_rows,) per joint."""
-        rows = list(self.rows)
-        for j, known in torque.items():
-            rows[j] = rows[j].copy()
-            rows[j][:, -1] -= known * self.counted[j]
-        return replace(self, rows=rows)
-
     def without(self, columns: Sequence[tuple[int, int]]) -> LinearModel:
         """Return the model without columns, named by joint and place among all unknowns."""
         rows, places = list(self.rows), list(self.places)
