@@ -14,6 +14,8 @@ import pytest
 from small_arm import dynid, refusal, study
 from test_cli import DYNID, ENVIRONMENT, process
 
+import dynid_rs.base.held as held
+from dynid_rs import TorqueModel
 from dynid_rs.base.files import atomic_path, filled_together, write_bytes, write_json, write_table, write_text
 from dynid_rs.base.held import clear_leftovers, held_file
 from dynid_rs.base.quoting import shown, shown_ends
@@ -77,7 +79,12 @@ def in_the_way(request, tmp_path):
         assert not aim.exists() or aim.read_text() == "not yours"
 
 
+def save_model(place: Path) -> None:
+    TorqueModel.load(study().output / "model.json").save(place)
+
+
 WRITERS = {
+    "model": save_model,
     "text": lambda place: write_text(place, "x"),
     "bytes": lambda place: write_bytes(place, b"x"),
     "json": lambda place: write_json(place, {}),
@@ -323,8 +330,6 @@ def test_a_killed_identification_leaves_nothing_for_the_next(tmp_path):
 
 def test_a_name_that_is_taken_for_a_leftover_is_given_up(tmp_path, monkeypatch):
     """Another process clears between the making of a file and its lock: the file is gone, and another one is made."""
-    import dynid_rs.base.held as held
-
     opened, taken = held._opened, []
 
     def opened_late(path):
@@ -340,9 +345,24 @@ def test_a_name_that_is_taken_for_a_leftover_is_given_up(tmp_path, monkeypatch):
     assert os.listdir(tmp_path) == []
 
 
-def test_without_locks_nothing_is_cleared(tmp_path, monkeypatch):
-    import dynid_rs.base.held as held
+def test_what_another_process_is_clearing_is_given_up(tmp_path, monkeypatch):
+    """Here the other process has the lock already, and removes the file in a moment."""
+    lock, tried = held._lock, []
 
+    def taken_at_first(descriptor):
+        tried.append(descriptor)
+        if len(tried) == 1:
+            raise BlockingIOError
+        lock(descriptor)
+
+    monkeypatch.setattr(held, "_lock", taken_at_first)
+    with held_file(tmp_path, ".json") as path:
+        (lost,) = set(tmp_path.iterdir()) - {path}
+    assert len(tried) == 2
+    assert os.listdir(tmp_path) == [lost.name]
+
+
+def test_without_locks_nothing_is_cleared(tmp_path, monkeypatch):
     def no_locks(descriptor):
         raise OSError("not supported")
 
@@ -356,14 +376,33 @@ def test_without_locks_nothing_is_cleared(tmp_path, monkeypatch):
     assert os.listdir(tmp_path) == ["a"]
 
 
-def test_a_result_of_a_megabyte_version_is_said_in_a_line(tmp_path):
-    for name in ("result.json", "residuals.parquet"):
+def test_writers_in_python_and_rust_clear_after_each_other(tmp_path):
+    """A model is written by the Rust side, under the same names and locks."""
+    with writer_in(tmp_path) as killed, writer_in(tmp_path) as alive:
+        killed.send_signal(signal.SIGKILL)
+        killed.wait()
+        assert len(os.listdir(tmp_path)) == 4
+        save_model(tmp_path / "model.json")
+        left = [path for path in tmp_path.iterdir() if path.name.startswith(".dynid-")]
+        assert sum(path.is_file() for path in left) == 1  # folders are left to the Python side
+        alive.communicate("go on")
+        assert alive.returncode == 0
+    write_text(tmp_path / "a.json", "x")
+    assert sorted(os.listdir(tmp_path)) == ["a.json", "b.csv", "model.json"]
+
+
+def test_versions_without_an_end_are_quoted_short(tmp_path):
+    for name in ("result.json", "residuals.parquet", "model.json"):
         shutil.copy(study().output / name, tmp_path / name)
-    result = json.loads((tmp_path / "result.json").read_text())
-    (tmp_path / "result.json").write_text(json.dumps(result | {"version": "9" * 1_000_000}))
+        if name.endswith(".json"):
+            content = json.loads((tmp_path / name).read_text())
+            (tmp_path / name).write_text(json.dumps(content | {"version": "9" * 1_000_000}))
     sentence = refusal(dynid("report", tmp_path))
     assert '"version" must be 1, found' in sentence
     assert len(sentence) < len(str(tmp_path)) + 200
+    sentence = refusal(dynid("estimate", tmp_path / "model.json", study().runs[0]))
+    assert "999" in sentence
+    assert len(sentence) < len(str(tmp_path)) + 250
 
 
 LONG = "9" * 400_000  # larger files are refused unread

@@ -137,12 +137,13 @@ def _check_temperature(model: TorqueModel, recording: Recording) -> None:
 
 def _other_unit(recording: Recording, unit: str) -> ValueError:
     from dynid_rs.base.errors import DataError
+    from dynid_rs.base.quoting import shown
 
     mend = "give [drive] gain in dynid.toml, or leave the currents out: [columns] current = false"
     if recording.torque_unit == "N*m":
         mend = "give the currents of the run, or leave its torques out in dynid.toml: [columns] tau = false"
     return DataError(
-        f"{recording.name}: holds torque in {recording.torque_unit}, the model gives {unit}; {mend}",
+        f"{recording.name}: holds torque in {recording.torque_unit}, the model gives {shown(unit)}; {mend}",
         code="other_unit",
         file=recording.name,
     )

@@ -10,8 +10,8 @@
 //! A slot is a seqlock: its counter is odd while it is written and goes up by two with every message. Who reads takes the
 //! counter, the bytes, the counter again, and believes the bytes if it was even and the same.
 
-use std::fs::{File, OpenOptions, TryLockError};
-use std::io;
+use std::fs::{File, TryLockError};
+use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{fence, AtomicU64, Ordering};
 
@@ -103,30 +103,56 @@ pub fn path_of(name: &Path) -> PathBuf {
     }
 }
 
+/// Why a file is not to be written into, if it is not ours; an empty one holds nothing that could be lost.
+fn foreign(mut file: &File) -> io::Result<Option<String>> {
+    if let Some(owner) = sys::other_owner(file)? {
+        return Ok(Some(format!(
+            "belongs to another user (number {owner}); give another name"
+        )));
+    }
+    let (found, mut begin) = (file.metadata()?, [0; MAGIC.len()]);
+    if !found.is_file() {
+        return Ok(Some("this is no file; give another name".to_owned()));
+    }
+    if found.len() == 0 {
+        return Ok(None);
+    }
+    let ours = match file.read_exact(&mut begin) {
+        Ok(()) => begin == MAGIC,
+        Err(error) if error.kind() == io::ErrorKind::UnexpectedEof => false,
+        Err(error) => return Err(error),
+    };
+    Ok((!ours).then(|| {
+        "no estimator made this file, and it would be overwritten; give another name, or remove it".to_owned()
+    }))
+}
+
 impl SharedMemory {
     /// Creates the file or takes over one that an earlier estimator left, so that whoever has it mapped goes on.
     ///
     /// # Errors
-    /// [`Stop`] if the file cannot be made or another estimator has it.
+    /// [`Stop`] if the file cannot be made, is another program's or another user's, or another estimator has it.
     pub fn create(name: &Path, n_joints: usize, most_terms: usize) -> Result<Self, Stop> {
         let path = path_of(name);
-        let sentence = |error: &io::Error| Stop::Because(format!("{}: {error}", path.display()));
+        let refusal = |words: &str| Stop::Because(format!("{}: {words}", path.display()));
+        let sentence = |error: &io::Error| refusal(&error.to_string());
+        dynid_io::check_replaceable(&path).map_err(|error| sentence(&error))?;
         // Opened twice: a mapping would keep the lock of its own file for as long as the program runs.
-        let open = || {
-            let mut options = OpenOptions::new();
-            let options = options.read(true).write(true).create(true).truncate(false);
-            options.open(&path).map_err(|error| sentence(&error))
-        };
+        let open = || sys::open_own(&path).map_err(|error| sentence(&error));
         let (file, mapped) = (open()?, open()?);
+        if !sys::is_same_file(&file, &mapped).map_err(|error| sentence(&error))? {
+            return Err(refusal("another file took its place; try again"));
+        }
         match file.try_lock() {
             Ok(()) => {}
             Err(TryLockError::WouldBlock) => {
-                return Err(Stop::Because(format!(
-                    "{}: another estimator answers here; give another name",
-                    path.display()
-                )))
+                return Err(refusal("another estimator answers here; give another name"))
             }
             Err(TryLockError::Error(error)) => return Err(sentence(&error)),
+        }
+        // Under the lock: an estimator that has just made it has written nothing yet.
+        if let Some(words) = foreign(&file).map_err(|error| sentence(&error))? {
+            return Err(refusal(&words));
         }
         let lines = |bytes: usize| bytes.div_ceil(LINE) * LINE;
         let state_bytes = wire::most_state_bytes(n_joints);
@@ -200,6 +226,10 @@ impl SharedMemory {
 
 #[cfg(all(test, target_os = "linux"))]
 mod tests {
+    use std::fs;
+    use std::os::unix::fs::{chown, symlink, MetadataExt, PermissionsExt};
+    use std::os::unix::net::UnixListener;
+
     use super::*;
 
     fn slot(words: usize) -> Slot {
@@ -273,6 +303,93 @@ mod tests {
                     0
                 }
         );
+    }
+
+    fn refusal(path: &Path) -> String {
+        let before = fs::symlink_metadata(path).unwrap();
+        let Err(Stop::Because(sentence)) = SharedMemory::create(path, 6, 20) else {
+            panic!("{} is not ours", path.display());
+        };
+        let after = fs::symlink_metadata(path).unwrap();
+        assert_eq!(
+            (after.ino(), after.mode(), after.len()),
+            (before.ino(), before.mode(), before.len())
+        );
+        assert!(sentence.starts_with(path.to_str().unwrap()), "{sentence}");
+        sentence
+    }
+
+    #[test]
+    fn what_is_not_ours_is_not_touched() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = |name: &str| folder.path().join(name);
+        for content in [
+            "D",
+            "DYN",
+            "somebody's own",
+            &"x".repeat(10_000),
+            "\0\0\0\0",
+        ] {
+            fs::write(at("precious"), content).unwrap();
+            let sentence = refusal(&at("precious"));
+            assert!(
+                sentence.contains("no estimator made this file"),
+                "{sentence}"
+            );
+            assert_eq!(fs::read_to_string(at("precious")).unwrap(), content);
+        }
+        symlink(at("precious"), at("link")).unwrap();
+        symlink(at("nowhere"), at("dangling")).unwrap();
+        fs::create_dir(at("folder")).unwrap();
+        let _socket = UnixListener::bind(at("socket")).unwrap();
+        for (name, words) in [
+            ("link", "this is a symbolic link to "),
+            ("dangling", "this is a symbolic link to "),
+            ("folder", "this is a folder"),
+            ("socket", "this is a socket"),
+        ] {
+            let sentence = refusal(&at(name));
+            assert!(sentence.contains(words), "{sentence}");
+        }
+        assert!(!at("nowhere").exists());
+        // What is found is believed less than the descriptor: a link that comes in between is not followed.
+        assert!(sys::open_own(&at("link")).is_err());
+        // A link to memory of ours is a link all the same.
+        drop(SharedMemory::create(&at("ours"), 6, 20).unwrap());
+        symlink(at("ours"), at("link to ours")).unwrap();
+        assert!(refusal(&at("link to ours")).contains("this is a symbolic link to "));
+    }
+
+    #[test]
+    fn a_file_of_another_user_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("slot");
+        drop(SharedMemory::create(&path, 6, 20).unwrap());
+        if let Err(error) = chown(&path, Some(12_345), None) {
+            eprintln!("skipped: files cannot be given away here ({error})");
+            return;
+        }
+        let sentence = refusal(&path);
+        assert!(
+            sentence.contains("belongs to another user (number 12345)"),
+            "{sentence}"
+        );
+    }
+
+    #[test]
+    fn the_file_is_for_its_user_alone_and_taken_over_with_its_rights() {
+        let folder = tempfile::tempdir().unwrap();
+        let mode = |path: &Path| fs::metadata(path).unwrap().mode() & 0o777;
+        let path = folder.path().join("slot");
+        drop(SharedMemory::create(&path, 6, 20).unwrap());
+        assert_eq!(mode(&path), 0o600);
+        // Whoever lets others in has meant it.
+        fs::set_permissions(&path, fs::Permissions::from_mode(0o660)).unwrap();
+        drop(SharedMemory::create(&path, 6, 20).unwrap());
+        assert_eq!(mode(&path), 0o660);
+        let empty = folder.path().join("empty");
+        fs::write(&empty, "").unwrap();
+        assert!(SharedMemory::create(&empty, 6, 20).is_ok());
     }
 
     #[test]

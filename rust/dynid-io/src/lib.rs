@@ -16,6 +16,8 @@ pub mod mdh;
 pub mod model_file;
 mod text;
 pub mod urdf;
+mod whole;
 
 pub use c_header::CHeaderError;
 pub use model_file::{load, parse, save, ModelFileError};
+pub use whole::check_replaceable;

@@ -11,12 +11,24 @@ pub(crate) fn position(text: &str, at: usize) -> (usize, usize) {
 
 /// Start of a text for use in a sentence.
 pub(crate) fn shorten(text: &str) -> String {
-    const LENGTH: usize = 40;
-    let mut short: String = text.chars().take(LENGTH).collect();
-    if text.chars().nth(LENGTH).is_some() {
+    shorten_to(text, 40)
+}
+
+/// The first `length` characters of a text.
+pub(crate) fn shorten_to(text: &str, length: usize) -> String {
+    let mut short: String = text.chars().take(length).collect();
+    if text.chars().nth(length).is_some() {
         short.push('…');
     }
     short
+}
+
+/// What serde says, short: it begins with words of the file, as long as they are there, and ends with what it expected.
+pub(crate) fn shorten_said(message: &str) -> String {
+    // The last one: an earlier one may stand in the file.
+    let at = message.rfind(", expected ").unwrap_or(message.len());
+    let (found, expected) = message.split_at(at);
+    shorten_to(found, 80) + expected
 }
 
 /// Longer names are compared with nothing \[bytes\].

@@ -8,7 +8,7 @@ use dynid_io::urdf::UrdfError as RustUrdfError;
 use dynid_io::{CHeaderError, ModelFileError};
 use dynid_offline::OfflineError;
 use pyo3::create_exception;
-use pyo3::exceptions::{PyOSError, PyValueError};
+use pyo3::exceptions::{PyFileExistsError, PyIsADirectoryError, PyOSError, PyValueError};
 use pyo3::prelude::*;
 
 create_exception!(
@@ -67,7 +67,7 @@ pub fn model_file(error: ModelFileError) -> PyErr {
     }
 }
 
-/// `OSError(errno, text, path)` picks `FileNotFoundError`, `PermissionError` and so on by itself.
+/// `OSError(errno, text, path)` picks `FileNotFoundError`, `PermissionError` and so on by itself; our own have no number.
 fn os_error(source: &io::Error, path: &str) -> PyErr {
     match source.raw_os_error() {
         Some(code) => {
@@ -79,6 +79,13 @@ fn os_error(source: &io::Error, path: &str) -> PyErr {
                 .to_owned();
             PyOSError::new_err((code, text, path.to_owned()))
         }
-        None => PyOSError::new_err(format!("{path}: {source}")),
+        None => {
+            let text = format!("{path}: {source}");
+            match source.kind() {
+                io::ErrorKind::AlreadyExists => PyFileExistsError::new_err(text),
+                io::ErrorKind::IsADirectory => PyIsADirectoryError::new_err(text),
+                _ => PyOSError::new_err(text),
+            }
+        }
     }
 }

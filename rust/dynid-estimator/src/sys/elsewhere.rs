@@ -2,6 +2,7 @@
 
 use std::fs::File;
 use std::io::{self, Read};
+use std::path::Path;
 use std::sync::atomic::AtomicU64;
 use std::sync::OnceLock;
 use std::time::{Duration, Instant};
@@ -63,6 +64,18 @@ pub fn pin_to_core(_core: usize) -> io::Result<()> {
 
 pub fn page_faults() -> PageFaults {
     PageFaults::default()
+}
+
+pub fn open_own(_path: &Path) -> io::Result<File> {
+    Err(only_on_linux())
+}
+
+pub fn other_owner(_file: &File) -> io::Result<Option<u32>> {
+    Err(only_on_linux())
+}
+
+pub fn is_same_file(_a: &File, _b: &File) -> io::Result<bool> {
+    Err(only_on_linux())
 }
 
 pub fn map_shared(_file: &File, _words: usize) -> io::Result<&'static [AtomicU64]> {

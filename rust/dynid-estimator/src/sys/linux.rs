@@ -2,10 +2,12 @@
 
 #![allow(unsafe_code)] // these calls have no safe face in std
 
-use std::fs::File;
+use std::fs::{File, OpenOptions};
 use std::io::{self, Read};
 use std::mem;
 use std::os::fd::{AsFd, AsRawFd};
+use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
+use std::path::Path;
 use std::ptr;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
@@ -220,6 +222,33 @@ pub fn page_faults() -> PageFaults {
         minor: usage.ru_minflt as u64,
         major: usage.ru_majflt as u64,
     }
+}
+
+/// Opens a file for reading and writing, or creates it for this user alone; a link at its end is not followed.
+pub fn open_own(path: &Path) -> io::Result<File> {
+    OpenOptions::new()
+        .read(true)
+        .write(true)
+        .create(true)
+        .truncate(false)
+        .mode(0o600)
+        // A pipe that took the file's place would be waited for.
+        .custom_flags(libc::O_NOFOLLOW | libc::O_NONBLOCK)
+        .open(path)
+}
+
+/// The owner of an open file, if that is another user than this program runs as.
+pub fn other_owner(file: &File) -> io::Result<Option<u32>> {
+    let owner = file.metadata()?.uid();
+    // SAFETY: takes nothing and cannot fail.
+    let ours = unsafe { libc::geteuid() };
+    Ok((owner != ours).then_some(owner))
+}
+
+/// Whether two descriptors show the same file.
+pub fn is_same_file(a: &File, b: &File) -> io::Result<bool> {
+    let (a, b) = (a.metadata()?, b.metadata()?);
+    Ok((a.dev(), a.ino()) == (b.dev(), b.ino()))
 }
 
 /// The first `words` words of a file, shared with every process that maps it, until this one ends.

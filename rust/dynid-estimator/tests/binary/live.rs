@@ -399,6 +399,26 @@ fn shared_memory_gives_the_bits_of_the_estimator() {
     }
 }
 
+#[cfg(unix)]
+#[test]
+fn foreign_files_are_not_shared() {
+    let saved = Saved::new();
+    let folder = tempfile::tempdir().unwrap();
+    let (path, link) = (folder.path().join("precious"), folder.path().join("link"));
+    std::fs::write(&path, "not yours").unwrap();
+    std::os::unix::fs::symlink(&path, &link).unwrap();
+    for (place, words) in [
+        (&path, "no estimator made this file"),
+        (&link, "symbolic link"),
+    ] {
+        let place = place.to_str().unwrap();
+        saved
+            .run(&["--rate", "10", "--shm", place], "")
+            .refused(&[place, words]);
+    }
+    assert_eq!(std::fs::read(&path).unwrap(), b"not yours");
+}
+
 #[test]
 fn what_cannot_be_had_is_refused() {
     let saved = Saved::new();

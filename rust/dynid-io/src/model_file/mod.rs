@@ -7,7 +7,7 @@ mod effect_part;
 mod schema;
 
 use std::fs;
-use std::io::{Read, Write};
+use std::io::Read;
 use std::path::Path;
 
 use dynid_core::{RobotModel, TorqueModel};
@@ -16,12 +16,18 @@ use sha2::{Digest, Sha256};
 
 use schema::{ModelFile, RobotPart};
 
+use crate::text::{shorten_said, shorten_to};
+use crate::whole::write_whole;
+
 /// Name in the `format` field.
 pub const FORMAT: &str = "dynid-model";
 /// Version of the schema that this reader understands.
 pub const VERSION: u32 = 1;
 /// Larger files are refused before memory is taken \[bytes\].
 pub const MAX_BYTES: u64 = 64 << 20;
+
+/// Longest fault of a part in a sentence \[characters\]: names in it are the file's.
+const LONGEST: usize = 400;
 
 const CHECKSUM_PREFIX: &str = "sha256:";
 const N_DIGITS: usize = 64;
@@ -86,41 +92,27 @@ pub fn parse(bytes: &[u8], name: &str) -> Result<TorqueModel, ModelFileError> {
     })?;
     check_header(text).map_err(invalid)?;
     let file: ModelFile = serde_json::from_str(text).map_err(|e| invalid(json_message(&e)))?;
-    file.into_model()
-        .map_err(|message| invalid(format!("{message}; save the model again")))
+    file.into_model().map_err(|message| {
+        invalid(format!(
+            "{}; save the model again",
+            shorten_to(&message, LONGEST)
+        ))
+    })
 }
 
 /// Writes a model: to a temporary file beside `path`, then renamed, so that a reader never sees half of it.
 ///
 /// # Errors
-/// [`ModelFileError::Io`] if the folder cannot be written.
+/// [`ModelFileError::Io`] if the folder cannot be written, or anything but a file is in the place of the model.
 pub fn save(model: &TorqueModel, path: &Path) -> Result<(), ModelFileError> {
     let text = to_text(model).map_err(|error| ModelFileError::Invalid {
         path: path.display().to_string(),
         message: error.to_string(),
     })?;
-    write_atomically(path, text.as_bytes()).map_err(|source| ModelFileError::Io {
+    write_whole(path, text.as_bytes()).map_err(|source| ModelFileError::Io {
         path: path.display().to_string(),
         source,
     })
-}
-
-fn write_atomically(path: &Path, bytes: &[u8]) -> std::io::Result<()> {
-    let folder = match path.parent() {
-        Some(folder) if !folder.as_os_str().is_empty() => folder,
-        _ => Path::new("."),
-    };
-    let mut builder = tempfile::Builder::new();
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt;
-        builder.permissions(fs::Permissions::from_mode(0o644));
-    }
-    let mut file = builder.prefix(".model-").tempfile_in(folder)?;
-    file.write_all(bytes)?;
-    file.as_file().sync_all()?;
-    file.persist(path)?;
-    Ok(())
 }
 
 /// The file's text, checksum included.
@@ -154,7 +146,8 @@ pub fn robot_from_text(text: &str, name: &str) -> Result<RobotModel, ModelFileEr
         message,
     };
     let part: RobotPart = serde_json::from_str(text).map_err(|e| invalid(json_message(&e)))?;
-    part.into_robot().map_err(invalid)
+    part.into_robot()
+        .map_err(|message| invalid(shorten_to(&message, LONGEST)))
 }
 
 fn digest(text: &str) -> String {
@@ -212,7 +205,10 @@ fn json_message(error: &serde_json::Error) -> String {
             error.line()
         )
     } else {
-        format!("not a readable model: {error}; save the model again")
+        format!(
+            "not a readable model: {}; save the model again",
+            shorten_said(&error.to_string())
+        )
     }
 }
 

@@ -27,6 +27,10 @@ fn joint(name: &str, kind: JointKind) -> Joint {
 }
 
 fn model() -> TorqueModel {
+    model_in("N*m")
+}
+
+fn model_in(torque_unit: &str) -> TorqueModel {
     let joints = vec![
         joint("a", JointKind::Revolute),
         joint("b", JointKind::Prismatic),
@@ -55,7 +59,7 @@ fn model() -> TorqueModel {
             dq: vec![2.0; 2],
             ddq: vec![3.0; 2],
         },
-        torque_unit: "N*m".into(),
+        torque_unit: torque_unit.into(),
         step: None,
     })
     .unwrap()
@@ -63,6 +67,66 @@ fn model() -> TorqueModel {
 
 fn message(bytes: &[u8]) -> String {
     parse(bytes, "model.json").unwrap_err().to_string()
+}
+
+#[test]
+fn a_model_takes_the_place_of_an_older_one_whole() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, other) = (folder.path().join("model.json"), folder.path().join("old"));
+    save(&model(), &path).unwrap();
+    // Who has the old file open, or by another name, keeps it: a controller never reads half of a model.
+    fs::hard_link(&path, &other).unwrap();
+    let newer = model_in("A");
+    save(&newer, &path).unwrap();
+    assert_eq!(load(&path).unwrap(), newer);
+    assert_eq!(load(&other).unwrap(), model());
+}
+
+#[cfg(unix)]
+#[test]
+fn a_link_is_neither_followed_nor_replaced() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, link) = (folder.path().join("precious"), folder.path().join("link"));
+    fs::write(&path, "not yours").unwrap();
+    std::os::unix::fs::symlink(&path, &link).unwrap();
+    let error = save(&model(), &link).unwrap_err().to_string();
+    assert!(
+        error.contains("link: this is a symbolic link to "),
+        "{error}"
+    );
+    assert_eq!(fs::read(&path).unwrap(), b"not yours");
+    assert!(fs::symlink_metadata(&link).unwrap().is_symlink());
+}
+
+#[test]
+fn a_word_of_a_megabyte_is_quoted_short() {
+    let long = "9".repeat(1_000_000);
+    let text = to_text(&model()).unwrap();
+    for (old, new) in [
+        ("\"version\": 1", format!("\"version\": \"{long}\"")),
+        (
+            "\"version\": 1",
+            format!("\"version\": \", expected {long}\""),
+        ),
+        (
+            "\"format\": \"dynid-model\"",
+            format!("\"format\": [\"{long}\"]"),
+        ),
+        (
+            "\"format\": \"dynid-model\"",
+            format!("\"format\": \"{long}\""),
+        ),
+    ] {
+        assert!(text.contains(old));
+        let said = message(text.replacen(old, &new, 1).as_bytes());
+        assert!(said.contains("expected"), "{said}");
+        assert!(said.chars().count() < 250, "{}", said.len());
+    }
+    // With the right checksum: a part that is not what it should be.
+    let named = text.replacen("\"torque_offset\"", &format!("\"{long}\""), 1);
+    let said = message(resign(&named).as_bytes());
+    assert!(!said.contains("checksum"), "{said}");
+    assert!(said.chars().count() < 500, "{}", said.len());
 }
 
 #[test]
@@ -167,17 +231,19 @@ fn other_files_are_told_apart() {
     ));
 }
 
+/// The text with the checksum that belongs to it.
+fn resign(text: &str) -> String {
+    let start = text.find(CHECKSUM_PREFIX).unwrap();
+    let stated = &text[start..start + CHECKSUM_PREFIX.len() + N_DIGITS];
+    let blank = format!("{CHECKSUM_PREFIX}{}", "0".repeat(N_DIGITS));
+    let blanked = text.replacen(stated, &blank, 1);
+    let sum = format!("{CHECKSUM_PREFIX}{}", digest(&blanked));
+    blanked.replacen(&blank, &sum, 1)
+}
+
 /// A file that was edited by someone who also knows how to write the checksum still has to make sense.
 #[test]
 fn a_resigned_file_is_checked_for_sense() {
-    let resign = |text: &str| {
-        let start = text.find(CHECKSUM_PREFIX).unwrap();
-        let stated = &text[start..start + CHECKSUM_PREFIX.len() + N_DIGITS];
-        let blank = format!("{CHECKSUM_PREFIX}{}", "0".repeat(N_DIGITS));
-        let blanked = text.replacen(stated, &blank, 1);
-        let sum = format!("{CHECKSUM_PREFIX}{}", digest(&blanked));
-        blanked.replacen(&blank, &sum, 1)
-    };
     let text = to_text(&model()).unwrap();
     assert!(parse(resign(&text).as_bytes(), "model.json").is_ok());
     for (old, new) in [
