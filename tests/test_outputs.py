@@ -450,6 +450,19 @@ def test_a_word_without_an_end_is_a_line_in_a_sentence(name, text, arguments, tm
     assert all(len(str(value)) < len(str(path)) + 400 for value in error.values())
 
 
+@pytest.mark.timeout(20)
+@pytest.mark.parametrize(
+    "text",
+    [f"{LONG}.9x,x,tau_0\n1,2,3\n", f"t,q_0,q_1,q_2,tau_0,tau_1,tau_2\n1,2,3,4,5,6,{LONG}x\n"],
+    ids=["name", "cell"],
+)
+def test_a_run_with_a_word_without_an_end_is_refused_at_once(text, tmp_path):
+    (tmp_path / "run.csv").write_text(text)
+    sentence = refusal(dynid("estimate", study().output / "model.json", tmp_path / "run.csv"))
+    assert sentence.startswith("run.csv")
+    assert len(sentence) < 400
+
+
 def test_long_words_of_a_library_keep_both_ends():
     long = shown_ends(f"Cannot declare ('{LONG}',) twice\n (at line 2, column 5)")
     assert long.startswith("Cannot declare ('999")
