@@ -450,16 +450,20 @@ def test_a_word_without_an_end_is_a_line_in_a_sentence(name, text, arguments, tm
     assert all(len(str(value)) < len(str(path)) + 400 for value in error.values())
 
 
+CELL = "9" * 100_000 + "x"  # csv takes cells up to 131072 characters
+RUNS = {
+    "name": (f"{CELL},x,tau_0\n1,2,3\n", "run.csv: column tau_1 or tau_elbow"),
+    "cell": (f"t,q_0,q_1,q_2,tau_0,tau_1,tau_2\n1,2,3,4,5,6,{CELL}\n", "run.csv, row 1 (line 2), column tau_2: "),
+}
+
+
 @pytest.mark.timeout(20)
-@pytest.mark.parametrize(
-    "text",
-    [f"{LONG}.9x,x,tau_0\n1,2,3\n", f"t,q_0,q_1,q_2,tau_0,tau_1,tau_2\n1,2,3,4,5,6,{LONG}x\n"],
-    ids=["name", "cell"],
-)
-def test_a_run_with_a_word_without_an_end_is_refused_at_once(text, tmp_path):
+@pytest.mark.parametrize(("text", "words"), RUNS.values(), ids=RUNS)
+def test_a_run_with_a_word_without_an_end_is_refused_at_once(text, words, tmp_path):
+    """Reading it as a number took time by the square of its length."""
     (tmp_path / "run.csv").write_text(text)
     sentence = refusal(dynid("estimate", study().output / "model.json", tmp_path / "run.csv"))
-    assert sentence.startswith("run.csv")
+    assert words in sentence
     assert len(sentence) < 400
 
 
