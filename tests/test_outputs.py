@@ -1,6 +1,5 @@
 """What is written replaces files and nothing else, leaves nothing behind, and says so when nobody can take it."""
 
-import json
 import os
 import shutil
 import signal
@@ -18,7 +17,6 @@ import dynid_rs.base.held as held
 from dynid_rs import TorqueModel
 from dynid_rs.base.files import atomic_path, filled_together, write_bytes, write_json, write_table, write_text
 from dynid_rs.base.held import clear_leftovers, held_file
-from dynid_rs.base.quoting import shown, shown_ends
 
 FULL = Path("/dev/full")
 needs_full = pytest.mark.skipif(not FULL.exists(), reason="no /dev/full on this system")
@@ -389,71 +387,3 @@ def test_writers_in_python_and_rust_clear_after_each_other(tmp_path):
         assert alive.returncode == 0
     write_text(tmp_path / "a.json", "x")
     assert sorted(os.listdir(tmp_path)) == ["a.json", "b.csv", "model.json"]
-
-
-def test_versions_without_an_end_are_quoted_short(tmp_path):
-    for name in ("result.json", "residuals.parquet", "model.json"):
-        shutil.copy(study().output / name, tmp_path / name)
-        if name.endswith(".json"):
-            content = json.loads((tmp_path / name).read_text())
-            (tmp_path / name).write_text(json.dumps(content | {"version": "9" * 1_000_000}))
-    sentence = refusal(dynid("report", tmp_path))
-    assert '"version" must be 1, found' in sentence
-    assert len(sentence) < len(str(tmp_path)) + 200
-    sentence = refusal(dynid("estimate", tmp_path / "model.json", study().runs[0]))
-    assert "999" in sentence
-    assert len(sentence) < len(str(tmp_path)) + 250
-
-
-LONG = "9" * 400_000  # larger files are refused unread
-FILES = {
-    "limits_unit": (
-        "l.toml",
-        f'[units]\nangle = "{LONG}"\n',
-        ("excite", "ROBOT", "-o", "DIR/p.csv", "--limits", "FILE"),
-    ),
-    "limits_table": ("l.toml", f"[{LONG}]\n", ("excite", "ROBOT", "-o", "DIR/p.csv", "--limits", "FILE")),
-    "limits_twice": ("l.toml", f"[{LONG}]\n[{LONG}]\n", ("excite", "ROBOT", "-o", "DIR/p.csv", "--limits", "FILE")),
-    "config_unit": (
-        "c.toml",
-        f'[units]\nangle = "{LONG}"\n',
-        ("inspect", "RUN", "--robot", "ROBOT", "--config", "FILE"),
-    ),
-    "config_column": (
-        "c.toml",
-        f'[columns]\nq = "{{{LONG}}}"\n',
-        ("inspect", "RUN", "--robot", "ROBOT", "--config", "FILE"),
-    ),
-    "fleet_name": ("f.toml", f'[[robot]]\nname = "!{LONG}"\n', ("fleet", "FILE", "-o", "DIR/out")),
-    "fleet_key": ("f.toml", f"{LONG} = 1\n", ("fleet", "FILE", "-o", "DIR/out")),
-    "fleet_twice": ("f.toml", f'[[robot]]\nname = "{LONG}"\n' * 2, ("fleet", "FILE", "-o", "DIR/out")),
-    "known": (
-        "k.toml",
-        f'[[term]]\nkind = "{LONG}"\n',
-        ("identify", "ROBOT", "RUN", "-o", "DIR/out", "--known", "FILE"),
-    ),
-}
-"""Files that hold a word without an end, and commands that read them."""
-
-
-@pytest.mark.parametrize(("name", "text", "arguments"), FILES.values(), ids=FILES)
-def test_a_word_without_an_end_is_a_line_in_a_sentence(name, text, arguments, tmp_path):
-    path = tmp_path / name
-    path.write_text(text)
-    places = {"ROBOT": study().robot, "RUN": study().runs[0], "FILE": path, "DIR/p.csv": tmp_path / "p.csv"}
-    places["DIR/out"] = tmp_path / "out"
-    done = dynid(*(places.get(word, word) for word in arguments), "--json")
-    assert done.exit_code == 2
-    error = json.loads(done.stdout)["error"]
-    assert "999" in error["message"]
-    assert len(error["message"]) < len(str(path)) + 400
-    assert all(len(str(value)) < len(str(path)) + 400 for value in error.values())
-
-
-def test_long_words_of_a_library_keep_both_ends():
-    long = shown_ends(f"Cannot declare ('{LONG}',) twice\n (at line 2, column 5)")
-    assert long.startswith("Cannot declare ('999")
-    assert long.endswith("999',) twice (at line 2, column 5)")
-    assert len(long) <= 160
-    assert shown_ends("a\nshort  one") == "a short one"
-    assert shown("a\x1bb") == "a\\x1bb"
