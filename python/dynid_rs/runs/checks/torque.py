@@ -79,7 +79,7 @@ def _limits(rec: Recording, robot: Any | None) -> FloatArray:
     if limits is None or rec.torque_unit != "N*m":
         return nothing
     limits = np.asarray(limits, dtype=np.float64)
-    if len(limits) > 1 and np.ptp(limits) == 0:
+    if len(limits) > 1 and np.all(limits == limits[0]):  # infinite ones too
         return nothing
     return np.where(limits > 0, limits, np.inf)  # NaN and zero are no limit
 
