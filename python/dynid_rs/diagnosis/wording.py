@@ -163,11 +163,12 @@ def _left(result: Result) -> str:
 def _against_floor(result: Result) -> str:
     test, joints = result["rmse"]["test"], result["joints"]
     # Where no interval can be said, the error itself is compared.
-    least = [
-        after if pair is None else pair[0] for after, pair in zip(test["after"], test["after_interval"], strict=True)
+    rows = zip(joints, test["after"], test["after_interval"], test["floor"], strict=True)
+    above = [
+        joint
+        for joint, after, interval, floor in rows
+        if floor is not None and (after if interval is None else interval[0]) > floor
     ]
-    rows = zip(joints, least, test["floor"], strict=True)
-    above = [joint for joint, least, floor in rows if floor is not None and least > floor]
     if not above:
         return "on runs that it has not seen the declared model leaves no more than the noise."
     return (

@@ -21,7 +21,7 @@ deviation.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple, Protocol
@@ -217,21 +217,23 @@ class LinearModel:
     def left_out(self, fit: Fit, blocks: Sequence[BoolArray]) -> FloatArray:
         """Power per block and joint, (n_blocks, n_joints), when a block is predicted from the others."""
         power = np.zeros((len(blocks), len(self.rows)))
-        for k, (block, x) in enumerate(zip(blocks, self.solved_without(fit, blocks), strict=True)):
+        for k, (out, x) in enumerate(self._without_each(fit, blocks)):
             power[k] = [
-                np.sum((part[block, -1] - part[block, :-1] @ x[at]) ** 2)
-                for part, at in zip(self.rows, self.places, strict=True)
+                np.sum((part[:, -1] - part[:, :-1] @ x[at]) ** 2) for part, at in zip(out, self.places, strict=True)
             ]
         return power
 
     def solved_without(self, fit: Fit, blocks: Sequence[BoolArray]) -> FloatArray:
-        """Unknowns from the rows outside each block, (n_blocks, n)."""
-        held, solutions = self._held(fit.choice), []
+        """Unknowns from the rows outside each block, (n_blocks, n), at the weights and the prior of `fit`."""
+        return np.array([x for _, x in self._without_each(fit, blocks)])
+
+    def _without_each(self, fit: Fit, blocks: Sequence[BoolArray]) -> Iterator[tuple[list[FloatArray], FloatArray]]:
+        """Rows of each block, and the unknowns from all others."""
+        held = self._held(fit.choice)
         for block in blocks:
             out = [part[block] for part in self.rows]
             grams = [gram - part.T @ part for gram, part in zip(self.grams, out, strict=True)]
-            solutions.append(self._solve(held, fit.weights, grams)[1])
-        return np.array(solutions)
+            yield out, self._solve(held, fit.weights, grams)[1]
 
     def screen(
         self, fit: Fit, hypotheses: Sequence[Columns], bounds: Sequence[FloatArray], sizes: Sequence[float] = (1.0,)

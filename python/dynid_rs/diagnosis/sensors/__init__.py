@@ -18,7 +18,7 @@ from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.identification.training import prepare_training_runs
 from dynid_rs.runs.checks.channels import check_channels
 from dynid_rs.runs.checks.clocks import check_clocks
-from dynid_rs.runs.checks.torque import check_torque
+from dynid_rs.runs.checks.torque import check_drive_torque
 from dynid_rs.runs.facts import RunFacts, check_facts
 from dynid_rs.runs.preprocessing import choose_band, common_rate, prepare
 from dynid_rs.runs.recording import Recording
@@ -102,5 +102,5 @@ def channel_errors(setup: Setup, train: Sequence[Recording], test: Sequence[Reco
 
 def _damaged(setup: Setup, recording: Recording) -> Iterator[Finding]:
     """Samples that no arm has: of a torque that stands alone, of a position that jumps."""
-    found = (*check_torque(recording, setup.robot), *check_channels(recording))
+    found = (*check_drive_torque(recording, setup.robot), *check_channels(recording))
     yield from (finding for finding in found if finding.code in DAMAGED)

@@ -12,7 +12,7 @@ from dynid_rs.runs.checks.excitation import check_excitation
 from dynid_rs.runs.checks.limits import Limited, check_limits, check_magnitudes
 from dynid_rs.runs.checks.motion import moving_joints
 from dynid_rs.runs.checks.timing import check_timing, relative_jitter
-from dynid_rs.runs.checks.torque import check_torque
+from dynid_rs.runs.checks.torque import check_drive_torque
 from dynid_rs.runs.recording import OptionalSignal, Recording
 
 __all__ = ["check_recording", "contradicting_signals", "moving_joints", "refused_sources", "relative_jitter"]
@@ -50,7 +50,7 @@ def check_recording(rec: Recording, robot: Limited | None = None) -> list[Findin
         return sorted(timing, key=_severity)
     findings = [
         *timing,
-        *check_torque(rec, robot),
+        *check_drive_torque(rec, robot),
         *check_channels(rec),
         *check_limits(rec, robot),
         *check_derivatives(rec),

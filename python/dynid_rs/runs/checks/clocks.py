@@ -17,6 +17,8 @@ MIN_RATE, MAX_RATE = 2.0, 50_000.0
 USUAL_RATES = (10.0, 20_000.0)
 """Rates [Hz] of the logs there are: from polled interfaces to a drive's current loop. Units are a thousand apart and
 these are two thousand: at most two units fit, and `USUAL_SPEEDS` or the other runs decide between them."""
+MIDDLE_RATE = float(np.sqrt(USUAL_RATES[0] * USUAL_RATES[1]))
+"""What a rate is like [Hz] where no other run says: the middle of `USUAL_RATES` in their logarithm."""
 USUAL_SPEEDS = (0.02, 30.0)
 """Speed [rad/s, m/s] of a run's fastest joint: a friction run creeps at a degree a second, no arm's joint does five
 turns. Another unit of time divides it by a thousand as well."""
@@ -76,9 +78,9 @@ class Clock:
 
 def likely_unit(clock: Clock, rate: float | None = None) -> str | None:
     """Unit that makes `clock` a robot's log, of about `rate` [Hz] where other runs say so; None if there is none."""
-    middle = float(np.sqrt(USUAL_RATES[0] * USUAL_RATES[1])) if rate is None else rate
+    rate = MIDDLE_RATE if rate is None else rate
     units = [unit for unit in TIME_UNITS if clock.read_in(unit).is_usual]
-    return min(units, key=lambda unit: clock.read_in(unit).oddity(middle), default=None)
+    return min(units, key=lambda unit: clock.read_in(unit).oddity(rate), default=None)
 
 
 def clock_findings(clocks: Sequence[Clock]) -> dict[int, Finding]:
@@ -128,8 +130,7 @@ def _among(clocks: Sequence[Clock], places: Sequence[int]) -> dict[int, str]:
     """Runs at `places`, each possible by itself, that another unit makes like the rest: place and unit."""
     found: dict[int, str] = {}
     # Of two runs that contradict each other the odder one is taken to be wrong.
-    middle = float(np.sqrt(USUAL_RATES[0] * USUAL_RATES[1]))
-    for k in sorted(places, key=lambda place: -clocks[place].oddity(middle)):
+    for k in sorted(places, key=lambda place: -clocks[place].oddity(MIDDLE_RATE)):
         others = [clocks[other] for other in places if other != k and other not in found]
         if not others:
             continue

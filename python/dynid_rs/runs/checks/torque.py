@@ -30,7 +30,7 @@ MIN_LEVELS = 30
 """A channel of fewer different numbers is coarse: its one step may be many times its noise."""
 
 
-def check_torque(rec: Recording, robot: Any | None) -> Iterator[Finding]:
+def check_drive_torque(rec: Recording, robot: Any | None) -> Iterator[Finding]:
     """Samples and channels of torque that no drive gives; with a robot also against its effort limits."""
     limits = _limits(rec, robot)
     moves = moving_joints(rec)
