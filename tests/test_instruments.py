@@ -12,6 +12,7 @@ from tolerances import ALGEBRAIC
 
 from dynid_rs import InstrumentalVariables, LinkDynamicsIdentifier, Recording, _core, read_recording
 from dynid_rs.base.wording import verdict
+from dynid_rs.regression import instruments as instruments_module
 from dynid_rs.regression.columns import make_plan, observe
 from dynid_rs.regression.instruments import choose_source, endogeneity, instrument_states
 from dynid_rs.runs.preprocessing import Band, prepare
@@ -68,6 +69,20 @@ def test_the_test_says_nothing_about_the_same_motion_measured_well(plan):
     recording = closed_loop.run(ENCODER_NOISE / 100).recording(torque_noise=0.5)
     _, instruments = fitted(plan, prepare(recording, Band(10.0), closed_loop.RATE), "reference")
     assert not endogeneity(instruments, [""] * plan.n_columns)["biased"]
+
+
+def test_a_variance_that_rounds_below_nothing_is_nothing(plan, monkeypatch):
+    """Of a joint whose noise is as good as none; the root of it went into `result.json` as NaN."""
+
+    def below_nothing(observations, runs, residuals, columns, breads):
+        halves = [part[0].shape[1] // 2 for part in columns]  # columns as they are, then as instruments show them
+        return [np.diag([1.0] * half + [-1e-20] * half) for half in halves]
+
+    monkeypatch.setattr(instruments_module, "noise_products", below_nothing)
+    recording = closed_loop.run(ENCODER_NOISE).recording(torque_noise=0.2)
+    _, instruments = fitted(plan, prepare(recording, Band(10.0), closed_loop.RATE), "smooth")
+    assert np.all(instruments.std_error_ == 0)
+    assert np.all(np.isfinite(instruments.shift_))
 
 
 @pytest.mark.parametrize("memory", [0.0, 0.9])
