@@ -7,11 +7,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from sklearn.base import BaseEstimator, clone
 
 from dynid_rs.diagnosis.beside import Beside
 from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis, Place, Shaped, shaped_as
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.structural import KINDS, REFITTED, structural_hypotheses, undone
+from dynid_rs.identification.links import LinkDynamicsIdentifier
 from dynid_rs.identification.smooth_friction import SmoothFrictionIdentifier, smooth, tanh_widths
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.model.placed import CATALOGUE, PlacedEffect, own_columns
@@ -59,6 +61,8 @@ class Belief:
         Training runs.
     setup, fit, catalogue
         What is believed now, its fit, and hypotheses beside it.
+    first : ThreeLoopIdentifier
+        The fit at the beginning, which tells friction's shapes on joints that no name reaches.
     named : dict
         Place to its name.
     mounting : Place, optional
@@ -70,6 +74,7 @@ class Belief:
     declared: Setup
     train: Sequence[Recording]
     setup: Setup
+    first: ThreeLoopIdentifier
     fit: ThreeLoopIdentifier
     catalogue: Catalogue
     named: dict[Place, Named] = field(default_factory=dict)
@@ -81,7 +86,7 @@ class Belief:
     def in_declared(setup: Setup, train: Sequence[Recording], fit: ThreeLoopIdentifier | None = None) -> Belief:
         """Believe the declared model alone; `fit` of it to these runs, where there is one already."""
         fit = fitted(setup, train) if fit is None else fit
-        return Belief(setup, train, setup, fit, Catalogue(fit))
+        return Belief(setup, train, setup, fit, fit, Catalogue(fit))
 
     @property
     def beside(self) -> Beside:
@@ -113,6 +118,11 @@ class Belief:
     def reach(self, hypothesis: Hypothesis) -> list[int]:
         """Joints whose torque a hypothesis changes: its own, or all where it changes the links that they share."""
         return list(range(self.setup.robot.n_joints)) if hypothesis.kind in KINDS else sorted(hypothesis.columns)
+
+    @property
+    def reached(self) -> list[int]:
+        """Joints whose torque some name changes; friction on the others is as it was declared."""
+        return sorted({j for named in self.named.values() for j in self.reach(named.hypothesis)})
 
     def places(self) -> list[list[tuple[int, int]]]:
         """Joint and place among the fit's unknowns of every coefficient of every torque term of the setup."""
@@ -230,10 +240,19 @@ class Belief:
         return moved
 
     def _refitted(self, friction: tuple[FloatArray, FloatArray] | None = None) -> ThreeLoopIdentifier:
-        """Fit of the setup now; friction's shapes are those given, or stay near those of the fit so far."""
-        so_far = self.fit.friction_.transition_width_, self.fit.friction_.sharpness_
-        shapes = SmoothFrictionIdentifier(friction or so_far, held=friction is not None)
-        return fitted(self.setup, self.train, friction=shapes)
+        """Fit of the setup now; friction's shapes are those given, or stay near those of the fit so far.
+
+        Where no name reaches they are those of the first fit: what little tells them would only be read otherwise.
+        """
+        if friction is not None:
+            return fitted(self.setup, self.train, friction=SmoothFrictionIdentifier(friction, held=True))
+        so_far, first = self.fit.friction_, self.first.friction_
+        held = ~np.isin(np.arange(self.setup.robot.n_joints), self.reached)
+        shapes = (
+            np.where(held, first.transition_width_, so_far.transition_width_),
+            np.where(held, first.sharpness_, so_far.sharpness_),
+        )
+        return fitted(self.setup, self.train, friction=SmoothFrictionIdentifier(shapes, held=held))
 
 
 def shaped_evidence(fit: ThreeLoopIdentifier, worth: FloatArray) -> float:
@@ -262,10 +281,26 @@ def _apart(one: Shaped, other: Shaped) -> float:
     return max((abs(float(np.log(b / a))) for (_, a), (_, b) in pairs if a != b), default=0.0)
 
 
-def fitted(setup: Setup, train: Sequence[Recording], **options: SmoothFrictionIdentifier) -> ThreeLoopIdentifier:
+def fitted(setup: Setup, train: Sequence[Recording], **options: BaseEstimator) -> ThreeLoopIdentifier:
     """Fit declared model and what was found; without a third loop."""
     identifier = setup.identifier(residual=None, **options)
     return identifier.fit([setup.corrected(recording) for recording in train])
+
+
+def weighed_as(
+    declared: ThreeLoopIdentifier, fit: ThreeLoopIdentifier, setup: Setup, train: Sequence[Recording]
+) -> ThreeLoopIdentifier:
+    """Fit in which no joint's rows say more of the links that all share than they did in the `declared` fit.
+
+    What a name takes off a joint's residual makes its rows look that much more precise. As far as the name is not quite
+    right they would draw the links, and joints that have no name are predicted worse.
+    """
+    posterior = declared.links_.posterior_
+    assert posterior is not None  # every fit that is diagnosed has the weak prior
+    links = clone(setup.options.get("links") or LinkDynamicsIdentifier())
+    links.set_params(least_noise=posterior.noise_std)
+    shapes = fit.friction_.transition_width_, fit.friction_.sharpness_
+    return fitted(setup, train, friction=SmoothFrictionIdentifier(shapes, held=True), links=links)
 
 
 def coefficients(h: Hypothesis, columns: Columns, beside: Beside) -> FloatArray:

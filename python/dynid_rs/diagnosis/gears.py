@@ -67,7 +67,7 @@ def seen_between(fit: ThreeLoopIdentifier) -> list[Seen]:
     posterior, observations = fit.links_.posterior_, fit.observations_
     assert posterior is not None  # every fit that is diagnosed has the weak prior
     model = posterior.model(observations.plan, observations.joint_rows())
-    covariance = model.at(posterior.choice, posterior.noise_std).covariance
+    covariance = model.fit(posterior.choice, posterior.noise_std).covariance
     return [seen for gear in Gear.all_of(fit) for seen in _named(gear, covariance)]
 
 

@@ -1,7 +1,7 @@
 """`diagnose`: closes the loop. What the model lacks is found, added, and the error is reported before and after.
 
 channels and contacts  ->  declared model  ->  mounting, encoders centred  ->  search (`search.py`)
-->  ripple at full rate  ->  gears, where there are two encoders  ->  what is left
+->  ripple at full rate  ->  gears, where there are two encoders  ->  joints weighed as declared  ->  what is left
 ->  errors on runs that chose nothing
 """
 
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from dynid_rs import _core
 from dynid_rs.base.findings import Finding
-from dynid_rs.diagnosis.belief import fitted
+from dynid_rs.diagnosis.belief import fitted, weighed_as
 from dynid_rs.diagnosis.entries import effect_entries
 from dynid_rs.diagnosis.gears import centred, gear_entries
 from dynid_rs.diagnosis.hypotheses import Catalogue, Place
@@ -122,6 +122,8 @@ def _traced(
         found.setup = replace(found.setup, held=(*found.setup.held, *(h for family in lines for h in family.held())))
         found.fit = fitted(found.setup, train)
     found.setup, found.fit = centred(found.setup, train, found.fit, setup.encoder_error)
+    if found.fit is not fit:
+        found.fit = weighed_as(fit, found.fit, found.setup, train)
     if found.fit is not found.catalogue.fit:
         found.catalogue = Catalogue(found.fit, found.catalogue)
     on_progress("what is left")

@@ -37,7 +37,7 @@ def settle(belief: Belief) -> None:
     alone = belief.kept
     belief.reshape(belief.setup.effects, (belief.fit.friction_.transition_width_, belief.fit.friction_.sharpness_))
     for _ in range(MOST_STEPS):
-        slopes = [*effect_slopes(belief), *friction_slopes(belief)]
+        slopes = [*effect_slopes(belief), *(s for s in friction_slopes(belief) if s.joint in belief.reached)]
         steps = _steps(belief, slopes)
         before = belief.kept
         while np.max(np.abs(steps)) > SETTLED:

@@ -55,6 +55,8 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
         Most steps; each after the first is a re-weighting.
     tol : float
         Relative change of the weights at which re-weighting stops.
+    least_noise : ndarray (n_joints,), optional
+        [torque unit] Under a prior no joint's noise counts as less, so that its rows weigh no more.
 
     Attributes
     ----------
@@ -89,6 +91,7 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
         start: Start = "torque",
         max_iter: int = 30,
         tol: float = 1e-3,
+        least_noise: FloatArray | None = None,
     ) -> None:
         self.weighting = weighting
         self.prior = prior
@@ -96,6 +99,7 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
         self.start = start
         self.max_iter = max_iter
         self.tol = tol
+        self.least_noise = least_noise
 
     def fit(
         self,
@@ -187,7 +191,15 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
             )
         # Data in ampere has drive gains to estimate, and what is declared is in N m.
         trusted = self.prior == "robot"
-        return fit_with_prior(observations, free=free, unknown_gain=fit_scale, trusted=trusted, held=held, scale=scale)
+        return fit_with_prior(
+            observations,
+            free=free,
+            unknown_gain=fit_scale,
+            trusted=trusted,
+            held=held,
+            scale=scale,
+            least_noise=self.least_noise,
+        )
 
     def use_posterior(
         self, observations: Observations, posterior: Posterior, beside: Sequence[RowGroup] = ()

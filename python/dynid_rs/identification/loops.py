@@ -261,7 +261,7 @@ class Loops:
         for step in range(SHAPE_ROUNDS):
             observations = self._without_third_loop()
             self.links.fit(observations, beside=self.beside(), again=step > 0, **self._gains())
-            if self.friction.held:
+            if np.all(self.friction.held):
                 return
             if step == 0 and self.friction.start is None:
                 self.friction.fit(observations, self.links, self.runs)

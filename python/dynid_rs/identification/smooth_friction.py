@@ -55,8 +55,8 @@ class SmoothFrictionIdentifier(BaseEstimator):  # type: ignore[misc]
     ----------
     start : (ndarray (n_joints,), ndarray (n_joints,)), optional
         Width and sharpness that an earlier fit of the same runs has found: they are only improved.
-    held : bool
-        They are not even improved.
+    held : bool or ndarray (n_joints,)
+        Joints on which they are not even improved; True for all.
 
     Attributes
     ----------
@@ -68,7 +68,9 @@ class SmoothFrictionIdentifier(BaseEstimator):  # type: ignore[misc]
         The same as an effect of the torque model.
     """
 
-    def __init__(self, start: tuple[FloatArray, FloatArray] | None = None, *, held: bool = False) -> None:
+    def __init__(
+        self, start: tuple[FloatArray, FloatArray] | None = None, *, held: bool | NDArray[np.bool_] = False
+    ) -> None:
         self.start = start
         self.held = held
 
@@ -96,12 +98,14 @@ class SmoothFrictionIdentifier(BaseEstimator):  # type: ignore[misc]
         """One Gauss-Newton step on all shapes beside everything else; its greatest change of a logarithm."""
         plan, posterior = observations.plan, links.posterior_
         assert posterior is not None  # this law is for fits with the weak prior
-        n = plan.robot.n_joints
+        free = np.flatnonzero(~np.broadcast_to(self.held, plan.robot.n_joints))
         model = posterior.model(plan, observations.joint_rows(), n_effective=_at_least(posterior, observations))
-        for j in range(n):
+        for j in free.tolist():
             model = model.beside({j: SPREAD_HERE * shape_slopes(plan, links, runs, j)})
         fit = model.fit(posterior.choice, posterior.noise_std)
-        step = np.clip(SPREAD_HERE * fit.x[-2 * n :].reshape(n, 2), -LARGEST_STEP, LARGEST_STEP)
+        step = np.zeros((plan.robot.n_joints, 2))
+        found = SPREAD_HERE * fit.x[len(fit.x) - 2 * len(free) :].reshape(-1, 2)
+        step[free] = np.clip(found, -LARGEST_STEP, LARGEST_STEP)
         width, sharpness = np.exp(step).T
         self._keep(self.transition_width_ * width, np.clip(self.sharpness_ * sharpness, LONGEST, SHARPEST))
         return float(np.max(np.abs(step[:, 0])))

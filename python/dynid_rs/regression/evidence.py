@@ -118,6 +118,7 @@ def fit_with_prior(
     trusted: bool = False,
     held: Posterior | None = None,
     scale: FloatArray | None = None,
+    least_noise: FloatArray | None = None,
 ) -> Posterior:
     """Fit all unknowns under the weak prior.
 
@@ -135,10 +136,13 @@ def fit_with_prior(
         Earlier fit of nearly the same rows, whose width, centre and memory stay.
     scale : ndarray (n_joints,), optional
         Where the search for the gains of the joints in `free` begins.
+    least_noise : ndarray (n_joints,), optional
+        [torque unit] No joint's noise counts as less.
     """
     plan, factors, n_rows = observations.plan, observations.factors(), observations.n_rows
     n = plan.robot.n_joints
     size = np.array([max(float(np.linalg.norm(R[:, -1])) / np.sqrt(n_rows), 1e-300) for R in factors])
+    least = LEAST_NOISE * size if least_noise is None else np.maximum(least_noise, LEAST_NOISE * size)
     prior = weak_prior(plan, factors, n_rows)
     widths = [(w, c) for w in (TRUSTED if trusted else WIDTHS) for c in _centres(plan.robot, trusted)]
     choice = Choice()
@@ -151,7 +155,7 @@ def fit_with_prior(
     chosen: list[Choice] = []
     apart = True
     for _ in range(ROUNDS if held is None else 1):
-        model = linear_model(plan, factors, n_rows, scale, prior, n_effective, LEAST_NOISE * size)
+        model = linear_model(plan, factors, n_rows, scale, prior, n_effective, least)
         best = model.fit(choice, noise)
         if held is None:
             best = _likeliest(model, noise, [choice._replace(width=w, centre=c) for w, c in widths])
@@ -161,10 +165,10 @@ def fit_with_prior(
             pull = prior.rows(choice)[0]
             for _ in range(SCALE_STEPS):
                 scale = improve_scale(plan, factors, best.weights, scale, best.x, free, pull)
-                model = linear_model(plan, factors, n_rows, scale, prior, n_effective, LEAST_NOISE * size)
+                model = linear_model(plan, factors, n_rows, scale, prior, n_effective, least)
                 best = model.fit(choice, best.noise)
             if unknown_gain and held is None and apart:
-                ways = _in_common(observations, prior, choice, scale, free, n_effective, size)
+                ways = _in_common(observations, prior, choice, scale, free, n_effective, least)
                 end, own, gains = max(ways, key=lambda way: way[0].evidence)
                 apart = end.evidence > best.evidence  # else nothing is to be found there next time
                 if apart:
@@ -175,7 +179,7 @@ def fit_with_prior(
             left = observations.by_run(block_residuals(observations, best.x, scale))
             found = observations.n_counted / [residual_memory([run[:, j] for run in left]) for j in range(n)]
             n_effective = found if len(chosen) == 1 else np.maximum(n_effective, found)
-    model = linear_model(plan, factors, n_rows, scale, prior, n_effective, LEAST_NOISE * size)
+    model = linear_model(plan, factors, n_rows, scale, prior, n_effective, least)
     end = model.fit(choice, noise)
     pull = prior.rows(choice)[0]
     n_determined = len(pull) - float(np.sum((pull[:, :-1] @ end.covariance) * pull[:, :-1]))
@@ -202,13 +206,14 @@ def _in_common(
     scale: FloatArray,
     free: NDArray[np.bool_],
     n_effective: FloatArray,
-    size: FloatArray,
+    least_noise: FloatArray,
 ) -> Iterator[tuple[Fit, WeakPrior, FloatArray]]:
     """Fits with all gains in `free` changed by a common factor, over the first joint's, with their priors and gains."""
     plan, factors, n_rows = observations.plan, observations.factors(), observations.n_rows
+    size = np.array([max(float(np.linalg.norm(R[:, -1])) / np.sqrt(n_rows), 1e-300) for R in factors])
     for factor in COMMON:
         own, gains = prior.in_unit(prior.unit / factor), np.where(free, factor * scale, scale)
-        model = linear_model(plan, factors, n_rows, gains, own, n_effective, LEAST_NOISE * size)
+        model = linear_model(plan, factors, n_rows, gains, own, n_effective, least_noise)
         yield model.fit(choice, 0.1 * size), own, gains
 
 
