@@ -16,6 +16,7 @@ from dynid_rs.diagnosis.structural.torque_delay import lateness
 from dynid_rs.identification.loops import link_load, load_rows
 from dynid_rs.identification.smooth_friction import shape_slopes, tanh_widths
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
+from dynid_rs.regression.kept_columns import effect_rows
 from dynid_rs.regression.linear_model import Columns, Fit, LinearModel, Score, sign_cost
 from dynid_rs.regression.priors import declares_inertia
 from dynid_rs.regression.scales import SCALE_SPREAD
@@ -225,6 +226,5 @@ def _sign(fit: ThreeLoopIdentifier, effect: _core.Effect, j: int) -> FloatArray:
     at = [k for k, name in enumerate(names) if name == "coulomb" or name.startswith(("coulomb_p", "coulomb_n", "stri"))]
     parts = []
     for states in fit.runs_:
-        rows = _core.effect_columns(effect, *states.signals(), joints=[j], filter=states.filter, kept=states.kept)
-        parts.append(rows[:, 0][:, at].sum(axis=1))
+        parts.append(effect_rows(effect, states, j)[:, at].sum(axis=1))
     return np.concatenate(parts)

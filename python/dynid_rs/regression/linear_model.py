@@ -187,7 +187,7 @@ class LinearModel:
         return replace(
             self,
             rows=rows,
-            grams=None,
+            grams=[part.T @ part for part in rows],
             counted=counted,
             n_effective=self.n_effective * np.maximum(shares, 1e-9),
             n_rows=int(kept.sum()),
