@@ -1417,9 +1417,9 @@ def likeliest(
 ) -> list[tuple[_FloatArray, _FloatArray, _FloatArray, float, _FloatArray, float]]:
     """Most probable unknowns of linear models of all joints under normal priors, the models side by side.
 
-    With ``w_j^2 = k_j / (n sigma_j^2)`` and ``H = sum_j w_j^2 M_j'M_j + P``, ``x = H^-1 (sum_j w_j^2 M_j'y_j + p)``. The
-    noise goes to MacKay's fixed point ``sigma_j^2 = k_j |r_j|^2 / (n (k_j - gamma_j))``, gamma_j the unknowns that joint
-    j determines, ``w_j^2 tr(H^-1 M_j'M_j)``, until it changes by less than 1 %, in at most 12 steps.
+    With ``w_j^2 = k_j / (n sigma_j^2)`` and ``H = sum_j w_j^2 M_j'M_j + P``, ``x = H^-1 (sum_j w_j^2 M_j'y_j + p)``.
+    The noise goes to MacKay's fixed point ``sigma_j^2 = k_j |r_j|^2 / (n (k_j - gamma_j))``, gamma_j the unknowns that
+    joint j determines, ``w_j^2 tr(H^-1 M_j'M_j)``, until it changes by less than 1 %, in at most 12 steps.
 
     Parameters
     ----------
