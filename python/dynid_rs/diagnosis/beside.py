@@ -17,7 +17,7 @@ from dynid_rs.identification.loops import link_load, load_rows
 from dynid_rs.identification.smooth_friction import shape_slopes, tanh_widths
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.regression.kept_columns import effect_rows
-from dynid_rs.regression.linear_model import Columns, Fit, LinearModel, Score, sign_cost
+from dynid_rs.regression.linear_model import Columns, Fit, LinearModel, Score, fits, sign_cost
 from dynid_rs.regression.priors import declares_inertia
 from dynid_rs.regression.scales import SCALE_SPREAD
 
@@ -78,8 +78,7 @@ class Beside:
         if declares_inertia(fit.robot):
             trusting = [posterior.choice._replace(width=width, centre=centre) for width, centre in TRUSTING]
             priors += [prior for prior in trusting if prior not in priors]
-        fits = tuple(model.fit(prior, posterior.noise_std) for prior in priors)
-        return Beside(model, fits)
+        return Beside(model, tuple(fits([(model, prior, posterior.noise_std) for prior in priors])))
 
     @property
     def best(self) -> Fit:
@@ -89,12 +88,16 @@ class Beside:
     def with_columns(self, columns: Columns) -> Beside:
         """Return the model with a hypothesis among its unknowns."""
         model = self.model.beside(columns)
-        return Beside(model, tuple(model.fit(fit.choice, fit.noise) for fit in self.fits))
+        return Beside(model, tuple(self._again(model)))
 
     def without(self, places: Sequence[tuple[int, int]]) -> Beside:
         """Return the model without columns, named by joint and place among all unknowns."""
         model = self.model.without(places)
-        return Beside(model, tuple(model.fit(fit.choice, fit.noise) for fit in self.fits))
+        return Beside(model, tuple(self._again(model)))
+
+    def _again(self, model: LinearModel) -> list[Fit]:
+        """Fits of another model at these priors, from the noise that each of them has here."""
+        return fits([(model, fit.choice, fit.noise) for fit in self.fits])
 
     def within(self, kept: BoolArray) -> Beside:
         """Return the model of some of the rows, at its most probable prior."""
@@ -106,10 +109,8 @@ class Beside:
         columns, bounds = [h.columns for h in hypotheses], [h.bounds for h in hypotheses]
         sizes = sorted({size for h in hypotheses for size in h.sizes})
         best = self.best.evidence
-        per_fit = []
-        for fit in self.fits:
-            scores = self.model.screen(fit, columns, bounds, sizes)
-            per_fit.append([Score(s.value + fit.evidence - best, s.size) for s in scores])
+        scored = zip(self.fits, self.model.screen_beside(self.fits, columns, bounds, sizes), strict=True)
+        per_fit = [[Score(s.value + fit.evidence - best, s.size) for s in scores] for fit, scores in scored]
         return [max(scores, key=lambda score: score.value) for scores in zip(*per_fit, strict=True)]
 
     def evidence_for(self, hypothesis: Hypothesis) -> tuple[float, Columns]:
@@ -119,21 +120,21 @@ class Beside:
         leaves, and a large effect that is not yet in one remembers itself.
         """
         h, sizes = hypothesis, hypothesis.sizes
-        scores = [self.model.screen(fit, [h.columns], [h.bounds], sizes)[0] for fit in self.fits]
+        scores = [score for (score,) in self.model.screen_beside(self.fits, [h.columns], [h.bounds], sizes)]
         expected = [score.value + fit.evidence for score, fit in zip(scores, self.fits, strict=True)]
         size = scores[int(np.argmax(expected))].size
         columns = {j: size * part for j, part in hypothesis.columns.items()}
         model = self.model.beside(columns)
         near = [fit for fit, value in zip(self.fits, expected, strict=True) if value > max(expected) - FAR]
-        best = max((model.fit(fit.choice, fit.noise) for fit in near), key=lambda fit: fit.evidence)
+        best = max(fits([(model, fit.choice, fit.noise) for fit in near]), key=lambda fit: fit.evidence)
         without = self.best
         worth = model.n_effective.copy()
         for j in columns:
-            worth[j] = max(worth[j], model.counted[j].sum() / residual_memory([best.residual[j]]))
+            worth[j] = max(worth[j], model.counted[j].sum() / residual_memory([best.left(j)]))
         if np.any(worth > FORGETS * model.n_effective):
             best = replace(model, n_effective=worth).fit(best.choice, best.noise)
             alone = replace(self.model, n_effective=worth)
-            without = max((alone.fit(fit.choice, fit.noise) for fit in self.fits), key=lambda fit: fit.evidence)
+            without = max(self._again(alone), key=lambda fit: fit.evidence)
         width = len(hypothesis.unit)
         x, std = best.x[-width:], np.sqrt(np.diag(best.covariance)[-width:])
         return best.evidence - without.evidence + float(sign_cost(x / std, hypothesis.bounds)), columns

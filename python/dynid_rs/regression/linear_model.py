@@ -223,45 +223,64 @@ class LinearModel:
 
         `sizes`: standard deviations of the coefficients that are tried, the best of which counts.
         """
-        scored: list[Score] = []
+        return self.screen_beside([fit], hypotheses, bounds, sizes)[0]
+
+    def screen_beside(
+        self,
+        fits: Sequence[Fit],
+        hypotheses: Sequence[Columns],
+        bounds: Sequence[FloatArray],
+        sizes: Sequence[float] = (1.0,),
+    ) -> list[list[Score]]:
+        """`screen` beside each of several fits of this model, whose products with the hypotheses they share."""
+        scored: list[list[Score]] = [[] for _ in fits]
         for first in range(0, len(hypotheses), AT_ONCE):
             part = slice(first, first + AT_ONCE)
-            scored += self._screen(fit, hypotheses[part], bounds[part], sizes)
+            for own, more in zip(scored, self._screen(fits, hypotheses[part], bounds[part], sizes), strict=True):
+                own += more
         return scored
 
     def _screen(
-        self, fit: Fit, hypotheses: Sequence[Columns], bounds: Sequence[FloatArray], sizes: Sequence[float]
-    ) -> list[Score]:
-        widths = [next(iter(columns.values())).shape[1] for columns in hypotheses]
+        self,
+        fits: Sequence[Fit],
+        hypotheses: Sequence[Columns],
+        bounds: Sequence[FloatArray],
+        sizes: Sequence[float],
+    ) -> list[list[Score]]:
+        widths = np.array([next(iter(columns.values())).shape[1] for columns in hypotheses])
         edges = np.cumsum([0, *widths])
-        cross, moment = np.zeros((self.size, int(edges[-1]))), np.zeros(int(edges[-1]))
-        squares = [np.zeros((width, width)) for width in widths]
-        for j, weight in enumerate(fit.weights):
+        cross = np.zeros((len(fits), self.size, int(edges[-1])))
+        moment = np.zeros((len(fits), int(edges[-1])))
+        squares = [np.zeros((len(fits), width, width)) for width in widths]
+        for j, counted in enumerate(self.counted):
             here = [h for h, columns in enumerate(hypotheses) if j in columns]
             if not here:
                 continue
+            own = [hypotheses[h][j] for h in here]
+            if not counted.all():
+                own = [columns * counted[:, None] for columns in own]
             at = np.concatenate([np.arange(edges[h], edges[h + 1]) for h in here])
-            row_weight = weight * self.counted[j][:, None]
-            weighted = [row_weight * hypotheses[h][j] for h in here]
-            together = np.concatenate(weighted, axis=1)
-            cross[np.ix_(self.places[j], at)] += weight * (self.rows[j][:, :-1].T @ together)
-            moment[at] += weight * (together.T @ fit.residual[j])
-            for h, columns in zip(here, weighted, strict=True):
-                squares[h] += columns.T @ columns
-        taken = fit.whitener @ cross
-        scores = [Score(-np.inf, sizes[0])] * len(hypotheses)
-        for width in set(widths):
-            alike = [h for h, own in enumerate(widths) if own == width]
-            at = edges[:-1][alike, None] + np.arange(width)
-            U = np.moveaxis(taken[:, at], 1, 0)
-            own = np.array([squares[h] for h in alike]) - np.swapaxes(U, 1, 2) @ U
-            held = np.array([bounds[h] for h in alike])
-            for size in sizes:
-                values = _values(own, moment[at], held, size)
-                for h, value in zip(alike, values, strict=True):
-                    if value > scores[h].value:
-                        scores[h] = Score(float(value), size)
-        return scores
+            together = own[0] if len(own) == 1 else np.concatenate(own, axis=1)
+            weights = np.array([fit.weights[j] ** 2 for fit in fits])
+            cross[:, self.places[j][:, None], at] += weights[:, None, None] * (self.rows[j][:, :-1].T @ together)
+            moment[:, at] += weights[:, None] * (np.array([fit.residual[j] for fit in fits]) @ together)
+            for h, columns in zip(here, own, strict=True):
+                squares[h] += weights[:, None, None] * (columns.T @ columns)
+        taken = np.array([fit.whitener for fit in fits]) @ cross
+        scores = np.empty((len(sizes), len(fits), len(hypotheses)))
+        for width in np.unique(widths):
+            alike = np.flatnonzero(widths == width)
+            at = edges[alike, None] + np.arange(width)
+            U = np.moveaxis(taken[:, :, at], 2, 1)
+            S = np.stack([squares[h] for h in alike], axis=1) - np.swapaxes(U, 2, 3) @ U
+            held = np.array([bounds[h] for h in alike.tolist()])
+            scores[:, :, alike] = _values(S, moment[:, at], held, np.array(sizes))
+        best = np.argmax(scores, axis=0)
+        highest = np.max(scores, axis=0)
+        return [
+            [Score(value, sizes[k]) for value, k in zip(own, of, strict=True)]
+            for own, of in zip(highest.tolist(), best.tolist(), strict=True)
+        ]
 
     @property
     def size(self) -> int:
@@ -302,16 +321,20 @@ def _normal_equations(prior: Prior, choice: Choice) -> tuple[FloatArray, FloatAr
     return known[choice]
 
 
-def _values(own: FloatArray, moment: FloatArray, bounds: FloatArray, size: float) -> FloatArray:
-    """Second-order scores (n,) from what is the hypotheses' own of their Gram matrices, and their moments ``C'r``."""
-    S = size**2 * own + np.eye(own.shape[1])
-    values, vectors = np.linalg.eigh(S)
+def _values(own: FloatArray, moment: FloatArray, bounds: FloatArray, sizes: FloatArray) -> FloatArray:
+    """Second-order scores (n_sizes, ..., n) from what is the hypotheses' own of their Gram matrices (..., n, k, k).
+
+    `moment` (..., n, k): ``C'r``; `bounds` (n, k, 2).
+    """
+    sizes = sizes.reshape(-1, *[1] * own.ndim)
+    S = sizes**2 * own + np.eye(own.shape[-1])
+    values, vectors = np.linalg.eigh(S) if own.shape[-1] > 1 else (S[..., 0], np.ones_like(S))
     # Below one lies rounding: the model imitates all of that direction.
     values = np.maximum(values, 1.0)
-    along = np.einsum("nij,ni->nj", vectors, size * moment)
-    b = np.einsum("nij,nj->ni", vectors, along / values)
-    std = np.sqrt(np.einsum("nij,nj->ni", vectors**2, 1 / values))
-    gain = 0.5 * np.sum(along**2 / values, axis=1) - 0.5 * np.sum(np.log(values), axis=1)
+    along = np.squeeze(np.swapaxes(vectors, -1, -2) @ (sizes * moment[..., None]), -1)
+    b = np.squeeze(vectors @ (along / values)[..., None], -1)
+    std = np.sqrt(np.squeeze(vectors**2 @ (1 / values)[..., None], -1))
+    gain = 0.5 * np.sum(along**2 / values, axis=-1) - 0.5 * np.sum(np.log(values), axis=-1)
     scores: FloatArray = gain + sign_cost(b / std, bounds)
     return scores
 
