@@ -63,17 +63,16 @@ class Beside:
         plan, n = observations.plan, fit.robot.n_joints
         model = posterior.model(plan, observations.joint_rows())
         load = load_rows(observations, fit.links_)
-        for j in np.flatnonzero(posterior.scale != 1.0).tolist():
-            model = model.beside({j: SCALE_SPREAD * load[j][:, None]})
+        further: list[Columns] = [
+            {j: SCALE_SPREAD * load[j][:, None]} for j in np.flatnonzero(posterior.scale != 1.0).tolist()
+        ]
         for j in range(n):
-            model = model.beside({j: SHAPE_SPREAD * shape_slopes(plan, fit.links_, fit.runs_, j)})
-            model = model.beside({j: SHAPE_SPREAD * other_roundings(fit, j)})
+            further.append({j: SHAPE_SPREAD * shape_slopes(plan, fit.links_, fit.runs_, j)})
+            further.append({j: SHAPE_SPREAD * other_roundings(fit, j)})
         between = between_encoders(fit)
         if between.size:
-            for j in range(n):
-                model = model.beside({j: float(np.sqrt(np.mean(model.rows[j][:, -1] ** 2))) * between})
-        for columns in [*yielding(fit), *within_tolerance(fit, load)]:
-            model = model.beside(columns)
+            further += [{j: float(np.sqrt(np.mean(model.rows[j][:, -1] ** 2))) * between} for j in range(n)]
+        model = model.beside(*further, *yielding(fit), *within_tolerance(fit, load))
         priors = [posterior.choice]
         if declares_inertia(fit.robot):
             trusting = [posterior.choice._replace(width=width, centre=centre) for width, centre in TRUSTING]
@@ -151,15 +150,14 @@ def places_of(hypotheses: Sequence[Hypothesis]) -> dict[Place, list[int]]:
 def other_roundings(fit: ThreeLoopIdentifier, j: int) -> FloatArray:
     """What joint j's Coulomb torque would be more with a tanh in the place of its own sign, (n_rows, k)."""
     friction, at = fit.observations_.plan.friction
-    usual = tanh_widths(friction)[j]
+    usual = tanh_widths(friction)
     coulomb = fit.links_.own_[j, at][0]
     n = fit.robot.n_joints
     own = _sign(fit, friction, j)
     columns = []
     for factor in WIDER:
-        width = np.full(n, factor * usual)
         tanh = _core.Effect.of(
-            "stribeck", stribeck_velocity=np.full(n, NEVER), exponent=np.ones(n), transition_width=width
+            "stribeck", stribeck_velocity=np.full(n, NEVER), exponent=np.ones(n), transition_width=factor * usual
         )
         columns.append(coulomb * (_sign(fit, tanh, j) - own))
     return np.stack(columns, axis=1)

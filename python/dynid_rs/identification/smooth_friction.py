@@ -98,8 +98,7 @@ class SmoothFrictionIdentifier(BaseEstimator):  # type: ignore[misc]
         assert posterior is not None  # this law is for fits with the weak prior
         n = plan.robot.n_joints
         model = posterior.model(plan, observations.joint_rows(), n_effective=_at_least(posterior, observations))
-        for j in range(n):
-            model = model.beside({j: SPREAD_HERE * shape_slopes(plan, links, runs, j)})
+        model = model.beside(*({j: SPREAD_HERE * shape_slopes(plan, links, runs, j)} for j in range(n)))
         fit = model.fit(posterior.choice, posterior.noise_std)
         step = np.clip(SPREAD_HERE * fit.x[-2 * n :].reshape(n, 2), -LARGEST_STEP, LARGEST_STEP)
         width, sharpness = np.exp(step).T

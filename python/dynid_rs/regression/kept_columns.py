@@ -5,7 +5,7 @@ Columns are built by themselves, so those that are kept have the very bits of ne
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
@@ -59,16 +59,24 @@ def keeping_columns() -> Iterator[None]:
         _KEPT.reset(token)
 
 
+def kept(key: tuple[Any, ...], build: Callable[[], PerJoint]) -> PerJoint:
+    """Return what is kept for `key`; built, and kept from now on, where there is nothing."""
+    columns = _KEPT.get()
+    part = None if columns is None else columns.get(key)
+    if part is None:
+        part = build()
+        if columns is not None:
+            columns.put(key, part)
+    return part
+
+
 def effect_rows(effect: _core.Effect, states: States, j: int) -> FloatArray:
     """Columns of an effect on joint j in the band, (n_rows, n_columns), zeros or not where the joint rests."""
-    columns = _KEPT.get()
-    if columns is None:
+    if _KEPT.get() is None:
         return _effect_rows(effect, states, [j])[0]
-    key = effect_key(effect, states)
-    part = columns.get(key)
-    if part is None:
-        columns.put(key, part := _effect_rows(effect, states, list(range(states.q.shape[1]))))
-    return part[j]
+    # Where one joint is asked for the others will be.
+    every = list(range(states.q.shape[1]))
+    return kept(effect_key(effect, states), lambda: _effect_rows(effect, states, every))[j]
 
 
 def _effect_rows(effect: _core.Effect, states: States, joints: list[int]) -> PerJoint:
@@ -89,7 +97,7 @@ def effect_key(effect: _core.Effect, states: States) -> tuple[Any, ...]:
     """What an effect's columns are made of."""
     shape = tuple((name, tuple(values)) for name, values in effect.shape)
     load = states.digest("tau_link") if "tau_link" in effect.signals else b""
-    return effect.kind, shape, load, *_motion_key(states)
+    return effect.kind, shape, load, *motion_key(states)
 
 
 def observed(
@@ -99,7 +107,7 @@ def observed(
     columns = _KEPT.get()
     if columns is None:
         return _observe(robot, effects, pivots, states, tau)
-    links_key = (robot, tuple(pivots), *_motion_key(states))
+    links_key = (robot, tuple(pivots), *motion_key(states))
     keys = [effect_key(effect, states) for effect in effects]
     parts = [columns.get(key) for key in keys]
     links = columns.get(links_key)
@@ -136,6 +144,7 @@ def _observe(
     )
 
 
-def _motion_key(states: States) -> tuple[Any, ...]:
+def motion_key(states: States) -> tuple[Any, ...]:
+    """What columns are made of beside the load."""
     names = ("q", "dq", "ddq", "q_motor", "dq_motor", "ddq_motor", "temperature", "rows")
     return states.rate, states.band.cutoff, *(states.digest(name) for name in names)

@@ -157,19 +157,22 @@ class LinearModel:
         """Most probable unknowns at a noise that is known."""
         return fits([(self, choice, noise)], noise_is_known=True)[0]
 
-    def beside(self, columns: Columns) -> LinearModel:
-        """Return the model with a hypothesis among its unknowns."""
-        width = next(iter(columns.values())).shape[1]
+    def beside(self, *hypotheses: Columns) -> LinearModel:
+        """Return the model with hypotheses among its unknowns, in this order."""
+        edges = self.size + np.cumsum([0, *(next(iter(columns.values())).shape[1] for columns in hypotheses)])
         rows, places, grams = list(self.rows), list(self.places), list(self.grams)
-        for j, further in columns.items():
-            new = further * self.counted[j][:, None]
-            part, k = rows[j], len(places[j])
+        for j, (part, at) in enumerate(zip(self.rows, self.places, strict=True)):
+            here = [h for h, columns in enumerate(hypotheses) if j in columns]
+            if not here:
+                continue
+            new = np.concatenate([hypotheses[h][j] for h in here], axis=1) * self.counted[j][:, None]
+            k, width = len(at), new.shape[1]
             order = np.r_[:k, k + 1 : k + 1 + width, k]
             cross = part.T @ new
             grams[j] = np.block([[grams[j], cross], [cross.T, new.T @ new]])[np.ix_(order, order)]
             rows[j] = np.concatenate([part[:, :-1], new, part[:, -1:]], axis=1)
-            places[j] = np.append(places[j], self.size + np.arange(width))
-        return replace(self, rows=rows, places=places, grams=grams, n_further=self.n_further + width)
+            places[j] = np.concatenate([at, *(np.arange(edges[h], edges[h + 1]) for h in here)])
+        return replace(self, rows=rows, places=places, grams=grams, n_further=int(edges[-1]) - self.prior.size)
 
     def without(self, columns: Sequence[tuple[int, int]]) -> LinearModel:
         """Return the model without columns, named by joint and place among all unknowns."""
