@@ -16,7 +16,8 @@ from dynid_rs.diagnosis.structural.torque_delay import lateness
 from dynid_rs.identification.loops import link_load, load_rows
 from dynid_rs.identification.smooth_friction import shape_slopes, tanh_widths
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
-from dynid_rs.regression.linear_model import Columns, Fit, LinearModel, Score, sign_cost
+from dynid_rs.regression.kept_columns import effect_rows
+from dynid_rs.regression.linear_model import Columns, Fit, LinearModel, Score, fits, sign_cost
 from dynid_rs.regression.priors import declares_inertia
 from dynid_rs.regression.scales import SCALE_SPREAD
 
@@ -62,23 +63,21 @@ class Beside:
         plan, n = observations.plan, fit.robot.n_joints
         model = posterior.model(plan, observations.joint_rows())
         load = load_rows(observations, fit.links_)
-        for j in np.flatnonzero(posterior.scale != 1.0).tolist():
-            model = model.beside({j: SCALE_SPREAD * load[j][:, None]})
+        further: list[Columns] = [
+            {j: SCALE_SPREAD * load[j][:, None]} for j in np.flatnonzero(posterior.scale != 1.0).tolist()
+        ]
         for j in range(n):
-            model = model.beside({j: SHAPE_SPREAD * shape_slopes(plan, fit.links_, fit.runs_, j)})
-            model = model.beside({j: SHAPE_SPREAD * other_roundings(fit, j)})
+            further.append({j: SHAPE_SPREAD * shape_slopes(plan, fit.links_, fit.runs_, j)})
+            further.append({j: SHAPE_SPREAD * other_roundings(fit, j)})
         between = between_encoders(fit)
         if between.size:
-            for j in range(n):
-                model = model.beside({j: float(np.sqrt(np.mean(model.rows[j][:, -1] ** 2))) * between})
-        for columns in [*yielding(fit), *within_tolerance(fit, load)]:
-            model = model.beside(columns)
+            further += [{j: float(np.sqrt(np.mean(model.rows[j][:, -1] ** 2))) * between} for j in range(n)]
+        model = model.beside(*further, *yielding(fit), *within_tolerance(fit, load))
         priors = [posterior.choice]
         if declares_inertia(fit.robot):
             trusting = [posterior.choice._replace(width=width, centre=centre) for width, centre in TRUSTING]
             priors += [prior for prior in trusting if prior not in priors]
-        fits = tuple(model.fit(prior, posterior.noise_std) for prior in priors)
-        return Beside(model, fits)
+        return Beside(model, tuple(fits([(model, prior, posterior.noise_std) for prior in priors])))
 
     @property
     def best(self) -> Fit:
@@ -88,12 +87,16 @@ class Beside:
     def with_columns(self, columns: Columns) -> Beside:
         """Return the model with a hypothesis among its unknowns."""
         model = self.model.beside(columns)
-        return Beside(model, tuple(model.fit(fit.choice, fit.noise) for fit in self.fits))
+        return Beside(model, tuple(self._again(model)))
 
     def without(self, places: Sequence[tuple[int, int]]) -> Beside:
         """Return the model without columns, named by joint and place among all unknowns."""
         model = self.model.without(places)
-        return Beside(model, tuple(model.fit(fit.choice, fit.noise) for fit in self.fits))
+        return Beside(model, tuple(self._again(model)))
+
+    def _again(self, model: LinearModel) -> list[Fit]:
+        """Fits of another model at these priors, from the noise that each of them has here."""
+        return fits([(model, fit.choice, fit.noise) for fit in self.fits])
 
     def within(self, kept: BoolArray) -> Beside:
         """Return the model of some of the rows, at its most probable prior."""
@@ -105,10 +108,8 @@ class Beside:
         columns, bounds = [h.columns for h in hypotheses], [h.bounds for h in hypotheses]
         sizes = sorted({size for h in hypotheses for size in h.sizes})
         best = self.best.evidence
-        per_fit = []
-        for fit in self.fits:
-            scores = self.model.screen(fit, columns, bounds, sizes)
-            per_fit.append([Score(s.value + fit.evidence - best, s.size) for s in scores])
+        scored = zip(self.fits, self.model.screen_beside(self.fits, columns, bounds, sizes), strict=True)
+        per_fit = [[Score(s.value + fit.evidence - best, s.size) for s in scores] for fit, scores in scored]
         return [max(scores, key=lambda score: score.value) for scores in zip(*per_fit, strict=True)]
 
     def evidence_for(self, hypothesis: Hypothesis) -> tuple[float, Columns]:
@@ -118,21 +119,21 @@ class Beside:
         leaves, and a large effect that is not yet in one remembers itself.
         """
         h, sizes = hypothesis, hypothesis.sizes
-        scores = [self.model.screen(fit, [h.columns], [h.bounds], sizes)[0] for fit in self.fits]
+        scores = [score for (score,) in self.model.screen_beside(self.fits, [h.columns], [h.bounds], sizes)]
         expected = [score.value + fit.evidence for score, fit in zip(scores, self.fits, strict=True)]
         size = scores[int(np.argmax(expected))].size
         columns = {j: size * part for j, part in hypothesis.columns.items()}
         model = self.model.beside(columns)
         near = [fit for fit, value in zip(self.fits, expected, strict=True) if value > max(expected) - FAR]
-        best = max((model.fit(fit.choice, fit.noise) for fit in near), key=lambda fit: fit.evidence)
+        best = max(fits([(model, fit.choice, fit.noise) for fit in near]), key=lambda fit: fit.evidence)
         without = self.best
         worth = model.n_effective.copy()
         for j in columns:
-            worth[j] = max(worth[j], model.counted[j].sum() / residual_memory([best.residual[j]]))
+            worth[j] = max(worth[j], model.counted[j].sum() / residual_memory([best.left(j)]))
         if np.any(worth > FORGETS * model.n_effective):
             best = replace(model, n_effective=worth).fit(best.choice, best.noise)
             alone = replace(self.model, n_effective=worth)
-            without = max((alone.fit(fit.choice, fit.noise) for fit in self.fits), key=lambda fit: fit.evidence)
+            without = max(self._again(alone), key=lambda fit: fit.evidence)
         width = len(hypothesis.unit)
         x, std = best.x[-width:], np.sqrt(np.diag(best.covariance)[-width:])
         return best.evidence - without.evidence + float(sign_cost(x / std, hypothesis.bounds)), columns
@@ -149,15 +150,14 @@ def places_of(hypotheses: Sequence[Hypothesis]) -> dict[Place, list[int]]:
 def other_roundings(fit: ThreeLoopIdentifier, j: int) -> FloatArray:
     """What joint j's Coulomb torque would be more with a tanh in the place of its own sign, (n_rows, k)."""
     friction, at = fit.observations_.plan.friction
-    usual = tanh_widths(friction)[j]
+    usual = tanh_widths(friction)
     coulomb = fit.links_.own_[j, at][0]
     n = fit.robot.n_joints
     own = _sign(fit, friction, j)
     columns = []
     for factor in WIDER:
-        width = np.full(n, factor * usual)
         tanh = _core.Effect.of(
-            "stribeck", stribeck_velocity=np.full(n, NEVER), exponent=np.ones(n), transition_width=width
+            "stribeck", stribeck_velocity=np.full(n, NEVER), exponent=np.ones(n), transition_width=factor * usual
         )
         columns.append(coulomb * (_sign(fit, tanh, j) - own))
     return np.stack(columns, axis=1)
@@ -225,6 +225,5 @@ def _sign(fit: ThreeLoopIdentifier, effect: _core.Effect, j: int) -> FloatArray:
     at = [k for k, name in enumerate(names) if name == "coulomb" or name.startswith(("coulomb_p", "coulomb_n", "stri"))]
     parts = []
     for states in fit.runs_:
-        rows = _core.effect_columns(effect, *states.signals(), joints=[j], filter=states.filter, kept=states.kept)
-        parts.append(rows[:, 0][:, at].sum(axis=1))
+        parts.append(effect_rows(effect, states, j)[:, at].sum(axis=1))
     return np.concatenate(parts)

@@ -47,13 +47,12 @@ def estimates(found: Belief) -> dict[Place, list[Estimate]]:
     size = len(beside.best.x)
     places = {effect: [at for _, at in own] for effect, own in zip(setup.effects, found.places(), strict=True)}
     slopes = effect_slopes(found)
-    for slope in slopes:
-        model = model.beside(slope.columns)
     structural = found.structure()
-    for h in structural:
-        model = model.beside(h.columns)
-    for slope in friction_slopes(found):
-        model = model.beside({j: SPREAD * column for j, column in slope.columns.items()})
+    model = model.beside(
+        *(slope.columns for slope in slopes),
+        *(h.columns for h in structural),
+        *({j: SPREAD * column for j, column in slope.columns.items()} for slope in friction_slopes(found)),
+    )
     best = model.fit(beside.best.choice, beside.best.noise)
     std = np.maximum(np.sqrt(np.maximum(np.diag(best.covariance), 0.0)), _scatter(model, best))
     known: dict[Place, list[Estimate]] = {place: [] for place in found.named}

@@ -30,6 +30,7 @@ from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.unexplained import unexplained
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.identification.training import check_motion
+from dynid_rs.regression.kept_columns import keeping_columns
 from dynid_rs.runs.recording import Recording
 
 FloatArray = NDArray[np.float64]
@@ -95,7 +96,7 @@ def diagnose(
     from threadpoolctl import threadpool_limits
 
     # Many small matrices: threads of a BLAS would only wait for each other.
-    with threadpool_limits(limits=1, user_api="blas"):
+    with threadpool_limits(limits=1, user_api="blas"), keeping_columns():
         if reference is None:
             return _traced(setup, train, test, on_progress)
         return _compared(setup, train, test, reference, on_progress)

@@ -62,9 +62,7 @@ def _is_of_the_angle(kind: str) -> bool:
 def _at_an_end(belief: Belief) -> dict[Place, Argument]:
     """Places of names one of whose shapes is at an end of its range, and clearly beyond if it were free."""
     beside, slopes = belief.beside, effect_slopes(belief)
-    model = beside.model
-    for slope in slopes:
-        model = model.beside(slope.columns)
+    model = beside.model.beside(*(slope.columns for slope in slopes))
     best = model.fit(beside.best.choice, beside.best.noise)
     first = len(best.x) - len(slopes)
     z = best.x[first:] / np.sqrt(np.diag(best.covariance)[first:])

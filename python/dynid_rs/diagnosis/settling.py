@@ -57,8 +57,7 @@ def _steps(belief: Belief, slopes: list[Slope]) -> FloatArray:
     posterior, observations = belief.fit.links_.posterior_, belief.fit.observations_
     assert posterior is not None  # every fit that is diagnosed has the weak prior
     model = posterior.model(observations.plan, observations.joint_rows())
-    for slope in slopes:
-        model = model.beside({j: SPREAD_HERE * column for j, column in slope.columns.items()})
+    model = model.beside(*({j: SPREAD_HERE * column for j, column in slope.columns.items()} for slope in slopes))
     x = model.fit(posterior.choice, posterior.noise_std).x[-len(slopes) :]
     return np.clip(SPREAD_HERE * x, -LARGEST_STEP, LARGEST_STEP)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -14,6 +14,7 @@ from dynid_rs.diagnosis.beside import NEVER
 from dynid_rs.diagnosis.hypotheses import USUAL, Catalogue, Hypothesis, standardised
 from dynid_rs.identification.smooth_friction import tanh_widths
 from dynid_rs.model.placed import CATALOGUE
+from dynid_rs.regression.kept_columns import kept, motion_key
 from dynid_rs.runs.preprocessing import States
 
 FloatArray = NDArray[np.float64]
@@ -65,17 +66,16 @@ def waves(catalogue: Catalogue, j: int, arguments: Sequence[Argument], *, turnin
     `turning`: times the sign of joint j's speed.
     """
     runs, fit = catalogue.runs, catalogue.fit
-    values = [[argument.values(states) for states in runs] for argument in arguments]
-    low = [min(x.min() for x in own) for own in values]
-    span = [max(max(x.max() for x in own) - first, 1e-300) for own, first in zip(values, low, strict=True)]
     orders = _orders(len(arguments))
-    width = tanh_widths(fit.observations_.plan.friction[0])[j]
-    parts = []
-    for k, states in enumerate(runs):
-        u = [np.pi * (own[k] - first) / whole for own, first, whole in zip(values, low, span, strict=True)]
-        series = np.stack([np.prod([np.cos(m * x) for m, x in zip(order, u, strict=True)], axis=0) for order in orders])
-        sign = _sign(states, j, width) if turning else 1.0
-        parts.append(states.in_band((series * sign).T))
+    series = _series(runs, arguments, orders)
+    if turning:
+        width = tanh_widths(fit.observations_.plan.friction[0])[j]
+        signs = [_sign(states, j, width) for states in runs]
+        parts = [s.in_band(own * sign[:, None]) for s, own, sign in zip(runs, series(), signs, strict=True)]
+    else:  # the same on every joint
+        load = [states.digest("tau_link") for states in runs]
+        key = ("waves", *arguments, *load, *(motion_key(states) for states in runs))
+        parts = kept(key, lambda: [states.in_band(own) for states, own in zip(runs, series(), strict=True)])
     moves = np.concatenate([states.counted[:, j] for states in runs])
     columns = np.concatenate(parts) * moves[:, None]
     torque = np.sqrt(np.mean(np.concatenate([block.rows[j][:, -1] for block in fit.observations_.blocks]) ** 2))
@@ -94,6 +94,25 @@ def waves(catalogue: Catalogue, j: int, arguments: Sequence[Argument], *, turnin
         lambda setup, _: setup,
         sizes=SIZES if len(arguments) == 1 else (1.0, 10.0),
     )
+
+
+def _series(
+    runs: Sequence[States], arguments: Sequence[Argument], orders: Sequence[tuple[int, ...]]
+) -> Callable[[], Iterator[FloatArray]]:
+    """Waves (n, k) along every run."""
+
+    def series() -> Iterator[FloatArray]:
+        values = [[argument.values(states) for states in runs] for argument in arguments]
+        low = [min(x.min() for x in own) for own in values]
+        span = [max(max(x.max() for x in own) - first, 1e-300) for own, first in zip(values, low, strict=True)]
+        highest = np.max(orders, axis=0)
+        for k in range(len(runs)):
+            u = [np.pi * (own[k] - first) / whole for own, first, whole in zip(values, low, span, strict=True)]
+            single = [[np.cos(m * x) for m in range(most + 1)] for x, most in zip(u, highest.tolist(), strict=True)]
+            products = [np.prod([own[m] for own, m in zip(single, order, strict=True)], axis=0) for order in orders]
+            yield np.stack(products, axis=1)
+
+    return series
 
 
 def _sign(states: States, j: int, width: float) -> FloatArray:

@@ -85,6 +85,8 @@ class Loops:
         self.left: dict[str, FloatArray] = {}
         self._delay = np.zeros(robot.n_joints)
         self._stribeck: _core.Effect | None = None
+        self._made_of: tuple[object, ...] = (None, None, None)  # plan, runs and third loop of the last rows
+        self._fresh: Observations | None = None  # rows that the links have been fitted to, with a prior of their own
         self._changed: list[int] | None = None  # joints whose torque the third loop has changed; at first all are new
 
     @property
@@ -136,14 +138,14 @@ class Loops:
     def fit_links(self) -> None:
         """Second loop: all linear coefficients, beside the rows of the pairs."""
         again = len(self.stages) > 2
-        self._fit_links(again)
+        self._fit_links(self.observations, again)
         if self.depends_on_load:
             # Columns of the load follow from the links, which follow from them.
             for _ in range(LOAD_ROUNDS):
                 load = link_load(self.plan, self.links)
                 self.runs = [replace(states, tau_link=load(states)) for states in self.runs]
                 self.observations = self._without_third_loop()
-                self._fit_links(True)
+                self._fit_links(self.observations, True)
         self._held = self.links.phi_base_, self.links.torque_scale_
         self._links_leave = block_residuals(self.observations, self.links.x_, self.links.torque_scale_)
         self.left["links"] = self.left["residual"] = rms(self._links_leave)
@@ -156,13 +158,11 @@ class Loops:
         """Whether some effect's columns are made of the predicted load."""
         return any("tau_link" in effect.signals for effect in self.plan.effects)
 
-    def _fit_links(self, again: bool) -> None:
-        self.links.fit(
-            self.observations,
-            beside=self.beside(),
-            again=again,
-            **self._gains(),
-        )
+    def _fit_links(self, observations: Observations, again: bool) -> None:
+        """Second loop on these rows; what has been fitted to them afresh is not fitted afresh again."""
+        if again or self._fresh is not observations:
+            self.links.fit(observations, beside=self.beside(), again=again, **self._gains())
+        self._fresh = None if again else observations
 
     def _gains(self) -> dict[str, Any]:
         """Which gains are fitted, and where their search begins: where the baseline's ended."""
@@ -218,7 +218,11 @@ class Loops:
         )
 
     def _without_third_loop(self) -> Observations:
-        return observe(self.plan, self.runs, [s.tau - u for s, u in zip(self.runs, self._third_loop, strict=True)])
+        made_of = self.plan, self.runs, self._third_loop
+        if any(one is not other for one, other in zip(made_of, self._made_of, strict=True)):
+            torque = [s.tau - u for s, u in zip(self.runs, self._third_loop, strict=True)]
+            self._last, self._made_of = observe(self.plan, self.runs, torque), made_of
+        return self._last
 
     def _measure_encoder_delay(self) -> EncoderDelay:
         tau_link = [evaluate(self.stages[0], states)[1][:, 0] for states in self.data.runs]
@@ -260,7 +264,7 @@ class Loops:
         assert isinstance(self.friction, SmoothFrictionIdentifier)
         for step in range(SHAPE_ROUNDS):
             observations = self._without_third_loop()
-            self.links.fit(observations, beside=self.beside(), again=step > 0, **self._gains())
+            self._fit_links(observations, step > 0)
             if np.all(self.friction.held):
                 return
             if step == 0 and self.friction.start is None:

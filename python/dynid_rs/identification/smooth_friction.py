@@ -100,8 +100,7 @@ class SmoothFrictionIdentifier(BaseEstimator):  # type: ignore[misc]
         assert posterior is not None  # this law is for fits with the weak prior
         free = np.flatnonzero(~np.broadcast_to(self.held, plan.robot.n_joints))
         model = posterior.model(plan, observations.joint_rows(), n_effective=_at_least(posterior, observations))
-        for j in free.tolist():
-            model = model.beside({j: SPREAD_HERE * shape_slopes(plan, links, runs, j)})
+        model = model.beside(*({j: SPREAD_HERE * shape_slopes(plan, links, runs, j)} for j in free.tolist()))
         fit = model.fit(posterior.choice, posterior.noise_std)
         step = np.zeros((plan.robot.n_joints, 2))
         found = SPREAD_HERE * fit.x[len(fit.x) - 2 * len(free) :].reshape(-1, 2)

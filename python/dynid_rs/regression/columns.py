@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
+from dynid_rs.regression.kept_columns import observed
 from dynid_rs.runs.preprocessing import States
 
 FloatArray = NDArray[np.float64]
@@ -247,25 +248,21 @@ def run_rows(
     Where a joint rests while others move its rows are zero: they say nothing. At samples that are `kept` on purpose
     all is told.
     """
-    q, dq, ddq, q_motor, dq_motor, ddq_motor = states.signals()
-    rows = _core.observe(
+    if kept is None:
+        rows = observed(plan.robot, list(plan.effects), plan.pivots.tolist(), states, tau)
+        return counted_rows(rows, states.counted)
+    return _core.observe(
         plan.robot,
         list(plan.effects),
         plan.pivots.tolist(),
-        q,
-        dq,
-        ddq,
-        q_motor,
-        dq_motor,
-        ddq_motor,
+        *states.signals(),
         tau,
         filter=states.filter,
-        kept=states.kept if kept is None else kept,
+        kept=kept,
         tau_link=states.tau_link,
         step=1 / states.rate,
         temperature=states.temperature,
     )
-    return rows if kept is not None else counted_rows(rows, states.counted)
 
 
 def counted_rows(rows: Sequence[FloatArray], counted: NDArray[np.bool_]) -> list[FloatArray]:

@@ -9,8 +9,8 @@ fitted to a misfit would call the misfit noise.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from dynid_rs import _core
 from dynid_rs.base.memory import residual_memory
 from dynid_rs.regression.columns import Observations, Plan
-from dynid_rs.regression.linear_model import Choice, Fit, LinearModel
+from dynid_rs.regression.linear_model import Choice, Fit, LinearModel, fits
 from dynid_rs.regression.priors import WeakPrior, declares_inertia, weak_prior
 from dynid_rs.regression.scales import improve_scale
 from dynid_rs.regression.systems import block_residuals
@@ -156,19 +156,20 @@ def fit_with_prior(
     apart = True
     for _ in range(ROUNDS if held is None else 1):
         model = linear_model(plan, factors, n_rows, scale, prior, n_effective, least)
-        best = model.fit(choice, noise)
-        if held is None:
+        if held is not None:
+            best = model.fit(choice, noise)
+        else:
             best = _likeliest(model, noise, [choice._replace(width=w, centre=c) for w, c in widths])
             best = _likeliest(model, best.noise, [best.choice._replace(bends=size) for size in BENDS])
         choice = best.choice
         if free is not None and free.any():
             pull = prior.rows(choice)[0]
             for _ in range(SCALE_STEPS):
+                model, before = best.model, scale
                 scale = improve_scale(plan, factors, best.weights, scale, best.x, free, pull)
-                model = linear_model(plan, factors, n_rows, scale, prior, n_effective, least)
-                best = model.fit(choice, best.noise)
+                best = _at_gains(model, plan.n_base, scale / before, prior).fit(choice, best.noise)
             if unknown_gain and held is None and apart:
-                ways = _in_common(observations, prior, choice, scale, free, n_effective, least)
+                ways = _in_common(best, plan.n_base, prior, scale, free, 0.1 * size)
                 end, own, gains = max(ways, key=lambda way: way[0].evidence)
                 apart = end.evidence > best.evidence  # else nothing is to be found there next time
                 if apart:
@@ -200,21 +201,24 @@ def fit_with_prior(
 
 
 def _in_common(
-    observations: Observations,
-    prior: WeakPrior,
-    choice: Choice,
-    scale: FloatArray,
-    free: NDArray[np.bool_],
-    n_effective: FloatArray,
-    least_noise: FloatArray,
-) -> Iterator[tuple[Fit, WeakPrior, FloatArray]]:
+    best: Fit, n_base: int, prior: WeakPrior, scale: FloatArray, free: NDArray[np.bool_], noise: FloatArray
+) -> Iterable[tuple[Fit, WeakPrior, FloatArray]]:
     """Fits with all gains in `free` changed by a common factor, over the first joint's, with their priors and gains."""
-    plan, factors, n_rows = observations.plan, observations.factors(), observations.n_rows
-    size = np.array([max(float(np.linalg.norm(R[:, -1])) / np.sqrt(n_rows), 1e-300) for R in factors])
-    for factor in COMMON:
-        own, gains = prior.in_unit(prior.unit / factor), np.where(free, factor * scale, scale)
-        model = linear_model(plan, factors, n_rows, gains, own, n_effective, least_noise)
-        yield model.fit(choice, 0.1 * size), own, gains
+    ratios = [np.where(free, factor, 1.0) for factor in COMMON]
+    priors = [prior.in_unit(prior.unit / factor) for factor in COMMON]
+    models = [_at_gains(best.model, n_base, ratio, own) for ratio, own in zip(ratios, priors, strict=True)]
+    ends = fits([(model, best.choice, noise) for model in models])
+    return zip(ends, priors, [ratio * scale for ratio in ratios], strict=True)
+
+
+def _at_gains(model: LinearModel, n_base: int, ratio: FloatArray, prior: WeakPrior) -> LinearModel:
+    """Return a model whose gains are multiples (n_joints,) of what they are, under a prior."""
+    rows, grams = [], []
+    for r, part, gram, at in zip(ratio, model.rows, model.grams, model.places, strict=True):
+        units = np.append(np.where(at < n_base, r, 1.0), 1.0)
+        rows.append(part * units)
+        grams.append(gram * np.outer(units, units))
+    return replace(model, rows=rows, grams=grams, prior=prior)
 
 
 def linear_model(
@@ -240,7 +244,7 @@ def linear_model(
 
 def _likeliest(model: LinearModel, noise: FloatArray, choices: Sequence[Choice]) -> Fit:
     """Fit under that of several priors under which the data are most probable."""
-    return max((model.fit(choice, noise) for choice in choices), key=lambda fit: fit.evidence)
+    return max(fits([(model, choice, noise) for choice in choices]), key=lambda fit: fit.evidence)
 
 
 def _centres(robot: _core.RobotModel, trusted: bool) -> tuple[float, ...]:

@@ -7,12 +7,12 @@ the logarithm of the evidence, every unknown integrated out, is
     ln Z = - sum_j (k_j n ln sigma_j + w_j^2 |r_j|^2 / 2) - |P (x - mean)|^2 / 2 - ln det(S) / 2 - ln det(H) / 2
 
 up to a constant that all models of the same rows share. sigma_j is estimated anew for each model (MacKay's fixed point,
-``sigma_j^2 = k_j |r_j|^2 / (k_j n - gamma_j)`` with gamma_j the directions that joint j determines).
+``sigma_j^2 = k_j |r_j|^2 / (k_j n - gamma_j)`` with gamma_j the directions that joint j determines; `_core.likeliest`).
 
 A hypothesis adds columns C whose coefficients are standard normal beforehand; its score is ln Z with them less ln Z
 without. `screen` gives it to second order at the model's own noise, for thousands of hypotheses at once:
 
-    U = chol(H)^-1 M'C      S = C'C - U'U + I      b = S^-1 C'r      ln BF = b'S b / 2 - ln det(S) / 2
+    U = W M'C, W'W = H^-1      S = C'C - U'U + I      b = S^-1 C'r      ln BF = b'S b / 2 - ln det(S) / 2
 
 Nothing is fitted to the residual alone: what the model can imitate of C is in U. A coefficient that physics holds to
 one sign has half of a normal as its prior, so needing the other sign costs ``ln 2 Phi(b / s)``, s its standard
@@ -30,17 +30,13 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid_rs import _core
+
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
 Columns = Mapping[int, FloatArray]
 """Joint to its rows (n_rows, k) of a hypothesis; joints that are left out have zeros."""
 
-MOST_STEPS, CHANGE = 12, 1e-2
-"""Steps of the noise's fixed point, and its relative change at which they stop."""
-MOST_TAKEN = 0.9
-"""At most this part of a joint's independent samples counts as used up by the unknowns."""
-ROUNDING = 1e-12
-"""Relative precision that every direction has beside its own, so that rounding cannot make H indefinite."""
 AT_ONCE = 400
 """Hypotheses that are screened in one product; more would only take more memory."""
 
@@ -72,24 +68,34 @@ class Prior(Protocol):
 class Fit:
     """Most probable unknowns of a model at one prior.
 
-    `x` (n,); `noise` (n_joints,) sigma_j; `evidence` ln Z; `root` (n, n) the lower Cholesky factor of H; `residual` per
-    joint (n_rows,); `weights` (n_joints,) w_j.
+    `x` (n,); `noise` (n_joints,) sigma_j; `evidence` ln Z; `whitener` W (n, n) with ``W'W = H^-1``; `weights`
+    (n_joints,) w_j.
     """
 
+    model: LinearModel
     choice: Choice
     x: FloatArray
     noise: FloatArray
     weights: FloatArray
     evidence: float
-    root: FloatArray
-    residual: list[FloatArray]
+    whitener: FloatArray
 
     @cached_property
     def covariance(self) -> FloatArray:
         """Of the unknowns, (n, n)."""
-        inverse = _inverse_of(self.root)
-        covariance: FloatArray = inverse.T @ inverse
+        covariance: FloatArray = self.whitener.T @ self.whitener
         return covariance
+
+    @cached_property
+    def residual(self) -> list[FloatArray]:
+        """What the fit leaves of every joint, (n_rows,) each."""
+        return [self.left(j) for j in range(len(self.noise))]
+
+    def left(self, j: int) -> FloatArray:
+        """What the fit leaves of joint j, (n_rows,)."""
+        part, at = self.model.rows[j], self.model.places[j]
+        left: FloatArray = part[:, -1] - part[:, :-1] @ self.x[at]
+        return left
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,6 +126,10 @@ class LinearModel:
         Rows per joint, or what factors in their place stand for.
     n_further : int
         Unknowns of hypotheses that were put beside the model.
+    grams : list of ndarray (k_j + 1, k_j + 1), optional
+        ``[M_j | y_j]'[M_j | y_j]`` per joint, where they are known already.
+    counted : list of ndarray of bool (n_rows,), optional
+        Rows of every joint that say something, where they are known already: those of a joint at rest are zero.
     """
 
     rows: list[FloatArray]
@@ -129,90 +139,62 @@ class LinearModel:
     least_noise: FloatArray
     n_rows: int
     n_further: int = 0
+    grams: list[FloatArray] = None  # type: ignore[assignment]
+    counted: list[BoolArray] = None  # type: ignore[assignment]
 
-    @cached_property
-    def grams(self) -> list[FloatArray]:
-        """``[M_j | y_j]'[M_j | y_j]`` per joint."""
-        return [part.T @ part for part in self.rows]
-
-    @cached_property
-    def counted(self) -> list[BoolArray]:
-        """Rows of every joint that say something, (n_rows,): those of a joint at rest are zero."""
-        return [np.any(part, axis=1) for part in self.rows]
-
-    @cached_property
-    def _wide(self) -> tuple[FloatArray, FloatArray]:
-        """``M_j'M_j`` (n_joints, n, n) and ``M_j'y_j`` (n_joints, n) among all unknowns."""
-        size = self._size()
-        wide, moments = np.zeros((len(self.rows), size, size)), np.zeros((len(self.rows), size))
-        for j, (gram, at) in enumerate(zip(self.grams, self.places, strict=True)):
-            wide[j][np.ix_(at, at)] = gram[:-1, :-1]
-            moments[j, at] = gram[:-1, -1]
-        return wide, moments
+    def __post_init__(self) -> None:
+        # The class is frozen.
+        if self.grams is None:
+            object.__setattr__(self, "grams", [part.T @ part for part in self.rows])
+        if self.counted is None:
+            object.__setattr__(self, "counted", [np.any(part, axis=1) for part in self.rows])
 
     def fit(self, choice: Choice, noise: FloatArray) -> Fit:
         """Most probable unknowns; the noise is searched from `noise` (n_joints,)."""
-        held = self._held(choice)
-        share = self.n_effective / self.n_rows
-        for _ in range(MOST_STEPS):
-            weights = np.sqrt(share) / noise
-            root, x = self._solve(held, weights)
-            power = np.array([_power(gram, x[at]) for gram, at in zip(self.grams, self.places, strict=True)])
-            inverse = _inverse_of(root)
-            taken = [
-                w**2 * float(np.sum((inverse[:, at] @ gram[:-1, :-1]) * inverse[:, at]))
-                for w, gram, at in zip(weights, self.grams, self.places, strict=True)
-            ]
-            left = np.maximum(self.n_effective - taken, (1 - MOST_TAKEN) * self.n_effective)
-            update = np.maximum(np.sqrt(share * power / left), self.least_noise)
-            change = float(np.max(np.abs(update / noise - 1)))
-            noise = update
-            if change < CHANGE:
-                break
-        return self.at(choice, noise)  # hypotheses are scored beside the very solution of these weights
+        return fits([(self, choice, noise)])[0]
 
     def at(self, choice: Choice, noise: FloatArray) -> Fit:
         """Most probable unknowns at a noise that is known."""
-        held = self._held(choice)
-        share = self.n_effective / self.n_rows
-        weights = np.sqrt(share) / noise
-        root, x = self._solve(held, weights)
-        power = np.array([_power(gram, x[at]) for gram, at in zip(self.grams, self.places, strict=True)])
-        precision, moment, square, log_det = held
-        distance = square - 2 * float(moment @ x) + float(x @ precision @ x)
-        evidence = -float(np.sum(self.n_effective * np.log(noise) + share * power / (2 * noise**2)))
-        evidence -= (distance + log_det) / 2 + float(np.sum(np.log(np.diag(root))))
-        residual = [part[:, -1] - part[:, :-1] @ x[at] for part, at in zip(self.rows, self.places, strict=True)]
-        return Fit(choice, x, noise, weights, evidence, root, residual)
+        return fits([(self, choice, noise)], noise_is_known=True)[0]
 
-    def beside(self, columns: Columns) -> LinearModel:
-        """Return the model with a hypothesis among its unknowns."""
-        width = next(iter(columns.values())).shape[1]
-        new = self._size() + np.arange(width)
-        rows, places = [], []
+    def beside(self, *hypotheses: Columns) -> LinearModel:
+        """Return the model with hypotheses among its unknowns, in this order."""
+        edges = self.size + np.cumsum([0, *(next(iter(columns.values())).shape[1] for columns in hypotheses)])
+        rows, places, grams = list(self.rows), list(self.places), list(self.grams)
         for j, (part, at) in enumerate(zip(self.rows, self.places, strict=True)):
-            if j in columns:
-                new_columns = columns[j] * self.counted[j][:, None]
-                part = np.concatenate([part[:, :-1], new_columns, part[:, -1:]], axis=1)
-                at = np.concatenate([at, new])
-            rows.append(part)
-            places.append(at)
-        return replace(self, rows=rows, places=places, n_further=self.n_further + width)
+            here = [h for h, columns in enumerate(hypotheses) if j in columns]
+            if not here:
+                continue
+            new = np.concatenate([hypotheses[h][j] for h in here], axis=1) * self.counted[j][:, None]
+            k, width = len(at), new.shape[1]
+            order = np.r_[:k, k + 1 : k + 1 + width, k]
+            cross = part.T @ new
+            grams[j] = np.block([[grams[j], cross], [cross.T, new.T @ new]])[np.ix_(order, order)]
+            rows[j] = np.concatenate([part[:, :-1], new, part[:, -1:]], axis=1)
+            places[j] = np.concatenate([at, *(np.arange(edges[h], edges[h + 1]) for h in here)])
+        return replace(self, rows=rows, places=places, grams=grams, n_further=int(edges[-1]) - self.prior.size)
 
     def without(self, columns: Sequence[tuple[int, int]]) -> LinearModel:
         """Return the model without columns, named by joint and place among all unknowns."""
-        rows, places = list(self.rows), list(self.places)
+        rows, places, grams = list(self.rows), list(self.places), list(self.grams)
         for j in {j for j, _ in columns}:
             kept = ~np.isin(places[j], [at for joint, at in columns if joint == j])
-            rows[j], places[j] = rows[j][:, np.append(kept, True)], places[j][kept]
-        return replace(self, rows=rows, places=places)
+            both = np.append(kept, True)
+            rows[j], places[j], grams[j] = rows[j][:, both], places[j][kept], grams[j][np.ix_(both, both)]
+        return replace(self, rows=rows, places=places, grams=grams)
 
     def within(self, kept: BoolArray) -> LinearModel:
         """Return the model of some of the rows, (n_rows,)."""
-        rows = [part[kept] for part in self.rows]
-        shares = [float(counted[kept].sum()) / max(int(counted.sum()), 1) for counted in self.counted]
-        n_effective = self.n_effective * np.maximum(shares, 1e-9)
-        return replace(self, rows=rows, n_effective=n_effective, n_rows=int(kept.sum()))
+        rows, counted = [part[kept] for part in self.rows], [moves[kept] for moves in self.counted]
+        shares = [float(own.sum()) / max(int(moves.sum()), 1) for own, moves in zip(counted, self.counted, strict=True)]
+        return replace(
+            self,
+            rows=rows,
+            grams=[part.T @ part for part in rows],
+            counted=counted,
+            n_effective=self.n_effective * np.maximum(shares, 1e-9),
+            n_rows=int(kept.sum()),
+        )
 
     def left_out(self, fit: Fit, blocks: Sequence[BoolArray]) -> FloatArray:
         """Power per block and joint, (n_blocks, n_joints), when a block is predicted from the others."""
@@ -229,11 +211,13 @@ class LinearModel:
 
     def _without_each(self, fit: Fit, blocks: Sequence[BoolArray]) -> Iterator[tuple[list[FloatArray], FloatArray]]:
         """Rows of each block, and the unknowns from all others."""
-        held = self._held(fit.choice)
-        for block in blocks:
-            out = [part[block] for part in self.rows]
-            grams = [gram - part.T @ part for gram, part in zip(self.grams, out, strict=True)]
-            yield out, self._solve(held, fit.weights, grams)[1]
+        outs = [[part[block] for part in self.rows] for block in blocks]
+        others = [
+            replace(self, grams=[gram - part.T @ part for gram, part in zip(self.grams, out, strict=True)])
+            for out in outs
+        ]
+        solved = fits([(model, fit.choice, fit.noise) for model in others], noise_is_known=True)
+        yield from zip(outs, (own.x for own in solved), strict=True)
 
     def screen(
         self, fit: Fit, hypotheses: Sequence[Columns], bounds: Sequence[FloatArray], sizes: Sequence[float] = (1.0,)
@@ -242,90 +226,88 @@ class LinearModel:
 
         `sizes`: standard deviations of the coefficients that are tried, the best of which counts.
         """
-        scored: list[Score] = []
+        return self.screen_beside([fit], hypotheses, bounds, sizes)[0]
+
+    def screen_beside(
+        self,
+        fits: Sequence[Fit],
+        hypotheses: Sequence[Columns],
+        bounds: Sequence[FloatArray],
+        sizes: Sequence[float] = (1.0,),
+    ) -> list[list[Score]]:
+        """`screen` beside each of several fits of this model, whose products with the hypotheses they share."""
+        scored: list[list[Score]] = [[] for _ in fits]
         for first in range(0, len(hypotheses), AT_ONCE):
             part = slice(first, first + AT_ONCE)
-            scored += self._screen(fit, hypotheses[part], bounds[part], sizes)
+            for own, more in zip(scored, self._screen(fits, hypotheses[part], bounds[part], sizes), strict=True):
+                own += more
         return scored
 
     def _screen(
-        self, fit: Fit, hypotheses: Sequence[Columns], bounds: Sequence[FloatArray], sizes: Sequence[float]
-    ) -> list[Score]:
-        from scipy.linalg import solve_triangular
-
-        widths = [next(iter(columns.values())).shape[1] for columns in hypotheses]
+        self,
+        fits: Sequence[Fit],
+        hypotheses: Sequence[Columns],
+        bounds: Sequence[FloatArray],
+        sizes: Sequence[float],
+    ) -> list[list[Score]]:
+        widths = np.array([next(iter(columns.values())).shape[1] for columns in hypotheses])
         edges = np.cumsum([0, *widths])
-        cross, moment = np.zeros((len(fit.root), int(edges[-1]))), np.zeros(int(edges[-1]))
-        squares = [np.zeros((width, width)) for width in widths]
-        for j, weight in enumerate(fit.weights):
+        cross = np.zeros((len(fits), self.size, int(edges[-1])))
+        moment = np.zeros((len(fits), int(edges[-1])))
+        squares = [np.zeros((len(fits), width, width)) for width in widths]
+        for j, counted in enumerate(self.counted):
             here = [h for h, columns in enumerate(hypotheses) if j in columns]
             if not here:
                 continue
+            own = [hypotheses[h][j] for h in here]
+            if not counted.all():
+                own = [columns * counted[:, None] for columns in own]
             at = np.concatenate([np.arange(edges[h], edges[h + 1]) for h in here])
-            row_weight = weight * self.counted[j][:, None]
-            weighted = [row_weight * hypotheses[h][j] for h in here]
-            together = np.concatenate(weighted, axis=1)
-            cross[np.ix_(self.places[j], at)] += weight * (self.rows[j][:, :-1].T @ together)
-            moment[at] += weight * (together.T @ fit.residual[j])
-            for h, columns in zip(here, weighted, strict=True):
-                squares[h] += columns.T @ columns
-        taken = solve_triangular(fit.root, cross, lower=True)
-        scores = [Score(-np.inf, sizes[0])] * len(hypotheses)
-        for width in set(widths):
-            alike = [h for h, own in enumerate(widths) if own == width]
-            at = edges[:-1][alike, None] + np.arange(width)
-            U = np.moveaxis(taken[:, at], 1, 0)
-            own = np.array([squares[h] for h in alike]) - np.swapaxes(U, 1, 2) @ U
-            held = np.array([bounds[h] for h in alike])
-            for size in sizes:
-                values = _values(own, moment[at], held, size)
-                for h, value in zip(alike, values, strict=True):
-                    if value > scores[h].value:
-                        scores[h] = Score(float(value), size)
-        return scores
+            together = own[0] if len(own) == 1 else np.concatenate(own, axis=1)
+            weights = np.array([fit.weights[j] ** 2 for fit in fits])
+            cross[:, self.places[j][:, None], at] += weights[:, None, None] * (self.rows[j][:, :-1].T @ together)
+            moment[:, at] += weights[:, None] * (np.array([fit.residual[j] for fit in fits]) @ together)
+            for h, columns in zip(here, own, strict=True):
+                squares[h] += weights[:, None, None] * (columns.T @ columns)
+        taken = np.array([fit.whitener for fit in fits]) @ cross
+        scores = np.empty((len(sizes), len(fits), len(hypotheses)))
+        for width in np.unique(widths):
+            alike = np.flatnonzero(widths == width)
+            at = edges[alike, None] + np.arange(width)
+            U = np.moveaxis(taken[:, :, at], 2, 1)
+            S = np.stack([squares[h] for h in alike], axis=1) - np.swapaxes(U, 2, 3) @ U
+            held = np.array([bounds[h] for h in alike.tolist()])
+            scores[:, :, alike] = _values(S, moment[:, at], held, np.array(sizes))
+        best = np.argmax(scores, axis=0)
+        highest = np.max(scores, axis=0)
+        return [
+            [Score(value, sizes[k]) for value, k in zip(own, of, strict=True)]
+            for own, of in zip(highest.tolist(), best.tolist(), strict=True)
+        ]
 
-    def _size(self) -> int:
+    @property
+    def size(self) -> int:
+        """Number of unknowns."""
         return self.prior.size + self.n_further
 
-    def _held(self, choice: Choice) -> tuple[FloatArray, FloatArray, float, float]:
-        """The prior's precision, moment, square and ``ln det(S)``; unknowns that it does not hold stay at zero."""
-        own, pulled, square, log_det = _normal_equations(self.prior, choice)
-        n = len(own)
-        size = n + self.n_further
-        precision, moment = np.eye(size), np.zeros(size)
-        precision[:n, :n], moment[:n] = own, pulled
-        unheld = np.flatnonzero(np.diag(precision) == 0)
-        precision[unheld, unheld] = 1.0
-        return precision, moment, square, log_det
 
-    def _solve(
-        self,
-        held: tuple[FloatArray, FloatArray, float, float],
-        weights: FloatArray,
-        grams: Sequence[FloatArray] | None = None,
-    ) -> tuple[FloatArray, FloatArray]:
-        """Cholesky factor of H, and the most probable unknowns."""
-        from scipy.linalg import cho_solve
-
-        squares = weights**2
-        if grams is None:
-            wide, moments = self._wide
-            precision = held[0] + np.tensordot(squares, wide, 1)
-            moment = held[1] + squares @ moments
-        else:
-            precision, moment = held[0].copy(), held[1].copy()
-            for w, gram, at in zip(squares, grams, self.places, strict=True):
-                precision[np.ix_(at, at)] += w * gram[:-1, :-1]
-                moment[at] += w * gram[:-1, -1]
-        # At unit diagonal the factor loses no digits to the units of the unknowns.
-        scale = 1 / np.sqrt(np.diag(precision))
-        scaled = precision * np.outer(scale, scale)
-        scaled.flat[:: len(scaled) + 1] += ROUNDING
-        root = np.linalg.cholesky(scaled)
-        x = scale * cho_solve((root, True), scale * moment)
-        # Once more on what is left: H has the square of the columns' condition.
-        x = x + scale * cho_solve((root, True), scale * (moment - precision @ x))
-        return root / scale[:, None], x
+def fits(models: Sequence[tuple[LinearModel, Choice, FloatArray]], *, noise_is_known: bool = False) -> list[Fit]:
+    """Fits of several models side by side, each with its prior and the noise that its search begins with."""
+    held = [_normal_equations(model.prior, choice) for model, choice, _ in models]
+    found = _core.likeliest(
+        [
+            (m.grams, m.places, m.size, P, moment, noise, m.n_effective, m.least_noise, float(m.n_rows), noise_is_known)
+            for (m, _, noise), (P, moment, _, _) in zip(models, held, strict=True)
+        ]
+    )
+    solved = []
+    for (m, choice, _), (_, _, square, log_det), own in zip(models, held, found, strict=True):
+        x, noise, power, distance, whitener, log_det_H = own
+        share = m.n_effective / m.n_rows
+        evidence = -float(np.sum(m.n_effective * np.log(noise) + share * power / (2 * noise**2)))
+        evidence -= (square + distance + log_det + log_det_H) / 2
+        solved.append(Fit(m, choice, x, noise, np.sqrt(share) / noise, evidence, whitener))
+    return solved
 
 
 _OF_PRIORS: WeakKeyDictionary[Prior, dict[Choice, tuple[FloatArray, FloatArray, float, float]]] = WeakKeyDictionary()
@@ -342,29 +324,20 @@ def _normal_equations(prior: Prior, choice: Choice) -> tuple[FloatArray, FloatAr
     return known[choice]
 
 
-def _power(gram: FloatArray, x: FloatArray) -> float:
-    """``|y - M x|^2``."""
-    signed = np.append(-x, 1.0)
-    return max(float(signed @ gram @ signed), 0.0)
+def _values(own: FloatArray, moment: FloatArray, bounds: FloatArray, sizes: FloatArray) -> FloatArray:
+    """Second-order scores (n_sizes, ..., n) from what is the hypotheses' own of their Gram matrices (..., n, k, k).
 
-
-def _inverse_of(root: FloatArray) -> FloatArray:
-    from scipy.linalg.lapack import dtrtri
-
-    inverse: FloatArray = dtrtri(root, lower=1)[0]
-    return inverse
-
-
-def _values(own: FloatArray, moment: FloatArray, bounds: FloatArray, size: float) -> FloatArray:
-    """Second-order scores (n,) from what is the hypotheses' own of their Gram matrices, and their moments ``C'r``."""
-    S = size**2 * own + np.eye(own.shape[1])
-    values, vectors = np.linalg.eigh(S)
+    `moment` (..., n, k): ``C'r``; `bounds` (n, k, 2).
+    """
+    sizes = sizes.reshape(-1, *[1] * own.ndim)
+    S = sizes**2 * own + np.eye(own.shape[-1])
+    values, vectors = np.linalg.eigh(S) if own.shape[-1] > 1 else (S[..., 0], np.ones_like(S))
     # Below one lies rounding: the model imitates all of that direction.
     values = np.maximum(values, 1.0)
-    along = np.einsum("nij,ni->nj", vectors, size * moment)
-    b = np.einsum("nij,nj->ni", vectors, along / values)
-    std = np.sqrt(np.einsum("nij,nj->ni", vectors**2, 1 / values))
-    gain = 0.5 * np.sum(along**2 / values, axis=1) - 0.5 * np.sum(np.log(values), axis=1)
+    along = np.squeeze(np.swapaxes(vectors, -1, -2) @ (sizes * moment[..., None]), -1)
+    b = np.squeeze(vectors @ (along / values)[..., None], -1)
+    std = np.sqrt(np.squeeze(vectors**2 @ (1 / values)[..., None], -1))
+    gain = 0.5 * np.sum(along**2 / values, axis=-1) - 0.5 * np.sum(np.log(values), axis=-1)
     scores: FloatArray = gain + sign_cost(b / std, bounds)
     return scores
 

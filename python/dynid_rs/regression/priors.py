@@ -21,6 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,6 +70,8 @@ class WeakPrior:
     used: NDArray[np.bool_]
     unit: float = 1.0
     _rows: dict[Choice, tuple[FloatArray, float]] = field(default_factory=dict)
+    _apart: dict[float, tuple[FloatArray, float]] = field(default_factory=dict)
+    """Rows of what no link is in, by the size of bends: the same in any unit."""
 
     @property
     def size(self) -> int:
@@ -79,13 +82,27 @@ class WeakPrior:
         """Rows ``[A | b]`` of variance one that hold x to its mean, (n_used, n_columns + 1), and ``log det S``."""
         if choice in self._rows:
             return self._rows[choice]
-        roots = self._roots(choice)[:, self.used]
-        _, R = np.linalg.qr(roots)
-        across = np.zeros((len(R), len(self.used) + 1))
-        across[:, np.flatnonzero(self.used)] = np.linalg.solve(R.T, np.eye(len(R)))
-        across[:, -1] = across[:, :-1] @ (choice.centre * self.unit * self.mean)
-        self._rows[choice] = across, 2 * float(np.sum(np.log(np.abs(np.diag(R)))))
+        linked = self._linked
+        roots = self._roots(choice)
+        links, log_det = _inverse_root(roots[np.any(roots[:, linked], axis=1)], self.used & linked)
+        if choice.bends not in self._apart:
+            self._apart[choice.bends] = _inverse_root(roots[~np.any(roots[:, linked], axis=1)], self.used & ~linked)
+        others, log_det_apart = self._apart[choice.bends]
+        across = np.concatenate([links, others])
+        target = across @ (choice.centre * self.unit * self.mean)
+        self._rows[choice] = np.column_stack([across, target]), log_det + log_det_apart
         return self._rows[choice]
+
+    @cached_property
+    def _linked(self) -> NDArray[np.bool_]:
+        """Unknowns that links are in, and those that share a root with such, (n_columns,)."""
+        linked: NDArray[np.bool_] = np.any(self.links, axis=0)
+        roots = np.concatenate([self.bends, self.others]) != 0
+        while True:
+            wider = linked | np.any(roots[np.any(roots[:, linked], axis=1)], axis=0)
+            if np.array_equal(wider, linked):
+                return linked
+            linked = wider
 
     def std(self, choice: Choice) -> FloatArray:
         """Standard deviation of every unknown, (n_columns,)."""
@@ -98,6 +115,14 @@ class WeakPrior:
     def in_unit(self, unit: float) -> WeakPrior:
         """Return the prior for a channel of `unit` torque units per N m."""
         return replace(self, unit=unit, _rows={})
+
+
+def _inverse_root(roots: FloatArray, used: NDArray[np.bool_]) -> tuple[FloatArray, float]:
+    """Root (n_used, n) of the inverse of ``roots' roots``, the covariance of the unknowns in use; its ``log det``."""
+    _, R = np.linalg.qr(roots[:, used])
+    across = np.zeros((len(R), len(used)))
+    across[:, np.flatnonzero(used)] = np.linalg.solve(R.T, np.eye(len(R)))
+    return across, 2 * float(np.sum(np.log(np.abs(np.diag(R)))))
 
 
 def weak_prior(plan: Plan, factors: Sequence[FloatArray], n_rows: int) -> WeakPrior:

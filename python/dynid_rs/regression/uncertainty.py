@@ -16,6 +16,7 @@ from dynid_rs import _core
 from dynid_rs.base.memory import flat_top
 from dynid_rs.regression.columns import Observations, Plan
 from dynid_rs.regression.fitted import FittedLinks
+from dynid_rs.regression.kept_columns import effect_rows
 from dynid_rs.regression.systems import block_residuals
 from dynid_rs.runs.preprocessing import States
 
@@ -173,17 +174,8 @@ def shape_slope(
         shape = {key: np.array(values, dtype=np.float64) for key, values in effect.shape}
         shape[name] = shape[name] * factor
         there = _core.Effect.of(effect.kind, **shape)
-        columns = _core.effect_columns(
-            there,
-            *states.signals(),
-            tau_link=states.tau_link,
-            step=1 / states.rate,
-            temperature=states.temperature,
-            joints=[j],
-            filter=states.filter,
-            kept=states.kept,
-        )
-        ends.append(columns[:, 0] @ coefficients)
+        columns = effect_rows(there, states, j)
+        ends.append(columns @ coefficients)
     slope: FloatArray = (ends[0] - ends[1]) / (2 * step) * states.counted[:, j]
     return slope
 

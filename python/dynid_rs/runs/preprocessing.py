@@ -6,6 +6,7 @@ cancels from the equation; only positions are filtered before they are different
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
@@ -144,6 +145,20 @@ class States:
         """`rows` as the compiled module takes them."""
         result: list[int] = self.rows.tolist()
         return result
+
+    @cached_property
+    def _digests(self) -> dict[int, bytes]:
+        return {}
+
+    def digest(self, name: str) -> bytes:
+        """Digest of the numbers of a signal; nothing for one that is not there."""
+        signal = getattr(self, name)
+        if signal is None:
+            return b""
+        # The same array under two names is read once.
+        if id(signal) not in self._digests:
+            self._digests[id(signal)] = hashlib.sha256(np.ascontiguousarray(signal).data).digest()
+        return self._digests[id(signal)]
 
     def velocity_noise(self, j: int) -> float:
         """Standard deviation of joint j's motor-side velocity above the band [rad/s], by its median."""

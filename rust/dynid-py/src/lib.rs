@@ -8,6 +8,7 @@ mod em;
 mod errors;
 mod excitation;
 mod friction_search;
+mod likeliest;
 mod mixture;
 mod model;
 mod observer;
@@ -78,5 +79,6 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(c_header::c_header, m)?)?;
     m.add_function(wrap_pyfunction!(c_header::c_prefix, m)?)?;
     m.add_function(wrap_pyfunction!(em::fit_mixture, m)?)?;
+    m.add_function(wrap_pyfunction!(likeliest::likeliest, m)?)?;
     Ok(())
 }

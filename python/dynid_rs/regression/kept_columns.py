@@ -1,0 +1,150 @@
+"""Columns that are asked for again: while a diagnosis comes and goes with effects, motion and filter stay the same.
+
+Columns are built by themselves, so those that are kept have the very bits of new ones.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid_rs import _core
+from dynid_rs.runs.preprocessing import States
+
+FloatArray = NDArray[np.float64]
+PerJoint = list[FloatArray]
+
+MOST_BYTES = 48_000_000
+"""Size of all columns that are kept; those that were used longest ago go first."""
+
+
+@dataclass(eq=False)
+class KeptColumns:
+    """Columns by what they are made of."""
+
+    _parts: dict[tuple[Any, ...], PerJoint] = field(default_factory=dict)
+    _bytes: int = 0
+
+    def get(self, key: tuple[Any, ...]) -> PerJoint | None:
+        """Return what was kept, as the last that was used."""
+        part = self._parts.pop(key, None)
+        if part is not None:
+            self._parts[key] = part
+        return part
+
+    def put(self, key: tuple[Any, ...], part: PerJoint) -> None:
+        """Keep, and let go of what was used longest ago."""
+        self._parts[key] = part
+        self._bytes += sum(array.nbytes for array in part)
+        while self._bytes > MOST_BYTES and self._parts:
+            self._bytes -= sum(array.nbytes for array in self._parts.pop(next(iter(self._parts))))
+
+
+_KEPT: ContextVar[KeptColumns | None] = ContextVar("kept_columns", default=None)
+
+
+@contextmanager
+def keeping_columns() -> Iterator[None]:
+    """Keep columns inside of this."""
+    token = _KEPT.set(KeptColumns())
+    try:
+        yield
+    finally:
+        _KEPT.reset(token)
+
+
+def kept(key: tuple[Any, ...], build: Callable[[], PerJoint]) -> PerJoint:
+    """Return what is kept for `key`; built, and kept from now on, where there is nothing."""
+    columns = _KEPT.get()
+    part = None if columns is None else columns.get(key)
+    if part is None:
+        part = build()
+        if columns is not None:
+            columns.put(key, part)
+    return part
+
+
+def effect_rows(effect: _core.Effect, states: States, j: int) -> FloatArray:
+    """Columns of an effect on joint j in the band, (n_rows, n_columns), zeros or not where the joint rests."""
+    if _KEPT.get() is None:
+        return _effect_rows(effect, states, [j])[0]
+    # Where one joint is asked for the others will be.
+    every = list(range(states.q.shape[1]))
+    return kept(effect_key(effect, states), lambda: _effect_rows(effect, states, every))[j]
+
+
+def _effect_rows(effect: _core.Effect, states: States, joints: list[int]) -> PerJoint:
+    rows = _core.effect_columns(
+        effect,
+        *states.signals(),
+        tau_link=states.tau_link,
+        step=1 / states.rate,
+        temperature=states.temperature,
+        joints=joints,
+        filter=states.filter,
+        kept=states.kept,
+    )
+    return [np.ascontiguousarray(rows[:, k]) for k in range(len(joints))]
+
+
+def effect_key(effect: _core.Effect, states: States) -> tuple[Any, ...]:
+    """What an effect's columns are made of."""
+    shape = tuple((name, tuple(values)) for name, values in effect.shape)
+    load = states.digest("tau_link") if "tau_link" in effect.signals else b""
+    return effect.kind, shape, load, *motion_key(states)
+
+
+def observed(
+    robot: _core.RobotModel, effects: list[_core.Effect], pivots: list[int], states: States, tau: FloatArray
+) -> PerJoint:
+    """Return `_core.observe` of a run at the rows of the fit, of which only what is not kept is built."""
+    columns = _KEPT.get()
+    if columns is None:
+        return _observe(robot, effects, pivots, states, tau)
+    links_key = (robot, tuple(pivots), *motion_key(states))
+    keys = [effect_key(effect, states) for effect in effects]
+    parts = [columns.get(key) for key in keys]
+    links = columns.get(links_key)
+    missing = [k for k, part in enumerate(parts) if part is None]
+    new = _observe(robot, [effects[k] for k in missing], pivots if links is None else [], states, tau)
+    first = 0
+    for k in missing:
+        width = effects[k].n_columns
+        own = [np.ascontiguousarray(rows[:, first : first + width]) for rows in new]
+        columns.put(keys[k], own)
+        parts[k] = own
+        first += width
+    if links is None:
+        links = [np.ascontiguousarray(rows[:, first:-1]) for rows in new]
+        columns.put(links_key, links)
+    per_joint = zip(*(part for part in (*parts, links) if part is not None), new, strict=True)
+    return [np.concatenate([*own, rows[:, -1:]], axis=1) for *own, rows in per_joint]
+
+
+def _observe(
+    robot: _core.RobotModel, effects: list[_core.Effect], pivots: list[int], states: States, tau: FloatArray
+) -> PerJoint:
+    return _core.observe(
+        robot,
+        effects,
+        pivots,
+        *states.signals(),
+        tau,
+        filter=states.filter,
+        kept=states.kept,
+        tau_link=states.tau_link,
+        step=1 / states.rate,
+        temperature=states.temperature,
+    )
+
+
+def motion_key(states: States) -> tuple[Any, ...]:
+    """What columns are made of beside the load."""
+    names = ("q", "dq", "ddq", "q_motor", "dq_motor", "ddq_motor", "temperature", "rows")
+    return states.rate, states.band.cutoff, *(states.digest(name) for name in names)
