@@ -168,6 +168,20 @@ def file_of(model, folder):
     return (folder / "model.json").read_bytes()
 
 
+def test_what_has_no_name_weighs_and_turns_round_as_it_was_declared(found):
+    before, after = found.before, found.after
+    nameless = [j for j, joint in enumerate(JOINTS) if all(joint not in places for _, places in names(found))]
+    assert nameless == [0]
+    for shape in ("transition_width_", "sharpness_"):
+        was, now = (getattr(fit.friction_, shape) for fit in (before, after))
+        np.testing.assert_array_equal(now[nameless], was[nameless])
+        assert np.all(now[1:] != was[1:])
+    # Two names halve what is left on their joints, and these count for no more in the links that all share.
+    left = np.sqrt(np.diag(after.links_.covariance_) / np.diag(before.links_.covariance_))
+    assert left.min() < 0.7
+    assert np.all(after.links_.posterior_.noise_std >= before.links_.posterior_.noise_std)
+
+
 def test_a_test_run_touches_nothing(tmp_path, mixed, found):
     """A test run that is another arm's: the same model to the bit, the same names, the same errors in training."""
     foreign = replace(mixed[3], q=0.5 * mixed[3].q[::-1], tau=3.0 * mixed[3].tau[::-1] + 5.0)

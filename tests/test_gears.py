@@ -16,6 +16,7 @@ from dynid_rs.diagnosis.belief import fitted
 from dynid_rs.diagnosis.gear_model import Gear
 from dynid_rs.diagnosis.gears import centred, gear_entries
 from dynid_rs.diagnosis.setup import Setup
+from dynid_rs.diagnosis.waves import of_signal
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.runs.checks import check_recording, refused_sources
 
@@ -84,7 +85,7 @@ def test_a_copy_or_no_second_encoder_has_none():
     runs = both_encoders(rigid())
     for changed in ([replace(run, q_motor=run.q.copy()) for run in runs], [run.without("q_motor") for run in runs]):
         fit = ThreeLoopIdentifier(ROBOT, residual=None).fit(changed[:2])
-        assert gear_entries(fit) == []
+        assert gear_entries(fit, {}) == []
 
 
 def test_an_encoder_that_is_not_centred_is_named():
@@ -99,6 +100,12 @@ def test_an_encoder_that_is_not_centred_is_named():
     assert known["cosine"] == pytest.approx(size * np.sin(phase), abs=0.1 * size)
     assert known["sine"] == pytest.approx(size * np.cos(phase), abs=0.1 * size)
     assert_allclose(found.after.model_.encoder_error[ELBOW], [known["cosine"], known["sine"]], rtol=0.05)
+    # Beside a torque that is a function of the same angle and has no name, the gear's has none either.
+    entries = gear_entries(found.after, {ELBOW: of_signal(("q", ELBOW))})
+    assert {(e["kind"], e.get("told_as")) for e in entries} == {
+        ("encoder_delay", None),
+        ("unknown", "encoder_eccentricity"),
+    }
 
 
 def test_an_encoder_that_is_far_from_centred_looks_like_no_frame():
@@ -139,7 +146,7 @@ def kuka():
 
 def test_the_kuka_s_link_encoders_are_late_and_its_gears_yield_about_as_its_authors_say(kuka):
     robot, runs = kuka
-    found = gear_entries(ThreeLoopIdentifier(robot, residual=None).fit(runs))
+    found = gear_entries(ThreeLoopIdentifier(robot, residual=None).fit(runs), {})
     (clock,) = (entry for entry in found if entry["kind"] == "encoder_delay")
     assert clock["joints"] == list(robot.joint_names[:3])  # axes 4 to 6 have one encoder
     assert 2.6e-3 < clock["parameters"][0]["value"] < 3.2e-3

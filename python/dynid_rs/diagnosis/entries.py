@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -13,7 +13,6 @@ from dynid_rs.base.odds import p_value
 from dynid_rs.diagnosis.belief import Belief, Named
 from dynid_rs.diagnosis.estimates import Estimate, estimates
 from dynid_rs.diagnosis.hypotheses import Place
-from dynid_rs.diagnosis.misfit import nameless
 from dynid_rs.diagnosis.waves import Argument
 from dynid_rs.identification.loops import link_load
 from dynid_rs.model.placed import CATALOGUE, PlacedEffect
@@ -28,11 +27,15 @@ N_POINTS, N_BINS = 400, 60
 """Most points of a plot, and points of a fitted curve."""
 
 
-def effect_entries(found: Belief, test: Sequence[Recording]) -> list[dict[str, Any]]:
-    """One entry per name, the most certain first; `test` with their channels on the setup's clocks."""
+def effect_entries(
+    found: Belief, test: Sequence[Recording], nameless: Mapping[Place, Argument]
+) -> list[dict[str, Any]]:
+    """One entry per name, the most certain first; `test` with their channels on the setup's clocks.
+
+    Places that are `nameless` have no name that holds (`misfit.py`).
+    """
     errors = _Errors(found, test)
     known = estimates(found)
-    nameless_places = nameless(found)
     names = found.setup.robot.joint_names
     entries = []
     for place, named in sorted(found.named.items(), key=lambda item: -item[1].log_odds):
@@ -52,17 +55,19 @@ def effect_entries(found: Belief, test: Sequence[Recording]) -> list[dict[str, A
             entry["ties"].append({"kind": "kinematic_error", "joints": [names[0]]})
         if effect is not None:
             entry["plot"] = _plot(found, effect, errors)
-        if place in nameless_places:
-            entry |= {"kind": "unknown", "told_as": kind, "depends_on": _signals(nameless_places[place], names)}
+        if place in nameless:
+            entry |= untold(kind, nameless[place], names)
         entries.append(entry)
     return entries
 
 
-def _signals(argument: Argument, names: Sequence[str]) -> list[dict[str, Any]]:
-    return [
+def untold(kind: str, argument: Argument, names: Sequence[str]) -> dict[str, Any]:
+    """What an entry of `kind` says where the name does not hold, but a function of `argument` is there."""
+    signals = [
         {"signal": f"{name}_{names[j]}", "strength": abs(factor), "direct": True}
         for factor, (name, j) in argument.terms
     ]
+    return {"kind": "unknown", "told_as": kind, "depends_on": signals}
 
 
 def unscored(p: float) -> dict[str, Any]:

@@ -6,7 +6,7 @@ from what is left with a hypothesis, as a gear yields as slowly as its load move
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 from dynid_rs.base.memory import residual_memory
 from dynid_rs.base.odds import SURE, p_value
 from dynid_rs.diagnosis.belief import SETTLING, fitted
-from dynid_rs.diagnosis.entries import unscored
+from dynid_rs.diagnosis.entries import unscored, untold
 from dynid_rs.diagnosis.gear_model import Gear, GearHypothesis
 from dynid_rs.diagnosis.sensors.messages import encoder_entries
 from dynid_rs.diagnosis.setup import Setup
+from dynid_rs.diagnosis.waves import Argument
 from dynid_rs.identification.smooth_friction import SmoothFrictionIdentifier
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.regression.linear_model import Choice, Fit, LinearModel, sign_cost
@@ -29,8 +30,12 @@ from dynid_rs.runs.recording import Recording
 FloatArray = NDArray[np.float64]
 
 
-def gear_entries(fit: ThreeLoopIdentifier) -> list[dict[str, Any]]:
-    """Entries of `result.json`: the delay between the channels, then every joint's gear; none with one encoder."""
+def gear_entries(fit: ThreeLoopIdentifier, nameless: Mapping[int, Argument]) -> list[dict[str, Any]]:
+    """Entries of `result.json`: the delay between the channels, then every joint's gear; none with one encoder.
+
+    A joint whose torque is a `nameless` function of its angle winds its gear up by one too: what looks like an encoder
+    off centre there has no name either.
+    """
     if not all(states.two_encoders for states in fit.runs_):
         return []
     names = fit.robot.joint_names
@@ -46,7 +51,11 @@ def gear_entries(fit: ThreeLoopIdentifier) -> list[dict[str, Any]]:
         for clock in encoder_entries(fit.encoder_delay_)
         if clock["significant"]
     ]
-    return entries + [_entry(seen, names) for seen in seen_between(fit)]
+    for seen in seen_between(fit):
+        entries.append(_entry(seen, names))
+        if seen.what.kind == "encoder_eccentricity" and seen.joint in nameless:
+            entries[-1] |= untold(seen.what.kind, nameless[seen.joint], names)
+    return entries
 
 
 @dataclass(frozen=True, eq=False)

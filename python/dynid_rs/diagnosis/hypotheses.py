@@ -25,9 +25,9 @@ Place = tuple[str, tuple[int, ...]]
 
 USUAL = 0.1
 """Torque of an effect's column over its joint's own that is usual beforehand (`priors.py`)."""
-CYCLES_SHOWN = {"torque_ripple": (2.0, 4.0)}
-"""Cycles on the joint's way between which the band shows a kind: with fewer nothing returns, and any curve is a part of
-one; with more there is little in the band, and `ripple.py` seeks it in the angle."""
+CYCLES_SHOWN = {"torque_ripple": (1.0, 4.0)}
+"""Cycles on the joint's way between which the band shows a kind: with less than one nothing returns, and any curve is a
+part of it; with more there is little in the band, and `ripple.py` seeks it in the angle."""
 LEAST_WEIGHT = 0.1
 """Part of a joint's load that weight has to be where nothing tells the rotor from the link."""
 CHUNK = 48

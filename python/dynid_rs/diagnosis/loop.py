@@ -21,6 +21,7 @@ from dynid_rs.diagnosis.belief import fitted, weighed_as
 from dynid_rs.diagnosis.entries import effect_entries
 from dynid_rs.diagnosis.gears import centred, gear_entries
 from dynid_rs.diagnosis.hypotheses import Catalogue, Place
+from dynid_rs.diagnosis.misfit import nameless, of_the_angle
 from dynid_rs.diagnosis.mounting import mounted
 from dynid_rs.diagnosis.reference import compare
 from dynid_rs.diagnosis.ripple import find_ripple, ripple_entries
@@ -130,9 +131,10 @@ def _traced(
     on_progress("what is left")
     tests = [found.setup.corrected(recording) for recording in test]
     names = setup.robot.joint_names
+    without_name = nameless(found)
     entries = [
-        *gear_entries(found.fit),
-        *effect_entries(found, tests),
+        *gear_entries(found.fit, of_the_angle(without_name)),
+        *effect_entries(found, tests, without_name),
         *ripple_entries(lines, found.fit),
     ]
     return Diagnosis(

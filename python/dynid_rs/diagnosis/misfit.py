@@ -8,6 +8,8 @@ is kept, for it predicts, and its cause is called unknown.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from dynid_rs.base.odds import SURE
@@ -46,12 +48,17 @@ def nameless(belief: Belief) -> dict[Place, Argument]:
 
 def _parts_of(found: dict[Place, Argument], belief: Belief) -> dict[Place, Argument]:
     """Places of all functions of an angle where one of them has no name: together they are what it is a part of."""
-    by_joint = {joints: argument for (kind, joints), argument in found.items() if _is_of_the_angle(kind)}
+    by_joint = of_the_angle(found)
     return {
-        (effect.kind, effect.joints): by_joint[effect.joints]
+        (effect.kind, effect.joints): by_joint[effect.joints[0]]
         for effect in belief.setup.effects
-        if effect.joints in by_joint and _is_of_the_angle(effect.kind)
+        if effect.joints[0] in by_joint and _is_of_the_angle(effect.kind)
     }
+
+
+def of_the_angle(found: Mapping[Place, Argument]) -> dict[int, Argument]:
+    """Joints where what has no name is a function of the angle alone."""
+    return {joints[0]: argument for (kind, joints), argument in found.items() if _is_of_the_angle(kind)}
 
 
 def _is_of_the_angle(kind: str) -> bool:

@@ -105,21 +105,24 @@ def forward(belief: Belief, never: Collection[Place] = ()) -> list[Named]:
     need = SURE + log_places
     parts, runs = blocks(beside.model.n_rows), whole_runs(belief.run_lengths)
     found: list[Named] = []
-    refused: set[Place] = set()
+    refused, doubted = set[Place](), set[Place]()
     for _ in range(MOST_A_ROUND):
         open_ = [h for h in open_ if h.place not in refused]
         values, open_ = evidence(beside, open_, belief.catalogue)
-        passing = sorted((v for v in values.values() if v.value > need), key=lambda v: -v.value)
+        passing = [v for v in values.values() if v.value > need and v.hypothesis.place not in doubted]
         if not passing:
             break
-        best = passing[0]
+        best = max(passing, key=lambda v: v.value)
         place = best.hypothesis.place
         after = beside.with_columns(best.columns)
         rivals = [v for v in values.values() if v.hypothesis.place != place and shares(v.hypothesis, best.hypothesis)]
         if not (
-            helps(beside, after, belief.reach(best.hypothesis), parts, runs) and is_stable(beside, best, rivals, parts)
+            helps(beside, after, belief.reach(best.hypothesis), parts, runs)
+            and is_stable(beside, best, rivals, parts)
+            # What tells the same with more right, and does not hold, makes the next best no more likely.
+            and all(after.evidence_for(v.hypothesis)[0] > need for v in rivals if v.value > best.value + SURE)
         ):
-            refused.add(place)
+            doubted.add(place)
             continue
         told = {v.hypothesis.place: v.value - best.value for v in rivals if v.value > need}
         # In its own shape: what a grid's leaves of an effect looks like the next one.
