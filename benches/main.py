@@ -9,6 +9,7 @@ os.environ.setdefault("RAYON_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import chain
+import commands
 import dynamics
 import excitation
 import footprint
@@ -37,6 +38,8 @@ READING = """## Reading these figures
   most of what is left of ours.
 * The chain (G14) has no peer here: its limit was set against the paper's own computing. Mixtures are iterated in Rust
   (`solver="fused"`), from scikit-learn's start.
+* A command's figure is the processor's of a whole process, start, report and files included; of `dynid --help` all is
+  start.
 * Of the wheel (G13) the compiled module is most, and of the module the kernels, which stand in it once for each kind of
   processor. Its profile (`[profile.wheel]`) optimises across crates, and what reads files for size.
 * CasADi's C is that of `benches/arm_graph.py`, which leaves out every product with a zero of the robot file, and writes
@@ -56,6 +59,7 @@ def main():
         ("Excitation", excitation.rows()),
         ("Mixtures", mixtures.rows(large=not quick)),
         ("The whole chain", chain.rows()),
+        ("Commands", commands.rows(measured=not quick)),
         ("Footprint", footprint.rows(wheel=not quick)),
     )
     page = [INTRODUCTION]

@@ -49,16 +49,21 @@ class Measured:
     test: tuple[str, ...]
     limits: Limits
 
-    def diagnose(self, output: Path) -> dict[str, Any]:
-        """Run the plain command, no option given, and return result.json."""
+    def command(self, output: Path) -> list[str]:
+        """Return the plain command, no option given."""
 
         def run(name: str) -> str:
             return str(data.place() / self.folder / f"{name}.parquet")
 
         tests = [part for name in self.test for part in ("--test", run(name))]
         arguments = ["diagnose", run("robot").replace(".parquet", ".urdf"), *map(run, self.train), *tests]
-        command = [sys.executable, "-c", COMMAND, *arguments, "-o", str(output)]
-        done = subprocess.run(command, capture_output=True, text=True, stdin=subprocess.DEVNULL, check=False)
+        return [sys.executable, "-c", COMMAND, *arguments, "-o", str(output)]
+
+    def diagnose(self, output: Path) -> dict[str, Any]:
+        """Run the command and return result.json."""
+        done = subprocess.run(
+            self.command(output), capture_output=True, text=True, stdin=subprocess.DEVNULL, check=False
+        )
         if not (output / "result.json").is_file():
             raise RuntimeError(f"{self.title}: {done.stderr.strip() or done.stdout.strip()}")
         return json.loads((output / "result.json").read_text(encoding="utf-8"))

@@ -73,6 +73,19 @@ def test_wrong_use(arguments, words, tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("asked", ["--help", "--version"])
+def test_what_needs_no_numbers_starts_without_their_libraries(asked):
+    heavy = ("numpy", "scipy", "sklearn", "pyarrow", "plotly")
+    code = (
+        f"import sys; sys.argv = ['dynid', {asked!r}]\n"
+        "from dynid_rs.cli import main\n"
+        "try:\n    main()\n"
+        f"finally:\n    sys.stderr.write(str([name for name in {heavy!r} if name in sys.modules]))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stderr == "[]"
+
+
 def test_no_command_shows_the_help():
     assert "identify" in dynid().output
 

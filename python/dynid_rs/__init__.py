@@ -19,7 +19,6 @@ from dynid_rs._core import (
     __version__,
 )
 from dynid_rs.base.errors import DataError, MissingLibraryError, RankDeficientError
-from dynid_rs.runs.recording import Recording
 
 if TYPE_CHECKING:
     from dynid_rs.diagnosis.loop import diagnose
@@ -36,6 +35,7 @@ if TYPE_CHECKING:
     from dynid_rs.model.physical import PhysicalIdentifier
     from dynid_rs.regression.instruments import InstrumentalVariables
     from dynid_rs.runs.readers import read_recording
+    from dynid_rs.runs.recording import Recording
 
 # scikit-learn takes a second to import; nobody who only evaluates a model should wait for it.
 _LATE = {
@@ -48,6 +48,7 @@ _LATE = {
     "MomentumObserver": "model.observer",
     "PhysicalIdentifier": "model.physical",
     "RbfRegressor": "identification.rbf",
+    "Recording": "runs.recording",
     "ResidualCompensator": "identification.residual",
     "Setup": "diagnosis.setup",
     "ThreeLoopIdentifier": "identification.three_loops",

@@ -8,13 +8,14 @@ import stat
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
-
-import numpy as np
+from typing import TYPE_CHECKING, Any
 
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.held import held_file, held_folder
 from dynid_rs.base.quoting import LONGEST, shown
+
+if TYPE_CHECKING:
+    import numpy as np
 
 _REASONS: dict[type[OSError], str] = {
     FileNotFoundError: "it does not exist; check the path",
@@ -223,6 +224,8 @@ def write_json(path: str | os.PathLike[str], obj: object) -> None:
 
 
 def _plain(value: object) -> object:
+    import numpy as np  # late: help and version do without
+
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
     raise TypeError(f"{type(value).__name__} cannot be written as JSON")
@@ -245,6 +248,7 @@ def write_table(path: str | os.PathLike[str], columns: Mapping[str, np.ndarray[A
     OSError
         The place cannot be written.
     """
+    import numpy as np
     import pyarrow as pa
     import pyarrow.parquet as pq
 

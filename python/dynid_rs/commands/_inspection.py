@@ -7,10 +7,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from dynid_rs.base.findings import Finding
-from dynid_rs.runs.checks import check_recording
+from dynid_rs.commands._run import EXIT_NO, EXIT_UNUSABLE, error_object
+from dynid_rs.runs.checks import check_recording, relative_jitter
 from dynid_rs.runs.checks.clocks import Clock, clock_findings
 from dynid_rs.runs.readers import Config, Run, read_run
+from dynid_rs.runs.recording import Recording, gaps
 
 
 @dataclass(frozen=True)
@@ -45,3 +49,55 @@ def compared(inspections: Sequence[Inspection]) -> list[Inspection]:
         others = [f for f in inspection.findings if (f.code, f.severity) != (finding.code, finding.severity)]
         result[places[at]] = replace(inspection, findings=(finding, *others))
     return result
+
+
+def exit_code(inspections: list[Inspection]) -> int:
+    """2 when a file is unreadable, 1 when one has errors in it, else 0."""
+    if any(inspection.error is not None for inspection in inspections):
+        return EXIT_UNUSABLE
+    return EXIT_NO if any(f.severity == "error" for item in inspections for f in item.findings) else 0
+
+
+def to_json(inspection: Inspection) -> dict[str, object]:
+    """Return everything `inspect` knows about one file, for programs."""
+    if inspection.run is None:
+        error = inspection.error or ValueError("not read")
+        return {"path": str(inspection.path), "error": error_object(error)}
+    rec, columns = inspection.run.recording, inspection.run.columns
+    return {
+        "path": str(inspection.path),
+        "kind": inspection.run.kind,
+        "n_samples": rec.n_samples,
+        "duration_s": rec.duration,
+        "rate_hz": rec.rate,
+        "jitter": relative_jitter(rec),
+        "n_gaps": len(gaps(rec)),
+        "torque_unit": rec.torque_unit,
+        "encoders": 2 if rec.has_motor_encoder else 1,
+        "columns": {
+            "t": columns.time,
+            **{signal: list(names) for signal, names in columns.signals.items()},
+            "ignored": list(columns.ignored),
+        },
+        "joints": [_joint(rec, joint) for joint in range(rec.n_joints)],
+        "findings": [finding.to_json() for finding in inspection.findings],
+    }
+
+
+def _joint(rec: Recording, joint: int) -> dict[str, object]:
+    velocity = rec.dq[:, joint] if rec.dq is not None else np.gradient(rec.q[:, joint], rec.t)
+    tau = rec.tau[:, joint]
+    return {
+        "name": rec.joints[joint],
+        "q": [float(rec.q[:, joint].min()), float(rec.q[:, joint].max())],
+        "speed_p99": float(np.percentile(np.abs(velocity), 99)),
+        "tau": [float(tau.min()), float(tau.max())],
+        "tau_std": float(tau.std()),
+    }
+
+
+def hint(inspection: Inspection, config: Path | None) -> str:
+    """Point at a config that lies beside the run and was not given."""
+    beside = inspection.path.parent / "dynid.toml"
+    missing = getattr(inspection.error, "code", "") == "missing_column"
+    return f" (there is {beside}: give it with --config)" if config is None and missing and beside.is_file() else ""

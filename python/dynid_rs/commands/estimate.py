@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
 import typer
 
 from dynid_rs.commands._run import print_json, run_command
@@ -72,7 +71,7 @@ def estimate(
         write_table(output, columns)
     if states is not None:
         write_states(states, t, signals, temperature)
-    unusual = int(np.count_nonzero(status))
+    unusual = int((status != 0).sum())
     joints, unit = list(torque_model.robot.joint_names), torque_model.torque_unit
     if json_output:
         print_json(
@@ -171,6 +170,8 @@ def states_of(
 
 def write_states(path: Path, t: FloatArray, signals: tuple[FloatArray, ...], temperature: FloatArray | None) -> None:
     """Write states as CSV; every number in the shortest form that reads back to the same bits."""
+    import numpy as np
+
     from dynid_rs.base.files import write_text
 
     n = signals[0].shape[1]

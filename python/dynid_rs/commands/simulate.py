@@ -6,13 +6,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
 import typer
-from numpy.typing import NDArray
 
 from dynid_rs.commands._run import print_json, run_command
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from dynid_rs._core import RobotModel
     from dynid_rs.simulation import SimulatedArm, Simulation, Tracking
     from dynid_rs.simulation.effects.wish import Wish
@@ -182,6 +183,8 @@ def _arm(
 def _stiffness(text: str | None, n_joints: int) -> NDArray[np.float64] | None:
     if text is None:
         return None
+    import numpy as np
+
     try:
         values = np.array([float(part) for part in text.split(",")])
     except ValueError:

@@ -132,6 +132,7 @@ class Catalogue:
     runs: list[States] = field(init=False)
     finer: dict[Place, Hypothesis] = field(init=False, default_factory=dict)
     _columns: dict[Shaped, Columns] = field(init=False, default_factory=dict)
+    _sizes: dict[Shaped, dict[int, FloatArray]] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
         fit = self.fit
@@ -148,8 +149,15 @@ class Catalogue:
         self._widths = tanh_widths(fit.observations_.plan.friction[0])
         before, self.before = self.before, None
         if before is not None and _same_motion(before.runs, self.runs):
-            kept = before._columns.items()
-            self._columns = {s: c for s, c in kept if "tau_link" not in CATALOGUE[s.kind]["signals"]}
+            kept = [s for s in before._columns if self._still_sought(s)]
+            self._columns = {s: before._columns[s] for s in kept}
+            self._sizes = {s: before._sizes[s] for s in kept}
+
+    def _still_sought(self, s: Shaped) -> bool:
+        """Whether columns of an earlier fit are the same beside this one, and its sign is still that of friction."""
+        entry, shape = CATALOGUE[s.kind], dict(s.shape)
+        signs = [p["name"] for p in entry["shape"] if p["relative_to"] == "friction_width"]
+        return "tau_link" not in entry["signals"] and all(shape[n] == self._widths[s.joints[0]] for n in signs)
 
     def hypotheses(self) -> list[Hypothesis]:
         """Every kind that is sought, at every place, with every shape of its grid."""
@@ -240,6 +248,7 @@ class Catalogue:
                         parts[s].append(own)
         for s, runs in parts.items():
             self._columns[s] = _apart({j: np.concatenate([run[j] for run in runs]) for j in s.joints})
+            self._sizes[s] = {j: np.sqrt(np.mean(part**2, axis=0)) for j, part in self._columns[s].items()}
 
     def _effect(self, kind: str, pack: dict[int, tuple[Shaped, Shape]]) -> _core.Effect:
         idle = dict(next(iter(pack.values()))[1])
@@ -284,7 +293,7 @@ class Catalogue:
     def _hypothesis(self, s: Shaped) -> Hypothesis:
         columns, placed, n = self._columns[s], s.placed(), len(s.joints)
         coefficients = CATALOGUE[s.kind]["coefficients"]
-        size = np.max([np.sqrt(np.mean(part**2, axis=0)) / self._torque[j] for j, part in columns.items()], axis=0)
+        size = np.max([own / self._torque[j] for j, own in self._sizes[s].items()], axis=0)
         unit = np.where(size > 0, USUAL / np.where(size > 0, size, 1.0), 0.0)
         return Hypothesis(
             s.kind,

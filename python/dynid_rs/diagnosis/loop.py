@@ -112,6 +112,7 @@ def _traced(
         fit = setup.identifier(residual=None).fit(list(train))
         return Diagnosis(setup, fit, fit, findings=findings)
     check_motion([before.states(recording) for recording in test])  # before the long part
+    setup = replace(setup, options={**setup.options, "cutoff": before.band_.cutoff})  # the motion stays what it is
     on_progress("mounting")
     asked, odds = mounted(setup, before)
     asked, fit = centred(asked, train, before if asked is setup else fitted(asked, train), setup.encoder_error)

@@ -20,7 +20,7 @@ from dynid_rs.runs.preprocessing import States
 FloatArray = NDArray[np.float64]
 PerJoint = list[FloatArray]
 
-MOST_BYTES = 48_000_000
+MOST_BYTES = 20_000_000
 """Size of all columns that are kept; those that were used longest ago go first."""
 
 

@@ -37,7 +37,7 @@ BoolArray = NDArray[np.bool_]
 Columns = Mapping[int, FloatArray]
 """Joint to its rows (n_rows, k) of a hypothesis; joints that are left out have zeros."""
 
-AT_ONCE = 400
+AT_ONCE = 100
 """Hypotheses that are screened in one product; more would only take more memory."""
 
 

@@ -152,10 +152,12 @@ impl Lower {
     }
 }
 
-/// One joint in the order of the factor: its pairs of columns left of the diagonal and on it.
+/// One joint in the order of the factor.
 struct Joint {
-    /// Row, column, entry of the Gram matrix.
+    /// Row, column, entry of the Gram matrix left of the diagonal.
     pairs: Vec<(u32, u32, f64)>,
+    /// Entries on it, in the order of `places`.
+    squares: Vec<f64>,
     places: Vec<usize>,
     /// `M' y`
     moment: Vec<f64>,
@@ -170,15 +172,16 @@ impl Joint {
         let mut columns: Vec<usize> = (0..k).collect();
         columns.sort_by_key(|&c| order[joint.places[c]]);
         let place = |c: usize| order[joint.places[c]];
-        let mut pairs = Vec::with_capacity(k * (k + 1) / 2);
+        let mut pairs = Vec::with_capacity(k * k / 2);
         for (a, &row) in columns.iter().enumerate() {
-            for &column in &columns[..=a] {
+            for &column in &columns[..a] {
                 let entry = joint.gram[row * (k + 1) + column];
                 pairs.push((place(row) as u32, place(column) as u32, entry));
             }
         }
         Self {
             pairs,
+            squares: columns.iter().map(|&c| joint.gram[c * (k + 2)]).collect(),
             places: columns.iter().map(|&c| place(c)).collect(),
             moment: columns
                 .iter()
@@ -188,32 +191,25 @@ impl Joint {
         }
     }
 
-    /// `sum over pairs of entry (a b + b a)`, each on the diagonal once.
+    /// `sum over a, b of G_ab X_ab` of a symmetric X.
     #[inline(always)]
-    fn doubled(&self, number: impl Fn(usize, usize) -> f64) -> f64 {
-        let (mut twice, mut once) = (0.0, 0.0);
-        for &(a, b, entry) in &self.pairs {
-            let (a, b) = (a as usize, b as usize);
-            let term = entry * number(a, b);
-            if a == b {
-                once += term;
-            } else {
-                twice += term;
-            }
-        }
-        2.0 * twice + once
+    fn along(&self, x: impl Fn(usize, usize) -> f64) -> f64 {
+        let twice = |&(a, b, entry): &(u32, u32, f64)| entry * x(a as usize, b as usize);
+        let once = |(&at, entry): (&usize, &f64)| entry * x(at, at);
+        let own: f64 = self.places.iter().zip(&self.squares).map(once).sum();
+        2.0 * self.pairs.iter().map(twice).sum::<f64>() + own
     }
 
     /// `|y - M x|^2`
     #[inline(always)]
     fn power(&self, x: &[f64]) -> f64 {
-        let along: f64 = self
+        let mixed: f64 = self
             .places
             .iter()
             .zip(&self.moment)
             .map(|(&at, g)| g * x[at])
             .sum();
-        (self.square - 2.0 * along + self.doubled(|a, b| x[a] * x[b])).max(0.0)
+        (self.square - 2.0 * mixed + self.along(|a, b| x[a] * x[b])).max(0.0)
     }
 }
 
@@ -289,14 +285,10 @@ impl System {
         let (mut precision, mut moment) = (self.prior.clone(), self.moment.clone());
         for (joint, w) in self.joints.iter().zip(weights) {
             for &(a, b, entry) in &joint.pairs {
-                let (a, b) = (a as usize, b as usize);
-                if a == b {
-                    precision.diagonal[a] += w * entry;
-                } else {
-                    *precision.at_mut(a, b) += w * entry;
-                }
+                *precision.at_mut(a as usize, b as usize) += w * entry;
             }
-            for (&at, g) in joint.places.iter().zip(&joint.moment) {
+            for ((&at, square), g) in joint.places.iter().zip(&joint.squares).zip(&joint.moment) {
+                precision.diagonal[at] += w * square;
                 moment[at] += w * g;
             }
         }
@@ -339,7 +331,7 @@ impl Factor {
             let own =
                 &row[first[i] / MOST_LANES..i.div_ceil(MOST_LANES).max(first[i] / MOST_LANES)];
             let pivot = 1.0 + ROUNDING - product::<L>(own, own);
-            if !(pivot > 0.0 && pivot.is_finite()) {
+            if !(pivot > 0.0 && (pivot * scale[i]).is_finite()) {
                 return Err(OfflineError::NonFinite {
                     what: "linear model of all joints",
                 });
@@ -468,7 +460,7 @@ impl Kernel for Search<'_> {
             for (j, joint) in system.joints.iter().enumerate() {
                 let covariance =
                     |a: usize, b: usize| square.at(a, b) * factor.scale[a] * factor.scale[b];
-                let taken = weights[j] * joint.doubled(covariance);
+                let taken = weights[j] * joint.along(covariance);
                 let all = noise.n_effective[j];
                 let left = (all - taken).max((1.0 - MOST_TAKEN) * all);
                 let update = (share[j] * joint.power(&x) / left)

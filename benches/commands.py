@@ -1,0 +1,65 @@
+"""What whole commands take, as processes: seconds of the processor and memory at its peak."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from measure import ROOT, Row
+
+sys.path.insert(0, str(ROOT / "tests"))
+
+import data
+from measured_sets import COMMAND, SETS
+
+ROUNDS = 3
+N_RUNS = 5
+MEASURED = "ur10e"
+MOST_SECONDS, MOST_BYTES = 10.0, 400e6
+"""Goal for the diagnosis of the measured arm."""
+
+
+def rows(measured: bool) -> Iterator[Row]:
+    """Start, `identify` and `diagnose` of the simulated laboratory, `diagnose` of a measured arm where its data is."""
+    dynid = [sys.executable, "-c", COMMAND]
+    yield _row("`dynid --help`", [*dynid, "--help"])
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = Path(temporary)
+        _taken([*dynid, "simulate", "-o", str(folder), "--runs", str(N_RUNS)])
+        *train, test = (str(folder / f"run_{k}.parquet") for k in range(N_RUNS))
+        given = [str(folder / "robot.urdf"), *train, "--test", test, "-o", str(folder / "result")]
+        yield _row("`dynid identify`, simulated laboratory", [*dynid, "identify", *given])
+        yield _row("`dynid diagnose`, simulated laboratory", [*dynid, "diagnose", *given])
+        if measured and data.place().is_dir():
+            arm = SETS[MEASURED]
+            yield _row(f"`dynid diagnose`, {arm.title}", arm.command(folder / MEASURED), MOST_SECONDS, MOST_BYTES)
+
+
+def _row(what: str, command: Sequence[str], most_seconds: float = 0.0, most_bytes: float = 0.0) -> Row:
+    taken = [_taken(command) for _ in range(ROUNDS)]
+    seconds, most = sorted(own for own, _ in taken), max(memory for _, memory in taken)
+    figure = f"{seconds[ROUNDS // 2]:.2f} s ({seconds[0]:.2f} to {seconds[-1]:.2f}), {most / 1e6:.0f} MB"
+    if not most_seconds:
+        return Row("", what, figure, "")
+    met = seconds[ROUNDS // 2] <= most_seconds and most <= most_bytes
+    return Row("", what, figure, "", limit=f"<= {most_seconds:g} s, {most_bytes / 1e6:.0f} MB", met=met)
+
+
+def _taken(command: Sequence[str]) -> tuple[float, float]:
+    """Seconds of the processor and bytes at the peak of a command; 1 is an answer too."""
+    process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+    _, status, usage = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    if process.returncode not in (0, 1):
+        raise subprocess.CalledProcessError(process.returncode, command)
+    unit = 1 if sys.platform == "darwin" else 1024  # of the resident size
+    return usage.ru_utime + usage.ru_stime, float(usage.ru_maxrss * unit)
+
+
+if __name__ == "__main__":
+    for line in rows(measured=True):
+        print(line, flush=True)
