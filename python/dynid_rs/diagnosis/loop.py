@@ -125,11 +125,10 @@ def _traced(
     if found.fit is not found.catalogue.fit:
         found.catalogue = Catalogue(found.fit, found.catalogue)
     on_progress("what is left")
-    tests = [found.setup.corrected(recording) for recording in test]
     names = setup.robot.joint_names
     entries = [
         *gear_entries(found.fit),
-        *effect_entries(found, tests),
+        *effect_entries(found, test),
         *ripple_entries(lines, found.fit),
     ]
     return Diagnosis(
