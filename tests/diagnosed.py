@@ -14,6 +14,7 @@ from dynid_rs.diagnosis.loop import Diagnosis, diagnose
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.identification.results import score
 from dynid_rs.simulation import SimulatedArm, build_effects, bundled_robot, equip, parse_wish, simulate, typical_arm
+from dynid_rs.simulation.folder import run_columns
 
 ROBOT = RobotModel.from_urdf_string(URDF)
 """Three joints: shoulder (upright axis), elbow, wrist."""
@@ -64,6 +65,12 @@ def measured(*wishes: str, robot: RobotModel = ROBOT, **options: Any) -> list[Re
     return recorded(with_effects(arm, *wishes) if wishes else arm, **options)
 
 
+def columns_of(recording: Recording) -> dict[str, np.ndarray]:
+    """A recording as a file has it, positions and torques alone."""
+    columns = run_columns(recording)
+    return {name: x for name, x in columns.items() if not name.startswith(("dq_", "ddq_", "dq_motor"))}
+
+
 def found_in(runs: Sequence[Recording], robot: RobotModel = ROBOT, *, n_test: int = 1, **options: Any) -> Diagnosis:
     """Diagnose runs, the last of them for testing; `options` as `Setup` has them."""
     return diagnose(Setup(robot, options=options), runs[:-n_test], runs[-n_test:])
@@ -101,7 +108,6 @@ def truth_of(arm: SimulatedArm, kind: str, left_out: Iterable[str] = ()) -> dict
 
 def errors(found: Diagnosis, runs: Sequence[Recording]) -> tuple[np.ndarray, np.ndarray]:
     """Error per joint of the declared model and of the one with what was found, in the band."""
-    setup = found.setup
     before = score(found.before.model_, [found.before.states(run) for run in runs]).rmse
-    after = score(found.after.model_, [found.after.states(setup.corrected(run)) for run in runs]).rmse
+    after = score(found.after.model_, [found.after.states(run) for run in runs]).rmse
     return before, after

@@ -379,6 +379,7 @@ def test_a_reduction_of_zero_is_refused(tmp_path, zero):
     assert inspected("100").exit_code == 0
     place = f"{URDF.count(chr(10)) + 2}:20"
     sentence = refusal(inspected(zero))
-    assert sentence.startswith(
-        f"robot.urdf:{place}: mechanicalReduction is zero, expected rotor speed over joint speed"
-    )
+    says = "<transmission>: mechanicalReduction is zero, expected rotor speed over joint speed; correct it"
+    assert sentence.startswith(f"{robot}:{place}: {says}")
+    with pytest.raises(dyn.UrdfError, match="mechanicalReduction is zero"):
+        dyn.RobotModel.from_urdf(robot)

@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from robots import random_chain
 from small_arm import dynid, refusal, snapshot
-from whole_model import RESIDUALS, SIGNALS, STEP, every_effect, recorded_states, spoiled, whole_model
+from whole_model import RESIDUALS, SIGNALS, STEP, every_effect, recorded_states, spoiled, whole_model, write_again
 
 from dynid_rs import _core
 from dynid_rs.model.export import c_header, c_prefix
@@ -211,15 +211,34 @@ def with_names(model, names, folder):
     return write_again(content, path)
 
 
-def write_again(content, path):
-    """A model file with the checksum of what it holds."""
-    import hashlib
+@pytest.mark.parametrize("standard", ["c99", "c++17"])
+def test_a_late_torque_channel(tmp_path, robot, states, standard):
+    model = whole_model(robot, states, None, seed=7).with_torque_delay(0.0123)
+    library = compiled(tmp_path, c_header(model, "arm"), standard)
+    assert_same(model, library, states)
+    some = {name: values[:40].copy() for name, values in states.items()}
+    some["q"][7:9] = np.nan
+    _, _, _, status = run(library, some)
+    assert status[:4].tolist() == [512 | 2] * 4 or np.all(status[:4] & 512)
+    assert status[7:9].tolist() == [1, 1]
+    assert not np.any(status[9:] & 512), "time goes on while nothing usable comes"
 
-    content["checksum"] = "sha256:" + "0" * 64
-    text = json.dumps(content, indent=2, ensure_ascii=False) + "\n"
-    digest = hashlib.sha256(text.encode()).hexdigest()
-    path.write_text(text.replace("0" * 64, digest, 1), encoding="utf-8")
-    return _core.TorqueModel.load(path)
+
+def test_an_early_torque_channel_is_left_as_it_is(tmp_path, robot, states):
+    """No state is known before it comes: the torque is that of the state, and the header says so."""
+    plain = whole_model(robot, states, None, seed=7)
+    header = c_header(plain.with_torque_delay(-0.01), "arm")
+    assert "early: torques here are those of the state" in header
+    assert_same(plain, compiled(tmp_path, header), states)
+
+
+def test_states_beyond_the_limits(tmp_path, robot, states):
+    model = whole_model(robot, states, "deflection", seed=7)
+    wild = {name: values.copy() for name, values in states.items()}
+    wild["dq"][50, 1], wild["ddq_motor"][60, 2], wild["q"][70, 0] = 1e6, -1e9, 1e12
+    _, _, status = model.evaluate(**wild)
+    assert np.flatnonzero(status & 4096).tolist() == [50, 60, 70]
+    assert_same(model, compiled(tmp_path, c_header(model, "arm")), wild)
 
 
 def test_names_of_a_model_file_are_never_c(tmp_path, robot, states):

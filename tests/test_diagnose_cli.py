@@ -106,13 +106,41 @@ def test_a_change_has_its_interval_and_what_cannot_be_said_is_a_dash(tmp_path, s
         line for line in capsys.readouterr().out.splitlines() if any(f"\u2502 {joint} " in line for joint in JOINTS)
     ]
     cells = [[cell.strip() for cell in row.strip("\u2502").split("\u2502")] for row in rows]
-    assert [row[3] for row in cells] == ["1 - 2", "3 - 4", "-"]
-    assert [row[5] for row in cells] == ["-20 to +10 %", "-50 to -40 %", "-"]
+    assert [row[4] for row in cells] == ["1 - 2", "3 - 4", "-"]
+    assert [row[6] for row in cells] == ["-20 to +10 %", "-50 to -40 %", "-"]
     show(result, tmp_path)
     assert f"-: {NO_INTERVAL[:60]}" in capsys.readouterr().out
     test |= {"after_interval": [[1.0, 2.0]] * 3, "change_interval": [[-0.2, 0.1]] * 3}
     show(result, tmp_path)
     assert "no interval can be said" not in capsys.readouterr().out
+
+
+def test_least_squares_stand_beside_both_models_and_what_is_worse_is_said(tmp_path, search, capsys):
+    search(made_diagnosis.with_effects)
+    done = study()
+    _, result = diagnosed(tmp_path, done.robot, *done.runs[:2], "--test", done.runs[2])
+    test = result["rmse"]["test"]
+    test |= {"wls": [0.111, 2.22, 0.333], "before": [0.0444, 3.33, 0.334], "after": [0.0555, 2.666, 0.335]}
+    show(result, tmp_path)
+    out = capsys.readouterr().out
+    for j, joint in enumerate(JOINTS):
+        (row,) = (line for line in out.splitlines() if f"\u2502 {joint} " in line)
+        cells = [cell.strip() for cell in row.strip("\u2502").split("\u2502")]
+        assert cells[1:4] == [f"{test[key][j]:.3g}" for key in ("wls", "before", "after")]
+    assert "WLS" in out
+    assert "before" in out
+    sentence = (
+        "Worse than the simplest model: the declared model leaves more than weighted least squares on elbow (+50 %); "
+        "the model with effects leaves more than weighted least squares on elbow (+20 %)."
+    )
+    assert sentence in " ".join(out.split())
+    assert sentence in report_diagnosis.errors(result)
+    test |= {"before": [0.1, 2.0, 0.3], "after": [0.05, 1.0, 0.33]}
+    show(result, tmp_path)
+    assert "Worse than the simplest" not in capsys.readouterr().out
+    assert "Worse than the simplest" not in report_diagnosis.errors(result)
+    page = report_diagnosis.errors(result)
+    assert page.index("Weighted least squares") < page.index("Before") < page.index("After")
 
 
 def test_clean_data_is_a_good_answer(tmp_path, search):

@@ -67,7 +67,7 @@ def test_one_delay_of_all_torque_channels_is_recovered(delay_ms):
     assert holds(entry_of(found, "torque_delay"), {"delay": 1e-3 * delay_ms}) == []
     # The correction is what it says: on the corrected runs there is no delay left.
     np.testing.assert_allclose(found.setup.torque_delay, 1e-3 * delay_ms, atol=2e-3)
-    again = found_in([found.setup.corrected(recording) for recording in recordings])
+    again = found_in([recording.less_torque_delay(found.setup.torque_delay) for recording in recordings])
     assert again.effects == []
 
 
@@ -75,7 +75,8 @@ def test_clean_arms_have_no_contact():
     for seed in range(CLEAN_SEEDS):
         _, recordings = runs(seed=seed, duration=8.0)
         fit = fitted(recordings[:3])
-        assert not find_contacts(fit, [*fit.raw_runs_, fit.states(recordings[3])]), seed
+        assert not find_contacts(fit, fit.raw_runs_), seed
+        assert not find_contacts(fit, fit.raw_runs_, [fit.states(recordings[3])]), seed
 
 
 def test_pushes_are_found_in_training_and_test_runs_and_nothing_else():

@@ -57,7 +57,7 @@ def test_a_change_of_structure_that_makes_the_data_less_probable_is_taken_back()
 
 
 def test_a_clock_that_is_wrong_is_no_likelier():
-    late = replace(Setup(ROBOT), torque_delay=np.full(3, 0.1))
+    late = replace(Setup(ROBOT), torque_delay=0.1)
     belief = Belief.in_declared(Setup(ROBOT), measured())
     declared = belief.kept
     belief.setup = late

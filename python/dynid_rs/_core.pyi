@@ -667,6 +667,9 @@ class TorqueModel:
         `true_motion` does. Zeros by default; joints that slide have none.
     encoder_error_sides : {"link", "both"}
         `"both"` where joints have one encoder, so that the motor side is the same signal.
+    torque_delay : float
+        How late the torque channel is behind the encoders [s], at most 0.5 either way: the model predicts what the
+        channel shows, which is the torque of the state of that long ago. Needs `step`.
     noise_std : (n_joints,)
         Standard deviation of what the model leaves.
     domain : ((n_joints, 2), (n_joints,), (n_joints,))
@@ -674,7 +677,9 @@ class TorqueModel:
     torque_unit : str
         `"N*m"` or `"A"`.
     step : float, optional
-        Time between the samples that will come [s]; needed where an effect remembers in time.
+        Time between the samples that will come [s]; needed where an effect remembers in time or the torque is late.
+    band : (cutoff, rate, standstill), optional
+        Where its errors are told: cutoff [Hz] of the low-pass, rate [Hz] of the grid, whether standstill is scored.
 
     Raises
     ------
@@ -695,10 +700,12 @@ class TorqueModel:
         encoder_delay: Sequence[float],
         encoder_error: ArrayLike | None = None,
         encoder_error_sides: str = "link",
+        torque_delay: float = 0.0,
         noise_std: Sequence[float],
         domain: _Box,
         torque_unit: str = "N*m",
         step: float | None = None,
+        band: tuple[float, float, bool] | None = None,
     ) -> TorqueModel: ...
     @staticmethod
     def load(path: str | PathLike[str]) -> TorqueModel:
@@ -753,7 +760,9 @@ class TorqueModel:
         terms : (n_samples, n_terms, n_joints)
             In the order of `term_names`.
         status : (n_samples,)
-            Bits: 1 overflow, the last good torque is repeated; 2 outside of the domain; 4 residual faded out;
+            Bits: 1 overflow, the last good torque is repeated; 2 outside of the domain; 4 residual faded out; 512 the
+            state that the torque channel shows lies outside of the run, and its first or last one was taken; 4096
+            beyond the model's limits (`docs/online.md`) and evaluated at them;
             online also 8, a signal that an effect needs is missing and its torque zero.
 
         Raises
@@ -860,6 +869,23 @@ class TorqueModel:
     @property
     def encoder_error_sides(self) -> str:
         """`"link"` or `"both"`."""
+
+    @property
+    def torque_delay(self) -> float:
+        """How late the torque channel is behind the encoders [s]; negative where it is early."""
+
+    def with_torque_delay(self, delay: float) -> TorqueModel:
+        """Return the same model for a torque channel that is `delay` [s] late; needs `step` where that is not zero.
+
+        Raises
+        ------
+        ValueError
+            More than 0.5 s or 4094 steps either way, or there is no step.
+        """
+
+    @property
+    def band(self) -> tuple[float, float, bool] | None:
+        """Where its errors are told: cutoff [Hz], rate of the grid [Hz], whether standstill is scored; or None."""
 
     @property
     def noise_std(self) -> _FloatArray:

@@ -38,6 +38,16 @@
 #define DYNID_STATUS_SIGNAL_MISSING 8
 
 /*
+ The torque channel is late, and states do not reach back far enough yet: the oldest one was evaluated.
+ */
+#define DYNID_STATUS_SETTLING 512
+
+/*
+ The state lies beyond the model's limits; it was evaluated at them.
+ */
+#define DYNID_STATUS_BEYOND_LIMITS 4096
+
+/*
  What a call came to.
  */
 typedef enum {
@@ -209,6 +219,15 @@ const char *dynid_model_torque_unit(const DynidModel *model);
  model is NULL or a handle.
  */
 double dynid_model_step(const DynidModel *model);
+
+/*
+ How late the torque channel is behind the encoders [s]: an estimator gives the torque of the state of that long ago,
+ which is what the channel shows. Negative where the channel is early; an estimator then gives the torque of the state,
+ which the channel has shown before. 0 if model is NULL.
+
+ model is NULL or a handle.
+ */
+double dynid_model_torque_delay(const DynidModel *model);
 
 /*
  True if friction of joint joint follows a measured temperature.

@@ -43,6 +43,7 @@ class Reduction:
     band: Band
     rate: float
     standstill: bool
+    torque_delay: float
     excluded: Excluded
     encoder_delay: FloatArray
     encoder_error: FloatArray | None
@@ -66,6 +67,7 @@ class Reduction:
             identifier.band_,
             identifier.rate_,
             identifier.standstill,
+            identifier.torque_delay,
             dict(identifier.excluded or {}),
             np.asarray(identifier.model_.encoder_delay),
             identifier.encoder_error,
@@ -135,7 +137,14 @@ def reduce_run(source: RunSource, reduction: Reduction) -> Entry:
     """
     recording = signals_of(source)
     windows = reduction.excluded.get(recording.name, ())
-    states = prepare_training_run(recording, reduction.band, reduction.rate, windows, standstill=reduction.standstill)
+    states = prepare_training_run(
+        recording,
+        reduction.band,
+        reduction.rate,
+        windows,
+        torque_delay=reduction.torque_delay,
+        standstill=reduction.standstill,
+    )
     del recording  # nothing needs its full rate any more
     seen = _as_seen(states, reduction, reduction.encoder_delay)
     factors = {}

@@ -91,7 +91,9 @@ class Settled:
             data.runs,
             encoder_delay=delay,
             encoder_error=self._loops.encoder_error,
+            torque_delay=data.torque_delay,
             torque_unit=data.torque_unit,
+            band=(data.band.cutoff, data.rate, data.standstill),
             third_loop=third_loop,
             known=data.known,
         )

@@ -8,6 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid_rs.base.quoting import shown
+
+NO_BETTER = 1.02
+"""Ratio of an error to the baseline's from which a model is no better than it."""
 NO_INTERVAL = (
     "no interval can be said where the test runs are too short for how long the errors remember each other, or for how "
     "much their size varies"
@@ -97,7 +101,25 @@ def is_better(result: dict[str, Any]) -> bool:
     if np.any(_lost(test)):
         return False
     nothing_left = np.all(np.asarray(test["after"]) <= 1e-6 * np.asarray(test["torque_std"]))
-    return bool(nothing_left or _mean_ratio(test["after"], test["wls"]) < 1.02)
+    return bool(nothing_left or _mean_ratio(test["after"], test["wls"]) < NO_BETTER)
+
+
+def worse_than_least_squares(result: Mapping[str, Any]) -> str:
+    """One sentence on joints where a model leaves more than weighted least squares; empty where there are none."""
+    test, joints = result["rmse"]["test"], result["joints"]
+    said = []
+    with_effects = test["before"] != test["after"]
+    names = (
+        (("the declared model", "before"), ("the model with effects", "after")) if with_effects else (("it", "after"),)
+    )
+    for name, key in names:
+        errors, baseline = (np.asarray(values, dtype=float) for values in (test[key], test["wls"]))  # None is NaN
+        ratios = errors / np.where(baseline > 0, baseline, np.nan)
+        worse = np.flatnonzero(ratios > NO_BETTER)
+        if len(worse):
+            where = ", ".join(f"{shown(joints[j])} ({100 * (ratios[j] - 1):+.0f} %)" for j in worse)
+            said.append(f"{name} leaves more than weighted least squares on {where}")
+    return f"Worse than the simplest model: {'; '.join(said)}." if said else ""
 
 
 def _lost(test: dict[str, Any]) -> NDArray[np.bool_]:

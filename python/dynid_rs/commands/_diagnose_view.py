@@ -10,7 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from dynid_rs.base.quoting import shown
-from dynid_rs.base.wording import NO_INTERVAL, lacks_interval
+from dynid_rs.base.wording import NO_INTERVAL, lacks_interval, worse_than_least_squares
 from dynid_rs.commands._console import console, interval
 from dynid_rs.commands._identify_view import with_file
 from dynid_rs.diagnosis.wording import named
@@ -22,6 +22,8 @@ def show(result: dict[str, Any], directory: Path) -> None:
     out = console()
     out.print(Text(result["verdict"]))
     out.print(_errors(result))
+    if worse := worse_than_least_squares(result):
+        out.print(Text(worse))
     if lacks_interval(result):
         out.print(Text(f"-: {NO_INTERVAL}"))
     for entry in result["effects"]:
@@ -38,15 +40,16 @@ def show(result: dict[str, Any], directory: Path) -> None:
 
 def _errors(result: dict[str, Any]) -> Table:
     test = result["rmse"]["test"]
-    table = Table(title=Text(f"RMSE on test runs [{result['torque_unit']}]"), title_justify="left")
+    title = f"RMSE on test runs [{result['torque_unit']}] (WLS: weighted least squares, before: as declared)"
+    table = Table(title=Text(title), title_justify="left")
     table.add_column("joint")
-    for heading in ("before", "after", "95 % interval", "change", "95 % interval", "floor"):
+    for heading in ("WLS", "before", "after", "95 % interval", "change", "95 % interval", "floor"):
         table.add_column(heading, justify="right")
     for j, joint in enumerate(result["joints"]):
         before, after, floor = test["before"][j], test["after"][j], test["floor"][j]
         change = f"{100 * (after / before - 1):+.0f} %" if before > 0 else "-"
         bounds = interval(test["after_interval"][j]), _percent(test["change_interval"][j])
-        numbers = (f"{before:.3g}", f"{after:.3g}", bounds[0], change, bounds[1])
+        numbers = (f"{test['wls'][j]:.3g}", f"{before:.3g}", f"{after:.3g}", bounds[0], change, bounds[1])
         table.add_row(Text(shown(joint)), *numbers, "unknown" if floor is None else f"{floor:.3g}")
     return table
 

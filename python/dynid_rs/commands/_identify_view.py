@@ -9,7 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 from dynid_rs.base.quoting import shown
-from dynid_rs.base.wording import NO_INTERVAL, lacks_interval
+from dynid_rs.base.wording import NO_INTERVAL, lacks_interval, worse_than_least_squares
 from dynid_rs.commands._console import console, interval
 from dynid_rs.report import REPORT_FILE
 
@@ -38,6 +38,8 @@ def show(result: dict[str, Any], directory: Path) -> None:
     if lacks_interval(result):
         out.print(Text(f"-: {NO_INTERVAL}"))
     out.print(Text(result["verdict"]))
+    if worse := worse_than_least_squares(result):
+        out.print(Text(worse))
     if "physical" in result:
         out.print(Text(f"Physical set: {result['physical']['reason']}"))
     delay = result["encoder_delay"]

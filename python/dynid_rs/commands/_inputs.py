@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 STRONGEST_GRAVITY = 100.0
 """More than this [m/s^2] is a slip of the unit or of a key; Jupiter has 25."""
 RUN_SUFFIXES = (".parquet", ".csv", ".npz")
-_COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
-_REDUCTION = re.compile(r"<mechanicalReduction\s*>\s*([^<]*?)\s*</mechanicalReduction\s*>")
 ROUNDING = 1e-6
 """Rates from time stamps are not exact."""
 
@@ -46,32 +44,7 @@ def read_robot(path: Path, base: str | None = None, tip: str | None = None, grav
         raise ValueError(
             f"{path}: this is a run, and a robot (URDF or robot.toml) is expected here; the robot comes before the runs"
         )
-    robot = _core.RobotModel.from_file(place, base=base, tip=tip, gravity=vector)
-    if place.suffix.lower() != ".toml":
-        _refuse_no_reduction(path, place.read_text(encoding="utf-8"))
-    return robot
-
-
-def _refuse_no_reduction(path: Path, urdf: str) -> None:
-    """Refuse a gear ratio of zero: without a rotor inertia beside it the reader has no use for one, and does not look.
-
-    Raises
-    ------
-    ValueError
-        Names line and column.
-    """
-    text = _COMMENT.sub(lambda found: re.sub(r"[^\n]", " ", found[0]), urdf)
-    for found in _REDUCTION.finditer(text):
-        try:
-            zero = float(found[1]) == 0.0
-        except ValueError:
-            continue  # no number, and not read
-        if zero:
-            before = text[: found.start()].split("\n")
-            raise ValueError(
-                f"{path.name}:{len(before)}:{len(before[-1]) + 1}: mechanicalReduction is zero, expected rotor speed "
-                "over joint speed; correct it, or delete the element"
-            )
+    return _core.RobotModel.from_file(place, base=base, tip=tip, gravity=vector)
 
 
 def with_rotors(robot: Any, settings: Settings, path: Path, base: str | None, tip: str | None) -> Any:

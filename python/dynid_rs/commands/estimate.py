@@ -2,17 +2,27 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from dynid_rs.commands import _options
 from dynid_rs.commands._run import print_json, run_command
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    import numpy as np
+    from numpy.typing import NDArray
+
     from dynid_rs._core import TorqueModel
     from dynid_rs.runs.recording import FloatArray, Recording
 
+SAME_STEP = 1e-6
+"""Steps that differ by this part of themselves are one step, told by rounded stamps."""
+SETTLING = 512
 SIGNALS = ("q", "dq", "ddq", "q_motor", "dq_motor", "ddq_motor")
 
 
@@ -31,9 +41,18 @@ def estimate(
         ),
     ] = None,
     config: Annotated[Path | None, typer.Option(help="dynid.toml: column names, units, gears, signs")] = None,
+    drive_gain: _options.DriveGain = None,
     cutoff: Annotated[
         float | None,
         typer.Option(help="Band [Hz] for differentiating positions, where dq and ddq are not recorded"),
+    ] = None,
+    exclude: Annotated[
+        list[str] | None,
+        typer.Option(metavar="START:END", help="Times [s] not to score in the band (data.excluded of result.json)"),
+    ] = None,
+    test_from: Annotated[
+        float | None,
+        typer.Option(help="Score in the band what comes after this many seconds, as `dynid identify` does"),
     ] = None,
     json_output: Annotated[bool, typer.Option("--json", help="Answer as JSON on standard output")] = False,
 ) -> None:
@@ -41,26 +60,29 @@ def estimate(
 
     A run with recorded dq and ddq is taken as it is, sample by sample, as `dynid-estimator` takes it.
     Otherwise positions are filtered without phase and differentiated, as in `dynid identify`. A run without
-    torque is fine; there is then no error to report.
+    torque is fine; there is then no error to report. Else there are two: as recorded, and in the band of the
+    model's own result, which on a test run of that result is the error that result.json says.
     """
     from dynid_rs import _core
     from dynid_rs.base.files import check_readable, write_table
-    from dynid_rs.commands._inputs import check_cutoff
+    from dynid_rs.commands._inputs import check_cutoff, read_settings
     from dynid_rs.regression.evaluation import rmse
-    from dynid_rs.runs.readers import Config, read_config, read_run
+    from dynid_rs.runs.readers import read_run
 
     _check_outputs(output, states, inputs=(model, run))
+    windows = [_window(text) for text in exclude or []]
     torque_model = _core.TorqueModel.load(check_readable(model))
-    settings = Config() if config is None else read_config(config)
-    source = read_run(run, torque_model.robot, settings, require_torque=False)
+    settings = read_settings(config, drive_gain, torque_model.robot.n_joints)
+    source = read_run(run, torque_model.robot, settings.config, require_torque=False)
     recording = source.recording
     check_cutoff(cutoff, [recording])
     if source.has_torque and recording.torque_unit != torque_model.torque_unit:
         raise _other_unit(recording, torque_model.torque_unit)
     _check_temperature(torque_model, recording)
     t, signals, tau, temperature = states_of(recording, cutoff, torque_model.encoder_delay)
-    total, terms, status = torque_model.evaluate(*signals, temperature=temperature)
+    total, terms, status = torque_model.evaluate(*signals, step=_step(t, torque_model), temperature=temperature)
     errors = rmse([tau - total]) if source.has_torque else None
+    told, untold = _told(torque_model, recording, windows, test_from) if source.has_torque else (None, "")
     columns: dict[str, Any] = {"t": t, **_by_joint("tau", total)}
     for k, name in enumerate(torque_model.term_names):
         columns |= _by_joint(name, terms[:, k])
@@ -80,7 +102,10 @@ def estimate(
                 "joints": joints,
                 "terms": torque_model.term_names,
                 "torque_unit": unit,
+                "torque_delay": torque_model.torque_delay,
                 "rmse": None if errors is None else errors.tolist(),
+                "rmse_in_band": None if told is None else told.tolist(),
+                "cutoff_hz": None if torque_model.band is None else torque_model.band[0],
                 "n_unusual": unusual,
                 "output": None if output is None else str(output),
                 "states": None if states is None else str(states),
@@ -90,14 +115,68 @@ def estimate(
     if errors is None:
         typer.echo(f"{run.name} holds no torque; there is nothing to compare the estimate with")
     else:
-        for joint, error in zip(joints, errors, strict=True):
-            typer.echo(f"{joint}: RMSE {error:.4g} {unit} (as recorded, all samples)")
+        for line in _lines(joints, unit, errors, told, torque_model):
+            typer.echo(line)
+        if untold:
+            typer.echo(f"no error in the band of result.json: {untold}")
     if unusual:
-        typer.echo(f"{unusual} of {len(t)} samples lie outside of what the model was trained on")
+        typer.echo(f"{unusual} of {len(t)} samples {_why_unusual(status)}")
     if output is not None:
         typer.echo(f"torques: {output}")
     if states is not None:
         typer.echo(f"states: {states}")
+
+
+def _window(text: str) -> tuple[float, float]:
+    """Start and end of `--exclude` [s]."""
+    try:
+        start, end = (float(part) for part in text.split(":"))
+        good = start < end and math.isfinite(start) and math.isfinite(end)
+    except ValueError:
+        good = False
+    if not good:
+        raise ValueError(f"--exclude must be START:END in seconds, START before END, found {text!r}")
+    return start, end
+
+
+def _step(t: FloatArray, model: TorqueModel) -> float:
+    """Time between samples [s]; the model's own where it is the same but for rounding, for the same bits as online."""
+    import numpy as np
+
+    step = float(np.median(np.diff(t)))
+    return model.step if model.step is not None and abs(step - model.step) < SAME_STEP * step else step
+
+
+def _told(
+    model: TorqueModel, recording: Recording, excluded: list[tuple[float, float]], test_from: float | None
+) -> tuple[FloatArray | None, str]:
+    """Error in the band that the model's result was told in, or why there is none."""
+    from dynid_rs.identification.told_again import error_in_band
+    from dynid_rs.runs.splitting import split_runs
+
+    if test_from is not None:
+        (recording,) = split_runs([recording], [], test_from).test
+    try:
+        return error_in_band(model, recording, excluded), ""
+    except ValueError as error:  # the run is good for an estimate all the same
+        return None, str(error)
+
+
+def _lines(
+    joints: list[str], unit: str, errors: FloatArray, told: FloatArray | None, model: TorqueModel
+) -> Iterator[str]:
+    """One per joint: the error as recorded, and in the band."""
+    for j, joint in enumerate(joints):
+        line = f"{joint}: RMSE {errors[j]:.4g} {unit} (as recorded, all samples)"
+        if told is not None and model.band is not None:
+            line += f", {told[j]:.4g} {unit} (in motion, below {model.band[0]:.3g} Hz, as in result.json)"
+        yield line
+
+
+def _why_unusual(status: NDArray[np.uint32]) -> str:
+    if (status[status != 0] == SETTLING).all():
+        return "have no state in the run that their torque belongs to (the torque channel's delay)"
+    return "lie outside of what the model was trained on"
 
 
 def _by_joint(name: str, values: FloatArray) -> dict[str, FloatArray]:

@@ -283,8 +283,7 @@ def _apart(one: Shaped, other: Shaped) -> float:
 
 def fitted(setup: Setup, train: Sequence[Recording], **options: BaseEstimator) -> ThreeLoopIdentifier:
     """Fit declared model and what was found; without a third loop."""
-    identifier = setup.identifier(residual=None, **options)
-    return identifier.fit([setup.corrected(recording) for recording in train])
+    return setup.identifier(residual=None, **options).fit(list(train))
 
 
 def weighed_as(

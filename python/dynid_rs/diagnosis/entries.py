@@ -30,9 +30,9 @@ N_POINTS, N_BINS = 400, 60
 def effect_entries(
     found: Belief, test: Sequence[Recording], nameless: Mapping[Place, Argument]
 ) -> list[dict[str, Any]]:
-    """One entry per name, the most certain first; `test` with their channels on the setup's clocks.
+    """One entry per name, the most certain first.
 
-    Places that are `nameless` have no name that holds (`misfit.py`).
+    Errors are on the runs of `test`, their torque on the encoders' clock. Places that are `nameless` have no name that holds (`misfit.py`).
     """
     errors = _Errors(found, test)
     known = estimates(found)
@@ -133,7 +133,8 @@ class _Errors:
         load = link_load(self._plan, fit.links_)
         parts = []
         for recording in test:
-            states = fit.states(recording).aligned(fit.model_.encoder_delay, fit.model_.encoder_error)
+            states = fit.states(recording.less_torque_delay(self._found.setup.torque_delay))
+            states = states.aligned(fit.model_.encoder_delay, fit.model_.encoder_error)
             parts.append(run_rows(self._plan, replace(states, tau_link=load(states)), states.tau))
         rows = [np.concatenate([part[j] for part in parts]) for j in range(len(parts[0]))]
         return self._posterior.model(self._plan, rows)

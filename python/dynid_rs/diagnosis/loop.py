@@ -130,12 +130,11 @@ def _traced(
     if found.fit is not found.catalogue.fit:
         found.catalogue = Catalogue(found.fit, found.catalogue)
     on_progress("what is left")
-    tests = [found.setup.corrected(recording) for recording in test]
     names = setup.robot.joint_names
     without_name = nameless(found)
     entries = [
         *gear_entries(found.fit, of_the_angle(without_name)),
-        *effect_entries(found, tests, without_name),
+        *effect_entries(found, test, without_name),
         *ripple_entries(lines, found.fit),
     ]
     return Diagnosis(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from dynid_rs.base.findings import Finding
 from dynid_rs.diagnosis.plausibility import implausible
-from dynid_rs.diagnosis.setup import Setup, Windows
+from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.wording import next_experiments, verdict
 from dynid_rs.excitation.named import NamedEffect, separate_command
 from dynid_rs.identification import results
@@ -20,7 +20,7 @@ from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.model.placed import CATALOGUE
 from dynid_rs.regression.error_interval import change_interval, rmse_interval
 from dynid_rs.runs.encoders import with_fitted_delay
-from dynid_rs.runs.preprocessing import States
+from dynid_rs.runs.preprocessing import States, without
 from dynid_rs.runs.recording import Recording
 
 FloatArray = NDArray[np.float64]
@@ -76,29 +76,28 @@ def evaluated(outcome: Outcome, train: Sequence[Recording], test: Sequence[Recor
     """Predict every run with both models; what lies in an excluded window is scored by neither."""
     before, after = outcome.before, outcome.after
 
+    windows = outcome.setup.excluded
+
+    def states(fit: ThreeLoopIdentifier, recording: Recording) -> States:
+        return without(fit.states(recording), windows.get(recording.name, ()))
+
     def both(recordings: Sequence[Recording]) -> tuple[list[Evaluated], list[Evaluated]]:
-        corrected = [outcome.setup.corrected(recording) for recording in recordings]
-        plain = [before.states(recording) for recording in recordings]
-        mended = [after.states(recording) for recording in corrected]
-        for k, recording in enumerate(recordings):
-            windows = outcome.setup.excluded.get(recording.name, ())
-            plain[k], mended[k] = _outside(plain[k], mended[k], windows)
+        pairs = [_where_both_move(states(before, each), states(after, each)) for each in recordings]
         return (
-            results.evaluate_runs(before.model_, recordings, plain),
-            results.evaluate_runs(after.model_, corrected, mended),
+            results.evaluate_runs(before.model_, recordings, [plain for plain, _ in pairs]),
+            results.evaluate_runs(after.model_, recordings, [mended for _, mended in pairs]),
         )
 
     (train_before, train_after), (test_before, test_after) = both(train), both(test)
     return EvaluatedRuns(train_before, test_before, train_after, test_after)
 
 
-def _outside(plain: States, mended: States, windows: Windows) -> tuple[States, States]:
-    """The same run twice, without what lies in the windows [s] or stands still in either."""
-    moving = plain.moving & mended.moving if len(plain.t) == len(mended.t) else mended.moving
-    for start, end in windows:
-        moving = moving & ~((mended.t >= start) & (mended.t <= end))
-    plain = replace(plain, moving=moving) if len(plain.t) == len(moving) else plain
-    return plain, replace(mended, moving=moving)
+def _where_both_move(plain: States, mended: States) -> tuple[States, States]:
+    """The same run twice, without what stands still in either."""
+    if len(plain.t) != len(mended.t):
+        return plain, mended
+    moving = plain.moving & mended.moving
+    return replace(plain, moving=moving), replace(mended, moving=moving)
 
 
 def summarise_diagnosis(outcome: Outcome, runs: EvaluatedRuns, findings: Sequence[Finding]) -> dict[str, Any]:
@@ -124,6 +123,13 @@ def summarise_diagnosis(outcome: Outcome, runs: EvaluatedRuns, findings: Sequenc
     }
     names = result["joints"]
     effects = [_complete(entry, k + 1, names) for k, entry in enumerate(outcome.effects)]
+    for entry, run in zip(result["rmse"]["by_run"], runs.test_before, strict=True):
+        entry["before"] = results.plain(Scores([run.comparison]).rmse)
+    result["data"]["excluded"] = {
+        run.recording.name: [list(window) for window in outcome.setup.excluded[run.recording.name]]
+        for run in (*runs.train_after, *runs.test_after)
+        if outcome.setup.excluded.get(run.recording.name)
+    }
     result |= {
         "effects": effects,
         "unexplained": [_with_short_plot({"depends_on": [], **entry}) for entry in outcome.unexplained],

@@ -86,15 +86,15 @@ class Line:
 
 def find_ripple(setup: Setup, fit: ThreeLoopIdentifier, train: Sequence[Recording]) -> list[Family]:
     """Lines of every turning joint in what `fit` leaves of the training runs at full rate, as families."""
-    runs = [setup.corrected(recording) for recording in train]
-    residuals = [run.tau - fit.predict(run) for run in runs]
-    moving = [np.abs(np.gradient(_angle(run), run.t, axis=0)) for run in runs]
+    delay = setup.torque_delay
+    residuals = [run.less_torque_delay(delay).tau - fit.predict(run, torque_delay=delay) for run in train]
+    moving = [np.abs(np.gradient(_angle(run), run.t, axis=0)) for run in train]
     found = []
     for j, kind in enumerate(setup.robot.joint_kinds):
         if kind != "revolute":
             continue
         parts = []
-        for run, residual, speed in zip(runs, residuals, moving, strict=True):
+        for run, residual, speed in zip(train, residuals, moving, strict=True):
             used = speed[:, j] > 0.02 * speed[:, j].max()
             parts.append((_angle(run)[used, j], residual[used, j]))
         q = np.concatenate([part[0] for part in parts])

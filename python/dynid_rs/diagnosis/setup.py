@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from dynid_rs import _core
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.model.placed import HeldEffect, PlacedEffect
-from dynid_rs.runs.recording import Recording
 
 FloatArray = NDArray[np.float64]
 Windows = tuple[tuple[float, float], ...]
@@ -34,8 +33,8 @@ class Setup:
         Joints whose torque channel has a gain of its own, which is fitted.
     encoder_error : ndarray (n_joints, 2)
         Cosine and sine parts [rad] of what the link encoder shows too much: `e_c cos q + e_s sin q`.
-    torque_delay : ndarray (n_joints,)
-        How late the torque channel is [s].
+    torque_delay : float
+        How late the torque channel is [s]; drives share a clock.
     excluded : mapping of str to windows
         Name of a run to the times [s] in which something from outside acts: neither fitted nor scored.
     options : mapping
@@ -49,7 +48,7 @@ class Setup:
     held: tuple[HeldEffect, ...] = ()
     gain_joints: tuple[int, ...] = ()
     encoder_error: FloatArray = None  # type: ignore[assignment]
-    torque_delay: FloatArray = None  # type: ignore[assignment]
+    torque_delay: float = 0.0
     excluded: Mapping[str, Windows] = field(default_factory=dict)
     options: Mapping[str, Any] = field(default_factory=dict)
     declared: _core.RobotModel = None  # type: ignore[assignment]
@@ -58,9 +57,8 @@ class Setup:
         n = self.robot.n_joints
         if self.declared is None:
             object.__setattr__(self, "declared", self.robot)
-        for name, shape in (("encoder_error", (n, 2)), ("torque_delay", (n,))):
-            if getattr(self, name) is None:
-                object.__setattr__(self, name, np.zeros(shape))  # the only way in, the class is frozen
+        if self.encoder_error is None:
+            object.__setattr__(self, "encoder_error", np.zeros((n, 2)))  # the only way in, the class is frozen
 
     def identifier(self, **options: Any) -> ThreeLoopIdentifier:
         """Return an identifier of a model made of this."""
@@ -69,19 +67,7 @@ class Setup:
             "held": self.held,
             "free_gains": self.gain_joints,
             "encoder_error": self.encoder_error,
+            "torque_delay": self.torque_delay,
             "excluded": dict(self.excluded) or None,
         }
         return ThreeLoopIdentifier(self.robot, **{"friction_law": "smooth", **parts, **self.options, **options})
-
-    def corrected(self, recording: Recording) -> Recording:
-        """Return the run with its torque channel on the encoders' clock."""
-        if not np.any(self.torque_delay):
-            return recording
-        tau = np.stack(
-            [
-                np.interp(recording.t + delay, recording.t, column)
-                for delay, column in zip(self.torque_delay, recording.tau.T, strict=True)
-            ],
-            axis=1,
-        )
-        return replace(recording, tau=tau)

@@ -13,21 +13,12 @@ from dynid_rs import _core
 from dynid_rs.identification.friction_laws import LAWS, LAWS_BY_JOINT, laws_per_joint
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.model.assembly import evaluate
-from dynid_rs.regression.error_interval import interval_of
-from dynid_rs.regression.evaluation import compare, rmse
+from dynid_rs.regression.error_interval import change_interval, rmse_interval
+from dynid_rs.regression.evaluation import Comparison, band_rmse, compare
 from dynid_rs.runs.recording import Recording
 from dynid_rs.runs.splitting import split_runs
 
 FloatArray = NDArray[np.float64]
-
-N_RESAMPLES = 400
-"""Bootstrap resamples of the laws' errors."""
-LEAST_BLOCK = 1.0
-"""Block [s] that is resampled as a whole."""
-LEAST_BLOCKS = 8
-"""Fewer blocks have nothing to resample; a short run is cut finer."""
-BEYOND = 0.05
-"""A difference is beyond noise where at most this part of the resampled ones has the other sign."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +36,8 @@ class LawComparison:
     best : tuple of str
         Law of the least error, per joint.
     beyond_noise : ndarray (n_laws, n_joints)
-        Whether a law is worse than the best one by more than noise explains.
+        Whether a law is worse than the best one by more than noise explains: the 95 % interval of the change, for
+        errors that remember each other, lies above nothing. Where none can be said, it is not.
     chosen : tuple of str
         The simplest law that is not worse than the best one beyond noise, per joint.
     models : dict
@@ -109,42 +101,32 @@ def compare_friction_laws(
     laws = [law for law in LAWS if law in [laws_per_joint(name, 1)[0] for name in laws]]
     if not laws or not test:
         raise ValueError("comparing laws takes at least one law and one test run that is not fitted")
-    models, errors = {}, []
+    models, comparisons = {}, []
     for law in laws:
         model = ThreeLoopIdentifier(robot, **{"residual": None, **options, "friction_law": law})
         models[law] = model.fit(list(runs), friction_recording)
         states = [model.states(recording) for recording in test]
-        errors.append([np.where(s.counted, compare(s, evaluate(model.model_, s)[0]).error, 0.0) for s in states])
-    lengths = [max(1, int(LEAST_BLOCK * s.rate / s.step)) for s in states]
-    return _compared(tuple(robot.joint_names), laws, errors, lengths, models)
+        comparisons.append([compare(s, evaluate(model.model_, s)[0]) for s in states])
+    return _compared(tuple(robot.joint_names), laws, comparisons, models)
 
 
 def _compared(
     joints: tuple[str, ...],
     laws: Sequence[str],
-    errors: Sequence[Sequence[FloatArray]],
-    lengths: Sequence[int],
+    comparisons: Sequence[Sequence[Comparison]],
     models: dict[str, ThreeLoopIdentifier],
 ) -> LawComparison:
-    """Resample the same blocks of every law's errors (n_rows, n_joints), so that differences keep what they share."""
-    rng = np.random.default_rng(0)
-    powers = np.array([rmse(parts) for parts in errors])
-    sums, counts = [], []
-    for run, parts in enumerate(zip(*errors, strict=True)):
-        squares = np.array(parts) ** 2
-        length = lengths[run]
-        n_blocks = min(max(LEAST_BLOCKS, squares.shape[1] // length), squares.shape[1])
-        for block in np.array_split(np.arange(squares.shape[1]), n_blocks):
-            sums.append(squares[:, block].sum(axis=1))
-            counts.append(len(block))
-    draws = rng.integers(0, len(sums), (N_RESAMPLES, len(sums)))
-    drawn = np.array(sums)[draws].sum(axis=1) / np.array(counts)[draws].sum(axis=1)[:, None, None]
+    """Hold every law's errors against those of the best one, place by place, so that what they share does not count."""
+    powers = np.array([band_rmse(list(each)) for each in comparisons])
     unknown = (np.nan, np.nan)
-    interval = np.array([[interval_of(e) or unknown for e in np.concatenate(parts).T] for parts in errors])
+    interval = np.array([[pair or unknown for pair in rmse_interval(each)] for each in comparisons])
     least = powers.argmin(axis=0)
-    best_drawn = np.take_along_axis(drawn, least[None, None, :], axis=1)
-    beyond = np.mean(drawn <= best_drawn, axis=0) <= BEYOND
-    beyond[least, np.arange(len(joints))] = False
+    beyond = np.zeros(powers.shape, dtype=bool)
+    for best in set(least.tolist()):
+        joints_of = least == best
+        for k, each in enumerate(comparisons):
+            changes = change_interval(each, comparisons[best])
+            beyond[k, joints_of] = np.array([pair is not None and pair[0] > 0 for pair in changes])[joints_of]
     simplest = np.argmin(beyond, axis=0)
     return LawComparison(
         joints,

@@ -212,7 +212,9 @@ class Loops:
             self.data.runs,
             encoder_delay=self._delay,
             encoder_error=self.encoder_error,
+            torque_delay=self.data.torque_delay,
             torque_unit=self.data.torque_unit,
+            band=(self.data.band.cutoff, self.data.rate, self.data.standstill),
             third_loop=third_loop,
             known=self.data.known,
         )

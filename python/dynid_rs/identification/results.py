@@ -169,6 +169,14 @@ def _summarise(
                 "raw": tested.raw,
                 "with_standstill": with_standstill,
             },
+            "by_run": [
+                {
+                    "run": run.recording.name,
+                    "after": Scores([run.comparison]).rmse,
+                    "raw": Scores([run.comparison]).raw,
+                }
+                for run in test
+            ],
         },
         "floor_method": FLOOR_METHOD,
         "prior": _prior(identifier),

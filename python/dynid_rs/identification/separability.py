@@ -89,6 +89,7 @@ def _examine(identifier: ThreeLoopIdentifier, term: KnownTerm, j: int, test: Seq
             identifier.raw_runs_,
             encoder_delay=np.asarray(identifier.model_.encoder_delay),
             encoder_error=identifier.model_.encoder_error,
+            torque_delay=identifier.model_.torque_delay,
             torque_unit=identifier.torque_unit_,
             third_loop=third_loop,
             residual_signals=identifier.model_.residual_signals,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Sequence
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,6 +65,9 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
     free_gains : sequence of int
         Joints whose torque channel has a gain of its own against the others', which is fitted; one has to hold the
         unit. In ampere all gains but the first are fitted anyway.
+    torque_delay : float
+        How late the torque channel is behind the encoders [s]: training runs are fitted without it, and the model
+        predicts what the channel shows.
     encoder_error : ndarray (n_joints, 2), optional
         Cosine and sine part [rad] of what each link encoder shows too much; taken off before anything else.
     excluded : mapping of str to windows, optional
@@ -127,6 +130,7 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         held: Sequence[HeldEffect] = (),
         free_gains: Sequence[int] = (),
         encoder_error: FloatArray | None = None,
+        torque_delay: float = 0.0,
         excluded: Excluded | None = None,
         friction_law: str | Sequence[str] = DEFAULT_LAW,
         cutoff: float | None = None,
@@ -143,6 +147,7 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         self.held = held
         self.free_gains = free_gains
         self.encoder_error = encoder_error
+        self.torque_delay = torque_delay
         self.excluded = excluded
         self.friction_law = friction_law
         self.cutoff = cutoff
@@ -225,10 +230,13 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
             stacklevel=3,
         )
 
-    def predict(self, recording: Recording) -> FloatArray:
-        """Torque of `recording` at its own stamps, (n_samples, n_joints), in the unit of the training runs."""
+    def predict(self, recording: Recording, *, torque_delay: float = 0.0) -> FloatArray:
+        """Torque of `recording` at its own stamps, (n_samples, n_joints), in the unit of the training runs.
+
+        As its torque channel shows it, or that less a delay of `torque_delay` [s].
+        """
         check_is_fitted(self, "model_")
-        states = self.states(recording)
+        states = replace(self.states(recording), torque_delay=torque_delay)
         total = evaluate(self.model_, states)[0]
         return np.stack([np.interp(recording.t, states.t, column) for column in total.T], axis=1)
 
@@ -279,7 +287,13 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
     def _training_data(self, recordings: list[Recording], slow: list[Recording]) -> TrainingData:
         taken_off = self.known_ + held_terms(self.held, self.robot.n_joints)
         return prepare_training_data(
-            recordings, slow, taken_off, self.cutoff, self.excluded, standstill=self.standstill
+            recordings,
+            slow,
+            taken_off,
+            self.cutoff,
+            self.excluded,
+            torque_delay=self.torque_delay,
+            standstill=self.standstill,
         )
 
     def _loops(self, data: TrainingData) -> Loops:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,8 @@ LEAST_ROWS = 20
 class TrainingData:
     """What is learned from: states of the training runs as recorded, of slow runs, and what is known beside them.
 
-    `known` terms (`model/known.py`); `torque_unit` of all runs; `rate` [Hz] of the grid that `band` is applied on.
+    `torque_delay` [s] of the torque channel was taken out of the runs; `standstill`: pauses are fitted too. `known`
+    terms (`model/known.py`); `torque_unit` of all runs; `rate` [Hz] of the grid that `band` is applied on.
     """
 
     runs: list[States]
@@ -36,6 +37,8 @@ class TrainingData:
     torque_unit: str
     rate: float
     band: Band
+    torque_delay: float = 0.0
+    standstill: bool = False
 
     @property
     def in_ampere(self) -> bool:
@@ -50,9 +53,12 @@ def prepare_training_data(
     cutoff: float | None,
     excluded: Excluded | None = None,
     *,
+    torque_delay: float = 0.0,
     standstill: bool = False,
 ) -> TrainingData:
     """States of checked runs in one band: `cutoff` [Hz], or chosen from the motion; `excluded` windows by run name.
+
+    Torque is brought to the encoders' clock: `torque_delay` [s] earlier.
 
     Raises
     ------
@@ -61,9 +67,11 @@ def prepare_training_data(
     """
     rate = common_rate(list(recordings))
     band = Band(cutoff) if cutoff is not None else choose_band(list(recordings))
-    runs = prepare_training_runs(recordings, band, rate, excluded, standstill=standstill)
-    slow_runs = [prepare(recording, band, rate) for recording in slow]
-    return TrainingData(runs, slow_runs, known, recordings[0].torque_unit, rate, band)
+    runs = prepare_training_runs(recordings, band, rate, excluded, torque_delay=torque_delay, standstill=standstill)
+    slow_runs = [on_time(recording, band, rate, torque_delay) for recording in slow]
+    return TrainingData(
+        runs, slow_runs, known, recordings[0].torque_unit, rate, band, torque_delay=torque_delay, standstill=standstill
+    )
 
 
 def check_motion(runs: Sequence[States]) -> None:
@@ -91,9 +99,12 @@ def prepare_training_runs(
     rate: float,
     excluded: Excluded | None = None,
     *,
+    torque_delay: float = 0.0,
     standstill: bool = False,
 ) -> list[States]:
     """States of the runs in `band` at `rate` [Hz], without the windows [s] of `excluded`.
+
+    Torque is brought to the encoders' clock, `torque_delay` [s] earlier.
 
     Raises
     ------
@@ -102,7 +113,14 @@ def prepare_training_runs(
     """
     windows = excluded or {}
     return [
-        prepare_training_run(recording, band, rate, windows.get(recording.name, ()), standstill=standstill)
+        prepare_training_run(
+            recording,
+            band,
+            rate,
+            windows.get(recording.name, ()),
+            torque_delay=torque_delay,
+            standstill=standstill,
+        )
         for recording in recordings
     ]
 
@@ -113,10 +131,11 @@ def prepare_training_run(
     rate: float,
     excluded: Sequence[tuple[float, float]] = (),
     *,
+    torque_delay: float = 0.0,
     standstill: bool = False,
 ) -> States:
     """`prepare_training_runs` of one run, less its `excluded` windows [s]."""
-    states = without(prepare(recording, band, rate, standstill=standstill), excluded)
+    states = without(on_time(recording, band, rate, torque_delay, standstill=standstill), excluded)
     if len(states.rows) < LEAST_ROWS:
         raise DataError(
             f"{states.name}: only {len(states.rows) * states.step / states.rate:.2f} s of motion are left "
@@ -127,3 +146,9 @@ def prepare_training_run(
             file=states.name,
         )
     return states
+
+
+def on_time(recording: Recording, band: Band, rate: float, torque_delay: float, *, standstill: bool = False) -> States:
+    """States of a run whose torque channel is `torque_delay` [s] late, with its torque on the encoders' clock."""
+    states = prepare(recording.less_torque_delay(torque_delay), band, rate, standstill=standstill)
+    return replace(states, torque_delay=torque_delay)

@@ -29,7 +29,9 @@ def assemble(
     *,
     encoder_delay: FloatArray,
     encoder_error: FloatArray | None = None,
+    torque_delay: float = 0.0,
     torque_unit: str,
+    band: tuple[float, float, bool] | None = None,
     third_loop: tuple[str, Regressions, FloatArray] | None = None,
     residual_signals: Signals | None = None,
     known: Sequence[KnownTerm] = (),
@@ -50,8 +52,12 @@ def assemble(
         Delay of the link channel [s].
     encoder_error : ndarray (n_joints, 2), optional
         Cosine and sine part of what the link encoder shows too much [rad].
+    torque_delay : float
+        How late the torque channel is [s].
     torque_unit : {"N*m", "A"}
         Unit of the torques.
+    band : (cutoff, rate, standstill), optional
+        Where errors are told: cutoff [Hz], rate of the grid [Hz], whether standstill is scored.
     third_loop : (inputs, regressions, compliance), optional
         One regression or None per joint; compliance (n_joints,) of the gears [rad per torque unit].
     residual_signals : sequence of sequence of (str, int), optional
@@ -79,6 +85,7 @@ def assemble(
         encoder_delay=encoder_delay.tolist(),
         encoder_error=encoder_error,
         encoder_error_sides="link" if all(states.two_encoders for states in runs) else "both",
+        torque_delay=torque_delay,
         noise_std=links.noise_std_.tolist(),
         domain=(
             np.stack([q.min(axis=0), q.max(axis=0)], axis=1).tolist(),
@@ -86,7 +93,8 @@ def assemble(
             np.abs(ddq).max(axis=0).tolist(),
         ),
         torque_unit=torque_unit,
-        step=1 / runs[0].rate if any("step" in effect.signals for effect in plan.effects) else None,
+        step=1 / runs[0].rate if torque_delay or any("step" in effect.signals for effect in plan.effects) else None,
+        band=band,
     )
 
 
@@ -94,14 +102,20 @@ def with_parts(
     model: _core.TorqueModel, phi: FloatArray, effects: Sequence[tuple[_core.Effect, FloatArray]]
 ) -> _core.TorqueModel:
     """Return `model` with other inertial parameters (10 n_links,) and effects; everything else stays."""
-    return _changed(model, phi=phi, effects=effects)
+    return with_changes(model, phi=phi, effects=effects)
+
+
+def with_band(model: _core.TorqueModel, band: tuple[float, float, bool]) -> _core.TorqueModel:
+    """Return `model` with its errors told in another band: (cutoff [Hz], rate [Hz], whether standstill is scored)."""
+    other = with_changes(model, band=band)
+    return other if model.physical is None else other.with_physical(model.physical)
 
 
 def with_domain(
     model: _core.TorqueModel, domain: tuple[list[list[float]], list[float], list[float]]
 ) -> _core.TorqueModel:
     """Return `model` trained within other extremes: [lowest, highest] of q, greatest |dq| and |ddq|, per joint."""
-    return _changed(model, domain=domain)
+    return with_changes(model, domain=domain)
 
 
 def with_residual(model: _core.TorqueModel, signals: Signals, regressions: Regressions) -> _core.TorqueModel:
@@ -114,12 +128,13 @@ def with_residual(model: _core.TorqueModel, signals: Signals, regressions: Regre
     regressions : sequence of GaussianMixtureRegression, NormalisedRbf or None
         One per joint, None where there is none.
     """
-    return _changed(model, residual=("signals", list(regressions)), residual_signals=signals, compliance=None)
+    return with_changes(model, residual=("signals", list(regressions)), residual_signals=signals, compliance=None)
 
 
-def _changed(model: _core.TorqueModel, **parts: Any) -> _core.TorqueModel:
+def with_changes(model: _core.TorqueModel, **parts: Any) -> _core.TorqueModel:
     """Return `model` with some parts exchanged, in the words of its constructor."""
     given = {
+        "robot": model.robot,
         "phi": model.phi,
         "effects": model.effects,
         "residual": model.residual,
@@ -129,27 +144,31 @@ def _changed(model: _core.TorqueModel, **parts: Any) -> _core.TorqueModel:
         "encoder_delay": model.encoder_delay.tolist(),
         "encoder_error": model.encoder_error,
         "encoder_error_sides": model.encoder_error_sides,
+        "torque_delay": model.torque_delay,
         "noise_std": model.noise_std.tolist(),
         "domain": model.domain,
         "torque_unit": model.torque_unit,
         "step": model.step,
+        "band": model.band,
     }
-    return _core.TorqueModel(model.robot, **(given | parts))
+    return _core.TorqueModel(**(given | parts))
 
 
 def evaluate(model: _core.TorqueModel, states: States) -> tuple[FloatArray, FloatArray, NDArray[np.uint32]]:
-    """Total (n, n_joints), terms (n, n_terms, n_joints) and status bits (n,) along a run, channels as recorded.
+    """Total (n, n_joints), terms (n, n_terms, n_joints) and status bits (n,) along a run, on the clock of its torque.
 
     A part of a run begins with what the model remembers of the run before it.
     """
-    run = states.in_step(model.encoder_delay)
+    if states.torque_delay:
+        model = model.with_torque_delay(model.torque_delay - states.torque_delay)
+    run, step = states.in_step(model.encoder_delay), 1 / states.rate
     if states.before is None:
-        return model.evaluate(*run.signals(), temperature=run.temperature)
+        return model.evaluate(*run.signals(), step=step, temperature=run.temperature)
     before = states.before.in_step(model.encoder_delay)
     signals = [np.concatenate(parts) for parts in zip(before.signals(), run.signals(), strict=True)]
     temperature = None
     if before.temperature is not None and run.temperature is not None:
         temperature = np.concatenate([before.temperature, run.temperature])
-    total, terms, status = model.evaluate(*signals, temperature=temperature)
+    total, terms, status = model.evaluate(*signals, step=step, temperature=temperature)
     first = len(before.t)
     return total[first:], terms[first:], status[first:]

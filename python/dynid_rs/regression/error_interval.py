@@ -74,12 +74,6 @@ def rmse_interval(comparisons: Sequence[Comparison]) -> list[Interval | None]:
     return [None if square is None else _around(square) for square in mean_squares(comparisons)]
 
 
-def interval_of(error: FloatArray) -> Interval | None:
-    """95 % interval of the root mean square of one `error` (n_rows,); None as in `rmse_interval`."""
-    square = MeanSquare.of(error)
-    return None if square is None else _around(square)
-
-
 def _around(square: MeanSquare) -> Interval | None:
     """Symmetric in the mean square to the power of -1/3, in which a mean of few squares is close to normal."""
     reach = _reach(square.cosines, square.blocks, square.memory)

@@ -182,6 +182,10 @@ def fit_with_prior(
             n_effective = found if len(chosen) == 1 else np.maximum(n_effective, found)
     model = linear_model(plan, factors, n_rows, scale, prior, n_effective, least)
     end = model.fit(choice, noise)
+    if least_noise is not None:
+        model = replace(model, least_noise=LEAST_NOISE * size)
+        own = model.fit(choice, noise)
+        end = _kept_at(model, end, own.noise).at(choice, own.noise)
     pull = prior.rows(choice)[0]
     n_determined = len(pull) - float(np.sum((pull[:, :-1] @ end.covariance) * pull[:, :-1]))
     return Posterior(
@@ -198,6 +202,20 @@ def fit_with_prior(
         len(chosen),
         len(set(chosen[-2:])) == 1,
     )
+
+
+def _kept_at(model: LinearModel, fit: Fit, noise: FloatArray) -> LinearModel:
+    """Return a model in which joints' torques stay at those of `fit` as much as they weighed more in it than now.
+
+    To the joint whose noise has fallen most, to `noise` (n_joints,), all others weigh what they did in `fit`; what they
+    weigh more than their own rows do holds them where it has them.
+    """
+    fallen = (fit.noise / noise) ** 2
+    rows = []
+    for more, part, at in zip(fallen.max() / fallen - 1, model.rows, model.places, strict=True):
+        there = np.column_stack([part[:, :-1], part[:, :-1] @ fit.x[at]])
+        rows.append(np.concatenate([part, np.sqrt(more) * there]))
+    return replace(model, rows=rows, grams=None, counted=None)
 
 
 def _in_common(

@@ -25,6 +25,7 @@ def before_after_table(result: Result) -> str:
     said = f"<small>{esc(unit_text(unit))}</small>"
     head = [
         "Joint",
+        f"Weighted least squares {said}",
         f"Before {said}",
         f"After {said}",
         f"95 % interval {said}",
@@ -38,6 +39,7 @@ def before_after_table(result: Result) -> str:
         rows.append(
             [
                 breakable(joint),
+                _pair(test["wls"][j], std, None),
                 _pair(before, std, before_bounds[j]),
                 _pair(after, std, None, "main"),
                 cell(interval(bounds[j]), "num soft"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from dynid_rs.base.wording import NO_INTERVAL, concluded, lacks_interval
+from dynid_rs.base.wording import NO_INTERVAL, concluded, lacks_interval, worse_than_least_squares
 from dynid_rs.report import before_after, effect_cards, error_table, tables
 from dynid_rs.report.figures import Figures
 from dynid_rs.report.text import (
@@ -100,8 +100,14 @@ def errors(result: Result) -> str:
         f"{before_after.before_after_table(result)}\n{before_after.key()}\n"
         f'<p class="note next">Intervals allow for errors that depend on their neighbours in time. \u25cf the error '
         f"reaches the floor, below which no model can go.{method}{missing}</p>\n"
+        f"{_worse(result)}"
         f'<p class="note">Test: {file_names(data["test"])}. Train: {file_names(data["train"])}.</p>'
     )
+
+
+def _worse(result: Result) -> str:
+    sentence = worse_than_least_squares(result)
+    return f'<p class="note">{esc(sentence)}</p>\n' if sentence else ""
 
 
 def effects(figures: Figures, result: Result) -> str:

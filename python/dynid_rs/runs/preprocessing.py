@@ -87,8 +87,8 @@ class States:
     `notes` says what was done to the signals. `reference` is the position that the controller was asked for, with its
     derivatives, through the same filter; None where it was not recorded. `tau_link` is the rigid-body torque [N m]
     that a model predicts, for effects that depend on the load; None before there is one. `temperature` [degC] as it
-    was measured, on the grid; None where it was not. `before`: the run up to here, where it is a part of one; what a
-    model remembers comes from there.
+    was measured, on the grid; None where it was not. `torque_delay` [s] of the torque channel was taken out of
+    `tau`. `before`: the run up to here, where it is a part of one; what a model remembers comes from there.
     """
 
     name: str
@@ -110,6 +110,7 @@ class States:
     temperature: FloatArray | None = None
     resting: NDArray[np.bool_] = None  # type: ignore[assignment]
     before: States | None = None
+    torque_delay: float = 0.0
 
     def __post_init__(self) -> None:
         if self.resting is None:

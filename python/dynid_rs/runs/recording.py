@@ -178,6 +178,13 @@ class Recording:
             cut[name] = None if value is None else value[rows]
         return replace(self, **cut)
 
+    def less_torque_delay(self, delay: float) -> Recording:
+        """Return the same run with its torque `delay` seconds earlier, linear between samples, the ends held."""
+        if delay == 0.0:
+            return self
+        tau = np.stack([np.interp(self.t + delay, self.t, column) for column in self.tau.T], axis=1)
+        return replace(self, tau=tau)
+
     def without(self, *signals: OptionalSignal) -> Recording:
         """Return the same run without optional signals, e.g. a `dq` that contradicts q."""
         optional = {field.name for field in fields(self)} & (set(_MATRICES) - set(_REQUIRED))

@@ -74,7 +74,7 @@ def _cut(run: Recording, test_from: float | None) -> Split:
     )
     first = replace(run, name=f"{run.name} (first {start:.3g} s)").slice(None, row)
     rest = replace(run, name=f"{run.name} (after {start:.3g} s)", before=first).slice(row, None)
-    return Split([first], [rest], Finding("test_part_chosen", "info", message, file=run.name))
+    return Split([first], [rest], Finding("test_part_chosen", "info", message, file=run.name, value=start, unit="s"))
 
 
 def _refuse_repeats(runs: Sequence[Recording], test: Sequence[Recording]) -> None:

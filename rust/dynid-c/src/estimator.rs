@@ -17,6 +17,10 @@ pub const DYNID_STATUS_OUTSIDE_DOMAIN: u32 = 2;
 pub const DYNID_STATUS_RESIDUAL_FADED: u32 = 4;
 /// An effect needs a signal that the state does not have (a temperature); its torque is zero on that joint.
 pub const DYNID_STATUS_SIGNAL_MISSING: u32 = 8;
+/// The torque channel is late, and states do not reach back far enough yet: the oldest one was evaluated.
+pub const DYNID_STATUS_SETTLING: u32 = 512;
+/// The state lies beyond the model's limits; it was evaluated at them.
+pub const DYNID_STATUS_BEYOND_LIMITS: u32 = 4096;
 
 // cbindgen reads numbers, not the core; this holds the two together.
 const _: () = {
@@ -27,6 +31,8 @@ const _: () = {
     same(DYNID_STATUS_OUTSIDE_DOMAIN, Status::OUTSIDE_DOMAIN);
     same(DYNID_STATUS_RESIDUAL_FADED, Status::RESIDUAL_FADED);
     same(DYNID_STATUS_SIGNAL_MISSING, Status::SIGNAL_MISSING);
+    same(DYNID_STATUS_SETTLING, Status::SETTLING);
+    same(DYNID_STATUS_BEYOND_LIMITS, Status::BEYOND_LIMITS);
 };
 
 /// One state: each pointer leads to as many doubles as there are joints.

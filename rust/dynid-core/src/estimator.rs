@@ -7,6 +7,7 @@ use std::sync::Arc;
 use crate::dynamics::{check_length, Torque, Workspace};
 use crate::effects::EffectInput;
 use crate::error::CoreError;
+use crate::intake::Intake;
 use crate::lanes::{self, Kernel, Lanes};
 use crate::model::{check_step, EncoderError, TorqueModel};
 use crate::residual::{Load, ResidualTorque};
@@ -39,12 +40,15 @@ impl Status {
     pub const STALE: Self = Self(128);
     /// States were lost before this one, or the sender began again.
     pub const LOST: Self = Self(256);
-    /// Velocities and accelerations cannot be told from the positions yet.
+    /// Velocities and accelerations cannot be told from the positions yet, and the last good torque is repeated; or, where
+    /// the torque channel is late, states do not reach back far enough yet, and the oldest one is evaluated.
     pub const SETTLING: Self = Self(512);
     /// A position stands still in the sensor while the joint moves.
     pub const STUCK: Self = Self(1024);
     /// Something pushes the arm.
     pub const CONTACT: Self = Self(2048);
+    /// The state lies beyond the model's limits ([`crate::limits`]); it was evaluated at them.
+    pub const BEYOND_LIMITS: Self = Self(4096);
 
     /// The bits.
     #[must_use]
@@ -78,8 +82,19 @@ impl Status {
 }
 
 /// Owns the memory; the model is shared.
+///
+/// It predicts what the torque channel shows. Where that one is late ([`TorqueModel::torque_delay`]) this is the torque of
+/// an earlier state, so that states have to come in order of time, [`Self::step`] apart; where it is early, the states that
+/// it belongs to have not come yet, and the torque is that of the state.
 #[derive(Clone, Debug)]
 pub struct TorqueEstimator {
+    intake: Intake,
+    own: Evaluation,
+}
+
+/// Evaluates a state.
+#[derive(Clone, Debug)]
+struct Evaluation {
     model: Arc<TorqueModel>,
     workspace: Workspace,
     /// The true state, on the motor channel's clock.
@@ -118,7 +133,8 @@ impl TorqueEstimator {
         let effects = model.effects().iter();
         let n_memory = effects.map(|term| term.effect().memory_len(n)).sum();
         let noise_variance: Vec<f64> = model.noise_std().iter().map(|std| std * std).collect();
-        Self {
+        let step = model.step().unwrap_or(0.0);
+        let own = Evaluation {
             workspace: Workspace::new(model.robot()),
             link: std::array::from_fn(|_| vec![0.0; n]),
             motor: std::array::from_fn(|_| vec![0.0; n]),
@@ -126,7 +142,7 @@ impl TorqueEstimator {
             tau_link: vec![0.0; n],
             wants_any: model.wants_temperature().contains(&true),
             wants_temperature: model.wants_temperature(),
-            step: model.step().unwrap_or(0.0),
+            step,
             memory: vec![0.0; n_memory],
             next_memory: vec![0.0; n_memory],
             scratch: vec![0.0; n * n_terms],
@@ -136,25 +152,38 @@ impl TorqueEstimator {
             variance: noise_variance.clone(),
             noise_variance,
             model,
-        }
+        };
+        let intake = Intake::new(&own.model, step);
+        Self { intake, own }
     }
 
     /// The same estimator for samples `step` seconds apart, where that is not what the model says.
     ///
     /// # Errors
-    /// [`CoreError::Range`] if `step` is not positive.
+    /// [`CoreError::Range`] if `step` is not positive, or so short that the torque's delay asks for too many states.
     pub fn with_step(mut self, step: f64) -> Result<Self, CoreError> {
         check_step(step)?;
-        self.step = step;
+        let intake = self.intake.with_step(&self.own.model, step);
+        self.intake = intake.ok_or(CoreError::Range { what: "step" })?;
+        self.own.step = step;
         Ok(self)
+    }
+
+    /// The same estimator, which evaluates a state beyond the model's limits as it came; the status says so all the same.
+    #[must_use]
+    pub fn unlimited(mut self) -> Self {
+        self.intake.set_unlimited(true);
+        self
     }
 
     /// Back to how [`Self::new`] left it: nothing remembered, no torque yet. Allocates nothing; the step stays.
     pub fn reset(&mut self) {
-        for numbers in [&mut self.memory, &mut self.terms, &mut self.total] {
+        self.intake.reset();
+        let own = &mut self.own;
+        for numbers in [&mut own.memory, &mut own.terms, &mut own.total] {
             numbers.fill(0.0);
         }
-        for (variance, std) in self.variance.iter_mut().zip(self.model.noise_std()) {
+        for (variance, std) in own.variance.iter_mut().zip(own.model.noise_std()) {
             *variance = std * std;
         }
     }
@@ -162,20 +191,20 @@ impl TorqueEstimator {
     /// The model.
     #[must_use]
     pub fn model(&self) -> &TorqueModel {
-        &self.model
+        &self.own.model
     }
 
     /// True if an effect of the model follows a measured temperature.
     #[must_use]
     pub fn wants_temperature(&self) -> bool {
-        self.wants_any
+        self.own.wants_any
     }
 
     /// Torque of every term at the last step, `n_terms` rows of `n_joints`, row-major, in the order of
     /// [`TorqueModel::term_names`] \[torque unit\].
     #[must_use]
     pub fn terms(&self) -> &[f64] {
-        &self.terms
+        &self.own.terms
     }
 
     /// Standard deviation that the model expects of measured minus predicted torque at the last step, written to `std`
@@ -185,8 +214,8 @@ impl TorqueEstimator {
     /// # Errors
     /// [`CoreError::Length`] if `std` has the wrong length.
     pub fn predicted_std_into(&self, std: &mut [f64]) -> Result<(), CoreError> {
-        check_length("std", std, self.variance.len())?;
-        for (std, variance) in std.iter_mut().zip(&self.variance) {
+        check_length("std", std, self.own.variance.len())?;
+        for (std, variance) in std.iter_mut().zip(&self.own.variance) {
             *std = variance.sqrt();
         }
         Ok(())
@@ -204,16 +233,26 @@ impl TorqueEstimator {
         state: &State<'_>,
         tau: &mut [f64],
     ) -> Result<Status, CoreError> {
-        let n = self.model.robot().n_joints();
+        let Self { intake, own } = self;
+        let n = own.model.robot().n_joints();
         state.check(n)?;
         check_length("tau", tau, n)?;
-        Ok(lanes::run(Step {
-            estimator: self,
-            shown: state,
+        let (shown, taken) = intake.take(state, own.step);
+        let status = lanes::run(Step {
+            own,
+            shown: &shown,
             tau,
-        }))
+        });
+        // Of what is no state nothing else is said.
+        Ok(if status.contains(Status::NON_FINITE) {
+            status
+        } else {
+            status.and(taken)
+        })
     }
+}
 
+impl Evaluation {
     fn misses_temperature(&self, state: &State<'_>) -> bool {
         let known = |j: usize| state.temperature.is_some_and(|t| at(t, j).is_finite());
         let mut wanted = self.wants_temperature.iter().enumerate();
@@ -223,7 +262,7 @@ impl TorqueEstimator {
 
 /// One step on one path from beginning to end: pieces that each choose theirs cannot be compiled into one.
 struct Step<'a> {
-    estimator: &'a mut TorqueEstimator,
+    own: &'a mut Evaluation,
     shown: &'a State<'a>,
     tau: &'a mut [f64],
 }
@@ -233,7 +272,7 @@ impl Kernel for Step<'_> {
 
     #[inline(always)]
     fn run<S: Lanes<Raw = [f64; 1]>, L: Lanes>(self) -> Status {
-        let own = self.estimator;
+        let own = self.own;
         let taken = Take {
             rows: &own.rows,
             shown: self.shown,
@@ -270,7 +309,7 @@ impl Kernel for Step<'_> {
     }
 }
 
-impl TorqueEstimator {
+impl Evaluation {
     /// Every term into `scratch`; true if the third loop was faded.
     #[inline(always)]
     fn evaluate<S: Lanes<Raw = [f64; 1]>, L: Lanes>(&mut self, shown: &State<'_>) -> bool {

@@ -14,13 +14,16 @@
 )]
 
 pub mod chain;
+pub mod delay_line;
 pub mod differentiator;
 pub mod dynamics;
 pub mod effects;
 pub mod error;
 pub mod estimator;
+mod intake;
 pub mod kernel;
 pub mod lanes;
+pub mod limits;
 pub mod link_params;
 pub mod mixture;
 mod mixture_rows;
@@ -50,7 +53,7 @@ pub use error::{CoreError, EffectError};
 pub use estimator::{Status, TorqueEstimator};
 pub use link_params::LinkParams;
 pub use mixture::GaussianMixtureRegression;
-pub use model::{Domain, EncoderError, TorqueModel};
+pub use model::{Domain, EncoderError, ErrorBand, TorqueModel};
 pub use momentum::{momentum_into, MomentumWorkspace};
 pub use observer::{MomentumObserver, ObserverSettings};
 pub use online::{OnlineEstimator, Sample};

@@ -1,5 +1,6 @@
 //! A torque model: facts only, immutable, shared.
 
+use crate::delay_line::n_delay_rows;
 use crate::dynamics::check_length;
 use crate::effects::EffectTerm;
 use crate::error::CoreError;
@@ -15,6 +16,23 @@ pub struct EncoderError {
     pub cos_sin: Vec<[f64; 2]>,
     /// True where every joint has one encoder, so that the motor side is the same signal and shows the same error.
     pub both_sides: bool,
+}
+
+/// Most that a torque channel may be late or early \[s\].
+pub const MOST_TORQUE_DELAY: f64 = 0.5;
+
+/// Highest rate or cutoff of an [`ErrorBand`] \[Hz\].
+pub const MOST_BAND_RATE: f64 = 1e6;
+
+/// Where the model's errors are told, so that they can be told again of the same run. Evaluation does not use it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ErrorBand {
+    /// Of the zero-phase low-pass through which measured and predicted torque are compared \[Hz\].
+    pub cutoff: f64,
+    /// Of the grid that runs are brought to \[Hz\].
+    pub rate: f64,
+    /// Whether what stands still is compared too.
+    pub standstill: bool,
 }
 
 /// The box of states that the model was trained on; outside of it the answer is an extrapolation.
@@ -38,10 +56,12 @@ pub struct TorqueModel {
     residual: Option<Residual>,
     encoder_delay: Vec<f64>,
     encoder_error: Option<EncoderError>,
+    torque_delay: f64,
     noise_std: Vec<f64>,
     domain: Domain,
     torque_unit: String,
     step: Option<f64>,
+    band: Option<ErrorBand>,
     physical: Option<PhysicalSet>,
 }
 
@@ -67,7 +87,7 @@ pub struct TorqueModelParts {
     pub domain: Domain,
     /// `"N*m"`, or `"A"` where currents were identified without a drive gain.
     pub torque_unit: String,
-    /// Time between the samples that will come \[s\]; needed where an effect remembers in time.
+    /// Time between the samples that will come \[s\]; needed where an effect remembers in time, or the torque channel is late.
     pub step: Option<f64>,
 }
 
@@ -156,10 +176,12 @@ impl TorqueModel {
             residual,
             encoder_delay,
             encoder_error: None,
+            torque_delay: 0.0,
             noise_std,
             domain,
             torque_unit,
             step,
+            band: None,
             physical: None,
         })
     }
@@ -198,6 +220,61 @@ impl TorqueModel {
     #[must_use]
     pub fn encoder_error(&self) -> Option<&EncoderError> {
         self.encoder_error.as_ref()
+    }
+
+    /// The same model for a torque channel that is late behind the encoders by `delay` seconds (early, if negative).
+    ///
+    /// # Errors
+    /// [`CoreError`] if the delay is longer than [`MOST_TORQUE_DELAY`] either way, or asks for more than
+    /// [`MOST_DELAY_ROWS`](crate::delay_line::MOST_DELAY_ROWS) states, or the model has no step to count it in.
+    pub fn with_torque_delay(self, delay: f64) -> Result<Self, CoreError> {
+        let what = "torque_delay (at most 0.5 s either way, and 4094 steps)";
+        if !delay.is_finite() {
+            return Err(CoreError::NonFiniteParameter);
+        }
+        if delay.abs() > MOST_TORQUE_DELAY {
+            return Err(CoreError::Range { what });
+        }
+        if delay != 0.0 {
+            let kind = "torque_delay";
+            let step = self.step.ok_or(CoreError::NoStep { kind })?;
+            n_delay_rows(delay, step).ok_or(CoreError::Range { what })?;
+        }
+        Ok(Self {
+            torque_delay: delay,
+            ..self
+        })
+    }
+
+    /// How late the torque channel is behind the encoders \[s\]; negative where it is early. The model predicts what the
+    /// channel shows, which is the torque of the state of that long ago.
+    #[must_use]
+    pub fn torque_delay(&self) -> f64 {
+        self.torque_delay
+    }
+
+    /// The same model with the band in which its errors are told.
+    ///
+    /// # Errors
+    /// [`CoreError::Range`] if the cutoff or the rate is not positive, or higher than [`MOST_BAND_RATE`].
+    pub fn with_band(self, band: ErrorBand) -> Result<Self, CoreError> {
+        let numbers = [("band.cutoff", band.cutoff), ("band.rate", band.rate)];
+        for (what, x) in numbers {
+            // Written so that a NaN is none.
+            if !(x > 0.0 && x <= MOST_BAND_RATE) {
+                return Err(CoreError::Range { what });
+            }
+        }
+        Ok(Self {
+            band: Some(band),
+            ..self
+        })
+    }
+
+    /// Where its errors are told, if it says so.
+    #[must_use]
+    pub fn band(&self) -> Option<&ErrorBand> {
+        self.band.as_ref()
     }
 
     /// The same model with a physically consistent set beside it.

@@ -101,7 +101,7 @@ impl OnlineEstimator {
         let most_speed = most_speed.map(|dq| (JUMP * dq).max(LEAST_JUMP)).collect();
         let mut estimator = TorqueEstimator::new(model);
         if let Some(step) = step {
-            estimator.set_step(step)?;
+            estimator = estimator.with_step(step)?;
         }
         let step = step.or(step_of_model).unwrap_or(USUAL_STEP);
         let window = window.unwrap_or_else(|| usual_window(step));
@@ -124,6 +124,13 @@ impl OnlineEstimator {
             observer: None,
             observed: f64::NAN,
         })
+    }
+
+    /// The same, which evaluates states beyond the model's limits as they came.
+    #[must_use]
+    pub fn unlimited(mut self) -> Self {
+        self.estimator = self.estimator.unlimited();
+        self
     }
 
     /// The same with an observer, for samples that hold the measured torque.
@@ -225,6 +232,7 @@ impl OnlineEstimator {
             core::mem::swap(&mut self.track, &mut self.suspects);
             self.suspects.filter.reset();
             self.has_before = false;
+            self.estimator.begin_anew();
         }
         if present != self.track.present {
             self.track.begin(present);
@@ -248,7 +256,9 @@ impl OnlineEstimator {
         let observed = match (&mut self.observer, tau) {
             (None, _) => Status::OK,
             (Some(observer), tau) => {
-                let unusable = Status::NON_FINITE.and(Status::REPEATED);
+                let unusable = Status::NON_FINITE
+                    .and(Status::REPEATED)
+                    .and(Status::SETTLING);
                 let used = answered.only(unusable) == Status::OK;
                 let mut status = Status::OK;
                 status.set(Status::SIGNAL_MISSING, tau.is_none());
@@ -388,6 +398,7 @@ impl OnlineEstimator {
             }
             if is_believed {
                 taken = other;
+                self.estimator.begin_anew();
             }
         }
         if taken != Taken::Jump {
@@ -409,6 +420,7 @@ impl OnlineEstimator {
     ) -> Result<Status, CoreError> {
         let taken = self.differentiate(sample)?;
         if taken != Status::OK {
+            self.estimator.pass(elapsed);
             return Ok(taken);
         }
         self.assemble();

@@ -95,6 +95,7 @@ fn read(mut parser: Parser) -> Result<Command, lexopt::Error> {
             }
             Arg::Long("step") => settings.step = Some(parser.value()?.parse_with(seconds)?),
             Arg::Long("window") => settings.window = Some(parser.value()?.parse_with(window)?),
+            Arg::Long("unlimited") => settings.unlimited = true,
             Arg::Long("observe") => observe = true,
             Arg::Long("observer-time") => {
                 listening.time_constant = parser.value()?.parse_with(seconds)?;

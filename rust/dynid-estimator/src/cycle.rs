@@ -19,6 +19,8 @@ pub struct Settings {
     pub step: Option<f64>,
     /// Samples that are differentiated over, where positions come alone; none: [`usual_window`](dynid_core::differentiator::usual_window).
     pub window: Option<usize>,
+    /// Whether states beyond the model's limits are evaluated as they come.
+    pub unlimited: bool,
     /// How the observer listens; none: there is no observer.
     pub observer: Option<ObserverSettings>,
 }
@@ -52,6 +54,9 @@ impl Cycle {
         let stop = |error: CoreError| Stop::Because(error.to_string());
         let mut online =
             OnlineEstimator::new(model, settings.step, settings.window).map_err(stop)?;
+        if settings.unlimited {
+            online = online.unlimited();
+        }
         if let Some(observer) = settings.observer {
             online = online.observing(observer).map_err(stop)?;
         }

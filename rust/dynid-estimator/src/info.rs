@@ -90,6 +90,17 @@ pub fn text(model: &TorqueModel, settings: &Settings) -> String {
     if let Some(step) = model.step() {
         line("step", &format!("{} ms between states", 1e3 * step));
     }
+    let delay = 1e3 * model.torque_delay();
+    if delay > 0.0 {
+        line(
+            "torque delay",
+            &format!(
+                "{delay} ms: answers are what the channel shows, the torque of the state of then"
+            ),
+        );
+    } else if delay < 0.0 {
+        line("torque delay", &format!("{delay} ms, early: answers are the torque of the state, which the channel showed before"));
+    }
     if let Some(residual) = model.residual() {
         let joints = residual_joints(model).join(", ");
         line(
@@ -178,6 +189,7 @@ pub fn json(model: &TorqueModel, settings: &Settings) -> String {
     let robot = model.robot();
     let domain = model.domain();
     let error = model.encoder_error();
+    let limits = dynid_core::limits::believed(model);
     let joints: Vec<_> = robot
         .joints()
         .iter()
@@ -187,6 +199,7 @@ pub fn json(model: &TorqueModel, settings: &Settings) -> String {
                 "name": joint.name,
                 "kind": kind_name(joint.kind),
                 "domain": {"q": domain.q[j], "dq": domain.dq[j], "ddq": domain.ddq[j]},
+                "limits": {"q": limits[j][0], "dq": limits[j][1], "ddq": limits[j][2]},
                 "encoder_delay": model.encoder_delay()[j],
                 "encoder_error": error.map_or([0.0; 2], |error| error.cos_sin[j]),
                 "noise_std": model.noise_std()[j],
@@ -202,6 +215,7 @@ pub fn json(model: &TorqueModel, settings: &Settings) -> String {
         "gravity": robot.gravity().as_slice(),
         "torque_unit": model.torque_unit(),
         "step": model.step(),
+        "torque_delay": model.torque_delay(),
         "terms": model.term_names(),
         "residual": residual,
         "differentiation": {"window": window, "step": step, "delay": delay, "first_answer": first_answer(window)},

@@ -123,7 +123,8 @@ impl Clock {
     /// A step that was given with `--step` is believed.
     fn new(model: &TorqueModel, given: Option<f64>) -> Self {
         let mut effects = model.effects().iter();
-        let matters = effects.any(|term| term.effect().entry().needs("step"));
+        let matters =
+            effects.any(|term| term.effect().entry().needs("step")) || model.torque_delay() > 0.0;
         Self {
             step: model.step().filter(|_| matters && given.is_none()),
             before: f64::NAN,
@@ -157,6 +158,15 @@ impl Clock {
 pub fn note_what_is_missing(model: &TorqueModel, frame: &Frame, cycle: &Cycle) {
     let present = frame.present();
     note_a_missing_encoder(model, present);
+    if model.torque_delay() < 0.0 {
+        tell(
+            "note",
+            &format!(
+                "the model's torque channel is early by {} ms, and no state is known before it comes: answers are the torque of the state, not what the channel shows at its time",
+                -1e3 * model.torque_delay()
+            ),
+        );
+    }
     if model.wants_temperature().contains(&true) && !present.signals[TEMPERATURE] {
         tell(
             "note",

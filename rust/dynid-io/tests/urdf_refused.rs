@@ -790,6 +790,34 @@ fn joints_that_no_serial_chain_has() {
     );
 }
 
+/// No gear has one; a rotor inertia, which gives the ratio its use, need not stand beside it.
+#[test]
+fn a_ratio_of_zero_without_a_rotor_inertia() {
+    let without = spoil("<drake:rotor_inertia value=\"2e-5\"/>", "");
+    let ratio = "<mechanicalReduction>100</mechanicalReduction>";
+    assert!(parse(&without, "f", &UrdfOptions::default()).is_ok());
+    for zero in [
+        "<mechanicalReduction> -0e3 </mechanicalReduction>",
+        "<drake:gear_ratio value=\"0.0\"/>",
+    ] {
+        let text = without.replace(ratio, zero);
+        let before = &text[..text.find(zero).unwrap()];
+        let column = before.chars().rev().take_while(|c| *c != '\n').count() + 1;
+        let place = format!(
+            "f:{}:{column}: <transmission>: ",
+            before.matches('\n').count() + 1
+        );
+        let error = parse(&text, "f", &UrdfOptions::default())
+            .unwrap_err()
+            .to_string();
+        assert!(error.starts_with(&place), "{error}");
+        assert!(
+            error.contains(" is zero, expected rotor speed over joint speed; correct it"),
+            "{error}"
+        );
+    }
+}
+
 #[test]
 fn transmissions() {
     let element = "<transmission>";

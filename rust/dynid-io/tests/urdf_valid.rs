@@ -463,22 +463,6 @@ fn notes_say_what_was_passed_over() {
     }
     assert_eq!(notes.len(), 3, "{all}");
     for (from, to, says) in [
-        (
-            "ixx=\"0.02\"",
-            "ixx=\"2\"",
-            "<inertia> of link \"upper\" belongs to no body",
-        ),
-        (
-            "ixx=\"0.02\"",
-            "ixx=\"-0.02\"",
-            "<inertia> of link \"upper\" belongs to no body",
-        ),
-        (
-            "ixy=\"0.001\"",
-            "ixy=\"0.1\"",
-            "<inertia> of link \"upper\" belongs to no body",
-        ),
-        ("value=\"2.5\"", "value=\"0\"", "has an inertia and no mass"),
         ("rpy=\"0.1 0.2 0.3\"", "rpy=\"0 90 0\"", "read in radians"),
         (
             "velocity=\"3\"",

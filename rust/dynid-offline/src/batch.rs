@@ -3,9 +3,10 @@
 use dynid_core::chain::{self, LinkRow};
 use dynid_core::lanes::{self, Kernel, Lanes};
 use dynid_core::link_params::N_LINK_PARAMS;
-use dynid_core::{CoreError, RobotModel, State, TorqueEstimator};
+use dynid_core::{CoreError, RobotModel, State, Status, TorqueEstimator};
 use rayon::prelude::*;
 
+use crate::ahead::Ahead;
 use crate::error::OfflineError;
 use crate::observation::slice_state;
 use crate::rows::{put, put_at, StateRows};
@@ -183,8 +184,9 @@ impl Regressors<'_> {
     }
 }
 
-/// Every sample through one estimator, in order, exactly as it runs online. `terms`: n_samples × n_terms × n;
-/// `total`: n_samples × n; `status`: n_samples.
+/// Every sample through one estimator, in order, as it runs online; but a torque channel that is early is no riddle here,
+/// for the states that it shows the torque of stand in the record. `terms`: n_samples × n_terms × n; `total`:
+/// n_samples × n; `status`: n_samples.
 ///
 /// # Errors
 /// [`CoreError::Length`] if lengths disagree.
@@ -196,17 +198,20 @@ pub fn estimate(
     status: &mut [u32],
 ) -> Result<(), CoreError> {
     let n = estimator.model().robot().n_joints();
-    states.check(total.len())?;
     let row = estimator.terms().len();
     same_length("terms", terms, status.len() * row)?;
     same_length("total", total, status.len() * n)?;
-    for (k, status) in status.iter_mut().enumerate() {
-        let at = k * n..(k + 1) * n;
-        let state = slice_state(states, at.clone());
-        *status = estimator.estimate_into(&state, &mut total[at])?.bits();
-        terms[k * row..(k + 1) * row].copy_from_slice(estimator.terms());
-    }
-    Ok(())
+    each(
+        estimator,
+        states,
+        status.len(),
+        |k, estimator, state, ahead| {
+            let found = estimator.estimate_into(state, &mut total[k * n..(k + 1) * n])?;
+            status[k] = found.and(ahead).bits();
+            terms[k * row..(k + 1) * row].copy_from_slice(estimator.terms());
+            Ok(())
+        },
+    )
 }
 
 /// The total of [`estimate`] alone: `total` is n_samples × n.
@@ -219,12 +224,12 @@ pub fn torque(
     total: &mut [f64],
 ) -> Result<(), CoreError> {
     let n = estimator.model().robot().n_joints();
-    states.check(total.len())?;
     same_length("total", total, total.len() / n * n)?;
-    for (k, total) in total.chunks_exact_mut(n).enumerate() {
-        estimator.estimate_into(&slice_state(states, k * n..(k + 1) * n), total)?;
-    }
-    Ok(())
+    let n_samples = total.len() / n;
+    each(estimator, states, n_samples, |k, estimator, state, _| {
+        estimator.estimate_into(state, &mut total[k * n..(k + 1) * n])?;
+        Ok(())
+    })
 }
 
 /// [`TorqueEstimator::predicted_std_into`] at every sample into `std` (n_samples × n).
@@ -237,12 +242,38 @@ pub fn predicted_std(
     std: &mut [f64],
 ) -> Result<(), CoreError> {
     let n = estimator.model().robot().n_joints();
-    states.check(std.len())?;
     same_length("std", std, std.len() / n * n)?;
     let mut tau = vec![0.0; n];
-    for (k, std) in std.chunks_exact_mut(n).enumerate() {
-        estimator.estimate_into(&slice_state(states, k * n..(k + 1) * n), &mut tau)?;
-        estimator.predicted_std_into(std)?;
+    let n_samples = std.len() / n;
+    each(estimator, states, n_samples, |k, estimator, state, _| {
+        estimator.estimate_into(state, &mut tau)?;
+        estimator.predicted_std_into(&mut std[k * n..(k + 1) * n])
+    })
+}
+
+/// `work(sample, estimator, state, status)` on every sample in order, with the state that the torque channel shows there as
+/// far as the estimator does not find it by itself.
+fn each(
+    estimator: &mut TorqueEstimator,
+    states: &State<'_>,
+    n_samples: usize,
+    mut work: impl FnMut(usize, &mut TorqueEstimator, &State<'_>, Status) -> Result<(), CoreError>,
+) -> Result<(), CoreError> {
+    let n = estimator.model().robot().n_joints();
+    states.check(n_samples * n)?;
+    let mut ahead = Ahead::of(estimator.model().torque_delay(), estimator.step(), n);
+    for k in 0..n_samples {
+        match &mut ahead {
+            None => {
+                let state = slice_state(states, k * n..(k + 1) * n);
+                work(k, estimator, &state, Status::OK)?;
+            }
+            Some(ahead) => {
+                let (state, inside) = ahead.state(states, k, n_samples);
+                let status = if inside { Status::OK } else { Status::SETTLING };
+                work(k, estimator, &state, status)?;
+            }
+        }
     }
     Ok(())
 }

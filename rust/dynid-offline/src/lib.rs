@@ -8,6 +8,7 @@
 //! Every result is the same to the last bit for any number of threads.
 
 pub mod adjoint;
+mod ahead;
 pub mod base;
 pub mod batch;
 pub mod columns;

@@ -5,8 +5,8 @@ use std::sync::Arc;
 
 use dynid_core::model::TorqueModelParts;
 use dynid_core::{
-    Domain, EffectTerm, EncoderError, Regression, Residual, ResidualInputs, Signal, State,
-    TorqueEstimator, TorqueModel,
+    Domain, EffectTerm, EncoderError, ErrorBand, Regression, Residual, ResidualInputs, Signal,
+    State, TorqueEstimator, TorqueModel,
 };
 use dynid_io::model_file;
 use dynid_offline::batch;
@@ -119,7 +119,7 @@ impl PyTorqueModel {
 #[pymethods]
 impl PyTorqueModel {
     #[new]
-    #[pyo3(signature = (robot, phi, effects, *, residual=None, residual_signals=None, compliance=None, torque_scale=None, encoder_delay, encoder_error=None, encoder_error_sides="link", noise_std, domain, torque_unit="N*m", step=None))]
+    #[pyo3(signature = (robot, phi, effects, *, residual=None, residual_signals=None, compliance=None, torque_scale=None, encoder_delay, encoder_error=None, encoder_error_sides="link", torque_delay=0.0, noise_std, domain, torque_unit="N*m", step=None, band=None))]
     #[expect(
         clippy::too_many_arguments,
         reason = "a keyword constructor; the parts are the model"
@@ -135,10 +135,12 @@ impl PyTorqueModel {
         encoder_delay: Vec<f64>,
         encoder_error: Option<Bound<'_, PyAny>>,
         encoder_error_sides: &str,
+        torque_delay: f64,
         noise_std: Vec<f64>,
         domain: (Vec<[f64; 2]>, Vec<f64>, Vec<f64>),
         torque_unit: &str,
         step: Option<f64>,
+        band: Option<(f64, f64, bool)>,
     ) -> PyResult<Self> {
         let n = robot.0.n_joints();
         let effects = effects
@@ -192,6 +194,15 @@ impl PyTorqueModel {
             step,
         })
         .and_then(|model| model.with_encoder_error(encoder_error))
+        .and_then(|model| model.with_torque_delay(torque_delay))
+        .and_then(|model| match band {
+            None => Ok(model),
+            Some((cutoff, rate, standstill)) => model.with_band(ErrorBand {
+                cutoff,
+                rate,
+                standstill,
+            }),
+        })
         .map(|model| Self(Arc::new(model)))
         .map_err(errors::core)
     }
@@ -419,6 +430,25 @@ impl PyTorqueModel {
             Some(error) if error.both_sides => "both",
             _ => "link",
         }
+    }
+
+    /// How late the torque channel is behind the encoders.
+    #[getter]
+    fn torque_delay(&self) -> f64 {
+        self.0.torque_delay()
+    }
+
+    /// The same model for a torque channel that is late by other seconds.
+    fn with_torque_delay(&self, delay: f64) -> PyResult<Self> {
+        let model = (*self.0).clone().with_torque_delay(delay);
+        Ok(Self(Arc::new(model.map_err(errors::core)?)))
+    }
+
+    /// `(cutoff, rate, standstill)` of the band in which its errors are told; None where it does not say.
+    #[getter]
+    fn band(&self) -> Option<(f64, f64, bool)> {
+        let band = self.0.band()?;
+        Some((band.cutoff, band.rate, band.standstill))
     }
 
     #[getter]

@@ -12,7 +12,7 @@ from dynid_rs.diagnosis.reference.plausible import Plausible, plausible_phi
 from dynid_rs.diagnosis.reference.unseen import unseen_directions
 from dynid_rs.diagnosis.structural.frames import tilt_of, tilted_gravity
 from dynid_rs.diagnosis.structural.gravity_tilt import gravity_steps
-from dynid_rs.model.assembly import evaluate
+from dynid_rs.model.assembly import evaluate, with_changes
 from dynid_rs.runs.preprocessing import States
 
 FloatArray = NDArray[np.float64]
@@ -107,21 +107,8 @@ class Believed:
             if effect.kind == OFFSET:
                 changed[:, 0] += self.offset
             effects.append((effect, changed))
-        model = _core.TorqueModel(
-            self.robot,
-            self.phi,
-            effects,
-            residual=like.residual,
-            compliance=None if like.compliance is None else like.compliance.tolist(),
-            torque_scale=(like.torque_scale * factor).tolist(),
-            residual_signals=like.residual_signals,
-            encoder_delay=like.encoder_delay.tolist(),
-            encoder_error=like.encoder_error,
-            encoder_error_sides=like.encoder_error_sides,
-            noise_std=like.noise_std.tolist(),
-            domain=like.domain,
-            torque_unit=like.torque_unit,
-            step=like.step,
+        model = with_changes(
+            like, robot=self.robot, phi=self.phi, effects=effects, torque_scale=(like.torque_scale * factor).tolist()
         )
         return self._with_physical(model)
 

@@ -7,7 +7,7 @@ them a little freedom (a weak prior around the reference); they are named only w
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,7 @@ from dynid_rs.diagnosis.reference.change_search import ChangeSearch
 from dynid_rs.diagnosis.reference.changes import PAYLOAD, Believed, Hypothesis
 from dynid_rs.diagnosis.reference.payload import physical_payload
 from dynid_rs.identification.training import prepare_training_runs
-from dynid_rs.model.assembly import evaluate
+from dynid_rs.model.assembly import evaluate, with_band
 from dynid_rs.regression.evaluation import rmse
 from dynid_rs.regression.uncertainty import NORMAL_95
 from dynid_rs.runs.facts import check_training_runs
@@ -90,10 +90,11 @@ def compare(
     _check(reference, robot, [*train, *test])
     band = Band(cutoff) if cutoff is not None else choose_band(train)
     rate = common_rate(train)
-    runs = prepare_training_runs(train, band, rate)
+    runs = prepare_training_runs(train, band, rate, torque_delay=reference.torque_delay)
     with threadpool_limits(limits=1, user_api="blas"):
         search = ChangeSearch(Believed.unchanged(reference, robot.phi), runs)
-        return _report(search, search.run(), [prepare(recording, band, rate) for recording in test])
+        changes = _report(search, search.run(), [prepare(recording, band, rate) for recording in test])
+        return replace(changes, model=with_band(changes.model, (band.cutoff, rate, False)))
 
 
 def _report(search: ChangeSearch, beliefs: list[Believed], tests: list[States]) -> Changes:

@@ -74,10 +74,9 @@ def examine(
         setup = replace(setup, excluded=windows)
         fit = setup.identifier(residual=None).fit(list(train))
     if test:
-        names = {recording.name for recording in test}
-        every = [*runs, *(prepare(recording, fit.band_, fit.rate_) for recording in test)]
-        contacts += [contact for contact in find_contacts(fit, every) if contact.run in names]
-        setup = replace(setup, excluded=windows_of([c for c in contacts if c.run in names], setup.excluded))
+        unseen = find_contacts(fit, runs, [prepare(recording, fit.band_, fit.rate_) for recording in test])
+        setup = replace(setup, excluded=windows_of(unseen, setup.excluded))
+        contacts += unseen
     return setup, fit, contact_findings(contacts, [*train, *test])
 
 

@@ -36,6 +36,7 @@ REVERSAL_EDGES = (0.15, 0.3, 0.5, 0.8)
 QUANTILES, REST_QUANTILES = (0.5, 0.75, 0.9), (0.5, 0.75)
 """The scale is the greatest that these quantiles give: contact is rare, wrong models are not."""
 LEAST_VALUES = 20
+_TIMES = tuple(pairwise((0.0, *REVERSAL_EDGES, np.inf)))
 
 
 @dataclass(frozen=True)
@@ -50,36 +51,63 @@ class Contact:
     strength: float
 
 
-def find_contacts(fit: ThreeLoopIdentifier, runs: Sequence[States]) -> list[Contact]:
-    """Find bursts in runs that were prepared without any exclusion, training and test runs alike.
+def find_contacts(
+    fit: ThreeLoopIdentifier, learned: Sequence[States], judged: Sequence[States] | None = None
+) -> list[Contact]:
+    """Find bursts in runs that were prepared without any exclusion.
+
+    Nothing of the runs that are only judged touches the others: each is held against the scales of those that were
+    learned from, and its own.
 
     Parameters
     ----------
     fit : ThreeLoopIdentifier
         Fitted without a third loop; windows that are known already may have been excluded.
-    runs : sequence of States
-        Channels as recorded.
+    learned : sequence of States
+        Training runs, channels as recorded.
+    judged : sequence of States, optional
+        Runs to look at, channels as recorded; the training runs by default.
     """
     usual = Usual(fit)
-    watches = [watch_run(fit, states, usual) for states in runs]
-    scores = [[_smooth(watch, length) for watch in watches] for length in LENGTHS]
-    scales = [_scales(watches, level) for level in scores]
-    z = [
-        [
-            np.maximum(np.abs(x.m) - x.slack, 0) / np.hypot(scale, x.unsure)
-            for x, scale in zip(level, scaled, strict=True)
-        ]
-        for level, scaled in zip(scores, scales, strict=True)
-    ]
-    strengths = [np.max([_together(level[k]) for level in z], axis=0) for k in range(len(watches))]
-    if max(float(strength.max()) for strength in strengths) < SURE:
-        return []
-    return [
-        _contact(watch, [level[k] for level in z], strengths[k], rows)
-        for k, watch in enumerate(watches)
+    watches = [watch_run(fit, states, usual) for states in learned]
+    levels = [[_smooth(watch, length) for watch in watches] for length in LENGTHS]
+    pools = [_Pool.of(watches, level) for level in levels]
+    own = [_Burst.of(watch, [level[k] for level in levels], pools) for k, watch in enumerate(watches)]
+    sure = max(burst.strongest for burst in own) >= SURE
+    if judged is None:
+        return [contact for burst in own for contact in burst.contacts()] if sure else []
+    others = []
+    for states in judged:
+        watch = watch_run(fit, states, usual)
+        others.append(_Burst.of(watch, [_smooth(watch, length) for length in LENGTHS], pools, pooled=False))
+    return [contact for burst in others if sure or burst.strongest >= SURE for contact in burst.contacts()]
+
+
+@dataclass(frozen=True, eq=False)
+class _Burst:
+    """How much a run stands out: `z` (n_grid, n_joints) by kernel, `strength` (n_grid,) of all joints together."""
+
+    watch: Watch
+    z: list[FloatArray]
+    strength: FloatArray
+
+    @staticmethod
+    def of(watch: Watch, levels: Sequence[_Level], pools: Sequence[_Pool], *, pooled: bool = True) -> _Burst:
+        """Of a run through every kernel; `pooled` if the pools hold it."""
+        z = []
+        for x, pool in zip(levels, pools, strict=True):
+            scale = _scale_of(watch, x, pool, pooled)
+            z.append(np.maximum(np.abs(x.m) - x.slack, 0) / np.hypot(scale, x.unsure))
+        return _Burst(watch, z, np.max([_together(level) for level in z], axis=0))
+
+    @property
+    def strongest(self) -> float:
+        return float(self.strength.max())
+
+    def contacts(self) -> list[Contact]:
         # The narrowest kernel says where a burst ends, all of them together where there is one.
-        for rows in _windows(strengths[k], _together(z[0][k]), watch)
-    ]
+        windows = _windows(self.strength, _together(self.z[0]), self.watch)
+        return [_contact(self.watch, self.z, self.strength, rows) for rows in windows]
 
 
 def _contact(watch: Watch, z: Sequence[FloatArray], strength: FloatArray, window: tuple[int, int]) -> Contact:
@@ -150,33 +178,51 @@ def _smooth(watch: Watch, length: float) -> _Level:
     return _Level(m, slack, unsure, enough)
 
 
-def _scales(watches: Sequence[Watch], level: Sequence[_Level]) -> list[FloatArray]:
-    """Standard deviation that a joint's smoothed residual has by itself at every sample."""
-    scales = [np.full(x.m.shape, np.inf) for x in level]
-    n = level[0].m.shape[1]
-    edges = (0.0, *REVERSAL_EDGES, np.inf)
-    for j in range(n):
-        for at_rest, quantiles in ((False, QUANTILES), (True, REST_QUANTILES)):
-            masks = [x.enough[:, j] & (watch.resting == at_rest) for watch, x in zip(watches, level, strict=True)]
-            values = [np.abs(x.m[mask, j]) for mask, x in zip(masks, level, strict=True)]
-            # A run that rests is a pose of its own; runs that move are alike.
-            common = 0.0 if at_rest else _scale(np.concatenate(values), quantiles)
-            for scale, mask, own in zip(scales, masks, values, strict=True):
-                size = max(common, _scale(own, quantiles))
-                scale[mask, j] = size if size > 0 else np.inf
-            if at_rest:
-                continue
-            for low, high in pairwise(edges):
-                near = [
-                    mask & (watch.since[:, j] >= low) & (watch.since[:, j] < high)
-                    for mask, watch in zip(masks, watches, strict=True)
-                ]
-                alike = _scale(
-                    np.concatenate([np.abs(x.m[mask, j]) for mask, x in zip(near, level, strict=True)]), quantiles
-                )
-                for scale, mask in zip(scales, near, strict=True):
-                    scale[mask, j] = np.maximum(scale[mask, j], alike)
-    return scales
+@dataclass(frozen=True, eq=False)
+class _Pool:
+    """Scales of the runs that were learned from, together: in motion (n_joints,), and by the time from a reversal.
+
+    `near` (n_times, n_joints). A run that rests is a pose of its own; runs that move are alike.
+    """
+
+    moving: FloatArray
+    near: FloatArray
+
+    @staticmethod
+    def of(watches: Sequence[Watch], level: Sequence[_Level]) -> _Pool:
+        n = level[0].m.shape[1]
+        moving, near = np.zeros(n), np.zeros((len(_TIMES), n))
+        for j in range(n):
+            masks = [x.enough[:, j] & ~watch.resting for watch, x in zip(watches, level, strict=True)]
+
+            def pooled(masks: Sequence[BoolArray], j: int = j) -> float:
+                values = [np.abs(x.m[mask, j]) for mask, x in zip(masks, level, strict=True)]
+                return _scale(np.concatenate(values), QUANTILES)
+
+            moving[j] = pooled(masks)
+            for k, (low, high) in enumerate(_TIMES):
+                apart = [watch.since[:, j] for watch in watches]
+                near[k, j] = pooled([m & (s >= low) & (s < high) for m, s in zip(masks, apart, strict=True)])
+        return _Pool(moving, near)
+
+
+def _scale_of(watch: Watch, x: _Level, pool: _Pool, pooled: bool) -> FloatArray:
+    """Standard deviation that a run's smoothed residual has by itself at every sample, (n_grid, n_joints).
+
+    The pool's or its own, whichever is greater; its own near reversals only where the pool does not hold it.
+    """
+    scale = np.full(x.m.shape, np.inf)
+    for j in range(x.m.shape[1]):
+        for at_rest, common, quantiles in ((False, pool.moving[j], QUANTILES), (True, 0.0, REST_QUANTILES)):
+            mask = x.enough[:, j] & (watch.resting == at_rest)
+            size = max(float(common), _scale(np.abs(x.m[mask, j]), quantiles))
+            scale[mask, j] = size if size > 0 else np.inf
+        moving, since = x.enough[:, j] & ~watch.resting, watch.since[:, j]
+        for alike, (low, high) in zip(pool.near[:, j], _TIMES, strict=True):
+            mask = moving & (since >= low) & (since < high)
+            size = float(alike) if pooled else max(float(alike), _scale(np.abs(x.m[mask, j]), QUANTILES))
+            scale[mask, j] = np.maximum(scale[mask, j], size)
+    return scale
 
 
 def _scale(values: FloatArray, quantiles: Sequence[float]) -> float:

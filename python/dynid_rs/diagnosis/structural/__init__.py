@@ -52,8 +52,7 @@ def undone(setup: Setup, declared: Setup, kind: str, joints: tuple[int, ...]) ->
 def value_of(setup: Setup, kind: str, joints: tuple[int, ...]) -> FloatArray:
     """What a change of structure is now, (k,), in the order of its hypothesis."""
     if kind == "torque_delay":
-        delay: FloatArray = setup.torque_delay[:1]
-        return delay
+        return np.array([setup.torque_delay])
     if kind == "encoder_eccentricity":
         error: FloatArray = setup.encoder_error[joints[0]]
         return error

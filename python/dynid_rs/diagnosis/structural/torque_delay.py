@@ -19,6 +19,8 @@ USUAL = np.array([5e-3])
 """Usual delay [s]: one cycle of a bus or two."""
 LARGEST = 0.02
 """Longest change [s] at once: what is far is reached in steps."""
+MOST = 0.5
+"""A channel that is later or earlier [s] is none of the same motion; a model holds no longer delay."""
 
 
 def delay_hypotheses(about: About, setup: Setup) -> list[Hypothesis]:
@@ -49,4 +51,5 @@ def lateness(fit: ThreeLoopIdentifier) -> dict[int, FloatArray]:
 
 def later(setup: Setup, x: FloatArray) -> Setup:
     """Return the setup with the torque channel later by x (1,) [s], at most by `LARGEST` at once."""
-    return replace(setup, torque_delay=setup.torque_delay + np.clip(x[0], -LARGEST, LARGEST))
+    delay = setup.torque_delay + float(np.clip(x[0], -LARGEST, LARGEST))
+    return replace(setup, torque_delay=float(np.clip(delay, -MOST, MOST)))

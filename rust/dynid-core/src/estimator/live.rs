@@ -2,40 +2,77 @@
 
 use std::sync::Arc;
 
-use super::TorqueEstimator;
+use super::{Evaluation, TorqueEstimator};
 use crate::error::CoreError;
 use crate::model::{check_step, TorqueModel};
 use crate::slices::{copy, mirror_fields, Mirror};
 use crate::state::State;
 
 impl TorqueEstimator {
-    /// Time between the last sample and the next one \[s\], from now on.
+    /// Time between the last sample and the next one \[s\], from now on. Room for a late torque channel's states is
+    /// that of the step it was made for: a shorter one may leave too few of them, which the status then says.
     ///
     /// # Errors
     /// [`CoreError::Range`] if `step` is not positive; the old one stays then.
     pub fn set_step(&mut self, step: f64) -> Result<(), CoreError> {
         check_step(step)?;
-        self.step = step;
+        self.own.step = step;
         Ok(())
     }
 
     /// Time that is counted from one sample to the next \[s\]; zero where neither the model nor the caller gave one.
     #[must_use]
     pub fn step(&self) -> f64 {
-        self.step
+        self.own.step
+    }
+
+    /// `elapsed` seconds went by, and brought no state that could be used: what a late torque channel shows goes on all the
+    /// same.
+    pub fn pass(&mut self, elapsed: f64) {
+        self.intake.pass(elapsed);
+    }
+
+    /// The states that come begin anew: those of before are not what a late torque channel shows. What effects remember
+    /// stays.
+    pub fn begin_anew(&mut self) {
+        self.intake.reset();
     }
 
     /// The model, to share.
     #[must_use]
     pub fn shared_model(&self) -> Arc<TorqueModel> {
-        Arc::clone(&self.model)
+        Arc::clone(&self.own.model)
     }
 
     /// Takes over what the effects of `before` remember and its last good torque, so that a new model goes on where the
     /// old one was. An effect goes on with the memory of the same effect (kind and shape) at the same count among its like;
     /// others begin with zeros. Nothing is taken over from another number of joints.
     pub fn continue_from(&mut self, before: &Self) {
-        let n = self.model.robot().n_joints();
+        let n = self.own.model.robot().n_joints();
+        self.intake.continue_from(&before.intake);
+        self.own.continue_from(&before.own, n);
+    }
+
+    /// The state of the last step less the encoders' error, both channels on the motor channel's clock. Not the last
+    /// *good* step's: read it after a step that was good.
+    #[must_use]
+    pub fn true_state(&self) -> State<'_> {
+        let [q, dq, ddq] = &self.own.link;
+        let [q_motor, dq_motor, ddq_motor] = &self.own.motor;
+        State {
+            q,
+            dq,
+            ddq,
+            q_motor,
+            dq_motor,
+            ddq_motor,
+            temperature: None,
+        }
+    }
+}
+
+impl Evaluation {
+    fn continue_from(&mut self, before: &Self, n: usize) {
         if before.model.robot().n_joints() != n {
             return;
         }
@@ -61,26 +98,15 @@ impl TorqueEstimator {
             at += len;
         }
     }
-
-    /// The state of the last step less the encoders' error, both channels on the motor channel's clock. Not the last
-    /// *good* step's: read it after a step that was good.
-    #[must_use]
-    pub fn true_state(&self) -> State<'_> {
-        let [q, dq, ddq] = &self.link;
-        let [q_motor, dq_motor, ddq_motor] = &self.motor;
-        State {
-            q,
-            dq,
-            ddq,
-            q_motor,
-            dq_motor,
-            ddq_motor,
-            temperature: None,
-        }
-    }
 }
 
 impl Mirror for TorqueEstimator {
+    fn mirror(&mut self, of: &Self) {
+        mirror_fields!(self, of; intake, own; copied; kept);
+    }
+}
+
+impl Mirror for Evaluation {
     fn mirror(&mut self, of: &Self) {
         mirror_fields!(
             self, of;

@@ -12,6 +12,8 @@ mod residual;
 
 use std::fmt::Write;
 
+use dynid_core::delay_line::n_delay_rows;
+use dynid_core::limits::believed;
 use dynid_core::{JointKind, TorqueModel};
 
 pub use names::prefix_of;
@@ -47,6 +49,10 @@ pub fn c_header(model: &TorqueModel, prefix: &str) -> Result<String, CHeaderErro
     piece(include_str!("c/types.c"));
     piece(&tables(model));
     piece(&name_functions(model));
+    piece(include_str!("c/limits.c"));
+    if n_delay(model) > 0 {
+        piece(include_str!("c/delay.c"));
+    }
     piece(include_str!("c/true_state.c"));
     piece(include_str!("c/rigid_body.c"));
     piece(include_str!("c/weigh.c"));
@@ -103,6 +109,13 @@ fn n_memory(model: &TorqueModel) -> usize {
     all.max(1)
 }
 
+/// States that are kept for a torque channel that is late.
+fn n_delay(model: &TorqueModel) -> usize {
+    let delay = model.torque_delay();
+    let rows = model.step().and_then(|step| n_delay_rows(delay, step));
+    rows.filter(|_| delay > 0.0).unwrap_or(0)
+}
+
 fn sizes(model: &TorqueModel) -> String {
     let encoder_error = match model.encoder_error() {
         None => "0 /* no encoder shows too much */",
@@ -113,11 +126,19 @@ fn sizes(model: &TorqueModel) -> String {
     };
     format!(
         "#define DYNID_N_JOINTS {}\n#define DYNID_N_TERMS {}\n#define DYNID_N_MEMORY {}\n#define DYNID_STEP {} /* between \
-         states [s]; 0 where nothing depends on it */\n#define DYNID_ENCODER_ERROR {encoder_error}",
+         states [s]; 0 where nothing depends on it */\n#define DYNID_ENCODER_ERROR {encoder_error}\n#define DYNID_TORQUE_DELAY {} /* of the torque \
+         channel behind the encoders [s]{} */\n#define DYNID_N_DELAY {}",
         model.robot().n_joints(),
         model.n_terms(),
         n_memory(model),
         number(model.step().unwrap_or(0.0)),
+        number(model.torque_delay()),
+        if model.torque_delay() < 0.0 {
+            ", early: torques here are those of the state"
+        } else {
+            ""
+        },
+        n_delay(model),
     )
 }
 
@@ -146,6 +167,12 @@ fn tables(model: &TorqueModel) -> String {
     let error = model.encoder_error();
     let error = error.map_or_else(|| vec![0.0; 2 * n], |error| error.cos_sin.concat());
     let domain = model.domain();
+    let believed = believed(model);
+    // No number is beyond the largest one.
+    let limits = |k: usize| -> Vec<f64> {
+        let rows = believed.iter().flat_map(|joint| joint[k]);
+        rows.map(|x| x.clamp(-f64::MAX, f64::MAX)).collect()
+    };
     for (name, width, values) in [
         ("torque_scale", 1, model.torque_scale().to_vec()),
         ("noise_std", 1, model.noise_std().to_vec()),
@@ -154,6 +181,9 @@ fn tables(model: &TorqueModel) -> String {
         ("domain_q", 2, domain.q.concat()),
         ("domain_dq", 1, domain.dq.clone()),
         ("domain_ddq", 1, domain.ddq.clone()),
+        ("limits_q", 2, limits(0)),
+        ("limits_dq", 2, limits(1)),
+        ("limits_ddq", 2, limits(2)),
     ] {
         text.push_str(&table(name, width, &values));
     }

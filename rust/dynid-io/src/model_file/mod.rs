@@ -21,8 +21,9 @@ use crate::whole::write_whole;
 
 /// Name in the `format` field.
 pub const FORMAT: &str = "dynid-model";
-/// Version of the schema that this reader understands.
-pub const VERSION: u32 = 1;
+/// Newest version of the schema that this reader understands; it understands all before. A file says the oldest version
+/// that can hold it: 2 came with the torque channel's delay and the band in which errors are told.
+pub const VERSION: u32 = 2;
 /// Larger files are refused before memory is taken \[bytes\].
 pub const MAX_BYTES: u64 = 64 << 20;
 
@@ -121,7 +122,9 @@ pub fn save(model: &TorqueModel, path: &Path) -> Result<(), ModelFileError> {
 /// `serde_json::Error` if the model cannot be written as JSON.
 pub fn to_text(model: &TorqueModel) -> Result<String, serde_json::Error> {
     let blank = format!("{CHECKSUM_PREFIX}{}", "0".repeat(N_DIGITS));
-    let file = ModelFile::from_model(model, FORMAT, VERSION, blank.clone());
+    let is_newer = model.torque_delay() != 0.0 || model.band().is_some();
+    let version = if is_newer { 2 } else { 1 };
+    let file = ModelFile::from_model(model, FORMAT, version, blank.clone());
     let mut text = serde_json::to_string_pretty(&file)?;
     text.push('\n');
     let sum = format!("{CHECKSUM_PREFIX}{}", digest(&text));
@@ -173,14 +176,14 @@ fn check_header(text: &str) -> Result<(), String> {
         ));
     }
     match header.version {
-        Some(VERSION) => {}
+        Some(1..=VERSION) => {}
         Some(version) if version > VERSION => {
             return Err(format!(
                 "written by a newer program (version {version}, this one reads {VERSION}); update dynid-rs"
             ));
         }
         _ => return Err(format!(
-            "no usable version (expected \"version\": {VERSION}); give the model.json as `dynid identify` wrote it, or identify again"
+            "no usable version (expected \"version\": 1 to {VERSION}); give the model.json as `dynid identify` wrote it, or identify again"
         )),
     }
     let stated = header.checksum.unwrap_or_default();

@@ -4,8 +4,9 @@
 
 use dynid_core::model::TorqueModelParts;
 use dynid_core::{
-    Domain, EncoderError, GaussianMixtureRegression, Joint, JointKind, JointLimits, NormalisedRbf,
-    PhysicalSet, Regression, Residual, ResidualInputs, RobotModel, Signal, TorqueModel, MAX_INPUTS,
+    Domain, EncoderError, ErrorBand, GaussianMixtureRegression, Joint, JointKind, JointLimits,
+    NormalisedRbf, PhysicalSet, Regression, Residual, ResidualInputs, RobotModel, Signal,
+    TorqueModel, MAX_INPUTS,
 };
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
@@ -28,12 +29,25 @@ pub struct ModelFile {
     encoder_delay: Vec<f64>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     encoder_error: Option<EncoderErrorPart>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    torque_delay: Option<f64>,
     noise_std: Vec<f64>,
     domain: DomainPart,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     step: Option<f64>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
+    band: Option<BandPart>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     physical: Option<PhysicalPart>,
+}
+
+/// Where errors are told; absent in files of version 1.
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct BandPart {
+    cutoff: f64,
+    rate: f64,
+    standstill: bool,
 }
 
 /// What encoders show too much; absent where they are right.
@@ -180,6 +194,7 @@ impl ModelFile {
                 },
                 cos_sin: error.cos_sin.clone(),
             }),
+            torque_delay: Some(model.torque_delay()).filter(|delay| *delay != 0.0),
             noise_std: model.noise_std().to_vec(),
             domain: DomainPart {
                 q: model.domain().q.clone(),
@@ -187,6 +202,11 @@ impl ModelFile {
                 ddq: model.domain().ddq.clone(),
             },
             step: model.step(),
+            band: model.band().map(|band| BandPart {
+                cutoff: band.cutoff,
+                rate: band.rate,
+                standstill: band.standstill,
+            }),
             physical: model.physical().map(|set| PhysicalPart {
                 phi: tens(&set.phi),
                 rotor_inertia: set.rotor_inertia.clone(),
@@ -199,6 +219,14 @@ impl ModelFile {
 
     /// The model, every length and number checked.
     pub fn into_model(self) -> Result<TorqueModel, String> {
+        for (name, there) in [
+            ("torque_delay", self.torque_delay.is_some()),
+            ("band", self.band.is_some()),
+        ] {
+            if self.version < 2 && there {
+                return Err(format!("a file of version 1 has no {name}"));
+            }
+        }
         let robot = self.robot.into_robot()?;
         let n = robot.n_joints();
         let effects = self
@@ -230,6 +258,20 @@ impl ModelFile {
                 .with_encoder_error(EncoderError {
                     cos_sin: part.cos_sin,
                     both_sides: matches!(part.sides, SidesPart::Both),
+                })
+                .map_err(|e| e.to_string())?,
+        };
+        let model = match self.torque_delay {
+            None => model,
+            Some(delay) => model.with_torque_delay(delay).map_err(|e| e.to_string())?,
+        };
+        let model = match self.band {
+            None => model,
+            Some(part) => model
+                .with_band(ErrorBand {
+                    cutoff: part.cutoff,
+                    rate: part.rate,
+                    standstill: part.standstill,
                 })
                 .map_err(|e| e.to_string())?,
         };

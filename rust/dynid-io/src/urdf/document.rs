@@ -53,8 +53,6 @@ pub(super) struct Reference {
 pub(super) struct LinkFacts {
     pub(super) name: String,
     pub(super) at: usize,
-    /// Where its `<inertia>` is, if it declares one.
-    pub(super) inertia_at: Option<usize>,
 }
 
 /// A second `<origin>` of a joint.

@@ -83,7 +83,7 @@ fn matching_chain(
             };
             let mut notes = Notes::default();
             let found = chain::find(tree, source, &options, &mut notes).and_then(|bodies| {
-                merge::robot_model(tree, &bodies, &urdf, source, &options, &mut notes)
+                merge::robot_model(tree, &bodies, &urdf, source, &options)
                     .map(|found| (bodies, found))
             });
             match found {

@@ -11,7 +11,7 @@ use crate::frame::{lump, Frame};
 use super::chain::Body;
 use super::document::{Motion, Rotor};
 use super::error::UrdfError;
-use super::source::{Notes, Source};
+use super::source::Source;
 use super::tree::Tree;
 use super::UrdfOptions;
 
@@ -30,7 +30,6 @@ pub(super) fn robot_model(
     urdf: &urdf_rs::Robot,
     source: &Source,
     options: &UrdfOptions,
-    notes: &mut Notes,
 ) -> Result<RobotModel, UrdfError> {
     let n_joints = bodies.iter().filter(|body| body.joint.is_some()).count();
     let document = tree.document;
@@ -57,9 +56,6 @@ pub(super) fn robot_model(
         };
         let fixed = body.fixed.iter().map(|&fixed| tree.edges[fixed].child);
         let links: Vec<usize> = std::iter::once(body.link).chain(fixed).collect();
-        for &link in &links {
-            doubt_inertia(tree, link, &urdf.links[link], source, notes);
-        }
         let part = |link: usize| (frames[link], declared_params(&urdf.links[link].inertial));
         let phi = lump(links.into_iter().map(part));
         let facts = &document.joints[index];
@@ -113,52 +109,6 @@ fn inertia_matrix(i: &urdf_rs::Inertia) -> Matrix3<f64> {
 fn declared_params(inertial: &urdf_rs::Inertial) -> LinkParams {
     let inertia = inertia_matrix(&inertial.inertia);
     frame(&inertial.origin).centred(inertial.mass.value, &inertia)
-}
-
-/// Notes an inertia that no body has. It is kept: declared inertials are a start, not the truth.
-///
-/// A body's second moments `S = tr(I)/2 1 - I` are positive semi-definite; that is the triangle inequality, and more.
-fn doubt_inertia(
-    tree: &Tree,
-    link: usize,
-    urdf: &urdf_rs::Link,
-    source: &Source,
-    notes: &mut Notes,
-) {
-    let facts = &tree.document.links[link];
-    let Some(at) = facts.inertia_at else {
-        return;
-    };
-    let inertia = inertia_matrix(&urdf.inertial.inertia);
-    let size = inertia.amax();
-    if size == 0.0 {
-        return;
-    }
-    let inertia = inertia / size;
-    let s = Matrix3::identity() * (inertia.trace() * 0.5) - inertia;
-    let minors =
-        [(0, 1), (0, 2), (1, 2)].map(|(i, j)| s[(i, i)] * s[(j, j)] - s[(i, j)] * s[(i, j)]);
-    // Files round their numbers.
-    let positive = |x: &f64| *x >= -1e-5;
-    let physical = s.diagonal().iter().all(positive)
-        && minors.iter().all(positive)
-        && positive(&s.determinant());
-    if !physical {
-        let sentence = format!(
-            "<inertia> of link \"{}\" belongs to no body (triangle inequality); kept as it is",
-            facts.name
-        );
-        notes.at(source, at, sentence);
-    } else if urdf.inertial.mass.value == 0.0 {
-        notes.at(
-            source,
-            at,
-            format!(
-                "the link \"{}\" has an inertia and no mass; kept as it is",
-                facts.name
-            ),
-        );
-    }
 }
 
 /// Rotors by joint name, as the file declares them.

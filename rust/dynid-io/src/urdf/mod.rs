@@ -94,7 +94,7 @@ impl Default for UrdfOptions {
 pub struct Loaded {
     /// The chain.
     pub robot: RobotModel,
-    /// Sentences about what was passed over, lumped, normalised or is unphysical, each with `file:line:column`.
+    /// Sentences about what was passed over, lumped or normalised, each with `file:line:column`.
     pub notes: Vec<String>,
 }
 
@@ -165,7 +165,7 @@ pub fn parse_with_notes(
     let tree = tree::Tree::new(&document, &source)?;
     let bodies = chain::find(&tree, &source, options, &mut notes)?;
     let urdf = read_values(&document, &source)?;
-    let robot = merge::robot_model(&tree, &bodies, &urdf, &source, options, &mut notes)?;
+    let robot = merge::robot_model(&tree, &bodies, &urdf, &source, options)?;
     Ok(Loaded {
         robot,
         notes: notes.into_list(),

@@ -54,7 +54,7 @@ struct OpenInertial {
     at: usize,
     origin: Option<Pose>,
     mass: Option<f64>,
-    inertia: Option<([f64; 6], usize)>,
+    inertia: Option<[f64; 6]>,
 }
 
 /// A `<link>` being read.
@@ -88,11 +88,7 @@ impl OpenLink {
         };
         match tag.name {
             "mass" => once(&mut inertial.mass, tag, elements::mass(tag)?)?,
-            "inertia" => once(
-                &mut inertial.inertia,
-                tag,
-                (elements::inertia(tag)?, tag.at),
-            )?,
+            "inertia" => once(&mut inertial.inertia, tag, elements::inertia(tag)?)?,
             _ => {
                 let pose = elements::pose(tag)?;
                 once(&mut inertial.origin, tag, pose)?;
@@ -105,7 +101,6 @@ impl OpenLink {
     /// Hands the whole link over.
     pub(super) fn finish(self, document: &mut Document) -> Result<(), Fault> {
         let mut inertial = None;
-        let mut inertia_at = None;
         if let Some(open) = self.inertial {
             let mass = missing(
                 open.mass,
@@ -113,8 +108,7 @@ impl OpenLink {
                 "<mass value=\"...\"/> inside <inertial>",
             )?;
             let mend = "<inertia ixx=\"...\" ixy ixz iyy iyz izz/> inside <inertial>";
-            let (inertia, at) = missing(open.inertia, open.at, mend)?;
-            inertia_at = Some(at);
+            let inertia = missing(open.inertia, open.at, mend)?;
             let origin = open.origin.unwrap_or_default();
             inertial = Some(clean::Inertial {
                 origin,
@@ -126,7 +120,6 @@ impl OpenLink {
         document.links.push(LinkFacts {
             name: self.name,
             at: self.at,
-            inertia_at,
         });
         Ok(())
     }

@@ -10,7 +10,8 @@
 //! </transmission>
 //! ```
 //!
-//! Everything else of a transmission is passed over, and a transmission without a rotor inertia is never refused.
+//! Everything else of a transmission is passed over. A transmission without a rotor inertia is refused for a ratio of zero
+//! only: no gear has one, whoever reads it.
 
 use super::document::Rotor;
 use super::elements::Fault;
@@ -76,12 +77,27 @@ impl OpenTransmission {
         }
     }
 
+    /// What stands for a gear ratio, by the element's name.
+    fn ratios(&self) -> impl Iterator<Item = (&'static str, &Claim)> {
+        let gears = self.gear_ratios.iter().map(|c| ("drake:gear_ratio", c));
+        gears.chain(self.reductions.iter().map(|c| ("mechanicalReduction", c)))
+    }
+
     /// The rotor, if one is declared.
     pub(super) fn finish(self) -> Result<Option<Rotor>, Fault> {
+        let fault = |at, message: String| Err(Fault { at, message });
+        for (name, text) in self.ratios() {
+            let number: Option<f64> = text.text.trim().parse().ok();
+            if number == Some(0.0) {
+                return fault(
+                    text.at,
+                    format!("{name} is zero, expected rotor speed over joint speed; correct it, or delete the element"),
+                );
+            }
+        }
         let Some(inertia) = self.inertias.first() else {
             return Ok(None);
         };
-        let fault = |at, message: String| Err(Fault { at, message });
         let joint = match self.joints.as_slice() {
             [joint] => joint,
             other => {
@@ -117,16 +133,8 @@ impl OpenTransmission {
         })?;
         // The sign of a ratio is a direction; it goes with the square.
         let mut ratio: Option<f64> = None;
-        let gears = self.gear_ratios.iter().map(|c| ("drake:gear_ratio", c));
-        for (name, text) in gears.chain(self.reductions.iter().map(|c| ("mechanicalReduction", c)))
-        {
+        for (name, text) in self.ratios() {
             let number = claim(name, text, "rotor speed over joint speed")?;
-            if number == 0.0 {
-                return fault(
-                    text.at,
-                    format!("{name} is zero, expected rotor speed over joint speed"),
-                );
-            }
             if ratio.is_some_and(|other| other.abs() != number.abs()) {
                 return fault(
                     text.at,

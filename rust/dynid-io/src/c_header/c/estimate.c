@@ -13,6 +13,10 @@ static inline void dynid_init(dynid_estimator *estimator)
         estimator->tau[j] = 0.0;
         estimator->variance[j] = dynid_noise_std[j] * dynid_noise_std[j];
     }
+#if DYNID_N_DELAY > 0
+    estimator->passed = 0.0;
+    estimator->newest = estimator->count = 0;
+#endif
 }
 
 static inline int dynid_all_finite(const double *values)
@@ -34,10 +38,23 @@ static inline unsigned dynid_estimate(dynid_estimator *estimator, const dynid_st
     int usable = dynid_all_finite(state->q) && dynid_all_finite(state->dq) && dynid_all_finite(state->ddq)
               && dynid_all_finite(state->q_motor) && dynid_all_finite(state->dq_motor)
               && dynid_all_finite(state->ddq_motor);
+    const int is_state = usable;
     int j, k;
+    dynid_motion motion;
+    const double *q = motion.signals[0], *dq = motion.signals[1], *ddq = motion.signals[2];
     if (usable) {
         dynid_input x;
-        dynid_take_true_state(state, &x);
+        dynid_take_motion(state, &motion);
+#if DYNID_N_DELAY > 0
+        if (!dynid_look_back(estimator, &motion)) {
+            status |= DYNID_SETTLING;
+        }
+#endif
+        if (dynid_hold(&motion)) {
+            status |= DYNID_BEYOND_LIMITS | DYNID_OUTSIDE_DOMAIN;
+        }
+        dynid_take_true_state(&motion, &x);
+        x.temperature = state->temperature;
         x.step = estimator->step;
         dynid_rigid_body(&x);
         for (k = 0; k < DYNID_N_MEMORY; k++) {
@@ -62,8 +79,8 @@ static inline unsigned dynid_estimate(dynid_estimator *estimator, const dynid_st
     if (usable) {
         for (j = 0; j < DYNID_N_JOINTS; j++) {
             double sum = 0.0;
-            int inside = dynid_domain_q[j][0] <= state->q[j] && state->q[j] <= dynid_domain_q[j][1]
-                      && fabs(state->dq[j]) <= dynid_domain_dq[j] && fabs(state->ddq[j]) <= dynid_domain_ddq[j];
+            int inside = dynid_domain_q[j][0] <= q[j] && q[j] <= dynid_domain_q[j][1] && fabs(dq[j]) <= dynid_domain_dq[j]
+                      && fabs(ddq[j]) <= dynid_domain_ddq[j];
             if (!inside) {
                 status |= DYNID_OUTSIDE_DOMAIN;
             }
@@ -83,6 +100,11 @@ static inline unsigned dynid_estimate(dynid_estimator *estimator, const dynid_st
     } else {
         status = DYNID_NON_FINITE;
     }
+#if DYNID_N_DELAY > 0
+    estimator->passed += is_state ? 0.0 : estimator->step;
+#else
+    (void)is_state;
+#endif
     for (j = 0; j < DYNID_N_JOINTS; j++) {
         tau[j] = estimator->tau[j];
     }

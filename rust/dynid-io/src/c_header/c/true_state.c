@@ -16,17 +16,17 @@ static inline void dynid_true_motion(double *q, double *dq, double *ddq, const d
 }
 
 /* What the channels show, less the encoders' error, all on the motor channel's clock. */
-static inline void dynid_take_true_state(const dynid_state *shown, dynid_input *x)
+static inline void dynid_take_true_state(const dynid_motion *shown, dynid_input *x)
 {
     int j;
     for (j = 0; j < DYNID_N_JOINTS; j++) {
         double delay = dynid_encoder_delay[j];
-        x->q[j] = shown->q[j];
-        x->dq[j] = shown->dq[j];
-        x->ddq[j] = shown->ddq[j];
-        x->q_motor[j] = shown->q_motor ? shown->q_motor[j] : shown->q[j];
-        x->dq_motor[j] = shown->dq_motor ? shown->dq_motor[j] : shown->dq[j];
-        x->ddq_motor[j] = shown->ddq_motor ? shown->ddq_motor[j] : shown->ddq[j];
+        x->q[j] = shown->signals[0][j];
+        x->dq[j] = shown->signals[1][j];
+        x->ddq[j] = shown->signals[2][j];
+        x->q_motor[j] = shown->signals[3][j];
+        x->dq_motor[j] = shown->signals[4][j];
+        x->ddq_motor[j] = shown->signals[5][j];
         /* An encoder's error is that of the angle at the time that it shows, so it goes before the delay does. */
         if (DYNID_ENCODER_ERROR >= 1) {
             dynid_true_motion(&x->q[j], &x->dq[j], &x->ddq[j], dynid_encoder_error[j]);
@@ -37,5 +37,4 @@ static inline void dynid_take_true_state(const dynid_state *shown, dynid_input *
         x->q[j] = x->q[j] + delay * x->dq[j] + 0.5 * delay * delay * x->ddq[j];
         x->dq[j] = x->dq[j] + delay * x->ddq[j];
     }
-    x->temperature = shown->temperature;
 }

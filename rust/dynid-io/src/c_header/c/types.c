@@ -9,6 +9,10 @@ typedef struct {
     const double *temperature; /* [degC], NaN where one is not known; or NULL */
 } dynid_state;
 
+typedef struct {
+    double signals[6][DYNID_N_JOINTS]; /* as they stand in a state */
+} dynid_motion;
+
 /* What is remembered from step to step. Prepare it with dynid_init, one for each robot. */
 typedef struct {
     double step;                                 /* time between states [s]; change it after dynid_init where it differs */
@@ -16,6 +20,12 @@ typedef struct {
     double terms[DYNID_N_TERMS][DYNID_N_JOINTS]; /* torque of every term at the last good step */
     double tau[DYNID_N_JOINTS];                  /* their sum */
     double variance[DYNID_N_JOINTS];             /* expected of measured minus predicted torque */
+#if DYNID_N_DELAY > 0
+    dynid_motion past[DYNID_N_DELAY]; /* a ring of the last states, for a torque channel that is late */
+    double apart[DYNID_N_DELAY];      /* time from the state before [s], of each of them */
+    double passed;                    /* since the newest of them, in steps that brought none */
+    int newest, count;
+#endif
 } dynid_estimator;
 
 /* What effects and residual see of a step: the true state, and the load of the gears. */

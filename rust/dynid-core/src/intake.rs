@@ -1,0 +1,117 @@
+//! What becomes of a state before it is evaluated: where the torque channel is late an earlier one takes its place, and one
+//! beyond the model's limits is brought to them.
+
+use crate::delay_line::{n_delay_rows, DelayLine};
+use crate::estimator::Status;
+use crate::limits::Limits;
+use crate::model::TorqueModel;
+use crate::slices::{mirror_fields, part, Mirror};
+use crate::state::State;
+
+/// Between what comes and what is evaluated. All memory is taken in `new`.
+#[derive(Clone, Debug)]
+pub(crate) struct Intake {
+    n: usize,
+    line: Option<DelayLine>,
+    limits: Limits,
+    /// Whether what lies beyond the limits is evaluated as it came.
+    unlimited: bool,
+    row: Vec<f64>,
+}
+
+impl Intake {
+    pub fn new(model: &TorqueModel, step: f64) -> Self {
+        let n = model.robot().n_joints();
+        Self {
+            n,
+            line: line(model, step).unwrap_or_default(),
+            limits: Limits::of(model),
+            unlimited: false,
+            row: vec![0.0; 6 * n],
+        }
+    }
+
+    /// The same for states `step` seconds apart; `None` if the model's delay asks for too many of them.
+    pub fn with_step(self, model: &TorqueModel, step: f64) -> Option<Self> {
+        let line = line(model, step)?;
+        Some(Self { line, ..self })
+    }
+
+    pub fn set_unlimited(&mut self, unlimited: bool) {
+        self.unlimited = unlimited;
+    }
+
+    pub fn reset(&mut self) {
+        if let Some(line) = &mut self.line {
+            line.reset();
+        }
+    }
+
+    /// `elapsed` seconds went by, and brought no state.
+    pub fn pass(&mut self, elapsed: f64) {
+        if let Some(line) = &mut self.line {
+            line.pass(elapsed);
+        }
+    }
+
+    /// The state to evaluate, and what is unusual about it. What is not finite stays so.
+    pub fn take<'a>(&'a mut self, shown: &State<'a>, elapsed: f64) -> (State<'a>, Status) {
+        let mut status = Status::OK;
+        let mut state = *shown;
+        if let Some(line) = &mut self.line {
+            if shown.is_finite() {
+                status.set(Status::SETTLING, !line.push(shown, elapsed));
+                state = line.past(shown.temperature);
+            } else {
+                line.pass(elapsed);
+            }
+        }
+        if self.limits.hold(&state, &mut self.row, self.n) {
+            status = status
+                .and(Status::BEYOND_LIMITS)
+                .and(Status::OUTSIDE_DOMAIN);
+            if !self.unlimited {
+                let signal = |k: usize| part(&self.row, k * self.n, (k + 1) * self.n);
+                state = State {
+                    q: signal(0),
+                    dq: signal(1),
+                    ddq: signal(2),
+                    q_motor: signal(3),
+                    dq_motor: signal(4),
+                    ddq_motor: signal(5),
+                    temperature: shown.temperature,
+                };
+            }
+        }
+        (state, status)
+    }
+
+    /// Goes on with the states that `before` kept.
+    pub fn continue_from(&mut self, before: &Self) {
+        if let (Some(own), Some(before)) = (&mut self.line, &before.line) {
+            own.continue_from(before);
+        }
+    }
+}
+
+/// Keeps the states that `model`'s torque channel shows later; `None` if they are too many.
+fn line(model: &TorqueModel, step: f64) -> Option<Option<DelayLine>> {
+    let delay = model.torque_delay();
+    // What comes before its time cannot be known before it comes.
+    if delay > 0.0 {
+        let n_rows = n_delay_rows(delay, step)?;
+        let n = model.robot().n_joints();
+        Some(Some(DelayLine::new(n, delay, n_rows)))
+    } else {
+        Some(None)
+    }
+}
+
+impl Mirror for Intake {
+    fn mirror(&mut self, of: &Self) {
+        if let (Some(own), Some(of)) = (&mut self.line, &of.line) {
+            own.mirror(of);
+        }
+        mirror_fields!(self, of; row; copied n, unlimited; kept line, limits);
+    }
+}

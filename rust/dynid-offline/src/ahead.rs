@@ -1,0 +1,64 @@
+//! Runs whose torque channel is early: the torque at a sample is that of a later state, which a record has.
+
+use dynid_core::delay_line::between;
+use dynid_core::State;
+
+use crate::observation::slice_state;
+
+/// Shows the states of a run a while ahead of its samples.
+#[derive(Debug)]
+pub struct Ahead {
+    n: usize,
+    /// Whole samples, and the part of one more.
+    whole: usize,
+    part: f64,
+    row: Vec<f64>,
+}
+
+impl Ahead {
+    /// `None` for a `delay` \[s\] that is none or late: an estimator remembers earlier states by itself.
+    #[must_use]
+    pub fn of(delay: f64, step: f64, n: usize) -> Option<Self> {
+        (delay < 0.0 && step > 0.0).then(|| {
+            let steps = -delay / step;
+            Self {
+                n,
+                whole: steps as usize,
+                part: steps.fract(),
+                row: vec![0.0; 6 * n],
+            }
+        })
+    }
+
+    /// The state that sample `k` of a run of `n_samples` shows the torque of, on the straight line between its neighbours;
+    /// false beyond the last one, which then stands for it.
+    pub fn state<'a>(
+        &'a mut self,
+        states: &State<'a>,
+        k: usize,
+        n_samples: usize,
+    ) -> (State<'a>, bool) {
+        let n = self.n;
+        let (at, known) = (k + self.whole, n_samples - 1);
+        let inside = at < known || (at == known && self.part == 0.0);
+        let [one, other] = [at, at + 1].map(|at| at.min(known) * n);
+        for (row, (_, signal)) in self.row.chunks_exact_mut(n).zip(states.signals()) {
+            let pairs = signal[one..one + n].iter().zip(&signal[other..other + n]);
+            for (x, (one, other)) in row.iter_mut().zip(pairs) {
+                *x = between(*one, *other, self.part);
+            }
+        }
+        let temperature = slice_state(states, k * n..(k + 1) * n).temperature;
+        let signal = |k: usize| &self.row[k * n..(k + 1) * n];
+        let state = State {
+            q: signal(0),
+            dq: signal(1),
+            ddq: signal(2),
+            q_motor: signal(3),
+            dq_motor: signal(4),
+            ddq_motor: signal(5),
+            temperature,
+        };
+        (state, inside)
+    }
+}
