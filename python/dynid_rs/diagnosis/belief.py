@@ -289,7 +289,7 @@ def fitted(setup: Setup, train: Sequence[Recording], **options: BaseEstimator) -
 def weighed_as(
     declared: ThreeLoopIdentifier, fit: ThreeLoopIdentifier, setup: Setup, train: Sequence[Recording]
 ) -> ThreeLoopIdentifier:
-    """Fit in which no joint's rows say more of the links that all share than they did in the `declared` fit.
+    """Fit in which joints' rows say of the links that all share as much, against each other, as in the `declared` fit.
 
     What a name takes off a joint's residual makes its rows look that much more precise. As far as the name is not quite
     right they would draw the links, and joints that have no name are predicted worse.

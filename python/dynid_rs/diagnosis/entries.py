@@ -32,7 +32,8 @@ def effect_entries(
 ) -> list[dict[str, Any]]:
     """One entry per name, the most certain first.
 
-    Errors are on the runs of `test`, their torque on the encoders' clock. Places that are `nameless` have no name that holds (`misfit.py`).
+    Errors are on the runs of `test`, their torque on the encoders' clock. Places that are `nameless` have no name that
+    holds (`misfit.py`).
     """
     errors = _Errors(found, test)
     known = estimates(found)

@@ -56,7 +56,7 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
     tol : float
         Relative change of the weights at which re-weighting stops.
     least_noise : ndarray (n_joints,), optional
-        [torque unit] Under a prior no joint's noise counts as less, so that its rows weigh no more.
+        [torque unit] Under a prior joints weigh against each other as if none had less noise.
 
     Attributes
     ----------

@@ -137,7 +137,7 @@ def fit_with_prior(
     scale : ndarray (n_joints,), optional
         Where the search for the gains of the joints in `free` begins.
     least_noise : ndarray (n_joints,), optional
-        [torque unit] No joint's noise counts as less.
+        [torque unit] Against each other joints weigh as if none had less noise.
     """
     plan, factors, n_rows = observations.plan, observations.factors(), observations.n_rows
     n = plan.robot.n_joints
@@ -184,8 +184,8 @@ def fit_with_prior(
     end = model.fit(choice, noise)
     if least_noise is not None:
         model = replace(model, least_noise=LEAST_NOISE * size)
-        own = model.fit(choice, noise)
-        end = _kept_at(model, end, own.noise).at(choice, own.noise)
+        noise = model.fit(choice, noise).noise
+        end = _kept_at(model, end, noise).at(choice, noise)
     pull = prior.rows(choice)[0]
     n_determined = len(pull) - float(np.sum((pull[:, :-1] @ end.covariance) * pull[:, :-1]))
     return Posterior(
@@ -215,7 +215,7 @@ def _kept_at(model: LinearModel, fit: Fit, noise: FloatArray) -> LinearModel:
     for more, part, at in zip(fallen.max() / fallen - 1, model.rows, model.places, strict=True):
         there = np.column_stack([part[:, :-1], part[:, :-1] @ fit.x[at]])
         rows.append(np.concatenate([part, np.sqrt(more) * there]))
-    return replace(model, rows=rows, grams=None, counted=None)
+    return LinearModel(rows, model.places, model.prior, model.n_effective, model.least_noise, model.n_rows)
 
 
 def _in_common(

@@ -10,6 +10,7 @@ import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -275,7 +276,9 @@ def prepare(recording: Recording, band: Band, rate: float, *, standstill: bool =
         temperature = np.ascontiguousarray(_linear(recording.t, temperature, grid)[::step])
     moving, resting = _motion(link[1][::step], rate / step, band, standstill)
     names = ("q", "dq", "ddq", "q_motor", "dq_motor", "ddq_motor")
-    signals = dict(zip(names, (np.ascontiguousarray(x[::step]) for x in (*link[:3], *motor[:3])), strict=True))
+    signals: dict[str, Any] = dict(
+        zip(names, (np.ascontiguousarray(x[::step]) for x in (*link[:3], *motor[:3])), strict=True)
+    )
     return States(
         name=recording.name,
         t=grid[::step],
