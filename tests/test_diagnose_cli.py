@@ -118,7 +118,7 @@ def test_a_change_has_its_interval_and_what_cannot_be_said_is_a_dash(tmp_path, s
 def test_least_squares_stand_beside_both_models_and_what_is_worse_is_said(tmp_path, search, capsys):
     search(made_diagnosis.with_effects)
     done = study()
-    printed, result = diagnosed(tmp_path, done.robot, *done.runs[:2], "--test", done.runs[2])
+    _, result = diagnosed(tmp_path, done.robot, *done.runs[:2], "--test", done.runs[2])
     test = result["rmse"]["test"]
     test |= {"wls": [0.111, 2.22, 0.333], "before": [0.0444, 3.33, 0.334], "after": [0.0555, 2.666, 0.335]}
     show(result, tmp_path)
