@@ -122,6 +122,35 @@ def test_far_away_is_said(tmp_path):
     assert " of 1601 samples lie outside of what the model was trained on" in result.stdout
 
 
+def test_beyond_the_limits_is_counted_and_estimated_at_them(estimator, tmp_path):
+    """A speed that no arm has gives no torque that no arm has, offline and online to the same bits."""
+    columns = with_derivatives(run(2))
+    path = tmp_path / "wild.parquet"
+    write(tmp_path / "plain.parquet", columns)
+    columns["dq_1"][5:9] = [1e6, -1e6, 9e6, 4000.0]
+    columns["ddq_2"][9] = -9e6
+    write(path, columns)
+    for name in ("plain", "wild"):
+        done = dynid("estimate", study().model, tmp_path / f"{name}.parquet", "-o", tmp_path / f"{name}_out.parquet")
+        assert done.exit_code == 0, done.output
+    calm, wild = table_of(tmp_path / "plain_out.parquet"), table_of(tmp_path / "wild_out.parquet")
+    assert np.flatnonzero(wild["status"] & 4096).tolist() == [5, 6, 7, 8, 9]
+    assert np.all(wild["status"][5:10] & 2)
+    for j in range(N):
+        assert np.abs(wild[f"tau_{j}"]).max() < 100 * np.abs(calm[f"tau_{j}"]).max()
+        np.testing.assert_array_equal(
+            np.delete(wild[f"tau_{j}"], range(5, 10)), np.delete(calm[f"tau_{j}"], range(5, 10))
+        )
+    assert_same_answers(estimator, study().model, csv_text(columns), tmp_path / "wild_out.parquet")
+    said = dynid("estimate", study().model, path)
+    assert "5 of 1601 samples lie beyond the model's limits, and were estimated at them" in said.stdout
+    assert json.loads(dynid("estimate", study().model, path, "--json").stdout)["n_beyond_limits"] == 5
+    unlimited = answer_of(estimator, study().model, csv_text(columns), "--unlimited")
+    answers = from_csv(unlimited, TorqueModel.load(study().model).term_names, N)
+    assert np.abs(answers.total[5]).max() > 1e5
+    np.testing.assert_array_equal(answers.status & 4096, wild["status"] & 4096)
+
+
 def test_a_band_of_ones_own_is_used(tmp_path):
     path = write(tmp_path / "run.csv", run(2))
     for cutoff, name in (("4", "a"), ("8", "b")):

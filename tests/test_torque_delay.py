@@ -5,9 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from data import ROOT
 from small_arm import dynid, study
 from tolerances import ALGEBRAIC
-from whole_model import SIGNALS, recorded_states, whole_model, write_again
+from whole_model import RESIDUALS, SIGNALS, recorded_states, whole_model, write_again
 
 from dynid_rs import FormatError, TorqueModel, _core, read_recording
 from dynid_rs.model.assembly import evaluate
@@ -152,3 +153,20 @@ def test_version_1_holds_neither(tmp_path):
     content = json.loads(study().model.read_text()) | {"version": 1}
     with pytest.raises(FormatError, match="a file of version 1 has no band"):
         write_again(content, tmp_path / "model.json")
+
+
+@pytest.mark.parametrize("inputs", [None, *RESIDUALS])
+def test_files_follow_their_schema(tmp_path, states, inputs):
+    import jsonschema
+
+    schema = json.loads((ROOT / "docs" / "model.schema.json").read_text())
+    jsonschema.Draft202012Validator.check_schema(schema)
+    validator = jsonschema.Draft202012Validator(schema)
+    robot = _core.RobotModel.from_urdf(bundled_robot())
+    whole_model(robot, states, inputs).with_torque_delay(0.0123).save(tmp_path / "model.json")
+    for path in (tmp_path / "model.json", study().model, study(2).model):
+        validator.validate(json.loads(path.read_text()))
+    old = ROOT / "rust" / "dynid-io" / "src" / "model_file" / "old_model.json"
+    validator.validate(json.loads(old.read_text()))
+    late = json.loads((tmp_path / "model.json").read_text()) | {"torque_delay": 0.51}
+    assert not validator.is_valid(late)

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 SAME_STEP = 1e-6
 """Steps that differ by this part of themselves are one step, told by rounded stamps."""
-SETTLING = 512
+SETTLING, BEYOND_LIMITS = 512, 4096
 SIGNALS = ("q", "dq", "ddq", "q_motor", "dq_motor", "ddq_motor")
 
 
@@ -93,7 +93,7 @@ def estimate(
         write_table(output, columns)
     if states is not None:
         write_states(states, t, signals, temperature)
-    unusual = int((status != 0).sum())
+    unusual, beyond = int((status != 0).sum()), int((status & BEYOND_LIMITS != 0).sum())
     joints, unit = list(torque_model.robot.joint_names), torque_model.torque_unit
     if json_output:
         print_json(
@@ -107,6 +107,7 @@ def estimate(
                 "rmse_in_band": None if told is None else told.tolist(),
                 "cutoff_hz": None if torque_model.band is None else torque_model.band[0],
                 "n_unusual": unusual,
+                "n_beyond_limits": beyond,
                 "output": None if output is None else str(output),
                 "states": None if states is None else str(states),
             }
@@ -121,6 +122,10 @@ def estimate(
             typer.echo(f"no error in the band of result.json: {untold}")
     if unusual:
         typer.echo(f"{unusual} of {len(t)} samples {_why_unusual(status)}")
+    if beyond:
+        typer.echo(
+            f"{beyond} of {len(t)} samples lie beyond the model's limits, and were estimated at them (docs/online.md)"
+        )
     if output is not None:
         typer.echo(f"torques: {output}")
     if states is not None:

@@ -83,7 +83,8 @@ fn model_text() -> String {
         torque_unit: "N*m".to_owned(),
         step: Some(0.001),
     });
-    dynid_io::model_file::to_text(&model.unwrap()).unwrap()
+    let late = model.unwrap().with_torque_delay(0.0123).unwrap();
+    dynid_io::model_file::to_text(&late).unwrap()
 }
 
 #[test]
@@ -146,7 +147,10 @@ fn ten_thousand_steps_from_c_allocate_nothing() {
         assert_eq!(after - before, 0);
         assert_eq!(
             seen,
-            DYNID_STATUS_NON_FINITE | DYNID_STATUS_OUTSIDE_DOMAIN | DYNID_STATUS_SIGNAL_MISSING
+            DYNID_STATUS_NON_FINITE
+                | DYNID_STATUS_OUTSIDE_DOMAIN
+                | DYNID_STATUS_SIGNAL_MISSING
+                | DYNID_STATUS_SETTLING
         );
 
         dynid_estimator_free(estimator);

@@ -157,7 +157,7 @@ pub fn between(one: f64, other: f64, weight: f64) -> f64 {
 
 impl Mirror for DelayLine {
     fn mirror(&mut self, of: &Self) {
-        mirror_fields!(self, of; rows, apart, past; copied delay, n, newest, count, passed; kept);
+        mirror_fields!(self, of; rows, apart, past; copied n, newest, count, passed; kept delay);
     }
 }
 

@@ -157,7 +157,15 @@ fn ten_thousand_steps_allocate_nothing() {
             .chain([six_signals(), six_signals()])
     };
     for (k, inputs) in every().chain(every()).enumerate() {
-        let mut estimator = TorqueEstimator::new(Arc::new(model(inputs.clone(), k % 2 == 0)));
+        let mut model = model(inputs.clone(), k % 2 == 0);
+        if k % 4 == 1 {
+            model = model.with_torque_delay(0.0123).unwrap();
+        }
+        let mut estimator = TorqueEstimator::new(Arc::new(model));
+        let unlimited = k % 4 == 0;
+        if unlimited {
+            estimator = estimator.unlimited();
+        }
         let mut seen = [0usize; 5]; // good, bad, outside of the box, faded, without temperature
         let (mut signals, mut tau) = ([[0.0; N]; 6], [0.0; N]);
         let temperature = [31.5; N];
@@ -204,7 +212,9 @@ fn ten_thousand_steps_allocate_nothing() {
 
         assert_eq!(after - before, 0, "{inputs:?}");
         assert!(seen.iter().all(|count| *count > 0), "{inputs:?}: {seen:?}");
-        assert_eq!(seen[1], STEPS / 50 * 3, "{inputs:?}");
+        // What lies beyond the limits overflows only where they do not count.
+        let bad = if unlimited { 3 } else { 2 };
+        assert_eq!(seen[1], STEPS / 50 * bad, "{inputs:?}");
     }
 }
 
@@ -220,7 +230,9 @@ fn bits_of(online: &OnlineEstimator) -> impl Iterator<Item = u64> + '_ {
 #[test]
 fn a_stream_with_faults_and_an_observer_allocates_nothing() {
     for with_derivatives in [true, false] {
-        let model = Arc::new(model(ResidualInputs::JointState, false));
+        let late = if with_derivatives { 0.0123 } else { 0.0 };
+        let model = model(ResidualInputs::JointState, false).with_torque_delay(late);
+        let model = Arc::new(model.unwrap());
         let online = |model: &Arc<TorqueModel>| {
             OnlineEstimator::new(Arc::clone(model), None, Some(11))
                 .and_then(|online| online.observing(ObserverSettings::default()))
