@@ -53,7 +53,10 @@ impl<'a> Source<'a> {
                 false => "",
             };
             let said = error.message().split_whitespace().collect::<Vec<_>>();
-            let message = format!("is not valid TOML: {}{hint}", shorten_to(&said.join(" "), 160));
+            let message = format!(
+                "is not valid TOML: {}{hint}",
+                shorten_to(&said.join(" "), 160)
+            );
             self.refuse(at, "text", message)
         })?;
         Ok(parsed.into_inner())
