@@ -7,9 +7,10 @@ STAMP  := $(VENV)/.installed
 TOOLS  := $(VENV)/.tools
 SOURCES := Cargo.toml Cargo.lock pyproject.toml $(shell find rust build_backend -name '*.rs' -o -name '*.toml' -o -name 'dynid_build.py')
 DEMO   ?= demo
+SECONDS_EACH ?= 60
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-rust test-python check bench arm exam paper clean toolchain
+.PHONY: help demo test test-rust test-python check bench arm exam fuzz trust audit paper clean toolchain
 
 help: ## this list
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
@@ -53,12 +54,23 @@ arm: toolchain ## the formulas' tests built for 64-bit ARM and run by an emulato
 exam: $(STAMP) $(TOOLS) ## diagnose 200 fresh cases of an examiner that shares nothing with the product; writes docs/exam.md
 	$(BIN)/python tests/exam/run.py --page docs/exam.md
 
+fuzz: toolchain ## look for inputs that crash, hang or swallow memory, 60 s per way in (SECONDS_EACH=600: longer; needs a C++ compiler)
+	$(PYTHON) fuzz/run.py --seconds $(SECONDS_EACH)
+
+trust: $(STAMP) $(TOOLS) ## run every campaign of docs/trust.md, which takes hours, and write its figures
+	$(BIN)/python tests/campaigns/page.py
+
+audit: $(STAMP) ## advisories, licences and sources of everything we depend on (needs the network and cargo-deny)
+	cargo deny --workspace check
+	$(BIN)/python -m pip install --quiet pip-audit
+	$(BIN)/python -m pip_audit --skip-editable
+
 paper: $(STAMP) ## repeat the source paper's experiment and write docs/paper.md with its figures
 	$(BIN)/python -m pip install --quiet --editable '.[paper]'
 	$(BIN)/python examples/paper/main.py --data "$$($(BIN)/python tests/data.py)"
 
 clean: ## remove everything that was built
-	rm -rf target $(VENV) $(DEMO) rust/dynid-py/dynid_rs.data python/dynid_rs/*.so
+	rm -rf target fuzz/target fuzz/work $(VENV) $(DEMO) rust/dynid-py/dynid_rs.data python/dynid_rs/*.so
 
 # One sentence for what is missing, and how to get it.
 toolchain:

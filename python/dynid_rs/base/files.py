@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.held import held_file, held_folder
 from dynid_rs.base.quoting import LONGEST, shown
+from dynid_rs.base.together import alone_in, finish_killed, place
 
 if TYPE_CHECKING:
     import numpy as np
@@ -35,10 +36,11 @@ def with_sentence(error: OSError, path: str | os.PathLike[str], action: str) -> 
     path : str or path-like
         The file that was meant.
     action : str
-        What was tried: ``"read"`` or ``"write"``.
+        What was tried: ``"read"``, ``"write"``, ``"open"``, or, of a folder, ``"write into"``.
     """
     reason = _REASONS.get(type(error)) or (error.strerror or str(error) or type(error).__name__).lower()
-    spoken = type(error)(f"{os.fspath(path)}: cannot {action} this file: {reason}")
+    kind = "folder" if action == "write into" else "file"
+    spoken = type(error)(f"{os.fspath(path)}: cannot {action} this {kind}: {reason}")
     # With errno alone (no strerror, no filename) str() stays the sentence.
     spoken.errno = error.errno
     return _sentence(spoken)
@@ -146,6 +148,7 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
         check_replaceable(target)
         if not target.parent.exists():
             raise _sentence(FileNotFoundError(f"{target}: the folder {target.parent} does not exist; create it first"))
+        finish_killed(target.parent)
         # The suffix stays last: some writers choose the format by it.
         with held_file(target.parent, target.suffix) as temporary:
             yield temporary
@@ -161,30 +164,33 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 @contextmanager
 def filled_together(folder: Path) -> Iterator[Path]:
-    """Temporary folder whose files move to `folder` when the body has succeeded.
+    """Temporary folder whose files move to `folder` when the body has succeeded, all of them or none.
 
     When the body raises, older results stay as they were, and a folder that was not there is not there again.
-    What a killed process left in `folder` is removed.
+    What a killed process left in `folder` is removed; where it was killed between the first file that it moved and the
+    last, the others follow.
 
     Raises
     ------
     OSError
-        `check_replaceable` refuses what is in the place of one of the files; the text is a sentence.
+        `check_replaceable` refuses what is in the place of one of the files, or the system what is done; the text is
+        a sentence.
     """
     missing = [place for place in (folder, *folder.parents) if not place.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with held_folder(folder) as stage:
             yield stage
-            files = sorted(stage.iterdir())
-            for file in files:  # all of them before the first one moves
-                check_replaceable(folder / file.name)
-            for file in files:
-                os.replace(file, folder / file.name)
-    except BaseException:
-        for place in missing:
+            with alone_in(folder):
+                for file in sorted(stage.iterdir()):  # all of them before the first one moves
+                    check_replaceable(folder / file.name)
+                place(stage, folder)
+    except BaseException as error:
+        for made in missing:
             with suppress(OSError):
-                place.rmdir()
+                made.rmdir()
+        if isinstance(error, OSError) and error.filename is not None and not getattr(error, "is_sentence", False):
+            raise with_sentence(error, folder, "write into") from None
         raise
 
 

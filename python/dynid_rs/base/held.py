@@ -12,6 +12,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from dynid_rs.base.together import is_journal
+
 if sys.platform != "win32":
     import fcntl
 
@@ -75,7 +77,7 @@ def clear_leftovers(folder: Path) -> None:
     """
     try:
         with os.scandir(folder) as entries:
-            names = [entry.name for entry in entries if _NAME.fullmatch(entry.name)]
+            names = [entry.name for entry in entries if _NAME.fullmatch(entry.name) and not is_journal(entry)]
     except OSError:
         return
     for name in names:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -246,11 +247,14 @@ def _write(
     result = answer(design, model)
     if separated is not None:
         result["separation"] = separated.to_json()
-    if plan is not None and files.friction is not None and files.friction_json is not None:
-        n_rows = write_csv(files.friction, plan, rate)
-        write_json(files.friction_json, plan.to_json())
-        result["friction"] = {"file": str(files.friction), "duration_s": plan.duration, "n_rows": n_rows}
-    with filled_together(files.csv.parent) as stage:
+    with ExitStack() as folders:
+        stage = folders.enter_context(filled_together(files.csv.parent))
+        if plan is not None and files.friction is not None and files.friction_json is not None:
+            beside = files.friction.parent == files.csv.parent
+            own = stage if beside else folders.enter_context(filled_together(files.friction.parent))
+            n_rows = write_csv(own / files.friction.name, plan, rate)
+            write_json(own / files.friction_json.name, plan.to_json())
+            result["friction"] = {"file": str(files.friction), "duration_s": plan.duration, "n_rows": n_rows}
         result["n_rows"] = write_csv(stage / files.csv.name, design.trajectory_, rate)
         result["files"] = {"trajectory": str(files.csv), "figures": str(files.json), "plots": str(files.page)}
         write_json(stage / files.json.name, result)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.files import check_readable, with_sentence
 from dynid_rs.base.quoting import shown, shown_value
+from dynid_rs.base.together import finish_killed
 from dynid_rs.report.shape import RESULT_SHAPE
 
 Array = NDArray[np.float64]
@@ -86,6 +87,7 @@ def read_source(directory: Path) -> Source:
         raise FileNotFoundError(f"{directory}: there is no {RESULT_FILE} in this folder; {named}")
     if not directory.is_dir():
         raise FileNotFoundError(f"{directory}: there is no such folder; name the one that `dynid identify -o` wrote")
+    finish_killed(directory)  # else a result might be read beside the table of another one
     result = _read_result(directory / RESULT_FILE)
     return Source(result, _read_signals(directory / RESIDUALS_FILE, len(result["joints"])))
 

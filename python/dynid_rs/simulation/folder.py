@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs.base.files import atomic_path, check_replaceable, write_json, write_table
+from dynid_rs.base.files import check_replaceable, filled_together, write_bytes, write_json, write_table
 from dynid_rs.runs.recording import Recording
 from dynid_rs.simulation.experiment import Simulation
 
@@ -57,16 +57,15 @@ def write_simulation(
     robot, own_name = robot_file.read_bytes(), robot_name(robot_file)
     names = [recording.name for recording in simulation.recordings]
     _prepare(directory, names, own_name, robot)
-    # The truth first: it marks the folder as a simulation's, also if the rest fails.
-    write_json(directory / TRUTH_FILE, simulation.truth())
-    with atomic_path(directory / own_name) as temporary:
-        temporary.write_bytes(robot)
-    for run, recording in enumerate(simulation.recordings):
-        columns = run_columns(recording)
-        if reference:
-            q_ref = simulation.reference(run)
-            columns |= {f"q_ref_{joint}": q_ref[:, joint] for joint in range(recording.n_joints)}
-        write_table(directory / recording.name, columns)
+    with filled_together(directory) as stage:
+        write_json(stage / TRUTH_FILE, simulation.truth())
+        write_bytes(stage / own_name, robot)
+        for run, recording in enumerate(simulation.recordings):
+            columns = run_columns(recording)
+            if reference:
+                q_ref = simulation.reference(run)
+                columns |= {f"q_ref_{joint}": q_ref[:, joint] for joint in range(recording.n_joints)}
+            write_table(stage / recording.name, columns)
     return [directory / name for name in names]
 
 

@@ -38,6 +38,11 @@ pub enum CoreError {
         /// Which parameter.
         what: &'static str,
     },
+    /// A parameter is larger than anything on an arm, [`MOST`](crate::model::MOST).
+    TooLarge {
+        /// Which parameter.
+        what: &'static str,
+    },
     /// A shape parameter of an effect is outside its range.
     Shape {
         /// Kind of the effect.
@@ -90,6 +95,9 @@ impl fmt::Display for CoreError {
                 "mixture component {component}: the weight must be positive and the covariance positive definite"
             ),
             Self::Range { what } => write!(f, "{what} is outside its range"),
+            Self::TooLarge { what } => {
+                write!(f, "{what} of the model is beyond 1e9, more than any arm holds")
+            }
             Self::Shape { kind, what, joint, rule } => {
                 write!(f, "{kind}: {what} of joint {joint} {rule}")
             }

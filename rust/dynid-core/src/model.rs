@@ -91,6 +91,13 @@ pub struct TorqueModelParts {
     pub step: Option<f64>,
 }
 
+/// Largest size of a parameter \[SI\]: the strongest arms hold loads of 1e5 N m and inertias of 1e5 kg m², and a
+/// coefficient of a torque is at most so much per unit of its column. Ten thousand times that is a slip or a forgery, and
+/// the torque of a forged model would be finite all the same.
+pub const MOST: f64 = 1e9;
+/// Longest unit of torque \[characters\].
+const MOST_UNIT: usize = 16;
+
 impl TorqueModel {
     /// Checks every length and every number.
     ///
@@ -147,6 +154,22 @@ impl TorqueModel {
             .chain(&parts.domain.ddq);
         if !numbers.into_iter().all(|x| x.is_finite()) {
             return Err(CoreError::NonFiniteParameter);
+        }
+        let sizes = parts.phi.iter().chain(&parts.torque_scale);
+        let sizes = sizes.chain(&parts.noise_std).chain(&parts.encoder_delay);
+        if sizes.into_iter().any(|x| x.abs() > MOST) {
+            return Err(CoreError::TooLarge { what: "a number" });
+        }
+        let mut terms = parts.effects.iter();
+        if terms.any(|term| term.coefficients().iter().any(|x| x.abs() > MOST)) {
+            return Err(CoreError::TooLarge {
+                what: "a coefficient",
+            });
+        }
+        if parts.torque_unit.chars().count() > MOST_UNIT {
+            return Err(CoreError::Range {
+                what: "torque_unit",
+            });
         }
         if parts.torque_scale.iter().any(|x| *x <= 0.0) {
             return Err(CoreError::Range {

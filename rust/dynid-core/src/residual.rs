@@ -50,6 +50,14 @@ impl Regression {
         }
     }
 
+    /// Numbers that are torques, among others.
+    fn torques(&self) -> &[f64] {
+        match self {
+            Self::Mixture(mixture) => mixture.means(),
+            Self::Rbf(rbf) => rbf.weights(),
+        }
+    }
+
     /// Mean, variance and distance from the data at `u`.
     #[must_use]
     pub fn predict(&self, u: &[f64]) -> Prediction {
@@ -121,6 +129,12 @@ impl Residual {
                     expected: inputs.len(joint),
                 });
             }
+        }
+        let torques = joints.iter().flatten().flat_map(Regression::torques);
+        if torques.into_iter().any(|x| x.abs() > crate::model::MOST) {
+            return Err(CoreError::TooLarge {
+                what: "a torque of the residual",
+            });
         }
         let pairs_alone = |joint: &Option<Regression>| !matches!(joint, Some(Regression::Rbf(_)));
         Ok(Self {

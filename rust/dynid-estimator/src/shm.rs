@@ -216,6 +216,37 @@ impl SharedMemory {
     }
 }
 
+/// A state slot in plain memory, for [`crate::fuzzing`]: the reader's half of [`SharedMemory`].
+#[derive(Debug)]
+pub struct Scratch {
+    state: Slot,
+    seen: u64,
+}
+
+impl Scratch {
+    /// A slot as [`SharedMemory::create`] cuts it, never given back.
+    pub fn new(n_joints: usize) -> Self {
+        let words = (16 + wire::most_state_bytes(n_joints)).div_ceil(8);
+        let words: Vec<AtomicU64> = (0..words).map(|_| AtomicU64::new(0)).collect();
+        Self {
+            state: Slot {
+                words: words.leak(),
+            },
+            seen: 0,
+        }
+    }
+
+    /// Counter, length, and the message's words.
+    pub fn words(&self) -> &[AtomicU64] {
+        self.state.words
+    }
+
+    /// As [`SharedMemory::receive`].
+    pub fn receive(&mut self, out: &mut [u8]) -> Option<usize> {
+        self.state.read(&mut self.seen, out)
+    }
+}
+
 #[cfg(test)]
 impl SharedMemory {
     /// What the other end does.

@@ -14,9 +14,16 @@ pub(crate) fn shorten(text: &str) -> String {
     shorten_to(text, 40)
 }
 
-/// The first `length` characters of a text.
+/// The first `length` characters of a text; what a terminal would obey, or not show, is written out.
 pub(crate) fn shorten_to(text: &str, length: usize) -> String {
-    let mut short: String = text.chars().take(length).collect();
+    let mut short = String::new();
+    for c in text.chars().take(length) {
+        if matches!(c, '"' | '\'' | '\\') || c.escape_debug().len() == 1 {
+            short.push(c);
+        } else {
+            short.extend(c.escape_debug());
+        }
+    }
     if text.chars().nth(length).is_some() {
         short.push('…');
     }
@@ -104,6 +111,15 @@ mod tests {
         "a",
         "d",
     ];
+
+    #[test]
+    fn a_terminal_obeys_nothing_that_is_quoted() {
+        assert_eq!(shorten("a\u{1b}[2J\n\u{202e}"), "a\\u{1b}[2J\\n\\u{202e}");
+        assert_eq!(shorten("\"it's\" C:\\ é"), "\"it's\" C:\\ é");
+        assert_eq!(shorten_to("\0\0\0", 2), "\\0\\0…");
+        let said = shorten_said("unknown field `\u{1b}`, expected `a`");
+        assert_eq!(said, "unknown field `\\u{1b}`, expected `a`");
+    }
 
     #[test]
     fn a_slip_finds_its_name() {

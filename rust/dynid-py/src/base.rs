@@ -140,8 +140,17 @@ impl PyBaseParameters {
         py: Python<'py>,
         regressor: &Bound<'py, PyAny>,
     ) -> PyResult<Bound<'py, PyAny>> {
-        py.import("numpy")?
-            .call_method1("take", (regressor, self.pivots(py), -1))
+        let numpy = py.import("numpy")?;
+        let regressor = numpy.call_method1("asanyarray", (regressor,))?;
+        let width = regressor.getattr("shape")?.try_iter()?.last().transpose()?;
+        if width.map(|width| width.extract()).transpose()? != Some(self.n_standard) {
+            return Err(PyValueError::new_err(format!(
+                "regressor has shape {}, expected {} columns at its end",
+                regressor.getattr("shape")?,
+                self.n_standard
+            )));
+        }
+        numpy.call_method1("take", (regressor, self.pivots(py), -1))
     }
 
     /// Base parameters of a full set: `phi[pivots] + beta phi[dependent]`.

@@ -8,6 +8,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
 
+use crate::lists::{optional, List};
 use crate::offline::{sampling, FilterParts};
 use crate::run::RunArrays;
 use crate::{arrays, errors};
@@ -33,7 +34,7 @@ impl PyEffect {
     }
 
     #[staticmethod]
-    fn friction(velocity_threshold: Vec<f64>, transition_width: Vec<f64>) -> PyResult<Self> {
+    fn friction(velocity_threshold: List<f64>, transition_width: List<f64>) -> PyResult<Self> {
         Effect::friction(&velocity_threshold, &transition_width)
             .map(Self)
             .map_err(errors::effect)
@@ -211,18 +212,18 @@ pub fn effect_columns<'py>(
     tau_link: Option<&Bound<'py, PyAny>>,
     step: Option<f64>,
     temperature: Option<&Bound<'py, PyAny>>,
-    joints: Option<Vec<usize>>,
+    joints: Option<List<usize>>,
     filter: FilterParts<'py>,
-    kept: Option<Vec<usize>>,
+    kept: Option<List<usize>>,
 ) -> PyResult<Bound<'py, PyArray3<f64>>> {
     let n = arrays::width(&arrays::contiguous(q, "q")?, "q")?;
     let motor = [q_motor, dq_motor, ddq_motor];
     let arrays = RunArrays::any([q, dq, ddq], motor, tau_link, temperature, step, n)?;
     let run = arrays.signals()?;
-    let joints = joints.unwrap_or_else(|| (0..n).collect());
+    let joints = optional(joints).unwrap_or_else(|| (0..n).collect());
     let n_columns = effect.0.n_columns();
-    let n_rows = kept.as_ref().map_or(arrays.n_samples(), Vec::len);
-    let sampling = kept.map(|kept| sampling(filter, kept)).transpose()?;
+    let n_rows = kept.as_ref().map_or(arrays.n_samples(), |kept| kept.len());
+    let sampling = kept.map(|kept| sampling(filter, kept.0)).transpose()?;
     let columns = py.detach(|| {
         let columns = dynid_offline::effect_columns(&effect.0, n, &run, &joints)?;
         match sampling {

@@ -7,6 +7,7 @@ use numpy::{PyArray1, PyArray2, PyArray3, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
+use crate::lists::List;
 use crate::robot::PyRobotModel;
 use crate::{arrays, errors};
 
@@ -49,7 +50,7 @@ impl PyExcitation {
     fn new(
         py: Python<'_>,
         robot: &PyRobotModel,
-        pivots: Vec<usize>,
+        pivots: List<usize>,
         whitening: Option<&Bound<'_, PyAny>>,
         random_state: u64,
         rtol: f64,
@@ -188,7 +189,7 @@ pub fn places<'py>(
     py: Python<'py>,
     robot: &PyRobotModel,
     q: &Bound<'py, PyAny>,
-    links: Vec<usize>,
+    links: List<usize>,
     places: &Bound<'py, PyAny>,
 ) -> PyResult<Bound<'py, PyArray3<f64>>> {
     let n = robot.0.n_joints();
@@ -207,7 +208,7 @@ pub fn places_gradient<'py>(
     py: Python<'py>,
     robot: &PyRobotModel,
     q: &Bound<'py, PyAny>,
-    links: Vec<usize>,
+    links: List<usize>,
     places: &Bound<'py, PyAny>,
     weights: &Bound<'py, PyAny>,
 ) -> PyResult<Bound<'py, PyArray2<f64>>> {

@@ -10,6 +10,7 @@ use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 
 use crate::effects::check_shape;
+use crate::lists::{optional, List};
 use crate::offline::{sampling, FilterParts};
 use crate::{arrays, errors};
 
@@ -17,8 +18,8 @@ use crate::{arrays, errors};
 type RunParts<'py> = (
     Bound<'py, PyAny>,
     FilterParts<'py>,
-    Vec<usize>,
-    Option<Vec<usize>>,
+    List<usize>,
+    Option<List<usize>>,
 );
 
 /// Residual power of one joint's torque as a function of friction's shape, links taken out.
@@ -31,7 +32,7 @@ impl PyFrictionSearch {
     #[pyo3(signature = (runs, links, tau, *, weak, n_orders=3, fixed=None))]
     fn new(
         py: Python<'_>,
-        runs: Vec<RunParts<'_>>,
+        runs: List<RunParts<'_>>,
         links: &Bound<'_, PyAny>,
         tau: &Bound<'_, PyAny>,
         weak: f64,
@@ -47,16 +48,17 @@ impl PyFrictionSearch {
                 .to_vec(),
         };
         let runs = runs
+            .0
             .into_iter()
             .map(|(speeds, filter, kept, mirrored)| {
-                let sampling = sampling(filter, kept)?;
+                let sampling = sampling(filter, kept.0)?;
                 Ok(SearchRun {
                     speeds: arrays::vector(&speeds, "speeds", None)?
                         .as_slice()?
                         .to_vec(),
                     filter: sampling.filter,
                     kept: sampling.kept,
-                    mirrored,
+                    mirrored: optional(mirrored),
                 })
             })
             .collect::<PyResult<Vec<_>>>()?;

@@ -9,6 +9,7 @@ mod errors;
 mod excitation;
 mod friction_search;
 mod likeliest;
+mod lists;
 mod mixture;
 mod model;
 mod observer;

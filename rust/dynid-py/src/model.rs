@@ -15,6 +15,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use crate::effects::PyEffect;
+use crate::lists::{optional, List};
 use crate::mixture::PyGaussianMixtureRegression;
 use crate::physical::PyPhysicalSet;
 use crate::rbf::PyNormalisedRbf;
@@ -53,7 +54,7 @@ impl From<&Regression> for PyRegression {
     }
 }
 
-type Regressions = Vec<Option<PyRegression>>;
+type Regressions = List<Option<PyRegression>>;
 type Evaluation<'py> = (
     Bound<'py, PyArray2<f64>>,
     Bound<'py, PyArray3<f64>>,
@@ -61,7 +62,7 @@ type Evaluation<'py> = (
 );
 
 /// Name and joint of every signal that one regression sees.
-pub type Named = Vec<(String, usize)>;
+pub type Named = List<(String, usize)>;
 
 pub fn pair_named(name: &str) -> PyResult<ResidualInputs> {
     ResidualInputs::PAIRS
@@ -76,6 +77,7 @@ pub fn pair_named(name: &str) -> PyResult<ResidualInputs> {
 
 pub fn signals_named(named: Named) -> PyResult<Vec<Signal>> {
     named
+        .0
         .into_iter()
         .map(|(name, joint)| Signal::named(&name, joint))
         .collect::<Result<_, _>>()
@@ -83,10 +85,10 @@ pub fn signals_named(named: Named) -> PyResult<Vec<Signal>> {
 }
 
 /// What the regressions see: a pair by its name, or `"signals"` with the signals of every joint.
-fn inputs_named(name: &str, signals: Option<Vec<Named>>) -> PyResult<ResidualInputs> {
+fn inputs_named(name: &str, signals: Option<List<Named>>) -> PyResult<ResidualInputs> {
     match (name, signals) {
         ("signals", Some(joints)) => {
-            let joints = joints.into_iter().map(signals_named);
+            let joints = joints.0.into_iter().map(signals_named);
             Ok(ResidualInputs::Signals(joints.collect::<PyResult<_>>()?))
         }
         ("signals", None) => Err(PyValueError::new_err(
@@ -127,23 +129,24 @@ impl PyTorqueModel {
     fn new(
         robot: &PyRobotModel,
         phi: &Bound<'_, PyAny>,
-        effects: Vec<(PyEffect, Bound<'_, PyAny>)>,
+        effects: List<(PyEffect, Bound<'_, PyAny>)>,
         residual: Option<(String, Regressions)>,
-        residual_signals: Option<Vec<Named>>,
-        compliance: Option<Vec<f64>>,
-        torque_scale: Option<Vec<f64>>,
-        encoder_delay: Vec<f64>,
+        residual_signals: Option<List<Named>>,
+        compliance: Option<List<f64>>,
+        torque_scale: Option<List<f64>>,
+        encoder_delay: List<f64>,
         encoder_error: Option<Bound<'_, PyAny>>,
         encoder_error_sides: &str,
         torque_delay: f64,
-        noise_std: Vec<f64>,
-        domain: (Vec<[f64; 2]>, Vec<f64>, Vec<f64>),
+        noise_std: List<f64>,
+        domain: (List<[f64; 2]>, List<f64>, List<f64>),
         torque_unit: &str,
         step: Option<f64>,
         band: Option<(f64, f64, bool)>,
     ) -> PyResult<Self> {
         let n = robot.0.n_joints();
         let effects = effects
+            .0
             .into_iter()
             .map(|(effect, coefficients)| {
                 let columns = effect.0.n_columns();
@@ -153,17 +156,17 @@ impl PyTorqueModel {
             .collect::<PyResult<Vec<_>>>()?;
         let residual = residual
             .map(|(inputs, joints)| {
-                let joints = joints.into_iter().map(|joint| joint.map(Into::into));
+                let joints = joints.0.into_iter().map(|joint| joint.map(Into::into));
                 let residual =
                     Residual::new(inputs_named(&inputs, residual_signals)?, joints.collect());
                 match compliance {
-                    Some(compliance) => residual.and_then(|r| r.with_compliance(compliance)),
+                    Some(compliance) => residual.and_then(|r| r.with_compliance(compliance.0)),
                     None => residual,
                 }
                 .map_err(errors::core)
             })
             .transpose()?;
-        let (q, dq, ddq) = domain;
+        let (List(q), List(dq), List(ddq)) = domain;
         let encoder_error = EncoderError {
             cos_sin: match encoder_error {
                 None => vec![[0.0; 2]; n],
@@ -184,11 +187,11 @@ impl PyTorqueModel {
             phi: arrays::vector(phi, "phi", Some(10 * n))?
                 .as_slice()?
                 .to_vec(),
-            torque_scale: torque_scale.unwrap_or_else(|| vec![1.0; n]),
+            torque_scale: optional(torque_scale).unwrap_or_else(|| vec![1.0; n]),
             effects,
             residual,
-            encoder_delay,
-            noise_std,
+            encoder_delay: encoder_delay.0,
+            noise_std: noise_std.0,
             domain: Domain { q, dq, ddq },
             torque_unit: torque_unit.to_owned(),
             step,

@@ -10,6 +10,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use crate::effects::{check_shape, PyEffect};
+use crate::lists::{optional, List};
 use crate::robot::PyRobotModel;
 use crate::run::RunArrays;
 use crate::{arrays, errors};
@@ -83,8 +84,8 @@ pub fn extent<'py>(py: Python<'py>, x: &Bound<'py, PyAny>) -> PyResult<Bound<'py
 pub fn observe<'py>(
     py: Python<'py>,
     robot: &PyRobotModel,
-    effects: Vec<PyEffect>,
-    pivots: Vec<usize>,
+    effects: List<PyEffect>,
+    pivots: List<usize>,
     q: &Bound<'py, PyAny>,
     dq: &Bound<'py, PyAny>,
     ddq: &Bound<'py, PyAny>,
@@ -93,7 +94,7 @@ pub fn observe<'py>(
     ddq_motor: &Bound<'py, PyAny>,
     tau: &Bound<'py, PyAny>,
     filter: FilterParts<'py>,
-    kept: Vec<usize>,
+    kept: List<usize>,
     tau_link: Option<&Bound<'py, PyAny>>,
     step: Option<f64>,
     temperature: Option<&Bound<'py, PyAny>>,
@@ -106,8 +107,8 @@ pub fn observe<'py>(
         signals: arrays.signals()?,
         tau: tau.as_slice()?,
     };
-    let effects: Vec<_> = effects.into_iter().map(|effect| effect.0).collect();
-    let sampling = sampling(filter, kept)?;
+    let effects: Vec<_> = effects.0.into_iter().map(|effect| effect.0).collect();
+    let sampling = sampling(filter, kept.0)?;
     let observation = py
         .detach(|| dynid_offline::observe(&robot.0, &effects, &pivots, &run, &sampling))
         .map_err(errors::offline)?;
@@ -128,8 +129,8 @@ pub fn observe<'py>(
 pub fn fold<'py>(
     py: Python<'py>,
     robot: &PyRobotModel,
-    effects: Vec<PyEffect>,
-    pivots: Vec<usize>,
+    effects: List<PyEffect>,
+    pivots: List<usize>,
     q: &Bound<'py, PyAny>,
     dq: &Bound<'py, PyAny>,
     ddq: &Bound<'py, PyAny>,
@@ -138,7 +139,7 @@ pub fn fold<'py>(
     ddq_motor: &Bound<'py, PyAny>,
     tau: &Bound<'py, PyAny>,
     filter: FilterParts<'py>,
-    kept: Option<Vec<usize>>,
+    kept: Option<List<usize>>,
     tau_link: Option<&Bound<'py, PyAny>>,
     step: Option<f64>,
     temperature: Option<&Bound<'py, PyAny>>,
@@ -152,12 +153,12 @@ pub fn fold<'py>(
         signals: arrays.signals()?,
         tau: torque.as_slice()?,
     };
-    let effects: Vec<_> = effects.into_iter().map(|effect| effect.0).collect();
+    let effects: Vec<_> = effects.0.into_iter().map(|effect| effect.0).collect();
     let sampling = match (filter, kept) {
         (None, None) => None,
         (filter, kept) => {
             let every = || (0..run.tau.len() / n).collect();
-            Some(sampling(filter, kept.unwrap_or_else(every))?)
+            Some(sampling(filter, optional(kept).unwrap_or_else(every))?)
         }
     };
     let folded =
@@ -182,8 +183,8 @@ pub fn fold<'py>(
 #[pyo3(signature = (factors, pivots, n_rows, *, n_reweightings=2))]
 pub fn weighted_fit<'py>(
     py: Python<'py>,
-    factors: Vec<Bound<'py, PyAny>>,
-    pivots: Vec<usize>,
+    factors: List<Bound<'py, PyAny>>,
+    pivots: List<usize>,
     n_rows: usize,
     n_reweightings: usize,
 ) -> PyResult<[Bound<'py, PyArray1<f64>>; 5]> {
@@ -235,13 +236,13 @@ pub fn filtered_friction_basis<'py>(
     velocity_threshold: f64,
     transition_width: f64,
     filter: FilterParts<'py>,
-    kept: Vec<usize>,
+    kept: List<usize>,
 ) -> PyResult<Bound<'py, PyArray2<f64>>> {
     const { assert!(N_FRICTION == LANES) }
     let dq = arrays::vector(dq, "dq", None)?;
     check_shape(velocity_threshold, transition_width)?;
     let dq = dq.as_slice()?;
-    let sampling = sampling(filter, kept)?;
+    let sampling = sampling(filter, kept.0)?;
     if dq.len() < sampling.filter.min_samples() || sampling.kept.iter().any(|&k| k >= dq.len()) {
         return Err(PyValueError::new_err(
             "dq is too short for the filter or for the kept samples",
@@ -274,7 +275,7 @@ pub fn triangular_factor<'py>(
 #[pyfunction]
 pub fn merge_factors<'py>(
     py: Python<'py>,
-    factors: Vec<Bound<'py, PyAny>>,
+    factors: List<Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArray2<f64>>> {
     let first = factors
         .first()

@@ -15,6 +15,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use crate::base::PyBaseParameters;
+use crate::lists::{optional, List};
 use crate::{arrays, errors, small};
 
 /// A serial robot: kinematics, gravity and declared inertial parameters. Immutable.
@@ -59,13 +60,13 @@ fn options(
     base: Option<String>,
     tip: Option<String>,
     gravity: [f64; 3],
-    rotor_inertia: Option<Vec<f64>>,
+    rotor_inertia: Option<List<f64>>,
 ) -> UrdfOptions {
     UrdfOptions {
         base,
         tip,
         gravity,
-        rotor_inertia,
+        rotor_inertia: optional(rotor_inertia),
     }
 }
 
@@ -79,7 +80,7 @@ impl PyRobotModel {
         base: Option<String>,
         tip: Option<String>,
         gravity: [f64; 3],
-        rotor_inertia: Option<Vec<f64>>,
+        rotor_inertia: Option<List<f64>>,
     ) -> PyResult<Self> {
         let options = options(base, tip, gravity, rotor_inertia);
         let robot = py
@@ -97,7 +98,7 @@ impl PyRobotModel {
         base: Option<String>,
         tip: Option<String>,
         gravity: [f64; 3],
-        rotor_inertia: Option<Vec<f64>>,
+        rotor_inertia: Option<List<f64>>,
     ) -> PyResult<Self> {
         let options = options(base, tip, gravity, rotor_inertia);
         let robot = py
@@ -112,11 +113,11 @@ impl PyRobotModel {
         py: Python<'_>,
         path: PathBuf,
         gravity: Option<[f64; 3]>,
-        rotor_inertia: Option<Vec<f64>>,
+        rotor_inertia: Option<List<f64>>,
     ) -> PyResult<Self> {
         let options = MdhOptions {
             gravity,
-            rotor_inertia,
+            rotor_inertia: optional(rotor_inertia),
         };
         let robot = py
             .detach(|| mdh::load(&path, &options))
@@ -131,11 +132,11 @@ impl PyRobotModel {
         text: &str,
         source_name: &str,
         gravity: Option<[f64; 3]>,
-        rotor_inertia: Option<Vec<f64>>,
+        rotor_inertia: Option<List<f64>>,
     ) -> PyResult<Self> {
         let options = MdhOptions {
             gravity,
-            rotor_inertia,
+            rotor_inertia: optional(rotor_inertia),
         };
         let robot = py
             .detach(|| mdh::parse(text, source_name, &options))
@@ -152,7 +153,7 @@ impl PyRobotModel {
         base: Option<String>,
         tip: Option<String>,
         gravity: Option<[f64; 3]>,
-        rotor_inertia: Option<Vec<f64>>,
+        rotor_inertia: Option<List<f64>>,
     ) -> PyResult<Self> {
         if !is_toml(&path) {
             let gravity = gravity.unwrap_or(UrdfOptions::default().gravity);

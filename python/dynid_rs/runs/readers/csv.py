@@ -22,6 +22,7 @@ MAX_LINE = 1 << 20
 
 _DELIMITERS = ",;\t"
 _NEWLINE = re.compile(rb"\r\n|\n|\r")
+_SPREADSHEET = re.compile(r"sep=.?")
 # One way only to read any digits: with two, a long cell that is no number would take time by the square of its length.
 _NUMBER = re.compile(
     r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?|[+-]?(?:nan|inf|infinity)", re.IGNORECASE | re.ASCII
@@ -77,7 +78,7 @@ def _layout(place: Path, file: str) -> _Layout:
         head = stream.read(MAX_LINE)
         complete = len(head) < MAX_LINE
     if b"\0" in head or head.startswith((b"PAR1", b"PK\x03\x04", b"\x1f\x8b", b"\x89HDF")):
-        raise _not_text(file, looks_like(head))
+        raise _not_text(file, _nul_in_text(head) or looks_like(head))
     start, lines = (3 if head.startswith(b"\xef\xbb\xbf") else 0), 0
     comment: tuple[str, int, int] | None = None
     while True:
@@ -108,6 +109,13 @@ def _layout(place: Path, file: str) -> _Layout:
     if comment is not None and (not text or text.startswith("#") or _NUMBER.fullmatch(first[0])):
         header, body_offset, lines_before = comment  # numpy.savetxt writes its header as a comment
     delimiter = _sniff(header)
+    if _SPREADSHEET.fullmatch(header):
+        raise DataError(
+            f"{file}, line {lines_before}: {header} is a spreadsheet's own note, expected a header of column names; "
+            "delete the line",
+            code="no_header",
+            file=file,
+        )
     names = _cells(header, delimiter)
     if not header or all(not name or _NUMBER.fullmatch(name) for name in names):
         raise DataError(
@@ -128,6 +136,14 @@ def _layout(place: Path, file: str) -> _Layout:
     return _Layout(file, place, delimiter, names, body_offset, lines_before)
 
 
+def _nul_in_text(head: bytes) -> str | None:
+    """Where the first NUL byte is, if what comes before it is lines of text."""
+    before, nul, _ = head.partition(b"\0")
+    lines = _NEWLINE.split(before)
+    readable = lines[0].isascii() and lines[0].decode("ascii", "replace").isprintable()
+    return f"line {len(lines)} holds a NUL byte" if nul and len(lines) > 1 and readable else None
+
+
 def _not_text(file: str, reason: str) -> DataError:
     return DataError(
         f"{file}: expected a CSV file (UTF-8 text), but {reason}; save it as UTF-8 CSV or give it its right suffix",
@@ -143,8 +159,8 @@ def _sniff(line: str) -> str:
 def _cells(line: str, delimiter: str) -> tuple[str, ...]:
     try:
         return tuple(cell.strip() for cell in next(csv.reader([line], delimiter=delimiter), [""]))
-    except csv.Error:  # a field of more than 128 KiB
-        return (line,)
+    except csv.Error:  # a field of more than 128 KiB: no number, but its neighbours keep their places
+        return tuple(cell.strip() for cell in line.split(delimiter))
 
 
 def _load_fast(layout: _Layout, wanted: Sequence[str]) -> Columns | None:

@@ -120,7 +120,7 @@ fn angle(top: &Table) -> Result<Angle, MdhError> {
         Some("deg") => Ok(Angle::Degrees),
         Some("rad") => Ok(Angle::Radians),
         Some(other) => {
-            let found = shorten(other).escape_debug().to_string();
+            let found = shorten(other);
             Err(top.refuse("angle", format!("must be {mend}, found \"{found}\"")))
         }
     }
@@ -179,7 +179,7 @@ fn joint(
         None | Some("revolute") => JointKind::Revolute,
         Some("prismatic") => JointKind::Prismatic,
         Some(other) => {
-            let found = shorten(other).escape_debug().to_string();
+            let found = shorten(other);
             let message = format!("must be \"revolute\" or \"prismatic\", found \"{found}\"");
             return Err(table.refuse("kind", message));
         }

@@ -5,7 +5,7 @@ use toml::Spanned;
 
 use super::error::MdhError;
 use super::MAX_BYTES;
-use crate::text::{nearest, position, shorten};
+use crate::text::{nearest, position, shorten, shorten_to};
 
 /// Largest magnitude that enters a product: powers of it stay far from overflow.
 const MAX_MAGNITUDE: f64 = 1e12;
@@ -53,7 +53,10 @@ impl<'a> Source<'a> {
                 false => "",
             };
             let said = error.message().split_whitespace().collect::<Vec<_>>();
-            let message = format!("is not valid TOML: {}{hint}", shorten_long(&said.join(" ")));
+            let message = format!(
+                "is not valid TOML: {}{hint}",
+                shorten_to(&said.join(" "), 160)
+            );
             self.refuse(at, "text", message)
         })?;
         Ok(parsed.into_inner())
@@ -75,11 +78,6 @@ impl<'a> Source<'a> {
             message: message.into(),
         }
     }
-}
-
-/// What the parser says may repeat what the file says.
-fn shorten_long(text: &str) -> String {
-    text.chars().take(160).collect()
 }
 
 /// A table of the file: the top one, a `[base]`, a `[[joint]]`.
@@ -186,7 +184,7 @@ impl<'s, 't, 'a> Table<'s, 't, 'a> {
             return Ok(None);
         };
         if name.trim().is_empty() || name.len() > MAX_NAME || name.chars().any(char::is_control) {
-            let found = shorten(name).escape_debug().to_string();
+            let found = shorten(name);
             let message = format!(
                 "must be a name of at most {MAX_NAME} bytes on one line, found \"{found}\""
             );
@@ -275,7 +273,7 @@ impl<'s, 't, 'a> Table<'s, 't, 'a> {
 fn describe(value: &DeValue) -> String {
     match value {
         DeValue::String(text) => {
-            format!("the text \"{}\"", shorten(text).escape_debug())
+            format!("the text \"{}\"", shorten(text))
         }
         DeValue::Integer(integer) => shorten(&integer.to_string()),
         DeValue::Float(float) => shorten(float.as_str()),

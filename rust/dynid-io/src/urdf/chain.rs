@@ -4,7 +4,7 @@ use dynid_core::robot::MAX_JOINTS;
 
 use super::document::Motion;
 use super::error::UrdfError;
-use super::source::{Notes, Source};
+use super::source::{shorten, Notes, Source};
 use super::tree::{list, Tree};
 use super::UrdfOptions;
 
@@ -42,7 +42,10 @@ pub(super) fn find(
         let find = |name: &String| {
             tree.find(name).ok_or_else(|| {
                 let links = list(tree.document.links.iter().map(|link| link.name.as_str()));
-                let message = format!("no link is named \"{name}\"; the links are {links}");
+                let message = format!(
+                    "no link is named \"{}\"; the links are {links}",
+                    shorten(name)
+                );
                 UrdfError::Option {
                     file: source.file.to_owned(),
                     option,

@@ -90,7 +90,7 @@ fn checked_name(attribute: &Attribute) -> Result<String, String> {
         return Err(format!("{} is empty, expected a name", attribute.name));
     }
     if value.len() > MAX_NAME || value.chars().any(char::is_control) {
-        let found = shorten(value).escape_debug().to_string();
+        let found = shorten(value);
         let expected = format!("expected at most {MAX_NAME} bytes on one line");
         return Err(format!(
             "{} is no name: \"{found}\", {expected}",

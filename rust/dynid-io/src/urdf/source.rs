@@ -91,8 +91,9 @@ pub(super) fn too_large(file: &str) -> UrdfError {
 
 /// The first character that XML 1.0 does not allow.
 pub(super) fn unprintable(text: &str) -> Option<char> {
-    text.chars()
-        .find(|c| !matches!(c, '\t' | '\n' | '\r' | ' '..='\u{FFFD}' | '\u{10000}'..))
+    text.chars().find(
+        |c| !matches!(c, '\t' | '\n' | '\r' | ' '..='~' | '\u{A0}'..='\u{FFFD}' | '\u{10000}'..),
+    )
 }
 
 /// Remarks about things that were read, but that the reader of the model should know about.

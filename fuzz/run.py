@@ -1,0 +1,138 @@
+"""Build the fuzzer on stable Rust, replay the kept inputs and look for new ones: `python fuzz/run.py --seconds 60`.
+
+The counters of covered code come from LLVM's pass by way of stable compiler flags, the runtime is libFuzzer's (crate
+libfuzzer-sys, built by the machine's C++ compiler). No more than the limits that `src/limits.rs` names.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+CORPUS = HERE / "corpus"
+TARGETS = ("urdf", "robot_toml", "model", "datagrams", "memory", "lines")
+FLAGS = (
+    "-Cpasses=sancov-module",
+    "-Cllvm-args=-sanitizer-coverage-level=4",
+    "-Cllvm-args=-sanitizer-coverage-inline-8bit-counters",
+    "-Cllvm-args=-sanitizer-coverage-pc-table",
+    "-Cllvm-args=-sanitizer-coverage-trace-compares",
+)
+TIMEOUT = 30
+"""Wall clock, for what never ends; slowness is judged by the processor's time, in the program [s]."""
+
+
+def built() -> Path:
+    """Build; the program's path."""
+    target = Path(os.environ.get("DYNID_FUZZ_TARGET", HERE / "target"))
+    host = next(
+        line.split()[1]
+        for line in subprocess.run(["rustc", "-vV"], capture_output=True, text=True, check=True).stdout.splitlines()
+        if line.startswith("host:")
+    )
+    # A named target keeps the flags from build scripts and macros, which have no runtime to link to.
+    command = ["cargo", "build", "--release", "--locked", "--quiet", "--target", host]
+    environment = os.environ | {"RUSTFLAGS": " ".join(FLAGS), "CARGO_TARGET_DIR": str(target)}
+    subprocess.run(command, cwd=HERE, env=environment, check=True)
+    return target / host / "release" / "dynid-fuzz"
+
+
+def fuzz(program: Path, target: str, seconds: int, work: Path) -> dict[str, object]:
+    """Replay what is kept, then look for more in the time that is left; figures of the run."""
+    found = work / target
+    found.mkdir(parents=True, exist_ok=True)
+    kept = CORPUS / target
+    command = [
+        *(str(program), str(found), str(kept)),
+        *(f"-max_total_time={seconds}", f"-timeout={TIMEOUT}", "-rss_limit_mb=600", "-print_final_stats=1"),
+        f"-artifact_prefix={work}/{target}-",
+        f"-dict={HERE / 'words.dict'}",
+    ]
+    log = work / f"{target}.log"
+    start = time.monotonic()
+    with log.open("wb") as out:
+        code = subprocess.run(
+            command, env=os.environ | {"DYNID_TARGET": target}, stdout=out, stderr=subprocess.STDOUT, check=False
+        ).returncode
+    text = log.read_text(errors="replace")
+    stats = {name: int(value) for name, value in re.findall(r"stat::(\w+):\s+(\d+)", text)}
+    covered = re.findall(r"cov: (\d+)", text)
+    return {
+        "target": target,
+        "executions": stats.get("number_of_executed_units", 0),
+        "seconds": round(time.monotonic() - start, 1),
+        "kept_inputs": len(list(kept.iterdir())),
+        "covered_edges": int(covered[-1]) if covered else 0,
+        "peak_rss_mb": stats.get("peak_rss_mb", 0),
+        "failed": code != 0,
+        "log": str(log),
+    }
+
+
+def said(program: Path, target: str, log: str) -> str:
+    """The sentence a failure ended with, and how to see it again."""
+    text = Path(log).read_text(errors="replace")
+    panics = re.findall(r"panicked at [^\n]*\n[^\n]*", text)
+    artifacts = re.findall(r"Test unit written to (\S+)", text)
+    again = f"; again: DYNID_TARGET={target} {program} {artifacts[-1]}" if artifacts else ""
+    return f"{panics[-1] if panics else text[-400:]}{again}"
+
+
+def keep(program: Path, target: str, work: Path, most_bytes: int) -> None:
+    """Put the smallest inputs that cover what all found ones do into the corpus, `most_bytes` of them."""
+    small = work / f"{target}-small"
+    shutil.rmtree(small, ignore_errors=True)
+    small.mkdir(parents=True)
+    command = [str(program), "-set_cover_merge=1", f"-timeout={TIMEOUT}", str(small), str(CORPUS / target)]
+    environment = os.environ | {"DYNID_TARGET": target}
+    subprocess.run([*command, str(work / target)], env=environment, capture_output=True, check=True)
+    seeds = [path for path in (CORPUS / target).iterdir() if path.name.startswith("seed_")]
+    left = most_bytes - sum(path.stat().st_size for path in seeds)
+    for path in (CORPUS / target).iterdir():
+        if path not in seeds:
+            path.unlink()
+    for path in sorted(small.iterdir(), key=lambda path: (path.stat().st_size, path.name)):
+        left -= path.stat().st_size
+        if left >= 0:
+            shutil.copy(path, CORPUS / target / path.name[:16])
+
+
+def main() -> int:
+    """Run, print one line per target, and with `--json` write the figures."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seconds", type=int, default=60, help="per target, building not counted")
+    parser.add_argument("--target", choices=TARGETS, action="append", help="only this one (may be repeated)")
+    parser.add_argument("--work", type=Path, default=HERE / "work", help="what is found, and the logs")
+    parser.add_argument("--json", type=Path, help="write the figures to this file")
+    parser.add_argument("--keep", type=int, metavar="BYTES", help="afterwards keep so much per target in the corpus")
+    options = parser.parse_args()
+    program = built()
+    options.work.mkdir(parents=True, exist_ok=True)
+    figures = []
+    for target in options.target or TARGETS:
+        figure = fuzz(program, target, options.seconds, options.work)
+        figures.append(figure)
+        print(
+            f"{target:11}{figure['executions']:>12,} executions in {figure['seconds']} s, "
+            f"{figure['covered_edges']:,} edges, {figure['peak_rss_mb']} MB",
+            flush=True,
+        )
+        if figure["failed"]:
+            print(f"error: {target}: {said(program, target, str(figure['log']))}", file=sys.stderr)
+        elif options.keep:
+            keep(program, target, options.work, options.keep)
+    if options.json:
+        options.json.write_text(json.dumps(figures, indent=2) + "\n")
+    return int(any(figure["failed"] for figure in figures))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

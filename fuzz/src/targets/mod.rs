@@ -1,0 +1,18 @@
+//! One file per way in: bytes, and what has to hold of them.
+
+mod datagrams;
+mod lines;
+mod memory;
+mod model;
+mod robot_toml;
+mod urdf;
+
+/// Names and functions.
+pub const ALL: [(&str, fn(&[u8])); 6] = [
+    ("urdf", urdf::run),
+    ("robot_toml", robot_toml::run),
+    ("model", model::run),
+    ("datagrams", datagrams::run),
+    ("memory", memory::run),
+    ("lines", lines::run),
+];

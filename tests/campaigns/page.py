@@ -1,0 +1,196 @@
+"""`make trust`: runs the campaigns and writes their figures into docs/trust.md, each beside its command.
+
+python tests/campaigns/page.py [--only kills] [--quick]
+
+Figures are kept in docs/trust.json, so that one campaign can be run again alone. What stands in the page below its
+figures is written by hand, and stays.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE, FIGURES = ROOT / "docs" / "trust.md", ROOT / "docs" / "trust.json"
+BY_HAND = "## Found on the way"
+PYTHON = "python"
+
+Figures = Any
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """A command, and what its output says.
+
+    Parameters
+    ----------
+    title : str
+        What is tried.
+    command : str
+        As a reader would type it, in the repository's folder.
+    quick : str
+        The same in minutes.
+    read : function of str
+        Figures from standard output.
+    say : function of figures
+        One sentence.
+    """
+
+    title: str
+    command: str
+    quick: str
+    read: Callable[[str], Figures]
+    say: Callable[[Figures], str]
+
+
+def _fuzzed(text: str) -> Figures:
+    return [
+        {"target": target, "executions": int(n.replace(",", "")), "edges": int(edges.replace(",", "")), "mb": int(mb)}
+        for target, n, edges, mb in re.findall(
+            r"(?m)^(\w+)\s+([\d,]+) executions in .*?, ([\d,]+) edges, (\d+) MB", text
+        )
+    ]
+
+
+def _said_fuzzed(figures: Figures) -> str:
+    each = ", ".join(f"{figure['target']} {figure['executions']:,}" for figure in figures)
+    return (
+        f"executions: {each}; at most {max(figure['mb'] for figure in figures)} MB; no crash, none above 1 s or 512 MB"
+    )
+
+
+def _passed(text: str) -> Figures:
+    return {"passed": int(re.findall(r"(\d+) passed", text)[-1])}
+
+
+def _streams(text: str) -> Figures:
+    return {"streams": int(re.findall(r"(\d+) streams: ", text)[-1])}
+
+
+def _found(figures: Figures) -> str:
+    return "nothing found" if not figures["found"] else f"**{len(figures['found'])} found, see docs/trust.json**"
+
+
+CAMPAIGNS = {
+    "fuzz": Campaign(
+        "Bytes of strangers into every reader in Rust: robot files, models, datagrams, shared memory, standard input",
+        "make fuzz SECONDS_EACH=3600",
+        "make fuzz SECONDS_EACH=20",
+        _fuzzed,
+        _said_fuzzed,
+    ),
+    "boundary": Campaign(
+        "Every function of the compiled module, each argument spoiled in every way in turn",
+        f"{PYTHON} tests/campaigns/boundary.py",
+        f"{PYTHON} tests/campaigns/boundary.py",
+        json.loads,
+        lambda f: f"{f['calls']:,} calls of {f['functions']} functions; {_found(f)}",
+    ),
+    "hostile": Campaign(
+        "Hostile URDFs, models, logs and configs: judged right, with their place, within 50 ms of the processor",
+        f"{PYTHON} -m pytest -q tests/test_hostile.py",
+        f"{PYTHON} -m pytest -q tests/test_hostile.py",
+        _passed,
+        lambda f: f"all {f['passed']}",
+    ),
+    "kills": Campaign(
+        "kill -9 at random instants of identify, diagnose, excite, fleet, simulate and a streamed identify",
+        f"{PYTHON} tests/campaigns/kills.py --count 500",
+        f"{PYTHON} tests/campaigns/kills.py --count 24",
+        json.loads,
+        lambda f: (
+            f"{f['trials']} trials, {f['killed']} killed before their end, {f['with_new_results']} with new results; "
+            f"{_found(f)}"
+        ),
+    ),
+    "faults": Campaign(
+        "Each write, fsync, rename, link, mkdir, unlink and lock refused in turn by the system",
+        f"{PYTHON} tests/campaigns/faults.py --count 200",
+        f"{PYTHON} tests/campaigns/faults.py --count 20",
+        json.loads,
+        lambda f: f"{f['injected']} injected of {f['of']} there are; {_found(f)}",
+    ),
+    "online": Campaign(
+        "Random streams with faults: finite, right status within 2 cycles, clean within 10, then a fresh one's bits",
+        "DYNID_STREAMS=1000000 cargo test --release -p dynid-core --test faults -- --nocapture",
+        "cargo test --release -p dynid-core --test faults -- --nocapture",
+        _streams,
+        lambda f: f"{f['streams']:,} streams, none failed",
+    ),
+    "determinism": Campaign(
+        "Another call, process, hash seed, number of threads: the same bytes; order of runs, BLAS kernel: roundings",
+        f"{PYTHON} -m pytest -q tests/test_determinism.py",
+        f"{PYTHON} -m pytest -q tests/test_determinism.py",
+        _passed,
+        lambda f: f"all {f['passed']}",
+    ),
+}
+
+
+def run(campaign: Campaign, quick: bool) -> Figures:
+    """Run it; its figures. A campaign that found something has figures too."""
+    command = campaign.quick if quick else campaign.command
+    typed = re.sub(rf"\b{PYTHON} ", f"{sys.executable} ", command)
+    environment = os.environ | {"PYTHONPATH": str(ROOT / "python")}
+    done = subprocess.run(typed, shell=True, cwd=ROOT, env=environment, stdout=subprocess.PIPE, text=True, check=False)
+    try:
+        return {"command": command, "figures": campaign.read(done.stdout)}
+    except (ValueError, IndexError):
+        raise SystemExit(
+            f"error: {command} ended with {done.returncode} and no figures:\n{done.stdout[-2000:]}"
+        ) from None
+
+
+def page(kept: dict[str, Any], by_hand: str) -> str:
+    """The page: figures, and below what people wrote."""
+    rows = [
+        f"| {CAMPAIGNS[name].title} | {CAMPAIGNS[name].say(kept[name]['figures'])} | `{kept[name]['command']}` |"
+        for name in CAMPAIGNS
+        if name in kept
+    ]
+    return "\n".join(
+        [
+            "# Trust: what was tried against it",
+            "",
+            "Nothing that is read may do harm, nothing that is written may be lost. `make trust` writes the figures",
+            "(one campaign again: `python tests/campaigns/page.py --only kills`); who is trusted, and who not, stands",
+            "in [SECURITY.md](../SECURITY.md).",
+            "",
+            "| tried | figure | command |",
+            "|---|---|---|",
+            *rows,
+            "",
+            by_hand,
+        ]
+    )
+
+
+def main() -> int:
+    """Run what was asked for, and write the page."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--only", choices=CAMPAIGNS, action="append", help="may be repeated")
+    parser.add_argument("--quick", action="store_true", help="minutes instead of hours")
+    parser.add_argument("--render", action="store_true", help="write the page from the figures that are kept")
+    options = parser.parse_args()
+    kept = json.loads(FIGURES.read_text()) if FIGURES.exists() else {}
+    for name in [] if options.render else options.only or CAMPAIGNS:
+        kept[name] = run(CAMPAIGNS[name], options.quick)
+        FIGURES.write_text(json.dumps(kept, indent=1) + "\n")
+        print(f"{name}: {CAMPAIGNS[name].say(kept[name]['figures'])}", flush=True)
+    text = PAGE.read_text(encoding="utf-8") if PAGE.exists() else ""
+    by_hand = text[text.index(BY_HAND) :] if BY_HAND in text else f"{BY_HAND}\n"
+    PAGE.write_text(page(kept, by_hand), encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
