@@ -379,7 +379,7 @@ impl PyTorqueModel {
 
     /// `(inputs, regressions)`, one regression or None per joint; None without a third loop.
     #[getter]
-    fn residual(&self) -> Option<(&'static str, Regressions)> {
+    fn residual(&self) -> Option<(&'static str, Vec<Option<PyRegression>>)> {
         self.0.residual().map(|residual| {
             let joints = residual.joints().iter();
             let joints = joints.map(|joint| joint.as_ref().map(Into::into)).collect();
