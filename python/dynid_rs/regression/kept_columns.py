@@ -40,10 +40,14 @@ class KeptColumns:
 
     def put(self, key: tuple[Any, ...], part: PerJoint) -> None:
         """Keep, and let go of what was used longest ago."""
+        self._bytes += _size(part) - _size(self._parts.pop(key, []))
         self._parts[key] = part
-        self._bytes += sum(array.nbytes for array in part)
         while self._bytes > MOST_BYTES and self._parts:
-            self._bytes -= sum(array.nbytes for array in self._parts.pop(next(iter(self._parts))))
+            self._bytes -= _size(self._parts.pop(next(iter(self._parts))))
+
+
+def _size(part: PerJoint) -> int:
+    return sum(array.nbytes for array in part)
 
 
 _KEPT: ContextVar[KeptColumns | None] = ContextVar("kept_columns", default=None)
