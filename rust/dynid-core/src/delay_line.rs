@@ -1,5 +1,6 @@
 //! The state of a while ago: what a torque channel shows now that comes late against the encoders.
 
+use crate::intake::state_of;
 use crate::slices::{copy, mirror_fields, part, part_mut, Mirror};
 use crate::state::State;
 
@@ -110,16 +111,7 @@ impl DelayLine {
 
     /// What [`Self::push`] found, with the temperature of now: it changes over minutes.
     pub fn past<'a>(&'a self, temperature: Option<&'a [f64]>) -> State<'a> {
-        let signal = |k: usize| part(&self.past, k * self.n, (k + 1) * self.n);
-        State {
-            q: signal(0),
-            dq: signal(1),
-            ddq: signal(2),
-            q_motor: signal(3),
-            dq_motor: signal(4),
-            ddq_motor: signal(5),
-            temperature,
-        }
+        state_of(&self.past, self.n, temperature)
     }
 
     /// Takes over the states of another line of as many joints, the newest where not all have room.
@@ -219,7 +211,7 @@ mod tests {
 
     #[test]
     fn a_longer_or_shorter_line_goes_on_where_the_other_was() {
-        for (own, other) in [(0.5, 0.25), (0.25, 0.5), (0.5, 0.5)] {
+        for (own, other) in [(0.5, 0.125), (0.125, 0.5), (0.5, 0.5)] {
             let line = |delay| DelayLine::new(1, delay, n_delay_rows(delay, 0.125).unwrap());
             let (mut before, mut new) = (line(other), line(own));
             for k in 0..9 {

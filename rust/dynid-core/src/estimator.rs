@@ -22,7 +22,8 @@ pub struct Status(u32);
 impl Status {
     /// Nothing unusual.
     pub const OK: Self = Self(0);
-    /// The state held a NaN or an infinity, or the torque overflowed; the last good torque is repeated.
+    /// The state held a NaN, an infinity or a number beyond 1e100, or the torque overflowed; the last good torque is
+    /// repeated.
     pub const NON_FINITE: Self = Self(1);
     /// The state is outside the box that the model was trained on.
     pub const OUTSIDE_DOMAIN: Self = Self(2);

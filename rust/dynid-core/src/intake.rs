@@ -3,7 +3,7 @@
 
 use crate::delay_line::{n_delay_rows, DelayLine};
 use crate::estimator::Status;
-use crate::limits::Limits;
+use crate::limits::{is_state, Limits};
 use crate::model::TorqueModel;
 use crate::slices::{mirror_fields, part, Mirror};
 use crate::state::State;
@@ -54,33 +54,25 @@ impl Intake {
         }
     }
 
-    /// The state to evaluate, and what is unusual about it. What is not finite stays so.
+    /// The state to evaluate, and what is unusual about it; all NaN where there is none.
     pub fn take<'a>(&'a mut self, shown: &State<'a>, elapsed: f64) -> (State<'a>, Status) {
         let mut status = Status::OK;
+        if !is_state(shown) {
+            self.pass(elapsed);
+            self.row.fill(f64::NAN);
+            return (state_of(&self.row, self.n, shown.temperature), status);
+        }
         let mut state = *shown;
         if let Some(line) = &mut self.line {
-            if shown.is_finite() {
-                status.set(Status::SETTLING, !line.push(shown, elapsed));
-                state = line.past(shown.temperature);
-            } else {
-                line.pass(elapsed);
-            }
+            status.set(Status::SETTLING, !line.push(shown, elapsed));
+            state = line.past(shown.temperature);
         }
         if self.limits.hold(&state, &mut self.row, self.n) {
             status = status
                 .and(Status::BEYOND_LIMITS)
                 .and(Status::OUTSIDE_DOMAIN);
             if !self.unlimited {
-                let signal = |k: usize| part(&self.row, k * self.n, (k + 1) * self.n);
-                state = State {
-                    q: signal(0),
-                    dq: signal(1),
-                    ddq: signal(2),
-                    q_motor: signal(3),
-                    dq_motor: signal(4),
-                    ddq_motor: signal(5),
-                    temperature: shown.temperature,
-                };
+                state = state_of(&self.row, self.n, shown.temperature);
             }
         }
         (state, status)
@@ -91,6 +83,20 @@ impl Intake {
         if let (Some(own), Some(before)) = (&mut self.line, &before.line) {
             own.continue_from(before);
         }
+    }
+}
+
+/// Six signals in a row as a state.
+pub(crate) fn state_of<'a>(row: &'a [f64], n: usize, temperature: Option<&'a [f64]>) -> State<'a> {
+    let signal = |k: usize| part(row, k * n, (k + 1) * n);
+    State {
+        q: signal(0),
+        dq: signal(1),
+        ddq: signal(2),
+        q_motor: signal(3),
+        dq_motor: signal(4),
+        ddq_motor: signal(5),
+        temperature,
     }
 }
 

@@ -12,6 +12,19 @@ const TRUSTED: [f64; 2] = [2.0, 10.0];
 /// A joint without limits of position is believed so far beyond the trained positions \[rad, m\]: it may have turned often.
 const OFTEN_TURNED: f64 = 1e4;
 
+/// No sensor shows such a number: it is a fault, and no state.
+const NO_NUMBER: f64 = 1e100;
+
+/// True if every number of the motion may be one that a sensor shows.
+pub(crate) fn is_state(shown: &State<'_>) -> bool {
+    let all = |signal: &[f64]| {
+        signal
+            .iter()
+            .fold(true, |all, x| all & (x.abs() < NO_NUMBER))
+    };
+    shown.signals().iter().all(|(_, signal)| all(signal))
+}
+
 /// Least and greatest believed position, speed and acceleration, one row per signal.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Limits {
@@ -32,14 +45,13 @@ impl Limits {
         limits
     }
 
-    /// Whether a finite number of the motion lies beyond; the motion within then stands in `row` (six signals). What is
-    /// not finite stays so.
+    /// Whether a number of the motion lies beyond; the motion within then stands in `row` (six signals).
     pub fn hold(&self, shown: &State<'_>, row: &mut [f64], n: usize) -> bool {
         let mut beyond = false;
         for (k, (_, signal)) in shown.signals().into_iter().enumerate() {
             let (low, high) = self.of_signal(k, n);
             for ((x, low), high) in signal.iter().zip(low).zip(high) {
-                beyond |= (*x < *low || *x > *high) && x.is_finite();
+                beyond |= *x < *low || *x > *high;
             }
         }
         if !beyond {
@@ -48,11 +60,7 @@ impl Limits {
         for (k, (row, (_, signal))) in rows_mut(row, n).zip(shown.signals()).enumerate() {
             let (low, high) = self.of_signal(k, n);
             for (((to, x), low), high) in row.iter_mut().zip(signal).zip(low).zip(high) {
-                *to = if x.is_finite() {
-                    x.min(*high).max(*low)
-                } else {
-                    *x
-                };
+                *to = x.min(*high).max(*low);
             }
         }
         true

@@ -162,8 +162,7 @@ fn ten_thousand_steps_allocate_nothing() {
             model = model.with_torque_delay(0.0123).unwrap();
         }
         let mut estimator = TorqueEstimator::new(Arc::new(model));
-        let unlimited = k % 4 == 0;
-        if unlimited {
+        if k % 4 == 0 {
             estimator = estimator.unlimited();
         }
         let mut seen = [0usize; 5]; // good, bad, outside of the box, faded, without temperature
@@ -212,9 +211,7 @@ fn ten_thousand_steps_allocate_nothing() {
 
         assert_eq!(after - before, 0, "{inputs:?}");
         assert!(seen.iter().all(|count| *count > 0), "{inputs:?}: {seen:?}");
-        // What lies beyond the limits overflows only where they do not count.
-        let bad = if unlimited { 3 } else { 2 };
-        assert_eq!(seen[1], STEPS / 50 * bad, "{inputs:?}");
+        assert_eq!(seen[1], STEPS / 50 * 3, "{inputs:?}");
     }
 }
 
@@ -252,7 +249,7 @@ fn a_stream_with_faults_and_an_observer_allocates_nothing() {
             let mut sequence = step;
             match step % 50 {
                 10 => signals[0][3] = f64::NAN,
-                20 => signals[0][3] = 1e300,
+                20 => signals[0][3] = 1e9,
                 25 => sequence -= 5,
                 30 => signals[3][0] = f64::INFINITY,
                 40 => seen |= running.hold().bits(),

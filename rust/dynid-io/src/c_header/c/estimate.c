@@ -19,13 +19,13 @@ static inline void dynid_init(dynid_estimator *estimator)
 #endif
 }
 
-static inline int dynid_all_finite(const double *values)
+static inline int dynid_all_numbers(const double *values)
 {
-    int j, finite = 1;
+    int j, numbers = 1;
     for (j = 0; values && j < DYNID_N_JOINTS; j++) {
-        finite &= isfinite(values[j]) != 0;
+        numbers &= fabs(values[j]) < 1e100; /* no sensor shows more; false for NaN */
     }
-    return finite;
+    return numbers;
 }
 
 /* One step: the torque of every joint into tau (DYNID_N_JOINTS doubles), what was unusual as the result. Call it once per
@@ -35,9 +35,9 @@ static inline unsigned dynid_estimate(dynid_estimator *estimator, const dynid_st
 {
     double terms[DYNID_N_TERMS][DYNID_N_JOINTS], memory[DYNID_N_MEMORY], variance[DYNID_N_JOINTS];
     unsigned status = 0;
-    int usable = dynid_all_finite(state->q) && dynid_all_finite(state->dq) && dynid_all_finite(state->ddq)
-              && dynid_all_finite(state->q_motor) && dynid_all_finite(state->dq_motor)
-              && dynid_all_finite(state->ddq_motor);
+    int usable = dynid_all_numbers(state->q) && dynid_all_numbers(state->dq) && dynid_all_numbers(state->ddq)
+              && dynid_all_numbers(state->q_motor) && dynid_all_numbers(state->dq_motor)
+              && dynid_all_numbers(state->ddq_motor);
     const int is_state = usable;
     int j, k;
     dynid_motion motion;
