@@ -9,6 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
+import numpy as np
+
+from dynid_rs import _core
 from dynid_rs.base.findings import Finding
 from dynid_rs.diagnosis.sensors.channels import channel_findings
 from dynid_rs.diagnosis.sensors.contact import Contact, find_contacts, windows_of
@@ -18,12 +21,13 @@ from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.identification.training import prepare_training_runs
 from dynid_rs.runs.checks.channels import check_channels
 from dynid_rs.runs.checks.clocks import check_clocks
+from dynid_rs.runs.checks.motion import moving_joints
 from dynid_rs.runs.checks.torque import check_drive_torque
 from dynid_rs.runs.facts import RunFacts, check_facts
 from dynid_rs.runs.preprocessing import choose_band, common_rate, prepare
 from dynid_rs.runs.recording import Recording
 
-__all__ = ["Contact", "channel_errors", "examine", "find_contacts", "windows_of"]
+__all__ = ["Contact", "channel_errors", "examine", "find_contacts", "set_findings", "windows_of"]
 
 DAMAGED = ("torque_spike", "position_jump")
 """Findings of `runs/checks` on samples that spoil whatever is fitted to them."""
@@ -81,6 +85,32 @@ def examine(
     return setup, fit, contact_findings(contacts, [*train, *test])
 
 
+def set_findings(robot: _core.RobotModel, runs: Sequence[Recording]) -> list[Finding]:
+    """What runs of one arm say together of its channels, of its mounting and of what it carries.
+
+    `rows` of a finding are its file's. Nothing where a joint never moves, or where there is too little motion: a model
+    says nothing then, and `runs/checks` say that.
+
+    Parameters
+    ----------
+    robot : RobotModel
+        As its file says.
+    runs : sequence of Recording
+        Without errors of their own, training and test runs alike, each with a name of its own.
+    """
+    kinds = {(recording.torque_unit, recording.has_motor_encoder) for recording in runs}
+    moves = np.any([moving_joints(recording) for recording in runs], axis=0)
+    if len(kinds) != 1 or not moves.all():
+        return []
+    try:
+        states = prepare_training_runs(runs, choose_band(list(runs)), common_rate(list(runs)))
+    except ValueError:
+        return []
+    sizes = {recording.name: recording.n_samples for recording in runs}
+    found = channel_findings(robot, states, runs[0].torque_unit)
+    return [replace(finding, rows=(0, sizes[finding.file or runs[0].name])) for finding in found]
+
+
 def channel_errors(setup: Setup, train: Sequence[Recording], test: Sequence[Recording] = ()) -> list[Finding]:
     """Channels that are not what they are called; first of all, what is wrong with the runs themselves.
 
@@ -95,9 +125,7 @@ def channel_errors(setup: Setup, train: Sequence[Recording], test: Sequence[Reco
     damaged = [finding for recording in train for finding in _damaged(setup, recording)]
     if damaged:  # whatever a damaged sample does to a fit looks like another robot, or another order of the joints
         return damaged
-    runs = prepare_training_runs(train, choose_band(list(train)), common_rate(list(train)), setup.excluded)
-    findings = channel_findings(setup.robot, runs, train[0].torque_unit)
-    return [finding for finding in findings if finding.severity == "error"]
+    return [finding for finding in set_findings(setup.robot, [*train, *test]) if finding.severity == "error"]
 
 
 def _damaged(setup: Setup, recording: Recording) -> Iterator[Finding]:

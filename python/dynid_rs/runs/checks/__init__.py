@@ -15,7 +15,7 @@ from dynid_rs.runs.checks.timing import check_timing, relative_jitter
 from dynid_rs.runs.checks.torque import check_drive_torque
 from dynid_rs.runs.recording import OptionalSignal, Recording
 
-__all__ = ["check_recording", "contradicting_signals", "moving_joints", "refused_sources", "relative_jitter"]
+__all__ = ["check_recording", "contradicting_signals", "moving_joints", "refused_sources", "relative_jitter", "severity_order"]
 
 _SOURCES: tuple[OptionalSignal, ...] = ("dq", "ddq", "dq_motor")
 
@@ -47,7 +47,7 @@ def check_recording(rec: Recording, robot: Limited | None = None) -> list[Findin
         return damaged
     timing = list(check_timing(rec))
     if any(finding.severity == "error" for finding in timing):  # speeds, delays and rests would all be wrong
-        return sorted(timing, key=_severity)
+        return sorted(timing, key=severity_order)
     findings = [
         *timing,
         *check_drive_torque(rec, robot),
@@ -68,10 +68,11 @@ def check_recording(rec: Recording, robot: Limited | None = None) -> list[Findin
                 rec.name,
             )
         )
-    return sorted(findings, key=_severity)
+    return sorted(findings, key=severity_order)
 
 
-def _severity(finding: Finding) -> int:
+def severity_order(finding: Finding) -> int:
+    """Key that sorts findings: errors first, then warnings, then information."""
     return -SEVERITIES.index(finding.severity)
 
 
