@@ -10,6 +10,7 @@ from typing import Any
 from dynid_rs.base.findings import Finding
 from dynid_rs.runs.checks import check_recording, refused_sources, severity_order
 from dynid_rs.runs.checks.clocks import Clock, clock_findings
+from dynid_rs.runs.checks.repeats import repeat_findings
 from dynid_rs.runs.readers import Config, Run, read_run
 
 
@@ -35,7 +36,7 @@ def inspect_run(path: Path, robot: Any | None, config: Config) -> Inspection:
 
 def compared(inspections: Sequence[Inspection], robot: Any | None) -> list[Inspection]:
     """Add what runs say of each other: units of time, samples that are there twice, and with a robot its channels."""
-    result = _clocks(inspections)
+    result = _repeats(_clocks(inspections))
     return result if robot is None else _set(result, robot)
 
 
@@ -58,6 +59,15 @@ def _set(inspections: Sequence[Inspection], robot: Any) -> list[Inspection]:
         named = replace(finding, file=one.run.recording.name)
         place = inspections.index(one)
         result[place] = replace(one, findings=tuple(sorted((*one.findings, named), key=severity_order)))
+    return result
+
+
+def _repeats(inspections: Sequence[Inspection]) -> list[Inspection]:
+    read = [k for k, one in enumerate(inspections) if one.run is not None]
+    result = list(inspections)
+    for at, finding in repeat_findings([one.run.recording for one in inspections if one.run is not None]).items():
+        place = read[at]
+        result[place] = replace(result[place], findings=(finding, *result[place].findings))
     return result
 
 

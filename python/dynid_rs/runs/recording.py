@@ -23,6 +23,9 @@ GAP_STEPS = 2.5
 MAX_GAP_STEPS = 10.0
 """A longer step than this many median steps cannot be bridged: the run must be split there."""
 
+BURSTS = (0.6, 1.5)
+"""The median step over the mean: outside of this, stamps come in bursts."""
+
 MIN_STEP = 1e-9
 """Shorter median steps [s] come from a wrong unit or damaged numbers."""
 
@@ -145,8 +148,8 @@ class Recording:
 
     @cached_property
     def median_step(self) -> float:
-        """Median time from one sample to the next [s]."""
-        return float(np.median(np.diff(self.t)))
+        """Time from one sample to the next [s]: the median, or the mean where stamps come in bursts."""
+        return usual_step(np.diff(self.t))
 
     @property
     def rate(self) -> float:
@@ -287,7 +290,7 @@ def check_time(t: FloatArray, *, file: str, column: str = "t", line_of: Callable
             f" ({wrong.size} such row{'s' if wrong.size > 1 else ''}); time must strictly increase: "
             + ("split the run there" if backwards else "remove the repeated rows"),
         )
-    median = float(np.median(dt))
+    median = usual_step(dt)
     if median < MIN_STEP:
         text = f"a median step of {median:.3g} s is no sampling period; is the unit of time right?"
         raise fault("time_step", None, text)
@@ -299,6 +302,17 @@ def check_time(t: FloatArray, *, file: str, column: str = "t", line_of: Callable
             f"a gap of {dt[longest]:.4g} s before this row ({float(dt[longest]) / median:.0f} median "
             f"steps of {median:.4g} s) cannot be bridged; split the run there",
         )
+
+
+def usual_step(dt: FloatArray) -> float:
+    """Median of steps (n,) of time; their mean where the two contradict each other.
+
+    Samples that are stamped when a buffer of them arrives have short steps and a long one in turn. Their mean is the
+    step of the samples; the longest hundredth is left out, or a few gaps would look like that.
+    """
+    median = float(np.median(dt))
+    mean = float(np.mean(dt[dt <= np.quantile(dt, 0.99)])) if len(dt) >= 100 else float(np.mean(dt))
+    return mean if np.isfinite(mean) and not BURSTS[0] < median / mean < BURSTS[1] else median
 
 
 def gaps(recording: Recording) -> Sequence[tuple[int, float]]:

@@ -42,8 +42,6 @@ CLEARLY_LATE = 1.5
 """The same as `CLEARLY` of a clock, on the median of the joints it concerns."""
 LEAST_LATE = 0.006
 """Shorter delays [s] than this hide in what friction does at reversals."""
-FILTERED = 60.0
-"""Nats by which a filter and a delay differ where the motion alone tells them apart."""
 STEEP = 0.35
 """Density of a channel's noise in the last octave over that in the octave before: it is 1 if white, 1/4 or less
 behind a slow filter; 0.45 and more where a noise of two kinds passes its corner."""
@@ -119,7 +117,7 @@ def _units(bench: Bench, names: Sequence[str], *, judged: bool) -> Iterator[tupl
         # Whether one gain for all is a unit, only the robot file's masses say: no likelihood does.
         typical = float(np.median(gains))
         explained = bool(np.median(trial.fit.share) < EXPLAINED)
-        if explained and not 1 / UNIT < typical < UNIT and trial.fit.log > bench.fit.log - ENOUGH:
+        if explained and not 1 / UNIT < typical < UNIT:
             yield trial, words.unit(bench, trial, names, gains)
 
 
@@ -128,22 +126,8 @@ def _late(bench: Bench, names: Sequence[str]) -> Iterator[tuple[Trial, Finding]]
     if not found:
         return
     best = max(found, key=lambda lag: lag.trial.fit.log)
-    same = [lag for lag in found if lag.trial.joints == best.trial.joints]
-    late = max((lag.trial.fit.log for lag in same if lag.way == "late"), default=-np.inf)
-    filters = [lag for lag in same if lag.way != "late"]
-    through = max(filters, key=lambda lag: lag.trial.fit.log, default=None)
-    if through is not None and _is_filter(bench, through, through.trial.fit.log - late):
-        best = through
-    elif np.isfinite(late):
-        best = next(lag for lag in same if lag.way == "late")
-    yield best.trial, words.late(bench, best, names)
-
-
-def _is_filter(bench: Bench, lag: Lag, gain: float) -> bool:
-    if abs(gain) > FILTERED:
-        return gain > 0
-    steepness = np.median([[rows.steepness[j] for j in lag.trial.joints] for rows in bench.rows])
-    return bool(steepness < STEEP)
+    steepness = np.median([[rows.steepness[j] for j in best.trial.joints] for rows in bench.rows])
+    yield best.trial, words.late(bench, best, names, filtered=bool(steepness < STEEP))
 
 
 def _clearly_late(bench: Bench, lag: Lag) -> bool:

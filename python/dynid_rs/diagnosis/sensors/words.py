@@ -113,14 +113,14 @@ def unit(bench: Bench, trial: Trial, names: Sequence[str], gains: FloatArray) ->
     return Finding(code, "error", message, file, "tau_0", value=float(np.median(gains)), unit="1")
 
 
-def late(bench: Bench, lag: Lag, names: Sequence[str]) -> Finding:
+def late(bench: Bench, lag: Lag, names: Sequence[str], *, filtered: bool) -> Finding:
     """Torque that is late, or that went through a filter."""
     trial = lag.trial
     joints = joint_words(*(bench.robot.joint_names[j] for j in trial.joints))
     whose = "all joints" if len(trial.joints) == bench.robot.n_joints else joints
     column = f"tau_{trial.joints[0]}"
     size = f"{1e3 * abs(lag.delay):.0f} ms"
-    if lag.way == "late":
+    if not filtered or lag.delay < 0:
         first, second = ("torque", "positions") if lag.delay > 0 else ("positions", "torque")
         message = (
             f"the {first} of {whose} comes about {size} after the {second} ({_odds(bench, trial)}); shift it, or let "
@@ -128,7 +128,7 @@ def late(bench: Bench, lag: Lag, names: Sequence[str]) -> Finding:
         )
         return Finding("torque_late", "warning", message, names[0], column, value=lag.delay, unit="s")
     message = (
-        f"the torque of {whose} looks as if it had gone through a slow filter ({lag.way}, late by {size}; "
+        f"the torque of {whose} looks as if it had gone through a slow filter (late by {size}, its noise falls off; "
         f"{_odds(bench, trial)}); record it unfiltered, or raise the filter's corner"
     )
     return Finding("torque_filtered", "warning", message, names[0], column, value=lag.delay, unit="s")

@@ -18,6 +18,9 @@ FROZEN_TRAVEL = 0.02
 
 PLATEAU_SAMPLES = 5
 PLATEAU_TRAVEL = 1e-3
+PLATEAU_FACTOR = 3.0
+"""A plateau at an end of the range is so many times longer than any in between: coarse channels have some anywhere, and
+a smooth peak stays on its last level 2.4 times longer than on the next."""
 MIN_LEVELS = 30
 """Channels with fewer different values are coarsely quantised: plateaus are their nature."""
 
@@ -157,13 +160,12 @@ def _clipped(rec: Recording, joint: int, values: FloatArray, q: FloatArray) -> I
     if not stretches or np.unique(values).size < MIN_LEVELS:
         return
     found, column = extent(rec, "tau"), f"tau_{joint}"
+    moved = [(start, stop) for start, stop in stretches if np.ptp(q[start:stop]) > PLATEAU_TRAVEL]
     for limit, word in ((found.highest[joint], "largest"), (found.lowest[joint], "smallest")):
-        plateaus = [
-            (start, stop)
-            for start, stop in stretches
-            if values[start] == limit and np.ptp(q[start:stop]) > PLATEAU_TRAVEL
-        ]
-        if plateaus:
+        plateaus = [(start, stop) for start, stop in moved if values[start] == limit]
+        limits = (found.highest[joint], found.lowest[joint])
+        usual = max((stop - start for start, stop in moved if values[start] not in limits), default=0)
+        if max((stop - start for start, stop in plateaus), default=0) > PLATEAU_FACTOR * usual:
             count = sum(stop - start for start, stop in plateaus)
             yield Finding(
                 "saturated",

@@ -10,12 +10,11 @@ from numpy.typing import NDArray
 
 from dynid_rs.base.findings import Finding
 from dynid_rs.runs.checks.motion import extent, label, moving_joints
+from dynid_rs.runs.checks.spikes import FEW
 from dynid_rs.runs.recording import ABSURD, Recording
 
 DEGREE = np.pi / 180.0
 TWO_TURNS = 4 * np.pi
-FEW = 0.005
-"""A unit is in every row: where fewer rows than this are beyond, it is some rows that are wrong."""
 TOLERANCE = 0.01
 """Excess over a limit [rad, m] that calibration explains."""
 
@@ -92,7 +91,7 @@ def check_limits(rec: Recording, robot: Limited | None) -> Iterator[Finding]:
 
 
 def _often(beyond: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Columns of (n, n_joints) that are true in more than a few rows, (n_joints,)."""
+    """Columns of (n, n_joints) that are true in more than a few rows, (n_joints,): a unit is in every row."""
     often: NDArray[np.bool_] = beyond.mean(axis=0) > FEW
     return often
 

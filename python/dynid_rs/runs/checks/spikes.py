@@ -1,0 +1,86 @@
+"""Samples that stand alone: damaged numbers and drop-outs, as no motion and no drive makes them.
+
+A row is compared with the median of the rows around it, and it has to be either far outside of what the rest of the
+channel spans, or exactly zero where nothing near it is. In white noise `SIGMAS` deviations are one in 10^32; what is no
+noise (friction's steps, impacts) stays within the range, or for more than one sample.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid_rs.base.findings import Finding
+from dynid_rs.runs.checks.motion import extent, label, moving_joints
+from dynid_rs.runs.recording import FloatArray, Recording
+
+SIGMAS = 12.0
+SHARE = 0.2
+"""Of the channel's size: what is nearer to the rows around it does no harm."""
+OUTSIDE = 2.0
+"""Ranges of the rest by which a damaged number lies outside of it: a drive would have to give that for one sample."""
+LONGEST = 3
+"""Rows of a spike; no logger repeats a damaged number more often."""
+FEW = 0.005
+"""More than this share of the rows is no lone sample, but a part of the motion: the same of positions in degrees and
+torques beyond a limit."""
+WINDOW = 2 * LONGEST + 1
+MIN_LEVELS = 30
+"""A channel of fewer different numbers is coarse: its one step may be many times its noise."""
+
+
+def few_rows(n_samples: int) -> int:
+    """Rows that may be damaged; where more are odd, it is the channel."""
+    return max(LONGEST, int(FEW * n_samples))
+
+
+def lone_rows(rec: Recording, signal: str, joint: int) -> NDArray[np.intp]:
+    """Rows (k,) of a channel that stand alone; most channels have none."""
+    found, values = extent(rec, signal), getattr(rec, signal)[:, joint]
+    none = np.zeros(0, dtype=np.intp)
+    # A lone row is as far from its neighbour as from the rest: most channels are done with here.
+    low, high = np.percentile(values, (5.0, 95.0))
+    size = float(high - low) / 3
+    if len(values) < 4 * WINDOW or not found.largest_step[joint] > SHARE * size:
+        return none
+    off = np.abs(values - _local_median(values))
+    noise = 1.4826 * float(np.median(off))
+    rows = np.flatnonzero(off > max(SIGMAS * noise, SHARE * size))
+    if not 0 < len(rows):
+        return none
+    rest = np.delete(values, rows)
+    reach = OUTSIDE * float(np.ptp(rest))
+    outside = (values[rows] > rest.max() + reach) | (values[rows] < rest.min() - reach)
+    lone = rows[outside | ((values[rows] == 0) & (size > 0) & (rest.size > 0) & (off[rows] > SHARE * size))]
+    return lone if 0 < len(lone) <= few_rows(len(values)) and np.unique(rest).size >= MIN_LEVELS else none
+
+
+def _local_median(values: FloatArray) -> FloatArray:
+    padded = np.concatenate([values[LONGEST:0:-1], values, values[-2 : -LONGEST - 2 : -1]])
+    windows = np.lib.stride_tricks.sliding_window_view(padded, WINDOW)
+    return np.asarray(np.median(windows, axis=1))
+
+
+def check_spikes(rec: Recording) -> Iterator[Finding]:
+    """Lone samples of recorded velocities; torques are `check_drive_torque`'s, positions jump."""
+    if rec.dq is None:
+        return
+    for joint in np.flatnonzero(moving_joints(rec)).tolist():
+        rows = lone_rows(rec, "dq", joint)
+        if not len(rows):
+            continue
+        worst = int(rows[np.argmax(np.abs(rec.dq[rows, joint]))])
+        more = f" (and {len(rows) - 1} more)" if len(rows) > 1 else ""
+        yield Finding(
+            "velocity_spike",
+            "error",
+            f"{label(rec, 'dq', joint)} is {rec.dq[worst, joint]:.4g} rad/s in row {worst + 1}{more}, far from the rows "
+            "beside it; a damaged number: cut the row out",
+            rec.name,
+            f"dq_{joint}",
+            (int(rows[0]), int(rows[-1]) + 1),
+            float(rec.dq[worst, joint]),
+            "rad/s",
+        )
