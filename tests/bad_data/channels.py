@@ -111,7 +111,7 @@ def saturated(rng: np.random.Generator, made: RunSet, variant: int) -> Story:
     changed = []
     for k, columns in enumerate(spoiled.columns):
         x = columns[f"tau_{j}"]
-        if np.mean((x > high) | (x < low)) > 0.01:
+        if np.any((x > high) | (x < low)):
             changed.append(k)
         columns[f"tau_{j}"] = np.clip(x, low, high)
     return Story(

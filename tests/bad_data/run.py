@@ -29,7 +29,7 @@ import numpy as np
 
 from bad_data.classes import ARMS, CLASSES, N_VARIANTS, draw_story, good_set
 from bad_data.judge import Mark, Said, judge, said_by
-from bad_data.sets import clean_case, make_set
+from bad_data.sets import RunSet, clean_case, make_set
 from bad_data.story import ROBOT, Story, Wanted
 
 REPORTED, LARGEST = 1000, 2**24
@@ -154,22 +154,29 @@ def tell_clean(seed: int) -> Clean:
             said = said_by(answer("inspect", story, Path(folder)))
         except Exception as error:
             return Clean(seed, made.n_runs, [], f"{type(error).__name__}: {error}")
-    true = true_of(made.case)
+    true = true_of(made)
     return Clean(seed, made.n_runs, [one for one in said if one.severity != "info" and one.code not in true])
 
 
-def true_of(case: Any) -> set[str]:
+def true_of(made: RunSet) -> set[str]:
     """Warnings that are true of a clean recording: the exam loses rows, jitters, and moves poorly now and then."""
-    true = set()
+    case, true = made.case, set()
     if case.missing:
         true |= {"gap"}
     if case.jitter:
         true |= {"jitter"}
-    if case.motion == "poor":
+    if any(together(s.dq) for s in made.world.runs):
         true |= {"joints_together"}
     if case.rate < 40.0 * 1.05:
         true |= {"sampling_rate"}
     return true
+
+
+def together(dq: np.ndarray) -> bool:
+    """Whether the true speeds of two joints (n, n_joints) are proportional, nearly."""
+    moving = dq[:, np.ptp(dq, axis=0) > 0]
+    correlation = np.abs(np.corrcoef(moving.T)) - np.eye(moving.shape[1])
+    return bool(correlation.max() > 0.97)
 
 
 if __name__ == "__main__":

@@ -72,6 +72,8 @@ class Recording:
         Unit of `tau`; ampere when a motor current without drive gain stands for torque.
     time_unit : str
         Unit that the file's time was read in (`t` is in seconds all the same); said where it looks wrong.
+    first_line : int, optional
+        Line of the first row in its file, where that is a text whose rows follow each other line by line.
     before : Recording, optional
         What the same measurement holds before this part of it: a model with memory (warm gears) comes from there.
 
@@ -97,6 +99,7 @@ class Recording:
     joints: tuple[str, ...] = ()
     torque_unit: str = "N*m"
     time_unit: str = "s"
+    first_line: int | None = None
     before: Recording | None = None
 
     def __post_init__(self) -> None:
@@ -179,7 +182,13 @@ class Recording:
         for name in _MATRICES:
             value = getattr(self, name)
             cut[name] = None if value is None else value[rows]
+        if self.first_line is not None:
+            cut["first_line"] = self.first_line + rows.indices(self.n_samples)[0]
         return replace(self, **cut)
+
+    def line_of(self, row: int) -> int | None:
+        """1-based line of a row in the run's file; None where it has no lines."""
+        return None if self.first_line is None else self.first_line + row
 
     def without(self, *signals: OptionalSignal) -> Recording:
         """Return the same run without optional signals, e.g. a `dq` that contradicts q."""

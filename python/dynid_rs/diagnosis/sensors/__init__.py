@@ -60,12 +60,12 @@ def examine(
     fit : ThreeLoopIdentifier or None
         Of the declared model; None where a finding is an error.
     findings : list of Finding
-        Errors, or contacts.
+        Errors; or warnings of channels, and contacts.
     """
     on_progress("channels")
-    errors = channel_errors(setup, train, test)
-    if errors:
-        return setup, None, errors
+    said = channel_errors(setup, train, test)
+    if any(finding.severity == "error" for finding in said):
+        return setup, None, said
     on_progress("contacts")
     fit = setup.identifier(residual=None).fit(list(train))
     runs = [prepare(recording, fit.band_, fit.rate_) for recording in train]
@@ -82,14 +82,14 @@ def examine(
         every = [*runs, *(prepare(recording, fit.band_, fit.rate_) for recording in test)]
         contacts += [contact for contact in find_contacts(fit, every) if contact.run in names]
         setup = replace(setup, excluded=windows_of([c for c in contacts if c.run in names], setup.excluded))
-    return setup, fit, contact_findings(contacts, [*train, *test])
+    return setup, fit, [*said, *contact_findings(contacts, [*train, *test])]
 
 
 def set_findings(robot: _core.RobotModel, runs: Sequence[Recording]) -> list[Finding]:
-    """What runs of one arm say together of its channels, of its mounting and of what it carries.
+    """What runs of one arm say together: of its channels, of its mounting, of what it carries, and of contacts.
 
-    `rows` of a finding are its file's. Nothing where a joint never moves, or where there is too little motion: a model
-    says nothing then, and `runs/checks` say that.
+    Nothing where a joint never moves, or where there is too little motion: a model says nothing then, and `runs/checks`
+    say that. No contacts where the model is not the arm's.
 
     Parameters
     ----------
@@ -98,21 +98,39 @@ def set_findings(robot: _core.RobotModel, runs: Sequence[Recording]) -> list[Fin
     runs : sequence of Recording
         Without errors of their own, training and test runs alike, each with a name of its own.
     """
+    found = channels_of(robot, runs)
+    if found:
+        return found
+    try:
+        fit = Setup(robot).identifier(residual=None).fit(list(runs))
+        states = [prepare(recording, fit.band_, fit.rate_) for recording in runs]
+    except ValueError:  # too little motion, or joints that stand still
+        return []
+    return contact_findings(find_contacts(fit, states), runs, left_out=False)
+
+
+def channels_of(robot: _core.RobotModel, runs: Sequence[Recording]) -> list[Finding]:
+    """`channel_findings` of recordings, with the rows and lines of their files; nothing where no model can say."""
     kinds = {(recording.torque_unit, recording.has_motor_encoder) for recording in runs}
     moves = np.any([moving_joints(recording) for recording in runs], axis=0)
-    if len(kinds) != 1 or not moves.all():
+    if len(kinds) != 1 or len(moves) != robot.n_joints or not moves.all():
         return []
     try:
         states = prepare_training_runs(runs, choose_band(list(runs)), common_rate(list(runs)))
     except ValueError:
         return []
-    sizes = {recording.name: recording.n_samples for recording in runs}
-    found = channel_findings(robot, states, runs[0].torque_unit)
-    return [replace(finding, rows=(0, sizes[finding.file or runs[0].name])) for finding in found]
+    named = {recording.name: recording for recording in runs}
+    found = []
+    for finding in channel_findings(robot, states, runs[0].torque_unit):
+        recording = named[finding.file or runs[0].name]
+        found.append(replace(finding, rows=(0, recording.n_samples), line=recording.line_of(0)))
+    return found
 
 
 def channel_errors(setup: Setup, train: Sequence[Recording], test: Sequence[Recording] = ()) -> list[Finding]:
     """Channels that are not what they are called; first of all, what is wrong with the runs themselves.
+
+    Errors, after which nothing can be concluded, or a warning of what a model can hold.
 
     Raises
     ------
@@ -125,7 +143,7 @@ def channel_errors(setup: Setup, train: Sequence[Recording], test: Sequence[Reco
     damaged = [finding for recording in train for finding in _damaged(setup, recording)]
     if damaged:  # whatever a damaged sample does to a fit looks like another robot, or another order of the joints
         return damaged
-    return [finding for finding in set_findings(setup.robot, [*train, *test]) if finding.severity == "error"]
+    return channels_of(setup.robot, [*train, *test])
 
 
 def _damaged(setup: Setup, recording: Recording) -> Iterator[Finding]:

@@ -13,8 +13,10 @@ from dynid_rs.diagnosis.sensors.rows import ArmRows, Moments
 
 FloatArray = NDArray[np.float64]
 
-DELAYS = (-0.02, 0.01, 0.025, 0.05, 0.09, 0.15)
-"""Delays [s] that are tried first; the best is refined."""
+NEAR = (-0.01, 0.01)
+"""Delays [s] that are tried first: towards a delay that is there runs become more probable from the first step on."""
+FAR = (-0.03, 0.025, 0.05, 0.09, 0.15)
+"""Those that are tried where one of the first is better than none; the best is refined."""
 PAD = 20
 """Rows by which a run is continued at both ends before it is shifted."""
 
@@ -42,7 +44,10 @@ def lags(bench: Bench, enough: float) -> list[Lag]:
 
     found = []
     for group in groups:
-        best = max((tried(delay, group) for delay in DELAYS), key=_log)
+        best = max((tried(delay, group) for delay in NEAR), key=_log)
+        if _log(best) <= bench.fit.log:
+            continue
+        best = max((best, *(tried(delay, group) for delay in FAR)), key=_log)
         if _log(best) - bench.fit.log >= enough:
             found.append(_refined(best, lambda delay, joints=group: tried(delay, joints)))  # type: ignore[misc]
     return found

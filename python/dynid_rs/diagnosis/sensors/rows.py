@@ -7,7 +7,8 @@ than filtering every column beside the torque (`regression/columns.py`), and eno
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +44,7 @@ class ArmRows:
     tau: FloatArray
     told: BoolArray
     steepness: FloatArray
+    _regressor: list[Any] = field(default_factory=list, init=False)
 
     @staticmethod
     def of(states: States) -> ArmRows:
@@ -85,6 +87,13 @@ class ArmRows:
         changed = {name: np.ascontiguousarray(getattr(self, name)[:, list(order)]) for name in names}
         return replace(self, **changed)
 
+    def regressor(self, robot: _core.RobotModel) -> FloatArray:
+        """Columns of the links' ten numbers, (n_rows, n_joints, 10 n_links); the last robot's is kept."""
+        if self._regressor[:1] != [robot]:
+            self._regressor[:] = [robot, robot.joint_torque_regressor(self.q, self.dq, self.ddq)]
+        columns: FloatArray = self._regressor[1]
+        return columns
+
     def own(self, j: int) -> FloatArray:
         """Columns of joint j's own, (n_rows, 4): offset, viscous, Coulomb, rotor."""
         ones = np.ones(len(self.q))
@@ -125,7 +134,7 @@ class Moments:
     @staticmethod
     def of(robot: _core.RobotModel, rows: ArmRows, seen: Callable[[FloatArray], FloatArray] | None = None) -> Moments:
         """Moments of a run for a robot; `seen` is what the torque channels make of a torque (n_rows, k)."""
-        regressor = robot.joint_torque_regressor(rows.q, rows.dq, rows.ddq)
+        regressor = rows.regressor(robot)
         columns, cross, power = [], [], []
         for j in range(rows.n_joints):
             told = rows.told[:, j]

@@ -11,7 +11,7 @@ from dynid_rs.runs.checks.derivatives import check_derivatives
 from dynid_rs.runs.checks.encoders import check_encoders
 from dynid_rs.runs.checks.excitation import check_excitation
 from dynid_rs.runs.checks.limits import Limited, check_limits, check_magnitudes
-from dynid_rs.runs.checks.motion import moving_joints
+from dynid_rs.runs.checks.motion import moving_joints, with_lines
 from dynid_rs.runs.checks.spikes import check_spikes
 from dynid_rs.runs.checks.timing import check_timing, relative_jitter
 from dynid_rs.runs.checks.torque import check_drive_torque
@@ -49,10 +49,10 @@ def check_recording(rec: Recording, robot: Limited | None = None) -> list[Findin
         raise ValueError(f"{rec.name}: the run has {rec.n_joints} joints, the robot has {len(robot.lower)}")
     damaged = list(check_magnitudes(rec))
     if damaged:  # the other checks would only compare absurd numbers with each other
-        return damaged
+        return with_lines(rec, damaged)
     timing = list(check_timing(rec))
     if any(finding.severity == "error" for finding in timing):  # speeds, delays and rests would all be wrong
-        return sorted(timing, key=severity_order)
+        return with_lines(rec, sorted(timing, key=severity_order))
     findings = [
         *timing,
         *check_drive_torque(rec, robot),
@@ -74,7 +74,7 @@ def check_recording(rec: Recording, robot: Limited | None = None) -> list[Findin
                 rec.name,
             )
         )
-    return sorted(findings, key=severity_order)
+    return with_lines(rec, sorted(findings, key=severity_order))
 
 
 def severity_order(finding: Finding) -> int:
@@ -88,6 +88,8 @@ def _without_consequences(findings: list[Finding]) -> list[Finding]:
         # Angles 57 times too large reach, jump and travel too far.
         return [finding for finding in findings if finding.code not in (*_BROKEN, "position_limits")]
     broken = {_joint(finding) for finding in findings if finding.code in _BROKEN and "q" in _signal(finding)}
+    coarse = {finding.column for finding in findings if finding.code == "lost_bits"}
+    findings = [f for f in findings if f.column not in coarse or f.code not in ("stuck", "saturated", "position_jump")]
     return [
         finding
         for finding in findings

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,5 +58,6 @@ def repeat_findings(runs: Sequence[Recording]) -> dict[int, Finding]:
             what = "all its samples" if whole else f"rows {rows[0] + 1} to {rows[1]}"
             message = f"{what} are samples of {earlier.name} too; name the run once, and test on another one"
             found[k] = Finding("run_twice", "error", message, run.name, None, rows, float(rows[1] - rows[0]), "rows")
+            found[k] = replace(found[k], line=run.line_of(rows[0]))
             break
     return found

@@ -126,6 +126,7 @@ def to_recording(
         joints=tuple(joints),
         torque_unit=torque_unit,
         time_unit=config.unit("time"),
+        first_line=None if table.first_line is None else table.first_line(len(t)),
         **signals,
     )
 

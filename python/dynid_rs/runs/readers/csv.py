@@ -68,7 +68,10 @@ def open_csv(path: str | Path) -> Table:
     def line_of(row: int) -> int:
         return next(line for k, (line, _) in enumerate(_rows(layout)) if k == row)
 
-    return Table(file, "CSV", names, None, load, line_of)
+    def first_line(n_rows: int) -> int | None:
+        return layout.lines_before_body + 1 if _lines(layout) == n_rows else None
+
+    return Table(file, "CSV", names, None, load, line_of, first_line)
 
 
 def _layout(place: Path, file: str) -> _Layout:
@@ -126,6 +129,17 @@ def _layout(place: Path, file: str) -> _Layout:
             file=file,
         )
     return _Layout(file, place, delimiter, names, body_offset, lines_before)
+
+
+def _lines(layout: _Layout) -> int:
+    """Lines of the body, the last of which may have no end."""
+    count, last = 0, b"\n"
+    with layout.place.open("rb") as stream:
+        stream.seek(layout.body_offset)
+        while block := stream.read(MAX_LINE):
+            count += block.count(b"\n")
+            last = block[-1:]
+    return count + (last != b"\n")
 
 
 def _not_text(file: str, reason: str) -> DataError:
