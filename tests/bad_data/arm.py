@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pinocchio as pin
 from exam.draw import log_uniform
@@ -11,7 +9,7 @@ from exam.world import inverse_dynamics
 from numpy.typing import NDArray
 
 from bad_data.sets import RunSet, loaded, moved, turned_gravity
-from bad_data.story import Story, Wanted, any_joint, any_run, columns_of, files_of, inner_row, name_of, some_or_all
+from bad_data.story import Story, Wanted, any_joint, any_run, columns_of, files_of, name_of, some_or_all
 
 FloatArray = NDArray[np.float64]
 
@@ -120,34 +118,22 @@ def _poor(rng: np.random.Generator, kind: str, t, q, dq, ddq) -> tuple[FloatArra
         sizes, lead = rng.uniform(0.3, 0.8, n) * rng.choice([-1, 1], n), int(np.argmax(np.ptp(q, axis=0)))
         span = np.ptp(q[:, lead])
         return tuple(
-            offset + np.outer(x[:, lead] / span, sizes)
-            for offset, x in ((middle, q - middle), (0.0, dq), (0.0, ddq))
+            offset + np.outer(x[:, lead] / span, sizes) for offset, x in ((middle, q - middle), (0.0, dq), (0.0, ddq))
         )
     seconds = t - t[0]
     if kind == "slow":
         omega, phase = 2 * np.pi / rng.uniform(25.0, 60.0, n), rng.uniform(0, 2 * np.pi, n)
-        size = rng.uniform(0.02, 0.05, n) / omega * 5
-        size = np.minimum(size, 0.05 / omega)
+        size = rng.uniform(0.03, 0.06, n) / omega
         angle = np.outer(seconds, omega) + phase
         return middle + size * np.sin(angle), size * omega * np.cos(angle), -size * omega**2 * np.sin(angle)
     x = seconds / seconds[-1]
     way = rng.uniform(0.5, 1.5, n) * rng.choice([-1, 1], n)
     if kind == "mostly still":
-        share = float(rng.uniform(0.1, 0.3))
-        start = float(rng.uniform(0.1, 0.6))
-        x = np.clip((x - start) / share, 0.0, 1.0)
-        rate = (x > 0) * (x < 1) / (share * seconds[-1])
-        x, dx, ddx = np.sin(2 * np.pi * 3 * x) * _bell(x), None, None
+        share, start = float(rng.uniform(0.1, 0.3)), float(rng.uniform(0.1, 0.6))
+        phase = np.clip((x - start) / share, 0.0, 1.0)
+        x = np.sin(6 * np.pi * phase) * np.sin(np.pi * phase) ** 2
         dx, ddx = np.gradient(x, t), np.gradient(np.gradient(x, t), t)
-        del rate
     else:
         ramp = x**3 * (10 - 15 * x + 6 * x**2)
         x, dx, ddx = ramp, np.gradient(ramp, t), np.gradient(np.gradient(ramp, t), t)
     return tuple(offset + np.outer(part, 0.5 * way) for offset, part in ((middle, x), (0.0, dx), (0.0, ddx)))
-
-
-def _bell(x: FloatArray) -> FloatArray:
-    return np.sin(np.pi * x) ** 2
-
-
-__all__ = ["contact", "mounting", "payload", "poor_motion", "replace", "still_joint"]

@@ -1,12 +1,11 @@
-"""Faults of one channel: an encoder that hangs, bits that are lost, angles that wrap, a range that ends, damaged cells."""
+"""Faults of one channel: encoders that hang, lost bits, angles that wrap, a range that ends, damaged cells."""
 
 from __future__ import annotations
 
 import numpy as np
 from exam.draw import log_uniform
-from numpy.typing import NDArray
 
-from bad_data.sets import Columns, RunSet, with_speed
+from bad_data.sets import RunSet, with_speed
 from bad_data.story import (
     Story,
     Wanted,
@@ -19,7 +18,6 @@ from bad_data.story import (
     some_or_all,
 )
 
-FloatArray = NDArray[np.float64]
 LEAST_TRAVEL = 0.1
 """Way of a joint [rad] while its encoder hangs: less does no harm that anybody could tell from a rest."""
 
@@ -176,13 +174,14 @@ def bad_velocity(rng: np.random.Generator, made: RunSet, variant: int) -> Story:
         columns = spoiled.columns[k]
         before = {j: columns[f"dq_{j}"].copy() for j in range(made.n_joints)}
         for place, j in enumerate(joints):
-            columns[f"dq_{j}"] = {
-                "late": lambda j=j, c=columns: np.interp(c["t"] - late, c["t"], before[j]),
-                "held": lambda j=j: before[j][np.arange(len(before[j])) // period * period],
-                "another unit": lambda j=j: factor * before[j],
-                "turned round": lambda j=j: -before[j],
-                "of another joint": lambda place=place: before[joints[1 - place]],
-            }[kind]()
+            if kind == "late":
+                columns[f"dq_{j}"] = np.interp(columns["t"] - late, columns["t"], before[j])
+            elif kind == "held":
+                columns[f"dq_{j}"] = before[j][np.arange(len(before[j])) // period * period]
+            elif kind == "of another joint":
+                columns[f"dq_{j}"] = before[joints[1 - place]]
+            else:
+                columns[f"dq_{j}"] = (factor if kind == "another unit" else -1.0) * before[j]
     words = {
         "late": ("late", "after"),
         "held": ("held", "holds"),
@@ -204,7 +203,9 @@ def filtered(rng: np.random.Generator, made: RunSet, variant: int) -> Story:
     """Torques or speeds that went through a slow filter of the maker's on their way."""
     from scipy.signal import butter, lfilter
 
-    kind = ("first order", "moving average", "second order", "speed, first order", "first order, one joint")[variant % 5]
+    kind = ("first order", "moving average", "second order", "speed, first order", "first order, one joint")[
+        variant % 5
+    ]
     spoiled = with_speed(made) if "speed" in kind else made.copied()
     signal = "dq" if "speed" in kind else "tau"
     joints = [int(rng.choice(_moving(made)))] if "one joint" in kind else _moving(made) if signal == "dq" else None
@@ -223,8 +224,3 @@ def filtered(rng: np.random.Generator, made: RunSet, variant: int) -> Story:
     runs = tuple(range(made.n_runs))
     wanted = Wanted(codes, files_of(runs), columns_of(signal, joints), words=words)
     return Story(f"{kind}, {cutoff:.1f} Hz", spoiled, wanted)
-
-
-def as_columns(x: FloatArray, signal: str, columns: Columns) -> None:
-    """Put (n, n_joints) into columns."""
-    columns.update({f"{signal}_{j}": x[:, j].copy() for j in range(x.shape[1])})

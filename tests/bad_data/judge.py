@@ -101,9 +101,7 @@ def _misplaced(one: Said, wanted: Wanted) -> str:
         return f"file {one.file or '-'}"
     if wanted.columns and one.column not in wanted.columns:
         return f"column {one.column or '-'}"
-    if wanted.rows is not None and (
-        one.rows is None or one.rows[1] <= wanted.rows[0] or wanted.rows[1] <= one.rows[0]
-    ):
+    if wanted.rows is not None and (one.rows is None or one.rows[1] <= wanted.rows[0] or wanted.rows[1] <= one.rows[0]):
         return f"rows {one.rows} for {wanted.rows}"
     if wanted.words and not any(word in one.message for word in wanted.words):
         return f"cause: {one.message}"

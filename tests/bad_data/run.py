@@ -21,7 +21,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # arms are worked on side by side
+os.environ.setdefault("RAYON_NUM_THREADS", "1")
 if __package__ in (None, ""):
     sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
@@ -118,8 +119,9 @@ def tell(seed: int, arm: int, variant: int, names: Sequence[str], command: str) 
 
 def answer(command: str, story: Story, folder: Path) -> dict[str, Any]:
     """What a command says of a story, as JSON; tracebacks are raised."""
-    from dynid_rs.cli import app
     from typer.testing import CliRunner
+
+    from dynid_rs.cli import app
 
     paths, robot = story.write(folder), folder / ROBOT
     if command == "inspect":

@@ -33,7 +33,9 @@ def swapped(rng: np.random.Generator, made: RunSet, variant: int) -> Story:
 def _loaded_pair(rng: np.random.Generator, made: RunSet) -> tuple[int, int]:
     """Two joints, one of which carries a load: the last two of a hand may look alike."""
     n = made.n_joints
-    loaded = [j for j in range(n) if np.vstack([s.tau_rigid for s in made.world.runs])[:, j].std() > made.world.coulomb[j]]
+    loaded = [
+        j for j in range(n) if np.vstack([s.tau_rigid for s in made.world.runs])[:, j].std() > made.world.coulomb[j]
+    ]
     a = int(rng.choice(loaded)) if loaded else any_joint(rng, made)
     others = [j for j in range(n) if j != a]
     b = int(rng.choice(others))

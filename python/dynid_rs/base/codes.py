@@ -82,7 +82,9 @@ CODES: Mapping[str, Code] = {
     "slow_motion": Code("a joint that only creeps", "its speed", "move it faster: dynid excite"),
     "few_reversals": Code("a joint that moves one way", "reversals", "move it to and fro: dynid excite"),
     "mostly_still": Code("a joint that mostly rests", "its share of motion", "move it more: dynid excite"),
-    "joints_together": Code("joints that move as one", "correlation of velocities", "let them move apart: dynid excite"),
+    "joints_together": Code(
+        "joints that move as one", "correlation of velocities", "let them move apart: dynid excite"
+    ),
     "short_run": Code("a short run", "its duration", "record longer"),
 }
 """Codes of findings and of refusals about runs, in the order of a page."""

@@ -7,6 +7,7 @@ scored. Clocks, gains and encoders are hypotheses like all others (`structural/`
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -14,11 +15,11 @@ import numpy as np
 from dynid_rs import _core
 from dynid_rs.base.findings import Finding
 from dynid_rs.diagnosis.sensors.channels import channel_findings
-from dynid_rs.diagnosis.sensors.contact import Contact, find_contacts, windows_of
+from dynid_rs.diagnosis.sensors.contact import SURE, Contact, find_contacts, windows_of
 from dynid_rs.diagnosis.sensors.messages import contact_findings
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
-from dynid_rs.identification.training import prepare_training_runs
+from dynid_rs.identification.training import prepare_training_run
 from dynid_rs.runs.checks.channels import check_channels
 from dynid_rs.runs.checks.clocks import check_clocks
 from dynid_rs.runs.checks.motion import moving_joints
@@ -31,6 +32,8 @@ __all__ = ["Contact", "channel_errors", "examine", "find_contacts", "set_finding
 
 DAMAGED = ("torque_spike", "position_jump")
 """Findings of `runs/checks` on samples that spoil whatever is fitted to them."""
+STRONG = 2 * SURE
+"""A contact is said without a diagnosis from this on: where nothing is left out, only what spoils a fit is of use."""
 N_SEARCHES = 3
 """Searches for contact, each with what the one before found taken out of the fit."""
 
@@ -106,7 +109,8 @@ def set_findings(robot: _core.RobotModel, runs: Sequence[Recording]) -> list[Fin
         states = [prepare(recording, fit.band_, fit.rate_) for recording in runs]
     except ValueError:  # too little motion, or joints that stand still
         return []
-    return contact_findings(find_contacts(fit, states), runs, left_out=False)
+    contacts = [contact for contact in find_contacts(fit, states) if contact.strength > STRONG]
+    return contact_findings(contacts, runs, left_out=False)
 
 
 def channels_of(robot: _core.RobotModel, runs: Sequence[Recording]) -> list[Finding]:
@@ -115,14 +119,17 @@ def channels_of(robot: _core.RobotModel, runs: Sequence[Recording]) -> list[Find
     moves = np.any([moving_joints(recording) for recording in runs], axis=0)
     if len(kinds) != 1 or len(moves) != robot.n_joints or not moves.all():
         return []
-    try:
-        states = prepare_training_runs(runs, choose_band(list(runs)), common_rate(list(runs)))
-    except ValueError:
+    band, rate = choose_band(list(runs)), common_rate(list(runs))
+    states = []
+    for recording in runs:
+        with suppress(ValueError):  # too short, or too little motion
+            states.append(prepare_training_run(recording, band, rate))
+    if not states:
         return []
     named = {recording.name: recording for recording in runs}
     found = []
     for finding in channel_findings(robot, states, runs[0].torque_unit):
-        recording = named[finding.file or runs[0].name]
+        recording = named[finding.file or states[0].name]
         found.append(replace(finding, rows=(0, recording.n_samples), line=recording.line_of(0)))
     return found
 

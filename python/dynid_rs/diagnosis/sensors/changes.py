@@ -87,7 +87,9 @@ def wiring_trials(bench: Bench) -> Iterator[Trial]:
             yield Trial(code, joints, runs, bench.fitted(tried))
 
 
-def _layouts(n: int) -> Iterator[tuple[str, tuple[int, ...], list[int], FloatArray, Callable[[ArmRows], ArmRows] | None]]:
+def _layouts(
+    n: int,
+) -> Iterator[tuple[str, tuple[int, ...], list[int], FloatArray, Callable[[ArmRows], ArmRows] | None]]:
     as_it_is, ones = list(range(n)), np.ones(n)
     yield "units_degrees", tuple(range(n)), as_it_is, ones, lambda rows: rows.scaled(np.pi / 180)
     yield "torque_flipped", tuple(range(n)), as_it_is, -ones, None

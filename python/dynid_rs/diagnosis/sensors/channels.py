@@ -132,7 +132,7 @@ def _late(bench: Bench, names: Sequence[str]) -> Iterator[tuple[Trial, Finding]]
 
 def _clearly_late(bench: Bench, lag: Lag) -> bool:
     joints = list(lag.trial.joints)
-    gain = lag.trial.fit.log - bench.fit.log
+    gain = min(lag.trial.fit.log, lag.links_log) - bench.fit.log
     ratio = bench.fit.share[joints] / np.maximum(lag.trial.fit.share[joints], 1e-300)
     return gain > ENOUGH and abs(lag.delay) > LEAST_LATE and bool(np.median(ratio) > CLEARLY_LATE)
 

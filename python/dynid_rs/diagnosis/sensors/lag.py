@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.diagnosis.sensors.changes import Bench, Trial
-from dynid_rs.diagnosis.sensors.rows import ArmRows, Moments
+from dynid_rs.diagnosis.sensors.rows import N_OWN, ArmRows, Moments
 
 FloatArray = NDArray[np.float64]
 
@@ -23,23 +23,31 @@ PAD = 20
 
 @dataclass(frozen=True, eq=False)
 class Lag:
-    """The channels of `trial.joints` come late by `delay` [s]."""
+    """The channels of `trial.joints` come late by `delay` [s].
+
+    `links_log` is L where the links' torque alone is late: friction that remembers where it came from looks late too.
+    """
 
     trial: Trial
     delay: float
+    links_log: float = -np.inf
 
 
 def lags(bench: Bench, enough: float) -> list[Lag]:
     """Delays that make the runs more probable by `enough` nats: of all channels, and of each; the best of each."""
     n = bench.robot.n_joints
     groups = [tuple(range(n)), *((j,) for j in range(n))] if n > 1 else [(0,)]
-    seen: dict[float, list[Moments]] = {}
+    seen: dict[tuple[float, bool], list[Moments]] = {}
+
+    def changed(delay: float, joints: Sequence[int], *, whole: bool = True) -> list[Moments]:
+        key = delay, whole
+        if key not in seen:
+            seen[key] = [_moments(bench, rows, delay, whole=whole) for rows in bench.rows]
+        mask = np.isin(np.arange(n), joints)
+        return [plain.where(mask, other) for plain, other in zip(bench.plain, seen[key], strict=True)]
 
     def tried(delay: float, joints: Sequence[int]) -> Lag:
-        if delay not in seen:
-            seen[delay] = [_moments(bench, rows, delay) for rows in bench.rows]
-        mask = np.isin(np.arange(n), joints)
-        runs = [plain.where(mask, other) for plain, other in zip(bench.plain, seen[delay], strict=True)]
+        runs = changed(delay, joints)
         return Lag(Trial("torque_late", tuple(joints), tuple(range(len(bench.rows))), bench.fitted(runs)), delay)
 
     found = []
@@ -49,7 +57,9 @@ def lags(bench: Bench, enough: float) -> list[Lag]:
             continue
         best = max((best, *(tried(delay, group) for delay in FAR)), key=_log)
         if _log(best) - bench.fit.log >= enough:
-            found.append(_refined(best, lambda delay, joints=group: tried(delay, joints)))  # type: ignore[misc]
+            best = _refined(best, lambda delay, joints=group: tried(delay, joints))  # type: ignore[misc]
+            links = bench.fitted(changed(best.delay, group, whole=False)).log
+            found.append(replace(best, links_log=links))
     return found
 
 
@@ -65,7 +75,7 @@ def _refined(best: Lag, again: Callable[[float], Lag]) -> Lag:
     return best
 
 
-def _moments(bench: Bench, rows: ArmRows, delay: float) -> Moments:
+def _moments(bench: Bench, rows: ArmRows, delay: float, *, whole: bool) -> Moments:
     n = len(rows.t) + 2 * PAD
     turn = np.exp(-2j * np.pi * delay * np.fft.rfftfreq(n, float(rows.t[1] - rows.t[0])))[:, None]
 
@@ -73,6 +83,7 @@ def _moments(bench: Bench, rows: ArmRows, delay: float) -> Moments:
         # Turned about its ends: values and slopes go on.
         head, tail = 2 * A[0] - A[PAD:0:-1], 2 * A[-1] - A[-2 : -PAD - 2 : -1]
         spectrum = np.fft.rfft(np.concatenate([head, A, tail]), axis=0)
-        return np.asarray(np.fft.irfft(spectrum * turn, n, axis=0)[PAD:-PAD])
+        late = np.fft.irfft(spectrum * turn, n, axis=0)[PAD:-PAD]
+        return np.asarray(late if whole else np.column_stack([late[:, :-N_OWN], A[:, -N_OWN:]]))
 
     return Moments.of(bench.robot, rows, shifted).picked(range(rows.n_joints))

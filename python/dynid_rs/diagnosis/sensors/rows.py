@@ -101,7 +101,7 @@ class ArmRows:
 
 
 def steepness(tau: FloatArray) -> FloatArray:
-    """Density of every channel's noise in the octave below 0.72 of its band over that in the octave before, (n_joints,).
+    """Density of every channel's noise from 0.36 to 0.72 of its band over that in the octave before, (n_joints,).
 
     Above that a run on its grid has been low-passed. The median over short stretches: jumps, of friction at a reversal
     say, are in few of them.
@@ -122,8 +122,8 @@ def steepness(tau: FloatArray) -> FloatArray:
 class Moments:
     """Products of a run's columns, per joint: all that a fit needs.
 
-    `columns` (n_joints, n, n) of the 10 numbers of every link and of the joint's own four; `cross` (n_joints, n, k) of
-    columns with every channel of torque; `power` (n_joints, k) of the channels on the joint's rows; `count` (n_joints,).
+    `columns` (n_joints, n, n) of the 10 numbers of every link and the joint's own four; `cross` (n_joints, n, k) of
+    them with every channel of torque; `power` (n_joints, k) of the channels on the joint's rows; `count` (n_joints,).
     """
 
     columns: FloatArray

@@ -32,7 +32,9 @@ def _place(trial: Trial, names: Sequence[str]) -> tuple[str, str]:
 def _odds(bench: Bench, trial: Trial) -> str:
     before, after = bench.fit.run_shares[list(trial.runs)], trial.fit.run_shares[list(trial.runs)]
     worst = np.unravel_index(int(np.argmax(before / np.maximum(after, 1e-300))), before.shape)
-    return f"unexplained there: {100 * before[worst]:.2g} % of the torque's power as it is, {100 * after[worst]:.2g} % so"
+    return (
+        f"unexplained there: {100 * before[worst]:.2g} % of the torque's power as it is, {100 * after[worst]:.2g} % so"
+    )
 
 
 def wiring(bench: Bench, trial: Trial, names: Sequence[str]) -> list[Finding]:

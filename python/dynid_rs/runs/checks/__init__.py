@@ -17,7 +17,14 @@ from dynid_rs.runs.checks.timing import check_timing, relative_jitter
 from dynid_rs.runs.checks.torque import check_drive_torque
 from dynid_rs.runs.recording import OptionalSignal, Recording
 
-__all__ = ["check_recording", "contradicting_signals", "moving_joints", "refused_sources", "relative_jitter", "severity_order"]
+__all__ = [
+    "check_recording",
+    "contradicting_signals",
+    "moving_joints",
+    "refused_sources",
+    "relative_jitter",
+    "severity_order",
+]
 
 _BROKEN = ("stuck", "position_jump", "wrapped", "lost_bits")
 """Findings on a position that make everything that is compared with it look wrong."""

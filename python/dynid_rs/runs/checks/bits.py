@@ -79,13 +79,14 @@ def _hanging(rec: Recording, signal: str, values: FloatArray, joint: int) -> Ite
     if len(rows) < LEAST_JUMPS or not both or np.std(sizes) > SAME * np.median(sizes):
         return
     size = float(np.median(sizes))
-    if size > np.pi:  # whole turns are `wrapped`
+    # Smaller ones do no more harm than a coarse encoder, and whole turns are `wrapped`.
+    if not COARSE_STEP < size < np.pi:
         return
     yield Finding(
         "lost_bits",
         "error",
-        f"{label(rec, signal, joint)} jumps to and fro by {size:.3g} rad {len(rows)} times, first at row {rows[0] + 2}: a "
-        "bit of the encoder hangs; mend the encoder or its cable and record again",
+        f"{label(rec, signal, joint)} jumps to and fro by {size:.3g} rad {len(rows)} times, first at row "
+        f"{rows[0] + 2}: a bit of the encoder hangs; mend the encoder or its cable and record again",
         rec.name,
         f"{signal}_{joint}",
         (int(rows[0]), int(rows[-1]) + 2),

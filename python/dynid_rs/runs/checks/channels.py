@@ -126,6 +126,8 @@ def _frozen_position(rec: Recording, signal: str, values: FloatArray, joint: int
     for start, stop in stretches:
         jump = steps[stop - 1] if stop < rec.n_samples else 0.0
         travel = 0.0
+        if rec.dq is not None and stop < rec.n_samples and jump <= 2 * _way(rec, joint, stop):
+            jump = 0.0  # the joint broke away: its velocity is that of the step
         if rec.dq is not None and trusted:
             dt = np.diff(rec.t[start:stop])
             dq = rec.dq[start:stop, joint]
@@ -136,6 +138,12 @@ def _frozen_position(rec: Recording, signal: str, values: FloatArray, joint: int
         # With a dead encoder (all equal) only a long way tells it from a joint that was held.
         if (jump > 5 * usual and jump > MIN_SPAN) or travel > FROZEN_TRAVEL:
             yield _stuck(rec, f"{signal}_{joint}", start, stop, values[start])
+
+
+def _way(rec: Recording, joint: int, row: int) -> float:
+    """Way [rad] from the row before to `row` by the larger of the two recorded velocities."""
+    assert rec.dq is not None
+    return float(np.abs(rec.dq[row - 1 : row + 1, joint]).max() * (rec.t[row] - rec.t[row - 1]))
 
 
 def _stuck(rec: Recording, column: str, start: int, stop: int, value: float) -> Finding:

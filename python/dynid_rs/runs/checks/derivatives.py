@@ -98,7 +98,9 @@ def _compare(
         reason = ""
         if error <= MAX_DISAGREEMENT or rms(change - integral) < NOISE:
             # Too late for a model's acceleration, though its integral hardly shows it.
-            reason = _hold(values[:, joint], rec) or _delay(rec, values[:, joint], source, joint) if signal != "ddq" else ""
+            reason = (
+                _hold(values[:, joint], rec) or _delay(rec, values[:, joint], source, joint) if signal != "ddq" else ""
+            )
             if not reason:
                 continue
         else:

@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.base.findings import Finding
+from dynid_rs.runs.cells import ABSURD
 from dynid_rs.runs.checks.motion import extent, label, moving_joints
 from dynid_rs.runs.checks.spikes import FEW
-from dynid_rs.runs.recording import ABSURD, Recording
+from dynid_rs.runs.recording import Recording
 
 DEGREE = np.pi / 180.0
 TWO_TURNS = 4 * np.pi
@@ -61,7 +62,7 @@ def check_limits(rec: Recording, robot: Limited | None) -> Iterator[Finding]:
         moves = moving_joints(rec)
         wide = moves & (largest > TWO_TURNS) & _often(np.abs(rec.q) > TWO_TURNS)
         # One joint may turn round and round; half of the robot does not.
-        if wide.any() and 2 * wide.sum() >= moves.sum():
+        if wide.sum() > 1 and 2 * wide.sum() >= moves.sum():
             yield _degrees(rec, "warning", largest, f"{int(wide.sum())} of {rec.n_joints} joints go beyond two turns")
         return
     lower, upper = _limits(robot.lower, -np.inf), _limits(robot.upper, np.inf)

@@ -1,8 +1,8 @@
 """Samples that stand alone: damaged numbers and drop-outs, as no motion and no drive makes them.
 
-A row is compared with the median of the rows around it, and it has to be either far outside of what the rest of the
-channel spans, or exactly zero where nothing near it is. In white noise `SIGMAS` deviations are one in 10^32; what is no
-noise (friction's steps, impacts) stays within the range, or for more than one sample.
+A row is compared with the median of the rows around it. It is damaged if it is far larger than all the rest as well, or
+exactly zero where nothing near it is; else something may have been hit. In white noise `SIGMAS` deviations are one in
+10^32; friction's steps last for more than one sample.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from dynid_rs.runs.recording import FloatArray, Recording
 SIGMAS = 12.0
 SHARE = 0.2
 """Of the channel's size: what is nearer to the rows around it does no harm."""
-OUTSIDE = 2.0
-"""Ranges of the rest by which a damaged number lies outside of it: a drive would have to give that for one sample."""
+OUTSIDE = 5.0
+"""Times the largest of the rest: a drive peaks at some three times what it is rated for, and an impact at more."""
 LONGEST = 3
 """Rows of a spike; no logger repeats a damaged number more often."""
 FEW = 0.005
@@ -36,10 +36,10 @@ def few_rows(n_samples: int) -> int:
     return max(LONGEST, int(FEW * n_samples))
 
 
-def lone_rows(rec: Recording, signal: str, joint: int) -> NDArray[np.intp]:
-    """Rows (k,) of a channel that stand alone; most channels have none."""
+def lone_rows(rec: Recording, signal: str, joint: int) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+    """Rows (k,) of a channel that stand alone, and which of them no arm makes; most channels have none."""
     found, values = extent(rec, signal), getattr(rec, signal)[:, joint]
-    none = np.zeros(0, dtype=np.intp)
+    none = np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.bool_)
     # A lone row is as far from its neighbour as from the rest: most channels are done with here.
     low, high = np.percentile(values, (5.0, 95.0))
     size = float(high - low) / 3
@@ -48,13 +48,13 @@ def lone_rows(rec: Recording, signal: str, joint: int) -> NDArray[np.intp]:
     off = np.abs(values - _local_median(values))
     noise = 1.4826 * float(np.median(off))
     rows = np.flatnonzero(off > max(SIGMAS * noise, SHARE * size))
-    if not 0 < len(rows):
+    if not 0 < len(rows) <= few_rows(len(values)):
         return none
     rest = np.delete(values, rows)
-    reach = OUTSIDE * float(np.ptp(rest))
-    outside = (values[rows] > rest.max() + reach) | (values[rows] < rest.min() - reach)
-    lone = rows[outside | ((values[rows] == 0) & (size > 0) & (rest.size > 0) & (off[rows] > SHARE * size))]
-    return lone if 0 < len(lone) <= few_rows(len(values)) and np.unique(rest).size >= MIN_LEVELS else none
+    if np.unique(rest).size < MIN_LEVELS:
+        return none
+    reach = OUTSIDE * float(np.abs(rest).max())
+    return rows, (np.abs(values[rows]) > reach) | (values[rows] == 0)
 
 
 def _local_median(values: FloatArray) -> FloatArray:
@@ -68,7 +68,8 @@ def check_spikes(rec: Recording) -> Iterator[Finding]:
     if rec.dq is None:
         return
     for joint in np.flatnonzero(moving_joints(rec)).tolist():
-        rows = lone_rows(rec, "dq", joint)
+        rows, damaged = lone_rows(rec, "dq", joint)
+        rows = rows[damaged]
         if not len(rows):
             continue
         worst = int(rows[np.argmax(np.abs(rec.dq[rows, joint]))])
@@ -76,8 +77,8 @@ def check_spikes(rec: Recording) -> Iterator[Finding]:
         yield Finding(
             "velocity_spike",
             "error",
-            f"{label(rec, 'dq', joint)} is {rec.dq[worst, joint]:.4g} rad/s in row {worst + 1}{more}, far from the rows "
-            "beside it; a damaged number: cut the row out",
+            f"{label(rec, 'dq', joint)} is {rec.dq[worst, joint]:.4g} rad/s in row {worst + 1}{more}, far from the "
+            "rows beside it; a damaged number: cut the row out",
             rec.name,
             f"dq_{joint}",
             (int(rows[0]), int(rows[-1]) + 1),

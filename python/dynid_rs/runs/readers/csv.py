@@ -14,8 +14,9 @@ import numpy as np
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.files import check_readable
 from dynid_rs.base.quoting import shown
+from dynid_rs.runs.cells import row_text
 from dynid_rs.runs.readers.table import Columns, Table, looks_like, refuse_duplicates, refuse_too_large
-from dynid_rs.runs.recording import FloatArray, row_text
+from dynid_rs.runs.recording import FloatArray
 
 MAX_LINE = 1 << 20
 """Bytes. A longer line is no row of numbers."""
