@@ -28,8 +28,8 @@ from run_files import (
 )
 
 from dynid_rs.base.errors import DataError
+from dynid_rs.runs.cells import ABSURD
 from dynid_rs.runs.readers import Config, open_run, read_config, read_recording, read_run
-from dynid_rs.runs.recording import ABSURD
 
 SUFFIXES = list(WRITERS)
 

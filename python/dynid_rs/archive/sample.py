@@ -17,8 +17,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid_rs.runs.cells import MIN_SAMPLES
 from dynid_rs.runs.checks.motion import block_edges, block_velocity
-from dynid_rs.runs.recording import MIN_SAMPLES, Recording
+from dynid_rs.runs.recording import Recording
 
 KEPT_RATE = 200.0
 """Rate [Hz] that states have at the default band."""

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from dynid_rs.base.codes import mend_of
+
 Severity = Literal["info", "warning", "error"]
 SEVERITIES: tuple[Severity, ...] = ("info", "warning", "error")
 
@@ -37,6 +39,8 @@ class Finding:
         Size of the fact, in `unit`.
     unit : str, optional
         Unit of `value`.
+    line : int, optional
+        1-based line of the first of `rows`, where the file is a text.
     """
 
     code: str
@@ -47,9 +51,10 @@ class Finding:
     rows: tuple[int, int] | None = None
     value: float | None = None
     unit: str | None = None
+    line: int | None = None
 
     def to_json(self) -> dict[str, object]:
-        """Fields that are known, ready for `json.dumps`."""
+        """Fields that are known, ready for `json.dumps`; with the mend that belongs to the code."""
         fields: dict[str, object] = {"code": self.code, "severity": self.severity, "message": self.message}
         if self.file is not None:
             fields["file"] = self.file
@@ -61,4 +66,9 @@ class Finding:
             fields["value"] = self.value
         if self.unit is not None:
             fields["unit"] = self.unit
+        if self.line is not None:
+            fields["line"] = self.line
+        mend = mend_of(self.code)
+        if mend is not None:
+            fields["mend"] = mend
         return fields

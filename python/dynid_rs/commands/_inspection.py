@@ -11,8 +11,9 @@ import numpy as np
 
 from dynid_rs.base.findings import Finding
 from dynid_rs.commands._run import EXIT_NO, EXIT_UNUSABLE, error_object
-from dynid_rs.runs.checks import check_recording, relative_jitter
+from dynid_rs.runs.checks import check_recording, refused_sources, relative_jitter, severity_order
 from dynid_rs.runs.checks.clocks import Clock, clock_findings
+from dynid_rs.runs.checks.repeats import repeat_findings
 from dynid_rs.runs.readers import Config, Run, read_run
 from dynid_rs.runs.recording import Recording, gaps
 
@@ -37,8 +38,44 @@ def inspect_run(path: Path, robot: Any | None, config: Config) -> Inspection:
         return Inspection(path, error=error)
 
 
-def compared(inspections: Sequence[Inspection]) -> list[Inspection]:
-    """Add what runs say of each other: a run whose time is in another unit than that of the rest."""
+def compared(inspections: Sequence[Inspection], robot: Any | None) -> list[Inspection]:
+    """Add what runs say of each other: units of time, samples that are there twice, and with a robot its channels."""
+    result = _repeats(_clocks(inspections))
+    return result if robot is None else _set(result, robot)
+
+
+def _set(inspections: Sequence[Inspection], robot: Any) -> list[Inspection]:
+    from dynid_rs.diagnosis.sensors import set_findings
+
+    read = {str(k): one for k, one in enumerate(inspections) if one.run is not None}
+    errors = any(finding.severity == "error" for one in read.values() for finding in one.findings)
+    if not read or errors or not all(one.run is not None and one.run.has_torque for one in read.values()):
+        return list(inspections)
+    runs = [
+        replace(one.run.recording.without(*refused_sources(one.findings)), name=key)
+        for key, one in read.items()
+        if one.run is not None
+    ]
+    result = list(inspections)
+    for finding in set_findings(robot, runs):
+        one = read[finding.file or "0"]
+        assert one.run is not None
+        named = replace(finding, file=one.run.recording.name)
+        place = inspections.index(one)
+        result[place] = replace(one, findings=tuple(sorted((*one.findings, named), key=severity_order)))
+    return result
+
+
+def _repeats(inspections: Sequence[Inspection]) -> list[Inspection]:
+    read = [k for k, one in enumerate(inspections) if one.run is not None]
+    result = list(inspections)
+    for at, finding in repeat_findings([one.run.recording for one in inspections if one.run is not None]).items():
+        place = read[at]
+        result[place] = replace(result[place], findings=(finding, *result[place].findings))
+    return result
+
+
+def _clocks(inspections: Sequence[Inspection]) -> list[Inspection]:
     result, clocks = list(inspections), {}
     for k, inspection in enumerate(inspections):
         if inspection.run is not None:

@@ -60,6 +60,7 @@ class Job:
         from dynid_rs.commands._given import read_given
         from dynid_rs.commands._identifier import check_places, chosen_laws, known_terms
         from dynid_rs.commands._inputs import read_friction, read_robot, read_settings, size_in_bytes, with_rotors
+        from dynid_rs.diagnosis.sensors import set_findings
         from dynid_rs.model.inertials import inertial_findings
 
         if self.physical:
@@ -81,6 +82,9 @@ class Job:
         given = read_given(
             runs, test, self.test_from, model, settings, memory=limit, cutoff=self.cutoff, say=say, work=work
         )
+        if given.archive is None and not any(finding.severity == "error" for finding in given.findings):
+            say("channels")
+            given.findings += set_findings(model, [*given.train, *given.test])
         if self.friction_law == "auto":
             say("comparing laws of friction")
             identifier.friction_law = chosen_laws(identifier, given.train, slow)

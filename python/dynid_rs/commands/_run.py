@@ -14,6 +14,7 @@ from typing import ParamSpec, TextIO
 
 import typer
 
+from dynid_rs.base.codes import mend_of
 from dynid_rs.base.files import with_sentence
 from dynid_rs.base.quoting import shown_ends
 
@@ -38,7 +39,8 @@ def error_object(error: BaseException) -> dict[str, object]:
         value = getattr(error, name, None)
         if isinstance(value, str | int):
             fields[name] = value
-    return fields
+    mend = mend_of(str(fields.get("code", "")))
+    return fields if mend is None else fields | {"mend": mend}
 
 
 def sentence(error: BaseException) -> str:

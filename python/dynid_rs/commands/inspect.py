@@ -35,7 +35,7 @@ def inspect(
     rules = Config() if config is None else read_config(config)
     model = None if robot is None else read_robot(robot)
     of_robot = [] if model is None or robot is None else inertial_findings(model, robot.name)
-    inspections = compared([inspect_run(path, model, rules) for path in runs])
+    inspections = compared([inspect_run(path, model, rules) for path in runs], model)
     code = exit_code(inspections)
     if json_output:
         print_json(

@@ -156,15 +156,15 @@ def _compared(
     on_progress: Callable[[str], None],
 ) -> Diagnosis:
     """What has changed against a reference; the model with what was found is the reference with it."""
-    errors = channel_errors(setup, train, test)
+    said = channel_errors(setup, train, test)
     fit = setup.identifier(residual=None).fit(list(train))
-    if errors:
-        return Diagnosis(setup, fit, fit, findings=errors)
+    if any(finding.severity == "error" for finding in said):
+        return Diagnosis(setup, fit, fit, findings=said)
     on_progress("comparing with the reference")
     changes = compare(reference, setup.robot, train, test, cutoff=setup.options.get("cutoff"))
     before, after = copy(fit), copy(fit)
     before.model_, after.model_ = reference, changes.model
-    return Diagnosis(setup, before, after, findings=list(changes.findings), effects=list(changes.effects))
+    return Diagnosis(setup, before, after, findings=[*said, *changes.findings], effects=list(changes.effects))
 
 
 def _step(action: str, place: Place, left: FloatArray, names: Sequence[str]) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, Literal
@@ -10,24 +10,12 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dynid_rs.base.errors import DataError
+from dynid_rs.runs.cells import check_finite, check_time, usual_step
 
 FloatArray = NDArray[np.float64]
 
-MIN_SAMPLES = 20
-"""Fewer rows than this carry no dynamics: filters alone need as many to start."""
-
 GAP_STEPS = 2.5
 """A step of more than this many median steps is a gap: samples were lost, interpolation bridges it."""
-
-MAX_GAP_STEPS = 10.0
-"""A longer step than this many median steps cannot be bridged: the run must be split there."""
-
-MIN_STEP = 1e-9
-"""Shorter median steps [s] come from a wrong unit or damaged numbers."""
-
-ABSURD = 1e7
-"""No position, torque or acceleration of an arm has this size, in degrees and N mm neither."""
 
 TIME_UNITS: Mapping[str, float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 """Seconds of every unit that a file's time may be in."""
@@ -69,6 +57,8 @@ class Recording:
         Unit of `tau`; ampere when a motor current without drive gain stands for torque.
     time_unit : str
         Unit that the file's time was read in (`t` is in seconds all the same); said where it looks wrong.
+    first_line : int, optional
+        Line of the first row in its file, where that is a text whose rows follow each other line by line.
     before : Recording, optional
         What the same measurement holds before this part of it: a model with memory (warm gears) comes from there.
 
@@ -94,6 +84,7 @@ class Recording:
     joints: tuple[str, ...] = ()
     torque_unit: str = "N*m"
     time_unit: str = "s"
+    first_line: int | None = None
     before: Recording | None = None
 
     def __post_init__(self) -> None:
@@ -145,8 +136,8 @@ class Recording:
 
     @cached_property
     def median_step(self) -> float:
-        """Median time from one sample to the next [s]."""
-        return float(np.median(np.diff(self.t)))
+        """Time from one sample to the next [s]: the median, or the mean where stamps come in bursts."""
+        return usual_step(np.diff(self.t))
 
     @property
     def rate(self) -> float:
@@ -176,6 +167,8 @@ class Recording:
         for name in _MATRICES:
             value = getattr(self, name)
             cut[name] = None if value is None else value[rows]
+        if self.first_line is not None:
+            cut["first_line"] = self.first_line + rows.indices(self.n_samples)[0]
         return replace(self, **cut)
 
     def less_torque_delay(self, delay: float) -> Recording:
@@ -184,6 +177,10 @@ class Recording:
             return self
         tau = np.stack([np.interp(self.t + delay, self.t, column) for column in self.tau.T], axis=1)
         return replace(self, tau=tau)
+
+    def line_of(self, row: int) -> int | None:
+        """1-based line of a row in the run's file; None where it has no lines."""
+        return None if self.first_line is None else self.first_line + row
 
     def without(self, *signals: OptionalSignal) -> Recording:
         """Return the same run without optional signals, e.g. a `dq` that contradicts q."""
@@ -202,110 +199,6 @@ def _as_floats(values: ArrayLike, name: str) -> FloatArray:
         return np.ascontiguousarray(values, dtype=np.float64)
     except (TypeError, ValueError):
         raise ValueError(f"{name} must be an array of numbers, got {type(values).__name__}") from None
-
-
-def row_text(row: int, line_of: Callable[[int], int] | None = None) -> str:
-    """Name a 0-based data row for people: counted from 1, with the line where the file has lines."""
-    line = "" if line_of is None else f" (line {line_of(row)})"
-    return f"row {row + 1}{line}"
-
-
-def check_finite(values: FloatArray, *, file: str, column: str, line_of: Callable[[int], int] | None = None) -> None:
-    """Check that a column (n,) holds numbers only.
-
-    Raises
-    ------
-    DataError
-        NaN, infinity or an empty cell; names file, row and column.
-    """
-    finite = np.isfinite(values)
-    if finite.all():
-        return
-    wrong = np.flatnonzero(~finite)
-    row = int(wrong[0])
-    more = f" (and {wrong.size - 1} more in this column)" if wrong.size > 1 else ""
-    raise DataError(
-        f"{file}, {row_text(row, line_of)}, column {column}: {values[row]} is not a finite number{more}; "
-        "cut these rows out or split the run there",
-        code="not_finite",
-        file=file,
-        column=column,
-        row=row,
-    )
-
-
-def check_size(
-    values: FloatArray, scale: float = 1.0, *, file: str, column: str, line_of: Callable[[int], int] | None = None
-) -> None:
-    """Check that a column (n,) of finite numbers holds no number that is absurd once multiplied by `scale`, to SI.
-
-    Raises
-    ------
-    DataError
-        A number beyond `ABSURD`; names file, row, column, the number in the file, and the mend.
-    """
-    limit = ABSURD / abs(scale)
-    if -limit <= values.min() and values.max() <= limit:
-        return
-    wrong = np.flatnonzero(np.abs(values) > limit)
-    row = int(wrong[0])
-    more = f" (and {wrong.size - 1} more in this column)" if wrong.size > 1 else ""
-    mend = "cut these rows out or split the run there"
-    if 2 * wrong.size > values.size:
-        mend = "give its unit in dynid.toml under [units], or map another column under [columns]"
-    raise DataError(
-        f"{file}, {row_text(row, line_of)}, column {column}: {values[row]:g} is no value that an arm has (at most "
-        f"{ABSURD:g} in SI){more}; {mend}",
-        code="absurd_value",
-        file=file,
-        column=column,
-        row=row,
-    )
-
-
-def check_time(t: FloatArray, *, file: str, column: str = "t", line_of: Callable[[int], int] | None = None) -> None:
-    """Check that time (n,) [s] is finite and strictly increasing, without long gaps.
-
-    Raises
-    ------
-    DataError
-        Fewer than 20 samples, time that stands still or goes backwards, a step of more than 10 median
-        steps; names file, row and column.
-    """
-
-    def fault(code: str, row: int | None, text: str) -> DataError:
-        place = "" if row is None else f", {row_text(row, line_of)}"
-        return DataError(f"{file}{place}, column {column}: {text}", code=code, file=file, column=column, row=row)
-
-    if t.shape[0] < MIN_SAMPLES:
-        raise fault("too_few_samples", None, f"{t.shape[0]} samples are too few; at least {MIN_SAMPLES} are needed")
-    check_finite(t, file=file, column=column, line_of=line_of)
-    with np.errstate(over="ignore"):  # a damaged stamp of 1e308 is a long gap like any other
-        dt = np.diff(t)
-    wrong = np.flatnonzero(dt <= 0)
-    if wrong.size:
-        row = int(wrong[0]) + 1
-        backwards = t[row] < t[row - 1]
-        raise fault(
-            "time_backwards" if backwards else "time_stands_still",
-            row,
-            f"time {'goes backwards' if backwards else 'stands still'} from "
-            f"{t[row - 1]:.9g} s to {t[row]:.9g} s"
-            f" ({wrong.size} such row{'s' if wrong.size > 1 else ''}); time must strictly increase: "
-            + ("split the run there" if backwards else "remove the repeated rows"),
-        )
-    median = float(np.median(dt))
-    if median < MIN_STEP:
-        text = f"a median step of {median:.3g} s is no sampling period; is the unit of time right?"
-        raise fault("time_step", None, text)
-    longest = int(np.argmax(dt))
-    if dt[longest] > MAX_GAP_STEPS * median:
-        raise fault(
-            "long_gap",
-            longest + 1,
-            f"a gap of {dt[longest]:.4g} s before this row ({float(dt[longest]) / median:.0f} median "
-            f"steps of {median:.4g} s) cannot be bridged; split the run there",
-        )
 
 
 def gaps(recording: Recording) -> Sequence[tuple[int, float]]:

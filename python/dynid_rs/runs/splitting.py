@@ -10,6 +10,7 @@ import numpy as np
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.findings import Finding
 from dynid_rs.runs.checks.clocks import Clock, check_clocks
+from dynid_rs.runs.checks.repeats import common_rows
 from dynid_rs.runs.facts import RunFacts
 from dynid_rs.runs.recording import Recording
 
@@ -82,24 +83,25 @@ def _refuse_repeats(runs: Sequence[Recording], test: Sequence[Recording]) -> Non
     seen: list[tuple[Recording, bool]] = []
     for recording, is_test in [*((run, False) for run in runs), *((run, True) for run in test)]:
         for earlier, was_test in seen:
-            if not _same_samples(earlier, recording):
-                continue
-            raise repeated(recording.name, earlier.name, is_test=is_test, was_test=was_test)
+            rows = common_rows(earlier, recording)
+            if rows is not None:
+                part = None if rows[1] - rows[0] >= recording.n_samples else rows
+                raise repeated(recording.name, earlier.name, is_test=is_test, was_test=was_test, rows=part)
         seen.append((recording, is_test))
 
 
-def repeated(name: str, earlier: str, *, is_test: bool, was_test: bool) -> DataError:
-    """Error that the run `name` holds the samples of the run `earlier`."""
+def repeated(
+    name: str, earlier: str, *, is_test: bool, was_test: bool, rows: tuple[int, int] | None = None
+) -> DataError:
+    """Error that the run `name`, or these `rows` of it, holds samples of the run `earlier`."""
     names = name if name == earlier else f"{name} ({earlier})"
+    if rows is not None:
+        names = f"{name}, rows {rows[0] + 1} to {rows[1]} (of {earlier})"
     if is_test and not was_test:
         text = "is both learned from and tested on; name it once, and test on another run"
     else:
         text = f"is given twice {'to test on' if is_test else 'to learn from'}; name it once"
-    return DataError(f"{names} {text}", code="run_twice", file=name)
-
-
-def _same_samples(a: Recording, b: Recording) -> bool:
-    return all(np.array_equal(x, y) for x, y in ((a.t, b.t), (a.q, b.q), (a.tau, b.tau)))
+    return DataError(f"{names} {text}", code="run_twice", file=name, row=None if rows is None else rows[0])
 
 
 def last_run_kept(name: str) -> Finding:

@@ -163,7 +163,7 @@ def _column(names: tuple[str, ...], signal: str, joint: int, joints: list[str], 
 
 
 def _check_time(t: FloatArray, file: str) -> None:
-    from dynid_rs.runs.recording import check_time
+    from dynid_rs.runs.cells import check_time
 
     check_time(t, file=file)
     longest = float(np.diff(t).max())
@@ -184,7 +184,7 @@ def _check_time(t: FloatArray, file: str) -> None:
 
 
 def _check_numbers(q: FloatArray, dq: FloatArray, ddq: FloatArray, file: str) -> None:
-    from dynid_rs.runs.recording import check_finite
+    from dynid_rs.runs.cells import check_finite
 
     for signal, values in zip(_SIGNALS, (q, dq, ddq), strict=True):
         for joint in range(values.shape[1]):

@@ -7,26 +7,33 @@ scored. Clocks, gains and encoders are hypotheses like all others (`structural/`
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 
+import numpy as np
+
+from dynid_rs import _core
 from dynid_rs.base.findings import Finding
 from dynid_rs.diagnosis.sensors.channels import channel_findings
-from dynid_rs.diagnosis.sensors.contact import Contact, find_contacts, windows_of
+from dynid_rs.diagnosis.sensors.contact import SURE, Contact, find_contacts, windows_of
 from dynid_rs.diagnosis.sensors.messages import contact_findings
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
-from dynid_rs.identification.training import prepare_training_runs
+from dynid_rs.identification.training import prepare_training_run
 from dynid_rs.runs.checks.channels import check_channels
 from dynid_rs.runs.checks.clocks import check_clocks
+from dynid_rs.runs.checks.motion import moving_joints
 from dynid_rs.runs.checks.torque import check_drive_torque
 from dynid_rs.runs.facts import RunFacts, check_facts
 from dynid_rs.runs.preprocessing import choose_band, common_rate, prepare
 from dynid_rs.runs.recording import Recording
 
-__all__ = ["Contact", "channel_errors", "examine", "find_contacts", "windows_of"]
+__all__ = ["Contact", "channel_errors", "examine", "find_contacts", "set_findings", "windows_of"]
 
 DAMAGED = ("torque_spike", "position_jump")
 """Findings of `runs/checks` on samples that spoil whatever is fitted to them."""
+STRONG = 2 * SURE
+"""A contact is said without a diagnosis from this on: where nothing is left out, only what spoils a fit is of use."""
 N_SEARCHES = 3
 """Searches for contact, each with what the one before found taken out of the fit."""
 
@@ -56,12 +63,12 @@ def examine(
     fit : ThreeLoopIdentifier or None
         Of the declared model; None where a finding is an error.
     findings : list of Finding
-        Errors, or contacts.
+        Errors; or warnings of channels, and contacts.
     """
     on_progress("channels")
-    errors = channel_errors(setup, train, test)
-    if errors:
-        return setup, None, errors
+    said = channel_errors(setup, train, test)
+    if any(finding.severity == "error" for finding in said):
+        return setup, None, said
     on_progress("contacts")
     fit = setup.identifier(residual=None).fit(list(train))
     runs = [prepare(recording, fit.band_, fit.rate_) for recording in train]
@@ -77,11 +84,59 @@ def examine(
         unseen = find_contacts(fit, runs, [prepare(recording, fit.band_, fit.rate_) for recording in test])
         setup = replace(setup, excluded=windows_of(unseen, setup.excluded))
         contacts += unseen
-    return setup, fit, contact_findings(contacts, [*train, *test])
+    return setup, fit, [*said, *contact_findings(contacts, [*train, *test])]
+
+
+def set_findings(robot: _core.RobotModel, runs: Sequence[Recording]) -> list[Finding]:
+    """What runs of one arm say together: of its channels, of its mounting, of what it carries, and of contacts.
+
+    Nothing where a joint never moves, or where there is too little motion: a model says nothing then, and `runs/checks`
+    say that. No contacts where the model is not the arm's.
+
+    Parameters
+    ----------
+    robot : RobotModel
+        As its file says.
+    runs : sequence of Recording
+        Without errors of their own, training and test runs alike, each with a name of its own.
+    """
+    found = channels_of(robot, runs)
+    if found:
+        return found
+    try:
+        fit = Setup(robot).identifier(residual=None).fit(list(runs))
+        states = [prepare(recording, fit.band_, fit.rate_) for recording in runs]
+    except ValueError:  # too little motion, or joints that stand still
+        return []
+    contacts = [contact for contact in find_contacts(fit, states) if contact.strength > STRONG]
+    return contact_findings(contacts, runs, left_out=False)
+
+
+def channels_of(robot: _core.RobotModel, runs: Sequence[Recording]) -> list[Finding]:
+    """`channel_findings` of recordings, with the rows and lines of their files; nothing where no model can say."""
+    kinds = {(recording.torque_unit, recording.has_motor_encoder) for recording in runs}
+    moves = np.any([moving_joints(recording) for recording in runs], axis=0)
+    if len(kinds) != 1 or len(moves) != robot.n_joints or not moves.all():
+        return []
+    band, rate = choose_band(list(runs)), common_rate(list(runs))
+    states = []
+    for recording in runs:
+        with suppress(ValueError):  # too short, or too little motion
+            states.append(prepare_training_run(recording, band, rate))
+    if not states:
+        return []
+    named = {recording.name: recording for recording in runs}
+    found = []
+    for finding in channel_findings(robot, states, runs[0].torque_unit):
+        recording = named[finding.file or states[0].name]
+        found.append(replace(finding, rows=(0, recording.n_samples), line=recording.line_of(0)))
+    return found
 
 
 def channel_errors(setup: Setup, train: Sequence[Recording], test: Sequence[Recording] = ()) -> list[Finding]:
     """Channels that are not what they are called; first of all, what is wrong with the runs themselves.
+
+    Errors, after which nothing can be concluded, or a warning of what a model can hold.
 
     Raises
     ------
@@ -94,9 +149,7 @@ def channel_errors(setup: Setup, train: Sequence[Recording], test: Sequence[Reco
     damaged = [finding for recording in train for finding in _damaged(setup, recording)]
     if damaged:  # whatever a damaged sample does to a fit looks like another robot, or another order of the joints
         return damaged
-    runs = prepare_training_runs(train, choose_band(list(train)), common_rate(list(train)), setup.excluded)
-    findings = channel_findings(setup.robot, runs, train[0].torque_unit)
-    return [finding for finding in findings if finding.severity == "error"]
+    return channels_of(setup.robot, [*train, *test])
 
 
 def _damaged(setup: Setup, recording: Recording) -> Iterator[Finding]:

@@ -18,8 +18,13 @@ LEAST_ENCODER_DELAY = 1e-4
 """Encoder channels closer than this [s] are on one clock: their steps alone shift them as much."""
 
 
-def contact_findings(contacts: Sequence[Contact], recordings: Sequence[Recording]) -> list[Finding]:
-    """One warning per burst, with its rows in the run."""
+def contact_findings(
+    contacts: Sequence[Contact], recordings: Sequence[Recording], *, left_out: bool = True
+) -> list[Finding]:
+    """One warning per burst, with its rows in the run; `left_out` says whether it is kept from the fit."""
+    done = "these samples are neither fitted nor scored"
+    if not left_out:
+        done = "they are fitted and scored all the same; leave them out, or let `dynid diagnose` do so"
     runs = {recording.name: recording for recording in recordings}
     findings = []
     for contact in contacts:
@@ -34,12 +39,13 @@ def contact_findings(contacts: Sequence[Contact], recordings: Sequence[Recording
                 "warning",
                 f"something from outside acts from {contact.start:.2f} to {contact.end:.2f} s on "
                 f"{joint_words(*(recording.joints[j] for j in contact.joints))} (up to {abs(peak):.3g} {unit} on "
-                f"{joint_words(recording.joints[joint])}); these samples are neither fitted nor scored",
+                f"{joint_words(recording.joints[joint])}); {done}",
                 contact.run,
                 f"tau_{joint}",
                 (int(rows[0]), int(rows[1])),
                 float(peak),
                 recording.torque_unit,
+                recording.line_of(int(rows[0])),
             )
         )
     return findings

@@ -5,18 +5,30 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from dynid_rs.base.findings import SEVERITIES, Finding
+from dynid_rs.runs.checks.bits import check_bits
 from dynid_rs.runs.checks.channels import check_channels
 from dynid_rs.runs.checks.derivatives import check_derivatives
 from dynid_rs.runs.checks.encoders import check_encoders
 from dynid_rs.runs.checks.excitation import check_excitation
 from dynid_rs.runs.checks.limits import Limited, check_limits, check_magnitudes
-from dynid_rs.runs.checks.motion import moving_joints
+from dynid_rs.runs.checks.motion import moving_joints, with_lines
+from dynid_rs.runs.checks.spikes import check_spikes
 from dynid_rs.runs.checks.timing import check_timing, relative_jitter
 from dynid_rs.runs.checks.torque import check_drive_torque
 from dynid_rs.runs.recording import OptionalSignal, Recording
 
-__all__ = ["check_recording", "contradicting_signals", "moving_joints", "refused_sources", "relative_jitter"]
+__all__ = [
+    "check_recording",
+    "contradicting_signals",
+    "moving_joints",
+    "refused_sources",
+    "relative_jitter",
+    "severity_order",
+]
 
+_BROKEN = ("stuck", "position_jump", "wrapped", "lost_bits")
+"""Findings on a position that make everything that is compared with it look wrong."""
+_REACH = ("position_limits", "encoder_offset", "encoder_delay")
 _SOURCES: tuple[OptionalSignal, ...] = ("dq", "ddq", "dq_motor")
 
 
@@ -44,21 +56,22 @@ def check_recording(rec: Recording, robot: Limited | None = None) -> list[Findin
         raise ValueError(f"{rec.name}: the run has {rec.n_joints} joints, the robot has {len(robot.lower)}")
     damaged = list(check_magnitudes(rec))
     if damaged:  # the other checks would only compare absurd numbers with each other
-        return damaged
+        return with_lines(rec, damaged)
     timing = list(check_timing(rec))
     if any(finding.severity == "error" for finding in timing):  # speeds, delays and rests would all be wrong
-        return sorted(timing, key=_severity)
+        return with_lines(rec, sorted(timing, key=severity_order))
     findings = [
         *timing,
         *check_drive_torque(rec, robot),
+        *check_spikes(rec),
+        *check_bits(rec),
         *check_channels(rec),
         *check_limits(rec, robot),
         *check_derivatives(rec),
         *check_encoders(rec),
         *check_excitation(rec),
     ]
-    broken = {finding.column for finding in findings if finding.code == "position_jump"}
-    findings = [finding for finding in findings if not _follows(finding, broken)]
+    findings = _without_consequences(findings)
     if rec.torque_unit == "A":
         findings.append(
             Finding(
@@ -68,17 +81,35 @@ def check_recording(rec: Recording, robot: Limited | None = None) -> list[Findin
                 rec.name,
             )
         )
-    return sorted(findings, key=_severity)
+    return with_lines(rec, sorted(findings, key=severity_order))
 
 
-def _severity(finding: Finding) -> int:
+def severity_order(finding: Finding) -> int:
+    """Key that sorts findings: errors first, then warnings, then information."""
     return -SEVERITIES.index(finding.severity)
 
 
-def _follows(finding: Finding, broken: set[str | None]) -> bool:
-    """Whether a finding only says that the two encoders of a joint differ, of which one jumps."""
-    joint = (finding.column or "").rpartition("_")[2]
-    return finding.code == "motor_disagrees" and bool({f"q_{joint}", f"q_motor_{joint}"} & broken)
+def _without_consequences(findings: list[Finding]) -> list[Finding]:
+    """Findings less those that only say once more, in other words, what another one says."""
+    if any(finding.code == "units_degrees" and finding.severity == "error" for finding in findings):
+        # Angles 57 times too large reach, jump and travel too far.
+        return [finding for finding in findings if finding.code not in (*_BROKEN, "position_limits")]
+    broken = {_joint(finding) for finding in findings if finding.code in _BROKEN and "q" in _signal(finding)}
+    coarse = {finding.column for finding in findings if finding.code == "lost_bits"}
+    findings = [f for f in findings if f.column not in coarse or f.code not in ("stuck", "saturated", "position_jump")]
+    return [
+        finding
+        for finding in findings
+        if not ((finding.code.startswith(("motor_", "dq_")) or finding.code in _REACH) and _joint(finding) in broken)
+    ]
+
+
+def _signal(finding: Finding) -> str:
+    return (finding.column or "").rpartition("_")[0].removeprefix("d")
+
+
+def _joint(finding: Finding) -> str:
+    return (finding.column or "").rpartition("_")[2]
 
 
 def contradicting_signals(rec: Recording) -> tuple[OptionalSignal, ...]:

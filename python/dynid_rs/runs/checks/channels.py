@@ -18,6 +18,9 @@ FROZEN_TRAVEL = 0.02
 
 PLATEAU_SAMPLES = 5
 PLATEAU_TRAVEL = 1e-3
+PLATEAU_FACTOR = 3.0
+"""A plateau at an end of the range is so many times longer than any in between: coarse channels have some anywhere, and
+a smooth peak stays on its last level 2.4 times longer than on the next."""
 MIN_LEVELS = 30
 """Channels with fewer different values are coarsely quantised: plateaus are their nature."""
 
@@ -123,6 +126,8 @@ def _frozen_position(rec: Recording, signal: str, values: FloatArray, joint: int
     for start, stop in stretches:
         jump = steps[stop - 1] if stop < rec.n_samples else 0.0
         travel = 0.0
+        if rec.dq is not None and stop < rec.n_samples and jump <= 2 * _way(rec, joint, stop):
+            jump = 0.0  # the joint broke away: its velocity is that of the step
         if rec.dq is not None and trusted:
             dt = np.diff(rec.t[start:stop])
             dq = rec.dq[start:stop, joint]
@@ -133,6 +138,12 @@ def _frozen_position(rec: Recording, signal: str, values: FloatArray, joint: int
         # With a dead encoder (all equal) only a long way tells it from a joint that was held.
         if (jump > 5 * usual and jump > MIN_SPAN) or travel > FROZEN_TRAVEL:
             yield _stuck(rec, f"{signal}_{joint}", start, stop, values[start])
+
+
+def _way(rec: Recording, joint: int, row: int) -> float:
+    """Way [rad] from the row before to `row` by the larger of the two recorded velocities."""
+    assert rec.dq is not None
+    return float(np.abs(rec.dq[row - 1 : row + 1, joint]).max() * (rec.t[row] - rec.t[row - 1]))
 
 
 def _stuck(rec: Recording, column: str, start: int, stop: int, value: float) -> Finding:
@@ -157,13 +168,12 @@ def _clipped(rec: Recording, joint: int, values: FloatArray, q: FloatArray) -> I
     if not stretches or np.unique(values).size < MIN_LEVELS:
         return
     found, column = extent(rec, "tau"), f"tau_{joint}"
+    moved = [(start, stop) for start, stop in stretches if np.ptp(q[start:stop]) > PLATEAU_TRAVEL]
     for limit, word in ((found.highest[joint], "largest"), (found.lowest[joint], "smallest")):
-        plateaus = [
-            (start, stop)
-            for start, stop in stretches
-            if values[start] == limit and np.ptp(q[start:stop]) > PLATEAU_TRAVEL
-        ]
-        if plateaus:
+        plateaus = [(start, stop) for start, stop in moved if values[start] == limit]
+        limits = (found.highest[joint], found.lowest[joint])
+        usual = max((stop - start for start, stop in moved if values[start] not in limits), default=0)
+        if max((stop - start for start, stop in plateaus), default=0) > PLATEAU_FACTOR * usual:
             count = sum(stop - start for start, stop in plateaus)
             yield Finding(
                 "saturated",

@@ -26,6 +26,12 @@ NOISE = 2e-4
 """Change of position over a block [rad] that encoder steps alone can make."""
 
 MIN_CORRELATION = 0.98
+LEAST_HELD, LEAST_CHANGES, MOSTLY = 3, 20, 0.8
+"""Rows that a held value stands for, how often that has to be seen, and in what share of the cases."""
+LEAST_DELAY = 0.01
+"""Seconds: a model that takes the velocity's derivative for acceleration is wrong by the jerk of so much time."""
+DELAY_SHARE = 0.8
+"""Share of the difference that a delay has to explain."""
 
 _FACTORS = {
     "it is in deg/s": 180.0 / np.pi,
@@ -89,19 +95,73 @@ def _compare(
     for joint in np.flatnonzero(moves).tolist():
         change, integral = changes[:, joint], integrals[:, joint]
         error = rms(change - integral) / max(rms(change), NOISE)
+        reason = ""
         if error <= MAX_DISAGREEMENT or rms(change - integral) < NOISE:
-            continue
+            # Too late for a model's acceleration, though its integral hardly shows it.
+            reason = (
+                _hold(values[:, joint], rec) or _delay(rec, values[:, joint], source, joint) if signal != "ddq" else ""
+            )
+            if not reason:
+                continue
+        else:
+            reason = _reason(signal, integral, changes, joint)
+            if not reason and signal != "ddq":
+                reason = _hold(values[:, joint], rec) or _delay(rec, values[:, joint], source, joint)
         yield Finding(
             f"{signal}_disagrees",
             "warning",
             f"{label(rec, signal, joint)} is not the derivative of {source}_{joint}: they differ by "
-            f"{100 * error:.0f} %{_reason(signal, integral, changes, joint)}; {signal} is not used",
+            f"{100 * error:.0f} %{reason}; {signal} is not used",
             rec.name,
             f"{signal}_{joint}",
             (0, rec.n_samples),
             error,
             "1",
         )
+
+
+def _hold(values: FloatArray, rec: Recording) -> str:
+    """Say that a channel is held for several samples while it changes; empty where it is not.
+
+    In a channel that is sampled as it should be, a value that stands is as likely to stand once more: what stands for
+    the same number of rows nearly every time is written less often than it is recorded.
+    """
+    changed = np.flatnonzero(np.diff(values))
+    if len(changed) < LEAST_CHANGES:
+        return ""
+    lengths = np.diff(changed)
+    usual = int(np.median(lengths))
+    if usual < LEAST_HELD or np.mean(np.abs(lengths - usual) <= 1) < MOSTLY:
+        return ""
+    return f", it is held for {usual} rows ({1e3 * usual * rec.median_step:.3g} ms) at a time"
+
+
+def _delay(rec: Recording, values: FloatArray, source: str, joint: int) -> str:
+    """Say that a velocity comes late; empty where it does not, or where that cannot be told.
+
+    ``q(t) - integral of dq`` is the delay times dq if dq is late: a straight line whose slope is fitted beside a drift
+    and a gain, and believed where it explains most of what is left.
+    """
+    position = getattr(rec, source)[:, joint]
+    dt = np.diff(rec.t)
+    integral = np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]) * dt)])
+    seconds = rec.t - rec.t[0]
+    drift = np.stack([np.ones_like(seconds), seconds, seconds**2, integral], axis=1)
+    scale = np.maximum(np.abs(drift).max(axis=0), 1e-300)
+    basis, _ = np.linalg.qr(drift / scale)
+
+    def beside(x: FloatArray) -> FloatArray:
+        return np.asarray(x - basis @ (basis.T @ x))
+
+    left, speed = beside(position - integral), beside(values)
+    power = float(speed @ speed)
+    if power <= 0 or rms(left) <= NOISE / 2:
+        return ""
+    delay = float(left @ speed) / power
+    share = delay * float(left @ speed) / max(float(left @ left), 1e-300)
+    if abs(delay) < max(LEAST_DELAY, 1.5 * rec.median_step) or share < DELAY_SHARE:
+        return ""
+    return f", it comes {1e3 * abs(delay):.0f} ms {'late' if delay > 0 else 'early'} (a slow filter, or another clock)"
 
 
 def _reason(signal: str, integral: FloatArray, changes: FloatArray, joint: int) -> str:

@@ -40,14 +40,14 @@ def check_excitation(rec: Recording) -> Iterator[Finding]:
         share = float(np.mean(np.abs(velocity[:, joint]) > _STILL))
         if ranges[joint] < SMALL_SPAN:
             yield _hint(rec, joint, f"moves by only {ranges[joint]:.2g} rad", "small_motion", ranges[joint], "rad")
-        elif speeds[joint] < SLOW:
+        if speeds[joint] < SLOW:
             text = f"reaches only {speeds[joint]:.2g} rad/s: inertia and viscous friction hardly show"
             yield _hint(rec, joint, text, "slow_motion", speeds[joint], "rad/s")
-        elif reversals < MIN_REVERSALS:
+        if reversals < MIN_REVERSALS:
             times = "once" if reversals == 1 else f"{reversals} times"
             text = f"changes its direction {times}: friction hardly separates from gravity"
             yield _hint(rec, joint, text, "few_reversals", reversals, "1")
-        elif share < MIN_MOVING_SHARE:
+        if share < MIN_MOVING_SHARE:
             yield _hint(rec, joint, f"stands still {100 * (1 - share):.0f} % of the time", "mostly_still", share, "1")
     yield from _together(rec, velocity, np.flatnonzero(moves).tolist())
 

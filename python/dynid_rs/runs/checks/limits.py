@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.base.findings import Finding
+from dynid_rs.runs.cells import ABSURD
 from dynid_rs.runs.checks.motion import extent, label, moving_joints
-from dynid_rs.runs.recording import ABSURD, Recording
+from dynid_rs.runs.checks.spikes import FEW
+from dynid_rs.runs.recording import Recording
 
 DEGREE = np.pi / 180.0
 TWO_TURNS = 4 * np.pi
-FEW = 0.005
-"""A unit is in every row: where fewer rows than this are beyond, it is some rows that are wrong."""
 TOLERANCE = 0.01
 """Excess over a limit [rad, m] that calibration explains."""
 
@@ -62,7 +62,7 @@ def check_limits(rec: Recording, robot: Limited | None) -> Iterator[Finding]:
         moves = moving_joints(rec)
         wide = moves & (largest > TWO_TURNS) & _often(np.abs(rec.q) > TWO_TURNS)
         # One joint may turn round and round; half of the robot does not.
-        if wide.any() and 2 * wide.sum() >= moves.sum():
+        if wide.sum() > 1 and 2 * wide.sum() >= moves.sum():
             yield _degrees(rec, "warning", largest, f"{int(wide.sum())} of {rec.n_joints} joints go beyond two turns")
         return
     lower, upper = _limits(robot.lower, -np.inf), _limits(robot.upper, np.inf)
@@ -92,7 +92,7 @@ def check_limits(rec: Recording, robot: Limited | None) -> Iterator[Finding]:
 
 
 def _often(beyond: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Columns of (n, n_joints) that are true in more than a few rows, (n_joints,)."""
+    """Columns of (n, n_joints) that are true in more than a few rows, (n_joints,): a unit is in every row."""
     often: NDArray[np.bool_] = beyond.mean(axis=0) > FEW
     return often
 

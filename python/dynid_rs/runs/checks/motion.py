@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from dataclasses import replace
 from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
@@ -9,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
+from dynid_rs.base.findings import Finding
 from dynid_rs.runs.recording import FloatArray, Recording
 
 MIN_SPAN = 5e-3
@@ -109,3 +112,12 @@ def label(rec: Recording, signal: str, joint: int) -> str:
     """Name a channel for people: ``tau_2 (elbow_joint)``, or ``tau_2`` where joints have no names."""
     name = rec.joints[joint]
     return f"{signal}_{joint}" if name == str(joint) else f"{signal}_{joint} ({name})"
+
+
+def with_lines(rec: Recording, findings: Iterable[Finding]) -> list[Finding]:
+    """Findings on a run with the line of their first row, where its file is a text."""
+    if rec.first_line is None:
+        return list(findings)
+    return [
+        finding if finding.rows is None else replace(finding, line=rec.line_of(finding.rows[0])) for finding in findings
+    ]

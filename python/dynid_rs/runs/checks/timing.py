@@ -44,15 +44,23 @@ def check_timing(rec: Recording) -> Iterator[Finding]:
         )
     jitter = relative_jitter(rec)
     if jitter > JITTER:
+        median = float(np.median(np.diff(rec.t)))
+        bursts = median != rec.median_step
         yield Finding(
             "jitter",
             "warning" if jitter > STRONG_JITTER else "info",
-            f"the steps of t vary by {100 * jitter:.0f} % of the median step (95th percentile); "
-            "the run is resampled on the stamps given",
+            f"the steps of t vary by {100 * jitter:.0f} % of the usual step (95th percentile)"
+            + (
+                f", and come in bursts (a median step of {1e3 * median:.3g} ms, a mean of {1e3 * rec.median_step:.3g} "
+                "ms): these are times of arrival; stamp samples where they are taken, or number them evenly"
+                if bursts
+                else "; the run is resampled on the stamps given"
+            ),
             rec.name,
             "t",
-            value=jitter,
-            unit="1",
+            (0, rec.n_samples),
+            jitter,
+            "1",
         )
     found = gaps(rec)
     if found:

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs.base.findings import Finding
-from dynid_rs.runs.checks.motion import extent, label, moving_joints
+from dynid_rs.base.findings import Finding, Severity
+from dynid_rs.runs.checks.motion import label, moving_joints
+from dynid_rs.runs.checks.spikes import FEW, few_rows, lone_rows
 from dynid_rs.runs.recording import FloatArray, Recording
 
 BEYOND = 10.0
@@ -19,54 +20,26 @@ IN_LIMITS = 3.0
 """What a channel in the right unit reaches of its effort limit at most, a peak above a rated one."""
 MILLI = 1e3
 """N mm (mN m) where N m was meant."""
-ALONE = 20.0
-"""Rows that are so many times farther from the channel's median than all others, with nothing in between: sampled
-motion passes through what lies in between, and a drive peaks at some three times what it is rated for."""
-MOST_LONE = 0.005
-"""More than this share of the rows is no lone sample, but a part of the motion."""
-LONGEST_LONE = 3
-"""So is a longer stretch: no logger repeats a damaged number more often."""
-MIN_LEVELS = 30
-"""A channel of fewer different numbers is coarse: its one step may be many times its noise."""
+
+
+_NONE = np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.bool_)
 
 
 def check_drive_torque(rec: Recording, robot: Any | None) -> Iterator[Finding]:
     """Samples and channels of torque that no drive gives; with a robot also against its effort limits."""
     limits = _limits(rec, robot)
     moves = moving_joints(rec)
-    spikes = {}
     for joint in range(rec.n_joints):
-        rows = lone_rows(rec, "tau", joint) if moves[joint] else np.zeros(0, dtype=np.intp)
+        alone, damaged = lone_rows(rec, "tau", joint) if moves[joint] else _NONE
+        rows = alone[damaged]
         beyond = np.flatnonzero(np.abs(rec.tau[:, joint]) > BEYOND * limits[joint])
-        if len(beyond) <= _most_lone(rec):
+        if len(beyond) <= few_rows(rec.n_samples):
             rows = np.union1d(rows, beyond)
         if len(rows):
-            spikes[joint] = rows
             yield _spike(rec, joint, rows, limits[joint])
+        elif len(alone):
+            yield _spike(rec, joint, alone, limits[joint], "info")
     yield from _unit(rec, limits)
-
-
-def lone_rows(rec: Recording, signal: str, joint: int) -> NDArray[np.intp]:
-    """Rows of a channel that stand alone, far from all others (`ALONE`); most channels have none."""
-    found, values = extent(rec, signal), getattr(rec, signal)[:, joint]
-    # A lone row is as far from its neighbour as from the rest: most channels are done with here.
-    if not found.largest_step[joint] > 0.4 * (found.highest[joint] - found.lowest[joint]):
-        return np.zeros(0, dtype=np.intp)
-    away = np.abs(values - np.median(values))
-    most = _most_lone(rec)
-    first = np.argsort(-away, kind="stable")[: most + 1]
-    gaps = np.flatnonzero(away[first[:-1]] > ALONE * away[first[1:]])
-    if not len(gaps):
-        return np.zeros(0, dtype=np.intp)
-    lone = np.sort(first[: gaps[-1] + 1])
-    stretches = np.split(lone, np.flatnonzero(np.diff(lone) > 1) + 1)
-    if max(map(len, stretches)) > LONGEST_LONE or np.unique(np.delete(values, lone)).size < MIN_LEVELS:
-        return np.zeros(0, dtype=np.intp)
-    return lone
-
-
-def _most_lone(rec: Recording) -> int:
-    return max(1, int(MOST_LONE * rec.n_samples))
 
 
 def _limits(rec: Recording, robot: Any | None) -> FloatArray:
@@ -84,17 +57,18 @@ def _limits(rec: Recording, robot: Any | None) -> FloatArray:
     return np.where(limits > 0, limits, np.inf)  # NaN and zero are no limit
 
 
-def _spike(rec: Recording, joint: int, rows: NDArray[np.intp], limit: float) -> Finding:
+def _spike(rec: Recording, joint: int, rows: NDArray[np.intp], limit: float, severity: Severity = "error") -> Finding:
     tau = rec.tau[:, joint]
     worst = int(rows[np.argmax(np.abs(tau[rows]))])
     rest = float(np.abs(np.delete(tau, rows)).max())
     allowed = f", and the robot file allows {limit:g}" if np.isfinite(limit) else ""
     more = f" (and so are {len(rows) - 1} more)" if len(rows) > 1 else ""
+    mend = "a damaged number: cut the row out" if severity == "error" else "an impact, or a damaged number"
     return Finding(
         "torque_spike",
-        "error",
+        severity,
         f"{label(rec, 'tau', joint)} is {tau[worst]:.4g} {rec.torque_unit} in row {worst + 1}{more}, where the rest of "
-        f"the run stays within {rest:.3g}{allowed}; a damaged number: cut the row out",
+        f"the run stays within {rest:.3g}{allowed}; {mend}",
         rec.name,
         f"tau_{joint}",
         (worst, worst + 1),
@@ -105,7 +79,7 @@ def _spike(rec: Recording, joint: int, rows: NDArray[np.intp], limit: float) -> 
 
 def _unit(rec: Recording, limits: FloatArray) -> Iterator[Finding]:
     """Whole channels beyond the effort limits: another unit where it explains them all, else a question."""
-    share = 100 * (1 - MOST_LONE)
+    share = 100 * (1 - FEW)
     usual = np.percentile(np.abs(rec.tau), share, axis=0) / limits
     beyond = np.flatnonzero(usual > BEYOND)
     if not len(beyond):

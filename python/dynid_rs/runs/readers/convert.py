@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.base.errors import DataError
+from dynid_rs.runs.cells import check_finite, check_size, check_time
 from dynid_rs.runs.readers.columns import ColumnMap
 from dynid_rs.runs.readers.config import Config, PerJoint
 from dynid_rs.runs.readers.table import Columns, Table
-from dynid_rs.runs.recording import FloatArray, Recording, check_finite, check_size, check_time
+from dynid_rs.runs.recording import FloatArray, Recording
 
 _SIGN_OF = {
     "q": "q",
@@ -126,6 +127,7 @@ def to_recording(
         joints=tuple(joints),
         torque_unit=torque_unit,
         time_unit=config.unit("time"),
+        first_line=None if table.first_line is None else table.first_line(len(t)),
         **signals,
     )
 

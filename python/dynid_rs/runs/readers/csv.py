@@ -14,8 +14,9 @@ import numpy as np
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.files import check_readable
 from dynid_rs.base.quoting import shown
+from dynid_rs.runs.cells import row_text
 from dynid_rs.runs.readers.table import Columns, Table, looks_like, refuse_duplicates, refuse_too_large
-from dynid_rs.runs.recording import FloatArray, row_text
+from dynid_rs.runs.recording import FloatArray
 
 MAX_LINE = 1 << 20
 """Bytes. A longer line is no row of numbers."""
@@ -69,7 +70,10 @@ def open_csv(path: str | Path) -> Table:
     def line_of(row: int) -> int:
         return next(line for k, (line, _) in enumerate(_rows(layout)) if k == row)
 
-    return Table(file, "CSV", names, None, load, line_of)
+    def first_line(n_rows: int) -> int | None:
+        return layout.lines_before_body + 1 if _lines(layout) == n_rows else None
+
+    return Table(file, "CSV", names, None, load, line_of, first_line)
 
 
 def _layout(place: Path, file: str) -> _Layout:
@@ -142,6 +146,17 @@ def _nul_in_text(head: bytes) -> str | None:
     lines = _NEWLINE.split(before)
     readable = lines[0].isascii() and lines[0].decode("ascii", "replace").isprintable()
     return f"line {len(lines)} holds a NUL byte" if nul and len(lines) > 1 and readable else None
+
+
+def _lines(layout: _Layout) -> int:
+    """Lines of the body, the last of which may have no end."""
+    count, last = 0, b"\n"
+    with layout.place.open("rb") as stream:
+        stream.seek(layout.body_offset)
+        while block := stream.read(MAX_LINE):
+            count += block.count(b"\n")
+            last = block[-1:]
+    return count + (last != b"\n")
 
 
 def _not_text(file: str, reason: str) -> DataError:

@@ -37,6 +37,8 @@ class Table:
         Reads some columns: names -> {name: (n,) array of floats or integers}. Raises `DataError`.
     line_of : callable, optional
         0-based data row -> 1-based line, for text files.
+    first_line : callable, optional
+        Number of rows -> line of the first one, for text files; None where lines between them are blank.
     """
 
     file: str
@@ -45,6 +47,7 @@ class Table:
     n_rows: int | None
     load: Callable[[Sequence[str]], Columns]
     line_of: Callable[[int], int] | None = None
+    first_line: Callable[[int], int | None] | None = None
 
 
 def refuse_duplicates(names: Sequence[str], file: str) -> None:

@@ -1,0 +1,106 @@
+"""Changes of channels that might explain recordings: signs, orders, in all runs or in one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid_rs import _core
+from dynid_rs.diagnosis.sensors.fit import ArmFit, ArmPrior, fit_arm
+from dynid_rs.diagnosis.sensors.rows import ArmRows, Moments
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Bench:
+    """Runs of one arm, and what they look like under its model as they stand."""
+
+    robot: _core.RobotModel
+    rows: tuple[ArmRows, ...]
+
+    @cached_property
+    def prior(self) -> ArmPrior:
+        """What the robot file says of the links."""
+        return ArmPrior.of(self.robot)
+
+    @cached_property
+    def size(self) -> FloatArray:
+        """Standard deviation of every torque channel over all runs, (n_joints,)."""
+        tau = np.concatenate([rows.tau for rows in self.rows])
+        return np.maximum(tau.std(axis=0), 1e-12 * max(float(np.abs(tau).max()), 1e-300))
+
+    @cached_property
+    def moments(self) -> tuple[Moments, ...]:
+        """Moments of the runs, all channels."""
+        return tuple(Moments.of(self.robot, rows) for rows in self.rows)
+
+    @cached_property
+    def plain(self) -> tuple[Moments, ...]:
+        """The runs as they stand: every joint with its own channel."""
+        return tuple(moments.picked(range(self.robot.n_joints)) for moments in self.moments)
+
+    @cached_property
+    def fit(self) -> ArmFit:
+        """The model as it stands."""
+        return self.fitted(self.plain)
+
+    def fitted(self, runs: Sequence[Moments], size: FloatArray | None = None) -> ArmFit:
+        """Fit changed runs."""
+        return fit_arm(self.prior, runs, self.size if size is None else size)
+
+    @property
+    def places(self) -> list[tuple[int, ...]]:
+        """Where a change may be: all runs, or one of several."""
+        whole = tuple(range(len(self.rows)))
+        return [whole] if len(whole) == 1 else [whole, *((k,) for k in whole)]
+
+    def changed(self, runs: Sequence[int], change: Callable[[int], Moments]) -> list[Moments]:
+        """Runs with those of `runs` changed."""
+        return [change(k) if k in runs else plain for k, plain in enumerate(self.plain)]
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """A change that was tried: its code, the joints it concerns, the runs, and the fit with it."""
+
+    code: str
+    joints: tuple[int, ...]
+    runs: tuple[int, ...]
+    fit: ArmFit
+
+
+def wiring_trials(bench: Bench) -> Iterator[Trial]:
+    """Every sign and every exchange of two joints' torques, positions, or both."""
+    n = bench.robot.n_joints
+    for code, joints, order, sign, positions in _layouts(n):
+        moments = bench.moments
+        if positions is not None:
+            moments = tuple(Moments.of(bench.robot, positions(rows)) for rows in bench.rows)
+        for runs in bench.places:
+            tried = bench.changed(runs, lambda k, m=moments, o=order, s=sign: m[k].picked(o, s))
+            yield Trial(code, joints, runs, bench.fitted(tried))
+
+
+def _layouts(
+    n: int,
+) -> Iterator[tuple[str, tuple[int, ...], list[int], FloatArray, Callable[[ArmRows], ArmRows] | None]]:
+    as_it_is, ones = list(range(n)), np.ones(n)
+    yield "units_degrees", tuple(range(n)), as_it_is, ones, lambda rows: rows.scaled(np.pi / 180)
+    yield "torque_flipped", tuple(range(n)), as_it_is, -ones, None
+    for j in range(n):
+        sign = np.where(np.arange(n) == j, -1.0, 1.0)
+        yield "torque_flipped", (j,), as_it_is, sign, None
+        yield "position_flipped", (j,), as_it_is, ones, lambda rows, s=sign: rows.turned(s)
+        yield "joint_flipped", (j,), as_it_is, sign, lambda rows, s=sign: rows.turned(s)
+    for a, b in combinations(range(n), 2):
+        order = list(range(n))
+        order[a], order[b] = b, a
+        yield "torque_swapped", (a, b), order, ones, None
+        yield "position_swapped", (a, b), as_it_is, ones, lambda rows, o=tuple(order): rows.ordered(o)
+        yield "joints_swapped", (a, b), order, ones, lambda rows, o=tuple(order): rows.ordered(o)

@@ -1,0 +1,49 @@
+"""Another direction of gravity than the robot file's: a base that hangs, stands on a wall or on a slope."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid_rs.diagnosis.sensors.changes import Bench, Trial
+from dynid_rs.diagnosis.sensors.rows import Moments
+
+FloatArray = NDArray[np.float64]
+
+STEPS = (0.4, 0.2, 0.1, 0.05)
+"""Turns [rad] that are tried about the best direction so far, one after the other."""
+
+
+def gravity_trial(bench: Bench) -> tuple[Trial, FloatArray] | None:
+    """The direction (3,) under which the runs are most probable; None where nothing falls."""
+    strength = float(np.linalg.norm(bench.robot.gravity))
+    if strength == 0:
+        return None
+    corners = np.array(np.meshgrid(*[(-1.0, 0.0, 1.0)] * 3)).reshape(3, -1).T
+    starts = [corner / np.linalg.norm(corner) for corner in corners if np.any(corner)]
+    tried = [_tried(bench, strength * start) for start in starts]
+    best = max(range(len(tried)), key=lambda k: tried[k].fit.log)
+    trial, direction = tried[best], starts[best]
+    for step in STEPS:
+        for across in _across(direction):
+            for turn in (step, -step):
+                turned = np.cos(turn) * direction + np.sin(turn) * across
+                other = _tried(bench, strength * turned)
+                if other.fit.log > trial.fit.log:
+                    trial, direction = other, turned / np.linalg.norm(turned)
+                    break
+    return trial, strength * direction
+
+
+def _tried(bench: Bench, gravity: FloatArray) -> Trial:
+    robot = bench.robot.with_gravity(gravity.tolist())
+    n = robot.n_joints
+    fit = bench.fitted([Moments.of(robot, rows).picked(range(n)) for rows in bench.rows])
+    return Trial("mounting", tuple(range(n)), tuple(range(len(bench.rows))), fit)
+
+
+def _across(direction: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Two unit vectors (3,) at right angles to a direction and to each other."""
+    first = np.cross(direction, np.eye(3)[int(np.argmin(np.abs(direction)))])
+    first /= np.linalg.norm(first)
+    return first, np.cross(direction, first)

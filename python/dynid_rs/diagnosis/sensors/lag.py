@@ -1,0 +1,89 @@
+"""Torque channels that come late: a delay is given to what the model says, and tried in turn."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid_rs.diagnosis.sensors.changes import Bench, Trial
+from dynid_rs.diagnosis.sensors.rows import N_OWN, ArmRows, Moments
+
+FloatArray = NDArray[np.float64]
+
+NEAR = (-0.01, 0.01)
+"""Delays [s] that are tried first: towards a delay that is there runs become more probable from the first step on."""
+FAR = (-0.03, 0.025, 0.05, 0.09, 0.15)
+"""Those that are tried where one of the first is better than none; the best is refined."""
+PAD = 20
+"""Rows by which a run is continued at both ends before it is shifted."""
+
+
+@dataclass(frozen=True, eq=False)
+class Lag:
+    """The channels of `trial.joints` come late by `delay` [s].
+
+    `links_log` is L where the links' torque alone is late: friction that remembers where it came from looks late too.
+    """
+
+    trial: Trial
+    delay: float
+    links_log: float = -np.inf
+
+
+def lags(bench: Bench, enough: float) -> list[Lag]:
+    """Delays that make the runs more probable by `enough` nats: of all channels, and of each; the best of each."""
+    n = bench.robot.n_joints
+    groups = [tuple(range(n)), *((j,) for j in range(n))] if n > 1 else [(0,)]
+    seen: dict[tuple[float, bool], list[Moments]] = {}
+
+    def changed(delay: float, joints: Sequence[int], *, whole: bool = True) -> list[Moments]:
+        key = delay, whole
+        if key not in seen:
+            seen[key] = [_moments(bench, rows, delay, whole=whole) for rows in bench.rows]
+        mask = np.isin(np.arange(n), joints)
+        return [plain.where(mask, other) for plain, other in zip(bench.plain, seen[key], strict=True)]
+
+    def tried(delay: float, joints: Sequence[int]) -> Lag:
+        runs = changed(delay, joints)
+        return Lag(Trial("torque_late", tuple(joints), tuple(range(len(bench.rows))), bench.fitted(runs)), delay)
+
+    found = []
+    for group in groups:
+        best = max((tried(delay, group) for delay in NEAR), key=_log)
+        if _log(best) <= bench.fit.log:
+            continue
+        best = max((best, *(tried(delay, group) for delay in FAR)), key=_log)
+        if _log(best) - bench.fit.log >= enough:
+            best = _refined(best, lambda delay, joints=group: tried(delay, joints))  # type: ignore[misc]
+            links = bench.fitted(changed(best.delay, group, whole=False)).log
+            found.append(replace(best, links_log=links))
+    return found
+
+
+def _log(lag: Lag) -> float:
+    return lag.trial.fit.log
+
+
+def _refined(best: Lag, again: Callable[[float], Lag]) -> Lag:
+    step = 0.4 * abs(best.delay)
+    for _ in range(5):
+        best = max((best, again(best.delay + step), again(best.delay - step)), key=_log)
+        step /= 2
+    return best
+
+
+def _moments(bench: Bench, rows: ArmRows, delay: float, *, whole: bool) -> Moments:
+    n = len(rows.t) + 2 * PAD
+    turn = np.exp(-2j * np.pi * delay * np.fft.rfftfreq(n, float(rows.t[1] - rows.t[0])))[:, None]
+
+    def shifted(A: FloatArray) -> FloatArray:
+        # Turned about its ends: values and slopes go on.
+        head, tail = 2 * A[0] - A[PAD:0:-1], 2 * A[-1] - A[-2 : -PAD - 2 : -1]
+        spectrum = np.fft.rfft(np.concatenate([head, A, tail]), axis=0)
+        late = np.fft.irfft(spectrum * turn, n, axis=0)[PAD:-PAD]
+        return np.asarray(late if whole else np.column_stack([late[:, :-N_OWN], A[:, -N_OWN:]]))
+
+    return Moments.of(bench.robot, rows, shifted).picked(range(rows.n_joints))

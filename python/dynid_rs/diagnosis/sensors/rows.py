@@ -1,0 +1,170 @@
+"""A run as a few rows of the arm's equation of motion, cheap to make anew with other signs, orders and clocks.
+
+Positions and torques go through one low-pass and are thinned; the regressor is made of what is left. That is less exact
+than filtering every column beside the torque (`regression/columns.py`), and enough to tell which channel is which.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid_rs import _core
+from dynid_rs.runs.preprocessing import States
+
+FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+
+WIDTH = 0.02
+"""Of a joint's top speed: within this its friction changes its sign."""
+N_OWN = 4
+"""Columns of a joint's own: offset, viscous, Coulomb, rotor; the last three are never negative."""
+
+
+@dataclass(frozen=True, eq=False)
+class ArmRows:
+    """Rows of one run; every matrix is (n_rows, n_joints).
+
+    `t` (n_rows,) is uniform; `sign` is that of the motors' speed, through the low-pass; `told` marks what is fitted:
+    joints that move; `steepness` (n_joints,) as below.
+    """
+
+    name: str
+    t: FloatArray
+    q: FloatArray
+    dq: FloatArray
+    ddq: FloatArray
+    dq_motor: FloatArray
+    ddq_motor: FloatArray
+    sign: FloatArray
+    tau: FloatArray
+    told: BoolArray
+    steepness: FloatArray
+    _regressor: list[Any] = field(default_factory=list, init=False)
+
+    @staticmethod
+    def of(states: States) -> ArmRows:
+        """Rows of a prepared run."""
+        top = np.maximum(np.abs(states.dq_motor).max(axis=0), 1e-9)
+        sign = np.stack(
+            [
+                _core.friction_basis(np.ascontiguousarray(speed), 0.0, WIDTH * peak)[:, :2].sum(axis=1)
+                for speed, peak in zip(states.dq_motor.T, top, strict=True)
+            ],
+            axis=1,
+        )
+        matrices = (*states.signals(), sign, states.tau)
+        whole = states.band.apply(np.concatenate(matrices, axis=1), states.rate)[states.grid]
+        parts = [np.ascontiguousarray(x) for x in np.split(whole, len(matrices), axis=1)]
+        q, dq, ddq, _, dq_motor, ddq_motor, sign, tau = parts
+        told = states.moving[states.grid, None] & ~states.resting[states.grid]
+        t = states.t[states.grid]
+        return ArmRows(states.name, t, q, dq, ddq, dq_motor, ddq_motor, sign, tau, told, steepness(states.tau))
+
+    @property
+    def n_joints(self) -> int:
+        """Number of joints."""
+        return self.q.shape[1]
+
+    def turned(self, factors: FloatArray) -> ArmRows:
+        """The same run with positions times `factors` (n_joints,), each 1 or -1."""
+        names = ("q", "dq", "ddq", "dq_motor", "ddq_motor", "sign")
+        changed = {name: getattr(self, name) * factors for name in names}
+        return replace(self, **changed)
+
+    def scaled(self, factor: float) -> ArmRows:
+        """The same run with positions in another unit."""
+        changed = {name: getattr(self, name) * factor for name in ("q", "dq", "ddq", "dq_motor", "ddq_motor")}
+        return replace(self, **changed)
+
+    def ordered(self, order: Sequence[int]) -> ArmRows:
+        """The same run with positions of the joints in another order."""
+        names = ("q", "dq", "ddq", "dq_motor", "ddq_motor", "sign")
+        changed = {name: np.ascontiguousarray(getattr(self, name)[:, list(order)]) for name in names}
+        return replace(self, **changed)
+
+    def regressor(self, robot: _core.RobotModel) -> FloatArray:
+        """Columns of the links' ten numbers, (n_rows, n_joints, 10 n_links); the last robot's is kept."""
+        if self._regressor[:1] != [robot]:
+            self._regressor[:] = [robot, robot.joint_torque_regressor(self.q, self.dq, self.ddq)]
+        columns: FloatArray = self._regressor[1]
+        return columns
+
+    def own(self, j: int) -> FloatArray:
+        """Columns of joint j's own, (n_rows, 4): offset, viscous, Coulomb, rotor."""
+        ones = np.ones(len(self.q))
+        return np.column_stack([ones, self.dq_motor[:, j], self.sign[:, j], self.ddq_motor[:, j]])
+
+
+def steepness(tau: FloatArray) -> FloatArray:
+    """Density of every channel's noise from 0.36 to 0.72 of its band over that in the octave before, (n_joints,).
+
+    Above that a run on its grid has been low-passed. The median over short stretches: jumps, of friction at a reversal
+    say, are in few of them.
+    """
+    length = min(64, len(tau))
+    parts = np.stack([tau[k : k + length] for k in range(0, len(tau) - length + 1, max(1, length // 2))])
+    parts = np.diff(parts - parts.mean(axis=1, keepdims=True), n=2, axis=1)
+    window = np.hanning(parts.shape[1] + 2)[1:-1, None]
+    n = 4 * length
+    power = np.abs(np.fft.rfft(parts * window, n, axis=1)) ** 2
+    omega = np.pi * np.arange(power.shape[1]) / (power.shape[1] - 1)
+    density = np.median(power, axis=0)[1:] / (2 * np.sin(omega[1:] / 2))[:, None] ** 4
+    low, middle, high = (int(share * len(density)) for share in (0.18, 0.36, 0.72))
+    return np.asarray(density[middle:high].mean(axis=0) / np.maximum(density[low:middle].mean(axis=0), 1e-300))
+
+
+@dataclass(frozen=True, eq=False)
+class Moments:
+    """Products of a run's columns, per joint: all that a fit needs.
+
+    `columns` (n_joints, n, n) of the 10 numbers of every link and the joint's own four; `cross` (n_joints, n, k) of
+    them with every channel of torque; `power` (n_joints, k) of the channels on the joint's rows; `count` (n_joints,).
+    """
+
+    columns: FloatArray
+    cross: FloatArray
+    power: FloatArray
+    count: FloatArray
+
+    @staticmethod
+    def of(robot: _core.RobotModel, rows: ArmRows, seen: Callable[[FloatArray], FloatArray] | None = None) -> Moments:
+        """Moments of a run for a robot; `seen` is what the torque channels make of a torque (n_rows, k)."""
+        regressor = rows.regressor(robot)
+        columns, cross, power = [], [], []
+        for j in range(rows.n_joints):
+            told = rows.told[:, j]
+            A = np.column_stack([regressor[:, j], rows.own(j)])
+            A = (A if seen is None else seen(A))[told]
+            columns.append(A.T @ A)
+            cross.append(A.T @ rows.tau[told])
+            power.append(np.sum(rows.tau[told] ** 2, axis=0))
+        return Moments(np.array(columns), np.array(cross), np.array(power), rows.told.sum(axis=0).astype(float))
+
+    def where(self, joints: NDArray[np.bool_], other: Moments) -> Moments:
+        """These moments, those of `other` on some joints (n_joints,)."""
+        names = ("columns", "cross", "power", "count")
+        mixed = {}
+        for name in names:
+            mine, theirs = getattr(self, name), getattr(other, name)
+            mixed[name] = np.where(joints.reshape(-1, *[1] * (mine.ndim - 1)), theirs, mine)
+        return replace(self, **mixed)
+
+    def with_body(self, *, carried: bool) -> Moments:
+        """Moments with ten more columns before the joints' own: a body on the last link, if it is `carried`."""
+        n = self.columns.shape[1] - N_OWN
+        order = np.r_[np.arange(n), np.arange(n - 10, n), np.arange(n, n + N_OWN)]
+        there = np.ones(len(order))
+        there[n : n + 10] = float(carried)
+        columns = self.columns[:, order][:, :, order] * np.outer(there, there)
+        return replace(self, columns=columns, cross=self.cross[:, order] * there[:, None])
+
+    def picked(self, channel: Sequence[int], factor: FloatArray | float = 1.0) -> Moments:
+        """Moments with one channel per joint, times a factor (n_joints,)."""
+        joints, factors = np.arange(len(self.power)), np.broadcast_to(factor, (len(self.power),))
+        cross = self.cross[joints, :, channel] * factors[:, None]
+        return replace(self, cross=cross[:, :, None], power=(self.power[joints, channel] * factors**2)[:, None])

@@ -1,0 +1,142 @@
+"""Cells and stamps of a run: what no recording is made of, refused with its place and its mend."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid_rs.base.errors import DataError
+
+FloatArray = NDArray[np.float64]
+
+MIN_SAMPLES = 20
+"""Fewer rows than this carry no dynamics: filters alone need as many to start."""
+
+MAX_GAP_STEPS = 10.0
+"""A longer step than this many median steps cannot be bridged: the run must be split there."""
+
+BURSTS = (0.6, 1.5)
+"""The median step over the mean: outside of this, stamps come in bursts."""
+
+MIN_STEP = 1e-9
+"""Shorter median steps [s] come from a wrong unit or damaged numbers."""
+
+ABSURD = 1e7
+"""No position, torque or acceleration of an arm has this size, in degrees and N mm neither."""
+
+
+def row_text(row: int, line_of: Callable[[int], int] | None = None) -> str:
+    """Name a 0-based data row for people: counted from 1, with the line where the file has lines."""
+    line = "" if line_of is None else f" (line {line_of(row)})"
+    return f"row {row + 1}{line}"
+
+
+def check_finite(values: FloatArray, *, file: str, column: str, line_of: Callable[[int], int] | None = None) -> None:
+    """Check that a column (n,) holds numbers only.
+
+    Raises
+    ------
+    DataError
+        NaN, infinity or an empty cell; names file, row and column.
+    """
+    finite = np.isfinite(values)
+    if finite.all():
+        return
+    wrong = np.flatnonzero(~finite)
+    row = int(wrong[0])
+    more = f" (and {wrong.size - 1} more in this column)" if wrong.size > 1 else ""
+    raise DataError(
+        f"{file}, {row_text(row, line_of)}, column {column}: {values[row]} is not a finite number{more}; "
+        "cut these rows out or split the run there",
+        code="not_finite",
+        file=file,
+        column=column,
+        row=row,
+    )
+
+
+def check_size(
+    values: FloatArray, scale: float = 1.0, *, file: str, column: str, line_of: Callable[[int], int] | None = None
+) -> None:
+    """Check that a column (n,) of finite numbers holds no number that is absurd once multiplied by `scale`, to SI.
+
+    Raises
+    ------
+    DataError
+        A number beyond `ABSURD`; names file, row, column, the number in the file, and the mend.
+    """
+    limit = ABSURD / abs(scale)
+    if -limit <= values.min() and values.max() <= limit:
+        return
+    wrong = np.flatnonzero(np.abs(values) > limit)
+    row = int(wrong[0])
+    more = f" (and {wrong.size - 1} more in this column)" if wrong.size > 1 else ""
+    mend = "cut these rows out or split the run there"
+    if 2 * wrong.size > values.size:
+        mend = "give its unit in dynid.toml under [units], or map another column under [columns]"
+    raise DataError(
+        f"{file}, {row_text(row, line_of)}, column {column}: {values[row]:g} is no value that an arm has (at most "
+        f"{ABSURD:g} in SI){more}; {mend}",
+        code="absurd_value",
+        file=file,
+        column=column,
+        row=row,
+    )
+
+
+def check_time(t: FloatArray, *, file: str, column: str = "t", line_of: Callable[[int], int] | None = None) -> None:
+    """Check that time (n,) [s] is finite and strictly increasing, without long gaps.
+
+    Raises
+    ------
+    DataError
+        Fewer than 20 samples, time that stands still or goes backwards, a step of more than 10 median
+        steps; names file, row and column.
+    """
+
+    def fault(code: str, row: int | None, text: str) -> DataError:
+        place = "" if row is None else f", {row_text(row, line_of)}"
+        return DataError(f"{file}{place}, column {column}: {text}", code=code, file=file, column=column, row=row)
+
+    if t.shape[0] < MIN_SAMPLES:
+        raise fault("too_few_samples", None, f"{t.shape[0]} samples are too few; at least {MIN_SAMPLES} are needed")
+    check_finite(t, file=file, column=column, line_of=line_of)
+    with np.errstate(over="ignore"):  # a damaged stamp of 1e308 is a long gap like any other
+        dt = np.diff(t)
+    wrong = np.flatnonzero(dt <= 0)
+    if wrong.size:
+        row = int(wrong[0]) + 1
+        backwards = t[row] < t[row - 1]
+        raise fault(
+            "time_backwards" if backwards else "time_stands_still",
+            row,
+            f"time {'goes backwards' if backwards else 'stands still'} from "
+            f"{t[row - 1]:.9g} s to {t[row]:.9g} s"
+            f" ({wrong.size} such row{'s' if wrong.size > 1 else ''}); time must strictly increase: "
+            + ("split the run there" if backwards else "remove the repeated rows"),
+        )
+    median = usual_step(dt)
+    if median < MIN_STEP:
+        text = f"a median step of {median:.3g} s is no sampling period; is the unit of time right?"
+        raise fault("time_step", None, text)
+    longest = int(np.argmax(dt))
+    if dt[longest] > MAX_GAP_STEPS * median:
+        raise fault(
+            "long_gap",
+            longest + 1,
+            f"a gap of {dt[longest]:.4g} s before this row ({float(dt[longest]) / median:.0f} median "
+            f"steps of {median:.4g} s) cannot be bridged; split the run there",
+        )
+
+
+def usual_step(dt: FloatArray) -> float:
+    """Median of steps (n,) of time; their mean where the two contradict each other.
+
+    Samples that are stamped when a buffer of them arrives have short steps and a long one in turn. Their mean is the
+    step of the samples; the longest hundredth is left out, or a few gaps would look like that.
+    """
+    median = float(np.median(dt))
+    mean = float(np.mean(dt[dt <= np.quantile(dt, 0.99)])) if len(dt) >= 100 else float(np.mean(dt))
+    return mean if np.isfinite(mean) and not BURSTS[0] < median / mean < BURSTS[1] else median

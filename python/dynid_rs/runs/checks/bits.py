@@ -1,0 +1,109 @@
+"""Bits that a channel has lost: low ones, so that it goes in steps, or one that hangs, so that it jumps to and fro."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from dynid_rs.base.findings import Finding
+from dynid_rs.runs.checks.motion import extent, label, moving_joints
+from dynid_rs.runs.recording import FloatArray, Recording
+
+COARSE_STEP = 1.5e-3
+"""Step of a position [rad] that no encoder of a joint has: 4,200 to a turn, behind the gear."""
+COARSE_FACTOR = 20.0
+"""A joint's step over the median of the others': encoders of one arm differ by the ratios of their gears."""
+FEW_LEVELS = 40
+"""Different values over a moving joint's whole torque: five bits."""
+SAME = 0.1
+"""Jumps of a bit that hangs are equal but for the motion in between: spread over size."""
+LEAST_JUMPS = 4
+JUMP = 8.0
+"""Times the steps beside it, on both sides: motion does not jump there and go on as before."""
+
+
+def check_bits(rec: Recording) -> Iterator[Finding]:
+    """Positions and torques in steps that are too coarse; positions that jump to and fro by one size."""
+    moves = moving_joints(rec)
+    for signal in ("q", "q_motor", "tau"):
+        values = getattr(rec, signal)
+        if values is None:
+            continue
+        steps = np.array([lattice_step(values[:, j]) for j in range(rec.n_joints)])
+        for j in np.flatnonzero(moves).tolist():
+            found = extent(rec, signal)
+            span = float(found.highest[j] - found.lowest[j])
+            others = np.median(np.delete(steps, j)) if rec.n_joints > 1 else 0.0
+            if signal == "tau":
+                if 0 < span / max(steps[j], 1e-300) < FEW_LEVELS and steps[j] > 0:
+                    yield _coarse(rec, signal, j, steps[j], rec.torque_unit)
+            elif steps[j] > COARSE_STEP or steps[j] > COARSE_FACTOR * others > 0:
+                yield _coarse(rec, signal, j, steps[j], "rad")
+            else:
+                yield from _hanging(rec, signal, values[:, j], j)
+
+
+def lattice_step(values: FloatArray) -> float:
+    """Step of which all differences of a column (n,) are multiples; 0 where there is none to be seen.
+
+    A step is one if the values are far fewer than the samples and no difference of neighbours among them is off a whole
+    number of the smallest.
+    """
+    levels = np.unique(values)
+    if len(levels) < 2 or 3 * len(levels) > len(values):
+        return 0.0
+    gaps = np.diff(levels)
+    rounding = 1e-9 * max(abs(levels[0]), abs(levels[-1]))
+    gaps = gaps[gaps > rounding]
+    if not len(gaps):
+        return 0.0
+    step = float(gaps.min())
+    off = np.abs(gaps / step - np.round(gaps / step))
+    return step if float(np.max(off)) < 0.05 else 0.0
+
+
+def _hanging(rec: Recording, signal: str, values: FloatArray, joint: int) -> Iterator[Finding]:
+    """Jumps to and fro by one size: wherever the position passes a multiple of the bit."""
+    d = np.diff(values)
+    padded = np.concatenate([d[2:0:-1], d, d[-2:-4:-1]])
+    beside = np.median(np.stack([padded[k : k + len(d)] for k in (0, 1, 3, 4)]), axis=0)
+    noise = 1.4826 * float(np.median(np.abs(d - beside)))
+    smallest = np.min(np.abs(d[d != 0])) if np.any(d) else 0.0
+    jumps = d - beside
+    reach = np.max(np.stack([np.abs(padded[k : k + len(d)]) for k in (0, 1, 3, 4)]), axis=0)
+    rows = np.flatnonzero(np.abs(jumps) > JUMP * np.maximum(reach, max(noise, 2 * smallest)))
+    rows = rows[np.abs(jumps[rows]) > 0.3 * np.max(np.abs(jumps[rows]), initial=0.0)]
+    sizes = np.abs(jumps[rows])
+    both = bool(np.any(jumps[rows] > 0) and np.any(jumps[rows] < 0))
+    if len(rows) < LEAST_JUMPS or not both or np.std(sizes) > SAME * np.median(sizes):
+        return
+    size = float(np.median(sizes))
+    # Smaller ones do no more harm than a coarse encoder, and whole turns are `wrapped`.
+    if not COARSE_STEP < size < np.pi:
+        return
+    yield Finding(
+        "lost_bits",
+        "error",
+        f"{label(rec, signal, joint)} jumps to and fro by {size:.3g} rad {len(rows)} times, first at row "
+        f"{rows[0] + 2}: a bit of the encoder hangs; mend the encoder or its cable and record again",
+        rec.name,
+        f"{signal}_{joint}",
+        (int(rows[0]), int(rows[-1]) + 2),
+        size,
+        "rad",
+    )
+
+
+def _coarse(rec: Recording, signal: str, joint: int, step: float, unit: str) -> Finding:
+    return Finding(
+        "lost_bits",
+        "warning",
+        f"{label(rec, signal, joint)} goes in steps of {step:.3g} {unit}: low bits are lost; record it with all its "
+        "digits",
+        rec.name,
+        f"{signal}_{joint}",
+        (0, rec.n_samples),
+        float(step),
+        unit,
+    )

@@ -1,0 +1,95 @@
+"""docs/bad_data.md: figures of one seed, class by class, and the list of codes."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import TYPE_CHECKING
+
+from bad_data.classes import ARMS, CLASSES, N_VARIANTS
+
+if TYPE_CHECKING:
+    from bad_data.run import Clean, Told
+
+HEAD = """# Bad data
+
+What `dynid` says of recordings that are not what they seem: by name (`code`), file, column, rows, with its evidence
+and its mend, the same in `inspect`, `identify`, `diagnose` and in their `--json`. Nothing is mended unasked: what is
+not used (a velocity that contradicts its position) or left out (contacts, in `diagnose`) is said in the result.
+
+Written by `python tests/bad_data/run.py --page docs/bad_data.md`, in one go. Arms, motions, sensors and noise are the
+exam's (`tests/exam`), which shares no line with the program; what is spoiled is drawn in `tests/bad_data`. Seeds below
+1000 are for choosing; this page is of seed {seed}, drawn from the clock when the command was run.
+
+## How often
+
+{n_classes} classes, {n_variants} variants of each, {n_arms} groups of arms (of {joints} joints; every variant has an
+arm and a motion of its own). *Found*: the right name is said. *Named right*: of the right file and column and, where
+the fault has a place, of rows that touch it; where one name has several causes the message says which; and no error is
+said of a good file, nor one that does not follow from the fault.
+
+{table}
+
+A false alarm is a warning or an error that is not true of a clean recording. Those are drawn as the exam's are, rests,
+slow motion and rates from 20 Hz up included, with nothing hidden in them; that rows are missing, that stamps jitter,
+that two joints move together and that the rate is low is true of some of them, and not counted.
+
+## How it is told
+
+* **One file by itself** (`runs/checks`, one small file per idea): cells, time, units, encoders, lost bits, lone
+  samples, plateaus, velocities against positions. Where one cause makes several checks speak, the cause is said alone.
+* **The arm** (`diagnosis/sensors`, with a robot file): runs are explained by rigid links near the robot file's and
+  friction that resists, with a variance of its own for every joint; then once more with one thing changed (a sign, two
+  joints exchanged, a unit, a clock, gravity, a body carried on one run), in all runs or in one. The change under which
+  the runs are most probable is said if it gains 30 nats: if nothing is wrong, a change gains k nats with a chance of
+  exp(-k) at most, so that a thousand changes raise one alarm in ten billion sets, if errors were independent and
+  Gaussian; since they are not, a change has to explain three quarters of what is unexplained as well.
+* **Contacts** are bursts of what the declared model leaves. `diagnose` leaves them out from 6 standard deviations on;
+  `inspect` and `identify`, which leave nothing out, say them from 12 on.
+* Archives that are streamed (`--memory`) are checked file by file, not as a set.
+
+## Codes
+
+| code | found | evidence | mend |
+| --- | --- | --- | --- |
+{codes}
+"""
+
+
+def table(told: list[Told], clean: list[Clean]) -> str:
+    """Class by class: found, named right; and false alarms by code."""
+    lines = ["| class | drawn | found | named right |", "| --- | --- | --- | --- |"]
+    for name in CLASSES:
+        of = [one for one in told if one.name == name]
+        if of:
+            found, named = sum(one.mark.found for one in of), sum(one.mark.named for one in of)
+            lines.append(f"| {name} | {len(of)} | {found} | {named} |")
+    found, named = sum(one.mark.found for one in told), sum(one.mark.named for one in told)
+    lines += [f"| **all** | {len(told)} | {found} | {named} |", ""]
+    n_runs = sum(one.n_runs for one in clean)
+    alarmed = sum(len({alarm.file for alarm in one.alarms}) for one in clean)
+    codes = Counter(alarm.code for one in clean for alarm in one.alarms)
+    listed = ", ".join(f"`{code}` {count}" for code, count in codes.most_common()) or "none"
+    lines.append(f"Clean recordings: {n_runs}, with a false alarm: {alarmed}. By code: {listed}.")
+    return "\n".join(lines)
+
+
+def page(seed: int, told: list[Told], clean: list[Clean]) -> str:
+    """The page."""
+    from dynid_rs.base.codes import CODES
+
+    rows = [f"| `{code}` | {one.found} | {one.evidence} | {one.mend} |" for code, one in CODES.items()]
+    wrong = [
+        f"* {one.name}, {one.what}: {' | '.join(one.mark.wrong)[:160].rstrip()}" for one in told if not one.mark.named
+    ]
+    text = table(told, clean)
+    if wrong:
+        text += "\n\nNot named right:\n\n" + "\n".join(wrong)
+    return HEAD.format(
+        seed=seed,
+        n_classes=len(CLASSES),
+        n_variants=N_VARIANTS,
+        n_arms=len(ARMS),
+        joints=", ".join(map(str, ARMS)),
+        table=text,
+        codes="\n".join(rows),
+    )
