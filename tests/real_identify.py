@@ -73,10 +73,11 @@ def summary(results: Iterable[dict[str, Any]]) -> str:
     """Say in one sentence on how many joints the model is worse, how bad the worst is, and where it is better."""
     found = [ratios(result) for result in results]
     every = np.concatenate(found)
+    n_worse, n_better = np.sum(every > WORSE), np.sum(every < BETTER)
     return (
-        f"On {np.sum(every > WORSE)} of {len(every)} joints of {len(found)} sets the three loops leave more than {WORSE} of "
-        f"the error of weighted least squares, {every.max():.2f} on the worst; on {np.sum(every < BETTER)} they leave less than "
-        f"{BETTER}. The ratio's geometric mean is {np.exp(np.mean(np.log(every))):.3f}.\n"
+        f"On {n_worse} of {len(every)} joints of {len(found)} sets the three loops leave more than {WORSE} of the "
+        f"error of weighted least squares, {every.max():.2f} on the worst; on {n_better} less than {BETTER}. "
+        f"The ratio's geometric mean is {np.exp(np.mean(np.log(every))):.3f}.\n"
     )
 
 
