@@ -244,9 +244,9 @@ def test_width_and_centre_are_those_of_the_greatest_evidence(small):
     assert found.converged
 
 
-@pytest.mark.parametrize(("offset", "size"), [(0.0, OFFSETS[0]), (0.2, OFFSETS[1])])
+@pytest.mark.parametrize(("offset", "size"), [(0.0, OFFSETS[0]), (0.5, OFFSETS[1])])
 def test_constant_torques_are_believed_where_the_data_ask_for_them(small, offset, size):
-    """None, and a fifth of every joint's torque, beside what else was fitted to the arm and noise."""
+    """None, and half of every joint's torque, beside what else was fitted to the arm and noise."""
     plan, rng = small.plan, np.random.default_rng(0)
     torque, own = sizes_of(small)
     at = names_of(plan).index("torque_offset")
