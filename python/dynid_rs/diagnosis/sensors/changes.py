@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
+from operator import methodcaller
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,8 @@ from numpy.typing import NDArray
 from dynid_rs import _core
 from dynid_rs.diagnosis.sensors.fit import ArmFit, ArmPrior, fit_arm
 from dynid_rs.diagnosis.sensors.rows import ArmRows, Moments
+from dynid_rs.runs.checks.excitation import TOGETHER
+from dynid_rs.runs.checks.motion import correlation
 
 FloatArray = NDArray[np.float64]
 
@@ -33,7 +36,8 @@ class Bench:
     def size(self) -> FloatArray:
         """Standard deviation of every torque channel over all runs, (n_joints,)."""
         tau = np.concatenate([rows.tau for rows in self.rows])
-        return np.maximum(tau.std(axis=0), 1e-12 * max(float(np.abs(tau).max()), 1e-300))
+        size: FloatArray = np.maximum(tau.std(axis=0), 1e-12 * max(float(np.abs(tau).max()), 1e-300))
+        return size
 
     @cached_property
     def moments(self) -> tuple[Moments, ...]:
@@ -60,6 +64,10 @@ class Bench:
         whole = tuple(range(len(self.rows)))
         return [whole] if len(whole) == 1 else [whole, *((k,) for k in whole)]
 
+    def move_together(self, a: int, b: int) -> bool:
+        """Whether two joints move alike on all runs: what one's motion explains, the other's does too."""
+        return all(abs(correlation(rows.dq[:, a], rows.dq[:, b])) > TOGETHER for rows in self.rows)
+
     def changed(self, runs: Sequence[int], change: Callable[[int], Moments]) -> list[Moments]:
         """Runs with those of `runs` changed."""
         return [change(k) if k in runs else plain for k, plain in enumerate(self.plain)]
@@ -79,28 +87,30 @@ def wiring_trials(bench: Bench) -> Iterator[Trial]:
     """Every sign and every exchange of two joints' torques, positions, or both."""
     n = bench.robot.n_joints
     for code, joints, order, sign, positions in _layouts(n):
+        if code.endswith("_swapped") and bench.move_together(*joints):
+            continue
         moments = bench.moments
         if positions is not None:
             moments = tuple(Moments.of(bench.robot, positions(rows)) for rows in bench.rows)
+        picked = [each.picked(order, sign) for each in moments]
         for runs in bench.places:
-            tried = bench.changed(runs, lambda k, m=moments, o=order, s=sign: m[k].picked(o, s))
-            yield Trial(code, joints, runs, bench.fitted(tried))
+            yield Trial(code, joints, runs, bench.fitted(bench.changed(runs, picked.__getitem__)))
 
 
 def _layouts(
     n: int,
 ) -> Iterator[tuple[str, tuple[int, ...], list[int], FloatArray, Callable[[ArmRows], ArmRows] | None]]:
     as_it_is, ones = list(range(n)), np.ones(n)
-    yield "units_degrees", tuple(range(n)), as_it_is, ones, lambda rows: rows.scaled(np.pi / 180)
+    yield "units_degrees", tuple(range(n)), as_it_is, ones, methodcaller("scaled", np.pi / 180)
     yield "torque_flipped", tuple(range(n)), as_it_is, -ones, None
     for j in range(n):
         sign = np.where(np.arange(n) == j, -1.0, 1.0)
         yield "torque_flipped", (j,), as_it_is, sign, None
-        yield "position_flipped", (j,), as_it_is, ones, lambda rows, s=sign: rows.turned(s)
-        yield "joint_flipped", (j,), as_it_is, sign, lambda rows, s=sign: rows.turned(s)
+        yield "position_flipped", (j,), as_it_is, ones, methodcaller("turned", sign)
+        yield "joint_flipped", (j,), as_it_is, sign, methodcaller("turned", sign)
     for a, b in combinations(range(n), 2):
         order = list(range(n))
         order[a], order[b] = b, a
         yield "torque_swapped", (a, b), order, ones, None
-        yield "position_swapped", (a, b), as_it_is, ones, lambda rows, o=tuple(order): rows.ordered(o)
-        yield "joints_swapped", (a, b), order, ones, lambda rows, o=tuple(order): rows.ordered(o)
+        yield "position_swapped", (a, b), as_it_is, ones, methodcaller("ordered", tuple(order))
+        yield "joints_swapped", (a, b), order, ones, methodcaller("ordered", tuple(order))
