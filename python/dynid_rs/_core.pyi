@@ -55,6 +55,7 @@ __all__ = [
     "fold",
     "friction_basis",
     "inverse_dynamics_gradient",
+    "likeliest",
     "low_pass",
     "merge_factors",
     "named_signals",
