@@ -293,6 +293,7 @@ def prepare(recording: Recording, band: Band, rate: float, *, standstill: bool =
         reference=None if reference is None else (reference[0], reference[1], reference[2]),
         temperature=temperature,
         before=_states_before(recording, band, rate, standstill),
+        torque_delay=0.0,
     )
 
 
