@@ -54,7 +54,7 @@ impl From<&Regression> for PyRegression {
     }
 }
 
-type Regressions = List<Option<PyRegression>>;
+type Regressions = Vec<Option<PyRegression>>;
 type Evaluation<'py> = (
     Bound<'py, PyArray2<f64>>,
     Bound<'py, PyArray3<f64>>,
@@ -130,7 +130,7 @@ impl PyTorqueModel {
         robot: &PyRobotModel,
         phi: &Bound<'_, PyAny>,
         effects: List<(PyEffect, Bound<'_, PyAny>)>,
-        residual: Option<(String, Regressions)>,
+        residual: Option<(String, List<Option<PyRegression>>)>,
         residual_signals: Option<List<Named>>,
         compliance: Option<List<f64>>,
         torque_scale: Option<List<f64>>,

@@ -20,6 +20,8 @@ from dynid_rs.runs.recording import FloatArray
 
 MAX_LINE = 1 << 20
 """Bytes. A longer line is no row of numbers."""
+MAX_NUMBER = 4096
+"""Characters. A longer cell is no number: no float has more than 767 digits that count."""
 
 _DELIMITERS = ",;\t"
 _NEWLINE = re.compile(rb"\r\n|\n|\r")
@@ -245,12 +247,13 @@ def _load_exact(layout: _Layout, wanted: Sequence[str]) -> Columns:
 
 
 def _number(layout: _Layout, row: int, line: int, position: int, cell: str) -> float:
-    if _NUMBER.fullmatch(cell):
+    if len(cell) <= MAX_NUMBER and _NUMBER.fullmatch(cell):
         return float(cell)
     name = layout.header[position]
     if not cell:
         raise _fault(layout, row, line, name, "the cell is empty, expected a number; cut the row out")
-    mend = "write decimal points, not commas" if _NUMBER.fullmatch(cell.replace(",", ".")) else "correct the cell"
+    points = len(cell) <= MAX_NUMBER and _NUMBER.fullmatch(cell.replace(",", "."))
+    mend = "write decimal points, not commas" if points else "correct the cell"
     raise _fault(layout, row, line, name, f"{shown(cell)!r} is not a number; {mend}")
 
 
