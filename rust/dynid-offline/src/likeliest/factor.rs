@@ -155,13 +155,13 @@ pub(super) fn squared<L: Lanes>(inverse: &Lower, begins: &[usize], first: &[usiz
     let n = first.len();
     let mut square = Lower::zeros(n);
     let stride = square.stride;
-    for i in 0..n {
-        for a in begins[i]..=i {
+    for (i, &begin) in begins.iter().enumerate() {
+        for (a, &start) in first.iter().enumerate().take(i + 1).skip(begin) {
             let share = inverse.at(i, a);
             if share == 0.0 {
                 continue;
             }
-            let part = begins[i].max(first[a]) / MOST_LANES..a / MOST_LANES + 1;
+            let part = begin.max(start) / MOST_LANES..a / MOST_LANES + 1;
             if part.start < part.end {
                 let other = &inverse.numbers[i * stride + part.start..i * stride + part.end];
                 let to = &mut square.numbers[a * stride + part.start..a * stride + part.end];
