@@ -54,7 +54,6 @@ impl From<&Regression> for PyRegression {
     }
 }
 
-type Regressions = Vec<Option<PyRegression>>;
 type Evaluation<'py> = (
     Bound<'py, PyArray2<f64>>,
     Bound<'py, PyArray3<f64>>,

@@ -64,9 +64,12 @@ class Bench:
         whole = tuple(range(len(self.rows)))
         return [whole] if len(whole) == 1 else [whole, *((k,) for k in whole)]
 
-    def move_together(self, a: int, b: int) -> bool:
-        """Whether two joints move alike on all runs: what one's motion explains, the other's does too."""
-        return all(abs(correlation(rows.dq[:, a], rows.dq[:, b])) > TOGETHER for rows in self.rows)
+    def moves_alone(self, j: int) -> bool:
+        """Whether no other joint moves as joint j does on all runs, and would explain what it does."""
+        others = (k for k in range(self.robot.n_joints) if k != j)
+        return not any(
+            all(abs(correlation(rows.dq[:, j], rows.dq[:, k])) > TOGETHER for rows in self.rows) for k in others
+        )
 
     def changed(self, runs: Sequence[int], change: Callable[[int], Moments]) -> list[Moments]:
         """Runs with those of `runs` changed."""
@@ -86,8 +89,9 @@ class Trial:
 def wiring_trials(bench: Bench) -> Iterator[Trial]:
     """Every sign and every exchange of two joints' torques, positions, or both."""
     n = bench.robot.n_joints
+    alone = [bench.moves_alone(j) for j in range(n)]
     for code, joints, order, sign, positions in _layouts(n):
-        if code.endswith("_swapped") and bench.move_together(*joints):
+        if code.endswith("_swapped") and not all(alone[j] for j in joints):
             continue
         moments = bench.moments
         if positions is not None:
