@@ -16,6 +16,9 @@ from dynid_rs.diagnosis.sensors.rows import ArmRows, Moments
 
 FloatArray = NDArray[np.float64]
 
+MOST_ODD = 4
+"""Runs of a set that are looked at one by one."""
+
 
 @dataclass(frozen=True, eq=False)
 class Bench:
@@ -56,9 +59,15 @@ class Bench:
 
     @property
     def places(self) -> list[tuple[int, ...]]:
-        """Where a change may be: all runs, or one of several."""
+        """Where a change may be: all runs, or one of those that are explained worst."""
         whole = tuple(range(len(self.rows)))
-        return [whole] if len(whole) == 1 else [whole, *((k,) for k in whole)]
+        return [whole] if len(whole) == 1 else [whole, *((k,) for k in self.odd)]
+
+    @cached_property
+    def odd(self) -> tuple[int, ...]:
+        """The runs that the common model explains worst, (at most `MOST_ODD`,): a lone bad run is one of them."""
+        worst = np.argsort(-np.max(self.fit.run_shares, axis=1), kind="stable")
+        return tuple(sorted(worst[:MOST_ODD].tolist()))
 
     def changed(self, runs: Sequence[int], change: Callable[[int], Moments]) -> list[Moments]:
         """Runs with those of `runs` changed."""
