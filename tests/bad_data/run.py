@@ -10,13 +10,16 @@ choosing. 23 classes, 5 variants, 3 arms (of five, six and seven joints), and 20
 from __future__ import annotations
 
 import argparse
+import functools
 import json
 import os
+import pickle
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -64,12 +67,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     seed = options.seed if options.seed is not None else REPORTED + time.time_ns() % (LARGEST - REPORTED)
     print(f"seed {seed}")
     places = [(arm, variant) for arm in options.arms for variant in options.variants]
-    told: list[Told] = []
-    with ProcessPoolExecutor(options.jobs) as pool:
-        waiting = [pool.submit(tell, seed, arm, variant, options.classes, options.command) for arm, variant in places]
-        for future in waiting:
-            told += future.result()
-        clean = _clean(pool, seed, options.clean)
+    with ProcessPoolExecutor(options.jobs) as pool, _kept(options.keep) as keep:
+        waiting = [pool.submit(_told, keep, seed, *place, options.classes, options.command) for place in places]
+        told = [one for future in waiting for one in future.result()]
+        clean = _clean(pool, keep, seed, options.clean)
     for one in sorted(told, key=lambda one: (list(CLASSES).index(one.name), one.arm, one.variant)):
         if not one.mark.named:
             print(f"{one.name} arm {one.arm} variant {one.variant} ({one.what}): {' | '.join(one.mark.wrong)}")
@@ -98,23 +99,52 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--command", choices=("inspect", "identify", "diagnose"), default="inspect")
     parser.add_argument("--clean", type=int, default=200, help="how many clean recordings")
     parser.add_argument("--page", type=Path, help="write the tables to this Markdown file")
+    parser.add_argument(
+        "--keep", type=Path, help="folder in which marks stay; the same command goes on where it broke off"
+    )
     parser.add_argument("--jobs", type=int, default=1, help="arms side by side")
     return parser
 
 
-def tell(seed: int, arm: int, variant: int, names: Sequence[str], command: str) -> list[Told]:
-    """Tell the stories of one arm to the program."""
-    made, told = good_set(seed, arm, variant), []
+@contextmanager
+def _kept(folder: Path | None) -> Iterator[Path]:
+    """The folder that keeps marks, or one for now."""
+    if folder is not None:
+        folder.mkdir(parents=True, exist_ok=True)
+        yield folder
+        return
+    with tempfile.TemporaryDirectory(prefix="bad-data-") as temporary:
+        yield Path(temporary)
+
+
+def _once(path: Path, work: Callable[[], Any]) -> Any:
+    """What `work` gives, done once for a file."""
+    if not path.exists():
+        done = pickle.dumps(work())
+        path.with_suffix(".part").write_bytes(done)
+        path.with_suffix(".part").replace(path)
+    return pickle.loads(path.read_bytes())
+
+
+def _told(keep: Path, seed: int, arm: int, variant: int, names: Sequence[str], command: str) -> list[Told]:
+    told = []
+    made = functools.cache(lambda: good_set(seed, arm, variant))
     for name in names:
-        story = draw_story(name, made, variant)
-        with tempfile.TemporaryDirectory(prefix="bad-data-") as folder:
-            try:
-                said = said_by(answer(command, story, Path(folder)))
-                mark = judge(said, story.wanted)
-            except Exception as error:  # a traceback is the worst answer
-                said, mark = [], Mark(wrong=[f"{type(error).__name__}: {error}"])
-        told.append(Told(name, arm, variant, story.what, mark, said))
+        path = keep / f"{command}_{seed}_{arm}_{variant}_{name.replace(' ', '_')}.mark"
+        told.append(_once(path, lambda name=name: tell(name, made(), arm, variant, command)))
     return told
+
+
+def tell(name: str, made: RunSet, arm: int, variant: int, command: str) -> Told:
+    """Tell a story to the program."""
+    story = draw_story(name, made, variant)
+    with tempfile.TemporaryDirectory(prefix="bad-data-") as folder:
+        try:
+            said = said_by(answer(command, story, Path(folder)))
+            mark = judge(said, story.wanted)
+        except Exception as error:  # a traceback is the worst answer
+            said, mark = [], Mark(wrong=[f"{type(error).__name__}: {error}"])
+    return Told(name, arm, variant, story.what, mark, said)
 
 
 def answer(command: str, story: Story, folder: Path) -> dict[str, Any]:
@@ -134,17 +164,22 @@ def answer(command: str, story: Story, folder: Path) -> dict[str, Any]:
     return json.loads(result.stdout)
 
 
-def _clean(pool: ProcessPoolExecutor, seed: int, count: int) -> list[Clean]:
+def _clean(pool: ProcessPoolExecutor, keep: Path, seed: int, count: int) -> list[Clean]:
     """Sets of clean recordings, until there are `count` recordings."""
     found: list[Clean] = []
     number = 0
     while sum(one.n_runs for one in found) < count:
-        waiting = [pool.submit(tell_clean, 100_000 + 1000 * seed + number + k) for k in range(8)]
+        seeds = [100_000 + 1000 * seed + number + k for k in range(2)]
+        waiting = [pool.submit(_clean_once, keep, k) for k in seeds]
         number += len(waiting)
         for future in waiting:
             if sum(one.n_runs for one in found) < count:
                 found.append(future.result())
     return found
+
+
+def _clean_once(keep: Path, seed: int) -> Clean:
+    return _once(keep / f"clean_{seed}.mark", lambda: tell_clean(seed))
 
 
 def tell_clean(seed: int) -> Clean:

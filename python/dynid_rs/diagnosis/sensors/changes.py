@@ -19,6 +19,9 @@ from dynid_rs.runs.checks.motion import correlation
 
 FloatArray = NDArray[np.float64]
 
+MOST_ODD = 4
+"""Runs of a set that are looked at one by one."""
+
 
 @dataclass(frozen=True, eq=False)
 class Bench:
@@ -60,9 +63,15 @@ class Bench:
 
     @property
     def places(self) -> list[tuple[int, ...]]:
-        """Where a change may be: all runs, or one of several."""
+        """Where a change may be: all runs, or one of those that are explained worst."""
         whole = tuple(range(len(self.rows)))
-        return [whole] if len(whole) == 1 else [whole, *((k,) for k in whole)]
+        return [whole] if len(whole) == 1 else [whole, *((k,) for k in self.odd)]
+
+    @cached_property
+    def odd(self) -> tuple[int, ...]:
+        """The runs that the common model explains worst, (at most `MOST_ODD`,): a lone bad run is one of them."""
+        worst = np.argsort(-np.max(self.fit.run_shares, axis=1), kind="stable")
+        return tuple(sorted(worst[:MOST_ODD].tolist()))
 
     def moves_alone(self, j: int) -> bool:
         """Whether no other joint moves as joint j does on all runs, and would explain what it does."""

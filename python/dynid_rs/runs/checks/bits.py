@@ -14,7 +14,7 @@ COARSE_STEP = 1.5e-3
 """Step of a position [rad] that no encoder of a joint has: 4,200 to a turn, behind the gear."""
 COARSE_FACTOR = 20.0
 """A joint's step over the median of the others': encoders of one arm differ by the ratios of their gears."""
-FEW_LEVELS = 40
+FEW_LEVELS = 32
 """Different values over a moving joint's whole torque: five bits."""
 SAME = 0.1
 """Jumps of a bit that hangs are equal but for the motion in between: spread over size."""
@@ -99,8 +99,8 @@ def _coarse(rec: Recording, signal: str, joint: int, step: float, unit: str) -> 
     return Finding(
         "lost_bits",
         "warning",
-        f"{label(rec, signal, joint)} goes in steps of {step:.3g} {unit}: low bits are lost; record it with all its "
-        "digits",
+        f"{label(rec, signal, joint)} goes in steps of {step:.3g} {unit}, too coarse for a fit: low bits are lost on "
+        "the way; record it with all its digits",
         rec.name,
         f"{signal}_{joint}",
         (0, rec.n_samples),
