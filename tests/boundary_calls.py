@@ -48,6 +48,8 @@ def calls(folder: Path) -> dict[str, Call]:
     phi = rng.normal(size=10 * N)
     friction = _core.Effect.friction([0.01] * N, [0.02] * N)
     effects = [_core.Effect.rotor_inertia(), friction]
+    rows, one = rng.normal(size=(M, 3)), np.ones(1)
+    linear = ([rows.T @ rows], [np.arange(2)], 3, np.eye(2), np.zeros(2), one, 10 * one, 1e-6 * one, float(M), False)
     mixture_parts = ([0.5, 0.5], rng.normal(size=(2, 3)), np.tile(np.eye(3), (2, 1, 1)))
     mixture = _core.GaussianMixtureRegression(*mixture_parts)
     rbf_parts = (rng.normal(size=(2, 2)), np.ones(2), [0.1, 0.2], [0.01, 0.02])
@@ -132,6 +134,7 @@ def calls(folder: Path) -> dict[str, Call]:
         "TorqueModel.torque": (model.torque, {**motion, **motor, "out": np.empty((M, N))}),
         "TorqueModel.predicted_std": (model.predicted_std, {**motion, **motor}),
         "TorqueModel.with_physical": (model.with_physical, _positional(physical)),
+        "TorqueModel.with_torque_delay": (model.with_torque_delay, _positional(0.02)),
         "friction_basis": (_core.friction_basis, _positional(dq[:, 0], 0.01, 0.1)),
         "effect_catalogue": (_core.effect_catalogue, {}),
         "effect_columns": (
@@ -165,6 +168,7 @@ def calls(folder: Path) -> dict[str, Call]:
         "low_pass": (_core.low_pass, _positional(q, low_pass)),
         "extent": (_core.extent, _positional(q)),
         "triangular_factor": (_core.triangular_factor, _positional(rng.normal(size=(9, 4)))),
+        "likeliest": (_core.likeliest, _positional([linear])),
         "merge_factors": (_core.merge_factors, _positional(factors)),
         "Excitation.__new__": (
             _core.Excitation,

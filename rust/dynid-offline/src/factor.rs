@@ -5,14 +5,16 @@ use crate::triangle::factor_once;
 
 /// Rows that one QR eats at a time; taller matrices are split and merged.
 const BLOCK_ROWS: usize = 256;
+/// Columns of the widest matrix: its factor has half a gigabyte, and no robot so many unknowns.
+const MOST_COLUMNS: usize = 1 << 13;
 
 /// R of `rows` (m × width, row-major): width × width, row-major, upper triangular, non-negative diagonal. Zero rows fill
 /// up when `m < width`.
 ///
 /// # Errors
-/// [`OfflineError`] if the length is not a multiple of `width` or a number is not finite.
+/// [`OfflineError`] if the length is not a multiple of `width`, this is more than 8192, or a number is not finite.
 pub fn triangular_factor(rows: &[f64], width: usize) -> Result<Vec<f64>, OfflineError> {
-    if width == 0 || !rows.len().is_multiple_of(width) {
+    if width == 0 || width > MOST_COLUMNS || !rows.len().is_multiple_of(width) {
         return Err(OfflineError::Shape { what: "rows" });
     }
     if !rows.iter().all(|x| x.is_finite()) {

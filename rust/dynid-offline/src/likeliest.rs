@@ -33,6 +33,9 @@ pub struct JointGram<'a> {
     pub places: &'a [usize],
 }
 
+/// Most unknowns: H has half a gigabyte, and no robot so many.
+const MOST_UNKNOWNS: usize = 1 << 13;
+
 /// What is known of the first unknowns beforehand; those behind them are standard normal.
 #[derive(Clone, Copy, Debug)]
 pub struct NormalPrior<'a> {
@@ -103,6 +106,8 @@ fn check(
     let held = prior.moment.len();
     let what = if !joints.iter().all(fits) {
         "Gram matrix of a joint"
+    } else if n > MOST_UNKNOWNS {
+        "unknowns"
     } else if held > n || prior.precision.len() != held * held {
         "precision of the prior"
     } else if [noise.std, noise.n_effective, noise.least]

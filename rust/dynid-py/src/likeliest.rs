@@ -5,6 +5,7 @@ use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 use rayon::prelude::*;
 
+use crate::lists::List;
 use crate::{arrays, errors};
 
 type Answer<'py> = (
@@ -33,9 +34,10 @@ type Problem<'py> = (
 
 /// Unknowns, noise, power, distance from the prior, whitener and `ln det H` of every model, all of them side by side.
 #[pyfunction]
-pub fn likeliest<'py>(py: Python<'py>, models: Vec<Problem<'py>>) -> PyResult<Vec<Answer<'py>>> {
+pub fn likeliest<'py>(py: Python<'py>, models: List<Problem<'py>>) -> PyResult<Vec<Answer<'py>>> {
     let mut problems = Vec::with_capacity(models.len());
-    for (grams, places, n, precision, moment, std, n_effective, least, n_rows, is_known) in &models
+    for (grams, places, n, precision, moment, std, n_effective, least, n_rows, is_known) in
+        models.iter()
     {
         let mut joints = Vec::with_capacity(grams.len());
         for (gram, places) in grams.iter().zip(places) {
