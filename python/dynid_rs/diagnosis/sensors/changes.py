@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +37,8 @@ class Bench:
     def size(self) -> FloatArray:
         """Standard deviation of every torque channel over all runs, (n_joints,)."""
         tau = np.concatenate([rows.tau for rows in self.rows])
-        return np.maximum(tau.std(axis=0), 1e-12 * max(float(np.abs(tau).max()), 1e-300))
+        size: FloatArray = np.maximum(tau.std(axis=0), 1e-12 * max(float(np.abs(tau).max()), 1e-300))
+        return size
 
     @cached_property
     def moments(self) -> tuple[Moments, ...]:
@@ -69,10 +71,6 @@ class Bench:
         worst = np.argsort(-np.max(self.fit.run_shares, axis=1), kind="stable")
         return tuple(sorted(worst[:MOST_ODD].tolist()))
 
-    def changed(self, runs: Sequence[int], change: Callable[[int], Moments]) -> list[Moments]:
-        """Runs with those of `runs` changed."""
-        return [change(k) if k in runs else plain for k, plain in enumerate(self.plain)]
-
 
 @dataclass(frozen=True, eq=False)
 class Trial:
@@ -85,31 +83,42 @@ class Trial:
 
 
 def wiring_trials(bench: Bench) -> Iterator[Trial]:
-    """Every sign and every exchange of two joints' torques, positions, or both."""
+    """Every sign and every exchange of two joints' torques, positions, or both; and positions in degrees."""
     n = bench.robot.n_joints
-    for code, joints, order, sign, positions in _layouts(n):
+    for layout in _layouts(n):
         moments = bench.moments
-        if positions is not None:
-            moments = tuple(Moments.of(bench.robot, positions(rows)) for rows in bench.rows)
+        if layout.positions is not None:
+            moments = tuple(Moments.of(bench.robot, layout.positions(rows)) for rows in bench.rows)
+        changed = [run.picked(layout.channels, layout.sign) for run in moments]
         for runs in bench.places:
-            tried = bench.changed(runs, lambda k, m=moments, o=order, s=sign: m[k].picked(o, s))
-            yield Trial(code, joints, runs, bench.fitted(tried))
+            tried = [changed[k] if k in runs else plain for k, plain in enumerate(bench.plain)]
+            yield Trial(layout.code, layout.joints, runs, bench.fitted(tried))
 
 
-def _layouts(
-    n: int,
-) -> Iterator[tuple[str, tuple[int, ...], list[int], FloatArray, Callable[[ArmRows], ArmRows] | None]]:
-    as_it_is, ones = list(range(n)), np.ones(n)
-    yield "units_degrees", tuple(range(n)), as_it_is, ones, lambda rows: rows.scaled(np.pi / 180)
-    yield "torque_flipped", tuple(range(n)), as_it_is, -ones, None
+class Layout(NamedTuple):
+    """Channels otherwise: the torque channel of every joint and its sign, and what is done to the positions."""
+
+    code: str
+    joints: tuple[int, ...]
+    channels: list[int]
+    sign: FloatArray
+    positions: Callable[[ArmRows], ArmRows] | None = None
+
+
+def _layouts(n: int) -> Iterator[Layout]:
+    as_it_is, ones, whole = list(range(n)), np.ones(n), tuple(range(n))
+    yield Layout("units_degrees", whole, as_it_is, ones, partial(ArmRows.scaled, factor=np.pi / 180))
+    yield Layout("torque_flipped", whole, as_it_is, -ones)
     for j in range(n):
         sign = np.where(np.arange(n) == j, -1.0, 1.0)
-        yield "torque_flipped", (j,), as_it_is, sign, None
-        yield "position_flipped", (j,), as_it_is, ones, lambda rows, s=sign: rows.turned(s)
-        yield "joint_flipped", (j,), as_it_is, sign, lambda rows, s=sign: rows.turned(s)
+        turned = partial(ArmRows.turned, factors=sign)
+        yield Layout("torque_flipped", (j,), as_it_is, sign)
+        yield Layout("position_flipped", (j,), as_it_is, ones, turned)
+        yield Layout("joint_flipped", (j,), as_it_is, sign, turned)
     for a, b in combinations(range(n), 2):
         order = list(range(n))
         order[a], order[b] = b, a
-        yield "torque_swapped", (a, b), order, ones, None
-        yield "position_swapped", (a, b), as_it_is, ones, lambda rows, o=tuple(order): rows.ordered(o)
-        yield "joints_swapped", (a, b), order, ones, lambda rows, o=tuple(order): rows.ordered(o)
+        exchanged = partial(ArmRows.ordered, order=order)
+        yield Layout("torque_swapped", (a, b), order, ones)
+        yield Layout("position_swapped", (a, b), as_it_is, ones, exchanged)
+        yield Layout("joints_swapped", (a, b), order, ones, exchanged)

@@ -92,7 +92,7 @@ def _candidates(bench: Bench, names: Sequence[str], *, judged: bool) -> Iterator
         yield from _wired(bench, names)
         for trial, mass in payload_trials(bench) if len(names) > 1 else ():
             if _clear(bench, trial, trial.runs) and (len(names) > 2 or mass > 0):
-                yield trial, words.payload(trial, names, mass)
+                yield trial, words.payload(trial, names, mass if judged else None)
         turned = gravity_trial(bench) if judged else None
         if turned is not None and _clear(bench, turned[0]):
             yield turned[0], words.mounting(bench, turned[0], names, turned[1])

@@ -68,23 +68,25 @@ class ArmRows:
     @property
     def n_joints(self) -> int:
         """Number of joints."""
-        return self.q.shape[1]
+        return int(self.q.shape[1])
 
     def turned(self, factors: FloatArray) -> ArmRows:
         """The same run with positions times `factors` (n_joints,), each 1 or -1."""
         names = ("q", "dq", "ddq", "dq_motor", "ddq_motor", "sign")
-        changed = {name: getattr(self, name) * factors for name in names}
+        changed: dict[str, Any] = {name: getattr(self, name) * factors for name in names}
         return replace(self, **changed)
 
     def scaled(self, factor: float) -> ArmRows:
         """The same run with positions in another unit."""
-        changed = {name: getattr(self, name) * factor for name in ("q", "dq", "ddq", "dq_motor", "ddq_motor")}
+        changed: dict[str, Any] = {
+            name: getattr(self, name) * factor for name in ("q", "dq", "ddq", "dq_motor", "ddq_motor")
+        }
         return replace(self, **changed)
 
     def ordered(self, order: Sequence[int]) -> ArmRows:
         """The same run with positions of the joints in another order."""
         names = ("q", "dq", "ddq", "dq_motor", "ddq_motor", "sign")
-        changed = {name: np.ascontiguousarray(getattr(self, name)[:, list(order)]) for name in names}
+        changed: dict[str, Any] = {name: np.ascontiguousarray(getattr(self, name)[:, list(order)]) for name in names}
         return replace(self, **changed)
 
     def regressor(self, robot: _core.RobotModel) -> FloatArray:

@@ -41,7 +41,9 @@ def _gains(bench: Bench, runs: Sequence[int]) -> tuple[ArmFit, FloatArray]:
     best: tuple[ArmFit, FloatArray] | None = None
     for _ in range(N_ROUNDS):
         gains = np.array([_gain(bench, runs, x, j, gains[j]) for j in range(n)])
-        tried = bench.changed(runs, lambda k, g=gains: bench.moments[k].picked(range(n), g))  # type: ignore[misc]
+        tried = [
+            bench.moments[k].picked(range(n), gains) if k in runs else plain for k, plain in enumerate(bench.plain)
+        ]
         scale = gains if not rest else np.ones(n)
         fit = bench.fitted(tried, bench.size * scale)
         x = fit.x
@@ -57,8 +59,8 @@ def _gains(bench: Bench, runs: Sequence[int]) -> tuple[ArmFit, FloatArray]:
 def _gain(bench: Bench, runs: Sequence[int], x: FloatArray, j: int, before: float) -> float:
     """Power of the links' torque over its product with the channel, beside the joint's own columns."""
     n_links = len(bench.prior.mean)
-    columns = sum(bench.plain[k].columns[j] for k in runs)
-    cross = sum(bench.plain[k].cross[j, :, 0] for k in runs)
+    columns = np.sum([bench.plain[k].columns[j] for k in runs], axis=0)
+    cross = np.sum([bench.plain[k].cross[j, :, 0] for k in runs], axis=0)
     phi = x[:n_links]
     own = np.arange(n_links, n_links + N_OWN)
     # Regress the links' torque and the channel on the own columns, and compare what is left.
