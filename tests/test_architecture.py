@@ -51,6 +51,7 @@ DENIED = {
         "regression/error_interval.py": "an interval of a ratio, in its logarithm",
         "diagnosis/estimates.py": "an interval of a scale, in its logarithm",
         "diagnosis/sensors/contact.py": "a chance from its logarithm",
+        "diagnosis/sensors/lag.py": "a shift in time, in complex numbers",
     },
     r"(?m)^\s*(import|from) (pickle|joblib|dill|cloudpickle|shelve|marshal)\b": {
         "archive/work.py": "units of work go to other processes; nothing is kept that way",

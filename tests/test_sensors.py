@@ -108,7 +108,7 @@ def test_a_push_in_the_test_run_touches_no_fit():
 
 def test_pushes_are_neither_fitted_nor_named_and_do_not_hide_a_delay():
     found = found_in(measured("contact::0.3", "torque_delay::2", duration=20.0))
-    assert {finding.code for finding in found.findings} == {"contact", "torque_late"}
+    assert {finding.code for finding in found.findings} == {"contact"}
     assert names(found) == {("torque_delay", JOINTS)}
     assert holds(entry_of(found, "torque_delay"), {"delay": 1e-2}) == []
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from typing import TYPE_CHECKING
 
-from bad_data.classes import ARMS, CLASSES, N_VARIANTS
+from bad_data.classes import ARMS, CLASSES
 
 if TYPE_CHECKING:
     from bad_data.run import Clean, Told
@@ -86,10 +86,10 @@ def page(seed: int, told: list[Told], clean: list[Clean]) -> str:
         text += "\n\nNot named right:\n\n" + "\n".join(wrong)
     return HEAD.format(
         seed=seed,
-        n_classes=len(CLASSES),
-        n_variants=N_VARIANTS,
-        n_arms=len(ARMS),
-        joints=", ".join(map(str, ARMS)),
+        n_classes=len({one.name for one in told}),
+        n_variants=len({one.variant for one in told}),
+        n_arms=len({one.arm for one in told}),
+        joints=", ".join(str(ARMS[arm]) for arm in sorted({one.arm for one in told})),
         table=text,
         codes="\n".join(rows),
     )

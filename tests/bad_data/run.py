@@ -99,9 +99,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--command", choices=("inspect", "identify", "diagnose"), default="inspect")
     parser.add_argument("--clean", type=int, default=200, help="how many clean recordings")
     parser.add_argument("--page", type=Path, help="write the tables to this Markdown file")
-    parser.add_argument(
-        "--keep", type=Path, help="folder in which marks stay; the same command goes on where it broke off"
-    )
+    parser.add_argument("--keep", type=Path, help="folder of marks; the same command goes on where it broke off")
     parser.add_argument("--jobs", type=int, default=1, help="arms side by side")
     return parser
 

@@ -85,10 +85,10 @@ def check_training_runs(robot: _core.RobotModel, recordings: Sequence[Recording]
     check_facts(robot, [RunFacts.of(recording) for recording in recordings])
 
 
-def check_facts(robot: _core.RobotModel, runs: Sequence[RunFacts]) -> None:
-    """`check_training_runs` on facts alone; at least one."""
+def check_facts(robot: _core.RobotModel, runs: Sequence[RunFacts], others: Sequence[Clock] = ()) -> None:
+    """`check_training_runs` on facts alone; at least one. `others`: clocks of runs that are tested on."""
     n, first = robot.n_joints, runs[0]
-    check_clocks([run.clock for run in runs])
+    check_clocks([*(run.clock for run in runs), *others])
     for recording in runs:
         if len(recording.joints) != n:
             raise DataError(

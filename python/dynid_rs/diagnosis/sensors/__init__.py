@@ -21,7 +21,6 @@ from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.identification.training import prepare_training_run
 from dynid_rs.runs.checks.channels import check_channels
-from dynid_rs.runs.checks.clocks import check_clocks
 from dynid_rs.runs.checks.motion import moving_joints
 from dynid_rs.runs.checks.torque import check_drive_torque
 from dynid_rs.runs.facts import RunFacts, check_facts
@@ -144,8 +143,7 @@ def channel_errors(setup: Setup, train: Sequence[Recording], test: Sequence[Reco
         As `check_training_runs`: a joint that never moves, say, would look like a robot file of another arm.
     """
     facts = [RunFacts.of(recording) for recording in train]
-    check_clocks([*(run.clock for run in facts), *(RunFacts.of(recording).clock for recording in test)])
-    check_facts(setup.robot, facts)
+    check_facts(setup.robot, facts, [RunFacts.of(recording).clock for recording in test])
     damaged = [finding for recording in train for finding in _damaged(setup, recording)]
     if damaged:  # whatever a damaged sample does to a fit looks like another robot, or another order of the joints
         return damaged

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import combinations
-from operator import methodcaller
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -80,10 +80,6 @@ class Bench:
             all(abs(correlation(rows.dq[:, j], rows.dq[:, k])) > TOGETHER for rows in self.rows) for k in others
         )
 
-    def changed(self, runs: Sequence[int], change: Callable[[int], Moments]) -> list[Moments]:
-        """Runs with those of `runs` changed."""
-        return [change(k) if k in runs else plain for k, plain in enumerate(self.plain)]
-
 
 @dataclass(frozen=True, eq=False)
 class Trial:
@@ -96,34 +92,45 @@ class Trial:
 
 
 def wiring_trials(bench: Bench) -> Iterator[Trial]:
-    """Every sign and every exchange of two joints' torques, positions, or both."""
+    """Every sign and every exchange of two joints' torques, positions, or both; and positions in degrees."""
     n = bench.robot.n_joints
     alone = [bench.moves_alone(j) for j in range(n)]
-    for code, joints, order, sign, positions in _layouts(n):
-        if code.endswith("_swapped") and not all(alone[j] for j in joints):
+    for layout in _layouts(n):
+        if layout.code.endswith("_swapped") and not all(alone[j] for j in layout.joints):
             continue
         moments = bench.moments
-        if positions is not None:
-            moments = tuple(Moments.of(bench.robot, positions(rows)) for rows in bench.rows)
-        picked = [each.picked(order, sign) for each in moments]
+        if layout.positions is not None:
+            moments = tuple(Moments.of(bench.robot, layout.positions(rows)) for rows in bench.rows)
+        changed = [run.picked(layout.channels, layout.sign) for run in moments]
         for runs in bench.places:
-            yield Trial(code, joints, runs, bench.fitted(bench.changed(runs, picked.__getitem__)))
+            tried = [changed[k] if k in runs else plain for k, plain in enumerate(bench.plain)]
+            yield Trial(layout.code, layout.joints, runs, bench.fitted(tried))
 
 
-def _layouts(
-    n: int,
-) -> Iterator[tuple[str, tuple[int, ...], list[int], FloatArray, Callable[[ArmRows], ArmRows] | None]]:
-    as_it_is, ones = list(range(n)), np.ones(n)
-    yield "units_degrees", tuple(range(n)), as_it_is, ones, methodcaller("scaled", np.pi / 180)
-    yield "torque_flipped", tuple(range(n)), as_it_is, -ones, None
+class Layout(NamedTuple):
+    """Channels otherwise: the torque channel of every joint and its sign, and what is done to the positions."""
+
+    code: str
+    joints: tuple[int, ...]
+    channels: list[int]
+    sign: FloatArray
+    positions: Callable[[ArmRows], ArmRows] | None = None
+
+
+def _layouts(n: int) -> Iterator[Layout]:
+    as_it_is, ones, whole = list(range(n)), np.ones(n), tuple(range(n))
+    yield Layout("units_degrees", whole, as_it_is, ones, partial(ArmRows.scaled, factor=np.pi / 180))
+    yield Layout("torque_flipped", whole, as_it_is, -ones)
     for j in range(n):
         sign = np.where(np.arange(n) == j, -1.0, 1.0)
-        yield "torque_flipped", (j,), as_it_is, sign, None
-        yield "position_flipped", (j,), as_it_is, ones, methodcaller("turned", sign)
-        yield "joint_flipped", (j,), as_it_is, sign, methodcaller("turned", sign)
+        turned = partial(ArmRows.turned, factors=sign)
+        yield Layout("torque_flipped", (j,), as_it_is, sign)
+        yield Layout("position_flipped", (j,), as_it_is, ones, turned)
+        yield Layout("joint_flipped", (j,), as_it_is, sign, turned)
     for a, b in combinations(range(n), 2):
         order = list(range(n))
         order[a], order[b] = b, a
-        yield "torque_swapped", (a, b), order, ones, None
-        yield "position_swapped", (a, b), as_it_is, ones, methodcaller("ordered", tuple(order))
-        yield "joints_swapped", (a, b), order, ones, methodcaller("ordered", tuple(order))
+        exchanged = partial(ArmRows.ordered, order=order)
+        yield Layout("torque_swapped", (a, b), order, ones)
+        yield Layout("position_swapped", (a, b), as_it_is, ones, exchanged)
+        yield Layout("joints_swapped", (a, b), order, ones, exchanged)

@@ -91,8 +91,8 @@ def _candidates(bench: Bench, names: Sequence[str], *, judged: bool) -> Iterator
     if float(np.max(bench.fit.run_shares)) > UNEXPLAINED:
         yield from _wired(bench, names)
         for trial, mass in payload_trials(bench) if len(names) > 1 else ():
-            if _clear(bench, trial, trial.runs) and (len(names) > 2 or mass > 0):
-                yield trial, words.payload(trial, names, mass)
+            if _clear(bench, trial) and (len(names) > 2 or mass > 0):
+                yield trial, words.payload(trial, names, mass if judged else None)
         turned = gravity_trial(bench) if judged else None
         if turned is not None and _clear(bench, turned[0]):
             yield turned[0], words.mounting(bench, turned[0], names, turned[1])
@@ -137,9 +137,9 @@ def _clearly_late(bench: Bench, lag: Lag) -> bool:
     return gain > ENOUGH and abs(lag.delay) > LEAST_LATE and bool(np.median(ratio) > CLEARLY_LATE)
 
 
-def _clear(bench: Bench, trial: Trial, runs: Sequence[int] | None = None) -> bool:
-    """Whether a change explains what is not explained without it, on every joint and with a great gain."""
-    rows = list(trial.runs if runs is None else runs)
+def _clear(bench: Bench, trial: Trial) -> bool:
+    """Whether a change explains most of what is not explained without it in the runs it is of, and is worth it."""
+    rows = list(trial.runs)
     before, after = bench.fit.run_shares[rows], trial.fit.run_shares[rows]
     ratio = before / np.maximum(after, 1e-300)
     concerned = before > UNEXPLAINED

@@ -41,7 +41,9 @@ def _gains(bench: Bench, runs: Sequence[int]) -> tuple[ArmFit, FloatArray]:
     best: tuple[ArmFit, FloatArray] | None = None
     for _ in range(N_ROUNDS):
         gains = np.array([_gain(bench, runs, x, j, gains[j]) for j in range(n)])
-        tried = bench.changed(runs, lambda k, g=gains: bench.moments[k].picked(range(n), g))  # type: ignore[misc]
+        tried = [
+            bench.moments[k].picked(range(n), gains) if k in runs else plain for k, plain in enumerate(bench.plain)
+        ]
         scale = gains if not rest else np.ones(n)
         fit = bench.fitted(tried, bench.size * scale)
         x = fit.x

@@ -149,12 +149,14 @@ def mounting(bench: Bench, trial: Trial, names: Sequence[str], gravity: FloatArr
     return Finding("mounting", "warning", message, names[0], None, value=angle, unit="deg")
 
 
-def payload(trial: Trial, names: Sequence[str], mass: float) -> Finding:
-    """A run that carries something else than the others."""
+def payload(trial: Trial, names: Sequence[str], mass: float | None) -> Finding:
+    """A run that carries something else than the others; None where neither gains nor inertials say how much."""
     name = names[trial.runs[0]]
-    more = f"{mass:.2g} kg more" if mass > 0 else f"{-mass:.2g} kg less"
+    more = "something else"
+    if mass is not None:
+        more = f"about {mass:.2g} kg more" if mass > 0 else f"about {-mass:.2g} kg less"
     message = (
-        f"the arm carries about {more} on this run than on the others; learn from runs of one load, and diagnose this "
+        f"the arm carries {more} on this run than on the others; learn from runs of one load, and diagnose this "
         "one with --reference"
     )
-    return Finding("payload_change", "warning", message, name, None, value=mass, unit="kg")
+    return Finding("payload_change", "warning", message, name, None, value=mass, unit=None if mass is None else "kg")

@@ -20,7 +20,7 @@ were measured apart not even one is, but for noise that is coarser than the moti
 
 def common_rows(a: Recording, b: Recording) -> tuple[int, int] | None:
     """Rows (start, stop) of `b` that `a` has too, in the same order, whatever the clock; None where there are few."""
-    if a.n_joints != b.n_joints:
+    if a.n_joints != b.n_joints or a.torque_unit != b.torque_unit:
         return None
     first, second = row_keys(a), row_keys(b)
     common, of_a, of_b = np.intersect1d(first, second, return_indices=True)

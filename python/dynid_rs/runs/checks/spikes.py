@@ -1,8 +1,8 @@
 """Samples that stand alone: damaged numbers and drop-outs, as no motion and no drive makes them.
 
 A row is compared with the median of the rows around it. It is damaged if it is far larger than all the rest as well, or
-exactly zero where nothing near it is; else something may have been hit. In white noise `SIGMAS` deviations are one in
-10^32; friction's steps last for more than one sample.
+exactly zero where nothing near it is; else something may have been hit, or friction was overcome. In white noise
+`SIGMAS` deviations are one in 10^32; friction's steps last for more than one sample.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from dynid_rs.runs.recording import FloatArray, Recording
 SIGMAS = 12.0
 SHARE = 0.2
 """Of the channel's size: what is nearer to the rows around it does no harm."""
-OUTSIDE = 5.0
-"""Times the largest of the rest: a drive peaks at some three times what it is rated for, and an impact at more."""
+OUTSIDE = 4.5
+"""Times the largest of the rest: a drive peaks at some three times what it is rated for, impacts at more."""
 LONGEST = 3
 """Rows of a spike; no logger repeats a damaged number more often."""
 FEW = 0.005
@@ -36,10 +36,10 @@ def few_rows(n_samples: int) -> int:
     return max(LONGEST, int(FEW * n_samples))
 
 
-def lone_rows(rec: Recording, signal: str, joint: int) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
-    """Rows (k,) of a channel that stand alone, and which of them no arm makes; most channels have none."""
+def lone_rows(rec: Recording, signal: str, joint: int) -> NDArray[np.intp]:
+    """Rows (k,) of a channel that stand alone as no arm makes them; most channels have none."""
     found, values = extent(rec, signal), getattr(rec, signal)[:, joint]
-    none = np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.bool_)
+    none = np.zeros(0, dtype=np.intp)
     # A lone row is as far from its neighbour as from the rest: most channels are done with here.
     low, high = np.percentile(values, (5.0, 95.0))
     size = float(high - low) / 3
@@ -54,7 +54,8 @@ def lone_rows(rec: Recording, signal: str, joint: int) -> tuple[NDArray[np.intp]
     if np.unique(rest).size < MIN_LEVELS:
         return none
     reach = OUTSIDE * float(np.abs(rest).max())
-    return rows, (np.abs(values[rows]) > reach) | (values[rows] == 0)
+    lone: NDArray[np.intp] = rows[(np.abs(values[rows]) > reach) | (values[rows] == 0)]
+    return lone
 
 
 def _local_median(values: FloatArray) -> FloatArray:
@@ -68,8 +69,7 @@ def check_spikes(rec: Recording) -> Iterator[Finding]:
     if rec.dq is None:
         return
     for joint in np.flatnonzero(moving_joints(rec)).tolist():
-        rows, damaged = lone_rows(rec, "dq", joint)
-        rows = rows[damaged]
+        rows = lone_rows(rec, "dq", joint)
         if not len(rows):
             continue
         worst = int(rows[np.argmax(np.abs(rec.dq[rows, joint]))])

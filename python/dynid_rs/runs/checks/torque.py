@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs.base.findings import Finding, Severity
+from dynid_rs.base.findings import Finding
 from dynid_rs.runs.checks.motion import label, moving_joints
 from dynid_rs.runs.checks.spikes import FEW, few_rows, lone_rows
 from dynid_rs.runs.recording import FloatArray, Recording
@@ -22,23 +22,17 @@ MILLI = 1e3
 """N mm (mN m) where N m was meant."""
 
 
-_NONE = np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.bool_)
-
-
 def check_drive_torque(rec: Recording, robot: Any | None) -> Iterator[Finding]:
     """Samples and channels of torque that no drive gives; with a robot also against its effort limits."""
     limits = _limits(rec, robot)
     moves = moving_joints(rec)
     for joint in range(rec.n_joints):
-        alone, damaged = lone_rows(rec, "tau", joint) if moves[joint] else _NONE
-        rows = alone[damaged]
+        rows = lone_rows(rec, "tau", joint) if moves[joint] else np.zeros(0, dtype=np.intp)
         beyond = np.flatnonzero(np.abs(rec.tau[:, joint]) > BEYOND * limits[joint])
         if len(beyond) <= few_rows(rec.n_samples):
             rows = np.union1d(rows, beyond)
         if len(rows):
             yield _spike(rec, joint, rows, limits[joint])
-        elif len(alone):
-            yield _spike(rec, joint, alone, limits[joint], "info")
     yield from _unit(rec, limits)
 
 
@@ -57,18 +51,17 @@ def _limits(rec: Recording, robot: Any | None) -> FloatArray:
     return np.where(limits > 0, limits, np.inf)  # NaN and zero are no limit
 
 
-def _spike(rec: Recording, joint: int, rows: NDArray[np.intp], limit: float, severity: Severity = "error") -> Finding:
+def _spike(rec: Recording, joint: int, rows: NDArray[np.intp], limit: float) -> Finding:
     tau = rec.tau[:, joint]
     worst = int(rows[np.argmax(np.abs(tau[rows]))])
     rest = float(np.abs(np.delete(tau, rows)).max())
     allowed = f", and the robot file allows {limit:g}" if np.isfinite(limit) else ""
     more = f" (and so are {len(rows) - 1} more)" if len(rows) > 1 else ""
-    mend = "a damaged number: cut the row out" if severity == "error" else "an impact, or a damaged number"
     return Finding(
         "torque_spike",
-        severity,
+        "error",
         f"{label(rec, 'tau', joint)} is {tau[worst]:.4g} {rec.torque_unit} in row {worst + 1}{more}, where the rest of "
-        f"the run stays within {rest:.3g}{allowed}; {mend}",
+        f"the run stays within {rest:.3g}{allowed}; a damaged number: cut the row out",
         rec.name,
         f"tau_{joint}",
         (worst, worst + 1),
