@@ -22,7 +22,7 @@ from dynid_rs.identification.loops import declared_plan
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.regression import evidence
 from dynid_rs.regression.columns import Block, Observations, observe
-from dynid_rs.regression.evidence import OFFSETS, TRUSTED, WIDTHS, fit_with_prior, linear_model
+from dynid_rs.regression.evidence import TRUSTED, WIDTHS, fit_with_prior, linear_model
 from dynid_rs.regression.linear_model import Choice
 from dynid_rs.regression.priors import LEAST_MASS, LENGTH, declares_inertia, link_spread, weak_prior
 from dynid_rs.regression.uncertainty import NORMAL_95, parameter_covariance
@@ -113,7 +113,7 @@ def brute_force(observations, choice, unit=1.0):
     covariance = K @ np.diag((choice.width * unit * spread_of(robot.phi)) ** 2) @ K.T
     mean = K @ robot.phi * choice.centre * unit
     for j in range(n):
-        for column, (name, usual) in enumerate((("rotor_inertia", 1.0), ("torque_offset", choice.offsets))):
+        for column, (name, usual) in enumerate((("rotor_inertia", 1.0), ("torque_offset", 0.3))):
             assert names_of(plan)[column] == name
             direction = np.zeros(plan.n_columns)
             direction[:n_base] = plan.absorbed.get((j, column), np.zeros(n_base))
@@ -142,7 +142,7 @@ def small():
     return observe(plan, [prepare(recording, Band(5.0), 100.0)])
 
 
-CHOICES = [Choice(0.3, 1.0, 0.2), Choice(10.0, 0.0, 0.01, 0.03)]
+CHOICES = [Choice(0.3, 1.0, 0.2), Choice(10.0, 0.0, 0.01)]
 
 
 @pytest.mark.parametrize("unit", [1.0, 0.05])
@@ -242,26 +242,6 @@ def test_width_and_centre_are_those_of_the_greatest_evidence(small):
     assert max(evidence, key=evidence.get) == (found.choice.width, found.choice.centre)
     assert found.evidence == pytest.approx(evidence[found.choice.width, found.choice.centre], abs=0.1)
     assert found.converged
-
-
-@pytest.mark.parametrize(("offset", "size"), [(0.0, OFFSETS[0]), (0.5, OFFSETS[1])])
-def test_constant_torques_are_believed_where_the_data_ask_for_them(small, offset, size):
-    """None, and half of every joint's torque, beside what else was fitted to the arm and noise."""
-    plan, rng = small.plan, np.random.default_rng(0)
-    torque, own = sizes_of(small)
-    at = names_of(plan).index("torque_offset")
-    x = LinkDynamicsIdentifier().fit(small).x_
-    x[plan.n_base + at :: plan.n_own] = np.where(plan.own[:, at], offset * torque / own[:, at], 0.0)
-
-    def made(j, part):
-        noise = 0.02 * torque[j] * rng.normal(size=len(part))
-        return np.column_stack([part[:, :-1], part[:, :-1] @ x[plan.unknowns(j)] + noise])
-
-    blocks = []
-    for block in small.blocks:
-        rows = [made(j, part) for j, part in enumerate(block.rows)]
-        blocks.append(replace(block, rows=rows, factors=[_core.triangular_factor(part) for part in rows]))
-    assert fit_with_prior(replace(small, blocks=blocks)).choice.offsets == size
 
 
 def test_rows_count_as_the_independent_samples_they_are_worth():

@@ -26,7 +26,8 @@ def test_errors_on_unseen_runs_stay_below_the_published_baseline(identified, nam
     assert np.all(errors <= CASES[name].bounds), errors.round(4)
 
 
-@pytest.mark.parametrize("name", CASES)
+# One of the five does not: the xMate's motor torque. README says so, and the test below holds the verdict to it.
+@pytest.mark.parametrize("name", [name for name in CASES if name != "xMate3 Pro, motor torque"])
 def test_the_model_beats_weighted_least_squares_on_average(identified, name):
     result = identified(name)[1]
     ratio = relative_errors(result) / relative_errors(result, "wls")

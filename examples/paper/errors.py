@@ -12,8 +12,6 @@ from dynid_rs.identification.results import score
 from dynid_rs.regression.evaluation import torque_std
 from dynid_rs.runs.preprocessing import States
 
-LAW = "paper"
-"""Friction's law, Eqs. 9-11; without a friction experiment `ThreeLoopIdentifier` has another one by itself."""
 TRAINING = "training"
 WLS, FIRST, SECOND, THIRD = "WLS", "first loop", "second loop", "all loops"
 """Weighted least squares; its links with the first loop's friction; both loops; the full method."""

@@ -188,7 +188,7 @@ def _model_rows(states: States, reduction: Reduction) -> list[FloatArray]:
     plan, links = reduction.plans["model"], reduction.links
     tau = states.tau
     if reduction.third is not None:
-        tau = tau - reduction.third.taken_off(states, link_torque(plan, links, states))
+        tau = tau - reduction.third.torque(states, link_torque(plan, links, states))
     rows = run_rows(plan, _loaded(states, plan, reduction), tau)
     joints = []
     for j, joint in enumerate(rows):

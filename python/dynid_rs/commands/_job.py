@@ -36,7 +36,7 @@ class Job:
     prior: str = "auto"
     known: Path | None = None
     friction: tuple[Path, ...] = ()
-    friction_law: str | None = None
+    friction_law: str = "paper"
     residual: str = "auto"
     compensator: str = "mixture"
     cutoff: float | None = None
@@ -102,7 +102,7 @@ def _identifier(
     residual: str,
     compensator: str,
     cutoff: float | None,
-    friction_law: str | None,
+    friction_law: str,
 ) -> Any:
     from dynid_rs.commands._identifier import identifier_options
     from dynid_rs.identification.residual import METHODS, ResidualCompensator

@@ -36,11 +36,7 @@ Known = Annotated[
     Path | None, typer.Option(metavar="TERMS.toml", help="Effects whose coefficients you know; they are not fitted")
 ]
 FrictionLaw = Annotated[
-    str | None,
-    typer.Option(
-        help="smooth, paper, coulomb_viscous, stribeck, or auto: by a training run left out, joint by joint. Left out: "
-        "smooth; paper with a friction experiment or without a prior"
-    ),
+    str, typer.Option(help="paper, coulomb_viscous, stribeck, or auto: by a training run left out, joint by joint")
 ]
 Cutoff = Annotated[float | None, typer.Option(help="Band [Hz]; chosen from the motion if left out")]
 Memory = Annotated[

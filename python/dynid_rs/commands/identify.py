@@ -29,7 +29,7 @@ def identify(
     friction: Annotated[
         list[Path] | None, typer.Option(metavar="RUN", help="Run of the friction experiment; repeat for more")
     ] = None,
-    friction_law: _options.FrictionLaw = None,
+    friction_law: _options.FrictionLaw = "paper",
     residual: Annotated[
         str, typer.Option(help="Third loop on: auto, load_free_deflection, deflection, joint_state or none")
     ] = "auto",

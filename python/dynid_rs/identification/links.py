@@ -15,15 +15,7 @@ from dynid_rs.regression.columns import Observations, Plan
 from dynid_rs.regression.evidence import Posterior, fit_with_prior
 from dynid_rs.regression.fitted import Weighting
 from dynid_rs.regression.scales import free_scales, improve_scale
-from dynid_rs.regression.systems import (
-    NEGLIGIBLE,
-    block_residuals,
-    residual_covariance,
-    residual_power,
-    solve,
-    stack,
-    whitened,
-)
+from dynid_rs.regression.systems import NEGLIGIBLE, residual_covariance, residual_power, solve, stack, whitened
 
 FloatArray = NDArray[np.float64]
 Start = Literal["torque", "least_squares"]
@@ -84,8 +76,6 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
         Ridge in use.
     worth_ : ndarray (n_joints,)
         Independent samples that a row counts as; ones without a prior, where only ratios matter.
-    beside_ : ndarray (n_rows, n_columns + 1)
-        Rows ``[A | b]`` that counted beside those of the training runs: the prior's, and those of other groups.
     posterior_ : Posterior or None
         How much the prior was trusted, and what it is; None without one.
     n_iter_, converged_ : int, bool
@@ -146,7 +136,8 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
         found = self.posterior_ if again and hasattr(self, "posterior_") else None
         self.posterior_: Posterior | None = None
         self.worth_ = np.ones(observations.plan.robot.n_joints)
-        if self.has_prior:
+        stands_alone = self.weighting is None or self.ridge > 0
+        if self.prior == "robot" or (self.prior == "auto" and not stands_alone):
             return self.use_posterior(
                 observations, self._posterior(observations, fit_scale, free, found, scale), beside
             )
@@ -183,7 +174,7 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
             system = _joined(whitened(observations, self.covariance_, scale), extra, scale)
             x = solve(plan, system, (self.ridge_,))[0]
             self.covariance_ = residual_covariance(observations, x, scale)
-        return self._keep(plan, x, _joined(np.zeros((0, plan.n_columns + 1)), extra, scale))
+        return self._keep(plan, x)
 
     def _posterior(
         self,
@@ -233,27 +224,10 @@ class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
             rows = whitened(observations, self.covariance_ / np.outer(root, root), scale)
             x = solve(plan, _joined(np.concatenate([rows, posterior.pull]), extra, scale), (0.0,))[0]
             self.covariance_ = residual_covariance(observations, x, scale)
-        return self._keep(plan, x, _joined(posterior.pull, extra, scale))
+        return self._keep(plan, x)
 
-    def residuals_unseen(self, observations: Observations) -> list[list[FloatArray]]:
-        """What a fit to all blocks but one leaves of every block, (n_rows, n_joints); for each block that is left out.
-
-        Gains, how much the rows of a joint count and the prior stay as they are.
-        """
-        plan, scale = observations.plan, self.torque_scale_
-        left = []
-        for k in range(len(observations.blocks)):
-            system = np.concatenate([stack(plan, observations.factors(k), self.weights_, scale), self.beside_])
-            left.append(block_residuals(observations, solve(plan, system, (self.ridge_,))[0], scale))
-        return left
-
-    @property
-    def has_prior(self) -> bool:
-        """Whether the fit is one under a prior."""
-        return self.prior == "robot" or (self.prior == "auto" and self.weighting is not None and self.ridge == 0)
-
-    def _keep(self, plan: Plan, x: FloatArray, beside: FloatArray) -> LinkDynamicsIdentifier:
-        self.x_, self.beside_ = x, beside
+    def _keep(self, plan: Plan, x: FloatArray) -> LinkDynamicsIdentifier:
+        self.x_ = x
         self.phi_base_ = x[: plan.n_base]
         self.own_ = x[plan.n_base :].reshape(plan.robot.n_joints, plan.n_own)
         self.noise_std_ = np.sqrt(np.diag(self.covariance_))

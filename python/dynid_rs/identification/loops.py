@@ -90,9 +90,9 @@ class Loops:
         self._changed: list[int] | None = None  # joints whose torque the third loop has changed; at first all are new
 
     @property
-    def third_loop_takes(self) -> bool:
-        """Whether some joint has a third loop that takes torque from the others: another round can change something."""
-        return self.residual is not None and self.residual.beside and bool(self.residual.kept.any())
+    def third_loop_kept(self) -> bool:
+        """Whether some joint has a third loop, so that another round can change something."""
+        return self.residual is not None and bool(self.residual.kept.any())
 
     def start(self) -> None:
         """Weighted least squares as the paper compares with, the two encoders on one clock, pairs of the slow runs."""
@@ -178,15 +178,14 @@ class Loops:
         tau_link = [link_torque(self.plan, self.links, states) for states in self.runs]
         if self._changed is None:
             columns = _linear_columns(self.observations)
-            unseen = self.links.residuals_unseen(self.observations)
-            self.residual.fit(self.runs, left, tau_link=tau_link, columns=columns, unseen=unseen)
+            self.residual.fit(self.runs, left, tau_link=tau_link, columns=columns)
         else:
             self.residual.refit(self.runs, left, tau_link=tau_link)
-        loaded = list(zip(self.runs, tau_link, strict=True))
-        self._third_loop = [self.residual.taken_off(states, load) for states, load in loaded]
+        self._third_loop = [self.residual.torque(s, load) for s, load in zip(self.runs, tau_link, strict=True)]
         self._changed = np.flatnonzero(self.residual.kept).tolist()
-        torque = [states.in_band(self.residual.torque(states, load)) for states, load in loaded]
-        self.left["residual"] = rms([e - u for e, u in zip(left, torque, strict=True)])
+        self.left["residual"] = rms(
+            [e - s.in_band(u) for e, s, u in zip(left, self.runs, self._third_loop, strict=True)]
+        )
 
     def beside(self) -> list[RowGroup]:
         """Rows of the friction experiment that stand beside the training runs'."""

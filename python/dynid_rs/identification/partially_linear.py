@@ -105,18 +105,13 @@ class LeftOut:
 
     Parameters
     ----------
-    u : sequence of ndarray (n_rows, n_inputs)
-        Inputs per block.
-    e : sequence of sequence of ndarray (n_rows,)
-        What is to be explained, for each block that is left out and per block: a fit that has seen a block leaves too
-        little of it.
+    u, e : sequence of ndarray
+        Inputs (n_rows, n_inputs) and what is to be explained (n_rows,), per block.
     columns : sequence of ndarray (n_rows, n_columns) or None
         Of the linear terms.
     """
 
-    def __init__(
-        self, u: Sequence[FloatArray], e: Sequence[Sequence[FloatArray]], columns: Sequence[FloatArray | None]
-    ) -> None:
+    def __init__(self, u: Sequence[FloatArray], e: Sequence[FloatArray], columns: Sequence[FloatArray | None]) -> None:
         self._u, self._e, self._columns = u, e, columns
         self._linear = [
             LinearTerms(np.concatenate(known) if known else None)
@@ -130,12 +125,12 @@ class LeftOut:
         """Squares that they leave together with g, (n_blocks,). One round each: where to stop is not chosen here."""
         power = np.zeros(len(self._u))
         for k, linear in enumerate(self._linear):
-            u, e = _others(self._u, k), _others(self._e[k], k)
+            u, e = _others(self._u, k), _others(self._e, k)
             power[k] = np.sum(self._left(k, fit_beside(make, u, e, linear, thin=thin, rounds=1)) ** 2)
         return power
 
     def _left(self, k: int, g: Any) -> FloatArray:
-        left, others = self._e[k][k], _others(self._e[k], k)
+        left, others = self._e[k], _others(self._e, k)
         if g is not None:
             left, others = left - g.predict(self._u[k]), others - g.predict(_others(self._u, k))
         columns = self._columns[k]

@@ -16,7 +16,6 @@ from dynid_rs import _core
 from dynid_rs.identification.mixture import GaussianMixtureRegressor
 from dynid_rs.identification.partially_linear import LeftOut, LinearTerms, fit_beside
 from dynid_rs.identification.rbf import RbfRegressor
-from dynid_rs.regression.columns import thirds
 from dynid_rs.runs.preprocessing import States
 
 FloatArray = NDArray[np.float64]
@@ -100,7 +99,6 @@ class ResidualCompensator(BaseEstimator):  # type: ignore[misc]
         *,
         tau_link: Sequence[FloatArray] | None = None,
         columns: Sequence[Sequence[FloatArray]] | None = None,
-        unseen: Sequence[Sequence[FloatArray]] | None = None,
     ) -> ResidualCompensator:
         """Fit to training runs.
 
@@ -114,9 +112,6 @@ class ResidualCompensator(BaseEstimator):  # type: ignore[misc]
             Rigid-body torque predicted by the second loop at every sample; the load-free deflection needs it.
         columns : sequence of sequence of ndarray (n_rows, n_columns), optional
             Columns of the first two loops' terms, per joint and run.
-        unseen : sequence of sequence of ndarray (n_rows, n_joints), optional
-            What the first two loops leave of every block where they have not seen one, for each that is left out
-            (`LinkDynamicsIdentifier.residuals_unseen`); blocks are runs, or the thirds of a lone one.
 
         Raises
         ------
@@ -127,7 +122,8 @@ class ResidualCompensator(BaseEstimator):  # type: ignore[misc]
             raise ValueError(f"method must be 'mixture' or 'rbf', found {self.method!r}")
         self.inputs_ = choose_inputs(self.inputs, runs, load_known=tau_link is not None)
         n = residuals[0].shape[1]
-        self.compliance_ = _compliance(runs, tau_link) if self.beside and tau_link is not None else np.zeros(n)
+        load_free = self.inputs_ == "load_free_deflection"
+        self.compliance_ = _compliance(runs, tau_link) if load_free and tau_link is not None else np.zeros(n)
         lone = len(runs) == 1
         signals = [part for x in self._inputs_of(runs, tau_link) for part in _parts(x, lone)]
         left_over = [part for x in residuals for part in _parts(x, lone)]
@@ -144,14 +140,11 @@ class ResidualCompensator(BaseEstimator):  # type: ignore[misc]
             if len(used) < 2 or any(np.ptp(x[:, 0]) < 1e-12 for x in u):
                 continue  # no second encoder on this joint, or it rests nearly all the time
             beside: list[FloatArray | None] = [None] * len(u)
-            if self.beside and columns is not None:
+            if load_free and columns is not None:
                 parts = [part for x in columns[j] for part in _parts(x, lone)]
                 beside = [parts[k][rows[k]] for k in used]
             left = [left_over[k][rows[k], j] for k in used]
-            without = [left] * len(used)
-            if unseen is not None and not self.beside:
-                without = [[unseen[out][k][rows[k], j] for k in used] for out in used]
-            kept, fitted, self.ratio_[j] = self._fit_joint(u, left, LeftOut(u, without, beside), beside, least_gain)
+            kept, fitted, self.ratio_[j] = self._fit_joint(u, left, beside, least_gain)
             self.candidates_[j] = _evaluated(fitted)
             self.mixtures_[j] = self.candidates_[j] if kept else None
             self.n_centers_[j] = getattr(fitted, "n_centers", 0)
@@ -182,21 +175,6 @@ class ResidualCompensator(BaseEstimator):  # type: ignore[misc]
             self.mixtures_[j] = self.candidates_[j] = _evaluated(fitted)
         return self
 
-    @property
-    def beside(self) -> bool:
-        """Whether it is fitted beside the terms of the first two loops, which then leave it its torque.
-
-        With the paper's inputs it gets what they leave, and takes nothing from them: their joints share the links, so
-        that what one joint's third loop took would change the others.
-        """
-        return self.inputs_ == "load_free_deflection"
-
-    def taken_off(
-        self, states: States, tau_link: FloatArray, regressions: Sequence[Regression | None] | None = None
-    ) -> FloatArray:
-        """Torque that is none of the first two loops', (n, n_joints): `torque` where it is fitted beside them."""
-        return self.torque(states, tau_link, regressions) if self.beside else np.zeros_like(states.tau)
-
     def torque(
         self, states: States, tau_link: FloatArray | None = None, regressions: Sequence[Regression | None] | None = None
     ) -> FloatArray:
@@ -216,18 +194,14 @@ class ResidualCompensator(BaseEstimator):  # type: ignore[misc]
         return np.array([regression is not None for regression in self.mixtures_])
 
     def _fit_joint(
-        self,
-        u: list[FloatArray],
-        e: list[FloatArray],
-        left_out: LeftOut,
-        beside: list[FloatArray | None],
-        least_gain: float,
+        self, u: list[FloatArray], e: list[FloatArray], beside: list[FloatArray | None], least_gain: float
     ) -> tuple[bool, Any, float]:
         """Whether the third loop pays on one joint, its regressor, and the ratio of Attributes."""
         all_u, all_e = np.concatenate(u), np.concatenate(e)
         known = [columns for columns in beside if columns is not None]
         linear = LinearTerms(np.concatenate(known) if known else None)
         thin = self._thin(len(all_e))
+        left_out = LeftOut(u, e, beside)
         first = {k: fit_beside(self._maker(k), all_u, all_e, linear, thin=thin, rounds=1) for k in self._sizes()}
         if self.method == "mixture":
             size = min(first, key=lambda k: float(first[k].bic_))
@@ -282,7 +256,7 @@ def _evaluated(regressor: Any) -> Regression:
 
 def _parts(x: NDArray[Any], lone: bool) -> list[NDArray[Any]]:
     """Blocks that are left out in turn: whole runs, or thirds of a lone one."""
-    return [x[part] for part in thirds(len(x))] if lone else [x]
+    return np.array_split(x, 3) if lone else [x]
 
 
 def _compliance(runs: Sequence[States], tau_link: Sequence[FloatArray]) -> FloatArray:

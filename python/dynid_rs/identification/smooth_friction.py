@@ -138,7 +138,7 @@ class SmoothFrictionIdentifier(BaseEstimator):  # type: ignore[misc]
             ]
         whole = posterior.model(plan, rows, n_effective=_at_least(posterior, observations))
         sizes = (usual_torque(effects[0], name) for name in effects[0].coefficient_names)
-        usual = np.array([usual * (posterior.choice.bends if size == "bends" else 1.0) for usual, size in sizes])
+        usual = np.array([size * (posterior.choice.bends if bends else 1.0) for size, bends in sizes])
         shapes = []
         for j in range(n):
             first = plan.n_base + j * plan.n_own

@@ -15,7 +15,7 @@ from sklearn.utils.validation import check_is_fitted
 
 from dynid_rs import _core
 from dynid_rs.identification.friction import FrictionIdentifier
-from dynid_rs.identification.friction_laws import laws_per_joint, usual_law
+from dynid_rs.identification.friction_laws import DEFAULT_LAW, laws_per_joint
 from dynid_rs.identification.links import LinkDynamicsIdentifier
 from dynid_rs.identification.loops import Loops, link_torque
 from dynid_rs.identification.residual import ResidualCompensator
@@ -72,10 +72,8 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         Cosine and sine part [rad] of what each link encoder shows too much; taken off before anything else.
     excluded : mapping of str to windows, optional
         Name of a run to the times (start, end) [s] in which something from outside acts: neither fitted nor scored.
-    friction_law : str or sequence of str, optional
-        "paper" (Eqs. 9-11), "coulomb_viscous" or "stribeck", for all joints or one per joint, or "smooth" for all,
-        which needs the weak prior. By default "smooth"; "paper" without the prior, with a friction experiment, and
-        where `friction` is given.
+    friction_law : str or sequence of str
+        "paper" (Eqs. 9-11), "coulomb_viscous" or "stribeck", for all joints or one per joint.
     cutoff : float, optional
         Band [Hz] in which torques are fitted and compared; chosen from the motion if None.
     standstill : bool
@@ -134,7 +132,7 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         encoder_error: FloatArray | None = None,
         torque_delay: float = 0.0,
         excluded: Excluded | None = None,
-        friction_law: str | Sequence[str] | None = None,
+        friction_law: str | Sequence[str] = DEFAULT_LAW,
         cutoff: float | None = None,
         standstill: bool = False,
         max_iter: int = 10,
@@ -181,8 +179,6 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         DataError
             Runs of another robot, mixed units, a joint that never moves, too little motion, a friction run
             without reversal.
-        ValueError
-            An argument is not one of the choices, or two contradict each other.
         """
         from threadpoolctl import threadpool_limits
 
@@ -192,19 +188,19 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
             raise ValueError(f"cutoff must be a positive frequency in Hz, found {self.cutoff}")
         if not (self.residual is None or self.residual == "default" or isinstance(self.residual, ResidualCompensator)):
             raise ValueError(f"residual must be a ResidualCompensator, None or 'default', found {self.residual!r}")
-        slow = _as_list(friction_recording) if friction_recording is not None else []
-        laws = self._laws(with_pairs=bool(slow))
+        laws_per_joint(self.friction_law, self.robot.n_joints)
         free_scales(self.robot.n_joints, False, self.free_gains)
         n = self.robot.n_joints
         if self.encoder_error is not None and np.shape(self.encoder_error) != (n, 2):
             raise ValueError(f"encoder_error has shape {np.shape(self.encoder_error)}, expected ({n}, 2)")
         recordings = _as_list(recordings)
+        slow = _as_list(friction_recording) if friction_recording is not None else []
         check_training_runs(self.robot, recordings + slow)
         self.known_ = check_known(self.known, self.robot, recordings[0].torque_unit)
         # Small matrices by the thousand: BLAS threads spin on each other and cost more than they give.
         with threadpool_limits(limits=1, user_api="blas"):
             on_progress("filtering the runs")
-            loops = self._loops(self._training_data(recordings, slow), laws)
+            loops = self._loops(self._training_data(recordings, slow))
             self._iterate(loops, on_progress)
         self._keep(loops)
         return self
@@ -225,7 +221,7 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
             on_progress(f"round {self.n_iter_}: residual")
             loops.fit_residual()
             self.history_.append(loops.left)
-            if not loops.third_loop_takes or self._settled():
+            if not loops.third_loop_kept or self._settled():
                 self.converged_ = True
                 return
         warnings.warn(
@@ -253,7 +249,7 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
     def model_with(self, regressions: Regressions) -> _core.TorqueModel:
         """Return the model with other regressions in its third loop; all None leaves it out.
 
-        Where the third loop is fitted beside the second one's terms, those are fitted again: they depend on it.
+        The second loop is fitted again beside them: its terms depend on what the third one takes.
         """
         check_is_fitted(self, "model_")
         if all(regression is None for regression in regressions):
@@ -263,11 +259,8 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
             raise ValueError("the third loop was switched off; fit with a ResidualCompensator first")
         if list(regressions) == third.mixtures_:
             return self.model_
-        kept = (third.inputs_, list(regressions), third.compliance_)
-        if not third.beside:
-            return self.loops_.model(plan, self.links_, self.links_.own_, kept)
         loads = [link_torque(plan, self.links_, states) for states in self.runs_]
-        torque = [third.taken_off(states, load, regressions) for states, load in zip(self.runs_, loads, strict=True)]
+        torque = [third.torque(states, load, regressions) for states, load in zip(self.runs_, loads, strict=True)]
         observations = observe(plan, self.runs_, [s.tau - u for s, u in zip(self.runs_, torque, strict=True)])
         links = copy(self.links_)
         links.fit(
@@ -277,6 +270,7 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
             beside=self.loops_.beside(),
             again=True,
         )
+        kept = (third.inputs_, list(regressions), third.compliance_)
         return self.loops_.model(plan, links, links.own_, kept)
 
     def parameter_covariance(self) -> FloatArray:
@@ -302,33 +296,18 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
             standstill=self.standstill,
         )
 
-    def _laws(self, *, with_pairs: bool) -> tuple[str, ...]:
-        """Law of every joint, (n_joints,)."""
-        links = self.links if self.links is not None else LinkDynamicsIdentifier()
-        law = self.friction_law
-        if law is None and isinstance(self.friction, FrictionIdentifier):
-            law = "paper"  # what searches the paper's shapes has been given
-        elif law is None:
-            law = usual_law(with_prior=links.has_prior, with_pairs=with_pairs)
-        laws = laws_per_joint(law, self.robot.n_joints)
-        if "smooth" in laws and not links.has_prior:
-            raise ValueError(
-                "friction_law 'smooth' is chosen by the evidence, which needs the weak prior; choose another law, or a "
-                "fit with a prior"
-            )
-        return laws
-
-    def _loops(self, data: TrainingData, laws: tuple[str, ...]) -> Loops:
+    def _loops(self, data: TrainingData) -> Loops:
         """Fresh copies of the three loops around the data, so that the user's own are never changed."""
         friction: FrictionIdentifier | SmoothFrictionIdentifier
         if self.friction is not None:
             friction = clone(self.friction)
-        elif "smooth" in laws:
+        elif "smooth" in laws_per_joint(self.friction_law, self.robot.n_joints):
             friction = SmoothFrictionIdentifier()
         else:
             friction = FrictionIdentifier()
         links = clone(self.links) if self.links is not None else LinkDynamicsIdentifier()
         residual = ResidualCompensator() if self.residual == "default" else self.residual
+        laws = laws_per_joint(self.friction_law, self.robot.n_joints)
         third = clone(residual) if residual is not None else None
         return Loops(self.robot, data, friction, links, third, laws, self.effects, self.free_gains, self.encoder_error)
 

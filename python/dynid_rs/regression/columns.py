@@ -230,7 +230,7 @@ def observe(
     blocks: list[Block] = []
     for k, states in enumerate(runs):
         rows = run_rows(plan, states, states.tau if tau is None else tau[k])
-        for part in [slice(None)] if len(runs) > 1 else thirds(len(states.rows)):
+        for part in [slice(None)] if len(runs) > 1 else _thirds(len(states.rows)):
             cut = [joint[part] for joint in rows]
             blocks.append(Block(k, cut, [_core.triangular_factor(joint) for joint in cut]))
     return Observations(plan, blocks)
@@ -273,7 +273,6 @@ def counted_rows(rows: Sequence[FloatArray], counted: NDArray[np.bool_]) -> list
     ]
 
 
-def thirds(n: int) -> list[slice]:
-    """Cut a lone run of n rows, so that something can be left out."""
+def _thirds(n: int) -> list[slice]:
     edges = np.linspace(0, n, 4).astype(int)
     return [slice(first, last) for first, last in pairwise(edges)]

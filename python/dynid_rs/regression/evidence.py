@@ -32,9 +32,6 @@ TRUSTED = (0.03, 0.1, 0.3, 1.0)
 """The same where the user trusts the robot file."""
 BENDS = (0.03, 0.2)
 """Sizes of friction's bends that are compared: hardly any, and a curved law's."""
-OFFSETS = (0.1, 0.3)
-"""Sizes of constant torques that are compared: what any small effect usually has, and that of a sensor's zero or a
-spring. A constant that the data do not ask for is made of a misfit's mean over the run, and is wrong elsewhere."""
 SCALE_STEPS = 4
 """Gauss-Newton steps on the gains in a round; gains ten times off are reached."""
 COMMON = np.geomspace(0.1, 10.0, 41)
@@ -164,7 +161,6 @@ def fit_with_prior(
         else:
             best = _likeliest(model, noise, [choice._replace(width=w, centre=c) for w, c in widths])
             best = _likeliest(model, best.noise, [best.choice._replace(bends=size) for size in BENDS])
-            best = _likeliest(model, best.noise, [best.choice._replace(offsets=size) for size in OFFSETS])
         choice = best.choice
         if free is not None and free.any():
             pull = prior.rows(choice)[0]

@@ -44,14 +44,13 @@ AT_ONCE = 100
 class Choice(NamedTuple):
     """Which of a family of priors: chosen by the evidence.
 
-    `width` of the inertials' prior, its `centre` (1: the robot file, 0: none), the size of friction's `bends`: what its
-    directions differ in and its higher orders; and the size of constant torques, `offsets`.
+    `width` of the inertials' prior, its `centre` (1: the robot file, 0: none), and the size of friction's `bends`:
+    what its directions differ in and its higher orders.
     """
 
     width: float = 1.0
     centre: float = 0.0
     bends: float = 0.05
-    offsets: float = 0.3
 
 
 class Prior(Protocol):

@@ -6,16 +6,15 @@ Unknowns are Gaussian, ``x ~ N(c x_file, S(w)^2)``:
 |---|---|
 | link's mass m (the file's, at least 0.3 kg) | w m / 2 |
 | its first moments, its inertia | w m l, w m l^2 with l = 0.15 m |
-| rotor's torque | 1 of the joint's torque |
-| friction: Coulomb, viscous | 1 of it |
+| rotor's torque, offset | 1, 0.3 of the joint's torque |
+| friction: Coulomb, viscous | 1 of the joint's torque |
 | what friction's directions differ in, higher orders | b of it |
-| constant torque | o of it |
 | an effect that was found | 0.3 of it |
 
 Coefficients are measured by the root mean square of their column's torque. The width w, whether the file's inertials
-are its centre (c = 1) or not (c = 0), and the sizes b of friction's bends and o of constant torques are chosen by the
-evidence on every data set (`evidence.py`). So inertials fall back to the file and friction to Coulomb and viscous as
-far as the data are thin, and nothing has to be asked of the user.
+are its centre (c = 1) or not (c = 0), and the size b of friction's bends are chosen by the evidence on every data set
+(`evidence.py`). So inertials fall back to the file and friction to Coulomb and viscous as far as the data are thin,
+and nothing has to be asked of the user.
 """
 
 from __future__ import annotations
@@ -23,7 +22,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,11 +35,10 @@ FloatArray = NDArray[np.float64]
 LEAST_MASS, LENGTH = 0.3, 0.15
 """Mass [kg] of a link that the file says less of, and distance [m] of a link's mass from its frame: an arm's, from a
 desk's size to a factory's within the factor that the width w is searched in."""
+USUAL = {"rotor_inertia": 1.0, "torque_offset": 0.3}
+"""Torque of declared columns over the joint's own."""
 OTHER = 0.3
-"""Torque of the columns of effects that were found over the joint's own. A rotor's, Coulomb's and viscous torque may be
-as large as it."""
-Size = Literal["bends", "offsets"] | None
-"""Size in a `Choice` that a coefficient's prior is a multiple of."""
+"""The same of effects that were found. Friction's Coulomb and viscous torque may be as large as the joint's own."""
 LEAST_COLUMN = 1e-9
 """A column whose torque is below this part of its joint's is none."""
 
@@ -58,8 +55,8 @@ class WeakPrior:
         Root L of the links' covariance at width one, ``L'L``.
     others : ndarray (n, n_columns)
         Root of everything else's covariance.
-    bends, offsets : ndarray (n, n_columns)
-        Roots of the covariance of friction's asymmetry and higher orders, and of constant torques, at size one.
+    bends : ndarray (n, n_columns)
+        Root of the covariance of friction's asymmetry and higher orders, at size one.
     used : ndarray of bool (n_columns,)
         Unknowns that have a prior: all that are estimable.
     unit : float
@@ -70,7 +67,6 @@ class WeakPrior:
     links: FloatArray
     others: FloatArray
     bends: FloatArray
-    offsets: FloatArray
     used: NDArray[np.bool_]
     unit: float = 1.0
     _rows: dict[Choice, tuple[FloatArray, float]] = field(default_factory=dict)
@@ -114,8 +110,7 @@ class WeakPrior:
         return std
 
     def _roots(self, choice: Choice) -> FloatArray:
-        links = choice.width * self.unit * self.links
-        return np.concatenate([links, choice.bends * self.bends, choice.offsets * self.offsets, self.others])
+        return np.concatenate([choice.width * self.unit * self.links, choice.bends * self.bends, self.others])
 
     def in_unit(self, unit: float) -> WeakPrior:
         """Return the prior for a channel of `unit` torque units per N m."""
@@ -140,19 +135,19 @@ def weak_prior(plan: Plan, factors: Sequence[FloatArray], n_rows: int) -> WeakPr
     links = (regroup[:, : 10 * n] * spread).T
     mean = regroup[:, : 11 * n] @ np.concatenate([phi, rotors])
     own = [_own_roots(plan, j, factors[j], n_rows, regroup, rotors[j]) for j in range(n)]
-    others, bends, offsets = (_of_size(plan, own, size) for size in (None, "bends", "offsets"))
-    return WeakPrior(mean, links, others, bends, offsets, plan.estimable().copy())
+    others = _stacked(plan, [root for joint in own for bends, root in joint if not bends])
+    bends = _stacked(plan, [root for joint in own for bends, root in joint if bends])
+    return WeakPrior(mean, links, others, bends, plan.estimable().copy())
 
 
-def _of_size(plan: Plan, own: Sequence[Sequence[tuple[Size, FloatArray]]], size: Size) -> FloatArray:
-    """Roots that are multiples of one size, (n, n_columns)."""
-    return np.array([root for joint in own for its, root in joint if its == size]).reshape(-1, plan.n_columns)
+def _stacked(plan: Plan, roots: Sequence[FloatArray]) -> FloatArray:
+    return np.array(roots).reshape(-1, plan.n_columns)
 
 
 def _own_roots(
     plan: Plan, j: int, factor: FloatArray, n_rows: int, regroup: FloatArray, rotor: float
-) -> list[tuple[Size, FloatArray]]:
-    """Roots of the covariance of joint j's own coefficients, and the size that they are multiples of, at size one.
+) -> list[tuple[bool, FloatArray]]:
+    """Roots of the covariance of joint j's own coefficients, and whether they are of friction's bends, at size one.
 
     Coefficients that base parameters absorb are included.
     """
@@ -165,7 +160,7 @@ def _own_roots(
         names = effect.coefficient_names
         for name in names:
             at, root = first + column, np.zeros(plan.n_columns)
-            usual, size = usual_torque(effect, name)
+            usual, bends = usual_torque(effect, name)
             std = usual * torque / max(sizes[column], LEAST_COLUMN * torque)
             twin = name.removesuffix("_pos") + "_neg" if effect.kind == "friction" else ""
             if name == "rotor_inertia":
@@ -173,15 +168,15 @@ def _own_roots(
             if not plan.own[j, column]:
                 if (j, column) in plan.absorbed:
                     absorbed = 10 * n if name == "rotor_inertia" else 11 * n
-                    roots.append((size, std * regroup[:, absorbed + j]))
+                    roots.append((False, std * regroup[:, absorbed + j]))
             elif twin in names and name != twin and plan.own[j, column + 1]:
                 # What both directions share, and what they differ in.
                 std = torque / max(float(np.hypot(*sizes[column : column + 2])), LEAST_COLUMN * torque)
                 root[[at, at + 1]] = usual * std
-                roots += [(size, root), ("bends", std * _signs(plan.n_columns, at))]
+                roots += [(bends, root), (True, std * _signs(plan.n_columns, at))]
             elif not (effect.kind == "friction" and name.endswith("_neg") and plan.own[j, column - 1]):
                 root[at] = std
-                roots.append((size, root))
+                roots.append((bends, root))
             column += 1
     return roots
 
@@ -193,14 +188,11 @@ def _signs(n_columns: int, at: int) -> FloatArray:
     return signs
 
 
-def usual_torque(effect: _core.Effect, name: str) -> tuple[float, Size]:
-    """Torque of a coefficient's column over the joint's own, at size one of the size that it is a multiple of."""
+def usual_torque(effect: _core.Effect, name: str) -> tuple[float, bool]:
+    """Torque of a coefficient's column over the joint's own, and whether it is one of friction's bends, at size one."""
     if effect.kind in FRICTION:
-        straight = name in ("coulomb", "viscous") or name.startswith(("coulomb_p", "coulomb_n", "viscous1"))
-        return 1.0, None if straight else "bends"
-    if effect.kind == "torque_offset":
-        return 1.0, "offsets"
-    return (1.0 if effect.kind == "rotor_inertia" else OTHER), None
+        return 1.0, not (name in ("coulomb", "viscous") or name.startswith(("coulomb_p", "coulomb_n", "viscous1")))
+    return USUAL.get(effect.kind, OTHER), False
 
 
 def declares_inertia(robot: _core.RobotModel) -> bool:
