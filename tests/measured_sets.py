@@ -49,20 +49,20 @@ class Measured:
     test: tuple[str, ...]
     limits: Limits
 
-    def command(self, output: Path) -> list[str]:
-        """Return the plain command, no option given."""
+    def command(self, output: Path, verb: str = "diagnose") -> list[str]:
+        """Return the plain `dynid identify` or `dynid diagnose`, no option given."""
 
         def run(name: str) -> str:
             return str(data.place() / self.folder / f"{name}.parquet")
 
         tests = [part for name in self.test for part in ("--test", run(name))]
-        arguments = ["diagnose", run("robot").replace(".parquet", ".urdf"), *map(run, self.train), *tests]
+        arguments = [verb, run("robot").replace(".parquet", ".urdf"), *map(run, self.train), *tests]
         return [sys.executable, "-c", COMMAND, *arguments, "-o", str(output)]
 
-    def diagnose(self, output: Path) -> dict[str, Any]:
+    def answer(self, verb: str, output: Path) -> dict[str, Any]:
         """Run the command and return result.json."""
         done = subprocess.run(
-            self.command(output), capture_output=True, text=True, stdin=subprocess.DEVNULL, check=False
+            self.command(output, verb), capture_output=True, text=True, stdin=subprocess.DEVNULL, check=False
         )
         if not (output / "result.json").is_file():
             raise RuntimeError(f"{self.title}: {done.stderr.strip() or done.stdout.strip()}")
@@ -131,6 +131,18 @@ SETS = {
         Limits((0.026, 0.011, 0.016, 0.031, 0.047, 0.042), 12, ("load_dependent_friction",)),
     ),
 }
+
+IDENTIFIED = SETS | {
+    "kuka-back": Measured("KUKA KR300, run B against run A", "kuka_kr300_weigand", ("traj_B",), ("traj_A",), Limits()),
+    "ur10e-short": Measured(
+        "UR10e, two shorter runs",
+        "ur10e_innopolis",
+        ("20_02_10_30sec_12harm", "20_02_05_20sec_8harm"),
+        ("20_02_12_50sec_12harm",),
+        Limits(),
+    ),
+}
+"""What `dynid identify` is measured on: the sets above, and two more splits of arms that have the runs for it."""
 
 SLACK = 1.1
 """Another machine, another library of linear algebra: errors may be so many times those below."""

@@ -63,7 +63,7 @@ def main(arguments: Sequence[str]) -> int:
     with tempfile.TemporaryDirectory(prefix="results-") as folder:
         for name in wanted or SETS:
             try:
-                rows.append(row(SETS[name], SETS[name].diagnose(Path(folder) / name)))
+                rows.append(row(SETS[name], SETS[name].answer("diagnose", Path(folder) / name)))
             except RuntimeError as error:
                 failed += 1
                 rows.append(f"| {SETS[name].title} | | | | no answer: {str(error).splitlines()[-1]} |")
