@@ -74,9 +74,9 @@ def summary(results: Iterable[dict[str, Any]]) -> str:
     found = [ratios(result) for result in results]
     every = np.concatenate(found)
     return (
-        f"On {np.sum(every > WORSE)} of {len(every)} joints of {len(found)} sets the three loops leave more than {WORSE} of "
-        f"the error of weighted least squares, {every.max():.2f} on the worst; on {np.sum(every < BETTER)} they leave less than "
-        f"{BETTER}. The ratio's geometric mean is {np.exp(np.mean(np.log(every))):.3f}.\n"
+        f"On {np.sum(every > WORSE)} of {len(every)} joints of {len(found)} sets the three loops leave more than "
+        f"{WORSE} of the error of weighted least squares, {every.max():.2f} on the worst; on {np.sum(every < BETTER)} "
+        f"they leave less than {BETTER}. The ratio's geometric mean is {np.exp(np.mean(np.log(every))):.3f}.\n"
     )
 
 
