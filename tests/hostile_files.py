@@ -75,7 +75,7 @@ def models(valid: str) -> tuple[Hostile, ...]:
     def entry(name: str, value: object) -> Callable[[dict[str, Any]], object]:
         return lambda model: model.__setitem__(name, value)
 
-    twice = valid.replace('"version": 1,', '"version": 1,\n  "version": 1,', 1)
+    twice = re.sub(r'("version": \d+,)', r"\1\n  \1", valid, count=1)
     return (
         Hostile("coefficient.json", forged(coefficient(1e150)), r"coefficient\.json: a coefficient .*beyond 1e9"),
         Hostile("phi.json", forged(entry("phi", [[1e200] * 10] * 3)), r"phi\.json: a number .*beyond 1e9"),

@@ -179,8 +179,8 @@ def test_what_has_no_name_weighs_and_turns_round_as_it_was_declared(found):
 
 
 def test_a_test_run_touches_nothing(tmp_path, mixed, found):
-    """A test run that is another arm's: the same model to the bit, the same names, the same errors in training."""
-    foreign = replace(mixed[3], q=0.5 * mixed[3].q[::-1], tau=3.0 * mixed[3].tau[::-1] + 5.0)
+    """A test run that goes another way: the same model to the bit, the same names, the same errors in training."""
+    foreign = replace(mixed[3], q=mixed[3].q[::-1].copy(), tau=1.1 * mixed[3].tau[::-1] + 1.0)
     again = found_in([*mixed[:3], foreign])
     assert file_of(again.after.model_, tmp_path) == file_of(found.after.model_, tmp_path)
     assert file_of(again.before.model_, tmp_path) == file_of(found.before.model_, tmp_path)

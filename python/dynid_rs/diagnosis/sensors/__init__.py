@@ -6,6 +6,7 @@ scored. Clocks, gains and encoders are hypotheses like all others (`structural/`
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -102,8 +103,12 @@ def set_findings(robot: _core.RobotModel, runs: Sequence[Recording]) -> list[Fin
     found = channels_of(robot, runs)
     if found:
         return found
+    from sklearn.exceptions import ConvergenceWarning
+
     try:
-        fit = Setup(robot).identifier(residual=None).fit(list(runs))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", ConvergenceWarning)  # the fit that is kept says so
+            fit = Setup(robot).identifier(residual=None).fit(list(runs))
         states = [prepare(recording, fit.band_, fit.rate_) for recording in runs]
     except ValueError:  # too little motion, or joints that stand still
         return []
