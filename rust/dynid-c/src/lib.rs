@@ -31,6 +31,6 @@ pub use failure::{dynid_last_error, dynid_version, DynidCode};
 pub use model::{
     dynid_model_free, dynid_model_joint_name, dynid_model_joint_unit, dynid_model_load,
     dynid_model_n_joints, dynid_model_n_terms, dynid_model_parse, dynid_model_robot_name,
-    dynid_model_step, dynid_model_term_name, dynid_model_torque_unit, dynid_model_wants_motor_side,
-    dynid_model_wants_temperature, DynidModel,
+    dynid_model_step, dynid_model_term_name, dynid_model_torque_delay, dynid_model_torque_unit,
+    dynid_model_wants_motor_side, dynid_model_wants_temperature, DynidModel,
 };
