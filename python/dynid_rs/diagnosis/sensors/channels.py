@@ -74,19 +74,22 @@ def channel_findings(robot: _core.RobotModel, runs: Sequence[States], torque_uni
         if in_ampere:
             gains = unit_gains(bench)
             bench = Bench(robot, tuple(replace(rows, tau=rows.tau * gains) for rows in bench.rows))
-        return _likeliest(bench, runs, judged=not in_ampere and declares_inertia(robot))
+        declared = declares_inertia(robot)
+        if in_ampere and not declared:
+            return []  # neither gains nor links are known: nothing says how large, or of what sign, a torque has to be
+        return _likeliest(bench, runs, judged=not in_ampere and declared, sized=not in_ampere)
 
 
-def _likeliest(bench: Bench, runs: Sequence[States], *, judged: bool) -> list[Finding]:
+def _likeliest(bench: Bench, runs: Sequence[States], *, judged: bool, sized: bool) -> list[Finding]:
     names = [states.name for states in runs]
-    said = [(trial.fit.log, finding) for trial, finding in _candidates(bench, names, judged=judged)]
+    said = [(trial.fit.log, finding) for trial, finding in _candidates(bench, names, judged=judged, sized=sized)]
     if not said:
         return []
     best = max(log for log, _ in said)
     return [finding for log, finding in said if log == best]
 
 
-def _candidates(bench: Bench, names: Sequence[str], *, judged: bool) -> Iterator[tuple[Trial, Finding]]:
+def _candidates(bench: Bench, names: Sequence[str], *, judged: bool, sized: bool) -> Iterator[tuple[Trial, Finding]]:
     """Changes that leave no doubt that the runs are not what they are called, each with its finding."""
     if float(np.max(bench.fit.run_shares)) > UNEXPLAINED:
         yield from _wired(bench, names)
@@ -96,7 +99,8 @@ def _candidates(bench: Bench, names: Sequence[str], *, judged: bool) -> Iterator
         turned = gravity_trial(bench) if judged else None
         if turned is not None and _clear(bench, turned[0]):
             yield turned[0], words.mounting(bench, turned[0], names, turned[1])
-    if judged or len(names) > 1:
+    # Gains that the runs themselves tell say nothing of a unit: a run of little motion would have another one.
+    if sized and (judged or len(names) > 1):
         yield from _units(bench, names, judged=judged)
     yield from _late(bench, names)
 
