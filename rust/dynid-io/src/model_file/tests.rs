@@ -219,7 +219,8 @@ fn other_files_are_told_apart() {
     assert!(message(b"\xff\xfe").contains(&format!("not a text file; {mend}")));
     let unnumbered = message(b"{\"format\": \"dynid-model\"}");
     assert!(
-        unnumbered.contains("no usable version (expected \"version\": 1); give the model.json as"),
+        unnumbered
+            .contains("no usable version (expected \"version\": 1 to 2); give the model.json as"),
         "{unnumbered}"
     );
     assert!(message(b"{\"format\": \"dynid-model\", \"version\": 99}").contains("newer"));
@@ -283,7 +284,7 @@ fn a_resigned_file_is_checked_for_sense() {
 proptest! {
     #[test]
     fn numbers_survive_to_the_last_bit(bits in proptest::collection::vec(any::<u64>(), 20)) {
-        let phi: Vec<f64> = bits.iter().map(|b| f64::from_bits(*b)).map(|x| if x.is_finite() { x } else { 0.5 }).collect();
+        let phi: Vec<f64> = bits.iter().map(|b| f64::from_bits(*b)).map(|x| if x.abs() <= 1e9 { x } else { 0.5 }).collect();
         let base = model();
         let changed = TorqueModel::new(TorqueModelParts {
             robot: base.robot().clone(),
