@@ -145,7 +145,8 @@ def test_progress_on_a_terminal(tmp_path):
             shown += part
     os.close(ours)
     assert child.returncode == 0
-    assert b"filtering the runs" in shown or b"weighted least squares" in shown or b"friction" in shown
+    for step in (b"reading", b"filtering the runs", b"weighted least squares", b"testing"):
+        assert step in shown  # each is drawn, however short
     assert json.loads(answer)["format"] == "dynid-result"
 
 

@@ -7,6 +7,8 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 from rich.console import Console
+from rich.live import Live
+from rich.spinner import Spinner
 
 _WIDTH = 120
 
@@ -35,11 +37,17 @@ def interval(bounds: Sequence[float] | None) -> str:
 def progress() -> Iterator[Callable[[str], None]]:
     """Show what is being done while it is being done; silent where standard error is no terminal.
 
-    Yields a function that takes a few words. Variables such as FORCE_COLOR make Rich believe in a terminal
-    that is not there; only the stream itself is asked here.
+    Yields a function that takes a few words; they are drawn at once, however short the step. Variables such as
+    FORCE_COLOR make Rich believe in a terminal that is not there; only the stream itself is asked here.
     """
     if not sys.stderr.isatty():
         yield lambda words: None
         return
-    with Console(stderr=True).status("") as status:
-        yield status.update
+    spinner = Spinner("dots")
+
+    def say(words: str) -> None:
+        spinner.update(text=words)
+        live.refresh()
+
+    with Live(spinner, console=Console(stderr=True), refresh_per_second=12.5, transient=True) as live:
+        yield say
