@@ -32,7 +32,7 @@ def score(truth: dict[str, Any], result: dict[str, Any] | None, seconds: float, 
     }
     false = [e for e, match in zip(named, matches, strict=True) if match is None and _key(e) not in excused]
     by_name = {match for match in matches if isinstance(match, int)}
-    by_tie = {match for effect in named for tie in effect["ties"] if isinstance(match := _match(tie, truth), int)}
+    by_tie = {match for e in effects for other in _others(e) if isinstance(match := _match(other, truth), int)}
     found = [k in by_name or k in by_tie for k in range(len(truth["effects"]))]
     return {
         "seed": truth["seed"],
@@ -54,6 +54,12 @@ def score(truth: dict[str, Any], result: dict[str, Any] | None, seconds: float, 
             told for effect, match in zip(named, matches, strict=True) for told in _intervals(effect, match, truth)
         ],
     }
+
+
+def _others(effect: dict[str, Any]) -> list[dict[str, Any]]:
+    """What an effect may be instead; of one that is either one or the other, and has no name for it, all of them."""
+    undecided = effect["kind"] == UNKNOWN and effect["ties"]
+    return [*effect["ties"], *([effect | {"kind": effect["told_as"]}] if undecided else [])]
 
 
 def harm(result: dict[str, Any] | None) -> list[float] | None:

@@ -19,6 +19,14 @@ NO_INTERVAL = (
 """Why there is a dash in the place of a 95 % interval."""
 
 
+def kinds_said(effect: Mapping[str, Any]) -> list[str]:
+    """What an effect may be: its kind; of one that is one kind or another, all of them; of one without a name, none."""
+    if effect["kind"] != "unknown":
+        return [effect["kind"]]
+    others = dict.fromkeys(tie["kind"] for tie in effect.get("ties") or ())
+    return [effect["told_as"], *others] if others else []
+
+
 def lacks_interval(result: Mapping[str, Any]) -> bool:
     """Whether a joint has no interval of its error or of the change, although intervals were asked for."""
     test = result["rmse"]["test"]

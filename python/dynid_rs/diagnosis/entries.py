@@ -58,6 +58,8 @@ def effect_entries(
             entry["plot"] = _plot(found, effect, errors)
         if place in nameless:
             entry |= untold(kind, nameless[place], names)
+        elif named.ties:  # one or the other
+            entry |= {"kind": "unknown", "told_as": kind}
         entries.append(entry)
     return entries
 

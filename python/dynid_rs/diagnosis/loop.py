@@ -25,6 +25,7 @@ from dynid_rs.diagnosis.misfit import nameless, of_the_angle
 from dynid_rs.diagnosis.mounting import mounted
 from dynid_rs.diagnosis.reference import compare
 from dynid_rs.diagnosis.ripple import find_ripple, ripple_entries
+from dynid_rs.diagnosis.rivals import weigh_rivals
 from dynid_rs.diagnosis.search import search
 from dynid_rs.diagnosis.sensors import channel_errors, examine
 from dynid_rs.diagnosis.setup import Setup
@@ -131,6 +132,7 @@ def _traced(
         found.catalogue = Catalogue(found.fit, found.catalogue)
     on_progress("what is left")
     names = setup.robot.joint_names
+    weigh_rivals(found)
     without_name = nameless(found)
     entries = [
         *gear_entries(found.fit, of_the_angle(without_name)),

@@ -1,28 +1,31 @@
-"""Names that do not tell what they are named for: they leave another function of their angle, or their shape goes on.
+"""Names that do not tell what they are named for: any function of their angle does as well, or their shape goes on.
 
-A name says that a torque is one function, up to its coefficients and shape. Beside a right one no other function of
-the same angle is more probable than none; beside a wrong one (a cable that is drawn tight, told as a cylinder) the
-rest of the true function is. The same holds where a shape is at the end of what it may be and would go on. The torque
-is kept, for it predicts, and its cause is called unknown.
+A name says that a torque is one function, up to its coefficients and shape. In the place of a right one a function
+without a name, which pays for every wave, is far less probable, and beside it no more probable than none; in the place
+of a wrong one (a cable that is drawn tight, told as a cylinder), or beside it, it is. The same holds where a shape is at
+the end of what it may be and would go on. The torque is kept, for it predicts, and its cause is called unknown.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from dynid_rs.base.odds import SURE
 from dynid_rs.diagnosis.belief import Belief
-from dynid_rs.diagnosis.hypotheses import Place
+from dynid_rs.diagnosis.beside import Beside
+from dynid_rs.diagnosis.hypotheses import Hypothesis, Place, shaped_as
+from dynid_rs.diagnosis.rivals import valued
 from dynid_rs.diagnosis.shapes import searched
 from dynid_rs.diagnosis.slopes import effect_slopes, is_logarithmic
-from dynid_rs.diagnosis.standing import REFUTED
 from dynid_rs.diagnosis.waves import Argument, of_signal, same_angles, waves
 from dynid_rs.model.placed import CATALOGUE
 
 AT_THE_END = 0.02
 """Logarithm of a shape over the end of its range within which it is at the end."""
+CLEARLY = 2.0
+"""Standard errors by which a shape would go on: one in forty by chance."""
 ANGLES = ("q", "q_motor")
 """Signals that are a joint's own angle."""
 SEEN_AS = {"q_motor": "q"}
@@ -32,18 +35,34 @@ LOOKED_AT = 2
 
 
 def nameless(belief: Belief) -> dict[Place, Argument]:
-    """Places of names that leave a function of their own angle, and what that is a function of."""
+    """Places of names that a function of their own angle does as well as, and what that is a function of."""
     beside, n = belief.beside, belief.setup.robot.n_joints
     found = _at_an_end(belief)
-    for kind, joints in [(effect.kind, effect.joints) for effect in belief.setup.effects]:
-        arguments, turning = same_angles(kind, joints[0], n)
-        functions = [waves(belief.catalogue, joints[0], [argument], turning=turning) for argument in arguments]
-        scores = [score.value for score in beside.screened(functions)]
-        for k in np.argsort(scores)[::-1][:LOOKED_AT].tolist():
-            if beside.evidence_for(functions[k])[0] > SURE + float(np.log(len(functions))):
-                found[kind, joints] = arguments[k]
-                break
+    for effect, columns in zip(belief.setup.effects, belief.places(), strict=True):
+        j = effect.joints[0]
+        arguments, turning = same_angles(effect.kind, j, n)
+        functions = [waves(belief.catalogue, j, [argument], turning=turning) for argument in arguments]
+        without = beside.without(columns)
+        own = valued(without, belief.catalogue, *belief.catalogue.of([shaped_as(effect)])).value
+        for model, needed in ((beside, SURE), (without, own - SURE)):
+            likeliest = _likeliest(model, functions, needed)
+            if likeliest is not None:
+                found[effect.kind, effect.joints] = arguments[likeliest]
     return _parts_of(found, belief) | found
+
+
+def _likeliest(model: Beside, functions: Sequence[Hypothesis], needed: float) -> int | None:
+    """Which function has the greatest evidence in a model, if that is more than `needed`.
+
+    The joint's own angle, which comes first, is one place; all its sums with others are another.
+    """
+    scores = [score.value for score in model.screened(functions)] if functions else []
+    tries = [
+        (model.evidence_for(functions[k])[0] - (float(np.log(len(functions) - 1)) if k else 0.0), k)
+        for k in np.argsort(scores)[::-1][:LOOKED_AT].tolist()
+    ]
+    value, best = max(tries, default=(-np.inf, 0))
+    return best if value > needed else None
 
 
 def _parts_of(found: dict[Place, Argument], belief: Belief) -> dict[Place, Argument]:
@@ -82,6 +101,6 @@ def _at_an_end(belief: Belief) -> dict[Place, Argument]:
         parameter = next(p for p in searched(kind) if p["name"] == slope.name)
         value = abs(slope.effect.shape_at(joints[0])[slope.name])
         low, high = (abs(np.log(value / parameter[end])) < AT_THE_END for end in ("lowest", "highest"))
-        if (low and outwards < -REFUTED) or (high and outwards > REFUTED):
+        if (low and outwards < -CLEARLY) or (high and outwards > CLEARLY):
             found[kind, joints] = of_signal((SEEN_AS.get(s := CATALOGUE[kind]["signals"][0], s), joints[0]))
     return found

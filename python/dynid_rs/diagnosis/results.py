@@ -159,7 +159,7 @@ def _not_said(findings: Sequence[Finding]) -> bool:
 
 def _complete(entry: Entry, rank: int, joint_names: Sequence[str]) -> dict[str, Any]:
     """An effect's entry with everything that readers may ask for; its ties with the command that separates them."""
-    own = _named(entry, joint_names)
+    own = _named({**entry, "kind": entry.get("told_as", entry["kind"])}, joint_names)
     ties = [{**tie, "separate": separate_command(own, _named(tie, joint_names), joint_names)} for tie in entry["ties"]]
     ties = [{key: value for key, value in tie.items() if value != ""} for tie in ties]
     return _with_short_plot({"parameters": [], "told_apart_from": [], **entry, "rank": rank, "ties": ties})

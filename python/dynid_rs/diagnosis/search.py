@@ -18,6 +18,7 @@ from dynid_rs.base.odds import SURE
 from dynid_rs.diagnosis.belief import Belief, Named
 from dynid_rs.diagnosis.beside import places_of
 from dynid_rs.diagnosis.hypotheses import Hypothesis, Place, shaped_as
+from dynid_rs.diagnosis.rivals import contest
 from dynid_rs.diagnosis.settling import settle
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.shapes import polished
@@ -152,18 +153,16 @@ def exchange(belief: Belief) -> bool:
     """
     parts, runs, changed = blocks(belief.beside.model.n_rows), whole_runs(belief.run_lengths), False
     for effect, places in zip(belief.setup.effects, belief.places(), strict=True):
-        others = belief.beside.without(places)
-        (own,) = belief.catalogue.of([shaped_as(effect)])
-        here = [s for s in belief.catalogue.grid() if s.joints == own.joints and (s.kind, s.joints) not in belief.named]
-        values, _ = evidence(others, belief.catalogue.of(here), belief.catalogue)
-        best = max(values.values(), key=lambda value: value.value, default=None)
-        now, columns = others.evidence_for(own)
-        if best is None or best.value < now + SURE:
+        against = contest(belief, effect, places)
+        own, others = against.own, against.beside
+        best = max(against.rivals.values(), key=lambda value: value.value, default=own)
+        if best.value < own.value + SURE:
             continue
-        before, after = others.with_columns(columns), others.with_columns(best.columns)
-        rivals = [v for v in values.values() if v is not best]
+        before, after = others.with_columns(own.columns), others.with_columns(best.columns)
+        rivals = [v for v in against.rivals.values() if v is not best]
         if helps(before, after, belief.reach(best.hypothesis), parts, runs) and is_stable(others, best, rivals, parts):
-            belief.exchange(own.place, best.hypothesis, best.value - float(np.log(belief.catalogue.n_places)))
+            place = own.hypothesis.place
+            belief.exchange(place, best.hypothesis, best.value - float(np.log(belief.catalogue.n_places)))
             changed = True
     if changed:
         belief.refit()

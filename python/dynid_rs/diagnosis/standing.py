@@ -16,8 +16,6 @@ from dynid_rs.regression.linear_model import sign_cost
 
 HARM = 1.02
 """No joint's left-out error may grow by this factor."""
-REFUTED = 2.0
-"""Standard errors by which a coefficient has the wrong sign: one in forty by chance."""
 
 
 def backward(belief: Belief, need: float = 0.0) -> set[Place]:
@@ -46,10 +44,7 @@ def standing(belief: Belief) -> dict[Place, float]:
         at = [place for _, place in places]
         (h,) = belief.catalogue.of([shaped_as(effect)])
         z = best.x[at] / std[at]
-        # A coefficient that physics does not allow refutes the name, however well it fits.
-        refuted = np.any((h.bounds[:, 0] == 0) & (z < -REFUTED)) or np.any((h.bounds[:, 1] == 0) & (z > REFUTED))
-        value = best.evidence - less.best.evidence + float(sign_cost(z, h.bounds))
-        odds[h.place] = -np.inf if refuted else value - log_places
+        odds[h.place] = best.evidence - less.best.evidence + float(sign_cost(z, h.bounds)) - log_places
     return odds
 
 

@@ -140,7 +140,7 @@ def same_angles(kind: str, j: int, n_joints: int) -> tuple[list[Argument], bool]
     """
     entry = CATALOGUE[kind]
     signals = [name for name in entry["signals"] if name != "dq_motor"]
-    if entry["memory"] or entry["places"] != "joint" or signals != ["q"]:
+    if entry["memory"] or entry["places"] != "joint" or signals not in (["q"], ["q_motor"]):
         return [], False
     own, others = (1.0, ("q", j)), [k for k in range(n_joints) if k != j]
     arguments = [Argument((own,))]

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from dynid_rs.base.wording import concluded, is_better
+from dynid_rs.base.wording import concluded, is_better, kinds_said
 
 Result = Mapping[str, Any]
 
@@ -42,9 +42,8 @@ def kind_words(kind: str) -> str:
 def named(entry: Result, joints: Sequence[str]) -> str:
     """An effect and its place, in words; `joints` are all joints of the robot."""
     places = entry["joints"]
-    if len(places) == len(joints) > 2:
-        return f"{kind_words(entry['kind'])} of the whole robot"
-    return f"{kind_words(entry['kind'])} on {_listed(places)}"
+    kinds = " or ".join(kind_words(kind) for kind in kinds_said(entry) or [entry["kind"]])
+    return f"{kinds} of the whole robot" if len(places) == len(joints) > 2 else f"{kinds} on {_listed(places)}"
 
 
 def explained_share(result: Result) -> float | None:
@@ -76,7 +75,7 @@ def verdict(result: Result) -> str:
         first = min(errors, key=lambda f: f["code"] == CONSEQUENCE)
         rest = "" if concluded(result) else " Nothing is concluded before that is mended."
         return f"Look at the data first: {first['message']}.{rest}"
-    joints, found = result["joints"], [e for e in result["effects"] if e["kind"] != "unknown"]
+    joints, found = result["joints"], [e for e in result["effects"] if kinds_said(e)]
     if result["nothing_to_add"]:
         return f"Nothing to add: {_against_floor(result)}{_unseen(result)}"
     if not found:
@@ -95,7 +94,8 @@ def next_experiments(result: Result) -> list[str]:
     said: dict[str, None] = {}
     for entry in result["effects"]:
         for tie in entry["ties"]:
-            pair = f"{named(entry, result['joints'])} and {named(tie, result['joints'])}"
+            own = {"kind": entry.get("told_as", entry["kind"]), "joints": entry["joints"]}
+            pair = f"{named(own, result['joints'])} and {named(tie, result['joints'])}"
             how = f": `{tie['separate']}` designs the motion that does" if tie.get("separate") else ""
             said[f"{_sentence(pair)} explain the data equally well; a run that separates them would decide{how}."] = (
                 None

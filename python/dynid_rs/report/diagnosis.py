@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from dynid_rs.base.wording import NO_INTERVAL, concluded, lacks_interval, worse_than_least_squares
+from dynid_rs.base.wording import NO_INTERVAL, concluded, kinds_said, lacks_interval, worse_than_least_squares
 from dynid_rs.report import before_after, effect_cards, error_table, tables
 from dynid_rs.report.figures import Figures
 from dynid_rs.report.text import (
@@ -50,7 +50,7 @@ def _tiles(result: Result) -> str:
     floors, bounds = test.get("floor") or unknown, test.get("after_interval") or unknown
     reached = [error_table.at_floor(*row) for row in zip(test["after"], bounds, floors, strict=True)]
     left = geometric_mean([ratio(a, b) for a, b in zip(test["after"], test["before"], strict=True)])
-    effects = [entry for entry in result.get("effects") or [] if entry["kind"] != "unknown"]
+    effects = [entry for entry in result.get("effects") or [] if kinds_said(entry)]
     ties = sum(1 for entry in effects if entry.get("ties"))
     samples = data.get("n_samples") or {}
     tiles = [

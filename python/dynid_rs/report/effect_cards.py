@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from dynid_rs.base.wording import kinds_said
 from dynid_rs.report.figures import Figure, Figures
 from dynid_rs.report.tables import cell, table
 from dynid_rs.report.text import (
@@ -39,18 +40,19 @@ def effect_cards(figures: Figures, result: Result) -> str:
 def _effect(figures: Figures, result: Result, entry: Result, k: int) -> str:
     joints = ", ".join(breakable(joint) for joint in entry["joints"])
     whole = len(entry["joints"]) == len(result["joints"]) > 2
+    name = " or ".join(_named(kind) for kind in kinds_said(entry) or [entry["kind"]])
     place = "whole robot" if whole else joints
     share = entry.get("share_explained")
     facts = [_p(entry["p_value"])] if entry.get("p_value") is not None else []
     facts += [f"explains {percent(share)} of what could be explained"] if share is not None else []
     note = f'<p class="note">{esc(entry["note"])}</p>' if entry.get("note") else ""
     text = (
-        f'<h3><span class="rank">{k + 1}</span>{esc(_capital(_named(entry["kind"])))}'
+        f'<h3><span class="rank">{k + 1}</span>{esc(_capital(name))}'
         f' <span class="soft">on {place}</span></h3>\n'
         f'<p class="note">{"; ".join(facts)}</p>\n'
         f"{_parameters(entry)}{_errors(result, entry)}{note}{_neighbours(entry)}{_depends(entry)}"
     )
-    drawn = _plot(figures, f"effect-{k}", entry.get("plot"), result["torque_unit"], _named(entry["kind"]))
+    drawn = _plot(figures, f"effect-{k}", entry.get("plot"), result["torque_unit"], name)
     caption = "<figcaption><span>Dots: what the model without this effect leaves; line: the effect</span></figcaption>"
     figure = f"<figure>{caption}{drawn}</figure>" if drawn else ""
     return f'<article class="effect">\n<div>{text}</div>\n{figure}</article>\n'

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from dynid_rs.base.wording import kinds_said
 from dynid_rs.report.text import (
     DASH,
     PLUS_MINUS,
@@ -84,7 +85,7 @@ def effects_table(result: Result) -> str:
         )
         rows.append(
             [
-                esc(words(effect["kind"])),
+                esc(" or ".join(words(kind) for kind in kinds_said(effect) or [effect["kind"]])),
                 esc(", ".join(effect["joints"])),
                 parameters or DASH,
                 _before_after(effect, result["joints"]),
