@@ -26,8 +26,9 @@ test: test-rust test-python ## all tests
 test-rust: toolchain
 	cargo test --release --workspace --exclude dynid-py --quiet
 
+# A file stays with one worker: its tests share what is costly to make.
 test-python: $(STAMP) $(TOOLS)
-	$(BIN)/python -m pytest -q
+	$(BIN)/python -m pytest -q --numprocesses auto --dist loadfile
 
 check: $(STAMP) $(TOOLS) ## format, lints, types, documentation
 	cargo fmt --check

@@ -282,3 +282,12 @@ def test_a_case_goes_from_its_seed_to_the_page(tmp_path, capsys):
     assert text.endswith(f"## Seeds\n\n{QUICK}\n")
     assert page([outcome], "", "").count("\n## ") == text.count("\n## ")
     assert "[1/1]" in capsys.readouterr().out
+
+
+def test_either_of_two_kinds_is_found_by_what_it_may_be_and_accuses_nobody():
+    either = effect("unknown", "a", ties=[("stribeck", "a")]) | {"told_as": "friction_hysteresis"}
+    outcome = marks(either)
+    assert (found(outcome), outcome["false"], outcome["effects"][0]["tie"]) == ([True, False], [], True)
+    itself = effect("unknown", "a", ties=[("friction_hysteresis", "a")]) | {"told_as": "stribeck"}
+    assert found(marks(itself)) == [True, False]
+    assert found(marks(effect("unknown", "a") | {"told_as": "stribeck"})) == [False, False]

@@ -13,6 +13,7 @@ from dynid_rs.base.odds import p_value
 from dynid_rs.diagnosis.belief import Belief, Named
 from dynid_rs.diagnosis.estimates import Estimate, estimates
 from dynid_rs.diagnosis.hypotheses import Place
+from dynid_rs.diagnosis.rivals import is_one_cause
 from dynid_rs.diagnosis.waves import Argument
 from dynid_rs.identification.loops import link_load
 from dynid_rs.model.placed import CATALOGUE, PlacedEffect
@@ -58,7 +59,7 @@ def effect_entries(
             entry["plot"] = _plot(found, effect, errors)
         if place in nameless:
             entry |= untold(kind, nameless[place], names)
-        elif named.ties:  # one or the other
+        elif not all(is_one_cause(kind, other) for (other, _), _ in named.ties):  # one or the other
             entry |= {"kind": "unknown", "told_as": kind}
         entries.append(entry)
     return entries

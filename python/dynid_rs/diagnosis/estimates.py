@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid_rs import _core
 from dynid_rs.diagnosis.belief import Belief
 from dynid_rs.diagnosis.hypotheses import Place
 from dynid_rs.diagnosis.shapes import searched
@@ -17,13 +20,17 @@ from dynid_rs.diagnosis.trials import blocks
 from dynid_rs.identification.smooth_friction import SPREAD
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.model.placed import CATALOGUE, PlacedEffect
-from dynid_rs.regression.linear_model import Fit, LinearModel
+from dynid_rs.regression.kept_columns import effect_rows
+from dynid_rs.regression.linear_model import Columns, Fit, LinearModel
 from dynid_rs.regression.uncertainty import NORMAL_95
 
 FloatArray = NDArray[np.float64]
 
 CYCLES = "1/turn"
 """Unit of shapes that count."""
+WIDTHS, SHARPNESSES = (0.5, 1.0, 2.0), (1.0, 2.0, 4.0)
+"""Widths of a sign over its own, and sharpnesses (an arctan's, a tanh's, nearly a corner's): between them lies any sign
+that is round."""
 UNKNOWN = float(np.log(10.0))
 """A scale that may be ten times as large or as small is not known."""
 
@@ -53,6 +60,9 @@ def estimates(found: Belief) -> dict[Place, list[Estimate]]:
         *(h.columns for h in structural),
         *({j: SPREAD * column for j, column in slope.columns.items()} for slope in friction_slopes(found)),
     )
+    # A peak of friction is told by what is left of friction, so it is known as well as the sign's rounding is.
+    peaks = [e for e in setup.effects if len(e.joints) == 1 and CATALOGUE[e.kind]["signals"] == ["dq_motor"]]
+    model = model.beside(*(_any_rounding(found, effect, places[effect]) for effect in peaks))
     best = model.fit(beside.best.choice, beside.best.noise)
     std = np.maximum(np.sqrt(np.maximum(np.diag(best.covariance), 0.0)), _scatter(model, best))
     known: dict[Place, list[Estimate]] = {place: [] for place in found.named}
@@ -78,6 +88,27 @@ def estimates(found: Belief) -> dict[Place, list[Estimate]]:
         if place[0] == "torque_gain" and not known[place]:
             known[place] = [_gain(fit, place[1][0], std)]
     return known
+
+
+def _any_rounding(found: Belief, effect: PlacedEffect, places: Sequence[int]) -> Columns:
+    """What the whole friction of the effect's first joint would be more with its sign rounded in another way.
+
+    Narrow and wide, early and late: the declared family is one of many, and none that a gear has to keep to.
+    """
+    fit, j = found.fit, effect.joints[0]
+    _, at = fit.observations_.plan.friction
+    size = abs(fit.links_.own_[j, at][0]) + float(np.abs(fit.links_.x_[list(places)]).mean())
+    width, n = fit.friction_.transition_width_[j], fit.robot.n_joints
+
+    def sign(width: float, sharpness: float) -> FloatArray:
+        rounded = _core.Effect.of(
+            "smooth_friction", transition_width=np.full(n, width), sharpness=np.full(n, sharpness)
+        )
+        return np.concatenate([effect_rows(rounded, states, j)[:, 0] for states in fit.runs_])
+
+    own = sign(width, fit.friction_.sharpness_[j])
+    others = [sign(factor * width, sharpness) - own for factor, sharpness in product(WIDTHS, SHARPNESSES)]
+    return {j: size * np.stack(others, axis=1)}
 
 
 def _scatter(model: LinearModel, fit: Fit) -> FloatArray:

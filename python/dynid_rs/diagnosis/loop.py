@@ -1,7 +1,7 @@
 """`diagnose`: closes the loop. What the model lacks is found, added, and the error is reported before and after.
 
 channels and contacts  ->  declared model  ->  mounting, encoders centred  ->  search (`search.py`)
-->  ripple at full rate  ->  gears, where there are two encoders  ->  joints weighed as declared  ->  what is left
+->  ripple at full rate  ->  gears, where there are two encoders  ->  rivals, what is left  ->  joints as declared
 ->  errors on runs that chose nothing
 """
 
@@ -126,14 +126,14 @@ def _traced(
         found.setup = replace(found.setup, held=(*found.setup.held, *(h for family in lines for h in family.held())))
         found.fit = fitted(found.setup, train)
     found.setup, found.fit = centred(found.setup, train, found.fit, setup.encoder_error)
-    if found.fit is not fit:
-        found.fit = weighed_as(fit, found.fit, found.setup, train)
-    if found.fit is not found.catalogue.fit:
-        found.catalogue = Catalogue(found.fit, found.catalogue)
+    found.catalogue = Catalogue(found.fit, found.catalogue)
     on_progress("what is left")
-    names = setup.robot.joint_names
     weigh_rivals(found)
-    without_name = nameless(found)
+    without_name, left = nameless(found), unexplained(found)
+    if found.fit is not fit:  # judged by the noise that it leaves, and only then weighed
+        found.fit = weighed_as(fit, found.fit, found.setup, train)
+        found.catalogue = Catalogue(found.fit, found.catalogue)
+    names = setup.robot.joint_names
     entries = [
         *gear_entries(found.fit, of_the_angle(without_name)),
         *effect_entries(found, test, without_name),
@@ -146,7 +146,7 @@ def _traced(
         findings=findings,
         effects=[{**entry, "rank": rank + 1} for rank, entry in enumerate(entries)],
         steps=[_step(*step, names) for step in found.steps],
-        unexplained=unexplained(found),
+        unexplained=left,
     )
 
 

@@ -2,7 +2,7 @@
 
 A name says that a torque is one function, up to its coefficients and shape. In the place of a right one a function
 without a name, which pays for every wave, is far less probable, and beside it no more probable than none; in the place
-of a wrong one (a cable that is drawn tight, told as a cylinder), or beside it, it is. The same holds where a shape is at
+of a wrong one (a cable drawn tight, told as a cylinder), or beside it, it is. The same holds where a shape is at
 the end of what it may be and would go on. The torque is kept, for it predicts, and its cause is called unknown.
 """
 
@@ -15,7 +15,7 @@ import numpy as np
 from dynid_rs.base.odds import SURE
 from dynid_rs.diagnosis.belief import Belief
 from dynid_rs.diagnosis.beside import Beside
-from dynid_rs.diagnosis.hypotheses import Hypothesis, Place, shaped_as
+from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis, Place, shaped_as
 from dynid_rs.diagnosis.rivals import valued
 from dynid_rs.diagnosis.shapes import searched
 from dynid_rs.diagnosis.slopes import effect_slopes, is_logarithmic
@@ -45,20 +45,20 @@ def nameless(belief: Belief) -> dict[Place, Argument]:
         without = beside.without(columns)
         own = valued(without, belief.catalogue, *belief.catalogue.of([shaped_as(effect)])).value
         for model, needed in ((beside, SURE), (without, own - SURE)):
-            likeliest = _likeliest(model, functions, needed)
+            likeliest = _likeliest(model, belief.catalogue, functions, needed)
             if likeliest is not None:
                 found[effect.kind, effect.joints] = arguments[likeliest]
     return _parts_of(found, belief) | found
 
 
-def _likeliest(model: Beside, functions: Sequence[Hypothesis], needed: float) -> int | None:
+def _likeliest(model: Beside, catalogue: Catalogue, functions: Sequence[Hypothesis], needed: float) -> int | None:
     """Which function has the greatest evidence in a model, if that is more than `needed`.
 
     The joint's own angle, which comes first, is one place; all its sums with others are another.
     """
     scores = [score.value for score in model.screened(functions)] if functions else []
     tries = [
-        (model.evidence_for(functions[k])[0] - (float(np.log(len(functions) - 1)) if k else 0.0), k)
+        (valued(model, catalogue, functions[k]).value - (float(np.log(len(functions) - 1)) if k else 0.0), k)
         for k in np.argsort(scores)[::-1][:LOOKED_AT].tolist()
     ]
     value, best = max(tries, default=(-np.inf, 0))

@@ -21,7 +21,12 @@ from dynid_rs.diagnosis.beside import Beside
 from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis, Place, shaped_as
 from dynid_rs.diagnosis.shapes import polished
 from dynid_rs.diagnosis.trials import WITHIN_REACH, Value, evidence
+from dynid_rs.diagnosis.waves import SIZES
 from dynid_rs.model.placed import PlacedEffect
+from dynid_rs.regression.linear_model import sign_cost
+
+LIMITS = {"load_dependent_friction": "load_hysteresis"}
+"""Kinds that are others with a length of nothing: the same cause, and where the two are ties, no other one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,16 +47,28 @@ def contest(belief: Belief, effect: PlacedEffect, columns: Sequence[tuple[int, i
     rivals, _ = evidence(beside, catalogue.of(here), catalogue)
     for place, rival in rivals.items():
         if abs(rival.value - own.value) < WITHIN_REACH:  # so near that the gaps of the grid could decide
-            finer = valued(beside, catalogue, polished(beside, catalogue, rival.hypothesis))
-            rivals[place] = max(rival, finer, key=lambda value: value.value)
+            rivals[place] = valued(beside, catalogue, polished(beside, catalogue, rival.hypothesis))
     return Contest(beside, own, rivals)
 
 
 def valued(beside: Beside, catalogue: Catalogue, h: Hypothesis) -> Value:
-    """Evidence of one shape, less what it costs: as many as the grid has are as likely beforehand."""
-    value, columns = beside.evidence_for(h)
-    n_shapes = sum((s.kind, s.joints) == h.place for s in catalogue.grid())
-    return Value(value - float(np.log(max(1, n_shapes))), h, columns)
+    """Evidence of a kind, `h` its best shape: averaged over that and its grid, whose shapes are as likely beforehand.
+
+    Rivals are compared where samples are worth the same to both, as many as to the model that has the torque, and under
+    the same sizes beforehand: a kind that expects more than there is would lose to a function for that alone.
+    """
+    from scipy.special import logsumexp
+
+    _, columns = beside.evidence_for(replace(h, sizes=SIZES))
+    best, width = beside.with_columns(columns).best, len(h.unit)
+    z = best.x[-width:] / np.sqrt(np.diag(best.covariance)[-width:])
+    value = best.evidence - beside.best.evidence + float(sign_cost(z, h.bounds))
+    shapes = [s for s in catalogue.grid() if (s.kind, s.joints) == h.place]
+    if shapes:
+        others = catalogue.of([s for s in shapes if s.shape != h.shape])
+        scores = [score.value for score in beside.screened([h, *others])]
+        value += float(logsumexp(scores) - scores[0] - np.log(len(shapes)))
+    return Value(value, h, columns)
 
 
 def weigh_rivals(belief: Belief) -> None:
@@ -65,3 +82,8 @@ def weigh_rivals(belief: Belief) -> None:
         ties = tuple((p, d) for p, d in odds.items() if d > -SURE)
         refuted = tuple((p, d) for p, d in odds.items() if d <= -SURE)
         belief.named[place] = replace(belief.named[place], ties=ties, refuted=refuted)
+
+
+def is_one_cause(kind: str, other: str) -> bool:
+    """Whether two kinds are the same in physics, so that not to tell them apart leaves no cause open."""
+    return kind == other or LIMITS.get(kind) == other or LIMITS.get(other) == kind
