@@ -99,9 +99,8 @@ class Beside:
         return fits([(model, fit.choice, fit.noise) for fit in self.fits])
 
     def within(self, kept: BoolArray) -> Beside:
-        """Return the model of some of the rows, at its most probable prior."""
-        model, best = self.model.within(kept), self.best
-        return Beside(model, (model.fit(best.choice, best.noise),))
+        """Return the model of some of the rows, at the same priors."""
+        return Beside(model := self.model.within(kept), tuple(self._again(model)))
 
     def screened(self, hypotheses: Sequence[Hypothesis]) -> list[Score]:
         """Scores to second order, at the prior that suits a hypothesis best, evidence of that prior included."""

@@ -1,9 +1,9 @@
-"""Names that do not tell what they are named for: any function of their angle does as well, or their shape goes on.
+"""Names that do not tell what they are named for: any function of their angle does as well.
 
 A name says that a torque is one function, up to its coefficients and shape. In the place of a right one a function
 without a name, which pays for every wave, is far less probable, and beside it no more probable than none; in the place
-of a wrong one (a cable drawn tight, told as a cylinder), or beside it, it is. The same holds where a shape is at
-the end of what it may be and would go on. The torque is kept, for it predicts, and its cause is called unknown.
+of a wrong one (a cable drawn tight, told as a cylinder), or beside it, it is not. The torque is kept, for it predicts,
+and its cause is called unknown.
 """
 
 from __future__ import annotations
@@ -17,19 +17,11 @@ from dynid_rs.diagnosis.belief import Belief
 from dynid_rs.diagnosis.beside import Beside
 from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis, Place, shaped_as
 from dynid_rs.diagnosis.rivals import valued
-from dynid_rs.diagnosis.shapes import searched
-from dynid_rs.diagnosis.slopes import effect_slopes, is_logarithmic
-from dynid_rs.diagnosis.waves import Argument, of_signal, same_angles, waves
+from dynid_rs.diagnosis.waves import Argument, same_angles, waves
 from dynid_rs.model.placed import CATALOGUE
 
-AT_THE_END = 0.02
-"""Logarithm of a shape over the end of its range within which it is at the end."""
-CLEARLY = 2.0
-"""Standard errors by which a shape would go on: one in forty by chance."""
 ANGLES = ("q", "q_motor")
 """Signals that are a joint's own angle."""
-SEEN_AS = {"q_motor": "q"}
-"""Signals that are told by another name."""
 LOOKED_AT = 2
 """Functions that are looked at closely; screening orders them."""
 
@@ -37,7 +29,7 @@ LOOKED_AT = 2
 def nameless(belief: Belief) -> dict[Place, Argument]:
     """Places of names that a function of their own angle does as well as, and what that is a function of."""
     beside, n = belief.beside, belief.setup.robot.n_joints
-    found = _at_an_end(belief)
+    found: dict[Place, Argument] = {}
     for effect, columns in zip(belief.setup.effects, belief.places(), strict=True):
         j = effect.joints[0]
         arguments, turning = same_angles(effect.kind, j, n)
@@ -83,24 +75,3 @@ def of_the_angle(found: Mapping[Place, Argument]) -> dict[int, Argument]:
 def _is_of_the_angle(kind: str) -> bool:
     """Whether a torque is a function of its joint's angle and of nothing else."""
     return set(CATALOGUE[kind]["signals"]) <= set(ANGLES) and not CATALOGUE[kind]["memory"]
-
-
-def _at_an_end(belief: Belief) -> dict[Place, Argument]:
-    """Places of names one of whose shapes is at an end of its range, and clearly beyond if it were free."""
-    beside, slopes = belief.beside, effect_slopes(belief)
-    model = beside.model.beside(*(slope.columns for slope in slopes))
-    best = model.fit(beside.best.choice, beside.best.noise)
-    first = len(best.x) - len(slopes)
-    z = best.x[first:] / np.sqrt(np.diag(best.covariance)[first:])
-    found: dict[Place, Argument] = {}
-    for slope, outwards in zip(slopes, z.tolist(), strict=True):
-        assert slope.effect is not None  # friction has no names
-        kind, joints = slope.effect.kind, slope.effect.joints
-        if not is_logarithmic(kind, slope.name):
-            continue
-        parameter = next(p for p in searched(kind) if p["name"] == slope.name)
-        value = abs(slope.effect.shape_at(joints[0])[slope.name])
-        low, high = (abs(np.log(value / parameter[end])) < AT_THE_END for end in ("lowest", "highest"))
-        if (low and outwards < -CLEARLY) or (high and outwards > CLEARLY):
-            found[kind, joints] = of_signal((SEEN_AS.get(s := CATALOGUE[kind]["signals"][0], s), joints[0]))
-    return found

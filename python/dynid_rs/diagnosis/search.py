@@ -119,7 +119,8 @@ def forward(belief: Belief, never: Collection[Place] = ()) -> list[Named]:
         rivals = [v for v in values.values() if v.hypothesis.place != place and shares(v.hypothesis, best.hypothesis)]
         if not (
             helps(beside, after, belief.reach(best.hypothesis), parts, runs)
-            and is_stable(beside, best, rivals, parts)
+            # Either of two ties may come first in a half; which it is stays open.
+            and is_stable(beside, best, [v for v in rivals if v.value < best.value - SURE], parts)
             # What tells the same with more right, and does not hold, makes the next best no more likely.
             and all(after.evidence_for(v.hypothesis)[0] > need for v in rivals if v.value > best.value + SURE)
         ):
