@@ -140,7 +140,7 @@ def is_stable(beside: Beside, best: Value, rivals: Sequence[Value], parts: Seque
             continue
         # The noise that an effect leaves is less than the noise without it; few rows tell it by that alone.
         ahead = int(np.argmax(values))
-        first += within.evidence_for(parts_of[0])[0] > max(within.evidence_for(parts_of[ahead])[0], 0.0)
+        first += within.evidence_for(parts_of[0])[0] > max(within.evidence_for(parts_of[ahead])[0] - SURE, 0.0)
     return first >= FIRST_IN
 
 
