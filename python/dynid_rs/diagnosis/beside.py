@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -110,6 +111,22 @@ class Beside:
         scored = zip(self.fits, self.model.screen_beside(self.fits, columns, bounds, sizes), strict=True)
         per_fit = [[Score(s.value + fit.evidence - best, s.size) for s in scores] for fit, scores in scored]
         return [max(scores, key=lambda score: score.value) for scores in zip(*per_fit, strict=True)]
+
+    def hoped_for(self, hypotheses: Sequence[Hypothesis]) -> list[float]:
+        """Scores to second order as if every row said something new, which it may beside what is not yet in the model.
+
+        A large effect that is missing remembers itself, and by its memory the rows are worth too little to show it.
+        """
+        model, columns, bounds = self._hopeful.model, [h.columns for h in hypotheses], [h.bounds for h in hypotheses]
+        sizes = sorted({size for h in hypotheses for size in h.sizes})
+        (scores,) = model.screen_beside(self._hopeful.fits, columns, bounds, sizes)
+        return [score.value for score in scores]
+
+    @cached_property
+    def _hopeful(self) -> Beside:
+        """The model with independent rows, at the most probable prior."""
+        model = replace(self.model, n_effective=np.array([moves.sum() for moves in self.model.counted], dtype=float))
+        return Beside(model, (model.fit(self.best.choice, self.best.noise),))
 
     def evidence_for(self, hypothesis: Hypothesis) -> tuple[float, Columns]:
         """Logarithm of the Bayes factor with the noise estimated anew, and the columns in their likeliest size.

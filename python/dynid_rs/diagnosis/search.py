@@ -117,13 +117,13 @@ def forward(belief: Belief, never: Collection[Place] = ()) -> list[Named]:
         place = best.hypothesis.place
         after = beside.with_columns(best.columns)
         rivals = [v for v in values.values() if v.hypothesis.place != place and shares(v.hypothesis, best.hypothesis)]
-        others = [v for v in rivals if not is_one_cause(place[0], v.hypothesis.kind)]
+        unlike = [v for v in rivals if not is_one_cause(place[0], v.hypothesis.kind)]
         if not (
             helps(beside, after, belief.reach(best.hypothesis), parts, runs)
             # Either of two ties may come first in a half; which it is stays open.
-            and is_stable(beside, best, [v for v in others if v.value < best.value - SURE], parts)
+            and is_stable(beside, best, [v for v in unlike if v.value < best.value - SURE], parts)
             # What tells the same with more right, and does not hold, makes the next best no more likely.
-            and all(after.evidence_for(v.hypothesis)[0] > need for v in others if v.value > best.value + SURE)
+            and all(after.evidence_for(v.hypothesis)[0] > need for v in unlike if v.value > best.value + SURE)
         ):
             doubted.add(place)
             continue

@@ -32,11 +32,12 @@ LEAST_GAIN = 0.03
 
 ``1 - 1 / sqrt(1 + 0.25^2)``; a person could neither see a smaller one nor use it.
 """
-SHORTLIST = 12
-"""Places whose evidence is computed with the noise estimated anew in a step; screening orders them."""
+SHORTLIST, HOPED_FOR = 12, 4
+"""Places whose evidence is computed with the noise estimated anew in a step: those that screening puts first, and those
+that it would if rows were independent."""
 HOPELESS, WITHIN_REACH = -2.0, 10.0
-"""Screened evidence below which a place is not looked at again in a round, and nats by which a finer shape may raise
-it."""
+"""Evidence even of independent rows below which a place is not looked at again in a round, and nats by which a finer
+shape may raise it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,28 +56,39 @@ def evidence(
 
     Also the hypotheses of all places that are not hopeless: those that may yet pass beside what is named next.
     """
+    screened = np.array([score.value for score in beside.screened(hypotheses)])
+    hoped = np.array(beside.hoped_for(hypotheses)) if hypotheses else screened
+    places = places_of(hypotheses)
+    values: dict[Place, Value] = {}
+    for scores, n_places in ((screened, SHORTLIST), (hoped, HOPED_FOR)):
+        first = sorted(places, key=lambda place: -float(scores[places[place]].max()))[:n_places]
+        for place in first:
+            value = _averaged(beside, hypotheses, scores, places[place], catalogue)
+            if value is not None and (place not in values or value.value > values[place].value):
+                values[place] = value
+    kept = {place for place, at in places.items() if hoped[at].max() > HOPELESS}
+    return values, [h for h in hypotheses if h.place in kept]
+
+
+def _averaged(
+    beside: Beside, hypotheses: Sequence[Hypothesis], scores: FloatArray, at: Sequence[int], catalogue: Catalogue
+) -> Value | None:
+    """Evidence of the place with the hypotheses `at`, averaged over its shapes, the best of which `scores` tell."""
     from scipy.special import logsumexp
 
-    screened = np.array([score.value for score in beside.screened(hypotheses)])
-    places = places_of(hypotheses)
-    order = sorted(places, key=lambda place: -float(screened[places[place]].max()))
-    values = {}
-    for place in order[:SHORTLIST]:
-        at = places[place]
-        best = at[int(np.argmax(screened[at]))]
-        if not np.isfinite(screened[best]):
-            continue
-        value, columns = beside.evidence_for(hypotheses[best])
-        averaged = value + float(logsumexp(screened[at] - screened[best]) - np.log(len(at)))
-        values[place] = Value(averaged, hypotheses[best], columns)
-        if len(at) > 1 and -WITHIN_REACH < averaged < WITHIN_REACH and place not in catalogue.finer:
-            # A grid may miss a narrow best; one shape of so many is then its price.
-            finer = catalogue.finer.setdefault(place, polished(beside, catalogue, hypotheses[best]))
-            value, columns = beside.evidence_for(finer)
-            if value - float(np.log(len(at))) > averaged:
-                values[place] = Value(value - float(np.log(len(at))), finer, columns)
-    kept = {place for place, at in places.items() if screened[at].max() > HOPELESS}
-    return values, [h for h in hypotheses if h.place in kept]
+    best = at[int(np.argmax(scores[at]))]
+    if not np.isfinite(scores[best]):
+        return None
+    value, columns = beside.evidence_for(hypotheses[best])
+    averaged = Value(value + float(logsumexp(scores[at] - scores[best]) - np.log(len(at))), hypotheses[best], columns)
+    place = hypotheses[best].place
+    if len(at) > 1 and -WITHIN_REACH < averaged.value < WITHIN_REACH and place not in catalogue.finer:
+        # A grid may miss a narrow best; one shape of so many is then its price.
+        finer = catalogue.finer.setdefault(place, polished(beside, catalogue, hypotheses[best]))
+        value, columns = beside.evidence_for(finer)
+        if value - float(np.log(len(at))) > averaged.value:
+            return Value(value - float(np.log(len(at))), finer, columns)
+    return averaged
 
 
 def blocks(n_rows: int) -> list[BoolArray]:
