@@ -81,17 +81,9 @@ CSV_FAULTS = {
         lambda lines: lines.__setitem__(0, lines[0].replace("q_1", "q_0")),
         ("column q_0 appears 2 times", "rename or remove"),
     ),
-    "time backwards": (
-        put_cell(101, "t", "0.25"),
-        ("row 101 (line 102), column t", "time goes backwards from 0.495 s to 0.25 s", "split the run there"),
-    ),
     "time stands still": (
         put_cell(101, "t", "0.495"),
         ("row 101 (line 102), column t", "time stands still", "remove the repeated rows"),
-    ),
-    "long gap": (
-        lambda lines: lines.__delitem__(slice(200, 500)),
-        ("row 200 (line 201), column t", "a gap of 1.505 s", "split the run there"),
     ),
     "too few samples": (
         lambda lines: lines.__delitem__(slice(20, None)),
