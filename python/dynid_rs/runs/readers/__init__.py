@@ -64,6 +64,8 @@ class Run:
         The format, e.g. ``"Parquet"``.
     columns : ColumnMap
         Which column became which signal, and which were ignored.
+    rules : Config
+        Rules that were followed: those given, and those that the file brings itself.
     split : Split, optional
         Where and why the run falls into parts.
     """
@@ -71,6 +73,7 @@ class Run:
     parts: tuple[Recording, ...]
     kind: str
     columns: ColumnMap
+    rules: Config
     split: Split | None = None
 
     @property
@@ -142,6 +145,7 @@ def read_run(
         converted.recordings,
         table.kind,
         told.columns.with_notes(*opened.notes, *told.notes),
+        rules,
         converted.split,
     )
 
