@@ -45,7 +45,9 @@ def text(columns, delimiter=",", *, comma=False, units=None, before="", end="\n"
         writer.writerow(units)
 
     def shown(value):
-        word = str(value) if isinstance(value, str | int) else repr(value) if decimals is None else f"{value:.{decimals}f}"
+        word = (
+            str(value) if isinstance(value, str | int) else repr(value) if decimals is None else f"{value:.{decimals}f}"
+        )
         return word.replace(".", ",") if comma else word
 
     lists = [values if isinstance(values, list) else values.tolist() for values in columns.values()]
@@ -86,7 +88,12 @@ def _rtde(k):
 def _franka(k):
     t, q, dq, tau = columns_of(k)
     columns = {"time": [int(stamp) for stamp in np.round(t * 1e3)], "success_rate": np.ones(len(t))}
-    for name, values in (("state.q", q), ("state.dq", dq), ("state.tau_J", tau), ("state.tau_ext_hat_filtered", 0 * tau)):
+    for name, values in (
+        ("state.q", q),
+        ("state.dq", dq),
+        ("state.tau_J", tau),
+        ("state.tau_ext_hat_filtered", 0 * tau),
+    ):
         columns |= {f"{name}[{i}]": values[:, i] for i in range(3)}
     return text(columns)
 
@@ -232,22 +239,27 @@ uint32 nanosec
 """
 
 
-def write_mcap(path, publishers):
-    """MCAP by Foxglove's library: topic -> messages."""
+def write_mcap(path, publishers, *, in_order=False, packed=True):
+    """MCAP by Foxglove's library: topic -> messages; `in_order`: of arrival, as they stand."""
+    from mcap.writer import CompressionType
     from mcap_ros2.writer import Writer
 
     with path.open("wb") as stream:
-        writer = Writer(stream)
+        writer = Writer(
+            stream, compression=CompressionType.ZSTD if packed else CompressionType.NONE, enable_crcs=packed
+        )
         schema = writer.register_msgdef("sensor_msgs/msg/JointState", JOINT_STATE)
         for topic, messages in publishers.items():
-            for stamp, names, position, velocity, effort in messages:
+            for number, (stamp, names, position, velocity, effort) in enumerate(messages):
                 seconds, rest = divmod(stamp, 10**9)
                 message = {
                     "header": {"stamp": {"sec": seconds, "nanosec": rest}, "frame_id": ""},
                     "name": list(names),
                     **{n: v.tolist() for n, v in (("position", position), ("velocity", velocity), ("effort", effort))},
                 }
-                writer.write_message(topic, schema, message, log_time=stamp, publish_time=stamp)
+                writer.write_message(
+                    topic, schema, message, log_time=EPOCH + number if in_order else stamp, publish_time=stamp
+                )
         writer.finish()
     return path
 
@@ -315,7 +327,9 @@ VARIANTS = {
     "ur rtde, spaces, currents": Variant(_text_file(".txt", _rtde), said="target_moment is the controller's own model"),
     "libfranka, ms": Variant(_text_file(".csv", _franka), said="libfranka counts time in ms"),
     "kuka rsi, degrees": Variant(
-        _text_file(".csv", lambda k: text(table(k, "IPOC", "AIPos.A{n}", "GearTorque.A{n}", time=1e3, angle=DEGREE), ";")),
+        _text_file(
+            ".csv", lambda k: text(table(k, "IPOC", "AIPos.A{n}", "GearTorque.A{n}", time=1e3, angle=DEGREE), ";")
+        ),
         said="RSI sends angles in degrees",
     ),
     "kuka trace, .dat and .r64": Variant(_diadem, "init", "angle in deg"),
@@ -330,14 +344,18 @@ VARIANTS = {
         "angle in deg",
     ),
     "fanuc, percent of what": Variant(
-        _text_file(".csv", lambda k: text(table(k, "Time (s)", "J{n} Position (deg)", "J{n} Torque (%)", angle=DEGREE))),
+        _text_file(
+            ".csv", lambda k: text(table(k, "Time (s)", "J{n} Position (deg)", "J{n} Torque (%)", angle=DEGREE))
+        ),
         "refused",
         "is in percent of a rated torque or current that the file does not hold",
     ),
     "yaskawa, letters": Variant(
         _text_file(
             ".csv",
-            lambda k: text(table(k, "time_ms", "{joint}_ACT_POS_deg", "{joint}_TORQUE_NM", time=1e3, angle=DEGREE, joints="SLU")),
+            lambda k: text(
+                table(k, "time_ms", "{joint}_ACT_POS_deg", "{joint}_TORQUE_NM", time=1e3, angle=DEGREE, joints="SLU")
+            ),
         ),
         "init",
         "angle in deg",
@@ -355,7 +373,10 @@ VARIANTS = {
         _text_file(
             ".tsv",
             lambda k: text(
-                table(k, time=1e3, angle=DEGREE), "\t", units=["ms", *["deg"] * 3, *["Nm"] * 3], before="# a comment\n\n"
+                table(k, time=1e3, angle=DEGREE),
+                "\t",
+                units=["ms", *["deg"] * 3, *["Nm"] * 3],
+                before="# a comment\n\n",
             ),
         ),
         said="time in ms, angle in deg",
@@ -379,20 +400,25 @@ VARIANTS = {
     "matlab 5, structure": Variant(_mat5),
     "matlab 7.3": Variant(_mat73),
     "npz": Variant(_npz),
-    "time in us, nobody says so": Variant(
-        _text_file(".csv", lambda k: text(table(k, time=1e6))), "init", "it seems"
-    ),
+    "time in us, nobody says so": Variant(_text_file(".csv", lambda k: text(table(k, time=1e6))), "init", "it seems"),
     "degrees, nobody says so": Variant(
         _text_file(".csv", lambda k: text(table(k, angle=DEGREE, dq="dq_{i}"))), "init", "looks like degrees"
     ),
     "joints from one, other names": Variant(
-        _text_file(".csv", lambda k: text(table(k, "Zeit", "Istposition_A{n}", "Istmoment_A{n}"), ";", comma=True)), "init"
+        _text_file(".csv", lambda k: text(table(k, "Zeit", "Istposition_A{n}", "Istmoment_A{n}"), ";", comma=True)),
+        "init",
     ),
     "plotjuggler": Variant(
         _text_file(
             ".csv",
             lambda k: text(
-                table(k, "__time", "/joint_states/{joint}/position", "/joint_states/{joint}/effort", "/joint_states/{joint}/velocity")
+                table(
+                    k,
+                    "__time",
+                    "/joint_states/{joint}/position",
+                    "/joint_states/{joint}/effort",
+                    "/joint_states/{joint}/velocity",
+                )
             ),
         ),
         said="read as PlotJuggler writes it",

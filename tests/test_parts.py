@@ -55,7 +55,7 @@ def test_short_pieces_are_left_out_and_shreds_are_refused(tmp_path):
     assert find_parts(with_gap(row=15)["t"]) == Parts(((15, 400),), (15,), 15)
     columns = valid_columns()
     columns["t"] += 5.0 * (np.arange(400) // 19)  # a gap after every 19 rows
-    with pytest.raises(DataError, match="a gap of .* cannot be bridged"):
+    with pytest.raises(DataError, match=r"a gap of .* cannot be bridged"):
         read_recordings(write_csv(tmp_path / "run.csv", columns), JOINTS)
 
 
@@ -89,7 +89,7 @@ def test_runs_in_which_one_joint_moves(tmp_path):
     robot = write_robot(tmp_path)
     paths = []
     for j in range(3):
-        columns = run(j)
+        columns = run(j, rate=100.0)
         for other in {0, 1, 2} - {j}:
             columns[f"q_{other}"][:] = columns[f"q_{other}"][0]
         paths.append(write_parquet(tmp_path / f"joint_{j}.parquet", columns))

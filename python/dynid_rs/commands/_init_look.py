@@ -176,7 +176,9 @@ def _velocity(robot: Any, runs: Sequence[Recording], found: Look) -> Proposal | 
     for unit, factor in units.items():
         if abs(ratio / factor - 1) < ALIKE:
             rules = replace(found.rules, units={**found.rules.units, "velocity": unit})
-            text = f"dq is {ratio:.4g} times the derivative of q as it is read, and {unit} over {angle}/s is {factor:.4g}"
+            text = (
+                f"dq is {ratio:.4g} times the derivative of q as it is read, and {unit} over {angle}/s is {factor:.4g}"
+            )
             return Proposal("[units] velocity", unit, f"{runs[0].name}: {text}", rules)
     return None
 

@@ -79,7 +79,8 @@ def _units(found: Look) -> Iterator[str]:
             yield from _comment(f"evidence: {evidence[quantity]}")
         rules = found.runs[0].rules
         mark = "" if quantity in rules.units else "# "
-        yield f'{mark}{quantity} = "{rules.unit(quantity)}"  # {means[quantity]}; one of {", ".join(UNITS[quantity])}'
+        units = ", ".join(UNITS[quantity])
+        yield f'{mark}{quantity} = "{rules.unit(quantity)}"  # {means[quantity]}; {units}'
     for one in found.refused:
         yield from _comment(f"asked and denied: {one.key} = {one.value!r}: {one.evidence}")
 
@@ -114,8 +115,8 @@ def _rest(robot: Any, found: Look) -> Iterator[str]:
             yield f"{key.name} = {value}  # {key.means}" if value else f"# {key.name} = {key.example}  # {key.means}"
         yield ""
     yield from _comment(
-        "Tool: what is bolted to the flange in these runs counts as a part of the last link, and is identified with it. "
-        "Use runs of one tool together."
+        "Tool: what is bolted to the flange in these runs counts as a part of the last link, and is identified with "
+        "it. Use runs of one tool together."
     )
 
 

@@ -19,9 +19,9 @@ if TYPE_CHECKING:
 def init(
     robot: _options.Robot,
     runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Runs that one dynid.toml is for")],
-    output: Annotated[
-        Path, typer.Option("--output", "-o", metavar="dynid.toml", help="Where to write it")
-    ] = Path("dynid.toml"),
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="dynid.toml", help="Where to write it")] = Path(
+        "dynid.toml"
+    ),
     config: Annotated[
         Path | None, typer.Option(metavar="dynid.toml", help="What is known already; it stays as it is")
     ] = None,

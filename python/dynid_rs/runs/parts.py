@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -59,11 +60,9 @@ def find_parts(t: FloatArray) -> Parts:
     if not len(breaks):
         return whole
     edges = [0, *(int(row) for row in breaks), len(t)]
-    pieces = list(zip(edges[:-1], edges[1:], strict=True))
+    pieces = list(pairwise(edges))
     longest = max(stop - start for start, stop in pieces)
-    kept = tuple(
-        (start, stop) for start, stop in pieces if stop - start >= max(MIN_SAMPLES, SHORTEST_SHARE * longest)
-    )
+    kept = tuple((start, stop) for start, stop in pieces if stop - start >= max(MIN_SAMPLES, SHORTEST_SHARE * longest))
     n_kept = sum(stop - start for start, stop in kept)
     if n_kept < LEAST_KEPT * len(t):
         return whole

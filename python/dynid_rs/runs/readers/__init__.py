@@ -174,9 +174,7 @@ def _check_joints(names: tuple[str, ...] | None, config: Config) -> None:
         )
 
 
-def count_parts(
-    path: str | Path, robot: RobotLike | Sequence[str] | None = None, config: Config | None = None
-) -> int:
+def count_parts(path: str | Path, robot: RobotLike | Sequence[str] | None = None, config: Config | None = None) -> int:
     """How many recordings a file gives, from its time alone; 1 where that cannot be read: reading it says why."""
     try:
         opened = _open(path, robot, config)

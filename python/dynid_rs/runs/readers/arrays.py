@@ -14,8 +14,9 @@ TIMES = ("t", "time", "timestamp", "timestamps", "stamp", "zeit", "tout", "time_
 
 @dataclass(frozen=True)
 class Place:
-    """Where a column stands: its `array`, its `index` along the short side (None: a vector), and whether samples are
-    the second side.
+    """Where a column stands.
+
+    Its `array`, its `index` along the short side (None: a vector), and whether samples lie `across`, along the second.
     """
 
     array: str

@@ -90,9 +90,7 @@ def open_bag_file(path: str | Path, joints: Sequence[str] | None, config: Config
     def load(wanted: Sequence[str]) -> Columns:
         return {name: columns[name] for name in wanted}
 
-    return Table(
-        file, kind, tuple(columns), len(columns["t"]), load, stamps=frozenset({"t"}), notes=tuple(notes)
-    )
+    return Table(file, kind, tuple(columns), len(columns["t"]), load, stamps=frozenset({"t"}), notes=tuple(notes))
 
 
 def _sources(place: Path, file: str) -> tuple[str, list[_Source], list[str]]:
@@ -188,5 +186,3 @@ def _arrays(source: _Source) -> tuple[dict[str, NDArray[Any]], list[str]]:
         elif source.values[name]:
             notes.append(f"{name} is missing in some messages, and is not read")
     return columns, notes
-
-

@@ -49,7 +49,17 @@ def open_bag(place: Path, file: str) -> Iterator[Bag]:
         from rosbags.typesys import Stores, get_typestore
     except ImportError:
         raise MissingLibraryError("rosbags", "io", f"{file}: ROS bags") from None
+    packed = sorted(place.glob("*.zst*")) if place.is_dir() else []
+    if packed:
+        raise DataError(
+            f"{file}: its files are packed whole ({packed[0].name}); unpack them first: ros2 bag convert, or zstd -d",
+            code="packed_bag",
+            file=file,
+        )
+    from dynid_rs.runs.readers.bag_bounds import bounded
+
     with ExitStack() as stack:
+        stack.enter_context(bounded())
         try:
             reader: Any = rosbag1.Reader(place) if kind == _ONE else rosbag2.Reader(place)
             stack.enter_context(reader)

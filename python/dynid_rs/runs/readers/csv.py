@@ -66,9 +66,7 @@ def open_csv(path: str | Path) -> Table:
     def first_line(n_rows: int) -> int | None:
         return layout.lines_before_body + 1 if _lines(layout) == n_rows else None
 
-    return Table(
-        file, "CSV", names, None, load, line_of, first_line, dict(layout.units), layout.stamps, layout.notes
-    )
+    return Table(file, "CSV", names, None, load, line_of, first_line, dict(layout.units), layout.stamps, layout.notes)
 
 
 def _lines(layout: Layout) -> int:
@@ -162,7 +160,7 @@ def _array(values: list[Any]) -> NDArray[Any]:
 
 def _miscounted(layout: Layout, cells: Sequence[str]) -> str:
     missing = "; the file may be cut off" if len(cells) < len(layout.header) else ""
-    if layout.delimiter == "," and len(cells) == 2 * len(layout.header):
+    if layout.delimiter == "," and len(cells) > len(layout.header):
         missing = "; are these decimal commas? Write points, or separate cells by semicolons"
     return f"has {len(cells)} cells, the header has {len(layout.header)}{missing}"
 

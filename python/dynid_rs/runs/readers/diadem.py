@@ -1,4 +1,4 @@
-"""Traces as DIAdem files, which KUKA's controllers write: a .dat with the channels' names, and their numbers beside it."""
+"""Traces as DIAdem files, which KUKA's controllers write: a .dat with names of channels, their numbers beside it."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ def _read(channel: _Channel, channels: Sequence[_Channel], place: Path, n_rows: 
         width = sum(other.text(_FILE).lower() == channel.text(_FILE).lower() for other in channels)
     size = np.dtype(kind).itemsize
     n_needed = offset + (n_rows - 1) * width + 1
-    if not 0 <= offset or n_needed * size > data.stat().st_size:
+    if offset < 0 or n_needed * size > data.stat().st_size:
         raise channel.fault(f"{data.name} is shorter than the header says; copy both files again")
     numbers = np.memmap(data, dtype=kind, mode="r", offset=offset * size, shape=((n_rows - 1) * width + 1,))
     # Here start and step are an offset and a factor of the stored number.

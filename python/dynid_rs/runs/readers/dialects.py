@@ -113,8 +113,9 @@ DIALECTS = (
     ),
 )
 
-_TIMES = ("t", "time", "timestamp", "timestamps", "zeit", "stamp", "datetime", "date_time", "elapsed", "elapsed_time")
-_TIMES += ("__time", "header.stamp", "header_stamp", "t_s", "time_s", "timestamp_s")
+_TIMES = frozenset(
+    ("t", "time", "timestamp", "timestamps", "zeit", "stamp", "datetime", "date_time", "elapsed", "elapsed_time")
+) | {"__time", "header.stamp", "header_stamp", "t_s", "time_s", "timestamp_s"}
 
 
 def speak(names: Sequence[str], config: Config, file: str) -> tuple[Config, tuple[str, ...]]:

@@ -103,13 +103,16 @@ def guess(names: Sequence[str], joints: Sequence[str], units: Mapping[str, str])
         for _, other in rivals[1:]:
             found.others[other.form] = f"{rivals[0][1].form} was taken for {signal}"
         if len(rivals) > 1 and rivals[0][0] == rivals[1][0]:
-            found.doubts.append(f"{rivals[0][1].form} and {rivals[1][1].form} may both be {signal}; the first was taken")
+            found.doubts.append(
+                f"{rivals[0][1].form} and {rivals[1][1].form} may both be {signal}; the first was taken"
+            )
     return found
 
 
 def families(names: Sequence[str], joints: Sequence[str]) -> list[Family]:
     """Families of columns with one member for every joint, in the order of the file."""
-    n, found = len(joints), {}
+    n = len(joints)
+    found: dict[tuple[str, ...], Family] = {}
     there = set(names)
     for name in names:
         for head, tail, rule_field, members in _forms(name, joints):
@@ -166,7 +169,9 @@ def _kind(family: Family, units: Mapping[str, str]) -> str | tuple[str] | None:
         by_name = {by_unit}  # an effort in ampere is a current
     if not by_name:
         return None
-    meaning = next(m for m in ("temperature", "torque", "current", "acceleration", "velocity", "position") if m in by_name)
+    meaning = next(
+        m for m in ("temperature", "torque", "current", "acceleration", "velocity", "position") if m in by_name
+    )
     if meaning == "torque" and "current" in by_name:
         meaning = "current"
     if "reference" in said:

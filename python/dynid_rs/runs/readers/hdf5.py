@@ -97,7 +97,7 @@ def _datasets(
     shapes: dict[str, tuple[int, ...]] = {}
     fields: dict[str, tuple[str, str | None]] = {}
     opaque: list[str] = []
-    seen, ways, count = set(), [("", opened, 0)], 0
+    seen, ways, count = {h5py.h5o.get_info(opened.id).addr}, [("", opened, 0)], 0
     while ways:
         prefix, group, depth = ways.pop()
         for key in group:
@@ -126,9 +126,7 @@ def _datasets(
     return shapes, fields, opaque
 
 
-def _add(
-    shapes: dict[str, tuple[int, ...]], fields: dict[str, tuple[str, str | None]], path: str, item: Any
-) -> None:
+def _add(shapes: dict[str, tuple[int, ...]], fields: dict[str, tuple[str, str | None]], path: str, item: Any) -> None:
     if item.shape is None:
         return
     if item.dtype.names is not None:  # a table of records, as PyTables writes it

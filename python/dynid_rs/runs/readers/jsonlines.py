@@ -84,7 +84,7 @@ def _samples(text: Text) -> Iterator[tuple[int, dict[str, Any]]]:
 
 
 def _flatten(flat: dict[str, Any], prefix: str, sample: Any, file: str, line: int, depth: int = 0) -> None:
-    if depth > DEEPEST or len(flat) > MAX_WIDTH:
+    if depth > DEEPEST or len(flat) + len(sample) > MAX_WIDTH:
         raise _fault(file, line, "is nested too deep or too wide for a sample; write flat objects")
     items = sample.items() if isinstance(sample, dict) else enumerate(sample)
     for key, value in items:
@@ -102,9 +102,7 @@ def _value(sample: dict[str, Any], name: str, is_moment: bool, file: str, row: i
             return int(ticks([value])[0])
         except ValueError:
             pass
-    elif isinstance(value, int) and not isinstance(value, bool) and abs(value) < _WHOLE:
-        return value
-    elif isinstance(value, float):
+    elif isinstance(value, float) or (type(value) is int and abs(value) < _WHOLE):
         return value
     expected = "a date with a time" if is_moment else "a number"
     place = f"{row_text(row, lambda _: line)}, column {shown(name)}"

@@ -1,4 +1,4 @@
-"""Every key of `dynid.toml`, once: the parser, the page docs/dynid_toml.md and the schema for editors are made of it."""
+"""Every key of `dynid.toml`, once: the parser, docs/dynid_toml.md and the schema for editors are made of it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Kind = Literal["column", "time_column", "unit", "numbers", "positive", "signs", 
 """What a value may be: see `KINDS`."""
 
 KINDS: Mapping[Kind, str] = {
-    "column": 'a name with `{i}` (joint from 0), `{n}` (from 1) or `{joint}` (its name); or a list of names, one per '
+    "column": "a name with `{i}` (joint from 0), `{n}` (from 1) or `{joint}` (its name); or a list of names, one per "
     "joint in chain order; or `false`: do not read",
     "time_column": "a column's name",
     "unit": "one of the units listed",
@@ -72,10 +72,7 @@ _QUANTITIES: Mapping[str, str] = {
 _SIGNS = {"q": "also of dq, ddq and q_reference", "q_motor": "also of dq_motor and ddq_motor", "tau": "also of current"}
 
 KEYS: tuple[Key, ...] = (
-    *(
-        Key("columns", signal, "time_column" if signal == "t" else "column", *_MEANINGS[signal])
-        for signal in SIGNALS
-    ),
+    *(Key("columns", signal, "time_column" if signal == "t" else "column", *_MEANINGS[signal]) for signal in SIGNALS),
     *(Key("units", quantity, "unit", _QUANTITIES[quantity], f'"{list(UNITS[quantity])[1]}"') for quantity in UNITS),
     *(Key("signs", signal, "signs", _SIGNS[signal], "[1, -1, 1]") for signal in SIGNED),
     Key("gear", "ratio", "positive", "motor turns per joint turn; left out: those of the robot's file", "[101, 101]"),

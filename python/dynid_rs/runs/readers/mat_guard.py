@@ -59,7 +59,10 @@ class _Unpacked:
                 self._left -= len(packed)
             if not packed:
                 break
-            out += self._unpack.decompress(packed, size - len(out))
+            try:
+                out += self._unpack.decompress(packed, size - len(out))
+            except zlib.error:
+                break  # what is missing is said by who asked for it
             self._rest = self._unpack.unconsumed_tail
         return out
 

@@ -246,9 +246,7 @@ def _described(
     pairs = [without_unit(name) for name in names]
     # Two columns that only their units tell apart keep them: `q_0 [deg]` beside `q_0 [rad]`.
     bare = [pair[0] for pair in pairs]
-    header = tuple(
-        short if bare.count(short) == 1 else name for (short, _), name in zip(pairs, names, strict=True)
-    )
+    header = tuple(short if bare.count(short) == 1 else name for (short, _), name in zip(pairs, names, strict=True))
     told = {short: unit for short, (_, unit) in zip(header, pairs, strict=True) if unit}
     if units is not None:
         below = cells_of(units.said, delimiter)

@@ -1,4 +1,4 @@
-"""Units that files write beside their columns: `q_0 [deg]`, `Time (ms)`, `q_0_deg`, or a row of them under the header."""
+"""Units that files write beside their columns: `q_0 [deg]`, `Time (ms)`, `q_0_deg`, or a row of them."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _TAILS = ("ms", "us", "ns", "deg", "rad", "sec", "nm", "mnm", "rpm", "ma", "degc
 
 def unit_of(text: str) -> tuple[str, str] | None:
     """Quantity and unit, as `dynid.toml` spells it, that a file's words mean; None for words that are no unit."""
-    return _OF.get(text.strip().strip("[]()").strip().lower().replace("−", "-"))
+    return _OF.get(text.strip().strip("[]()").strip().lower())
 
 
 def without_unit(name: str) -> tuple[str, str | None]:
@@ -53,6 +53,4 @@ def unit_in_name(name: str) -> str | None:
 
 def is_row_of_units(cells: Sequence[str]) -> bool:
     """Whether every cell of a row is a unit, and at least one says something."""
-    return all(unit_of(cell) is not None for cell in cells) and any(
-        (unit_of(cell) or ("",))[0] for cell in cells
-    )
+    return all(unit_of(cell) is not None for cell in cells) and any((unit_of(cell) or ("",))[0] for cell in cells)

@@ -17,15 +17,15 @@ _WORDS: Mapping[str, str] = {
     "time": "t time times timestamp timestamps zeit stamp clock ipoc datetime",
 }
 _OF = {word: meaning for meaning, words in _WORDS.items() for word in words.split()}
-_ROLES: Mapping[str, frozenset[str]] = {
-    "reference": frozenset("ref reference target cmd command commanded desired des set soll setpoint goal sollposition "
-                           "solllage demand".split()),
-    "motor": frozenset("motor mot mtr rotor encoder enc motorposition motorwinkel motorpos".split()),
-    "model": frozenset("model ext external estimated est gravity grav coriolis friction filtered ff feedforward "
-                       "hat disturbance limit max min".split()),
-    "error": frozenset("err error diff deviation following schleppfehler lag tracking".split()),
-    "actual": frozenset("act actual ist meas measured feedback fbk fb real istposition istmoment iststrom".split()),
+_ROLES: Mapping[str, str] = {
+    "reference": "ref reference target cmd command commanded desired des set soll setpoint goal sollposition demand",
+    "motor": "motor mot mtr rotor encoder enc motorposition motorwinkel motorpos",
+    "model": "model ext external estimated est gravity grav coriolis friction filtered ff feedforward hat disturbance "
+    "limit max min",
+    "error": "err error diff deviation following schleppfehler lag tracking",
+    "actual": "act actual ist meas measured feedback fbk fb real istposition istmoment iststrom",
 }
+_ROLE_OF = {word: role for role, words in _ROLES.items() for word in words.split()}
 _PARTS = re.compile(r"[A-Z]+(?=[A-Z][a-z])|[A-Z]?[a-z]+|[A-Z]+|\d+")
 
 
@@ -33,7 +33,7 @@ def words_of(name: str) -> list[str]:
     """Words of a name in small letters: `ActualQ_1` gives actual, q; numbers are left out."""
     found = []
     for part in re.split(r"[^0-9A-Za-zäöüÄÖÜß]+", name):
-        if part.lower() in _OF or any(part.lower() in words for words in _ROLES.values()):
+        if part.lower() in _OF or part.lower() in _ROLE_OF:
             found.append(part.lower())
         else:
             found += [word.lower() for word in _PARTS.findall(part) if not word.isdigit()]
@@ -47,5 +47,4 @@ def meanings(name: str) -> set[str]:
 
 def roles(name: str) -> set[str]:
     """What a name says of its source: ``"reference"``, ``"motor"``, ``"model"``, ``"error"``, ``"actual"``."""
-    words = set(words_of(name))
-    return {role for role, known in _ROLES.items() if words & known}
+    return {_ROLE_OF[word] for word in words_of(name) if word in _ROLE_OF}
