@@ -6,6 +6,8 @@ import tomllib
 import jsonschema
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from log_files import DEGREE, columns_of, joint_states, table, text, write_mcap
 from run_files import write_csv, write_parquet
 from small_arm import JOINTS, dynid, refusal, run, write_robot
@@ -155,3 +157,45 @@ def test_columns_of_init_are_those_of_the_run(tmp_path):
     assert result.exit_code == 0, result.output
     written = tomllib.loads((tmp_path / "dynid.toml").read_text())["columns"]
     assert written == {"t": "t", "q": "q_{joint}", "tau": ["mx", "my", "mz"]}
+
+
+def test_percent_is_a_current_with_a_gain(tmp_path):
+    """The mend that the refusal of such a file names."""
+    from log_files import VARIANTS
+
+    path, rules = VARIANTS["fanuc, percent of what"].write(tmp_path, 0), tmp_path / "given.toml"
+    rules.write_text(
+        '[columns]\nt = "Time"\nq = "J{n} Position"\ntau = false\ncurrent = "J{n} Torque"\n[drive]\n'
+        "gain = [2, 3, 0.5]\n"
+    )
+    recording = read_run(path, RobotModel.from_urdf(write_robot(tmp_path)), read_config(rules)).recording
+    _, q, _, tau = columns_of(0)
+    np.testing.assert_allclose(recording.q, q, rtol=1e-12)
+    np.testing.assert_allclose(recording.tau, tau * [2, 3, 0.5], rtol=1e-12)
+    assert recording.torque_unit == "N*m"
+
+
+def test_joints_in_the_order_of_messages_are_doubted():
+    """rostopic echo -p writes the names beside the numbers; JointState sorts them as it likes."""
+    names = ["%time", *(f"field.{word}{k}" for word in ("name", "position", "velocity", "effort") for k in range(6))]
+    found = guess(names, [f"joint_{k}" for k in range(6)], {})
+    assert found.columns["q"] == "field.position{i}"
+    assert found.columns["tau"] == "field.effort{i}"
+    assert any("field.name- names the joints of each column" in doubt for doubt in found.doubts)
+
+
+JOINT_WORDS = st.lists(
+    st.text(st.characters(exclude_categories=("Cs",)), min_size=1, max_size=6), min_size=3, max_size=3, unique=True
+)
+
+
+@given(JOINT_WORDS, st.text(st.characters(exclude_categories=("Cs",)), max_size=4), JOINT_WORDS)
+def test_rules_are_read_back_whatever_columns_are_called(names, head, joints):
+    """As TOML, and through the templates."""
+    from dynid_rs.commands._init_write import rule_text
+    from dynid_rs.runs.readers.columns import fill
+
+    for columns in (names, [f"{head}{k}" for k in range(3)], [f"{head}{joint}{head}" for joint in joints]):
+        rule = tomllib.loads(f"q = {rule_text(columns, joints)}")["q"]
+        back = rule if isinstance(rule, list) else [fill(rule, k, joint) for k, joint in enumerate(joints)]
+        assert back == columns

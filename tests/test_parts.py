@@ -96,3 +96,21 @@ def test_runs_in_which_one_joint_moves(tmp_path):
     result = dynid("identify", robot, *paths, "--test", write_runs(tmp_path)[0], "-o", tmp_path / "out")
     assert result.exit_code in (0, 1), result.output
     assert (tmp_path / "out" / "model.json").exists()
+
+
+def test_a_file_in_parts_is_read_once(tmp_path, monkeypatch):
+    from dynid_rs import RobotModel
+    from dynid_rs.archive import runs as module
+    from dynid_rs.commands._inputs import Settings, run_sources
+    from dynid_rs.runs.readers import Config
+
+    robot, columns, calls = RobotModel.from_urdf(write_robot(tmp_path)), run(0), []
+    for row in (400, 800, 1200):
+        columns["t"][row:] += 5.0
+    path = write_csv(tmp_path / "run.csv", columns)
+    sources = run_sources([path], robot, Settings(Config()))
+    monkeypatch.setattr(module, "read_run", lambda *arguments: calls.append(arguments) or read_run(*arguments))
+    read = [source.read()[0] for source in sources]
+    assert [one.n_samples for one in read] == [400, 400, 400, len(columns["t"]) - 1200]
+    assert len(calls) == 1
+    assert len({source.content() for source in sources}) == 4

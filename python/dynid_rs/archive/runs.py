@@ -41,6 +41,10 @@ def signals_of(source: RunSource) -> Recording:
     return source.read()[0] if again is None else again()
 
 
+_LAST: dict[str, tuple[object, _core.RobotModel, Config, Run]] = {}
+"""The file in parts that was read last, until its last part is taken: a data set may hold hundreds."""
+
+
 @dataclass(frozen=True)
 class RunFile:
     """A run in a file.
@@ -57,8 +61,8 @@ class RunFile:
         Names, units and signs of the file.
     gain_given : bool
         Whether the drive gains in `config` come from the command line, and currents are expected.
-    part : int
-        Which part of the file, where gaps or jumps of time split it.
+    part, n_parts : int
+        Which part of how many, where gaps or jumps of time split the file.
     """
 
     path: Path
@@ -67,6 +71,7 @@ class RunFile:
     config: Config
     gain_given: bool = False
     part: int = 0
+    n_parts: int = 1
 
     def read(self) -> tuple[Recording, list[Finding]]:
         """Read and check the file.
@@ -94,7 +99,7 @@ class RunFile:
         return recording.without(*contradicting_signals(recording))
 
     def _run(self) -> Run:
-        run = read_run(self.path, self.robot, self.config)
+        run = self._read_file()
         if self.gain_given and "current" not in run.columns.signals:
             raise DataError(
                 f"{self.name}: holds torque, and --drive-gain is for currents; leave it out",
@@ -102,6 +107,20 @@ class RunFile:
                 file=self.name,
             )
         return run
+
+    def _read_file(self) -> Run:
+        """Read the file; for the parts of one that follow each other only once."""
+        if self.n_parts == 1:
+            return read_run(self.path, self.robot, self.config)
+        info = self.path.stat()
+        key = (self.path, info.st_mtime_ns, info.st_size)
+        held = _LAST.get("run")
+        if held is None or held[0] != key or held[1] is not self.robot or held[2] is not self.config:
+            held = (key, self.robot, self.config, read_run(self.path, self.robot, self.config))
+        _LAST.clear()
+        if self.part < self.n_parts - 1:
+            _LAST["run"] = held
+        return held[3]
 
     def _part(self, run: Run) -> Recording:
         return replace(run.parts[self.part], name=self.name)

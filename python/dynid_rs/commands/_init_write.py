@@ -14,6 +14,10 @@ from dynid_rs.runs.readers.config import UNITS
 from dynid_rs.runs.readers.keys import KEYS, TABLES
 
 WIDTH = 110
+_TITLES = {
+    "error": "TO BE ANSWERED before a model is learned from these runs:",
+    "warning": "Worth knowing:",
+}
 
 
 def config_text(robot: Any, robot_path: Path, runs: Sequence[Path], found: Look) -> str:
@@ -24,9 +28,14 @@ def config_text(robot: Any, robot_path: Path, runs: Sequence[Path], found: Look)
     ]
     if found.notes:
         lines += ["#", *(line for note in found.notes for line in _comment(note))]
-    if found.questions:
-        lines += ["#", *_comment("TO BE ANSWERED before a model is learned from these runs:")]
-        lines += [line for one in found.questions for line in _comment(f"- {one.file}: {one.message}")]
+    for severity, title in _TITLES.items():
+        asked = [one for one in found.questions if one.severity == severity]
+        if asked:
+            lines += [
+                "#",
+                *_comment(title),
+                *(line for one in asked for line in _comment(f"- {one.file}: {one.message}")),
+            ]
     lines += ["", *_columns(robot, found), "", *_units(found), ""]
     lines += [*_rest(robot, found)]
     return "\n".join(lines) + "\n"
@@ -35,7 +44,7 @@ def config_text(robot: Any, robot_path: Path, runs: Sequence[Path], found: Look)
 def _columns(robot: Any, found: Look) -> Iterator[str]:
     signals = found.runs[0].columns.signals
     yield from _head("columns")
-    rows = [("t", json.dumps(found.runs[0].columns.time, ensure_ascii=False))]
+    rows = [("t", quoted(found.runs[0].columns.time))]
     for signal, names in signals.items():
         rows.append((signal, rule_text(names, list(robot.joint_names))))
     if "current" in signals and "tau" not in signals:
@@ -55,6 +64,11 @@ def _columns(robot: Any, found: Look) -> Iterator[str]:
             yield from _comment(f"not read: {shown(form, 60)}: {why}")
 
 
+def quoted(value: str | list[str]) -> str:
+    """Names as TOML: JSON's escapes are TOML's, but for one character that TOML wants escaped too."""
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
 def rule_text(names: Sequence[str], joints: Sequence[str]) -> str:
     """A rule that gives these columns, as a template where one does."""
     for k, joint in enumerate(joints):
@@ -65,9 +79,9 @@ def rule_text(names: Sequence[str], joints: Sequence[str]) -> str:
                 continue
             template = f"{head}{place}{tail}"
             if all(fill(template, i, joint) == name for i, (joint, name) in enumerate(zip(joints, names, strict=True))):
-                return json.dumps(template, ensure_ascii=False)
+                return quoted(template)
         break
-    return json.dumps(list(names), ensure_ascii=False)
+    return quoted(list(names))
 
 
 def _units(found: Look) -> Iterator[str]:
@@ -88,14 +102,14 @@ def _units(found: Look) -> Iterator[str]:
 def _rest(robot: Any, found: Look) -> Iterator[str]:
     """Signs, gears, drives, motors, robot and file: what is known, and the rest to be filled in."""
     rules = found.rules
-    known: dict[tuple[str, str], str] = {("robot", "joints"): json.dumps(list(robot.joint_names), ensure_ascii=False)}
+    known: dict[tuple[str, str], str] = {("robot", "joints"): quoted(list(robot.joint_names))}
     known["robot", "gravity"] = json.dumps([round(float(g), 9) for g in robot.gravity])
     for name, value in (("base", rules.base), ("tip", rules.tip)):
         if value is not None:
-            known["robot", name] = json.dumps(value, ensure_ascii=False)
+            known["robot", name] = quoted(value)
     for name, value in (("topic", rules.topic), ("sheet", rules.sheet)):
         if value is not None:
-            known["file", name] = json.dumps(value, ensure_ascii=False)
+            known["file", name] = quoted(value)
     if rules.gear_ratio is not None:
         known["gear", "ratio"] = json.dumps(list(rules.gear_ratio))
         known["gear", "apply_to"] = json.dumps([name for name in rules.gear_apply_to])
@@ -127,6 +141,7 @@ def _head(table: str) -> Iterator[str]:
 
 def _comment(text: str) -> Iterator[str]:
     line = "#"
+    text = "".join(letter if letter.isprintable() else " " for letter in text)
     for word in " ".join(text.split()).split(" "):
         if len(line) + len(word) >= WIDTH and line != "#":
             yield line

@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from dynid_rs.runs.recording import Recording
     from dynid_rs.runs.splitting import Split
 
-STRONGEST_GRAVITY = 100.0
-"""More than this [m/s^2] is a slip of the unit or of a key; Jupiter has 25."""
 ROUNDING = 1e-6
 """Rates from time stamps are not exact."""
 
@@ -43,14 +41,14 @@ def read_robot(
     """
     from dynid_rs import _core
     from dynid_rs.base.files import check_readable
+    from dynid_rs.runs.readers.config_file import STRONGEST_GRAVITY
+    from dynid_rs.runs.readers.formats import SUFFIXES
 
     said = None if rules is None else rules.gravity
     vector = said if gravity is None else numbers("--gravity", gravity, 3)
     base, tip = chain_ends(base, tip, rules)
     if vector is not None and sum(g * g for g in vector) > STRONGEST_GRAVITY**2:
         raise ValueError(f"--gravity must be in m/s^2, at most {STRONGEST_GRAVITY:g}, found {gravity}")
-    from dynid_rs.runs.readers.formats import SUFFIXES
-
     place = check_readable(path)
     if place.suffix.lower() in SUFFIXES:
         raise ValueError(
@@ -168,7 +166,7 @@ def parted_sources(
         n = count_parts(path, robot, settings.config)
         names = [name] if n == 1 else [part_name(name, k, n) for k in range(n)]
         sources[place >= len(runs)].extend(
-            RunFile(path, of, robot, settings.config, settings.gain_given, k) for k, of in enumerate(names)
+            RunFile(path, of, robot, settings.config, settings.gain_given, k, n) for k, of in enumerate(names)
         )
     return sources
 

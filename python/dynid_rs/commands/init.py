@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -41,7 +42,7 @@ def init(
     from dynid_rs.base.files import check_replaceable, write_text
     from dynid_rs.commands._init_look import look
     from dynid_rs.commands._init_write import config_text
-    from dynid_rs.commands._inputs import chain_ends, numbers, read_robot, read_rules
+    from dynid_rs.commands._inputs import chain_ends, read_robot, read_rules
     from dynid_rs.commands._output import check_file, check_not_read
 
     check_not_read([output], (robot, *runs))
@@ -51,10 +52,6 @@ def init(
     rules = read_rules(config)
     model = read_robot(robot, base, tip, gravity, rules)
     base, tip = chain_ends(base, tip, rules)
-    if gravity is not None:
-        numbers("--gravity", gravity, 3)
-    from dataclasses import replace
-
     rules = replace(rules, base=base, tip=tip)
     asks = not yes and not json_output and sys.stdin is not None and sys.stdin.isatty() and sys.stdout.isatty()
     found = look(model, runs, rules, _ask if asks else lambda proposal: True)

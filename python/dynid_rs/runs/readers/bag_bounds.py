@@ -17,8 +17,7 @@ def bounded(limit: int = LARGEST_CHUNK) -> Iterator[None]:
     The library has its unpackers in two tables, which are exchanged meanwhile, and uses one module by name.
     """
     from rosbags.rosbag1 import reader as one
-    from rosbags.rosbag2 import reader
-    from rosbags.rosbag2 import storage_mcap
+    from rosbags.rosbag2 import reader, storage_mcap
 
     two: Any = reader
     small = _unpackers(two.zstd, limit)

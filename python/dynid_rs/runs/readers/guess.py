@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from dynid_rs.runs.readers.config import ColumnRule
 from dynid_rs.runs.readers.units import unit_in_name, unit_of
-from dynid_rs.runs.readers.words import meanings, roles
+from dynid_rs.runs.readers.words import meanings, roles, words_of
 
 _AXES = (
     ("S", "L", "U", "R", "B", "T"),
@@ -90,11 +90,19 @@ def guess(names: Sequence[str], joints: Sequence[str], units: Mapping[str, str])
             nameless.append(family)
         else:
             found.others[family.form] = kind[0]
-    if "q" not in options and nameless:
-        options["q"] = [(0, nameless.pop(0))]
+    plain = [family for family in nameless if "name" not in words_of(family.form)]
+    if "q" not in options and plain:
+        options["q"] = [(0, plain[0])]
+        nameless.remove(plain[0])
     elif "q" not in options and "q_motor" in options:
         options["q"] = options.pop("q_motor")
         found.doubts.append("the only positions are the motors': they are read as those of the links")
+    named = [family for family in nameless if "name" in words_of(family.form)]
+    for family in named:
+        found.doubts.append(
+            f"{family.form} names the joints of each column, in the order of its message and not of the arm's chain; "
+            "the numbers were taken in the chain's order, so check it"
+        )
     for family in nameless:
         found.others[family.form] = "its name does not say what it is"
     for signal, rivals in options.items():
