@@ -122,10 +122,10 @@ RUNS = (
     Hostile("joined.csv", _csv((100, HEADER)), r"joined\.csv, row 99 \(line 100\): the header appears a second time"),
     Hostile(
         "decimal_comma.csv",
-        _csv().replace(b",", b";").replace(b".", b","),
-        r"row 1 \(line 2\), column t: '0,0' .*points",
+        _csv().replace(b".", b","),
+        r"row 1 \(line 2\): .*decimal commas",
     ),
-    Hostile("sep.csv", b"sep=,\n" + _csv(), r"sep\.csv, line 1: sep=, is a spreadsheet's own note.*delete"),
+    Hostile("sep.csv", b"sep=,\n" + _csv(), None),
     Hostile("old_mac.csv", _csv().replace(b"\n", b"\r"), None),
     Hostile("utf16.csv", _csv().decode().encode("utf-16"), r"utf16\.csv: .*UTF-"),
     Hostile("zipped.csv", gzip.compress(_csv()), r"zipped\.csv: .*"),
@@ -138,7 +138,7 @@ RUNS = (
     ),
     Hostile("escape.csv", _csv((50, "0.48,6,\x1b[2J,0,1,2,3")), r"escape\.csv.*row 49 \(line 50\).*q_1.*\\x1b"),
     Hostile("underscore.csv", _csv((50, "0.48,6,1_000,0,1,2,3")), r"underscore\.csv.*row 49 \(line 50\).*q_1"),
-    Hostile("back.csv", _csv((50, "0.40,6,3,0,1,2,3")), r"back\.csv.*row 49 \(line 50\).*t"),
+    Hostile("still.csv", _csv((50, "0.47,6,3,0,1,2,3")), r"still\.csv.*row 49 \(line 50\).*t"),
     Hostile("column_twice.csv", _csv((1, HEADER.replace("q_1", "q_0"))), r"column_twice\.csv.*q_0"),
 )
 

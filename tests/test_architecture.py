@@ -192,7 +192,7 @@ def test_the_package_never_imports_tests():
 def test_the_package_imports_only_what_it_declares():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     declared = {re.split(r"[<>=~!;\[ ]", name)[0] for name in project["dependencies"]}
-    modules = {"scikit-learn": "sklearn", "pin": "pinocchio"}
+    modules = {"scikit-learn": "sklearn", "pin": "pinocchio", "python-calamine": "python_calamine"}
     brought = {
         "rich": "typer",  # typer depends on it
         "threadpoolctl": "scikit-learn",
@@ -202,10 +202,11 @@ def test_the_package_imports_only_what_it_declares():
     allowed |= {name for name, by in brought.items() if by in declared}
     # Module: the extra that brings what it imports, late.
     optional = {"model/bodies.py": "physical", "excitation/collision.py": "collision"}
+    optional |= {f"runs/readers/{name}.py": "io" for name in ("hdf5", "excel", "bag_library", "bag_bounds")}
     for path in MODULES:
         extra = project["optional-dependencies"].get(optional.get(path.relative_to(PACKAGE).as_posix()), [])
         brings = {re.split(r"[<>=~!;\[ ]", name)[0] for name in extra}
-        here = allowed | {modules.get(name, name) for name in brings}
+        here = allowed | {modules.get(name, name) for name in brings} | ({"lz4"} if "rosbags" in brings else set())
         for line, imported in imports_of(path):
             top = imported.split(".")[0]
             assert top in here or top in STANDARD_LIBRARY, f"{path}:{line} imports {imported}"

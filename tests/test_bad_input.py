@@ -81,17 +81,9 @@ CSV_FAULTS = {
         lambda lines: lines.__setitem__(0, lines[0].replace("q_1", "q_0")),
         ("column q_0 appears 2 times", "rename or remove"),
     ),
-    "time backwards": (
-        put_cell(101, "t", "0.25"),
-        ("row 101 (line 102), column t", "time goes backwards from 0.495 s to 0.25 s", "split the run there"),
-    ),
     "time stands still": (
         put_cell(101, "t", "0.495"),
         ("row 101 (line 102), column t", "time stands still", "remove the repeated rows"),
-    ),
-    "long gap": (
-        lambda lines: lines.__delitem__(slice(200, 500)),
-        ("row 200 (line 201), column t", "a gap of 1.505 s", "split the run there"),
     ),
     "too few samples": (
         lambda lines: lines.__delitem__(slice(20, None)),
@@ -129,7 +121,7 @@ UNREADABLE = {
     "below a file": ("robot.urdf/run.csv", None, ("a part of its path is a file",)),
     "rubbish": ("bad.parquet", b"\x00\x01rubbish" * 40, ("expected a Parquet file",)),
     "text for parquet": ("bad.parquet", b"t,q_0\n" * 40, ("starts with the text 't,q_0",)),
-    "suffix": ("run.xlsx", b"x" * 100, ("the suffix .xlsx is not known; expected a run as .parquet, .csv",)),
+    "suffix": ("run.xlsx", b"x" * 100, ("expected a workbook (.xlsx), but it starts with the text",)),
 }
 
 
@@ -326,10 +318,9 @@ def test_swapped_arguments(folder):
             f"{run_file}: this is a run, and a robot (URDF or robot.toml) is expected here; "
             "the robot comes before the runs"
         )
-    assert refused(folder, robot) == (
-        "robot.urdf: the suffix .urdf is not known; expected a run as .parquet, .csv, .npz "
-        "(this is a robot or a config, and the robot comes before the runs)"
-    )
+    sentence = refused(folder, robot)
+    assert sentence.startswith("robot.urdf: the suffix .urdf is not known; expected a run as .parquet, .csv, ")
+    assert sentence.endswith("(this is a robot or a config, and the robot comes before the runs)")
     assert "this is a run, and a robot" in refusal(dynid("inspect", run_file, "--robot", run_file))
     assert "this is a run, and a robot" in refusal(dynid("simulate", run_file, "-o", folder / "new"))
     assert not (folder / "new").exists()

@@ -252,7 +252,7 @@ def spoiled(name: str, row: int, value: float):
 
 RUNS = {
     "nan": (lambda: spoiled("dq_1", 6, np.nan), "row 7 (line 8), column dq_1: nan is not a finite number"),
-    "time backwards": (lambda: spoiled("t", 9, 0.0), "row 10 (line 11), column t: time goes backwards"),
+    "time stands still": (lambda: spoiled("t", 9, run(2)["t"][8]), "row 10 (line 11), column t: time stands still"),
     "half of the torques": (lambda: change(tau_1=None), "tau for 2 of 3 joints"),
     "half of the velocities": (lambda: change(dq_2=None), "column dq_2"),
     "no position": (lambda: change(q_0=None, q_1=None, q_2=None), "column q_0 or q_shoulder is missing"),
@@ -319,3 +319,14 @@ def test_folder_without_rights(folder):
         sentence = refusal(dynid("estimate", study().model, study().runs[0], "-o", other / "out.parquet"))
     place = f"{other}/out.parquet: the folder {other}"
     assert sentence == f"{place} cannot be written (permission denied); name another place"
+
+
+def test_a_run_in_parts_is_estimated_along_the_longest_and_says_so(folder):
+    columns = change()
+    columns["t"][300:] += 60.0
+    write(folder / "run.csv", columns)
+    result = dynid("estimate", folder / "model.json", folder / "run.csv", "--json")
+    assert result.exit_code == 0, result.output
+    assert json.loads(result.stdout)["n_samples"] == len(columns["t"]) - 300
+    assert "before row 301" in result.stderr
+    assert "the longest part is estimated" in result.stderr

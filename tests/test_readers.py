@@ -29,7 +29,7 @@ from run_files import (
 
 from dynid_rs.base.errors import DataError
 from dynid_rs.runs.cells import ABSURD
-from dynid_rs.runs.readers import Config, open_run, read_config, read_recording, read_run
+from dynid_rs.runs.readers import Config, PartsWarning, open_run, read_config, read_recording, read_run
 
 SUFFIXES = list(WRITERS)
 
@@ -237,9 +237,9 @@ def test_csv_speed(tmp_path):
     names = [f"{signal}_{j}" for signal in ("q", "dq", "ddq", "tau", "x", "y") for j in range(7)][: n_columns - 1]
     lines = [",".join(["t", *names]), *(f"{k * 1e-3!r},{tails[k % 1000]}" for k in range(n_rows))]
     (tmp_path / "run.csv").write_text("\n".join(lines))
-    start = time.perf_counter()
+    start = time.process_time()
     rec = read_recording(tmp_path / "run.csv")
-    assert time.perf_counter() - start < 4.0  # 0.7 s on two quiet cores
+    assert time.process_time() - start < 4.0  # 0.5 s of one core
     assert rec.n_samples == n_rows
 
 
@@ -276,7 +276,8 @@ CSV_FAULTS = {
     "cut_off": (csv_text(valid_columns())[:-60], r"row 400 \(line 401\).*cut off", "bad_row", 399, None),
     "open_quote": (spoil_line(9, cell(1, '"1')), r"line 9", "bad_row", 7, None),
     "two_runs": (csv_text(valid_columns()) * 2, r"row 401 \(line 402\): the header appears a second time", "bad_row", 400, None),
-    "decimal_comma": (csv_text(valid_columns()).replace(",", ";").replace(".", ","), r"decimal points, not commas", "bad_cell", 0, "t"),
+    "decimal_comma": (csv_text(valid_columns()).replace(".", ","), r"row 1 \(line 2\): has 20 cells.*decimal commas\? Write points", "bad_row", 0, None),
+    "one_comma": (spoil_line(4, cell(1, "0;5")).replace(",", ";"), r"row 3 \(line 4\): has 11 cells", "bad_row", 2, None),
     "blank_then_word": ("\n" + spoil_line(2, lambda line: "\n\n" + cell(2, "x")(line)), r"row 1 \(line 5\), column q_1", "bad_cell", 0, "q_1"),
     "no_header": (csv_text(valid_columns()).split("\n", 1)[1], r"line 1: expected a header", "no_header", None, None),
     "only_header": (csv_text(valid_columns()).split("\n", 1)[0] + "\n", r": no rows, only the names of the columns", "no_rows", None, None),
@@ -284,8 +285,7 @@ CSV_FAULTS = {
     "few_rows": ("\n".join(csv_text(valid_columns()).split("\n")[:11]), r"10 samples are too few", "too_few_samples", None, None),
     "twice": (csv_text(valid_columns()).replace("q_1", "q_0", 1), r"column q_0 appears 2 times", "duplicate_column", None, "q_0"),
     "unknown_twice": ("x,x," + csv_text(valid_columns()).replace("\n", "\n1,2,"), r"column x appears 2 times", "duplicate_column", None, "x"),
-    "spaces_between": (csv_text(valid_columns()).replace(",", " "), r"separated by spaces", "no_delimiter", None, None),
-    "backwards": (spoil_line(50, cell(0, "0.1")), r"row 49 \(line 50\), column t: time goes backwards", "time_backwards", 48, "t"),
+    "names_with_spaces": (csv_text(valid_columns()).replace(",", " ").replace("q_0", "axis 0", 1), r"line 1: the cells seem to be separated by spaces", "no_delimiter", None, None),
     "still": (spoil_line(50, cell(0, "0.47")), r"row 49 \(line 50\), column t: time stands still", "time_stands_still", 48, "t"),
     "long_header": ("q" * (1 << 21), r"line 1: is longer than", "long_line", None, None),
     "long_line": (spoil_line(9, lambda line: line + "x" * (1 << 21)), r"line 9: is longer than", "long_line", None, None),
@@ -297,16 +297,6 @@ CSV_FAULTS = {
 def test_broken_csv(tmp_path, text, match, code, row, column):
     (tmp_path / "run.csv").write_text(text, encoding="utf-8")
     refused(tmp_path / "run.csv", match, code=code, row=row, column=column)
-
-
-def test_gap_in_csv_names_the_line(tmp_path):
-    columns = valid_columns()
-    columns["t"][100:] += 1.0
-    refused(
-        write_csv(tmp_path / "run.csv", columns),
-        r"row 101 \(line 102\), column t: a gap of 1.01 s",
-        code="long_gap",
-    )
 
 
 # ---------------------------------------------------------------- columns
@@ -454,9 +444,11 @@ def test_parquet_columns_of_another_type(tmp_path, cells):
 
     columns = valid_columns()
     path = write_parquet(tmp_path / "run.parquet", columns | {"tau_1": pa.array(cells)})
-    refused(path, "column tau_1: holds .*, expected numbers", code="not_numbers", column="tau_1")
+    if not isinstance(cells[0], list):  # lists of numbers are columns
+        refused(path, "column tau_1: holds .*, expected numbers", code="not_numbers", column="tau_1")
     path = write_parquet(tmp_path / "other.parquet", columns | {"note": pa.array(cells)})
-    assert read_run(path, JOINTS).columns.ignored == ("note",)
+    ignored = "note_0" if isinstance(cells[0], list) else "note"
+    assert read_run(path, JOINTS).columns.ignored == (ignored,)
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
@@ -520,10 +512,10 @@ def test_empty_file(tmp_path, suffix):
     refused(tmp_path / f"run{suffix}", "the file is empty", code="empty_file")
 
 
-@pytest.mark.parametrize("name", ["run.mat", "run.h5", "run", "run.csv.gz", "run.npy"])
+@pytest.mark.parametrize("name", ["run.doc", "run", "run.gz", "run.parquet.gz", "run.npy"])
 def test_unknown_suffix(tmp_path, name):
     (tmp_path / name).write_text("t,q_0\n")
-    refused(tmp_path / name, r"is not known; expected a run as \.parquet, \.csv, \.npz", code="unknown_suffix")
+    refused(tmp_path / name, r"is not known; expected a run as \.parquet, \.csv, ", code="unknown_suffix")
 
 
 def test_suffix_in_capitals(tmp_path):
@@ -581,7 +573,7 @@ def test_flipped_bytes_anywhere(tmp_path, suffix):
         for place in rng.integers(0, len(data), rng.integers(1, 4)):
             spoiled[place] ^= int(rng.integers(1, 256))
         path.write_bytes(spoiled)
-        with contextlib.suppress(DataError, OSError):  # anything else is a leak
+        with contextlib.suppress(DataError, OSError, PartsWarning):  # anything else is a leak
             assert np.isfinite(read_recording(path, JOINTS).q).all()
 
 

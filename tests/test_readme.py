@@ -50,9 +50,9 @@ def on_the_path(folder: Path) -> dict[str, str]:
     return os.environ | {"PATH": f"{programs}{os.pathsep}{os.environ['PATH']}"}
 
 
-def test_the_five_lines(folder):
+def test_the_six_lines(folder):
     lines = block("sh", "dynid inspect").splitlines()
-    assert len(lines) == 5
+    assert len(lines) == 6
     assert lines[0].startswith("pip install .")  # what `on_the_path` stands for
     environment = on_the_path(folder)
     for line in lines[1:]:

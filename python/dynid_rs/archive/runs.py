@@ -13,7 +13,8 @@ from dynid_rs.base.errors import DataError
 from dynid_rs.base.files import check_readable, with_sentence
 from dynid_rs.base.findings import Finding
 from dynid_rs.runs.checks import check_recording, contradicting_signals, refused_sources
-from dynid_rs.runs.readers import Config, read_run
+from dynid_rs.runs.readers import Config, Run, read_run
+from dynid_rs.runs.readers.formats import files_of
 from dynid_rs.runs.recording import Recording
 
 
@@ -40,6 +41,10 @@ def signals_of(source: RunSource) -> Recording:
     return source.read()[0] if again is None else again()
 
 
+_LAST: dict[str, tuple[object, _core.RobotModel, Config, Run]] = {}
+"""The file in parts that was read last, until its last part is taken: a data set may hold hundreds."""
+
+
 @dataclass(frozen=True)
 class RunFile:
     """A run in a file.
@@ -47,7 +52,7 @@ class RunFile:
     Parameters
     ----------
     path : Path
-        Parquet, CSV or NPZ.
+        Any file or folder that `read_recording` takes.
     name : str
         Short name for every message.
     robot : RobotModel
@@ -56,6 +61,8 @@ class RunFile:
         Names, units and signs of the file.
     gain_given : bool
         Whether the drive gains in `config` come from the command line, and currents are expected.
+    part, n_parts : int
+        Which part of how many, where gaps or jumps of time split the file.
     """
 
     path: Path
@@ -63,6 +70,8 @@ class RunFile:
     robot: _core.RobotModel
     config: Config
     gain_given: bool = False
+    part: int = 0
+    n_parts: int = 1
 
     def read(self) -> tuple[Recording, list[Finding]]:
         """Read and check the file.
@@ -72,9 +81,11 @@ class RunFile:
         DataError, OSError
             It cannot be read, or is no run of this robot; the text is a sentence.
         """
-        recording = self._recording()
+        run = self._run()
+        recording = self._part(run)
+        said = run.findings(self.name) if self.part == 0 else []
         findings = check_recording(recording, self.robot)
-        return recording.without(*refused_sources(findings)), findings
+        return recording.without(*refused_sources(findings)), [*said, *findings]
 
     def signals(self) -> Recording:
         """Read the file; of the checks, only what decides which signals are left out.
@@ -84,25 +95,46 @@ class RunFile:
         DataError, OSError
             As `read`.
         """
-        recording = self._recording()
+        recording = self._part(self._run())
         return recording.without(*contradicting_signals(recording))
 
-    def _recording(self) -> Recording:
-        run = read_run(self.path, self.robot, self.config)
+    def _run(self) -> Run:
+        run = self._read_file()
         if self.gain_given and "current" not in run.columns.signals:
             raise DataError(
                 f"{self.name}: holds torque, and --drive-gain is for currents; leave it out",
                 code="no_current",
                 file=self.name,
             )
-        return replace(run.recording, name=self.name)
+        return run
+
+    def _read_file(self) -> Run:
+        """Read the file; for the parts of one that follow each other only once."""
+        if self.n_parts == 1:
+            return read_run(self.path, self.robot, self.config)
+        info = self.path.stat()
+        key = (self.path, info.st_mtime_ns, info.st_size)
+        held = _LAST.get("run")
+        if held is None or held[0] != key or held[1] is not self.robot or held[2] is not self.config:
+            held = (key, self.robot, self.config, read_run(self.path, self.robot, self.config))
+        _LAST.clear()
+        if self.part < self.n_parts - 1:
+            _LAST["run"] = held
+        return held[3]
+
+    def _part(self, run: Run) -> Recording:
+        return replace(run.parts[self.part], name=self.name)
 
     def content(self) -> str:
         """Hash of the file's bytes, its name, its rules and the robot."""
-        place = check_readable(self.path)
-        try:
-            with place.open("rb") as file:
-                content = hashlib.file_digest(file, "sha256").hexdigest()
-        except OSError as error:
-            raise with_sentence(error, self.path, "read") from None
-        return fingerprint(content, self.name, self.path.suffix.lower(), self.robot, self.config, self.gain_given)
+        hashes = []
+        for path in files_of(self.path):
+            place = check_readable(path)
+            try:
+                with place.open("rb") as file:
+                    hashes.append(hashlib.file_digest(file, "sha256").hexdigest())
+            except OSError as error:
+                raise with_sentence(error, path, "read") from None
+        content = hashes[0] if len(hashes) == 1 else fingerprint(*hashes)
+        suffix = self.path.suffix.lower()
+        return fingerprint(content, self.name, suffix, self.robot, self.config, self.gain_given, self.part)

@@ -18,10 +18,12 @@ CODES: Mapping[str, Code] = {
     # Files and time
     "not_finite": Code("NaN or infinity", "the cell", "cut these rows out or split the run there"),
     "bad_cell": Code("a cell that is empty or no number", "the cell", "correct the cell, or cut the row out"),
-    "time_backwards": Code("time that goes backwards", "two stamps", "split the run there"),
+    "time_backwards": Code("time that goes backwards", "two stamps", "none needed, the run is read in parts"),
     "time_stands_still": Code("stamps that repeat", "two stamps", "remove the repeated rows"),
     "gap": Code("missing samples, bridged", "steps over the usual step", "none needed; record without losses"),
-    "long_gap": Code("missing samples, too many to bridge", "step over the usual step", "split the run there"),
+    "long_gap": Code(
+        "missing samples, too many to bridge", "step over the usual step", "none needed, the run is read in parts"
+    ),
     "sampling_rate": Code(
         "time in another unit; or a slow rate",
         "rate, duration and speed against logs of robots and the other runs",

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from dynid_rs.commands._inputs import Settings, check_cutoff, run_sources
+from dynid_rs.commands._inputs import Settings, check_cutoff, parted_sources
 
 if TYPE_CHECKING:
     from dynid_rs.archive import Archive, RunFile
@@ -80,12 +80,13 @@ def read_given(
     """
     from dynid_rs.runs.splitting import split_runs
 
-    sources = run_sources([*runs, *test], robot, settings)
+    train, tested = parted_sources(runs, test, robot, settings)
+    sources = [*train, *tested]
     held = _read_within(sources, memory)
     if held is None:
-        return _survey(sources, len(runs), test_from, memory, cutoff, say, work)
+        return _survey(sources, len(train), test_from, memory, cutoff, say, work)
     recordings, findings = held
-    split = split_runs(recordings[: len(runs)], recordings[len(runs) :], test_from)
+    split = split_runs(recordings[: len(train)], recordings[len(train) :], test_from)
     check_cutoff(cutoff, [*split.train, *split.test])
     return Given(split.train, split.test, findings + ([split.finding] if split.finding else []))
 

@@ -16,9 +16,6 @@ if TYPE_CHECKING:
     from dynid_rs.runs.recording import Recording
     from dynid_rs.runs.splitting import Split
 
-STRONGEST_GRAVITY = 100.0
-"""More than this [m/s^2] is a slip of the unit or of a key; Jupiter has 25."""
-RUN_SUFFIXES = (".parquet", ".csv", ".npz")
 ROUNDING = 1e-6
 """Rates from time stamps are not exact."""
 
@@ -31,20 +28,45 @@ class Settings:
     gain_given: bool = False
 
 
-def read_robot(path: Path, base: str | None = None, tip: str | None = None, gravity: str | None = None) -> Any:
-    """Read a robot, URDF or robot.toml, in its own gravity or in the given one, "X,Y,Z" [m/s^2]."""
+def read_robot(
+    path: Path,
+    base: str | None = None,
+    tip: str | None = None,
+    gravity: str | None = None,
+    rules: Config | None = None,
+) -> Any:
+    """Read a robot, URDF or robot.toml, in its own gravity or in the given one, "X,Y,Z" [m/s^2].
+
+    What is not given here, `rules` may say.
+    """
     from dynid_rs import _core
     from dynid_rs.base.files import check_readable
+    from dynid_rs.runs.readers.config_file import STRONGEST_GRAVITY
+    from dynid_rs.runs.readers.formats import SUFFIXES
 
-    vector = None if gravity is None else numbers("--gravity", gravity, 3)
+    said = None if rules is None else rules.gravity
+    vector = said if gravity is None else numbers("--gravity", gravity, 3)
+    base, tip = chain_ends(base, tip, rules)
     if vector is not None and sum(g * g for g in vector) > STRONGEST_GRAVITY**2:
         raise ValueError(f"--gravity must be in m/s^2, at most {STRONGEST_GRAVITY:g}, found {gravity}")
     place = check_readable(path)
-    if place.suffix.lower() in RUN_SUFFIXES:
+    if place.suffix.lower() in SUFFIXES:
         raise ValueError(
             f"{path}: this is a run, and a robot (URDF or robot.toml) is expected here; the robot comes before the runs"
         )
     return _core.RobotModel.from_file(place, base=base, tip=tip, gravity=vector)
+
+
+def read_rules(config: Path | None) -> Config:
+    """What `dynid.toml` says; nothing where there is none."""
+    from dynid_rs.runs.readers import Config, read_config
+
+    return Config() if config is None else read_config(config)
+
+
+def chain_ends(base: str | None, tip: str | None, rules: Config | None) -> tuple[str | None, str | None]:
+    """First and last link of the chain: as given, else as `rules` say."""
+    return base or (rules.base if rules else None), tip or (rules.tip if rules else None)
 
 
 def with_rotors(robot: Any, settings: Settings, path: Path, base: str | None, tip: str | None) -> Any:
@@ -65,15 +87,14 @@ def with_rotors(robot: Any, settings: Settings, path: Path, base: str | None, ti
             column="[motor] rotor_inertia",
         )
     rotors = list(inertia) * (n // len(inertia))
+    base, tip = chain_ends(base, tip, settings.config)
     gravity = robot.gravity.tolist()
     return _core.RobotModel.from_urdf(check_readable(path), base=base, tip=tip, gravity=gravity, rotor_inertia=rotors)
 
 
 def read_settings(config: Path | None, drive_gain: str | None, n_joints: int) -> Settings:
     """Read `dynid.toml`; drive gains from the command line replace its own."""
-    from dynid_rs.runs.readers import Config, read_config
-
-    rules = Config() if config is None else read_config(config)
+    rules = read_rules(config)
     if drive_gain is None:
         return Settings(rules)
     gains = numbers("--drive-gain", drive_gain, n_joints, or_one=True)
@@ -88,8 +109,9 @@ def read_split(
     """Read, check and split; findings on all runs."""
     from dynid_rs.runs.splitting import split_runs
 
-    recordings, findings = _read([*runs, *test], robot, settings)
-    split = split_runs(recordings[: len(runs)], recordings[len(runs) :], test_from)
+    train, tested = parted_sources(runs, test, robot, settings)
+    recordings, findings = _read([*train, *tested])
+    split = split_runs(recordings[: len(train)], recordings[len(train) :], test_from)
     return split, findings + ([split.finding] if split.finding else [])
 
 
@@ -114,11 +136,11 @@ def read_friction(paths: list[Path], robot: Any, settings: Settings, memory: int
     return recordings
 
 
-def _read(paths: list[Path], robot: Any, settings: Settings) -> tuple[list[Recording], list[Finding]]:
+def _read(sources: Sequence[RunFile]) -> tuple[list[Recording], list[Finding]]:
     """Read runs without the signals that contradict their positions; with all findings."""
     recordings: list[Recording] = []
     findings: list[Finding] = []
-    for source in run_sources(paths, robot, settings):
+    for source in sources:
         recording, found = source.read()
         recordings.append(recording)
         findings += found
@@ -126,14 +148,27 @@ def _read(paths: list[Path], robot: Any, settings: Settings) -> tuple[list[Recor
 
 
 def run_sources(paths: Sequence[Path], robot: Any, settings: Settings) -> list[RunFile]:
-    """Return the runs, to be read when they are needed."""
-    from dynid_rs.archive.runs import RunFile
+    """Return the runs, to be read when they are needed; several of a file that gaps or jumps of time split."""
+    return parted_sources(paths, (), robot, settings)[0]
 
-    names = _names(paths)
-    return [
-        RunFile(path, name, robot, settings.config, settings.gain_given)
-        for path, name in zip(paths, names, strict=True)
-    ]
+
+def parted_sources(
+    runs: Sequence[Path], test: Sequence[Path], robot: Any, settings: Settings
+) -> tuple[list[RunFile], list[RunFile]]:
+    """`run_sources` of the runs to learn from and of those to test on, by names that tell all of them apart."""
+    from dynid_rs.archive.runs import RunFile
+    from dynid_rs.runs.readers import count_parts
+    from dynid_rs.runs.readers.convert import part_name
+
+    sources: tuple[list[RunFile], list[RunFile]] = ([], [])
+    paths = [*runs, *test]
+    for place, (path, name) in enumerate(zip(paths, _names(paths), strict=True)):
+        n = count_parts(path, robot, settings.config)
+        names = [name] if n == 1 else [part_name(name, k, n) for k in range(n)]
+        sources[place >= len(runs)].extend(
+            RunFile(path, of, robot, settings.config, settings.gain_given, k, n) for k, of in enumerate(names)
+        )
+    return sources
 
 
 def _names(paths: Sequence[Path]) -> list[str]:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 from rich.text import Text
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
 
     from dynid_rs.commands._inspection import Inspection
 
+BARS = "▁▂▃▄▅▆▇█"
+PLOT_WIDTH = 14
 _STYLES = {"error": "bold red", "warning": "yellow", "info": "cyan"}
 
 
@@ -70,6 +73,16 @@ def _span(names: Sequence[str]) -> str:
     return shown(names[0]) if len(names) == 1 else f"{shown(names[0])} ... {shown(names[-1])}"
 
 
+def drawn(values: NDArray[np.float64], width: int = PLOT_WIDTH) -> str:
+    """A channel (n,) as a row of bars, the mean of each stretch between its smallest and its largest."""
+    pieces = [float(piece.mean()) for piece in np.array_split(values, min(width, len(values)))]
+    low, high = min(pieces), max(pieces)
+    span = high - low
+    if not span > 0:
+        return BARS[0] * len(pieces)
+    return "".join(BARS[round((piece - low) / span * (len(BARS) - 1))] for piece in pieces)
+
+
 def _joints(run: Run) -> Table:
     rec = run.recording
     table = Table(box=SIMPLE_HEAD, collapse_padding=True)
@@ -85,6 +98,8 @@ def _joints(run: Run) -> Table:
     }
     if rec.has_motor_encoder:
         titles["motor - link"] = "rad"
+    table.add_column("motion\nq over t", no_wrap=True)
+    table.add_column(f"torque\n{unit} over t", no_wrap=True)
     for title, of in titles.items():
         table.add_column(f"{title}\n{of}", justify="right", no_wrap=True)
     for joint, name in enumerate(rec.joints):
@@ -93,7 +108,7 @@ def _joints(run: Run) -> Table:
         cells = [q.min(), q.max(), np.percentile(np.abs(dq), 99), tau.min(), tau.max(), tau.std()]
         if rec.q_motor is not None:
             cells.append(np.max(np.abs(rec.q_motor[:, joint] - q)))
-        table.add_row(Text(shown(name)), *(f"{cell:.4g}" for cell in cells))
+        table.add_row(Text(shown(name)), drawn(q), drawn(tau), *(f"{cell:.4g}" for cell in cells))
     return table
 
 

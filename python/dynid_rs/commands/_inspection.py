@@ -28,14 +28,19 @@ class Inspection:
     error: Exception | None = None
 
 
-def inspect_run(path: Path, robot: Any | None, config: Config) -> Inspection:
-    """Read and check one file; what the file did wrong is kept, not raised."""
+def inspect_run(path: Path, robot: Any | None, config: Config) -> list[Inspection]:
+    """Read and check one file, part by part; what the file did wrong is kept, not raised."""
     try:
         run = read_run(path, robot, config)
-        notes = [Finding("column_ignored", "info", note, run.recording.name) for note in run.columns.notes]
-        return Inspection(path, run, (*check_recording(run.recording, robot), *notes))
+        checked = [(part, check_recording(part, robot)) for part in run.parts]
     except (ValueError, OSError) as error:
-        return Inspection(path, error=error)
+        return [Inspection(path, error=error)]
+    said = run.findings(run.parts[0].name)
+    inspections = []
+    for k, (part, findings) in enumerate(checked):
+        own = sorted((*findings, *(said if k == 0 else ())), key=severity_order)
+        inspections.append(Inspection(path, replace(run, parts=(part,)), tuple(own)))
+    return inspections
 
 
 def compared(inspections: Sequence[Inspection], robot: Any | None) -> list[Inspection]:

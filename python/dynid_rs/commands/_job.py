@@ -59,7 +59,14 @@ class Job:
         """
         from dynid_rs.commands._given import read_given
         from dynid_rs.commands._identifier import check_places, chosen_laws, known_terms
-        from dynid_rs.commands._inputs import read_friction, read_robot, read_settings, size_in_bytes, with_rotors
+        from dynid_rs.commands._inputs import (
+            read_friction,
+            read_robot,
+            read_rules,
+            read_settings,
+            size_in_bytes,
+            with_rotors,
+        )
         from dynid_rs.diagnosis.sensors import set_findings
         from dynid_rs.model.inertials import inertial_findings
 
@@ -69,7 +76,7 @@ class Job:
         check_places(self.output, [*self.inputs])
         work = make_work()
         say("reading")
-        model = read_robot(self.robot, self.base, self.tip, self.gravity)
+        model = read_robot(self.robot, self.base, self.tip, self.gravity, read_rules(self.config))
         settings = read_settings(self.config, self.drive_gain, model.n_joints)
         model = with_rotors(model, settings, self.robot, self.base, self.tip)
         identifier = _identifier(

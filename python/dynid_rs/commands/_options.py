@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 Robot = Annotated[Path, typer.Argument(metavar="ROBOT", help="The arm: URDF or robot.toml")]
-Runs = Annotated[list[Path], typer.Argument(metavar="RUN...", help="Runs to learn from: Parquet, CSV or NPZ")]
+Runs = Annotated[list[Path], typer.Argument(metavar="RUN...", help="Runs to learn from (docs/logs.md)")]
 Output = Annotated[
     Path, typer.Option("--output", "-o", metavar="DIR", help="Folder for the results", show_default=False)
 ]

@@ -57,13 +57,20 @@ def diagnose(
         identifier_options,
         known_terms,
     )
-    from dynid_rs.commands._inputs import check_cutoff, read_robot, read_settings, read_split, with_rotors
+    from dynid_rs.commands._inputs import (
+        check_cutoff,
+        read_robot,
+        read_rules,
+        read_settings,
+        read_split,
+        with_rotors,
+    )
     from dynid_rs.runs.facts import check_torque
 
     check_places(output, [robot, *runs, *(test or []), config, known, reference])
     with progress() as say:
         say("reading")
-        model = read_robot(robot, base, tip, gravity)
+        model = read_robot(robot, base, tip, gravity, read_rules(config))
         settings = read_settings(config, drive_gain, model.n_joints)
         model = with_rotors(model, settings, robot, base, tip)
         options = identifier_options(weighting, prior, cutoff, friction_law)

@@ -29,7 +29,7 @@ SIGNALS = ("q", "dq", "ddq", "q_motor", "dq_motor", "ddq_motor")
 @run_command
 def estimate(
     model: Annotated[Path, typer.Argument(metavar="MODEL.json", help="What `dynid identify` wrote")],
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="Parquet, CSV or NPZ")],
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="A run file, or the folder of a bag (docs/logs.md)")],
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", metavar="OUT.parquet", help="Torques per sample, joint and term"),
@@ -75,6 +75,8 @@ def estimate(
     settings = read_settings(config, drive_gain, torque_model.robot.n_joints)
     source = read_run(run, torque_model.robot, settings.config, require_torque=False)
     recording = source.recording
+    if source.split is not None:
+        typer.echo(f"{run.name}: {source.split.text}; the longest part is estimated", err=True)
     check_cutoff(cutoff, [recording])
     if source.has_torque and recording.torque_unit != torque_model.torque_unit:
         raise _other_unit(recording, torque_model.torque_unit)

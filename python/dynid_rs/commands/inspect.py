@@ -13,7 +13,7 @@ from dynid_rs.commands._run import print_json, run_command, sentence
 
 @run_command
 def inspect(
-    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Run files: .parquet, .csv, .npz")],
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Run files, or folders of bags (docs/logs.md)")],
     robot: Annotated[
         Path | None, typer.Option("--robot", metavar="R", help="URDF or robot.toml: joint names, kinds and limits")
     ] = None,
@@ -27,15 +27,14 @@ def inspect(
 
     Exit code 0: nothing wrong; 1: a finding says "error"; 2: a file cannot be read.
     """
-    from dynid_rs.commands._inputs import read_robot
+    from dynid_rs.commands._inputs import read_robot, read_rules
     from dynid_rs.commands._inspection import compared, exit_code, hint, inspect_run, to_json
     from dynid_rs.model.inertials import inertial_findings
-    from dynid_rs.runs.readers import Config, read_config
 
-    rules = Config() if config is None else read_config(config)
-    model = None if robot is None else read_robot(robot)
+    rules = read_rules(config)
+    model = None if robot is None else read_robot(robot, rules=rules)
     of_robot = [] if model is None or robot is None else inertial_findings(model, robot.name)
-    inspections = compared([inspect_run(path, model, rules) for path in runs], model)
+    inspections = compared([one for path in runs for one in inspect_run(path, model, rules)], model)
     code = exit_code(inspections)
     if json_output:
         print_json(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.quoting import shown, shown_names
@@ -40,13 +40,17 @@ class ColumnMap:
     ignored : tuple of str
         All other columns.
     notes : tuple of str
-        Sentences about columns that could have been read and were not.
+        Sentences about what was read as what, and about columns that could have been read and were not.
     """
 
     time: str
     signals: Mapping[str, tuple[str, ...]]
     ignored: tuple[str, ...]
     notes: tuple[str, ...] = ()
+
+    def with_notes(self, *notes: str) -> ColumnMap:
+        """Return the same columns with more to be said, first."""
+        return replace(self, notes=(*notes, *self.notes))
 
     def used(self) -> tuple[str, ...]:
         """Columns that are read, each once."""

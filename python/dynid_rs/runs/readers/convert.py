@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from dynid_rs.base.errors import DataError
 from dynid_rs.runs.cells import check_finite, check_size, check_time
+from dynid_rs.runs.parts import MOST_SAID, Split, find_parts, split_of
 from dynid_rs.runs.readers.columns import ColumnMap
 from dynid_rs.runs.readers.config import Config, PerJoint
 from dynid_rs.runs.readers.table import Columns, Table
-from dynid_rs.runs.recording import FloatArray, Recording
+from dynid_rs.runs.recording import TIME_UNITS, FloatArray, Recording
 
 _SIGN_OF = {
     "q": "q",
@@ -27,7 +28,8 @@ _SIGN_OF = {
     "tau": "tau",
     "current": "tau",
 }
-_EXACT_INTEGER = 2**53
+_LONG_AGO = 1e6
+"""Time that starts so late [s] counts from an epoch, not from the start of a controller."""
 
 
 @dataclass(frozen=True)
@@ -80,9 +82,17 @@ class _Converter:
         return scale
 
 
-def to_recording(
+@dataclass(frozen=True)
+class Converted:
+    """Recordings made of a file: one, or one per part; and why."""
+
+    recordings: tuple[Recording, ...]
+    split: Split | None = None
+
+
+def to_recordings(
     table: Table, found: ColumnMap, joints: Sequence[str], kinds: Sequence[str], config: Config
-) -> Recording:
+) -> Converted:
     """Read the mapped columns and convert them.
 
     Parameters
@@ -104,14 +114,16 @@ def to_recording(
     converter = _Converter(config, tuple(joints), tuple(kinds))
     scales = {signal: converter.scale(signal) for signal in found.signals if signal != "temperature"}
     columns = table.load(found.used())
-    t = _seconds(columns[found.time], config.factor("time"))
+    t = seconds(columns[found.time], table, found.time, config)
     if not t.size:
         raise DataError(
             f"{table.file}: no rows, only the names of the columns; record or copy it again",
             code="no_rows",
             file=table.file,
         )
-    check_time(t, file=table.file, column=found.time, line_of=table.line_of)
+    parts = find_parts(t)
+    if not parts.breaks:
+        check_time(t, file=table.file, column=found.time, line_of=table.line_of)
     signals: dict[str, Any] = {}
     for signal, names in found.signals.items():
         scale = scales.get(signal, np.ones(len(names)))
@@ -121,20 +133,34 @@ def to_recording(
         signals["tau"] = signals.pop("current")
         torque_unit = "N*m" if config.drive_gain is not None else "A"
     signals.setdefault("tau", np.zeros_like(signals["q"]))  # only where the caller does without torque
-    return Recording(
-        t=t,
-        name=table.file,
-        joints=tuple(joints),
-        torque_unit=torque_unit,
-        time_unit=config.unit("time"),
-        first_line=None if table.first_line is None else table.first_line(len(t)),
-        **signals,
+    first_line = None if table.first_line is None else table.first_line(len(t))
+    recordings = tuple(
+        Recording(
+            t=t[start:stop],
+            name=table.file if len(parts.rows) == 1 else part_name(table.file, k, len(parts.rows)),
+            joints=tuple(joints),
+            torque_unit=torque_unit,
+            time_unit="ns" if found.time in table.stamps else config.unit("time"),
+            first_line=None if first_line is None else first_line + start,
+            **{signal: values[start:stop] for signal, values in signals.items()},
+        )
+        for k, (start, stop) in enumerate(parts.rows)
     )
+    lines = [table.line_of(row) for row in parts.breaks[:MOST_SAID]] if table.line_of is not None else None
+    return Converted(recordings, split_of(t, parts, lines))
 
 
-def _seconds(values: NDArray[Any], factor: float) -> FloatArray:
-    # Ticks since 1970 in nanoseconds do not fit a float64: count them from the first row.
-    if values.dtype.kind in "iu" and values.size and int(np.max(values)) > _EXACT_INTEGER:
+def part_name(name: str, k: int, n_parts: int) -> str:
+    """Name of part `k` (from 0) of a run."""
+    return f"{name} (part {k + 1} of {n_parts})"
+
+
+def seconds(values: NDArray[Any], table: Table, column: str, config: Config) -> FloatArray:
+    """Time (n,) [s] of a column as it was loaded; stamps and large whole numbers are counted from the first row."""
+    factor = TIME_UNITS["ns"] if column in table.stamps else config.factor("time")
+    # Ticks since 1970 do not fit a float64, or leave it little for the steps between samples.
+    whole = values.dtype.kind in "iu" and values.size
+    if whole and (column in table.stamps or abs(int(values[0])) * factor > _LONG_AGO):
         first = int(values[0])
         values = np.array([int(v) - first for v in values]) if values.dtype.kind == "u" else values - first
     return np.ascontiguousarray(values.astype(np.float64) * factor)

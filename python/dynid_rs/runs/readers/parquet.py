@@ -6,26 +6,17 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.files import check_readable
-from dynid_rs.base.quoting import shown
-from dynid_rs.runs.readers.table import (
-    Columns,
-    Table,
-    as_numbers,
-    looks_like,
-    refuse_duplicates,
-    refuse_too_large,
-)
+from dynid_rs.runs.readers.arrow import flat_columns, to_numbers
+from dynid_rs.runs.readers.table import Columns, Table, damaged, not_of_kind, refuse_duplicates, refuse_too_large
 
 _MAGIC = b"PAR1"
 _SHORTEST = 12  # magic, length of the footer, magic
 
 
 def open_parquet(path: str | Path) -> Table:
-    """Open a Parquet file: one row per sample, one flat column per signal and joint.
+    """Open a Parquet file: one row per sample; flat columns, or lists of one length per signal.
 
     Raises
     ------
@@ -42,12 +33,7 @@ def open_parquet(path: str | Path) -> Table:
         stream.seek(-min(4, size), 2)
         tail = stream.read(4)
     if head[:4] != _MAGIC:
-        raise DataError(
-            f"{file}: expected a Parquet file, but {looks_like(head)}; "
-            "give the file the suffix of its format or write it again",
-            code="not_parquet",
-            file=file,
-        )
+        raise not_of_kind("a Parquet file", head, file, "not_parquet")
     if size < _SHORTEST or tail != _MAGIC:
         raise DataError(
             f"{file}: this Parquet file is cut off (its end is missing); copy or record it again",
@@ -60,43 +46,33 @@ def open_parquet(path: str | Path) -> Table:
     # are all the same fact. The file itself was opened above.
     try:
         with pq.ParquetFile(place) as parquet:
-            names = tuple(str(name) for name in parquet.schema_arrow.names)
+            schema = parquet.schema_arrow
             n_rows = int(parquet.metadata.num_rows)
+            refuse_duplicates([str(name) for name in schema.names], file)
+            flat = flat_columns(schema, lambda wanted: _first_row(parquet, wanted))
+    except DataError:
+        raise
     except Exception as error:
-        raise _damaged(file, error) from None
-    refuse_duplicates(names, file)
+        raise damaged("Parquet", error, file) from None
+    refuse_duplicates(tuple(flat.sources), file)
     if n_rows < 0:
-        raise _damaged(file, ValueError(f"it declares {n_rows} rows"))
+        raise damaged("Parquet", ValueError(f"it declares {n_rows} rows"), file)
 
     def load(wanted: Sequence[str]) -> Columns:
-        refuse_too_large(8 * n_rows * len(wanted), file)
+        whole = list(dict.fromkeys(flat.sources[name][0] for name in wanted))
+        refuse_too_large(8 * n_rows * max(len(wanted), sum(flat.width(name) for name in whole)), file)
         try:
             with pq.ParquetFile(place, page_checksum_verification=True) as parquet:
-                table = parquet.read(columns=list(wanted))
-                arrays = {name: _to_numpy(table.column(name)) for name in wanted}
+                table = parquet.read(columns=whole)
         except Exception as error:
-            raise _damaged(file, error) from None
-        return {name: as_numbers(values, file, name) for name, values in arrays.items()}
+            raise damaged("Parquet", error, file) from None
+        return to_numbers(table, flat, wanted, "Parquet", file)
 
-    return Table(file, "Parquet", names, n_rows, load)
+    return Table(file, "Parquet", tuple(flat.sources), n_rows, load, stamps=flat.stamps)
 
 
-def _to_numpy(column: Any) -> Any:
+def _first_row(parquet: Any, wanted: list[str]) -> Any:
     import pyarrow as pa
 
-    if pa.types.is_timestamp(column.type):
-        import pyarrow.compute as pc
-
-        # Seconds since the first row: as float64 since 1970 only a quarter of a microsecond would be left.
-        ticks = column.cast(pa.timestamp("ns")).cast(pa.int64())
-        return pc.subtract(ticks, ticks[0]).cast(pa.float64()).to_numpy() * 1e-9 if len(ticks) else np.zeros(0)
-    if pa.types.is_decimal(column.type) or pa.types.is_dictionary(column.type):
-        column = column.cast(pa.float64())
-    return column.to_numpy()
-
-
-def _damaged(file: str, error: Exception) -> DataError:
-    reason = shown(" ".join(str(error).split()) or type(error).__name__, 160)
-    return DataError(
-        f"{file}: this Parquet file is damaged ({reason}); copy or record it again", code="damaged", file=file
-    )
+    batch = next(parquet.iter_batches(batch_size=1, columns=wanted), None)
+    return parquet.schema_arrow.empty_table() if batch is None else pa.table(batch)

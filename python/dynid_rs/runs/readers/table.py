@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -28,7 +28,7 @@ class Table:
     file : str
         Name for messages.
     kind : str
-        ``"Parquet"``, ``"CSV"`` or ``"NPZ"``.
+        The format, e.g. ``"Parquet"``.
     names : tuple of str
         Columns in the order of the file, each once.
     n_rows : int or None
@@ -39,6 +39,12 @@ class Table:
         0-based data row -> 1-based line, for text files.
     first_line : callable, optional
         Number of rows -> line of the first one, for text files; None where lines between them are blank.
+    units : mapping of str to str
+        Units that the file itself gives, as they stand there: column -> unit.
+    stamps : frozenset of str
+        Columns that are moments, not numbers: `load` gives them as whole nanoseconds.
+    notes : tuple of str
+        What a person should know about how the file was read.
     """
 
     file: str
@@ -48,6 +54,9 @@ class Table:
     load: Callable[[Sequence[str]], Columns]
     line_of: Callable[[int], int] | None = None
     first_line: Callable[[int], int | None] | None = None
+    units: Mapping[str, str] = field(default_factory=dict)
+    stamps: frozenset[str] = frozenset()
+    notes: tuple[str, ...] = ()
 
 
 def refuse_duplicates(names: Sequence[str], file: str) -> None:
@@ -81,6 +90,12 @@ _MAGIC = (
     (b"\x93NUMPY", "a single NumPy array (.npy)"),
     (b"\x1f\x8b", "a gzip archive"),
     (b"MATLAB 5.0", "MATLAB"),
+    (b"MATLAB 7.3", "MATLAB 7.3"),
+    (b"\x28\xb5\x2f\xfd", "a zstd archive"),
+    (b"ARROW1", "Feather"),
+    (b"#ROSBAG", "a ROS 1 bag"),
+    (b"\x89MCAP", "MCAP"),
+    (b"SQLite format 3", "an SQLite database, perhaps of a ROS 2 bag"),
     (b"\xff\xfe", "UTF-16 text"),
     (b"\xfe\xff", "UTF-16 text"),
 )
@@ -96,6 +111,27 @@ def looks_like(head: bytes) -> str:
     if head and b"\0" not in head and head[:64].isascii():
         return f"it starts with the text {shown(head[:24].decode('ascii'))!r}"
     return "it holds something else"
+
+
+MAX_WIDTH = 1000
+"""An array with more columns than this is no signal of an arm's joints."""
+
+
+def damaged(kind: str, error: Exception, file: str) -> DataError:
+    """Return the error for a file whose library stumbled: damage comes back as errors of many classes."""
+    reason = shown(" ".join(str(error).split()) or type(error).__name__, 160)
+    return DataError(
+        f"{file}: this {kind} file is damaged ({reason}); copy or record it again", code="damaged", file=file
+    )
+
+
+def not_of_kind(kind: str, head: bytes, file: str, code: str) -> DataError:
+    """Return the error for a file whose first bytes are those of another format."""
+    return DataError(
+        f"{file}: expected {kind}, but {looks_like(head)}; give the file the suffix of its format or write it again",
+        code=code,
+        file=file,
+    )
 
 
 def as_numbers(values: NDArray[Any], file: str, column: str) -> NDArray[Any]:

@@ -1,0 +1,205 @@
+"""A guess at which column is which signal, from names and units alone; `dynid init` holds it against the numbers."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from dynid_rs.runs.readers.config import ColumnRule
+from dynid_rs.runs.readers.units import unit_in_name, unit_of
+from dynid_rs.runs.readers.words import meanings, roles, words_of
+
+_AXES = (
+    ("S", "L", "U", "R", "B", "T"),
+    ("S", "L", "E", "U", "R", "B", "T"),
+    ("base", "shoulder", "elbow", "wrist1", "wrist2", "wrist3"),
+    ("base", "shoulder", "elbow", "wrist_1", "wrist_2", "wrist_3"),
+    ("waist", "shoulder", "elbow", "forearm", "wrist", "flange"),
+)
+"""Names of axes where they have no numbers: Yaskawa's letters, Universal Robots' words."""
+_BY_UNIT = {
+    "angle": "position",
+    "velocity": "velocity",
+    "torque": "torque",
+    "current": "current",
+    "percent": "torque",
+    "temperature": "temperature",
+}
+_SIGNAL = {
+    ("position", "link"): "q",
+    ("position", "motor"): "q_motor",
+    ("position", "reference"): "q_reference",
+    ("velocity", "link"): "dq",
+    ("velocity", "motor"): "dq_motor",
+    ("acceleration", "link"): "ddq",
+    ("torque", "link"): "tau",
+    ("torque", "motor"): "tau",
+    ("current", "link"): "current",
+    ("current", "motor"): "current",
+    ("temperature", "link"): "temperature",
+    ("temperature", "motor"): "temperature",
+}
+
+
+@dataclass(frozen=True)
+class Family:
+    """Columns that differ in one place only, one for every joint of the arm, in chain order."""
+
+    columns: tuple[str, ...]
+    rule: str | tuple[str, ...]
+    form: str
+    """The name with a dash where the joint stands."""
+
+
+@dataclass
+class Guess:
+    """Rules that names suggest, and what remains open.
+
+    `columns`: as in `dynid.toml`; `time`: candidates, best first; `others`: families that were not taken, by why.
+    """
+
+    columns: dict[str, ColumnRule] = field(default_factory=dict)
+    time: tuple[str, ...] = ()
+    others: dict[str, str] = field(default_factory=dict)
+    doubts: list[str] = field(default_factory=list)
+
+
+def guess(names: Sequence[str], joints: Sequence[str], units: Mapping[str, str]) -> Guess:
+    """Guess which columns hold what.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Columns of the file.
+    joints : sequence of str
+        The arm's joints in chain order.
+    units : mapping of str to str
+        Units that the file gives, by column.
+    """
+    found = Guess(time=_times(names))
+    options: dict[str, list[tuple[int, Family]]] = {}
+    nameless = []
+    for family in families([name for name in names if name not in found.time[:1]], joints):
+        kind = _kind(family, units)
+        if isinstance(kind, str):
+            said = roles(family.form)
+            worth = 4 * ("actual" in said) - 2 * ("motor" in said and kind in ("tau", "current")) + _plain(family)
+            options.setdefault(kind, []).append((worth, family))
+        elif kind is None:
+            nameless.append(family)
+        else:
+            found.others[family.form] = kind[0]
+    plain = [family for family in nameless if "name" not in words_of(family.form)]
+    if "q" not in options and plain:
+        options["q"] = [(0, plain[0])]
+        nameless.remove(plain[0])
+    elif "q" not in options and "q_motor" in options:
+        options["q"] = options.pop("q_motor")
+        found.doubts.append("the only positions are the motors': they are read as those of the links")
+    named = [family for family in nameless if "name" in words_of(family.form)]
+    for family in named:
+        found.doubts.append(
+            f"{family.form} names the joints of each column, in the order of its message and not of the arm's chain; "
+            "the numbers were taken in the chain's order, so check it"
+        )
+    for family in nameless:
+        found.others[family.form] = "its name does not say what it is"
+    for signal, rivals in options.items():
+        rivals.sort(key=lambda rival: -rival[0])
+        found.columns[signal] = rivals[0][1].rule
+        for _, other in rivals[1:]:
+            found.others[other.form] = f"{rivals[0][1].form} was taken for {signal}"
+        if len(rivals) > 1 and rivals[0][0] == rivals[1][0]:
+            found.doubts.append(
+                f"{rivals[0][1].form} and {rivals[1][1].form} may both be {signal}; the first was taken"
+            )
+    return found
+
+
+def families(names: Sequence[str], joints: Sequence[str]) -> list[Family]:
+    """Families of columns with one member for every joint, in the order of the file."""
+    n = len(joints)
+    found: dict[tuple[str, ...], Family] = {}
+    there = set(names)
+    for name in names:
+        for head, tail, rule_field, members in _forms(name, joints):
+            columns = tuple(f"{head}{member}{tail}" for member in members[:n])
+            if len(columns) == n and set(columns) <= there and len(set(columns)) == n:
+                form = f"{head}-{tail}"
+                beyond = len(members) > n and f"{head}{members[n]}{tail}" in there
+                plain = rule_field is not None and not beyond and not {"{", "}"} & set(head + tail)
+                rule: str | tuple[str, ...] = f"{head}{rule_field}{tail}" if plain else columns
+                found.setdefault(columns, Family(columns, rule, form))
+    # Of families that share columns (q1_2 by either number), the first stays.
+    taken: set[str] = set()
+    kept = []
+    for family in found.values():
+        if not taken & set(family.columns):
+            kept.append(family)
+            taken |= set(family.columns)
+    return kept
+
+
+def _forms(name: str, joints: Sequence[str]) -> list[tuple[str, str, str | None, list[str]]]:
+    """Ways to read a name as that of the first joint: what is before and behind it, its field, all members."""
+    ways: list[tuple[str, str, str | None, list[str]]] = []
+    n = len(joints)
+    if joints[0] in name and len(joints[0]) > 1:
+        head, _, tail = name.partition(joints[0])
+        ways.append((head, tail, "{joint}", list(joints)))
+    for digits in re.finditer(r"\d+", name):
+        first, width = int(digits[0]), len(digits[0])
+        if first in (0, 1):
+            members = [str(first + k).zfill(width) for k in range(n + 1)]
+            field_of = None if width > 1 else ("{i}", "{n}")[first]
+            ways.append((name[: digits.start()], name[digits.end() :], field_of, members))
+    for axes in _AXES:
+        if 3 <= n <= len(axes):
+            for place in re.finditer(rf"(?<![A-Za-z]){axes[0]}(?![A-Za-z])", name, re.IGNORECASE):
+                case = str.upper if place[0].isupper() else str.lower if place[0].islower() else str.capitalize
+                in_case = [case(axis) for axis in axes]
+                ways.append((name[: place.start()], name[place.end() :], None, in_case))
+    return ways
+
+
+def _kind(family: Family, units: Mapping[str, str]) -> str | tuple[str] | None:
+    """Signal of a family; None where nothing says, a tuple with the reason where it is none that is read."""
+    said = roles(family.form)
+    for role, why in (("error", "a difference, not a measurement"), ("model", "a model's or a limit, no measurement")):
+        if role in said:
+            return (why,)
+    word = units.get(family.columns[0]) or unit_in_name(family.columns[0])
+    unit = None if word is None else unit_of(word)
+    by_unit = None if unit is None else _BY_UNIT.get(unit[0])
+    by_name = meanings(family.form) - {"time"}
+    if by_unit is not None and (not by_name or by_unit not in by_name):
+        by_name = {by_unit}  # an effort in ampere is a current
+    if not by_name:
+        return None
+    meaning = next(
+        m for m in ("temperature", "torque", "current", "acceleration", "velocity", "position") if m in by_name
+    )
+    if meaning == "torque" and "current" in by_name:
+        meaning = "current"
+    if "reference" in said:
+        # A torque or current that was asked for is the controller's own model.
+        return "q_reference" if meaning == "position" else ("what was asked for, not measured",)
+    side = "motor" if "motor" in said else "link"
+    signal = _SIGNAL.get((meaning, side))
+    return ("there is no such signal",) if signal is None else signal
+
+
+def _plain(family: Family) -> int:
+    """One for the shorter of two names: `q` before `q_filtered_raw`."""
+    return -(len(family.form) // 8)
+
+
+def _times(names: Sequence[str]) -> tuple[str, ...]:
+    """Columns that may be the time, the likeliest first."""
+    found = []
+    for place, name in enumerate(names):
+        if meanings(name) == {"time"} and not {"error", "model"} & roles(name):
+            unit = unit_in_name(name)
+            found.append((-(name.lower() in ("t", "time", "timestamp")), unit is None, place, name))
+    return tuple(name for *_, name in sorted(found))
