@@ -96,9 +96,9 @@ def _candidates(bench: Bench, names: Sequence[str], *, judged: bool, sized: bool
         for trial, mass in payload_trials(bench) if len(names) > 1 else ():
             if _clear(bench, trial) and (len(names) > 2 or mass > 0):
                 yield trial, words.payload(trial, names, mass if judged else None)
-        turned = gravity_trial(bench) if judged else None
+        turned = gravity_trial(bench) if sized else None
         if turned is not None and _clear(bench, turned[0]):
-            yield turned[0], words.mounting(bench, turned[0], names, turned[1])
+            yield turned[0], words.mounting(bench, turned[0], names, turned[1], signed=judged)
     # Gains that the runs themselves tell say nothing of a unit: a run of little motion would have another one.
     if sized and (judged or len(names) > 1):
         yield from _units(bench, names, judged=judged)
