@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from diagnosed import SIX_AXES, recorded, rigid
 from exam.case import ROBOT, write_case
 
 import dynid_rs as dyn
@@ -87,3 +88,15 @@ def test_an_arm_on_a_wall_without_masses_has_no_joints_swapped(tmp_path):
     assert (finding.code, finding.severity) == ("mounting", "warning")
     assert finding.value == pytest.approx(90, abs=3)
     assert "its opposite" in finding.message
+
+
+def test_in_amperes_too_an_arm_on_a_wall_is_on_a_wall():
+    """Gains are told anew for every direction of gravity: those of the wrong one explain nothing with the right one."""
+    gains = np.array([9.0, 12.0, 11.0, 7.0, 5.0, 4.0])
+    runs = recorded(rigid(SIX_AXES.with_gravity((0.0, 9.81, 0.0))), n_runs=2)
+    runs = [replace(run, tau=run.tau / gains, torque_unit="A") for run in runs]
+    (finding,) = channel_errors(Setup(SIX_AXES), runs)
+    assert (finding.code, finding.severity) == ("mounting", "warning")
+    assert "--gravity 0.00,9.81,0.00" in finding.message
+    level = [replace(run, tau=run.tau / gains, torque_unit="A") for run in recorded(rigid(SIX_AXES), n_runs=2)]
+    assert channel_errors(Setup(SIX_AXES), level) == []
