@@ -20,8 +20,8 @@ not used (a velocity that contradicts its position) or left out (contacts, in `d
 
 Written by `python tests/bad_data/run.py --page docs/bad_data.md`, a part of `make trust`. Arms, motions, sensors and
 noise are the exam's (`tests/exam`), which shares no line with the program; what is spoiled is drawn in
-`tests/bad_data`. Seeds below 1000 are for choosing; this page is of seed {seed}, drawn from the clock when the command
-was run (`--seed {seed}` draws the same again).
+`tests/bad_data`. Seeds below 1000 are for choosing; this page is of seed {seed}, drawn from the clock. The same again:
+`{options}`.
 
 ## How often
 
@@ -41,6 +41,7 @@ those of the exam: what an arm does that its model lacks is a diagnosis' matter,
 
 * **One file by itself** (`runs/checks`, one small file per idea): cells, time, units, encoders, lost bits, lone
   samples, plateaus, velocities against positions. Where one cause makes several checks speak, the cause is said alone.
+  An error there ends a diagnosis, and nothing is said of the arm.
 * **The arm** (`diagnosis/sensors`, with a robot file): runs are explained by rigid links near the robot file's and
   friction that resists, with a variance of its own for every joint; then once more with one thing changed (a sign, two
   joints exchanged, a unit, a clock, gravity, a body carried on one run), in all runs or in one. The change under which
@@ -103,6 +104,7 @@ def page(result: Result) -> str:
         text += "\n\nNot as it should be:\n\n" + "\n".join(f"* {line[:200].rstrip()}" for line in wrong)
     return HEAD.format(
         seed=seed,
+        options=result.options,
         n_classes=len({one.name for one in told}),
         n_variants=len({one.variant for one in told}),
         n_arms=len({one.arm for one in told}),

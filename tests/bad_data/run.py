@@ -65,6 +65,7 @@ class Result:
     alike: list[Told]
     clean: list[Clean]
     effects: list[Clean]
+    options: str = ""
 
     def complaints(self) -> list[str]:
         """One line for everything that is not as it should be."""
@@ -93,7 +94,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         first = 100_000 + 1000 * seed
         clean = _until(pool, keep, tell_clean, first, lambda found: sum(one.n_runs for one in found) >= options.clean)
         effects = _until(pool, keep, tell_effects, first, lambda found: len(_with_effects(found)) >= options.effects)
-    result = Result(seed, told, alike, clean, _with_effects(effects))
+    chosen = f"--classes '{','.join(options.classes)}' " if options.classes != list(CLASSES) else ""
+    drawn = f"--seed {seed} {chosen}--variants {_text(options.variants)} --arms {_text(options.arms)}"
+    counts = f"--alike {options.alike} --clean {options.clean} --effects {options.effects}"
+    result = Result(seed, told, alike, clean, _with_effects(effects), f"{drawn} {counts}")
     for line in result.complaints():
         print(line)
     from bad_data.page import page, table
@@ -102,6 +106,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.page is not None:
         options.page.write_text(page(result), encoding="utf-8")
     return int(bool(result.complaints()))
+
+
+def _text(numbers: Sequence[int]) -> str:
+    return ",".join(str(number) for number in numbers)
 
 
 def _with_effects(found: Sequence[Clean]) -> list[Clean]:
