@@ -8,11 +8,11 @@ import sys
 from pathlib import Path
 
 import pytest
-from bad_data import run
+from bad_data.ask import answer
 from bad_data.classes import CLASSES, draw_story, good_set
-from bad_data.judge import judge, said_by
+from bad_data.judge import Said, judge, said_by
 from bad_data.sets import RunSet
-from bad_data.story import Story, Wanted
+from bad_data.story import ROBOT, Story, Wanted
 
 from dynid_rs.base.codes import CODES
 
@@ -27,9 +27,14 @@ def clean_set() -> RunSet:
     return good_set(SEED, 0, 0)
 
 
-def answer(name: str, folder: Path, command: str = "inspect") -> tuple[Story, list]:
+def asked(story: Story, folder: Path, command: str = "inspect") -> list[Said]:
+    paths = story.write(folder)
+    return said_by(answer(command, folder / ROBOT, paths, folder / "out"))
+
+
+def told(name: str, folder: Path, command: str = "inspect") -> tuple[Story, list[Said]]:
     story = draw_story(name, clean_set(), VARIANT.get(name, 0))
-    return story, said_by(run.answer(command, story, folder))
+    return story, asked(story, folder, command)
 
 
 def test_the_generator_imports_nothing_of_the_product():
@@ -45,21 +50,21 @@ def test_the_generator_imports_nothing_of_the_product():
 
 @pytest.mark.parametrize("name", CLASSES)
 def test_every_class_is_found_and_named_right(name, tmp_path):
-    story, said = answer(name, tmp_path)
+    story, said = told(name, tmp_path)
     mark = judge(said, story.wanted)
     assert mark.named, f"{story.what}: {mark.wrong}"
 
 
 def test_a_clean_set_raises_no_alarm(tmp_path):
-    said = said_by(run.answer("inspect", Story("clean", clean_set(), Wanted((), ())), tmp_path))
+    said = asked(Story("clean", clean_set(), Wanted((), ())), tmp_path)
     assert [one.short() for one in said if one.severity != "info"] == []
 
 
 @pytest.mark.parametrize("command", ["identify", "diagnose"])
-@pytest.mark.parametrize("name", ["swapped joints", "unit of time"])
+@pytest.mark.parametrize("name", ["swapped joints", "unit of time", "wrap"])
 def test_all_commands_say_the_same(name, command, tmp_path):
-    story, inspected = answer(name, tmp_path / "inspect")
-    _, said = answer(name, tmp_path / command, command)
+    story, inspected = told(name, tmp_path / "inspect")
+    _, said = told(name, tmp_path / command, command)
     assert judge(said, story.wanted).named
     first = next(one for one in inspected if one.severity == "error")
     again = next(one for one in said if one.severity == "error")

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from bad_data.classes import ARMS, CLASSES
 
 if TYPE_CHECKING:
-    from bad_data.run import Clean, Told
+    from bad_data.clean import Clean
+    from bad_data.run import Result
 
 HEAD = """# Bad data
 
@@ -16,9 +18,10 @@ What `dynid` says of recordings that are not what they seem: by name (`code`), f
 and its mend, the same in `inspect`, `identify`, `diagnose` and in their `--json`. Nothing is mended unasked: what is
 not used (a velocity that contradicts its position) or left out (contacts, in `diagnose`) is said in the result.
 
-Written by `python tests/bad_data/run.py --page docs/bad_data.md`, in one go. Arms, motions, sensors and noise are the
-exam's (`tests/exam`), which shares no line with the program; what is spoiled is drawn in `tests/bad_data`. Seeds below
-1000 are for choosing; this page is of seed {seed}, drawn from the clock when the command was run.
+Written by `python tests/bad_data/run.py --page docs/bad_data.md`, a part of `make trust`. Arms, motions, sensors and
+noise are the exam's (`tests/exam`), which shares no line with the program; what is spoiled is drawn in
+`tests/bad_data`. Seeds below 1000 are for choosing; this page is of seed {seed}, drawn from the clock. The same again:
+`{options}`.
 
 ## How often
 
@@ -31,12 +34,14 @@ said of a good file, nor one that does not follow from the fault.
 
 A false alarm is a warning or an error that is not true of a clean recording. Those are drawn as the exam's are, rests,
 slow motion and rates from 20 Hz up included, with nothing hidden in them; that rows are missing, that stamps jitter,
-that two joints move together and that the rate is low is true of some of them, and not counted.
+that two joints move together and that the rate is low is true of some of them, and not counted. Cases with effects are
+those of the exam: what an arm does that its model lacks is a diagnosis' matter, and no error that stops one.
 
 ## How it is told
 
 * **One file by itself** (`runs/checks`, one small file per idea): cells, time, units, encoders, lost bits, lone
   samples, plateaus, velocities against positions. Where one cause makes several checks speak, the cause is said alone.
+  An error there ends a diagnosis, and nothing is said of the arm.
 * **The arm** (`diagnosis/sensors`, with a robot file): runs are explained by rigid links near the robot file's and
   friction that resists, with a variance of its own for every joint; then once more with one thing changed (a sign, two
   joints exchanged, a unit, a clock, gravity, a body carried on one run), in all runs or in one. The change under which
@@ -55,8 +60,9 @@ that two joints move together and that the rate is low is true of some of them, 
 """
 
 
-def table(told: list[Told], clean: list[Clean]) -> str:
-    """Class by class: found, named right; and false alarms by code."""
+def table(result: Result) -> str:
+    """Class by class: found, named right; what other commands say; and false alarms by code."""
+    told = result.told
     lines = ["| class | drawn | found | named right |", "| --- | --- | --- | --- |"]
     for name in CLASSES:
         of = [one for one in told if one.name == name]
@@ -65,27 +71,40 @@ def table(told: list[Told], clean: list[Clean]) -> str:
             lines.append(f"| {name} | {len(of)} | {found} | {named} |")
     found, named = sum(one.mark.found for one in told), sum(one.mark.named for one in told)
     lines += [f"| **all** | {len(told)} | {found} | {named} |", ""]
-    n_runs = sum(one.n_runs for one in clean)
-    alarmed = sum(len({alarm.file for alarm in one.alarms}) for one in clean)
-    codes = Counter(alarm.code for one in clean for alarm in one.alarms)
-    listed = ", ".join(f"`{code}` {count}" for code, count in codes.most_common()) or "none"
-    lines.append(f"Clean recordings: {n_runs}, with a false alarm: {alarmed}. By code: {listed}.")
+    lines += [f"That is what `dynid {command}` says of them." for command in sorted({one.command for one in told})]
+    for command in sorted({one.command for one in result.alike}):
+        of = [one for one in result.alike if one.command == command]
+        named = sum(one.mark.named for one in of)
+        lines.append(f"`dynid {command}`, asked of the first of each class: {named} of {len(of)} named right.")
+    n_runs, alarmed = recordings(result.clean)
+    lines += ["", f"Clean recordings: {n_runs}, with a false alarm: {alarmed}. By code: {_by_code(result.clean)}."]
+    effects, stopped = result.effects, sum(bool(one.alarms) for one in result.effects)
+    lines.append(f"Cases with effects: {len(effects)}, stopped by an error: {stopped}. By code: {_by_code(effects)}.")
     return "\n".join(lines)
 
 
-def page(seed: int, told: list[Told], clean: list[Clean]) -> str:
+def recordings(clean: Sequence[Clean]) -> tuple[int, int]:
+    """How many recordings there are, and of how many something is said that is not true."""
+    return sum(one.n_runs for one in clean), sum(len({alarm.file for alarm in one.alarms}) for one in clean)
+
+
+def _by_code(clean: Sequence[Clean]) -> str:
+    codes = Counter(alarm.code for one in clean for alarm in one.alarms)
+    return ", ".join(f"`{code}` {count}" for code, count in codes.most_common()) or "none"
+
+
+def page(result: Result) -> str:
     """The page."""
     from dynid_rs.base.codes import CODES
 
+    told, seed = result.told, result.seed
     rows = [f"| `{code}` | {one.found} | {one.evidence} | {one.mend} |" for code, one in CODES.items()]
-    wrong = [
-        f"* {one.name}, {one.what}: {' | '.join(one.mark.wrong)[:160].rstrip()}" for one in told if not one.mark.named
-    ]
-    text = table(told, clean)
+    text, wrong = table(result), result.complaints()
     if wrong:
-        text += "\n\nNot named right:\n\n" + "\n".join(wrong)
+        text += "\n\nNot as it should be:\n\n" + "\n".join(f"* {line[:200].rstrip()}" for line in wrong)
     return HEAD.format(
         seed=seed,
+        options=result.options,
         n_classes=len({one.name for one in told}),
         n_variants=len({one.variant for one in told}),
         n_arms=len({one.arm for one in told}),

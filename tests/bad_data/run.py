@@ -1,17 +1,17 @@
 """What is found in bad recordings, class by class, and what is said of clean ones.
 
 python tests/bad_data/run.py [--seed 1] [--classes wrap,sign] [--variants 0,1] [--arms 0,1,2] [--command inspect]
-                             [--clean 200] [--page docs/bad_data.md] [--jobs 1]
+                             [--alike 23] [--clean 200] [--effects 100] [--page docs/bad_data.md] [--keep DIR]
 
 Without --seed a fresh one is drawn from the clock, 1000 or more: those are for reporting. Seeds below 1000 are for
-choosing. 23 classes, 5 variants, 3 arms (of five, six and seven joints), and 200 clean recordings.
+choosing. 23 classes, 5 variants, 3 arms (of five, six and seven joints); the first variant of each class asked of all
+commands; 200 clean recordings; 100 cases of the exam with effects in them.
 """
 
 from __future__ import annotations
 
 import argparse
 import functools
-import json
 import os
 import pickle
 import sys
@@ -29,12 +29,12 @@ os.environ.setdefault("RAYON_NUM_THREADS", "1")
 if __package__ in (None, ""):
     sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-import numpy as np
-
+from bad_data.ask import COMMANDS, answer
 from bad_data.classes import ARMS, CLASSES, N_VARIANTS, draw_story, good_set
+from bad_data.clean import Clean, tell_clean, tell_effects
 from bad_data.judge import Mark, Said, judge, said_by
-from bad_data.sets import RunSet, clean_case, make_set
-from bad_data.story import ROBOT, Story, Wanted
+from bad_data.sets import RunSet
+from bad_data.story import ROBOT
 
 REPORTED, LARGEST = 1000, 2**24
 
@@ -46,19 +46,36 @@ class Told:
     name: str
     arm: int
     variant: int
+    command: str
     what: str
     mark: Mark
     said: list[Said] = field(default_factory=list)
 
+    def complaint(self) -> str:
+        """What was not told right."""
+        return f"{self.name} arm {self.arm} variant {self.variant} ({self.what}): {' | '.join(self.mark.wrong)}"
+
 
 @dataclass
-class Clean:
-    """What was said of the clean recordings of one seed, beyond what is true of them."""
+class Result:
+    """Everything of one seed: stories told to one command, some of them to the others, and what was wrong with none."""
 
     seed: int
-    n_runs: int
-    alarms: list[Said]
-    failed: str = ""
+    told: list[Told]
+    alike: list[Told]
+    clean: list[Clean]
+    effects: list[Clean]
+    options: str = ""
+
+    def complaints(self) -> list[str]:
+        """One line for everything that is not as it should be."""
+        order = list(CLASSES)
+        lines = [one.complaint() for one in sorted(self.told, key=lambda one: order.index(one.name)) if one.mark.wrong]
+        lines += [f"{one.command}: {one.complaint()}" for one in self.alike if one.mark.wrong]
+        for one in (*self.clean, *self.effects):
+            lines += [f"{one.group} {one.seed}: {alarm.short()}: {alarm.message}" for alarm in one.alarms]
+            lines += [f"{one.group} {one.seed}: {one.failed}"] * bool(one.failed)
+        return lines
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -70,21 +87,33 @@ def main(arguments: Sequence[str] | None = None) -> int:
     with ProcessPoolExecutor(options.jobs) as pool, _kept(options.keep) as keep:
         waiting = [pool.submit(_told, keep, seed, *place, options.classes, options.command) for place in places]
         told = [one for future in waiting for one in future.result()]
-        clean = _clean(pool, keep, seed, options.clean)
-    for one in sorted(told, key=lambda one: (list(CLASSES).index(one.name), one.arm, one.variant)):
-        if not one.mark.named:
-            print(f"{one.name} arm {one.arm} variant {one.variant} ({one.what}): {' | '.join(one.mark.wrong)}")
-    for one in clean:
-        for alarm in one.alarms:
-            print(f"clean {one.seed}: {alarm.short()}: {alarm.message}")
-        if one.failed:
-            print(f"clean {one.seed}: {one.failed}")
+        others = [command for command in COMMANDS if command != options.command]
+        names = options.classes[: options.alike]
+        waiting = [pool.submit(_told, keep, seed, *places[0], names, command) for command in others]
+        alike = [one for future in waiting for one in future.result()]
+        first = 100_000 + 1000 * seed
+        clean = _until(pool, keep, tell_clean, first, lambda found: sum(one.n_runs for one in found) >= options.clean)
+        effects = _until(pool, keep, tell_effects, first, lambda found: len(_with_effects(found)) >= options.effects)
+    chosen = f"--classes '{','.join(options.classes)}' " if options.classes != list(CLASSES) else ""
+    drawn = f"--seed {seed} {chosen}--variants {_text(options.variants)} --arms {_text(options.arms)}"
+    counts = f"--alike {options.alike} --clean {options.clean} --effects {options.effects}"
+    result = Result(seed, told, alike, clean, _with_effects(effects), f"{drawn} {counts}")
+    for line in result.complaints():
+        print(line)
     from bad_data.page import page, table
 
-    print(table(told, clean))
+    print(table(result))
     if options.page is not None:
-        options.page.write_text(page(seed, told, clean), encoding="utf-8")
-    return int(not all(one.mark.named for one in told) or any(one.alarms for one in clean))
+        options.page.write_text(page(result), encoding="utf-8")
+    return int(bool(result.complaints()))
+
+
+def _text(numbers: Sequence[int]) -> str:
+    return ",".join(str(number) for number in numbers)
+
+
+def _with_effects(found: Sequence[Clean]) -> list[Clean]:
+    return [one for one in found if one.group != "clean"]
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -96,8 +125,10 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--classes", type=lambda text: text.split(","), default=list(CLASSES))
     parser.add_argument("--variants", type=numbers, default=list(range(N_VARIANTS)))
     parser.add_argument("--arms", type=numbers, default=list(range(len(ARMS))))
-    parser.add_argument("--command", choices=("inspect", "identify", "diagnose"), default="inspect")
+    parser.add_argument("--command", choices=COMMANDS, default="inspect")
+    parser.add_argument("--alike", type=int, default=len(CLASSES), help="how many classes are asked of all commands")
     parser.add_argument("--clean", type=int, default=200, help="how many clean recordings")
+    parser.add_argument("--effects", type=int, default=100, help="how many cases of the exam with effects in them")
     parser.add_argument("--page", type=Path, help="write the tables to this Markdown file")
     parser.add_argument("--keep", type=Path, help="folder of marks; the same command goes on where it broke off")
     parser.add_argument("--jobs", type=int, default=1, help="arms side by side")
@@ -138,80 +169,36 @@ def tell(name: str, made: RunSet, arm: int, variant: int, command: str) -> Told:
     story = draw_story(name, made, variant)
     with tempfile.TemporaryDirectory(prefix="bad-data-") as folder:
         try:
-            said = said_by(answer(command, story, Path(folder)))
+            paths = story.write(Path(folder))
+            said = said_by(answer(command, Path(folder) / ROBOT, paths, Path(folder) / "out"))
             mark = judge(said, story.wanted)
         except Exception as error:  # a traceback is the worst answer
             said, mark = [], Mark(wrong=[f"{type(error).__name__}: {error}"])
-    return Told(name, arm, variant, story.what, mark, said)
+    return Told(name, arm, variant, command, story.what, mark, said)
 
 
-def answer(command: str, story: Story, folder: Path) -> dict[str, Any]:
-    """What a command says of a story, as JSON; tracebacks are raised."""
-    from typer.testing import CliRunner
-
-    from dynid_rs.cli import app
-
-    paths, robot = story.write(folder), folder / ROBOT
-    if command == "inspect":
-        arguments = ["inspect", *paths, "--robot", robot, "--json"]
-    else:
-        arguments = [command, robot, *paths[:-1], "--test", paths[-1], "-o", folder / "out", "--json"]
-    result = CliRunner().invoke(app, [str(one) for one in arguments])
-    if result.exception is not None and not isinstance(result.exception, SystemExit):
-        raise result.exception
-    return json.loads(result.stdout)
-
-
-def _clean(pool: ProcessPoolExecutor, keep: Path, seed: int, count: int) -> list[Clean]:
-    """Sets of clean recordings, until there are `count` recordings."""
+def _until(
+    pool: ProcessPoolExecutor,
+    keep: Path,
+    work: Callable[[int], Clean],
+    first: int,
+    enough: Callable[[list[Clean]], bool],
+) -> list[Clean]:
+    """What comes of seeds from `first` on, until it is enough."""
     found: list[Clean] = []
-    number = 0
-    while sum(one.n_runs for one in found) < count:
-        seeds = [100_000 + 1000 * seed + number + k for k in range(2)]
-        waiting = [pool.submit(_clean_once, keep, k) for k in seeds]
+    number = first
+    while not enough(found):
+        waiting = [pool.submit(_clean_once, keep, work, number + k) for k in range(2)]
         number += len(waiting)
         for future in waiting:
-            if sum(one.n_runs for one in found) < count:
-                found.append(future.result())
+            one = future.result()
+            if not enough(found):
+                found.append(one)
     return found
 
 
-def _clean_once(keep: Path, seed: int) -> Clean:
-    return _once(keep / f"clean_{seed}.mark", lambda: tell_clean(seed))
-
-
-def tell_clean(seed: int) -> Clean:
-    """Tell the program clean runs of one arm."""
-    made = make_set(clean_case(seed))
-    story = Story("clean", made, Wanted((), ()))
-    with tempfile.TemporaryDirectory(prefix="bad-data-") as folder:
-        try:
-            said = said_by(answer("inspect", story, Path(folder)))
-        except Exception as error:
-            return Clean(seed, made.n_runs, [], f"{type(error).__name__}: {error}")
-    true = true_of(made)
-    return Clean(seed, made.n_runs, [one for one in said if one.severity != "info" and one.code not in true])
-
-
-def true_of(made: RunSet) -> set[str]:
-    """Warnings that are true of a clean recording: the exam loses rows, jitters, and moves poorly now and then."""
-    case, true = made.case, set()
-    if case.missing:
-        true |= {"gap"}
-    if case.jitter:
-        true |= {"jitter"}
-    if any(together(s.dq) for s in made.world.runs):
-        true |= {"joints_together"}
-    if case.rate < 40.0 * 1.05:
-        true |= {"sampling_rate"}
-    return true
-
-
-def together(dq: np.ndarray) -> bool:
-    """Whether the true speeds of two joints (n, n_joints) are proportional, nearly."""
-    moving = dq[:, np.ptp(dq, axis=0) > 0]
-    correlation = np.abs(np.corrcoef(moving.T)) - np.eye(moving.shape[1])
-    return bool(correlation.max() > 0.97)
+def _clean_once(keep: Path, work: Callable[[int], Clean], seed: int) -> Clean:
+    return _once(keep / f"{work.__name__}_{seed}.mark", lambda: work(seed))
 
 
 if __name__ == "__main__":

@@ -76,6 +76,14 @@ def _streams(text: str) -> Figures:
     return {"streams": int(re.findall(r"(\d+) streams: ", text)[-1])}
 
 
+def _told(text: str) -> Figures:
+    drawn, found, named = re.findall(r"\*\*all\*\* \| (\d+) \| (\d+) \| (\d+)", text)[-1]
+    runs, alarmed = re.findall(r"Clean recordings: (\d+), with a false alarm: (\d+)", text)[-1]
+    cases, stopped = re.findall(r"Cases with effects: (\d+), stopped by an error: (\d+)", text)[-1]
+    numbers = {"drawn": drawn, "found": found, "named": named, "clean": runs, "alarmed": alarmed}
+    return {name: int(value) for name, value in (numbers | {"cases": cases, "stopped": stopped}).items()}
+
+
 def _found(figures: Figures) -> str:
     return "nothing found" if not figures["found"] else f"**{len(figures['found'])} found, see docs/trust.json**"
 
@@ -118,6 +126,17 @@ CAMPAIGNS = {
         f"{PYTHON} tests/campaigns/faults.py --count 20",
         json.loads,
         lambda f: f"{f['injected']} injected of {f['of']} there are; {_found(f)}",
+    ),
+    "bad_data": Campaign(
+        "Recordings spoiled in 23 ways: found, by the right name, file and column; clean ones, and arms with effects "
+        "([bad_data.md](bad_data.md))",
+        f"{PYTHON} tests/bad_data/run.py --page docs/bad_data.md",
+        f"{PYTHON} tests/bad_data/run.py --variants 0 --arms 0 --alike 0 --clean 20 --effects 5",
+        _told,
+        lambda f: (
+            f"of {f['drawn']} {f['found']} found, {f['named']} named right; false alarms on {f['alarmed']} of "
+            f"{f['clean']} clean recordings; {f['stopped']} of {f['cases']} arms with effects stopped by an error"
+        ),
     ),
     "online": Campaign(
         "Random streams with faults: finite, right status within 2 cycles, clean within 10, then a fresh one's bits",

@@ -11,7 +11,7 @@ import numpy as np
 
 from dynid_rs.base.findings import Finding
 from dynid_rs.commands._run import EXIT_NO, EXIT_UNUSABLE, error_object
-from dynid_rs.runs.checks import check_recording, refused_sources, relative_jitter, severity_order
+from dynid_rs.runs.checks import check_recording, is_damage, refused_sources, relative_jitter, severity_order
 from dynid_rs.runs.checks.clocks import Clock, clock_findings
 from dynid_rs.runs.checks.repeats import repeat_findings
 from dynid_rs.runs.readers import Config, Run, read_run
@@ -53,8 +53,8 @@ def _set(inspections: Sequence[Inspection], robot: Any) -> list[Inspection]:
     from dynid_rs.diagnosis.sensors import set_findings
 
     read = {str(k): one for k, one in enumerate(inspections) if one.run is not None}
-    errors = any(finding.severity == "error" for one in read.values() for finding in one.findings)
-    if not read or errors or not all(one.run is not None and one.run.has_torque for one in read.values()):
+    damaged = any(is_damage(finding) for one in read.values() for finding in one.findings)
+    if not read or damaged or not all(one.run is not None and one.run.has_torque for one in read.values()):
         return list(inspections)
     runs = [
         replace(one.run.recording.without(*refused_sources(one.findings)), name=key)

@@ -69,6 +69,7 @@ class Job:
         )
         from dynid_rs.diagnosis.sensors import set_findings
         from dynid_rs.model.inertials import inertial_findings
+        from dynid_rs.runs.checks import is_damage
 
         if self.physical:
             _check_physical()
@@ -89,7 +90,7 @@ class Job:
         given = read_given(
             runs, test, self.test_from, model, settings, memory=limit, cutoff=self.cutoff, say=say, work=work
         )
-        if given.archive is None and not any(finding.severity == "error" for finding in given.findings):
+        if given.archive is None and not any(is_damage(finding) for finding in given.findings):
             say("channels")
             given.findings += set_findings(model, [*given.train, *given.test])
         if self.friction_law == "auto":

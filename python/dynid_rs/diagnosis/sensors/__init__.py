@@ -7,7 +7,7 @@ scored. Clocks, gains and encoders are hypotheses like all others (`structural/`
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 
@@ -21,17 +21,13 @@ from dynid_rs.diagnosis.sensors.messages import contact_findings
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.identification.training import prepare_training_run
-from dynid_rs.runs.checks.channels import check_channels
-from dynid_rs.runs.checks.motion import moving_joints
-from dynid_rs.runs.checks.torque import check_drive_torque
+from dynid_rs.runs.checks import check_recording, is_damage, moving_joints
 from dynid_rs.runs.facts import RunFacts, check_facts
 from dynid_rs.runs.preprocessing import choose_band, common_rate, prepare
 from dynid_rs.runs.recording import Recording
 
 __all__ = ["Contact", "channel_errors", "examine", "find_contacts", "set_findings", "windows_of"]
 
-DAMAGED = ("torque_spike", "position_jump")
-"""Findings of `runs/checks` on samples that spoil whatever is fitted to them."""
 STRONG = 2 * SURE
 """A contact is said without a diagnosis from this on: where nothing is left out, only what spoils a fit is of use."""
 N_SEARCHES = 3
@@ -98,7 +94,7 @@ def set_findings(robot: _core.RobotModel, runs: Sequence[Recording]) -> list[Fin
     robot : RobotModel
         As its file says.
     runs : sequence of Recording
-        Without errors of their own, training and test runs alike, each with a name of its own.
+        Without damage of their own (`is_damage`), training and test runs alike, each with a name of its own.
     """
     found = channels_of(robot, runs)
     if found:
@@ -149,13 +145,8 @@ def channel_errors(setup: Setup, train: Sequence[Recording], test: Sequence[Reco
     """
     facts = [RunFacts.of(recording) for recording in train]
     check_facts(setup.robot, facts, [RunFacts.of(recording).clock for recording in test])
-    damaged = [finding for recording in train for finding in _damaged(setup, recording)]
-    if damaged:  # whatever a damaged sample does to a fit looks like another robot, or another order of the joints
+    runs = [*train, *test]
+    damaged = [finding for run in runs for finding in check_recording(run, setup.robot) if is_damage(finding)]
+    if damaged:  # whatever damage does to a fit looks like another robot, or another order of the joints
         return damaged
-    return channels_of(setup.robot, [*train, *test])
-
-
-def _damaged(setup: Setup, recording: Recording) -> Iterator[Finding]:
-    """Samples that no arm has: of a torque that stands alone, of a position that jumps."""
-    found = (*check_drive_torque(recording, setup.robot), *check_channels(recording))
-    yield from (finding for finding in found if finding.code in DAMAGED)
+    return channels_of(setup.robot, runs)

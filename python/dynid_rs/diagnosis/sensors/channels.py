@@ -9,7 +9,7 @@ What one run shows by itself (degrees, derivatives, motor against link encoder) 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -19,11 +19,12 @@ from dynid_rs import _core
 from dynid_rs.base.findings import Finding
 from dynid_rs.diagnosis.sensors import words
 from dynid_rs.diagnosis.sensors.changes import Bench, Trial, wiring_trials
+from dynid_rs.diagnosis.sensors.fit import ArmFit
 from dynid_rs.diagnosis.sensors.gravity import gravity_trial
 from dynid_rs.diagnosis.sensors.lag import Lag, lags
 from dynid_rs.diagnosis.sensors.payload import payload_trials
 from dynid_rs.diagnosis.sensors.rows import ArmRows
-from dynid_rs.diagnosis.sensors.units import unit_gains, unit_trials
+from dynid_rs.diagnosis.sensors.units import unit_fit, unit_trials
 from dynid_rs.regression.priors import declares_inertia
 from dynid_rs.runs.preprocessing import States
 
@@ -70,38 +71,56 @@ def channel_findings(robot: _core.RobotModel, runs: Sequence[States], torque_uni
 
     with threadpool_limits(limits=1, user_api="blas"):
         bench = Bench(robot, tuple(ArmRows.of(states) for states in runs))
-        in_ampere = torque_unit != "N*m"
-        if in_ampere:
-            gains = unit_gains(bench)
-            bench = Bench(robot, tuple(replace(rows, tau=rows.tau * gains) for rows in bench.rows))
-        declared = declares_inertia(robot)
-        if in_ampere and not declared:
+        declared, names = declares_inertia(robot), [states.name for states in runs]
+        if torque_unit == "N*m":
+            return _likeliest(_candidates(bench, names, gravity_trial, sized=True, declared=declared))
+        if not declared:
             return []  # neither gains nor links are known: nothing says how large, or of what sign, a torque has to be
-        return _likeliest(bench, runs, judged=not in_ampere and declared, sized=not in_ampere)
+        fit, gains = unit_fit(bench)
+        scaled = Bench(robot, tuple(replace(rows, tau=rows.tau * gains) for rows in bench.rows))
+
+        def turned(_: Bench) -> tuple[Trial, FloatArray] | None:
+            # Under another gravity other gains are likely; densities are those of the scaled torque, like the others'.
+            return gravity_trial(scaled, lambda other: _less(unit_fit(Bench(other, bench.rows))[0], fit, scaled.fit))
+
+        return _likeliest(_candidates(scaled, names, turned, sized=False, declared=True))
 
 
-def _likeliest(bench: Bench, runs: Sequence[States], *, judged: bool, sized: bool) -> list[Finding]:
-    names = [states.name for states in runs]
-    said = [(trial.fit.log, finding) for trial, finding in _candidates(bench, names, judged=judged, sized=sized)]
-    if not said:
-        return []
-    best = max(log for log, _ in said)
+def _less(fit: ArmFit, recorded: ArmFit, scaled: ArmFit) -> ArmFit:
+    """A fit whose density is brought from the unit that was recorded to another: one fit has been made in both."""
+    return replace(fit, log=fit.log - recorded.log + scaled.log)
+
+
+def _likeliest(candidates: Iterable[tuple[Trial, Finding]]) -> list[Finding]:
+    said = [(trial.fit.log, finding) for trial, finding in candidates]
+    best = max((log for log, _ in said), default=0.0)
     return [finding for log, finding in said if log == best]
 
 
-def _candidates(bench: Bench, names: Sequence[str], *, judged: bool, sized: bool) -> Iterator[tuple[Trial, Finding]]:
-    """Changes that leave no doubt that the runs are not what they are called, each with its finding."""
+def _candidates(
+    bench: Bench,
+    names: Sequence[str],
+    turned: Callable[[Bench], tuple[Trial, FloatArray] | None],
+    *,
+    sized: bool,
+    declared: bool,
+) -> Iterator[tuple[Trial, Finding]]:
+    """Changes that leave no doubt that the runs are not what they are called, each with its finding.
+
+    `sized`: torques are in N m, or so it is said. `declared`: the robot file says what the links are like.
+    """
+    judged = sized and declared
     if float(np.max(bench.fit.run_shares)) > UNEXPLAINED:
         yield from _wired(bench, names)
         for trial, mass in payload_trials(bench) if len(names) > 1 else ():
             if _clear(bench, trial) and (len(names) > 2 or mass > 0):
                 yield trial, words.payload(trial, names, mass if judged else None)
-        turned = gravity_trial(bench) if judged else None
-        if turned is not None and _clear(bench, turned[0]):
-            yield turned[0], words.mounting(bench, turned[0], names, turned[1])
+        mounted = turned(bench)
+        if mounted is not None and _clear(bench, mounted[0]):
+            yield mounted[0], words.mounting(bench, mounted[0], names, mounted[1], signed=declared)
     # Gains that the runs themselves tell say nothing of a unit: a run of little motion would have another one.
-    if sized and (judged or len(names) > 1):
-        yield from _units(bench, names, judged=judged)
+    if sized and (declared or len(names) > 1):
+        yield from _units(bench, names, judged=declared)
     yield from _late(bench, names)
 
 

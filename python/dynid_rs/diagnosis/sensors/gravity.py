@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid_rs import _core
 from dynid_rs.diagnosis.sensors.changes import Bench, Trial
+from dynid_rs.diagnosis.sensors.fit import ArmFit
 from dynid_rs.diagnosis.sensors.rows import Moments
 
 FloatArray = NDArray[np.float64]
@@ -14,32 +18,41 @@ STEPS = (0.4, 0.2, 0.1, 0.05)
 """Turns [rad] that are tried about the best direction so far, one after the other."""
 
 
-def gravity_trial(bench: Bench) -> tuple[Trial, FloatArray] | None:
-    """The direction (3,) under which the runs are most probable; None where nothing falls."""
+def gravity_trial(
+    bench: Bench, fitted: Callable[[_core.RobotModel], ArmFit] | None = None
+) -> tuple[Trial, FloatArray] | None:
+    """The direction (3,) under which the runs are most probable; None where nothing falls.
+
+    `fitted` explains the runs with another robot; as they stand on the bench by default.
+    """
+
+    def tried(gravity: FloatArray) -> Trial:
+        robot = bench.robot.with_gravity(gravity.tolist())
+        fit = _as_they_stand(bench, robot) if fitted is None else fitted(robot)
+        return Trial("mounting", tuple(range(robot.n_joints)), tuple(range(len(bench.rows))), fit)
+
     strength = float(np.linalg.norm(bench.robot.gravity))
     if strength == 0:
         return None
     corners = np.array(np.meshgrid(*[(-1.0, 0.0, 1.0)] * 3)).reshape(3, -1).T
     starts = [corner / np.linalg.norm(corner) for corner in corners if np.any(corner)]
-    tried = [_tried(bench, strength * start) for start in starts]
-    best = max(range(len(tried)), key=lambda k: tried[k].fit.log)
-    trial, direction = tried[best], starts[best]
+    trials = [tried(strength * start) for start in starts]
+    best = max(range(len(trials)), key=lambda k: trials[k].fit.log)
+    trial, direction = trials[best], starts[best]
     for step in STEPS:
         for across in _across(direction):
             for turn in (step, -step):
                 turned = np.cos(turn) * direction + np.sin(turn) * across
-                other = _tried(bench, strength * turned)
+                other = tried(strength * turned)
                 if other.fit.log > trial.fit.log:
                     trial, direction = other, turned / np.linalg.norm(turned)
                     break
     return trial, strength * direction
 
 
-def _tried(bench: Bench, gravity: FloatArray) -> Trial:
-    robot = bench.robot.with_gravity(gravity.tolist())
+def _as_they_stand(bench: Bench, robot: _core.RobotModel) -> ArmFit:
     n = robot.n_joints
-    fit = bench.fitted([Moments.of(robot, rows).picked(range(n)) for rows in bench.rows])
-    return Trial("mounting", tuple(range(n)), tuple(range(len(bench.rows))), fit)
+    return bench.fitted([Moments.of(robot, rows).picked(range(n)) for rows in bench.rows])
 
 
 def _across(direction: FloatArray) -> tuple[FloatArray, FloatArray]:

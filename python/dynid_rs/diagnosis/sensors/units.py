@@ -23,9 +23,9 @@ def unit_trials(bench: Bench) -> Iterator[tuple[Trial, FloatArray]]:
         yield Trial("torque_unit", tuple(range(len(gains))), runs, fit), gains
 
 
-def unit_gains(bench: Bench) -> FloatArray:
-    """Gains [N m/A] of all channels (n_joints,), where every joint has one of its own for certain."""
-    return _gains(bench, range(len(bench.plain)))[1]
+def unit_fit(bench: Bench) -> tuple[ArmFit, FloatArray]:
+    """Fit with gains [N m/A] of all channels (n_joints,), where every joint has one of its own for certain."""
+    return _gains(bench, range(len(bench.plain)))
 
 
 def _gains(bench: Bench, runs: Sequence[int]) -> tuple[ArmFit, FloatArray]:

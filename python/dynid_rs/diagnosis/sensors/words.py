@@ -136,15 +136,20 @@ def late(bench: Bench, lag: Lag, names: Sequence[str], *, filtered: bool) -> Fin
     return Finding("torque_filtered", "warning", message, names[0], column, value=lag.delay, unit="s")
 
 
-def mounting(bench: Bench, trial: Trial, names: Sequence[str], gravity: FloatArray) -> Finding:
-    """A base that is not mounted as the robot file says."""
+def mounting(bench: Bench, trial: Trial, names: Sequence[str], gravity: FloatArray, *, signed: bool) -> Finding:
+    """A base that is not mounted as the robot file says.
+
+    Where no mass is known (not `signed`) gravity and its opposite are alike: the one nearer to the file's is said.
+    """
     declared = np.asarray(bench.robot.gravity)
+    if not signed and declared @ gravity < 0:
+        gravity = -gravity
     cosine = float(declared @ gravity / np.linalg.norm(declared) / np.linalg.norm(gravity))
     angle = float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
     there = ",".join(f"{x + 0.0:.2f}" for x in gravity)
     message = (
         f"gravity pulls {angle:.0f} degrees away from where the robot file has it ({_odds(bench, trial)}): the base is "
-        f"mounted otherwise; give --gravity {there}"
+        f"mounted otherwise; give --gravity {there}{'' if signed else ' (or its opposite: the file gives no masses)'}"
     )
     return Finding("mounting", "warning", message, names[0], None, value=angle, unit="deg")
 

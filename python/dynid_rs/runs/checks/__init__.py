@@ -20,6 +20,7 @@ from dynid_rs.runs.recording import OptionalSignal, Recording
 __all__ = [
     "check_recording",
     "contradicting_signals",
+    "is_damage",
     "moving_joints",
     "refused_sources",
     "relative_jitter",
@@ -82,6 +83,14 @@ def check_recording(rec: Recording, robot: Limited | None = None) -> list[Findin
             )
         )
     return with_lines(rec, sorted(findings, key=severity_order))
+
+
+def is_damage(finding: Finding) -> bool:
+    """Whether a finding is an error that makes whatever is fitted to its run, or compared with it, look wrong.
+
+    A run that rests all the time does not: others may move.
+    """
+    return finding.severity == "error" and finding.code != "joint_never_moves"
 
 
 def severity_order(finding: Finding) -> int:

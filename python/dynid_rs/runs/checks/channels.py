@@ -15,12 +15,16 @@ FROZEN_SECONDS = 0.1
 FROZEN_SAMPLES = 20
 FROZEN_TRAVEL = 0.02
 """Travel of the joint [rad, m] in a frozen stretch: the channel stood still, not the joint."""
+COARSE_STEPS = 2.5
+"""A channel that hung jumps when it goes on; a coarse one that stood goes to its next step, or the one after that."""
 
 PLATEAU_SAMPLES = 5
 PLATEAU_TRAVEL = 1e-3
 PLATEAU_FACTOR = 3.0
-"""A plateau at an end of the range is so many times longer than any in between: coarse channels have some anywhere, and
-a smooth peak stays on its last level 2.4 times longer than on the next."""
+PLATEAU_CHANCE = 2
+"""A range has ended if the rows of its plateaus are so many times those on the level below, and this many more: a
+smooth peak is on its last level for at most ``1 / (sqrt(2) - 1) = 2.4`` times as long as on the one below, up and down
+together, and each time may be off by a row at both ends."""
 MIN_LEVELS = 30
 """Channels with fewer different values are coarsely quantised: plateaus are their nature."""
 
@@ -101,11 +105,15 @@ def _min_frozen(rec: Recording) -> int:
 
 
 def _frozen(rec: Recording, signal: str, values: FloatArray, q: FloatArray, joint: int) -> Iterator[Finding]:
-    """Frozen torque or velocity: equal values over a long stretch while the joint travels."""
-    found = extent(rec, signal)
-    for start, stop in _equal_runs(rec, signal, joint, _min_frozen(rec)):
+    """Frozen torque or velocity: equal values over a long stretch while the joint travels, and a jump after it."""
+    found, stretches = extent(rec, signal), _equal_runs(rec, signal, joint, _min_frozen(rec))
+    if not stretches:
+        return
+    step = float(np.min(np.diff(np.unique(values))))
+    for start, stop in stretches:
         clipped = signal == "tau" and values[start] in (found.lowest[joint], found.highest[joint])
-        if not clipped and np.ptp(q[start:stop]) > FROZEN_TRAVEL:
+        jumps = stop == len(values) or abs(values[stop] - values[start]) > COARSE_STEPS * step
+        if not clipped and jumps and np.ptp(q[start:stop]) > FROZEN_TRAVEL:
             # Constant speed is a legitimate constant velocity, unless the joint disagrees.
             dt = rec.t[stop - 1] - rec.t[start]
             travel = abs(q[stop - 1] - q[start] - values[start] * dt)
@@ -164,17 +172,15 @@ def _stuck(rec: Recording, column: str, start: int, stop: int, value: float) -> 
 
 def _clipped(rec: Recording, joint: int, values: FloatArray, q: FloatArray) -> Iterator[Finding]:
     """Plateaus at the torque's largest or smallest value while the joint moves: the range of the channel ended."""
-    stretches = _equal_runs(rec, "tau", joint, PLATEAU_SAMPLES)
-    if not stretches or np.unique(values).size < MIN_LEVELS:
+    stretches, levels = _equal_runs(rec, "tau", joint, PLATEAU_SAMPLES), np.unique(values)
+    if not stretches or levels.size < MIN_LEVELS:
         return
-    found, column = extent(rec, "tau"), f"tau_{joint}"
+    column = f"tau_{joint}"
     moved = [(start, stop) for start, stop in stretches if np.ptp(q[start:stop]) > PLATEAU_TRAVEL]
-    for limit, word in ((found.highest[joint], "largest"), (found.lowest[joint], "smallest")):
+    for limit, beside, word in ((levels[-1], levels[-2], "largest"), (levels[0], levels[1], "smallest")):
         plateaus = [(start, stop) for start, stop in moved if values[start] == limit]
-        limits = (found.highest[joint], found.lowest[joint])
-        usual = max((stop - start for start, stop in moved if values[start] not in limits), default=0)
-        if max((stop - start for start, stop in plateaus), default=0) > PLATEAU_FACTOR * usual:
-            count = sum(stop - start for start, stop in plateaus)
+        count = sum(stop - start for start, stop in plateaus)
+        if count > PLATEAU_FACTOR * (np.count_nonzero(values == beside) + PLATEAU_CHANCE):
             yield Finding(
                 "saturated",
                 "error",

@@ -1,8 +1,9 @@
 """Samples that stand alone: damaged numbers and drop-outs, as no motion and no drive makes them.
 
 A row is compared with the median of the rows around it. It is damaged if it is far larger than all the rest as well, or
-exactly zero where nothing near it is; else something may have been hit, or friction was overcome. In white noise
-`SIGMAS` deviations are one in 10^32; friction's steps last for more than one sample.
+exactly zero where the rows on both sides are far from it, both above or both below: a channel in coarse steps is zero
+wherever it changes its sign. Else something may have been hit, or friction was overcome. In white noise `SIGMAS`
+deviations are one in 10^32; friction's steps last for more than one sample.
 """
 
 from __future__ import annotations
@@ -46,16 +47,27 @@ def lone_rows(rec: Recording, signal: str, joint: int) -> NDArray[np.intp]:
     if len(values) < 4 * WINDOW or not found.largest_step[joint] > SHARE * size:
         return none
     off = np.abs(values - _local_median(values))
-    noise = 1.4826 * float(np.median(off))
-    rows = np.flatnonzero(off > max(SIGMAS * noise, SHARE * size))
+    far = max(SIGMAS * 1.4826 * float(np.median(off)), SHARE * size)
+    rows = np.flatnonzero(off > far)
     if not 0 < len(rows) <= few_rows(len(values)):
         return none
     rest = np.delete(values, rows)
     if np.unique(rest).size < MIN_LEVELS:
         return none
     reach = OUTSIDE * float(np.abs(rest).max())
-    lone: NDArray[np.intp] = rows[(np.abs(values[rows]) > reach) | (values[rows] == 0)]
+    lone: NDArray[np.intp] = rows[(np.abs(values[rows]) > reach) | _dropped(values, rows, far)]
     return lone
+
+
+def _dropped(values: FloatArray, rows: NDArray[np.intp], far: float) -> NDArray[np.bool_]:
+    """Which of some rows (k,) are zero between two values that are both beyond `far`, with the same sign."""
+    there = np.flatnonzero(values)
+    after = np.searchsorted(there, rows)
+    inside = (values[rows] == 0) & (after > 0) & (after < len(there))
+    before, after = values[there[after[inside] - 1]], values[there[after[inside]]]
+    dropped = np.zeros(len(rows), dtype=bool)
+    dropped[inside] = np.maximum(np.minimum(before, after), -np.maximum(before, after)) > far
+    return dropped
 
 
 def _local_median(values: FloatArray) -> FloatArray:
