@@ -13,6 +13,7 @@ from dynid_rs.commands.export import export
 from dynid_rs.commands.fleet import fleet
 from dynid_rs.commands.identify import identify
 from dynid_rs.commands.inspect import inspect
+from dynid_rs.commands.payload import payload
 from dynid_rs.commands.report import report
 from dynid_rs.commands.simulate import simulate
 
@@ -22,7 +23,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-for command in (inspect, excite, identify, diagnose, estimate, export, simulate, report, fleet, cache):
+for command in (inspect, excite, identify, diagnose, payload, estimate, export, simulate, report, fleet, cache):
     app.command()(command)
 
 

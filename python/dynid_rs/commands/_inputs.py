@@ -9,6 +9,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import typer
+
 if TYPE_CHECKING:
     from dynid_rs.archive.runs import RunFile
     from dynid_rs.base.findings import Finding
@@ -31,10 +33,15 @@ class Settings:
     gain_given: bool = False
 
 
-def read_robot(path: Path, base: str | None = None, tip: str | None = None, gravity: str | None = None) -> Any:
-    """Read a robot, URDF or robot.toml, in its own gravity or in the given one, "X,Y,Z" [m/s^2]."""
-    from dynid_rs import _core
+def read_robot(
+    path: Path, base: str | None = None, tip: str | None = None, gravity: str | None = None, *, xacro: bool = False
+) -> Any:
+    """Read a robot in its own gravity or in the given one, "X,Y,Z" [m/s^2]; say on standard error which chain it is.
+
+    The chain is said only where the file leaves a choice.
+    """
     from dynid_rs.base.files import check_readable
+    from dynid_rs.model import robot_file
 
     vector = None if gravity is None else numbers("--gravity", gravity, 3)
     if vector is not None and sum(g * g for g in vector) > STRONGEST_GRAVITY**2:
@@ -44,14 +51,18 @@ def read_robot(path: Path, base: str | None = None, tip: str | None = None, grav
         raise ValueError(
             f"{path}: this is a run, and a robot (URDF or robot.toml) is expected here; the robot comes before the runs"
         )
-    return _core.RobotModel.from_file(place, base=base, tip=tip, gravity=vector)
+    robot = robot_file.read_robot(place, base=base, tip=tip, gravity=vector, xacro=xacro)
+    if robot.choice is not None:
+        typer.echo(f"{path.name}: {robot.choice}", err=True)
+    return robot
 
 
-def with_rotors(robot: Any, settings: Settings, path: Path, base: str | None, tip: str | None) -> Any:
+def with_rotors(
+    robot: Any, settings: Settings, path: Path, base: str | None, tip: str | None, *, xacro: bool = False
+) -> Any:
     """Return the robot with the rotor inertias of `dynid.toml`; the same one where it gives none."""
-    from dynid_rs import _core
     from dynid_rs.base.errors import DataError
-    from dynid_rs.base.files import check_readable
+    from dynid_rs.model import robot_file
 
     inertia, n = settings.config.rotor_inertia, robot.n_joints
     if inertia is None:
@@ -66,7 +77,7 @@ def with_rotors(robot: Any, settings: Settings, path: Path, base: str | None, ti
         )
     rotors = list(inertia) * (n // len(inertia))
     gravity = robot.gravity.tolist()
-    return _core.RobotModel.from_urdf(check_readable(path), base=base, tip=tip, gravity=gravity, rotor_inertia=rotors)
+    return robot_file.read_robot(path, base=base, tip=tip, gravity=gravity, rotor_inertia=rotors, xacro=xacro)
 
 
 def read_settings(config: Path | None, drive_gain: str | None, n_joints: int) -> Settings:
@@ -88,7 +99,7 @@ def read_split(
     """Read, check and split; findings on all runs."""
     from dynid_rs.runs.splitting import split_runs
 
-    recordings, findings = _read([*runs, *test], robot, settings)
+    recordings, findings = read_runs([*runs, *test], robot, settings)
     split = split_runs(recordings[: len(runs)], recordings[len(runs) :], test_from)
     return split, findings + ([split.finding] if split.finding else [])
 
@@ -114,7 +125,7 @@ def read_friction(paths: list[Path], robot: Any, settings: Settings, memory: int
     return recordings
 
 
-def _read(paths: list[Path], robot: Any, settings: Settings) -> tuple[list[Recording], list[Finding]]:
+def read_runs(paths: list[Path], robot: Any, settings: Settings) -> tuple[list[Recording], list[Finding]]:
     """Read runs without the signals that contradict their positions; with all findings."""
     recordings: list[Recording] = []
     findings: list[Finding] = []
