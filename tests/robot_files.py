@@ -1,4 +1,4 @@
-"""Every URDF of the package `example-robot-data`, torque beside Pinocchio: ``python tests/robot_files.py`` prints a table."""
+"""Every URDF of `example-robot-data`, torque beside Pinocchio: ``python tests/robot_files.py`` prints a table."""
 
 import sys
 import warnings
@@ -22,7 +22,7 @@ def robot_files():
 
 
 def held_positions(path):
-    """Where joints stand that are no part of a chain, read once more from the file: zero, or as near as limits allow."""
+    """Where joints stand that are no part of a chain, read once more: zero, or as near as limits allow."""
     positions, followers = {}, {}
     for joint in ElementTree.parse(path).getroot().findall("joint"):
         limit, mimic = joint.find("limit"), joint.find("mimic")

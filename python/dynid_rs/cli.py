@@ -6,6 +6,7 @@ import typer
 
 from dynid_rs.commands._run import run_app
 from dynid_rs.commands.cache import cache
+from dynid_rs.commands.compare import compare
 from dynid_rs.commands.diagnose import diagnose
 from dynid_rs.commands.estimate import estimate
 from dynid_rs.commands.excite import excite
@@ -23,7 +24,20 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-for command in (inspect, excite, identify, diagnose, payload, estimate, export, simulate, report, fleet, cache):
+for command in (
+    inspect,
+    excite,
+    identify,
+    diagnose,
+    compare,
+    payload,
+    estimate,
+    export,
+    simulate,
+    report,
+    fleet,
+    cache,
+):
     app.command()(command)
 
 

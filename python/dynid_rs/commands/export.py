@@ -41,7 +41,7 @@ def export(
     ] = None,
     json_output: Annotated[bool, typer.Option("--json", help="Answer as JSON on standard output")] = False,
 ) -> int:
-    """Write a model as a URDF (--urdf) or MuJoCo model (--mjcf) with physically consistent inertials, or as C (--c-header).
+    """Write a model as a URDF (--urdf) or MuJoCo model (--mjcf) with inertials that bodies can have, or as C.
 
     With --robot everything else of the original URDF stays byte for byte; without it the URDF holds links and joints
     alone. The C header gives the numbers of dynid-estimator for controllers that can have no library.

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from dynid_rs.commands import _options
 from dynid_rs.commands._run import print_json, run_command, sentence
 
 
@@ -17,6 +18,9 @@ def inspect(
     robot: Annotated[
         Path | None, typer.Option("--robot", metavar="R", help="URDF or robot.toml: joint names, kinds and limits")
     ] = None,
+    base: _options.Base = None,
+    tip: _options.Tip = None,
+    xacro: _options.Xacro = False,
     config: Annotated[
         Path | None,
         typer.Option("--config", metavar="dynid.toml", help="Column names, units, gears, gains, signs"),
@@ -33,7 +37,7 @@ def inspect(
     from dynid_rs.runs.readers import Config, read_config
 
     rules = Config() if config is None else read_config(config)
-    model = None if robot is None else read_robot(robot)
+    model = None if robot is None else read_robot(robot, base, tip, xacro=xacro)
     of_robot = [] if model is None or robot is None else inertial_findings(model, robot.name)
     inspections = compared([inspect_run(path, model, rules) for path in runs], model)
     code = exit_code(inspections)

@@ -27,7 +27,7 @@ def payload(
     runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Runs with the load: Parquet, CSV or NPZ")],
     flange: Annotated[
         str | None,
-        typer.Option(metavar="LINK", help="Link of --robot in whose frame the load is told; the model's last by default"),
+        typer.Option(metavar="LINK", help="Frame of the answer, a link of --robot; the last by default"),
     ] = None,
     robot: Annotated[
         Path | None, typer.Option(metavar="ROBOT", help="The arm, for --flange: where that link stands")
@@ -40,7 +40,7 @@ def payload(
     """Weigh the tool or workpiece that an arm carries: mass, centre and inertia with 95 % intervals.
 
     The answer is a body that can exist, told as the load data of UR, KUKA, ABB and Fanuc. Friction and offsets may
-    differ a little from the model's, as from day to day. Ends with 1 if no load is seen, or the data has an error in it.
+    differ a little from the model's, as from day to day. Ends with 1 if no load is seen, or the data has an error.
     """
     from dynid_rs import _core
     from dynid_rs.base.files import check_readable
@@ -105,15 +105,21 @@ def _answer(load: Load, frame: str, joints: list[str], findings: list[Finding]) 
 
 def _lines(answer: dict[str, Any]) -> list[str]:
     mass = answer["load"][0]
-    low, high = mass["interval"]
+    bounds = _bounds(mass)
     if not answer["seen"]:
         why = "less than the model's arm does" if mass["value"] < 0 else "nothing that the noise would not look like"
-        return [f"no load is seen: the arm carries {why} ({mass['value']:.3g} kg, 95 %: {low:.3g} to {high:.3g} kg)"]
+        return [f"no load is seen: the arm carries {why} ({mass['value']:.3g} kg, 95 %: {bounds})"]
     lines = [f"load in the frame of {answer['frame']}, inertia about its centre (95 % interval)"]
     for entry in answer["load"]:
-        low, high = entry["interval"]
-        lines.append(f"  {entry['name']:<5}{entry['value']:>10.4g}  ({low:.4g} to {high:.4g}) {entry['unit']}")
+        lines.append(f"  {entry['name']:<5}{entry['value']:>10.4g}  ({_bounds(entry)}) {entry['unit']}")
     lines += [f"{MAKERS[maker]}: {words}" for maker, words in answer["words"].items()]
     errors = zip(answer["joints"], answer["rmse"]["before"], answer["rmse"]["after"], strict=True)
     lines.append("error [N*m] " + ", ".join(f"{joint} {before:.3g} -> {after:.3g}" for joint, before, after in errors))
     return lines + [f"{finding['severity']}: {finding['message']}" for finding in answer["findings"]]
+
+
+def _bounds(entry: dict[str, Any]) -> str:
+    if entry["interval"] is None:
+        return "not seen"
+    low, high = entry["interval"]
+    return f"{low:.4g} to {high:.4g}"

@@ -42,9 +42,10 @@ def urdf(model: _core.TorqueModel, robot: str | os.PathLike[str] | None = None) 
 def mjcf(model: _core.TorqueModel) -> str:
     """MuJoCo model (MJCF text) of the chain with the physical set of `model`, every number to its last digit.
 
-    Rotor inertias become ``armature``, viscous friction ``damping``, Coulomb friction ``frictionloss``. Each joint has a
-    motor whose ``gear`` is the torque per unit of the model's torque channel: its ``ctrl`` is a joint torque [N*m, N], or
-    a current [A] where currents were fitted. Gravity is that of the base frame. Every other effect is left out.
+    Rotor inertias become ``armature``, viscous friction ``damping``, Coulomb friction ``frictionloss``. Each joint has
+    a motor whose ``gear`` is the torque per unit of the model's torque channel: its ``ctrl`` is a joint torque [N*m],
+    a force [N], or a current [A] where currents were fitted. Gravity is that of the base frame. All
+    other effects are left out.
 
     Raises
     ------
@@ -72,9 +73,7 @@ def to_pinocchio(model: _core.TorqueModel) -> Any:
     try:
         import pinocchio
     except ImportError:
-        raise MissingLibraryError(
-            "a Pinocchio model needs Pinocchio; install it with: pip install 'dynid-rs[collision]'"
-        ) from None
+        raise MissingLibraryError("pinocchio", extra="collision", purpose="Pinocchio models") from None
     built = pinocchio.buildModelFromXML(urdf(model).decode())
     built.name = model.robot.name
     built.gravity.linear = model.robot.gravity

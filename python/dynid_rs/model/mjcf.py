@@ -38,9 +38,7 @@ def urdf_of(path: Path) -> tuple[str, FloatArray]:
     try:
         import mujoco
     except ImportError:
-        raise MissingLibraryError(
-            "a MuJoCo model needs the mujoco package; install it with: pip install 'dynid-rs[mujoco]'"
-        ) from None
+        raise MissingLibraryError("mujoco", extra="mujoco", purpose="robots out of MuJoCo models") from None
     try:
         model = mujoco.MjModel.from_xml_path(str(path))
     except ValueError as error:
@@ -105,7 +103,7 @@ class _Writer:
 
     def _add_joint(self, joint: int, above: str, link: str, place: FloatArray, rotation: FloatArray) -> None:
         model, name = self.model, self._joint(joint)
-        kind = model.jnt_type[joint]
+        kind = self._kind(joint)
         if kind == self.kinds.mjJNT_BALL:
             raise ValueError(
                 f"{self.path}: the joint {name} is a ball, which no serial chain of single axes has; write three hinges"
@@ -135,7 +133,7 @@ class _Writer:
             )
 
     def _add_rotor(self, joint: int) -> None:
-        if self.model.jnt_type[joint] not in (self.kinds.mjJNT_HINGE, self.kinds.mjJNT_SLIDE):
+        if self._kind(joint) not in (self.kinds.mjJNT_HINGE, self.kinds.mjJNT_SLIDE):
             return
         armature, name = float(self.model.dof_armature[self.model.jnt_dofadr[joint]]), self._joint(joint)
         if armature == 0:
@@ -150,11 +148,15 @@ class _Writer:
         model, found = self.model, {}
         for k in range(model.neq):
             one, two = int(model.eq_obj1id[k]), int(model.eq_obj2id[k])
-            tied = model.eq_type[k] == self.mujoco.mjtEq.mjEQ_JOINT and two >= 0 and model.eq_active0[k]
+            kind = self.mujoco.mjtEq(int(model.eq_type[k]))
+            tied = kind == self.mujoco.mjtEq.mjEQ_JOINT and two >= 0 and model.eq_active0[k]
             if tied and not np.any(model.eq_data[k, 2:5]):
                 # Both sides are counted from their reference, as the URDF's angles are.
                 found[one] = (two, float(model.eq_data[k, 1]), float(model.eq_data[k, 0]))
         return found
+
+    def _kind(self, joint: int) -> Any:
+        return self.kinds(int(self.model.jnt_type[joint]))
 
     def _body(self, body: int) -> str:
         return self.model.body(body).name or f"body_{body}"
@@ -174,9 +176,7 @@ def _roll_pitch_yaw(rotation: FloatArray) -> FloatArray:
     yaw = np.arctan2(rotation[1, 0], rotation[0, 0])
     pitch = np.arctan2(-rotation[2, 0], np.hypot(rotation[0, 0], rotation[1, 0]))
     sine, cosine = np.sin(yaw), np.cos(yaw)
-    roll = np.arctan2(
-        sine * rotation[0, 2] - cosine * rotation[1, 2], cosine * rotation[1, 1] - sine * rotation[0, 1]
-    )
+    roll = np.arctan2(sine * rotation[0, 2] - cosine * rotation[1, 2], cosine * rotation[1, 1] - sine * rotation[0, 1])
     return np.array([roll, pitch, yaw])
 
 

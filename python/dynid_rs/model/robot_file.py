@@ -61,7 +61,7 @@ def read_robot(
         from dynid_rs.model.mjcf import urdf_of
 
         text, declared = urdf_of(place)
-        return _from_text(text, place, declared if gravity is None else gravity, options)
+        return _from_text(text, place, declared.tolist() if gravity is None else gravity, options)
     return _core.RobotModel.from_file(place, gravity=gravity, **options)
 
 
@@ -83,9 +83,7 @@ def expanded(path: Path, arguments: Mapping[str, str], *, asked: bool) -> str:
     try:
         import xacro
     except ImportError:
-        raise MissingLibraryError(
-            "a xacro source needs the xacro package; install it with: pip install 'dynid-rs[xacro]'"
-        ) from None
+        raise MissingLibraryError("xacro", extra="xacro", purpose="robots out of xacro sources") from None
     try:
         text: str = xacro.process_file(str(path), mappings=dict(arguments)).toxml()
     except Exception as error:  # xacro raises whatever its expressions raise
@@ -101,9 +99,7 @@ def is_mjcf(path: Path) -> bool:
     return b"<mujoco" in start and b"<robot" not in start
 
 
-def _from_text(
-    text: str, path: Path, gravity: Sequence[float] | None, options: dict[str, Any]
-) -> _core.RobotModel:
+def _from_text(text: str, path: Path, gravity: Sequence[float] | None, options: dict[str, Any]) -> _core.RobotModel:
     if gravity is not None:
         options = options | {"gravity": gravity}
     return _core.RobotModel.from_urdf_string(text, source_name=str(path), **options)

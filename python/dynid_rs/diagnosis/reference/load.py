@@ -1,4 +1,4 @@
-"""What an arm carries: the payload that separates its runs from a trusted model without it, as a body with intervals."""
+"""What an arm carries: the payload that separates its runs from a trusted model, as a body with intervals."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from dynid_rs.base.findings import Finding
 from dynid_rs.diagnosis.reference.change_search import ChangeSearch
 from dynid_rs.diagnosis.reference.changes import PAYLOAD, Believed
 from dynid_rs.diagnosis.reference.compare import REFERENCE_DATA, check_runs
-from dynid_rs.diagnosis.reference.payload import physical_payload
+from dynid_rs.diagnosis.reference.payload import physical_payload, seen_directions
 from dynid_rs.identification.training import prepare_training_runs
 from dynid_rs.model.assembly import evaluate
 from dynid_rs.regression.evaluation import rmse
@@ -26,6 +26,12 @@ FloatArray = NDArray[np.float64]
 
 STEP = 1e-6
 """Of the difference that carries the covariance to mass, centre and inertia, over a parameter's standard deviation."""
+
+
+LEAST_STEP = 1e-4
+"""...where that is nothing [kg, kg*m, kg*m^2]."""
+UNSEEN = 1e-8
+"""Eigenvalue of the payload's normal matrix over the largest below which a direction is not seen at all."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +47,7 @@ class Load:
     inertia : ndarray (6,)
         About the centre, along the frame's axes: Ixx, Iyy, Izz, Ixy, Ixz, Iyz [kg*m^2].
     intervals : ndarray (10, 2)
-        95 % of mass, centre and inertia, in this order.
+        95 % of mass, centre and inertia, in this order; infinite where the runs do not show the quantity.
     p_value : float
         Probability of a load as large as this one if there were none.
     rmse_before, rmse_after : ndarray (n_joints,)
@@ -90,7 +96,7 @@ def weigh_load(
     runs = list(runs)
     if reference.torque_unit != "N*m":
         raise DataError(
-            "the model was learned from currents, in which a load has no kilograms; identify it again with --drive-gain",
+            "the model was learned from currents, in which a load has no kilograms; identify again with --drive-gain",
             code="wrong_reference",
         )
     check_runs(reference, reference.robot, runs)
@@ -106,20 +112,32 @@ def weigh_load(
         places = named.hypothesis.places
         covariance = covariance[np.ix_(*2 * [np.searchsorted(free, places)])]
         believed, findings = physical_payload(search.believed, weighing, places, free, held)
+        values, vectors, scale = seen_directions(weighing, places, free, held)
+        hidden = vectors[:, values < UNSEEN * values[-1]] / scale[:, None]
         counted = [states.counted for states in prepared]
-        errors = [
+        before, after = (
             rmse([s.in_band(s.tau - evaluate(b.model(), s)[0]) for s in prepared], counted)
             for b in (Believed.unchanged(reference, reference.robot.phi), believed)
-        ]
+        )
     rotation, translation = (np.eye(3), np.zeros(3)) if frame is None else frame
     value = _body(believed.payload, rotation, translation)
-    margin = NORMAL_95 * _spread(estimate, covariance, rotation, translation)
+    slopes = _slopes(estimate, covariance, rotation, translation)
+    margin = NORMAL_95 * np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, covariance, slopes), 0.0))
+    margin[_moved(slopes, hidden)] = np.inf
     middle = _body(estimate, rotation, translation)
     # The nearest body may lie beside the estimate: the interval holds both.
     low, high = np.minimum(middle - margin, value), np.maximum(middle + margin, value)
-    return Load(
-        float(value[0]), value[1:4], value[4:], np.stack([low, high], axis=1), named.p_value, *errors, findings=findings
-    )
+    intervals = np.stack([low, high], axis=1)
+    if not np.isfinite(intervals).all():
+        findings.append(
+            Finding(
+                "load_partly_unseen",
+                "info",
+                "the runs do not show all of the load: numbers without an interval are those of the body nearest to what "
+                "they show; move more joints, or all of them in more ways",
+            )
+        )
+    return Load(float(value[0]), value[1:4], value[4:], intervals, named.p_value, before, after, findings)
 
 
 def _body(phi: FloatArray, rotation: FloatArray, translation: FloatArray) -> FloatArray:
@@ -136,14 +154,21 @@ def _body(phi: FloatArray, rotation: FloatArray, translation: FloatArray) -> Flo
     return np.array([mass, *(rotation.T @ (centre - translation)), *entries])
 
 
-def _spread(
-    phi: FloatArray, covariance: FloatArray, rotation: FloatArray, translation: FloatArray
-) -> FloatArray:
-    """Standard deviations (10,) of what `_body` says, to first order."""
-    steps = STEP * np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+def _slopes(phi: FloatArray, covariance: FloatArray, rotation: FloatArray, translation: FloatArray) -> FloatArray:
+    """Derivative (10, 10) of what `_body` says by the parameters."""
+    size = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    steps = STEP * np.maximum(size, LEAST_STEP)
     slopes = np.empty((10, 10))
     for k, step in enumerate(steps):
         ahead, behind = (_body(phi + sign * step * np.eye(10)[k], rotation, translation) for sign in (1, -1))
         slopes[:, k] = (ahead - behind) / (2 * step)
-    return np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, covariance, slopes), 0.0))
+    return slopes
 
+
+def _moved(slopes: FloatArray, hidden: FloatArray) -> NDArray[np.bool_]:
+    """Quantities (10,) that change along directions (10, k) of which the torque says nothing."""
+    if not hidden.shape[1]:
+        return np.zeros(10, dtype=bool)
+    change = np.abs(slopes) @ np.abs(hidden)
+    moved: NDArray[np.bool_] = np.any(np.abs(slopes @ hidden) > 1e-3 * np.maximum(change, 1e-300), axis=1)
+    return moved

@@ -300,7 +300,7 @@ impl Finder<'_, '_, '_> {
             .last()
             .map_or("", |body| self.tree.link_name(body.link));
         let mut sentence = format!(
-            "{}the chain of {} joints from \"{}\" to \"{end}\" is {}: {}",
+            "{}the chain of {} from \"{}\" to \"{end}\" is {}: {}",
             if proposal.is_some() {
                 "the robot branches; "
             } else {

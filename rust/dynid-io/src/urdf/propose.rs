@@ -58,28 +58,39 @@ pub(super) fn proposal(tree: &Tree, source: &Source, base: usize) -> Result<Prop
         tip = tree.edges[joint].child;
         so_far += 1;
     }
+    // Without a way on, a joint without an axis is no branch but the rest of the arm.
+    if let Some(joint) = floating(tree, &order, tip).filter(|_| others.is_empty()) {
+        return Err(no_axis(tree, source, joint));
+    }
     if so_far == 0 {
-        let floating = order.iter().find_map(|&link| {
-            let below = tree.below[link].iter().copied();
-            let mut strange =
-                below.filter(|&j| moves(tree, j) && !tree.document.joints[j].motion.has_axis());
-            strange.next()
-        });
-        if let Some(joint) = floating {
-            return Err(no_axis(tree, source, joint));
-        }
-        let follower = tree
-            .document
-            .joints
-            .iter()
-            .find_map(|facts| facts.mimic.as_ref());
-        if let Some(mimic) = follower {
+        let mut joints = tree.document.joints.iter();
+        let follower = joints.find_map(|facts| Some((facts, facts.mimic.as_ref()?)));
+        if let Some((facts, mimic)) = follower {
             let message = "no joint moves that follows no other and is followed by none, so there is no serial chain; \
                            choose a tip, delete <mimic> or write type=\"fixed\"";
-            return Err(source.refuse(mimic.at, "<mimic>", message));
+            let element = format!("<mimic> of joint \"{}\"", facts.name);
+            return Err(source.refuse(mimic.at, element, message));
         }
     }
     Ok(Proposal { tip, others })
+}
+
+/// The first joint below `tip` that is neither fixed nor has an axis.
+fn floating(tree: &Tree, order: &[usize], tip: usize) -> Option<usize> {
+    let mut below = vec![false; tree.below.len()];
+    below[tip] = true;
+    for &link in order {
+        if !below[link] {
+            continue;
+        }
+        for &joint in &tree.below[link] {
+            if moves(tree, joint) && !tree.document.joints[joint].motion.has_axis() {
+                return Some(joint);
+            }
+            below[tree.edges[joint].child] = true;
+        }
+    }
+    None
 }
 
 /// The refusal of a joint that is neither fixed nor has an axis.
