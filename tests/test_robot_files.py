@@ -131,6 +131,12 @@ def test_the_edited_original_keeps_the_weight_of_what_is_held(gripper):
         urdf(with_bodies(robot, 0.01 * robot.phi), gripper)
 
 
+def test_the_chain_up_to_a_tip_goes_back_into_the_whole_file(gripper):
+    robot = RobotModel.from_urdf(gripper, tip="arm")
+    text = urdf(with_bodies(robot, 1.1 * robot.phi), gripper).decode()
+    assert_allclose(RobotModel.from_urdf_string(text, tip="arm").phi, 1.1 * robot.phi, rtol=0, atol=1e-9)
+
+
 def with_bodies(robot, phi):
     """A model with these bodies as its physical set."""
     zero = np.zeros(robot.n_joints)

@@ -30,6 +30,8 @@ STEP = 1e-6
 
 LEAST_STEP = 1e-4
 """...where that is nothing [kg, kg*m, kg*m^2]."""
+ROUNDING = 1e-6
+"""Slopes below this over the largest are rounding."""
 UNSEEN = 1e-8
 """Eigenvalue of the payload's normal matrix over the largest below which a direction is not seen at all."""
 
@@ -133,8 +135,8 @@ def weigh_load(
             Finding(
                 "load_partly_unseen",
                 "info",
-                "the runs do not show all of the load: numbers without an interval are those of the body nearest to what "
-                "they show; move more joints, or all of them in more ways",
+                "the runs do not show all of the load: numbers without an interval are those of the body nearest to "
+                "what they show; move more joints, or all of them in more ways",
             )
         )
     return Load(float(value[0]), value[1:4], value[4:], intervals, named.p_value, before, after, findings)
@@ -169,6 +171,6 @@ def _moved(slopes: FloatArray, hidden: FloatArray) -> NDArray[np.bool_]:
     """Quantities (10,) that change along directions (10, k) of which the torque says nothing."""
     if not hidden.shape[1]:
         return np.zeros(10, dtype=bool)
-    change = np.abs(slopes) @ np.abs(hidden)
-    moved: NDArray[np.bool_] = np.any(np.abs(slopes @ hidden) > 1e-3 * np.maximum(change, 1e-300), axis=1)
+    largest = np.outer(np.abs(slopes).max(axis=1), np.abs(hidden).max(axis=0))
+    moved: NDArray[np.bool_] = np.any(np.abs(slopes @ hidden) > ROUNDING * largest, axis=1)
     return moved

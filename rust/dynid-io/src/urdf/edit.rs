@@ -77,7 +77,7 @@ fn matching_chain(
     let (mut difference, mut refusal) = (None, None);
     let mut base = Some(tree.edges[index].parent);
     while let Some(link) = base {
-        // Without a tip first: a file whose chain goes on is another robot's.
+        // Whoever identified a shorter chain chose a tip, the model's last link.
         for tip in [None, joints.last().map(|joint| joint.link.clone())] {
             let options = UrdfOptions {
                 base: Some(tree.link_name(link).to_owned()),
