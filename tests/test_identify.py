@@ -29,7 +29,7 @@ QUICK = ("--residual", "none")
 def identify(folder: Path, *arguments: object, robot: Path | None = None):
     """Identify into `folder`/out without the third loop; the printed answer and result.json."""
     robot = write_robot(folder) if robot is None else robot
-    printed = dynid("identify", robot, *arguments, "-o", folder / "out", *QUICK)
+    printed = dynid("identify", robot, *arguments, "-o", folder / "out", "--force", *QUICK)
     path = folder / "out" / "result.json"
     return printed, json.loads(path.read_text()) if path.is_file() else None
 
