@@ -201,7 +201,13 @@ def test_the_package_imports_only_what_it_declares():
     allowed = {modules.get(name, name) for name in declared} | {"dynid_rs"}
     allowed |= {name for name, by in brought.items() if by in declared}
     # Module: the extra that brings what it imports, late.
-    optional = {"model/bodies.py": "physical", "excitation/collision.py": "collision"}
+    optional = {
+        "excitation/collision.py": "collision",
+        "model/bodies.py": "physical",
+        "model/export.py": "collision",
+        "model/mjcf.py": "mujoco",
+        "model/robot_file.py": "xacro",
+    }
     optional |= {f"runs/readers/{name}.py": "io" for name in ("hdf5", "excel", "bag_library", "bag_bounds")}
     for path in MODULES:
         extra = project["optional-dependencies"].get(optional.get(path.relative_to(PACKAGE).as_posix()), [])

@@ -104,7 +104,7 @@ def test_only_what_has_changed_is_done_again(tmp_path, monkeypatch):
 def identify(folder, *arguments):
     """Stream two runs into `folder`/out, tested on a third."""
     robot, paths = write_robot(folder), write_runs(folder)
-    common = ("--residual", "none", "--memory", "10MB", "-o", folder / "out")
+    common = ("--residual", "none", "--memory", "10MB", "--force", "-o", folder / "out")
     return dynid("identify", robot, *paths, *common, *arguments)
 
 

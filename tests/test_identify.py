@@ -11,7 +11,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from run_files import motion, write
-from small_arm import JOINTS, as_current, dynid, run, snapshot, study, write_robot, write_runs
+from small_arm import JOINTS, as_current, dynid, refusal, run, snapshot, study, write_robot, write_runs
 from tolerances import ALGEBRAIC
 
 import dynid_rs
@@ -29,7 +29,7 @@ QUICK = ("--residual", "none")
 def identify(folder: Path, *arguments: object, robot: Path | None = None):
     """Identify into `folder`/out without the third loop; the printed answer and result.json."""
     robot = write_robot(folder) if robot is None else robot
-    printed = dynid("identify", robot, *arguments, "-o", folder / "out", *QUICK)
+    printed = dynid("identify", robot, *arguments, "-o", folder / "out", "--force", *QUICK)
     path = folder / "out" / "result.json"
     return printed, json.loads(path.read_text()) if path.is_file() else None
 
@@ -397,7 +397,7 @@ def test_old_results_stay_when_writing_fails(tmp_path, monkeypatch, error):
 
     monkeypatch.setattr("dynid_rs.report.write_report", fail)
     for output in (old, tmp_path / "a" / "new"):
-        arguments = ("identify", robot, *runs, "-o", output, *QUICK)
+        arguments = ("identify", robot, *runs, "-o", output, "--force", *QUICK)
         if isinstance(error, KeyError):
             with pytest.raises(KeyError):
                 dynid(*arguments)
@@ -412,7 +412,15 @@ def test_results_replace_older_ones_and_nothing_else(tmp_path):
     output.mkdir()
     (output / "notes.txt").write_text("mine")
     (output / "result.json").write_text("old")
-    assert dynid("identify", robot, *runs, "-o", output, *QUICK).exit_code == 0
+    before = snapshot(tmp_path)
+    arguments = ("-o", output, *QUICK)
+    for command in ("identify", "diagnose"):
+        sentence = refusal(dynid(command, robot, *runs, "-o", output))
+        assert (
+            "holds a finished result already (result.json); name another folder, or replace it with --force" in sentence
+        )
+        assert snapshot(tmp_path) == before
+    assert dynid("identify", robot, *runs, *arguments, "--force").exit_code == 0
     assert sorted(path.name for path in output.iterdir()) == sorted([*FILES, "notes.txt"])
     assert (output / "notes.txt").read_text() == "mine"
     assert json.loads((output / "result.json").read_text())["format"] == "dynid-result"

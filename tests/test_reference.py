@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 import dynid_rs as dyn
 from dynid_rs import _core
 from dynid_rs.base.errors import DataError
-from dynid_rs.diagnosis.reference import compare
+from dynid_rs.diagnosis.reference import compare, weigh_load
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.runs.checks import check_recording, refused_sources
 from dynid_rs.runs.readers import Config
@@ -82,6 +82,30 @@ def test_a_payload_is_weighed(reference, arm, size):
     assert np.linalg.eigvalsh(_core.pseudo_inertia(value)[0])[0] > 0
     assert np.all(changes.rmse["test"]["after"] < 1.2 * reference.noise_std)
     assert_allclose(effect["rmse_test_after"], changes.rmse["test"]["after"], **tolerances.EXACT)
+
+
+@pytest.mark.parametrize("size", [1.0, 0.05])
+def test_a_load_is_weighed_as_a_body(reference, arm, size):
+    heavier = changed(arm, f"payload::{size}")
+    load = weigh_load(reference, runs_of(heavier, seed=200, n_runs=1))
+    pseudo = _core.pseudo_inertia(np.asarray(heavier.effects[0].parameters))[0]
+    mass, centre = pseudo[3, 3], pseudo[:3, 3] / pseudo[3, 3]
+    moments = pseudo[:3, :3] - mass * np.outer(centre, centre)
+    inertia = np.trace(moments) * np.eye(3) - moments
+    truth = [mass, *centre, *np.diag(inertia), inertia[0, 1], inertia[0, 2], inertia[1, 2]]
+    middle, half = load.intervals.mean(axis=1), np.diff(load.intervals)[:, 0] / 2
+    assert np.all(np.abs(middle - truth) < HALF_WIDTHS * half)
+    assert half[0] < 0.05
+    assert load.p_value < 1e-6
+    assert load.findings == []
+    assert np.all(load.rmse_after < 1.2 * reference.noise_std)
+    assert load.rmse_before.max() > 2 * load.rmse_after.max()
+
+
+def test_no_load_is_no_load(reference, arm):
+    load = weigh_load(reference, runs_of(arm, seed=300, n_runs=1))
+    assert load.p_value > 0.01
+    assert load.intervals[0, 0] < 0 < load.intervals[0, 1]
 
 
 def test_what_is_saved_is_the_reference_with_the_payload(reference, arm, tmp_path):
@@ -174,5 +198,15 @@ def test_ur10e_carries_a_payload_and_nothing_else():
         assert abs(value[0] / UR10E_PAYLOAD - 1) < UR10E_TOLERANCE
         # The load shows on all joints but the first, whose axis stands upright.
         assert np.all(changes.rmse["test"]["after"][1:] < 0.25 * changes.rmse["test"]["before"][1:])
+    flange = robot.link_frame("tool0")[1:]
+    for name, mass in (("20_02_19_14harm50secLoad", UR10E_PAYLOAD), ("20_01_31_load", None)):
+        load = weigh_load(reference, [read(name)], frame=flange)
+        assert load.p_value < 1e-6
+        assert mass is None or abs(load.mass / mass - 1) < UR10E_TOLERANCE
+        # Fifteen centimetres from the flange, as a fit of the last link alone has it.
+        assert 0.1 < np.linalg.norm(load.centre) < 0.2
+        xx, yy, zz, xy, xz, yz = load.inertia
+        moments = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        assert 0 < moments[0] < moments[2] < moments[0] + moments[1]
     for name in ("20_01_31_unload", "20_02_12_40sec_12harm", "20_02_05_20sec_12harm"):
         assert compare(reference, robot, [read(name)]).effects == []

@@ -31,8 +31,10 @@ if TYPE_CHECKING:
     from dynid_rs.identification.rbf import RbfRegressor
     from dynid_rs.identification.residual import ResidualCompensator
     from dynid_rs.identification.three_loops import ThreeLoopIdentifier
+    from dynid_rs.model.export import to_pinocchio
     from dynid_rs.model.observer import MomentumObserver
     from dynid_rs.model.physical import PhysicalIdentifier
+    from dynid_rs.model.robot_file import read_robot
     from dynid_rs.regression.instruments import InstrumentalVariables
     from dynid_rs.runs.readers import read_recording
     from dynid_rs.runs.recording import Recording
@@ -55,6 +57,8 @@ _LATE = {
     "diagnose": "diagnosis.loop",
     "fit_base_parameters": "identification.base_fit",
     "read_recording": "runs.readers",
+    "read_robot": "model.robot_file",
+    "to_pinocchio": "model.export",
 }
 
 __all__ = [
@@ -86,7 +90,9 @@ __all__ = [
     "diagnose",
     "fit_base_parameters",
     "read_recording",
+    "read_robot",
     "rmse",
+    "to_pinocchio",
 ]
 
 

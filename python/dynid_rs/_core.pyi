@@ -58,6 +58,7 @@ __all__ = [
     "likeliest",
     "low_pass",
     "merge_factors",
+    "mjcf_with_physical",
     "named_signals",
     "observe",
     "observe_momentum",
@@ -108,7 +109,7 @@ class RobotModel:
         path : str or path-like
             The file.
         base, tip : str, optional
-            First and last link of the chain; the root and the only end by default.
+            First and last link of the chain; the root and the end of the longest chain by default, see `choice`.
         gravity : (3,)
             Acceleration of free fall in the base frame [m/s²]; (0, 0, -9.81) by default.
         rotor_inertia : (n_joints,), optional
@@ -214,6 +215,17 @@ class RobotModel:
         """`"revolute"` (continuous joints too) or `"prismatic"`."""
 
     @property
+    def choice(self) -> str | None:
+        """One sentence on the chain that was chosen, where the URDF branches; None where it leaves no choice.
+
+        Robots that were copied to another process, or that come out of a model file, have none.
+        """
+
+    @property
+    def notes(self) -> list[str]:
+        """What was passed over, lumped or held in the URDF, each a sentence with file, line and column."""
+
+    @property
     def gravity(self) -> _FloatArray:
         """Acceleration of free fall in the base frame (3,) [m/s²]."""
 
@@ -248,6 +260,25 @@ class RobotModel:
     @property
     def effort_limits(self) -> _FloatArray:
         """Greatest torques (n_joints,) [N·m, N]."""
+
+    def link_frame(self, link: str) -> tuple[int | None, _FloatArray, _FloatArray]:
+        """Return how a link of the URDF stands in the link that carries it.
+
+        Returns
+        -------
+        joint : int or None
+            The joint of the chain that moves it; None for what stands still with the base.
+        rotation : (3, 3)
+            From its axes to those of the frame of that joint's link, of the base link for what stands still.
+        translation : (3,)
+            Its origin in that frame [m].
+
+        Raises
+        ------
+        ValueError
+            No link of the chain, or fixed to it, has that name; names those that there are. Robots that come out of a
+            model file know no links.
+        """
 
     def with_gravity(self, gravity: Sequence[float]) -> RobotModel:
         """Return the same robot under another gravity (3,) [m/s²].
@@ -1398,6 +1429,15 @@ def phi_from_pseudo_inertia(pseudo: ArrayLike) -> _FloatArray:
     ------
     ValueError
         Another shape, or a number that is not finite.
+    """
+
+def mjcf_with_physical(model: TorqueModel) -> str:
+    """Return the chain with the physical set of `model` as a MuJoCo model: bodies, joints, motors.
+
+    Raises
+    ------
+    ValueError
+        The model has no physical set.
     """
 
 def urdf_with_physical(model: TorqueModel, original: bytes | None = None, *, source_name: str = "<string>") -> bytes:

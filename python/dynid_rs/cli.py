@@ -6,6 +6,7 @@ import typer
 
 from dynid_rs.commands._run import run_app
 from dynid_rs.commands.cache import cache
+from dynid_rs.commands.compare import compare
 from dynid_rs.commands.diagnose import diagnose
 from dynid_rs.commands.estimate import estimate
 from dynid_rs.commands.excite import excite
@@ -14,6 +15,7 @@ from dynid_rs.commands.fleet import fleet
 from dynid_rs.commands.identify import identify
 from dynid_rs.commands.init import init
 from dynid_rs.commands.inspect import inspect
+from dynid_rs.commands.payload import payload
 from dynid_rs.commands.report import report
 from dynid_rs.commands.simulate import simulate
 
@@ -23,7 +25,21 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-for command in (init, inspect, excite, identify, diagnose, estimate, export, simulate, report, fleet, cache):
+for command in (
+    init,
+    inspect,
+    excite,
+    identify,
+    diagnose,
+    compare,
+    payload,
+    estimate,
+    export,
+    simulate,
+    report,
+    fleet,
+    cache,
+):
     app.command()(command)
 
 

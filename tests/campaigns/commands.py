@@ -61,7 +61,7 @@ def _runs(folder: Path) -> tuple[Path, ...]:
 
 
 def _identify(folder: Path, *options: object) -> tuple[object, ...]:
-    return ("identify", folder / "robot.urdf", *_runs(folder), "-o", folder / "out", *options)
+    return ("identify", folder / "robot.urdf", *_runs(folder), "-o", folder / "out", "--force", *options)
 
 
 ALL = (
@@ -73,7 +73,7 @@ ALL = (
     ),
     Writing(
         "diagnose",
-        lambda d: ("diagnose", d / "robot.urdf", *_runs(d), "-o", d / "out", "--residual", "none"),
+        lambda d: ("diagnose", d / "robot.urdf", *_runs(d), "-o", d / "out", "--force", "--residual", "none"),
         ((".", FOUR),),
     ),
     Writing(

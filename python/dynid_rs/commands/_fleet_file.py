@@ -70,7 +70,8 @@ class FleetRobot:
         for key in ("robot", "runs"):
             if not given.get(key):
                 raise ValueError(f"{key} is missing; every robot has a robot and runs")
-        return Job(**(given | {"output": self.output}))
+        # What is done is looked up before this; what is left has changed, and is done again.
+        return Job(**(given | {"output": self.output, "force": True}))
 
     def _texts(self, key: str, value: Any) -> list[str]:
         if isinstance(value, str):

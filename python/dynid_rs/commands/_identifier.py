@@ -16,14 +16,19 @@ if TYPE_CHECKING:
 MODEL_FILE, RESULT_FILE, RESIDUALS_FILE = "model.json", "result.json", "residuals.parquet"
 
 
-def check_places(output: Path, inputs: list[Path | None]) -> None:
-    """Refuse before any work is done: a folder that cannot be written, results that would replace what is read."""
-    from dynid_rs.commands._output import check_folder, check_not_read
+def check_places(output: Path, inputs: list[Path | None], *, force: bool = False) -> None:
+    """Refuse before any work is done: a folder that cannot be written, results that would replace what is read.
+
+    A finished result is replaced with `force` only.
+    """
+    from dynid_rs.commands._output import check_folder, check_not_read, check_unfinished
     from dynid_rs.report import REPORT_FILE
 
     results = (MODEL_FILE, RESULT_FILE, RESIDUALS_FILE, REPORT_FILE)
     check_folder(output, results)
     check_not_read([output / name for name in results], [path for path in inputs if path is not None])
+    if not force:
+        check_unfinished(output, RESULT_FILE)
 
 
 def known_terms(path: Path | None, robot: Any) -> list[Any]:

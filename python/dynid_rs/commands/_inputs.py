@@ -9,6 +9,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import typer
+
 if TYPE_CHECKING:
     from dynid_rs.archive.runs import RunFile
     from dynid_rs.base.findings import Finding
@@ -34,13 +36,15 @@ def read_robot(
     tip: str | None = None,
     gravity: str | None = None,
     rules: Config | None = None,
+    *,
+    xacro: bool = False,
 ) -> Any:
-    """Read a robot, URDF or robot.toml, in its own gravity or in the given one, "X,Y,Z" [m/s^2].
+    """Read a robot in its own gravity or in the given one, "X,Y,Z" [m/s^2]; say on standard error which chain it is.
 
-    What is not given here, `rules` may say.
+    What is not given here, `rules` may say. The chain is said only where the file leaves a choice.
     """
-    from dynid_rs import _core
     from dynid_rs.base.files import check_readable
+    from dynid_rs.model import robot_file
     from dynid_rs.runs.readers.config_file import STRONGEST_GRAVITY
     from dynid_rs.runs.readers.formats import SUFFIXES
 
@@ -54,7 +58,10 @@ def read_robot(
         raise ValueError(
             f"{path}: this is a run, and a robot (URDF or robot.toml) is expected here; the robot comes before the runs"
         )
-    return _core.RobotModel.from_file(place, base=base, tip=tip, gravity=vector)
+    robot = robot_file.read_robot(place, base=base, tip=tip, gravity=vector, xacro=xacro)
+    if robot.choice is not None:
+        typer.echo(f"{path.name}: {robot.choice}", err=True)
+    return robot
 
 
 def read_rules(config: Path | None) -> Config:
@@ -69,11 +76,12 @@ def chain_ends(base: str | None, tip: str | None, rules: Config | None) -> tuple
     return base or (rules.base if rules else None), tip or (rules.tip if rules else None)
 
 
-def with_rotors(robot: Any, settings: Settings, path: Path, base: str | None, tip: str | None) -> Any:
+def with_rotors(
+    robot: Any, settings: Settings, path: Path, base: str | None, tip: str | None, *, xacro: bool = False
+) -> Any:
     """Return the robot with the rotor inertias of `dynid.toml`; the same one where it gives none."""
-    from dynid_rs import _core
     from dynid_rs.base.errors import DataError
-    from dynid_rs.base.files import check_readable
+    from dynid_rs.model import robot_file
 
     inertia, n = settings.config.rotor_inertia, robot.n_joints
     if inertia is None:
@@ -89,7 +97,7 @@ def with_rotors(robot: Any, settings: Settings, path: Path, base: str | None, ti
     rotors = list(inertia) * (n // len(inertia))
     base, tip = chain_ends(base, tip, settings.config)
     gravity = robot.gravity.tolist()
-    return _core.RobotModel.from_urdf(check_readable(path), base=base, tip=tip, gravity=gravity, rotor_inertia=rotors)
+    return robot_file.read_robot(path, base=base, tip=tip, gravity=gravity, rotor_inertia=rotors, xacro=xacro)
 
 
 def read_settings(config: Path | None, drive_gain: str | None, n_joints: int) -> Settings:
@@ -134,6 +142,11 @@ def read_friction(paths: list[Path], robot: Any, settings: Settings, memory: int
                 "not streamed; give fewer of them, or raise --memory"
             )
     return recordings
+
+
+def read_runs(paths: list[Path], robot: Any, settings: Settings) -> tuple[list[Recording], list[Finding]]:
+    """Read runs, in parts where they have gaps, without the signals that contradict their positions; with findings."""
+    return _read(parted_sources(paths, [], robot, settings)[0])
 
 
 def _read(sources: Sequence[RunFile]) -> tuple[list[Recording], list[Finding]]:

@@ -31,6 +31,7 @@ class Job:
     gravity: str | None = None
     base: str | None = None
     tip: str | None = None
+    xacro: bool = False
     drive_gain: str | None = None
     weighting: str = "joint_variance"
     prior: str = "auto"
@@ -42,6 +43,7 @@ class Job:
     cutoff: float | None = None
     physical: bool = False
     memory: str = "4GB"
+    force: bool = False
 
     @property
     def inputs(self) -> list[Path]:
@@ -74,12 +76,12 @@ class Job:
         if self.physical:
             _check_physical()
         limit = size_in_bytes("--memory", self.memory)
-        check_places(self.output, [*self.inputs])
+        check_places(self.output, [*self.inputs], force=self.force)
         work = make_work()
         say("reading")
-        model = read_robot(self.robot, self.base, self.tip, self.gravity, read_rules(self.config))
+        model = read_robot(self.robot, self.base, self.tip, self.gravity, read_rules(self.config), xacro=self.xacro)
         settings = read_settings(self.config, self.drive_gain, model.n_joints)
-        model = with_rotors(model, settings, self.robot, self.base, self.tip)
+        model = with_rotors(model, settings, self.robot, self.base, self.tip, xacro=self.xacro)
         identifier = _identifier(
             model, self.weighting, self.prior, self.residual, self.compensator, self.cutoff, self.friction_law
         )

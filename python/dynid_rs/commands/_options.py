@@ -7,7 +7,9 @@ from typing import Annotated
 
 import typer
 
-Robot = Annotated[Path, typer.Argument(metavar="ROBOT", help="The arm: URDF or robot.toml")]
+Robot = Annotated[
+    Path, typer.Argument(metavar="ROBOT", help="The arm: URDF, robot.toml, MuJoCo model (.xml) or, with --xacro, xacro")
+]
 Runs = Annotated[list[Path], typer.Argument(metavar="RUN...", help="Runs to learn from (docs/logs.md)")]
 Output = Annotated[
     Path, typer.Option("--output", "-o", metavar="DIR", help="Folder for the results", show_default=False)
@@ -23,7 +25,10 @@ Gravity = Annotated[
     typer.Option(metavar="X,Y,Z", help="Free fall in the base frame [m/s^2]; the robot file's, or 0,0,-9.81"),
 ]
 Base = Annotated[str | None, typer.Option(help="First link of the chain, where the URDF leaves a choice")]
-Tip = Annotated[str | None, typer.Option(help="Last link of the chain, where the URDF branches")]
+Tip = Annotated[
+    str | None, typer.Option(help="Last link of the chain, where the URDF branches; the end of the longest by default")
+]
+Xacro = Annotated[bool, typer.Option("--xacro", help="Expand ROBOT, a xacro source, which is a program: ask for it")]
 DriveGain = Annotated[
     str | None,
     typer.Option(metavar="G[,G...]", help="Joint torque per motor current [N*m/A], one per joint or one for all"),
@@ -52,4 +57,5 @@ Cache = Annotated[
         metavar="DIR", help="Keep every streamed run's results here; the same command goes on where it broke off"
     ),
 ]
+Force = Annotated[bool, typer.Option("--force", help="Replace the finished result that DIR holds")]
 Json = Annotated[bool, typer.Option("--json", help="Answer as JSON on standard output")]

@@ -51,6 +51,20 @@ def check_not_read(outputs: Sequence[Path], inputs: Sequence[Path]) -> None:
             raise ValueError(f"{path}: is read here and would be replaced; name another file or folder")
 
 
+def check_unfinished(folder: Path, last: str) -> None:
+    """Refuse a folder that holds a finished result: the file `last`, which is there when all of it is.
+
+    Raises
+    ------
+    FileExistsError
+        It does; the text is a sentence.
+    """
+    if (folder / last).exists():
+        raise FileExistsError(
+            f"{folder}: holds a finished result already ({last}); name another folder, or replace it with --force"
+        )
+
+
 def check_file(path: Path) -> None:
     """Refuse a file that cannot be written before any work is done.
 

@@ -36,12 +36,14 @@ def diagnose(
     gravity: _options.Gravity = None,
     base: _options.Base = None,
     tip: _options.Tip = None,
+    xacro: _options.Xacro = False,
     drive_gain: _options.DriveGain = None,
     weighting: _options.Weighting = "joint_variance",
     prior: _options.Prior = "auto",
     known: _options.Known = None,
     friction_law: _options.FrictionLaw = "smooth",
     cutoff: _options.Cutoff = None,
+    force: _options.Force = False,
     json_output: _options.Json = False,
 ) -> int:
     """Find the physical effects that an arm's model lacks, add them, and report the error before and after.
@@ -67,12 +69,12 @@ def diagnose(
     )
     from dynid_rs.runs.facts import check_torque
 
-    check_places(output, [robot, *runs, *(test or []), config, known, reference])
+    check_places(output, [robot, *runs, *(test or []), config, known, reference], force=force)
     with progress() as say:
         say("reading")
-        model = read_robot(robot, base, tip, gravity, read_rules(config))
+        model = read_robot(robot, base, tip, gravity, read_rules(config), xacro=xacro)
         settings = read_settings(config, drive_gain, model.n_joints)
-        model = with_rotors(model, settings, robot, base, tip)
+        model = with_rotors(model, settings, robot, base, tip, xacro=xacro)
         options = identifier_options(weighting, prior, cutoff, friction_law)
         options["known"] = known_terms(known, model)
         split, findings = read_split(runs, test or [], test_from, model, settings)

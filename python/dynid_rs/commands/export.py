@@ -23,6 +23,12 @@ def export(
         Path | None,
         typer.Option(metavar="ORIGINAL.urdf", help="Edit this file's text: only <inertial> and <dynamics> change"),
     ] = None,
+    mjcf: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="OUT.xml", help="MuJoCo model of `dynid identify --physical`, with motors", show_default=False
+        ),
+    ] = None,
     c_header: Annotated[
         bool, typer.Option("--c-header", help="The whole model as one C99 file: no allocation, no library but math.h")
     ] = False,
@@ -35,17 +41,21 @@ def export(
     ] = None,
     json_output: Annotated[bool, typer.Option("--json", help="Answer as JSON on standard output")] = False,
 ) -> int:
-    """Write a model as a URDF with physically consistent inertials (--urdf), or as C (--c-header -o OUT.h).
+    """Write a model as a URDF (--urdf) or MuJoCo model (--mjcf) with inertials that bodies can have, or as C.
 
     With --robot everything else of the original URDF stays byte for byte; without it the URDF holds links and joints
     alone. The C header gives the numbers of dynid-estimator for controllers that can have no library.
     """
-    if (urdf is not None) == c_header:
-        raise ValueError("say what to write: either --urdf OUT.urdf, or --c-header with -o OUT.h")
+    if (urdf is not None) + (mjcf is not None) + c_header != 1:
+        raise ValueError("say what to write: --urdf OUT.urdf, --mjcf OUT.xml, or --c-header with -o OUT.h")
+    if not c_header and (output is not None or name is not None):
+        raise ValueError("-o and --name belong to --c-header; --urdf and --mjcf name their own file")
     if urdf is not None:
-        if output is not None or name is not None:
-            raise ValueError("-o and --name belong to --c-header; --urdf names its own file")
         answer, text = _write_urdf(model, urdf, robot)
+    elif mjcf is not None:
+        if robot is not None:
+            raise ValueError("--robot belongs to --urdf; a MuJoCo model is made of the model alone")
+        answer, text = _write_mjcf(model, mjcf)
     else:
         if robot is not None:
             raise ValueError("--robot belongs to --urdf; a C header is made of the model alone")
@@ -93,6 +103,28 @@ def _write_urdf(model: Path, target: Path, robot: Path | None) -> Answer:
         rotors = ", ".join(f"{inertia:.4g}" for inertia in physical.rotor_inertia)
         text += f"\nURDF has no place for rotor inertias; they are, joint by joint: {rotors} kg*m^2"
     return answer, text
+
+
+def _write_mjcf(model: Path, target: Path) -> Answer:
+    from dynid_rs._core import TorqueModel
+    from dynid_rs.base.files import check_readable, write_bytes
+    from dynid_rs.commands._output import check_file, check_not_read
+    from dynid_rs.model.export import mjcf
+
+    check_file(target)
+    check_not_read([target], [model])
+    loaded = TorqueModel.load(check_readable(model))
+    try:
+        content = mjcf(loaded)
+    except ValueError as error:
+        raise ValueError(f"{model}: {error}") from None
+    write_bytes(target, content.encode())
+    unit = "A" if loaded.torque_unit == "A" else "N*m (N)"
+    kinds = [effect.kind for effect, _ in loaded.effects]
+    text = f"{target}\neach joint has a motor, whose ctrl is in {unit}"
+    if kinds:
+        text += f"\nof friction it holds the Coulomb and the viscous part; the model's effects are: {', '.join(kinds)}"
+    return {"mjcf": str(target), "ctrl_unit": unit, "effects": kinds}, text
 
 
 def _write_header(model: Path, target: Path, name: str | None) -> Answer:

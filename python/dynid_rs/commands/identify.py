@@ -22,6 +22,7 @@ def identify(
     gravity: _options.Gravity = None,
     base: _options.Base = None,
     tip: _options.Tip = None,
+    xacro: _options.Xacro = False,
     drive_gain: _options.DriveGain = None,
     weighting: _options.Weighting = "joint_variance",
     prior: _options.Prior = "auto",
@@ -41,6 +42,7 @@ def identify(
     memory: _options.Memory = "4GB",
     cache: _options.Cache = None,
     jobs: _options.Jobs = 1,
+    force: _options.Force = False,
     json_output: _options.Json = False,
 ) -> int:
     """Identify friction, link dynamics and residual of an arm from measured runs.
@@ -63,6 +65,7 @@ def identify(
         gravity=gravity,
         base=base,
         tip=tip,
+        xacro=xacro,
         drive_gain=drive_gain,
         weighting=weighting,
         prior=prior,
@@ -74,6 +77,7 @@ def identify(
         cutoff=cutoff,
         physical=physical,
         memory=memory,
+        force=force,
     )
     with progress() as say:
         result = job.run(lambda: opened_work(cache, jobs), say)

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from dynid_rs.commands import _options
 from dynid_rs.commands._run import print_json, run_command, sentence
 
 
@@ -17,6 +18,9 @@ def inspect(
     robot: Annotated[
         Path | None, typer.Option("--robot", metavar="R", help="URDF or robot.toml: joint names, kinds and limits")
     ] = None,
+    base: _options.Base = None,
+    tip: _options.Tip = None,
+    xacro: _options.Xacro = False,
     config: Annotated[
         Path | None,
         typer.Option("--config", metavar="dynid.toml", help="Column names, units, gears, gains, signs"),
@@ -32,7 +36,7 @@ def inspect(
     from dynid_rs.model.inertials import inertial_findings
 
     rules = read_rules(config)
-    model = None if robot is None else read_robot(robot, rules=rules)
+    model = None if robot is None else read_robot(robot, base, tip, rules=rules, xacro=xacro)
     of_robot = [] if model is None or robot is None else inertial_findings(model, robot.name)
     inspections = compared([one for path in runs for one in inspect_run(path, model, rules)], model)
     code = exit_code(inspections)

@@ -108,6 +108,8 @@ def simulate(
     from dynid_rs.simulation.folder import TRUTH_FILE, robot_name
 
     source = bundled_robot() if robot is None else robot
+    if source.suffix.lower() in (".xml", ".mjcf", ".xacro"):
+        raise ValueError(f"{source}: the folder keeps a copy of the robot; give it as a URDF or robot.toml")
     model = read_robot(source)
     plans = [read_plan(path, model) for path in trajectory or ()]
     simulation = measure(

@@ -1,11 +1,13 @@
-"""The identified model for other programs: a URDF with the physically consistent inertials, or the whole model in C."""
+"""The identified model for other programs: URDF, MuJoCo and Pinocchio with the bodies, or the whole model in C."""
 
 from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import Any
 
 from dynid_rs import _core
+from dynid_rs.base.errors import MissingLibraryError
 from dynid_rs.base.files import check_readable, with_sentence
 
 
@@ -30,15 +32,65 @@ def urdf(model: _core.TorqueModel, robot: str | os.PathLike[str] | None = None) 
     OSError
         The file cannot be read.
     """
-    if model.physical is None:
-        raise ValueError(
-            "the model has no masses and inertias that a body can have, only what the torque tells; identify it again "
-            "with --physical"
-        )
+    _physical_of(model)
     if robot is None:
         return _core.urdf_with_physical(model)
     path = check_readable(robot)
     return _core.urdf_with_physical(model, _bytes_of(path), source_name=str(path))
+
+
+def mjcf(model: _core.TorqueModel) -> str:
+    """MuJoCo model (MJCF text) of the chain with the physical set of `model`, every number to its last digit.
+
+    Rotor inertias become ``armature``, viscous friction ``damping``, Coulomb friction ``frictionloss``. Each joint has
+    a motor whose ``gear`` is the torque per unit of the model's torque channel: its ``ctrl`` is a joint torque [N*m],
+    a force [N], or a current [A] where currents were fitted. Gravity is that of the base frame. All
+    other effects are left out.
+
+    Raises
+    ------
+    ValueError
+        The model has no physical set.
+    """
+    _physical_of(model)
+    return _core.mjcf_with_physical(model)
+
+
+def to_pinocchio(model: _core.TorqueModel) -> Any:
+    """`pinocchio.Model` of the chain with the physical set of `model`, in the base frame's gravity.
+
+    ``armature`` holds the rotor inertias, ``damping`` and ``friction`` those of the joints; `pinocchio.rnea` counts the
+    first one. Joints without limits are stored as (cos, sin), as Pinocchio does for URDFs.
+
+    Raises
+    ------
+    ValueError
+        The model has no physical set.
+    MissingLibraryError
+        Pinocchio is not installed.
+    """
+    physical = _physical_of(model)
+    try:
+        import pinocchio
+    except ImportError:
+        raise MissingLibraryError("pinocchio", extra="collision", purpose="Pinocchio models") from None
+    built = pinocchio.buildModelFromXML(urdf(model).decode())
+    built.name = model.robot.name
+    built.gravity.linear = model.robot.gravity
+    built.armature = physical.rotor_inertia
+    built.damping = physical.damping
+    built.friction = physical.friction
+    return built
+
+
+def _physical_of(model: _core.TorqueModel) -> _core.PhysicalSet:
+    physical = model.physical
+    if physical is None:
+        raise ValueError(
+            "the model has no masses and inertias that a body can have, only what the torque tells; identify it again "
+            "with --physical"
+        )
+    return physical
 
 
 def c_header(model: _core.TorqueModel, prefix: str) -> str:

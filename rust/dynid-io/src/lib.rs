@@ -13,6 +13,7 @@
 pub mod c_header;
 mod frame;
 pub mod mdh;
+pub mod mjcf;
 pub mod model_file;
 mod text;
 pub mod urdf;

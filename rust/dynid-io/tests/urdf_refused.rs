@@ -449,6 +449,13 @@ fn attributes_that_are_not_read() {
             "expected value; rename or delete it",
         ),
         case(
+            limit,
+            "<limit lower=\"0\" upper=\"0.4\" velocity=\"0.5\" effort=\"200\" acceleratoin=\"1\"/>",
+            "acceleratoin",
+            of_limit,
+            "is acceleration meant?",
+        ),
+        case(
             "<inertia ixx=\"0.01\"",
             "<inertia ix=\"0.01\"",
             "ix=",
@@ -595,6 +602,13 @@ fn duplicates() {
 fn elements_at_the_wrong_place() {
     let misplaced = "does not count at this place";
     check(&[
+        case(
+            "<link name=\"slider\">",
+            "<link name=\"slider\"><origin xyz=\"0 0 7\"/>",
+            "<origin xyz=\"0 0 7",
+            "link \"slider\"",
+            "the <origin> beside <inertial> does not count there",
+        ),
         case(
             "<link name=\"wrist\"/>",
             "<link name=\"wrist\"><mass value=\"1\"/></link>",

@@ -380,11 +380,8 @@ fn base_and_tip_cut_the_chain() {
         chain(&two_arms, &options(Some("r1"), None)).expect("below"),
         ["r2"]
     );
-    let error = chain(&two_arms, &none).expect_err("two ends");
-    assert!(
-        error.contains("joint \"r1\"") && error.contains("choose tip= one of \"l2\", \"rt\""),
-        "{error}"
-    );
+    // Equally long: the first of the file.
+    assert_eq!(chain(&two_arms, &none).expect("left"), ["l1", "l2"]);
     // Fixed frames are no branches, wherever they hang.
     let frames = [
         "b>x fixed",
@@ -402,18 +399,14 @@ fn base_and_tip_cut_the_chain() {
     );
     // A gripper that moves.
     let gripper = ["b>l1 revolute", "l1>f1 prismatic", "l1>f2 prismatic"];
-    let error = chain(&gripper, &none).expect_err("fingers");
-    assert!(
-        error.contains("\"f1\", \"f2\", and write type=\"fixed\""),
-        "{error}"
+    assert_eq!(
+        chain(&gripper, &options(None, Some("f2"))).expect("f1 stands"),
+        ["l1", "f2"]
     );
-    for tip in ["f1", "l1"] {
-        let error = chain(&gripper, &options(None, Some(tip))).expect_err("finger beside the way");
-        assert!(
-            error.contains("its weight would depend on its position"),
-            "{error}"
-        );
-    }
+    assert_eq!(
+        chain(&gripper, &options(None, Some("l1"))).expect("both stand"),
+        ["l1"]
+    );
     let held = ["b>l1 revolute", "l1>f1 fixed", "l1>f2 fixed"];
     assert_eq!(chain(&held, &none).expect("held"), ["l1"]);
     // A mobile platform.
@@ -626,5 +619,188 @@ fn what_other_programs_write_is_passed_over() {
     assert!(
         notes.contains("<link> of link \"base\": attributes that do not count here: concave\n"),
         "{notes}"
+    );
+}
+
+#[test]
+fn the_longest_chain_is_proposed_and_said() {
+    let humanoid = [
+        "b>leg1 revolute",
+        "leg1>leg2 revolute",
+        "b>waist revolute",
+        "waist>head revolute",
+        "waist>a1 revolute",
+        "a1>a2 prismatic",
+        "a2>palm fixed",
+        "palm>thumb revolute",
+        "thumb>nail revolute",
+        "palm>index revolute",
+    ];
+    let loaded = parse_with_notes(robot(&humanoid), "made", &UrdfOptions::default()).expect("arm");
+    let names: Vec<&str> = loaded
+        .robot
+        .joints()
+        .iter()
+        .map(|joint| joint.name.as_str())
+        .collect();
+    assert_eq!(
+        names,
+        ["waist", "a1", "a2"],
+        "the fingers are no part of it"
+    );
+    let choice = loaded.choice.expect("it branches");
+    for says in [
+        "the chain of 3 joints from \"b\" to \"a2\" is proposed: \"waist\", \"a1\", \"a2\"",
+        "held where they stand: \"head at 0\"",
+        "choose tip= for another one: \"leg2\", \"head\", \"nail\", \"index\"",
+    ] {
+        assert!(choice.contains(says), "{choice}");
+    }
+    let mut options = options(None, Some("nail"));
+    let loaded = parse_with_notes(robot(&humanoid), "made", &options).expect("with the thumb");
+    assert_eq!(loaded.robot.joints().len(), 5);
+    let choice = loaded.choice.expect("others are held");
+    assert!(
+        choice.starts_with("the chain of 5 joints from \"b\" to \"nail\" is taken"),
+        "{choice}"
+    );
+    options.tip = None;
+    let plain = ["b>l1 revolute", "l1>l2 revolute", "l2>t fixed"];
+    let loaded = parse_with_notes(robot(&plain), "made", &options).expect("one way");
+    assert_eq!(loaded.choice, None);
+}
+
+/// A branch counts in one posture: what hangs 1 m from a joint that turns by 90 degrees hangs above it, not beside it.
+#[test]
+fn branches_are_held_at_zero_or_as_near_as_they_may() {
+    let made = |limit: &str, mimic: &str| {
+        let text = robot(&[
+            "b>l1 revolute",
+            "l1>f1 revolute",
+            "f1>t1 fixed",
+            "l1>f2 prismatic",
+        ]);
+        text.replace(
+            "<joint name='f1' type='revolute'>",
+            &format!("<joint name='f1' type='revolute'>{limit}<axis xyz='0 -1 0'/>"),
+        )
+        .replace(
+            "<joint name='f2' type='prismatic'>",
+            &format!("<joint name='f2' type='prismatic'>{mimic}"),
+        )
+    };
+    let moment = |text: &str| {
+        let robot = parse(text, "f", &options(None, Some("l1")))
+            .expect("held")
+            .joints()[0]
+            .phi;
+        [robot[1], robot[2], robot[3]]
+    };
+    let near = |found: [f64; 3], expected: [f64; 3]| {
+        for (a, b) in found.iter().zip(expected) {
+            assert!(
+                (a - b).abs() < ALGEBRAIC,
+                "{found:?}, expected {expected:?}"
+            );
+        }
+    };
+    // f1 at x = 1, its tip at 2; f2 at 1.
+    near(moment(&made("", "")), [4.0, 0.0, 0.0]);
+    let quarter = "<limit lower='1.5707963267948966' upper='2'/>";
+    near(moment(&made(quarter, "")), [3.0, 0.0, 1.0]);
+    // f2 follows: 2 * 1.57 + 0.1 further along x.
+    let follows = "<mimic joint='f1' multiplier='2' offset='0.1'/>";
+    near(
+        moment(&made(quarter, follows)),
+        [3.0 + std::f64::consts::PI + 0.1, 0.0, 1.0],
+    );
+    // Its weight would depend on a joint of the chain.
+    let text = made("", "<mimic joint='l1'/>");
+    let error = parse(text, "f", &options(None, Some("l1")))
+        .expect_err("follows")
+        .to_string();
+    assert!(
+        error.contains("joint \"f2\": follows the joint \"l1\", which moves"),
+        "{error}"
+    );
+    // Followers of each other, and of nobody, stand like others.
+    for strange in ["<mimic joint='f2'/>", "<mimic joint='nobody'/>"] {
+        near(moment(&made("", strange)), [4.0, 0.0, 0.0]);
+    }
+}
+
+#[test]
+fn a_joint_that_others_follow_drives_a_gripper() {
+    let text = robot(&[
+        "b>l1 revolute",
+        "l1>l2 revolute",
+        "l2>f1 prismatic",
+        "l2>f2 prismatic",
+    ])
+    .replace(
+        "<joint name='f2' type='prismatic'>",
+        "<joint name='f2' type='prismatic'><mimic joint='f1'/>",
+    );
+    let robot = parse(&text, "f", &UrdfOptions::default()).expect("arm");
+    assert_eq!(robot.joints().len(), 2);
+    assert_eq!(robot.joints()[1].phi[0], 3.0);
+    let error = parse(&text, "f", &options(None, Some("f1")))
+        .expect_err("f2 follows")
+        .to_string();
+    assert!(error.contains("choose a tip before that joint"), "{error}");
+    let alone = "<robot name='g'><link name='p'/><link name='f'/><link name='g'/>\
+        <joint name='f' type='prismatic'><parent link='p'/><child link='f'/></joint>\
+        <joint name='g' type='prismatic'><parent link='p'/><child link='g'/><mimic joint='f'/></joint></robot>";
+    let error = parse(alone, "f", &UrdfOptions::default())
+        .expect_err("no arm")
+        .to_string();
+    assert!(
+        error.contains("no joint moves that follows no other"),
+        "{error}"
+    );
+}
+
+#[test]
+fn strangers_among_whole_limits_and_idle_origins_are_noted() {
+    let text = ARM.replace(
+        "effort=\"200\"/>",
+        "effort=\"200\" command_effort=\"80\" gear_velocity=\"10\"/>",
+    );
+    let text = text.replace(
+        "<link name=\"wrist\"/>",
+        "<link name=\"wrist\"><origin xyz=\"0 0 1\"/></link>",
+    );
+    let loaded = parse_with_notes(&text, "f", &UrdfOptions::default()).expect("sound");
+    assert_eq!(loaded.robot, arm());
+    let notes = loaded.notes.join("\n");
+    for says in [
+        "<limit> of joint \"rail\": attributes that do not count here: command_effort, gear_velocity",
+        "<origin> of link \"wrist\" does not count",
+    ] {
+        assert!(notes.contains(says), "{notes}");
+    }
+}
+
+#[test]
+fn links_say_where_they_stand() {
+    let loaded = parse_with_notes(
+        robot(&["b>l1 revolute", "l1>t fixed", "b>cam fixed"]),
+        "f",
+        &UrdfOptions::default(),
+    )
+    .expect("sound");
+    let found: Vec<(&str, Option<usize>, f64)> = loaded
+        .links
+        .iter()
+        .map(|l| (l.name.as_str(), l.joint, l.translation.x))
+        .collect();
+    assert_eq!(
+        found,
+        [
+            ("b", None, 0.0),
+            ("cam", None, 1.0),
+            ("l1", Some(0), 0.0),
+            ("t", Some(0), 1.0)
+        ]
     );
 }

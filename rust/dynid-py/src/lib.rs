@@ -76,6 +76,7 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(offline::merge_factors, m)?)?;
     m.add_function(wrap_pyfunction!(physical::pseudo_inertia, m)?)?;
     m.add_function(wrap_pyfunction!(physical::phi_from_pseudo_inertia, m)?)?;
+    m.add_function(wrap_pyfunction!(physical::mjcf_with_physical, m)?)?;
     m.add_function(wrap_pyfunction!(physical::urdf_with_physical, m)?)?;
     m.add_function(wrap_pyfunction!(c_header::c_header, m)?)?;
     m.add_function(wrap_pyfunction!(c_header::c_prefix, m)?)?;

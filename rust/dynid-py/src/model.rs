@@ -346,7 +346,7 @@ impl PyTorqueModel {
 
     #[getter]
     fn robot(&self) -> PyRobotModel {
-        PyRobotModel(Arc::new(self.0.robot().clone()))
+        self.0.robot().clone().into()
     }
 
     #[getter]

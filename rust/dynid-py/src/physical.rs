@@ -4,7 +4,7 @@ use dynid_core::link_params::{
     from_pseudo_inertia, pseudo_inertia as pseudo_inertia_of, LinkParams,
 };
 use dynid_core::PhysicalSet;
-use dynid_io::urdf;
+use dynid_io::{mjcf, urdf};
 use nalgebra::Matrix4;
 use numpy::{PyArray1, PyArray3, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
@@ -127,6 +127,15 @@ pub fn phi_from_pseudo_inertia<'py>(
         .flat_map(|link| from_pseudo_inertia(&Matrix4::from_column_slice(link)))
         .collect();
     Ok(PyArray1::from_vec(py, phi))
+}
+
+/// The chain with the physical set of `model` as a MuJoCo model.
+#[pyfunction]
+pub fn mjcf_with_physical(model: &PyTorqueModel) -> PyResult<String> {
+    let physical = model.0.physical();
+    let physical =
+        physical.ok_or_else(|| PyValueError::new_err("the model has no physical set"))?;
+    Ok(mjcf::minimal(model.0.robot(), physical))
 }
 
 /// A URDF with the physical set of `model`: the text of the original, edited in place, or a chain of links and joints.

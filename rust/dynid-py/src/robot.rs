@@ -8,8 +8,9 @@ use dynid_core::{
 };
 use dynid_io::mdh::{self, MdhOptions};
 use dynid_io::model_file;
-use dynid_io::urdf::{self, UrdfOptions};
+use dynid_io::urdf::{self, Loaded, PlacedLink, UrdfOptions};
 use dynid_offline::{batch, OfflineError};
+use numpy::PyArrayMethods;
 use numpy::{PyArray1, PyArray2, PyArray3, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -21,7 +22,38 @@ use crate::{arrays, errors, small};
 /// A serial robot: kinematics, gravity and declared inertial parameters. Immutable.
 #[pyclass(name = "RobotModel", module = "dynid_rs._core", frozen)]
 #[derive(Clone)]
-pub struct PyRobotModel(pub Arc<RobotModel>);
+pub struct PyRobotModel(pub Arc<RobotModel>, Arc<Said>);
+
+/// What the reader of a robot file should know; empty for a robot that comes from elsewhere.
+#[derive(Default)]
+struct Said {
+    choice: Option<String>,
+    links: Vec<PlacedLink>,
+    notes: Vec<String>,
+}
+
+impl From<RobotModel> for PyRobotModel {
+    fn from(robot: RobotModel) -> Self {
+        Self(Arc::new(robot), Arc::default())
+    }
+}
+
+impl From<Loaded> for PyRobotModel {
+    fn from(loaded: Loaded) -> Self {
+        let Loaded {
+            robot,
+            choice,
+            links,
+            notes,
+        } = loaded;
+        let said = Said {
+            choice,
+            links,
+            notes,
+        };
+        Self(Arc::new(robot), Arc::new(said))
+    }
+}
 
 impl PyRobotModel {
     fn per_joint<'py>(
@@ -33,6 +65,13 @@ impl PyRobotModel {
     }
 }
 
+/// The joint that moves a link, and the link's rotation and translation in the frame of that joint's link.
+pub type LinkFrame<'py> = (
+    Option<usize>,
+    Bound<'py, PyArray2<f64>>,
+    Bound<'py, PyArray1<f64>>,
+);
+
 /// A function and its argument, as `pickle` wants them.
 pub type Rebuild<'py> = (Bound<'py, PyAny>, (String,));
 
@@ -40,7 +79,7 @@ pub type Rebuild<'py> = (Bound<'py, PyAny>, (String,));
 #[pyfunction]
 pub fn _robot_of(text: &str) -> PyResult<PyRobotModel> {
     let robot = model_file::robot_from_text(text, "<pickle>").map_err(errors::model_file)?;
-    Ok(PyRobotModel(Arc::new(robot)))
+    Ok(robot.into())
 }
 
 /// What to say of a batch that went wrong; which number was not finite is only looked for now.
@@ -84,9 +123,9 @@ impl PyRobotModel {
     ) -> PyResult<Self> {
         let options = options(base, tip, gravity, rotor_inertia);
         let robot = py
-            .detach(|| urdf::load(&path, &options))
+            .detach(|| urdf::load_with_notes(&path, &options))
             .map_err(errors::urdf)?;
-        Ok(Self(Arc::new(robot)))
+        Ok(robot.into())
     }
 
     #[staticmethod]
@@ -102,9 +141,9 @@ impl PyRobotModel {
     ) -> PyResult<Self> {
         let options = options(base, tip, gravity, rotor_inertia);
         let robot = py
-            .detach(|| urdf::parse(text, source_name, &options))
+            .detach(|| urdf::parse_with_notes(text, source_name, &options))
             .map_err(errors::urdf)?;
-        Ok(Self(Arc::new(robot)))
+        Ok(robot.into())
     }
 
     #[staticmethod]
@@ -122,7 +161,7 @@ impl PyRobotModel {
         let robot = py
             .detach(|| mdh::load(&path, &options))
             .map_err(errors::mdh)?;
-        Ok(Self(Arc::new(robot)))
+        Ok(robot.into())
     }
 
     #[staticmethod]
@@ -141,7 +180,7 @@ impl PyRobotModel {
         let robot = py
             .detach(|| mdh::parse(text, source_name, &options))
             .map_err(errors::mdh)?;
-        Ok(Self(Arc::new(robot)))
+        Ok(robot.into())
     }
 
     /// A `.toml` is a table of modified Denavit-Hartenberg rows, anything else a URDF.
@@ -207,6 +246,16 @@ impl PyRobotModel {
     }
 
     #[getter]
+    fn choice(&self) -> Option<&str> {
+        self.1.choice.as_deref()
+    }
+
+    #[getter]
+    fn notes(&self) -> Vec<String> {
+        self.1.notes.clone()
+    }
+
+    #[getter]
     fn gravity<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
         PyArray1::from_slice(py, self.0.gravity().as_slice())
     }
@@ -251,9 +300,25 @@ impl PyRobotModel {
         self.per_joint(py, |j| j.limits.effort)
     }
 
+    /// Where a link of the robot file stands in the link that carries it.
+    fn link_frame<'py>(&self, py: Python<'py>, link: &str) -> PyResult<LinkFrame<'py>> {
+        let links = &self.1.links;
+        let Some(placed) = links.iter().find(|placed| placed.name == link) else {
+            let names: Vec<&str> = links.iter().map(|placed| placed.name.as_str()).collect();
+            let names = names.join(", ");
+            return Err(PyValueError::new_err(format!(
+                "no link of the chain or fixed to it is named {link:?}; there are: {names}"
+            )));
+        };
+        let rotation = placed.rotation.transpose(); // numpy reads rows first
+        let rotation = PyArray1::from_slice(py, rotation.as_slice()).reshape([3, 3])?;
+        let translation = PyArray1::from_slice(py, placed.translation.as_slice());
+        Ok((placed.joint, rotation, translation))
+    }
+
     fn with_gravity(&self, gravity: [f64; 3]) -> PyResult<Self> {
         let robot = self.0.with_gravity(gravity.into()).map_err(errors::core)?;
-        Ok(Self(Arc::new(robot)))
+        Ok(Self(Arc::new(robot), Arc::clone(&self.1)))
     }
 
     fn with_joint_moved(
@@ -272,7 +337,7 @@ impl PyRobotModel {
             .0
             .with_joint_moved(joint, offset.into(), rotation_vector.into())
             .map_err(errors::core)?;
-        Ok(Self(Arc::new(robot)))
+        Ok(robot.into())
     }
 
     #[pyo3(signature = (q, dq, ddq, phi=None, *, out=None))]

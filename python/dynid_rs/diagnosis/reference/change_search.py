@@ -79,6 +79,18 @@ class ChangeSearch:
             beliefs.append(self.believed)
         return beliefs
 
+    def name(self, kind: str) -> Named:
+        """Take it that a change of the whole arm has happened, however little it explains, and fit it."""
+        weighing = self.weigh()
+        hypothesis = next(h for h in hypotheses(self.believed, self.columns) if h.kind == kind)
+        free, held = self.split(hypothesis)
+        covariance = weighing.covariance(free, held)
+        chosen = np.isin(free, hypothesis.places)
+        p_value = _wald(weighing.solve(free, held)[free], covariance, chosen)
+        self.named.append(Named(hypothesis, p_value, []))
+        self._update()
+        return self.named[-1]
+
     def weigh(self) -> Weighing:
         """Everything that may have changed, linear about what is believed."""
         self.columns = change_columns(self.believed, self.runs, 1 / self.noise)

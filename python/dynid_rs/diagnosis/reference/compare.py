@@ -87,7 +87,7 @@ def compare(
     from threadpoolctl import threadpool_limits
 
     train, test = list(train), list(test)
-    _check(reference, robot, [*train, *test])
+    check_runs(reference, robot, [*train, *test])
     band = Band(cutoff) if cutoff is not None else choose_band(train)
     rate = common_rate(train)
     runs = prepare_training_runs(train, band, rate, torque_delay=reference.torque_delay)
@@ -170,7 +170,14 @@ def _unexplained(ratio: FloatArray, names: Sequence[str]) -> list[Finding]:
     ]
 
 
-def _check(reference: _core.TorqueModel, robot: _core.RobotModel, recordings: Sequence[Recording]) -> None:
+def check_runs(reference: _core.TorqueModel, robot: _core.RobotModel, recordings: Sequence[Recording]) -> None:
+    """Refuse runs that cannot be held against a trusted model.
+
+    Raises
+    ------
+    DataError
+        Of another robot, or in another torque unit.
+    """
     if robot.n_joints != reference.robot.n_joints:
         raise DataError(
             f"the reference is a model of {reference.robot.n_joints} joints, the robot {robot.name!r} has "

@@ -65,6 +65,25 @@ def physical_payload(
     return replace(believed, payload=nearest), findings
 
 
+def seen_directions(
+    weighing: Weighing, places: NDArray[np.intp], free: NDArray[np.intp], held: NDArray[np.intp]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """What the torque says of a payload beside all else: eigenvalues (10,), eigenvectors (10, 10) and scale (10,).
+
+    Of the payload's normal matrix, everything else eliminated, each parameter over `scale`.
+    """
+    beside = np.concatenate([np.setdiff1d(free, places), held]).astype(np.intp)
+    gram = weighing.gram(np.concatenate([places, beside]))
+    prior = np.where(np.isin(beside, held), weighing.precision[beside], weighing.weak[beside])
+    gram[range(10, len(gram)), range(10, len(gram))] += prior
+    own = gram[:10, :10]
+    if len(beside):
+        own = own - gram[:10, 10:] @ np.linalg.pinv(gram[10:, 10:], hermitian=True) @ gram[10:, :10]
+    scale = np.sqrt(np.maximum(np.diag(own), 1e-300))
+    values, vectors = np.linalg.eigh(own / np.outer(scale, scale))
+    return values, vectors, scale
+
+
 def _nearest(
     payload: FloatArray,
     weighing: Weighing,
@@ -76,15 +95,7 @@ def _nearest(
     mass = max(float(payload[0]), 1e-3)
     root = np.sqrt(mass) * np.diag([UNKNOWN_RADIUS, UNKNOWN_RADIUS, UNKNOWN_RADIUS, 1.0])
     root[:3, 3] = np.sqrt(mass) * np.clip(payload[1:4] / mass, -1.0, 1.0)
-    beside = np.concatenate([np.setdiff1d(free, places), held]).astype(np.intp)
-    gram = weighing.gram(np.concatenate([places, beside]))
-    prior = np.where(np.isin(beside, held), weighing.precision[beside], weighing.weak[beside])
-    gram[range(10, len(gram)), range(10, len(gram))] += prior
-    own = gram[:10, :10]
-    if len(beside):
-        own = own - gram[:10, 10:] @ np.linalg.pinv(gram[10:, 10:], hermitian=True) @ gram[10:, :10]
-    scale = np.sqrt(np.maximum(np.diag(own), 1e-300))
-    values, vectors = np.linalg.eigh(own / np.outer(scale, scale))
+    values, vectors, scale = seen_directions(weighing, places, free, held)
     matrix = np.zeros((10, 11))
     matrix[:, :10] = (np.sqrt(np.maximum(values, 0.0)) * vectors).T * scale
     terms = Terms(matrix, matrix[:, :10] @ payload, np.zeros(1), np.ones(1))

@@ -63,6 +63,15 @@ pub(super) struct SecondOrigin {
     pub(super) same_rotation: bool,
 }
 
+/// A `<mimic>`: the position is `multiplier` times that of `joint`, plus `offset`.
+#[derive(Clone, Debug)]
+pub(super) struct Mimic {
+    pub(super) at: usize,
+    pub(super) joint: String,
+    pub(super) multiplier: f64,
+    pub(super) offset: f64,
+}
+
 /// A `<joint>`.
 pub(super) struct JointFacts {
     pub(super) name: String,
@@ -72,7 +81,9 @@ pub(super) struct JointFacts {
     pub(super) child: Reference,
     /// Greatest acceleration, which urdf-rs does not know \[rad/s², m/s²\].
     pub(super) acceleration: f64,
-    pub(super) mimic_at: Option<usize>,
+    /// Least and greatest position \[rad, m\].
+    pub(super) range: [f64; 2],
+    pub(super) mimic: Option<Mimic>,
     pub(super) second_origin: Option<SecondOrigin>,
 }
 

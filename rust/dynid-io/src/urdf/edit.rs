@@ -5,12 +5,13 @@
 use std::fmt::Write;
 use std::ops::Range;
 
-use dynid_core::link_params::{to_centre, LinkParams};
+use dynid_core::link_params::{pseudo_inertia, to_centre, LinkParams};
 use dynid_core::physical::PhysicalSet;
 use dynid_core::robot::RobotModel;
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Cholesky, Matrix3, Vector3};
 
-use super::chain::Body;
+use super::chain::{Body, Held};
+use super::document::Motion;
 use super::error::UrdfError;
 use super::source::{Notes, Source};
 use super::spans::{self, Span, Spans};
@@ -23,10 +24,12 @@ const SAME: f64 = 1e-9;
 /// The original's text with the inertials of `physical`, and its friction as `<dynamics>`.
 ///
 /// The link behind a moving joint gets the total of all that is fixed to it; `<inertial>` of the links fixed to it is
-/// taken out. Links and joints that are no part of the model's chain stay as they are.
+/// taken out. Links and joints that are no part of the model's chain stay as they are; what they weigh, in the posture that
+/// they are held in, is taken off the link that carries them.
 ///
 /// # Errors
-/// [`UrdfError::Invalid`] as for [`parse`](super::parse), [`UrdfError::OtherRobot`] if its chain is not the model's.
+/// [`UrdfError::Invalid`] as for [`parse`](super::parse), [`UrdfError::OtherRobot`] if its chain is not the model's; and if those
+/// links weigh more than was identified.
 pub fn with_physical(
     text: impl AsRef<[u8]>,
     source_name: &str,
@@ -38,9 +41,10 @@ pub fn with_physical(
     let mut notes = Notes::default();
     let document = guard::read(&source, &mut notes)?;
     let tree = Tree::new(&document, &source)?;
-    let bodies = matching_chain(&tree, &source, robot)?;
+    let urdf = read_values(&document, &source)?;
+    let bodies = matching_chain(&tree, &source, robot, &urdf)?;
     let spans = spans::find(&source)?;
-    let edits = edits(&tree, &bodies, &spans, &source, physical);
+    let edits = edits(&tree, &bodies, &spans, &source, physical, &urdf)?;
     let mark = bytes.len() - source.text.len(); // a byte order mark stays too
     let mut result = bytes.get(..mark).unwrap_or_default().to_vec();
     result.extend(apply(source.text, edits).into_bytes());
@@ -52,12 +56,12 @@ fn matching_chain(
     tree: &Tree,
     source: &Source,
     robot: &RobotModel,
+    urdf: &urdf_rs::Robot,
 ) -> Result<Vec<Body>, UrdfError> {
     let other = |message: String| UrdfError::OtherRobot {
         file: source.file.to_owned(),
         message,
     };
-    let urdf = read_values(tree.document, source)?;
     let joints = robot.joints();
     let first = joints.first().map_or("", |joint| joint.name.as_str());
     let index = tree
@@ -73,7 +77,7 @@ fn matching_chain(
     let (mut difference, mut refusal) = (None, None);
     let mut base = Some(tree.edges[index].parent);
     while let Some(link) = base {
-        // Without a tip first: a file whose chain goes on is another robot's.
+        // Whoever identified a shorter chain chose a tip, the model's last link.
         for tip in [None, joints.last().map(|joint| joint.link.clone())] {
             let options = UrdfOptions {
                 base: Some(tree.link_name(link).to_owned()),
@@ -82,9 +86,9 @@ fn matching_chain(
                 rotor_inertia: None,
             };
             let mut notes = Notes::default();
-            let found = chain::find(tree, source, &options, &mut notes).and_then(|bodies| {
-                merge::robot_model(tree, &bodies, &urdf, source, &options)
-                    .map(|found| (bodies, found))
+            let found = chain::find(tree, source, &options, &mut notes).and_then(|chain| {
+                merge::robot_model(tree, &chain.bodies, urdf, source, &options)
+                    .map(|found| (chain.bodies, found))
             });
             match found {
                 Ok((bodies, found)) => match unlike(robot, &found) {
@@ -141,18 +145,31 @@ fn edits(
     spans: &Spans,
     source: &Source,
     physical: &PhysicalSet,
-) -> Vec<Edit> {
+    urdf: &urdf_rs::Robot,
+) -> Result<Vec<Edit>, UrdfError> {
     let layout = Layout::of(source.text);
     let mut edits = Vec::new();
     let moving = bodies
         .iter()
         .filter_map(|body| body.joint.map(|joint| (joint, body)));
     for (k, ((joint, body), phi)) in moving.zip(physical.links()).enumerate() {
-        if let Some(span) = spans.links.get(tree.link_name(body.link)) {
-            edits.extend(layout.inertial(span, phi));
+        let (fixed, posed) = parts(tree, body);
+        let others = merge::declared_part(tree, body, urdf, &posed);
+        let own: LinkParams = std::array::from_fn(|i| phi[i] - others[i]);
+        if !posed.is_empty() && Cholesky::new(pseudo_inertia(&own)).is_none() {
+            let message = format!(
+                "the links that hang on \"{}\" and are no part of the chain are declared with more mass or inertia than was \
+                 identified for all of them; correct theirs, or leave the original out",
+                tree.link_name(body.link)
+            );
+            let at = tree.document.links[body.link].at;
+            return Err(source.refuse(at, "<link>", message));
         }
-        for &fixed in &body.fixed {
-            if let Some(span) = spans.links.get(tree.link_name(tree.edges[fixed].child)) {
+        if let Some(span) = spans.links.get(tree.link_name(body.link)) {
+            edits.extend(layout.inertial(span, &own));
+        }
+        for link in fixed {
+            if let Some(span) = spans.links.get(tree.link_name(link)) {
                 edits.extend(
                     span.inertials
                         .iter()
@@ -168,7 +185,24 @@ fn edits(
             edits.extend(layout.dynamics(span, values));
         }
     }
-    edits
+    Ok(edits)
+}
+
+/// A body's links that are fixed to its frame link, and those behind a joint that is held.
+fn parts(tree: &Tree, body: &Body) -> (Vec<usize>, Vec<usize>) {
+    let (mut fixed, mut posed) = (Vec::new(), Vec::new());
+    let mut behind = vec![false; tree.document.links.len()];
+    for &Held { joint, .. } in &body.held {
+        let edge = tree.edges[joint];
+        behind[edge.child] =
+            behind[edge.parent] || tree.document.joints[joint].motion != Motion::Fixed;
+        if behind[edge.child] {
+            posed.push(edge.child);
+        } else {
+            fixed.push(edge.child);
+        }
+    }
+    (fixed, posed)
 }
 
 fn apply(text: &str, mut edits: Vec<Edit>) -> String {
@@ -255,7 +289,7 @@ impl<'a> Layout<'a> {
 }
 
 /// `{:?}` is the shortest text that reads back as the same number.
-pub(super) fn triple(v: &Vector3<f64>) -> String {
+pub(crate) fn triple(v: &Vector3<f64>) -> String {
     format!("{:?} {:?} {:?}", v.x, v.y, v.z)
 }
 

@@ -1,6 +1,6 @@
 //! The attributes of each kinematic element, checked one by one.
 
-use super::document::{Motion, Reference};
+use super::document::{Mimic, Motion, Reference};
 use super::numbers::{moderate, not_negative, one, three};
 use super::source::shorten;
 use super::tag::{Attribute, Tag};
@@ -171,9 +171,22 @@ pub(super) fn axis(tag: &Tag) -> Result<([f64; 3], bool), Fault> {
 }
 
 /// `<mimic>`, whose joint is refused later if it is in the chain.
-pub(super) fn mimic(tag: &Tag) -> Result<usize, Fault> {
+pub(super) fn mimic(tag: &Tag) -> Result<Mimic, Fault> {
     only(tag, &["joint", "multiplier", "offset"])?;
-    Ok(tag.at)
+    let master = required(tag, "joint", "joint=\"name of the joint that it follows\"")?;
+    let joint = at(master, checked_name(master))?;
+    let read = |name: &str, absent| {
+        tag.get(name).map_or(Ok(absent), |a| {
+            let number = one(name, &a.value, &format!("{name}=\"number\""));
+            at(a, number.and_then(|number| moderate(name, number)))
+        })
+    };
+    Ok(Mimic {
+        at: tag.at,
+        joint,
+        multiplier: read("multiplier", 1.0)?,
+        offset: read("offset", 0.0)?,
+    })
 }
 
 /// `<mass>` \[kg\].
@@ -215,6 +228,9 @@ const LIMIT: [&str; 7] = [
     "jerk",
 ];
 
+/// Attributes of `<limit>` that every exporter writes; a continuous joint has the last two.
+const COUNTING: [&str; 4] = ["lower", "upper", "velocity", "effort"];
+
 /// `<limit>`; infinite where nothing is declared.
 #[derive(Clone, Copy)]
 pub(super) struct Limit {
@@ -240,8 +256,22 @@ impl Default for Limit {
 /// `<limit>`, and a remark where a reader may be surprised.
 ///
 /// Of `lower` and `upper` one alone leaves the other at zero, as the URDF specification has it; both absent mean no limit.
-pub(super) fn limit(tag: &Tag, motion: Motion) -> Result<(Limit, Option<&'static str>), Fault> {
-    only(tag, &LIMIT)?;
+/// An attribute that nobody here knows is passed over where nothing that counts is missing: then it can be no slip of one.
+pub(super) fn limit(tag: &Tag, motion: Motion) -> Result<(Limit, Option<String>), Fault> {
+    let whole = |name: &&str| tag.get(name).is_some();
+    let bounds = if motion == Motion::Continuous {
+        2..4
+    } else {
+        0..4
+    };
+    let absent: Vec<&str> = LIMIT.into_iter().filter(|name| !whole(name)).collect();
+    let slip = |a: &Attribute| !LIMIT.contains(&a.name) && nearest(a.name, &absent).is_some();
+    let strangers = if COUNTING[bounds].iter().all(whole) && !tag.attributes.iter().any(slip) {
+        idle(tag, &LIMIT)
+    } else {
+        only(tag, &LIMIT)?;
+        None
+    };
     let read = |name: &str| {
         let mend = format!("{name}=\"number\", or leave it out for no limit");
         tag.get(name)
@@ -262,7 +292,7 @@ pub(super) fn limit(tag: &Tag, motion: Motion) -> Result<(Limit, Option<&'static
     if motion == Motion::Continuous {
         let remark = (lower.is_some() || upper.is_some())
             .then_some("lower and upper of a continuous joint do not count");
-        return Ok((limit, remark));
+        return Ok((limit, remark.map(str::to_owned).or(strangers)));
     }
     let mut remark = None;
     if let (Some(_), None) | (None, Some(_)) = (&lower, &upper) {
@@ -287,5 +317,5 @@ pub(super) fn limit(tag: &Tag, motion: Motion) -> Result<(Limit, Option<&'static
             "a range of zero is taken literally; leave the attribute out if no limit is meant",
         ));
     }
-    Ok((limit, remark))
+    Ok((limit, remark.map(str::to_owned).or(strangers)))
 }

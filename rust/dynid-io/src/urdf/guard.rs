@@ -107,6 +107,13 @@ impl Guard<'_, '_> {
                 }
                 Place::Skip
             }
+            // Exporters write one where they mean nothing by it; what they may have meant is checked when the link ends.
+            Meaning::Misplaced if parent == Place::Link && tag.name == "origin" => {
+                if let Some(link) = &mut self.link {
+                    link.stray_origin = Some(tag.at);
+                }
+                Place::Skip
+            }
             Meaning::Misplaced => {
                 let message =
                     "does not count at this place; move it, or close the element around it";
@@ -263,6 +270,12 @@ impl Guard<'_, '_> {
         match self.places.pop() {
             Some(Place::Link) => self.link.take().map_or(Ok(()), |link| {
                 let name = format!("link \"{}\"", link.name);
+                if let Some(at) = link.stray_origin {
+                    let sentence = format!(
+                        "<origin> of {name} does not count: a link has its frame from its joint"
+                    );
+                    self.notes.at(self.source, at, sentence);
+                }
                 let finished = link.finish(&mut self.document);
                 finished.map_err(|fault| self.source.refuse(fault.at, name, fault.message))
             }),

@@ -4,19 +4,79 @@ use std::collections::HashMap;
 
 use dynid_core::link_params::LinkParams;
 use dynid_core::robot::{Joint, JointKind, JointLimits, RobotModel};
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, Rotation3, Vector3};
 
 use crate::frame::{lump, Frame};
 
-use super::chain::Body;
+use super::chain::{Body, Held};
 use super::document::{Motion, Rotor};
 use super::error::UrdfError;
 use super::source::Source;
 use super::tree::Tree;
-use super::UrdfOptions;
+use super::{PlacedLink, UrdfOptions};
 
 fn frame(pose: &urdf_rs::Pose) -> Frame {
     Frame::from_xyz_rpy(pose.xyz.0, pose.rpy.0)
+}
+
+/// Frames of a body's links in that of its frame link, by the links' indices.
+fn place(tree: &Tree, body: &Body, urdf: &urdf_rs::Robot, frames: &mut [Frame]) {
+    frames[body.link] = Frame::identity();
+    for held in &body.held {
+        let edge = tree.edges[held.joint];
+        let placed = frame(&urdf.joints[held.joint].origin);
+        let placed = placed.compose(&moved(tree, urdf, held));
+        frames[edge.child] = frames[edge.parent].compose(&placed);
+    }
+}
+
+/// Declared parameters of some of a body's links together, in the frame of its frame link.
+pub(super) fn declared_part(
+    tree: &Tree,
+    body: &Body,
+    urdf: &urdf_rs::Robot,
+    links: &[usize],
+) -> LinkParams {
+    let mut frames = vec![Frame::identity(); tree.document.links.len()];
+    place(tree, body, urdf, &mut frames);
+    let part = |&link: &usize| (frames[link], declared_params(&urdf.links[link].inertial));
+    lump(links.iter().map(part))
+}
+
+/// Every link that moves as one with the base or with a body of the chain.
+pub(super) fn placed_links(tree: &Tree, bodies: &[Body], urdf: &urdf_rs::Robot) -> Vec<PlacedLink> {
+    let mut frames = vec![Frame::identity(); tree.document.links.len()];
+    let mut links = Vec::new();
+    for (body, k) in bodies.iter().zip(0_usize..) {
+        place(tree, body, urdf, &mut frames);
+        let held = body.held.iter().map(|held| tree.edges[held.joint].child);
+        links.extend(
+            std::iter::once(body.link)
+                .chain(held)
+                .map(|link| PlacedLink {
+                    name: tree.link_name(link).to_owned(),
+                    joint: k.checked_sub(1),
+                    rotation: frames[link].rotation,
+                    translation: frames[link].translation,
+                }),
+        );
+    }
+    links
+}
+
+/// What a joint that is held adds to its placement.
+fn moved(tree: &Tree, urdf: &urdf_rs::Robot, held: &Held) -> Frame {
+    let (mut frame, position) = (Frame::identity(), held.position);
+    if position == 0.0 {
+        return frame;
+    }
+    let axis = Vector3::from(urdf.joints[held.joint].axis.xyz.0).normalize();
+    if tree.document.joints[held.joint].motion == Motion::Prismatic {
+        frame.translation = axis * position;
+    } else {
+        frame.rotation = Rotation3::new(axis * position).into_inner();
+    }
+    frame
 }
 
 /// Builds the model.
@@ -46,16 +106,12 @@ pub(super) fn robot_model(
                 frames[tree.edges[j].parent].compose(&frame(&urdf.joints[j].origin)),
             )
         });
-        frames[body.link] = Frame::identity();
-        for &fixed in &body.fixed {
-            let edge = tree.edges[fixed];
-            frames[edge.child] = frames[edge.parent].compose(&frame(&urdf.joints[fixed].origin));
-        }
+        place(tree, body, urdf, &mut frames);
         let Some((index, placement)) = placed else {
             continue;
         };
-        let fixed = body.fixed.iter().map(|&fixed| tree.edges[fixed].child);
-        let links: Vec<usize> = std::iter::once(body.link).chain(fixed).collect();
+        let held = body.held.iter().map(|held| tree.edges[held.joint].child);
+        let links: Vec<usize> = std::iter::once(body.link).chain(held).collect();
         let part = |link: usize| (frames[link], declared_params(&urdf.links[link].inertial));
         let phi = lump(links.into_iter().map(part));
         let facts = &document.joints[index];

@@ -10,11 +10,7 @@ use super::edit::{dynamics, inertial, triple};
 /// A URDF of the chain alone: links without shapes, joints, inertials, friction, rotor inertias in Drake's notation.
 #[must_use]
 pub fn minimal(robot: &RobotModel, physical: &PhysicalSet) -> String {
-    let taken = |name: &str| robot.joints().iter().any(|joint| joint.link == name);
-    let mut parent = "base_link".to_owned();
-    while taken(&parent) {
-        parent.push('_');
-    }
+    let mut parent = unlike_any(robot, "base_link");
     let mut lines = vec![
         "<?xml version=\"1.0\"?>".to_owned(),
         format!(
@@ -83,6 +79,16 @@ pub fn minimal(robot: &RobotModel, physical: &PhysicalSet) -> String {
     }
     lines.push("</robot>".to_owned());
     lines.join("\n") + "\n"
+}
+
+/// `name`, made longer until no link has it.
+pub(crate) fn unlike_any(robot: &RobotModel, name: &str) -> String {
+    let taken = |name: &str| robot.joints().iter().any(|joint| joint.link == name);
+    let mut free = name.to_owned();
+    while taken(&free) {
+        free.push('_');
+    }
+    free
 }
 
 /// Angles with `R = Rz(yaw) Ry(pitch) Rx(roll)`, exact beside a pitch of 90 degrees too: there yaw alone says little, and

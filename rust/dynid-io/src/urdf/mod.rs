@@ -16,13 +16,20 @@
 //! * An absent `<axis>` is `1 0 0`; any length but zero is brought to one.
 //! * Limits that are not declared are infinite; so are positions of a continuous joint. Of `lower` and `upper` one alone
 //!   leaves the other at zero, as the specification has it.
-//! * `<axis>`, `<limit>` and `<mimic>` of joints that do not move are not looked at.
+//! * `<axis>`, `<limit>` and `<mimic>` of joints that do not move are not looked at. An attribute of `<limit>` that nobody
+//!   here knows is passed over where lower, upper, velocity and effort are all given.
+//! * A link without `<inertial>` weighs nothing.
 //!
 //! # Which joints make the chain
-//! * The way from `base` (the root, if none is given) to `tip`; without `tip`, the only way on through moving joints.
+//! * The way from `base` (the root, if none is given) to `tip`. Without `tip` the longest one of driven joints is proposed,
+//!   of equally long ones the first of the file. It ends before a joint that others follow (`<mimic>`), as a gripper has
+//!   one, and where a moving link has several branches, each shorter than the chain up to there: fingers.
+//!   [`Loaded::choice`] says in one sentence what was chosen.
 //! * Links fixed to a moving link are lumped into it. The base has no dynamics: what is fixed to it is dropped, and
 //!   branches that hang on it are passed over; so is everything above `base`, as if `base` stood still.
-//! * A branch that moves and hangs on a moving link is refused: its weight would depend on its position.
+//! * A branch that moves and hangs on a moving link is carried in one posture: each joint at zero, or as near to it as its
+//!   limits allow, a follower where the joint that it follows puts it. One that follows a joint of the chain is refused:
+//!   its weight would depend on that joint's position.
 //! * The first joint is placed in the frame of the base link, and gravity is given in that frame.
 //!
 //! # What is passed over
@@ -45,6 +52,8 @@ mod minimal;
 mod numbers;
 mod parts;
 mod places;
+mod posture;
+mod propose;
 mod source;
 mod spans;
 mod tag;
@@ -57,10 +66,14 @@ use std::io::Read;
 use std::path::Path;
 
 use dynid_core::robot::RobotModel;
+use nalgebra::{Matrix3, Vector3};
 
 pub use edit::with_physical;
 pub use error::UrdfError;
 pub use minimal::minimal;
+
+pub(crate) use edit::triple;
+pub(crate) use minimal::unlike_any;
 
 use source::{Notes, Source};
 
@@ -69,7 +82,7 @@ use source::{Notes, Source};
 pub struct UrdfOptions {
     /// Link that stands still; the root of the tree if `None`.
     pub base: Option<String>,
-    /// Link at the end of the chain; the only end if `None`.
+    /// Link at the end of the chain; if `None` the end of the longest one, see the module's documentation.
     pub tip: Option<String>,
     /// Acceleration of free fall in the base link's frame \[m/s²\].
     pub gravity: [f64; 3],
@@ -94,8 +107,25 @@ impl Default for UrdfOptions {
 pub struct Loaded {
     /// The chain.
     pub robot: RobotModel,
+    /// One sentence on the chain that was chosen, where the file leaves a choice.
+    pub choice: Option<String>,
+    /// Links that stand still, with the base or in a body of the chain.
+    pub links: Vec<PlacedLink>,
     /// Sentences about what was passed over, lumped or normalised, each with `file:line:column`.
     pub notes: Vec<String>,
+}
+
+/// A link, and how it stands in the link that carries it.
+#[derive(Clone, Debug)]
+pub struct PlacedLink {
+    /// Its name.
+    pub name: String,
+    /// The joint of the chain that moves it, counted from 0; none for what stands still with the base.
+    pub joint: Option<usize>,
+    /// From its axes to those of the frame of that joint's link, of the base link for what stands still.
+    pub rotation: Matrix3<f64>,
+    /// Its origin in that frame \[m\].
+    pub translation: Vector3<f64>,
 }
 
 /// Reads a URDF file.
@@ -163,11 +193,14 @@ pub fn parse_with_notes(
     let mut notes = Notes::default();
     let document = guard::read(&source, &mut notes)?;
     let tree = tree::Tree::new(&document, &source)?;
-    let bodies = chain::find(&tree, &source, options, &mut notes)?;
+    let chain = chain::find(&tree, &source, options, &mut notes)?;
     let urdf = read_values(&document, &source)?;
-    let robot = merge::robot_model(&tree, &bodies, &urdf, &source, options)?;
+    let robot = merge::robot_model(&tree, &chain.bodies, &urdf, &source, options)?;
+    let links = merge::placed_links(&tree, &chain.bodies, &urdf);
     Ok(Loaded {
         robot,
+        choice: chain.choice,
+        links,
         notes: notes.into_list(),
     })
 }

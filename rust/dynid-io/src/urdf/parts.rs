@@ -1,7 +1,7 @@
 //! A `<link>` and a `<joint>` while they are open: which children they have so far, and what is still missing at the end.
 
 use super::clean;
-use super::document::{Document, JointFacts, LinkFacts, Motion, Reference, SecondOrigin};
+use super::document::{Document, JointFacts, LinkFacts, Mimic, Motion, Reference, SecondOrigin};
 use super::elements::{self, Fault, Limit, Pose};
 use super::places::Place;
 use super::tag::Tag;
@@ -62,6 +62,8 @@ pub(super) struct OpenLink {
     pub(super) name: String,
     at: usize,
     inertial: Option<OpenInertial>,
+    /// An `<origin>` of the link itself, which means nothing.
+    pub(super) stray_origin: Option<usize>,
 }
 
 impl OpenLink {
@@ -70,6 +72,7 @@ impl OpenLink {
             name,
             at: tag.at,
             inertial: None,
+            stray_origin: None,
         }
     }
 
@@ -102,6 +105,11 @@ impl OpenLink {
     pub(super) fn finish(self, document: &mut Document) -> Result<(), Fault> {
         let mut inertial = None;
         if let Some(open) = self.inertial {
+            if let (Some(at), None) = (self.stray_origin, &open.origin) {
+                let message = "the <origin> beside <inertial> does not count there; move it into <inertial>, or delete it"
+                    .to_owned();
+                return Err(Fault { at, message });
+            }
             let mass = missing(
                 open.mass,
                 open.at,
@@ -136,7 +144,7 @@ pub(super) struct OpenJoint {
     child: Option<Reference>,
     axis: Option<[f64; 3]>,
     limit: Option<Limit>,
-    mimic_at: Option<usize>,
+    mimic: Option<Mimic>,
 }
 
 impl OpenJoint {
@@ -151,7 +159,7 @@ impl OpenJoint {
             child: None,
             axis: None,
             limit: None,
-            mimic_at: None,
+            mimic: None,
         }
     }
 
@@ -169,7 +177,7 @@ impl OpenJoint {
                     remark,
                 })
             }
-            "mimic" => once(&mut self.mimic_at, tag, elements::mimic(tag)?)?,
+            "mimic" => once(&mut self.mimic, tag, elements::mimic(tag)?)?,
             "axis" => {
                 let (axis, scaled) = elements::axis(tag)?;
                 once(&mut self.axis, tag, axis)?;
@@ -178,7 +186,7 @@ impl OpenJoint {
             _ => {
                 let (limit, surprise) = elements::limit(tag, self.motion)?;
                 once(&mut self.limit, tag, limit)?;
-                remark = surprise.map(str::to_owned);
+                remark = surprise;
             }
         }
         Ok(Taken::leaf(remark))
@@ -223,7 +231,8 @@ impl OpenJoint {
             parent,
             child,
             acceleration: limit.acceleration,
-            mimic_at: self.mimic_at,
+            range: [limit.lower, limit.upper],
+            mimic: self.mimic,
             second_origin: self.second_origin,
         });
         Ok(())

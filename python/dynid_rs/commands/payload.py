@@ -1,0 +1,125 @@
+"""`dynid payload`: what the arm carries, as load data."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from dynid_rs.commands import _options
+from dynid_rs.commands._run import EXIT_NO, print_json, run_command
+
+if TYPE_CHECKING:
+    from dynid_rs.base.findings import Finding
+    from dynid_rs.diagnosis.reference import Load
+
+SURE = 0.01
+"""A load is seen where none would look like it less often than this."""
+MAKERS = {"ur": "Universal Robots", "kuka": "KUKA", "abb": "ABB", "fanuc": "Fanuc"}
+
+
+@run_command
+def payload(
+    model: Annotated[
+        Path, typer.Argument(metavar="MODEL.json", help="What `dynid identify` made of the arm without the load")
+    ],
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Runs with the load: Parquet, CSV or NPZ")],
+    flange: Annotated[
+        str | None,
+        typer.Option(metavar="LINK", help="Frame of the answer, a link of --robot; the last by default"),
+    ] = None,
+    robot: Annotated[
+        Path | None, typer.Option(metavar="ROBOT", help="The arm, for --flange: where that link stands")
+    ] = None,
+    config: _options.Config = None,
+    drive_gain: _options.DriveGain = None,
+    cutoff: _options.Cutoff = None,
+    json_output: _options.Json = False,
+) -> int:
+    """Weigh the tool or workpiece that an arm carries: mass, centre and inertia with 95 % intervals.
+
+    The answer is a body that can exist, told as the load data of UR, KUKA, ABB and Fanuc. Friction and offsets may
+    differ a little from the model's, as from day to day. Ends with 1 if no load is seen, or the data has an error.
+    """
+    from dynid_rs import _core
+    from dynid_rs.base.files import check_readable
+    from dynid_rs.commands._console import progress
+    from dynid_rs.commands._inputs import check_cutoff, read_runs, read_settings
+
+    with progress() as say:
+        say("reading")
+        reference = _core.TorqueModel.load(check_readable(model))
+        frame = _frame(reference.robot, robot, flange)
+        settings = read_settings(config, drive_gain, reference.robot.n_joints)
+        recordings, findings = read_runs(runs, reference.robot, settings)
+        check_cutoff(cutoff, recordings)
+        say("weighing")
+        from dynid_rs.diagnosis.reference import weigh_load
+
+        load = weigh_load(reference, recordings, cutoff=cutoff, frame=frame)
+    name = flange or reference.robot.link_names[-1]
+    answer = _answer(load, name, reference.robot.joint_names, [*findings, *load.findings])
+    if json_output:
+        print_json(answer)
+    else:
+        for line in _lines(answer):
+            typer.echo(line)
+    return 0 if answer["seen"] and not any(finding.severity == "error" for finding in findings) else EXIT_NO
+
+
+def _frame(model: Any, robot: Path | None, flange: str | None) -> Any:
+    """Rotation and translation of the flange in the model's last link; None for that link's own frame."""
+    from dynid_rs.model.robot_file import read_robot
+
+    if flange is None and robot is None:
+        return None
+    if flange is None or robot is None:
+        raise ValueError("--flange and --robot belong together: a link, and the robot file that says where it stands")
+    joint, rotation, translation = read_robot(robot, tip=model.link_names[-1]).link_frame(flange)
+    if joint is None or joint != model.n_joints - 1:
+        raise ValueError(
+            f"{robot}: the link {flange} does not move with {model.link_names[-1]}, the model's last link; name one "
+            "that is fixed to it"
+        )
+    return rotation, translation
+
+
+def _answer(load: Load, frame: str, joints: list[str], findings: list[Finding]) -> dict[str, Any]:
+    from dynid_rs.diagnosis.reference.load_data import quantities, vendor_words
+
+    seen = load.p_value < SURE and load.mass > 0
+    return {
+        "format": "dynid-payload",
+        "version": 1,
+        "frame": frame,
+        "seen": bool(seen),
+        "p_value": load.p_value,
+        "load": quantities(load),
+        "words": vendor_words(load) if seen else {},
+        "joints": list(joints),
+        "rmse": {"before": load.rmse_before.tolist(), "after": load.rmse_after.tolist()},
+        "findings": [finding.to_json() for finding in findings],
+    }
+
+
+def _lines(answer: dict[str, Any]) -> list[str]:
+    mass = answer["load"][0]
+    bounds = _bounds(mass)
+    if not answer["seen"]:
+        why = "less than the model's arm does" if mass["value"] < 0 else "nothing that the noise would not look like"
+        return [f"no load is seen: the arm carries {why} ({mass['value']:.3g} kg, 95 %: {bounds})"]
+    lines = [f"load in the frame of {answer['frame']}, inertia about its centre (95 % interval)"]
+    for entry in answer["load"]:
+        lines.append(f"  {entry['name']:<5}{entry['value']:>10.4g}  ({_bounds(entry)}) {entry['unit']}")
+    lines += [f"{MAKERS[maker]}: {words}" for maker, words in answer["words"].items()]
+    errors = zip(answer["joints"], answer["rmse"]["before"], answer["rmse"]["after"], strict=True)
+    lines.append("error [N*m] " + ", ".join(f"{joint} {before:.3g} -> {after:.3g}" for joint, before, after in errors))
+    return lines + [f"{finding['severity']}: {finding['message']}" for finding in answer["findings"]]
+
+
+def _bounds(entry: dict[str, Any]) -> str:
+    if entry["interval"] is None:
+        return "not seen"
+    low, high = entry["interval"]
+    return f"{low:.4g} to {high:.4g}"

@@ -1,0 +1,176 @@
+"""What an arm carries: the payload that separates its runs from a trusted model, as a body with intervals."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid_rs import _core
+from dynid_rs.base.errors import DataError
+from dynid_rs.base.findings import Finding
+from dynid_rs.diagnosis.reference.change_search import ChangeSearch
+from dynid_rs.diagnosis.reference.changes import PAYLOAD, Believed
+from dynid_rs.diagnosis.reference.compare import REFERENCE_DATA, check_runs
+from dynid_rs.diagnosis.reference.payload import physical_payload, seen_directions
+from dynid_rs.identification.training import prepare_training_runs
+from dynid_rs.model.assembly import evaluate
+from dynid_rs.regression.evaluation import rmse
+from dynid_rs.regression.uncertainty import NORMAL_95
+from dynid_rs.runs.preprocessing import Band, choose_band, common_rate
+from dynid_rs.runs.recording import Recording
+
+FloatArray = NDArray[np.float64]
+
+STEP = 1e-6
+"""Of the difference that carries the covariance to mass, centre and inertia, over a parameter's standard deviation."""
+
+
+LEAST_STEP = 1e-4
+"""...where that is nothing [kg, kg*m, kg*m^2]."""
+ROUNDING = 1e-6
+"""Slopes below this over the largest are rounding."""
+UNSEEN = 1e-8
+"""Eigenvalue of the payload's normal matrix over the largest below which a direction is not seen at all."""
+
+
+@dataclass(frozen=True, eq=False)
+class Load:
+    """A body on the last link, seen in one frame.
+
+    Parameters
+    ----------
+    mass : float
+        [kg].
+    centre : ndarray (3,)
+        Centre of mass [m].
+    inertia : ndarray (6,)
+        About the centre, along the frame's axes: Ixx, Iyy, Izz, Ixy, Ixz, Iyz [kg*m^2].
+    intervals : ndarray (10, 2)
+        95 % of mass, centre and inertia, in this order; infinite where the runs do not show the quantity.
+    p_value : float
+        Probability of a load as large as this one if there were none.
+    rmse_before, rmse_after : ndarray (n_joints,)
+        Error without and with the load, in the band [N*m].
+    findings : list of Finding
+        What a person should know.
+    """
+
+    mass: float
+    centre: FloatArray
+    inertia: FloatArray
+    intervals: FloatArray
+    p_value: float
+    rmse_before: FloatArray
+    rmse_after: FloatArray
+    findings: list[Finding] = field(default_factory=list)
+
+
+def weigh_load(
+    reference: _core.TorqueModel,
+    runs: Sequence[Recording],
+    *,
+    cutoff: float | None = None,
+    frame: tuple[FloatArray, FloatArray] | None = None,
+) -> Load:
+    """Weigh what the arm carries on `runs`, beside the friction and the offsets that differ from day to day.
+
+    Parameters
+    ----------
+    reference : TorqueModel
+        Of the arm without the load, in N*m.
+    runs : sequence of Recording
+        With the load.
+    cutoff : float, optional
+        Band [Hz] in which torques are compared; chosen from the motion if None.
+    frame : ((3, 3), (3,)), optional
+        Rotation and translation [m] of the flange in the last link's frame; that frame itself by default.
+
+    Raises
+    ------
+    DataError
+        Runs of another robot or in another torque unit than the reference's, or a reference in ampere.
+    """
+    from threadpoolctl import threadpool_limits
+
+    runs = list(runs)
+    if reference.torque_unit != "N*m":
+        raise DataError(
+            "the model was learned from currents, in which a load has no kilograms; identify again with --drive-gain",
+            code="wrong_reference",
+        )
+    check_runs(reference, reference.robot, runs)
+    band = Band(cutoff) if cutoff is not None else choose_band(runs)
+    prepared = prepare_training_runs(runs, band, common_rate(runs), torque_delay=reference.torque_delay)
+    with threadpool_limits(limits=1, user_api="blas"):
+        search = ChangeSearch(Believed.unchanged(reference, reference.robot.phi), prepared)
+        named = search.name(PAYLOAD)
+        weighing = search.weigh()
+        free, held = search.split()
+        estimate = search.believed.payload
+        covariance = (1 + 1 / REFERENCE_DATA) * weighing.covariance(free, held)
+        places = named.hypothesis.places
+        covariance = covariance[np.ix_(*2 * [np.searchsorted(free, places)])]
+        believed, findings = physical_payload(search.believed, weighing, places, free, held)
+        values, vectors, scale = seen_directions(weighing, places, free, held)
+        hidden = vectors[:, values < UNSEEN * values[-1]] / scale[:, None]
+        counted = [states.counted for states in prepared]
+        before, after = (
+            rmse([s.in_band(s.tau - evaluate(b.model(), s)[0]) for s in prepared], counted)
+            for b in (Believed.unchanged(reference, reference.robot.phi), believed)
+        )
+    rotation, translation = (np.eye(3), np.zeros(3)) if frame is None else frame
+    value = _body(believed.payload, rotation, translation)
+    slopes = _slopes(estimate, covariance, rotation, translation)
+    margin = NORMAL_95 * np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, covariance, slopes), 0.0))
+    margin[_moved(slopes, hidden)] = np.inf
+    middle = _body(estimate, rotation, translation)
+    # The nearest body may lie beside the estimate: the interval holds both.
+    low, high = np.minimum(middle - margin, value), np.maximum(middle + margin, value)
+    intervals = np.stack([low, high], axis=1)
+    if not np.isfinite(intervals).all():
+        findings.append(
+            Finding(
+                "load_partly_unseen",
+                "info",
+                "the runs do not show all of the load: numbers without an interval are those of the body nearest to "
+                "what they show; move more joints, or all of them in more ways",
+            )
+        )
+    return Load(float(value[0]), value[1:4], value[4:], intervals, named.p_value, before, after, findings)
+
+
+def _body(phi: FloatArray, rotation: FloatArray, translation: FloatArray) -> FloatArray:
+    """Mass, centre, and inertia about it (10,) of ten link parameters, in a frame that stands so in the link's."""
+    mass = float(phi[0])
+    if mass == 0:
+        return np.zeros(10)
+    pseudo = _core.pseudo_inertia(phi)[0]
+    centre = pseudo[:3, 3] / mass
+    # Second moments about the centre; the inertia is their trace less themselves.
+    moments = rotation.T @ (pseudo[:3, :3] - mass * np.outer(centre, centre)) @ rotation
+    inertia = np.trace(moments) * np.eye(3) - moments
+    entries = [inertia[0, 0], inertia[1, 1], inertia[2, 2], inertia[0, 1], inertia[0, 2], inertia[1, 2]]
+    return np.array([mass, *(rotation.T @ (centre - translation)), *entries])
+
+
+def _slopes(phi: FloatArray, covariance: FloatArray, rotation: FloatArray, translation: FloatArray) -> FloatArray:
+    """Derivative (10, 10) of what `_body` says by the parameters."""
+    size = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    steps = STEP * np.maximum(size, LEAST_STEP)
+    slopes = np.empty((10, 10))
+    for k, step in enumerate(steps):
+        ahead, behind = (_body(phi + sign * step * np.eye(10)[k], rotation, translation) for sign in (1, -1))
+        slopes[:, k] = (ahead - behind) / (2 * step)
+    return slopes
+
+
+def _moved(slopes: FloatArray, hidden: FloatArray) -> NDArray[np.bool_]:
+    """Quantities (10,) that change along directions (10, k) of which the torque says nothing."""
+    if not hidden.shape[1]:
+        return np.zeros(10, dtype=bool)
+    largest = np.outer(np.abs(slopes).max(axis=1), np.abs(hidden).max(axis=0))
+    moved: NDArray[np.bool_] = np.any(np.abs(slopes @ hidden) > ROUNDING * largest, axis=1)
+    return moved
