@@ -14,9 +14,9 @@ from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
-from sklearn.base import BaseEstimator
 
 from dynid_rs import _core
+from dynid_rs.base.estimator import Estimator
 from dynid_rs.base.odds import SURE
 from dynid_rs.identification.links import LinkDynamicsIdentifier
 from dynid_rs.regression.columns import Observations, Plan
@@ -48,7 +48,7 @@ SPREAD_HERE, LARGEST_STEP = 0.3, 0.5
 """How far the logarithm of a shape may be off in a Gauss-Newton step, and the longest step."""
 
 
-class SmoothFrictionIdentifier(BaseEstimator):  # type: ignore[misc]
+class SmoothFrictionIdentifier(Estimator):
     """Width and sharpness of every joint's friction.
 
     Parameters

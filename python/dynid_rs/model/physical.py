@@ -13,10 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from sklearn.base import BaseEstimator
-from sklearn.utils.validation import check_is_fitted
 
 from dynid_rs import _core
+from dynid_rs.base.estimator import Estimator, check_is_fitted
 from dynid_rs.model.assembly import with_parts
 from dynid_rs.model.bodies import Program, Terms, declared_bodies
 from dynid_rs.regression.columns import Observations, Plan
@@ -34,7 +33,7 @@ NEGLIGIBLE = 1e-12
 """Relative singular values below this are rounding."""
 
 
-class PhysicalIdentifier(BaseEstimator):  # type: ignore[misc]
+class PhysicalIdentifier(Estimator):
     """Physically consistent standard parameters from the triangular factors of a fit.
 
     Minimises ``|R x - r|^2 / noise^2 + w (sum_i |M_i - 1|_F^2 + sum_j (J_j - J_declared,j)^2 / J_ref,j^2)`` over

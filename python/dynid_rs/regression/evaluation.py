@@ -86,7 +86,7 @@ def noise_floor(runs: Sequence[States]) -> FloatArray:
     from below.
     """
     from scipy.signal import freqz_sos, welch
-    from scipy.stats import chi2
+    from scipy.special import chdtri
 
     power, weight = np.zeros(runs[0].tau.shape[1]), np.zeros(runs[0].tau.shape[1])
     for states in runs:
@@ -98,7 +98,7 @@ def noise_floor(runs: Sequence[States]) -> FloatArray:
         stretches = np.array_split(high, min(8, len(high) // 4))
         # A line's power is chi-squared distributed over the segments that were averaged: its median is below its mean.
         n_segments = max(1, (len(states.tau) - WELCH) // (WELCH // 2) + 1)
-        middle = chi2.median(2 * n_segments) / (2 * n_segments)
+        middle = chdtri(2 * n_segments, 0.5) / (2 * n_segments)
         level = np.min([np.median(stretch, axis=0) / middle for stretch in stretches], axis=0)
         _, response = freqz_sos(states.filter[0], worN=frequency, fs=states.rate)
         passed = np.trapezoid(np.abs(response) ** 4, frequency)  # forwards and backwards
