@@ -154,7 +154,7 @@ def exchange(belief: Belief) -> bool:
     for effect, places in zip(belief.setup.effects, belief.places(), strict=True):
         others = belief.beside.without(places)
         (own,) = belief.catalogue.of([shaped_as(effect)])
-        here = [s for s in belief.catalogue.grid() if s.joints == own.joints and (s.kind, s.joints) not in belief.named]
+        here = [s for s in belief.catalogue.grid if s.joints == own.joints and (s.kind, s.joints) not in belief.named]
         values, _ = evidence(others, belief.catalogue.of(here), belief.catalogue)
         best = max(values.values(), key=lambda value: value.value, default=None)
         now, columns = others.evidence_for(own)
@@ -186,7 +186,7 @@ def merge(belief: Belief) -> bool:
         first, second = belief.catalogue.of([one, two])
         value, columns = others.evidence_for(first)
         both = value + others.with_columns(columns).evidence_for(second)[0]
-        here = [s for s in belief.catalogue.grid() if s.joints == one.joints and (s.kind, s.joints) not in belief.named]
+        here = [s for s in belief.catalogue.grid if s.joints == one.joints and (s.kind, s.joints) not in belief.named]
         values, _ = evidence(others, belief.catalogue.of(here), belief.catalogue)
         best = max(values.values(), key=lambda value: value.value, default=None)
         if best is None:

@@ -162,6 +162,12 @@ class States:
             self._digests[id(signal)] = hashlib.sha256(np.ascontiguousarray(signal).data).digest()
         return self._digests[id(signal)]
 
+    @cached_property
+    def motion(self) -> tuple[Any, ...]:
+        """What columns in the band are made of beside the load."""
+        names = ("q", "dq", "ddq", "q_motor", "dq_motor", "ddq_motor", "temperature", "rows")
+        return self.rate, self.band.cutoff, b"".join(self.digest(name) for name in names)
+
     def velocity_noise(self, j: int) -> float:
         """Standard deviation of joint j's motor-side velocity above the band [rad/s], by its median."""
         above = self.dq_motor[:, j] - self.band.apply(self.dq_motor[:, j], self.rate)
