@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
+from dynid_rs.runs.low_pass import butterworth, steady_state
 from dynid_rs.runs.recording import Recording
 
 FloatArray = NDArray[np.float64]
@@ -48,13 +49,11 @@ EXACT = 1e-2
 
 @lru_cache(maxsize=64)
 def _design(rate: float, cutoff: float) -> Filter | None:
-    from scipy.signal import butter, sosfilt_zi
-
     relative = cutoff / (rate / 2)
     if relative >= 0.95:
         return None
-    sections = butter(ORDER, relative, output="sos")
-    return sections, sosfilt_zi(sections), int(3 * rate / cutoff)
+    sections = butterworth(ORDER, relative)
+    return sections, steady_state(sections), int(3 * rate / cutoff)
 
 
 @dataclass(frozen=True)
