@@ -342,10 +342,8 @@ def _side(
     notes: list[str],
 ) -> tuple[FloatArray, FloatArray, FloatArray, bool]:
     """Position, velocity, acceleration on the grid, and whether they are the recorded ones untouched."""
-    from scipy.interpolate import CubicSpline
-
     t = recording.t
-    q_grid = q if grid is t else CubicSpline(t, q)(grid)
+    q_grid = q if grid is t else _spline(t, q, grid)
     if dq is not None and ddq is not None and grid is t and _belongs(q, dq, ddq, band, rate):
         return q, dq, ddq, True
     if ddq is not None:
@@ -363,6 +361,13 @@ def _side(
             why = f"lags by {1e3 * lag[j]:.0f} ms" if agrees[j] else "is not the derivative of the position"
             notes.append(f"{recording.name}: the recorded {name}_{j} {why}; the position was differentiated instead")
     return q_grid, velocity, np.gradient(velocity, 1 / rate, axis=0), False
+
+
+def _spline(t: FloatArray, x: FloatArray, grid: FloatArray) -> FloatArray:
+    from scipy.interpolate import CubicSpline  # late: with it comes scipy.optimize, and most runs are on the grid
+
+    between: FloatArray = CubicSpline(t, x)(grid)
+    return between
 
 
 def _linear(t: FloatArray, x: FloatArray, grid: FloatArray) -> FloatArray:
