@@ -10,7 +10,8 @@ import pytest
 import sklearn.base
 from sklearn.exceptions import NotFittedError
 
-from dynid_rs.base.estimator import Estimator, check_is_fitted, clone
+from dynid_rs.base.estimator import Estimator, clone
+from dynid_rs.regression.is_fitted import check_is_fitted
 
 
 class Inner(Estimator):

@@ -58,20 +58,5 @@ def clone(estimator: T) -> T:
     return type(estimator)(**{n: clone(own) if _is_estimator(own) else deepcopy(own) for n, own in params.items()})
 
 
-def check_is_fitted(estimator: Any, attribute: str) -> None:
-    """Refuse an estimator that has not learned an attribute.
-
-    Raises
-    ------
-    NotFittedError
-        scikit-learn's, a ValueError.
-    """
-    if hasattr(estimator, attribute):
-        return
-    from sklearn.exceptions import NotFittedError
-
-    raise NotFittedError(f"This {type(estimator).__name__} instance is not fitted yet; call fit before using it.")
-
-
 def _is_estimator(value: Any) -> bool:
     return hasattr(value, "get_params") and not isinstance(value, type)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
-from dynid_rs.base.estimator import Estimator, check_is_fitted, clone
+from dynid_rs.base.estimator import Estimator, clone
 from dynid_rs.identification.friction import FrictionIdentifier
 from dynid_rs.identification.friction_laws import DEFAULT_LAW, laws_per_joint
 from dynid_rs.identification.links import LinkDynamicsIdentifier
@@ -24,6 +24,7 @@ from dynid_rs.model.assembly import Regressions, evaluate
 from dynid_rs.model.known import KnownTerm, check_known
 from dynid_rs.model.placed import HeldEffect, PlacedEffect, held_terms
 from dynid_rs.regression.columns import Observations, observe
+from dynid_rs.regression.is_fitted import check_is_fitted
 from dynid_rs.regression.scales import free_scales
 from dynid_rs.regression.uncertainty import parameter_covariance
 from dynid_rs.runs.facts import check_training_runs

@@ -15,11 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
-from dynid_rs.base.estimator import Estimator, check_is_fitted
+from dynid_rs.base.estimator import Estimator
 from dynid_rs.model.assembly import with_parts
 from dynid_rs.model.bodies import Program, Terms, declared_bodies
 from dynid_rs.regression.columns import Observations, Plan
 from dynid_rs.regression.fitted import FittedLinks, weighted_system
+from dynid_rs.regression.is_fitted import check_is_fitted
 from dynid_rs.regression.systems import residual_power
 
 FloatArray = NDArray[np.float64]
