@@ -62,4 +62,4 @@ def power_density(x: FloatArray, rate: float, length: int) -> tuple[FloatArray, 
     spectra = np.fft.rfft((parts - parts.mean(axis=1, keepdims=True)) * window[:, None], axis=1)
     density = np.mean(np.abs(spectra) ** 2, axis=0) / (rate * np.sum(window**2))
     density[1 : -1 if length % 2 == 0 else None] *= 2
-    return np.fft.rfftfreq(length, 1 / rate), density
+    return np.asarray(np.fft.rfftfreq(length, 1 / rate), dtype=np.float64), density
