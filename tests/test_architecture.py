@@ -50,7 +50,7 @@ DENIED = {
         "identification/smooth_friction.py": "widths and sharpness are improved in their logarithm",
         "regression/error_interval.py": "an interval of a ratio, in its logarithm",
         "diagnosis/estimates.py": "an interval of a scale, in its logarithm",
-        "diagnosis/sensors/contact.py": "a chance from its logarithm",
+        "runs/low_pass.py": "poles and frequencies on the unit circle, in complex numbers",
         "diagnosis/sensors/lag.py": "a shift in time, in complex numbers",
     },
     r"(?m)^\s*(import|from) (pickle|joblib|dill|cloudpickle|shelve|marshal)\b": {

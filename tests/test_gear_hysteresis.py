@@ -67,7 +67,7 @@ def test_one_encoder_is_enough_to_fit_it(elastic, plain):
     fit = dyn.ThreeLoopIdentifier(robot, residual=None, effects=placed(arm)).fit(runs)
     assert (fit.links_.noise_std_ < 0.5 * plain.links_.noise_std_).all()
     assert_allclose(lost(fit), arm.hysteresis, rtol=0.2)
-    assert not [shaped for shaped in Catalogue(fit).grid() if shaped.kind == "gear_hysteresis"]
+    assert not [shaped for shaped in Catalogue(fit).grid if shaped.kind == "gear_hysteresis"]
 
 
 def test_the_search_tries_it_where_gears_bend(elastic, plain):
@@ -87,5 +87,5 @@ def test_a_joint_whose_encoders_say_the_same_is_not_asked(elastic):
     robot, _, runs = elastic
     same = [replace(run, q_motor=np.where(np.arange(N) == 2, run.q, run.q_motor)) for run in runs]
     fit = dyn.ThreeLoopIdentifier(robot, residual=None).fit(same)
-    asked = {shaped.joints for shaped in Catalogue(fit).grid() if shaped.kind == "gear_hysteresis"}
+    asked = {shaped.joints for shaped in Catalogue(fit).grid if shaped.kind == "gear_hysteresis"}
     assert asked == {(j,) for j in range(N) if j != 2}

@@ -81,7 +81,7 @@ def test_it_is_looked_for_where_thermometers_move(fitted):
     catalogue = Catalogue(fitted)
 
     def joints():
-        return sorted({h.joints for h in catalogue.grid() if h.kind == "temperature_friction"})
+        return sorted({h.joints for h in catalogue.grid if h.kind == "temperature_friction"})
 
     assert joints() == [(j,) for j in range(N)]
     whole = catalogue.runs

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -91,22 +92,26 @@ def convergence_findings() -> Iterator[Callable[[], list[Finding]]]:
 
     Yields a function that lists them, to be called after the body.
     """
-    from sklearn.exceptions import ConvergenceWarning
-
     from dynid_rs.base.findings import Finding
 
     caught: list[warnings.WarningMessage]
 
     def findings() -> list[Finding]:
-        messages = dict.fromkeys(str(w.message) for w in caught if issubclass(w.category, ConvergenceWarning))
+        messages = dict.fromkeys(str(w.message) for w in caught if _of_convergence(w))
         return [Finding("not_converged", "warning", message) for message in messages]
 
     with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", ConvergenceWarning)
+        warnings.simplefilter("always")
         yield findings
-    for warning in caught:
-        if not issubclass(warning.category, ConvergenceWarning):
-            warnings.warn_explicit(warning.message, warning.category, warning.filename, warning.lineno)
+    others = {(str(w.message), w.category, w.filename, w.lineno): w for w in caught if not _of_convergence(w)}
+    for warning in others.values():
+        warnings.warn_explicit(warning.message, warning.category, warning.filename, warning.lineno)
+
+
+def _of_convergence(warning: warnings.WarningMessage) -> bool:
+    """Whether it is scikit-learn's warning, which nobody can have given before that is imported."""
+    exceptions = sys.modules.get("sklearn.exceptions")
+    return exceptions is not None and issubclass(warning.category, exceptions.ConvergenceWarning)
 
 
 def scored_states(identifier: Any, test: list[Recording]) -> list[States]:

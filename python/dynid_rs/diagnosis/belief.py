@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from sklearn.base import BaseEstimator, clone
 
+from dynid_rs.base.estimator import Estimator, clone
 from dynid_rs.diagnosis.beside import Beside
 from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis, Place, Shaped, shaped_as
 from dynid_rs.diagnosis.setup import Setup
@@ -260,7 +260,8 @@ def shaped_evidence(fit: ThreeLoopIdentifier, worth: FloatArray) -> float:
     posterior, plan = fit.links_.posterior_, fit.observations_.plan
     assert posterior is not None  # every fit that is diagnosed has the weak prior
     model = posterior.model(plan, fit.observations_.joint_rows(), n_effective=worth)
-    return model.fit(posterior.choice, posterior.noise_std).evidence - fit.friction_.doubt(fit.runs_)
+    evidence: float = model.fit(posterior.choice, posterior.noise_std).evidence - fit.friction_.doubt(fit.runs_)
+    return evidence
 
 
 def following(effects: Sequence[PlacedEffect], widths: FloatArray) -> tuple[PlacedEffect, ...]:
@@ -281,7 +282,7 @@ def _apart(one: Shaped, other: Shaped) -> float:
     return max((abs(float(np.log(b / a))) for (_, a), (_, b) in pairs if a != b), default=0.0)
 
 
-def fitted(setup: Setup, train: Sequence[Recording], **options: BaseEstimator) -> ThreeLoopIdentifier:
+def fitted(setup: Setup, train: Sequence[Recording], **options: Estimator) -> ThreeLoopIdentifier:
     """Fit declared model and what was found; without a third loop."""
     return setup.identifier(residual=None, **options).fit(list(train))
 

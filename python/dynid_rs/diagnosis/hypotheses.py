@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import combinations, pairwise, product
 from typing import Any
 
@@ -30,6 +31,8 @@ CYCLES_SHOWN = {"torque_ripple": (1.0, 4.0)}
 part of it; with more there is little in the band, and `ripple.py` seeks it in the angle."""
 LEAST_WEIGHT = 0.1
 """Part of a joint's load that weight has to be where nothing tells the rotor from the link."""
+ROUNDING = 1e-9
+"""Relative change of a torque's size that is none."""
 CHUNK = 48
 """Effects whose columns are built in one pass over a run; more would only take more memory."""
 
@@ -132,7 +135,7 @@ class Catalogue:
     runs: list[States] = field(init=False)
     finer: dict[Place, Hypothesis] = field(init=False, default_factory=dict)
     _columns: dict[Shaped, Columns] = field(init=False, default_factory=dict)
-    _sizes: dict[Shaped, dict[int, FloatArray]] = field(init=False, default_factory=dict)
+    _units: dict[Shaped, FloatArray] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
         fit = self.fit
@@ -149,9 +152,12 @@ class Catalogue:
         self._widths = tanh_widths(fit.observations_.plan.friction[0])
         before, self.before = self.before, None
         if before is not None and _same_motion(before.runs, self.runs):
-            kept = [s for s in before._columns if self._still_sought(s)]
-            self._columns = {s: before._columns[s] for s in kept}
-            self._sizes = {s: before._sizes[s] for s in kept}
+            same = np.abs(self._torque / before._torque - 1) < ROUNDING
+            for s in filter(self._still_sought, before._columns):
+                self._columns[s], self._units[s] = before._columns[s], before._units[s]
+                if not all(same[list(s.joints)]):
+                    again = self._usual(self._columns[s])
+                    self._columns[s], self._units[s] = standardised(self._columns[s], again), again * self._units[s]
 
     def _still_sought(self, s: Shaped) -> bool:
         """Whether columns of an earlier fit are the same beside this one, and its sign is still that of friction."""
@@ -161,12 +167,12 @@ class Catalogue:
 
     def hypotheses(self) -> list[Hypothesis]:
         """Every kind that is sought, at every place, with every shape of its grid."""
-        return self.of(list(self.grid()))
+        return self.of(self.grid)
 
-    @property
+    @cached_property
     def n_places(self) -> int:
         """How many kinds at how many places are sought."""
-        return len({(s.kind, s.joints) for s in self.grid()})
+        return len({(s.kind, s.joints) for s in self.grid})
 
     def of(self, shaped: Sequence[Shaped]) -> list[Hypothesis]:
         """Hypotheses of these shapes, their columns built in few passes over the runs."""
@@ -175,8 +181,12 @@ class Catalogue:
             self._build(kind, [s for s in missing if s.kind == kind])
         return [self._hypothesis(s) for s in shaped]
 
-    def grid(self) -> Iterator[Shaped]:
+    @cached_property
+    def grid(self) -> list[Shaped]:
         """Every shape of every kind at every place that the signals allow."""
+        return list(self._grid())
+
+    def _grid(self) -> Iterator[Shaped]:
         n = self.fit.robot.n_joints
         for kind, entry in CATALOGUE.items():
             if entry["declared"] or not entry["sought"]:
@@ -244,11 +254,19 @@ class Catalogue:
                 rows = self._rows(effects, states) if len(effects) > 1 else self._few(effects[0], states, list(part[0]))
                 for p, pack in enumerate(part):
                     for s in dict.fromkeys(s for s, _ in pack.values()):
-                        own = {j: rows[j][:, p * width : (p + 1) * width] for j in s.joints}
-                        parts[s].append(own)
+                        parts[s].append({j: rows[j][:, p * width : (p + 1) * width] for j in s.joints})
         for s, runs in parts.items():
-            self._columns[s] = _apart({j: np.concatenate([run[j] for run in runs]) for j in s.joints})
-            self._sizes[s] = {j: np.sqrt(np.mean(part**2, axis=0)) for j, part in self._columns[s].items()}
+            columns = _apart({j: np.concatenate([run[j] for run in runs]) for j in s.joints})
+            runs.clear()
+            self._columns[s], self._units[s] = columns, self._usual(columns)
+            for own in columns.values():
+                own *= self._units[s]  # in place: all shapes together are most of what a diagnosis holds
+
+    def _usual(self, columns: Columns) -> FloatArray:
+        """Coefficients (k,) that are usual for columns beforehand."""
+        size = np.max([np.sqrt(np.mean(part**2, axis=0)) / self._torque[j] for j, part in columns.items()], axis=0)
+        usual: FloatArray = np.where(size > 0, USUAL / np.where(size > 0, size, 1.0), 0.0)
+        return usual
 
     def _effect(self, kind: str, pack: dict[int, tuple[Shaped, Shape]]) -> _core.Effect:
         idle = dict(next(iter(pack.values()))[1])
@@ -291,17 +309,15 @@ class Catalogue:
         return {j: columns[:, at] for at, j in enumerate(joints)}
 
     def _hypothesis(self, s: Shaped) -> Hypothesis:
-        columns, placed, n = self._columns[s], s.placed(), len(s.joints)
+        placed, n = s.placed(), len(s.joints)
         coefficients = CATALOGUE[s.kind]["coefficients"]
-        size = np.max([own / self._torque[j] for j, own in self._sizes[s].items()], axis=0)
-        unit = np.where(size > 0, USUAL / np.where(size > 0, size, 1.0), 0.0)
         return Hypothesis(
             s.kind,
             s.joints,
             tuple(c["name"] for c in coefficients) * n,
             tuple(c["unit"] for c in coefficients) * n,
-            standardised(columns, unit),
-            unit,
+            self._columns[s],
+            self._units[s],
             np.array([(c["lower"], c["upper"]) for c in coefficients] * n, dtype=np.float64),
             lambda setup, x: replace(setup, effects=(*setup.effects, placed)),
             s.shape,
@@ -330,6 +346,8 @@ def is_valid(kind: str, shape: Shape) -> bool:
 
 def _apart(columns: Columns) -> Columns:
     """Columns of several joints, each with coefficients of its own."""
+    if len(columns) == 1:
+        return columns
     widths = [part.shape[1] for part in columns.values()]
     edges = np.cumsum([0, *widths])
     apart = {}

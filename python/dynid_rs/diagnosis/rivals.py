@@ -43,7 +43,7 @@ def contest(belief: Belief, effect: PlacedEffect, columns: Sequence[tuple[int, i
     catalogue, beside = belief.catalogue, belief.beside.without(columns)
     (h,) = catalogue.of([shaped_as(effect)])
     own = valued(beside, catalogue, h)
-    here = [s for s in catalogue.grid() if s.joints == h.joints and (s.kind, s.joints) not in belief.named]
+    here = [s for s in catalogue.grid if s.joints == h.joints and (s.kind, s.joints) not in belief.named]
     rivals, _ = evidence(beside, catalogue.of(here), catalogue)
     for place, rival in rivals.items():
         if abs(rival.value - own.value) < WITHIN_REACH:  # so near that the gaps of the grid could decide
@@ -63,7 +63,7 @@ def valued(beside: Beside, catalogue: Catalogue, h: Hypothesis) -> Value:
     best, width = beside.with_columns(columns).best, len(h.unit)
     z = best.x[-width:] / np.sqrt(np.diag(best.covariance)[-width:])
     value = best.evidence - beside.best.evidence + float(sign_cost(z, h.bounds))
-    shapes = [s for s in catalogue.grid() if (s.kind, s.joints) == h.place]
+    shapes = [s for s in catalogue.grid if (s.kind, s.joints) == h.place]
     if shapes:
         others = catalogue.of([s for s in shapes if s.shape != h.shape])
         scores = [score.value for score in beside.screened([h, *others])]

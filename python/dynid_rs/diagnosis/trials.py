@@ -107,9 +107,9 @@ def whole_runs(lengths: Sequence[int]) -> list[BoolArray]:
 
 def worse(lost: FloatArray) -> FloatArray:
     """Whether what is lost in parts (n_parts, ...) is more than chance: one in six, by Student's t over the parts."""
-    from scipy.stats import t
+    from scipy.special import stdtrit
 
-    need = float(t.isf(CHANCE, len(lost) - 1))
+    need = -float(stdtrit(len(lost) - 1, CHANCE))
     clearly: FloatArray = lost.sum(axis=0) > need * np.sqrt(len(lost)) * lost.std(axis=0, ddof=1)
     return clearly
 

@@ -14,7 +14,7 @@ from dynid_rs.diagnosis.beside import NEVER
 from dynid_rs.diagnosis.hypotheses import USUAL, Catalogue, Hypothesis, standardised
 from dynid_rs.identification.smooth_friction import tanh_widths
 from dynid_rs.model.placed import CATALOGUE
-from dynid_rs.regression.kept_columns import kept, motion_key
+from dynid_rs.regression.kept_columns import kept
 from dynid_rs.runs.preprocessing import States
 
 FloatArray = NDArray[np.float64]
@@ -74,7 +74,7 @@ def waves(catalogue: Catalogue, j: int, arguments: Sequence[Argument], *, turnin
         parts = [s.in_band(own * sign[:, None]) for s, own, sign in zip(runs, series(), signs, strict=True)]
     else:  # the same on every joint
         load = [states.digest("tau_link") for states in runs]
-        key = ("waves", *arguments, *load, *(motion_key(states) for states in runs))
+        key = ("waves", *arguments, *load, *(states.motion for states in runs))
         parts = kept(key, lambda: [states.in_band(own) for states, own in zip(runs, series(), strict=True)])
     moves = np.concatenate([states.counted[:, j] for states in runs])
     columns = np.concatenate(parts) * moves[:, None]

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from sklearn.base import BaseEstimator
 
 from dynid_rs.base.errors import RankDeficientError
+from dynid_rs.base.estimator import Estimator
 from dynid_rs.excitation.constraints import Constraint, PhysicalLimits, torque_bound
 from dynid_rs.excitation.limits import ExcitationLimits
 from dynid_rs.excitation.merit import merit_of
@@ -29,7 +29,7 @@ BLIND = 1e6
 """A condition number above this says that some parameters are not excited at all."""
 
 
-class FourierExcitation(BaseEstimator):  # type: ignore[misc]
+class FourierExcitation(Estimator):
     """Exciting trajectory by random restarts of an SQP search with exact gradients.
 
     Parameters

@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from sklearn.base import BaseEstimator
 
 from dynid_rs import _core
+from dynid_rs.base.estimator import Estimator
 from dynid_rs.regression.columns import Plan
 from dynid_rs.runs.preprocessing import Filter, States
 
@@ -53,7 +53,7 @@ MOST_TURNS = 30
 """A search that still pays after so many turns is stopped."""
 
 
-class FrictionIdentifier(BaseEstimator):  # type: ignore[misc]
+class FrictionIdentifier(Estimator):
     """Shape of the paper's friction: threshold lambda and transition width eps per joint.
 
     Parameters

@@ -8,9 +8,9 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from sklearn.base import BaseEstimator
 
 from dynid_rs import _core
+from dynid_rs.base.estimator import Estimator
 from dynid_rs.regression.columns import Observations, Plan
 from dynid_rs.regression.evidence import Posterior, fit_with_prior
 from dynid_rs.regression.fitted import Weighting
@@ -32,7 +32,7 @@ class RowGroup:
     n_rows: NDArray[np.int64]
 
 
-class LinkDynamicsIdentifier(BaseEstimator):  # type: ignore[misc]
+class LinkDynamicsIdentifier(Estimator):
     """Base parameters and own coefficients of all joints in one least-squares problem (Eq. 19).
 
     Parameters

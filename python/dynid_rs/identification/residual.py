@@ -10,12 +10,10 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from sklearn.base import BaseEstimator
 
 from dynid_rs import _core
-from dynid_rs.identification.mixture import GaussianMixtureRegressor
+from dynid_rs.base.estimator import Estimator
 from dynid_rs.identification.partially_linear import LeftOut, LinearTerms, fit_beside
-from dynid_rs.identification.rbf import RbfRegressor
 from dynid_rs.runs.preprocessing import States
 
 FloatArray = NDArray[np.float64]
@@ -31,7 +29,7 @@ METHODS: tuple[Method, ...] = ("mixture", "rbf")
 NAMED_INPUTS: tuple[NamedInputs, ...] = ("deflection", "joint_state", "load_free_deflection")
 
 
-class ResidualCompensator(BaseEstimator):  # type: ignore[misc]
+class ResidualCompensator(Estimator):
     """Regression of each joint's residual torque on a pair of its signals.
 
     With the load-free deflection it is fitted *beside* the terms of the first two loops; with the paper's own inputs to
@@ -165,7 +163,7 @@ class ResidualCompensator(BaseEstimator):  # type: ignore[misc]
             last = self.mixtures_[j]
             if isinstance(last, _core.NormalisedRbf):
                 # Where the centres stand follows from the limits, which hardly move.
-                regressor: Any = RbfRegressor(self.n_centers_[j])
+                regressor: Any = _functions(self.n_centers_[j])
             else:
                 assert last is not None  # it is kept
                 # From the last means, or the rounds would jump between equally good mixtures.
@@ -231,12 +229,15 @@ class ResidualCompensator(BaseEstimator):  # type: ignore[misc]
 
         def make(last: Any) -> Any:
             if self.method == "rbf":
-                return RbfRegressor(size)
+                return _functions(size)
             return self._mixture(size, None if last is None else last.mixture_.means)
 
         return make
 
-    def _mixture(self, n_components: int, means: FloatArray | None) -> GaussianMixtureRegressor:
+    def _mixture(self, n_components: int, means: FloatArray | None) -> Any:
+        # scikit-learn takes a second to import; without a third loop nobody needs it.
+        from dynid_rs.identification.mixture import GaussianMixtureRegressor
+
         return GaussianMixtureRegressor(n_components, tol=1e-2, means_init=means, random_state=self.random_state)
 
     def _thin(self, n_rows: int) -> int:
@@ -250,8 +251,14 @@ class ResidualCompensator(BaseEstimator):  # type: ignore[misc]
 
 def _evaluated(regressor: Any) -> Regression:
     """What Rust evaluates of a fitted regressor."""
-    regression: Regression = regressor.rbf_ if isinstance(regressor, RbfRegressor) else regressor.mixture_
+    regression: Regression = regressor.rbf_ if hasattr(regressor, "rbf_") else regressor.mixture_
     return regression
+
+
+def _functions(size: int) -> Any:
+    from dynid_rs.identification.rbf import RbfRegressor
+
+    return RbfRegressor(size)
 
 
 def _parts(x: NDArray[Any], lone: bool) -> list[NDArray[Any]]:

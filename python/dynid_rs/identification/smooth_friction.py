@@ -14,9 +14,9 @@ from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
-from sklearn.base import BaseEstimator
 
 from dynid_rs import _core
+from dynid_rs.base.estimator import Estimator
 from dynid_rs.base.odds import SURE
 from dynid_rs.identification.links import LinkDynamicsIdentifier
 from dynid_rs.regression.columns import Observations, Plan
@@ -40,6 +40,8 @@ WIDTHS = (0.0005, 0.001, 0.002, 0.005, 0.01, 0.02, 0.04, 0.08)
 """Widths that are tried, over the joint's greatest speed."""
 USUAL_WIDTH, SPREAD = 0.003, 1.0
 """Usual width over the greatest speed, and the spread of its logarithm: what is wide is a curve of friction too."""
+AT_ONCE = 8
+"""Shapes whose columns are built in one pass over the runs; more would only take more memory."""
 HALF_UP = float(np.log(3.0) / 2)
 """Speed over its width at which a hyperbolic tangent is half up."""
 LONGEST, SHARPEST = 1.0, 10.0
@@ -48,7 +50,7 @@ SPREAD_HERE, LARGEST_STEP = 0.3, 0.5
 """How far the logarithm of a shape may be off in a Gauss-Newton step, and the longest step."""
 
 
-class SmoothFrictionIdentifier(BaseEstimator):  # type: ignore[misc]
+class SmoothFrictionIdentifier(Estimator):
     """Width and sharpness of every joint's friction.
 
     Parameters
@@ -77,7 +79,6 @@ class SmoothFrictionIdentifier(BaseEstimator):  # type: ignore[misc]
     def begin(self, n_joints: int) -> SmoothFrictionIdentifier:
         """Take the usual shape on every joint."""
         self.velocity_threshold_ = np.zeros(n_joints)
-        self._tried: list[list[FloatArray]] | None = None
         usual = (np.full(n_joints, FIRST_WIDTH), np.full(n_joints, FIRST_SHARPNESS))
         self._keep(*(usual if self.start is None else self.start))
         return self
@@ -131,29 +132,32 @@ class SmoothFrictionIdentifier(BaseEstimator):  # type: ignore[misc]
         ]
         rows = observations.joint_rows()
         _, own = plan.friction
-        if self._tried is None:  # the motion is the same in every round
-            self._tried = [
-                _core.observe(plan.robot, effects, [], *s.signals(), np.zeros_like(s.tau), filter=s.filter, kept=s.kept)
-                for s in runs
-            ]
         whole = posterior.model(plan, rows, n_effective=_at_least(posterior, observations))
         sizes = (usual_torque(effects[0], name) for name in effects[0].coefficient_names)
         usual = np.array([size * (posterior.choice.bends if bends else 1.0) for size, bends in sizes])
-        shapes = []
+        bounds = np.tile([-np.inf, np.inf], (len(usual), 1))
+        bounds[0, 0] = 0.0  # friction does not drive
+        fits = []
         for j in range(n):
             first = plan.n_base + j * plan.n_own
             model = whole.without([(j, first + k) for k in range(own.start, own.stop)])
             # At the noise that friction leaves: without friction it would be noise, and no shape better than others.
-            fit = model.at(posterior.choice, posterior.noise_std)
-            columns = np.concatenate([run[j][:, :-1] for run in self._tried])
-            torque = np.sqrt(np.mean(rows[j][:, -1] ** 2))
-            hypotheses = [{j: _standardised(part, torque * usual)} for part in np.split(columns, len(effects), axis=1)]
-            bounds = np.tile([-np.inf, np.inf], (hypotheses[0][j].shape[1], 1))
-            bounds[0, 0] = 0.0  # friction does not drive
-            scores = model.screen(fit, hypotheses, [bounds] * len(hypotheses))
-            values = [score.value - _doubt(*shape, self._top[j]) for score, shape in zip(scores, tries[j], strict=True)]
-            shapes.append(tries[j][int(np.argmax(values))])
-        return shapes
+            fits.append(model.at(posterior.choice, posterior.noise_std))
+        values = np.empty((n, len(effects)))
+        for first in range(0, len(effects), AT_ONCE):
+            part = effects[first : first + AT_ONCE]
+            tried = [
+                _core.observe(plan.robot, part, [], *s.signals(), np.zeros_like(s.tau), filter=s.filter, kept=s.kept)
+                for s in runs
+            ]
+            for j, fit in enumerate(fits):
+                columns = np.concatenate([run[j][:, :-1] for run in tried])
+                torque = np.sqrt(np.mean(rows[j][:, -1] ** 2))
+                hypotheses = [{j: _standardised(own, torque * usual)} for own in np.split(columns, len(part), axis=1)]
+                scores = fit.model.screen(fit, hypotheses, [bounds] * len(part))
+                values[j, first : first + len(part)] = [score.value for score in scores]
+        doubts = [[_doubt(*shape, self._top[j]) for shape in tries[j]] for j in range(n)]
+        return [tries[j][k] for j, k in enumerate(np.argmax(values - doubts, axis=1).tolist())]
 
     def _keep(self, width: FloatArray, sharpness: FloatArray) -> None:
         self.transition_width_, self.sharpness_ = width, sharpness

@@ -6,14 +6,13 @@ import warnings
 from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from sklearn.base import BaseEstimator, clone
-from sklearn.exceptions import ConvergenceWarning
-from sklearn.utils.validation import check_is_fitted
 
 from dynid_rs import _core
+from dynid_rs.base.estimator import Estimator, clone
 from dynid_rs.identification.friction import FrictionIdentifier
 from dynid_rs.identification.friction_laws import DEFAULT_LAW, laws_per_joint
 from dynid_rs.identification.links import LinkDynamicsIdentifier
@@ -25,6 +24,7 @@ from dynid_rs.model.assembly import Regressions, evaluate
 from dynid_rs.model.known import KnownTerm, check_known
 from dynid_rs.model.placed import HeldEffect, PlacedEffect, held_terms
 from dynid_rs.regression.columns import Observations, observe
+from dynid_rs.regression.is_fitted import check_is_fitted
 from dynid_rs.regression.scales import free_scales
 from dynid_rs.regression.uncertainty import parameter_covariance
 from dynid_rs.runs.facts import check_training_runs
@@ -32,6 +32,9 @@ from dynid_rs.runs.preprocessing import States, prepare, without
 from dynid_rs.runs.recording import Recording
 
 FloatArray = NDArray[np.float64]
+
+NOT_SETTLED = "the three loops still changed"
+"""How the warning begins that a fit has not converged."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +45,7 @@ class FitInMemory:
     links: LinkDynamicsIdentifier
 
 
-class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
+class ThreeLoopIdentifier(Estimator):
     """Torque model of an arm from measured runs (Eq. 26: ``tau = tau_friction + tau_link + tau_residual``).
 
     Parameters
@@ -224,8 +227,10 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
             if not loops.third_loop_kept or self._settled():
                 self.converged_ = True
                 return
+        from sklearn.exceptions import ConvergenceWarning
+
         warnings.warn(
-            f"the three loops still changed after {self.max_iter} rounds; raise max_iter or tol",
+            f"{NOT_SETTLED} after {self.max_iter} rounds; raise max_iter or tol",
             ConvergenceWarning,
             stacklevel=3,
         )
@@ -306,7 +311,9 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
         else:
             friction = FrictionIdentifier()
         links = clone(self.links) if self.links is not None else LinkDynamicsIdentifier()
-        residual = ResidualCompensator() if self.residual == "default" else self.residual
+        residual = self.residual if isinstance(self.residual, ResidualCompensator) else None
+        if self.residual == "default":
+            residual = ResidualCompensator()
         laws = laws_per_joint(self.friction_law, self.robot.n_joints)
         third = clone(residual) if residual is not None else None
         return Loops(self.robot, data, friction, links, third, laws, self.effects, self.free_gains, self.encoder_error)
@@ -314,7 +321,8 @@ class ThreeLoopIdentifier(BaseEstimator):  # type: ignore[misc]
     def _keep(self, loops: Loops) -> None:
         data = loops.data
         self.torque_unit_, self.rate_, self.band_ = data.torque_unit, data.rate, data.band
-        self.friction_, self.links_, self.residual_ = loops.friction, loops.links, loops.residual
+        self.friction_: Any = loops.friction  # whichever law was asked for
+        self.links_, self.residual_ = loops.links, loops.residual
         self.encoder_delay_ = loops.encoder_delay
         self.observations_, self.raw_runs_, self.runs_ = loops.observations, data.runs, loops.runs
         self.in_memory_ = FitInMemory(loops.observations, loops.links)

@@ -13,14 +13,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from sklearn.base import BaseEstimator
-from sklearn.utils.validation import check_is_fitted
 
 from dynid_rs import _core
+from dynid_rs.base.estimator import Estimator
 from dynid_rs.model.assembly import with_parts
 from dynid_rs.model.bodies import Program, Terms, declared_bodies
 from dynid_rs.regression.columns import Observations, Plan
 from dynid_rs.regression.fitted import FittedLinks, weighted_system
+from dynid_rs.regression.is_fitted import check_is_fitted
 from dynid_rs.regression.systems import residual_power
 
 FloatArray = NDArray[np.float64]
@@ -34,7 +34,7 @@ NEGLIGIBLE = 1e-12
 """Relative singular values below this are rounding."""
 
 
-class PhysicalIdentifier(BaseEstimator):  # type: ignore[misc]
+class PhysicalIdentifier(Estimator):
     """Physically consistent standard parameters from the triangular factors of a fit.
 
     Minimises ``|R x - r|^2 / noise^2 + w (sum_i |M_i - 1|_F^2 + sum_j (J_j - J_declared,j)^2 / J_ref,j^2)`` over

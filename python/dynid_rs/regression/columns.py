@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import pairwise, product
 
 import numpy as np
@@ -63,9 +64,13 @@ class Plan:
 
     def unknowns(self, j: int) -> NDArray[np.intp]:
         """Places of joint j's columns ``[own | base]`` among all unknowns."""
-        own = self.n_base + j * self.n_own + np.arange(self.n_own)
-        base = np.flatnonzero(self.pivots >= 10 * j)
-        return np.concatenate([own, base])
+        return self._unknowns[j]
+
+    @cached_property
+    def _unknowns(self) -> list[NDArray[np.intp]]:
+        own = self.n_base + np.arange(self.n_own)
+        base = [np.flatnonzero(self.pivots >= 10 * j) for j in range(len(self.own))]
+        return [np.concatenate([own + j * self.n_own, links]) for j, links in enumerate(base)]
 
     def estimable(self) -> NDArray[np.bool_]:
         """(n_columns,) false for own columns that repeat others."""

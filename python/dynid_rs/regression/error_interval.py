@@ -112,11 +112,11 @@ def mean_squares(comparisons: Sequence[Comparison]) -> list[MeanSquare | None]:
 
 def _reach(cosines: FloatArray, blocks: FloatArray, memory: float) -> float | None:
     """Half width of the 95 % interval of a relative mean square; None where the memory is too long for the run."""
-    from scipy.stats import t
+    from scipy.special import stdtrit
 
     slow = (residual_memory([blocks - blocks.mean()]) - 1) / N_BLOCKS
     memory = max(memory, slow)
     if memory > LONGEST_MEMORY:
         return None
     spread = np.sqrt(np.mean(cosines**2))
-    return float(t.ppf((1 + LEVEL) / 2, N_COSINES) * (1 + STRETCH * memory) * spread)
+    return float(stdtrit(N_COSINES, (1 + LEVEL) / 2) * (1 + STRETCH * memory) * spread)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid_rs.runs.low_pass import gain_at, power_density
 from dynid_rs.runs.preprocessing import States
 
 FloatArray = NDArray[np.float64]
@@ -85,12 +86,11 @@ def noise_floor(runs: Sequence[States]) -> FloatArray:
     that level is then passed through the band. Noise that lives inside the band alone is not seen, so this is a bound
     from below.
     """
-    from scipy.signal import freqz_sos, welch
-    from scipy.stats import chi2
+    from scipy.special import chdtri
 
     power, weight = np.zeros(runs[0].tau.shape[1]), np.zeros(runs[0].tau.shape[1])
     for states in runs:
-        frequency, density = welch(states.tau, states.rate, nperseg=min(len(states.tau), WELCH), axis=0)
+        frequency, density = power_density(states.tau, states.rate, min(len(states.tau), WELCH))
         # Torques that were thinned out carry an anti-aliasing edge at 0.4 of the rate.
         high = density[(frequency > 2 * states.band.cutoff) & (frequency < 0.35 * states.rate)]
         if states.filter is None or len(high) < 4:
@@ -98,10 +98,10 @@ def noise_floor(runs: Sequence[States]) -> FloatArray:
         stretches = np.array_split(high, min(8, len(high) // 4))
         # A line's power is chi-squared distributed over the segments that were averaged: its median is below its mean.
         n_segments = max(1, (len(states.tau) - WELCH) // (WELCH // 2) + 1)
-        middle = chi2.median(2 * n_segments) / (2 * n_segments)
+        middle = chdtri(2 * n_segments, 0.5) / (2 * n_segments)
         level = np.min([np.median(stretch, axis=0) / middle for stretch in stretches], axis=0)
-        _, response = freqz_sos(states.filter[0], worN=frequency, fs=states.rate)
-        passed = np.trapezoid(np.abs(response) ** 4, frequency)  # forwards and backwards
+        gain = gain_at(states.filter[0], frequency / states.rate)
+        passed = np.trapezoid(gain**4, frequency)  # forwards and backwards
         scored = states.counted.sum(axis=0)
         power, weight = power + scored * level * passed, weight + scored
     result: FloatArray = np.sqrt(np.divide(power, weight, out=np.full_like(power, np.nan), where=weight > 0))

@@ -16,9 +16,9 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from sklearn.base import BaseEstimator
 
 from dynid_rs import _core
+from dynid_rs.base.estimator import Estimator
 from dynid_rs.regression.columns import Observations, run_rows
 from dynid_rs.regression.fitted import FittedLinks
 from dynid_rs.regression.systems import block_residuals
@@ -42,7 +42,7 @@ NEGLIGIBLE = 1e-10
 """Relative singular values of instruments below this are rounding."""
 
 
-class InstrumentalVariables(BaseEstimator):  # type: ignore[misc]
+class InstrumentalVariables(Estimator):
     """Two-stage least squares beside a fit of the same rows, and the test of one against the other.
 
     Parameters
@@ -81,7 +81,7 @@ class InstrumentalVariables(BaseEstimator):  # type: ignore[misc]
         ValueError
             `source` is none, or the runs do not hold it.
         """
-        from scipy.stats import chi2
+        from scipy.special import chdtrc
 
         self.source_ = choose_source(runs, self.source)
         plan = observations.plan
@@ -119,7 +119,7 @@ class InstrumentalVariables(BaseEstimator):  # type: ignore[misc]
         std_plain = np.maximum(plain_std, 1e-300)
         shift = (estimate - least_squares) / std_plain
         self.statistic_, self.dof_ = _wald(shift, covariance(-1.0, 1.0) / np.outer(std_plain, std_plain))
-        self.p_value_ = float(chi2.sf(self.statistic_, self.dof_)) if self.dof_ else 1.0
+        self.p_value_ = float(chdtrc(self.dof_, self.statistic_)) if self.dof_ else 1.0
         self.x_, self.std_error_, self.shift_ = (np.zeros(plan.n_columns) for _ in range(3))
         self.x_[used], self.std_error_[used], self.shift_[used] = estimate, std_own, shift
         self.strength_ = min(s.strength for s in joints)

@@ -101,7 +101,7 @@ def effect_key(effect: _core.Effect, states: States) -> tuple[Any, ...]:
     """What an effect's columns are made of."""
     shape = tuple((name, tuple(values)) for name, values in effect.shape)
     load = states.digest("tau_link") if "tau_link" in effect.signals else b""
-    return effect.kind, shape, load, *motion_key(states)
+    return effect.kind, shape, load, states.motion
 
 
 def observed(
@@ -111,7 +111,7 @@ def observed(
     columns = _KEPT.get()
     if columns is None:
         return _observe(robot, effects, pivots, states, tau)
-    links_key = (robot, tuple(pivots), *motion_key(states))
+    links_key = (robot, tuple(pivots), states.motion)
     keys = [effect_key(effect, states) for effect in effects]
     parts = [columns.get(key) for key in keys]
     links = columns.get(links_key)
@@ -146,9 +146,3 @@ def _observe(
         step=1 / states.rate,
         temperature=states.temperature,
     )
-
-
-def motion_key(states: States) -> tuple[Any, ...]:
-    """What columns are made of beside the load."""
-    names = ("q", "dq", "ddq", "q_motor", "dq_motor", "ddq_motor", "temperature", "rows")
-    return states.rate, states.band.cutoff, *(states.digest(name) for name in names)

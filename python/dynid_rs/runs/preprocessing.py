@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
+from dynid_rs.runs.low_pass import butterworth, steady_state
 from dynid_rs.runs.recording import Recording
 
 FloatArray = NDArray[np.float64]
@@ -48,13 +49,11 @@ EXACT = 1e-2
 
 @lru_cache(maxsize=64)
 def _design(rate: float, cutoff: float) -> Filter | None:
-    from scipy.signal import butter, sosfilt_zi
-
     relative = cutoff / (rate / 2)
     if relative >= 0.95:
         return None
-    sections = butter(ORDER, relative, output="sos")
-    return sections, sosfilt_zi(sections), int(3 * rate / cutoff)
+    sections = butterworth(ORDER, relative)
+    return sections, steady_state(sections), int(3 * rate / cutoff)
 
 
 @dataclass(frozen=True)
@@ -161,6 +160,12 @@ class States:
         if id(signal) not in self._digests:
             self._digests[id(signal)] = hashlib.sha256(np.ascontiguousarray(signal).data).digest()
         return self._digests[id(signal)]
+
+    @cached_property
+    def motion(self) -> tuple[Any, ...]:
+        """What columns in the band are made of beside the load."""
+        names = ("q", "dq", "ddq", "q_motor", "dq_motor", "ddq_motor", "temperature", "rows")
+        return self.rate, self.band.cutoff, b"".join(self.digest(name) for name in names)
 
     def velocity_noise(self, j: int) -> float:
         """Standard deviation of joint j's motor-side velocity above the band [rad/s], by its median."""
@@ -337,10 +342,8 @@ def _side(
     notes: list[str],
 ) -> tuple[FloatArray, FloatArray, FloatArray, bool]:
     """Position, velocity, acceleration on the grid, and whether they are the recorded ones untouched."""
-    from scipy.interpolate import CubicSpline
-
     t = recording.t
-    q_grid = q if grid is t else CubicSpline(t, q)(grid)
+    q_grid = q if grid is t else _spline(t, q, grid)
     if dq is not None and ddq is not None and grid is t and _belongs(q, dq, ddq, band, rate):
         return q, dq, ddq, True
     if ddq is not None:
@@ -358,6 +361,13 @@ def _side(
             why = f"lags by {1e3 * lag[j]:.0f} ms" if agrees[j] else "is not the derivative of the position"
             notes.append(f"{recording.name}: the recorded {name}_{j} {why}; the position was differentiated instead")
     return q_grid, velocity, np.gradient(velocity, 1 / rate, axis=0), False
+
+
+def _spline(t: FloatArray, x: FloatArray, grid: FloatArray) -> FloatArray:
+    from scipy.interpolate import CubicSpline  # late: with it comes scipy.optimize, and most runs are on the grid
+
+    between: FloatArray = CubicSpline(t, x)(grid)
+    return between
 
 
 def _linear(t: FloatArray, x: FloatArray, grid: FloatArray) -> FloatArray:

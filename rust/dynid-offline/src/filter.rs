@@ -1,8 +1,8 @@
 //! Zero-phase low-pass: a cascade of second-order sections, forwards and backwards.
 //!
-//! The sections are designed by `scipy.signal`; only the running is here, because it has to follow every column of the
-//! regressor. Columns run side by side, one per lane. Same result as `scipy.signal.sosfiltfilt` (odd padding,
-//! steady-state start).
+//! The sections are designed in Python (`runs/low_pass.py`); only the running is here, because it has to follow every
+//! column of the regressor. Columns run side by side, one per lane. Same result as `scipy.signal.sosfiltfilt` (odd
+//! padding, steady-state start).
 
 use dynid_core::lanes::{self, Kernel, Lanes};
 

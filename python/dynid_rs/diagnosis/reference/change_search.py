@@ -188,14 +188,16 @@ class ChangeSearch:
 
 def _wald(x: FloatArray, covariance: FloatArray, chosen: NDArray[np.bool_]) -> float:
     """Probability of coefficients as far from zero as the `chosen` ones, if they were zero."""
-    from scipy.stats import chi2
+    from scipy.special import chdtrc
 
     own = covariance[np.ix_(chosen, chosen)]
     scale = 1 / np.sqrt(np.maximum(np.diag(own), 1e-300))
     values, vectors = np.linalg.eigh(own * np.outer(scale, scale))
     kept = values > 1e-9
     along = (vectors.T @ (scale * x[chosen]))[kept]
-    return float(chi2.sf(np.sum(along**2 / values[kept]), int(kept.sum())))
+    if not kept.any():
+        return 1.0  # nothing is known of them
+    return float(chdtrc(int(kept.sum()), np.sum(along**2 / values[kept])))
 
 
 def _alike(difference: FloatArray, noise: FloatArray) -> bool:

@@ -19,7 +19,7 @@ from dynid_rs.diagnosis.sensors.channels import channel_findings
 from dynid_rs.diagnosis.sensors.contact import SURE, Contact, find_contacts, windows_of
 from dynid_rs.diagnosis.sensors.messages import contact_findings
 from dynid_rs.diagnosis.setup import Setup
-from dynid_rs.identification.three_loops import ThreeLoopIdentifier
+from dynid_rs.identification.three_loops import NOT_SETTLED, ThreeLoopIdentifier
 from dynid_rs.identification.training import prepare_training_run
 from dynid_rs.runs.checks import check_recording, is_damage, moving_joints
 from dynid_rs.runs.facts import RunFacts, check_facts
@@ -99,11 +99,9 @@ def set_findings(robot: _core.RobotModel, runs: Sequence[Recording]) -> list[Fin
     found = channels_of(robot, runs)
     if found:
         return found
-    from sklearn.exceptions import ConvergenceWarning
-
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", ConvergenceWarning)  # the fit that is kept says so
+            warnings.filterwarnings("ignore", NOT_SETTLED)  # the fit that is kept says so
             fit = Setup(robot).identifier(residual=None).fit(list(runs))
         states = [prepare(recording, fit.band_, fit.rate_) for recording in runs]
     except ValueError:  # too little motion, or joints that stand still

@@ -36,6 +36,8 @@ REVERSAL_EDGES = (0.15, 0.3, 0.5, 0.8)
 QUANTILES, REST_QUANTILES = (0.5, 0.75, 0.9), (0.5, 0.75)
 """The scale is the greatest that these quantiles give: contact is rare, wrong models are not."""
 LEAST_VALUES = 20
+LEAST_CHANCE = 1e-304
+"""Smaller chances are rounding."""
 _TIMES = tuple(pairwise((0.0, *REVERSAL_EDGES, np.inf)))
 
 
@@ -226,21 +228,21 @@ def _scale_of(watch: Watch, x: _Level, pool: _Pool, pooled: bool) -> FloatArray:
 
 
 def _scale(values: FloatArray, quantiles: Sequence[float]) -> float:
-    from scipy.stats import norm
+    from scipy.special import ndtri
 
     if len(values) < LEAST_VALUES:
         return 0.0
     at = np.quantile(values, quantiles)
-    return float(np.max(at / norm.ppf(0.5 + np.array(quantiles) / 2)))
+    return float(np.max(at / ndtri(0.5 + np.array(quantiles) / 2)))
 
 
 def _together(z: FloatArray) -> FloatArray:
     """Standard deviations of all joints taken together, or of the one that stands out most, (n_grid,)."""
-    from scipy.stats import chi2
+    from scipy.special import chdtrc, chdtri
 
-    tail = np.clip(chi2.logsf(np.sum(z**2, axis=1), z.shape[1]), -700, None)
+    tail = np.maximum(chdtrc(z.shape[1], np.sum(z**2, axis=1)), LEAST_CHANCE)
     # One degree of freedom with the same chance.
-    result: FloatArray = np.maximum(np.sqrt(chi2.isf(np.exp(tail), 1)), z.max(axis=1))
+    result: FloatArray = np.maximum(np.sqrt(chdtri(1, tail)), z.max(axis=1))
     return result
 
 

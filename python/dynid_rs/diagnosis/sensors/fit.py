@@ -94,52 +94,69 @@ def fit_arm(prior: ArmPrior, runs: Sequence[Moments], size: FloatArray) -> ArmFi
     """
     n = len(size)
     n_links = len(prior.mean)
+    own = slice(n_links, None)
     total = n_links + N_OWN * n
-    at = [np.r_[np.arange(n_links), n_links + N_OWN * j + np.arange(N_OWN)] for j in range(n)]
-    columns = np.sum([run.columns for run in runs], axis=0)
-    cross = np.sum([run.cross[:, :, 0] for run in runs], axis=0)
-    power = np.sum([run.power[:, 0] for run in runs], axis=0)
-    count = np.maximum(np.sum([run.count for run in runs], axis=0), 1.0)
+    all_columns, all_cross = np.stack([run.columns for run in runs]), np.stack([run.cross[:, :, 0] for run in runs])
+    all_power = np.stack([run.power[:, 0] for run in runs])
+    counts = np.stack([run.count for run in runs])
+    columns, cross, power = all_columns.sum(axis=0), all_cross.sum(axis=0), all_power.sum(axis=0)
+    count = np.maximum(counts.sum(axis=0), 1.0)
     mean, precision = np.zeros(total), np.zeros(total)
     mean[:n_links], precision[:n_links] = prior.mean, prior.std**-2.0
-    for j in range(n):  # what friction, offset and rotor may be: as large as the torque
-        norms = np.sqrt(np.maximum(np.diag(columns[j])[n_links:] / count[j], 1e-300))
-        precision[at[j][n_links:]] = np.where(norms > 1e-100, norms / size[j], 1.0) ** 2
-    bounded = np.concatenate([n_links + N_OWN * j + np.arange(1, N_OWN) for j in range(n)])
+    # What friction, offset and rotor may be: as large as the torque.
+    squares = np.diagonal(columns, axis1=1, axis2=2)[:, own]
+    norms = np.sqrt(np.maximum(squares / count[:, None], 1e-300))
+    precision[own] = (np.where(norms > 1e-100, norms / size[:, None], 1.0) ** 2).ravel()
+    bounded = np.flatnonzero(np.arange(total) >= n_links).reshape(n, N_OWN)[:, 1:].ravel()
     floor = (LEAST_NOISE * size) ** 2
     variance = 0.01 * size**2
     for _ in range(N_ROUNDS):
-        weight = 1 / variance / MEMORY
-        H, b = np.diag(precision), precision * mean
-        for j in range(n):
-            H[np.ix_(at[j], at[j])] += weight[j] * columns[j]
-            b[at[j]] += weight[j] * cross[j]
-        x = _bounded(H, b, bounded)
-        left = np.array([_left(columns[j], cross[j], power[j], x[at[j]]) for j in range(n)])
+        H, b = _weighted(columns, cross, 1 / variance / MEMORY, n_links)
+        H[np.diag_indices(total)] += precision
+        x = _bounded(H, b + precision * mean, bounded)
+        at = np.concatenate([np.broadcast_to(x[:n_links], (n, n_links)), x[own].reshape(n, N_OWN)], axis=1)
+        left = _left(columns, cross, power, at)
         variance = np.maximum(left / count, floor)
     price = float(np.sum(precision * (x - mean) ** 2))
     log = -0.5 * float(np.sum(count / MEMORY * np.log(variance))) - 0.5 * price
-    per_run = np.array(
-        [[_left(r.columns[j], r.cross[j, :, 0], r.power[j, 0], x[at[j]]) for j in range(n)] for r in runs]
-    )
-    counts = np.array([np.maximum(r.count, 1.0) for r in runs])
-    return ArmFit(x, left / count / size**2, variance, log, per_run / counts / size**2)
+    per_run = _left(all_columns, all_cross, all_power, at)
+    return ArmFit(x, left / count / size**2, variance, log, per_run / np.maximum(counts, 1.0) / size**2)
 
 
-def _left(A: FloatArray, b: FloatArray, power: float, x: FloatArray) -> float:
-    return max(float(power - 2 * b @ x + x @ A @ x), 0.0)
+def _weighted(
+    columns: FloatArray, cross: FloatArray, weight: FloatArray, n_links: int
+) -> tuple[FloatArray, FloatArray]:
+    """Normal equations of all joints: the links', then each joint's own."""
+    n, own = len(weight), slice(n_links, None)
+    total = n_links + N_OWN * n
+    weighted, moments = columns * weight[:, None, None], cross * weight[:, None]
+    H = np.zeros((total, total))
+    H[:n_links, :n_links] = weighted[:, :n_links, :n_links].sum(axis=0)
+    H[:n_links, own] = np.moveaxis(weighted[:, :n_links, own], 0, 1).reshape(n_links, N_OWN * n)
+    H[own, :n_links] = H[:n_links, own].T
+    at = n_links + np.arange(N_OWN * n).reshape(n, N_OWN)
+    H[at[:, :, None], at[:, None, :]] = weighted[:, own, own]
+    return H, np.concatenate([moments[:, :n_links].sum(axis=0), moments[:, own].ravel()])
+
+
+def _left(A: FloatArray, b: FloatArray, power: FloatArray, x: FloatArray) -> FloatArray:
+    """What coefficients x (n_joints, n) leave of every joint's power, (..., n_joints)."""
+    taken = (A @ x[..., None])[..., 0]
+    left: FloatArray = np.maximum(power + np.sum((taken - 2 * b) * x, axis=-1), 0.0)
+    return left
 
 
 def _bounded(H: FloatArray, b: FloatArray, bounded: NDArray[np.intp]) -> FloatArray:
     """Minimum of ``x'Hx/2 - b'x`` with some coefficients not negative: those that would be are set to zero."""
     scale = 1 / np.sqrt(np.diag(H))
+    S, right = H * np.outer(scale, scale), scale * b
+    S[np.diag_indices(len(b))] += 1e-12
     free = np.ones(len(b), dtype=bool)
     x = np.zeros(len(b))
     for _ in range(len(bounded)):
         x[:] = 0.0
         keep = np.flatnonzero(free)
-        S = H[np.ix_(keep, keep)] * np.outer(scale[keep], scale[keep])
-        x[keep] = scale[keep] * np.linalg.solve(S + 1e-12 * np.eye(len(keep)), scale[keep] * b[keep])
+        x[keep] = scale[keep] * np.linalg.solve(S if len(keep) == len(b) else S[np.ix_(keep, keep)], right[keep])
         negative = bounded[x[bounded] < 0]
         if not len(negative):
             break

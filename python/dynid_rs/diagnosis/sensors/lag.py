@@ -18,7 +18,7 @@ NEAR = (-0.01, 0.01)
 FAR = (-0.03, 0.025, 0.05, 0.09, 0.15)
 """Those that are tried where one of the first is better than none; the best is refined."""
 PAD = 20
-"""Rows by which a run is continued at both ends before it is shifted."""
+"""Rows by which a run is continued at both ends at least before it is shifted."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,16 +33,58 @@ class Lag:
     links_log: float = -np.inf
 
 
+@dataclass(frozen=True, eq=False)
+class Spectra:
+    """A run's columns by frequency, joint by joint: a delay only turns them.
+
+    `parts` (n_frequencies, k_j) of every joint, of `size` rows each, `PAD` and what is before them included.
+    """
+
+    rows: ArmRows
+    size: int
+    parts: list[NDArray[np.complex128]]
+
+    @staticmethod
+    def of(bench: Bench, rows: ArmRows) -> Spectra:
+        """Spectra of a run, which goes on at both ends."""
+        from scipy.fft import next_fast_len
+
+        # A length of small factors: another one may cost ten times as much.
+        size = next_fast_len(len(rows.t) + 2 * PAD, real=True)
+        more = size - len(rows.t) - PAD
+        parts = []
+        for j in range(rows.n_joints):
+            A = rows.columns(bench.robot, j)
+            # Turned about its ends: values and slopes go on.
+            head, tail = 2 * A[0] - A[PAD:0:-1], 2 * A[-1] - A[-2 : -more - 2 : -1]
+            parts.append(np.fft.rfft(np.concatenate([head, A, tail]), axis=0))
+        return Spectra(rows, size, parts)
+
+    def moments(self, bench: Bench, delay: float, *, whole: bool) -> Moments:
+        """Moments of the run with every joint's torque late by `delay` [s], or with the links' alone."""
+        step = float(self.rows.t[1] - self.rows.t[0])
+        turn = np.exp(-2j * np.pi * delay * np.fft.rfftfreq(self.size, step))[:, None]
+
+        def shifted(j: int) -> FloatArray:
+            late = np.fft.irfft(self.parts[j] * turn, self.size, axis=0)[PAD : PAD + len(self.rows.t)]
+            if not whole:
+                late[:, -N_OWN:] = self.rows.columns(bench.robot, j)[:, -N_OWN:]
+            return np.asarray(late)
+
+        return Moments.of(bench.robot, self.rows, shifted).picked(range(self.rows.n_joints))
+
+
 def lags(bench: Bench, enough: float) -> list[Lag]:
     """Delays that make the runs more probable by `enough` nats: of all channels, and of each; the best of each."""
     n = bench.robot.n_joints
     groups = [tuple(range(n)), *((j,) for j in range(n))] if n > 1 else [(0,)]
     seen: dict[tuple[float, bool], list[Moments]] = {}
+    spectra = [Spectra.of(bench, rows) for rows in bench.rows]
 
     def changed(delay: float, joints: Sequence[int], *, whole: bool = True) -> list[Moments]:
         key = delay, whole
         if key not in seen:
-            seen[key] = [_moments(bench, rows, delay, whole=whole) for rows in bench.rows]
+            seen[key] = [own.moments(bench, delay, whole=whole) for own in spectra]
         mask = np.isin(np.arange(n), joints)
         return [plain.where(mask, other) for plain, other in zip(bench.plain, seen[key], strict=True)]
 
@@ -73,17 +115,3 @@ def _refined(best: Lag, again: Callable[[float], Lag]) -> Lag:
         best = max((best, again(best.delay + step), again(best.delay - step)), key=_log)
         step /= 2
     return best
-
-
-def _moments(bench: Bench, rows: ArmRows, delay: float, *, whole: bool) -> Moments:
-    n = len(rows.t) + 2 * PAD
-    turn = np.exp(-2j * np.pi * delay * np.fft.rfftfreq(n, float(rows.t[1] - rows.t[0])))[:, None]
-
-    def shifted(A: FloatArray) -> FloatArray:
-        # Turned about its ends: values and slopes go on.
-        head, tail = 2 * A[0] - A[PAD:0:-1], 2 * A[-1] - A[-2 : -PAD - 2 : -1]
-        spectrum = np.fft.rfft(np.concatenate([head, A, tail]), axis=0)
-        late = np.fft.irfft(spectrum * turn, n, axis=0)[PAD:-PAD]
-        return np.asarray(late if whole else np.column_stack([late[:, :-N_OWN], A[:, -N_OWN:]]))
-
-    return Moments.of(bench.robot, rows, shifted).picked(range(rows.n_joints))

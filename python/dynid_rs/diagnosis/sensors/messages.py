@@ -53,7 +53,7 @@ def contact_findings(
 
 def encoder_entries(delay: EncoderDelay | None) -> list[dict[str, Any]]:
     """Return the delay between the encoder channels, one for all axes that have two, for the list of effects."""
-    from scipy.stats import t
+    from scipy.special import stdtr, stdtrit
 
     if delay is None or not delay.measured.any():
         return []
@@ -65,8 +65,8 @@ def encoder_entries(delay: EncoderDelay | None) -> list[dict[str, Any]]:
     spread = max(1.0, float(np.sum(weights * (value - mean) ** 2) / (count - 1))) if count > 1 else 1.0
     error = float(np.sqrt(spread / np.sum(weights)))
     dof = count - 1 if spread > 1 else N_PARTS - 1
-    reach = float(t.ppf(0.975, dof)) * error
-    p_value = float(2 * t.sf(abs(mean) / error, dof))
+    reach = float(stdtrit(dof, 0.975)) * error
+    p_value = float(2 * stdtr(dof, -abs(mean) / error))
     return [
         {
             "kind": "encoder_delay",

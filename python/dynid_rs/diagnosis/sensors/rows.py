@@ -96,10 +96,18 @@ class ArmRows:
         columns: FloatArray = self._regressor[1]
         return columns
 
-    def own(self, j: int) -> FloatArray:
-        """Columns of joint j's own, (n_rows, 4): offset, viscous, Coulomb, rotor."""
-        ones = np.ones(len(self.q))
-        return np.column_stack([ones, self.dq_motor[:, j], self.sign[:, j], self.ddq_motor[:, j]])
+    def columns(self, robot: _core.RobotModel, j: int) -> FloatArray:
+        """Columns of joint j, (n_rows, 10 (n_links - j) + 4): of the links that it moves, and its own.
+
+        Its own: offset, viscous, Coulomb, rotor.
+        """
+        links = self.regressor(robot)[:, j, 10 * j :]
+        columns = np.empty((len(self.q), links.shape[1] + N_OWN))
+        columns[:, :-N_OWN] = links
+        own = (1.0, self.dq_motor[:, j], self.sign[:, j], self.ddq_motor[:, j])
+        for k, column in enumerate(own, links.shape[1]):
+            columns[:, k] = column
+        return columns
 
 
 def steepness(tau: FloatArray) -> FloatArray:
@@ -134,18 +142,20 @@ class Moments:
     count: FloatArray
 
     @staticmethod
-    def of(robot: _core.RobotModel, rows: ArmRows, seen: Callable[[FloatArray], FloatArray] | None = None) -> Moments:
-        """Moments of a run for a robot; `seen` is what the torque channels make of a torque (n_rows, k)."""
-        regressor = rows.regressor(robot)
-        columns, cross, power = [], [], []
-        for j in range(rows.n_joints):
-            told = rows.told[:, j]
-            A = np.column_stack([regressor[:, j], rows.own(j)])
-            A = (A if seen is None else seen(A))[told]
-            columns.append(A.T @ A)
-            cross.append(A.T @ rows.tau[told])
-            power.append(np.sum(rows.tau[told] ** 2, axis=0))
-        return Moments(np.array(columns), np.array(cross), np.array(power), rows.told.sum(axis=0).astype(float))
+    def of(robot: _core.RobotModel, rows: ArmRows, seen: Callable[[int], FloatArray] | None = None) -> Moments:
+        """Moments of a run for a robot; `seen` is what the torque channels make of the columns of a joint."""
+        n, width = rows.n_joints, 10 * rows.n_joints + N_OWN
+        columns, cross = np.zeros((n, width, width)), np.zeros((n, width, n))
+        power, whole = np.empty((n, n)), bool(rows.told.all())
+        for j in range(n):
+            A, tau = rows.columns(robot, j) if seen is None else seen(j), rows.tau
+            if not whole:
+                A, tau = A[rows.told[:, j]], tau[rows.told[:, j]]
+            # A joint does not feel the links before it.
+            columns[j, 10 * j :, 10 * j :] = A.T @ A
+            cross[j, 10 * j :] = A.T @ tau
+            power[j] = np.sum(tau**2, axis=0)
+        return Moments(columns, cross, power, rows.told.sum(axis=0).astype(float))
 
     def where(self, joints: NDArray[np.bool_], other: Moments) -> Moments:
         """These moments, those of `other` on some joints (n_joints,)."""
