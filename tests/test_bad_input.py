@@ -28,7 +28,7 @@ def refused(folder: Path, *arguments: object, robot: str = "robot.urdf") -> str:
     before = snapshot(folder)
     sentences = set()
     for output in ("deep/new", "old"):
-        result = dynid("identify", folder / robot, *arguments, "-o", folder / output)
+        result = dynid("identify", folder / robot, *arguments, "-o", folder / output, "--force")
         sentences.add(refusal(result))
         assert snapshot(folder) == before
     (sentence,) = sentences
