@@ -1,0 +1,57 @@
+"""Torques that a fit predicts: what the gears carry, and what the motors have to make."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid_rs import _core
+from dynid_rs.identification.links import LinkDynamicsIdentifier
+from dynid_rs.regression.columns import Observations, Plan
+from dynid_rs.runs.preprocessing import States
+
+FloatArray = NDArray[np.float64]
+
+
+def link_load(plan: Plan, links: LinkDynamicsIdentifier) -> Callable[[States], FloatArray]:
+    """Rigid-body torque [N m] that fitted links predict at every sample, (n, n_joints)."""
+    phi = np.zeros(10 * plan.robot.n_joints)
+    phi[plan.pivots] = links.phi_base_
+    return lambda states: plan.robot.inverse_dynamics(states.q, states.dq, states.ddq, phi)
+
+
+def load_rows(observations: Observations, links: LinkDynamicsIdentifier) -> list[FloatArray]:
+    """Rigid-body torque of every joint in the torque unit at the fit's rows, (n_rows,) each."""
+    plan = observations.plan
+    return [
+        scale * (rows[:, plan.n_own : -1] @ links.x_[plan.unknowns(j)[plan.n_own :]])
+        for j, (rows, scale) in enumerate(zip(observations.joint_rows(), links.torque_scale_, strict=True))
+    ]
+
+
+def link_torque(plan: Plan, links: LinkDynamicsIdentifier, states: States) -> FloatArray:
+    """Rigid-body torque of the second loop at every sample, (n, n_joints) in the torque unit."""
+    return link_load(plan, links)(states) * links.torque_scale_
+
+
+def with_load(plan: Plan, links: LinkDynamicsIdentifier, own: FloatArray) -> Callable[[States], States]:
+    """Runs with the torques that effects of the load are made of: of fitted links, and of the motors.
+
+    `own` (n_joints, n_own): coefficients of the plan's effects, of which the declared ones are the motors' too.
+    """
+    load = link_load(plan, links)
+    edges = np.cumsum([0, *(effect.n_columns for effect in plan.effects)])
+    terms = [(effect, own[:, first:last]) for effect, (first, last) in zip(plan.effects, pairwise(edges), strict=True)]
+    declared = [(effect, values) for effect, values in terms if effect.is_declared]
+    scale = links.torque_scale_.tolist()
+
+    def loaded(states: States) -> States:
+        tau_link = load(states)
+        tau_motor = _core.motor_torque(declared, scale, *states.signals(), tau_link=tau_link, step=1 / states.rate)
+        return replace(states, tau_link=tau_link, tau_motor=tau_motor)
+
+    return loaded
