@@ -1,6 +1,7 @@
 """Torque of the motors as a model predicts it, and the effect that is made of it: one formula on every road.
 
-``tau_motor = torque_scale * tau_link + rotor inertia + torque offset + friction``, and `torque_saturation` is c tau_motor^3.
+``tau_motor = torque_scale * tau_link + rotor inertia + torque offset + friction``; `torque_saturation` is
+``c tau_motor^3``.
 """
 
 from __future__ import annotations
@@ -26,15 +27,8 @@ from dynid_rs.regression.columns import observe, run_rows
 from dynid_rs.simulation import SimulatedArm, bundled_robot, equip, motion_limits, random_trajectory, typical_arm
 from dynid_rs.simulation.effects.columns import column_effect
 
-KINDS = (
-    "torque_saturation",
-    "joint_spring",
-    "rotor_inertia",
-    "stribeck",
-    "torque_offset",
-    "smooth_friction",
-    "friction",
-)
+DECLARED = ("rotor_inertia", "torque_offset", "smooth_friction", "friction")
+KINDS = ("torque_saturation", "joint_spring", "rotor_inertia", "stribeck", *DECLARED[1:])
 """The effect before what it is made of, and two beside it that do not count."""
 SHOULDER = 0
 """The joint whose axis is upright: its load is inertia alone."""
@@ -74,9 +68,7 @@ def test_the_motors_torque_is_the_rigid_bodys_and_all_that_is_declared():
     expected = motor_torque(model, states)
     _, terms, status = model.evaluate(*run)
     assert_array_equal(status, 0)
-    counted = [
-        k for k, name in enumerate(model.term_names) if name not in ("torque_saturation", "joint_spring", "stribeck")
-    ]
+    counted = [k for k, name in enumerate(model.term_names) if name in ("rigid_body", *DECLARED)]
     assert_allclose(terms[:, counted].sum(axis=1), expected, **ALGEBRAIC)
     own = dict((effect.kind, values) for effect, values in model.effects)["torque_saturation"]
     assert_allclose(terms[:, 1], own[:, 0] * expected**3, **ALGEBRAIC)
@@ -148,7 +140,7 @@ def test_c_sums_the_motors_torque_up_as_the_estimator_does(tmp_path):
 
 
 def with_friction(times):
-    """The small arm with so much of its friction, which then is as large as the load; motors feel a rotor and an offset."""
+    """The small arm with so much of its friction, as large as the load then; motors feel a rotor and an offset too."""
     arm = rigid()
     return replace(arm, friction=times * arm.friction, torque_offset=0.3 * times * arm.friction[:, 0])
 

@@ -1,19 +1,21 @@
 //! One state in, one torque per term out: no allocation, no panic, a finite answer always.
 
 mod live;
+mod terms;
 
 use std::sync::Arc;
 
 use crate::dynamics::{check_length, Torque, Workspace};
-use crate::effects::{motor_torque_into, EffectInput, EffectTerm, TAU_MOTOR};
+use crate::effects::{EffectInput, TAU_MOTOR};
 use crate::error::CoreError;
 use crate::intake::Intake;
 use crate::lanes::{self, Kernel, Lanes};
 use crate::model::{check_step, EncoderError, TorqueModel};
 use crate::residual::{Load, ResidualTorque};
-use crate::slices::{at, rows, rows_mut, set};
+use crate::slices::{at, rows_mut, set};
 use crate::state::{align_link_side, true_motion, State};
 use crate::step::{StepRows, Sum, Take};
+use terms::Terms;
 
 /// What was unusual about a step, as bits. Zero is a good step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
@@ -365,9 +367,7 @@ impl Evaluation {
         };
         lanes::copy::<L>(&self.memory, &mut self.next_memory);
         let n_effects = model.effects().len();
-        let (effects, rest) = rest
-            .split_at_mut_checked(n_effects * n)
-            .unwrap_or_default();
+        let (effects, rest) = rest.split_at_mut_checked(n_effects * n).unwrap_or_default();
         let mut terms = Terms {
             effects: model.effects(),
             of_motor: &self.of_motor,
@@ -376,8 +376,7 @@ impl Evaluation {
         };
         terms.evaluate::<S, L>(&input, false);
         if self.any_of_motor {
-            let declared = model.effects().iter().zip(rows(terms.rows, n));
-            motor_torque_into(scaled, declared, &mut self.tau_motor);
+            terms.motor_torque_into(scaled, &mut self.tau_motor);
             let tau_motor = &self.tau_motor;
             terms.evaluate::<S, L>(&EffectInput { tau_motor, ..input }, true);
         }
@@ -397,37 +396,6 @@ impl Evaluation {
                 torque.run::<S, L>()
             }
             _ => false,
-        }
-    }
-}
-
-/// Effects of a model, what they remember, and where their torques go.
-struct Terms<'a> {
-    effects: &'a [EffectTerm],
-    of_motor: &'a [bool],
-    memory: &'a mut [f64],
-    rows: &'a mut [f64],
-}
-
-impl Terms<'_> {
-    /// Torque of those effects that are, or are not, of the motor's torque; the others stay as they are.
-    #[inline(always)]
-    fn evaluate<S: Lanes<Raw = [f64; 1]>, L: Lanes>(
-        &mut self,
-        input: &EffectInput<'_>,
-        of_motor: bool,
-    ) {
-        let n = input.tau_link.len();
-        let mut memory = &mut *self.memory;
-        let terms = self.effects.iter().zip(self.of_motor);
-        for ((term, is), row) in terms.zip(rows_mut(self.rows, n)) {
-            let own;
-            (own, memory) = memory
-                .split_at_mut_checked(term.effect().memory_len(n))
-                .unwrap_or_default();
-            if *is == of_motor {
-                term.torque_on::<S, L>(input, own, row);
-            }
         }
     }
 }

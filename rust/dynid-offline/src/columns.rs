@@ -1,5 +1,6 @@
 //! Columns and torque of one effect along a run, memory and all: what the estimator sums online, to the same bits.
 
+use dynid_core::dynamics::check_length;
 use dynid_core::effects::{motor_torque_into, TAU_MOTOR};
 use dynid_core::{CoreError, Effect, EffectInput, EffectTerm, State};
 use rayon::prelude::*;
@@ -59,7 +60,9 @@ impl<'a> RunSignals<'a> {
             .into_iter()
             .filter(|(motor, link)| !std::ptr::eq(*motor, *link))
             .map(|(motor, _)| motor);
-        let optional = [self.tau_link, self.tau_motor, state.temperature].into_iter().flatten();
+        let optional = [self.tau_link, self.tau_motor, state.temperature]
+            .into_iter()
+            .flatten();
         if own.chain(optional).all(finite) {
             Ok(())
         } else {
@@ -208,20 +211,22 @@ pub fn motor_torque(
         what: "tau_link",
     })?;
     run.check(&[], n_joints, run.state.q.len() / n_joints)?;
-    let length = |what, actual, expected| match actual == expected {
-        true => Ok(()),
-        false => Err(CoreError::Length { what, expected, actual }),
-    };
-    length(TAU_MOTOR, tau_motor.len(), run.state.q.len())?;
+    check_length(TAU_MOTOR, tau_motor, tau_link.len())?;
     let scales = torque_scale.iter().cycle();
-    let scaled: Vec<f64> = tau_link.iter().zip(scales).map(|(tau, scale)| tau * scale).collect();
+    let scaled: Vec<f64> = tau_link
+        .iter()
+        .zip(scales)
+        .map(|(tau, scale)| tau * scale)
+        .collect();
     let mut declared = Vec::new();
     for term in terms.iter().filter(|term| term.effect().is_declared()) {
         let mut torque = vec![0.0; scaled.len()];
         effect_torque(term, n_joints, run, &mut torque)?;
         declared.push((term, torque));
     }
-    let declared = declared.iter().map(|(term, torque)| (*term, torque.as_slice()));
+    let declared = declared
+        .iter()
+        .map(|(term, torque)| (*term, torque.as_slice()));
     motor_torque_into(&scaled, declared, tau_motor);
     Ok(())
 }

@@ -239,7 +239,14 @@ impl PyTorqueModel {
     ) -> PyResult<Evaluation<'py>> {
         let n = self.0.robot().n_joints();
         let motor = [q_motor, dq_motor, ddq_motor];
-        let arrays = RunArrays::new([q, dq, ddq], motor, Predicted::default(), temperature, step, n)?;
+        let arrays = RunArrays::new(
+            [q, dq, ddq],
+            motor,
+            Predicted::default(),
+            temperature,
+            step,
+            n,
+        )?;
         if temperature.is_none() {
             self.needs_no_temperature()?;
         }

@@ -40,6 +40,10 @@ fn six<'a, 'py>(
     ]
 }
 
+fn slice<'a>(tau: Option<&'a PyReadonlyArray2<'_, f64>>) -> PyResult<Option<&'a [f64]>> {
+    Ok(tau.map(|tau| tau.as_slice()).transpose()?)
+}
+
 impl<'py> RunArrays<'py> {
     /// Link side, motor side (the link side where it is not given), predicted torques, measured temperature, time between
     /// samples.
@@ -127,13 +131,10 @@ impl<'py> RunArrays<'py> {
     /// # Errors
     /// Never for arrays that came through [`Self::new`].
     pub fn signals(&self) -> PyResult<RunSignals<'_>> {
-        let slice = |tau: &'_ Option<PyReadonlyArray2<'py, f64>>| {
-            Ok::<_, PyErr>(tau.as_ref().map(|tau| tau.as_slice()).transpose()?)
-        };
         Ok(RunSignals {
             state: self.state()?,
-            tau_link: slice(&self.tau_link)?,
-            tau_motor: slice(&self.tau_motor)?,
+            tau_link: slice(self.tau_link.as_ref())?,
+            tau_motor: slice(self.tau_motor.as_ref())?,
             step: self.step,
         })
     }

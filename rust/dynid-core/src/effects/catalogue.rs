@@ -10,7 +10,8 @@ use super::{
     counterbalance, coupled_friction, friction, friction_hysteresis, gear_hysteresis,
     inertial_coupling, joint_spring, load_dependent_friction, load_hysteresis,
     position_dependent_friction, rotor_inertia, smooth_friction, stribeck, temperature_friction,
-    thermal_friction, torque_offset, torque_ripple, torque_saturation, FRICTION_NAMES, N_FRICTION, TAU_MOTOR,
+    thermal_friction, torque_offset, torque_ripple, torque_saturation, FRICTION_NAMES, N_FRICTION,
+    TAU_MOTOR,
 };
 
 const fn coefficient(name: &'static str, unit: &'static str, sign: Sign) -> Coefficient {

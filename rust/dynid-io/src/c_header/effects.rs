@@ -111,7 +111,11 @@ impl EffectTexts {
             let size_at = if width == 1 { "&" } else { "" };
             // What is of the motors' torque comes after all that makes it.
             let is_of_motor = effect.entry().needs(TAU_MOTOR);
-            let calls = if is_of_motor { &mut of_motor } else { &mut calls };
+            let calls = if is_of_motor {
+                &mut of_motor
+            } else {
+                &mut calls
+            };
             let _ = write!(
                 calls,
                 "    for (j = 0; j < DYNID_N_JOINTS; j++) {{\n        dynid_{}({shape_row}, j, x, memory + {memory} + {own} * j, \

@@ -23,7 +23,7 @@ use crate::whole::write_whole;
 pub const FORMAT: &str = "dynid-model";
 /// Newest version of the schema that this reader understands; it understands all before. A file says the oldest version
 /// that can hold it: 2 came with the torque channel's delay and the band in which errors are told, 3 with effects of the
-/// motor's torque ([`OF_MOTOR`]).
+/// motor's torque (`torque_saturation`).
 pub const VERSION: u32 = 3;
 /// Kind that files of version 3 and later hold: it was of the rigid body's torque alone before.
 pub(crate) const OF_MOTOR: &str = "torque_saturation";
