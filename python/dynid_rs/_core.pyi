@@ -1041,7 +1041,7 @@ def effect_torque(
 
 def motor_torque(
     terms: Sequence[tuple[Effect, ArrayLike]],
-    torque_scale: Sequence[float],
+    torque_scale: ArrayLike,
     q: ArrayLike,
     dq: ArrayLike,
     ddq: ArrayLike,

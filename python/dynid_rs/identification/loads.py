@@ -47,11 +47,10 @@ def with_load(plan: Plan, links: LinkDynamicsIdentifier, own: FloatArray) -> Cal
     edges = np.cumsum([0, *(effect.n_columns for effect in plan.effects)])
     terms = [(effect, own[:, first:last]) for effect, (first, last) in zip(plan.effects, pairwise(edges), strict=True)]
     declared = [(effect, values) for effect, values in terms if effect.is_declared]
-    scale = links.torque_scale_.tolist()
 
     def loaded(states: States) -> States:
         tau_link = load(states)
-        tau_motor = _core.motor_torque(declared, scale, *states.signals(), tau_link=tau_link, step=1 / states.rate)
+        tau_motor = _core.motor_torque(declared, links.torque_scale_, *states.signals(), tau_link=tau_link, step=1 / states.rate)
         return replace(states, tau_link=tau_link, tau_motor=tau_motor)
 
     return loaded

@@ -1,6 +1,5 @@
 //! Columns and torque of one effect along a run, memory and all: what the estimator sums online, to the same bits.
 
-use dynid_core::dynamics::check_length;
 use dynid_core::effects::{motor_torque_into, TAU_MOTOR};
 use dynid_core::{CoreError, Effect, EffectInput, EffectTerm, State};
 use rayon::prelude::*;
@@ -179,19 +178,24 @@ pub fn effect_torque(
 ) -> Result<(), OfflineError> {
     let n_samples = run.state.q.len() / n_joints;
     run.check(std::slice::from_ref(term.effect()), n_joints, n_samples)?;
-    if tau.len() != run.state.q.len() {
-        return Err(CoreError::Length {
-            what: "tau",
-            expected: run.state.q.len(),
-            actual: tau.len(),
-        }
-        .into());
-    }
+    check_length("tau", tau.len(), run.state.q.len())?;
     let mut memory = vec![0.0; term.effect().memory_len(n_joints)];
     for (k, tau) in tau.chunks_exact_mut(n_joints).enumerate() {
         term.torque_into(&run.input(k, n_joints), &mut memory, tau);
     }
     Ok(())
+}
+
+fn check_length(what: &'static str, actual: usize, expected: usize) -> Result<(), CoreError> {
+    if actual == expected {
+        Ok(())
+    } else {
+        Err(CoreError::Length {
+            what,
+            expected,
+            actual,
+        })
+    }
 }
 
 /// Torque that a model predicts at the motors at every sample into `tau_motor` (n_samples × n_joints): its rigid-body torque
@@ -211,7 +215,7 @@ pub fn motor_torque(
         what: "tau_link",
     })?;
     run.check(&[], n_joints, run.state.q.len() / n_joints)?;
-    check_length(TAU_MOTOR, tau_motor, tau_link.len())?;
+    check_length("torque", tau_motor.len(), tau_link.len())?;
     let scales = torque_scale.iter().cycle();
     let scaled: Vec<f64> = tau_link
         .iter()

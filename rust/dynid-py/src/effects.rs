@@ -1,6 +1,5 @@
 //! Effects in Python: their shapes; columns are evaluated in Rust.
 
-use dynid_core::dynamics::check_length;
 use dynid_core::effects::entry::{Need, Reference};
 use dynid_core::effects::{Effect, EffectTerm, CATALOGUE, N_FRICTION};
 use dynid_offline::OfflineError;
@@ -257,7 +256,7 @@ pub fn effect_columns<'py>(
 pub fn motor_torque<'py>(
     py: Python<'py>,
     terms: List<(PyEffect, Bound<'py, PyAny>)>,
-    torque_scale: List<f64>,
+    torque_scale: &Bound<'py, PyAny>,
     q: &Bound<'py, PyAny>,
     dq: &Bound<'py, PyAny>,
     ddq: &Bound<'py, PyAny>,
@@ -276,7 +275,8 @@ pub fn motor_torque<'py>(
     };
     let arrays = RunArrays::new([q, dq, ddq], motor, predicted, temperature, step, n)?;
     let run = arrays.signals()?;
-    check_length("torque_scale", &torque_scale, n).map_err(errors::core)?;
+    let torque_scale = arrays::vector(torque_scale, "torque_scale", Some(n))?;
+    let torque_scale = torque_scale.as_slice()?;
     let terms = terms.0.into_iter().map(|(effect, coefficients)| {
         let width = effect.0.n_columns();
         let coefficients = arrays::matrix(&coefficients, "coefficients", width)?;
@@ -284,7 +284,7 @@ pub fn motor_torque<'py>(
     });
     let terms = terms.collect::<PyResult<Vec<_>>>()?;
     let mut tau = vec![0.0; arrays.n_samples() * n];
-    py.detach(|| dynid_offline::motor_torque(&terms, &torque_scale, &run, &mut tau))
+    py.detach(|| dynid_offline::motor_torque(&terms, torque_scale, &run, &mut tau))
         .map_err(errors::offline)?;
     arrays::to_matrix(py, tau, n)
 }
