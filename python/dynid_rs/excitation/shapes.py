@@ -104,7 +104,10 @@ class ShapedEffect:
         """Torques that effects of the load are made of, as far as the robot file tells them: friction it does not."""
         terms = [(_core.Effect.rotor_inertia(), self.robot.rotor_inertia[:, None])]
         tau_link = self.robot.inverse_dynamics(*motion)
-        return {"tau_link": tau_link, "tau_motor": _core.motor_torque(terms, np.ones(len(terms[0][1])), *motion, tau_link=tau_link)}
+        return {
+            "tau_link": tau_link,
+            "tau_motor": _core.motor_torque(terms, np.ones(len(terms[0][1])), *motion, tau_link=tau_link),
+        }
 
     def _exists(self, shape: Shape) -> bool:
         """Whether the parameters fit each other."""

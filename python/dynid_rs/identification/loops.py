@@ -20,7 +20,7 @@ from dynid_rs.identification.friction_experiment.rows import (
 )
 from dynid_rs.identification.friction_laws import fit_stribeck, power_left, with_laws
 from dynid_rs.identification.links import LinkDynamicsIdentifier, RowGroup, baseline, own_beside
-from dynid_rs.identification.loads import link_torque, with_load
+from dynid_rs.identification.loads import Settling, link_torque, with_load
 from dynid_rs.identification.residual import ResidualCompensator
 from dynid_rs.identification.smooth_friction import SmoothFrictionIdentifier, sign_by_way
 from dynid_rs.identification.training import TrainingData
@@ -40,8 +40,9 @@ FIRST_WIDTH = 4e-3
 SHAPE_ROUNDS, SAME_SHAPE = 6, 0.1
 """Rounds in which a smooth law's shapes and the links settle, and the change of a width's logarithm at which they
 have."""
-LOAD_ROUNDS = 2
-"""Fits after each other in which the load and what depends on it settle; the change falls tenfold with each."""
+LOAD_ROUNDS, MOTOR_ROUNDS = 2, 5
+"""Fits after each other in which the load and what depends on it settle, where the change falls tenfold with each, and
+the motors' torque and what depends on it: there an error comes back up to 1.5 times as large, and is taken out."""
 
 
 class Loops:
@@ -140,9 +141,11 @@ class Loops:
         self._fit_links(self.observations, again)
         if self.depends_on_load:
             # Columns of the load follow from links and friction, which follow from them.
-            for _ in range(LOAD_ROUNDS):
+            settling = Settling()
+            of_motor = any("tau_motor" in effect.signals for effect in self.plan.effects)
+            for _ in range(MOTOR_ROUNDS if of_motor else LOAD_ROUNDS):
                 loaded = with_load(self.plan, self.links, self.links.own_)
-                self.runs = [loaded(states) for states in self.runs]
+                self.runs = settling.next(self.runs, [loaded(states) for states in self.runs])
                 self.observations = self._without_third_loop()
                 self._fit_links(self.observations, True)
         self._held = self.links.phi_base_, self.links.torque_scale_
