@@ -94,7 +94,9 @@ class ShapedEffect:
                 loads = {name: np.column_stack([tau, predicted[name][:, partner]]) for name, tau in loads.items()}
             effect = self._core_effect(shapes, joint)
             q, dq, ddq = signals
-            own = _core.effect_columns(effect, q, dq, ddq, **loads, step=step)[:, : len(shapes)]
+            tau_link, tau_motor = loads.get("tau_link"), loads.get("tau_motor")
+            columns = _core.effect_columns(effect, q, dq, ddq, tau_link=tau_link, tau_motor=tau_motor, step=step)
+            own = columns[:, : len(shapes)]
             wide = np.zeros((*own.shape[:2], n_pairs * own.shape[2]))
             wide[..., place * own.shape[2] : (place + 1) * own.shape[2]] = own
             found[joint] = wide

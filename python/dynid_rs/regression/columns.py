@@ -119,8 +119,8 @@ def make_plan(
         own[[j for j in range(n) if j not in acting], first : first + effect.n_columns] = False
         if effect.has_memory:
             continue
-        motion, predicted = (q, dq, ddq, q_motor, dq_motor, ddq_motor), {"tau_link": tau_link, "tau_motor": tau_link}
-        columns = _core.effect_columns(effect, *motion, **predicted, temperature=temperature)
+        motion = q, dq, ddq, q_motor, dq_motor, ddq_motor
+        columns = _core.effect_columns(effect, *motion, tau_link, tau_motor=tau_link, temperature=temperature)
         for j, k in product(acting, range(effect.n_columns)):
             probe = np.zeros((len(q), n))
             probe[:, j] = columns[:, j, k]
