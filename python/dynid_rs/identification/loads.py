@@ -62,8 +62,8 @@ def with_load(plan: Plan, links: LinkDynamicsIdentifier, own: FloatArray) -> Cal
 class Settling:
     """Torques of the motors from fit to fit, until the ones that a fit is asked with are those that it gives.
 
-    A fit with c m^3 beside it leaves the motor s - c m^3 of a torque s = m + c m^3, so that errors of m come back -3 c m^2
-    times as large. Anderson's mixing of the last two fits (1965), joint by joint, takes that out.
+    A fit with c m^3 beside it leaves the motor s - c m^3 of a torque s = m + c m^3: an error of m comes back -3 c m^2
+    times as large. Anderson's mixing (J. ACM 12, 1965) of the last two fits, joint by joint, takes that out.
     """
 
     def __init__(self) -> None:
