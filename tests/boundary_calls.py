@@ -87,7 +87,7 @@ def calls(folder: Path) -> dict[str, Call]:
     model.save(folder / "model.json")
     urdf_options = {"base": "base", "tip": "hand", "gravity": [0.0, 0.0, -9.81], "rotor_inertia": [0.1] * N}
     mdh_options = {"gravity": [0.0, 0.0, -9.81], "rotor_inertia": [0.1]}
-    of_effect = {"tau_link": tau, "step": 0.01, "temperature": np.full((M, N), 20.0)}
+    of_effect = {"tau_link": tau, "tau_motor": tau, "step": 0.01, "temperature": np.full((M, N), 20.0)}
     listed: dict[str, tuple[Callable[..., Any], dict[str | int, Any]]] = {
         "RobotModel.from_urdf": (_core.RobotModel.from_urdf, {0: folder / "robot.urdf", **urdf_options}),
         "RobotModel.from_urdf_string": (_core.RobotModel.from_urdf_string, {0: URDF, **urdf_options}),
@@ -142,6 +142,16 @@ def calls(folder: Path) -> dict[str, Call]:
             {0: friction, **motion, **motor, **of_effect, "joints": [0, 2], "filter": low_pass, "kept": kept},
         ),
         "effect_torque": (_core.effect_torque, {0: friction, 1: np.full((N, 8), 0.2), **motion, **motor, **of_effect}),
+        "motor_torque": (
+            _core.motor_torque,
+            {
+                0: [(friction, np.full((N, 8), 0.2))],
+                1: [1.0] * N,
+                **motion,
+                **motor,
+                **{name: value for name, value in of_effect.items() if name != "tau_motor"},
+            },
+        ),
         "residual_inputs": (_core.residual_inputs, _positional("load_free_deflection", q, dq, q, dq, 1e-3 * tau)),
         "named_signals": (_core.named_signals, {0: [("q", 0), ("tau_link", 2)], **motion, **motor, "tau_link": tau}),
         "align_link_side": (_core.align_link_side, _positional(q, dq, ddq, [0.001] * N)),

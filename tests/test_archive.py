@@ -148,7 +148,9 @@ OPTIONS = {
         {"effects": (PlacedEffect.at("load_dependent_friction", 1, transition_width=0.01),)},
         lambda columns: columns,
     ),
+    "motor's torque": ({"effects": (PlacedEffect.at("torque_saturation", 1),)}, lambda columns: columns),
 }
+OF_LOAD = ("load", "motor's torque")
 
 
 @pytest.mark.parametrize("name", OPTIONS)
@@ -162,7 +164,7 @@ def test_what_stands_beside_the_declared_model_is_streamed_too(name):
     size = np.abs(held.links_.x_).max()
     std = np.sqrt(np.diag(held.parameter_covariance()))
     # Load, noise and drive gains settle to a small part of the parameters' errors, from where the sample's ended.
-    slow = 1e-3 * np.abs(held.links_.x_) + 1e-4 * size if name == "load" else 1e-9 * size
+    slow = 1e-3 * np.abs(held.links_.x_) + 1e-4 * size if name in OF_LOAD else 1e-9 * size
     difference = np.abs(learned.identifier.links_.x_ - held.links_.x_)
     assert np.all(difference <= 0.02 * std + slow)
     assert_allclose(learned.identifier.links_.torque_scale_, held.links_.torque_scale_, rtol=1e-3)

@@ -151,7 +151,7 @@ FORMULAS = {
     "torque_ripple": torque_ripple,
     "inertial_coupling": inertial_coupling,
     "joint_spring": lambda p, x: [x.q - p.rest_position],
-    "torque_saturation": lambda p, x: [x.tau_link**3],
+    "torque_saturation": lambda p, x: [x.tau_motor**3],
     "temperature_friction": temperature_friction,
 }
 """Columns as the documentation prints them; `p` has the shape parameters, `x` the signals."""
@@ -163,11 +163,13 @@ def test_columns_are_the_formula(kind):
     x = SimpleNamespace(**dict(zip(names, signals(), strict=True)))
     x.dq_motor[:4] = [[0.0] * N, [1e-3] * N, [-1e-3] * N, [5.0] * N]
     x.tau_link = 3 * np.sin(x.q) - x.ddq
+    x.tau_motor = x.tau_link + np.sign(x.dq_motor)
     x.temperature = temperature_of(x.q)
     p = SimpleNamespace(**{name: np.array(values) for name, values in SHAPES[kind].items()})
     expected = np.stack(FORMULAS[kind](p, x), axis=-1)
     motion = (getattr(x, name) for name in names)
-    columns = _core.effect_columns(effect_of(kind), *motion, x.tau_link, temperature=x.temperature)
+    more = {"tau_motor": x.tau_motor, "temperature": x.temperature}
+    columns = _core.effect_columns(effect_of(kind), *motion, x.tau_link, **more)
     assert_allclose(columns, expected, **ALGEBRAIC)
 
 
@@ -307,12 +309,16 @@ def test_thermal_friction_is_a_first_order_warm_up():
 
 def test_what_an_effect_needs_must_be_there():
     q = np.zeros((10, N))
-    with pytest.raises(ValueError, match="torque_saturation needs tau_link"):
-        _core.effect_columns(effect_of("torque_saturation"), q, q, q)
+    with pytest.raises(ValueError, match="torque_saturation needs tau_motor"):
+        _core.effect_columns(effect_of("torque_saturation"), q, q, q, tau_link=q)
     with pytest.raises(ValueError, match="thermal_friction needs step"):
         _core.effect_torque(effect_of("thermal_friction"), np.zeros((N, 2)), q, q, q)
+    with pytest.raises(ValueError, match="tau_motor has 9 samples"):
+        _core.effect_columns(effect_of("torque_saturation"), q, q, q, tau_motor=q[1:])
+    with pytest.raises(ValueError, match="tau_motor holds NaN at row 0"):
+        _core.effect_columns(effect_of("torque_saturation"), q, q, q, tau_motor=q + np.nan)
     with pytest.raises(ValueError, match="tau_link has 9 samples"):
-        _core.effect_columns(effect_of("torque_saturation"), q, q, q, tau_link=q[1:])
+        _core.effect_columns(effect_of("load_dependent_friction"), q, q, q, tau_link=q[1:])
     with pytest.raises(ValueError, match="step"):
         _core.effect_columns(effect_of("thermal_friction"), q, q, q, step=0.0)
     with pytest.raises(ValueError, match="load_dependent_friction needs tau_link"):
@@ -402,7 +408,7 @@ def test_the_catalogue_says_where_a_kind_acts_and_what_it_takes():
     for entry in CATALOGUE.values():
         assert (entry["places"] == "joint") == all(p["name"] != "partner" for p in entry["shape"])
     assert kinds_that(lambda entry: entry["sought"]) == kinds_that(lambda entry: not entry["declared"])
-    loaded = {"load_dependent_friction", "load_hysteresis", "gear_hysteresis", "torque_saturation"}
+    loaded = {"load_dependent_friction", "load_hysteresis", "gear_hysteresis"}
     assert kinds_that(lambda entry: "load" in entry["requires"]) == loaded
     assert kinds_that(lambda entry: "temperature" in entry["requires"]) == {"temperature_friction"}
     assert CATALOGUE["gear_hysteresis"]["requires"] == ["two_encoders", "load"]
@@ -419,7 +425,7 @@ def test_the_catalogue_says_how_a_report_draws_a_kind_and_how_large_it_may_be():
         "torque_ripple": ["q", "rad"],
         "joint_spring": ["q", "rad"],
         "counterbalance": ["q", "rad"],
-        "torque_saturation": ["tau_link", "N*m"],
+        "torque_saturation": ["tau_motor", "{torque}"],
         "inertial_coupling": ["ddq", "rad/s^2"],
         "thermal_friction": ["t", "s"],
         "temperature_friction": ["temperature", "degC"],
@@ -544,6 +550,7 @@ def test_one_effect_is_its_term_of_the_model(kind):
     q, dq = _core.align_link_side(q, dq, ddq, model.encoder_delay)
     tau_link = model.robot.inverse_dynamics(q, dq, ddq, model.phi)
     ((effect, coefficients),) = model.effects
+    more["tau_motor"] = _core.motor_torque(model.effects, model.torque_scale, q, dq, ddq, *motor, tau_link=tau_link)
     tau = _core.effect_torque(effect, coefficients, q, dq, ddq, *motor, tau_link, **more)
     assert_allclose(terms[:, 1], tau, **EXACT)
     assert np.ptp(tau) > 0 or kind == "torque_offset"
@@ -581,7 +588,7 @@ def test_rows_of_the_fit_are_the_filtered_columns(kind):
     effect, step = effect_of(kind), 0.004
     band = Band(10.0).design(1 / step)
     kept = list(range(3, N_SAMPLES, 7))
-    more = {"tau_link": tau_link, "step": step, "temperature": temperature_of(run[0])}
+    more = {"tau_link": tau_link, "tau_motor": 2 * tau_link, "step": step, "temperature": temperature_of(run[0])}
     rows = _core.observe(robot, [effect], [], *run, tau_link, filter=band, kept=kept, **more)
     columns = _core.effect_columns(effect, *run, **more)
     filtered = sosfiltfilt(band[0], columns, axis=0, padlen=band[2])[kept]

@@ -83,6 +83,15 @@ def test_an_effect_alone_is_the_same_and_is_kept_for_every_joint(states):
     assert effect_key(friction(), states) != effect_key(friction(0.02), states)
 
 
+def test_columns_of_the_motors_torque_are_kept_as_long_as_it_stays(states):
+    saturation, run = _core.Effect.of("torque_saturation"), replace(states, tau_motor=np.sin(states.q))
+    friction_moved, load_moved = replace(run, tau_motor=2 * run.tau_motor), replace(run, tau_link=2 * run.tau_link)
+    with keeping_columns():
+        first = effect_rows(saturation, run, 1)
+        assert effect_rows(saturation, load_moved, 1) is first
+        assert_array_equal(effect_rows(saturation, friction_moved, 1), 8 * first)
+
+
 def test_what_was_used_longest_ago_goes_first(states, monkeypatch):
     size = sum(part.nbytes for part in run_rows(declared_plan(arm(), friction()), states, states.tau))
     monkeypatch.setattr(kept_columns, "MOST_BYTES", size // 4)

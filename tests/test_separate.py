@@ -104,6 +104,14 @@ def test_a_pair_acts_on_both_joints_with_one_stage(robot, design):
     assert not columns[1][:, 0, 2:].any()
 
 
+def test_a_saturation_is_of_the_links_and_the_rotor(robot, design):
+    """Of what the robot file tells of the motors' torque; friction it does not."""
+    motion = design.trajectory_.evaluate(np.linspace(0, 8, 50))
+    columns = ShapedEffect.of(parse_effect("torque_saturation:1", robot), robot).columns(motion, [0], 0.02)
+    tau = robot.inverse_dynamics(*motion) + robot.rotor_inertia * motion[2]
+    assert_allclose(columns[1][:, 0, 0], tau[:, 1] ** 3, rtol=1e-9)
+
+
 @pytest.mark.parametrize(
     ("a", "b"),
     [

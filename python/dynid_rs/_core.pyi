@@ -59,6 +59,7 @@ __all__ = [
     "low_pass",
     "merge_factors",
     "mjcf_with_physical",
+    "motor_torque",
     "named_signals",
     "observe",
     "observe_momentum",
@@ -467,7 +468,15 @@ class Effect:
 
     @property
     def signals(self) -> list[str]:
-        """What it needs: of a state's signals, `tau_link` and `step`."""
+        """What it needs: of a state's signals, `tau_link`, `tau_motor` and `step`."""
+
+    @property
+    def is_declared(self) -> bool:
+        """Whether it is a part of the declared model, and so of `motor_torque`.
+
+        A kind that the catalogue calls declared, or Coulomb's friction with a sign that is told by the way:
+        `friction_hysteresis` over a shorter way than any gear's lost motion.
+        """
 
     @property
     def has_memory(self) -> bool:
@@ -972,14 +981,14 @@ def effect_catalogue() -> list[dict[str, Any]]:
     -------
     list of dict
         `kind`; `formula`; `coefficients`: of one joint, in order, dicts of `name`, `unit`, `lower` and `upper` (what
-        physics allows); `shape`: dicts as below; `signals` that it needs, `tau_link`, `temperature` and `step` among
-        them; `memory`: whether it depends on the samples before; `declared`: whether declared models have it. Units
-        hold `{torque}` and `{angle}`, for `str.format`.
+        physics allows); `shape`: dicts as below; `signals` that it needs, `tau_link`, `tau_motor`, `temperature` and
+        `step` among them; `memory`: whether it depends on the samples before; `declared`: whether declared models have
+        it. Units hold `{torque}` and `{angle}`, for `str.format`.
 
         What a search goes by: `places`: "joint", "pair" (any two) or "neighbours" (two that follow each other);
         `sought`: whether it is looked for; `requires`: of "two_encoders", "revolute", "load" and "temperature" what a
         joint must have or its runs must show; `drawn_against`: [signal, unit] of a report's plot, None for its own
-        column; `most_relative`: largest part of the joint's torque that it may add within the trained load, or None.
+        column; `most_relative`: largest part of the motor's torque that it may add within the trained load, or None.
 
         Of a shape parameter: `name`, `unit`, `rule`; `grid`: values that a search begins with; `relative_to`: None
         (they are in its unit), "load" (they are parts of the predicted load's standard deviation), "speed" (of the
@@ -999,6 +1008,7 @@ def effect_columns(
     ddq_motor: ArrayLike | None = None,
     tau_link: ArrayLike | None = None,
     *,
+    tau_motor: ArrayLike | None = None,
     step: float | None = None,
     temperature: ArrayLike | None = None,
     joints: Sequence[int] | None = None,
@@ -1017,6 +1027,8 @@ def effect_columns(
         Motor side, divided by the gear ratio; the link side by default.
     tau_link : (n_samples, n_joints), optional
         Rigid-body torque that the model predicts, before `torque_scale`; needed by effects of the load.
+    tau_motor : (n_samples, n_joints), optional
+        Torque that the model predicts at the motors, `motor_torque`; needed by effects of it.
     step : float, optional
         Time between samples [s]; needed by effects that remember in time.
     temperature : (n_samples, n_joints), optional
@@ -1044,6 +1056,7 @@ def effect_torque(
     ddq_motor: ArrayLike | None = None,
     tau_link: ArrayLike | None = None,
     *,
+    tau_motor: ArrayLike | None = None,
     step: float | None = None,
     temperature: ArrayLike | None = None,
 ) -> _FloatArray:
@@ -1055,6 +1068,42 @@ def effect_torque(
     ------
     ValueError
         As `effect_columns`; `coefficients` does not have one row per joint.
+    """
+
+def motor_torque(
+    terms: Sequence[tuple[Effect, ArrayLike]],
+    torque_scale: ArrayLike,
+    q: ArrayLike,
+    dq: ArrayLike,
+    ddq: ArrayLike,
+    q_motor: ArrayLike | None = None,
+    dq_motor: ArrayLike | None = None,
+    ddq_motor: ArrayLike | None = None,
+    *,
+    tau_link: ArrayLike,
+    step: float | None = None,
+    temperature: ArrayLike | None = None,
+) -> _FloatArray:
+    """Torque that a model predicts at its motors, (n_samples, n_joints) [torque unit], before effects that it found.
+
+    `torque_scale * tau_link` and all terms whose effect `is_declared` (rotor inertia, torque offset, friction), to the
+    bits of `TorqueModel.evaluate`. No measured torque is in it.
+
+    Parameters
+    ----------
+    terms : sequence of (Effect, array (n_joints, n_columns))
+        Effects of a model and their coefficients; those that are not declared are left out.
+    torque_scale : (n_joints,)
+        Torque channel per unit of link torque.
+    tau_link : (n_samples, n_joints)
+        Rigid-body torque that the model predicts, before `torque_scale`.
+
+    The others are as for `effect_columns`.
+
+    Raises
+    ------
+    ValueError
+        As `effect_torque`; `torque_scale` does not have one value per joint.
     """
 
 def residual_inputs(
@@ -1173,6 +1222,7 @@ def observe(
     filter: _Filter | None = None,
     kept: Sequence[int],
     tau_link: ArrayLike | None = None,
+    tau_motor: ArrayLike | None = None,
     step: float | None = None,
     temperature: ArrayLike | None = None,
 ) -> list[_FloatArray]:
@@ -1188,7 +1238,7 @@ def observe(
         As `scipy.signal` gives them; None filters nothing.
     kept : sequence of int
         Samples that become rows, ascending.
-    tau_link, step, temperature : optional
+    tau_link, tau_motor, step, temperature : optional
         As for `effect_columns`.
 
     Returns
@@ -1233,6 +1283,7 @@ def fold(
     filter: _Filter | None = None,
     kept: Sequence[int] | None = None,
     tau_link: ArrayLike | None = None,
+    tau_motor: ArrayLike | None = None,
     step: float | None = None,
     temperature: ArrayLike | None = None,
 ) -> list[_FloatArray]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,13 +13,14 @@ from dynid_rs.archive.survey import Entry
 from dynid_rs.archive.wide import FactorTree, cut_at_joints, observations_of, wide_factor
 from dynid_rs.identification.friction import friction_effect
 from dynid_rs.identification.links import LinkDynamicsIdentifier
-from dynid_rs.identification.loops import FIRST_WIDTH, declared_plan, link_load, link_torque
+from dynid_rs.identification.loads import link_torque, with_load
+from dynid_rs.identification.loops import FIRST_WIDTH, declared_plan
 from dynid_rs.identification.residual import ResidualCompensator
 from dynid_rs.identification.training import Excluded, prepare_training_run
 from dynid_rs.model.known import KnownTerm, less_known
 from dynid_rs.regression.columns import Observations, Plan, run_rows
 from dynid_rs.regression.uncertainty import NoiseSpectrum, noise_spectra, toeplitz_product, width_slope
-from dynid_rs.runs.preprocessing import Band, States
+from dynid_rs.runs.preprocessing import Band, States, is_of_load
 
 if TYPE_CHECKING:
     from dynid_rs.identification.three_loops import ThreeLoopIdentifier
@@ -177,10 +178,10 @@ def _as_seen(states: States, reduction: Reduction, delay: FloatArray) -> States:
 
 
 def _loaded(states: States, plan: Plan, reduction: Reduction) -> States:
-    """The run with the predicted load, where an effect depends on it."""
-    if not any("tau_link" in effect.signals for effect in plan.effects):
+    """The run with the predicted torques, where an effect depends on it."""
+    if not any(is_of_load(effect.signals) for effect in plan.effects):
         return states
-    return replace(states, tau_link=link_load(reduction.plans["model"], reduction.links)(states))
+    return with_load(reduction.plans["model"], reduction.links, reduction.links.own_)(states)
 
 
 def _model_rows(states: States, reduction: Reduction) -> list[FloatArray]:

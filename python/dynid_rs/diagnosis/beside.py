@@ -14,7 +14,7 @@ from dynid_rs.base.memory import residual_memory
 from dynid_rs.diagnosis.hypotheses import Hypothesis, Place
 from dynid_rs.diagnosis.structural.about import About
 from dynid_rs.diagnosis.structural.torque_delay import lateness
-from dynid_rs.identification.loops import link_load, load_rows
+from dynid_rs.identification.loads import link_load, load_rows
 from dynid_rs.identification.smooth_friction import shape_slopes, tanh_widths
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.regression.kept_columns import effect_rows

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,7 @@ from dynid_rs.diagnosis.estimates import Estimate, estimates
 from dynid_rs.diagnosis.hypotheses import Place
 from dynid_rs.diagnosis.rivals import is_one_cause
 from dynid_rs.diagnosis.waves import Argument
-from dynid_rs.identification.loops import link_load
+from dynid_rs.identification.loads import with_load
 from dynid_rs.model.placed import CATALOGUE, PlacedEffect
 from dynid_rs.regression.columns import run_rows
 from dynid_rs.regression.evaluation import rmse
@@ -134,12 +133,12 @@ class _Errors:
 
     def _test_rows(self, test: Sequence[Recording]) -> LinearModel:
         fit = self._found.fit
-        load = link_load(self._plan, fit.links_)
+        loaded = with_load(self._plan, fit.links_, fit.links_.own_)
         parts = []
         for recording in test:
             states = fit.states(recording.less_torque_delay(self._found.setup.torque_delay))
             states = states.aligned(fit.model_.encoder_delay, fit.model_.encoder_error)
-            parts.append(run_rows(self._plan, replace(states, tau_link=load(states)), states.tau))
+            parts.append(run_rows(self._plan, loaded(states), states.tau))
         rows = [np.concatenate([part[j] for part in parts]) for j in range(len(parts[0]))]
         return self._posterior.model(self._plan, rows)
 
@@ -164,7 +163,7 @@ def _plot(found: Belief, effect: PlacedEffect, errors: _Errors) -> dict[str, Any
     thin = order[:: max(1, len(order) // N_POINTS)]
     return {
         "signal": f"{signal}_{robot.joint_names[j]}" if signal and signal != "t" else signal or "column",
-        "unit": unit,
+        "unit": unit.replace("{torque}", found.fit.torque_unit_),
         "joint": robot.joint_names[j],
         "x": x[thin].tolist(),
         "partial": (left + torque)[thin].tolist(),

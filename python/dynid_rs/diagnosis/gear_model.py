@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs.identification.loops import link_load
+from dynid_rs.identification.loads import link_load
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.model.assembly import evaluate
 from dynid_rs.regression.linear_model import Choice, LinearModel

@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 
 from dynid_rs import _core
 from dynid_rs.diagnosis.setup import Setup
-from dynid_rs.identification.loops import link_load
+from dynid_rs.identification.loads import link_load, with_load
 from dynid_rs.identification.smooth_friction import in_paper_terms, tanh_widths
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.model.placed import CATALOGUE, PlacedEffect
 from dynid_rs.regression.linear_model import Columns
-from dynid_rs.runs.preprocessing import States, top_speed
+from dynid_rs.runs.preprocessing import States, is_of_load, top_speed
 
 FloatArray = NDArray[np.float64]
 Shape = tuple[tuple[str, float], ...]
@@ -127,7 +127,7 @@ def shaped_as(effect: PlacedEffect) -> Shaped:
 class Catalogue:
     """Hypotheses of the catalogue along the training runs of a fit; columns are computed once each.
 
-    `before`: of an earlier fit to the same runs, whose columns stay where they do not depend on the fitted load.
+    `before`: of an earlier fit to the same runs, whose columns stay where they do not depend on fitted torques.
     """
 
     fit: ThreeLoopIdentifier
@@ -139,8 +139,8 @@ class Catalogue:
 
     def __post_init__(self) -> None:
         fit = self.fit
-        load = link_load(fit.observations_.plan, fit.links_)
-        self.runs = [replace(states, tau_link=load(states)) for states in fit.runs_]
+        loaded = with_load(fit.observations_.plan, fit.links_, fit.links_.own_)
+        self.runs = [loaded(states) for states in fit.runs_]
         self._load = np.concatenate([states.tau_link for states in self.runs if states.tau_link is not None]).std(
             axis=0
         )
@@ -163,7 +163,7 @@ class Catalogue:
         """Whether columns of an earlier fit are the same beside this one, and its sign is still that of friction."""
         entry, shape = CATALOGUE[s.kind], dict(s.shape)
         signs = [p["name"] for p in entry["shape"] if p["relative_to"] == "friction_width"]
-        return "tau_link" not in entry["signals"] and all(shape[n] == self._widths[s.joints[0]] for n in signs)
+        return not is_of_load(entry["signals"]) and all(shape[n] == self._widths[s.joints[0]] for n in signs)
 
     def hypotheses(self) -> list[Hypothesis]:
         """Every kind that is sought, at every place, with every shape of its grid."""
@@ -289,6 +289,7 @@ class Catalogue:
             filter=states.filter,
             kept=states.kept,
             tau_link=states.tau_link,
+            tau_motor=states.tau_motor,
             step=1 / states.rate,
             temperature=states.temperature,
         )
@@ -300,6 +301,7 @@ class Catalogue:
             effect,
             *states.signals(),
             tau_link=states.tau_link,
+            tau_motor=states.tau_motor,
             step=1 / states.rate,
             temperature=states.temperature,
             joints=joints,

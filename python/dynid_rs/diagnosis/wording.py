@@ -27,6 +27,7 @@ _EXPERIMENTS = {
     "ddq": "move {joint} with short, strong accelerations about one place",
     "ddq_motor": "move {joint} with short, strong accelerations about one place",
     "tau_link": "repeat a run with a known payload on the flange",
+    "tau_motor": "repeat a run with a known payload on the flange",
     "t": "record one motion again and again for half an hour from a cold start",
     "temperature": "record one motion again and again for half an hour from a cold start",
     "deflection": "record with both encoders while {joint} is loaded and unloaded slowly",

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from dynid_rs import _core
 from dynid_rs.excitation.named import TILT, NamedEffect
 from dynid_rs.model.placed import CATALOGUE
+from dynid_rs.runs.preprocessing import is_of_load
 
 if TYPE_CHECKING:
     from dynid_rs._core import RobotModel
@@ -54,7 +55,7 @@ class ShapedEffect:
             its range.
         """
         signals = [] if effect.kind == TILT else CATALOGUE[effect.kind]["signals"]
-        if (effect.kind == TILT or "tau_link" in signals) and not np.any(robot.phi):
+        if (effect.kind == TILT or is_of_load(signals)) and not np.any(robot.phi):
             raise ValueError(
                 f"--separate {effect.kind}: acts through the links' load, and {robot.name} declares no inertials; "
                 "add them to the robot file"
@@ -80,26 +81,35 @@ class ShapedEffect:
         """
         if self.effect.kind == TILT:
             return self._tilt(motion)
-        tau_link = None
-        if "tau_link" in CATALOGUE[self.effect.kind]["signals"]:
-            tau_link = self.robot.inverse_dynamics(*motion)
+        predicted = self._predicted(motion) if is_of_load(CATALOGUE[self.effect.kind]["signals"]) else {}
         shapes = [self.shapes[k] for k in chosen]
         n_pairs = len(self.effect.joints)
         found = {}
         for place, joint in enumerate(self.effect.joints):
             signals = [np.repeat(x[:, [joint]], len(shapes), axis=1) for x in motion]
-            load = None if tau_link is None else np.repeat(tau_link[:, [joint]], len(shapes), axis=1)
+            loads = {name: np.repeat(tau[:, [joint]], len(shapes), axis=1) for name, tau in predicted.items()}
             if n_pairs == 2:  # the partner stands behind the copies
                 partner = self.effect.joints[1 - place]
                 signals = [np.column_stack([s, x[:, partner]]) for s, x in zip(signals, motion, strict=True)]
-                load = None if load is None or tau_link is None else np.column_stack([load, tau_link[:, partner]])
+                loads = {name: np.column_stack([tau, predicted[name][:, partner]]) for name, tau in loads.items()}
             effect = self._core_effect(shapes, joint)
             q, dq, ddq = signals
-            own = _core.effect_columns(effect, q, dq, ddq, tau_link=load, step=step)[:, : len(shapes)]
+            tau_link, tau_motor = loads.get("tau_link"), loads.get("tau_motor")
+            columns = _core.effect_columns(effect, q, dq, ddq, tau_link=tau_link, tau_motor=tau_motor, step=step)
+            own = columns[:, : len(shapes)]
             wide = np.zeros((*own.shape[:2], n_pairs * own.shape[2]))
             wide[..., place * own.shape[2] : (place + 1) * own.shape[2]] = own
             found[joint] = wide
         return found
+
+    def _predicted(self, motion: Motion) -> dict[str, FloatArray]:
+        """Torques that effects of the load are made of, as far as the robot file tells them: friction it does not."""
+        terms = [(_core.Effect.rotor_inertia(), self.robot.rotor_inertia[:, None])]
+        tau_link = self.robot.inverse_dynamics(*motion)
+        return {
+            "tau_link": tau_link,
+            "tau_motor": _core.motor_torque(terms, np.ones(len(terms[0][1])), *motion, tau_link=tau_link),
+        }
 
     def _exists(self, shape: Shape) -> bool:
         """Whether the parameters fit each other."""

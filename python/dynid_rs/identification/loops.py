@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -21,6 +20,7 @@ from dynid_rs.identification.friction_experiment.rows import (
 )
 from dynid_rs.identification.friction_laws import fit_stribeck, power_left, with_laws
 from dynid_rs.identification.links import LinkDynamicsIdentifier, RowGroup, baseline, own_beside
+from dynid_rs.identification.loads import Settling, link_torque, with_load
 from dynid_rs.identification.residual import ResidualCompensator
 from dynid_rs.identification.smooth_friction import SmoothFrictionIdentifier, sign_by_way
 from dynid_rs.identification.training import TrainingData
@@ -31,7 +31,7 @@ from dynid_rs.regression.columns import Observations, Plan, make_plan, observe
 from dynid_rs.regression.evaluation import rmse as rms
 from dynid_rs.regression.systems import block_residuals
 from dynid_rs.runs.encoders import EncoderDelay, estimate_encoder_delay
-from dynid_rs.runs.preprocessing import States, top_speed
+from dynid_rs.runs.preprocessing import States, is_of_load, top_speed
 
 FloatArray = NDArray[np.float64]
 
@@ -40,8 +40,9 @@ FIRST_WIDTH = 4e-3
 SHAPE_ROUNDS, SAME_SHAPE = 6, 0.1
 """Rounds in which a smooth law's shapes and the links settle, and the change of a width's logarithm at which they
 have."""
-LOAD_ROUNDS = 2
-"""Fits after each other in which the load and what depends on it settle; the change falls tenfold with each."""
+LOAD_ROUNDS, MOTOR_ROUNDS = 2, 5
+"""Fits after each other in which the load and what depends on it settle, where the change falls tenfold with each, and
+the motors' torque and what depends on it: there an error comes back up to 1.5 times as large, and is taken out."""
 
 
 class Loops:
@@ -113,9 +114,8 @@ class Loops:
             self.runs = less_known(data.known, [self._as_seen(states) for states in data.runs])
         slow_runs = less_known(data.known, [self._as_seen(states) for states in data.slow_runs])
         if self.effects:
-            load = link_load(self.plan, self._first)
-            slow_runs = [replace(states, tau_link=load(states)) for states in slow_runs]
-            self.runs = [replace(states, tau_link=load(states)) for states in self.runs]
+            loaded = with_load(self.plan, self._first, self._first.own_ @ regroup.T)
+            slow_runs, self.runs = [loaded(states) for states in slow_runs], [loaded(states) for states in self.runs]
         if isinstance(self.friction, SmoothFrictionIdentifier):
             first_friction = self.friction.begin(n).effect_
         self.plan = self._plan(first_friction)
@@ -140,10 +140,12 @@ class Loops:
         again = len(self.stages) > 2
         self._fit_links(self.observations, again)
         if self.depends_on_load:
-            # Columns of the load follow from the links, which follow from them.
-            for _ in range(LOAD_ROUNDS):
-                load = link_load(self.plan, self.links)
-                self.runs = [replace(states, tau_link=load(states)) for states in self.runs]
+            # Columns of the load follow from links and friction, which follow from them.
+            settling = Settling()
+            of_motor = any("tau_motor" in effect.signals for effect in self.plan.effects)
+            for _ in range(MOTOR_ROUNDS if of_motor else LOAD_ROUNDS):
+                loaded = with_load(self.plan, self.links, self.links.own_)
+                self.runs = settling.next(self.runs, [loaded(states) for states in self.runs])
                 self.observations = self._without_third_loop()
                 self._fit_links(self.observations, True)
         self._held = self.links.phi_base_, self.links.torque_scale_
@@ -155,8 +157,8 @@ class Loops:
 
     @property
     def depends_on_load(self) -> bool:
-        """Whether some effect's columns are made of the predicted load."""
-        return any("tau_link" in effect.signals for effect in self.plan.effects)
+        """Whether some effect's columns are made of a predicted torque."""
+        return any(is_of_load(effect.signals) for effect in self.plan.effects)
 
     def _fit_links(self, observations: Observations, again: bool) -> None:
         """Second loop on these rows; what has been fitted to them afresh is not fitted afresh again."""
@@ -308,27 +310,6 @@ def moved_apart(runs: Sequence[States]) -> NDArray[np.bool_]:
     """Joints whose motor and link positions differ by more than where they were set to zero, (n_joints,)."""
     apart: NDArray[np.bool_] = np.any([np.ptp(states.q_motor - states.q, axis=0) > 0 for states in runs], axis=0)
     return apart
-
-
-def link_load(plan: Plan, links: LinkDynamicsIdentifier) -> Callable[[States], FloatArray]:
-    """Rigid-body torque [N m] that fitted links predict at every sample, (n, n_joints)."""
-    phi = np.zeros(10 * plan.robot.n_joints)
-    phi[plan.pivots] = links.phi_base_
-    return lambda states: plan.robot.inverse_dynamics(states.q, states.dq, states.ddq, phi)
-
-
-def load_rows(observations: Observations, links: LinkDynamicsIdentifier) -> list[FloatArray]:
-    """Rigid-body torque of every joint in the torque unit at the fit's rows, (n_rows,) each."""
-    plan = observations.plan
-    return [
-        scale * (rows[:, plan.n_own : -1] @ links.x_[plan.unknowns(j)[plan.n_own :]])
-        for j, (rows, scale) in enumerate(zip(observations.joint_rows(), links.torque_scale_, strict=True))
-    ]
-
-
-def link_torque(plan: Plan, links: LinkDynamicsIdentifier, states: States) -> FloatArray:
-    """Rigid-body torque of the second loop at every sample, (n, n_joints) in the torque unit."""
-    return link_load(plan, links)(states) * links.torque_scale_
 
 
 def _linear_columns(observations: Observations) -> list[list[FloatArray]]:

@@ -16,7 +16,8 @@ from dynid_rs.base.estimator import Estimator, clone
 from dynid_rs.identification.friction import FrictionIdentifier
 from dynid_rs.identification.friction_laws import DEFAULT_LAW, laws_per_joint
 from dynid_rs.identification.links import LinkDynamicsIdentifier
-from dynid_rs.identification.loops import Loops, link_torque
+from dynid_rs.identification.loads import link_torque
+from dynid_rs.identification.loops import Loops
 from dynid_rs.identification.residual import ResidualCompensator
 from dynid_rs.identification.smooth_friction import SmoothFrictionIdentifier
 from dynid_rs.identification.training import Excluded, TrainingData, prepare_training_data

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from dynid_rs import _core
 from dynid_rs.base.errors import DataError
-from dynid_rs.runs.preprocessing import States
+from dynid_rs.runs.preprocessing import States, is_of_load
 
 FloatArray = NDArray[np.float64]
 KnownTerm = tuple[_core.Effect, FloatArray]
@@ -45,7 +45,7 @@ def check_known(known: Sequence[KnownTerm], robot: _core.RobotModel, torque_unit
             )
         if entries[kind]["declared"]:
             raise ValueError(f"known {kind}: is fitted in every model, so it cannot be a known term; leave it out")
-        if "tau_link" in entries[kind]["signals"]:
+        if is_of_load(entries[kind]["signals"]):
             raise ValueError(
                 f"known {kind}: depends on the load, which is known only after the fit; a known term may depend on "
                 "motion alone"

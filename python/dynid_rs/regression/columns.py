@@ -124,9 +124,8 @@ def make_plan(
         own[[j for j in range(n) if j not in acting], first : first + effect.n_columns] = False
         if effect.has_memory:
             continue
-        columns = _core.effect_columns(
-            effect, q, dq, ddq, q_motor, dq_motor, ddq_motor, tau_link=tau_link, temperature=temperature
-        )
+        motion = q, dq, ddq, q_motor, dq_motor, ddq_motor
+        columns = _core.effect_columns(effect, *motion, tau_link, tau_motor=tau_link, temperature=temperature)
         for j, k in product(acting, range(effect.n_columns)):
             probe = np.zeros((len(q), n))
             probe[:, j] = columns[:, j, k]
@@ -265,6 +264,7 @@ def run_rows(
         filter=states.filter,
         kept=kept,
         tau_link=states.tau_link,
+        tau_motor=states.tau_motor,
         step=1 / states.rate,
         temperature=states.temperature,
     )

@@ -88,6 +88,7 @@ def _effect_rows(effect: _core.Effect, states: States, joints: list[int]) -> Per
         effect,
         *states.signals(),
         tau_link=states.tau_link,
+        tau_motor=states.tau_motor,
         step=1 / states.rate,
         temperature=states.temperature,
         joints=joints,
@@ -100,8 +101,8 @@ def _effect_rows(effect: _core.Effect, states: States, joints: list[int]) -> Per
 def effect_key(effect: _core.Effect, states: States) -> tuple[Any, ...]:
     """What an effect's columns are made of."""
     shape = tuple((name, tuple(values)) for name, values in effect.shape)
-    load = states.digest("tau_link") if "tau_link" in effect.signals else b""
-    return effect.kind, shape, load, states.motion
+    loads = [states.digest(name) for name in ("tau_link", "tau_motor") if name in effect.signals]
+    return effect.kind, shape, *loads, states.motion
 
 
 def observed(
@@ -143,6 +144,7 @@ def _observe(
         filter=states.filter,
         kept=states.kept,
         tau_link=states.tau_link,
+        tau_motor=states.tau_motor,
         step=1 / states.rate,
         temperature=states.temperature,
     )

@@ -7,7 +7,7 @@ cancels from the equation; only positions are filtered before they are different
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any
@@ -86,7 +86,8 @@ class States:
     default.
     `notes` says what was done to the signals. `reference` is the position that the controller was asked for, with its
     derivatives, through the same filter; None where it was not recorded. `tau_link` is the rigid-body torque [N m]
-    that a model predicts, for effects that depend on the load; None before there is one. `temperature` [degC] as it
+    that a model predicts and `tau_motor` [torque unit] what it predicts at the motors, before effects beyond the
+    declared model: for effects that depend on them; None before there is one. `temperature` [degC] as it
     was measured, on the grid; None where it was not. `torque_delay` [s] of the torque channel was taken out of
     `tau`. `before`: the run up to here, where it is a part of one; what a model remembers comes from there.
     """
@@ -107,6 +108,7 @@ class States:
     notes: tuple[str, ...] = ()
     reference: tuple[FloatArray, FloatArray, FloatArray] | None = None
     tau_link: FloatArray | None = None
+    tau_motor: FloatArray | None = None
     temperature: FloatArray | None = None
     resting: NDArray[np.bool_] = None  # type: ignore[assignment]
     before: States | None = None
@@ -211,6 +213,11 @@ class States:
         if not self.two_encoders or not np.any(encoder_delay):
             return self
         return replace(self, ddq=self.ddq + encoder_delay * np.gradient(self.ddq, 1 / self.rate, axis=0))
+
+
+def is_of_load(signals: Collection[str]) -> bool:
+    """Whether `signals` of an effect hold a torque that only a fitted model predicts."""
+    return "tau_link" in signals or "tau_motor" in signals
 
 
 def top_speed(runs: Sequence[States]) -> FloatArray:

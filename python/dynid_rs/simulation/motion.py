@@ -97,7 +97,7 @@ def solve_motion(arm: SimulatedArm, trajectory: Trajectory, t: FloatArray) -> Ar
 
 
 def signals(arm: SimulatedArm, motion: ArmMotion) -> Signals:
-    """Return what effects see of a motion."""
+    """Return what effects see of a motion before they add to the motors' torque."""
     return Signals(
         t=motion.t,
         q=motion.q,
@@ -107,6 +107,7 @@ def signals(arm: SimulatedArm, motion: ArmMotion) -> Signals:
         dq_motor=motion.dq_motor,
         ddq_motor=motion.ddq_motor,
         tau_link=motion.tau_link,
+        tau_motor=motion.tau,
         friction=friction_torque(arm, motion.dq_motor),
     )
 

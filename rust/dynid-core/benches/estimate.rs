@@ -162,6 +162,7 @@ fn parts(model: &TorqueModel, path: Path, cycles: u64, [q, dq, ddq]: [&[f64]; 3]
         let input = EffectInput {
             state: state(k),
             tau_link: &tau_link,
+            tau_motor: &tau_link,
             step: 0.0,
         };
         model.effects()[0].torque_into(&input, &mut [], &mut tau);

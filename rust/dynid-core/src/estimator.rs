@@ -1,11 +1,12 @@
 //! One state in, one torque per term out: no allocation, no panic, a finite answer always.
 
 mod live;
+mod terms;
 
 use std::sync::Arc;
 
 use crate::dynamics::{check_length, Torque, Workspace};
-use crate::effects::EffectInput;
+use crate::effects::{EffectInput, TAU_MOTOR};
 use crate::error::CoreError;
 use crate::intake::Intake;
 use crate::lanes::{self, Kernel, Lanes};
@@ -14,6 +15,7 @@ use crate::residual::{Load, ResidualTorque};
 use crate::slices::{at, rows_mut, set};
 use crate::state::{align_link_side, true_motion, State};
 use crate::step::{StepRows, Sum, Take};
+use terms::Terms;
 
 /// What was unusual about a step, as bits. Zero is a good step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
@@ -105,6 +107,10 @@ struct Evaluation {
     rows: StepRows,
     /// Rigid-body torque before the channel's scale.
     tau_link: Vec<f64>,
+    /// Torque of the motors before undeclared effects, and which effects read it, if any.
+    tau_motor: Vec<f64>,
+    of_motor: Vec<bool>,
+    any_of_motor: bool,
     /// Variance of what the model leaves.
     noise_variance: Vec<f64>,
     /// Joints on which an effect follows the temperature.
@@ -133,6 +139,10 @@ impl TorqueEstimator {
         let n_terms = model.n_terms();
         let effects = model.effects().iter();
         let n_memory = effects.map(|term| term.effect().memory_len(n)).sum();
+        let of_motor = model.effects().iter();
+        let of_motor: Vec<bool> = of_motor
+            .map(|term| term.effect().entry().needs(TAU_MOTOR))
+            .collect();
         let noise_variance: Vec<f64> = model.noise_std().iter().map(|std| std * std).collect();
         let step = model.step().unwrap_or(0.0);
         let own = Evaluation {
@@ -141,6 +151,9 @@ impl TorqueEstimator {
             motor: std::array::from_fn(|_| vec![0.0; n]),
             rows: StepRows::new(&model),
             tau_link: vec![0.0; n],
+            tau_motor: vec![0.0; n],
+            any_of_motor: of_motor.contains(&true),
+            of_motor,
             wants_any: model.wants_temperature().contains(&true),
             wants_temperature: model.wants_temperature(),
             step,
@@ -349,19 +362,26 @@ impl Evaluation {
         let input = EffectInput {
             state: *state,
             tau_link: &self.tau_link,
+            tau_motor: &[],
             step: self.step,
         };
         lanes::copy::<L>(&self.memory, &mut self.next_memory);
-        let mut memory = self.next_memory.as_mut_slice();
-        let mut rows = rows_mut(rest, n);
-        for (term, row) in model.effects().iter().zip(rows.by_ref()) {
-            let length = term.effect().memory_len(n);
-            let own;
-            (own, memory) = memory.split_at_mut_checked(length).unwrap_or_default();
-            term.torque_on::<S, L>(&input, own, row);
+        let n_effects = model.effects().len();
+        let (effects, rest) = rest.split_at_mut_checked(n_effects * n).unwrap_or_default();
+        let mut terms = Terms {
+            effects: model.effects(),
+            of_motor: &self.of_motor,
+            memory: &mut self.next_memory,
+            rows: effects,
+        };
+        terms.evaluate::<S, L>(&input, false);
+        if self.any_of_motor {
+            terms.motor_torque_into(scaled, &mut self.tau_motor);
+            let tau_motor = &self.tau_motor;
+            terms.evaluate::<S, L>(&EffectInput { tau_motor, ..input }, true);
         }
         lanes::copy::<L>(&self.noise_variance, &mut self.scratch_variance);
-        match (model.residual(), rows.next()) {
+        match (model.residual(), rows_mut(rest, n).next()) {
             (Some(residual), Some(row)) => {
                 let torque = ResidualTorque {
                     residual,

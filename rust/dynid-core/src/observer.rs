@@ -315,6 +315,7 @@ impl MomentumObserver {
                 ..*state
             },
             tau_link: &self.zeros,
+            tau_motor: &self.zeros,
             step: 0.0,
         };
         let mut effects = self.model.effects().iter();
@@ -391,6 +392,7 @@ fn at_rest(model: &TorqueModel) -> Vec<[f64; 2]> {
                 let input = EffectInput {
                     state,
                     tau_link: &zeros,
+                    tau_motor: &zeros,
                     step: 0.0,
                 };
                 effect.torque_into(&input, &mut [], out);

@@ -8,6 +8,7 @@ mod chain;
 use std::sync::Arc;
 
 use chain::case;
+use dynid_core::effects::motor_torque_into;
 use dynid_core::model::TorqueModelParts;
 use dynid_core::{
     CoreError, Domain, Effect, EffectInput, EffectTerm, State, Status, TorqueEstimator, TorqueModel,
@@ -94,11 +95,14 @@ proptest! {
             model.effects().iter().map(|term| vec![0.0; term.effect().memory_len(n)]).collect();
         prop_assert!(memories.iter().any(|memory| !memory.is_empty()));
         let mut estimator = TorqueEstimator::new(Arc::clone(&model));
-        let (mut tau, mut alone) = (vec![0.0; n], vec![0.0; n]);
+        let (mut tau, mut alone, mut tau_motor) = (vec![0.0; n], vec![0.0; n], vec![0.0; n]);
         for row in numbers.chunks_exact(9) {
             let state = State::single(&row[..n], &row[3..3 + n], &row[6..6 + n]);
             estimator.estimate_into(&state, &mut tau).expect("right lengths");
-            let input = EffectInput { state, tau_link: &estimator.terms()[..n], step: STEP };
+            let tau_link = &estimator.terms()[..n]; // all scales are 1
+            let rows = estimator.terms()[n..].chunks_exact(n);
+            motor_torque_into(tau_link, model.effects().iter().zip(rows), &mut tau_motor);
+            let input = EffectInput { state, tau_link, tau_motor: &tau_motor, step: STEP };
             for (k, (term, memory)) in model.effects().iter().zip(&mut memories).enumerate() {
                 term.torque_into(&input, memory, &mut alone);
                 prop_assert_eq!(bits(&alone), bits(&estimator.terms()[(k + 1) * n..(k + 2) * n]));

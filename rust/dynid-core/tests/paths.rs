@@ -134,6 +134,7 @@ fn check_terms(model: &Arc<TorqueModel>, state: &[f64; 3 * N]) {
     let input = EffectInput {
         state,
         tau_link: &[0.0; N],
+        tau_motor: &[0.0; N],
         step: 0.0,
     };
     for j in 0..N {

@@ -51,6 +51,7 @@ fn main() {
         signals: RunSignals {
             state: State::single(&q, &dq, &ddq),
             tau_link: None,
+            tau_motor: None,
             step: None,
         },
         tau: &tau,

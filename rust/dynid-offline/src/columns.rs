@@ -1,5 +1,6 @@
 //! Columns and torque of one effect along a run, memory and all: what the estimator sums online, to the same bits.
 
+use dynid_core::effects::{motor_torque_into, TAU_MOTOR};
 use dynid_core::{CoreError, Effect, EffectInput, EffectTerm, State};
 use rayon::prelude::*;
 
@@ -16,6 +17,8 @@ pub struct RunSignals<'a> {
     pub state: State<'a>,
     /// Rigid-body torque that the model predicts \[N·m\]; needed by effects of the load.
     pub tau_link: Option<&'a [f64]>,
+    /// Torque that the model predicts at the motors \[torque unit\], [`motor_torque`]; needed by effects of it.
+    pub tau_motor: Option<&'a [f64]>,
     /// Time between samples \[s\]; needed by effects that remember in time.
     pub step: Option<f64>,
 }
@@ -56,7 +59,9 @@ impl<'a> RunSignals<'a> {
             .into_iter()
             .filter(|(motor, link)| !std::ptr::eq(*motor, *link))
             .map(|(motor, _)| motor);
-        let optional = [self.tau_link, state.temperature].into_iter().flatten();
+        let optional = [self.tau_link, self.tau_motor, state.temperature]
+            .into_iter()
+            .flatten();
         if own.chain(optional).all(finite) {
             Ok(())
         } else {
@@ -72,11 +77,10 @@ impl<'a> RunSignals<'a> {
         n_samples: usize,
     ) -> Result<(), OfflineError> {
         self.state.check(n_samples * n_joints)?;
-        if self
-            .tau_link
-            .is_some_and(|tau| tau.len() != n_samples * n_joints)
-        {
-            return Err(OfflineError::Shape { what: "tau_link" });
+        for (what, tau) in [("tau_link", self.tau_link), (TAU_MOTOR, self.tau_motor)] {
+            if tau.is_some_and(|tau| tau.len() != n_samples * n_joints) {
+                return Err(OfflineError::Shape { what });
+            }
         }
         if let Some(step) = self.step {
             dynid_core::model::check_step(step)?;
@@ -85,6 +89,7 @@ impl<'a> RunSignals<'a> {
             effect.check(n_joints)?;
             for (what, there) in [
                 ("tau_link", self.tau_link.is_some()),
+                (TAU_MOTOR, self.tau_motor.is_some()),
                 ("step", self.step.is_some()),
                 ("temperature", self.state.temperature.is_some()),
             ] {
@@ -104,7 +109,8 @@ impl<'a> RunSignals<'a> {
         let at = k * n_joints..(k + 1) * n_joints;
         EffectInput {
             state: slice_state(&self.state, at.clone()),
-            tau_link: self.tau_link.map_or(&[], |tau| &tau[at]),
+            tau_link: self.tau_link.map_or(&[], |tau| &tau[at.clone()]),
+            tau_motor: self.tau_motor.map_or(&[], |tau| &tau[at]),
             step: self.step.unwrap_or(0.0),
         }
     }
@@ -172,17 +178,59 @@ pub fn effect_torque(
 ) -> Result<(), OfflineError> {
     let n_samples = run.state.q.len() / n_joints;
     run.check(std::slice::from_ref(term.effect()), n_joints, n_samples)?;
-    if tau.len() != run.state.q.len() {
-        return Err(CoreError::Length {
-            what: "tau",
-            expected: run.state.q.len(),
-            actual: tau.len(),
-        }
-        .into());
-    }
+    check_length("tau", tau.len(), run.state.q.len())?;
     let mut memory = vec![0.0; term.effect().memory_len(n_joints)];
     for (k, tau) in tau.chunks_exact_mut(n_joints).enumerate() {
         term.torque_into(&run.input(k, n_joints), &mut memory, tau);
     }
+    Ok(())
+}
+
+fn check_length(what: &'static str, actual: usize, expected: usize) -> Result<(), CoreError> {
+    if actual == expected {
+        Ok(())
+    } else {
+        Err(CoreError::Length {
+            what,
+            expected,
+            actual,
+        })
+    }
+}
+
+/// Torque that a model predicts at the motors at every sample into `tau_motor` (n_samples × n_joints): its rigid-body torque
+/// `run.tau_link` as the channel shows it, times `torque_scale`, and what is declared of `terms`, from a fresh memory.
+///
+/// # Errors
+/// As [`RunSignals::check`]; [`OfflineError::Missing`] without `tau_link`.
+pub fn motor_torque(
+    terms: &[EffectTerm],
+    torque_scale: &[f64],
+    run: &RunSignals<'_>,
+    tau_motor: &mut [f64],
+) -> Result<(), OfflineError> {
+    let n_joints = torque_scale.len();
+    let tau_link = run.tau_link.ok_or(OfflineError::Missing {
+        kind: TAU_MOTOR,
+        what: "tau_link",
+    })?;
+    run.check(&[], n_joints, run.state.q.len() / n_joints)?;
+    check_length("torque", tau_motor.len(), tau_link.len())?;
+    let scales = torque_scale.iter().cycle();
+    let scaled: Vec<f64> = tau_link
+        .iter()
+        .zip(scales)
+        .map(|(tau, scale)| tau * scale)
+        .collect();
+    let mut declared = Vec::new();
+    for term in terms.iter().filter(|term| term.effect().is_declared()) {
+        let mut torque = vec![0.0; scaled.len()];
+        effect_torque(term, n_joints, run, &mut torque)?;
+        declared.push((term, torque));
+    }
+    let declared = declared
+        .iter()
+        .map(|(term, torque)| (*term, torque.as_slice()));
+    motor_torque_into(&scaled, declared, tau_motor);
     Ok(())
 }

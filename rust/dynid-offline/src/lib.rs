@@ -32,7 +32,7 @@ mod triangle;
 pub mod weighted;
 
 pub use base::{base_parameters, BaseParameters};
-pub use columns::{effect_columns, effect_torque, RunSignals};
+pub use columns::{effect_columns, effect_torque, motor_torque, RunSignals};
 pub use error::OfflineError;
 pub use excitation::{Criterion, Excitation};
 pub use extent::{extent, Extent};

@@ -54,6 +54,7 @@ impl Run {
             signals: RunSignals {
                 state: State::single(q, dq, ddq),
                 tau_link: None,
+                tau_motor: None,
                 step: None,
             },
             tau: &self.tau,

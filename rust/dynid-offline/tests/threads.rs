@@ -55,7 +55,7 @@ fn low_pass(pad: usize) -> ZeroPhase {
 
 /// Signals of a run with two encoders.
 struct Run {
-    signals: [Vec<f64>; 9],
+    signals: [Vec<f64>; 10],
 }
 
 impl Run {
@@ -63,6 +63,7 @@ impl Run {
         let (q, dq, ddq) = probing_states(&case.robot, N_SAMPLES, seed);
         let (q_motor, dq_motor, ddq_motor) = probing_states(&case.robot, N_SAMPLES, seed ^ 1);
         let (tau, tau_link, temperature) = probing_states(&case.robot, N_SAMPLES, seed ^ 2);
+        let (tau_motor, ..) = probing_states(&case.robot, N_SAMPLES, seed ^ 3);
         Self {
             signals: [
                 q,
@@ -73,13 +74,15 @@ impl Run {
                 ddq_motor,
                 tau,
                 tau_link,
+                tau_motor,
                 temperature,
             ],
         }
     }
 
     fn states(&self) -> RunStates<'_> {
-        let [q, dq, ddq, q_motor, dq_motor, ddq_motor, tau, tau_link, temperature] = &self.signals;
+        let [q, dq, ddq, q_motor, dq_motor, ddq_motor, tau, tau_link, tau_motor, temperature] =
+            &self.signals;
         RunStates {
             signals: RunSignals {
                 state: State {
@@ -92,6 +95,7 @@ impl Run {
                     temperature: Some(temperature),
                 },
                 tau_link: Some(tau_link),
+                tau_motor: Some(tau_motor),
                 step: Some(STEP),
             },
             tau,
@@ -179,7 +183,8 @@ proptest! {
             for k in 0..N_SAMPLES {
                 let state = slice_state(&states.signals.state, k * n..(k + 1) * n);
                 let tau_link = &states.signals.tau_link.expect("a load")[k * n..(k + 1) * n];
-                let input = EffectInput { state, tau_link, step: STEP };
+                let tau_motor = &states.signals.tau_motor.expect("a torque")[k * n..(k + 1) * n];
+                let input = EffectInput { state, tau_link, tau_motor, step: STEP };
                 joint_torque_regressor_into(&case.robot, &mut workspace, state.q, state.dq, state.ddq, &mut y)
                     .expect("right lengths");
                 let mut row = Vec::new();

@@ -10,7 +10,7 @@ use pyo3::types::{PyDict, PyList};
 
 use crate::lists::{optional, List};
 use crate::offline::{sampling, FilterParts};
-use crate::run::RunArrays;
+use crate::run::{Predicted, RunArrays};
 use crate::{arrays, errors};
 
 /// An effect with its shape parameters, one of the terms of a torque model.
@@ -73,6 +73,11 @@ impl PyEffect {
     #[getter]
     fn signals(&self) -> Vec<&'static str> {
         self.0.entry().signals.to_vec()
+    }
+
+    #[getter]
+    fn is_declared(&self) -> bool {
+        self.0.is_declared()
     }
 
     #[getter]
@@ -198,7 +203,7 @@ pub fn effect_catalogue(py: Python<'_>) -> PyResult<Bound<'_, PyList>> {
 
 /// Torque per unit coefficient along a run, (n_samples, n_joints, n_columns); in the band at the kept samples if given.
 #[pyfunction]
-#[pyo3(signature = (effect, q, dq, ddq, q_motor=None, dq_motor=None, ddq_motor=None, tau_link=None, *, step=None, temperature=None, joints=None, filter=None, kept=None))]
+#[pyo3(signature = (effect, q, dq, ddq, q_motor=None, dq_motor=None, ddq_motor=None, tau_link=None, *, tau_motor=None, step=None, temperature=None, joints=None, filter=None, kept=None))]
 #[expect(clippy::too_many_arguments, reason = "all that an effect may see")]
 pub fn effect_columns<'py>(
     py: Python<'py>,
@@ -210,6 +215,7 @@ pub fn effect_columns<'py>(
     dq_motor: Option<&Bound<'py, PyAny>>,
     ddq_motor: Option<&Bound<'py, PyAny>>,
     tau_link: Option<&Bound<'py, PyAny>>,
+    tau_motor: Option<&Bound<'py, PyAny>>,
     step: Option<f64>,
     temperature: Option<&Bound<'py, PyAny>>,
     joints: Option<List<usize>>,
@@ -218,7 +224,11 @@ pub fn effect_columns<'py>(
 ) -> PyResult<Bound<'py, PyArray3<f64>>> {
     let n = arrays::width(&arrays::contiguous(q, "q")?, "q")?;
     let motor = [q_motor, dq_motor, ddq_motor];
-    let arrays = RunArrays::any([q, dq, ddq], motor, tau_link, temperature, step, n)?;
+    let predicted = Predicted {
+        tau_link,
+        tau_motor,
+    };
+    let arrays = RunArrays::any([q, dq, ddq], motor, predicted, temperature, step, n)?;
     let run = arrays.signals()?;
     let joints = optional(joints).unwrap_or_else(|| (0..n).collect());
     let n_columns = effect.0.n_columns();
@@ -233,15 +243,55 @@ pub fn effect_columns<'py>(
     });
     if let Err(OfflineError::NonFinite { .. }) = columns {
         // Which number it was is only looked for now.
-        RunArrays::new([q, dq, ddq], motor, tau_link, temperature, step, n)?;
+        RunArrays::new([q, dq, ddq], motor, predicted, temperature, step, n)?;
     }
     let columns = columns.map_err(errors::offline)?;
     arrays::to_cube(py, columns, [n_rows, joints.len(), n_columns])
 }
 
+/// Torque that a model predicts at its motors along a run, (n_samples, n_joints).
+#[pyfunction]
+#[pyo3(signature = (terms, torque_scale, q, dq, ddq, q_motor=None, dq_motor=None, ddq_motor=None, *, tau_link, step=None, temperature=None))]
+#[expect(clippy::too_many_arguments, reason = "all that an effect may see")]
+pub fn motor_torque<'py>(
+    py: Python<'py>,
+    terms: List<(PyEffect, Bound<'py, PyAny>)>,
+    torque_scale: &Bound<'py, PyAny>,
+    q: &Bound<'py, PyAny>,
+    dq: &Bound<'py, PyAny>,
+    ddq: &Bound<'py, PyAny>,
+    q_motor: Option<&Bound<'py, PyAny>>,
+    dq_motor: Option<&Bound<'py, PyAny>>,
+    ddq_motor: Option<&Bound<'py, PyAny>>,
+    tau_link: &Bound<'py, PyAny>,
+    step: Option<f64>,
+    temperature: Option<&Bound<'py, PyAny>>,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let n = arrays::width(&arrays::contiguous(q, "q")?, "q")?;
+    let motor = [q_motor, dq_motor, ddq_motor];
+    let predicted = Predicted {
+        tau_link: Some(tau_link),
+        tau_motor: None,
+    };
+    let arrays = RunArrays::new([q, dq, ddq], motor, predicted, temperature, step, n)?;
+    let run = arrays.signals()?;
+    let torque_scale = arrays::vector(torque_scale, "torque_scale", Some(n))?;
+    let torque_scale = torque_scale.as_slice()?;
+    let terms = terms.0.into_iter().map(|(effect, coefficients)| {
+        let width = effect.0.n_columns();
+        let coefficients = arrays::matrix(&coefficients, "coefficients", width)?;
+        EffectTerm::new(effect.0, coefficients.as_slice()?.to_vec(), n).map_err(errors::core)
+    });
+    let terms = terms.collect::<PyResult<Vec<_>>>()?;
+    let mut tau = vec![0.0; arrays.n_samples() * n];
+    py.detach(|| dynid_offline::motor_torque(&terms, torque_scale, &run, &mut tau))
+        .map_err(errors::offline)?;
+    arrays::to_matrix(py, tau, n)
+}
+
 /// Torque along a run, (n_samples, n_joints).
 #[pyfunction]
-#[pyo3(signature = (effect, coefficients, q, dq, ddq, q_motor=None, dq_motor=None, ddq_motor=None, tau_link=None, *, step=None, temperature=None))]
+#[pyo3(signature = (effect, coefficients, q, dq, ddq, q_motor=None, dq_motor=None, ddq_motor=None, tau_link=None, *, tau_motor=None, step=None, temperature=None))]
 #[expect(clippy::too_many_arguments, reason = "all that an effect may see")]
 pub fn effect_torque<'py>(
     py: Python<'py>,
@@ -254,12 +304,17 @@ pub fn effect_torque<'py>(
     dq_motor: Option<&Bound<'py, PyAny>>,
     ddq_motor: Option<&Bound<'py, PyAny>>,
     tau_link: Option<&Bound<'py, PyAny>>,
+    tau_motor: Option<&Bound<'py, PyAny>>,
     step: Option<f64>,
     temperature: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyArray2<f64>>> {
     let n = arrays::width(&arrays::contiguous(q, "q")?, "q")?;
     let motor = [q_motor, dq_motor, ddq_motor];
-    let arrays = RunArrays::new([q, dq, ddq], motor, tau_link, temperature, step, n)?;
+    let predicted = Predicted {
+        tau_link,
+        tau_motor,
+    };
+    let arrays = RunArrays::new([q, dq, ddq], motor, predicted, temperature, step, n)?;
     let run = arrays.signals()?;
     let coefficients = arrays::matrix(coefficients, "coefficients", effect.0.n_columns())?;
     let term = EffectTerm::new(effect.0.clone(), coefficients.as_slice()?.to_vec(), n)

@@ -60,6 +60,7 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(effects::effect_catalogue, m)?)?;
     m.add_function(wrap_pyfunction!(effects::effect_columns, m)?)?;
     m.add_function(wrap_pyfunction!(effects::effect_torque, m)?)?;
+    m.add_function(wrap_pyfunction!(effects::motor_torque, m)?)?;
     m.add_function(wrap_pyfunction!(signals::residual_inputs, m)?)?;
     m.add_function(wrap_pyfunction!(signals::named_signals, m)?)?;
     m.add_function(wrap_pyfunction!(signals::align_link_side, m)?)?;

@@ -20,7 +20,7 @@ use crate::mixture::PyGaussianMixtureRegression;
 use crate::physical::PyPhysicalSet;
 use crate::rbf::PyNormalisedRbf;
 use crate::robot::{PyRobotModel, Rebuild};
-use crate::run::RunArrays;
+use crate::run::{Predicted, RunArrays};
 use crate::{arrays, errors, small};
 
 /// A torque model: rigid body, effects, residual. Owned by Rust, immutable.
@@ -239,7 +239,14 @@ impl PyTorqueModel {
     ) -> PyResult<Evaluation<'py>> {
         let n = self.0.robot().n_joints();
         let motor = [q_motor, dq_motor, ddq_motor];
-        let arrays = RunArrays::new([q, dq, ddq], motor, None, temperature, step, n)?;
+        let arrays = RunArrays::new(
+            [q, dq, ddq],
+            motor,
+            Predicted::default(),
+            temperature,
+            step,
+            n,
+        )?;
         if temperature.is_none() {
             self.needs_no_temperature()?;
         }
@@ -311,7 +318,7 @@ impl PyTorqueModel {
         }
         self.needs_no_temperature()?;
         let motor = [q_motor, dq_motor, ddq_motor];
-        let arrays = RunArrays::new([q, dq, ddq], motor, None, None, None, n)?;
+        let arrays = RunArrays::new([q, dq, ddq], motor, Predicted::default(), None, None, n)?;
         let (states, n_samples) = (arrays.state()?, arrays.n_samples());
         let mut estimator = TorqueEstimator::new(Arc::clone(&self.0));
         small::result(py, [n_samples, n], out, |total| {
@@ -335,7 +342,7 @@ impl PyTorqueModel {
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let n = self.0.robot().n_joints();
         let motor = [q_motor, dq_motor, ddq_motor];
-        let arrays = RunArrays::new([q, dq, ddq], motor, None, None, None, n)?;
+        let arrays = RunArrays::new([q, dq, ddq], motor, Predicted::default(), None, None, n)?;
         let states = arrays.state()?;
         let mut estimator = TorqueEstimator::new(Arc::clone(&self.0));
         let mut std = vec![0.0; arrays.n_samples() * n];

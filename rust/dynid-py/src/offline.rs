@@ -12,7 +12,7 @@ use pyo3::prelude::*;
 use crate::effects::{check_shape, PyEffect};
 use crate::lists::{optional, List};
 use crate::robot::PyRobotModel;
-use crate::run::RunArrays;
+use crate::run::{Predicted, RunArrays};
 use crate::{arrays, errors};
 
 /// `(sections, steady state, padding)` as `scipy.signal.butter` and `sosfilt_zi` give them; `None` filters nothing.
@@ -76,7 +76,7 @@ pub fn extent<'py>(py: Python<'py>, x: &Bound<'py, PyAny>) -> PyResult<Bound<'py
 
 /// Filtered, decimated rows of every joint: a list of (n_rows, n_columns) arrays.
 #[pyfunction]
-#[pyo3(signature = (robot, effects, pivots, q, dq, ddq, q_motor, dq_motor, ddq_motor, tau, *, filter=None, kept, tau_link=None, step=None, temperature=None))]
+#[pyo3(signature = (robot, effects, pivots, q, dq, ddq, q_motor, dq_motor, ddq_motor, tau, *, filter=None, kept, tau_link=None, tau_motor=None, step=None, temperature=None))]
 #[expect(
     clippy::too_many_arguments,
     reason = "a run's seven signals and the plan"
@@ -96,12 +96,17 @@ pub fn observe<'py>(
     filter: FilterParts<'py>,
     kept: List<usize>,
     tau_link: Option<&Bound<'py, PyAny>>,
+    tau_motor: Option<&Bound<'py, PyAny>>,
     step: Option<f64>,
     temperature: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Vec<Bound<'py, PyArray2<f64>>>> {
     let n = robot.0.n_joints();
     let motor = [Some(q_motor), Some(dq_motor), Some(ddq_motor)];
-    let arrays = RunArrays::new([q, dq, ddq], motor, tau_link, temperature, step, n)?;
+    let predicted = Predicted {
+        tau_link,
+        tau_motor,
+    };
+    let arrays = RunArrays::new([q, dq, ddq], motor, predicted, temperature, step, n)?;
     let [_, tau] = arrays::samples([("q", q), ("tau", tau)], n)?;
     let run = RunStates {
         signals: arrays.signals()?,
@@ -121,7 +126,7 @@ pub fn observe<'py>(
 
 /// Triangular factor of every joint's rows, folded while they are built: a list of (n_columns, n_columns) arrays.
 #[pyfunction]
-#[pyo3(signature = (robot, effects, pivots, q, dq, ddq, q_motor, dq_motor, ddq_motor, tau, *, filter=None, kept=None, tau_link=None, step=None, temperature=None))]
+#[pyo3(signature = (robot, effects, pivots, q, dq, ddq, q_motor, dq_motor, ddq_motor, tau, *, filter=None, kept=None, tau_link=None, tau_motor=None, step=None, temperature=None))]
 #[expect(
     clippy::too_many_arguments,
     reason = "a run's seven signals and the plan"
@@ -141,13 +146,18 @@ pub fn fold<'py>(
     filter: FilterParts<'py>,
     kept: Option<List<usize>>,
     tau_link: Option<&Bound<'py, PyAny>>,
+    tau_motor: Option<&Bound<'py, PyAny>>,
     step: Option<f64>,
     temperature: Option<&Bound<'py, PyAny>>,
 ) -> PyResult<Vec<Bound<'py, PyArray2<f64>>>> {
     let n = robot.0.n_joints();
     let motor = [Some(q_motor), Some(dq_motor), Some(ddq_motor)];
     let link = [q, dq, ddq];
-    let arrays = RunArrays::any(link, motor, tau_link, temperature, step, n)?;
+    let predicted = Predicted {
+        tau_link,
+        tau_motor,
+    };
+    let arrays = RunArrays::any(link, motor, predicted, temperature, step, n)?;
     let [_, torque] = arrays::any_samples([("q", q), ("tau", tau)], n)?;
     let run = RunStates {
         signals: arrays.signals()?,
@@ -165,7 +175,7 @@ pub fn fold<'py>(
         py.detach(|| dynid_offline::fold(&robot.0, &effects, &pivots, &run, sampling.as_ref()));
     if let Err(OfflineError::NonFinite { .. }) = folded {
         // Which number it was is only looked for now.
-        RunArrays::new(link, motor, tau_link, temperature, step, n)?;
+        RunArrays::new(link, motor, predicted, temperature, step, n)?;
         arrays::matrix(tau, "tau", n)?;
     }
     let factors = folded.map_err(errors::offline)?;

@@ -11,8 +11,18 @@ use crate::arrays;
 pub struct RunArrays<'py> {
     signals: [PyReadonlyArray2<'py, f64>; 6],
     tau_link: Option<PyReadonlyArray2<'py, f64>>,
+    tau_motor: Option<PyReadonlyArray2<'py, f64>>,
     temperature: Option<PyReadonlyArray2<'py, f64>>,
     step: Option<f64>,
+}
+
+/// Torques (n_samples, n_joints) that a model predicts, where they are given.
+#[derive(Clone, Copy, Default)]
+pub struct Predicted<'a, 'py> {
+    /// Of the rigid body.
+    pub tau_link: Option<&'a Bound<'py, PyAny>>,
+    /// At the motors.
+    pub tau_motor: Option<&'a Bound<'py, PyAny>>,
 }
 
 /// Names and arrays; the link side stands in for a motor side that is not given.
@@ -30,23 +40,31 @@ fn six<'a, 'py>(
     ]
 }
 
+fn slice<'a>(tau: Option<&'a PyReadonlyArray2<'_, f64>>) -> PyResult<Option<&'a [f64]>> {
+    Ok(tau.map(|tau| tau.as_slice()).transpose()?)
+}
+
 impl<'py> RunArrays<'py> {
-    /// Link side, motor side (the link side where it is not given), predicted rigid-body torque, measured temperature, time
-    /// between samples.
+    /// Link side, motor side (the link side where it is not given), predicted torques, measured temperature, time between
+    /// samples.
     ///
     /// # Errors
     /// As [`arrays::samples`].
     pub fn new(
         link: [&Bound<'py, PyAny>; 3],
         motor: [Option<&Bound<'py, PyAny>>; 3],
-        tau_link: Option<&Bound<'py, PyAny>>,
+        predicted: Predicted<'_, 'py>,
         temperature: Option<&Bound<'py, PyAny>>,
         step: Option<f64>,
         n_joints: usize,
     ) -> PyResult<Self> {
-        let run = Self::any(link, motor, tau_link, temperature, step, n_joints)?;
+        let run = Self::any(link, motor, predicted, temperature, step, n_joints)?;
         arrays::samples(six(link, motor), n_joints)?;
-        for (name, value) in [("tau_link", tau_link), ("temperature", temperature)] {
+        for (name, value) in [
+            ("tau_link", predicted.tau_link),
+            ("tau_motor", predicted.tau_motor),
+            ("temperature", temperature),
+        ] {
             if let Some(value) = value {
                 arrays::samples([(name, value)], n_joints)?;
             }
@@ -61,25 +79,24 @@ impl<'py> RunArrays<'py> {
     pub fn any(
         link: [&Bound<'py, PyAny>; 3],
         motor: [Option<&Bound<'py, PyAny>>; 3],
-        tau_link: Option<&Bound<'py, PyAny>>,
+        predicted: Predicted<'_, 'py>,
         temperature: Option<&Bound<'py, PyAny>>,
         step: Option<f64>,
         n_joints: usize,
     ) -> PyResult<Self> {
         let signals = arrays::any_samples(six(link, motor), n_joints)?;
         let q = link[0];
-        let tau_link = tau_link
-            .map(|tau| arrays::any_samples([("q", q), ("tau_link", tau)], n_joints))
-            .transpose()?
-            .map(|[_, tau]| tau);
-        let temperature = temperature
-            .map(|t| arrays::any_samples([("q", q), ("temperature", t)], n_joints))
-            .transpose()?
-            .map(|[_, t]| t);
+        let beside = |name, value: Option<&Bound<'py, PyAny>>| {
+            value
+                .map(|value| arrays::any_samples([("q", q), (name, value)], n_joints))
+                .transpose()
+                .map(|found| found.map(|[_, value]| value))
+        };
         Ok(Self {
             signals,
-            tau_link,
-            temperature,
+            tau_link: beside("tau_link", predicted.tau_link)?,
+            tau_motor: beside("tau_motor", predicted.tau_motor)?,
+            temperature: beside("temperature", temperature)?,
             step,
         })
     }
@@ -116,11 +133,8 @@ impl<'py> RunArrays<'py> {
     pub fn signals(&self) -> PyResult<RunSignals<'_>> {
         Ok(RunSignals {
             state: self.state()?,
-            tau_link: self
-                .tau_link
-                .as_ref()
-                .map(|tau| tau.as_slice())
-                .transpose()?,
+            tau_link: slice(self.tau_link.as_ref())?,
+            tau_motor: slice(self.tau_motor.as_ref())?,
             step: self.step,
         })
     }

@@ -8,7 +8,7 @@ use pyo3::prelude::*;
 
 use crate::arrays;
 use crate::model::{cos_sin, pair_named, signals_named, Named};
-use crate::run::RunArrays;
+use crate::run::{Predicted, RunArrays};
 
 /// What a regression of the third loop sees: (n_samples, n_joints, 2). The channels must be on one clock.
 #[pyfunction]
@@ -91,7 +91,11 @@ pub fn named_signals<'py>(
         )));
     }
     let motor = [q_motor, dq_motor, ddq_motor];
-    let arrays = RunArrays::new([q, dq, ddq], motor, tau_link, None, None, n)?;
+    let predicted = Predicted {
+        tau_link,
+        tau_motor: None,
+    };
+    let arrays = RunArrays::new([q, dq, ddq], motor, predicted, None, None, n)?;
     let run = arrays.signals()?;
     let of_load = |signal: &Signal| signal.kind == SignalKind::TauLink;
     if run.tau_link.is_none() && signals.iter().any(of_load) {

@@ -7,13 +7,14 @@ at in runs in which the whole arm rests; then nothing but a force from outside c
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
 from dynid_rs.base.memory import WEAK
+from dynid_rs.identification.loads import with_load
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.model.assembly import evaluate
 from dynid_rs.regression.columns import run_rows
@@ -65,6 +66,7 @@ class Usual:
         runs = fit.runs_
         self._fit = fit
         self._plan = fit.observations_.plan
+        self._loaded = with_load(self._plan, fit.links_, fit.links_.own_)
         system = weighted_system(fit.observations_, fit.links_)[:, :-1]
         norms = np.linalg.norm(system, axis=0)
         norms[norms == 0] = 1.0
@@ -78,10 +80,10 @@ class Usual:
         sides = [own.start + k for k, name in enumerate(friction.coefficient_names) if name.startswith("coulomb")]
         self.coulomb: FloatArray = np.abs(fit.links_.own_[:, sides]).max(axis=1)
 
-    def unsure(self, states: States, load: FloatArray) -> FloatArray:
+    def unsure(self, states: States) -> FloatArray:
         """Standard deviation of the predicted torque in the band on the rows' grid, (n_grid, n_joints)."""
         fit, plan = self._fit, self._plan
-        rows = run_rows(plan, replace(states, tau_link=load), states.tau, kept=states.grid.tolist())
+        rows = run_rows(plan, self._loaded(states), states.tau, kept=states.grid.tolist())
         scale = fit.links_.torque_scale_
         return np.stack(
             [np.linalg.norm(stack_one(plan, j, x, scale)[:, :-1] @ self._root, axis=1) for j, x in enumerate(rows)],
@@ -138,7 +140,7 @@ def watch_run(fit: ThreeLoopIdentifier, states: States, usual: Usual) -> Watch:
         np.where(seen, local, 0.0),
         seen,
         unsettled * usual.coulomb,
-        usual.unsure(aligned, load) * ~resting[:, None],
+        usual.unsure(aligned) * ~resting[:, None],
         since,
         resting,
         step,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from dynid_rs.diagnosis.hypotheses import Hypothesis, standardised
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.structural.about import About
-from dynid_rs.identification.loops import load_rows
+from dynid_rs.identification.loads import load_rows
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.regression.scales import SCALE_SPREAD
 

@@ -88,7 +88,7 @@ def _window(mirror: Mirror, moving: NDArray[np.bool_]) -> PairWindow | None:
     pad = states.filter[2] + 1 if states.filter is not None else 0
     reached = every[:, every_used.any(axis=0)]  # more than the thinned samples: a short motion may fall between them
     start, end = max(0, int(reached.min()) - pad), min(len(states.t), int(reached.max()) + 1 + pad)
-    names = _SIGNALS if states.tau_link is None else (*_SIGNALS, "tau_link")
+    names = [*_SIGNALS, *(name for name in ("tau_link", "tau_motor") if getattr(states, name) is not None)]
     signals: dict[str, Any] = {name: np.ascontiguousarray(getattr(states, name)[start:end]) for name in names}
     cut = replace(states, **signals)
     return PairWindow(cut, after - np.intp(start), before - np.intp(start), used, every - np.intp(start), every_used)

@@ -29,6 +29,8 @@ class Signals:
         Motor side, reduced.
     tau_link : ndarray
         Rigid-body torque [N m].
+    tau_motor : ndarray
+        Torque of the motors before what effects add on their side [N m].
     friction : ndarray
         Torque of the declared friction [N m].
     """
@@ -41,6 +43,7 @@ class Signals:
     dq_motor: FloatArray
     ddq_motor: FloatArray
     tau_link: FloatArray
+    tau_motor: FloatArray
     friction: FloatArray
 
 

@@ -52,7 +52,8 @@ class ColumnEffect(LabEffect):
         s = signals
         step = float(s.t[1] - s.t[0]) if self.remembers else None
         sides = (s.q, s.dq, s.ddq, s.q_motor, s.dq_motor, s.ddq_motor)
-        return np.asarray(_core.effect_torque(self._effect(), self.coefficients, *sides, s.tau_link, step=step))
+        predicted = {"tau_link": s.tau_link, "tau_motor": s.tau_motor}
+        return np.asarray(_core.effect_torque(self._effect(), self.coefficients, *sides, **predicted, step=step))
 
     def _effect(self) -> _core.Effect:
         return _core.Effect.of(self.kind, **self.shape)

@@ -11,6 +11,7 @@ use super::{
     inertial_coupling, joint_spring, load_dependent_friction, load_hysteresis,
     position_dependent_friction, rotor_inertia, smooth_friction, stribeck, temperature_friction,
     thermal_friction, torque_offset, torque_ripple, torque_saturation, FRICTION_NAMES, N_FRICTION,
+    TAU_MOTOR,
 };
 
 const fn coefficient(name: &'static str, unit: &'static str, sign: Sign) -> Coefficient {
@@ -76,15 +77,14 @@ const TRANSITION_WIDTH: ShapeParameter = shape(
 )
 .of(Reference::FrictionWidth);
 
-/// Way over which bristles bend until they slip: an arc minute at least, which makers of gears call no lost motion. A
-/// shorter way is a rounded sign's that keeps its value at rest.
+/// Way over which bristles bend until they slip. A shorter one than the range has is a sign's that keeps its value at rest.
 const PRESLIDING_DISTANCE: ShapeParameter = shape(
     "presliding_distance",
     "{angle}",
     Rule::Positive,
     &[3e-4, 1e-3, 3e-3, 1e-2, 3e-2],
 )
-.refined(Scale::Log, 2.9e-4, 0.3);
+.refined(Scale::Log, friction_hysteresis::SHORTEST_WAY, 0.3);
 
 /// Cycles per turn of the joint.
 const CYCLES: &str = "1/turn";
@@ -274,7 +274,7 @@ pub static CATALOGUE: [Entry; 18] = [
         columns: position_dependent_friction::columns,
     },
     Entry {
-        kind: "friction_hysteresis",
+        kind: friction_hysteresis::KIND,
         formula: "k z, dz = dx/d (1 - z sign(dx)) along q_motor",
         coefficients: &[coefficient("hysteresis", "{torque}", Sign::NonNegative)],
         shape: &[PRESLIDING_DISTANCE],
@@ -426,16 +426,16 @@ pub static CATALOGUE: [Entry; 18] = [
     },
     Entry {
         kind: "torque_saturation",
-        formula: "c tau_link^3",
+        formula: "c tau_motor^3",
         coefficients: &[coefficient("saturation", "1/({torque})^2", Sign::Free)],
         shape: &[],
-        signals: &["tau_link"],
+        signals: &[TAU_MOTOR],
         memory: 0,
         declared: false,
         diagnosis: Diagnosis {
             // A drive that droops claims more than it gives, a sensor that saturates less; neither is half of the torque.
             most_relative: Some(0.5),
-            ..drawn_against("tau_link", "N*m")
+            ..drawn_against(TAU_MOTOR, "{torque}")
         },
         check: nothing_more,
         columns: torque_saturation::columns,

@@ -61,9 +61,9 @@ pub struct Diagnosis {
     pub sought: bool,
     /// What it needs beside its signals.
     pub requires: &'static [Need],
-    /// Signal and its unit that a report draws the torque against; `None`: its own column.
+    /// Signal and its unit that a report draws the torque against (`{torque}`: the channel's); `None`: its own column.
     pub drawn_against: Option<(&'static str, &'static str)>,
-    /// Largest part of the joint's torque that it may add within the trained load, where more is no physics.
+    /// Largest part of the motor's torque that it may add within the trained load, where more is no physics.
     pub most_relative: Option<f64>,
 }
 

@@ -3,11 +3,23 @@
 //! `tau_j = k z`, z in \[-1, 1\]. Only the way counts, not the time. Between two samples the motor moves one way, and
 //! then the equation has the solution `z' = sign(dx) + (z - sign(dx)) exp(-|dx| / d)`: exact for any step.
 
-use super::EffectInput;
+use super::{EffectInput, Entry};
 use crate::slices::{at, copy, first};
 
 /// Numbers per joint: z, the position of the sample before, and 1 from the first sample on.
 pub const MEMORY: usize = 3;
+
+/// Name in files and reports.
+pub const KIND: &str = "friction_hysteresis";
+
+/// Shortest way over which a gear's bristles bend \[rad\]: an arc minute, which makers of gears call no lost motion.
+pub const SHORTEST_WAY: f64 = 2.9e-4;
+
+/// True for hysteresis over a shorter way on every joint: Coulomb's friction with a sign that is told by the way, and keeps
+/// its value at rest.
+pub(super) fn is_sign(entry: &Entry, shape: &[f64]) -> bool {
+    entry.kind == KIND && shape.iter().all(|way| *way < SHORTEST_WAY)
+}
 
 /// One column, z; bristles are straight at the first sample. `shape`: pre-sliding distance d \[rad\].
 pub fn columns(

@@ -14,6 +14,7 @@ mod inertial_coupling;
 mod joint_spring;
 mod load_dependent_friction;
 mod load_hysteresis;
+mod motor_torque;
 mod position_dependent_friction;
 mod rotor_inertia;
 pub(crate) mod smooth_friction;
@@ -27,6 +28,7 @@ mod torque_saturation;
 pub use catalogue::CATALOGUE;
 pub use entry::Entry;
 pub use friction::{friction_columns, friction_row, FRICTION_NAMES, N_FRICTION};
+pub use motor_torque::{motor_torque_into, SIGNAL as TAU_MOTOR};
 
 use crate::dynamics::check_length;
 use crate::error::{CoreError, EffectError};
@@ -44,6 +46,8 @@ pub struct EffectInput<'a> {
     pub state: State<'a>,
     /// Rigid-body torque that the model predicts, per joint \[N·m\]: the load of the gears.
     pub tau_link: &'a [f64],
+    /// Torque that the model predicts at the motor, per joint \[torque unit\]: [`motor_torque_into`].
+    pub tau_motor: &'a [f64],
     /// Time since the sample before \[s\].
     pub step: f64,
 }
@@ -151,6 +155,13 @@ impl Effect {
     #[must_use]
     pub fn kind(&self) -> &'static str {
         self.entry.kind
+    }
+
+    /// True for a part of the declared model: what the catalogue calls so ([`Entry::declared`]), and Coulomb's friction whose
+    /// sign is told by the way, which is hysteresis over a way that is too short for a gear.
+    #[must_use]
+    pub fn is_declared(&self) -> bool {
+        self.entry.declared || friction_hysteresis::is_sign(self.entry, &self.shape)
     }
 
     /// Names of the coefficients of one joint.

@@ -1,9 +1,10 @@
-//! A torque constant that droops at high current: `c tau_link^3`, c above zero where the drive claims more than it gives.
+//! A torque constant that droops at high current: `c tau_motor^3`, c above zero where the drive claims more than it gives.
 
 use super::EffectInput;
 use crate::slices::{at, copy};
 
-/// One column: the cube of the rigid-body torque that the model predicts, never of a measured one.
+/// One column: the cube of the motor's whole torque as the model predicts it, friction and rotor included, never of a
+/// measured one. A current makes them all, so of the load's cube alone friction under load would be left.
 pub fn columns(
     _shape: &[f64],
     j: usize,
@@ -11,6 +12,6 @@ pub fn columns(
     _memory: &mut [f64],
     columns: &mut [f64],
 ) {
-    let tau = at(input.tau_link, j);
+    let tau = at(input.tau_motor, j);
     copy(&[tau * tau * tau], columns);
 }

@@ -110,9 +110,9 @@ impl Mirror for Evaluation {
     fn mirror(&mut self, of: &Self) {
         mirror_fields!(
             self, of;
-            workspace, link, motor, rows, tau_link, noise_variance, wants_temperature, memory, next_memory, scratch, terms,
-            total, scratch_variance, variance;
-            copied wants_any, step;
+            workspace, link, motor, rows, tau_link, tau_motor, of_motor, noise_variance, wants_temperature, memory,
+            next_memory, scratch, terms, total, scratch_variance, variance;
+            copied wants_any, any_of_motor, step;
             kept model
         );
     }

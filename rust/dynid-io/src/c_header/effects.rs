@@ -2,6 +2,7 @@
 
 use std::fmt::Write;
 
+use dynid_core::effects::TAU_MOTOR;
 use dynid_core::TorqueModel;
 
 use super::numbers::table;
@@ -69,8 +70,8 @@ impl EffectTexts {
     /// [`CHeaderError::Effect`] if one of them has no C form.
     pub fn of(model: &TorqueModel) -> Result<Self, CHeaderError> {
         let n = model.robot().n_joints();
-        let (mut functions, mut tables, mut calls) =
-            (Vec::<&str>::new(), String::new(), String::new());
+        let (mut functions, mut tables) = (Vec::<&str>::new(), String::new());
+        let (mut calls, mut of_motor) = (String::new(), String::new());
         let mut memory = 0;
         for (k, term) in model.effects().iter().enumerate() {
             let (row, effect) = (k + 1, term.effect());
@@ -108,6 +109,13 @@ impl EffectTexts {
             );
             tables.push_str(&table(&format!("size_{row}"), width, term.coefficients()));
             let size_at = if width == 1 { "&" } else { "" };
+            // What is of the motors' torque comes after all that makes it.
+            let is_of_motor = effect.entry().needs(TAU_MOTOR);
+            let calls = if is_of_motor {
+                &mut of_motor
+            } else {
+                &mut calls
+            };
             let _ = write!(
                 calls,
                 "    for (j = 0; j < DYNID_N_JOINTS; j++) {{\n        dynid_{}({shape_row}, j, x, memory + {memory} + {own} * j, \
@@ -115,6 +123,10 @@ impl EffectTexts {
                 form.kind,
             );
             memory += own * n;
+        }
+        if !of_motor.is_empty() {
+            calls.push_str(&motor_torque(model));
+            calls.push_str(&of_motor);
         }
         let formulas = functions.into_iter().map(str::to_owned);
         if !calls.is_empty() {
@@ -133,6 +145,20 @@ impl EffectTexts {
             calls,
         })
     }
+}
+
+/// Statement that sums the torque of the motors up, in the order of `dynid_core::effects::motor_torque_into`.
+fn motor_torque(model: &TorqueModel) -> String {
+    let effects = model.effects().iter().enumerate();
+    let declared = effects.filter(|(_, term)| term.effect().is_declared());
+    let rows: Vec<String> = std::iter::once(0)
+        .chain(declared.map(|(k, _)| k + 1))
+        .map(|row| format!("terms[{row}][j]"))
+        .collect();
+    format!(
+        "    for (j = 0; j < DYNID_N_JOINTS; j++) {{\n        x->tau_motor[j] = {};\n    }}\n",
+        rows.join(" + ")
+    )
 }
 
 #[cfg(test)]

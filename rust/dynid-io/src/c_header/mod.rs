@@ -220,8 +220,8 @@ fn name_functions(model: &TorqueModel) -> String {
 /// Every term but the rigid body, in order.
 fn other_terms(model: &TorqueModel, calls: &str) -> String {
     format!(
-        "/* Every term but the rigid body; 1 if the residual was faded. */\nstatic inline int dynid_other_terms(const \
-         dynid_input *x, double *memory, double (*terms)[DYNID_N_JOINTS], double *variance)\n{{\n    int faded = 0;\n    \
+        "/* Every term but the rigid body; 1 if the residual was faded. */\nstatic inline int \
+         dynid_other_terms(dynid_input *x, double *memory, double (*terms)[DYNID_N_JOINTS], double *variance)\n{{\n    int faded = 0;\n    \
          (void)x, (void)memory, (void)terms, (void)variance;\n{calls}{}    return faded;\n}}",
         residual::calls(model)
     )

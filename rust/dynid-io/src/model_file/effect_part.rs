@@ -37,6 +37,11 @@ impl EffectPart {
         }
     }
 
+    /// Kind of the effect, as the file says it.
+    pub fn kind(&self) -> &str {
+        &self.kind
+    }
+
     /// The term, every name, length and number checked.
     pub fn into_term(self, n_joints: usize) -> Result<EffectTerm, String> {
         let effect = Effect::new(&self.kind, &self.shape).map_err(|e| e.to_string())?;

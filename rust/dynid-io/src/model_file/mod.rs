@@ -22,8 +22,11 @@ use crate::whole::write_whole;
 /// Name in the `format` field.
 pub const FORMAT: &str = "dynid-model";
 /// Newest version of the schema that this reader understands; it understands all before. A file says the oldest version
-/// that can hold it: 2 came with the torque channel's delay and the band in which errors are told.
-pub const VERSION: u32 = 2;
+/// that can hold it: 2 came with the torque channel's delay and the band in which errors are told, 3 with effects of the
+/// motor's torque (`torque_saturation`).
+pub const VERSION: u32 = 3;
+/// Kind that files of version 3 and later hold: it was of the rigid body's torque alone before.
+pub(crate) const OF_MOTOR: &str = "torque_saturation";
 /// Larger files are refused before memory is taken \[bytes\].
 pub const MAX_BYTES: u64 = 64 << 20;
 
@@ -93,6 +96,7 @@ pub fn parse(bytes: &[u8], name: &str) -> Result<TorqueModel, ModelFileError> {
     })?;
     check_header(text).map_err(invalid)?;
     let file: ModelFile = serde_json::from_str(text).map_err(|e| invalid(json_message(&e)))?;
+    file.check_meaning().map_err(invalid)?;
     file.into_model().map_err(|message| {
         invalid(format!(
             "{}; save the model again",
@@ -122,8 +126,14 @@ pub fn save(model: &TorqueModel, path: &Path) -> Result<(), ModelFileError> {
 /// `serde_json::Error` if the model cannot be written as JSON.
 pub fn to_text(model: &TorqueModel) -> Result<String, serde_json::Error> {
     let blank = format!("{CHECKSUM_PREFIX}{}", "0".repeat(N_DIGITS));
-    let is_newer = model.torque_delay() != 0.0 || model.band().is_some();
-    let version = if is_newer { 2 } else { 1 };
+    let mut kinds = model.effects().iter().map(|term| term.effect().kind());
+    let version = if kinds.any(|kind| kind == OF_MOTOR) {
+        3
+    } else if model.torque_delay() != 0.0 || model.band().is_some() {
+        2
+    } else {
+        1
+    };
     let file = ModelFile::from_model(model, FORMAT, version, blank.clone());
     let mut text = serde_json::to_string_pretty(&file)?;
     text.push('\n');

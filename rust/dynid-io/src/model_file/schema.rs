@@ -12,6 +12,7 @@ use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
 use super::effect_part::EffectPart;
+use super::OF_MOTOR;
 
 /// The whole file.
 #[derive(Serialize, Deserialize)]
@@ -215,6 +216,20 @@ impl ModelFile {
                 drive_gain: set.drive_gain.clone(),
             }),
         }
+    }
+
+    /// # Errors
+    /// A sentence if the file holds an effect that meant something else when it was written.
+    pub fn check_meaning(&self) -> Result<(), String> {
+        let mut kinds = self.effects.iter().map(EffectPart::kind);
+        if self.version < 3 && kinds.any(|kind| kind == OF_MOTOR) {
+            return Err(format!(
+                "{OF_MOTOR} in a file of version {} follows the rigid body's torque alone, and here it follows the motor's \
+                 whole torque; fit the model to its runs again",
+                self.version
+            ));
+        }
+        Ok(())
     }
 
     /// The model, every length and number checked.

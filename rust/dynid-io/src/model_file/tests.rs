@@ -220,7 +220,7 @@ fn other_files_are_told_apart() {
     let unnumbered = message(b"{\"format\": \"dynid-model\"}");
     assert!(
         unnumbered
-            .contains("no usable version (expected \"version\": 1 to 2); give the model.json as"),
+            .contains("no usable version (expected \"version\": 1 to 3); give the model.json as"),
         "{unnumbered}"
     );
     assert!(message(b"{\"format\": \"dynid-model\", \"version\": 99}").contains("newer"));
@@ -347,6 +347,44 @@ fn every_kind_of_the_catalogue_survives_the_file() {
     .unwrap();
     let text = to_text(&all).unwrap();
     assert_eq!(parse(text.as_bytes(), "x").unwrap(), all);
+}
+
+fn model_that_saturates() -> TorqueModel {
+    let base = model();
+    let saturation = Effect::new("torque_saturation", &[] as &[(&str, &[f64])]).unwrap();
+    let mut effects = base.effects().to_vec();
+    effects.push(EffectTerm::new(saturation, vec![1e-4, 0.0], 2).unwrap());
+    TorqueModel::new(TorqueModelParts {
+        robot: base.robot().clone(),
+        phi: base.phi().to_vec(),
+        torque_scale: base.torque_scale().to_vec(),
+        effects,
+        residual: None,
+        encoder_delay: vec![0.0; 2],
+        noise_std: vec![0.0; 2],
+        domain: base.domain().clone(),
+        torque_unit: "N*m".into(),
+        step: None,
+    })
+    .unwrap()
+}
+
+/// It was a function of the rigid body's torque in files of version 1 and 2: their numbers mean nothing here.
+#[test]
+fn a_saturation_of_an_older_file_is_refused_in_a_sentence() {
+    let text = to_text(&model_that_saturates()).unwrap();
+    assert!(text.contains("\"version\": 3,"));
+    assert_eq!(parse(text.as_bytes(), "x").unwrap(), model_that_saturates());
+    for version in [1, 2] {
+        let old = resign(&text.replace("\"version\": 3,", &format!("\"version\": {version},")));
+        assert_eq!(
+            message(old.as_bytes()),
+            format!(
+                "model.json: torque_saturation in a file of version {version} follows the rigid body's torque alone, and here \
+                 it follows the motor's whole torque; fit the model to its runs again"
+            )
+        );
+    }
 }
 
 /// The other choices: bumps beside a mixture, on the load-free deflection, which needs the compliance.

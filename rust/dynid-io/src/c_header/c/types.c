@@ -33,7 +33,8 @@ typedef struct {
     double q[DYNID_N_JOINTS], dq[DYNID_N_JOINTS], ddq[DYNID_N_JOINTS];
     double q_motor[DYNID_N_JOINTS], dq_motor[DYNID_N_JOINTS], ddq_motor[DYNID_N_JOINTS];
     const double *temperature;
-    double tau_link[DYNID_N_JOINTS]; /* rigid-body torque before the channel's scale */
+    double tau_link[DYNID_N_JOINTS];  /* rigid-body torque before the channel's scale */
+    double tau_motor[DYNID_N_JOINTS]; /* torque of the motors before undeclared effects, where an effect reads it */
     double step;
 } dynid_input;
 
