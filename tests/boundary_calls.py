@@ -96,6 +96,7 @@ def calls(folder: Path) -> dict[str, Call]:
         "RobotModel.from_file": (_core.RobotModel.from_file, {0: folder / "robot.urdf", **urdf_options}),
         "RobotModel.with_gravity": (robot.with_gravity, _positional([0.0, 0.0, 9.81])),
         "RobotModel.with_joint_moved": (robot.with_joint_moved, _positional(1, [0.0, 0.1, 0.0], [0.0, 0.0, 0.1])),
+        "RobotModel.link_frame": (robot.link_frame, _positional("fore")),
         "RobotModel.inverse_dynamics": (robot.inverse_dynamics, {**motion, "phi": phi, "out": np.empty((M, N))}),
         "RobotModel.rnea": (robot.rnea, {**motion, "phi": phi, "out": np.empty((M, N))}),
         "RobotModel.joint_torque_regressor": (
@@ -200,6 +201,7 @@ def calls(folder: Path) -> dict[str, Call]:
             _core.urdf_with_physical,
             {0: model.with_physical(physical), 1: URDF.encode(), "source_name": "f"},
         ),
+        "mjcf_with_physical": (_core.mjcf_with_physical, _positional(model.with_physical(physical))),
         "c_header": (_core.c_header, _positional(model, "arm")),
         "c_prefix": (_core.c_prefix, _positional("my arm")),
         "fit_mixture": (

@@ -274,8 +274,8 @@ def test_the_command_writes_what_python_returns(tmp_path, robot, states):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        ([], "either --urdf OUT.urdf, or --c-header with -o OUT.h"),
-        (["--c-header", "--urdf", "out.urdf"], "either --urdf OUT.urdf, or --c-header"),
+        ([], "say what to write: --urdf OUT.urdf, --mjcf OUT.xml, or --c-header with -o OUT.h"),
+        (["--c-header", "--urdf", "out.urdf"], "say what to write: --urdf OUT.urdf"),
         (["--c-header"], "needs -o OUT.h"),
         (["--c-header", "-o", "out.h", "--robot", "robot.urdf"], "--robot belongs to --urdf"),
         (["--urdf", "out.urdf", "-o", "out.h"], "belong to --c-header"),

@@ -363,9 +363,9 @@ def test_gravity_may_point_anywhere(tmp_path):
 
 
 def test_what_did_not_converge_is_a_finding(tmp_path, monkeypatch):
-    from dynid_rs.identification.three_loops import ThreeLoopIdentifier
+    from dynid_rs.identification.three_loops import NOT_SETTLED, ThreeLoopIdentifier
 
-    fit = ThreeLoopIdentifier.fit
+    fit, message = ThreeLoopIdentifier.fit, f"{NOT_SETTLED}; raise max_iter"
 
     def restless(self, *args, **kwargs):
         import warnings
@@ -373,14 +373,14 @@ def test_what_did_not_converge_is_a_finding(tmp_path, monkeypatch):
         from sklearn.exceptions import ConvergenceWarning
 
         for _ in range(2):
-            warnings.warn("still moving; raise max_iter", ConvergenceWarning, stacklevel=1)
+            warnings.warn(message, ConvergenceWarning, stacklevel=1)
         return fit(self, *args, **kwargs)
 
     monkeypatch.setattr(ThreeLoopIdentifier, "fit", restless)
     printed, result = identify(tmp_path, *write_runs(tmp_path, n_runs=2))
     assert printed.stderr == ""
     messages = [f["message"] for f in result["data"]["findings"] if f["code"] == "not_converged"]
-    assert messages == ["still moving; raise max_iter"]
+    assert messages == [message]
 
 
 @pytest.mark.parametrize("error", [OSError("disk full"), KeyboardInterrupt(), KeyError("our own bug")])

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from made_runs import MadeRun, arm
-from numpy.testing import assert_array_equal
+from numpy.testing import assert_allclose, assert_array_equal
 from run_files import write
 
 from dynid_rs import _core
@@ -22,13 +22,14 @@ from dynid_rs.runs.readers import Config
 
 @pytest.mark.parametrize("shape", [(500,), (500, 1), (500, 6), (500, 3, 5)])
 @pytest.mark.parametrize("cutoff", [5.0, 40.0])
-def test_the_band_is_scipys_to_the_same_bits(shape, cutoff):
+def test_the_band_is_scipys(shape, cutoff):
     from scipy.signal import sosfiltfilt
 
     x = np.random.default_rng(0).standard_normal(shape).cumsum(axis=0)
     sections, _, padding = Band(cutoff).design(200.0)
     wanted = sosfiltfilt(sections, x, axis=0, padlen=min(padding, len(x) - 1))
-    assert_array_equal(Band(cutoff).apply(x, 200.0), wanted)
+    # It starts from the same settled state, found in another order of the sums.
+    assert_allclose(Band(cutoff).apply(x, 200.0), wanted, rtol=0, atol=1e-12 * np.abs(x).max())
 
 
 def test_a_run_shorter_than_the_padding_is_filtered_and_what_is_not_finite_stays_so():

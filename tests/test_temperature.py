@@ -78,20 +78,21 @@ def test_a_session_that_warms_up_is_told_by_its_thermometers(robot, session, fit
 
 def test_it_is_looked_for_where_thermometers_move(fitted):
     """On every joint; not where one is stuck, and not at all where there is none."""
-    catalogue = Catalogue(fitted)
+    whole = Catalogue(fitted).runs
 
-    def joints():
+    def joints(runs):
+        catalogue = Catalogue(fitted)
+        catalogue.runs = runs
         return sorted({h.joints for h in catalogue.grid if h.kind == "temperature_friction"})
 
-    assert joints() == [(j,) for j in range(N)]
-    whole = catalogue.runs
+    assert joints(whole) == [(j,) for j in range(N)]
     stuck = [states.temperature.copy() for states in whole]
     for temperature in stuck:
         temperature[:, 2] = 31.5
-    catalogue.runs = [replace(states, temperature=t) for states, t in zip(whole, stuck, strict=True)]
-    assert joints() == [(j,) for j in range(N) if j != 2]
-    catalogue.runs = [*whole[1:], replace(whole[0], temperature=None)]
-    assert joints() == []
+    assert joints([replace(s, temperature=t) for s, t in zip(whole, stuck, strict=True)]) == [
+        (j,) for j in range(N) if j != 2
+    ]
+    assert joints([*whole[1:], replace(whole[0], temperature=None)]) == []
 
 
 def test_states_carry_the_temperature_on_their_grid(session):

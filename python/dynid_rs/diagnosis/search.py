@@ -187,7 +187,8 @@ def merge(belief: Belief) -> bool:
         first, second = belief.catalogue.of([one, two])
         value, columns = others.evidence_for(first)
         both = value + others.with_columns(columns).evidence_for(second)[0]
-        here = [s for s in belief.catalogue.grid if s.joints == one.joints and (s.kind, s.joints) not in belief.named]
+        taken = belief.named.keys() - set(now)  # one of the two, in another shape, may do for both
+        here = [s for s in belief.catalogue.grid if s.joints == one.joints and (s.kind, s.joints) not in taken]
         values, _ = evidence(others, belief.catalogue.of(here), belief.catalogue)
         best = max(values.values(), key=lambda value: value.value, default=None)
         if best is None:
