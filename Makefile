@@ -26,9 +26,8 @@ test: test-rust test-python ## all tests
 test-rust: toolchain
 	cargo test --release --workspace --exclude dynid-py --quiet
 
-# A file stays with one worker: its tests share what is costly to make.
 test-python: $(STAMP) $(TOOLS)
-	$(BIN)/python -m pytest -q --numprocesses auto --dist loadfile
+	$(BIN)/python tests/side_by_side.py
 
 check: $(STAMP) $(TOOLS) ## format, lints, types, documentation
 	cargo fmt --check
