@@ -73,7 +73,7 @@ ALL = (
     ),
     Writing(
         "diagnose",
-        lambda d: ("diagnose", d / "robot.urdf", *_runs(d), "-o", d / "out", "--force", "--residual", "none"),
+        lambda d: ("diagnose", d / "robot.urdf", *_runs(d), "-o", d / "out", "--force"),
         ((".", FOUR),),
     ),
     Writing(

@@ -39,7 +39,6 @@ from __future__ import annotations
 
 import difflib
 import math
-import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -49,8 +48,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.base.errors import DataError
-from dynid_rs.base.files import check_readable
-from dynid_rs.base.quoting import shown, shown_ends, shown_value
+from dynid_rs.base.quoting import shown, shown_value
+from dynid_rs.base.toml import read_toml
 from dynid_rs.excitation.collision import SelfCollision
 from dynid_rs.excitation.constraints import PhysicalLimits
 from dynid_rs.excitation.limits import MOTIONS, ExcitationLimits
@@ -62,7 +61,6 @@ if TYPE_CHECKING:
 
 FloatArray = NDArray[np.float64]
 
-MAX_BYTES = 1 << 20
 BEYOND = 0.05
 """Limits may exceed the robot file's by this part of its span: degrees are rounded."""
 QUANTITIES = ("angle", "length", "torque")
@@ -108,16 +106,7 @@ def read_limits(path: str | Path, robot: RobotModel, urdf: str | Path | None = N
     OSError
         The file cannot be opened.
     """
-    place, file = check_readable(path), Path(path).name
-    if place.stat().st_size > MAX_BYTES:
-        raise DataError(f"{file}: is larger than {MAX_BYTES} bytes, expected a short TOML file", file=file)
-    try:
-        content = tomllib.loads(place.read_text(encoding="utf-8"))
-    except UnicodeDecodeError:
-        raise DataError(f"{file}: is not UTF-8 text; save it as UTF-8", code="bad_limits", file=file) from None
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise DataError(f"{file}: is not valid TOML: {shown_ends(str(error))}", code="bad_limits", file=file) from None
-    return _Parser(file, robot, content).parse(urdf)
+    return _Parser(Path(path).name, robot, read_toml(path, "bad_limits")).parse(urdf)
 
 
 @dataclass(frozen=True)

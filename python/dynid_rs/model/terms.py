@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import difflib
 import math
-import tomllib
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,11 +25,9 @@ import numpy as np
 
 from dynid_rs import _core
 from dynid_rs.base.errors import DataError
-from dynid_rs.base.files import check_readable
-from dynid_rs.base.quoting import shown, shown_ends, shown_value
+from dynid_rs.base.quoting import shown, shown_value
+from dynid_rs.base.toml import read_toml
 from dynid_rs.model.known import KnownTerm
-
-MAX_TERMS_BYTES = 1 << 20
 
 
 def read_terms(path: str | Path, robot: _core.RobotModel) -> list[KnownTerm]:
@@ -44,16 +41,7 @@ def read_terms(path: str | Path, robot: _core.RobotModel) -> list[KnownTerm]:
     OSError
         The file cannot be opened.
     """
-    place, file = check_readable(path), Path(path).name
-    if place.stat().st_size > MAX_TERMS_BYTES:
-        raise DataError(f"{file}: is larger than {MAX_TERMS_BYTES} bytes, expected a short TOML file", file=file)
-    try:
-        content = tomllib.loads(place.read_text(encoding="utf-8"))
-    except UnicodeDecodeError:
-        raise DataError(f"{file}: is not UTF-8 text; save it as UTF-8", code="bad_terms", file=file) from None
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise DataError(f"{file}: is not valid TOML: {shown_ends(str(error))}", code="bad_terms", file=file) from None
-    return _Parser(file, robot).terms(content)
+    return _Parser(Path(path).name, robot).terms(read_toml(path, "bad_terms"))
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,10 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from dynid_rs.base.errors import DataError
 from dynid_rs.runs.readers.table import MAX_WIDTH, refuse_duplicates
@@ -22,6 +26,12 @@ class Place:
     array: str
     index: int | None = None
     across: bool = False
+
+    def of(self, array: NDArray[Any]) -> NDArray[Any]:
+        """The column (n,) of its array, whose sides of one sample are dropped."""
+        values = np.squeeze(array)
+        column = values if self.index is None else values[self.index] if self.across else values[:, self.index]
+        return np.atleast_1d(column)
 
 
 def columns_of(shapes: Mapping[str, Sequence[int]], file: str, *, across: bool = False) -> tuple[dict[str, Place], int]:

@@ -5,19 +5,17 @@ from __future__ import annotations
 import difflib
 import math
 import string
-import tomllib
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from dynid_rs.base.errors import DataError
-from dynid_rs.base.files import check_readable
 from dynid_rs.base.quoting import shown, shown_ends, shown_value
+from dynid_rs.base.toml import read_toml
 from dynid_rs.runs.readers.config import GEARED, UNITS, ColumnRule, Config, PerJoint
 from dynid_rs.runs.readers.keys import known_keys
 
-MAX_CONFIG_BYTES = 1 << 20
 PLACEHOLDERS = ("i", "n", "joint")
 STRONGEST_GRAVITY = 100.0
 """More than this [m/s^2] is a slip of the unit or of a key; Jupiter has 25."""
@@ -33,16 +31,7 @@ def read_config(path: str | Path) -> Config:
     OSError
         The file cannot be opened.
     """
-    place, file = check_readable(path), Path(path).name
-    if place.stat().st_size > MAX_CONFIG_BYTES:
-        raise DataError(f"{file}: is larger than {MAX_CONFIG_BYTES} bytes, expected a short TOML file", file=file)
-    try:
-        content = tomllib.loads(place.read_text(encoding="utf-8"))
-    except UnicodeDecodeError:
-        raise DataError(f"{file}: is not UTF-8 text; save it as UTF-8", code="bad_config", file=file) from None
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise DataError(f"{file}: is not valid TOML: {shown_ends(str(error))}", code="bad_config", file=file) from None
-    return _Parser(file).config(content)
+    return _Parser(Path(path).name).config(read_toml(path, "bad_config"))
 
 
 @dataclass(frozen=True)

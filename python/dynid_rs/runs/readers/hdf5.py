@@ -7,8 +7,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from dynid_rs.base.errors import DataError, MissingLibraryError
 from dynid_rs.base.files import check_readable
 from dynid_rs.base.quoting import shown
@@ -67,12 +65,7 @@ def open_hdf5(path: str | Path) -> Table:
                 arrays = {array: _read(opened, *fields[paths[array]]) for array in needed}
         except Exception as error:
             raise damaged(kind, error, file) from None
-        columns = {}
-        for name in wanted:
-            at, values = found[name], np.squeeze(arrays[found[name].array])
-            column = values if at.index is None else values[at.index] if at.across else values[:, at.index]
-            columns[name] = as_numbers(np.atleast_1d(column), file, name)
-        return columns
+        return {name: as_numbers(found[name].of(arrays[found[name].array]), file, name) for name in wanted}
 
     notes = (f"{shown(', '.join(opaque), 80)}: objects of MATLAB, which are not read",) if opaque else ()
     return Table(file, kind, tuple(found), n_rows, load, notes=notes)

@@ -59,12 +59,7 @@ def open_matlab(path: str | Path) -> Table:
     found, n_rows = columns_of({name: array.shape for name, array in values.items()}, file)
 
     def load(wanted: Sequence[str]) -> Columns:
-        columns = {}
-        for name in wanted:
-            at, matrix = found[name], np.squeeze(values[found[name].array])
-            column = matrix if at.index is None else matrix[at.index] if at.across else matrix[:, at.index]
-            columns[name] = as_numbers(np.atleast_1d(column), file, name)
-        return columns
+        return {name: as_numbers(found[name].of(values[found[name].array]), file, name) for name in wanted}
 
     notes = (f"{shown(', '.join(opaque), 80)}: objects of MATLAB, which are not read",) if opaque else ()
     return Table(file, kind, tuple(found), n_rows, load, notes=notes)
