@@ -128,8 +128,7 @@ def _traced(
     found.setup, found.fit = centred(found.setup, train, found.fit, setup.encoder_error)
     found.catalogue = Catalogue(found.fit, found.catalogue)
     on_progress("what is left")
-    weigh_rivals(found)
-    without_name, left = nameless(found), unexplained(found)
+    without_name, left = nameless(found, weigh_rivals(found)), unexplained(found)
     if found.fit is not fit:  # judged by the noise that it leaves, and only then weighed
         found.fit = weighed_as(fit, found.fit, found.setup, train)
         found.catalogue = Catalogue(found.fit, found.catalogue)

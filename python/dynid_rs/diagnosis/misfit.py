@@ -15,8 +15,8 @@ import numpy as np
 from dynid_rs.base.odds import SURE
 from dynid_rs.diagnosis.belief import Belief
 from dynid_rs.diagnosis.beside import Beside
-from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis, Place, shaped_as
-from dynid_rs.diagnosis.rivals import valued
+from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis, Place
+from dynid_rs.diagnosis.rivals import Contest, valued
 from dynid_rs.diagnosis.waves import Argument, same_angles, waves
 from dynid_rs.model.placed import CATALOGUE
 
@@ -26,20 +26,21 @@ LOOKED_AT = 2
 """Functions that are looked at closely; screening orders them."""
 
 
-def nameless(belief: Belief) -> dict[Place, Argument]:
-    """Places of names that a function of their own angle does as well as, and what that is a function of."""
+def nameless(belief: Belief, contests: Mapping[Place, Contest]) -> dict[Place, Argument]:
+    """Places of names that a function of their own angle does as well as, and what that is a function of.
+
+    `contests` (`weigh_rivals`) hold the model without each torque, and what the torque is worth there.
+    """
     beside, n = belief.beside, belief.setup.robot.n_joints
     found: dict[Place, Argument] = {}
-    for effect, columns in zip(belief.setup.effects, belief.places(), strict=True):
-        j = effect.joints[0]
-        arguments, turning = same_angles(effect.kind, j, n)
+    for (kind, joints), against in contests.items():
+        j = joints[0]
+        arguments, turning = same_angles(kind, j, n)
         functions = [waves(belief.catalogue, j, [argument], turning=turning) for argument in arguments]
-        without = beside.without(columns)
-        own = valued(without, belief.catalogue, *belief.catalogue.of([shaped_as(effect)])).value
-        for model, needed in ((beside, SURE), (without, own - SURE)):
+        for model, needed in ((beside, SURE), (against.beside, against.own.value - SURE)):
             likeliest = _likeliest(model, belief.catalogue, functions, needed)
             if likeliest is not None:
-                found[effect.kind, effect.joints] = arguments[likeliest]
+                found[kind, joints] = arguments[likeliest]
     return _parts_of(found, belief) | found
 
 

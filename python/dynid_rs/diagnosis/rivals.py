@@ -71,17 +71,19 @@ def valued(beside: Beside, catalogue: Catalogue, h: Hypothesis) -> Value:
     return Value(value, h, columns)
 
 
-def weigh_rivals(belief: Belief) -> None:
-    """Give every torque the ties, and the rivals that are refuted, that it has beside all other names."""
+def weigh_rivals(belief: Belief) -> dict[Place, Contest]:
+    """Give every name of a torque the ties, and the refuted rivals, that it has beside all others; all contests."""
+    contests = {}
     for effect, columns in zip(belief.setup.effects, belief.places(), strict=True):
         place = (effect.kind, effect.joints)
+        against = contests[place] = contest(belief, effect, columns)
         if place not in belief.named:
             continue  # believed from the beginning
-        against = contest(belief, effect, columns)
         odds = {p: v.value - against.own.value for p, v in against.rivals.items() if v.value > SURE}
         ties = tuple((p, d) for p, d in odds.items() if d > -SURE)
         refuted = tuple((p, d) for p, d in odds.items() if d <= -SURE)
         belief.named[place] = replace(belief.named[place], ties=ties, refuted=refuted)
+    return contests
 
 
 def is_one_cause(kind: str, other: str) -> bool:
