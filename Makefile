@@ -37,7 +37,7 @@ check: $(STAMP) $(TOOLS) ## format, lints, types, documentation
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 
-bench: $(STAMP) ## every figure side by side with its peer; writes docs/benchmarks.md and docs/scale.md
+bench: $(STAMP) ## every figure side by side with its peer; writes docs/measured/benchmarks.md and docs/measured/scale.md
 	$(BIN)/python -m pip install --quiet --editable '.[bench]'
 	$(BIN)/python benches/main.py
 	$(BIN)/python benches/loops.py
@@ -51,13 +51,13 @@ arm: toolchain ## the formulas' tests built for 64-bit ARM and run by an emulato
 	rustup target add aarch64-unknown-linux-gnu
 	cargo test --release --target aarch64-unknown-linux-gnu -p dynid-core --quiet
 
-exam: $(STAMP) $(TOOLS) ## diagnose 200 fresh cases of an examiner that shares nothing with the product; writes docs/exam.md
-	$(BIN)/python tests/exam/run.py --page docs/exam.md
+exam: $(STAMP) $(TOOLS) ## diagnose 200 fresh cases of an examiner that shares nothing with the product; writes docs/measured/exam.md
+	$(BIN)/python tests/exam/run.py --page docs/measured/exam.md
 
 fuzz: toolchain ## look for inputs that crash, hang or swallow memory, 60 s per way in (SECONDS_EACH=600: longer; needs a C++ compiler)
 	$(PYTHON) fuzz/run.py --seconds $(SECONDS_EACH)
 
-trust: $(STAMP) $(TOOLS) ## run every campaign of docs/trust.md, which takes hours, and write its figures
+trust: $(STAMP) $(TOOLS) ## run every campaign of docs/measured/trust.md, which takes hours, and write its figures
 	$(BIN)/python tests/campaigns/page.py
 
 audit: $(STAMP) ## advisories, licences and sources of everything we depend on (needs the network and cargo-deny)
@@ -65,7 +65,7 @@ audit: $(STAMP) ## advisories, licences and sources of everything we depend on (
 	$(BIN)/python -m pip install --quiet pip-audit
 	$(BIN)/python -m pip_audit --skip-editable
 
-paper: $(STAMP) ## repeat the source paper's experiment and write docs/paper.md with its figures
+paper: $(STAMP) ## repeat the source paper's experiment and write docs/measured/paper.md with its figures
 	$(BIN)/python -m pip install --quiet --editable '.[paper]'
 	$(BIN)/python examples/paper/main.py --data "$$($(BIN)/python tests/data.py)"
 

@@ -1,4 +1,7 @@
-"""Every figure side by side with its peer, written to docs/benchmarks.md. `--quick` leaves out what takes minutes."""
+"""Every figure side by side with its peer, written to docs/measured/benchmarks.md.
+
+`--quick` leaves out what takes minutes.
+"""
 
 from __future__ import annotations
 
@@ -74,7 +77,7 @@ def main():
     page.append("## Machine\n")
     page.extend(f"* {line}" for line in machine())
     if not quick:
-        (ROOT / "docs" / "benchmarks.md").write_text("\n".join(page) + "\n", encoding="utf-8")
+        (ROOT / "docs" / "measured" / "benchmarks.md").write_text("\n".join(page) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""The loop at 1 kHz, runs larger than memory, two processes: short runs of three benches, written to docs/scale.md.
+"""The loop at 1 kHz, runs larger than memory, two processes: short runs of three benches, for docs/measured/scale.md.
 
 Each is a program of its own, so that memory is that of one of them. For longer runs they are called by themselves:
 `python benches/paced.py --duration 600`, `python benches/stream.py --gigabytes 100`, `python benches/processes.py`.
@@ -160,7 +160,7 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=8, help="that processes share")
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--resume", action="store_true", help="take what an earlier call has kept in target/scale")
-    parser.add_argument("--page", type=Path, default=ROOT / "docs" / "scale.md")
+    parser.add_argument("--page", type=Path, default=ROOT / "docs" / "measured" / "scale.md")
     options = parser.parse_args()
     head = INTRODUCTION.format(seconds=options.seconds, gigabytes=options.gigabytes, rounds=options.rounds)
     page = [head]

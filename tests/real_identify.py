@@ -1,4 +1,4 @@
-"""Write docs/identified.md: `dynid identify` on every measured arm against plain weighted least squares, per joint.
+"""Write docs/measured/identified.md: `dynid identify` on every measured arm, per joint, against weighted least squares.
 
 python tests/real_identify.py [NAME...]           prints the rows
 python tests/real_identify.py --write             writes the page, all arms
@@ -16,7 +16,7 @@ import data
 import numpy as np
 from measured_sets import IDENTIFIED, Measured, relative
 
-PAGE = data.ROOT / "docs" / "identified.md"
+PAGE = data.ROOT / "docs" / "measured" / "identified.md"
 WORSE, BETTER = 1.05, 0.95
 """Ratios of errors beyond which a joint counts as worse, and as better, than weighted least squares."""
 STAGES = ("friction", "links", "residual")

@@ -1,4 +1,4 @@
-"""Write docs/results.md: what the plain command says of every measured arm, nothing given but robot and runs.
+"""Write docs/measured/results.md: what the plain command says of every measured arm, nothing given but robot and runs.
 
 python tests/results_page.py [NAME...]            prints the rows
 python tests/results_page.py --write              writes the page, all arms
@@ -15,7 +15,7 @@ from typing import Any
 import data
 from measured_sets import SETS, Measured, relative
 
-PAGE = data.ROOT / "docs" / "results.md"
+PAGE = data.ROOT / "docs" / "measured" / "results.md"
 HEAD = """# What `dynid diagnose` says of measured arms
 
 Every line is one call of the plain command, `dynid diagnose ROBOT RUNS [--test RUN] -o DIR`, with no further option,

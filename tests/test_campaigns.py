@@ -1,4 +1,4 @@
-"""A few trials of each campaign of docs/trust.md; thousands are run by hand."""
+"""A few trials of each campaign of docs/measured/trust.md; thousands are run by hand."""
 
 import json
 import shutil

@@ -14,8 +14,8 @@ from dynid_rs.runs.readers.keys import KEYS
 
 
 def test_the_page_and_the_schema_are_made_of_the_code():
-    assert (ROOT / "docs" / "dynid_toml.md").read_text(encoding="utf-8") == page()
-    assert (ROOT / "docs" / "dynid_toml.schema.json").read_text(encoding="utf-8") == schema_text()
+    assert (ROOT / "docs" / "reference" / "dynid_toml.md").read_text(encoding="utf-8") == page()
+    assert (ROOT / "docs" / "reference" / "dynid_toml.schema.json").read_text(encoding="utf-8") == schema_text()
 
 
 @pytest.mark.parametrize("key", KEYS, ids=lambda key: f"{key.table}.{key.name}")

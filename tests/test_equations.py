@@ -1,4 +1,4 @@
-"""docs/equations.md says for each equation where it is and what checks it: all of that must be there."""
+"""docs/explanation/equations.md says for each equation where it is and what checks it: all of that must be there."""
 
 import ast
 import re
@@ -6,7 +6,7 @@ import re
 import pytest
 from data import ROOT
 
-PAGE = ROOT / "docs" / "equations.md"
+PAGE = ROOT / "docs" / "explanation" / "equations.md"
 NUMBERS = range(1, 40)
 COLUMNS = 6
 PLACE = re.compile(r"`([\w/.-]+\.(?:py|rs))::(\w+)`")

@@ -38,7 +38,7 @@ def identify(folder: Path, *arguments: object, robot: Path | None = None):
 def validator():
     import jsonschema
 
-    schema = json.loads((ROOT / "docs" / "result.schema.json").read_text())
+    schema = json.loads((ROOT / "docs" / "reference" / "result.schema.json").read_text())
     jsonschema.Draft202012Validator.check_schema(schema)
     return jsonschema.Draft202012Validator(schema)
 

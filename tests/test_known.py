@@ -113,7 +113,7 @@ def test_the_users_identifier_can_be_cloned(robot):
 
 def test_the_command_keeps_the_term_and_says_whether_the_data_could_tell_it(command):
     folder, result, printed = command
-    jsonschema.validate(result, json.loads((ROOT / "docs" / "result.schema.json").read_text()))
+    jsonschema.validate(result, json.loads((ROOT / "docs" / "reference" / "result.schema.json").read_text()))
     (entry,) = result["known"]
     assert (entry["kind"], entry["joint"]) == ("counterbalance", "elbow")
     assert entry["shape"] == SHAPE

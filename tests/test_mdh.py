@@ -262,7 +262,7 @@ def test_refusals_are_sentences_with_a_place():
 
 
 def test_the_page_of_the_format_holds_a_robot(request):
-    page = (request.config.rootpath / "docs" / "robot_toml.md").read_text(encoding="utf-8")
+    page = (request.config.rootpath / "docs" / "reference" / "robot_toml.md").read_text(encoding="utf-8")
     example = page.split("```toml\n")[1].split("```")[0]
     robot = RobotModel.from_mdh_string(example)
     assert robot.joint_names == ["shoulder", "elbow"]

@@ -481,7 +481,7 @@ def test_the_command_says_which_prior_and_weight_it_used(tmp_path):
     robot, runs = write_robot(tmp_path), write_runs(tmp_path)
     printed = dynid("identify", robot, runs[0], "--test", runs[2], "--prior", "robot", "-o", tmp_path / "out")
     result = json.loads((tmp_path / "out" / "result.json").read_text())
-    jsonschema.validate(result, json.loads((data.ROOT / "docs" / "result.schema.json").read_text()))
+    jsonschema.validate(result, json.loads((data.ROOT / "docs" / "reference" / "result.schema.json").read_text()))
     prior = result["prior"]
     assert prior["kind"] == "robot"
     assert 0 < prior["relative_uncertainty"]["links"] < 1  # the file is the truth here

@@ -161,7 +161,7 @@ def test_version_1_holds_neither(tmp_path):
 def test_files_follow_their_schema(tmp_path, states, inputs):
     import jsonschema
 
-    schema = json.loads((ROOT / "docs" / "model.schema.json").read_text())
+    schema = json.loads((ROOT / "docs" / "reference" / "model.schema.json").read_text())
     jsonschema.Draft202012Validator.check_schema(schema)
     validator = jsonschema.Draft202012Validator(schema)
     robot = _core.RobotModel.from_urdf(bundled_robot())

@@ -12,7 +12,7 @@ Q, DQ, DDQ = 1, 2, 4
 
 
 def state(sequence, t, q, dq, ddq):
-    """Bytes of a state (docs/online.md)."""
+    """Bytes of a state (docs/how_to/online.md)."""
     head = struct.pack("<4sHHIIQd", b"DYNS", VERSION, len(q), Q | DQ | DDQ, 0, sequence, t)
     return head + np.concatenate([q, dq, ddq]).astype("<f8").tobytes()
 

@@ -70,7 +70,9 @@ def main() -> None:
 
 def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("-o", "--output", type=Path, default=Path("docs"), help="folder for paper.md and figures/")
+    parser.add_argument(
+        "-o", "--output", type=Path, default=Path("docs/measured"), help="folder for paper.md and figures/"
+    )
     parser.add_argument(
         "--data", default=os.environ.get("DYNID_DATA"), help="folder of measured robots; DYNID_DATA if left out"
     )

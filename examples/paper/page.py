@@ -1,4 +1,4 @@
-"""`docs/paper.md`: the paper's Section 6 with our figures beside its own. Every number comes from the run."""
+"""`docs/measured/paper.md`: the paper's Section 6 with our figures beside its own. Every number comes from the run."""
 
 from __future__ import annotations
 

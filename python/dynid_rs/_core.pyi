@@ -145,7 +145,8 @@ class RobotModel:
     ) -> RobotModel:
         """Read a robot from a table of modified Denavit-Hartenberg rows, `robot.toml`.
 
-        `T(i-1 -> i) = Rx(alpha) Tx(a) Rz(theta) Tz(d)`, the paper's convention; docs/robot_toml.md describes the file.
+        `T(i-1 -> i) = Rx(alpha) Tx(a) Rz(theta) Tz(d)`, the paper's convention; docs/reference/robot_toml.md
+        describes the file.
 
         Parameters
         ----------
@@ -803,7 +804,7 @@ class TorqueModel:
         status : (n_samples,)
             Bits: 1 overflow, the last good torque is repeated; 2 outside of the domain; 4 residual faded out; 512 the
             state that the torque channel shows lies outside of the run, and its first or last one was taken; 4096
-            beyond the model's limits (`docs/online.md`) and evaluated at them;
+            beyond the model's limits (`docs/how_to/online.md`) and evaluated at them;
             online also 8, a signal that an effect needs is missing and its torque zero.
 
         Raises

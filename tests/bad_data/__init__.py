@@ -8,5 +8,5 @@ done to a recording is drawn here. Seeds below 1000 are for choosing, seeds from
     wiring    faults of names, signs and units    arm       faults of the arm and its motion
     classes   the list                            judge     an answer against what had to be said
     clean     recordings with nothing wrong       ask       the program
-    page      docs/bad_data.md                    run       the command
+    page      docs/measured/bad_data.md                    run       the command
 """

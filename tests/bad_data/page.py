@@ -1,4 +1,4 @@
-"""docs/bad_data.md: figures of one seed, class by class, and the list of codes."""
+"""docs/measured/bad_data.md: figures of one seed, class by class, and the list of codes."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ What `dynid` says of recordings that are not what they seem: by name (`code`), f
 and its mend, the same in `inspect`, `identify`, `diagnose` and in their `--json`. Nothing is mended unasked: what is
 not used (a velocity that contradicts its position) or left out (contacts, in `diagnose`) is said in the result.
 
-Written by `python tests/bad_data/run.py --page docs/bad_data.md`, a part of `make trust`. Arms, motions, sensors and
-noise are the exam's (`tests/exam`), which shares no line with the program; what is spoiled is drawn in
+Written by `python tests/bad_data/run.py --page docs/measured/bad_data.md`, a part of `make trust`. Arms, motions,
+sensors and noise are the exam's (`tests/exam`), which shares no line with the program; what is spoiled is drawn in
 `tests/bad_data`. Seeds below 1000 are for choosing; this page is of seed {seed}, drawn from the clock. The same again:
 `{options}`.
 

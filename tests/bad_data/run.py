@@ -1,7 +1,7 @@
 """What is found in bad recordings, class by class, and what is said of clean ones.
 
 python tests/bad_data/run.py [--seed 1] [--classes wrap,sign] [--variants 0,1] [--arms 0,1,2] [--command inspect]
-                             [--alike 23] [--clean 200] [--effects 100] [--page docs/bad_data.md] [--keep DIR]
+                             [--alike 23] [--clean 200] [--effects 100] [--page docs/measured/bad_data.md] [--keep DIR]
 
 Without --seed a fresh one is drawn from the clock, 1000 or more: those are for reporting. Seeds below 1000 are for
 choosing. 23 classes, 5 variants, 3 arms (of five, six and seven joints); the first variant of each class asked of all

@@ -1,9 +1,9 @@
-"""`make trust`: runs the campaigns and writes their figures into docs/trust.md, each beside its command.
+"""`make trust`: runs the campaigns and writes their figures into docs/measured/trust.md, each beside its command.
 
 python tests/campaigns/page.py [--only kills] [--quick]
 
-Figures are kept in docs/trust.json, so that one campaign can be run again alone. What stands in the page below its
-figures is written by hand, and stays.
+Figures are kept in docs/measured/trust.json, so that one campaign can be run again alone. What stands in the page below
+its figures is written by hand, and stays.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGE, FIGURES = ROOT / "docs" / "trust.md", ROOT / "docs" / "trust.json"
+PAGE, FIGURES = ROOT / "docs" / "measured" / "trust.md", ROOT / "docs" / "measured" / "trust.json"
 BY_HAND = "## Found on the way"
 PYTHON = "python"
 
@@ -85,7 +85,9 @@ def _told(text: str) -> Figures:
 
 
 def _found(figures: Figures) -> str:
-    return "nothing found" if not figures["found"] else f"**{len(figures['found'])} found, see docs/trust.json**"
+    return (
+        "nothing found" if not figures["found"] else f"**{len(figures['found'])} found, see docs/measured/trust.json**"
+    )
 
 
 CAMPAIGNS = {
@@ -130,7 +132,7 @@ CAMPAIGNS = {
     "bad_data": Campaign(
         "Recordings spoiled in 23 ways: found, by the right name, file and column; clean ones, and arms with effects "
         "([bad_data.md](bad_data.md))",
-        f"{PYTHON} tests/bad_data/run.py --page docs/bad_data.md",
+        f"{PYTHON} tests/bad_data/run.py --page docs/measured/bad_data.md",
         f"{PYTHON} tests/bad_data/run.py --variants 0 --arms 0 --alike 0 --clean 20 --effects 5",
         _told,
         lambda f: (
@@ -182,7 +184,7 @@ def page(kept: dict[str, Any], by_hand: str) -> str:
             "",
             "Nothing that is read may do harm, nothing that is written may be lost. `make trust` writes the figures",
             "(one campaign again: `python tests/campaigns/page.py --only kills`); who is trusted, and who not, stands",
-            "in [SECURITY.md](../SECURITY.md).",
+            "in [SECURITY.md](../../SECURITY.md).",
             "",
             "| tried | figure | command |",
             "|---|---|---|",

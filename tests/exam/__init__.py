@@ -2,8 +2,8 @@
 
 Every case is drawn from one integer seed. Seeds below 1000 are for choosing (look at them as often as you like), seeds
 from 1000 on are for reporting: they are drawn when the exam is run, and nobody has looked at them before.
-`make exam` runs 200 fresh ones and writes docs/exam.md. Nothing here imports the product; it is called as a user
-calls it, and its `result.json` is read.
+`make exam` runs 200 fresh ones and writes docs/measured/exam.md. Nothing here imports the product; it is called as a
+user calls it, and its `result.json` is read.
 
     draw      the numbers of a case, from its seed      arm       links, joints, inertials, and the robot file
     motion    where the joints go                       world     gears, rotors, friction, the states of a run
@@ -12,5 +12,5 @@ calls it, and its `result.json` is read.
     hidden    what is hidden, scaled to the noise       oracle    whether a test that is told the effect sees it
     case      one case in a folder                      examine   one case given to the program
     score     right, false, missed, made worse          tally     figures of many cases
-    page      docs/exam.md                              run       the command
+    page      docs/measured/exam.md                              run       the command
 """

@@ -1,4 +1,4 @@
-"""docs/exam.md: goals, groups, kinds, intervals, and every case in which something went wrong."""
+"""docs/measured/exam.md: goals, groups, kinds, intervals, and every case in which something went wrong."""
 
 from __future__ import annotations
 

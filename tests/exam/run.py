@@ -1,6 +1,7 @@
 """`make exam`: draws cases, has them diagnosed, and writes the page.
 
-python tests/exam/run.py [--seeds 0-19,40] [--count 200] [--page docs/exam.md] [--jobs 2] [--keep DIR] [--only 3,7]
+python tests/exam/run.py [--seeds 0-19,40] [--count 200] [--page docs/measured/exam.md] [--jobs 2] [--keep DIR]
+                         [--only 3,7]
 
 Without --seeds fresh ones are drawn from the clock, 1000 or more: those are for reporting. Seeds below 1000 are for
 choosing. With --keep the cases stay in DIR, and the same command goes on where it broke off.

@@ -115,7 +115,7 @@ def _named(robot: Any, path: Path, rules: Config) -> Look:
         match_columns(table.names, joints, guessed, table.file)
     except DataError as error:
         raise DataError(
-            f"{error}; the names say no more, so write it by hand (docs/dynid_toml.md)",
+            f"{error}; the names say no more, so write it by hand (docs/reference/dynid_toml.md)",
             code=error.code,
             file=error.file,
             column=error.column,

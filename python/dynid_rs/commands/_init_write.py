@@ -24,7 +24,7 @@ def config_text(robot: Any, robot_path: Path, runs: Sequence[Path], found: Look)
     """Text of the file; `read_config` reads it back to the rules that were found."""
     lines = [
         *_comment(f"Written by dynid init for {robot_path.name}, from {', '.join(path.name for path in runs[:6])}."),
-        *_comment("Every key is explained in docs/dynid_toml.md. Give this file to commands with --config."),
+        *_comment("Every key is explained in docs/reference/dynid_toml.md. Give this file to commands with --config."),
     ]
     if found.notes:
         lines += ["#", *(line for note in found.notes for line in _comment(note))]

@@ -10,7 +10,7 @@ import typer
 Robot = Annotated[
     Path, typer.Argument(metavar="ROBOT", help="The arm: URDF, robot.toml, MuJoCo model (.xml) or, with --xacro, xacro")
 ]
-Runs = Annotated[list[Path], typer.Argument(metavar="RUN...", help="Runs to learn from (docs/logs.md)")]
+Runs = Annotated[list[Path], typer.Argument(metavar="RUN...", help="Runs to learn from (docs/how_to/logs.md)")]
 Output = Annotated[
     Path, typer.Option("--output", "-o", metavar="DIR", help="Folder for the results", show_default=False)
 ]
@@ -47,7 +47,7 @@ Cutoff = Annotated[float | None, typer.Option(help="Band [Hz]; chosen from the m
 Memory = Annotated[
     str,
     typer.Option(
-        metavar="SIZE", help="Most memory to take; training runs that need more are streamed (docs/archive.md)"
+        metavar="SIZE", help="Most memory to take; training runs that need more are streamed (docs/how_to/archive.md)"
     ),
 ]
 Jobs = Annotated[int, typer.Option("--jobs", metavar="N", help="Processes for streamed runs; -1: one per core")]

@@ -29,7 +29,9 @@ SIGNALS = ("q", "dq", "ddq", "q_motor", "dq_motor", "ddq_motor")
 @run_command
 def estimate(
     model: Annotated[Path, typer.Argument(metavar="MODEL.json", help="What `dynid identify` wrote")],
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="A run file, or the folder of a bag (docs/logs.md)")],
+    run: Annotated[
+        Path, typer.Argument(metavar="RUN", help="A run file, or the folder of a bag (docs/how_to/logs.md)")
+    ],
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", metavar="OUT.parquet", help="Torques per sample, joint and term"),
@@ -126,7 +128,8 @@ def estimate(
         typer.echo(f"{unusual} of {len(t)} samples {_why_unusual(status)}")
     if beyond:
         typer.echo(
-            f"{beyond} of {len(t)} samples lie beyond the model's limits, and were estimated at them (docs/online.md)"
+            f"{beyond} of {len(t)} samples lie beyond the model's limits, and were estimated at them "
+            "(docs/how_to/online.md)"
         )
     if output is not None:
         typer.echo(f"torques: {output}")

@@ -1,5 +1,5 @@
 //! Measurements and answers as bytes, the same in a datagram and in shared memory: fixed places, little-endian, 8-byte
-//! aligned. `docs/online.md` is the description for others; `decode` and `encode` here are the only code.
+//! aligned. `docs/how_to/online.md` is the description for others; `decode` and `encode` here are the only code.
 //!
 //! ```text
 //! state                                answer

@@ -192,7 +192,7 @@ def read_recording(
     """Read one run, one row per sample.
 
     Text (CSV and its kin, JSON lines), Parquet, Feather, NPZ, workbooks, HDF5, MATLAB, ROS bags, LeRobot data sets and
-    DIAdem traces; docs/logs.md has the list. Some need the extra `io`.
+    DIAdem traces; docs/how_to/logs.md has the list. Some need the extra `io`.
 
     Parameters
     ----------

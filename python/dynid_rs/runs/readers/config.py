@@ -1,6 +1,6 @@
 """What `dynid.toml` says: how the columns of somebody's files become signals in SI on the link side.
 
-`config_file.py` reads it, `keys.py` has the list of its keys, and docs/dynid_toml.md is made of that.
+`config_file.py` reads it, `keys.py` has the list of its keys, and docs/reference/dynid_toml.md is made of that.
 
 ```toml
 [columns]                          # any signal; names not given here keep their defaults

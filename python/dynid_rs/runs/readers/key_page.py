@@ -1,4 +1,4 @@
-"""docs/dynid_toml.md and docs/dynid_toml.schema.json, made of the catalogue of keys."""
+"""docs/reference/dynid_toml.md and docs/reference/dynid_toml.schema.json, made of the catalogue of keys."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _NUMBER = {"type": "number"}
 
 
 def page() -> str:
-    """Text of docs/dynid_toml.md."""
+    """Text of docs/reference/dynid_toml.md."""
     parts = [_HEAD]
     for table, about in TABLES.items():
         rows = [_row(key) for key in KEYS if key.table == table]
@@ -83,7 +83,7 @@ def _schema_of(key: Key) -> dict[str, Any]:
 
 
 def schema_text() -> str:
-    """Text of docs/dynid_toml.schema.json."""
+    """Text of docs/reference/dynid_toml.schema.json."""
     return json.dumps(schema(), indent=2) + "\n"
 
 

@@ -1,4 +1,4 @@
-"""Every key of `dynid.toml`, once: the parser, docs/dynid_toml.md and the schema for editors are made of it."""
+"""Every key of `dynid.toml`, once: parser, docs/reference/dynid_toml.md and the schema for editors are made of it."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ use numbers::{number, table};
 #[derive(Debug, thiserror::Error)]
 pub enum CHeaderError {
     /// An effect has no text in `c/effects`.
-    #[error("the effect {0} has no C form, so this model cannot be one C file; use libdynid (docs/c_interface.md)")]
+    #[error("the effect {0} has no C form, so this model cannot be one C file; use libdynid (docs/how_to/c_interface.md)")]
     Effect(String),
     /// The prefix is no beginning of a C name.
     #[error("{0:?} cannot begin the names of a C header; give a letter, then letters, digits and underscores, at most 40, other than \"dynid\"")]

@@ -1,0 +1,80 @@
+"""The compiled module's documentation: docstrings and signatures of `_core.pyi`, and a check that nothing is missing.
+
+The stub is what editors and type checkers show, so the site shows the same.
+"""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+from typing import Any
+
+from sphinx.application import Sphinx
+from sphinx.util import logging
+
+import dynid_rs
+
+LOGGER = logging.getLogger(__name__)
+STUB = Path(dynid_rs.__file__).parent / "_core.pyi"
+
+
+def _nodes() -> dict[str, ast.AST]:
+    """Classes, their methods and functions of the stub, by the name that the package gives them."""
+    found: dict[str, ast.AST] = {}
+
+    def visit(body: list[ast.stmt], prefix: str) -> None:
+        for node in body:
+            if isinstance(node, ast.ClassDef | ast.FunctionDef):
+                found.setdefault(f"{prefix}.{node.name}", node)
+            if isinstance(node, ast.ClassDef):
+                visit(node.body, f"{prefix}.{node.name}")
+
+    visit(ast.parse(STUB.read_text(encoding="utf-8")).body, "dynid_rs")
+    return found
+
+
+NODES = _nodes()
+
+
+def docstring(app: Sphinx, what: str, name: str, found: Any, options: Any, lines: list[str]) -> None:
+    """Take the stub's words instead of the binary's."""
+    node = NODES.get(name)
+    text = ast.get_docstring(node) if isinstance(node, ast.ClassDef | ast.FunctionDef) else None
+    if text is not None:
+        lines[:] = text.splitlines()
+
+
+def signature(
+    app: Sphinx, what: str, name: str, found: Any, options: Any, arguments: str | None, returned: str | None
+) -> tuple[str, str | None] | None:
+    """Take the stub's names and defaults, without types: the text says shapes and units."""
+    node = NODES.get(name)
+    if isinstance(node, ast.ClassDef):
+        node = NODES.get(f"{name}.__new__")
+    if not isinstance(node, ast.FunctionDef):
+        return None
+    static = any(isinstance(mark, ast.Name) and mark.id == "staticmethod" for mark in node.decorator_list)
+    plain = node.args
+    for argument in (*plain.posonlyargs, *plain.args, *plain.kwonlyargs, plain.vararg, plain.kwarg):
+        if argument is not None:
+            argument.annotation = None
+    names = ast.unparse(plain)
+    if (name.count(".") > 1 and not static) or node.name == "__new__":
+        names = names.partition(",")[2].strip() if "," in names else ""
+    return f"({names})", returned
+
+
+def check(app: Sphinx, env: Any) -> None:
+    """Warn of every public name that no page of the reference documents."""
+    documented = env.get_domain("py").objects
+    for name in dynid_rs.__all__:
+        if f"dynid_rs.{name}" not in documented and name != "__version__":
+            LOGGER.warning("dynid_rs.%s is public, and no page of docs/reference/api documents it", name)
+
+
+def setup(app: Sphinx) -> dict[str, Any]:
+    """Come before napoleon, which reads the sections of docstrings."""
+    app.connect("autodoc-process-docstring", docstring, priority=400)
+    app.connect("autodoc-process-signature", signature)
+    app.connect("env-check-consistency", check)
+    return {"parallel_read_safe": True}
