@@ -10,7 +10,7 @@ DEMO   ?= demo
 SECONDS_EACH ?= 60
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-rust test-python check bench arm exam fuzz trust audit paper clean toolchain
+.PHONY: help demo test test-rust test-python check docs bench arm exam fuzz trust audit paper clean toolchain
 
 help: ## this list
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
@@ -36,6 +36,10 @@ check: $(STAMP) $(TOOLS) ## format, lints, types, documentation
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
+
+docs: $(STAMP) $(TOOLS) ## the site, into build/docs; runs the tutorial and the notebooks, and takes every warning for an error
+	$(BIN)/python -m sphinx -b html -W --keep-going -n -q docs build/docs
+	@echo build/docs/index.html
 
 bench: $(STAMP) ## every figure side by side with its peer; writes docs/measured/benchmarks.md and docs/measured/scale.md
 	$(BIN)/python -m pip install --quiet --editable '.[bench]'
@@ -90,5 +94,5 @@ $(STAMP): $(SOURCES) | $(VENV)/bin/python
 	@touch $@
 
 $(TOOLS): pyproject.toml $(STAMP)
-	$(BIN)/python -m pip install --quiet --editable '.[test,check,physical,paper]'
+	$(BIN)/python -m pip install --quiet --editable '.[test,check,docs,physical,paper]'
 	@touch $@

@@ -25,11 +25,14 @@ extensions = [
     "generated",
     "mathml",
     "notebook_files",
+    "picture",
     "stub",
     "terminal",
 ]
 exclude_patterns = ["_build", "_extensions"]
 nitpicky = True
+# Types in docstrings are prose with shapes, "ndarray (n, n_joints), optional", not names to link to.
+nitpick_ignore_regex = [("py:class", ".*")]
 default_role = "code"  # docstrings write `name` as Markdown does
 
 myst_enable_extensions = ["attrs_block", "colon_fence", "deflist", "dollarmath"]

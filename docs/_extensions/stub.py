@@ -48,7 +48,7 @@ def signature(
     app: Sphinx, what: str, name: str, found: Any, options: Any, arguments: str | None, returned: str | None
 ) -> tuple[str, str | None] | None:
     """Take the stub's names and defaults, without types: the text says shapes and units."""
-    node = NODES.get(name)
+    node = NODES.get(name) if what in ("class", "function", "method") else None
     if isinstance(node, ast.ClassDef):
         node = NODES.get(f"{name}.__new__")
     if not isinstance(node, ast.FunctionDef):
@@ -64,6 +64,27 @@ def signature(
     return f"({names})", returned
 
 
+KEPT: dict[str, list[str]] = {}
+"""Docstrings of properties, which napoleon would take apart at their first colon as `type: meaning`."""
+
+
+def keep(app: Sphinx, what: str, name: str, found: Any, options: Any, lines: list[str]) -> None:
+    """Before napoleon: put a property's words aside, unless they have sections."""
+    if what in ("property", "attribute") and not any(line.startswith("---") for line in lines):
+        KEPT[name] = list(lines)
+
+
+def restore(app: Sphinx, what: str, name: str, found: Any, options: Any, lines: list[str]) -> None:
+    """After napoleon: put them back."""
+    if name in KEPT:
+        lines[:] = KEPT.pop(name)
+
+
+def skip(app: Sphinx, what: str, name: str, found: Any, skipped: bool, options: Any) -> bool | None:
+    """Leave out what scikit-learn adds for routing metadata, which none of these estimators takes."""
+    return True if name.endswith("_request") or name == "get_metadata_routing" else None
+
+
 def check(app: Sphinx, env: Any) -> None:
     """Warn of every public name that no page of the reference documents."""
     documented = env.get_domain("py").objects
@@ -75,6 +96,9 @@ def check(app: Sphinx, env: Any) -> None:
 def setup(app: Sphinx) -> dict[str, Any]:
     """Come before napoleon, which reads the sections of docstrings."""
     app.connect("autodoc-process-docstring", docstring, priority=400)
+    app.connect("autodoc-process-docstring", keep, priority=410)
+    app.connect("autodoc-process-docstring", restore, priority=600)
+    app.connect("autodoc-skip-member", skip)
     app.connect("autodoc-process-signature", signature)
     app.connect("env-check-consistency", check)
     return {"parallel_read_safe": True}

@@ -33,17 +33,20 @@ class Terminal(SphinxDirective):
     option_spec = {  # noqa: RUF012  # docutils' own way to declare options
         "ends": directives.nonnegative_int,  # exit code of every command, 0 if left out
         "silent": directives.flag,  # run, and show the commands only
+        "with": directives.unchanged,  # files beside the page that are put into the folder first
         "lines": directives.nonnegative_int,  # show that many lines of an answer, then "..."
     }
 
     def run(self) -> list[nodes.Node]:
         """Run the commands and show them, with a prompt, above what they printed."""
         folder = place(Path(self.env.doctreedir), self.env.docname)
+        for name in self.options.get("with", "").split():
+            shutil.copy(Path(self.env.doc2path(self.env.docname)).parent / name, folder)
         shown = []
         for command in "\n".join(self.content).replace("\\\n", "\\\0").split("\n"):
             command = command.replace("\\\0", "\\\n")
             done = subprocess.run(
-                ["sh", "-c", command],
+                ["bash", "-o", "pipefail", "-c", command],
                 cwd=folder,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.STDOUT,
@@ -78,6 +81,15 @@ def empty(app: Sphinx, _: Any, page: str) -> None:
     shutil.rmtree(Path(app.doctreedir) / "places" / page, ignore_errors=True)
 
 
+def keep_reports(app: Sphinx, failure: Exception | None) -> None:
+    """Put the reports that commands have written beside their pages, as `PAGE.FOLDER.html`."""
+    if failure is None and app.builder.format == "html":
+        places = Path(app.doctreedir) / "places"
+        for report in places.rglob("report.html"):
+            page = report.parent.parent.relative_to(places)
+            shutil.copy(report, Path(app.outdir) / page.parent / f"{page.name}.{report.parent.name}.html")
+
+
 def prepare(app: Sphinx) -> None:
     """Put `dynid` and `python` of this interpreter on PATH, for commands and for the kernels of notebooks."""
     programs = Path(app.doctreedir) / "bin"
@@ -86,10 +98,11 @@ def prepare(app: Sphinx) -> None:
         script = programs / name
         script.write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} {options} "$@"\n', encoding="utf-8")
         script.chmod(0o755)
+    built = Path(app.srcdir).parent / "target" / "release"  # dynid-estimator, where only cargo has built it
     package = str(Path(sys.modules["dynid_rs"].__file__ or "").parents[1])
     found = os.environ.get("PYTHONPATH")
     os.environ |= {
-        "PATH": os.pathsep.join([str(programs), str(Path(sys.executable).parent), os.environ["PATH"]]),
+        "PATH": os.pathsep.join([str(programs), str(Path(sys.executable).parent), os.environ["PATH"], str(built)]),
         "PYTHONPATH": os.pathsep.join([package, *([found] if found else [])]),
         "COLUMNS": COLUMNS,
         "DOCS": str(app.srcdir),
@@ -101,4 +114,5 @@ def setup(app: Sphinx) -> dict[str, Any]:
     app.add_directive("terminal", Terminal)
     app.connect("builder-inited", prepare)
     app.connect("env-purge-doc", empty)
+    app.connect("build-finished", keep_reports)
     return {"parallel_read_safe": False}

@@ -24,11 +24,12 @@ RATE, DURATION, N_LOGS = 125.0, 15.0, 4
 
 
 def main(folder: Path) -> None:
-    """Write robot.urdf and log_1.csv to log_4.csv."""
+    """Write robot.urdf, log_1.csv to log_4.csv and truth.txt."""
     folder.mkdir(parents=True, exist_ok=True)
     shutil.copyfile(bundled_robot(), folder / "robot.urdf")
     typical = typical_arm(read_robot(bundled_robot()))
-    arm = equip(replace(typical.rigid(), delay=0.0), build_effects([parse_wish(HIDDEN)], typical))
+    (effect,) = build_effects([parse_wish(HIDDEN)], typical)
+    arm = equip(replace(typical.rigid(), delay=0.0), [effect])
     for k, run in enumerate(simulate(arm, n_runs=N_LOGS, duration=DURATION, rate=RATE, derivatives=True).recordings, 1):
         signals = {"actual_q": run.q, "actual_qd": run.dq, "actual_current": run.tau / GAIN}
         names = [f"{name}_{joint}" for name in signals for joint in range(run.n_joints)]
@@ -36,6 +37,8 @@ def main(folder: Path) -> None:
         header = " ".join(["timestamp", *names])
         formats = ["%.3f", *["%.6f"] * (len(names))]
         np.savetxt(folder / f"log_{k}.csv", rows, fmt=formats, header=header, comments="")
+    said = ", ".join(f"{value.name} {value.value[0]:.3g} {value.unit}" for value in effect.values)
+    (folder / "truth.txt").write_text(f"{effect.kind} on joint_{effect.joints[0] + 1}: {said}\n", encoding="utf-8")
     print(f"{folder}/robot.urdf, {folder}/log_1.csv to log_{N_LOGS}.csv")
 
 

@@ -184,7 +184,7 @@ def page(kept: dict[str, Any], by_hand: str) -> str:
             "",
             "Nothing that is read may do harm, nothing that is written may be lost. `make trust` writes the figures",
             "(one campaign again: `python tests/campaigns/page.py --only kills`); who is trusted, and who not, stands",
-            "in [SECURITY.md](../../SECURITY.md).",
+            "in [SECURITY.md](../explanation/security.md).",
             "",
             "| tried | figure | command |",
             "|---|---|---|",
