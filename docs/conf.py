@@ -30,9 +30,8 @@ extensions = [
     "terminal",
 ]
 exclude_patterns = ["_build", "_extensions"]
+smartquotes = False  # "--json" stays what one types
 nitpicky = True
-# Types in docstrings are prose with shapes, "ndarray (n, n_joints), optional", not names to link to.
-nitpick_ignore_regex = [("py:class", ".*")]
 default_role = "code"  # docstrings write `name` as Markdown does
 
 myst_enable_extensions = ["attrs_block", "colon_fence", "deflist", "dollarmath"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -26,11 +27,11 @@ def commands(_: Path) -> str:
 
 
 def _command(name: str, command: Any, context: Any, level: int) -> str:
-    usage = " ".join([name, *command.collect_usage_pieces(context)])
+    usage = " ".join([name, *command.collect_usage_pieces(context)]).replace("{", "").replace("}", "")
     text = [
         f"({name.replace(' ', '-')})=",
         f"{'#' * level} `{name}`\n",
-        f"{command.help or ''}\n",
+        f"{_marked(command.help or '')}\n",
         f"```text\n{usage}\n```\n",
         f"```{{program}} {name}\n```\n",
     ]
@@ -40,10 +41,15 @@ def _command(name: str, command: Any, context: Any, level: int) -> str:
             continue
         names, words = record
         if parameter.param_type_name == "argument":
-            text.append(f"`{names.strip()}`\n: {words.strip() or '(no further words)'}\n")
+            text.append(f"`{names.strip()}`\n: {_marked(words)}\n")
         else:
-            text.append(f"````{{option}} {names.strip()}\n{words.strip()}\n````\n")
+            text.append(f"````{{option}} {names.strip()}\n{_marked(words)}\n````\n")
     return "\n".join(text)
+
+
+def _marked(words: str) -> str:
+    """Help with its options as code, which Markdown would not know for what they are."""
+    return re.sub(r"(?<![\w`-])(--[a-z][\w-]*)", r"`\1`", words.strip())
 
 
 def fields(schema: Path) -> str:

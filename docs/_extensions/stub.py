@@ -9,6 +9,8 @@ import ast
 from pathlib import Path
 from typing import Any
 
+from docutils import nodes
+from sphinx import addnodes
 from sphinx.application import Sphinx
 from sphinx.util import logging
 
@@ -81,8 +83,19 @@ def restore(app: Sphinx, what: str, name: str, found: Any, options: Any, lines: 
 
 
 def skip(app: Sphinx, what: str, name: str, found: Any, skipped: bool, options: Any) -> bool | None:
-    """Leave out what scikit-learn adds for routing metadata, which none of these estimators takes."""
-    return True if name.endswith("_request") or name == "get_metadata_routing" else None
+    """Take what the stub documents; leave out scikit-learn's routing of metadata, which no estimator here takes."""
+    if name.endswith("_request") or name == "get_metadata_routing":
+        return True
+    node = NODES.get(f"dynid_rs.{getattr(found, '__qualname__', '')}")
+    documented = isinstance(node, ast.FunctionDef) and ast.get_docstring(node) and not name.startswith("_")
+    return False if documented else None
+
+
+def unlink(app: Sphinx, tree: nodes.document) -> None:
+    """Types in docstrings are prose with shapes, "ndarray (n, n_joints)": link the package's classes and no other word."""
+    for link in list(tree.findall(addnodes.pending_xref)):
+        if link.get("reftype") == "class" and link["reftarget"].removeprefix("dynid_rs.") not in dynid_rs.__all__:
+            link.replace_self(link.children)
 
 
 def check(app: Sphinx, env: Any) -> None:
@@ -100,5 +113,6 @@ def setup(app: Sphinx) -> dict[str, Any]:
     app.connect("autodoc-process-docstring", restore, priority=600)
     app.connect("autodoc-skip-member", skip)
     app.connect("autodoc-process-signature", signature)
+    app.connect("doctree-read", unlink)
     app.connect("env-check-consistency", check)
     return {"parallel_read_safe": True}
