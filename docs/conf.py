@@ -30,7 +30,7 @@ extensions = [
     "terminal",
 ]
 exclude_patterns = ["_build", "_extensions"]
-smartquotes = False  # "--json" stays what one types
+smartquotes_action = "D"  # dashes only: quotes stay what one types
 nitpicky = True
 default_role = "code"  # docstrings write `name` as Markdown does
 
