@@ -78,12 +78,12 @@ def found_in(runs: Sequence[Recording], robot: RobotModel = ROBOT, *, n_test: in
 
 def names(found: Diagnosis) -> set[tuple[str, tuple[str, ...]]]:
     """Kind and joints of all that was named."""
-    return {(entry["kind"], tuple(entry["joints"])) for entry in found.effects}
+    return {(entry["kind"], tuple(entry["joints"])) for entry in found.entries}
 
 
 def entry_of(found: Diagnosis, kind: str) -> dict[str, Any]:
     """The only entry of a kind."""
-    (entry,) = (entry for entry in found.effects if entry["kind"] == kind)
+    (entry,) = (entry for entry in found.entries if entry["kind"] == kind)
     return entry
 
 

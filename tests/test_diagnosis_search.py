@@ -65,8 +65,8 @@ def found(mixed):
 def test_a_clean_arm_gives_nothing(seed):
     runs = measured(seed=seed)
     found = found_in(runs)
-    assert found.effects == []
-    assert found.unexplained == []
+    assert found.entries == []
+    assert found.left == []
     assert found.steps == []
     before, after = errors(found, runs[2:])
     np.testing.assert_array_equal(before, after)
@@ -85,7 +85,7 @@ def test_friction_that_turns_round_like_an_arctan_is_no_effect():
 
     effects = [Nameless("nameless", (j,), 1.0, torque=torque(j)) for j in range(3)]
     found = found_in(recorded(equip(arm, effects)))
-    assert found.effects == []
+    assert found.entries == []
 
 
 @pytest.mark.parametrize(
@@ -148,7 +148,7 @@ def test_two_effects_are_found_and_the_error_is_near_the_noise(mixed, found, noi
     assert names(found) == {("friction_hysteresis", ("elbow",)), ("load_dependent_friction", ("wrist",))}
     before, after = errors(found, mixed[3:])
     assert np.all(after < NEAR * noise)
-    for entry in found.effects:
+    for entry in found.entries:
         at = JOINTS.index(entry["joints"][0])
         assert entry["rmse_test_after"][at] < NEAR * noise[at] < entry["rmse_test_before"][at]
         assert entry["p_value"] < 0.05
@@ -185,15 +185,15 @@ def test_a_test_run_touches_nothing(tmp_path, mixed, found):
     assert file_of(again.after.model_, tmp_path) == file_of(found.after.model_, tmp_path)
     assert file_of(again.before.model_, tmp_path) == file_of(found.before.model_, tmp_path)
     assert again.steps == found.steps
-    assert again.unexplained == found.unexplained
-    assert [training_side(entry) for entry in again.effects] == [training_side(entry) for entry in found.effects]
-    assert again.effects[0]["rmse_test_after"] != found.effects[0]["rmse_test_after"]
+    assert again.left == found.left
+    assert [training_side(entry) for entry in again.entries] == [training_side(entry) for entry in found.entries]
+    assert again.entries[0]["rmse_test_after"] != found.entries[0]["rmse_test_after"]
 
 
 def test_names_do_not_depend_on_the_order_of_the_runs(mixed, found):
     other = found_in([*mixed[2::-1], mixed[3]])
     assert names(other) == names(found)
-    for entry in found.effects:
+    for entry in found.entries:
         values, others = (
             {p["name"]: p["value"] for p in e["parameters"]} for e in (entry, entry_of(other, entry["kind"]))
         )

@@ -12,8 +12,8 @@ from tolerances import ALGEBRAIC, EXACT
 
 from dynid_rs import _core
 from dynid_rs.identification.links import LinkDynamicsIdentifier
-from dynid_rs.identification.results import own_unit
 from dynid_rs.model.assembly import assemble, evaluate
+from dynid_rs.model.units import own_unit
 from dynid_rs.regression.columns import make_plan, observe
 from dynid_rs.runs.preprocessing import Band, States
 

@@ -78,7 +78,7 @@ def test_the_delay_is_taken_out_of_the_fit(elastic):
 @pytest.mark.parametrize("seed", [1, 2])
 def test_rigid_gears_on_one_clock_have_no_entry(seed):
     found = found_in(both_encoders(rigid(), seed=seed))
-    assert found.effects == []
+    assert found.entries == []
 
 
 def test_a_copy_or_no_second_encoder_has_none():
@@ -111,7 +111,7 @@ def test_an_encoder_that_is_not_centred_is_named():
 def test_an_encoder_that_is_far_from_centred_looks_like_no_frame():
     arm = with_effects(ON_CLOCKS, "encoder_eccentricity:elbow:10")
     found = found_in(both_encoders(arm))
-    assert {entry["kind"] for entry in found.effects} == {"encoder_delay", "encoder_eccentricity"}
+    assert {entry["kind"] for entry in found.entries} == {"encoder_delay", "encoder_eccentricity"}
 
 
 def test_a_declared_error_stays_where_no_gear_shows_one():

@@ -111,7 +111,7 @@ def test_amperes_have_names_too():
         runs = [replace(run, tau=run.tau / gains, torque_unit="A") for run in measured(*wishes)]
         found = found_in(runs)
         assert names(found) == truth
-        units = {p["unit"] for entry in found.effects for p in entry["parameters"]}
+        units = {p["unit"] for entry in found.entries for p in entry["parameters"]}
         assert units <= {"A", "rad", "1"}
 
 
@@ -126,7 +126,7 @@ def test_one_encoder_on_elastic_gears_does_no_harm():
     found = found_in(runs)
     before, after = errors(found, runs[2:])
     assert np.all(after <= NO_HARM * before)
-    assert all(math.isfinite(p["value"]) for entry in found.effects for p in entry["parameters"])
+    assert all(math.isfinite(p["value"]) for entry in found.entries for p in entry["parameters"])
 
 
 def test_a_joint_that_moves_in_no_run_is_refused_with_a_sentence():

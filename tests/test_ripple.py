@@ -74,7 +74,7 @@ def test_a_diagnosis_takes_the_line_off_a_run_that_it_has_not_seen(clean):
     size = 2 * ARM.noise_std[0]
     runs = with_line(clean, 0, 120.0, size)
     found = found_in(runs)
-    assert [(entry["kind"], entry["joints"]) for entry in found.effects] == [("torque_ripple", [JOINTS[0]])]
+    assert [(entry["kind"], entry["joints"]) for entry in found.entries] == [("torque_ripple", [JOINTS[0]])]
     unseen = runs[2]
     before, after = ((unseen.tau - fit.predict(unseen))[:, 0].std() for fit in (found.before, found.after))
     assert before > 1.5 * ARM.noise_std[0]

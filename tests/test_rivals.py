@@ -46,7 +46,7 @@ def test_a_spring_is_told_from_a_cylinder_where_its_line_shows():
 def test_a_spring_along_a_short_way_may_be_a_cylinder():
     """Some cylinder pulls as evenly over a few degrees; the torque is kept, and what may be its cause is said."""
     arm = with_effects(rigid(), "joint_spring:elbow:0.3")
-    (entry,) = found_in(recorded(arm)).effects
+    (entry,) = found_in(recorded(arm)).entries
     assert set(kinds_said(entry)) == {"joint_spring", "counterbalance"}
     assert (entry["kind"], entry["joints"]) == ("unknown", ["elbow"])
     assert named(entry, ("shoulder", "elbow", "wrist")) in (

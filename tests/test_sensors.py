@@ -67,7 +67,7 @@ def test_one_delay_of_all_torque_channels_is_recovered(delay_ms):
     # The correction is what it says: on the corrected runs there is no delay left.
     np.testing.assert_allclose(found.setup.torque_delay, 1e-3 * delay_ms, atol=2e-3)
     again = found_in([recording.less_torque_delay(found.setup.torque_delay) for recording in recordings])
-    assert again.effects == []
+    assert again.entries == []
 
 
 def test_clean_arms_have_no_contact():
@@ -186,7 +186,7 @@ def test_a_wrong_channel_ends_the_diagnosis_with_a_sentence_and_no_effect():
     assert fit is None
     assert [finding.code for finding in findings] == ["torque_swapped"]
     found = found_in(recordings, SIX_AXES)
-    assert found.effects == []
+    assert found.entries == []
     assert found.before is found.after
     assert [finding.code for finding in found.findings] == ["torque_swapped"]
     assert "dynid.toml" in findings[0].message

@@ -59,7 +59,7 @@ def test_another_mounting_is_named_and_the_error_is_that_of_an_arm_that_was_told
 def test_a_mounting_that_is_declared_stays():
     robot = ROBOT.with_gravity(list(SIDEWAYS))
     found = found_in(recorded(replace(rigid(), robot=robot)), robot)
-    assert found.effects == []
+    assert found.entries == []
     assert_allclose(found.setup.robot.gravity, SIDEWAYS, **tolerances.EXACT)
 
 

@@ -63,7 +63,7 @@ def test_what_no_catalogue_has_gets_no_wrong_name_and_no_joint_is_worse(name):
 def test_what_is_left_is_told_with_its_signals(name):
     joint, _ = OUTSIDE[name]
     found = found_in(strange(name, 4.0))
-    (left,) = found.unexplained
+    (left,) = found.left
     assert left["joint"] == ("shoulder", "elbow", "wrist")[joint]
     assert {f"{d['signal']}".replace("_motor", "") for d in left["depends_on"]} == SIGNALS[name]
     assert 0.3 < left["share"] <= 1.0
@@ -97,7 +97,7 @@ def test_a_name_that_is_none_costs_functions_of_the_same_angle_theirs_and_no_oth
 
 def test_clean_runs_leave_nothing():
     found = found_in(recorded(rigid(), seed=4))
-    assert found.unexplained == []
+    assert found.left == []
 
 
 @pytest.mark.parametrize("size", [2.0, 6.0])

@@ -21,7 +21,9 @@ from dynid_rs._core import (
 from dynid_rs.base.errors import DataError, MissingLibraryError, RankDeficientError
 
 if TYPE_CHECKING:
+    from dynid_rs.diagnosis.found import FoundEffect
     from dynid_rs.diagnosis.loop import diagnose
+    from dynid_rs.diagnosis.outcome import Diagnosis
     from dynid_rs.diagnosis.setup import Setup
     from dynid_rs.excitation import FourierExcitation
     from dynid_rs.identification.base_fit import BaseFit, fit_base_parameters
@@ -36,27 +38,35 @@ if TYPE_CHECKING:
     from dynid_rs.model.physical import PhysicalIdentifier
     from dynid_rs.model.robot_file import read_robot
     from dynid_rs.regression.instruments import InstrumentalVariables
-    from dynid_rs.runs.readers import read_recording
+    from dynid_rs.runs.readers import Config, PartsWarning, read_config, read_recording, read_recordings
     from dynid_rs.runs.recording import Recording
+    from dynid_rs.runs.recordings import Recordings
 
 # scikit-learn takes a second to import; nobody who only evaluates a model should wait for it.
 _LATE = {
     "BaseFit": "identification.base_fit",
+    "Config": "runs.readers",
+    "Diagnosis": "diagnosis.outcome",
+    "FoundEffect": "diagnosis.found",
     "FourierExcitation": "excitation",
     "FrictionIdentifier": "identification.friction",
     "GaussianMixtureRegressor": "identification.mixture",
     "InstrumentalVariables": "regression.instruments",
     "LinkDynamicsIdentifier": "identification.links",
     "MomentumObserver": "model.observer",
+    "PartsWarning": "runs.readers",
     "PhysicalIdentifier": "model.physical",
     "RbfRegressor": "identification.rbf",
     "Recording": "runs.recording",
+    "Recordings": "runs.recordings",
     "ResidualCompensator": "identification.residual",
     "Setup": "diagnosis.setup",
     "ThreeLoopIdentifier": "identification.three_loops",
     "diagnose": "diagnosis.loop",
     "fit_base_parameters": "identification.base_fit",
+    "read_config": "runs.readers",
     "read_recording": "runs.readers",
+    "read_recordings": "runs.readers",
     "read_robot": "model.robot_file",
     "to_pinocchio": "model.export",
 }
@@ -64,9 +74,12 @@ _LATE = {
 __all__ = [
     "BaseFit",
     "BaseParameters",
+    "Config",
     "DataError",
+    "Diagnosis",
     "Effect",
     "FormatError",
+    "FoundEffect",
     "FourierExcitation",
     "FrictionIdentifier",
     "GaussianMixtureRegressor",
@@ -75,11 +88,13 @@ __all__ = [
     "MdhError",
     "MissingLibraryError",
     "MomentumObserver",
+    "PartsWarning",
     "PhysicalIdentifier",
     "PhysicalSet",
     "RankDeficientError",
     "RbfRegressor",
     "Recording",
+    "Recordings",
     "ResidualCompensator",
     "RobotModel",
     "Setup",
@@ -89,7 +104,9 @@ __all__ = [
     "__version__",
     "diagnose",
     "fit_base_parameters",
+    "read_config",
     "read_recording",
+    "read_recordings",
     "read_robot",
     "rmse",
     "to_pinocchio",
@@ -100,8 +117,13 @@ def __getattr__(name: str) -> Any:
     if name in _LATE:
         from importlib import import_module
 
-        return getattr(import_module(f".{_LATE[name]}", __name__), name)
+        found = globals()[name] = getattr(import_module(f".{_LATE[name]}", __name__), name)
+        return found
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
 
 
 def rmse(measured: Any, predicted: Any) -> Any:

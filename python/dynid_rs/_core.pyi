@@ -19,6 +19,8 @@ from typing import Any, Final, TypeAlias, final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from dynid_rs.model.summary import ModelSummary
+
 _FloatArray: TypeAlias = NDArray[np.float64]
 _Filter: TypeAlias = tuple[_FloatArray, _FloatArray, int]
 """`scipy.signal.butter(output="sos")` (n, 6), its `scipy.signal.sosfilt_zi` (n, 2), samples of padding."""
@@ -945,6 +947,96 @@ class TorqueModel:
     def step(self) -> float | None:
         """Time between samples [s], where the model has one."""
 
+    def summary(self) -> ModelSummary:
+        """What is in it: where it was trained, what it leaves, every coefficient with its unit, joint by joint.
+
+        Returns
+        -------
+        ModelSummary
+            A table where it is printed and in a notebook; `to_dict` for more.
+        """
+
+    def predict(self, runs: Any) -> Any:
+        """Torque along runs at their own stamps [`torque_unit`], as `ThreeLoopIdentifier.predict` of the fit gives it.
+
+        Parameters
+        ----------
+        runs : Recording, data frame, or list of them
+            Data frames have columns of the usual names; others are read by `Recording.from_dataframe` first.
+
+        Returns
+        -------
+        ndarray (n_samples, n_joints), or a list of them
+            A list for a list.
+
+        Raises
+        ------
+        DataError
+            Runs of another arm.
+        """
+
+    def score(self, runs: Any, *, per_joint: bool = False, as_recorded: bool = False) -> Any:
+        """Coefficient of determination R2 along runs, as `ThreeLoopIdentifier.score` says it: mean, or (n_joints,).
+
+        Raises
+        ------
+        DataError
+            Runs of another arm, or with torque in another unit.
+        """
+
+    def plot_friction(
+        self, runs: Any = None, *, joints: Sequence[str | int] | str | int | None = None, axes: Any = None
+    ) -> NDArray[Any]:
+        """Draw friction over speed, one panel per joint, as fast as the training data were.
+
+        The line is the median over poses that the model was trained in, the band least and greatest: friction that
+        follows load or position is another one in each. Friction that remembers the motion before (hysteresis, warm
+        gears) is no curve over speed; what is left out is said above.
+
+        Parameters
+        ----------
+        runs : Recording, data frame, or list of them, optional
+            Dots: their torque in the band, less everything of the model but these curves, where the joint moves.
+        joints : sequence of str or int, optional
+            Names or indices; all by default.
+        axes : array of matplotlib Axes, optional
+            To draw into, one per joint; a new figure by default.
+
+        Returns
+        -------
+        ndarray of matplotlib Axes, (n_joints,)
+
+        Raises
+        ------
+        MissingLibraryError
+            matplotlib, which the extra `plot` brings, is not installed.
+        """
+
+    def plot_residual(
+        self, run: Any, *, joints: Sequence[str | int] | str | int | None = None, axes: Any = None
+    ) -> NDArray[Any]:
+        """Draw measured and predicted torque along a run, and what is left; in the band, where joints move.
+
+        Parameters
+        ----------
+        run : Recording, data frame, or list of them
+            Several stand one behind the other.
+        joints, axes
+            As for `plot_friction`; two axes per joint.
+
+        Returns
+        -------
+        ndarray of matplotlib Axes, (n_joints, 2)
+
+        Raises
+        ------
+        DataError
+            A run of another arm, or with torque in another unit.
+        MissingLibraryError
+            matplotlib, which the extra `plot` brings, is not installed.
+        """
+
+    def _repr_html_(self) -> Any: ...
     def with_physical(self, physical: PhysicalSet) -> TorqueModel:
         """Return the same model with a physically consistent set beside it; evaluation does not use it.
 

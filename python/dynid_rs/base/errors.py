@@ -48,10 +48,11 @@ class MissingLibraryError(ValueError):
     extra : str
         Extra of this package that brings it.
     purpose : str
-        What needs it.
+        What needs it, in the plural.
+    mend : str
+        What else to do, of a library that no extra brings.
     """
 
-    def __init__(self, library: str, extra: str, purpose: str) -> None:
-        super().__init__(
-            f"{purpose} need the library {library}, which is not installed: pip install 'dynid-rs[{extra}]'"
-        )
+    def __init__(self, library: str, extra: str = "", purpose: str = "", *, mend: str = "") -> None:
+        mend = mend or f"pip install 'dynid-rs[{extra}]'"
+        super().__init__(f"{purpose} need the library {library}, which is not installed: {mend}")

@@ -19,6 +19,11 @@ NO_INTERVAL = (
 """Why there is a dash in the place of a 95 % interval."""
 
 
+def kind_words(kind: str) -> str:
+    """``load_dependent_friction`` as people write it."""
+    return kind.replace("_dependent_", "-dependent ").replace("_", " ")
+
+
 def kinds_said(effect: Mapping[str, Any]) -> list[str]:
     """What an effect may be: its kind; of one that is one kind or another, all of them; of one without a name, none."""
     if effect["kind"] != "unknown":

@@ -13,7 +13,7 @@ from dynid_rs.base.quoting import shown
 from dynid_rs.base.wording import NO_INTERVAL, lacks_interval, worse_than_least_squares
 from dynid_rs.commands._console import console, interval
 from dynid_rs.commands._identify_view import with_file
-from dynid_rs.diagnosis.wording import named
+from dynid_rs.diagnosis.wording import effect_words, tie_words, unexplained_words
 from dynid_rs.report import REPORT_FILE
 
 
@@ -29,7 +29,7 @@ def show(result: dict[str, Any], directory: Path) -> None:
     for entry in result["effects"]:
         out.print(Text(_effect(entry, result)), soft_wrap=True)
     for entry in result["unexplained"]:
-        out.print(Text(_unexplained(entry)))
+        out.print(Text(unexplained_words(entry)))
     for sentence in result["next_experiment"]:
         out.print(Text(f"next: {sentence}"), soft_wrap=True)
     for finding in result["data"]["findings"]:
@@ -60,19 +60,5 @@ def _percent(bounds: Sequence[float] | None) -> str:
 
 
 def _effect(entry: dict[str, Any], result: dict[str, Any]) -> str:
-    sizes = ", ".join(f"{p['name']} {p['value']:.3g}{_unit(p['unit'])}" for p in entry["parameters"])
-    text = f"{entry['rank']}. {named(entry, result['joints'])}" + (f": {sizes}" if sizes else "")
-    for tie in entry["ties"]:
-        text += f"\n   not told apart from {named(tie, result['joints'])}"
-        text += f": {tie['separate']}" if tie.get("separate") else ""
-    return text
-
-
-def _unit(unit: str) -> str:
-    return "" if unit == "1" else f" {unit}"
-
-
-def _unexplained(entry: dict[str, Any]) -> str:
-    signals = ", ".join(f"{d['signal']} ({d['strength']:.2f})" for d in entry["depends_on"])
-    text = f"unexplained on {entry['joint']}: {100 * entry['share']:.0f} % of the error's power"
-    return f"{text}, depends on {signals}" if signals else text
+    text = f"{entry['rank']}. {effect_words(entry, result['joints'])}"
+    return text + "".join(f"\n   {tie_words(tie, result['joints'])}" for tie in entry["ties"])

@@ -9,20 +9,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from copy import copy
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
-from dynid_rs.base.findings import Finding
 from dynid_rs.diagnosis.belief import fitted, weighed_as
 from dynid_rs.diagnosis.entries import effect_entries
 from dynid_rs.diagnosis.gears import centred, gear_entries
 from dynid_rs.diagnosis.hypotheses import Catalogue, Place
 from dynid_rs.diagnosis.misfit import nameless, of_the_angle
 from dynid_rs.diagnosis.mounting import mounted
+from dynid_rs.diagnosis.outcome import Diagnosis
 from dynid_rs.diagnosis.reference import compare
 from dynid_rs.diagnosis.ripple import find_ripple, ripple_entries
 from dynid_rs.diagnosis.rivals import weigh_rivals
@@ -30,47 +30,19 @@ from dynid_rs.diagnosis.search import search
 from dynid_rs.diagnosis.sensors import channel_errors, examine
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.unexplained import unexplained
-from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.identification.training import check_motion
 from dynid_rs.regression.kept_columns import keeping_columns
+from dynid_rs.runs.given import Runs, as_recordings
 from dynid_rs.runs.recording import Recording
+from dynid_rs.runs.splitting import Split, split_runs
 
 FloatArray = NDArray[np.float64]
 
 
-@dataclass
-class Diagnosis:
-    """What was found.
-
-    Attributes
-    ----------
-    setup : Setup
-        The model as it is believed to be now.
-    before, after : ThreeLoopIdentifier
-        The declared model, and the model with what was found.
-    findings : list of Finding
-        On sensors and contacts.
-    effects : list of dict
-        One per effect, most certain first; the entries of `result.json`.
-    steps : list of dict
-        History of the search.
-    unexplained : list of dict
-        Structure that is left, joint by joint.
-    """
-
-    setup: Setup
-    before: ThreeLoopIdentifier
-    after: ThreeLoopIdentifier
-    findings: list[Finding] = field(default_factory=list)
-    effects: list[dict[str, Any]] = field(default_factory=list)
-    steps: list[dict[str, Any]] = field(default_factory=list)
-    unexplained: list[dict[str, Any]] = field(default_factory=list)
-
-
 def diagnose(
-    setup: Setup,
-    train: Sequence[Recording],
-    test: Sequence[Recording],
+    setup: Setup | _core.RobotModel,
+    train: Runs,
+    test: Runs | None = None,
     *,
     reference: _core.TorqueModel | None = None,
     on_progress: Callable[[str], None] = lambda step: None,
@@ -79,12 +51,13 @@ def diagnose(
 
     Parameters
     ----------
-    setup : Setup
-        Robot and options; what is already believed.
-    train : sequence of Recording
-        Runs to fit and to choose on.
-    test : sequence of Recording
-        Runs that only the reported errors see.
+    setup : RobotModel or Setup
+        The robot, or a setup with options and what is already believed.
+    train : Recording, data frame, or list of them
+        Runs to fit and to choose on. What the columns of data frames are is the setup's option `config`.
+    test : Recording, data frame, or list of them, optional
+        Runs that only the reported errors see; without them the last run, or the last third of a lone one, is kept
+        aside.
     reference : TorqueModel, optional
         Trusted model: then the question is what has changed against it, and nothing of it is fitted again.
     on_progress : callable
@@ -97,11 +70,19 @@ def diagnose(
     """
     from threadpoolctl import threadpool_limits
 
+    setup = setup if isinstance(setup, Setup) else Setup(setup)
+    config = setup.options.get("config")
+    learned = as_recordings(train, setup.robot, config)
+    split = Split(learned, as_recordings(test, setup.robot, config)) if test is not None else split_runs(learned, [])
     # Many small matrices: threads of a BLAS would only wait for each other.
     with threadpool_limits(limits=1, user_api="blas"), keeping_columns():
         if reference is None:
-            return _traced(setup, train, test, on_progress)
-        return _compared(setup, train, test, reference, on_progress)
+            found = _traced(setup, split.train, split.test, on_progress)
+        else:
+            found = _compared(setup, split.train, split.test, reference, on_progress)
+    found.train, found.test = split.train, split.test
+    found.findings += [] if split.finding is None else [split.finding]
+    return found
 
 
 def _traced(
@@ -143,9 +124,9 @@ def _traced(
         before,
         found.fit,
         findings=findings,
-        effects=[{**entry, "rank": rank + 1} for rank, entry in enumerate(entries)],
+        entries=[{**entry, "rank": rank + 1} for rank, entry in enumerate(entries)],
         steps=[_step(*step, names) for step in found.steps],
-        unexplained=left,
+        left=left,
     )
 
 
@@ -165,7 +146,7 @@ def _compared(
     changes = compare(reference, setup.robot, train, test, cutoff=setup.options.get("cutoff"))
     before, after = copy(fit), copy(fit)
     before.model_, after.model_ = reference, changes.model
-    return Diagnosis(setup, before, after, findings=[*said, *changes.findings], effects=list(changes.effects))
+    return Diagnosis(setup, before, after, findings=[*said, *changes.findings], entries=list(changes.effects))
 
 
 def _step(action: str, place: Place, left: FloatArray, names: Sequence[str]) -> dict[str, Any]:

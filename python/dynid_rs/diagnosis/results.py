@@ -50,12 +50,12 @@ class Outcome(Protocol):
         """On sensors, clocks and contact."""
 
     @property
-    def effects(self) -> Sequence[Entry]:
-        """Entries of `result.json`, most useful first."""
+    def entries(self) -> Sequence[Entry]:
+        """Effects as entries of `result.json`, most useful first."""
 
     @property
-    def unexplained(self) -> Sequence[Entry]:
-        """Entries of `result.json`."""
+    def left(self) -> Sequence[Entry]:
+        """What is unexplained, as entries of `result.json`."""
 
     @property
     def steps(self) -> Sequence[Entry]:
@@ -122,7 +122,7 @@ def summarise_diagnosis(outcome: Outcome, runs: EvaluatedRuns, findings: Sequenc
         "change_interval": change_interval([run.comparison for run in runs.test_after], tested.comparisons),
     }
     names = result["joints"]
-    effects = [_complete(entry, k + 1, names) for k, entry in enumerate(outcome.effects)]
+    effects = [complete(entry, k + 1, names) for k, entry in enumerate(outcome.entries)]
     for entry, run in zip(result["rmse"]["by_run"], runs.test_before, strict=True):
         entry["before"] = results.plain(Scores([run.comparison]).rmse)
     result["data"]["excluded"] = {
@@ -132,9 +132,9 @@ def summarise_diagnosis(outcome: Outcome, runs: EvaluatedRuns, findings: Sequenc
     }
     result |= {
         "effects": effects,
-        "unexplained": [_with_short_plot({"depends_on": [], **entry}) for entry in outcome.unexplained],
+        "unexplained": [_with_short_plot({"depends_on": [], **entry}) for entry in outcome.left],
         "steps": list(outcome.steps),
-        "nothing_to_add": not effects and not outcome.unexplained and all(f.severity != "error" for f in said),
+        "nothing_to_add": not effects and not outcome.left and all(f.severity != "error" for f in said),
     }
     result = dict(results.plain(result))
     result["next_experiment"] = next_experiments(result)
@@ -157,7 +157,7 @@ def _not_said(findings: Sequence[Finding]) -> bool:
     return all(finding.severity != "error" and finding.code != "run_unlike_others" for finding in findings)
 
 
-def _complete(entry: Entry, rank: int, joint_names: Sequence[str]) -> dict[str, Any]:
+def complete(entry: Entry, rank: int, joint_names: Sequence[str]) -> dict[str, Any]:
     """An effect's entry with everything that readers may ask for; its ties with the command that separates them."""
     own = _named({**entry, "kind": entry.get("told_as", entry["kind"])}, joint_names)
     ties = [{**tie, "separate": separate_command(own, _named(tie, joint_names), joint_names)} for tie in entry["ties"]]

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from dynid_rs.base.wording import concluded, is_better, kinds_said
+from dynid_rs.base.wording import concluded, is_better, kind_words, kinds_said
 
 Result = Mapping[str, Any]
 
@@ -19,6 +19,20 @@ CONSEQUENCE = "residual_exceeds_torque"
 WORSE = 1.05
 """Ratio of the errors after and before from which a joint is said to be worse."""
 
+SIGNAL_WORDS = {
+    "q": "position",
+    "q_motor": "motor position",
+    "dq": "speed",
+    "dq_motor": "motor speed",
+    "ddq": "acceleration",
+    "ddq_motor": "motor acceleration",
+    "tau_link": "load",
+    "tau_motor": "motor torque",
+    "t": "time",
+    "temperature": "temperature",
+    "column": "torque per unit of its coefficient",
+}
+"""What a signal is called on an axis."""
 _EXPERIMENTS = {
     "q": "move {joint} slowly and steadily through its whole range, there and back",
     "q_motor": "move {joint} slowly and steadily through its whole range, there and back",
@@ -35,16 +49,47 @@ _EXPERIMENTS = {
 """What would tell more about a leftover that depends on a signal."""
 
 
-def kind_words(kind: str) -> str:
-    """``load_dependent_friction`` as people write it."""
-    return kind.replace("_dependent_", "-dependent ").replace("_", " ")
-
-
 def named(entry: Result, joints: Sequence[str]) -> str:
     """An effect and its place, in words; `joints` are all joints of the robot."""
-    places = entry["joints"]
-    kinds = " or ".join(kind_words(kind) for kind in kinds_said(entry) or [entry["kind"]])
+    places = list(entry["joints"])
+    kinds = kinds_words(entry)
     return f"{kinds} of the whole robot" if len(places) == len(joints) > 2 else f"{kinds} on {_listed(places)}"
+
+
+def kinds_words(entry: Result) -> str:
+    """What an effect is: its kind, ``A or B``, or unknown."""
+    return " or ".join(kind_words(kind) for kind in kinds_said(entry) or [entry["kind"]])
+
+
+def effect_words(entry: Result, joints: Sequence[str], *, intervals: bool = False) -> str:
+    """An effect, its place and its numbers; `joints` are all joints of the robot."""
+    numbers = ", ".join(number_words(number, interval=intervals) for number in entry.get("parameters") or ())
+    depends = "" if kinds_said(entry) else _depends(entry)
+    return named(entry, joints) + depends + (f": {numbers}" if numbers else "")
+
+
+def number_words(number: Result, *, interval: bool = False) -> str:
+    """A number of an effect with its unit, and its 95 % interval where that is asked for and known."""
+    unit = "" if number["unit"] == "1" else f" {number['unit']}"
+    bounds = number.get("interval") if interval else None
+    span = "" if bounds is None else f" ({bounds[0]:.3g} to {bounds[1]:.3g})"
+    return f"{number['name']} {number['value']:.3g}{unit}{span}"
+
+
+def tie_words(tie: Result, joints: Sequence[str]) -> str:
+    """Say what an effect is not told apart from, and the command that designs a run which would."""
+    how = f": {tie['separate']}" if tie.get("separate") else ""
+    return f"not told apart from {named(tie, joints)}{how}"
+
+
+def unexplained_words(entry: Result) -> str:
+    """What is left of a joint's error, and what it depends on."""
+    return f"unexplained on {entry['joint']}: {100 * entry['share']:.0f} % of the error's power{_depends(entry)}"
+
+
+def _depends(entry: Result) -> str:
+    signals = ", ".join(f"{d['signal']} ({d['strength']:.2f})" for d in entry.get("depends_on") or ())
+    return f", depends on {signals}" if signals else ""
 
 
 def explained_share(result: Result) -> float | None:

@@ -18,6 +18,7 @@ from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.model.assembly import evaluate
 from dynid_rs.model.physical import PhysicalIdentifier
 from dynid_rs.model.physical_result import physical_section
+from dynid_rs.model.units import own_unit
 from dynid_rs.regression.columns import Plan
 from dynid_rs.regression.error_interval import rmse_interval
 from dynid_rs.regression.evaluation import (
@@ -39,8 +40,6 @@ from dynid_rs.runs.recording import Recording
 FloatArray = NDArray[np.float64]
 
 FORMAT, VERSION = "dynid-result", 1
-UNITS: dict[str, str] = {c["name"]: c["unit"] for entry in _core.effect_catalogue() for c in entry["coefficients"]}
-"""Of every coefficient, with places for the units of torque and angle."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -377,15 +376,6 @@ def _unknowns(plan: Plan) -> list[str]:
     """Names of all unknowns of the fit, (n_columns,)."""
     own = [name for effect in plan.effects for name in effect.coefficient_names]
     return base_names(plan) + [f"{name} of {joint}" for joint in plan.robot.joint_names for name in own]
-
-
-def own_unit(name: str, torque_unit: str, kind: str) -> str:
-    """Unit of a joint's own coefficient `name`; `kind` is the joint's."""
-    angle = "rad" if kind == "revolute" else "m"
-    torque = "N" if kind == "prismatic" and torque_unit == "N*m" else torque_unit
-    if name == "rotor_inertia":
-        return f"{torque}*s^2/{angle}" if torque == "A" else {"rad": "kg*m^2", "m": "kg"}[angle]
-    return UNITS.get(name, "{torque}").format(torque=torque, angle=angle)
 
 
 def _parameter(name: str, value: float, std: float, unit: str) -> dict[str, Any]:

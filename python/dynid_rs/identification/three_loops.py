@@ -5,23 +5,24 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Sequence
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
-from dynid_rs.base.estimator import Estimator, clone
+from dynid_rs.base.estimator import clone
 from dynid_rs.identification.friction import FrictionIdentifier
 from dynid_rs.identification.friction_laws import DEFAULT_LAW, laws_per_joint
 from dynid_rs.identification.links import LinkDynamicsIdentifier
 from dynid_rs.identification.loads import link_torque
 from dynid_rs.identification.loops import Loops
+from dynid_rs.identification.regressor import RunRegressor
 from dynid_rs.identification.residual import ResidualCompensator
 from dynid_rs.identification.smooth_friction import SmoothFrictionIdentifier
 from dynid_rs.identification.training import Excluded, TrainingData, prepare_training_data
-from dynid_rs.model.assembly import Regressions, evaluate
+from dynid_rs.model.assembly import Regressions
 from dynid_rs.model.known import KnownTerm, check_known
 from dynid_rs.model.placed import HeldEffect, PlacedEffect, held_terms
 from dynid_rs.regression.columns import Observations, observe
@@ -29,7 +30,9 @@ from dynid_rs.regression.is_fitted import check_is_fitted
 from dynid_rs.regression.scales import free_scales
 from dynid_rs.regression.uncertainty import parameter_covariance
 from dynid_rs.runs.facts import check_training_runs
+from dynid_rs.runs.given import Runs, as_recordings
 from dynid_rs.runs.preprocessing import States, prepare, without
+from dynid_rs.runs.readers.config_file import Rules
 from dynid_rs.runs.recording import Recording
 
 FloatArray = NDArray[np.float64]
@@ -46,7 +49,7 @@ class FitInMemory:
     links: LinkDynamicsIdentifier
 
 
-class ThreeLoopIdentifier(Estimator):
+class ThreeLoopIdentifier(RunRegressor):
     """Torque model of an arm from measured runs (Eq. 26: ``tau = tau_friction + tau_link + tau_residual``).
 
     Parameters
@@ -86,6 +89,8 @@ class ThreeLoopIdentifier(Estimator):
         Most rounds of the three loops.
     tol : float
         Relative change of every joint's residual at which they stop.
+    config : Config, path or mapping, optional
+        What the columns of data frames are, as for `read_recording`: ``{"q": "actual_q_{i}"}``. Recordings know that.
 
     Attributes
     ----------
@@ -141,6 +146,7 @@ class ThreeLoopIdentifier(Estimator):
         standstill: bool = False,
         max_iter: int = 10,
         tol: float = 2e-2,
+        config: Rules = None,
     ) -> None:
         self.robot = robot
         self.friction = friction
@@ -158,11 +164,12 @@ class ThreeLoopIdentifier(Estimator):
         self.standstill = standstill
         self.max_iter = max_iter
         self.tol = tol
+        self.config = config
 
     def fit(
         self,
-        recordings: Recording | Sequence[Recording],
-        friction_recording: Recording | Sequence[Recording] | None = None,
+        X: Runs,
+        friction_recording: Runs | None = None,
         *,
         on_progress: Callable[[str], None] = lambda step: None,
     ) -> ThreeLoopIdentifier:
@@ -170,9 +177,10 @@ class ThreeLoopIdentifier(Estimator):
 
         Parameters
         ----------
-        recordings : Recording or sequence of Recording
-            Exciting motion.
-        friction_recording : Recording or sequence of Recording, optional
+        X : Recording, data frame, or list of them
+            Exciting motion. Data frames (pandas, polars, Arrow) have one row per sample and are read by `config`; one
+            that gaps split is several runs.
+        friction_recording : Recording, data frame, or list of them, optional
             Friction experiment: the same positions passed in both directions at the same speeds (Eqs. 5-8). Its pairs
             decide friction's shape and its odd part; their sums stand beside the training runs in the joint fit.
         on_progress : callable
@@ -197,8 +205,8 @@ class ThreeLoopIdentifier(Estimator):
         n = self.robot.n_joints
         if self.encoder_error is not None and np.shape(self.encoder_error) != (n, 2):
             raise ValueError(f"encoder_error has shape {np.shape(self.encoder_error)}, expected ({n}, 2)")
-        recordings = _as_list(recordings)
-        slow = _as_list(friction_recording) if friction_recording is not None else []
+        recordings = as_recordings(X, self.robot, self.config)
+        slow = [] if friction_recording is None else as_recordings(friction_recording, self.robot, self.config)
         check_training_runs(self.robot, recordings + slow)
         self.known_ = check_known(self.known, self.robot, recordings[0].torque_unit)
         # Small matrices by the thousand: BLAS threads spin on each other and cost more than they give.
@@ -235,16 +243,6 @@ class ThreeLoopIdentifier(Estimator):
             ConvergenceWarning,
             stacklevel=3,
         )
-
-    def predict(self, recording: Recording, *, torque_delay: float = 0.0) -> FloatArray:
-        """Torque of `recording` at its own stamps, (n_samples, n_joints), in the unit of the training runs.
-
-        As its torque channel shows it, or that less a delay of `torque_delay` [s].
-        """
-        check_is_fitted(self, "model_")
-        states = replace(self.states(recording), torque_delay=torque_delay)
-        total = evaluate(self.model_, states)[0]
-        return np.stack([np.interp(recording.t, states.t, column) for column in total.T], axis=1)
 
     def states(self, recording: Recording) -> States:
         """States of a run in the band and at the rate of the training runs, channels as recorded; less `excluded`."""
@@ -337,7 +335,3 @@ class ThreeLoopIdentifier(Estimator):
             return False
         last, now = self.history_[-2]["links"], self.history_[-1]["links"]
         return bool(np.all(np.abs(now - last) <= self.tol * np.maximum(last, 1e-300)))
-
-
-def _as_list(recordings: Recording | Sequence[Recording]) -> list[Recording]:
-    return [recordings] if isinstance(recordings, Recording) else list(recordings)

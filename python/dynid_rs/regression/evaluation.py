@@ -106,3 +106,22 @@ def noise_floor(runs: Sequence[States]) -> FloatArray:
         power, weight = power + scored * level * passed, weight + scored
     result: FloatArray = np.sqrt(np.divide(power, weight, out=np.full_like(power, np.nan), where=weight > 0))
     return result
+
+
+def r2(comparisons: Sequence[Comparison]) -> FloatArray:
+    """Coefficient of determination in the band where joints move, (n_joints,): ``1 - (rmse / torque_std)^2``.
+
+    As scikit-learn's `r2_score`: of a torque that never changes 0, or 1 where nothing is left of it.
+    """
+    return _determination(band_rmse(comparisons) ** 2, torque_std(comparisons) ** 2)
+
+
+def r2_as_recorded(measured: Sequence[FloatArray], predicted: Sequence[FloatArray]) -> FloatArray:
+    """The same of every sample as it was recorded, noise, standstill and all, (n_joints,)."""
+    tau, error = np.concatenate(list(measured)), np.concatenate(list(measured)) - np.concatenate(list(predicted))
+    return _determination(np.mean(error**2, axis=0), np.var(tau, axis=0))
+
+
+def _determination(left: FloatArray, variance: FloatArray) -> FloatArray:
+    explained: FloatArray = 1 - np.divide(left, variance, out=np.ones_like(left), where=variance > 0)
+    return np.where((variance <= 0) & (left <= 0), 1.0, explained)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +10,9 @@ from numpy.typing import NDArray
 from dynid_rs.base.errors import DataError
 
 FloatArray = NDArray[np.float64]
+
+TIME_UNITS: Mapping[str, float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+"""Seconds of every unit that a file's time may be in."""
 
 MIN_SAMPLES = 20
 """Fewer rows than this carry no dynamics: filters alone need as many to start."""

@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import builtins
+import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from dynid_rs.runs.cells import check_finite, check_time, usual_step
+from dynid_rs.runs.cells import TIME_UNITS, check_finite, check_time, usual_step
+
+if TYPE_CHECKING:
+    from dynid_rs.runs.readers.config_file import Rules
+    from dynid_rs.runs.readers.reading import Robot
+    from dynid_rs.runs.recordings import Recordings
 
 FloatArray = NDArray[np.float64]
 
 GAP_STEPS = 2.5
 """A step of more than this many median steps is a gap: samples were lost, interpolation bridges it."""
-
-TIME_UNITS: Mapping[str, float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
-"""Seconds of every unit that a file's time may be in."""
 
 _MATRICES = ("q", "tau", "dq", "ddq", "q_motor", "dq_motor", "ddq_motor", "q_reference", "temperature")
 _REQUIRED = ("q", "tau")
@@ -32,6 +36,9 @@ class Recording:
 
     Arrays that are given are kept, not copied; what was once found out about them is remembered, so they have to stay
     as they are (`dataclasses.replace` makes a run with others).
+
+    ``recording[2.0:5.0]`` is what was recorded from 2 s to 5 s on the clock of `t`, half-open; whole numbers count
+    rows, as everywhere in Python: ``recording[200:500]``. Either end may be left out, and rows may count from the end.
 
     Parameters
     ----------
@@ -61,6 +68,8 @@ class Recording:
         Line of the first row in its file, where that is a text whose rows follow each other line by line.
     before : Recording, optional
         What the same measurement holds before this part of it: a model with memory (warm gears) comes from there.
+    kinds : tuple of str
+        ``"revolute"`` or ``"prismatic"`` per joint, for the units of labels; all turn when left out.
 
     Raises
     ------
@@ -86,6 +95,7 @@ class Recording:
     time_unit: str = "s"
     first_line: int | None = None
     before: Recording | None = None
+    kinds: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         def put(name: str, value: object) -> None:
@@ -102,6 +112,12 @@ class Recording:
         put("joints", tuple(self.joints) or tuple(map(str, range(self.n_joints))))
         if len(self.joints) != self.n_joints or len(set(self.joints)) != self.n_joints:
             raise ValueError(f"{self.name}: joints must be {self.n_joints} different names, got {list(self.joints)}")
+        put("kinds", tuple(self.kinds) or ("revolute",) * self.n_joints)
+        if len(self.kinds) != self.n_joints or not set(self.kinds) <= {"revolute", "prismatic"}:
+            raise ValueError(
+                f"{self.name}: kinds must be 'revolute' or 'prismatic' for each of {self.n_joints} joints, "
+                f"got {list(self.kinds)}"
+            )
         if self.torque_unit not in ("N*m", "A"):
             raise ValueError(f"{self.name}: torque_unit must be 'N*m' or 'A', got {self.torque_unit!r}")
         if self.time_unit not in TIME_UNITS:
@@ -123,6 +139,123 @@ class Recording:
             value = getattr(self, name)
             if value is not None and value.shape != shape:
                 raise ValueError(f"{self.name}: {name} must be {shape} like q, got {value.shape}")
+
+    @classmethod
+    def from_dataframe(
+        cls, frame: Any, robot: Robot = None, config: Rules = None, *, name: str = "data frame"
+    ) -> Recording:
+        """Make a recording of a table in memory, one row per sample.
+
+        Parameters
+        ----------
+        frame : pandas, polars or pyarrow table
+            Or anything else that gives its columns as an Arrow stream. An index is a column too (``index``, if it has
+            no name), time may be numbers, moments or differences of them.
+        robot, config, name
+            As for `read_recording`: `config` says which column is which signal, ``{"q": "actual_q_{i}"}``. `name`
+            stands in messages.
+
+        Returns
+        -------
+        Recording
+            Where a gap or a jump of time splits the table, the longest part; a `PartsWarning` says so, and
+            `read_recordings` gives all.
+
+        Raises
+        ------
+        DataError
+            A column is missing or there twice, a cell is not a finite number, time does not increase.
+        """
+        from dynid_rs.runs.readers.frame import is_frame
+        from dynid_rs.runs.readers.reading import PartsWarning, read
+
+        if not is_frame(frame):
+            raise ValueError(
+                f"frame must be a data frame (pandas, polars, Arrow), got {type(frame).__name__}; files are read by "
+                "read_recording"
+            )
+        found = read(frame, robot, config, name=name)
+        text = found.warning(name)
+        if text is not None:
+            warnings.warn(text, PartsWarning, stacklevel=2)
+        return cls(**found.longest)
+
+    def to_dataframe(self, kind: Literal["pandas", "polars", "pyarrow"] = "pandas") -> Any:
+        """All signals as one table: ``t`` [s], ``q_JOINT``, ``tau_JOINT``, ... (``current_JOINT`` in ampere).
+
+        pandas unless something else is asked for, so that the answer does not hang on what happens to be installed;
+        ``"pyarrow"`` needs nothing more. Polars, DuckDB and others also take the recording itself, as an Arrow stream.
+        `from_dataframe` takes the table back.
+
+        Raises
+        ------
+        MissingLibraryError
+            pandas or polars is not installed.
+        """
+        from dynid_rs.runs.frames import as_kind, to_table
+
+        return as_kind(to_table(self), kind)
+
+    def __arrow_c_stream__(self, requested_schema: object = None) -> object:
+        """Arrow's PyCapsule interface: `polars.DataFrame(recording)` and `pyarrow.table(recording)`."""
+        from dynid_rs.runs.frames import to_table
+
+        return to_table(self).__arrow_c_stream__(requested_schema)
+
+    @staticmethod
+    def concat(recordings: Sequence[Recording]) -> Recordings:
+        """Put recordings of one arm together: what continues is joined, what does not stays a part of its own.
+
+        A run that begins at most 10 median steps after the one before it ended continues it. Across a longer gap, or
+        a clock that starts again, nothing may be filtered or differentiated: such parts stay apart, as they do when
+        files are read, and fits, scores and splits take the list of them.
+
+        Raises
+        ------
+        ValueError
+            None are given.
+        DataError
+            They are of different arms, or their torque has different units.
+        """
+        from dynid_rs.runs.recordings import joined
+
+        return joined(list(recordings))
+
+    def plot(
+        self, signals: Sequence[str] = ("q", "tau"), *, joints: Sequence[str | int] | None = None, axes: Any = None
+    ) -> NDArray[Any]:
+        """Draw signals over time, one row of panels per joint.
+
+        Parameters
+        ----------
+        signals : sequence of str
+            One column of panels each: ``"q"``, ``"tau"``, ``"dq"``, ``"temperature"``, ...; with q stand the motor's
+            and the asked-for position, where they were recorded.
+        joints : sequence of str or int, optional
+            Names or indices; all by default.
+        axes : array of matplotlib Axes, optional
+            To draw into; a new figure by default.
+
+        Returns
+        -------
+        ndarray of matplotlib Axes
+            ``(n_joints, n_signals)``, or a line of them where there is one row or column.
+
+        Raises
+        ------
+        MissingLibraryError
+            matplotlib, which the extra `plot` brings, is not installed.
+        ValueError
+            A signal that was not recorded, or an unknown joint.
+        """
+        from dynid_rs.runs.plots import plot_signals
+
+        return plot_signals(self, signals, joints, axes)
+
+    @property
+    def signals(self) -> tuple[str, ...]:
+        """Signals that were recorded, position first."""
+        return tuple(name for name in _MATRICES if getattr(self, name) is not None)
 
     @property
     def n_samples(self) -> int:
@@ -153,6 +286,35 @@ class Recording:
     def has_motor_encoder(self) -> bool:
         """Whether motor positions were recorded beside the link positions."""
         return self.q_motor is not None
+
+    def __len__(self) -> int:
+        return self.n_samples
+
+    def __getitem__(self, key: builtins.slice) -> Recording:
+        """Part of the run: seconds on the clock of `t` between floats, rows between whole numbers; half-open.
+
+        Raises
+        ------
+        TypeError
+            Not a slice, one with a step, or one whose ends are of two kinds.
+        DataError
+            Fewer than 20 samples lie there.
+        """
+        from dynid_rs.runs.cutting import rows_of
+
+        return self.slice(*rows_of(self, key))
+
+    __iter__: ClassVar[None] = None  # a run is no sequence of runs
+
+    def __repr__(self) -> str:
+        from dynid_rs.runs.words import said_of
+
+        return f"<Recording {said_of(self)}>"
+
+    def _repr_html_(self) -> str:
+        from dynid_rs.runs.words import html_of
+
+        return html_of(self)
 
     def slice(self, start: int | None = None, stop: int | None = None) -> Recording:
         """Rows `start` to `stop` (as in Python: half-open, negative from the end) as a run of its own.

@@ -8,6 +8,7 @@ mod em;
 mod errors;
 mod excitation;
 mod friction_search;
+mod habits;
 mod likeliest;
 mod lists;
 mod mixture;

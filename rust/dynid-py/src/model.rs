@@ -21,7 +21,7 @@ use crate::physical::PyPhysicalSet;
 use crate::rbf::PyNormalisedRbf;
 use crate::robot::{PyRobotModel, Rebuild};
 use crate::run::{Predicted, RunArrays};
-use crate::{arrays, errors, small};
+use crate::{arrays, errors, habits, small};
 
 /// A torque model: rigid body, effects, residual. Owned by Rust, immutable.
 #[pyclass(name = "TorqueModel", module = "dynid_rs._core", frozen)]
@@ -53,6 +53,8 @@ impl From<&Regression> for PyRegression {
         }
     }
 }
+
+type Made<'py> = PyResult<Bound<'py, PyAny>>;
 
 type Evaluation<'py> = (
     Bound<'py, PyArray2<f64>>,
@@ -513,6 +515,56 @@ impl PyTorqueModel {
     fn physical_phi<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray1<f64>>> {
         let physical = self.0.physical()?;
         Some(PyArray1::from_slice(py, &physical.phi))
+    }
+
+    /// What is in it, as a table.
+    fn summary<'py>(slf: &Bound<'py, Self>) -> Made<'py> {
+        habits::made(slf, "summary", "summary", vec![])
+    }
+
+    /// Torque along runs, at their own stamps.
+    fn predict<'py>(slf: &Bound<'py, Self>, runs: Bound<'py, PyAny>) -> Made<'py> {
+        habits::made(slf, "along", "predict", vec![("runs", Some(runs))])
+    }
+
+    /// Share of the measured torque's variance that it explains.
+    #[pyo3(signature = (runs, *, per_joint=false, as_recorded=false))]
+    fn score<'py>(
+        slf: &Bound<'py, Self>,
+        runs: Bound<'py, PyAny>,
+        per_joint: bool,
+        as_recorded: bool,
+    ) -> Made<'py> {
+        let flags = [("per_joint", per_joint), ("as_recorded", as_recorded)];
+        habits::told(slf, "along", "score", vec![("runs", Some(runs))], &flags)
+    }
+
+    /// Friction over speed, drawn by matplotlib.
+    #[pyo3(signature = (runs=None, *, joints=None, axes=None))]
+    fn plot_friction<'py>(
+        slf: &Bound<'py, Self>,
+        runs: Option<Bound<'py, PyAny>>,
+        joints: Option<Bound<'py, PyAny>>,
+        axes: Option<Bound<'py, PyAny>>,
+    ) -> Made<'py> {
+        let given = vec![("runs", runs), ("joints", joints), ("axes", axes)];
+        habits::made(slf, "friction_plot", "plot_friction", given)
+    }
+
+    /// Measured and predicted torque, and what is left, drawn by matplotlib.
+    #[pyo3(signature = (run, *, joints=None, axes=None))]
+    fn plot_residual<'py>(
+        slf: &Bound<'py, Self>,
+        run: Bound<'py, PyAny>,
+        joints: Option<Bound<'py, PyAny>>,
+        axes: Option<Bound<'py, PyAny>>,
+    ) -> Made<'py> {
+        let given = vec![("run", Some(run)), ("joints", joints), ("axes", axes)];
+        habits::made(slf, "residual_plot", "plot_residual", given)
+    }
+
+    fn _repr_html_<'py>(slf: &Bound<'py, Self>) -> Made<'py> {
+        Self::summary(slf)?.call_method0("_repr_html_")
     }
 
     fn __repr__(&self) -> String {

@@ -9,8 +9,9 @@ import numpy as np
 
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.findings import Finding
+from dynid_rs.runs.cells import TIME_UNITS
 from dynid_rs.runs.checks.motion import block_velocity
-from dynid_rs.runs.recording import TIME_UNITS, Recording
+from dynid_rs.runs.recording import Recording
 
 MIN_RATE, MAX_RATE = 2.0, 50_000.0
 """No log of a robot [Hz]: slower samples hold no dynamics, and no field bus is faster. It takes another unit."""

@@ -53,7 +53,7 @@ def flat_columns(schema: Any, first_rows: Callable[[list[str]], Any]) -> FlatCol
                 flat.sources |= {f"{name}_{k}": (name, k) for k in range(size)}
                 continue
         flat.sources[name] = (name, None)
-        if pa.types.is_timestamp(kind):
+        if pa.types.is_timestamp(kind) or pa.types.is_duration(kind):
             stamps.append(name)
     flat.stamps = frozenset(stamps)
     return flat
@@ -130,6 +130,8 @@ def _to_numpy(column: Any) -> NDArray[Any]:
 
     if pa.types.is_timestamp(column.type):
         return np.asarray(column.cast(pa.timestamp("ns")).cast(pa.int64()).to_numpy())
+    if pa.types.is_duration(column.type):
+        return np.asarray(column.cast(pa.duration("ns")).cast(pa.int64()).to_numpy())
     if pa.types.is_decimal(column.type) or pa.types.is_dictionary(column.type):
         column = column.cast(pa.float64())
     return np.asarray(column.to_numpy())

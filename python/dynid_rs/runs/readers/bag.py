@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.quoting import shown, shown_names
+from dynid_rs.runs.cells import FloatArray
 from dynid_rs.runs.readers.bag_library import open_bag
 from dynid_rs.runs.readers.columns import fill
 from dynid_rs.runs.readers.config import Config
 from dynid_rs.runs.readers.table import Columns, Table, damaged, refuse_too_large
-from dynid_rs.runs.recording import FloatArray
 
 SIGNALS = {"position": "q", "velocity": "dq", "effort": "effort"}
 """Field of a message: what its columns are called, before the joint's name."""

@@ -37,7 +37,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 from dynid_rs.base.errors import DataError
-from dynid_rs.runs.recording import TIME_UNITS
+from dynid_rs.runs.cells import TIME_UNITS
 
 ColumnRule = str | tuple[str, ...] | None
 """A template, one name per joint, or None: do not read."""

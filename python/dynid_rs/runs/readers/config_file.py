@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import math
 import string
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,9 +13,13 @@ from typing import Any
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.quoting import shown, shown_ends, shown_value
 from dynid_rs.base.toml import read_toml
-from dynid_rs.runs.readers.config import GEARED, UNITS, ColumnRule, Config, PerJoint
+from dynid_rs.runs.readers.config import GEARED, SIGNALS, UNITS, ColumnRule, Config, PerJoint
 from dynid_rs.runs.readers.keys import known_keys
 
+Rules = Config | Mapping[str, Any] | str | Path | None
+"""Rules as people give them: read, as a mapping, or the path of a `dynid.toml`."""
+MAPPING = "config"
+"""What a mapping is called in messages, where a file has its name."""
 PLACEHOLDERS = ("i", "n", "joint")
 STRONGEST_GRAVITY = 100.0
 """More than this [m/s^2] is a slip of the unit or of a key; Jupiter has 25."""
@@ -32,6 +36,49 @@ def read_config(path: str | Path) -> Config:
         The file cannot be opened.
     """
     return _Parser(Path(path).name).config(read_toml(path, "bad_config"))
+
+
+def as_config(rules: Rules) -> Config:
+    """Rules, however they are given.
+
+    Parameters
+    ----------
+    rules : Config, mapping, str, Path or None
+        What `read_config` made of a file; the tables of a `dynid.toml` as a mapping; a mapping of signals to columns,
+        which is its table `columns`; the path of the file; None for none.
+
+    Raises
+    ------
+    DataError
+        As `read_config`, the mapping being called `config`.
+    OSError
+        The file cannot be opened.
+    """
+    if rules is None or isinstance(rules, Config):
+        return Config() if rules is None else rules
+    if isinstance(rules, str | Path):
+        return read_config(rules)
+    if not isinstance(rules, Mapping):
+        raise ValueError(
+            "config must be the path of a dynid.toml, its tables or its columns as a mapping, or what read_config "
+            f"gives; found {type(rules).__name__}"
+        )
+    content = {str(key): _plain(value) for key, value in rules.items()}
+    if content and not any(isinstance(value, dict) for value in content.values()):
+        keys = [*SIGNALS, *known_keys()]
+        for key in content:
+            _Parser(MAPPING).known(key, key, keys)
+        content = {"columns": content}
+    return _Parser(MAPPING).config(content)
+
+
+def _plain(value: Any) -> Any:
+    """As TOML has it: tables are dicts, and tuples and arrays lists."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(own) for key, own in value.items()}
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    return list(value) if isinstance(value, tuple) else value
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Columns of a file become a recording: SI, link side, one sign convention."""
+"""Columns of a file become the signals of a recording: SI, link side, one sign convention."""
 
 from __future__ import annotations
 
@@ -10,12 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.base.errors import DataError
-from dynid_rs.runs.cells import check_finite, check_size, check_time
+from dynid_rs.runs.cells import TIME_UNITS, FloatArray, check_finite, check_size, check_time
 from dynid_rs.runs.parts import MOST_SAID, Split, find_parts, split_of
 from dynid_rs.runs.readers.columns import ColumnMap
 from dynid_rs.runs.readers.config import Config, PerJoint
 from dynid_rs.runs.readers.table import Columns, Table
-from dynid_rs.runs.recording import TIME_UNITS, FloatArray, Recording
 
 _SIGN_OF = {
     "q": "q",
@@ -84,15 +83,15 @@ class _Converter:
 
 @dataclass(frozen=True)
 class Converted:
-    """Recordings made of a file: one, or one per part; and why."""
+    """Arguments of the recordings that a file gives: of one, or of one per part; where their rows are, and why."""
 
-    recordings: tuple[Recording, ...]
+    parts: tuple[dict[str, Any], ...]
+    rows: tuple[tuple[int, int], ...]
+    n_rows: int
     split: Split | None = None
 
 
-def to_recordings(
-    table: Table, found: ColumnMap, joints: Sequence[str], kinds: Sequence[str], config: Config
-) -> Converted:
+def to_parts(table: Table, found: ColumnMap, joints: Sequence[str], kinds: Sequence[str], config: Config) -> Converted:
     """Read the mapped columns and convert them.
 
     Parameters
@@ -134,11 +133,12 @@ def to_recordings(
         torque_unit = "N*m" if config.drive_gain is not None else "A"
     signals.setdefault("tau", np.zeros_like(signals["q"]))  # only where the caller does without torque
     first_line = None if table.first_line is None else table.first_line(len(t))
-    recordings = tuple(
-        Recording(
+    arguments = tuple(
+        dict(
             t=t[start:stop],
             name=table.file if len(parts.rows) == 1 else part_name(table.file, k, len(parts.rows)),
             joints=tuple(joints),
+            kinds=tuple(kinds),
             torque_unit=torque_unit,
             time_unit="ns" if found.time in table.stamps else config.unit("time"),
             first_line=None if first_line is None else first_line + start,
@@ -147,7 +147,7 @@ def to_recordings(
         for k, (start, stop) in enumerate(parts.rows)
     )
     lines = [table.line_of(row) for row in parts.breaks[:MOST_SAID]] if table.line_of is not None else None
-    return Converted(recordings, split_of(t, parts, lines))
+    return Converted(arguments, parts.rows, len(t), split_of(t, parts, lines))
 
 
 def part_name(name: str, k: int, n_parts: int) -> str:

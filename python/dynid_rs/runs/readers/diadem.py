@@ -11,8 +11,8 @@ import numpy as np
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.files import check_readable
 from dynid_rs.base.quoting import shown
+from dynid_rs.runs.cells import FloatArray
 from dynid_rs.runs.readers.table import Columns, Table, refuse_duplicates, refuse_too_large
-from dynid_rs.runs.recording import FloatArray
 
 HEADS = (b"DIAEXTENDED", b"DIAdem", b"#BEGINGLOBALHEADER", b"#BEGINCHANNELHEADER")
 MAX_HEADER = 1 << 20
