@@ -15,12 +15,15 @@ DOCS = ROOT / "docs"
 NOTEBOOKS = ("rtde_log", "what_is_missing", "feed_forward_and_contact", "to_mujoco")
 
 
+pytestmark = pytest.mark.timeout(900)  # building takes a minute of processor time, and others may use it too
+
+
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
     """The folder of the built site; building executes the tutorial's commands and the notebooks."""
     folder = tmp_path_factory.mktemp("site")
     command = (sys.executable, "-m", "sphinx", "-b", "html", "-W", "--keep-going", "-n", "-q", DOCS, folder)
-    done = subprocess.run(command, capture_output=True, text=True, timeout=280, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=880, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     return folder
 

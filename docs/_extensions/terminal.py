@@ -22,8 +22,8 @@ from sphinx.util.docutils import SphinxDirective
 
 COLUMNS = "100"
 """Width of the terminal that answers are printed for: what a page shows without scrolling."""
-SECONDS = 300
-"""Nothing on a page may take longer."""
+SECONDS = 600
+"""Nothing on a page may take longer by the wall clock, which other programs share."""
 
 
 class Terminal(SphinxDirective):
