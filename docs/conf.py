@@ -50,7 +50,7 @@ autodoc_typehints = "none"  # docstrings say shapes and units, which hints canno
 autodoc_class_signature = "mixed"
 autodoc_preserve_defaults = True
 napoleon_google_docstring = False
-napoleon_use_ivar = True
+napoleon_custom_sections = [("Attributes", "params_style")]  # several names in a line, and their last underscores
 napoleon_use_rtype = False
 napoleon_preprocess_types = False
 

@@ -92,7 +92,7 @@ def skip(app: Sphinx, what: str, name: str, found: Any, skipped: bool, options: 
 
 
 def unlink(app: Sphinx, tree: nodes.document) -> None:
-    """Types in docstrings are prose with shapes, "ndarray (n, n_joints)": link the package's classes and no other word."""
+    """Link the package's classes and no other word of a type, for it is prose: "ndarray (n, n_joints), optional"."""
     for link in list(tree.findall(addnodes.pending_xref)):
         if link.get("reftype") == "class" and link["reftarget"].removeprefix("dynid_rs.") not in dynid_rs.__all__:
             link.replace_self(link.children)
