@@ -101,7 +101,7 @@ def test_a_mapping_is_checked_as_a_file_is():
         Recording.from_dataframe(frame, ROBOT, {"units": {"angle": "degrees"}})
     with pytest.raises(DataError, match="column position_0 is missing, which config names for q"):
         Recording.from_dataframe(frame, ROBOT, {"q": [f"position_{j}" for j in range(3)]})
-    with pytest.raises(ValueError, match="config must be the path of a dynid.toml"):
+    with pytest.raises(ValueError, match=r"config must be the path of a dynid\.toml"):
         Recording.from_dataframe(frame, ROBOT, 3)
 
 
@@ -149,7 +149,7 @@ def test_what_is_refused():
     with pytest.raises(DataError, match=r"^my log, row 18, column q_elbow: nan is not a finite number"):
         Recording.from_dataframe(holed, ROBOT, name="my log")
     doubled = pandas.concat([frame, frame[["q_elbow"]]], axis=1)
-    with pytest.raises(DataError, match="different names|appears 2 times"):
+    with pytest.raises(DataError, match=r"different names|appears 2 times"):
         Recording.from_dataframe(doubled, ROBOT)
     with pytest.raises(DataError, match="column q_0 or q_shoulder is missing"):
         Recording.from_dataframe(frame.drop(columns="q_shoulder"), ROBOT)

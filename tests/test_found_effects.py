@@ -126,14 +126,28 @@ def test_what_is_no_curve_is_not_drawn():
         effect().plot()
 
 
-def test_a_curve_has_its_quantities_and_units():
-    x = np.linspace(-1, 1, 50)
-    plot = {"signal": "tau_link_elbow", "unit": "N*m", "joint": "elbow", "x": x, "partial": x, "curve_x": x, "curve": x}
-    panel = effect(
-        plot={key: value.tolist() if key not in ("signal", "unit", "joint") else value for key, value in plot.items()}
-    ).plot()
-    assert (panel.get_xlabel(), panel.get_ylabel()) == ("load [N·m]", "torque [N·m]")
+@pytest.mark.parametrize(
+    ("signal", "quantity", "labels"),
+    [
+        ("tau_link_elbow", "friction_torque", ("load [N·m]", "friction [N·m]")),
+        ("dq_elbow", "torque", ("speed [N·m]", "torque [N·m]")),
+        ("way_elbow", None, ("way since the motion turned round [N·m]", "torque [N·m]")),
+    ],
+)
+def test_a_curve_has_its_quantities_and_units(signal, quantity, labels):
+    x = np.linspace(-1, 1, 50).tolist()
+    plot = {"signal": signal, "unit": "N*m", "joint": "elbow", "x": x, "partial": x, "curve_x": x, "curve": x}
+    if quantity is not None:
+        plot |= {"quantity": quantity, "curve_low": (np.array(x) - 0.1).tolist(), "curve_high": x}
+    panel = effect(plot=plot).plot()
+    assert (panel.get_xlabel(), panel.get_ylabel()) == labels
     assert panel.get_title(loc="left") == "stribeck, elbow"
+    assert len(panel.collections) == (quantity is not None)
+    dots, curve = panel.lines[:2]
+    np.testing.assert_array_equal(curve.get_ydata(), x)
+    assert dots.get_label() == "left without this effect"
+    only_a_curve = effect(plot=plot | {"x": [], "partial": []}).plot()  # as ripple has it
+    assert only_a_curve.lines[1].get_label() == "stribeck"
 
 
 def test_a_robot_and_its_runs_are_enough():

@@ -79,13 +79,27 @@ def test_friction_under_load_is_a_band_over_poses():
     assert band.y1 > plain + 0.8 * share * heaviest
 
 
-def test_friction_that_remembers_is_named_and_not_drawn():
-    hysteresis = Effect.of("friction_hysteresis", presliding_distance=[0.01] * 3)
+@pytest.mark.parametrize("distance", [1e-4, 0.01, 0.2])
+def test_hysteresis_is_what_it_becomes_in_steady_sliding(distance):
+    """Its whole size against the motion, whatever way it takes to turn round."""
+    hysteresis = Effect.of("friction_hysteresis", presliding_distance=[distance] * 3)
     axes = model((hysteresis, np.array([[0.0], [2.0], [0.0]]))).plot_friction()
-    assert axes[0].figure.get_suptitle() == "Not drawn, because it remembers the motion before: friction hysteresis"
+    assert axes[0].figure.get_suptitle() == ""
+    for j, (panel, plain) in enumerate(zip(axes, model().plot_friction(), strict=True)):
+        speed, torque = panel.lines[0].get_data()
+        more = (0.0, 2.0, 0.0)[j] * np.sign(speed)
+        np.testing.assert_allclose(torque, plain.lines[0].get_ydata() + more, rtol=1e-6, atol=1e-9)
+        assert not panel.collections
+
+
+def test_what_speed_does_not_tell_is_named_and_not_drawn():
+    warm = Effect.of("thermal_friction", time_constant=[600.0] * 3, reference_speed=[1.0] * 3, transition_width=WIDTH)
+    axes = model((warm, np.array([[0.0, 0.0], [2.0, 0.0], [0.0, 0.0]]))).plot_friction()
+    assert axes[0].figure.get_suptitle() == "Not drawn, because speed alone does not tell it: thermal friction"
     for panel, plain in zip(axes, model().plot_friction(), strict=True):
         np.testing.assert_array_equal(panel.lines[0].get_ydata(), plain.lines[0].get_ydata())
-    assert model().plot_friction()[0].figure.get_suptitle() == ""
+    idle = model((warm, np.zeros((3, 2))))
+    assert idle.plot_friction()[0].figure.get_suptitle() == ""
 
 
 def test_friction_that_follows_a_temperature_is_drawn_at_its_own():

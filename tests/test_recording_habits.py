@@ -69,7 +69,7 @@ def test_what_is_no_slice_of_seconds_or_rows():
             run[key]
     with pytest.raises(TypeError, match="with a step: filters need every sample"):
         run[0:400:2]
-    with pytest.raises(TypeError, match="seconds .floats. or rows .whole numbers., got float and int"):
+    with pytest.raises(TypeError, match=r"seconds .floats. or rows .whole numbers., got float and int"):
         run[1.0:300]
     with pytest.raises(TypeError):
         iter(run)
