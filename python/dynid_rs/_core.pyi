@@ -987,11 +987,12 @@ class TorqueModel:
     def plot_friction(
         self, runs: Any = None, *, joints: Sequence[str | int] | str | int | None = None, axes: Any = None
     ) -> NDArray[Any]:
-        """Draw friction over speed, one panel per joint, as fast as the training data were.
+        """Draw friction in steady sliding over speed, one panel per joint, as fast as the training data were.
 
         The line is the median over poses that the model was trained in, the band least and greatest: friction that
-        follows load or position is another one in each. Friction that remembers the motion before (hysteresis, warm
-        gears) is no curve over speed; what is left out is said above.
+        follows load or position is another one in each. Friction with hysteresis is what it becomes once a joint has
+        moved on for a while; one that follows a temperature is drawn at the temperature it is declared at. What speed
+        does not tell (gears that warm up, a gear's hysteresis under load) is left out, and said above.
 
         Parameters
         ----------

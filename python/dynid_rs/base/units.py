@@ -12,7 +12,7 @@ def unit_text(unit: str | None) -> str:
     if not unit or unit == "1":
         return ""
     dotted = re.sub(r"\^(-?\d+)", lambda power: power[1].translate(_SUPERSCRIPTS), unit).replace("*", "\u00b7")
-    return {"degC": "\u00b0C"}.get(dotted, dotted)
+    return {"degC": "\u00b0C"}.get(dotted, re.sub(r"\((\w+)\)", r"\1", dotted))
 
 
 def angle_units(kinds: tuple[str, ...] | list[str]) -> list[str]:

@@ -30,6 +30,9 @@ SIGNAL_WORDS = {
     "tau_motor": "motor torque",
     "t": "time",
     "temperature": "temperature",
+    "way": "way since the motion turned round",
+    "angle_in_cycle": "angle within one cycle",
+    "stage_speed": "speed of the shared stage",
     "column": "torque per unit of its coefficient",
 }
 """What a signal is called on an axis."""
@@ -72,8 +75,13 @@ def number_words(number: Result, *, interval: bool = False) -> str:
     """A number of an effect with its unit, and its 95 % interval where that is asked for and known."""
     unit = "" if number["unit"] == "1" else f" {number['unit']}"
     bounds = number.get("interval") if interval else None
-    span = "" if bounds is None else f" ({bounds[0]:.3g} to {bounds[1]:.3g})"
-    return f"{number['name']} {number['value']:.3g}{unit}{span}"
+    span = "" if bounds is None else f" ({_digits(bounds[0])} to {_digits(bounds[1])})"
+    return f"{number['name']} {_digits(number['value'])}{unit}{span}"
+
+
+def _digits(value: float) -> str:
+    """As many digits as say something."""
+    return f"{value:.3g}"
 
 
 def tie_words(tie: Result, joints: Sequence[str]) -> str:

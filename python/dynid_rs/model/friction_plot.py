@@ -19,8 +19,10 @@ from dynid_rs.runs.given import Runs, as_recordings
 
 FloatArray = NDArray[np.float64]
 
-N_SPEEDS, N_POSES = 401, 24
+N_SPEEDS, N_POSES = 400, 24
 """Speeds of a curve, and poses over which load and position vary."""
+LEAD_IN = 25
+"""Presliding distances that a joint has moved before its friction counts as that of steady sliding."""
 SPREAD = 0.02
 """Friction that differs less than this part of its size between poses is drawn as one line."""
 MOST_DOTS = 3000
@@ -50,18 +52,22 @@ def plot_friction(
         panel.set_xlabel(labelled("speed", "m/s" if kind == "prismatic" else "rad/s"))
         panel.set_ylabel(labelled("friction", torque_of(model.torque_unit, kind)))
         panel.grid(visible=True, alpha=0.3, linewidth=0.6)
-    if len(drawn) and len(drawn[0].get_legend_handles_labels()[0]) > 1:
-        drawn[0].legend(fontsize="small", frameon=False)
-    left_out = _remembering(model)
+    most = max(drawn, key=lambda panel: len(panel.get_legend_handles_labels()[0]))  # a band is on some joints only
+    if len(most.get_legend_handles_labels()[0]) > 1:
+        most.legend(fontsize="small", frameon=False)
+    left_out = _not_drawn(model)
     if axes is None and left_out:
         drawn[0].figure.suptitle(
-            f"Not drawn, because it remembers the motion before: {', '.join(left_out)}", fontsize="small"
+            f"Not drawn, because speed alone does not tell it: {', '.join(left_out)}", fontsize="small"
         )
     return drawn
 
 
 def friction_curves(model: _core.TorqueModel, joint: int, terms: Sequence[int]) -> tuple[FloatArray, FloatArray]:
-    """Torque of some effects over the speed of one joint, the others at rest, in poses the model was trained in.
+    """Torque of some effects in steady sliding over the speed of one joint, the others at rest, in many poses.
+
+    Friction with hysteresis is what it becomes once the joint has moved on for a while: before every half of the curve
+    it slides in that direction, many times the distance that presliding takes.
 
     Returns
     -------
@@ -72,29 +78,45 @@ def friction_curves(model: _core.TorqueModel, joint: int, terms: Sequence[int]) 
     """
     positions, speeds, _ = model.domain
     n = model.robot.n_joints
-    speed = np.linspace(-speeds[joint], speeds[joint], N_SPEEDS)
+    half = np.linspace(0.0, speeds[joint], N_SPEEDS // 2 + 1)[1:]
+    sliding = np.concatenate([np.full(LEAD_IN, half[0]), half])
+    told = np.concatenate([np.full(LEAD_IN, False), np.full(len(half), True)])
+    # Once it has turned round it stays: no more way than needed, for a model has limits of position too.
+    path = _presliding(model, joint) * np.minimum(np.arange(len(sliding)), LEAD_IN)
+    speed, way, told = (np.concatenate(parts) for parts in ((sliding, -sliding), (path, path[-1] - path), (told, told)))
     low, high = np.asarray(positions).T
     poses = low + (high - low) * np.random.default_rng(0).random((N_POSES, n))
-    q = np.repeat(poses, N_SPEEDS, axis=0)
-    dq = np.zeros_like(q)
+    q = np.repeat(poses, len(speed), axis=0)
+    dq, q_motor = np.zeros_like(q), q.copy()
     dq[:, joint] = np.tile(speed, N_POSES)
-    still = model.with_torque_delay(0.0)
-    _, parts, _ = still.evaluate(q, dq, np.zeros_like(q), step=model.step or 1e-3, temperature=_temperature(model, q))
+    q_motor[:, joint] += np.tile(way, N_POSES)
+    still, zero = model.with_torque_delay(0.0), np.zeros_like(q)
+    step, temperature = model.step or 1e-3, _temperature(model, q)
+    _, parts, _ = still.evaluate(q, dq, zero, q_motor, dq, zero, step=step, temperature=temperature)
     torque: FloatArray = parts[:, [1 + k for k in terms], joint].sum(axis=1)  # the first term is the rigid body
-    return speed, torque.reshape(N_POSES, N_SPEEDS)
+    order = np.argsort(speed[told])
+    return speed[told][order], torque.reshape(N_POSES, -1)[:, told][:, order]
 
 
 def is_curve(effect: _core.Effect) -> bool:
-    """Whether an effect is friction that the state alone tells: a curve over speed."""
-    return _is_friction(effect) and not effect.has_memory
+    """Whether an effect is friction that has one size at each speed, in steady sliding."""
+    return _is_friction(effect) and bool({"dq_motor", "q_motor"} & set(effect.signals)) and "step" not in effect.signals
 
 
 def _is_friction(effect: _core.Effect) -> bool:
     return effect.kind == "stribeck" or any(word in effect.kind for word in ("friction", "hysteresis"))
 
 
-def _remembering(model: _core.TorqueModel) -> list[str]:
-    kinds = [e.kind for e, own in model.effects if _is_friction(e) and e.has_memory and np.any(own)]
+def _presliding(model: _core.TorqueModel, joint: int) -> float:
+    """The longest way [rad, m] that friction with hysteresis takes to turn round on a joint."""
+    shapes = [dict(effect.shape) for effect in _effects(model)]
+    return max(
+        [float(shape["presliding_distance"][joint]) for shape in shapes if "presliding_distance" in shape] + [1e-4]
+    )
+
+
+def _not_drawn(model: _core.TorqueModel) -> list[str]:
+    kinds = [e.kind for e, own in model.effects if _is_friction(e) and not is_curve(e) and np.any(own)]
     return [kind_words(kind) for kind in dict.fromkeys(kinds)]
 
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
+from dynid_rs.runs.given import Runs, as_recordings
 from dynid_rs.runs.recording import FloatArray, Recording
 
 CONTACT = 2048
@@ -90,8 +90,8 @@ class MomentumObserver:
         self.false_contacts_per_hour = false_contacts_per_hour
         self.window = window
 
-    def fit(self, recordings: Sequence[Recording]) -> MomentumObserver:
-        """Find the correlation time on runs without contact.
+    def fit(self, X: Runs) -> MomentumObserver:
+        """Find the correlation time on runs without contact: a recording, a data frame, or a list of them.
 
         What the model leaves has the deviation s and the correlation time c, and the observer sees
         s sqrt(c / (c + T)) of it; so c follows from what it does see. The joint that averages out least decides.
@@ -101,6 +101,7 @@ class MomentumObserver:
         ValueError
             No joint moves long enough in these runs, or a run is not one of this robot.
         """
+        recordings = as_recordings(X, self.model.robot)
         gains = np.full((len(recordings), self.model.robot.n_joints), np.nan)
         for row, recording in zip(gains, recordings, strict=True):
             external, _, rest, std, status, _ = self._run(recording, None)

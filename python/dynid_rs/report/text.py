@@ -7,8 +7,6 @@ import math
 import re
 from collections.abc import Sequence
 
-from dynid_rs.base.units import unit_text as unit_text  # one home for units, of pages and of plots
-
 DASH = "\u2013"
 MINUS = "\u2212"
 NBSP = "\u00a0"
@@ -85,6 +83,14 @@ def count(number: float | None) -> str:
 def plural(number: int, one: str, many: str | None = None) -> str:
     """`1 run`, `3 runs`."""
     return f"{count(number)}{NBSP}{one if number == 1 else many or one + 's'}"
+
+
+def unit_text(unit: str | None) -> str:
+    """``N*m*s^2/rad^2`` as people write it; nothing for the unit ``1``."""
+    if not unit or unit == "1":
+        return ""
+    dotted = re.sub(r"\^(-?\d+)", lambda power: power[1].translate(_SUPERSCRIPTS), unit).replace("*", "\u00b7")
+    return {"degC": "\u00b0C"}.get(dotted, dotted)
 
 
 def with_unit(text: str, unit: str | None) -> str:

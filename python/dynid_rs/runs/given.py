@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs.runs.readers.config_file import Rules
+from dynid_rs.runs.readers.config_file import Rules, as_config
 from dynid_rs.runs.readers.frame import is_frame
 from dynid_rs.runs.readers.reading import PartsWarning, Robot, read
 from dynid_rs.runs.recording import Recording
@@ -62,7 +62,7 @@ def as_recordings(runs: Runs, robot: Robot = None, config: Rules = None) -> list
 
 
 def as_given(runs: Runs, robot: Robot = None, config: Rules = None, *, require_torque: bool = True) -> list[Given]:
-    """`as_recordings` thing by thing."""
+    """`as_recordings` thing by thing; torque is not looked at where it is not required, and zero in the recordings."""
     if is_one(runs):
         return [_one(runs, robot, config, "data frame", require_torque)]
     if isinstance(runs, str | Path | dict | np.ndarray) or not isinstance(runs, Iterable):
@@ -84,7 +84,10 @@ def is_one(runs: Runs) -> bool:
 def _one(run: Any, robot: Robot, config: Rules, name: str, require_torque: bool) -> Given:
     if isinstance(run, Recording):
         return Given((run,), ((0, run.n_samples),), run.n_samples)
-    found = read(run, robot, config, name=name, require_torque=require_torque)
+    rules = as_config(config)
+    if not require_torque:  # nor looked at: whoever asks for a prediction may have nothing to compare with
+        rules = replace(rules, columns={**rules.columns, "tau": None, "current": None})
+    found = read(run, robot, rules, name=name, require_torque=require_torque)
     if found.split is not None:
         warnings.warn(f"{name}: {found.split.text}", PartsWarning, stacklevel=4)
     return Given(tuple(Recording(**part) for part in found.parts), found.rows, found.n_rows)
