@@ -1,4 +1,4 @@
-"""docs/python.md does what it says: its blocks are run in order, and what it prints is what stands there."""
+"""docs/how_to/python.md does what it says: its blocks are run in order, and what it prints is what stands there."""
 
 import contextlib
 import io
@@ -15,7 +15,7 @@ from test_readme import numbers, words
 
 import dynid_rs
 
-PAGE = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "how_to" / "python.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"```(python|text)\n(.*?)```", PAGE, re.S)
 
 

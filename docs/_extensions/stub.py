@@ -98,6 +98,22 @@ def unlink(app: Sphinx, tree: nodes.document) -> None:
             link.replace_self(link.children)
 
 
+def source(app: Sphinx, module: str) -> tuple[str, dict[str, tuple[str, int, int]]] | None:
+    """Let [source] of the compiled classes lead to the stub, which is all of them that is Python."""
+    if module != "dynid_rs._core":
+        return None
+    tags = {
+        name.removeprefix("dynid_rs."): (
+            "class" if isinstance(node, ast.ClassDef) else "def",
+            node.lineno,
+            node.end_lineno,
+        )
+        for name, node in NODES.items()
+        if isinstance(node, ast.ClassDef | ast.FunctionDef)
+    }
+    return STUB.read_text(encoding="utf-8"), tags
+
+
 def check(app: Sphinx, env: Any) -> None:
     """Warn of every public name that no page of the reference documents."""
     documented = env.get_domain("py").objects
@@ -113,6 +129,7 @@ def setup(app: Sphinx) -> dict[str, Any]:
     app.connect("autodoc-process-docstring", restore, priority=600)
     app.connect("autodoc-skip-member", skip)
     app.connect("autodoc-process-signature", signature)
+    app.connect("viewcode-find-source", source)
     app.connect("doctree-read", unlink)
     app.connect("env-check-consistency", check)
     return {"parallel_read_safe": True}
