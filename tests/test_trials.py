@@ -11,8 +11,10 @@ from diagnosed import ROBOT, measured
 from dynid_rs.diagnosis import beside
 from dynid_rs.diagnosis.belief import Belief
 from dynid_rs.diagnosis.beside import Beside
+from dynid_rs.diagnosis.hypotheses import Shaped
 from dynid_rs.diagnosis.search import forward
 from dynid_rs.diagnosis.setup import Setup
+from dynid_rs.diagnosis.shapes import polished
 from dynid_rs.diagnosis.trials import blocks, evidence, helps, is_stable, whole_runs, worse
 from dynid_rs.regression.linear_model import Score
 
@@ -91,3 +93,14 @@ def test_gain_is_over_what_would_be_handed_out(monkeypatch):
     assert helps(before, after, delay.joints, parts, whole_runs(belief.run_lengths))
     monkeypatch.setattr(Beside, "exact", property(lambda self: self))
     assert not helps(before, after, delay.joints, parts, whole_runs(belief.run_lengths))
+
+
+@pytest.mark.parametrize("cycles", [5.0, 10.0])
+def test_a_ripple_is_told_by_its_first_harmonic(cycles):
+    """Five cycles with a second harmonic alone are ten."""
+    runs = measured(duration=12.0, n_runs=2)
+    rippled = [replace(run, tau=run.tau + [0, 1, 0] * np.cos(cycles * run.q)) for run in runs]
+    belief = Belief.in_declared(Setup(ROBOT), rippled)
+    (five,) = belief.catalogue.of([Shaped("torque_ripple", (1,), (("cycles", 5.0),))])
+    found = polished(belief.beside, belief.catalogue, five)
+    assert dict(found.shape)["cycles"] == pytest.approx(cycles, rel=0.02)
