@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -24,6 +25,7 @@ from dynid_rs import (
 )
 from dynid_rs.excitation import FourierExcitation
 from dynid_rs.identification.friction import friction_effect
+from dynid_rs.identification.links import own_beside
 from dynid_rs.identification.loops import declared_plan
 from dynid_rs.model.assembly import evaluate
 from dynid_rs.regression.columns import observe
@@ -299,3 +301,17 @@ def test_offset_and_friction_of_both_directions_do_not_cancel_each_other():
         worst[prior] = np.max(np.abs(forwards - backwards) / coulomb)
     assert worst["auto"] < 0.5, worst
     assert worst[None] > 5, worst
+
+
+def test_columns_that_a_short_run_cannot_tell_apart_share_what_they_explain():
+    """A run of seconds left friction's columns so alike that coefficients were beyond any arm's."""
+    rng = np.random.default_rng(0)
+    one, rest = rng.standard_normal((2, 50))
+    columns = np.stack([one, one * (1 + 1e-9 * rest)], axis=1)
+    target = 2 * one + 1e-3 * rng.standard_normal(50)
+    R = np.linalg.qr(np.column_stack([columns, target]), mode="r")
+    plan = SimpleNamespace(own=np.ones((1, 2), dtype=bool), n_own=2, pivots=np.empty(0, dtype=int))
+    observations = SimpleNamespace(plan=plan, factors=lambda: [R], n_counted=np.array([50]))
+    own, left = own_beside(observations, np.empty(0), np.ones(1))
+    assert_allclose(own[0], [1, 1], atol=1e-3)
+    assert left[0] < 2e-3

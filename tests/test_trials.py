@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from diagnosed import ROBOT, measured
@@ -9,9 +11,11 @@ from diagnosed import ROBOT, measured
 from dynid_rs.diagnosis import beside
 from dynid_rs.diagnosis.belief import Belief
 from dynid_rs.diagnosis.beside import Beside
+from dynid_rs.diagnosis.hypotheses import Shaped
 from dynid_rs.diagnosis.search import forward
 from dynid_rs.diagnosis.setup import Setup
-from dynid_rs.diagnosis.trials import blocks, evidence, is_stable, whole_runs, worse
+from dynid_rs.diagnosis.shapes import polished
+from dynid_rs.diagnosis.trials import blocks, evidence, helps, is_stable, whole_runs, worse
 from dynid_rs.regression.linear_model import Score
 
 
@@ -74,3 +78,29 @@ def test_a_joint_whose_noise_has_fallen_waits_for_the_fit():
     belief = Belief.in_declared(Setup(ROBOT), measured("friction_hysteresis:wrist:3"))
     found = forward(belief)
     assert [named.hypothesis.place for named in found] == [("friction_hysteresis", (2,))]
+
+
+def test_gain_is_over_what_would_be_handed_out(monkeypatch):
+    """A delay hides among the clocks' tolerance, here a wide one, which no model that is handed out has."""
+    monkeypatch.setattr(beside, "CLOCK", 2.0)
+    runs = measured(duration=12.0, n_runs=2)
+    late = [replace(run, tau=np.stack([np.interp(run.t - 0.004, run.t, x) for x in run.tau.T], axis=1)) for run in runs]
+    belief = Belief.in_declared(Setup(ROBOT), late)
+    before = belief.beside
+    (delay,) = [h for h in belief.hypotheses() if h.kind == "torque_delay"]
+    _, columns = before.evidence_for(delay)
+    after, parts = before.with_columns(columns), blocks(before.model.n_rows)
+    assert helps(before, after, delay.joints, parts, whole_runs(belief.run_lengths))
+    monkeypatch.setattr(Beside, "exact", property(lambda self: self))
+    assert not helps(before, after, delay.joints, parts, whole_runs(belief.run_lengths))
+
+
+@pytest.mark.parametrize("cycles", [5.0, 10.0])
+def test_a_ripple_is_told_by_its_first_harmonic(cycles):
+    """Five cycles with a second harmonic alone are ten."""
+    runs = measured(duration=12.0, n_runs=2)
+    rippled = [replace(run, tau=run.tau + [0, 1, 0] * np.cos(cycles * run.q)) for run in runs]
+    belief = Belief.in_declared(Setup(ROBOT), rippled)
+    (five,) = belief.catalogue.of([Shaped("torque_ripple", (1,), (("cycles", 5.0),))])
+    found = polished(belief.beside, belief.catalogue, five)
+    assert dict(found.shape)["cycles"] == pytest.approx(cycles, rel=0.02)

@@ -50,11 +50,12 @@ NEVER = 1e9
 class Beside:
     """A model, and its fits at the priors in question; the first is the one that the data prefer without more.
 
-    `names` are hypotheses that were put into the model, with the size of their prior.
+    `tolerances` are columns, by joint and place among all unknowns, that nobody is handed out: gains and clocks.
     """
 
     model: LinearModel
     fits: tuple[Fit, ...]
+    tolerances: tuple[tuple[int, int], ...] = ()
 
     @staticmethod
     def of(fit: ThreeLoopIdentifier) -> Beside:
@@ -73,12 +74,15 @@ class Beside:
         between = between_encoders(fit)
         if between.size:
             further += [{j: float(np.sqrt(np.mean(model.rows[j][:, -1] ** 2))) * between} for j in range(n)]
-        model = model.beside(*further, *yielding(fit), *within_tolerance(fit, load))
+        model = model.beside(*further, *yielding(fit))
+        exact = model.size
+        model = model.beside(*within_tolerance(fit, load))
+        tolerances = tuple((j, at) for j, places in enumerate(model.places) for at in places[places >= exact].tolist())
         priors = [posterior.choice]
         if declares_inertia(fit.robot):
             trusting = [posterior.choice._replace(width=width, centre=centre) for width, centre in TRUSTING]
             priors += [prior for prior in trusting if prior not in priors]
-        return Beside(model, tuple(fits([(model, prior, posterior.noise_std) for prior in priors])))
+        return Beside(model, tuple(fits([(model, prior, posterior.noise_std) for prior in priors])), tolerances)
 
     @property
     def best(self) -> Fit:
@@ -87,13 +91,19 @@ class Beside:
 
     def with_columns(self, columns: Columns) -> Beside:
         """Return the model with a hypothesis among its unknowns."""
-        model = self.model.beside(columns)
-        return Beside(model, tuple(self._again(model)))
+        return self._over(self.model.beside(columns))
 
     def without(self, places: Sequence[tuple[int, int]]) -> Beside:
         """Return the model without columns, named by joint and place among all unknowns."""
-        model = self.model.without(places)
-        return Beside(model, tuple(self._again(model)))
+        return self._over(self.model.without(places))
+
+    @cached_property
+    def exact(self) -> Beside:
+        """The model as it would be handed out: gains and clocks are what they are said to be."""
+        return self.without(self.tolerances)
+
+    def _over(self, model: LinearModel) -> Beside:
+        return replace(self, model=model, fits=tuple(self._again(model)))
 
     def _again(self, model: LinearModel) -> list[Fit]:
         """Fits of another model at these priors, from the noise that each of them has here."""
@@ -101,7 +111,7 @@ class Beside:
 
     def within(self, kept: BoolArray) -> Beside:
         """Return the model of some of the rows, at the same priors."""
-        return Beside(model := self.model.within(kept), tuple(self._again(model)))
+        return self._over(self.model.within(kept))
 
     def screened(self, hypotheses: Sequence[Hypothesis]) -> list[Score]:
         """Scores to second order, at the prior that suits a hypothesis best, evidence of that prior included."""
@@ -126,7 +136,7 @@ class Beside:
     def _hopeful(self) -> Beside:
         """The model with independent rows, at the most probable prior."""
         model = replace(self.model, n_effective=np.array([moves.sum() for moves in self.model.counted], dtype=float))
-        return Beside(model, (model.fit(self.best.choice, self.best.noise),))
+        return replace(self, model=model, fits=(model.fit(self.best.choice, self.best.noise),))
 
     def evidence_for(self, hypothesis: Hypothesis) -> tuple[float, Columns]:
         """Logarithm of the Bayes factor with the noise estimated anew, and the columns in their likeliest size.

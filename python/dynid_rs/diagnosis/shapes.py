@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from dynid_rs.base.odds import SURE
 from dynid_rs.diagnosis.beside import Beside
 from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis, Shaped, is_valid
 from dynid_rs.model.placed import CATALOGUE
@@ -58,4 +59,14 @@ def polished(beside: Beside, catalogue: Catalogue, hypothesis: Hypothesis) -> Hy
     simplex = np.concatenate([np.zeros((1, len(free))), np.diag(steps)])
     options: Any = {"initial_simplex": simplex, "maxfev": MOST_TRIES, "xatol": 0.02, "fatol": 0.05}
     minimize(less, np.zeros(len(free)), method="Nelder-Mead", options=options)
-    return best[1]
+    return _of_its_first(beside, catalogue, *best)
+
+
+def _of_its_first(beside: Beside, catalogue: Catalogue, value: float, h: Hypothesis) -> Hypothesis:
+    """The hypothesis, or with twice its cycles where those do as well: what returns has a first harmonic."""
+    own = Shaped(h.kind, h.joints, h.shape)
+    cycles = dict(h.shape).get("cycles")
+    if cycles is None or not is_valid(h.kind, (twice := own.with_shape("cycles", 2 * cycles)).shape):
+        return h
+    (other,) = catalogue.of([twice])
+    return polished(beside, catalogue, other) if beside.screened([other])[0].value > value - SURE else h

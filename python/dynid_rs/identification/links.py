@@ -15,13 +15,15 @@ from dynid_rs.regression.columns import Observations, Plan
 from dynid_rs.regression.evidence import Posterior, fit_with_prior
 from dynid_rs.regression.fitted import Weighting
 from dynid_rs.regression.scales import free_scales, improve_scale
-from dynid_rs.regression.systems import NEGLIGIBLE, residual_covariance, residual_power, solve, stack, whitened
+from dynid_rs.regression.systems import residual_covariance, residual_power, solve, stack, whitened
 
 FloatArray = NDArray[np.float64]
 Start = Literal["torque", "least_squares"]
 
 RE_WEIGHTINGS = 3
 """Rounds in which rows beside the training runs find their weight under a prior."""
+ALIKE = 1e-6
+"""Columns that differ by less of their length are one: it is less than encoders and filters leave of any motion."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -273,7 +275,7 @@ def own_beside(observations: Observations, phi_base: FloatArray, scale: FloatArr
         columns = R[:, : plan.n_own][:, plan.own[j]]
         norms = np.linalg.norm(columns, axis=0)
         norms[norms == 0] = 1.0
-        own[j, plan.own[j]] = np.linalg.lstsq(columns / norms, target, rcond=NEGLIGIBLE)[0] / norms
+        own[j, plan.own[j]] = np.linalg.lstsq(columns / norms, target, rcond=ALIKE)[0] / norms
         left[j] = np.linalg.norm(target - columns @ own[j, plan.own[j]])
     return own, left / np.sqrt(np.maximum(observations.n_counted, 1))
 
