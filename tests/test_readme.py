@@ -106,7 +106,8 @@ def test_the_diagnosis_in_python(folder, monkeypatch, capsys):
     monkeypatch.chdir(folder)
     names = {}
     exec(block("python", "dyn.diagnose"), names)
-    assert capsys.readouterr().out.startswith("[")
+    said = capsys.readouterr().out.splitlines()
+    assert said == [str(effect) for effect in names["found"].effects]
     assert names["found"].after.n_iter_ > 0
     assert (folder / "model.json").is_file()
 
@@ -117,6 +118,7 @@ def test_the_python_block(folder, monkeypatch):
     exec(block("python", "ThreeLoopIdentifier"), names)
     measured = np.stack([run(2, encoders=2)[f"tau_{j}"] for j in range(3)], axis=1)
     assert names["tau"].shape == measured.shape
+    assert np.all(names["r2"] > 0.9)
     # All samples, as measured: with the noise, and with standstill, which is not modelled.
     assert np.all(dynid_rs.rmse(measured, names["tau"]) < 0.5 * measured.std(axis=0))
     assert (folder / "model.json").is_file()
