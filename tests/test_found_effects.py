@@ -196,6 +196,14 @@ def test_the_result_is_that_of_the_terminal():
     assert found().next_experiments == result["next_experiment"]
 
 
+def test_a_notebook_shows_the_numbers_of_an_effect():
+    one = effect(ties=[TIE])
+    assert repr(one) == f"<FoundEffect {one}>"
+    html = one._repr_html_()
+    for said in ("1. stribeck on elbow", "1.234 N·m", "1 to 1.5", "Not told apart from friction hysteresis on elbow."):
+        assert said in html
+
+
 def test_it_is_short_and_shows_a_table():
     assert repr(found()) == "<Diagnosis of small_arm: friction hysteresis on elbow>"
     html = found()._repr_html_()

@@ -154,12 +154,13 @@ def test_what_else_is_refused():
     with pytest.raises(ValueError, match="y: the measured torque is in the runs themselves"):
         fitted().score(recordings()[2], recordings()[2].tau)
     two = Recording(t=np.arange(100) / 100, q=np.zeros((100, 2)), tau=np.zeros((100, 2)), name="two")
-    for call in (fitted().model_.predict, fitted().model_.score):
-        with pytest.raises(DataError, match=r"two has 2 joints, the model of 'small_arm' has 3"):
+    for call in (fitted().model_.predict, fitted().model_.score, fitted().predict, fitted().score):
+        with pytest.raises(DataError, match=r"two has 2 joints, the robot 'small_arm' has 3; is it a run of this"):
             call(two)
     ampere = Recording(recordings()[2].t, recordings()[2].q, tau=recordings()[2].tau, torque_unit="A", name="amps")
-    with pytest.raises(DataError, match=r"amps: holds torque in A, the model gives N\*m"):
-        fitted().model_.score(ampere)
+    for call in (fitted().model_.score, fitted().score):
+        with pytest.raises(DataError, match=r"amps: holds torque in A, the model gives N\*m"):
+            call(ampere)
 
 
 def test_the_observer_takes_what_the_identifier_takes():

@@ -7,6 +7,8 @@ from copy import deepcopy
 from dataclasses import dataclass, field
 from typing import Any
 
+from dynid_rs.base.notebook import html_table
+from dynid_rs.base.units import unit_text
 from dynid_rs.base.wording import kinds_said
 from dynid_rs.diagnosis.wording import effect_words, kinds_words, named, number_words, tie_words, unexplained_words
 
@@ -66,7 +68,7 @@ class Dependence:
         return f"{self.signal} ({self.strength:.2f})"
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class FoundEffect:
     """An effect that the declared model lacks; `str` says it in one sentence, as the terminal does.
 
@@ -174,12 +176,21 @@ class FoundEffect:
 
         return plot_effect(self, ax)
 
+    def __repr__(self) -> str:
+        return f"<FoundEffect {self}>"
+
+    def _repr_html_(self) -> str:
+        rows = [[f"{n.name} of {n.joint}" if n.joint else n.name, *cells_of(n)] for n in self.parameters]
+        note = " ".join(f"Not told apart from {tie}." for tie in self.ties)
+        title = f"{self.rank}. {named(self.entry, self.robot_joints)}"
+        return html_table(("number", "value", "95 % interval"), rows, title=title, note=note)
+
     def __str__(self) -> str:
         sentence = effect_words(self.entry, self.robot_joints, intervals=True)
         return sentence + "".join(f"; {tie_words(tie, self.robot_joints)}" for tie in self.entry.get("ties") or ())
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Unexplained:
     """What stays of a joint's error and is not noise: `share` of its power, and the signals that it depends on."""
 
@@ -199,8 +210,17 @@ class Unexplained:
         """Plain data, as the entry of `result.json`."""
         return deepcopy(dict(self.entry))
 
+    def __repr__(self) -> str:
+        return f"<Unexplained {self}>"
+
     def __str__(self) -> str:
         return unexplained_words(self.entry)
+
+
+def cells_of(number: Number) -> tuple[str, str]:
+    """Value with its unit, and interval, as cells of a table."""
+    value = f"{number.value:.4g} {unit_text(number.unit)}".rstrip()
+    return value, "" if number.interval is None else f"{number.interval[0]:.4g} to {number.interval[1]:.4g}"
 
 
 def _number(entry: Entry) -> Number:

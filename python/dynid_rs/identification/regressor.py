@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from dynid_rs import _core
 from dynid_rs.base.estimator import Estimator
 from dynid_rs.base.notebook import html_table
-from dynid_rs.model.along import at_stamps
+from dynid_rs.model.along import at_stamps, check_arm, check_unit
 from dynid_rs.model.assembly import evaluate
 from dynid_rs.regression.evaluation import compare, r2, r2_as_recorded
 from dynid_rs.regression.is_fitted import check_is_fitted
@@ -56,6 +56,7 @@ class RunRegressor(Estimator):
         """
         check_is_fitted(self, "model_")
         given = as_given(X, self.robot, self.config, require_torque=False)
+        check_arm(self.robot, [run for one in given for run in one.recordings])
         found = [one.filled([self._torque(run, torque_delay) for run in one.recordings]) for one in given]
         return found[0] if is_one(X) else found
 
@@ -90,6 +91,8 @@ class RunRegressor(Estimator):
             raise ValueError("y: the measured torque is in the runs themselves; leave y out")
         check_is_fitted(self, "model_")
         recordings = as_recordings(X, self.robot, self.config)
+        check_arm(self.robot, recordings)
+        check_unit(self.model_.torque_unit, recordings)
         if as_recorded:
             each = r2_as_recorded([run.tau for run in recordings], [self._torque(run, 0.0) for run in recordings])
         else:

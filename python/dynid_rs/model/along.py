@@ -59,14 +59,7 @@ def compared(model: _core.TorqueModel, recordings: Sequence[Recording]) -> list[
         Recordings of another arm, or in another torque unit.
     """
     states = states_of(model, recordings)
-    for recording in recordings:
-        if recording.torque_unit != model.torque_unit:
-            raise DataError(
-                f"{recording.name}: holds torque in {recording.torque_unit}, the model gives {model.torque_unit}; give "
-                "the drive gains (config: drive.gain), or a model in the unit of the run",
-                code="other_unit",
-                file=recording.name,
-            )
+    check_unit(model.torque_unit, recordings)
     return [compare(each, evaluate(model, each)[0]) for each in states]
 
 
@@ -78,16 +71,33 @@ def states_of(model: _core.TorqueModel, recordings: Sequence[Recording]) -> list
     DataError
         Recordings of another arm.
     """
-    for recording in recordings:
-        if recording.n_joints != model.robot.n_joints:
-            raise DataError(
-                f"{recording.name} has {recording.n_joints} joints, the model of {shown_value(model.robot.name)} has "
-                f"{model.robot.n_joints}; is it a run of this robot?",
-                code="wrong_robot",
-                file=recording.name,
-            )
+    check_arm(model.robot, recordings)
     if model.band is not None:
         cutoff, rate, standstill = model.band
         return [prepare(recording, Band(cutoff), rate, standstill=standstill) for recording in recordings]
     band, rate = choose_band(list(recordings)), common_rate(list(recordings))
     return [prepare(recording, band, rate) for recording in recordings]
+
+
+def check_arm(robot: _core.RobotModel, recordings: Sequence[Recording]) -> None:
+    """Refuse recordings of an arm with another number of joints by a `DataError`."""
+    for recording in recordings:
+        if recording.n_joints != robot.n_joints:
+            raise DataError(
+                f"{recording.name} has {recording.n_joints} joints, the robot {shown_value(robot.name)} has "
+                f"{robot.n_joints}; is it a run of this robot?",
+                code="wrong_robot",
+                file=recording.name,
+            )
+
+
+def check_unit(torque_unit: str, recordings: Sequence[Recording]) -> None:
+    """Refuse recordings whose torque is in another unit than a model's by a `DataError`."""
+    for recording in recordings:
+        if recording.torque_unit != torque_unit:
+            raise DataError(
+                f"{recording.name}: holds torque in {recording.torque_unit}, the model gives {torque_unit}; give "
+                "the drive gains (config: drive.gain), or a model in the unit of the run",
+                code="other_unit",
+                file=recording.name,
+            )

@@ -111,6 +111,24 @@ def read(
 
     `name` stands for a frame's in messages and in its recordings. Without torque, where that is allowed, it is zero.
     """
+    if is_frame(source):
+        try:
+            return _read(source, robot, config, name, require_torque)
+        except DataError as error:
+            raise in_python(error) from None
+    return _read(source, robot, config, name, require_torque)
+
+
+def in_python(error: DataError) -> DataError:
+    """Return an error of a data frame, whose owner may have no `dynid.toml`, with how Python says the mend."""
+    text = str(error)
+    if "in dynid.toml" not in text:
+        return error
+    mend = 'a mapping says the same: config={"q": "actual_q_{i}", ...}'
+    return DataError(f"{text}; {mend}", code=error.code, file=error.file, column=error.column, row=error.row)
+
+
+def _read(source: Source, robot: Robot, config: Rules, name: str | None, require_torque: bool) -> Read:
     opened = _open(source, robot, config, name)
     table, joints = opened.table, opened.joints
     columns = match_columns(table.names, joints, opened.config, table.file, require_torque=require_torque)
