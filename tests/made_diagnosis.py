@@ -24,8 +24,8 @@ class MadeDiagnosis:
     after: ThreeLoopIdentifier
     floor: dict[str, Any]
     findings: list[Finding] = field(default_factory=list)
-    effects: list[dict[str, Any]] = field(default_factory=list)
-    unexplained: list[dict[str, Any]] = field(default_factory=list)
+    entries: list[dict[str, Any]] = field(default_factory=list)
+    left: list[dict[str, Any]] = field(default_factory=list)
     steps: list[dict[str, Any]] = field(default_factory=list)
 
 
@@ -129,8 +129,8 @@ def with_effects(setup, train, test) -> MadeDiagnosis:
     found = Finding("torque_delay", "warning", "the torque comes 2.0 ms late; corrected", value=0.002, unit="s")
     return replace(
         made,
-        effects=[entry("stribeck", [where], old, new, ties=[tie("friction_hysteresis", where, new)])],
-        unexplained=[leftover(names[0])],
+        entries=[entry("stribeck", [where], old, new, ties=[tie("friction_hysteresis", where, new)])],
+        left=[leftover(names[0])],
         findings=[found],
         steps=steps,
     )

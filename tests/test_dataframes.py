@@ -154,7 +154,7 @@ def test_what_is_refused():
     with pytest.raises(DataError, match=r"column q_0 or q_shoulder is missing.* the file has q for 2 of 3 joints"):
         Recording.from_dataframe(frame.drop(columns="q_shoulder"), ROBOT)
     other = frame.rename(columns=lambda name: name.replace("tau_", "moment_"))
-    with pytest.raises(DataError, match=r"tau_0 or tau_shoulder is missing.*a mapping says the same: config={\"q\""):
+    with pytest.raises(DataError, match=r"tau_0 or tau_shoulder .*is missing.*a mapping says the same: config={\"q\""):
         Recording.from_dataframe(other, ROBOT)
     for wrong in ("run.csv", frame["q_elbow"].to_numpy(), {"t": [1.0]}):
         with pytest.raises(ValueError, match=r"frame must be a data frame .* files are read by read_recording"):

@@ -183,6 +183,12 @@ def test_what_is_diagnosed_may_be_given_as_data_frames(monkeypatch):
     assert rest.duration == pytest.approx(runs()[0].duration / 3, rel=0.01)
 
 
+@pytest.mark.parametrize("wrong", ["robot.urdf", pandas.DataFrame()])
+def test_what_is_no_robot(wrong):
+    with pytest.raises(ValueError, match=r"diagnose takes a RobotModel or a Setup first, and runs behind it, got"):
+        dynid_rs.diagnose(wrong, runs())
+
+
 def test_the_result_is_that_of_the_terminal():
     result = found().result
     assert [effect.to_dict() for effect in found().effects] == result["effects"]

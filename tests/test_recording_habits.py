@@ -108,6 +108,9 @@ def test_what_is_never_put_together():
     run = valid()
     with pytest.raises(ValueError, match="no recording is given"):
         Recording.concat([])
+    with pytest.raises(ValueError, match="expected a list of recordings, got one of str"):
+        Recording.concat(["run.csv"])
+    assert list(Recording.concat(run)) == [run]
     with pytest.raises(DataError, match="concatenate runs of one arm in one unit"):
         Recording.concat([run, replace(run, torque_unit="A")])
     with pytest.raises(DataError, match="has the joints a, b, c"):

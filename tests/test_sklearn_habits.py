@@ -149,6 +149,8 @@ def test_what_is_no_run(wrong):
 
 
 def test_what_else_is_refused():
+    with pytest.raises(ValueError, match=r"robot must be a RobotModel, found str; read one with RobotModel.from_urdf"):
+        ThreeLoopIdentifier("robot.urdf").fit(recordings()[0])
     with pytest.raises(ValueError, match="no recording to learn from"):
         identifier().fit([])
     with pytest.raises(ValueError, match="y: the measured torque is in the runs themselves"):

@@ -65,11 +65,18 @@ def diagnose(
 
     Raises
     ------
+    ValueError
+        Neither a robot nor a setup, or something else than runs.
     DataError
         As `ThreeLoopIdentifier.fit`; a test run with hardly any motion.
     """
     from threadpoolctl import threadpool_limits
 
+    if not isinstance(setup, Setup | _core.RobotModel):
+        raise ValueError(
+            f"diagnose takes a RobotModel or a Setup first, and runs behind it, got {type(setup).__name__}; read a "
+            "robot with RobotModel.from_urdf"
+        )
     setup = setup if isinstance(setup, Setup) else Setup(setup)
     config = setup.options.get("config")
     learned = as_recordings(train, setup.robot, config)

@@ -188,12 +188,18 @@ class ThreeLoopIdentifier(RunRegressor):
 
         Raises
         ------
+        ValueError
+            A parameter that is none, or something else than runs.
         DataError
             Runs of another robot, mixed units, a joint that never moves, too little motion, a friction run
             without reversal.
         """
         from threadpoolctl import threadpool_limits
 
+        if not isinstance(self.robot, _core.RobotModel):
+            raise ValueError(
+                f"robot must be a RobotModel, found {type(self.robot).__name__}; read one with RobotModel.from_urdf"
+            )
         if self.max_iter < 1:
             raise ValueError(f"max_iter must be at least 1, found {self.max_iter}")
         if self.cutoff is not None and not 0 < self.cutoff < np.inf:

@@ -203,7 +203,7 @@ class Recording:
         return to_table(self).__arrow_c_stream__(requested_schema)
 
     @staticmethod
-    def concat(recordings: Sequence[Recording]) -> Recordings:
+    def concat(recordings: Recording | Sequence[Recording]) -> Recordings:
         """Put recordings of one arm together: what continues is joined, what does not stays a part of its own.
 
         A run that begins at most 10 median steps after the one before it ended continues it. Across a longer gap, or
@@ -213,13 +213,13 @@ class Recording:
         Raises
         ------
         ValueError
-            None are given.
+            None are given, or something else.
         DataError
             They are of different arms, or their torque has different units.
         """
         from dynid_rs.runs.recordings import joined
 
-        return joined(list(recordings))
+        return joined([recordings] if isinstance(recordings, Recording) else list(recordings))
 
     def plot(
         self, signals: Sequence[str] = ("q", "tau"), *, joints: Sequence[str | int] | None = None, axes: Any = None

@@ -93,6 +93,9 @@ def joined(recordings: Sequence[Recording]) -> Recordings:
     """
     if not recordings:
         raise ValueError("concat: no recording is given; give at least one")
+    for one in recordings:
+        if not hasattr(one, "median_step"):
+            raise ValueError(f"concat: expected a list of recordings, got one of {type(one).__name__}")
     first = recordings[0]
     for other in recordings[1:]:
         _refuse_another_arm(first, other)
