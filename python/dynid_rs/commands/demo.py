@@ -144,8 +144,8 @@ def _named(effects: Sequence[dict[str, Any]]) -> str:
 def _opening(folder: Path, truth: dict[str, Any]) -> str:
     return (
         f"An arm of {len(truth['joints'])} joints was recorded in {len(truth['runs'])} runs by the laboratory of "
-        f"dynid simulate, which hid an effect in it.\nThe files are in {folder}; a line that begins with $ can be typed "
-        "as it stands."
+        f"dynid simulate, which hid an effect in it.\nThe files are in {folder}; a line that begins with $ can be "
+        "typed as it stands."
     )
 
 
