@@ -106,11 +106,12 @@ def simulate(
     """
     from dynid_rs.commands._console import progress
     from dynid_rs.commands._inputs import read_robot
-    from dynid_rs.commands._output import after_interrupt, check_unfinished
+    from dynid_rs.commands._output import after_interrupt, check_folder, check_unfinished
     from dynid_rs.simulation import bundled_robot, read_plan, write_simulation
     from dynid_rs.simulation import simulate as measure
     from dynid_rs.simulation.folder import TRUTH_FILE, robot_name
 
+    check_folder(directory, [TRUTH_FILE])
     if not force:
         check_unfinished(directory, TRUTH_FILE)
     said = after_interrupt(directory / TRUTH_FILE, "the same command makes the same runs from the beginning")
