@@ -4,6 +4,7 @@ Arguments for maturin go to the binary too: ``-C build-args="--zig --target aarc
 manylinux_2_28"`` makes both for another processor and an old C library.
 """
 
+import itertools
 import os
 import shlex
 import shutil
@@ -28,12 +29,12 @@ BINARY = "dynid-estimator"
 
 def value_of(arguments, option):
     """What stands after an option, or None."""
-    following = dict(zip(arguments, arguments[1:], strict=False))
+    following = dict(itertools.pairwise(arguments))
     return following.get(option, os.environ.get("CARGO_BUILD_TARGET") if option == "--target" else None)
 
 
 def build_command(profile, arguments):
-    """The words that build the binary as `arguments` ask maturin to build the module; and the target, if one is named."""
+    """Words that build the binary as `arguments` ask maturin to build the module; and the target, if one is named."""
     target, libc = value_of(arguments, "--target"), value_of(arguments, "--compatibility") or ""
     cargo = [os.environ.get("CARGO", "cargo")]
     command = [*cargo, "zigbuild" if "--zig" in arguments else "build", "--profile", profile, "--package", BINARY]

@@ -1,8 +1,8 @@
-"""`python tests/clean_venv.py FOLDER`: the wheel in FOLDER that fits this machine, as somebody meets it for the first time.
+"""`python tests/clean_venv.py FOLDER`: the wheel in FOLDER that fits this machine, as a newcomer meets it.
 
 A new venv, `pip install WHEEL`, then `dynid demo`, `dynid init` and `dynid identify` on a log as a Universal Robots
-controller writes it, and the online binary; no compiler is on the path, nor anything else but the venv. The seconds that
-each step took are printed and judged by nobody.
+controller writes it, and the online binary; no compiler is on the path, nor anything else but the venv. The seconds
+that each step took are printed and judged by nobody.
 """
 
 from __future__ import annotations

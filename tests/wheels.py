@@ -1,4 +1,4 @@
-"""`python tests/wheels.py WHEEL...`: what is in the wheels: the right processor, an old enough C library, nothing too much.
+"""`python tests/wheels.py WHEEL...`: the right processor, an old enough C library, nothing too much.
 
 Of Linux wheels every program and library is read; of the others the list of files.
 """
