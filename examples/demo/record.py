@@ -1,7 +1,7 @@
 """`python examples/demo/record.py [FOLDER]`: the runs of `dynid demo`, made by `dynid simulate`.
 
 Three runs of the bundled arm, whose third joint has friction with memory, as a controller's log would hold them: one
-encoder, an angle to 1e-6 rad, a torque to 1e-3 N*m, text, packed. Without FOLDER those in the package are replaced.
+encoder, an angle to 1e-5 rad, a torque to 0.01 N*m, text, packed. Without FOLDER those in the package are replaced.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import pyarrow.parquet as pq
 
 PACKAGED = Path(__file__).parents[2] / "python" / "dynid_rs" / "demo"
 ASKED = ("--runs", "3", "--duration", "10", "--rate", "100", "--effect", "friction_hysteresis:joint_3", "--seed", "0")
-DECIMALS = {"t": 3, "q": 6, "tau": 3}
+DECIMALS = {"t": 2, "q": 5, "tau": 2}
 """Of the columns that are kept; the second encoder is left out, as most logs do."""
 
 
