@@ -84,6 +84,7 @@ def test_a_wheel_that_is_not_right_is_said_to_be_wrong(tmp_path):
             archive.writestr(name, "")
         archive.write(sys.executable, "dynid_rs/_core.abi3.so")
         archive.writestr("tests/test_x.py", "")
+    assert any("bytes, at most 10" in fault for fault in wheels.faults(path, 10))
     said = wheels.faults(path)
     assert "dynid_rs/robots/six_axis.urdf is missing" in said
     assert "tests does not belong in it" in said
