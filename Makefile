@@ -8,9 +8,10 @@ TOOLS  := $(VENV)/.tools
 SOURCES := Cargo.toml Cargo.lock pyproject.toml $(shell find rust build_backend -name '*.rs' -o -name '*.toml' -o -name 'dynid_build.py')
 DEMO   ?= demo
 SECONDS_EACH ?= 60
+ARCHS  ?= x86_64 aarch64
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-rust test-python check docs bench arm exam fuzz trust audit paper clean toolchain
+.PHONY: help demo test test-rust test-python check docs workflows bench arm wheels clean-venv sbom exam fuzz trust audit paper clean toolchain
 
 help: ## this list
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
@@ -29,7 +30,7 @@ test-rust: toolchain
 test-python: $(STAMP) $(TOOLS)
 	$(BIN)/python tests/side_by_side.py
 
-check: $(STAMP) $(TOOLS) ## format, lints, types, documentation
+check: $(STAMP) $(TOOLS) workflows ## format, lints, types, documentation, workflows
 	cargo fmt --check
 	cargo clippy --release --workspace --all-targets --quiet -- -D warnings
 	RUSTDOCFLAGS="-D warnings" cargo doc --workspace --exclude dynid-py --no-deps --quiet
@@ -40,6 +41,15 @@ check: $(STAMP) $(TOOLS) ## format, lints, types, documentation
 docs: $(STAMP) $(TOOLS) ## the site, into build/docs; runs the tutorial and the notebooks, and takes every warning for an error
 	$(BIN)/python -m sphinx -b html -W --keep-going -n -q docs build/docs
 	@echo build/docs/index.html
+
+# actionlint, the third eye, comes as a download of its own: the workflow runs it, and this does where it is installed.
+workflows: $(TOOLS)
+	$(BIN)/check-jsonschema --builtin-schema vendor.github-workflows .github/workflows/*.yml
+	$(BIN)/check-jsonschema --builtin-schema vendor.github-issue-config .github/ISSUE_TEMPLATE/config.yml
+	$(BIN)/check-jsonschema --builtin-schema vendor.github-issue-forms $(filter-out %/config.yml,$(wildcard .github/ISSUE_TEMPLATE/*.yml))
+	$(BIN)/check-jsonschema --builtin-schema vendor.citation-file-format CITATION.cff
+	$(BIN)/zizmor --offline --no-progress --quiet --min-severity medium .github/workflows
+	if command -v actionlint >/dev/null; then actionlint; fi
 
 bench: $(STAMP) ## every figure side by side with its peer; writes docs/measured/benchmarks.md and docs/measured/scale.md
 	$(BIN)/python -m pip install --quiet --editable '.[bench]'
@@ -54,6 +64,37 @@ arm: export CARGO_TARGET_AARCH64_UNKNOWN_LINUX_GNU_RUNNER = qemu-aarch64 -L /usr
 arm: toolchain ## the formulas' tests built for 64-bit ARM and run by an emulator (qemu-user, gcc-aarch64-linux-gnu)
 	rustup target add aarch64-unknown-linux-gnu
 	cargo test --release --target aarch64-unknown-linux-gnu -p dynid-core --quiet
+
+# The first wheel is built from the source archive, which so is seen to hold all that it takes. zig links for the C library
+# of manylinux_2_28, whatever this machine has, and for other processors.
+wheels: export CARGO_TARGET_DIR ?= $(CURDIR)/target
+wheels: export PATH := $(CURDIR)/$(BIN):$(PATH)
+ifdef QUICK
+wheels: export CARGO_PROFILE_WHEEL_LTO = off
+wheels: export CARGO_PROFILE_WHEEL_CODEGEN_UNITS = 16
+endif
+wheels: $(STAMP) $(TOOLS) ## source archive and wheels for Linux on x86_64 and aarch64 into dist/ (ARCHS=x86_64: that alone; QUICK=1: larger)
+	$(BIN)/python -m pip install --quiet --editable '.[wheels]'
+	rm -rf dist
+	rustup target add $(ARCHS:%=%-unknown-linux-gnu)
+	from=""; for arch in $(ARCHS); do \
+	  $(BIN)/python -m build $$from --no-isolation -o dist . \
+	    -C build-args="--zig --target $$arch-unknown-linux-gnu --compatibility manylinux_2_28" || exit 1; from=--wheel; done
+	$(if $(QUICK),,$(BIN)/python build_backend/smaller.py dist/*.whl)
+	$(BIN)/python tests/wheels.py $(if $(QUICK),--any-size) dist/*.whl
+
+clean-venv: $(STAMP) $(TOOLS) ## install the wheel in dist/ into a new venv and take the first steps there
+	$(BIN)/python tests/clean_venv.py dist
+
+# The wheel carries that of the module (dist-info/sboms); these are the binary's and the Python libraries'.
+sbom: $(STAMP) ## bills of materials (CycloneDX) into build/sbom
+	$(BIN)/python -m pip install --quiet --editable '.[sbom]'
+	command -v cargo-cyclonedx >/dev/null || cargo install --locked cargo-cyclonedx
+	mkdir -p build/sbom
+	cargo cyclonedx --format json --manifest-path rust/dynid-estimator/Cargo.toml
+	mv rust/dynid-estimator/dynid-estimator.cdx.json build/sbom/
+	find rust -name '*.cdx.json' -delete
+	$(BIN)/cyclonedx-py environment --output-reproducible --output-file build/sbom/python.cdx.json $(BIN)/python
 
 exam: $(STAMP) $(TOOLS) ## diagnose 200 fresh cases of an examiner that shares nothing with the product; writes docs/measured/exam.md
 	$(BIN)/python tests/exam/run.py --page docs/measured/exam.md
@@ -74,7 +115,7 @@ paper: $(STAMP) ## repeat the source paper's experiment and write docs/measured/
 	$(BIN)/python examples/paper/main.py --data "$$($(BIN)/python tests/data.py)"
 
 clean: ## remove everything that was built
-	rm -rf target fuzz/target fuzz/work $(VENV) $(DEMO) rust/dynid-py/dynid_rs.data python/dynid_rs/*.so
+	rm -rf target dist build fuzz/target fuzz/work $(VENV) $(DEMO) rust/dynid-py/dynid_rs.data python/dynid_rs/*.so
 
 # One sentence for what is missing, and how to get it.
 toolchain:

@@ -1,6 +1,12 @@
-"""Maturin, with the Rust binary `dynid-estimator` built first and put where maturin packs scripts from."""
+"""Maturin, with the Rust binary `dynid-estimator` built first and put where maturin packs scripts from.
 
+Arguments for maturin go to the binary too: ``-C build-args="--zig --target aarch64-unknown-linux-gnu --compatibility
+manylinux_2_28"`` makes both for another processor and an old C library.
+"""
+
+import itertools
 import os
+import shlex
 import shutil
 import subprocess
 from pathlib import Path
@@ -18,21 +24,44 @@ from maturin import (  # noqa: F401  (hooks that need nothing more)
 ROOT = Path(__file__).resolve().parent.parent
 SCRIPTS = ROOT / "rust/dynid-py/dynid_rs.data/scripts"
 SCRIPTS.mkdir(parents=True, exist_ok=True)  # maturin wants the folder even where it only writes metadata
+BINARY = "dynid-estimator"
 
 
-def build_estimator(profile: str) -> None:
-    """Build the binary and copy it into the wheel's script folder."""
-    cargo = os.environ.get("CARGO", "cargo")
-    subprocess.run([cargo, "build", "--profile", profile, "--package", "dynid-estimator"], cwd=ROOT, check=True)
-    target = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target"))
-    name = "dynid-estimator.exe" if os.name == "nt" else "dynid-estimator"
-    shutil.copy2(target / profile / name, SCRIPTS / name)
+def value_of(arguments, option):
+    """What stands after an option, or None."""
+    following = dict(itertools.pairwise(arguments))
+    return following.get(option, os.environ.get("CARGO_BUILD_TARGET") if option == "--target" else None)
+
+
+def build_command(profile, arguments):
+    """Words that build the binary as `arguments` ask maturin to build the module; and the target, if one is named."""
+    target, libc = value_of(arguments, "--target"), value_of(arguments, "--compatibility") or ""
+    cargo = [os.environ.get("CARGO", "cargo")]
+    command = [*cargo, "zigbuild" if "--zig" in arguments else "build", "--profile", profile, "--package", BINARY]
+    if target is None:
+        return command, None
+    version = libc.removeprefix("manylinux_").replace("_", ".") if "--zig" in arguments and libc else ""
+    return [*command, "--target", f"{target}.{version}" if version else target], target
+
+
+def build_estimator(profile, arguments=()):
+    """Build the binary and copy it into the wheel's script folder, which then holds nothing else."""
+    command, target = build_command(profile, arguments)
+    subprocess.run(command, cwd=ROOT, check=True)
+    built = Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target")) / (target or "") / profile
+    for old in SCRIPTS.iterdir():
+        old.unlink()  # of another system, under another name
+    name = f"{BINARY}.exe" if "windows" in (target or "") or (target is None and os.name == "nt") else BINARY
+    shutil.copy2(built / name, SCRIPTS / name)
 
 
 def build_wheel(wheel_directory, config_settings=None, metadata_directory=None):
     """Small: the profile takes longer to build."""
-    build_estimator("wheel")
-    settings = {"build-args": "--profile wheel", **(config_settings or {})}
+    settings = dict(config_settings or {})
+    given = settings.pop("maturin.build-args", settings.pop("build-args", ""))
+    arguments = shlex.split(given) if isinstance(given, str) else list(given)
+    build_estimator("wheel", arguments)
+    settings["maturin.build-args"] = shlex.join(["--profile", "wheel", *arguments])
     return maturin.build_wheel(wheel_directory, settings, metadata_directory)
 
 

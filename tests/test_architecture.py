@@ -68,11 +68,11 @@ def module_of(path):
 
 
 def room_of(module):
-    """Room of a dotted name; the command line's door is part of the commands, the package itself is the face."""
+    """Room of a dotted name; the command line's doors are part of the commands, the package itself is the face."""
     parts = module.split(".")
     if len(parts) == 1:
         return FACE
-    return "commands" if parts[1] == "cli" else parts[1]
+    return "commands" if parts[1] in ("cli", "__main__") else parts[1]
 
 
 def imports_of(path, *, at_run_time=False):

@@ -264,7 +264,7 @@ def test_the_command_writes_what_python_returns(tmp_path, robot, states):
         "export", "--c-header", tmp_path / "model.json", "-o", tmp_path / "6 axes.h", "--name", "left", "--json"
     )
     assert json.loads(printed.stdout) == {"c_header": str(tmp_path / "6 axes.h"), "name": "left"}
-    printed = dynid("export", "--c-header", tmp_path / "model.json", "-o", tmp_path / "6 axes.h", "--json")
+    printed = dynid("export", "--c-header", tmp_path / "model.json", "-o", tmp_path / "6 axes.h", "--force", "--json")
     assert json.loads(printed.stdout)["name"] == "model_6_axes" == c_prefix("6 axes")
     # Two models in one program, and libdynid's own header beside them.
     (tmp_path / "both.c").write_text('#include "arm.h"\n#include "6 axes.h"\nint main(void) { return 0; }\n')

@@ -90,26 +90,6 @@ def test_no_command_shows_the_help():
     assert "identify" in dynid().output
 
 
-def test_interrupt_ends_in_130_and_writes_nothing(tmp_path):
-    robot, runs = write_robot(tmp_path), write_runs(tmp_path)
-    code = """if True:
-        import os, signal, time
-        signal.signal(signal.SIGINT, signal.default_int_handler)  # a job in the background inherits "ignore"
-        from dynid_rs.identification.three_loops import ThreeLoopIdentifier
-        def fit(self, *args, **kwargs):
-            os.kill(os.getpid(), signal.SIGINT)
-            time.sleep(30)
-        ThreeLoopIdentifier.fit = fit
-        from dynid_rs.cli import main
-        main()
-    """
-    done = process("identify", robot, *runs, "-o", tmp_path / "out", code=code)
-    assert done.returncode == 130
-    assert done.stderr == "interrupted\n"
-    assert done.stdout == ""
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["robot.urdf", *(run.name for run in runs)]
-
-
 def test_no_progress_where_stderr_is_no_terminal(tmp_path):
     robot, runs = write_robot(tmp_path), write_runs(tmp_path, n_runs=2)
     output = tmp_path / "out"

@@ -160,6 +160,17 @@ def test_a_band_of_ones_own_is_used(tmp_path):
     assert not np.array_equal(np.interp(b["t"], a["t"], a["tau_1"]), b["tau_1"])
 
 
+def test_outputs_that_are_there_are_replaced_with_force_only(tmp_path):
+    model, path = study().model, write(tmp_path / "run.csv", run(2))
+    for option, name in (("-o", "out.parquet"), ("--states", "states.csv")):
+        (tmp_path / name).write_text("mine")
+        words = ("estimate", model, path, option, tmp_path / name)
+        assert f"{name}: there is one already" in refusal(dynid(*words))
+        assert (tmp_path / name).read_text() == "mine"
+        assert dynid(*words, "--force").exit_code == 0
+        assert (tmp_path / name).read_bytes() != b"mine"
+
+
 @pytest.fixture
 def folder(tmp_path):
     """A model, a run, and older outputs."""
@@ -175,7 +186,7 @@ def refused(folder: Path, *options: object, model: str = "model.json", name: str
     before = snapshot(folder)
     sentences = set()
     for prefix in ("", "new_"):
-        outputs = ("-o", folder / f"{prefix}out.parquet", "--states", folder / f"{prefix}states.csv")
+        outputs = ("-o", folder / f"{prefix}out.parquet", "--states", folder / f"{prefix}states.csv", "--force")
         sentences.add(refusal(dynid("estimate", folder / model, folder / name, *outputs, *options)))
         assert snapshot(folder) == before
     (sentence,) = sentences

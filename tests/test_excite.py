@@ -164,7 +164,7 @@ def test_json_and_files_say_the_same(design, tmp_path):
     assert result["trajectory"] == first["trajectory"]  # the seed repeats it on any number of threads
     assert result["n_rows"] == len(columns(path)["t"]) == 801
     assert_allclose(columns(path)["q_1"], columns(folder / "traj.csv")["q_1"][::10], **EXACT)
-    other = json.loads(dynid("excite", *arguments, "--seed", 1, "--json").stdout)
+    other = json.loads(dynid("excite", *arguments, "--seed", 1, "--force", "--json").stdout)
     assert other["trajectory"] != result["trajectory"]
 
 
@@ -192,7 +192,11 @@ def test_options_reach_the_design(design, tmp_path):
     assert result["whitened_condition_number"] is not None
     assert result["block_condition_numbers"]["gravity"] is None
     assert result["block_weights"] is None
-    table = dynid("excite", folder / "robot.urdf", "-o", tmp_path / "a.csv", *QUICK, *options)
+    again = ("excite", folder / "robot.urdf", "-o", tmp_path / "a.csv", *QUICK, *options)
+    before = snapshot(tmp_path)
+    assert "a.csv: there is one already" in refusal(dynid(*again))
+    assert snapshot(tmp_path) == before
+    table = dynid(*again, "--force")
     assert "whitened" in table.stdout
 
 

@@ -216,6 +216,17 @@ def test_bad_input_is_refused_in_a_sentence_and_nothing_is_written(spoil, said, 
     assert snapshot(tmp_path) == before
 
 
+def test_a_file_that_is_there_is_replaced_with_force_only(odd, tmp_path):
+    path, model = odd
+    model.save(tmp_path / "model.json")
+    (tmp_path / "out.urdf").write_text("mine")
+    words = ("export", tmp_path / "model.json", "--urdf", tmp_path / "out.urdf", "--robot", path)
+    assert "out.urdf: there is one already; name another file, or replace it with --force" in refusal(dynid(*words))
+    assert (tmp_path / "out.urdf").read_text() == "mine"
+    assert dynid(*words, "--force").exit_code == 0
+    assert "<robot" in (tmp_path / "out.urdf").read_text()
+
+
 def test_a_model_without_a_set_gives_no_urdf(odd):
     path, model = odd
     with pytest.raises(ValueError, match="--physical"):

@@ -174,6 +174,27 @@ def test_what_has_not_changed_is_not_done_again(tmp_path):
     assert changed() == (False, False)
 
 
+def test_what_another_command_has_finished_is_left_alone(tmp_path):
+    (tmp_path / "out" / "first").mkdir(parents=True)
+    result = tmp_path / "out" / "first" / "result.json"
+    result.write_text("mine")
+    printed, answer = fleet(tmp_path)
+    assert printed.exit_code == 1
+    assert "holds a finished result already (result.json)" in answer["robots"][0]["message"]
+    assert answer["robots"][1]["status"] == "done"
+    assert result.read_text() == "mine"
+    printed, answer = fleet(tmp_path, FLEET, "--force")
+    assert printed.exit_code == 0, printed.output
+    assert json.loads(result.read_text())["format"] == "dynid-result"
+
+
+def test_a_table_that_no_fleet_wrote_is_left_alone(tmp_path):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "fleet.csv").write_text("mine")
+    assert "fleet.csv: there is one already" in refusal(fleet(tmp_path)[0])
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["fleet.csv"]
+
+
 def test_jobs_change_nothing(tmp_path):
     for jobs in ("1", "2"):
         (tmp_path / jobs).mkdir()

@@ -358,7 +358,7 @@ def test_simulate_takes_a_table_and_keeps_it(tmp_path):
     assert answer["robot_file"] == str(tmp_path / "robot.toml")
     assert (tmp_path / "robot.toml").read_bytes() == bundled_table().read_bytes()
     before = (tmp_path / "run_0.parquet").read_bytes()
-    assert dynid("simulate", tmp_path / "robot.toml", *options).exit_code == 0
+    assert dynid("simulate", tmp_path / "robot.toml", *options, "--force").exit_code == 0
     assert (tmp_path / "run_0.parquet").read_bytes() == before
     assert not (tmp_path / "robot.urdf").exists()
 

@@ -149,7 +149,7 @@ def test_the_command_writes_both_motions_figures(tmp_path):
     assert "Separation" in (tmp_path / "sep.html").read_text()
     assert len(output.read_text().splitlines()) == 8002
     first = output.read_bytes()
-    assert "times the power" in dynid(*arguments).stdout
+    assert "times the power" in dynid(*arguments, "--force").stdout
     assert output.read_bytes() == first
 
 

@@ -434,7 +434,10 @@ def test_command_writes_runs_robot_and_truth(run_command, tmp_path):
     assert read_recording(answer["runs"][1]["path"], robot, None).dq is None
     before = (tmp_path / "run_1.parquet").read_bytes()
     # Once more, from the robot it wrote itself: nothing changes.
-    assert run_command(tmp_path / "robot.urdf", "-o", tmp_path, "--runs", 2, "--duration", 5).exit_code == 0
+    again = (tmp_path / "robot.urdf", "-o", tmp_path, "--runs", 2, "--duration", 5)
+    refused = run_command(*again)
+    assert (refused.exit_code, "holds a finished result already (truth.json)" in refused.stderr) == (2, True)
+    assert run_command(*again, "--force").exit_code == 0
     assert (tmp_path / "run_1.parquet").read_bytes() == before
 
 
@@ -494,12 +497,12 @@ def test_missing_robot_and_unwritable_folder(run_command, tmp_path):
     (tmp_path / "file").write_text("")
     result = run_command("-o", tmp_path / "file" / "out", "--runs", 1, "--duration", 4)
     assert (result.exit_code, result.stderr.strip().count("\n")) == (2, 0)
-    assert "cannot use this folder" in result.stderr
+    assert "is not a folder" in result.stderr
 
 
 def test_runs_of_another_simulation_are_not_mixed_in(run_command, tmp_path):
     assert run_command("-o", tmp_path, "--runs", 2, "--duration", 4).exit_code == 0
-    result = run_command("-o", tmp_path, "--runs", 1, "--duration", 4)
+    result = run_command("-o", tmp_path, "--runs", 1, "--duration", 4, "--force")
     assert result.exit_code == 2
     assert "run_1.parquet of an older simulation" in result.stderr
 

@@ -7,6 +7,7 @@ import typer
 from dynid_rs.commands._run import run_app
 from dynid_rs.commands.cache import cache
 from dynid_rs.commands.compare import compare
+from dynid_rs.commands.demo import demo
 from dynid_rs.commands.diagnose import diagnose
 from dynid_rs.commands.estimate import estimate
 from dynid_rs.commands.excite import excite
@@ -26,6 +27,7 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 for command in (
+    demo,
     init,
     inspect,
     excite,

@@ -78,22 +78,30 @@ ALL = (
     ),
     Writing(
         "excite",
-        lambda d: ("excite", d / "robot.urdf", "-o", d / "out" / "plan.csv", "--friction", d / "out" / "slow.csv"),
+        lambda d: (
+            "excite",
+            d / "robot.urdf",
+            "-o",
+            d / "out" / "plan.csv",
+            "--friction",
+            d / "out" / "slow.csv",
+            "--force",
+        ),
         ((".", ("plan.csv", "plan.html", "plan.json", "slow.csv", "slow.json")),),
     ),
     Writing(
         "fleet",
-        lambda d: ("fleet", d / "fleet.toml", "-o", d / "out"),
+        lambda d: ("fleet", d / "fleet.toml", "-o", d / "out", "--force"),
         ((".", ("fleet.csv", "fleet.json", "fleet.parquet")), ("first", FOUR)),
     ),
     Writing(
         "simulate",
-        lambda d: ("simulate", "-o", d / "out", "--duration", "5", "--runs", "2"),
+        lambda d: ("simulate", "-o", d / "out", "--duration", "5", "--runs", "2", "--force"),
         ((".", ("run_0.parquet", "run_1.parquet", "truth.json", "robot.urdf")),),
     ),
     Writing(
         "estimate",
-        lambda d: ("estimate", d / "model.json", d / "run_0.parquet", "-o", d / "out" / "torque.parquet"),
+        lambda d: ("estimate", d / "model.json", d / "run_0.parquet", "-o", d / "out" / "torque.parquet", "--force"),
         ((".", ("torque.parquet",)),),
     ),
 )

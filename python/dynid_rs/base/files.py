@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.held import held_file, held_folder
+from dynid_rs.base.interrupt import uninterrupted
 from dynid_rs.base.quoting import LONGEST, shown
 from dynid_rs.base.together import alone_in, finish_killed, place
 
@@ -184,7 +185,8 @@ def filled_together(folder: Path) -> Iterator[Path]:
             with alone_in(folder):
                 for file in sorted(stage.iterdir()):  # all of them before the first one moves
                     check_replaceable(folder / file.name)
-                place(stage, folder)
+                with uninterrupted():
+                    place(stage, folder)
     except BaseException as error:
         for made in missing:
             with suppress(OSError):

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from dynid_rs.base.interrupt import uninterrupted
 from dynid_rs.base.together import is_journal
 
 if sys.platform != "win32":
@@ -38,13 +39,17 @@ def held_file(folder: Path, suffix: str) -> Iterator[Path]:
     OSError
         The system's own error.
     """
-    path, lock = _made(folder, suffix, _make_file)
+    path, lock = None, None
     try:
+        with uninterrupted():
+            path, lock = _made(folder, suffix, _make_file)
         yield path
     finally:
-        with suppress(OSError):
-            path.unlink()
-        _release(lock)
+        with uninterrupted():
+            if path is not None:
+                with suppress(OSError):
+                    path.unlink()
+            _release(lock)
 
 
 @contextmanager
@@ -61,12 +66,16 @@ def held_folder(folder: Path) -> Iterator[Path]:
     OSError
         The system's own error.
     """
-    path, lock = _made(folder, "", lambda path: path.mkdir(0o700))
+    path, lock = None, None
     try:
+        with uninterrupted():
+            path, lock = _made(folder, "", lambda path: path.mkdir(0o700))
         yield path
     finally:
-        shutil.rmtree(path, ignore_errors=True)
-        _release(lock)
+        with uninterrupted():
+            if path is not None:
+                shutil.rmtree(path, ignore_errors=True)
+            _release(lock)
 
 
 def clear_leftovers(folder: Path) -> None:

@@ -9,6 +9,9 @@ from contextlib import contextmanager
 from rich.console import Console
 from rich.live import Live
 from rich.spinner import Spinner
+from rich.text import Text
+
+from dynid_rs.commands._steps import Step, Steps
 
 _WIDTH = 120
 
@@ -34,20 +37,33 @@ def interval(bounds: Sequence[float] | None) -> str:
 
 
 @contextmanager
-def progress() -> Iterator[Callable[[str], None]]:
+def progress(*plan: Step) -> Iterator[Callable[[str], None]]:
     """Show what is being done while it is being done; silent where standard error is no terminal.
 
-    Yields a function that takes a few words; they are drawn at once, however short the step. Variables such as
-    FORCE_COLOR make Rich believe in a terminal that is not there; only the stream itself is asked here.
+    Yields a function that takes a few words; they are drawn at once, however short the step, with the step of `plan`
+    that they belong to and the time that is left. Variables such as FORCE_COLOR make Rich believe in a terminal that
+    is not there; only the stream itself is asked here.
     """
     if not sys.stderr.isatty():
         yield lambda words: None
         return
-    spinner = Spinner("dots")
+    steps = Steps(plan)
+    shown = _Line(steps)
 
     def say(words: str) -> None:
-        spinner.update(text=words)
+        steps.say(words)
         live.refresh()
 
-    with Live(spinner, console=Console(stderr=True), refresh_per_second=12.5, transient=True) as live:
+    with Live(shown, console=Console(stderr=True), refresh_per_second=12.5, transient=True) as live:
         yield say
+
+
+class _Line:
+    """A wheel that turns, and the line of the steps as it is at this instant."""
+
+    def __init__(self, steps: Steps) -> None:
+        self._steps, self._spinner = steps, Spinner("dots")
+
+    def __rich__(self) -> Spinner:
+        self._spinner.update(text=Text(self._steps.line()))
+        return self._spinner

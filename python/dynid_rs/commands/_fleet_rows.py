@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -41,12 +42,13 @@ STATUS = ("done", "no", "failed")
 
 @dataclass(frozen=True)
 class Place:
-    """A robot and the folder in which its row is kept."""
+    """A robot and the folder in which its row is kept; with `force` any finished result is replaced."""
 
     robot: FleetRobot
     rows: Path
     shared: str
     cache: Path | None
+    force: bool = False
 
     @property
     def name(self) -> str:
@@ -84,6 +86,7 @@ def identify_one(place: Place) -> Entry:
     """Row of a robot: a unit of work. Whatever is wrong with this robot stops no other."""
     from dynid_rs.base.files import write_json
     from dynid_rs.commands._identifier import MODEL_FILE, RESULT_FILE
+    from dynid_rs.commands._output import check_unfinished
 
     robot = place.robot
     try:
@@ -92,14 +95,33 @@ def identify_one(place: Place) -> Entry:
         kept = _kept(place.row, key)
         if kept is not None and all((robot.output / name).is_file() for name in (MODEL_FILE, RESULT_FILE)):
             return kept, {}
-        row = _identified(place, job)
+        if not (place.force or place.row.exists()):  # what another command has finished is not ours to replace
+            check_unfinished(robot.output, RESULT_FILE)
         place.rows.mkdir(parents=True, exist_ok=True)
+        with _begun(place.row):
+            row = _identified(place, job)
         write_json(place.row, {"key": key, "row": row})
     except (ValueError, OSError) as error:
         return failed(robot, sentence(error)), {}
     except Exception as error:  # our own bug, on this robot alone
         return failed(robot, f"an error of the program: {type(error).__name__}: {sentence(error)}"), {}
     return row, {}
+
+
+@contextmanager
+def _begun(row: Path) -> Iterator[None]:
+    """Mark a robot as the fleet's own: after a kill its folder may hold results, and no row tells of them."""
+    from dynid_rs.base.files import write_json
+
+    if row.exists():
+        yield
+        return
+    write_json(row, {"key": "begun"})
+    try:
+        yield
+    except Exception:
+        row.unlink(missing_ok=True)
+        raise
 
 
 def _identified(place: Place, job: Job) -> dict[str, Any]:
@@ -154,10 +176,16 @@ def shared_key() -> str:
     return program()
 
 
-def _kept(path: Path, key: str) -> dict[str, Any] | None:
+def is_done(place: Place) -> bool:
+    """Whether the row of a robot is kept."""
+    return _kept(place.row) is not None
+
+
+def _kept(path: Path, key: str | None = None) -> dict[str, Any] | None:
+    """Row in a file; None where there is none, or it is of another key."""
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
-        return dict(content["row"]) if content["key"] == key else None
+        return dict(content["row"]) if key is None or content["key"] == key else None
     except (OSError, ValueError, TypeError, KeyError):
         return None
 

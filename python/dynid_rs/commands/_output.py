@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 from dynid_rs.base.files import check_replaceable
@@ -63,6 +63,47 @@ def check_unfinished(folder: Path, last: str) -> None:
         raise FileExistsError(
             f"{folder}: holds a finished result already ({last}); name another folder, or replace it with --force"
         )
+
+
+def check_absent(paths: Iterable[Path]) -> None:
+    """Refuse to replace what an earlier command wrote.
+
+    Raises
+    ------
+    FileExistsError
+        One of the files is there; the text is a sentence.
+    """
+    for path in paths:
+        if path.is_file() and not path.is_symlink():  # `check_replaceable` has words for what is no file
+            raise FileExistsError(f"{path}: there is one already; name another file, or replace it with --force")
+
+
+def after_interrupt(results: Path, again: str = "the same command begins again") -> Callable[[], str]:
+    """What to say when an interrupt has come: whether `results`, the file that is written last, is there anew.
+
+    Parameters
+    ----------
+    results : Path
+        A command's last file; asked now and after the interrupt.
+    again : str
+        How to go on where it is not.
+    """
+    before = _written(results)
+
+    def said() -> str:
+        if _written(results) != before:
+            return f"{results} and what belongs to it are complete"
+        return f"nothing was written to {results.parent}; {again}"
+
+    return said
+
+
+def _written(path: Path) -> tuple[int, int] | None:
+    try:
+        info = path.stat()
+    except OSError:
+        return None
+    return info.st_ino, info.st_mtime_ns
 
 
 def check_file(path: Path) -> None:

@@ -8,8 +8,8 @@ import json
 import os
 import sys
 import traceback
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from typing import ParamSpec, TextIO
 
 import typer
@@ -68,8 +68,8 @@ def run_command(command: Callable[P, int | None]) -> Callable[P, None]:
 
     `ValueError` and `OSError` end in exit code 2 with a sentence on standard error, and with ``--json``
     (an argument called `json_output`) in ``{"error": {...}}`` on standard output as well. So does an answer that
-    standard output does not take; where only its reader has left, the code is 141, without a word. Anything else is
-    our own bug and keeps its traceback.
+    standard output does not take; where only its reader has left, the code is 141, without a word. An interrupt ends
+    in 130, with what `goes_on` says. Anything else is our own bug and keeps its traceback.
     """
 
     @functools.wraps(command)
@@ -78,8 +78,8 @@ def run_command(command: Callable[P, int | None]) -> Callable[P, None]:
             code = command(*args, **kwargs)
             if sys.stdout is not None:
                 sys.stdout.flush()
-        except KeyboardInterrupt:
-            _complain("interrupted")
+        except (KeyboardInterrupt, typer.Abort) as stop:  # the latter where a question was on the terminal
+            _complain(f"interrupted: {stop}" if str(stop) else "interrupted")
             raise typer.Exit(EXIT_INTERRUPTED) from None
         except (ValueError, OSError) as error:
             raise typer.Exit(_failed(error, as_json=bool(kwargs.get("json_output")))) from None
@@ -87,6 +87,21 @@ def run_command(command: Callable[P, int | None]) -> Callable[P, None]:
             raise typer.Exit(code)
 
     return wrapped
+
+
+@contextmanager
+def goes_on(how: Callable[[], str]) -> Iterator[None]:
+    """Say after an interrupt of the body what is left of it, and how to go on.
+
+    Parameters
+    ----------
+    how : callable
+        Gives one sentence, without a full stop; called after the interrupt.
+    """
+    try:
+        yield
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(how()) from None
 
 
 def run_app(app: Callable[[], object]) -> None:
@@ -101,6 +116,9 @@ def run_app(app: Callable[[], object]) -> None:
         # Click ends with 1, which is our "no", when the reader of a help leaves.
         if isinstance(end.__context__, BrokenPipeError):
             raise SystemExit(_unanswered(end.__context__)) from None
+        # It ends with 1 after an interrupt too, where no command has begun.
+        if isinstance(end.__context__, typer.Abort):
+            raise SystemExit(EXIT_INTERRUPTED) from None
         raise
 
 

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from dynid_rs.commands import _options
-from dynid_rs.commands._run import EXIT_NO, print_json, run_command
+from dynid_rs.commands._run import EXIT_NO, goes_on, print_json, run_command
+from dynid_rs.commands._steps import Step
 
 if TYPE_CHECKING:
     from dynid_rs.base.findings import Finding
@@ -19,6 +20,17 @@ if TYPE_CHECKING:
 
 N_STATES, OTHER_ROBOT = 8, 0.1
 """Random states at which two robots are compared, and the part of their links' torque by which they may differ."""
+STEPS = (
+    Step(3, "reading", "comparing laws of friction"),
+    Step(4, "channels"),
+    Step(4, "contacts"),
+    Step(2, "mounting", "comparing with the reference"),
+    Step(13, "looking for effects"),
+    Step(6, "ripple"),
+    Step(3, "what is left"),
+    Step(2, "testing"),
+)
+"""With their usual shares of the time, measured on a run of `dynid demo`."""
 
 
 @run_command
@@ -53,6 +65,7 @@ def diagnose(
     """
     from dynid_rs.commands._console import progress
     from dynid_rs.commands._identifier import (
+        RESULT_FILE,
         check_places,
         chosen_laws,
         convergence_findings,
@@ -67,10 +80,12 @@ def diagnose(
         read_split,
         with_rotors,
     )
+    from dynid_rs.commands._output import after_interrupt
     from dynid_rs.runs.facts import check_torque
 
     check_places(output, [robot, *runs, *(test or []), config, known, reference], force=force)
-    with progress() as say:
+    said = after_interrupt(output / RESULT_FILE)
+    with goes_on(said), progress(*STEPS) as say:
         say("reading")
         model = read_robot(robot, base, tip, gravity, read_rules(config), xacro=xacro)
         settings = read_settings(config, drive_gain, model.n_joints)

@@ -56,6 +56,7 @@ def estimate(
         float | None,
         typer.Option(help="Score in the band what comes after this many seconds, as `dynid identify` does"),
     ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace files that are there")] = False,
     json_output: Annotated[bool, typer.Option("--json", help="Answer as JSON on standard output")] = False,
 ) -> None:
     """Estimate torques along a run.
@@ -71,7 +72,7 @@ def estimate(
     from dynid_rs.regression.evaluation import rmse
     from dynid_rs.runs.readers import read_run
 
-    _check_outputs(output, states, inputs=(model, run))
+    _check_outputs(output, states, inputs=(model, run), force=force)
     windows = [_window(text) for text in exclude or []]
     torque_model = _core.TorqueModel.load(check_readable(model))
     settings = read_settings(config, drive_gain, torque_model.robot.n_joints)
@@ -193,9 +194,9 @@ def _by_joint(name: str, values: FloatArray) -> dict[str, FloatArray]:
     return {f"{name}_{j}": values[:, j] for j in range(values.shape[1])}
 
 
-def _check_outputs(output: Path | None, states: Path | None, inputs: tuple[Path, ...]) -> None:
-    """Refuse before any work what cannot be written, or would replace what is read."""
-    from dynid_rs.commands._output import check_file, check_not_read
+def _check_outputs(output: Path | None, states: Path | None, inputs: tuple[Path, ...], *, force: bool) -> None:
+    """Refuse before any work what cannot be written, or would replace what is read or, without `force`, is there."""
+    from dynid_rs.commands._output import check_absent, check_file, check_not_read
 
     given = [path for path in (output, states) if path is not None]
     check_not_read(given, inputs)
@@ -206,6 +207,8 @@ def _check_outputs(output: Path | None, states: Path | None, inputs: tuple[Path,
     for target, kind, others in ((output, "Parquet", {".csv", ".npz"}), (states, "CSV", {".parquet", ".npz"})):
         if target is not None and target.suffix.lower() in others:
             raise ValueError(f"{target}: is written as {kind}; give it a suffix that says so")
+    if not force:
+        check_absent(given)
 
 
 def _check_temperature(model: TorqueModel, recording: Recording) -> None:

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from dynid_rs.commands._run import print_json, run_command
+from dynid_rs.commands._run import goes_on, print_json, run_command
+from dynid_rs.commands._steps import Step
 
 if TYPE_CHECKING:
     from dynid_rs.excitation import FourierExcitation, Restart
@@ -46,9 +47,9 @@ class Outputs:
         """Segments of the friction experiment."""
         return None if self.friction is None else self.friction.with_suffix(".json")
 
-    def check(self, inputs: Sequence[Path]) -> None:
-        """Refuse what cannot be written before any work is done."""
-        from dynid_rs.commands._output import check_file, check_not_read
+    def check(self, inputs: Sequence[Path], *, force: bool) -> None:
+        """Refuse what cannot be written before any work is done; a finished design is replaced with `force` only."""
+        from dynid_rs.commands._output import check_absent, check_file, check_not_read
 
         for path in (self.csv, self.friction):
             if path is not None and path.suffix != ".csv":
@@ -60,6 +61,16 @@ class Outputs:
         for path in outputs:
             check_file(path)
         check_not_read(outputs, inputs)
+        if not force:
+            check_absent(path for path in outputs if path != self.state)
+
+    def after_interrupt(self) -> Callable[[], str]:
+        """What is left of a search, and how to go on."""
+        from dynid_rs.commands._output import after_interrupt
+
+        said = after_interrupt(self.json)
+        again = f"the same command with --resume goes on from the finished searches that {self.state} keeps"
+        return lambda: f"no trajectory was written; {again}" if self.state.exists() else said()
 
 
 @run_command
@@ -115,6 +126,7 @@ def excite(
     gravity: Annotated[str, typer.Option(metavar="X,Y,Z", help="Free fall in the base frame [m/s^2]")] = "0,0,-9.81",
     base: Annotated[str | None, typer.Option(help="First link of the chain, where the URDF leaves a choice")] = None,
     tip: Annotated[str | None, typer.Option(help="Last link of the chain, where the URDF branches")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace a finished design of these names")] = False,
     json_output: Annotated[bool, typer.Option("--json", help="Answer as JSON on standard output")] = False,
 ) -> None:
     """Design an exciting trajectory within the limits of an arm.
@@ -129,9 +141,9 @@ def excite(
     from dynid_rs.excitation.output import n_steps_of
 
     files = Outputs(output, friction)
-    files.check([robot, *([limits] if limits else [])])
+    files.check([robot, *([limits] if limits else [])], force=force)
     n_steps_of(duration, rate)  # refused before the search, not after it
-    with progress() as say:
+    with goes_on(files.after_interrupt()), progress(*_plan(separate is not None)) as say:
         say("reading")
         model = read_robot(robot, base, tip, gravity)
         settings = _settings(model, robot, limits, start, noise, self_collision)
@@ -163,6 +175,12 @@ def excite(
         from dynid_rs.commands._excite_view import show
 
         show(result)
+
+
+def _plan(separates: bool) -> list[Step]:
+    """Steps and their usual shares of the time."""
+    searched = [Step(90, "search"), *([Step(60, "separating")] if separates else [])]
+    return [Step(1, "reading"), *searched, Step(3, "writing")]
 
 
 def _settings(

@@ -39,6 +39,7 @@ def export(
         str | None,
         typer.Option(metavar="NAME", help="What the header's names begin with; the file's name by default"),
     ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace a file that is there")] = False,
     json_output: Annotated[bool, typer.Option("--json", help="Answer as JSON on standard output")] = False,
 ) -> int:
     """Write a model as a URDF (--urdf) or MuJoCo model (--mjcf) with inertials that bodies can have, or as C.
@@ -51,17 +52,17 @@ def export(
     if not c_header and (output is not None or name is not None):
         raise ValueError("-o and --name belong to --c-header; --urdf and --mjcf name their own file")
     if urdf is not None:
-        answer, text = _write_urdf(model, urdf, robot)
+        answer, text = _write_urdf(model, urdf, robot, force=force)
     elif mjcf is not None:
         if robot is not None:
             raise ValueError("--robot belongs to --urdf; a MuJoCo model is made of the model alone")
-        answer, text = _write_mjcf(model, mjcf)
+        answer, text = _write_mjcf(model, mjcf, force=force)
     else:
         if robot is not None:
             raise ValueError("--robot belongs to --urdf; a C header is made of the model alone")
         if output is None:
             raise ValueError("--c-header needs -o OUT.h, the file to write")
-        answer, text = _write_header(model, output, name)
+        answer, text = _write_header(model, output, name, force=force)
     if json_output:
         print_json(answer)
     else:
@@ -73,16 +74,23 @@ Answer = tuple[dict[str, Any], str]
 """For programs, for people."""
 
 
-def _write_urdf(model: Path, target: Path, robot: Path | None) -> Answer:
+def _check_place(target: Path, inputs: list[Path], *, force: bool) -> None:
+    from dynid_rs.commands._output import check_absent, check_file, check_not_read
+
+    check_file(target)
+    check_not_read([target], inputs)
+    if not force:
+        check_absent([target])
+
+
+def _write_urdf(model: Path, target: Path, robot: Path | None, *, force: bool) -> Answer:
     from dynid_rs._core import TorqueModel
     from dynid_rs.base.files import check_readable, write_bytes
-    from dynid_rs.commands._output import check_file, check_not_read
     from dynid_rs.model.export import urdf
 
     if robot is not None and robot.suffix.lower() == ".toml":
         raise ValueError(f"--robot {robot}: only a URDF can be edited; leave it out for a URDF of links and joints")
-    check_file(target)
-    check_not_read([target], [model, *([robot] if robot else [])])
+    _check_place(target, [model, *([robot] if robot else [])], force=force)
     loaded = TorqueModel.load(check_readable(model))
     try:
         content = urdf(loaded, robot)
@@ -105,14 +113,12 @@ def _write_urdf(model: Path, target: Path, robot: Path | None) -> Answer:
     return answer, text
 
 
-def _write_mjcf(model: Path, target: Path) -> Answer:
+def _write_mjcf(model: Path, target: Path, *, force: bool) -> Answer:
     from dynid_rs._core import TorqueModel
     from dynid_rs.base.files import check_readable, write_bytes
-    from dynid_rs.commands._output import check_file, check_not_read
     from dynid_rs.model.export import mjcf
 
-    check_file(target)
-    check_not_read([target], [model])
+    _check_place(target, [model], force=force)
     loaded = TorqueModel.load(check_readable(model))
     try:
         content = mjcf(loaded)
@@ -127,14 +133,12 @@ def _write_mjcf(model: Path, target: Path) -> Answer:
     return {"mjcf": str(target), "ctrl_unit": unit, "effects": kinds}, text
 
 
-def _write_header(model: Path, target: Path, name: str | None) -> Answer:
+def _write_header(model: Path, target: Path, name: str | None, *, force: bool) -> Answer:
     from dynid_rs._core import TorqueModel
     from dynid_rs.base.files import check_readable, write_bytes
-    from dynid_rs.commands._output import check_file, check_not_read
     from dynid_rs.model.export import c_header, c_prefix
 
-    check_file(target)
-    check_not_read([target], [model])
+    _check_place(target, [model], force=force)
     prefix = c_prefix(target.stem) if name is None else name
     content = c_header(TorqueModel.load(check_readable(model)), prefix)
     write_bytes(target, content.encode("ascii"))

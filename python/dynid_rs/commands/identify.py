@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from dynid_rs.commands import _options
-from dynid_rs.commands._run import print_json, run_command
+from dynid_rs.commands._run import goes_on, print_json, run_command
 
 
 @run_command
@@ -53,7 +54,7 @@ def identify(
     """
     from dynid_rs.commands._console import progress
     from dynid_rs.commands._given import opened_work
-    from dynid_rs.commands._job import Job, exit_code
+    from dynid_rs.commands._job import STEPS, Job, exit_code
 
     job = Job(
         robot=robot,
@@ -79,7 +80,7 @@ def identify(
         memory=memory,
         force=force,
     )
-    with progress() as say:
+    with goes_on(_after_interrupt(output, cache)), progress(*STEPS) as say:
         result = job.run(lambda: opened_work(cache, jobs), say)
     if json_output:
         print_json(result)
@@ -88,3 +89,18 @@ def identify(
 
         show(result, output)
     return exit_code(result)
+
+
+def _after_interrupt(output: Path, cache: Path | None) -> Callable[[], str]:
+    """What is left and how to go on: streamed runs are kept one by one, everything else begins again."""
+    from dynid_rs.archive.cache import Cache
+    from dynid_rs.commands._identifier import RESULT_FILE
+    from dynid_rs.commands._output import after_interrupt
+
+    said = after_interrupt(output / RESULT_FILE)
+
+    def with_cache() -> str:
+        kept = 0 if cache is None else len(Cache(cache).entries())
+        return said() if not kept else f"{said()}, from the {kept} intermediate results that {cache} keeps"
+
+    return with_cache

@@ -9,6 +9,7 @@ import typer
 
 from dynid_rs.commands import _options
 from dynid_rs.commands._run import EXIT_NO, print_json, run_command
+from dynid_rs.commands._steps import Step
 
 if TYPE_CHECKING:
     from dynid_rs.base.findings import Finding
@@ -47,7 +48,7 @@ def payload(
     from dynid_rs.commands._console import progress
     from dynid_rs.commands._inputs import check_cutoff, read_runs, read_settings
 
-    with progress() as say:
+    with progress(Step(1, "reading"), Step(3, "weighing")) as say:
         say("reading")
         reference = _core.TorqueModel.load(check_readable(model))
         frame = _frame(reference.robot, robot, flange)

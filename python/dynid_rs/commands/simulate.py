@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from dynid_rs.commands._run import print_json, run_command
+from dynid_rs.commands._run import goes_on, print_json, run_command
+from dynid_rs.commands._steps import Step
 
 if TYPE_CHECKING:
     import numpy as np
@@ -96,34 +97,45 @@ def simulate(
         ),
     ] = False,
     seed: Annotated[int, typer.Option(help="Repeats the experiment, number for number")] = 0,
+    force: Annotated[bool, typer.Option("--force", help="Replace the simulation that DIR holds")] = False,
     json_output: Annotated[bool, typer.Option("--json", help="Answer as JSON on standard output")] = False,
 ) -> None:
     """Simulate measured runs of an arm with elastic gears and two encoders, moved by a controller.
 
     DIR then holds run_0.parquet, ..., the robot as robot.urdf or robot.toml, and truth.json with all that was put in.
     """
+    from dynid_rs.commands._console import progress
     from dynid_rs.commands._inputs import read_robot
+    from dynid_rs.commands._output import after_interrupt, check_folder, check_unfinished
     from dynid_rs.simulation import bundled_robot, read_plan, write_simulation
     from dynid_rs.simulation import simulate as measure
     from dynid_rs.simulation.folder import TRUTH_FILE, robot_name
 
+    check_folder(directory, [TRUTH_FILE])
+    if not force:
+        check_unfinished(directory, TRUTH_FILE)
+    said = after_interrupt(directory / TRUTH_FILE, "the same command makes the same runs from the beginning")
     source = bundled_robot() if robot is None else robot
     if source.suffix.lower() in (".xml", ".mjcf", ".xacro"):
         raise ValueError(f"{source}: the folder keeps a copy of the robot; give it as a URDF or robot.toml")
-    model = read_robot(source)
-    plans = [read_plan(path, model) for path in trajectory or ()]
-    simulation = measure(
-        _arm(model, noise, encoder_noise, stiffness, delay, _wishes(effect, rigid, stiffness, delay)),
-        n_runs=runs if runs is not None else len(plans) or N_RUNS,
-        duration=duration,
-        rate=rate,
-        seed=seed,
-        derivatives=noise == 0 if derivatives is None else derivatives,
-        stamp_jitter=jitter,
-        trajectories=plans,
-        tracking=_controller(tracking, ideal, disturbance),
-    )
-    paths = write_simulation(simulation, directory, source, reference=reference)
+    with goes_on(said), progress(Step(1, "reading"), Step(8, "run "), Step(1, "writing")) as say:
+        say("reading")
+        model = read_robot(source)
+        plans = [read_plan(path, model) for path in trajectory or ()]
+        simulation = measure(
+            _arm(model, noise, encoder_noise, stiffness, delay, _wishes(effect, rigid, stiffness, delay)),
+            n_runs=runs if runs is not None else len(plans) or N_RUNS,
+            duration=duration,
+            rate=rate,
+            seed=seed,
+            derivatives=noise == 0 if derivatives is None else derivatives,
+            stamp_jitter=jitter,
+            trajectories=plans,
+            tracking=_controller(tracking, ideal, disturbance),
+            on_progress=say,
+        )
+        say("writing")
+        paths = write_simulation(simulation, directory, source, reference=reference)
     if json_output:
         print_json(_answer(simulation, paths, robot_name(source)))
         return

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -108,6 +108,7 @@ def simulate(
     stamp_jitter: float = 0.0,
     trajectories: Sequence[Plan] = (),
     tracking: Tracking | None = None,
+    on_progress: Callable[[str], None] = lambda step: None,
 ) -> Simulation:
     """Measure several runs with different trajectories.
 
@@ -134,6 +135,9 @@ def simulate(
     tracking : Tracking, optional
         The controller that follows the plans; without one the links follow them exactly.
 
+    on_progress : callable
+        Called with a few words before every run.
+
     Raises
     ------
     ValueError
@@ -144,6 +148,7 @@ def simulate(
     plans: list[Plan] = []
     recordings, motions, arms = [], [], []
     for run in range(n_runs):
+        on_progress(f"run {run} of {n_runs} made")
         rng = np.random.default_rng([seed, run])
         plan: Plan = (
             trajectories[run % len(trajectories)]

@@ -83,8 +83,7 @@ def _prepare(directory: Path, names: list[str], own_name: str, robot: bytes) -> 
     for name in (TRUTH_FILE, own_name, *names):
         check_replaceable(directory / name)
     try:
-        directory.mkdir(parents=True, exist_ok=True)
-        found = sorted(path.name for path in directory.iterdir())
+        found = sorted(path.name for path in directory.iterdir()) if directory.exists() else []
         own = (directory / own_name).read_bytes() if own_name in found else robot
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
