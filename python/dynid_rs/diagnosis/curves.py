@@ -55,7 +55,8 @@ def effect_plot(
     """
     j = effect.joints[0]
     at = [place for joint, place in places if joint == j]
-    columns = model.rows[j][:, np.searchsorted(model.places[j], at)]
+    column_of = {place: k for k, place in enumerate(model.places[j].tolist())}  # own unknowns come first: not in order
+    columns = model.rows[j][:, [column_of[place] for place in at]]
     torque = columns @ x[at]
     left = model.rows[j][:, -1] - model.rows[j][:, :-1] @ x[model.places[j]]
     signal, unit, values = _signal(found, effect, columns[:, 0])

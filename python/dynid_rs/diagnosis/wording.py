@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from dynid_rs.base.wording import concluded, is_better, kinds_said
+from dynid_rs.base.wording import concluded, in_families, is_better, kinds_said
 
 Result = Mapping[str, Any]
 
@@ -86,7 +86,7 @@ def verdict(result: Result) -> str:
     number = NUMBERS[len(found)] if len(found) < len(NUMBERS) else str(len(found))
     who = f"{number.capitalize()} effect{'s explain' if len(found) > 1 else ' explains'}"
     what = " what the declared model lacked" if share is None else f" {100 * share:.0f} % of what could be explained"
-    names = "; ".join(named(entry, joints) for entry in found)
+    names = "; ".join(named(family, joints) for family in in_families(found))
     return f"{who}{what}: {names}. {_change(result)}{_left(result)}"
 
 

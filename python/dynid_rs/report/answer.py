@@ -8,7 +8,7 @@ from typing import Any
 from dynid_rs.base.wording import concluded, is_better, kinds_said
 from dynid_rs.report.axes import signal_words
 from dynid_rs.report.families import Family, families, said, sentence
-from dynid_rs.report.text import capital, esc, join_words, percent, plural, ratio, short_names, with_code
+from dynid_rs.report.text import NBSP, capital, esc, join_words, percent, plural, ratio, short_names, with_code, words
 
 Result = Mapping[str, Any]
 
@@ -42,12 +42,12 @@ def _good(result: Result) -> str:
     with_effects = test["before"] != test["after"]
     others = [(name, _range(test[key], test["torque_std"])) for name, key in _rivals(with_effects)]
     compared = "; ".join(f"{name} {span}" for name, span in others if span)
-    text = f"On unseen runs it leaves <b>{left}</b> of each joint\u2019s torque ({compared})."
+    text = f"On unseen runs it leaves <b>{left}</b> of a joint\u2019s torque ({compared})."
     return text + _where_worse(result, with_effects)
 
 
 def _rivals(with_effects: bool) -> list[tuple[str, str]]:
-    rivals = [("declared model", "before")] if with_effects else []
+    rivals = [("declared", "before")] if with_effects else []
     return [*rivals, ("least squares", "wls")]
 
 
@@ -69,7 +69,7 @@ def _range(errors: Sequence[float | None], stds: Sequence[float | None]) -> str 
     if not shares:
         return None
     low, high = percent(min(shares)), percent(max(shares))
-    return low if low == high else f"{low} to {high}"
+    return low if low == high else f"{low.removesuffix(f'{NBSP}%')} to {high}"
 
 
 def _missing(result: Result) -> str:
@@ -138,36 +138,30 @@ def _next(result: Result, *, diagnosis: bool) -> str:
     missing = [f for f in result["data"].get("findings") or [] if f.get("code") == "signal_missing"]
     if missing:
         signals = _wished(missing)
-        wish = f" Recording <b>{esc(join_words(signals))}</b> too would test more effects." if signals else ""
-        return f'Use the model: <code>model.json</code> runs in the control loop.{wish} <a href="#sensors">Details</a>'
+        wish = f" To test more effects, record <b>{esc(join_words(signals))}</b> too." if signals else ""
+        return f'Use the model: <code>model.json</code>.{wish} <a href="#sensors">Details</a>'
     return "Nothing more to record: use <code>model.json</code> in the control loop."
 
 
-_WORDS = {"q_motor": "motor positions", "temperature": "joint temperatures", "torque": "torque in N\u00b7m"}
+_WISHED = {"q_motor": "motor positions", "temperature": "joint temperatures"}
 
 
 def _wished(findings: Sequence[Result]) -> list[str]:
-    columns = [f.get("column") for f in findings if f.get("column") in ("q_motor", "temperature")]
-    return [_WORDS[column] for column in dict.fromkeys(columns) if column]
+    columns = dict.fromkeys(f.get("column") for f in findings)
+    return [_WISHED[column] for column in columns if column in _WISHED]
 
 
 def _experiments(result: Result) -> list[str]:
-    """Experiments as the first screen says them; commands stand in their section."""
-    found = []
+    """Experiments as the first screen says them, the most telling first; commands stand in their section."""
+    others = [with_code(_plain(text, result)) for text in result.get("next_experiment") or []]
+    short = dict(zip(result["joints"], short_names(result["joints"]), strict=True))
+    ties = []
     for entry in result.get("effects") or []:
-        kinds = kinds_said(entry)
-        if entry.get("ties") and kinds:
-            joint = (
-                short_names(result["joints"])[result["joints"].index(entry["joints"][0])]
-                if entry["joints"][0] in result["joints"]
-                else entry["joints"][0]
-            )
-            rival = entry["ties"][0]["kind"].replace("_dependent_", "-dependent ").replace("_", " ")
-            name = (entry.get("told_as") or entry["kind"]).replace("_dependent_", "-dependent ").replace("_", " ")
-            found.append(f"Record a run that separates <b>{esc(name)}</b> from <b>{esc(rival)}</b> on {esc(joint)}.")
-    if found:
-        return found + [with_code(text) for text in (result.get("next_experiment") or [])[len(found) :]]
-    return [with_code(_plain(text, result)) for text in result.get("next_experiment") or []]
+        if entry.get("ties") and kinds_said(entry):
+            pair = (words(entry.get("told_as") or entry["kind"]), words(entry["ties"][0]["kind"]))
+            joint = short.get(entry["joints"][0], entry["joints"][0])
+            ties.append("Record a run that separates <b>{}</b> from <b>{}</b> on {}.".format(*map(esc, (*pair, joint))))
+    return [ties[0], *others[1:]] if ties else others
 
 
 def _plain(text: str, result: Result) -> str:

@@ -1,7 +1,7 @@
 """Before and after as one bar chart: errors on the test runs per joint, all on one scale.
 
-The chart is a list of HTML elements whose widths are percentages: it needs no script, its numbers are text, and it is as
-wide as the page. The table behind it has every number of the terminal's.
+The chart is a list of HTML elements whose widths are percentages: it needs no script, its numbers are text, and it is
+as wide as the page. The table behind it has every number of the terminal's.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ def bar_chart(result: Result) -> str:
     """HTML: weighted least squares, declared and after, per joint, with interval and floor, and the table behind."""
     rows, scale = _rows(result), _scale(result)
     parts = "".join(_joint(row, result, scale) for row in rows)
-    top = percent(scale)
-    axis = f'<div class="bar-axis" aria-hidden="true"><span>0</span><span>{percent(scale / 2)}</span><span>{top}</span></div>'
+    marks = f"<span>0</span><span>{percent(scale / 2)}</span><span>{percent(scale)}</span>"
+    axis = f'<div class="bar-axis" aria-hidden="true">{marks}</div>'
     return (
         f'<figure class="bars"><figcaption>{_key(result)}</figcaption>\n<ul>{parts}</ul>\n{axis}</figure>\n'
         f'<details class="behind"><summary>All numbers of this chart</summary>{_table(result, rows)}</details>'
@@ -92,7 +92,7 @@ def _scale(result: Result) -> float:
     ]
     own = max([largest("before"), largest("after"), largest("floor"), *ends])
     wls = largest("wls")
-    top = wls if wls <= OFF_SCALE * own or own == 0.0 else own
+    top = max(own, wls) if wls <= OFF_SCALE * own or own == 0.0 else own
     steps = (0.01, 0.02, 0.03, 0.04, 0.06, 0.08, 0.1, 0.12, 0.16, 0.2, 0.3, 0.4, 0.6, 0.8, 1.0, 1.2, 1.6, 2.0, 3.0)
     return next((step for step in steps if step >= top), top) or 1.0
 

@@ -5,7 +5,7 @@ const Charts = (() => {
   const root = document.documentElement;
   const decoded = new Map();
   const drawn = new Map();
-  const Y_AXIS = 58;
+  const Y_AXIS = 46;
   let run = 0;
 
   function array(key) {
@@ -92,7 +92,7 @@ const Charts = (() => {
       width, height: k * panel.height, series: series.shown, bands: series.bands, legend: { show: false },
       padding: [k * 8, k * 12, 0, 0],
       scales: { x: { time: false, range: panel.xrange && (() => panel.xrange) }, y: range ? { range } : {} },
-      axes: [x, axis(panel.y, k, { size: k * (Y_AXIS - 20), space: k * 34 })],
+      axes: [x, axis(panel.y, k, { size: k * Y_AXIS, space: k * 34 })],
       cursor: {
         sync: { key: figure.kind || element.dataset.figure, scales: ["x", null] },
         drag: { x: true, y: false, setScale: true }, y: false, points: { show: false },

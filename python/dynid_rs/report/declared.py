@@ -39,7 +39,8 @@ def _prior(result: Result) -> str:
         f"off by {percent(off['links'])}{rotors}. Of the {count(prior['n_directions'])} directions in which the file "
         f"says something the data determines {significant(prior['n_determined'], 2)}; it moved {count(far)} of "
         f"{count(len(moved))} base parameters by more than twice the prior's standard deviation.</p>\n"
-        f"<details><summary>How far the data moved each parameter</summary>{tables.table(head, rows, label='Prior and data')}</details>"
+        "<details><summary>How far the data moved each parameter</summary>"
+        f"{tables.table(head, rows, label='Prior and data')}</details>"
     )
 
 

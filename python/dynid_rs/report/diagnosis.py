@@ -27,12 +27,13 @@ def errors(result: Result) -> str:
     method = f" The noise is {esc(result['floor_method'])}." if result.get("floor_method") else ""
     missing = f" {DASH}: {NO_INTERVAL}." if lacks_interval(result) else ""
     return (
-        "<p>Root-mean-square torque error in percent of how much that joint\u2019s torque varies (its standard deviation), on "
-        "runs that neither fitting nor choosing has touched. Shorter is better.</p>\n"
+        "<p>Root-mean-square torque error in percent of how much that joint\u2019s torque varies (its standard "
+        "deviation), on runs that neither fitting nor choosing has touched. Shorter is better.</p>\n"
         f"{bars.bar_chart(result)}\n{_verdict(result)}{_worse(result)}"
-        '<p class="note">Weighted least squares: rigid body, Coulomb and viscous friction, fitted once. Declared model: '
-        "what the robot file and the options say, fitted before anything was added. A change has a colour only where "
-        f"its 95 % interval leaves no doubt; intervals allow for errors that depend on their neighbours in time.{method}{missing}</p>\n"
+        '<p class="note">Weighted least squares: rigid body, Coulomb and viscous friction, fitted once. Declared '
+        "model: what the robot file and the options say, fitted before anything was added. A change has a "
+        "colour only where its 95 % interval leaves no doubt; intervals allow for errors that depend on their "
+        f"neighbours in time.{method}{missing}</p>\n"
         f'<p class="note">Test: {file_names(data["test"])}. Train: {file_names(data["train"])}.</p>'
     )
 

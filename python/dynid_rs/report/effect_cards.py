@@ -48,8 +48,8 @@ def effect_cards(figures: Figures, result: Result) -> str:
     return (
         f'{body}<details class="small-effects"><summary><b>{plural(number, "effect")} that lower'
         f"{'s' if number == 1 else ''} no error by more than the noise</b></summary>\n"
-        "<p>The data shows them, but on the test runs the error is as large without them, as far as one can tell; or they "
-        f"lie above the band of frequencies in which errors are compared.</p>\n{inside}</details>"
+        "<p>The data shows them, but on the test runs the error is as large without them, as far as one can tell; or "
+        f"they lie above the band of frequencies in which errors are compared.</p>\n{inside}</details>"
     )
 
 
@@ -60,7 +60,8 @@ def _family(figures: Figures, result: Result, family: Family) -> str:
     return (
         f'<article class="family">\n<h3>{esc(capital(family.name))} '
         f'<span class="soft">on {esc(where(family.joints, result))}</span></h3>\n'
-        f'<p class="meaning">{meaning(kinds)}{_either(kinds)}</p>\n<div class="members">{members}</div></article>\n'
+        f'<p class="meaning">{meaning(kinds)}{_either(kinds)}</p>\n'
+        f'<div class="members{"" if several else " one"}">{members}</div></article>\n'
     )
 
 
@@ -79,8 +80,8 @@ def _member(figures: Figures, result: Result, family: Family, member: Member, *,
     figure = f"<figure>{drawn}</figure>" if drawn else f'<p class="note no-curve">{_no_curve(entry)}</p>'
     return (
         f'<section class="member" aria-label="{esc(capital(family.name))}, {esc(", ".join(entry["joints"]))}">{head}'
-        f"{_gain(result, member)}{figure}\n{_parameters(entry)}{note}"
-        f"{_neighbours(entry)}{_depends(entry, result)}</section>\n"
+        f'<div class="sure">{_gain(result, member)}</div>{figure}\n<div class="facts">{_parameters(entry)}'
+        f"{_depends(entry, result)}{_neighbours(entry)}{note}</div></section>\n"
     )
 
 
@@ -184,10 +185,11 @@ def _leftover(figures: Figures, result: Result, entry: Result, k: int) -> str:
         decision = "pays on runs left out and is in the model" if term["kept"] else "did not pay on runs left out"
         said = f'<p class="note">A data-driven term on these signals {decision}{error}.</p>'
     drawn = curves.curve(figures, f"left-{k}", entry.get("plot"), result, f"What is left on {entry['joint']}")
+    figure = f"<figure>{drawn}</figure>" if drawn else ""
     return (
         f'<section class="member" aria-label="Unknown on {esc(entry["joint"])}"><h3>{breakable(entry["joint"])} '
         f'<span class="soft">unknown</span></h3>\n<p class="gain">{"; ".join(facts)}</p>\n'
-        f"{f'<figure>{drawn}</figure>' if drawn else ''}{_dependence(entry.get('depends_on') or [], result)}{said}</section>\n"
+        f"{figure}{_dependence(entry.get('depends_on') or [], result)}{said}</section>\n"
     )
 
 

@@ -1,8 +1,8 @@
 """Effects as families: one entry per name, whatever the number of joints, and which of them matter.
 
 An effect matters if it lowers the error of a joint by more than the noise: the 95 % interval of the change on test runs
-lies below zero there. What was not measured on its own (a change of what the model is made of) matters, for nothing says
-that it does not; what lies above the band in which errors are compared does not.
+lies below zero there. What was not measured on its own (a change of what the model is made of) matters, for nothing
+says that it does not; what lies above the band in which errors are compared does not.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ def _grouped(members: Any) -> list[Family]:
 
 
 def effect_name(entry: Result) -> str:
-    """`friction hysteresis`; `stribeck or torque ripple` of one that is either; `unknown effect` of one without a name."""
+    """`stribeck`; `stribeck or torque ripple` of one that is either; `unknown effect` of one without a name."""
     return join_words([words(kind) for kind in kinds_said(entry)], "or") or UNKNOWN
 
 

@@ -1,8 +1,8 @@
 """Figures of the page: what stands on which axis, and the arrays that they share.
 
-A figure is a list of panels over one another, a panel a list of series. Colours are names that ``charts.js`` looks up in
-the style sheet, so that they follow the light or dark scheme; arrays are names that stand once, as base64, in a pool.
-Texts are drawn on a canvas or set as text, never as markup.
+A figure is a list of panels over one another, a panel a list of series. Colours are names that ``charts.js`` looks up
+in the style sheet, so that they follow the light or dark scheme; arrays are names that stand once, as base64, in a
+pool. Texts are drawn on a canvas or set as text, never as markup.
 """
 
 from __future__ import annotations

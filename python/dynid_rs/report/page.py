@@ -78,7 +78,8 @@ def _body(head: str, answer: list[tuple[str, str, str]], folded: list[tuple[str,
 
 def _section(key: str, title: str, html: str, *, folded: bool = False) -> str:
     if folded:
-        return f'<section class="folded"><details id="{key}"><summary><h2>{title}</h2></summary>\n{html}</details></section>\n'
+        head = f'<details id="{key}"><summary><h2>{title}</h2></summary>'
+        return f'<section class="folded">{head}\n{html}</details></section>\n'
     return f'<section id="{key}"><h2>{title}</h2>\n{html}</section>\n'
 
 

@@ -31,9 +31,10 @@ def head(result: Result, *, diagnosis: bool) -> str:
     """Robot, the three questions with their answers, and what the runs were."""
     data, samples = result["data"], result["data"].get("n_samples") or {}
     what = "What the torque model lacks" if diagnosis else "Identified torque model"
+    train, test = plural(len(data["train"]), "training run"), plural(len(data["test"]), "test run")
     runs = (
-        f"{plural(len(result['joints']), 'joint')}, {plural(len(data['train']), 'training run')} "
-        f"({count(samples.get('train'))} samples), {plural(len(data['test']), 'test run')} ({count(samples.get('test'))})"
+        f"{plural(len(result['joints']), 'joint')}, {train} ({count(samples.get('train'))} samples), "
+        f"{test} ({count(samples.get('test'))})"
     )
     return (
         f'<p class="eyebrow">{what}</p>\n<h1>{esc(result["robot"])}</h1>\n'
@@ -62,8 +63,8 @@ def errors(result: Result) -> str:
     missing = f" {DASH}: {NO_INTERVAL}." if lacks_interval(result) else ""
     verdict = f'<p class="verdict">{esc(result["verdict"])}</p>\n' if result.get("verdict") else ""
     return (
-        "<p>Root-mean-square torque error in percent of how much that joint\u2019s torque varies (its standard deviation), on "
-        "the test runs only. Nothing here was used for fitting. Shorter is better.</p>\n"
+        "<p>Root-mean-square torque error in percent of how much that joint\u2019s torque varies (its standard "
+        "deviation), on the test runs only. Nothing here was used for fitting. Shorter is better.</p>\n"
         f"{bars.bar_chart(result)}\n{verdict}"
         '<p class="note">Weighted least squares: rigid body, Coulomb and viscous friction, fitted once. '
         "Three loops: friction, link dynamics and residual, repeated until nothing changes. The interval allows for "
@@ -128,7 +129,8 @@ def torque(figures: Figures, source: Source) -> str:
     )
     return (
         f"<p>{name}, filtered to the band that was identified."
-        '<span class="mouse"> Drag to zoom all joints together, double-click to go back; or the keys + \u2212 0 and the arrows.</span>'
+        '<span class="mouse"> Drag to zoom all joints together, double-click to go back; '
+        "or the keys + \u2212 0 and the arrows.</span>"
         f"{hidden}{short}</p>\n"
         f'<fieldset class="terms"><legend>Curves</legend>{boxes}{picker}</fieldset>\n{grid}'
     )
@@ -159,7 +161,12 @@ def velocity(figures: Figures, source: Source) -> str:
     result = source.result
     n_points, n_samples = plots.add_velocity_plots(figures, source)
     plots.add_noise_plots(figures, source)
-    unit = unit_text(result["torque_unit"])
+    speed = f"friction and residual [{unit_text(result['torque_unit'])}] over joint velocity"
+    memory = "autocorrelation of the residual over lag, and its distribution"
+    above, below = (
+        _grid(result, key, lambda j: "", lambda j, text=text: text, "small")
+        for key, text in (("velocity", speed), ("noise", memory))
+    )
     few = f" Dots: {count(n_points)} of {count(n_samples)} samples, chosen at random." if n_points < n_samples else ""
     return (
         "<p>Above: measured torque minus everything but friction (dots), and the identified friction "
@@ -167,10 +174,10 @@ def velocity(figures: Figures, source: Source) -> str:
         "Below: the residual (dots) and its mean (red). A red line that leaves zero, most often near "
         "zero velocity, is friction "
         f"that the model lacks.{few}</p>\n"
-        f"{_grid(result, 'velocity', lambda j: '', lambda j: f'friction and residual [{unit}] over joint velocity', 'small')}\n"
+        f"{above}\n"
         "<details><summary>Is the residual noise? Its memory and its distribution</summary>\n"
         "<p>Noise forgets at once: its autocorrelation drops to zero within the filter's own memory, and "
         "its distribution follows the dotted "
         "normal curve. A slow decay or a wave is something a model could still learn.</p>\n"
-        f"{_grid(result, 'noise', lambda j: '', lambda j: 'autocorrelation of the residual over lag, and its distribution', 'small')}</details>"
+        f"{below}</details>"
     )

@@ -38,7 +38,8 @@ def table(
     title = f"<caption>{caption}</caption>" if caption else ""
     headings = "".join(cell if cell.startswith("<th") else f'<th scope="col">{cell}</th>' for cell in head)
     return (
-        f'<div class="scroll" tabindex="0" role="group" aria-label="{label}"><table class="{kind}">{title}<thead><tr>{headings}</tr></thead>\n'
+        f'<div class="scroll" tabindex="0" role="group" aria-label="{label}"><table class="{kind}">'
+        f"{title}<thead><tr>{headings}</tr></thead>\n"
         f"<tbody>\n{body}</tbody></table></div>"
     )
 
