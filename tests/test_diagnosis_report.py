@@ -16,6 +16,7 @@ from dynid_rs.base.wording import NO_INTERVAL
 from dynid_rs.report import write_report
 from dynid_rs.report.bars import bar_chart
 from dynid_rs.report.families import families
+from dynid_rs.report.text import typeset
 
 
 def make_diagnosis(n_joints: int) -> dict[str, Any]:
@@ -123,8 +124,8 @@ def test_a_change_has_its_interval_and_what_cannot_be_said_is_a_dash(tmp_path: P
     result["rmse"]["test"]["change_interval"] = [[-0.5, -0.25], [-0.1, 0.2], None]
     said = re.findall(r'<span class="change (\w+)">(.*?)</span></div>', bar_chart(result))
     assert [style for style, _ in said] == ["better", "soft", "soft"]  # the second may be none, the third is not known
-    assert "\u221250\u00a0% to \u221225\u00a0%" in said[0][1]
-    assert "\u221210\u00a0% to +20\u00a0%" in said[1][1]
+    assert "\u221250 to \u221225\u00a0%" in said[0][1]
+    assert "\u221210 to +20\u00a0%" in said[1][1]
     assert " to " not in said[2][1]
     _, page = page_of(tmp_path, result)
     assert NO_INTERVAL in page.text
@@ -204,6 +205,32 @@ def test_without_an_interval_of_the_change_the_error_s_own_decides() -> None:
     for before, matters in ((1.1 * after, False), (1.3 * after, True)):
         entry |= {"rmse_test_before": [before, 1.0, 1.0], "rmse_test_after": [after, 1.0, 1.0]}
         assert bool(families(result | {"effects": [entry]})[0]) == matters
+
+
+def test_the_page_has_every_number_of_the_terminal(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Made odd, so that none is there by chance; print differs in its minus sign, its spaces and its powers of ten."""
+    from dynid_rs.commands._diagnose_view import show
+
+    result = make_diagnosis(3)
+    test = result["rmse"]["test"]
+    for k, key in enumerate(("wls", "before", "after")):
+        test[key] = [0.08137 + 0.01 * k, 12.3456 + k, 4567.89 + 10 * k]
+    test["after_interval"] = [[0.0731, 0.1234], [11.11, 15.678], None]
+    test["change_interval"] = [[-0.231, 0.0456], [-0.5123, -0.2345], None]
+    test["floor"] = [3.21e-6, 7.0, None]
+    result["effects"][0]["parameters"][0] |= {"value": -0.00098765}
+    show(result, tmp_path)
+    printed = capsys.readouterr().out.partition("RMSE")[2].partition("report:")[0]
+    table = [line for line in printed.splitlines() if line.startswith("\u2502")]
+    sizes = [line for line in printed.splitlines() if re.match(r"\d+\. |unexplained", line)]
+    assert len(table) == 3
+    assert len(sizes) >= 4
+    numbers = {n for line in table for n in re.findall(r"(?<![\w.])[-+]?\d[\d.]*(?:e[-+]\d+)?(?: %)?", line)}
+    numbers |= {n for line in sizes for n in re.findall(r" ([-+]?\d+\.\d+(?:e[-+]\d+)?)", line)}
+    assert {"0.0914", "0.0731", "-51", "-23 %", "3.21e-06", "4578", "-0.000988"} <= numbers
+    text = page_of(tmp_path, result)[1].text
+    missing = [n for n in numbers if typeset(n).replace("\u00a0", " ") not in text.replace("\u00a0", " ")]
+    assert missing == []
 
 
 def test_a_family_stands_once_with_all_its_joints(tmp_path: Path) -> None:

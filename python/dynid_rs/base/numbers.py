@@ -44,8 +44,11 @@ def interval(bounds: Sequence[float] | None, digits: int = 3) -> str:
 
 
 def percent_interval(bounds: Sequence[float] | None) -> str:
-    """Interval of a change: -79 % to -56 %."""
-    return DASH if bounds is None else " to ".join(percent(bound, signed=True) for bound in bounds)
+    """Interval of a change: -79 to -56 %."""
+    if bounds is None:
+        return DASH
+    low, high = (percent(bound, signed=True) for bound in bounds)
+    return f"{low.removesuffix(' %')} to {high}"
 
 
 def change(after: float | None, before: float | None) -> str:

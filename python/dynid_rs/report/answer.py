@@ -131,7 +131,7 @@ def _next(result: Result, *, diagnosis: bool) -> str:
         return f"Mend the data: {esc(_cut(bad[0]['message']))}"
     sentences = _experiments(result)
     if sentences:
-        more = f' <a href="#next">{plural(len(sentences) - 1, "more")}</a>' if len(sentences) > 1 else ""
+        more = f' <a href="#next">{len(sentences) - 1} more</a>' if len(sentences) > 1 else ""
         return sentences[0] + more
     if not diagnosis:
         return "Look for what the model lacks: <code>dynid diagnose</code> with the same robot and runs."

@@ -90,7 +90,7 @@ const Charts = (() => {
     const range = panel.range && (() => panel.range);
     return {
       width, height: k * panel.height, series: series.shown, bands: series.bands, legend: { show: false },
-      padding: [k * 8, k * 12, 0, 0],
+      padding: [k * 8, k * 20, 0, 0],
       scales: { x: { time: false, range: panel.xrange && (() => panel.xrange) }, y: range ? { range } : {} },
       axes: [x, axis(panel.y, k, { size: k * Y_AXIS, space: k * 34 })],
       cursor: {
