@@ -16,8 +16,8 @@ from test_identify import FILES, validator
 from tolerances import ALGEBRAIC
 
 from dynid_rs import TorqueModel
-from dynid_rs.base.numbers import significant
 from dynid_rs.base.findings import Finding
+from dynid_rs.base.numbers import significant
 from dynid_rs.base.wording import NO_INTERVAL
 from dynid_rs.commands._diagnose_view import show
 from dynid_rs.diagnosis.availability import missing_signals
@@ -141,7 +141,7 @@ def test_least_squares_stand_beside_both_models_and_what_is_worse_is_said(tmp_pa
     assert "Worse than the simplest" not in capsys.readouterr().out
     assert "Worse than the simplest" not in report_diagnosis.errors(result)
     page = report_diagnosis.errors(result)
-    assert page.index("Weighted least squares") < page.index("Before") < page.index("After")
+    assert page.index("Weighted least squares") < page.index("Declared <") < page.index("With the effects found <")
 
 
 def test_clean_data_is_a_good_answer(tmp_path, search):

@@ -9,7 +9,7 @@ from typing import Any
 import made_diagnosis
 import numpy as np
 import pytest
-from test_report import HOSTILE, Page, data_of, make_result, make_table, write_inputs
+from test_report import HOSTILE, Page, array_of, data_of, make_result, make_table, write_inputs
 
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.wording import NO_INTERVAL
@@ -134,14 +134,12 @@ def test_a_change_has_its_interval_and_what_cannot_be_said_is_a_dash(tmp_path: P
 
 
 def test_dots_curve_and_interval_reach_the_page(tmp_path: Path) -> None:
-    import base64
-
     result = make_diagnosis(2)
     source, _ = page_of(tmp_path, result)
     data = data_of(source)
 
     def array(name: str) -> np.ndarray:
-        return np.frombuffer(base64.b64decode(data["arrays"][name]), dtype="<f4")
+        return array_of(source, name)
 
     plot = result["effects"][0]["plot"]
     (panel,) = data["figures"]["effect-0"]["panels"]
@@ -180,6 +178,19 @@ def test_axes_say_quantity_and_unit(
     plot |= {"value_unit": "rad"} if quantity == "deflection" else {}
     (panel,) = data_of(page_of(tmp_path, result)[0])["figures"]["effect-0"]["panels"]
     assert (panel["x"], panel["y"]) == axes
+
+
+def test_small_angles_are_drawn_in_thousandths(tmp_path: Path) -> None:
+    result = make_diagnosis(2)
+    plot = result["effects"][0]["plot"]
+    for key in ("x", "curve_x"):
+        plot[key] = [0.004 * value for value in plot[key]]
+    plot |= {"signal": "way_joint_0", "unit": "rad", "quantity": "friction_torque"}
+    source, _ = page_of(tmp_path, result)
+    (panel,) = data_of(source)["figures"]["effect-0"]["panels"]
+    assert panel["x"] == "way since the joint last turned round [mrad]"
+    drawn = array_of(source, panel["series"][-1]["x"])
+    np.testing.assert_allclose(drawn, 1e3 * np.array(plot["curve_x"]), rtol=1e-6)
 
 
 def test_effects_below_the_noise_are_folded_away() -> None:

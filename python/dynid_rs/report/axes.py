@@ -32,6 +32,9 @@ QUANTITIES = {
     "deflection": "motor minus link angle",
 }
 """What a curve shows, by the word that ``result.json`` has for it."""
+_VALUES = ("partial", "curve", "curve_low", "curve_high", "mean")
+_THOUSANDTHS = {"rad": "mrad", "m": "mm"}
+_SMALL = 0.05
 _PRISMATIC = {"q": "position", "q_motor": "motor position", "way": _SIGNALS["way"]}
 
 
@@ -40,20 +43,30 @@ def signal_name(signal: str, joints: Sequence[str], unit: str | None = None) -> 
     for joint in sorted(joints, key=len, reverse=True):
         name = signal.removesuffix(f"_{joint}")
         if name != signal and name in _SIGNALS:
-            return (_PRISMATIC if unit == "m" else {}).get(name, _SIGNALS[name]), joint
+            return (_PRISMATIC if unit in ("m", "mm") else {}).get(name, _SIGNALS[name]), joint
     return _SIGNALS.get(signal, words(signal)), ""
 
 
-def signal_words(signal: str, joints: Sequence[str]) -> str:
-    """``dq_joint_2`` as `speed of joint_2`."""
+def signal_words(signal: str, joints: Sequence[str], short: Mapping[str, str] | None = None) -> str:
+    """``dq_joint_2`` as `speed of joint_2`; `short`: joints as they are called where there is little room."""
     name, joint = signal_name(signal, joints)
-    return f"{name} of {joint}" if joint else name
+    return f"{name} of {(short or {}).get(joint, joint)}" if joint else name
 
 
-def axis_labels(plot: Mapping[str, Any], joints: Sequence[str], torque_unit: str) -> tuple[str, str]:
+def axis_labels(plot: Mapping[str, Any], joints: Sequence[str]) -> tuple[str, str]:
     """Labels of both axes of an effect's curve."""
     name, joint = signal_name(plot["signal"], joints, plot.get("unit"))
     where = f" of {joint}" if joint and joint != plot.get("joint", joint) else ""
     quantity = QUANTITIES.get(plot.get("quantity") or "torque", "torque")
-    unit = unit_text(plot.get("value_unit") or torque_unit)
-    return label(name + where, unit_text(plot.get("unit"))), label(quantity, unit)
+    return label(name + where, unit_text(plot.get("unit"))), label(quantity, unit_text(plot["value_unit"]))
+
+
+def readable(plot: Mapping[str, Any], torque_unit: str) -> dict[str, Any]:
+    """The plot in units whose numbers are easy to read: small angles and ways in thousandths."""
+    shown = {**plot, "value_unit": plot.get("value_unit") or torque_unit}
+    for unit, keys in (("unit", ("x", "curve_x")), ("value_unit", _VALUES)):
+        largest = max((abs(value) for key in keys for value in plot.get(key) or []), default=0.0)
+        if shown.get(unit) in _THOUSANDTHS and largest < _SMALL:
+            shown |= {key: [1e3 * value for value in plot[key]] for key in keys if plot.get(key)}
+            shown[unit] = _THOUSANDTHS[shown[unit]]
+    return shown

@@ -78,6 +78,13 @@ const Charts = (() => {
     };
   }
 
+  // As wide as the longest number; never narrower than most are, so that charts stand under one another.
+  function wide(u, values, k) {
+    u.ctx.font = `${k * 12}px ${getComputedStyle(document.body).fontFamily}`;
+    const longest = Math.max(0, ...(values ?? []).map((text) => u.ctx.measureText(text).width));
+    return Math.max(k * Y_AXIS, Math.ceil(longest + k * 14));
+  }
+
   function options(element, panel, series, width, k) {
     const marks = panel.ticks;
     const x = axis(panel.x, k, { size: k * (panel.x ? 30 : 22), space: k * 56 });
@@ -92,7 +99,7 @@ const Charts = (() => {
       width, height: k * panel.height, series: series.shown, bands: series.bands, legend: { show: false },
       padding: [k * 8, k * 20, 0, 0],
       scales: { x: { time: false, range: panel.xrange && (() => panel.xrange) }, y: range ? { range } : {} },
-      axes: [x, axis(panel.y, k, { size: k * Y_AXIS, space: k * 34 })],
+      axes: [x, axis(panel.y, k, { size: (u, values) => wide(u, values, k), space: k * 34 })],
       cursor: {
         sync: { key: figure.kind || element.dataset.figure, scales: ["x", null] },
         drag: { x: true, y: false, setScale: true }, y: false, points: { show: false },

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from dynid_rs.report.axes import axis_labels
+from dynid_rs.report.axes import axis_labels, readable
 from dynid_rs.report.figures import Figures, panel, place, series
 from dynid_rs.report.tables import cell, table
 from dynid_rs.report.text import esc, interval, significant
@@ -25,7 +25,8 @@ def curve(figures: Figures, key: str, plot: Result | None, result: Result, name:
     """
     if not plot or not (plot["x"] or plot.get("curve_x")):
         return ""
-    x, y = axis_labels(plot, result["joints"], result["torque_unit"])
+    plot = readable(plot, result["torque_unit"])
+    x, y = axis_labels(plot, result["joints"])
     drawn = [*_points(figures, key, plot), *_line(figures, key, plot)]
     figures.add(key, [panel(x, y, drawn, height=250)])
     label = f"{name}{f' on {where}' if where else ''}: {y} over {x}. {_summary(plot)}"

@@ -87,7 +87,7 @@ def _member(figures: Figures, result: Result, family: Family, member: Member, *,
 
 def _no_curve(entry: Result) -> str:
     if len(entry["joints"]) > 1:
-        return "It acts on several joints at once through the whole model; no single signal can show it as a curve."
+        return "It acts on several joints at once: no single signal shows it as a curve."
     return "It changes what the model is made of; its size is below, what it brings is in the chart of errors."
 
 
@@ -119,7 +119,7 @@ def _parameters(entry: Result) -> str:
     several = len(entry["joints"]) > 1
     rows = [
         [
-            esc(words(p["name"])) + (f" ({esc(p['joint'])})" if several and p.get("joint") else ""),
+            esc(words(p["name"])) + (f" ({breakable(p['joint'])})" if several and p.get("joint") else ""),
             cell(esc(with_unit(significant(p["value"]), p.get("unit"))), "num main"),
             cell(interval(p.get("interval")), "num soft"),
         ]

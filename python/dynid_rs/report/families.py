@@ -82,7 +82,8 @@ def said(family: Family, result: Result) -> str:
     if not family.unknown:
         return text
     signals = [d["signal"] for m in family.members for d in m.entry.get("depends_on") or [] if d.get("direct", True)]
-    named = list(dict.fromkeys(signal_words(signal, result["joints"]) for signal in signals))
+    short = dict(zip(result["joints"], short_names(result["joints"]), strict=True))
+    named = list(dict.fromkeys(signal_words(signal, result["joints"], short) for signal in signals))
     return f"{text} (follows the {join_words(named)})" if 0 < len(named) <= 2 else text
 
 
