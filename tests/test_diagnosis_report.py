@@ -180,6 +180,27 @@ def test_axes_say_quantity_and_unit(
     assert (panel["x"], panel["y"]) == axes
 
 
+@pytest.mark.parametrize(("kind", "name"), [("torque_delay", "delay"), ("torque_gain", "gain")])
+def test_what_the_torque_channel_does_is_drawn_from_the_residuals(tmp_path: Path, kind: str, name: str) -> None:
+    """The line has the slope that was found, and the mean of the data lies on it where the model leaves noise."""
+    result = make_diagnosis(2)
+    size = {"name": name, "value": 0.02, "unit": "s", "interval": [0.015, 0.025]}
+    result["effects"][1] |= {"kind": kind, "parameters": [size], "ties": [], "joints": ["joint_0"]}
+    table = make_residuals(2)
+    table["residual_0"] = np.random.default_rng(0).normal(0.0, 0.01, len(table["t"]))
+    source = write_report(write_inputs(tmp_path, result, table)).read_text("utf-8")
+    (panel,) = data_of(source)["figures"]["effect-1"]["panels"]
+    axes = {"torque_delay": "rate of the torque [N\u00b7m/s]", "torque_gain": "motor torque [N\u00b7m]"}
+    assert (panel["x"], panel["y"]) == (axes[kind], "torque [N\u00b7m]")
+    _, band, means, line = panel["series"]
+    x, y = array_of(source, line["x"]), array_of(source, line["y"])
+    slope = -0.02 if kind == "torque_delay" else 0.02
+    np.testing.assert_allclose(y, slope * x, rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(array_of(source, means["y"]), y, atol=0.01)
+    low, high = array_of(source, band["low"]), array_of(source, band["high"])
+    np.testing.assert_allclose(high - low, 0.01 * np.abs(x), rtol=1e-4, atol=1e-6)
+
+
 def test_small_angles_are_drawn_in_thousandths(tmp_path: Path) -> None:
     result = make_diagnosis(2)
     plot = result["effects"][0]["plot"]

@@ -11,6 +11,7 @@ import hashlib
 from importlib.resources import files
 
 from dynid_rs.report import declared, diagnosis, explanations, sections
+from dynid_rs.report.channel_plots import with_channel_plots
 from dynid_rs.report.figures import Figures
 from dynid_rs.report.source import Source
 from dynid_rs.report.text import esc
@@ -40,7 +41,7 @@ def _identified(figures: Figures, source: Source) -> str:
 
 def _diagnosis(figures: Figures, source: Source) -> str:
     """Body of the page of `dynid diagnose`: the answer first, everything else folded."""
-    result = source.result
+    result = with_channel_plots(source)
     parts = [
         ("errors", "Before and after", diagnosis.errors(result)),
         ("effects", "What was missing", diagnosis.effects(figures, result)),
