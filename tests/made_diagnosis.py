@@ -49,6 +49,9 @@ def plot(signal, seed=0, n=200):
         "partial": (curve(x) + rng.normal(0, 0.3, n)).tolist(),
         "curve_x": curve_x.tolist(),
         "curve": curve(curve_x).tolist(),
+        "curve_low": (curve(curve_x) - 0.1).tolist(),
+        "curve_high": (curve(curve_x) + 0.1).tolist(),
+        "mean": (curve(curve_x) + rng.normal(0, 0.05, len(curve_x))).tolist(),
     }
 
 

@@ -35,7 +35,7 @@ ROOMS = {
 """Rooms from the ground up, and what each may import of the package besides itself and the compiled module."""
 GROUND = {"base", "runs"}
 """Runs and files: quick to import, without any identification."""
-HEAVY = {"sklearn", "plotly", "typer", "rich"}
+HEAVY = {"sklearn", "typer", "rich"}
 """Libraries that nobody on the ground needs."""
 
 DENIED = {

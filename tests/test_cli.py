@@ -75,7 +75,7 @@ def test_wrong_use(arguments, words, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("asked", ["--help", "--version"])
 def test_what_needs_no_numbers_starts_without_their_libraries(asked):
-    heavy = ("numpy", "scipy", "sklearn", "pyarrow", "plotly")
+    heavy = ("numpy", "scipy", "sklearn", "pyarrow")
     code = (
         f"import sys; sys.argv = ['dynid', {asked!r}]\n"
         "from dynid_rs.cli import main\n"

@@ -17,6 +17,7 @@ from tolerances import ALGEBRAIC
 
 from dynid_rs import TorqueModel
 from dynid_rs.base.findings import Finding
+from dynid_rs.base.numbers import significant
 from dynid_rs.base.wording import NO_INTERVAL
 from dynid_rs.commands._diagnose_view import show
 from dynid_rs.diagnosis.availability import missing_signals
@@ -106,7 +107,7 @@ def test_a_change_has_its_interval_and_what_cannot_be_said_is_a_dash(tmp_path, s
         line for line in capsys.readouterr().out.splitlines() if any(f"\u2502 {joint} " in line for joint in JOINTS)
     ]
     cells = [[cell.strip() for cell in row.strip("\u2502").split("\u2502")] for row in rows]
-    assert [row[4] for row in cells] == ["1 - 2", "3 - 4", "-"]
+    assert [row[4] for row in cells] == ["1.00 to 2.00", "3.00 to 4.00", "-"]
     assert [row[6] for row in cells] == ["-20 to +10 %", "-50 to -40 %", "-"]
     show(result, tmp_path)
     assert f"-: {NO_INTERVAL[:60]}" in capsys.readouterr().out
@@ -126,7 +127,7 @@ def test_least_squares_stand_beside_both_models_and_what_is_worse_is_said(tmp_pa
     for j, joint in enumerate(JOINTS):
         (row,) = (line for line in out.splitlines() if f"\u2502 {joint} " in line)
         cells = [cell.strip() for cell in row.strip("\u2502").split("\u2502")]
-        assert cells[1:4] == [f"{test[key][j]:.3g}" for key in ("wls", "before", "after")]
+        assert cells[1:4] == [significant(test[key][j]) for key in ("wls", "before", "after")]
     assert "WLS" in out
     assert "before" in out
     sentence = (
@@ -140,7 +141,7 @@ def test_least_squares_stand_beside_both_models_and_what_is_worse_is_said(tmp_pa
     assert "Worse than the simplest" not in capsys.readouterr().out
     assert "Worse than the simplest" not in report_diagnosis.errors(result)
     page = report_diagnosis.errors(result)
-    assert page.index("Weighted least squares") < page.index("Before") < page.index("After")
+    assert page.index("Weighted least squares") < page.index("Declared <") < page.index("With the effects found <")
 
 
 def test_clean_data_is_a_good_answer(tmp_path, search):

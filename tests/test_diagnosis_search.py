@@ -155,7 +155,12 @@ def test_two_effects_are_found_and_the_error_is_near_the_noise(mixed, found, noi
         for parameter in entry["parameters"]:
             low, high = parameter["interval"]
             assert low < parameter["value"] < high
-        assert len(entry["plot"]["x"]) == len(entry["plot"]["partial"])
+        plot, change = entry["plot"], entry["rmse_test_change_interval"][at]
+        assert len(plot["x"]) == len(plot["partial"])
+        assert plot["quantity"] == "friction_torque"
+        assert np.corrcoef(plot["mean"], plot["curve"])[0, 1] > 0.95
+        assert np.all(np.array(plot["curve_low"]) <= plot["curve_high"])
+        assert change is None or change[1] < 0
     assert np.any(before > 5 * noise)
 
 

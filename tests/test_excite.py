@@ -2,6 +2,7 @@
 
 import json
 
+import chromium
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -142,15 +143,21 @@ def test_the_page_stands_alone(design):
     assert set(data["figures"]) == {
         f"{name}-{j}" for name in ("position", "velocity", "acceleration") for j in range(3)
     }
-    used = {
-        value[1:]
-        for figure in data["figures"].values()
-        for trace in figure["traces"]
-        for value in (trace["x"], trace["y"])
-    }
-    assert used <= set(data["arrays"])
+    drawn = [line for figure in data["figures"].values() for panel in figure["panels"] for line in panel["series"]]
+    assert len(drawn) == 27
+    assert {value for line in drawn for value in (line["x"], line["y"])} == set(data["arrays"])
     before_scripts = page.split("<script")[0]
     assert "http" not in before_scripts.replace("http-equiv", "")
+
+
+@pytest.mark.parametrize(("width", "scheme"), [(1280, "light"), (390, "dark")])
+def test_the_page_keeps_nobody_out(design, width, scheme):
+    with chromium.opened() as browser:
+        sight = chromium.Sight(browser, design[0] / "traj.html", width=width, height=800, scheme=scheme)
+        sight.unfold()
+        assert sight.violations() == []
+        assert sight.too_wide() == []
+        assert sight.faults == []
 
 
 def test_json_and_files_say_the_same(design, tmp_path):

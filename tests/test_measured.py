@@ -23,11 +23,16 @@ from test_identify import validator
 
 
 @functools.cache
-def answer(name):
-    """result.json of a set, diagnosed once per session."""
+def diagnosed(name):
+    """result.json of a set and bytes of its report, diagnosed once per session."""
     data_folder()
     with tempfile.TemporaryDirectory() as folder:
-        return SETS[name].answer("diagnose", Path(folder) / "out")
+        result = SETS[name].answer("diagnose", Path(folder) / "out")
+        return result, (Path(folder) / "out" / "report.html").stat().st_size
+
+
+def answer(name):
+    return diagnosed(name)[0]
 
 
 @pytest.mark.parametrize("name", SETS)
@@ -69,6 +74,27 @@ def test_the_ur10e_s_names():
         assert ("friction_hysteresis", joint) in named
     assert not [f for f in result["data"]["findings"] if f["severity"] == "error" or f["code"] == "contact"]
     assert not any("delay" in effect["kind"] or "gain" in effect["kind"] for effect in result["effects"])
+
+
+def test_the_ur10e_s_load_friction_is_drawn_as_it_acts():
+    """Friction over the load is a V: none without a load, in the direction of motion on both sides."""
+    result = answer("ur10e")
+    effects = [
+        effect for effect in result["effects"] if effect["kind"] in ("load_dependent_friction", "load_hysteresis")
+    ]
+    assert effects
+    for effect in effects:
+        plot = effect["plot"]
+        load, friction = np.abs(plot["curve_x"]), np.array(plot["curve"])
+        assert np.all(friction[load > 0.5 * load.max()] > 0)
+        assert np.corrcoef(load, friction)[0, 1] > 0.95
+        assert np.corrcoef(plot["mean"], friction)[0, 1] > 0.95  # and the data say so
+
+
+def test_the_ur10e_s_report_is_small():
+    _, size = diagnosed("ur10e")
+    print(size)
+    assert size <= 1_500_000
 
 
 def test_the_kuka_s_encoders_are_on_two_clocks():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -30,6 +30,15 @@ def kinds_said(effect: Mapping[str, Any]) -> list[str]:
         return [effect["kind"]]
     others = dict.fromkeys(tie["kind"] for tie in effect.get("ties") or ())
     return [effect["told_as"], *others] if others else []
+
+
+def in_families(effects: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """One entry per name, in the order of its first: that one, with every joint on which another of its name acts."""
+    found: dict[tuple[str, ...], dict[str, Any]] = {}
+    for effect in effects:
+        first = found.setdefault(tuple(sorted(kinds_said(effect))), {**effect, "joints": []})
+        first["joints"] = list(dict.fromkeys([*first["joints"], *effect["joints"]]))
+    return list(found.values())
 
 
 def lacks_interval(result: Mapping[str, Any]) -> bool:

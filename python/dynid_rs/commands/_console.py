@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from rich.console import Console
@@ -29,11 +29,6 @@ def console() -> Console:
     plain = _Console(highlight=False, color_system=None, width=_WIDTH)
     terminal = _Console(highlight=False)
     return terminal if terminal.file.isatty() else plain
-
-
-def interval(bounds: Sequence[float] | None) -> str:
-    """Cell of a table: both ends, or a dash where nothing can be said."""
-    return "-" if bounds is None else f"{bounds[0]:.3g} - {bounds[1]:.3g}"
 
 
 @contextmanager

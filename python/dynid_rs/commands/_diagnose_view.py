@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from rich.table import Table
 from rich.text import Text
 
+from dynid_rs.base.numbers import change, interval, percent, percent_interval, significant
 from dynid_rs.base.quoting import shown
 from dynid_rs.base.wording import NO_INTERVAL, lacks_interval, worse_than_least_squares
-from dynid_rs.commands._console import console, interval
+from dynid_rs.commands._console import console
 from dynid_rs.commands._identify_view import with_file
 from dynid_rs.diagnosis.wording import effect_words, tie_words, unexplained_words
 from dynid_rs.report import REPORT_FILE
@@ -47,16 +47,11 @@ def _errors(result: dict[str, Any]) -> Table:
         table.add_column(heading, justify="right")
     for j, joint in enumerate(result["joints"]):
         before, after, floor = test["before"][j], test["after"][j], test["floor"][j]
-        change = f"{100 * (after / before - 1):+.0f} %" if before > 0 else "-"
-        bounds = interval(test["after_interval"][j]), _percent(test["change_interval"][j])
-        numbers = (f"{test['wls'][j]:.3g}", f"{before:.3g}", f"{after:.3g}", bounds[0], change, bounds[1])
-        table.add_row(Text(shown(joint)), *numbers, "unknown" if floor is None else f"{floor:.3g}")
+        errors = (significant(error) for error in (test["wls"][j], before, after))
+        moved = change(after, before), percent_interval(test["change_interval"][j])
+        left = "unknown" if floor is None else significant(floor)
+        table.add_row(Text(shown(joint)), *errors, interval(test["after_interval"][j]), *moved, left)
     return table
-
-
-def _percent(bounds: Sequence[float] | None) -> str:
-    """Interval of a change, in percent."""
-    return "-" if bounds is None else f"{100 * bounds[0]:+.0f} to {100 * bounds[1]:+.0f} %"
 
 
 def _effect(entry: dict[str, Any], result: dict[str, Any]) -> str:

@@ -8,9 +8,10 @@ from typing import Any
 from rich.table import Table
 from rich.text import Text
 
+from dynid_rs.base.numbers import interval, percent, significant
 from dynid_rs.base.quoting import shown
 from dynid_rs.base.wording import NO_INTERVAL, lacks_interval, worse_than_least_squares
-from dynid_rs.commands._console import console, interval
+from dynid_rs.commands._console import console
 from dynid_rs.report import REPORT_FILE
 
 
@@ -28,7 +29,7 @@ def show(result: dict[str, Any], directory: Path) -> None:
         std = test["torque_std"][j]
         table.add_row(
             Text(shown(joint)),
-            f"{std:.4g}",
+            significant(std),
             _with_share(test["wls"][j], std),
             _with_share(test["after"][j], std),
             interval(test["after_interval"][j]),
@@ -82,5 +83,4 @@ def with_file(finding: dict[str, Any]) -> str:
 def _with_share(error: float | None, std: float) -> str:
     if error is None:
         return "unknown"
-    share = f"{100 * error / std:.1f} %" if std > 0 else "-"
-    return f"{error:.3g} ({share})"
+    return f"{significant(error)} ({percent(error / std if std > 0 else None)})"

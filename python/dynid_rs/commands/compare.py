@@ -112,8 +112,9 @@ def _show(answer: dict[str, Any]) -> None:
     from rich.table import Table
     from rich.text import Text
 
+    from dynid_rs.base.numbers import change, interval, percent_interval, significant
     from dynid_rs.base.quoting import shown
-    from dynid_rs.commands._console import console, interval
+    from dynid_rs.commands._console import console
 
     rmse, out = answer["rmse"], console()
     band = "" if rmse["cutoff"] is None else f", in motion, below {rmse['cutoff']:.3g} Hz"
@@ -124,10 +125,9 @@ def _show(answer: dict[str, Any]) -> None:
         table.add_column(heading, justify="right")
     for j, joint in enumerate(answer["joints"]):
         one, two, sure = rmse["a"][j], rmse["b"][j], rmse["change_interval"][j]
-        change = f"{100 * (two / one - 1):+.0f} %" if one > 0 else "-"
-        bounds = "-" if sure is None else f"{100 * sure[0]:+.0f} to {100 * sure[1]:+.0f} %"
         left, right = interval(rmse["a_interval"][j]), interval(rmse["b_interval"][j])
-        table.add_row(Text(shown(joint)), f"{one:.3g}", left, f"{two:.3g}", right, change, bounds)
+        moved = change(two, one), percent_interval(sure)
+        table.add_row(Text(shown(joint)), significant(one), left, significant(two), right, *moved)
     out.print(Text(f"A: {answer['a']}\nB: {answer['b']}"), soft_wrap=True)
     out.print(table)
     for place, words in (("a", "only A has"), ("b", "only B has")):

@@ -10,21 +10,20 @@ from numpy.typing import NDArray
 
 from dynid_rs.base.odds import p_value
 from dynid_rs.diagnosis.belief import Belief, Named
+from dynid_rs.diagnosis.curves import effect_plot
 from dynid_rs.diagnosis.estimates import Estimate, estimates
 from dynid_rs.diagnosis.hypotheses import Place
 from dynid_rs.diagnosis.rivals import is_one_cause
 from dynid_rs.diagnosis.waves import Argument
 from dynid_rs.identification.loads import with_load
-from dynid_rs.model.placed import CATALOGUE, PlacedEffect
+from dynid_rs.model.placed import PlacedEffect
 from dynid_rs.regression.columns import run_rows
+from dynid_rs.regression.error_interval import interval_of_change
 from dynid_rs.regression.evaluation import rmse
-from dynid_rs.regression.linear_model import LinearModel
+from dynid_rs.regression.linear_model import Fit, LinearModel
 from dynid_rs.runs.recording import Recording
 
 FloatArray = NDArray[np.float64]
-
-N_POINTS, N_BINS = 400, 60
-"""Most points of a plot, and points of a fitted curve."""
 
 
 def effect_entries(
@@ -55,7 +54,9 @@ def effect_entries(
         if kind == "gravity_tilt":  # a first joint whose frame is turned stands on a tilted base: no data tell those
             entry["ties"].append({"kind": "kinematic_error", "joints": [names[0]]})
         if effect is not None:
-            entry["plot"] = _plot(found, effect, errors)
+            entry["plot"] = effect_plot(
+                found, effect, errors.model, errors.fit, errors.x, errors.places[effect], known[place]
+            )
         if place in nameless:
             entry |= untold(kind, nameless[place], names)
         elif not all(is_one_cause(kind, other) for (other, _), _ in named.ties):  # one or the other
@@ -110,7 +111,9 @@ class _Errors:
         self.model = posterior.model(self._plan, observations.joint_rows())
         self.test = self._test_rows(test) if test else None
         self.places = dict(zip(found.setup.effects, found.places(), strict=True))
-        self.x = self._solved(self.model)
+        self.fit = self.model.fit(posterior.choice, posterior.noise_std)
+        self.x = _told(self.model, self.fit)
+        self._left_after = None if self.test is None else _left(self.test, self.x)
 
     def without(self, effect: PlacedEffect | None) -> dict[str, Any]:
         """Errors before and after it; of a change of structure, whose fit cannot be undone column by column, after."""
@@ -121,15 +124,15 @@ class _Errors:
             "rmse_train_before": _error(self.model, x),
             "rmse_train_after": _error(self.model, self.x),
         }
-        tests = {"rmse_test_before": x, "rmse_test_after": self.x}
-        return said | {key: [] if self.test is None else _error(self.test, value) for key, value in tests.items()}
+        if self.test is None or self._left_after is None:
+            return said | {"rmse_test_before": [], "rmse_test_after": []}
+        said |= {"rmse_test_before": _error(self.test, x), "rmse_test_after": _error(self.test, self.x)}
+        if effect is not None:
+            said["rmse_test_change_interval"] = interval_of_change(self._left_after, _left(self.test, x))
+        return said
 
     def _solved(self, model: LinearModel) -> FloatArray:
-        p = self._posterior
-        x = model.fit(p.choice, p.noise_std).x
-        kept = np.zeros(len(x), dtype=bool)
-        kept[np.concatenate(model.places)] = True
-        return np.where(kept, x, 0.0)
+        return _told(model, model.fit(self._posterior.choice, self._posterior.noise_std))
 
     def _test_rows(self, test: Sequence[Recording]) -> LinearModel:
         fit = self._found.fit
@@ -143,40 +146,19 @@ class _Errors:
         return self._posterior.model(self._plan, rows)
 
 
+def _told(model: LinearModel, fit: Fit) -> FloatArray:
+    """Unknowns of the columns that a model has; what only its prior knows is none of its torque."""
+    kept = np.zeros(len(fit.x), dtype=bool)
+    kept[np.concatenate(model.places)] = True
+    return np.where(kept, fit.x, 0.0)
+
+
+def _left(model: LinearModel, x: FloatArray) -> list[FloatArray]:
+    """What is left of every joint at the rows that count."""
+    rows = zip(model.rows, model.places, model.counted, strict=True)
+    return [(part[:, -1] - part[:, :-1] @ x[at])[counted] for part, at, counted in rows]
+
+
 def _error(model: LinearModel, x: FloatArray) -> list[float]:
     left = [part[:, -1] - part[:, :-1] @ x[at] for part, at in zip(model.rows, model.places, strict=True)]
     return [float(value) for value in rmse([np.stack(left, axis=1)], [np.stack(model.counted, axis=1)])]
-
-
-def _plot(found: Belief, effect: PlacedEffect, errors: _Errors) -> dict[str, Any]:
-    """Partial residual (what is left and the effect's own torque) against the effect's signal, and the fitted curve."""
-    j, robot = effect.joints[0], found.setup.robot
-    at = [place for joint, place in errors.places[effect] if joint == j]
-    where = np.searchsorted(errors.model.places[j], at)
-    columns = errors.model.rows[j][:, where]
-    torque = columns @ errors.x[at]
-    left = errors.model.rows[j][:, -1] - errors.model.rows[j][:, :-1] @ errors.x[errors.model.places[j]]
-    signal, unit = CATALOGUE[effect.kind]["drawn_against"] or ("", "1")
-    x = _signal(found, effect, signal) if signal else columns[:, 0]
-    order = np.argsort(x, kind="stable")
-    bins = [b for b in np.array_split(order, min(N_BINS, len(order))) if len(b)]
-    thin = order[:: max(1, len(order) // N_POINTS)]
-    return {
-        "signal": f"{signal}_{robot.joint_names[j]}" if signal and signal != "t" else signal or "column",
-        "unit": unit.replace("{torque}", found.fit.torque_unit_),
-        "joint": robot.joint_names[j],
-        "x": x[thin].tolist(),
-        "partial": (left + torque)[thin].tolist(),
-        "curve_x": [float(x[b].mean()) for b in bins],
-        "curve": [float(torque[b].mean()) for b in bins],
-    }
-
-
-def _signal(found: Belief, effect: PlacedEffect, signal: str) -> FloatArray:
-    """The signal that an effect is drawn against, at the rows of the fit."""
-    at = effect.joints[-1] if signal.startswith("ddq") else effect.joints[0]
-    parts = []
-    for states in found.catalogue.runs:
-        values = states.t - states.t[0] if signal == "t" else getattr(states, signal)[:, at]
-        parts.append(values[states.rows])
-    return np.concatenate(parts)

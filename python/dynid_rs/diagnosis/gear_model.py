@@ -80,6 +80,11 @@ class Gear:
         return _centred(parts)
 
     @property
+    def angle(self) -> list[FloatArray]:
+        """Link position at the rows [rad], (n_rows,) per run."""
+        return [s.q[s.rows, self.joint][s.counted[:, self.joint]] for s in self.fit.runs_]
+
+    @property
     def deflection(self) -> list[FloatArray]:
         """Motor minus link position as the encoders show them [rad], (n_rows,) per run."""
         shown = [

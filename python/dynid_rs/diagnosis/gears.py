@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from dynid_rs.base.memory import residual_memory
 from dynid_rs.base.odds import SURE, p_value
 from dynid_rs.diagnosis.belief import SETTLING, fitted
+from dynid_rs.diagnosis.curves import binned
 from dynid_rs.diagnosis.entries import unscored, untold
 from dynid_rs.diagnosis.gear_model import Gear, GearHypothesis
 from dynid_rs.diagnosis.sensors.messages import encoder_entries
@@ -60,13 +61,17 @@ def gear_entries(fit: ThreeLoopIdentifier, nameless: Mapping[int, Argument]) -> 
 
 @dataclass(frozen=True, eq=False)
 class Seen:
-    """A name for a gear: its joint, what it says, its coefficients and how well they are known, its odds."""
+    """A name for a gear: its joint, what it says, its coefficients and how well they are known, its odds.
+
+    `drawn`: the deflection that is left and its own, over the gear's load or, of an encoder off centre, the angle.
+    """
 
     joint: int
     what: GearHypothesis
     value: FloatArray
     std: FloatArray
     log_odds: float
+    drawn: dict[str, Any]
 
 
 def seen_between(fit: ThreeLoopIdentifier) -> list[Seen]:
@@ -128,8 +133,23 @@ def _named(gear: Gear, covariance: FloatArray) -> list[Seen]:
     for h, odds in named:
         places = slice(at, at + len(h.unit))
         at += len(h.unit)
-        found.append(Seen(gear.joint, h, fit.x[places] * h.unit, std[places] * h.unit, odds))
+        drawn = _drawn(gear, h, fit, places)
+        found.append(Seen(gear.joint, h, fit.x[places] * h.unit, std[places] * h.unit, odds, drawn))
     return found
+
+
+def _drawn(gear: Gear, h: GearHypothesis, fit: Fit, places: slice) -> dict[str, Any]:
+    """One name as a curve; the encoders' constant difference over a run is in neither."""
+    turning = h.kind == "encoder_eccentricity"
+    over = np.concatenate(gear.angle if turning else gear.rows(gear.load))
+    partial = fit.residual[0] + h.columns @ fit.x[places]
+    return {
+        "signal": "q" if turning else "tau_link",
+        "unit": "rad" if turning else "N*m",
+        "quantity": "deflection",
+        "value_unit": "rad",
+        **binned(over, partial, h.columns, fit.x[places], fit.covariance[places, places]),
+    }
 
 
 def _may_follow(h: GearHypothesis, named: Sequence[tuple[GearHypothesis, float]]) -> bool:
@@ -159,5 +179,6 @@ def _entry(seen: Seen, names: Sequence[str]) -> dict[str, Any]:
         ],
         **unscored(p_value(seen.log_odds)),
         "evidence": seen.log_odds,
+        "plot": seen.drawn | {"signal": f"{seen.drawn['signal']}_{names[seen.joint]}", "joint": names[seen.joint]},
         "note": "seen between the two encoders",
     }

@@ -179,7 +179,7 @@ def _with_short_plot(entry: dict[str, Any]) -> dict[str, Any]:
     if not plot:
         return entry
     short = dict(plot)
-    for keys in (("x", "partial"), ("curve_x", "curve")):
-        step = -(-max(len(plot[key]) for key in keys) // N_POINTS) or 1
-        short |= {key: plot[key][::step] for key in keys}
+    for keys in (("x", "partial"), ("curve_x", "curve", "curve_low", "curve_high", "mean")):
+        step = -(-max(len(plot[key]) for key in keys if key in plot) // N_POINTS) or 1
+        short |= {key: plot[key][::step] for key in keys if key in plot}
     return {**entry, "plot": short}

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.base.odds import SURE, p_value
+from dynid_rs.diagnosis.curves import binned
 from dynid_rs.diagnosis.entries import unscored
 from dynid_rs.diagnosis.hypotheses import CYCLES_SHOWN
 from dynid_rs.diagnosis.setup import Setup
@@ -51,7 +52,7 @@ class Family:
     """Lines of one gear or motor on joint `joint`: `orders` (n,) [1/turn], the lowest first, and their sizes.
 
     `coefficients` (n, 2) cosine and sine [torque unit] with standard errors `std` (n,) and those of the orders;
-    `log_odds` of the strongest.
+    `log_odds` of the strongest. `drawn`: what is left and the family itself over one cycle of the lowest order.
     """
 
     joint: int
@@ -60,6 +61,7 @@ class Family:
     std: FloatArray
     order_std: FloatArray
     log_odds: float
+    drawn: dict[str, list[float]]
 
     def held(self) -> list[HeldEffect]:
         """The family as effects of a model, each of which has an order and twice it."""
@@ -204,7 +206,11 @@ def _family(joint: int, q: FloatArray, e: FloatArray, lines: Sequence[Line]) -> 
     std = np.array(noise)
     size = np.maximum(np.linalg.norm(coefficients, axis=1), 1e-300)
     order_std = std / size / max(float(q.std()), 1e-300)
-    return Family(joint, orders, coefficients, std, order_std, max(line.log_odds for line in lines))
+    columns = _columns(q, orders.tolist())
+    # Every sample is seen in the means; single ones are far larger than the wave that they hold.
+    drawn = binned(np.mod(q, 2 * np.pi / orders[0]), left + columns @ x, columns, x, np.diag(np.repeat(std**2, 2)))
+    drawn |= {"x": [], "partial": []}
+    return Family(joint, orders, coefficients, std, order_std, max(line.log_odds for line in lines), drawn)
 
 
 def ripple_entries(found: Sequence[Family], fit: ThreeLoopIdentifier) -> list[dict[str, Any]]:
@@ -228,6 +234,14 @@ def ripple_entries(found: Sequence[Family], fit: ThreeLoopIdentifier) -> list[di
                 "parameters": parameters,
                 **unscored(p_value(family.log_odds)),
                 "evidence": family.log_odds,
+                "above_band": True,
+                "plot": {
+                    "signal": f"angle_in_cycle_{fit.robot.joint_names[family.joint]}",
+                    "quantity": "torque",
+                    "unit": "rad",
+                    "joint": fit.robot.joint_names[family.joint],
+                    **family.drawn,
+                },
                 "note": "lines in the angle, found at full rate; most of it is above the band of the other errors",
             }
         )

@@ -7,7 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from dynid_rs.base.wording import concluded, is_better, kind_words, kinds_said
+from dynid_rs.base.numbers import interval as interval_said
+from dynid_rs.base.numbers import percent, significant
+from dynid_rs.base.wording import concluded, in_families, is_better, kind_words, kinds_said
 
 Result = Mapping[str, Any]
 
@@ -75,13 +77,8 @@ def number_words(number: Result, *, interval: bool = False) -> str:
     """A number of an effect with its unit, and its 95 % interval where that is asked for and known."""
     unit = "" if number["unit"] == "1" else f" {number['unit']}"
     bounds = number.get("interval") if interval else None
-    span = "" if bounds is None else f" ({_digits(bounds[0])} to {_digits(bounds[1])})"
-    return f"{number['name']} {_digits(number['value'])}{unit}{span}"
-
-
-def _digits(value: float) -> str:
-    """As many digits as say something."""
-    return f"{value:.3g}"
+    span = "" if bounds is None else f" ({interval_said(bounds)})"
+    return f"{number['name']} {significant(number['value'])}{unit}{span}"
 
 
 def tie_words(tie: Result, joints: Sequence[str]) -> str:
@@ -92,7 +89,7 @@ def tie_words(tie: Result, joints: Sequence[str]) -> str:
 
 def unexplained_words(entry: Result) -> str:
     """What is left of a joint's error, and what it depends on."""
-    return f"unexplained on {entry['joint']}: {100 * entry['share']:.0f} % of the error's power{_depends(entry)}"
+    return f"unexplained on {entry['joint']}: {percent(entry['share'])} of the error's power{_depends(entry)}"
 
 
 def _depends(entry: Result) -> str:
@@ -139,7 +136,7 @@ def verdict(result: Result) -> str:
     number = NUMBERS[len(found)] if len(found) < len(NUMBERS) else str(len(found))
     who = f"{number.capitalize()} effect{'s explain' if len(found) > 1 else ' explains'}"
     what = " what the declared model lacked" if share is None else f" {100 * share:.0f} % of what could be explained"
-    names = "; ".join(named(entry, joints) for entry in found)
+    names = "; ".join(named(family, joints) for family in in_families(found))
     return f"{who}{what}: {names}. {_change(result)}{_left(result)}"
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from dynid_rs.excitation.limits import MOTIONS
 from dynid_rs.excitation.output import Playable
 from dynid_rs.excitation.separation_view import section
-from dynid_rs.report.figures import Figure, Figures
+from dynid_rs.report.figures import Figures, label, panel, place, series
 from dynid_rs.report.page import shell
 from dynid_rs.report.tables import cell, table
 from dynid_rs.report.text import esc, significant
@@ -51,31 +51,13 @@ def _plot(figures: Figures, key: str, joint: str, name: str, signal: FloatArray,
     values = result["motion"][name]
     unit = result["units"][j] + {"position": "", "velocity": "/s", "acceleration": "/s\u00b2"}[name]
     ends = figures.array("ends", np.array([0.0, result["duration_s"]]))
-    traces: list[Figure] = [
-        {
-            "type": "scatter",
-            "mode": "lines",
-            "x": "@t",
-            "y": figures.array(key, signal),
-            "line": {"color": "$blue", "width": 1.5},
-            "hovertemplate": "%{y:.4g} at %{x:.2f} s<extra></extra>",
-        }
-    ]
+    drawn = [series("line", "t", "blue", name, y=figures.array(key, signal))]
     for side in ("lower_limit", "upper_limit"):
-        traces.append(
-            {
-                "type": "scatter",
-                "mode": "lines",
-                "x": ends,
-                "y": figures.array(f"{key}/{side}", np.full(2, values[side][j])),
-                "line": {"color": "$red", "width": 1.0, "dash": "dot"},
-                "hoverinfo": "skip",
-            }
-        )
-    layout = {"xaxis": {"title": {"text": "time [s]"}}, "yaxis": {"title": {"text": f"{name} [{unit}]"}}}
-    figures.add(key, traces, layout, "time")
-    label = f"{esc(joint)}: {name} over time"
-    return f'<div class="plot wide low" data-figure="{key}" role="img" aria-label="{label}"></div>\n'
+        limit = figures.array(f"{key}/{side}", np.full(2, values[side][j]))
+        drawn.append(series("line", ends, "red", side.replace("_", " "), y=limit, width=1.0, dash=True))
+    figures.add(key, [panel("time [s]", label(name, unit), drawn, height=180)], "time")
+    limits = f"between {significant(values['lowest'][j])} and {significant(values['highest'][j])} {unit}"
+    return f"<figure>{place(key, esc(f'{joint}: {name} over time, {limits}'), kind='wide')}</figure>\n"
 
 
 def _merit(result: dict[str, Any]) -> str:
@@ -88,15 +70,15 @@ def _merit(result: dict[str, Any]) -> str:
     rows.append(["log det of the information matrix", cell(significant(result["log_det"]))])
     rows.append(["trace of its inverse", cell(significant(result["variance_trace"]))])
     rows.append([f"objective ({esc(result['criterion'])})", cell(significant(result["objective"]))])
-    return table(["figure", "value"], rows)
+    return table(["figure", "value"], rows, label="Figures of merit")
 
 
 def _extremes(result: dict[str, Any]) -> str:
-    head = ["joint", "", "lowest", "highest", "lower limit", "upper limit", "bound of Eq. 17"]
+    head = ["joint", "quantity", "lowest", "highest", "lower limit", "upper limit", "bound of Eq. 17"]
     keys = ("lowest", "highest", "lower_limit", "upper_limit", "eq17_bound")
     rows = [
         [esc(joint), name, *(cell(significant(result["motion"][name][key][j], 4)) for key in keys)]
         for j, joint in enumerate(result["joints"])
         for name in MOTIONS
     ]
-    return table(head, rows)
+    return table(head, rows, label="Extremes beside the limits")

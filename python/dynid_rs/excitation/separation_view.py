@@ -12,7 +12,6 @@ Section = Mapping[str, Any]
 
 SMALL_GAIN = 1.2
 """Below it the exciting trajectory does as well."""
-_WIDTH, _BAR = 320, 12
 
 
 def sentences(separation: Section) -> list[str]:
@@ -44,15 +43,12 @@ def section(separation: Section) -> str:
         other = next(e["effect"] for e in separation["effects"] if e is not entry)
         for when, words in (("before", "exciting trajectory"), ("after", "this one")):
             figures = entry[when]
-            width = round(_WIDTH * figures["left"] / top, 1)
-            bar = (
-                f'<svg width="{_WIDTH + 16}" height="{_BAR}" role="img" aria-label="{percent(figures["left"])}">'
-                f'<rect class="{when}" width="{width}" height="{_BAR}"/></svg>'
-            )
+            width = round(100 * figures["left"] / top, 1)
+            bar = f'<span class="track"><i class="fill {when}" style="width:{width}%"></i></span>'
             shape = ", ".join(f"{name} {significant(value)}" for name, value in figures["best_imitator"].items())
             rows.append(
                 [
-                    esc(entry["effect"]) if when == "before" else "",
+                    esc(entry["effect"]),
                     cell(words, "word"),
                     cell(percent(figures["left"]), "num main"),
                     cell(bar, "strip"),
@@ -60,11 +56,11 @@ def section(separation: Section) -> str:
                     cell(esc(f"{other.split(':')[0]} {shape}".strip()), "text"),
                 ]
             )
-    head = ["Effect", "Motion", "Not imitated", "", "by the declared model alone", "Best imitator"]
+    head = ["Effect", "Motion", "Not imitated", "as a bar", "by the declared model alone", "Best imitator"]
     return (
         f"<p>This motion tells the two effects apart with <b>{significant(separation['gain'])} times the power</b> of "
         "the exciting trajectory within the same limits (geometric mean of both directions). The numbers are "
         "amplitudes: the part of an effect\u2019s torque that neither the declared model nor any shape of the other "
         "effect can imitate, in the band of the fit, over the effect\u2019s own on the exciting trajectory.</p>\n"
-        f"{table(head, rows)}"
+        f"{table(head, rows, label='Separation of the effects')}"
     )

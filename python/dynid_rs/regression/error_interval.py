@@ -89,8 +89,17 @@ def change_interval(after: Sequence[Comparison], before: Sequence[Comparison]) -
     What makes a stretch of a run hard makes it so for both models: their squares are compared place by place, and
     what they share does not count. Symmetric in the logarithm, so that it does not matter which one comes first.
     """
+    return _changes(mean_squares(after), mean_squares(before))
+
+
+def interval_of_change(after: Sequence[FloatArray], before: Sequence[FloatArray]) -> list[Interval | None]:
+    """`change_interval` from the errors themselves, (n_rows,) per joint, the same rows in both."""
+    return _changes([MeanSquare.of(error) for error in after], [MeanSquare.of(error) for error in before])
+
+
+def _changes(after: Sequence[MeanSquare | None], before: Sequence[MeanSquare | None]) -> list[Interval | None]:
     intervals: list[Interval | None] = []
-    for new, old in zip(mean_squares(after), mean_squares(before), strict=True):
+    for new, old in zip(after, before, strict=True):
         if new is None or old is None:
             intervals.append(None)
             continue

@@ -39,7 +39,8 @@ def _prior(result: Result) -> str:
         f"off by {percent(off['links'])}{rotors}. Of the {count(prior['n_directions'])} directions in which the file "
         f"says something the data determines {significant(prior['n_determined'], 2)}; it moved {count(far)} of "
         f"{count(len(moved))} base parameters by more than twice the prior's standard deviation.</p>\n"
-        f"<details><summary>How far the data moved each parameter</summary>{tables.table(head, rows)}</details>"
+        "<details><summary>How far the data moved each parameter</summary>"
+        f"{tables.table(head, rows, label='Prior and data')}</details>"
     )
 
 
@@ -81,5 +82,6 @@ def _known(result: Result) -> str:
         '<h3 class="next">Known terms</h3><p>Their coefficients were given, not fitted. A size is told from the other '
         "parameters if its standard error is below a half. Test errors are over the torque\u2019s standard deviation. "
         "Without a term the evidence holds the robot file for wrong and loosens the prior until base parameters "
-        "imitate the term (own weight); under the same weight its absence shows.</p>" + tables.table(head, rows)
+        "imitate the term (own weight); under the same weight its absence shows.</p>"
+        + tables.table(head, rows, label="Known terms")
     )

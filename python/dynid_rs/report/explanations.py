@@ -7,7 +7,7 @@ from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 from dynid_rs.report import parameter_plots, tables
-from dynid_rs.report.figures import Figures
+from dynid_rs.report.figures import Figures, place
 from dynid_rs.report.source import RESIDUALS_FILE, RESULT_FILE, Source
 from dynid_rs.report.text import (
     count,
@@ -75,11 +75,11 @@ def _base_words(base: Sequence[Result], size: Result) -> str:
 def _parameter_part(figures: Figures, key: str, title: str, found: Sequence[Result], group: tuple[str, str]) -> str:
     plot = ""
     if parameter_plots.add_parameter_plot(figures, f"parameters-{key}", found, group[0]):
+        label = f"{title}: 95 % interval of each in percent of its estimate"
         plot = (
-            f'<div class="plot wide low" data-figure="parameters-{key}" role="img" aria-label="{title}, '
-            'relative intervals"></div>'
+            f"<figure>{place(f'parameters-{key}', label, kind='wide', numbers=False)}</figure>"
             '<p class="note">Estimate at 100 %, whisker: 95 % interval relative to it. Whiskers that '
-            "cross 0 are hollow and grey.</p>"
+            "cross 0 are grey.</p>"
         )
     return (
         f'<h3 class="next">{title}</h3>{plot}<details><summary>{plural(len(found), "parameter")} in a '
@@ -109,8 +109,12 @@ def _stages(result: Result) -> str:
 def _convergence_words(figures: Figures, result: Result) -> str:
     passes, settled = result.get("n_iter"), result.get("converged")
     plot = ""
-    if parameter_plots.add_history_plot(figures, result):
-        plot = '<div class="plot wide low" data-figure="history" role="img" aria-label="training error per pass"></div>'
+    if lines := parameter_plots.add_history_plot(figures, result):
+        key = "".join(
+            f'<li><i class="stroke" style="border-color:var(--{c})"></i>{esc(name)}</li>' for c, name in lines
+        )
+        label = "Training error per pass, in percent of the first, one line per joint"
+        plot = f'<figure><ul class="key" aria-label="Key">{key}</ul>{place("history", label, kind="wide")}</figure>'
     said = [] if passes is None else [f"The loops ran {plural(int(passes), 'pass', 'passes')}."]
     if settled is not None:
         said.append(
@@ -212,10 +216,7 @@ def provenance(source: Source) -> str:
 
 
 def _versions() -> str:
-    said = []
-    for package in ("dynid-rs", "plotly"):
-        try:
-            said.append(f"{package} {version(package)}")
-        except PackageNotFoundError:
-            said.append(f"{package} (version unknown)")
-    return ", ".join(said)
+    try:
+        return f"dynid-rs {version('dynid-rs')}"
+    except PackageNotFoundError:
+        return "dynid-rs (version unknown)"

@@ -9,10 +9,9 @@ from __future__ import annotations
 import base64
 import hashlib
 from importlib.resources import files
-from importlib.util import find_spec
-from pathlib import Path
 
 from dynid_rs.report import declared, diagnosis, explanations, sections
+from dynid_rs.report.channel_plots import with_channel_plots
 from dynid_rs.report.figures import Figures
 from dynid_rs.report.source import Source
 from dynid_rs.report.text import esc
@@ -32,32 +31,26 @@ def build_page(source: Source) -> str:
 def _identified(figures: Figures, source: Source) -> str:
     """Body of the page of `dynid identify`."""
     result = source.result
-    first = [
-        ("errors", "Errors", sections.errors(result)),
-        (
-            "effects",
-            "Effects found" if result.get("effects") else "Not explained yet",
-            sections.effects(result),
-        ),
+    found = "Effects found" if result.get("effects") else "Not explained yet"
+    parts = [
+        ("errors", "Before and after", sections.errors(result)),
+        ("effects", found, sections.effects(figures, result)),
     ]
-    parts = first + _details(figures, source)
-    return _body(sections.head(result), parts, "".join(_section(*part) for part in parts if part[2]))
+    return _body(sections.head(result, diagnosis=False), parts, _details(figures, source))
 
 
 def _diagnosis(figures: Figures, source: Source) -> str:
     """Body of the page of `dynid diagnose`: the answer first, everything else folded."""
-    result = source.result
+    result = with_channel_plots(source)
     parts = [
         ("errors", "Before and after", diagnosis.errors(result)),
-        ("effects", "Effects found", diagnosis.effects(figures, result)),
-        ("sensors", "Sensors, clocks and signals", diagnosis.sensors(result)),
+        ("effects", "What was missing", diagnosis.effects(figures, result)),
         ("left", "What is left", diagnosis.left(figures, result)),
         ("next", "What would tell more", diagnosis.next_experiment(result)),
+        ("sensors", "Sensors, clocks and signals", diagnosis.sensors(result)),
     ]
     folded = [("steps", "How it was found", diagnosis.steps(result)), *_details(figures, source)]
-    answer = "".join(_section(*part) for part in parts if part[2])
-    rest = "".join(_section(*part, folded=True) for part in folded if part[2])
-    return _body(diagnosis.head(result), [*parts, *folded], answer + rest)
+    return _body(sections.head(result, diagnosis=True), parts, folded)
 
 
 def _details(figures: Figures, source: Source) -> list[tuple[str, str, str]]:
@@ -74,26 +67,31 @@ def _details(figures: Figures, source: Source) -> list[tuple[str, str, str]]:
     ]
 
 
-def _body(head: str, parts: list[tuple[str, str, str]], html: str) -> str:
-    links = "".join(f'<a href="#{key}">{title}</a>' for key, title, body in parts if body)
-    return f"<header>{head}<nav>{links}</nav></header>\n<main>{html}</main>\n"
+def _body(head: str, answer: list[tuple[str, str, str]], folded: list[tuple[str, str, str]]) -> str:
+    links = "".join(f'<a href="#{key}">{title}</a>' for key, title, body in [*answer, *folded] if body)
+    html = "".join(_section(*part) for part in answer if part[2])
+    html += "".join(_section(*part, folded=True) for part in folded if part[2])
+    return (
+        '<a class="skip" href="#errors">Skip to the errors</a>\n'
+        f'<header>{head}<nav aria-label="Sections">{links}</nav></header>\n<main>{html}</main>\n'
+    )
 
 
 def _section(key: str, title: str, html: str, *, folded: bool = False) -> str:
     if folded:
-        return f'<section><details id="{key}"><summary><h2>{title}</h2></summary>\n{html}</details></section>\n'
+        head = f'<details id="{key}"><summary><h2>{title}</h2></summary>'
+        return f'<section class="folded">{head}\n{html}</details></section>\n'
     return f'<section id="{key}"><h2>{title}</h2>\n{html}</section>\n'
 
 
 def shell(*, title: str, body: str, figures: Figures) -> str:
     """Return a page around `body`, which is HTML already: style, scripts and the data of its figures."""
-    here = files("dynid_rs.report")
-    plotly = _script_text(_plotly_path().read_text(encoding="utf-8"))
-    runtime = _script_text(here.joinpath("page.js").read_text(encoding="utf-8"))
-    style = here.joinpath("page.css").read_text(encoding="utf-8")
+    library, *own = (_script_text(_file(name)) for name in ("vendor/uPlot.iife.min.js", "charts.js", "page.js"))
+    runtime = "\n".join(own)
+    style = "\n".join(_file(name) for name in ("vendor/uPlot.min.css", "page.css", "charts.css", "paper.css"))
     policy = (
         "default-src 'none'; style-src 'unsafe-inline'; img-src data: blob:; "
-        f"script-src {_hash(plotly)} {_hash(runtime)}; base-uri 'none'; form-action 'none'"
+        f"script-src {_hash(library)} {_hash(runtime)}; base-uri 'none'; form-action 'none'"
     )
     return (
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
@@ -101,21 +99,15 @@ def shell(*, title: str, body: str, figures: Figures) -> str:
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         f'<title>{esc(title)}</title>\n<link rel="icon" '
         f'href="data:,">\n<style>\n{style}</style>\n</head>\n<body>\n'
-        f"{body}<noscript><p>The plots need JavaScript; all tables are complete without it.</p></noscript>\n"
+        f"{body}<noscript><p>The curves need JavaScript; all tables are complete without it.</p></noscript>\n"
         f'<script type="application/json" id="report-data">{figures.to_json()}</script>\n'
-        f"<script>{plotly}</script>\n<script>{runtime}</script>\n</body>\n</html>\n"
+        f"<script>{library}</script>\n<script>{runtime}</script>\n</body>\n</html>\n"
     )
 
 
-def _plotly_path() -> Path:
-    """Return the place of plotly.min.js without importing the package, which costs more than the page."""
-    spec = find_spec("plotly")
-    places = (spec.submodule_search_locations if spec else None) or []
-    for place in places:
-        path = Path(place) / "package_data" / "plotly.min.js"
-        if path.is_file():
-            return path
-    raise FileNotFoundError("plotly.min.js is missing; install it with `pip install plotly`")
+def _file(name: str) -> str:
+    """Return the text of a file of this package."""
+    return files("dynid_rs.report").joinpath(name).read_text(encoding="utf-8")
 
 
 def _script_text(code: str) -> str:

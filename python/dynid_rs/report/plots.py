@@ -10,28 +10,28 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs.report.figures import Array, Figure, Figures
+from dynid_rs.report.figures import Array, Figures, Series, label, panel, series
 from dynid_rs.report.series import autocorrelation, binned_mean, envelope, thin
 from dynid_rs.report.source import Signals, Source
-from dynid_rs.report.text import plot_text, unit_text, words
+from dynid_rs.report.text import unit_text, words
 
 # Bytes of base64 that all time plots together, and all clouds together, may take.
-_TIME_BUDGET = 2_000_000
-_CLOUD_BUDGET = 14_000
-_MAX_RUNS = 6
-_POINTS = (600, 4000)
-_CLOUD_POINTS = (250, 1500)
+_TIME_BUDGET = 550_000
+_CLOUD_BUDGET = 9_000
+_MAX_RUNS = 4
+_POINTS = (200, 3000)
+_CLOUD_POINTS = (250, 1200)
 _N_BINS = 60
 _MAX_LAG = 2.0
 _N_HISTOGRAM_BINS = 41
 _TERM_COLORS = {
-    "rigid_body": "$green",
-    "friction": "$orange",
-    "rotor_inertia": "$purple",
-    "torque_offset": "$brown",
-    "residual_term": "$sky",
+    "rigid_body": "green",
+    "friction": "orange",
+    "rotor_inertia": "purple",
+    "torque_offset": "brown",
+    "residual_term": "sky",
 }
-_SPARE_COLORS = ("$yellow", "$green", "$purple", "$sky", "$orange", "$brown")
+_SPARE_COLORS = ("yellow", "green", "purple", "sky", "orange", "brown")
 BEFORE = "residual_before"
 """Column: what the declared model left, where effects were added to it."""
 _TERM_WORDS = {"rigid_body": "rigid body", "residual_term": "residual term (third loop)", BEFORE: "residual before"}
@@ -106,53 +106,32 @@ def add_time_plots(figures: Figures, source: Source) -> TimePlots:
         for k, (j, name) in enumerate(keys):
             figures.array(f"{r}/{j}/{name}", short[:, k])
     colors = term_colors(terms)
+    unit = unit_text(source.result["torque_unit"])
     for j in range(len(joints)):
         shown = [term for term in terms if f"{term}_{j}" in signals.columns]
-        figures.add(
-            f"time-{j}", _time_traces(j, shown, colors, before), _time_layout(source.result["torque_unit"]), "time"
-        )
+        figures.add(f"time-{j}", _time_panels(j, shown, colors, before, unit), "time")
     return TimePlots(
         tuple(signals.run_names[run] for run in runs[:n_shown]), len(runs), terms, before, max_points, shortened
     )
 
 
-def _time_traces(j: int, terms: Sequence[str], colors: Mapping[str, str], before: Sequence[str]) -> list[Figure]:
-    looks = [("measured", "measured", {"color": "$measured", "width": 2.6}, "y", True)]
-    looks += [(term, term_words(term), {"color": colors[term], "width": 1.3}, "y", False) for term in terms]
-    looks += [("predicted", "predicted", {"color": "$blue", "width": 1.3}, "y", True)]
-    looks += [(term, term_words(term), {"color": "$faint", "width": 1.3}, "y2", True) for term in before]
-    looks += [("residual", "residual", {"color": "$red", "width": 1.1}, "y2", True)]
+def _time_panels(
+    j: int, terms: Sequence[str], colors: Mapping[str, str], before: Sequence[str], unit: str
+) -> list[dict[str, Any]]:
+    """Torque above, what is left of it below; terms are off until they are asked for."""
+
+    def line(term: str, color: str, width: float, *, off: bool = False) -> Series:
+        more = {"y": f"{{run}}/{j}/{term}", "term": term, "width": width, "off": off}
+        return series("line", "{run}/t", color, term_words(term), **more)
+
+    torque = [line("measured", "measured", 2.6)]
+    torque += [line(term, colors[term], 1.3, off=True) for term in terms]
+    torque += [line("predicted", "blue", 1.3)]
+    left = [line(term, "faint", 1.3) for term in before] + [line("residual", "red", 1.1)]
     return [
-        {
-            "type": "scatter",
-            "mode": "lines",
-            "x": "@{run}/t",
-            "y": f"@{{run}}/{j}/{key}",
-            "meta": key,
-            "text": "",
-            "name": plot_text(name),
-            "line": line,
-            "yaxis": axis,
-            "visible": visible,
-            "hovertemplate": "%{y:.4~g}",
-        }
-        for key, name, line, axis, visible in looks
+        panel("", label("torque", unit), torque, height=200),
+        panel("time [s]", label("residual", unit), left, height=130),
     ]
-
-
-def _time_layout(torque_unit: str) -> Figure:
-    unit = plot_text(unit_text(torque_unit))
-    return {
-        "hovermode": "x unified",
-        "xaxis": {
-            "anchor": "y2",
-            "title": {"text": "time [s]"},
-            "hoverformat": ".2f",
-            "unifiedhovertitle": {"text": "%{x} s"},
-        },
-        "yaxis": {"domain": [0.36, 1.0], "title": {"text": f"torque [{unit}]"}},
-        "yaxis2": {"domain": [0.0, 0.27], "title": {"text": f"residual [{unit}]"}, "nticks": 4},
-    }
 
 
 def add_velocity_plots(figures: Figures, source: Source) -> tuple[int, int]:
@@ -161,53 +140,44 @@ def add_velocity_plots(figures: Figures, source: Source) -> tuple[int, int]:
     joints = result["joints"]
     picked = np.flatnonzero(shown_rows(signals))
     max_points = int(np.clip(_CLOUD_BUDGET / len(joints), *_CLOUD_POINTS))
-    unit = plot_text(unit_text(result["torque_unit"]))
+    unit = unit_text(result["torque_unit"])
     for j, joint in enumerate(joints):
         dq, residual = signals.columns[f"dq_{j}"][picked], signals.columns[f"residual_{j}"][picked]
         friction = signals.columns.get(f"friction_{j}", np.zeros_like(signals.columns["t"]))[picked]
         few = thin(picked.size, residual, max_points)
         x = figures.array(f"v/{j}/dq", dq[few])
-        cloud = {
-            "type": "scatter",
-            "mode": "markers",
-            "x": x,
-            "hoverinfo": "skip",
-            "marker": {"size": 3, "color": "$measured", "opacity": 0.55},
-        }
-        speed = f"{plot_text(unit_text(velocity_unit(result, joint)))}"
-        hover = "%{y:.3~g} " + unit + " at %{x:.3~g} " + speed + "<extra></extra>"
-        traces: list[Figure] = [
-            {**cloud, "y": figures.array(f"v/{j}/data", (friction + residual)[few])},
-            _mean_line(figures, f"v/{j}/friction", dq, friction, "$blue", hover),
-            {**cloud, "y": figures.array(f"v/{j}/residual", residual[few]), "yaxis": "y2"},
-            {**_mean_line(figures, f"v/{j}/mean", dq, residual, "$red", hover), "yaxis": "y2"},
+        data = figures.array(f"v/{j}/data", (friction + residual)[few])
+        left = figures.array(f"v/{j}/residual", residual[few])
+        speed = label("joint velocity", unit_text(velocity_unit(result, joint)))
+        above = [
+            series("points", x, "cloud", "measured", y=data, size=3, quiet=True),
+            _mean_line(figures, f"v/{j}/friction", dq, friction, "blue", "friction"),
         ]
-        layout = {
-            "xaxis": {"anchor": "y2", "title": {"text": f"joint velocity [{speed}]"}, "zeroline": True},
-            "yaxis": {"domain": [0.42, 1.0], "title": {"text": f"friction [{unit}]"}},
-            "yaxis2": {"domain": [0.0, 0.32], "title": {"text": f"residual [{unit}]"}, "nticks": 4},
-        }
-        figures.add(f"velocity-{j}", traces, layout)
+        below = [
+            series("points", x, "cloud", "residual", y=left, size=3, quiet=True),
+            _mean_line(figures, f"v/{j}/mean", dq, residual, "red", "mean residual"),
+        ]
+        figures.add(
+            f"velocity-{j}",
+            [
+                panel("", label("friction", unit), above, height=180),
+                panel(speed, label("residual", unit), below, height=140),
+            ],
+        )
     return min(max_points, picked.size), picked.size
 
 
-def _mean_line(figures: Figures, key: str, x: Array, y: Array, color: str, hover: str) -> Figure:
+def _mean_line(figures: Figures, key: str, x: Array, y: Array, color: str, name: str) -> Series:
     centre, mean = binned_mean(x, y, _N_BINS)
-    return {
-        "type": "scatter",
-        "mode": "lines",
-        "x": figures.array(key + "/x", centre),
-        "hovertemplate": hover,
-        "y": figures.array(key + "/y", mean),
-        "line": {"color": color, "width": 2},
-    }
+    places = figures.array(key + "/x", centre)
+    return series("line", places, color, name, y=figures.array(key + "/y", mean), width=2)
 
 
 def add_noise_plots(figures: Figures, source: Source) -> None:
     """Autocorrelation and distribution of the residual, one figure per joint."""
     signals = source.signals
     rows = shown_rows(signals)
-    unit = plot_text(unit_text(source.result["torque_unit"]))
+    unit = unit_text(source.result["torque_unit"])
     runs = [np.flatnonzero(rows & (signals.run == run)) for run in np.unique(signals.run[rows])]
     steps = [np.median(np.diff(signals.columns["t"][run])) for run in runs if run.size > 1]
     step = float(np.median(steps)) if steps else 1.0
@@ -217,62 +187,33 @@ def add_noise_plots(figures: Figures, source: Source) -> None:
         residual = signals.columns[f"residual_{j}"]
         correlation = autocorrelation([residual[run] for run in runs], n_lags)
         values = residual[rows]
-        traces = [
-            {
-                "type": "scatter",
-                "mode": "lines",
-                "x": figures.array("lag", np.arange(n_lags) * step),
-                "fill": "tozeroy",
-                "y": figures.array(f"n/{j}/acf", correlation),
-                "line": {"color": "$red", "width": 1.5},
-                "fillcolor": "$red-soft",
-                "hovertemplate": "%{y:.2f} after %{x:.2f} s<extra></extra>",
-            },
-            *_distribution(figures, j, values, unit),
-        ]
-        layout = {
-            "xaxis": {"domain": [0.0, 0.46], "title": {"text": "lag [s]"}, "nticks": 4},
-            "yaxis": {"range": [-1.05, 1.05], "title": {"text": "autocorrelation"}, "zeroline": True},
-            "xaxis2": {
-                "domain": [0.58, 1.0],
-                "anchor": "y2",
-                "title": {"text": f"residual [{unit}]"},
-                "nticks": 4,
-            },
-            "yaxis2": {"anchor": "x2", "showticklabels": False, "rangemode": "tozero", "title": {"text": ""}},
-            "bargap": 0.0,
-        }
-        figures.add(f"noise-{j}", traces, layout)
+        lags = figures.array("lag", np.arange(n_lags) * step)
+        memory = series("line", lags, "red", "autocorrelation", y=figures.array(f"n/{j}/acf", correlation))
+        panels = [panel("lag [s]", "autocorrelation", [memory], height=140, range=[-1.05, 1.05])]
+        figures.add(f"noise-{j}", panels + _distribution(figures, j, values, unit))
 
 
-def _distribution(figures: Figures, j: int, values: Array, unit: str) -> list[Figure]:
+def _distribution(figures: Figures, j: int, values: Array, unit: str) -> list[dict[str, Any]]:
     std = float(values.std())
     if std == 0.0:
         return []
     centre = float(values.mean())
     edges = np.linspace(centre - 4.0 * std, centre + 4.0 * std, _N_HISTOGRAM_BINS + 1)
-    density = np.histogram(np.clip(values, edges[0], edges[-1]), edges, density=True)[0]
+    density = np.histogram(np.clip(values, edges[0], edges[-1]), edges, density=True)[0] * std
     normal = statistics.NormalDist(centre, std)
     smooth = np.linspace(edges[0], edges[-1], 61)
-    bell = np.asarray([normal.pdf(float(x)) for x in smooth])
-    return [
-        {
-            "type": "bar",
-            "x": figures.array(f"n/{j}/bin", 0.5 * (edges[1:] + edges[:-1])),
-            "xaxis": "x2",
-            "yaxis": "y2",
-            "y": figures.array(f"n/{j}/density", density),
-            "marker": {"color": "$red-soft", "line": {"width": 0}},
-            "hovertemplate": "around %{x:.3~g} " + unit + "<extra></extra>",
-        },
-        {
-            "type": "scatter",
-            "mode": "lines",
-            "x": figures.array(f"n/{j}/bell/x", smooth),
-            "xaxis": "x2",
-            "yaxis": "y2",
-            "y": figures.array(f"n/{j}/bell/y", bell),
-            "line": {"color": "$ink", "width": 1.2, "dash": "dot"},
-            "hoverinfo": "skip",
-        },
+    bell = np.asarray([normal.pdf(float(x)) for x in smooth]) * std
+    middles = figures.array(f"n/{j}/bin", 0.5 * (edges[1:] + edges[:-1]))
+    drawn = [
+        series("bars", middles, "red-soft", "residual", y=figures.array(f"n/{j}/density", density)),
+        series(
+            "line",
+            figures.array(f"n/{j}/bell/x", smooth),
+            "ink",
+            "normal",
+            y=figures.array(f"n/{j}/bell/y", bell),
+            width=1.2,
+            dash=True,
+        ),
     ]
+    return [panel(label("residual", unit), "density \u00d7 std", drawn, height=140)]

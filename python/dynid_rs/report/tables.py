@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from dynid_rs.base.wording import kinds_said
 from dynid_rs.report.text import (
     DASH,
     PLUS_MINUS,
     breakable,
+    change,
     count,
     esc,
     interval,
@@ -26,16 +26,20 @@ Result = Mapping[str, Any]
 _LONG_NAME = 44
 
 
-def table(head: Sequence[str], rows: Sequence[Sequence[str]], *, caption: str = "", kind: str = "") -> str:
+def table(
+    head: Sequence[str], rows: Sequence[Sequence[str]], *, caption: str = "", kind: str = "", label: str = "Table"
+) -> str:
     """HTML table from cells that are HTML already; the first cell of a row is its heading.
 
-    A cell that starts with ``<td`` or ``<th`` is taken as a whole element.
+    A cell that starts with ``<td`` or ``<th`` is taken as a whole element. What is wider than the page scrolls within
+    its own box, which the keyboard reaches under the name `label`.
     """
     body = "".join(f"<tr>{_cells(row)}</tr>\n" for row in rows)
     title = f"<caption>{caption}</caption>" if caption else ""
     headings = "".join(cell if cell.startswith("<th") else f'<th scope="col">{cell}</th>' for cell in head)
     return (
-        f'<div class="scroll" tabindex="0"><table class="{kind}">{title}<thead><tr>{headings}</tr></thead>\n'
+        f'<div class="scroll" tabindex="0" role="group" aria-label="{label}"><table class="{kind}">'
+        f"{title}<thead><tr>{headings}</tr></thead>\n"
         f"<tbody>\n{body}</tbody></table></div>"
     )
 
@@ -51,62 +55,15 @@ def cell(html: str, kind: str = "num") -> str:
     return f'<td class="{kind}">{html}</td>'
 
 
-def change_cell(after: float | None, wls: float | None, bounds: Sequence[float] | None = None) -> str:
-    """Table cell: by how much the error fell or rose, in a word, a sign and a colour.
-
-    `bounds`: 95 % interval of ``after / wls - 1``, shown under it; a change whose interval holds zero has no colour.
-    """
+def change_cell(after: float | None, wls: float | None) -> str:
+    """Table cell: by how much the error fell or rose, in a number, a sign and a colour."""
     share = ratio(after, wls)
     if share is None:
         return cell(DASH)
-    kind, sign, word = ("better", "\u25bc", "less") if share < 1.0 else ("worse", "\u25b2", "more")
-    ends = "" if bounds is None else " to ".join(percent(bound, signed=True) for bound in bounds)
-    said = f'<br><span class="soft" title="95 % interval">{ends}</span>' if ends else ""
     if abs(share - 1.0) < 0.005:
-        return cell(f"same{said}", "num soft")
-    change = f"{percent(abs(share - 1.0))} {word}"
-    sure = bounds is None or bounds[0] > 0 or bounds[1] < 0
-    return cell(f'<span aria-hidden="true">{sign}</span> {change}{said}', f"num {kind if sure else 'soft'}")
-
-
-def effects_table(result: Result) -> str:
-    """List what was found beyond the declared model."""
-    unit = result["torque_unit"]
-    rows = []
-    for rank, effect in enumerate(result["effects"], 1):
-        parameters = "<br>".join(
-            f"{esc(p['name'])} = {esc(with_unit(significant(p['value']), p.get('unit')))}"
-            f' <span class="soft">({interval(p.get("interval"))})</span>'
-            for p in effect.get("parameters") or []
-        )
-        ties = "<br>".join(
-            esc(words(tie["kind"])) + (f" ({esc(', '.join(tie['joints']))})" if tie.get("joints") else "")
-            for tie in effect.get("ties") or []
-        )
-        rows.append(
-            [
-                esc(" or ".join(words(kind) for kind in kinds_said(effect) or [effect["kind"]])),
-                esc(", ".join(effect["joints"])),
-                parameters or DASH,
-                _before_after(effect, result["joints"]),
-                significant(effect.get("p_value"), 2),
-                ties or DASH,
-                cell(significant(effect.get("rank") or rank, 1)),
-            ]
-        )
-    said = f"<small>{esc(unit_text(unit))}</small>"
-    return table(
-        [
-            "Effect",
-            "Joints",
-            "Parameters (95 % interval)",
-            f"Test error {said}",
-            "p",
-            "Cannot be told from",
-            "Rank",
-        ],
-        rows,
-    )
+        return cell("same", "num soft")
+    kind, sign = ("better", "\u25bc") if share < 1.0 else ("worse", "\u25b2")
+    return cell(f'<span aria-hidden="true">{sign}</span> {change(after, wls)}', f"num {kind}")
 
 
 def stages_table(result: Result, stages: Result) -> str:
@@ -119,21 +76,7 @@ def stages_table(result: Result, stages: Result) -> str:
         shares = [cell(percent(ratio(error, size[j]))) for error in errors]
         rows.append([esc(joint), *shares, change_cell(errors[-1], errors[0])])
     head = ["Joint", "Weighted least squares", "1: friction", "2: link dynamics", "3: residual", "All three"]
-    return table(head, rows, caption="Error over the torque\u2019s standard deviation")
-
-
-def _before_after(effect: Result, all_joints: Sequence[str]) -> str:
-    """Before and after per joint of the effect; the arrays follow either all joints or the effect's own."""
-    before, after = effect.get("rmse_test_before") or [], effect.get("rmse_test_after") or []
-    names = all_joints if len(before) == len(all_joints) else effect["joints"]
-    return (
-        "<br>".join(
-            f'<span class="soft">{esc(joint)}</span> {significant(old)} \u2192 <b>{significant(new)}</b>'
-            for joint, old, new in zip(names, before, after, strict=False)
-            if joint in effect["joints"]
-        )
-        or DASH
-    )
+    return table(head, rows, caption="Error over the torque\u2019s standard deviation", label="Errors loop by loop")
 
 
 def parameter_table(parameters: Sequence[Result], group_key: str, group_title: str) -> str:
@@ -159,7 +102,7 @@ def parameter_table(parameters: Sequence[Result], group_key: str, group_title: s
                 _sortable(percent(relative), relative, kind),
             ]
         )
-    return table(head, rows, kind="sortable")
+    return table(head, rows, kind="sortable", label="Parameters")
 
 
 def holds_zero(parameter: Result) -> bool:
@@ -203,7 +146,7 @@ def findings_table(findings: Sequence[Result]) -> str:
                 cell(esc(words(f.get("code") or "")), "soft"),
             ]
         )
-    return table(["Severity", "What", "Where", "Size", "Kind"], rows)
+    return table(["Severity", "What", "Where", "Size", "Kind"], rows, label="Findings")
 
 
 def residual_table(result: Result, residual: Result, kept: Sequence[bool]) -> str:
@@ -224,7 +167,8 @@ def residual_table(result: Result, residual: Result, kept: Sequence[bool]) -> st
         ]
         for j, joint in enumerate(joints)
     ]
-    return table(["Joint", f"Without {said}", f"With {said}", "Change", "Components", "Decision"], rows, kind="tight")
+    head = ["Joint", f"Without {said}", f"With {said}", "Change", "Components", "Decision"]
+    return table(head, rows, kind="tight", label="Third loop")
 
 
 def delay_table(result: Result, delay: Result) -> str:
@@ -240,7 +184,7 @@ def delay_table(result: Result, delay: Result) -> str:
         for joint, value, pair in zip(result["joints"], delay["value"], bounds, strict=True)
     ]
     said = f"<small>{esc(unit_text(unit))}</small>"
-    return table(["Joint", f"Delay {said}", f"95 % interval {said}"], rows)
+    return table(["Joint", f"Delay {said}", f"95 % interval {said}"], rows, label="Delays")
 
 
 def shape_table(shapes: Sequence[Result]) -> str:
@@ -254,24 +198,5 @@ def shape_table(shapes: Sequence[Result]) -> str:
         ]
         for s in shapes
     ]
-    return table(["Joint", "Velocity threshold", "Transition width", "Unit"], rows)
-
-
-def unexplained_table(result: Result) -> str:
-    """List what the model leaves, and the signals it depends on."""
-    rows = [
-        [
-            esc(u["joint"]),
-            cell(percent(u.get("share"))),
-            cell("; ".join(_dependence(d) for d in u.get("depends_on") or []) or "no single signal", "text"),
-        ]
-        for u in result["unexplained"]
-    ]
-    return table(["Joint", "Share of the error", "Depends on"], rows)
-
-
-def _dependence(depends: Result) -> str:
-    strength = (
-        "" if depends.get("strength") is None else f' <span class="soft">({significant(depends["strength"], 2)})</span>'
-    )
-    return f"{esc(depends['signal'])}{strength}"
+    head = ["Joint", "Velocity threshold", "Transition width", "Unit"]
+    return table(head, rows, label="Shape of friction")

@@ -1,4 +1,7 @@
-"""Words and numbers of the report: escaped text, significant digits, units as people write them."""
+"""Words and numbers of the report: escaped text, significant digits, units as people write them.
+
+Numbers are those of the terminal (`base/numbers.py`), set as print sets them: a minus sign, spaces that do not break.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +10,8 @@ import math
 import re
 from collections.abc import Sequence
 
+from dynid_rs.base import numbers
+
 DASH = "\u2013"
 MINUS = "\u2212"
 NBSP = "\u00a0"
@@ -14,7 +19,6 @@ PLUS_MINUS = "\u00b1"
 
 _SUPERSCRIPTS = str.maketrans("-0123456789", "\u207b\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079")
 _MAX_DECIMALS = 9
-_ABSURD = 1e3
 
 
 def esc(value: object) -> str:
@@ -22,27 +26,23 @@ def esc(value: object) -> str:
     return html.escape(str(value), quote=True)
 
 
-def plot_text(value: object) -> str:
-    """Text for plotly, which reads markup but does not know the entity of a quotation mark."""
-    return html.escape(str(value), quote=False)
-
-
 def breakable(name: str) -> str:
     """Escaped name that may break after an underscore or a slash."""
     return re.sub(r"([_/])", r"\1<wbr>", esc(name))
 
 
-def significant(value: float | None, digits: int = 3) -> str:
-    """`value` with `digits` significant digits, 1.50, 0.0120, 1.2 x 10^-6; a dash for None."""
-    if value is None:
+def typeset(text: str) -> str:
+    """A number of the terminal as print sets it."""
+    if text == numbers.DASH:
         return DASH
-    if value == 0.0:
-        return "0"
-    exponent = int(f"{value:.{digits - 1}e}".partition("e")[2])
-    if -4 <= exponent < 5:
-        return _signed(f"{value:.{max(0, digits - 1 - exponent)}f}")
-    mantissa, _, power = f"{value:.{digits - 1}e}".partition("e")
-    return _signed(f"{mantissa}\u00d710{str(int(power)).translate(_SUPERSCRIPTS)}")
+    text = re.sub(r"e([+-]\d+)", lambda power: f"\u00d710{str(int(power[1])).translate(_SUPERSCRIPTS)}", text)
+    text = text.replace("100000 %", "100\u202f000 %").replace("over ", f"over{NBSP}")
+    return text.replace("-", MINUS).replace(" %", f"{NBSP}%")
+
+
+def significant(value: float | None, digits: int = 3) -> str:
+    """`value` with `digits` significant digits, 1.50, 0.0120, 1.20 x 10^-6; a dash for None."""
+    return typeset(numbers.significant(value, digits))
 
 
 def value_with_error(value: float | None, std_error: float | None) -> tuple[str, str]:
@@ -53,26 +53,27 @@ def value_with_error(value: float | None, std_error: float | None) -> tuple[str,
     decimals = max(0, 1 - exponent)
     if decimals > _MAX_DECIMALS or abs(value) >= 1e7 or std_error >= 1e7:
         return significant(value, 4), significant(std_error, 2)
-    return _signed(f"{value:.{decimals}f}"), f"{std_error:.{decimals}f}"
+    return typeset(f"{value:.{decimals}f}"), f"{std_error:.{decimals}f}"
 
 
 def percent(ratio: float | None, *, signed: bool = False) -> str:
     """`ratio` = 0.049 as 4.9 %, two significant digits (whole numbers from 10 % on)."""
-    if ratio is None:
-        return DASH
-    if abs(ratio) >= _ABSURD:
-        return f"over{NBSP}{count(100.0 * _ABSURD)}{NBSP}%"
-    number = 100.0 * ratio
-    decimals = 0 if abs(number) >= 9.95 else 1 if abs(number) >= 0.095 else 2
-    text = f"{number:+.{decimals}f}" if signed else f"{number:.{decimals}f}"
-    return _signed(text) + NBSP + "%"
+    return typeset(numbers.percent(ratio, signed=signed))
 
 
 def interval(bounds: Sequence[float] | None, digits: int = 3) -> str:
     """1.40 to 1.60, or a dash."""
-    if bounds is None:
-        return DASH
-    return f"{significant(bounds[0], digits)} to {significant(bounds[1], digits)}"
+    return typeset(numbers.interval(bounds, digits))
+
+
+def percent_interval(bounds: Sequence[float] | None) -> str:
+    """Interval of a change, or a dash."""
+    return typeset(numbers.percent_interval(bounds))
+
+
+def change(after: float | None, before: float | None) -> str:
+    """By how much an error changed, or a dash."""
+    return typeset(numbers.change(after, before))
 
 
 def count(number: float | None) -> str:
@@ -90,7 +91,7 @@ def unit_text(unit: str | None) -> str:
     if not unit or unit == "1":
         return ""
     dotted = re.sub(r"\^(-?\d+)", lambda power: power[1].translate(_SUPERSCRIPTS), unit).replace("*", "\u00b7")
-    return {"degC": "\u00b0C"}.get(dotted, dotted)
+    return {"degC": "\u00b0C"}.get(dotted, re.sub(r"\((\w+)\)", r"\1", dotted))
 
 
 def with_unit(text: str, unit: str | None) -> str:
@@ -99,8 +100,13 @@ def with_unit(text: str, unit: str | None) -> str:
 
 
 def words(identifier: str) -> str:
-    """``load_dependent_friction`` as words."""
-    return identifier.replace("_", " ")
+    """``load_dependent_friction`` as people write it."""
+    return identifier.replace("_dependent_", "-dependent ").replace("_", " ")
+
+
+def capital(text: str) -> str:
+    """A sentence's first letter."""
+    return text[:1].upper() + text[1:]
 
 
 def file_names(names: Sequence[str]) -> str:
@@ -108,9 +114,26 @@ def file_names(names: Sequence[str]) -> str:
     return ", ".join(f"<code>{esc(name)}</code>" for name in names) or "none"
 
 
-def join_words(items: Sequence[str]) -> str:
+def join_words(items: Sequence[str], last: str = "and") -> str:
     """Join as in `a, b and c`."""
-    return items[0] if len(items) == 1 else ", ".join(items[:-1]) + " and " + items[-1] if items else ""
+    return items[0] if len(items) == 1 else ", ".join(items[:-1]) + f" {last} " + items[-1] if items else ""
+
+
+def with_code(text: str) -> str:
+    """HTML of a sentence; what stands between backticks is a command."""
+    return re.sub(r"`([^`]+)`", r"<code>\1</code>", esc(text))
+
+
+def short_names(names: Sequence[str]) -> list[str]:
+    """Names without the words that all of them begin with, where what is left still tells them apart."""
+    if len(names) < 2:
+        return list(names)
+    parts = [re.findall(r"[^_/.\-]+[_/.\-]*|[_/.\-]+", name) for name in names]
+    shared = 0
+    while all(len(part) > shared + 2 for part in parts) and len({part[shared] for part in parts}) == 1:
+        shared += 1
+    short = ["".join(part[shared:]) for part in parts]
+    return short if len(set(short)) == len(names) else list(names)
 
 
 def median(values: Sequence[float | None]) -> float | None:
@@ -134,7 +157,3 @@ def ratio(value: float | None, reference: float | None) -> float | None:
         return None
     share = value / reference
     return share if math.isfinite(share) else None
-
-
-def _signed(text: str) -> str:
-    return text.replace("-", MINUS)
