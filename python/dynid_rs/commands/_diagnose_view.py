@@ -8,7 +8,7 @@ from typing import Any
 from rich.table import Table
 from rich.text import Text
 
-from dynid_rs.base.numbers import change, interval, percent, percent_interval, significant
+from dynid_rs.base.numbers import change, interval, percent_interval, significant
 from dynid_rs.base.quoting import shown
 from dynid_rs.base.wording import NO_INTERVAL, lacks_interval, worse_than_least_squares
 from dynid_rs.commands._console import console
