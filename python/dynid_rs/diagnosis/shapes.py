@@ -63,10 +63,13 @@ def polished(beside: Beside, catalogue: Catalogue, hypothesis: Hypothesis) -> Hy
 
 
 def _of_its_first(beside: Beside, catalogue: Catalogue, value: float, h: Hypothesis) -> Hypothesis:
-    """The hypothesis, or with twice its cycles where those do as well: what returns has a first harmonic."""
+    """The hypothesis, or with twice its cycles where those do as well: what returns has a first harmonic.
+
+    Of what the data do not see at all, too fast for the band, every multiple does as well; that has none.
+    """
     own = Shaped(h.kind, h.joints, h.shape)
     cycles = dict(h.shape).get("cycles")
-    if cycles is None or not is_valid(h.kind, (twice := own.with_shape("cycles", 2 * cycles)).shape):
+    if cycles is None or value <= SURE or not is_valid(h.kind, (twice := own.with_shape("cycles", 2 * cycles)).shape):
         return h
     (other,) = catalogue.of([twice])
     return polished(beside, catalogue, other) if beside.screened([other])[0].value > value - SURE else h
