@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import re
 
-_SUPERSCRIPTS = str.maketrans("-0123456789", "\u207b\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079")
+SUPERSCRIPTS = str.maketrans("-0123456789", "\u207b\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079")
 
 
 def unit_text(unit: str | None) -> str:
     """``N*m*s^2/rad^2`` as people write it; nothing for the unit ``1``."""
     if not unit or unit == "1":
         return ""
-    dotted = re.sub(r"\^(-?\d+)", lambda power: power[1].translate(_SUPERSCRIPTS), unit).replace("*", "\u00b7")
+    dotted = re.sub(r"\^(-?\d+)", lambda power: power[1].translate(SUPERSCRIPTS), unit).replace("*", "\u00b7")
     return {"degC": "\u00b0C"}.get(dotted, re.sub(r"\((\w+)\)", r"\1", dotted))
 
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from dynid_rs.base.units import unit_text
 from dynid_rs.report.figures import label
-from dynid_rs.report.text import unit_text, words
+from dynid_rs.report.text import words
 
 _SIGNALS = {
     "q": "angle",

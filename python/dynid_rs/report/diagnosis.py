@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from dynid_rs.base.units import unit_text
 from dynid_rs.base.wording import NO_INTERVAL, concluded, lacks_interval, worse_than_least_squares
 from dynid_rs.report import bars, effect_cards, tables
 from dynid_rs.report.figures import Figures
-from dynid_rs.report.text import DASH, esc, file_names, significant, unit_text, with_code, words
+from dynid_rs.report.text import DASH, esc, file_names, significant, with_code, words
 
 Result = Mapping[str, Any]
 NOT_CONCLUDED = "Nothing is concluded: no physics can be read from these data before the error in them is mended."

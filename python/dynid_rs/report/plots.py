@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid_rs.base.units import unit_text
 from dynid_rs.report.figures import Array, Figures, Series, label, panel, series
 from dynid_rs.report.series import autocorrelation, binned_mean, envelope, thin
 from dynid_rs.report.source import Signals, Source
-from dynid_rs.report.text import unit_text, words
+from dynid_rs.report.text import words
 
 # Bytes of base64 that all time plots together, and all clouds together, may take.
 _TIME_BUDGET = 550_000

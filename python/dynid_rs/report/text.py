@@ -11,13 +11,13 @@ import re
 from collections.abc import Sequence
 
 from dynid_rs.base import numbers
+from dynid_rs.base.units import SUPERSCRIPTS, unit_text
 
 DASH = "\u2013"
 MINUS = "\u2212"
 NBSP = "\u00a0"
 PLUS_MINUS = "\u00b1"
 
-_SUPERSCRIPTS = str.maketrans("-0123456789", "\u207b\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079")
 _MAX_DECIMALS = 9
 
 
@@ -35,7 +35,7 @@ def typeset(text: str) -> str:
     """A number of the terminal as print sets it."""
     if text == numbers.DASH:
         return DASH
-    text = re.sub(r"e([+-]\d+)", lambda power: f"\u00d710{str(int(power[1])).translate(_SUPERSCRIPTS)}", text)
+    text = re.sub(r"e([+-]\d+)", lambda power: f"\u00d710{str(int(power[1])).translate(SUPERSCRIPTS)}", text)
     text = text.replace("100000 %", "100\u202f000 %").replace("over ", f"over{NBSP}")
     return text.replace("-", MINUS).replace(" %", f"{NBSP}%")
 
@@ -84,14 +84,6 @@ def count(number: float | None) -> str:
 def plural(number: int, one: str, many: str | None = None) -> str:
     """`1 run`, `3 runs`."""
     return f"{count(number)}{NBSP}{one if number == 1 else many or one + 's'}"
-
-
-def unit_text(unit: str | None) -> str:
-    """``N*m*s^2/rad^2`` as people write it; nothing for the unit ``1``."""
-    if not unit or unit == "1":
-        return ""
-    dotted = re.sub(r"\^(-?\d+)", lambda power: power[1].translate(_SUPERSCRIPTS), unit).replace("*", "\u00b7")
-    return {"degC": "\u00b0C"}.get(dotted, re.sub(r"\((\w+)\)", r"\1", dotted))
 
 
 def with_unit(text: str, unit: str | None) -> str:
