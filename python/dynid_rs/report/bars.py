@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from dynid_rs.base.units import unit_text
 from dynid_rs.report.tables import cell, table
 from dynid_rs.report.text import (
     DASH,
@@ -20,7 +21,6 @@ from dynid_rs.report.text import (
     percent_interval,
     ratio,
     significant,
-    unit_text,
 )
 
 Result = Mapping[str, Any]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from dynid_rs.base.units import unit_text
 from dynid_rs.base.wording import kinds_said
 from dynid_rs.report import curves
 from dynid_rs.report.axes import signal_words
@@ -24,7 +25,6 @@ from dynid_rs.report.text import (
     percent,
     plural,
     significant,
-    unit_text,
     with_unit,
     words,
 )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from dynid_rs.base.units import unit_text
 from dynid_rs.base.wording import NO_INTERVAL, lacks_interval
 from dynid_rs.report import bars, effect_cards, plots
 from dynid_rs.report.answer import answer
@@ -20,7 +21,6 @@ from dynid_rs.report.text import (
     plural,
     ratio,
     significant,
-    unit_text,
     with_unit,
 )
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from dynid_rs.base.units import unit_text
 from dynid_rs.report.text import (
     DASH,
     PLUS_MINUS,
@@ -16,7 +17,6 @@ from dynid_rs.report.text import (
     percent,
     ratio,
     significant,
-    unit_text,
     value_with_error,
     with_unit,
     words,
