@@ -15,13 +15,15 @@ from small_arm import JOINTS, as_current, dynid, refusal, run, snapshot, study, 
 from test_identify import FILES, validator
 from tolerances import ALGEBRAIC
 
-from dynid_rs import TorqueModel
+from dynid_rs import LinkDynamicsIdentifier, RobotModel, TorqueModel, read_recording
 from dynid_rs.base.findings import Finding
 from dynid_rs.base.numbers import significant
 from dynid_rs.base.wording import NO_INTERVAL
 from dynid_rs.commands._diagnose_view import show
 from dynid_rs.diagnosis.availability import missing_signals
+from dynid_rs.diagnosis.loop import diagnose
 from dynid_rs.diagnosis.plausibility import implausible
+from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.wording import explained_share, next_experiments, not_worse, verdict
 from dynid_rs.regression.evaluation import Comparison
 from dynid_rs.report import diagnosis as report_diagnosis
@@ -170,13 +172,32 @@ def test_one_run_keeps_its_last_third_aside(tmp_path, search):
 def test_json_prints_the_same_object_and_options_reach_the_search(tmp_path, search):
     asked = search(made_diagnosis.clean)
     done = study()
-    options = ("--cutoff", 6, "--prior", "none", "--friction-law", "coulomb_viscous", "--json")
+    options = ("--cutoff", 6, "--prior", "robot", "--json")
     printed, result = diagnosed(tmp_path, done.robot, *done.runs, "--reference", done.model, *options)
     assert json.loads(printed.stdout) == result
     assert printed.stderr == ""
     chosen = asked["setup"].options
-    assert (chosen["cutoff"], chosen["links"].prior, chosen["friction_law"]) == (6.0, None, "coulomb_viscous")
+    assert (chosen["cutoff"], chosen["links"].prior, chosen["friction_law"]) == (6.0, "robot", "smooth")
     assert asked["reference"].robot.joint_names == list(JOINTS)
+
+
+def test_evidence_is_weighed_beside_a_prior_and_the_smooth_law(tmp_path):
+    """Other laws, and no prior, ended in a traceback as soon as something was found."""
+    done = study()
+    refused = dynid("diagnose", done.robot, *done.runs, "--prior", "none", "-o", tmp_path / "out")
+    assert "--prior must be auto or robot, found 'none'" in refusal(refused)
+    robot = RobotModel.from_urdf(done.robot)
+    recordings = [read_recording(path, robot) for path in done.runs]
+    for options, said in (
+        ({"friction_law": "coulomb_viscous"}, "leave friction_law out of the setup's options"),
+        ({"links": LinkDynamicsIdentifier(None, prior=None)}, "friction_law smooth needs a prior and weights"),
+    ):
+        with pytest.raises(ValueError, match=said):
+            diagnose(Setup(robot, options=options), recordings[:2], recordings[2:])
+    refused = dynid(
+        "identify", done.robot, *done.runs, "--prior", "none", "--friction-law", "smooth", "-o", tmp_path / "x"
+    )
+    assert "friction_law smooth needs a prior" in refusal(refused)
 
 
 def test_excluded_windows_are_scored_by_neither_model(tmp_path, search):

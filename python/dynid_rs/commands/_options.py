@@ -37,6 +37,9 @@ Weighting = Annotated[str, typer.Option(help="joint_variance, full_covariance or
 Prior = Annotated[
     str, typer.Option(help="The URDF's inertials beside the data: robot, none, or auto (a lone run that they help)")
 ]
+PriorOfDiagnosis = Annotated[
+    str, typer.Option(help="The URDF's inertials beside the data: auto (as far as the data bear them out) or robot")
+]
 Known = Annotated[
     Path | None, typer.Option(metavar="TERMS.toml", help="Effects whose coefficients you know; they are not fitted")
 ]

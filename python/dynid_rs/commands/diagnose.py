@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -21,7 +20,7 @@ if TYPE_CHECKING:
 N_STATES, OTHER_ROBOT = 8, 0.1
 """Random states at which two robots are compared, and the part of their links' torque by which they may differ."""
 STEPS = (
-    Step(3, "reading", "comparing laws of friction"),
+    Step(3, "reading"),
     Step(4, "channels"),
     Step(4, "contacts"),
     Step(2, "mounting", "comparing with the reference"),
@@ -50,10 +49,8 @@ def diagnose(
     tip: _options.Tip = None,
     xacro: _options.Xacro = False,
     drive_gain: _options.DriveGain = None,
-    weighting: _options.Weighting = "joint_variance",
-    prior: _options.Prior = "auto",
+    prior: _options.PriorOfDiagnosis = "auto",
     known: _options.Known = None,
-    friction_law: _options.FrictionLaw = "smooth",
     cutoff: _options.Cutoff = None,
     force: _options.Force = False,
     json_output: _options.Json = False,
@@ -67,7 +64,6 @@ def diagnose(
     from dynid_rs.commands._identifier import (
         RESULT_FILE,
         check_places,
-        chosen_laws,
         convergence_findings,
         identifier_options,
         known_terms,
@@ -90,7 +86,9 @@ def diagnose(
         model = read_robot(robot, base, tip, gravity, read_rules(config), xacro=xacro)
         settings = read_settings(config, drive_gain, model.n_joints)
         model = with_rotors(model, settings, robot, base, tip, xacro=xacro)
-        options = identifier_options(weighting, prior, cutoff, friction_law)
+        if prior not in ("auto", "robot"):
+            raise ValueError(f"--prior must be auto or robot, found {prior!r}; a diagnosis needs one")
+        options = identifier_options("joint_variance", prior, cutoff, "smooth")
         options["known"] = known_terms(known, model)
         split, findings = read_split(runs, test or [], test_from, model, settings)
         check_cutoff(cutoff, [*split.train, *split.test])
@@ -103,9 +101,6 @@ def diagnose(
         from dynid_rs.model.inertials import inertial_findings
 
         setup = Setup(model, options=options)
-        if friction_law == "auto":
-            say("comparing laws of friction")
-            setup = replace(setup, options={**options, "friction_law": chosen_laws(setup.identifier(), split.train)})
         findings = [*inertial_findings(model, robot.name), *findings, *missing_signals(split.train)]
         with convergence_findings() as unsettled:
             outcome = find_effects(setup, split.train, split.test, on_progress=say, **more)

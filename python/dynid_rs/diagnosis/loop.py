@@ -30,6 +30,7 @@ from dynid_rs.diagnosis.search import search
 from dynid_rs.diagnosis.sensors import channel_errors, examine
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.unexplained import unexplained
+from dynid_rs.identification.smooth_friction import SmoothFrictionIdentifier
 from dynid_rs.identification.training import check_motion
 from dynid_rs.regression.kept_columns import keeping_columns
 from dynid_rs.runs.given import Runs, as_recordings
@@ -66,7 +67,7 @@ def diagnose(
     Raises
     ------
     ValueError
-        Neither a robot nor a setup, or something else than runs.
+        Neither a robot nor a setup, or something else than runs; options under which no evidence can be weighed.
     DataError
         As `ThreeLoopIdentifier.fit`; a test run with hardly any motion.
     """
@@ -100,6 +101,8 @@ def _traced(
     if before is None:
         fit = setup.identifier(residual=None).fit(list(train))
         return Diagnosis(setup, fit, fit, findings=findings)
+    if not isinstance(before.friction_, SmoothFrictionIdentifier):
+        raise ValueError("a diagnosis needs the smooth law of friction; leave friction_law out of the setup's options")
     check_motion([before.states(recording) for recording in test])  # before the long part
     setup = replace(setup, options={**setup.options, "cutoff": before.band_.cutoff})  # the motion stays what it is
     on_progress("mounting")

@@ -98,7 +98,10 @@ class SmoothFrictionIdentifier(Estimator):
     def improve(self, observations: Observations, links: LinkDynamicsIdentifier, runs: Sequence[States]) -> float:
         """One Gauss-Newton step on all shapes beside everything else; its greatest change of a logarithm."""
         plan, posterior = observations.plan, links.posterior_
-        assert posterior is not None  # this law is for fits with the weak prior
+        if posterior is None:
+            raise ValueError(
+                "friction_law smooth needs a prior and weights; choose another law, or leave both as they are"
+            )
         free = np.flatnonzero(~np.broadcast_to(self.held, plan.robot.n_joints))
         model = posterior.model(plan, observations.joint_rows(), n_effective=_at_least(posterior, observations))
         model = model.beside(*({j: SPREAD_HERE * shape_slopes(plan, links, runs, j)} for j in free.tolist()))
@@ -124,7 +127,10 @@ class SmoothFrictionIdentifier(Estimator):
     ) -> list[tuple[float, float]]:
         """Shape of every joint under which the data are most probable, all other joints' shapes as they are."""
         plan, posterior = observations.plan, links.posterior_
-        assert posterior is not None  # this law is for fits with the weak prior
+        if posterior is None:
+            raise ValueError(
+                "friction_law smooth needs a prior and weights; choose another law, or leave both as they are"
+            )
         n = plan.robot.n_joints
         effects = [
             _core.Effect.of(KIND, transition_width=[t[k][0] for t in tries], sharpness=[t[k][1] for t in tries])
