@@ -97,11 +97,7 @@ class SmoothFrictionIdentifier(Estimator):
 
     def improve(self, observations: Observations, links: LinkDynamicsIdentifier, runs: Sequence[States]) -> float:
         """One Gauss-Newton step on all shapes beside everything else; its greatest change of a logarithm."""
-        plan, posterior = observations.plan, links.posterior_
-        if posterior is None:
-            raise ValueError(
-                "friction_law smooth needs a prior and weights; choose another law, or leave both as they are"
-            )
+        plan, posterior = observations.plan, _posterior(links)
         free = np.flatnonzero(~np.broadcast_to(self.held, plan.robot.n_joints))
         model = posterior.model(plan, observations.joint_rows(), n_effective=_at_least(posterior, observations))
         model = model.beside(*({j: SPREAD_HERE * shape_slopes(plan, links, runs, j)} for j in free.tolist()))
@@ -126,11 +122,7 @@ class SmoothFrictionIdentifier(Estimator):
         tries: Sequence[Sequence[tuple[float, float]]],
     ) -> list[tuple[float, float]]:
         """Shape of every joint under which the data are most probable, all other joints' shapes as they are."""
-        plan, posterior = observations.plan, links.posterior_
-        if posterior is None:
-            raise ValueError(
-                "friction_law smooth needs a prior and weights; choose another law, or leave both as they are"
-            )
+        plan, posterior = observations.plan, _posterior(links)
         n = plan.robot.n_joints
         effects = [
             _core.Effect.of(KIND, transition_width=[t[k][0] for t in tries], sharpness=[t[k][1] for t in tries])
@@ -229,6 +221,12 @@ def in_paper_terms(coefficients: dict[str, float]) -> dict[str, float]:
     return {
         f"{name}_{side}": float(x) for name, both in pairs.items() for side, x in zip(("pos", "neg"), both, strict=True)
     }
+
+
+def _posterior(links: LinkDynamicsIdentifier) -> Posterior:
+    if links.posterior_ is None:
+        raise ValueError("friction_law smooth needs a prior and weights; choose another law, or leave both as they are")
+    return links.posterior_
 
 
 def _at_least(posterior: Posterior, observations: Observations) -> FloatArray:
