@@ -40,7 +40,7 @@ EXPLAINED = 0.3
 UNEXPLAINED = 0.003
 """Share of a joint's torque on a run from which on changes are looked for, but for clocks: 5 % of its size."""
 CLEARLY_LATE = 1.5
-"""The same as `CLEARLY` of a clock, on the median of the joints it concerns."""
+"""The same as `CLEARLY` of a clock that all joints share, on the median of the joints."""
 LEAST_LATE = 0.006
 """Shorter delays [s] than this hide in what friction does at reversals."""
 STEEP = 0.35
@@ -157,7 +157,9 @@ def _clearly_late(bench: Bench, lag: Lag) -> bool:
     joints = list(lag.trial.joints)
     gain = min(lag.trial.fit.log, lag.links_log) - bench.fit.log
     ratio = bench.fit.share[joints] / np.maximum(lag.trial.fit.share[joints], 1e-300)
-    return gain > ENOUGH and abs(lag.delay) > LEAST_LATE and bool(np.median(ratio) > CLEARLY_LATE)
+    # Drives share a clock; what lags on one joint alone is rather a gear that yields, or friction that remembers.
+    clearly = CLEARLY_LATE if len(joints) > 1 else CLEARLY
+    return gain > ENOUGH and abs(lag.delay) > LEAST_LATE and bool(np.median(ratio) > clearly)
 
 
 def _clear(bench: Bench, trial: Trial) -> bool:

@@ -124,8 +124,9 @@ def late(bench: Bench, lag: Lag, names: Sequence[str], *, filtered: bool) -> Fin
     size = f"{1e3 * abs(lag.delay):.0f} ms"
     if not filtered or lag.delay < 0:
         first, second = ("torque", "positions") if lag.delay > 0 else ("positions", "torque")
+        comes = "comes" if lag.delay > 0 else "come"
         message = (
-            f"the {first} of {whose} comes about {size} after the {second} ({_odds(bench, trial)}); shift it, or let "
+            f"the {first} of {whose} {comes} about {size} after the {second} ({_odds(bench, trial)}); shift it, or let "
             "`dynid diagnose` fit the delay"
         )
         return Finding("torque_late", "warning", message, names[0], column, value=lag.delay, unit="s")
