@@ -40,11 +40,13 @@ def split_runs(runs: Sequence[Recording], test: Sequence[Recording], test_from: 
     Raises
     ------
     ValueError
-        `test_from` with several runs or with test runs, or outside of the run.
+        There is no run to learn from; `test_from` with several runs or with test runs, or outside of the run.
     DataError
         The time of a run is in another unit; a run is there twice, under whatever name; or a test run holds other
         signals than the training runs.
     """
+    if not runs:
+        raise ValueError("no run is given to learn from; give at least one")
     if test_from is not None and (test or len(runs) != 1):
         raise ValueError(
             "--test-from cuts a lone run; with --test or several runs there is nothing to cut, leave it out"
