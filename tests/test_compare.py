@@ -88,3 +88,8 @@ def test_what_cannot_be_compared_is_refused_in_a_sentence(plain, tmp_path):
     done = dynid("identify", study().robot, *study().runs[:2], "-o", tmp_path / "out", "--residual", "none")
     assert done.exit_code in (0, 1)
     assert "was tested on run_1.parquet" in refusal(dynid("compare", study().output, tmp_path / "out"))
+
+
+def test_a_run_counts_once():
+    said = refusal(dynid("compare", study().model, study().model, study().runs[2], study().runs[2]))
+    assert "run_2.parquet is given twice to test on; name it once" in said

@@ -341,3 +341,8 @@ def test_a_run_in_parts_is_estimated_along_the_longest_and_says_so(folder):
     assert json.loads(result.stdout)["n_samples"] == len(columns["t"]) - 300
     assert "before row 301" in result.stderr
     assert "the longest part is estimated" in result.stderr
+
+
+def test_gains_are_for_currents():
+    said = refusal(dynid("estimate", study().model, study().runs[2], "--drive-gain", "3"))
+    assert said == "run_2.parquet: holds torque, and --drive-gain is for currents; leave it out"

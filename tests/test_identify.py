@@ -202,6 +202,11 @@ def recording(name: str = "run", seed: int = 0, **changes) -> Recording:
     return Recording(**({"t": t, "q": q, "tau": tau, "name": name} | changes))
 
 
+def test_nothing_to_learn_from_is_said():
+    with pytest.raises(ValueError, match="no run is given to learn from; give at least one"):
+        split_runs([], [])
+
+
 def test_split():
     a, b, c = (recording(name, seed) for seed, name in enumerate("abc"))
     split = split_runs([a, b, c], [])

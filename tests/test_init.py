@@ -199,3 +199,34 @@ def test_rules_are_read_back_whatever_columns_are_called(names, head, joints):
         rule = tomllib.loads(f"q = {rule_text(columns, joints)}")["q"]
         back = rule if isinstance(rule, list) else [fill(rule, k, joint) for k, joint in enumerate(joints)]
         assert back == columns
+
+
+def test_percent_at_the_end_of_a_name_is_no_newton_metre(tmp_path):
+    t, q, _, tau = columns_of(0)
+    columns = {"t": t}
+    for j in range(3):
+        columns |= {f"Axis{j + 1}_Pos": q[:, j], f"Axis{j + 1}_Torque_percent": tau[:, j]}
+    path = write_csv(tmp_path / "run.csv", columns)
+    said = refusal(dynid("init", write_robot(tmp_path), path, "-o", tmp_path / "dynid.toml"))
+    assert "column Axis1_Torque_percent is in percent of a rated torque or current" in said
+
+
+def test_a_joint_more_than_the_arm_has_is_doubted():
+    """Of three columns the first two may be other joints than the arm's."""
+    names = ["t", *(f"{signal}_{j}" for signal in ("q", "tau") for j in range(3))]
+    found = guess(names, ["elbow", "wrist"], {})
+    assert found.columns["q"] == ("q_0", "q_1")
+    assert any(
+        doubt.startswith("q_2 is there too, of a joint more than the arm has: q_0, q_1") for doubt in found.doubts
+    )
+    assert not guess(names, ["shoulder", "elbow", "wrist"], {}).doubts
+
+
+def test_a_log_of_other_names_is_sent_to_init_and_init_sends_nobody_to_itself(tmp_path):
+    t, q, _, tau = columns_of(0)
+    columns = {"t": t, **{f"a{j}": q[:, j] for j in range(3)}, **{f"b{j}": tau[:, j] for j in range(3)}}
+    robot, path = write_robot(tmp_path), write_csv(tmp_path / "run.csv", columns)
+    assert "(dynid init writes one)" in refusal(dynid("identify", robot, path, "-o", tmp_path / "out"))
+    said = refusal(dynid("init", robot, path, "-o", tmp_path / "dynid.toml"))
+    assert "so write it by hand" in said
+    assert "dynid init writes" not in said

@@ -11,6 +11,7 @@ import pytest
 import typer
 from data import data_folder
 from run_files import renamed, valid_columns, write_csv, write_npz, write_parquet
+from small_arm import dynid, refusal, study
 from typer.testing import CliRunner
 
 from dynid_rs.commands._run import run_command
@@ -266,3 +267,9 @@ def test_measured_runs():
     delays = [f["value"] for f in answers[1]["findings"] if f["code"] == "encoder_delay"]
     assert len(delays) == 3
     assert all(2.6e-3 < delay < 3.2e-3 for delay in delays)
+
+
+@pytest.mark.parametrize("option", [("--base", "upper"), ("--tip", "hand"), ("--xacro",)], ids=lambda option: option[0])
+def test_what_is_about_the_robot_needs_one(option):
+    said = refusal(dynid("inspect", study().runs[0], *option))
+    assert said == "--base, --tip and --xacro are about the robot file; name it by --robot"

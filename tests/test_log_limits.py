@@ -343,3 +343,17 @@ def test_only_the_controllers_model_is_refused(tmp_path):
     refused(
         tmp_path / "run.csv", "target_moment_0 is no measured torque: .*copy of the controller's; record actual_current"
     )
+
+
+@pytest.mark.parametrize("also", ["current", "target_q"])
+def test_rtde_is_known_without_velocities(also, tmp_path):
+    """The recipe is the user's: positions and currents are enough."""
+    columns = valid_columns()
+    told = {"t": columns["t"] + 1000.5}
+    told |= {f"actual_q_{j}": columns[f"q_{j}"] for j in range(3)}
+    told |= {f"actual_current_{j}": columns[f"tau_{j}"] for j in range(3)}
+    told |= {f"target_q_{j}": columns[f"q_{j}"] for j in range(3 if also == "target_q" else 0)}
+    (tmp_path / "run.csv").write_text(csv_text({"timestamp" if name == "t" else name: x for name, x in told.items()}))
+    run = read_run(tmp_path / "run.csv", ["a", "b", "c"])
+    assert run.recording.torque_unit == "A"
+    assert "read as Universal Robots RTDE writes it" in " ".join(run.columns.notes)

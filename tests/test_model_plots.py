@@ -11,6 +11,7 @@ from diagnosed import ROBOT, measured
 from small_arm import URDF
 
 from dynid_rs import Effect, MissingLibraryError, Recording, RobotModel, ThreeLoopIdentifier, TorqueModel
+from dynid_rs.base.drawing import chosen_joints
 from dynid_rs.model.along import compared
 from dynid_rs.regression.evaluation import band_rmse, r2
 
@@ -203,3 +204,8 @@ def test_the_summary_holds_every_number():
 
 def test_the_summary_of_a_fit_says_where_errors_are_told():
     assert "errors told below 5 Hz" in str(identified()[0].summary())
+
+
+def test_no_joint_is_nothing_to_draw():
+    with pytest.raises(ValueError, match="joints: none is given; expected some of a, b"):
+        chosen_joints([], ["a", "b"])

@@ -155,3 +155,8 @@ def test_what_cannot_be_weighed_is_refused_in_a_sentence(place, tmp_path):
     dynid("identify", study().robot, *runs, "-o", tmp_path / "amperes", "--residual", "none")
     sentence = refusal(dynid("payload", tmp_path / "amperes" / "model.json", currents))
     assert "identify again with --drive-gain" in sentence
+
+
+def test_a_run_counts_once():
+    """Twice the samples would make the intervals of the load too narrow."""
+    assert "is given twice" in refusal(dynid("payload", study().model, study().runs[2], study().runs[2]))

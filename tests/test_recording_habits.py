@@ -5,9 +5,9 @@ from dataclasses import replace
 import matplotlib
 import numpy as np
 import pytest
-from run_files import motion
+from run_files import motion, valid_columns, write_csv
 
-from dynid_rs import DataError, MissingLibraryError, Recording, Recordings
+from dynid_rs import DataError, MissingLibraryError, Recording, Recordings, read_recording
 
 matplotlib.use("agg")  # no window, wherever this runs
 
@@ -202,3 +202,10 @@ def test_kinds_are_checked():
     assert valid().kinds == ("revolute",) * 3
     with pytest.raises(ValueError, match="kinds must be 'revolute' or 'prismatic' for each of 3 joints"):
         valid(kinds=("round", "revolute", "revolute"))
+
+
+def test_a_path_is_no_robot(tmp_path):
+    """A text is a sequence of letters: each would be taken for a joint."""
+    path = write_csv(tmp_path / "run.csv", valid_columns())
+    with pytest.raises(ValueError, match=r"robot must be a RobotModel or the names of its joints, got 'arm\.urdf'"):
+        read_recording(path, "arm.urdf")

@@ -45,6 +45,12 @@ _LAST: dict[str, tuple[object, _core.RobotModel, Config, Run]] = {}
 """The file in parts that was read last, until its last part is taken: a data set may hold hundreds."""
 
 
+def no_current(name: str) -> DataError:
+    """Error that a gain is given for the currents of the run `name`, which has none."""
+    text = f"{name}: holds torque, and --drive-gain is for currents; leave it out"
+    return DataError(text, code="no_current", file=name)
+
+
 @dataclass(frozen=True)
 class RunFile:
     """A run in a file.
@@ -101,11 +107,7 @@ class RunFile:
     def _run(self) -> Run:
         run = self._read_file()
         if self.gain_given and "current" not in run.columns.signals:
-            raise DataError(
-                f"{self.name}: holds torque, and --drive-gain is for currents; leave it out",
-                code="no_current",
-                file=self.name,
-            )
+            raise no_current(self.name)
         return run
 
     def _read_file(self) -> Run:

@@ -54,10 +54,12 @@ def chosen_joints(joints: Sequence[str | int] | str | int | None, names: Sequenc
     Raises
     ------
     ValueError
-        There is no such joint.
+        There is no such joint, or none is asked for.
     """
     if joints is None:
         return list(range(len(names)))
+    if not isinstance(joints, str | int | np.integer) and not len(joints):
+        raise ValueError(f"joints: none is given; expected some of {', '.join(names)}, or their indices from 0")
     asked = [joints] if isinstance(joints, str | int | np.integer) else list(joints)
     found = []
     for joint in asked:

@@ -16,7 +16,7 @@ from dynid_rs.runs.checks.clocks import Clock, likely_unit
 from dynid_rs.runs.checks.clocks import clock_findings as clocks_found
 from dynid_rs.runs.checks.limits import check_limits
 from dynid_rs.runs.readers import Config, Run, open_run, read_run
-from dynid_rs.runs.readers.columns import match_columns
+from dynid_rs.runs.readers.columns import INIT_WRITES, match_columns
 from dynid_rs.runs.readers.dialects import speak
 from dynid_rs.runs.readers.guess import Guess, guess
 from dynid_rs.runs.recording import FloatArray, Recording
@@ -115,7 +115,8 @@ def _named(robot: Any, path: Path, rules: Config) -> Look:
         match_columns(table.names, joints, guessed, table.file)
     except DataError as error:
         raise DataError(
-            f"{error}; the names say no more, so write it by hand (docs/reference/dynid_toml.md)",
+            f"{str(error).removesuffix(INIT_WRITES)}; the names say no more, so write it by hand "
+            "(docs/reference/dynid_toml.md)",
             code=error.code,
             file=error.file,
             column=error.column,

@@ -145,8 +145,18 @@ def read_friction(paths: list[Path], robot: Any, settings: Settings, memory: int
 
 
 def read_runs(paths: list[Path], robot: Any, settings: Settings) -> tuple[list[Recording], list[Finding]]:
-    """Read runs, in parts where they have gaps, without the signals that contradict their positions; with findings."""
-    return _read(parted_sources(paths, [], robot, settings)[0])
+    """Read runs, in parts where they have gaps, without the signals that contradict their positions; with findings.
+
+    Raises
+    ------
+    DataError
+        A run is there twice: it would count twice in every interval.
+    """
+    from dynid_rs.runs.splitting import refuse_repeats
+
+    recordings, findings = _read(parted_sources(paths, [], robot, settings)[0])
+    refuse_repeats([], recordings)
+    return recordings, findings
 
 
 def _read(sources: Sequence[RunFile]) -> tuple[list[Recording], list[Finding]]:

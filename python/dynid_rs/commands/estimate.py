@@ -67,6 +67,7 @@ def estimate(
     model's own result, which on a test run of that result is the error that result.json says.
     """
     from dynid_rs import _core
+    from dynid_rs.archive.runs import no_current
     from dynid_rs.base.files import check_readable, write_table
     from dynid_rs.commands._inputs import check_cutoff, read_settings
     from dynid_rs.regression.evaluation import rmse
@@ -80,6 +81,8 @@ def estimate(
     recording = source.recording
     if source.split is not None:
         typer.echo(f"{run.name}: {source.split.text}; the longest part is estimated", err=True)
+    if settings.gain_given and "current" not in source.columns.signals:
+        raise no_current(run.name)
     check_cutoff(cutoff, [recording])
     if source.has_torque and recording.torque_unit != torque_model.torque_unit:
         raise _other_unit(recording, torque_model.torque_unit)

@@ -48,7 +48,9 @@ def export(
     alone. The C header gives the numbers of dynid-estimator for controllers that can have no library.
     """
     if (urdf is not None) + (mjcf is not None) + c_header != 1:
-        raise ValueError("say what to write: --urdf OUT.urdf, --mjcf OUT.xml, or --c-header with -o OUT.h")
+        raise ValueError(
+            "say what to write: --urdf OUT.urdf, --mjcf OUT.xml, or --c-header with -o OUT.h, one at a time"
+        )
     if not c_header and (output is not None or name is not None):
         raise ValueError("-o and --name belong to --c-header; --urdf and --mjcf name their own file")
     if urdf is not None:

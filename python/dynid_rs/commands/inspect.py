@@ -37,6 +37,8 @@ def inspect(
     from dynid_rs.commands._inspection import compared, exit_code, hint, inspect_run, to_json
     from dynid_rs.model.inertials import inertial_findings
 
+    if robot is None and (base is not None or tip is not None or xacro):
+        raise ValueError("--base, --tip and --xacro are about the robot file; name it by --robot")
     rules = read_rules(config)
     model = None if robot is None else read_robot(robot, base, tip, rules=rules, xacro=xacro)
     of_robot = [] if model is None or robot is None else inertial_findings(model, robot.name)

@@ -40,17 +40,19 @@ def split_runs(runs: Sequence[Recording], test: Sequence[Recording], test_from: 
     Raises
     ------
     ValueError
-        `test_from` with several runs or with test runs, or outside of the run.
+        There is no run to learn from; `test_from` with several runs or with test runs, or outside of the run.
     DataError
         The time of a run is in another unit; a run is there twice, under whatever name; or a test run holds other
         signals than the training runs.
     """
+    if not runs:
+        raise ValueError("no run is given to learn from; give at least one")
     if test_from is not None and (test or len(runs) != 1):
         raise ValueError(
             "--test-from cuts a lone run; with --test or several runs there is nothing to cut, leave it out"
         )
     check_clocks([Clock.of(recording) for recording in (*runs, *test)])
-    _refuse_repeats(runs, test)
+    refuse_repeats(runs, test)
     if test:
         for recording in test:
             refuse_another_kind(runs[0], recording)
@@ -78,8 +80,8 @@ def _cut(run: Recording, test_from: float | None) -> Split:
     return Split([first], [rest], Finding("test_part_chosen", "info", message, file=run.name, value=start, unit="s"))
 
 
-def _refuse_repeats(runs: Sequence[Recording], test: Sequence[Recording]) -> None:
-    """Refuse samples that are there twice: the test would be an exam with known answers."""
+def refuse_repeats(runs: Sequence[Recording], test: Sequence[Recording]) -> None:
+    """Refuse samples that are there twice: the test would be an exam with known answers, intervals too narrow."""
     seen: list[tuple[Recording, bool]] = []
     for recording, is_test in [*((run, False) for run in runs), *((run, True) for run in test)]:
         for earlier, was_test in seen:

@@ -243,6 +243,10 @@ def _beyond(source: FileColumns, signal: str, rule: str | None, n_joints: int) -
     return None
 
 
+INIT_WRITES = " (dynid init writes one)"
+"""Behind a mend that is a dynid.toml; no word of `dynid init` itself."""
+
+
 def missing_column(
     source: FileColumns,
     signal: str,
@@ -271,7 +275,7 @@ def missing_column(
     elif n_there:
         mend = "give the robot of this run, or add the column"
     else:
-        mend = f'map it in dynid.toml, e.g. [columns] {signal} = "actual_{signal}_{{i}}"'
+        mend = f'map it in dynid.toml, e.g. [columns] {signal} = "actual_{signal}_{{i}}"{INIT_WRITES}'
     return source.fault(
         "missing_column",
         f"column {' or '.join(map(shown, names))} is missing ({signal} of joint "

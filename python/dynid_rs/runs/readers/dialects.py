@@ -51,22 +51,26 @@ _UR_MODEL = "target_moment is the controller's own model, not a measurement, and
 
 DIALECTS = (
     # Universal Robots, RTDE guide: fields of the output recipe; record.py of the client library and ur_rtde write them.
-    Dialect(
-        "Universal Robots RTDE",
-        ("actual_q_0", "actual_qd_0"),
-        ("timestamp", "time"),
-        {
-            "q": "actual_q_{i}",
-            "dq": "actual_qd_{i}",
-            "current": "actual_current_{i}",
-            "q_reference": "target_q_{i}",
-            "temperature": "joint_temperatures_{i}",
-        },
-        notes=(_UR_CURRENT,),
-        no_torque={
-            "target_moment_0": f"{_UR_MODEL}: fitted to it, a model would be a copy of the controller's; record "
-            "actual_current beside actual_q"
-        },
+    # The recipe is the user's: positions are there, and any of the others.
+    *(
+        Dialect(
+            "Universal Robots RTDE",
+            ("actual_q_0", other),
+            ("timestamp", "time"),
+            {
+                "q": "actual_q_{i}",
+                "dq": "actual_qd_{i}",
+                "current": "actual_current_{i}",
+                "q_reference": "target_q_{i}",
+                "temperature": "joint_temperatures_{i}",
+            },
+            notes=(_UR_CURRENT,),
+            no_torque={
+                "target_moment_0": f"{_UR_MODEL}: fitted to it, a model would be a copy of the controller's; record "
+                "actual_current beside actual_q"
+            },
+        )
+        for other in ("actual_current_0", "actual_qd_0", "target_moment_0", "target_q_0")
     ),
     # libfranka, log.h: the names of franka::RobotState; time counts milliseconds.
     Dialect(

@@ -50,6 +50,8 @@ class Family:
     rule: str | tuple[str, ...]
     form: str
     """The name with a dash where the joint stands."""
+    beyond: str = ""
+    """The column of one joint more than the arm has; empty where there is none."""
 
 
 @dataclass
@@ -107,7 +109,13 @@ def guess(names: Sequence[str], joints: Sequence[str], units: Mapping[str, str])
         found.others[family.form] = "its name does not say what it is"
     for signal, rivals in options.items():
         rivals.sort(key=lambda rival: -rival[0])
-        found.columns[signal] = rivals[0][1].rule
+        taken = rivals[0][1]
+        found.columns[signal] = taken.rule
+        if taken.beyond:
+            found.doubts.append(
+                f"{taken.beyond} is there too, of a joint more than the arm has: {', '.join(taken.columns)} were taken "
+                "for its joints, so check that the file's first joints are the arm's"
+            )
         for _, other in rivals[1:]:
             found.others[other.form] = f"{rivals[0][1].form} was taken for {signal}"
         if len(rivals) > 1 and rivals[0][0] == rivals[1][0]:
@@ -127,10 +135,11 @@ def families(names: Sequence[str], joints: Sequence[str]) -> list[Family]:
             columns = tuple(f"{head}{member}{tail}" for member in members[:n])
             if len(columns) == n and set(columns) <= there and len(set(columns)) == n:
                 form = f"{head}-{tail}"
-                beyond = len(members) > n and f"{head}{members[n]}{tail}" in there
+                after = f"{head}{members[n]}{tail}" if len(members) > n else ""
+                beyond = after if after in there else ""
                 plain = rule_field is not None and not beyond and not {"{", "}"} & set(head + tail)
                 rule: str | tuple[str, ...] = f"{head}{rule_field}{tail}" if plain else columns
-                found.setdefault(columns, Family(columns, rule, form))
+                found.setdefault(columns, Family(columns, rule, form, beyond))
     # Of families that share columns (q1_2 by either number), the first stays.
     taken: set[str] = set()
     kept = []

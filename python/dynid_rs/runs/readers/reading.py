@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from os import PathLike
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
@@ -153,6 +154,10 @@ def count_parts(source: Source, robot: Robot = None, config: Rules = None) -> in
 
 def _open(source: Source, robot: Robot, config: Rules, name: str | None = None) -> _Opened:
     rules = as_config(config)
+    if isinstance(robot, str | PathLike):
+        raise ValueError(
+            f"robot must be a RobotModel or the names of its joints, got {str(robot)!r}; read a file with read_robot"
+        )
     names = None if robot is None else tuple(robot.joint_names if isinstance(robot, RobotLike) else robot)
     if names is not None and not names:
         raise ValueError("a robot has at least one joint, got no joint names")

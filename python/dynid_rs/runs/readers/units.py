@@ -28,7 +28,7 @@ _SPELLINGS: Mapping[tuple[str, str], tuple[str, ...]] = {
 }
 _OF = {word: unit for unit, words in _SPELLINGS.items() for word in words}
 _BRACKETED = re.compile(r"^(.*?)\s*[\[(]([^\[\]()]{1,24})[\])]$")
-_TAILS = ("ms", "us", "ns", "deg", "rad", "sec", "nm", "mnm", "rpm", "ma", "degc", "amps")
+_TAILS = ("ms", "us", "ns", "deg", "rad", "sec", "nm", "mnm", "rpm", "ma", "degc", "amps", "percent", "pct")
 """Units that names end in, after an underscore; ``_s`` and ``_a`` are too short to be sure of."""
 
 
