@@ -41,6 +41,7 @@ myst_links_external_new_tab = False
 # Every notebook and every command is run at every build: what stands on a page is what the program says today.
 nb_execution_mode = "force"
 nb_execution_raise_on_error = True
+nb_execution_in_temp = True  # what they write is theirs, and stays out of the checkout
 nb_execution_timeout = 600  # by the wall clock, which other programs share
 nb_merge_streams = True
 nb_kernel_rgx_aliases = {".*": "python3"}

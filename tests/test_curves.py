@@ -18,7 +18,7 @@ from dynid_rs.report.meanings import MEANINGS
 N = 500
 
 
-def drawn(effect: PlacedEffect, **signals: np.ndarray) -> dict[str, Any]:
+def drawn(effect: PlacedEffect, torque_unit: str = "N*m", **signals: np.ndarray) -> dict[str, Any]:
     """The plot of `effect` with coefficient 2 on a column of its own, which stands behind unknowns of other places."""
     rng = np.random.default_rng(0)
     columns = rng.normal(size=(N, 3))
@@ -35,7 +35,7 @@ def drawn(effect: PlacedEffect, **signals: np.ndarray) -> dict[str, Any]:
     )
     found = SimpleNamespace(
         setup=SimpleNamespace(robot=SimpleNamespace(joint_names=["a", "b"], joint_kinds=["revolute"] * 2)),
-        fit=SimpleNamespace(torque_unit_="N*m"),
+        fit=SimpleNamespace(torque_unit_=torque_unit),
         catalogue=SimpleNamespace(runs=[states]),
     )
     fit = SimpleNamespace(covariance=np.diag([1.0, 1.0, 0.04, 1.0]))
@@ -61,6 +61,15 @@ def test_friction_is_drawn_in_the_direction_of_motion() -> None:
     assert plot["quantity"] == "friction_torque"
     means = [part.mean() for part in np.array_split(dq * plot["column"], len(plot["curve"]))]
     assert_allclose(plot["curve"], 2.0 * np.array(means), atol=1e-12)
+
+
+@pytest.mark.parametrize("torque_unit", ["N*m", "A"])
+@pytest.mark.parametrize("kind", ["load_dependent_friction", "load_hysteresis", "gear_hysteresis"])
+def test_the_load_of_a_gear_is_in_the_unit_of_the_torque_channel(kind: str, torque_unit: str) -> None:
+    """Masses of a model that was learned in ampere are in ampere too, and so is what the gear carries."""
+    load = np.linspace(-1.0, 1.0, N)
+    plot = drawn(PlacedEffect(kind, (0,), {}), torque_unit, tau_link=load)
+    assert (plot["signal"], plot["unit"]) == ("tau_link_a", torque_unit)
 
 
 def test_what_goes_round_often_is_drawn_over_one_cycle() -> None:

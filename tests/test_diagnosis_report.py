@@ -9,9 +9,10 @@ from typing import Any
 import made_diagnosis
 import numpy as np
 import pytest
-from test_report import HOSTILE, Page, data_of, make_result, make_table, write_inputs
+from test_report import HOSTILE, Page, array_of, data_of, make_result, make_table, write_inputs
 
 from dynid_rs.base.errors import DataError
+from dynid_rs.base.numbers import significant
 from dynid_rs.base.wording import NO_INTERVAL
 from dynid_rs.report import write_report
 from dynid_rs.report.bars import bar_chart
@@ -90,6 +91,48 @@ def test_the_answer_comes_first_and_everything_else_is_folded(tmp_path: Path, n_
     assert ("on the whole robot" in page.text) == (n_joints > 2)
     assert "NaN" not in page.text
     assert "None" not in page.text
+
+
+def test_all_terms_of_friction_are_drawn_over_speed(tmp_path: Path) -> None:
+    """A diagnosed model holds several laws of friction, and none of them is called `friction`."""
+    table = make_residuals(2)
+    half = {}
+    for j in range(2):
+        whole = table.pop(f"friction_{j}")
+        half |= {f"smooth_friction_{j}": 0.5 * whole, f"friction_hysteresis2_{j}": 0.3 * whole}
+        half |= {f"stribeck_{j}": 0.2 * whole}
+    result = make_diagnosis(2)
+    folders = [tmp_path / name for name in ("one", "several")]
+    curves = []
+    for folder, columns in zip(folders, (make_residuals(2), table | half), strict=True):
+        folder.mkdir()
+        source = write_report(write_inputs(folder, result, columns)).read_text("utf-8")
+        curves.append(array_of(source, "v/1/friction/y"))
+    assert np.abs(curves[0]).max() > 0.1
+    np.testing.assert_allclose(curves[1], curves[0], rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize("alone", [True, False])
+def test_what_an_effect_brings_is_said_in_words(tmp_path: Path, alone: bool) -> None:
+    """One by one left out, as a diagnosis does; or one after the other, as changes since a reference are told."""
+    result = make_diagnosis(2)
+    entry = result["effects"][0]
+    entry |= {"rmse_test_change_interval": [[-0.5, -0.25]] * len(entry["rmse_test_after"])} if alone else {}
+    _, page = page_of(tmp_path, result)
+    before, after = significant(entry["rmse_test_before"][0]), significant(entry["rmse_test_after"][0])
+    assert f"Test error: without it {before}, with it {after}" in page.text
+    assert ("all coefficients are fitted again" in page.text) == alone
+
+
+@pytest.mark.parametrize(("left", "said"), [(3.0, True), (1.0, False)])
+def test_what_is_above_the_noise_without_a_pattern_is_said(tmp_path: Path, left: float, said: bool) -> None:
+    result = make_diagnosis(2)
+    test = result["rmse"]["test"]
+    after = left * np.array(test["floor"])
+    test |= {"after": after.tolist(), "after_interval": np.column_stack([0.9 * after, 1.1 * after]).tolist()}
+    _, page = page_of(tmp_path, result | {"unexplained": []})
+    assert "Nothing that could be told from noise." in page.text
+    assert ("no signal in these runs explains the rest" in page.text) == said
 
 
 def test_bars_stand_for_their_numbers() -> None:

@@ -22,10 +22,18 @@ pytestmark = pytest.mark.timeout(900)  # building takes a minute of processor ti
 def site(tmp_path_factory):
     """The folder of the built site; building executes the tutorial's commands and the notebooks."""
     folder = tmp_path_factory.mktemp("site")
+    before = sources()
     command = (sys.executable, "-m", "sphinx", "-b", "html", "-W", "--keep-going", "-n", "-q", DOCS, folder)
     done = subprocess.run(command, capture_output=True, text=True, timeout=880, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
+    assert sources() == before, "building writes into the checkout"
     return folder
+
+
+def sources():
+    """Every file below docs/ and when it was written; what Python compiles is not meant."""
+    files = (path for path in DOCS.rglob("*") if path.is_file() and "__pycache__" not in path.parts)
+    return {path: path.stat().st_mtime_ns for path in files}
 
 
 class Page(HTMLParser):

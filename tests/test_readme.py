@@ -80,7 +80,8 @@ def words(text: str) -> list[str]:
 
 def numbers(text: str) -> tuple[list[float], list[float]]:
     """Percentages, and all other numbers."""
-    every = [(float(number), bool(percent)) for number, percent in re.findall(rf"({NUMBER})(\s*%)?", text)]
+    both = re.sub(rf"({NUMBER}) to ({NUMBER}) %", r"\1 % to \2 %", text)  # an interval says its unit once
+    every = [(float(number), bool(percent)) for number, percent in re.findall(rf"({NUMBER})(\s*%)?", both)]
     return [x for x, percent in every if percent], [x for x, percent in every if not percent]
 
 

@@ -378,7 +378,7 @@ def test_effects_are_shown(tmp_path: Path) -> None:
     for said in (
         "Load-dependent friction",
         "0.0610",
-        "1.90 \u2192 1.23",
+        "without it 1.90, with it 1.23",
         "Not told apart from position-dependent friction",
         "with effects",
     ):

@@ -24,6 +24,11 @@ def kind_words(kind: str) -> str:
     return kind.replace("_dependent_", "-dependent ").replace("_", " ")
 
 
+def is_friction(kind: str) -> bool:
+    """Whether a kind of torque brakes the motion: friction by any law, and what is lost where a motion turns round."""
+    return kind.startswith("stribeck") or any(word in kind for word in ("friction", "hysteresis"))
+
+
 def kinds_said(effect: Mapping[str, Any]) -> list[str]:
     """What an effect may be: its kind; of one that is one kind or another, all of them; of one without a name, none."""
     if effect["kind"] != "unknown":

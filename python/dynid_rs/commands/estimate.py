@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from dynid_rs.base.numbers import significant
 from dynid_rs.commands import _options
 from dynid_rs.commands._run import print_json, run_command
 
@@ -181,9 +182,9 @@ def _lines(
 ) -> Iterator[str]:
     """One per joint: the error as recorded, and in the band."""
     for j, joint in enumerate(joints):
-        line = f"{joint}: RMSE {errors[j]:.4g} {unit} (as recorded, all samples)"
+        line = f"{joint}: RMSE {significant(errors[j])} {unit} (as recorded, all samples)"
         if told is not None and model.band is not None:
-            line += f", {told[j]:.4g} {unit} (in motion, below {model.band[0]:.3g} Hz, as in result.json)"
+            line += f", {significant(told[j])} {unit} (in motion, below {model.band[0]:.3g} Hz, as in result.json)"
         yield line
 
 

@@ -128,7 +128,7 @@ def _signal(found: Belief, effect: PlacedEffect, column: FloatArray) -> tuple[st
         stage = _joined(found, "dq_motor", j) + shape["ratio"] * _joined(found, "dq_motor", effect.joints[1])
         return "stage_speed", f"{angle}/s", stage
     if effect.kind == "gear_hysteresis":
-        return "tau_link", "N*m", _joined(found, "tau_link", j)
+        return "tau_link", "{torque}", _joined(found, "tau_link", j)
     drawn = CATALOGUE[effect.kind]["drawn_against"]
     if not drawn:
         return "column", "1", column

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from dynid_rs import _core
 from dynid_rs.base.drawing import chosen_joints, grid
 from dynid_rs.base.units import labelled
-from dynid_rs.base.wording import kind_words
+from dynid_rs.base.wording import is_friction, kind_words
 from dynid_rs.model.along import states_of
 from dynid_rs.model.assembly import evaluate
 from dynid_rs.model.units import torque_of
@@ -100,11 +100,11 @@ def friction_curves(model: _core.TorqueModel, joint: int, terms: Sequence[int]) 
 
 def is_curve(effect: _core.Effect) -> bool:
     """Whether an effect is friction that has one size at each speed, in steady sliding."""
-    return _is_friction(effect) and bool({"dq_motor", "q_motor"} & set(effect.signals)) and "step" not in effect.signals
-
-
-def _is_friction(effect: _core.Effect) -> bool:
-    return effect.kind == "stribeck" or any(word in effect.kind for word in ("friction", "hysteresis"))
+    return (
+        is_friction(effect.kind)
+        and bool({"dq_motor", "q_motor"} & set(effect.signals))
+        and "step" not in effect.signals
+    )
 
 
 def _presliding(model: _core.TorqueModel, joint: int) -> float:
@@ -116,7 +116,7 @@ def _presliding(model: _core.TorqueModel, joint: int) -> float:
 
 
 def _not_drawn(model: _core.TorqueModel) -> list[str]:
-    kinds = [e.kind for e, own in model.effects if _is_friction(e) and not is_curve(e) and np.any(own)]
+    kinds = [e.kind for e, own in model.effects if is_friction(e.kind) and not is_curve(e) and np.any(own)]
     return [kind_words(kind) for kind in dict.fromkeys(kinds)]
 
 

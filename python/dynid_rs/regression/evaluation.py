@@ -17,7 +17,7 @@ WELCH = 1024
 """Samples of a segment of the noise's spectrum."""
 FLOOR_METHOD = (
     "wide-band noise of the torque channel inside the band, from the quietest part of its spectrum above the band; "
-    "no model of the states can go below it"
+    "an estimate, which no model of the states can go below but by chance"
 )
 
 

@@ -150,7 +150,7 @@ def _key(result: Result) -> str:
     if any(test.get("after_interval") or []):
         marks.append('<li><i class="whisker"></i>95 % interval</li>')
     if any(floor is not None for floor in test.get("floor") or []):
-        marks.append('<li><i class="floor"></i>noise: no model goes below</li>')
+        marks.append('<li><i class="floor"></i>noise, estimated: no model goes far below</li>')
     return f'<ul class="key" aria-label="Key">{"".join(marks)}</ul>'
 
 
@@ -190,6 +190,11 @@ def at_floor(after: float | None, bounds: Sequence[float] | None, floor: float |
     if after is None or floor is None:
         return None
     return (bounds[0] if bounds else after) <= floor
+
+
+def above_floor(result: Result) -> bool:
+    """Whether the error of some joint ends above its noise, as far as its interval tells."""
+    return any(at_floor(row["after"], row["after_interval"], row["floor"]) is False for row in _rows(result))
 
 
 def _error(value: float | None, std: float | None, kind: str = "") -> str:

@@ -68,7 +68,9 @@ def left(figures: Figures, result: Result) -> str:
     if not concluded(result):
         return f"<p>{NOT_CONCLUDED}</p>"
     if not result.get("unexplained"):
-        return "<p>Nothing that could be told from noise.</p>"
+        above = bars.above_floor(result)
+        more = " Where a bar ends above its dotted line, no signal in these runs explains the rest." if above else ""
+        return f"<p>Nothing that could be told from noise.{more}</p>"
     return effect_cards.leftovers(figures, result)
 
 

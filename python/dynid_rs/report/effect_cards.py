@@ -31,6 +31,10 @@ from dynid_rs.report.text import (
 
 Result = Mapping[str, Any]
 
+LEFT_OUT = (
+    "<i>Without it</i>: this effect alone is taken out and all coefficients are fitted again. Both errors are of one "
+    "linear fit with all shapes as they were found, so they differ a little from the chart above."
+)
 LEAST_P = 1e-9
 """Smaller ones are not told apart."""
 
@@ -40,6 +44,9 @@ def effect_cards(figures: Figures, result: Result) -> str:
     found, small = families(result)
     plots = [member.entry.get("plot") for family in [*found, *small] for member in family.members]
     body = curves.key(plots) if any(plots) else ""
+    entries = [member.entry for family in [*found, *small] for member in family.members]
+    alone = any(measured(entry) and entry.get("rmse_test_change_interval") for entry in entries)
+    body += f'<p class="note">{LEFT_OUT}</p>\n' if alone else ""
     body += "".join(_family(figures, result, family) for family in found)
     if not small:
         return body
@@ -101,9 +108,9 @@ def _gain(result: Result, member: Member) -> str:
         unit, several = esc(unit_text(result["torque_unit"])), len(entry["joints"]) > 1
         for joint, old, new in zip(names, before, after, strict=False):
             if joint in entry["joints"]:
-                place = f"{breakable(joint)}: " if several else "Test error "
-                text = f"{place}{significant(old)} \u2192 <b>{significant(new)}{NBSP}{unit}</b>, {change(new, old)}"
-                facts.append(text)
+                place = f"{breakable(joint)}: " if several else "Test error: "
+                with_it = f"with it <b>{significant(new)}{NBSP}{unit}</b>, {change(new, old)}"
+                facts.append(f"{place}without it {significant(old)}, {with_it}")
     elif member.entry.get("above_band"):
         facts.append("Above the band of the errors")
     else:

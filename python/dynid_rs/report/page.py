@@ -33,7 +33,7 @@ def _identified(figures: Figures, source: Source) -> str:
     result = source.result
     found = "Effects found" if result.get("effects") else "Not explained yet"
     parts = [
-        ("errors", "Before and after", sections.errors(result)),
+        ("errors", "Error of every joint", sections.errors(result)),
         ("effects", found, sections.effects(figures, result)),
     ]
     return _body(sections.head(result, diagnosis=False), parts, _details(figures, source))

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.base.units import unit_text
+from dynid_rs.base.wording import is_friction
 from dynid_rs.report.figures import Array, Figures, Series, label, panel, series
 from dynid_rs.report.series import autocorrelation, binned_mean, envelope, thin
 from dynid_rs.report.source import Signals, Source
@@ -144,7 +145,7 @@ def add_velocity_plots(figures: Figures, source: Source) -> tuple[int, int]:
     unit = unit_text(result["torque_unit"])
     for j, joint in enumerate(joints):
         dq, residual = signals.columns[f"dq_{j}"][picked], signals.columns[f"residual_{j}"][picked]
-        friction = signals.columns.get(f"friction_{j}", np.zeros_like(signals.columns["t"]))[picked]
+        friction = _friction(signals, j)[picked]
         few = thin(picked.size, residual, max_points)
         x = figures.array(f"v/{j}/dq", dq[few])
         data = figures.array(f"v/{j}/data", (friction + residual)[few])
@@ -166,6 +167,13 @@ def add_velocity_plots(figures: Figures, source: Source) -> tuple[int, int]:
             ],
         )
     return min(max_points, picked.size), picked.size
+
+
+def _friction(signals: Signals, j: int) -> Array:
+    """All that brakes joint `j`: a model may hold several laws of friction, as a diagnosis makes them."""
+    names = [name for name in signals.columns if name.endswith(f"_{j}") and is_friction(name.removesuffix(f"_{j}"))]
+    total: Array = sum((signals.columns[name] for name in names), np.zeros_like(signals.columns["t"]))
+    return total
 
 
 def _mean_line(figures: Figures, key: str, x: Array, y: Array, color: str, name: str) -> Series:

@@ -57,7 +57,7 @@ def _alert(result: Result) -> str:
 
 
 def errors(result: Result) -> str:
-    """Before and after per joint, with the key."""
+    """Errors per joint, with the key."""
     data = result["data"]
     method = f" The noise is {esc(result['floor_method'])}." if result.get("floor_method") else ""
     missing = f" {DASH}: {NO_INTERVAL}." if lacks_interval(result) else ""
@@ -170,7 +170,7 @@ def velocity(figures: Figures, source: Source) -> str:
     few = f" Dots: {count(n_points)} of {count(n_samples)} samples, chosen at random." if n_points < n_samples else ""
     return (
         "<p>Above: measured torque minus everything but friction (dots), and the identified friction "
-        "(blue, mean per velocity bin). "
+        "(blue, mean per velocity bin; all its terms together). "
         "Below: the residual (dots) and its mean (red). A red line that leaves zero, most often near "
         "zero velocity, is friction "
         f"that the model lacks.{few}</p>\n"
