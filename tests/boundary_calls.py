@@ -10,7 +10,7 @@ import numpy as np
 from scipy import signal
 from small_arm import URDF
 
-from dynid_rs import _core
+from dynid_rs import Recording, _core
 
 N, M = 3, 60
 """Joints and samples."""
@@ -33,6 +33,20 @@ def _positional(*arguments: Any) -> dict[str | int, Any]:
     return dict(enumerate(arguments))
 
 
+def _closed(plot: Callable[..., Any]) -> Callable[..., None]:
+    """A plot that is not kept."""
+
+    def drawn(*arguments: Any, **named: Any) -> None:
+        from matplotlib import pyplot
+
+        try:
+            plot(*arguments, **named)
+        finally:
+            pyplot.close("all")
+
+    return drawn
+
+
 def calls(folder: Path) -> dict[str, Call]:
     """Calls by their name in the stub; files are read from `folder`, and written there."""
     rng = np.random.default_rng(0)
@@ -43,6 +57,9 @@ def calls(folder: Path) -> dict[str, Call]:
     sos = signal.butter(2, 0.4, output="sos")
     low_pass = (sos, signal.sosfilt_zi(sos), 5)
     kept = list(range(0, M, 2))
+    seconds = 1e-2 * np.arange(4 * M)
+    swing = np.stack([np.sin((2 + j) * seconds) for j in range(N)], axis=1)
+    run = Recording(seconds, swing, tau=5 * swing, q_motor=swing, temperature=30 + 0 * swing, name="run.csv")
     robot = _core.RobotModel.from_urdf_string(URDF)
     base = robot.base_parameters()
     phi = rng.normal(size=10 * N)
@@ -134,6 +151,12 @@ def calls(folder: Path) -> dict[str, Call]:
         "TorqueModel.evaluate": (model.evaluate, {**motion, **motor, "step": 0.01, "temperature": None}),
         "TorqueModel.torque": (model.torque, {**motion, **motor, "out": np.empty((M, N))}),
         "TorqueModel.predicted_std": (model.predicted_std, {**motion, **motor}),
+        "TorqueModel.summary": (model.summary, {}),
+        "TorqueModel._repr_html_": (model._repr_html_, {}),
+        "TorqueModel.predict": (model.predict, _positional(run)),
+        "TorqueModel.score": (model.score, {0: run, "per_joint": True, "as_recorded": True}),
+        "TorqueModel.plot_friction": (_closed(model.plot_friction), {"runs": run, "joints": [0, 2]}),
+        "TorqueModel.plot_residual": (_closed(model.plot_residual), {0: run, "joints": [0, 2]}),
         "TorqueModel.with_physical": (model.with_physical, _positional(physical)),
         "TorqueModel.with_torque_delay": (model.with_torque_delay, _positional(0.02)),
         "friction_basis": (_core.friction_basis, _positional(dq[:, 0], 0.01, 0.1)),

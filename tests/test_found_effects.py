@@ -70,8 +70,8 @@ def test_an_effect_with_its_numbers():
         "elbow",
     )
     assert (second.interval, second.joint) == (None, None)
-    assert (str(first), str(second)) == ("stribeck_pos 1.23 N*m (1 to 1.5)", "exponent 2")
-    assert str(one) == "stribeck on elbow: stribeck_pos 1.23 N*m (1 to 1.5), exponent 2"
+    assert (str(first), str(second)) == ("stribeck_pos 1.23 N*m (1.00 to 1.50)", "exponent 2.00")
+    assert str(one) == "stribeck on elbow: stribeck_pos 1.23 N*m (1.00 to 1.50), exponent 2.00"
     assert [str(rival) for rival in one.told_apart_from] == ["joint spring on elbow"]
     assert one.rmse_test_after == (1.0, 1.5, 3.0)
 
@@ -84,7 +84,7 @@ def test_one_or_the_other():
     assert not one.is_unknown
     assert one.ties[0].separate == TIE["separate"]
     assert str(one) == (
-        "stribeck or friction hysteresis on elbow: stribeck_pos 1.23 N*m (1 to 1.5), exponent 2; "
+        "stribeck or friction hysteresis on elbow: stribeck_pos 1.23 N*m (1.00 to 1.50), exponent 2.00; "
         "not told apart from friction hysteresis on elbow: dynid excite ROBOT --separate ..."
     )
 

@@ -128,7 +128,8 @@ class _Errors:
             return said | {"rmse_test_before": [], "rmse_test_after": []}
         said |= {"rmse_test_before": _error(self.test, x), "rmse_test_after": _error(self.test, self.x)}
         if effect is not None:
-            said["rmse_test_change_interval"] = interval_of_change(self._left_after, _left(self.test, x))
+            changes = interval_of_change(self._left_after, _left(self.test, x))
+            said["rmse_test_change_interval"] = [None if change is None else list(change) for change in changes]
         return said
 
     def _solved(self, model: LinearModel) -> FloatArray:
