@@ -230,3 +230,27 @@ def test_a_log_of_other_names_is_sent_to_init_and_init_sends_nobody_to_itself(tm
     said = refusal(dynid("init", robot, path, "-o", tmp_path / "dynid.toml"))
     assert "so write it by hand" in said
     assert "dynid init writes" not in said
+
+
+def test_one_column_in_degrees_is_named_and_not_taken_for_all(tmp_path):
+    """Among radians: a rule for all would make the other joints hardly move."""
+    robot, columns = write_robot(tmp_path), run(0)
+    columns = {**columns, "q_1": np.asarray(columns["q_1"]) / DEGREE}
+    path = write_csv(tmp_path / "run.csv", columns)
+    answer, written = init(tmp_path, robot, path, code=1)
+    assert "angle" not in written["units"]
+    assert "the others like radians" in json.dumps(answer)
+    said = dynid("identify", robot, path, "--residual", "none", "-o", tmp_path / "out")
+    assert said.exit_code == 1
+    findings = json.loads((tmp_path / "out" / "result.json").read_text())["data"]["findings"]
+    assert ("units_mixed", "q_1") in {(finding["code"], finding["column"]) for finding in findings}
+
+
+def test_radians_that_are_called_degrees_are_asked_about(tmp_path):
+    robot, paths = write_robot(tmp_path), [write_csv(tmp_path / f"run_{k}.csv", run(k)) for k in range(3)]
+    (tmp_path / "deg.toml").write_text('[units]\nangle = "deg"\n')
+    for command, *more in (("inspect",), ("identify", "--residual", "none", "-o", tmp_path / "out")):
+        given = (paths[0], "--robot", robot) if command == "inspect" else (robot, *paths)
+        said = dynid(command, *given, "--config", tmp_path / "deg.toml", *more)
+        assert "if they are radians, take the rule out" in " ".join(said.output.split())
+    assert "units_radians" not in dynid("inspect", paths[0], "--json").output

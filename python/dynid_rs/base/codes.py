@@ -37,6 +37,10 @@ CODES: Mapping[str, Code] = {
     "run_twice": Code("samples that another run has too", "equal rows, to the last bit", "name the run once"),
     # One channel
     "units_degrees": Code("positions in degrees", "limits, or the torque", 'give [units] angle = "deg"'),
+    "units_mixed": Code("one position in degrees, others in radians", "limits", "write that column in radians"),
+    "units_radians": Code(
+        "radians that are read as degrees", "no position beyond 2 pi of them", "take [units] angle out of dynid.toml"
+    ),
     "absurd_value": Code("a number beyond all arms", "the cell", "cut these rows out, or give the unit"),
     "position_jump": Code("a position that jumps", "the step against the usual ones", "cut these rows out"),
     "torque_spike": Code("a torque that stands alone", "the rows around it and the range", "cut the row out"),

@@ -100,7 +100,7 @@ def severity_order(finding: Finding) -> int:
 
 def _without_consequences(findings: list[Finding]) -> list[Finding]:
     """Findings less those that only say once more, in other words, what another one says."""
-    if any(finding.code == "units_degrees" and finding.severity == "error" for finding in findings):
+    if any(f.code in ("units_degrees", "units_mixed") and f.severity == "error" for f in findings):
         # Angles 57 times too large reach, jump and travel too far.
         return [finding for finding in findings if finding.code not in (*_BROKEN, "position_limits")]
     broken = {_joint(finding) for finding in findings if finding.code in _BROKEN and "q" in _signal(finding)}

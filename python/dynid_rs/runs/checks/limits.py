@@ -15,7 +15,7 @@ from dynid_rs.runs.checks.spikes import FEW
 from dynid_rs.runs.recording import Recording
 
 DEGREE = np.pi / 180.0
-TWO_TURNS = 4 * np.pi
+TURN, TWO_TURNS = 2 * np.pi, 4 * np.pi
 TOLERANCE = 0.01
 """Excess over a limit [rad, m] that calibration explains."""
 
@@ -73,6 +73,11 @@ def check_limits(rec: Recording, robot: Limited | None) -> Iterator[Finding]:
     far = (largest > 3 * limit) & _often(np.abs(rec.q) > 3 * limit)
     if fits and np.any(far):
         worst = int(np.argmax(np.where(far, largest / limit, 0.0)))
+        others = moving_joints(rec) & ~far
+        if np.sum(others) >= np.sum(far) and np.all(largest[others] <= TURN):
+            # As degrees most joints would hardly move; as radians they go where joints go.
+            yield _mixed(rec, worst, float(largest[worst]))
+            return
         text = f"q_{worst} is far beyond the limits of the robot, and all fit as degrees"
         yield _degrees(rec, "error", largest, text)
         return
@@ -89,6 +94,20 @@ def check_limits(rec: Recording, robot: Limited | None) -> Iterator[Finding]:
             float(excess[joint]),
             "rad",
         )
+
+
+def _mixed(rec: Recording, joint: int, largest: float) -> Finding:
+    return Finding(
+        "units_mixed",
+        "error",
+        f"{label(rec, 'q', joint)} looks like degrees, up to {largest:.4g}, and the others like radians, none beyond "
+        f'{TURN:.3g}; write that column in radians, or, if all are degrees, in dynid.toml: [units] angle = "deg"',
+        rec.name,
+        f"q_{joint}",
+        (0, rec.n_samples),
+        largest,
+        "rad",
+    )
 
 
 def _often(beyond: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import warnings
 from dataclasses import dataclass
 
+import numpy as np
+
 from dynid_rs.base.findings import Finding
 from dynid_rs.runs.parts import Split
 from dynid_rs.runs.readers.columns import ColumnMap
@@ -69,11 +71,24 @@ class Run:
         """What is to be said of how the file was read; `name` stands for its own in messages."""
         name = self.recording.name if name is None else name
         found = [Finding("read_as", "info", note, name) for note in self.columns.notes]
+        if self._are_radians():
+            text = (
+                '[units] angle is "deg", and no joint goes beyond 6.3 of them; if they are radians, take the rule out'
+            )
+            found.append(Finding("units_radians", "warning", text, name, "q_0"))
         if self.split is not None:
             row, line = self.split.row, self.split.line
             split = Finding(self.split.code, "warning", self.split.text, name, "t", (row - 1, row + 1), line=line)
             found.insert(0, split)
         return found
+
+    def _are_radians(self) -> bool:
+        """Whether positions that a rule calls degrees move as radians do: far, and within a turn of them."""
+        largest = max(float(np.max(np.abs(part.q))) for part in self.parts)
+        farthest = max(float(np.max(np.ptp(part.q, axis=0))) for part in self.parts)
+        return (
+            self.rules.units.get("angle") == "deg" and largest <= np.deg2rad(2 * np.pi) and farthest > np.deg2rad(1.0)
+        )
 
     @property
     def has_torque(self) -> bool:
