@@ -72,8 +72,9 @@ wheels: export PATH := $(CURDIR)/$(BIN):$(PATH)
 ifdef QUICK
 wheels: export CARGO_PROFILE_WHEEL_LTO = off
 wheels: export CARGO_PROFILE_WHEEL_CODEGEN_UNITS = 16
+wheels: export CARGO_PROFILE_WHEEL_OPT_LEVEL = 1
 endif
-wheels: $(STAMP) $(TOOLS) ## source archive and wheels for Linux on x86_64 and aarch64 into dist/ (ARCHS=x86_64: that alone; QUICK=1: larger)
+wheels: $(STAMP) $(TOOLS) ## source archive and wheels for Linux on x86_64 and aarch64 into dist/ (ARCHS=x86_64: that alone; QUICK=1: larger and slower)
 	$(BIN)/python -m pip install --quiet --editable '.[wheels]'
 	rm -rf dist
 	rustup target add $(ARCHS:%=%-unknown-linux-gnu)

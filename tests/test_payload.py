@@ -11,7 +11,7 @@ from run_files import write
 from scipy.spatial.transform import Rotation
 from small_arm import URDF, as_current, dynid, refusal, run, study
 
-from dynid_rs import RobotModel
+from dynid_rs import RobotModel, TorqueModel
 from dynid_rs.diagnosis.reference.load import Load, _body, _moved, _slopes
 from dynid_rs.diagnosis.reference.load_data import principal_axes, quantities, vendor_words
 from dynid_rs.simulation import simulate, typical_arm
@@ -160,3 +160,22 @@ def test_what_cannot_be_weighed_is_refused_in_a_sentence(place, tmp_path):
 def test_a_run_counts_once():
     """Twice the samples would make the intervals of the load too narrow."""
     assert "is given twice" in refusal(dynid("payload", study().model, study().runs[2], study().runs[2]))
+
+
+def test_the_wrist_alone_weighs_a_tool(place, tmp_path):
+    """Controllers weigh tools with the last joints only; what a resting joint's friction holds is nobody's weight."""
+    model = TorqueModel.load(study().model)
+    bare, heavy = (RobotModel.from_urdf_string(with_parts(*parts)) for parts in ((FLANGE,), (FLANGE, TOOL)))
+    t = np.arange(2000) / 200
+    rate, size, middle = np.array([0.0, 0.9, 1.7]), np.array([0.0, 0.6, 1.1]), np.array([0.4, -0.3, 0.2])
+    q = middle + size * np.sin(np.outer(t, rate))
+    dq, ddq = size * rate * np.cos(np.outer(t, rate)), -size * rate**2 * np.sin(np.outer(t, rate))
+    more = heavy.inverse_dynamics(q, dq, ddq) - bare.inverse_dynamics(q, dq, ddq)
+    tau = model.torque(q, dq, ddq) + more + np.random.default_rng(0).normal(0, 0.05, q.shape)
+    tau[:, 0] += 3.0  # stiction
+    columns = {"t": t, **{f"q_{j}": q[:, j] for j in range(3)}, **{f"tau_{j}": tau[:, j] for j in range(3)}}
+    path = write(tmp_path / "wrist.parquet", columns)
+    printed = dynid("payload", study().model, path, "--robot", place / "robot.urdf", "--flange", "flange", "--json")
+    assert printed.exit_code == 0, printed.output
+    answer = json.loads(printed.stdout)
+    assert answer["load"][0]["value"] == pytest.approx(MASS, rel=0.05)

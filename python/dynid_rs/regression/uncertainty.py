@@ -245,10 +245,11 @@ class NoiseSpectrum:
             leverage += np.sum((lines.imag @ weighted_bread) * lines.imag, axis=1)
             taken[:n] += irfft(leverage, size)[:n]
         covariances = sums / np.maximum(np.round(pairs), 1.0)
-        taper = flat_top(covariances[:max_lag], float(pairs[0]))
+        n_counted = max(float(pairs[0]), 1.0)  # a joint that rests has none
+        taper = flat_top(covariances[:max_lag], n_counted)
         self._power = power
         self._covariances = covariances[: len(taper)] * taper
-        self._taken = taken[: len(taper)] * taper / pairs[0]
+        self._taken = taken[: len(taper)] * taper / n_counted
 
     def spectrum(self, size: int) -> FloatArray:
         """Power per line of a real transform of length `size`."""

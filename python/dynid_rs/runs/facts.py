@@ -69,8 +69,8 @@ class RunFacts:
         )
 
 
-def check_training_runs(robot: _core.RobotModel, recordings: Sequence[Recording]) -> None:
-    """Refuse runs that no model of `robot` can be learned from.
+def check_training_runs(robot: _core.RobotModel, recordings: Sequence[Recording], *, all_move: bool = True) -> None:
+    """Refuse runs that no model of `robot` can be learned from; with `all_move` off joints may rest in all of them.
 
     Raises
     ------
@@ -82,10 +82,12 @@ def check_training_runs(robot: _core.RobotModel, recordings: Sequence[Recording]
     """
     if not recordings:
         raise ValueError("no recording to learn from; give at least one")
-    check_facts(robot, [RunFacts.of(recording) for recording in recordings])
+    check_facts(robot, [RunFacts.of(recording) for recording in recordings], all_move=all_move)
 
 
-def check_facts(robot: _core.RobotModel, runs: Sequence[RunFacts], others: Sequence[Clock] = ()) -> None:
+def check_facts(
+    robot: _core.RobotModel, runs: Sequence[RunFacts], others: Sequence[Clock] = (), *, all_move: bool = True
+) -> None:
     """`check_training_runs` on facts alone; at least one. `others`: clocks of runs that are tested on."""
     n, first = robot.n_joints, runs[0]
     check_clocks([*(run.clock for run in runs), *others])
@@ -108,7 +110,7 @@ def check_facts(robot: _core.RobotModel, runs: Sequence[RunFacts], others: Seque
             )
     _check_torque(runs)
     moves = np.any([run.moves for run in runs], axis=0)
-    for j in np.flatnonzero(~moves):
+    for j in np.flatnonzero(~moves) if all_move else ():
         raise DataError(
             f"{_names(runs)}: {joint_words(robot.joint_names[j])} never "
             f"moves (q_{j} stays within {MIN_SPAN:g}); its friction and inertia cannot be learned, record a run that "

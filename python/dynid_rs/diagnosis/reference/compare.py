@@ -170,8 +170,10 @@ def _unexplained(ratio: FloatArray, names: Sequence[str]) -> list[Finding]:
     ]
 
 
-def check_runs(reference: _core.TorqueModel, robot: _core.RobotModel, recordings: Sequence[Recording]) -> None:
-    """Refuse runs that cannot be held against a trusted model.
+def check_runs(
+    reference: _core.TorqueModel, robot: _core.RobotModel, recordings: Sequence[Recording], *, all_move: bool = True
+) -> None:
+    """Refuse runs that cannot be held against a trusted model; with `all_move` off joints may rest in all of them.
 
     Raises
     ------
@@ -184,7 +186,7 @@ def check_runs(reference: _core.TorqueModel, robot: _core.RobotModel, recordings
             f"{robot.n_joints}; is it the same arm?",
             code="wrong_reference",
         )
-    check_training_runs(robot, recordings)
+    check_training_runs(robot, recordings, all_move=all_move)
     for recording in recordings:
         if recording.torque_unit != reference.torque_unit:
             raise DataError(

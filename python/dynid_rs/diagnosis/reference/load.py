@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from dynid_rs.identification.training import prepare_training_runs
 from dynid_rs.model.assembly import evaluate
 from dynid_rs.regression.evaluation import rmse
 from dynid_rs.regression.uncertainty import NORMAL_95
+from dynid_rs.runs.checks.motion import moving_joints
 from dynid_rs.runs.preprocessing import Band, choose_band, common_rate
 from dynid_rs.runs.recording import Recording
 
@@ -101,9 +102,17 @@ def weigh_load(
             "the model was learned from currents, in which a load has no kilograms; identify again with --drive-gain",
             code="wrong_reference",
         )
-    check_runs(reference, reference.robot, runs)
+    # The wrist alone is enough to weigh a tool.
+    check_runs(reference, reference.robot, runs, all_move=False)
     band = Band(cutoff) if cutoff is not None else choose_band(runs)
-    prepared = prepare_training_runs(runs, band, common_rate(runs), torque_delay=reference.torque_delay)
+    prepared = [
+        replace(states, resting=states.resting | ~moving_joints(run))
+        for run, states in zip(
+            runs,
+            prepare_training_runs(runs, band, common_rate(runs), torque_delay=reference.torque_delay),
+            strict=True,
+        )
+    ]
     with threadpool_limits(limits=1, user_api="blas"):
         search = ChangeSearch(Believed.unchanged(reference, reference.robot.phi), prepared)
         named = search.name(PAYLOAD)

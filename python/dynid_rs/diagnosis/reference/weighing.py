@@ -19,6 +19,8 @@ BLOCK = 5.0
 """Stretch [s] that is left out as a whole; residuals remember less."""
 LEAST_BLOCKS = 4
 """A lone short run is cut finer."""
+ROUNDING = 1e-12
+"""Size of a column over the largest below which it is rounding."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +70,7 @@ class Weighing:
         gram = np.einsum("j,jpq->pq", self.weights**2, grams)
         normal = gram[np.ix_(used, used)]
         normal += np.diag(np.concatenate([self.weak[free], self.precision[held]]))
-        scale = 1 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
+        scale = _scale(normal)
         inverse = np.linalg.pinv(normal * np.outer(scale, scale), rcond=1e-13, hermitian=True)
         x[used] = scale * (inverse @ (scale * gram[used, -1]))
         return x
@@ -95,7 +97,7 @@ class Weighing:
         used = np.concatenate([free, held]).astype(np.intp)
         prior = np.diag(np.concatenate([self.weak[free], self.precision[held]]))
         normal = np.einsum("j,jpq->pq", self.weights**2, self._total)[np.ix_(used, used)] + prior
-        scale = 1 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
+        scale = _scale(normal)
         bread = np.linalg.pinv(normal * np.outer(scale, scale), rcond=1e-13, hermitian=True) * np.outer(scale, scale)
         residuals, masks = [], []
         for states, left in zip(self.runs, self.left(self.solve(free, held)), strict=True):
@@ -115,6 +117,14 @@ class Weighing:
     def _total(self) -> FloatArray:
         total: FloatArray = self._grams.sum(axis=0)
         return total
+
+
+def _scale(normal: FloatArray) -> FloatArray:
+    """One over the columns' sizes; nothing for columns of nothing: of joints that rest, of motion that is not there."""
+    diagonal = np.diag(normal)
+    shown = diagonal > ROUNDING**2 * diagonal.max(initial=0.0)
+    scale: FloatArray = np.where(shown, 1 / np.sqrt(np.where(shown, diagonal, 1.0)), 0.0)
+    return scale
 
 
 def _on_grid(states: States, rows: FloatArray) -> FloatArray:
