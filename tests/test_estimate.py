@@ -346,3 +346,13 @@ def test_a_run_in_parts_is_estimated_along_the_longest_and_says_so(folder):
 def test_gains_are_for_currents():
     said = refusal(dynid("estimate", study().model, study().runs[2], "--drive-gain", "3"))
     assert said == "run_2.parquet: holds torque, and --drive-gain is for currents; leave it out"
+
+
+def test_the_folder_of_a_result_stands_for_its_model(tmp_path):
+    done = study()
+    tables = [tmp_path / f"{k}.parquet" for k in range(2)]
+    for model, table in zip((done.model, done.model.parent), tables, strict=True):
+        printed = dynid("estimate", model, done.runs[2], "-o", table)
+        assert printed.exit_code == 0, printed.output
+    assert tables[0].read_bytes() == tables[1].read_bytes()
+    assert "name a file" in refusal(dynid("estimate", tmp_path, done.runs[2], "-o", tmp_path / "none.parquet"))

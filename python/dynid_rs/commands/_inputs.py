@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 if TYPE_CHECKING:
+    from dynid_rs import _core
     from dynid_rs.archive.runs import RunFile
     from dynid_rs.base.findings import Finding
     from dynid_rs.runs.readers import Config
@@ -62,6 +63,15 @@ def read_robot(
     if robot.choice is not None:
         typer.echo(f"{path.name}: {robot.choice}", err=True)
     return robot
+
+
+def load_model(path: Path) -> _core.TorqueModel:
+    """The model of a file, or of the folder of a result."""
+    from dynid_rs import _core
+    from dynid_rs.base.files import check_readable
+
+    inside = path / "model.json"
+    return _core.TorqueModel.load(check_readable(inside if inside.is_file() else path))
 
 
 def read_rules(config: Path | None) -> Config:

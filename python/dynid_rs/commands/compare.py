@@ -30,14 +30,10 @@ def compare(
     With runs both models are evaluated on them at the same samples, in the same band. Without, the errors are those of
     both results on their test runs.
     """
-    from dynid_rs import _core
-    from dynid_rs.base.files import check_readable
-    from dynid_rs.commands._identifier import MODEL_FILE
-    from dynid_rs.commands._inputs import check_cutoff, read_runs, read_settings
+    from dynid_rs.commands._inputs import check_cutoff, load_model, read_runs, read_settings
     from dynid_rs.identification.two_models import check_alike, compare_models
 
-    files = [path / MODEL_FILE if path.is_dir() else path for path in (a, b)]
-    one, two = (_core.TorqueModel.load(check_readable(path)) for path in files)
+    one, two = load_model(a), load_model(b)
     check_alike(one, two)
     findings: list[Any] = []
     if runs:

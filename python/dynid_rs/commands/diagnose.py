@@ -117,10 +117,9 @@ def diagnose(
 
 def _reference(path: Path, robot: Any, run: Recording) -> Any:
     """Read the trusted model; it must be of this robot, in the unit of the runs."""
-    from dynid_rs import _core
-    from dynid_rs.base.files import check_readable
+    from dynid_rs.commands._inputs import load_model
 
-    model = _core.TorqueModel.load(check_readable(path))
+    model = load_model(path)
     if list(model.robot.joint_names) != list(robot.joint_names):
         raise ValueError(
             f"{path}: is a model of {model.robot.name} with the joints {', '.join(model.robot.joint_names)}, and the "

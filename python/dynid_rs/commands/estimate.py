@@ -67,16 +67,15 @@ def estimate(
     torque is fine; there is then no error to report. Else there are two: as recorded, and in the band of the
     model's own result, which on a test run of that result is the error that result.json says.
     """
-    from dynid_rs import _core
     from dynid_rs.archive.runs import no_current
-    from dynid_rs.base.files import check_readable, write_table
-    from dynid_rs.commands._inputs import check_cutoff, read_settings
+    from dynid_rs.base.files import write_table
+    from dynid_rs.commands._inputs import check_cutoff, load_model, read_settings
     from dynid_rs.regression.evaluation import rmse
     from dynid_rs.runs.readers import read_run
 
     _check_outputs(output, states, inputs=(model, run), force=force)
     windows = [_window(text) for text in exclude or []]
-    torque_model = _core.TorqueModel.load(check_readable(model))
+    torque_model = load_model(model)
     settings = read_settings(config, drive_gain, torque_model.robot.n_joints)
     source = read_run(run, torque_model.robot, settings.config, require_torque=False)
     recording = source.recording

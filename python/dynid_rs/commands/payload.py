@@ -43,14 +43,12 @@ def payload(
     The answer is a body that can exist, told as the load data of UR, KUKA, ABB and Fanuc. Friction and offsets may
     differ a little from the model's, as from day to day. Ends with 1 if no load is seen, or the data has an error.
     """
-    from dynid_rs import _core
-    from dynid_rs.base.files import check_readable
     from dynid_rs.commands._console import progress
-    from dynid_rs.commands._inputs import check_cutoff, read_runs, read_settings
+    from dynid_rs.commands._inputs import check_cutoff, load_model, read_runs, read_settings
 
     with progress(Step(1, "reading"), Step(3, "weighing")) as say:
         say("reading")
-        reference = _core.TorqueModel.load(check_readable(model))
+        reference = load_model(model)
         frame = _frame(reference.robot, robot, flange)
         settings = read_settings(config, drive_gain, reference.robot.n_joints)
         recordings, findings = read_runs(runs, reference.robot, settings)
