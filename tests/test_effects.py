@@ -420,7 +420,7 @@ def test_the_catalogue_says_how_a_report_draws_a_kind_and_how_large_it_may_be():
     drawn = {kind: entry["drawn_against"] for kind, entry in CATALOGUE.items() if entry["drawn_against"]}
     assert drawn == {
         "stribeck": ["dq", "rad/s"],
-        "load_dependent_friction": ["tau_link", "N*m"],
+        "load_dependent_friction": ["tau_link", "{torque}"],
         "position_dependent_friction": ["q", "rad"],
         "torque_ripple": ["q", "rad"],
         "joint_spring": ["q", "rad"],
@@ -429,7 +429,7 @@ def test_the_catalogue_says_how_a_report_draws_a_kind_and_how_large_it_may_be():
         "inertial_coupling": ["ddq", "rad/s^2"],
         "thermal_friction": ["t", "s"],
         "temperature_friction": ["temperature", "degC"],
-        "load_hysteresis": ["tau_link", "N*m"],
+        "load_hysteresis": ["tau_link", "{torque}"],
     }
     largest = {kind: entry["most_relative"] for kind, entry in CATALOGUE.items() if entry["most_relative"] is not None}
     assert largest == {"torque_saturation": 0.5}

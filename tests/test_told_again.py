@@ -9,6 +9,7 @@ from run_files import write
 from small_arm import URDF, dynid, refusal, run, study
 
 from dynid_rs import RobotModel, TorqueModel
+from dynid_rs.base.numbers import significant
 from dynid_rs.simulation import bundled_robot
 
 LATE = "torque_delay::2"
@@ -66,7 +67,7 @@ def test_a_late_torque_channel(tmp_path):
     assert_told_again(result, tmp_path, paths)
     said = dynid("estimate", tmp_path / "found" / "model.json", paths[-1]).stdout
     for error in test["after"]:
-        assert f"{error:.4g} N*m (in motion, below 5 Hz, as in result.json)" in said
+        assert f"{significant(error)} N*m (in motion, below 5 Hz, as in result.json)" in said
 
 
 def test_an_early_torque_channel(tmp_path):
