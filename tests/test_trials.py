@@ -104,3 +104,10 @@ def test_a_ripple_is_told_by_its_first_harmonic(cycles):
     (five,) = belief.catalogue.of([Shaped("torque_ripple", (1,), (("cycles", 5.0),))])
     found = polished(belief.beside, belief.catalogue, five)
     assert dict(found.shape)["cycles"] == pytest.approx(cycles, rel=0.02)
+
+
+def test_where_every_multiple_does_as_well_one_is_enough(monkeypatch):
+    belief = Belief.in_declared(Setup(ROBOT), measured(duration=8.0, n_runs=1))
+    (five,) = belief.catalogue.of([Shaped("torque_ripple", (1,), (("cycles", 5.0),))])
+    monkeypatch.setattr(Beside, "screened", lambda self, tried: [Score(100.0, 1.0)] * len(tried))
+    assert dict(polished(belief.beside, belief.catalogue, five).shape)["cycles"] == 10.0

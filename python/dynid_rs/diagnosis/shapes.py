@@ -23,14 +23,28 @@ def searched(kind: str) -> list[Parameter]:
 
 
 def polished(beside: Beside, catalogue: Catalogue, hypothesis: Hypothesis) -> Hypothesis:
-    """Return the hypothesis with the shape near its own under which the data are most probable."""
+    """Return the hypothesis with the shape near its own under which the data are most probable.
+
+    What returns has a first harmonic: with twice its cycles, where those do as well.
+    """
+    if hypothesis.kind not in CATALOGUE or not searched(hypothesis.kind):
+        return hypothesis
+    value, best = _near(beside, catalogue, hypothesis)
+    cycles = dict(best.shape).get("cycles")
+    if cycles is None or value <= SURE:  # of what the data do not see every multiple does as well
+        return best
+    twice = Shaped(best.kind, best.joints, best.shape).with_shape("cycles", 2 * cycles)
+    if not is_valid(twice.kind, twice.shape):
+        return best
+    (other,) = catalogue.of([twice])
+    return _near(beside, catalogue, other)[1] if beside.screened([other])[0].value > value - SURE else best
+
+
+def _near(beside: Beside, catalogue: Catalogue, hypothesis: Hypothesis) -> tuple[float, Hypothesis]:
+    """The most probable shape near that of a hypothesis, and its score."""
     from scipy.optimize import minimize
 
-    if hypothesis.kind not in CATALOGUE:
-        return hypothesis
     free = searched(hypothesis.kind)
-    if not free:
-        return hypothesis
     start = Shaped(hypothesis.kind, hypothesis.joints, hypothesis.shape)
     best = (beside.screened([hypothesis])[0].value, hypothesis)
 
@@ -59,17 +73,4 @@ def polished(beside: Beside, catalogue: Catalogue, hypothesis: Hypothesis) -> Hy
     simplex = np.concatenate([np.zeros((1, len(free))), np.diag(steps)])
     options: Any = {"initial_simplex": simplex, "maxfev": MOST_TRIES, "xatol": 0.02, "fatol": 0.05}
     minimize(less, np.zeros(len(free)), method="Nelder-Mead", options=options)
-    return _of_its_first(beside, catalogue, *best)
-
-
-def _of_its_first(beside: Beside, catalogue: Catalogue, value: float, h: Hypothesis) -> Hypothesis:
-    """The hypothesis, or with twice its cycles where those do as well: what returns has a first harmonic.
-
-    Of what the data do not see at all, too fast for the band, every multiple does as well; that has none.
-    """
-    own = Shaped(h.kind, h.joints, h.shape)
-    cycles = dict(h.shape).get("cycles")
-    if cycles is None or value <= SURE or not is_valid(h.kind, (twice := own.with_shape("cycles", 2 * cycles)).shape):
-        return h
-    (other,) = catalogue.of([twice])
-    return polished(beside, catalogue, other) if beside.screened([other])[0].value > value - SURE else h
+    return best
