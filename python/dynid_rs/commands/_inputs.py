@@ -69,8 +69,9 @@ def load_model(path: Path) -> _core.TorqueModel:
     """The model of a file, or of the folder of a result."""
     from dynid_rs import _core
     from dynid_rs.base.files import check_readable
+    from dynid_rs.commands._identifier import MODEL_FILE
 
-    inside = path / "model.json"
+    inside = path / MODEL_FILE
     return _core.TorqueModel.load(check_readable(inside if inside.is_file() else path))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import replace
 from inspect import signature
 from typing import Any
@@ -24,7 +25,7 @@ from dynid_rs.runs.recording import Recording
 FloatArray = NDArray[np.float64]
 
 
-class RunRegressor(Estimator):
+class RunRegressor(Estimator, ABC):
     """An estimator of torque that learns from runs: `cross_val_score(identifier, runs)` and `GridSearchCV` take it.
 
     Samples are whole runs, for neighbouring rows of one run are no independent data; the torque is in them, so `y` is
@@ -35,9 +36,9 @@ class RunRegressor(Estimator):
     config: Rules
     model_: _core.TorqueModel
 
+    @abstractmethod
     def states(self, recording: Recording) -> States:
         """States of a run in the band and at the rate of the training runs, channels as recorded."""
-        raise NotImplementedError
 
     def predict(self, X: Runs, *, torque_delay: float = 0.0) -> Any:
         """Torque at the runs' own stamps, in the unit of the training runs.

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from dynid_rs import _core
 from dynid_rs.base.errors import DataError
-from dynid_rs.base.quoting import shown_value
 from dynid_rs.model.assembly import evaluate
 from dynid_rs.regression.evaluation import Comparison, compare, r2, r2_as_recorded
+from dynid_rs.runs.facts import check_joints
 from dynid_rs.runs.given import Runs, as_given, as_recordings, is_one
 from dynid_rs.runs.preprocessing import Band, States, choose_band, common_rate, prepare
 from dynid_rs.runs.recording import Recording
@@ -82,13 +82,7 @@ def states_of(model: _core.TorqueModel, recordings: Sequence[Recording]) -> list
 def check_arm(robot: _core.RobotModel, recordings: Sequence[Recording]) -> None:
     """Refuse recordings of an arm with another number of joints by a `DataError`."""
     for recording in recordings:
-        if recording.n_joints != robot.n_joints:
-            raise DataError(
-                f"{recording.name} has {recording.n_joints} joints, the robot {shown_value(robot.name)} has "
-                f"{robot.n_joints}; is it a run of this robot?",
-                code="wrong_robot",
-                file=recording.name,
-            )
+        check_joints(robot, recording.name, recording.n_joints)
 
 
 def check_unit(torque_unit: str, recordings: Sequence[Recording]) -> None:

@@ -69,6 +69,17 @@ class RunFacts:
         )
 
 
+def check_joints(robot: _core.RobotModel, name: str, n_joints: int) -> None:
+    """Refuse the run `name` of an arm with another number of joints by a `DataError`."""
+    if n_joints != robot.n_joints:
+        raise DataError(
+            f"{name} has {n_joints} joints, the robot {shown_value(robot.name)} has {robot.n_joints}; is it a run of "
+            "this robot?",
+            code="wrong_robot",
+            file=name,
+        )
+
+
 def check_training_runs(robot: _core.RobotModel, recordings: Sequence[Recording], *, all_move: bool = True) -> None:
     """Refuse runs that no model of `robot` can be learned from; with `all_move` off joints may rest in all of them.
 
@@ -89,16 +100,10 @@ def check_facts(
     robot: _core.RobotModel, runs: Sequence[RunFacts], others: Sequence[Clock] = (), *, all_move: bool = True
 ) -> None:
     """`check_training_runs` on facts alone; at least one. `others`: clocks of runs that are tested on."""
-    n, first = robot.n_joints, runs[0]
+    first = runs[0]
     check_clocks([*(run.clock for run in runs), *others])
     for recording in runs:
-        if len(recording.joints) != n:
-            raise DataError(
-                f"{recording.name} has {len(recording.joints)} joints, the robot {shown_value(robot.name)} has {n}; "
-                "is it a run of this robot?",
-                code="wrong_robot",
-                file=recording.name,
-            )
+        check_joints(robot, recording.name, len(recording.joints))
         if recording.torque_unit != first.torque_unit or recording.has_motor_encoder != first.has_motor_encoder:
             raise DataError(
                 f"{recording.name} and {first.name} hold different signals (torque in {recording.torque_unit} and "
