@@ -489,6 +489,12 @@ class Effect:
     def shape(self) -> list[tuple[str, list[float]]]:
         """Shape parameters by name, one value per joint each."""
 
+    def reaction(self, joint: int) -> tuple[int, list[float]] | None:
+        """Return the partner of a joint, and its coefficients over the joint's own; None where it acts on that alone.
+
+        Forces between two joints act on both by their power, so one set of coefficients tells the other.
+        """
+
     def __copy__(self) -> Effect: ...
     def __deepcopy__(self, _memo: object, /) -> Effect: ...
 

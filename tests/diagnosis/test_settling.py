@@ -108,3 +108,18 @@ def test_a_gain_that_is_one_stays():
     (h,) = (h for h in belief.hypotheses() if h.place == ("torque_gain", (ELBOW,)))
     belief.accept([Named(h, 10.0)])
     assert backward(belief) == set()
+
+
+def test_another_shape_of_the_grid_may_be_the_best_beside_all_others():
+    """A shape that was right before other names came is only polished nearby; three cycles are not near one."""
+    wish = "position_dependent_friction:elbow:5"
+    (effect,) = with_effects(rigid(), wish).effects
+    truth = {value.name: value.value[0] for value in effect.values}
+    runs = measured(wish)
+    fit = Belief.in_declared(Setup(ROBOT), runs).fit
+    width = float(tanh_widths(fit.observations_.plan.friction[0])[ELBOW])
+    other = 1.0 if truth["cycles"] > 1.5 else 3.0
+    wrong = Shaped("position_dependent_friction", (ELBOW,), (("cycles", other), ("transition_width", width)))
+    belief = Belief.in_declared(Setup(ROBOT, effects=(wrong.placed(),)), runs)
+    settle(belief)
+    assert belief.setup.effects[0].shape_at(ELBOW)["cycles"] == pytest.approx(truth["cycles"], rel=0.05)

@@ -13,7 +13,6 @@ from dynid_rs import _core
 from dynid_rs.base.memory import residual_memory
 from dynid_rs.diagnosis.hypotheses import Hypothesis, Place
 from dynid_rs.diagnosis.structural.about import About
-from dynid_rs.diagnosis.structural.torque_delay import lateness
 from dynid_rs.identification.loads import link_load, load_rows
 from dynid_rs.identification.smooth_friction import shape_slopes, tanh_widths
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
@@ -38,8 +37,6 @@ FORGETS = 1.2
 """Factor by which samples have to be worth more with a hypothesis for both models to be fitted anew."""
 WIDER = (0.7, 1.0, 1.4)
 """Widths of a tanh beside a fitted sign, over its own: between them and the fitted one lies any sign that is round."""
-GAIN, CLOCK = 5e-4, 0.02
-"""Tolerance of a gain, and of a torque channel's clock in samples: ten times as much is still nothing to anybody."""
 YIELDS = 1e-3
 """Usual yielding of a gear [rad]: three arc minutes under the load that it usually has."""
 NEVER = 1e9
@@ -48,14 +45,10 @@ NEVER = 1e9
 
 @dataclass(frozen=True, eq=False)
 class Beside:
-    """A model, and its fits at the priors in question; the first is the one that the data prefer without more.
-
-    `tolerances` are columns, by joint and place among all unknowns, that nobody is handed out: gains and clocks.
-    """
+    """A model, and its fits at the priors in question; the first is the one that the data prefer without more."""
 
     model: LinearModel
     fits: tuple[Fit, ...]
-    tolerances: tuple[tuple[int, int], ...] = ()
 
     @staticmethod
     def of(fit: ThreeLoopIdentifier) -> Beside:
@@ -75,14 +68,11 @@ class Beside:
         if between.size:
             further += [{j: float(np.sqrt(np.mean(model.rows[j][:, -1] ** 2))) * between} for j in range(n)]
         model = model.beside(*further, *yielding(fit))
-        exact = model.size
-        model = model.beside(*within_tolerance(fit, load))
-        tolerances = tuple((j, at) for j, places in enumerate(model.places) for at in places[places >= exact].tolist())
         priors = [posterior.choice]
         if declares_inertia(fit.robot):
             trusting = [posterior.choice._replace(width=width, centre=centre) for width, centre in TRUSTING]
             priors += [prior for prior in trusting if prior not in priors]
-        return Beside(model, tuple(fits([(model, prior, posterior.noise_std) for prior in priors])), tolerances)
+        return Beside(model, tuple(fits([(model, prior, posterior.noise_std) for prior in priors])))
 
     @property
     def best(self) -> Fit:
@@ -96,11 +86,6 @@ class Beside:
     def without(self, places: Sequence[tuple[int, int]]) -> Beside:
         """Return the model without columns, named by joint and place among all unknowns."""
         return self._over(self.model.without(places))
-
-    @cached_property
-    def exact(self) -> Beside:
-        """The model as it would be handed out: gains and clocks are what they are said to be."""
-        return self.without(self.tolerances)
 
     def _over(self, model: LinearModel) -> Beside:
         return replace(self, model=model, fits=tuple(self._again(model)))
@@ -203,17 +188,6 @@ def between_encoders(fit: ThreeLoopIdentifier) -> FloatArray:
     size = np.sqrt(np.mean(link**2, axis=0))
     between: FloatArray = (motor - link)[:, size > 0] / size[size > 0]
     return between
-
-
-def within_tolerance(fit: ThreeLoopIdentifier, load: Sequence[FloatArray]) -> list[Columns]:
-    """Change of the torque if gains and clocks are off by their tolerances: nothing that is declared is exact.
-
-    `load`: rigid-body torque of every joint at the rows of the fit.
-    """
-    gains = [{j: GAIN * torque[:, None]} for j, torque in enumerate(load) if np.any(torque)]
-    sample = 1 / fit.raw_runs_[0].rate
-    late = {j: CLOCK * sample * column for j, column in lateness(fit).items()}
-    return [*gains, late]
 
 
 def yielding(fit: ThreeLoopIdentifier) -> list[Columns]:

@@ -108,6 +108,15 @@ class Shaped:
         """Return it with one shape parameter at `value`."""
         return replace(self, shape=tuple((n, value if n == name else v) for n, v in self.shape))
 
+    def reaction(self, place: int) -> FloatArray:
+        """Coefficients (k,) on joint number `place` of its joints over those on the first: forces act on both."""
+        if place == 0:
+            return np.ones(len(CATALOGUE[self.kind]["coefficients"]))
+        shape = {name: [value, dict(self.at(1))[name]] for name, value in self.shape}
+        felt = _core.Effect.of(self.kind, **shape | {"partner": [1.0, 0.0]}).reaction(0)
+        assert felt is not None  # it has a partner
+        return np.array(felt[1])
+
     def placed(self) -> PlacedEffect:
         """Return it as an effect of a model."""
         rows = [dict(self.at(place)) for place in range(len(self.joints))]
@@ -152,8 +161,11 @@ class Catalogue:
         self._widths = tanh_widths(fit.observations_.plan.friction[0])
         before, self.before = self.before, None
         if before is not None and _same_motion(before.runs, self.runs):
+            alike = np.array_equal(before.fit.links_.torque_scale_, fit.links_.torque_scale_)
             same = np.abs(self._torque / before._torque - 1) < ROUNDING
             for s in filter(self._still_sought, before._columns):
+                if len(s.joints) > 1 and not alike:
+                    continue
                 self._columns[s], self._units[s] = before._columns[s], before._units[s]
                 if not all(same[list(s.joints)]):
                     again = self._usual(self._columns[s])
@@ -256,11 +268,26 @@ class Catalogue:
                     for s in dict.fromkeys(s for s, _ in pack.values()):
                         parts[s].append({j: rows[j][:, p * width : (p + 1) * width] for j in s.joints})
         for s, runs in parts.items():
-            columns = _apart({j: np.concatenate([run[j] for run in runs]) for j in s.joints})
+            columns = {j: np.concatenate([run[j] for run in runs]) for j in s.joints}
+            for place, j in enumerate(s.joints):
+                columns[j] *= self._share(s, place)
             runs.clear()
             self._columns[s], self._units[s] = columns, self._usual(columns)
             for own in columns.values():
                 own *= self._units[s]  # in place: all shapes together are most of what a diagnosis holds
+
+    def _share(self, s: Shaped, place: int) -> FloatArray:
+        """Coefficients (k,) on joint number `place` over those on the first, as the joints' channels show them."""
+        scale = self.fit.links_.torque_scale_
+        share: FloatArray = s.reaction(place) * scale[s.joints[place]] / scale[s.joints[0]]
+        return share
+
+    def torque(self, s: Shaped, own: FloatArray) -> Columns:
+        """Torque (n_rows,) on each joint with the coefficients `own` (k n_joints,), joint by joint."""
+        (h,) = self.of([s])
+        unit = np.where(h.unit > 0, h.unit, 1.0)
+        parts = enumerate(np.split(own, len(s.joints)))
+        return {s.joints[p]: h.columns[s.joints[p]] @ (part / (unit * self._share(s, p))) for p, part in parts}
 
     def _usual(self, columns: Columns) -> FloatArray:
         """Coefficients (k,) that are usual for columns beforehand."""
@@ -311,16 +338,16 @@ class Catalogue:
         return {j: columns[:, at] for at, j in enumerate(joints)}
 
     def _hypothesis(self, s: Shaped) -> Hypothesis:
-        placed, n = s.placed(), len(s.joints)
+        placed = s.placed()
         coefficients = CATALOGUE[s.kind]["coefficients"]
         return Hypothesis(
             s.kind,
             s.joints,
-            tuple(c["name"] for c in coefficients) * n,
-            tuple(c["unit"] for c in coefficients) * n,
+            tuple(c["name"] for c in coefficients),
+            tuple(c["unit"] for c in coefficients),
             self._columns[s],
             self._units[s],
-            np.array([(c["lower"], c["upper"]) for c in coefficients] * n, dtype=np.float64),
+            np.array([(c["lower"], c["upper"]) for c in coefficients], dtype=np.float64),
             lambda setup, x: replace(setup, effects=(*setup.effects, placed)),
             s.shape,
         )
@@ -344,19 +371,6 @@ def is_valid(kind: str, shape: Shape) -> bool:
     except ValueError:
         return False
     return True
-
-
-def _apart(columns: Columns) -> Columns:
-    """Columns of several joints, each with coefficients of its own."""
-    if len(columns) == 1:
-        return columns
-    widths = [part.shape[1] for part in columns.values()]
-    edges = np.cumsum([0, *widths])
-    apart = {}
-    for (j, part), first in zip(columns.items(), edges[:-1], strict=True):
-        apart[j] = np.zeros((len(part), int(edges[-1])))
-        apart[j][:, first : first + part.shape[1]] = part
-    return apart
 
 
 def _same_motion(first: Sequence[States], second: Sequence[States]) -> bool:

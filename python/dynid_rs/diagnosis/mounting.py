@@ -1,4 +1,4 @@
-"""How the base is mounted, where the robot file's inertials are credible and say that gravity pulls another way."""
+"""How the base is mounted: which way gravity pulls, before anything else is asked."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from dynid_rs.identification.loops import declared_plan, moved_apart
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.regression.columns import observe
 from dynid_rs.regression.evidence import LEAST_NOISE, WIDTHS, linear_model
-from dynid_rs.regression.priors import declares_inertia, weak_prior
+from dynid_rs.regression.priors import weak_prior
 
 FloatArray = NDArray[np.float64]
 
@@ -26,7 +26,7 @@ def mounted(setup: Setup, fit: ThreeLoopIdentifier) -> tuple[Setup, float]:
     `fit` is that of `setup`; the odds are logarithmic, against the mounting as it was.
     """
     strength = float(np.linalg.norm(setup.robot.gravity))
-    if strength == 0 or not declares_inertia(setup.robot):
+    if strength == 0:
         return setup, 0.0
     now = np.asarray(setup.robot.gravity)
     others = [sign * strength * axis for axis in np.eye(3) for sign in (1.0, -1.0)]

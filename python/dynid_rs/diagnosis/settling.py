@@ -27,8 +27,12 @@ def settle(belief: Belief) -> None:
     """Every effect's shape beside all others, then steps of all shapes together towards likelier ones."""
     effects = []
     for effect, places in zip(belief.setup.effects, belief.places(), strict=True):
-        (h,) = belief.catalogue.of([shaped_as(effect)])
-        h = polished(belief.beside.without(places), belief.catalogue, h)
+        now, beside = shaped_as(effect), belief.beside.without(places)
+        # Beside what was named later another shape of the grid may be the best.
+        grid = [s for s in belief.catalogue.grid if (s.kind, s.joints) == (now.kind, now.joints)]
+        shapes = belief.catalogue.of([now, *grid])
+        best = int(np.argmax([score.value for score in beside.screened(shapes)]))
+        h = polished(beside, belief.catalogue, shapes[best])
         effects.append(Shaped(h.kind, h.joints, h.shape).placed())
     if tuple(effects) != belief.setup.effects:
         belief.reshape(effects)

@@ -92,16 +92,9 @@ def _slope(found: Belief, effect: PlacedEffect, name: str, own: FloatArray) -> C
     both: list[Shaped] = [shaped.with_shape(name, end) for end in ends]
     if not all(is_valid(s.kind, s.shape) for s in both):
         return None
-    low, high = found.catalogue.of(both)
-    return {
-        j: ((high.columns[j] / _safe(high.unit) - low.columns[j] / _safe(low.unit)) @ own / width)[:, None]
-        for j in low.columns
-    }
+    low, high = (found.catalogue.torque(s, own) for s in both)
+    return {j: ((high[j] - low[j]) / width)[:, None] for j in low}
 
 
 def _sum(one: Columns, other: Columns) -> Columns:
     return {j: np.sum([part[j] for part in (one, other) if j in part], axis=0) for j in {**one, **other}}
-
-
-def _safe(unit: FloatArray) -> FloatArray:
-    return np.where(unit > 0, unit, 1.0)

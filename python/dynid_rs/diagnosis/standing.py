@@ -12,7 +12,6 @@ from dynid_rs.diagnosis.hypotheses import Place, shaped_as
 from dynid_rs.diagnosis.structural import value_of
 from dynid_rs.diagnosis.structural.torque_gain import USUAL, gain_spread
 from dynid_rs.diagnosis.trials import blocks, whole_runs, worse
-from dynid_rs.regression.linear_model import sign_cost
 
 HARM = 1.02
 """No joint's left-out error may grow by this factor."""
@@ -35,16 +34,12 @@ def backward(belief: Belief, need: float = 0.0) -> set[Place]:
 
 def standing(belief: Belief) -> dict[Place, float]:
     """Logarithmic odds of every name of the setup beside all others."""
-    beside, best = belief.beside, belief.beside.best
+    beside = belief.beside
     log_places = float(np.log(belief.catalogue.n_places))
     odds = {place: value - log_places for place, value in _structure(belief).items()}
-    std = np.sqrt(np.diag(best.covariance))
     for effect, places in zip(belief.setup.effects, belief.places(), strict=True):
-        less = beside.without(places)
-        at = [place for _, place in places]
         (h,) = belief.catalogue.of([shaped_as(effect)])
-        z = best.x[at] / std[at]
-        odds[h.place] = best.evidence - less.best.evidence + float(sign_cost(z, h.bounds)) - log_places
+        odds[h.place] = beside.without(places).evidence_for(h)[0] - log_places
     return odds
 
 

@@ -120,9 +120,8 @@ def helps(
     """Whether parts that were left out are not predicted worse on the joints it acts on, by more than chance.
 
     Chance: one standard error of the difference over the parts; nor whole runs, which move elsewhere. At the prior that
-    suits it some joint's error has to fall by `LEAST_GAIN`, over that of gains and clocks as they are said to be: less
-    is of no use, however certain. What it does to other joints through the links that they share is judged when all
-    names are in.
+    suits it some joint's error has to fall by `LEAST_GAIN`: less is of no use, however certain. What it does to other
+    joints through the links that they share is judged when all names are in.
     """
     own = list(joints)
     for left_out in (parts, runs):
@@ -132,11 +131,8 @@ def helps(
         without = before.model.left_out(before.best, left_out)[:, own]
         if worse((with_it - without) @ before.best.weights[own] ** 2):
             return False
-    exact, extended = before.exact, after.exact
-    alike = next(fit for fit in exact.fits if fit.choice == extended.best.choice)
-    left, lost = (
-        b.model.left_out(fit, parts)[:, own].sum(axis=0) for b, fit in ((extended, extended.best), (exact, alike))
-    )
+    alike = next(fit for fit in before.fits if fit.choice == after.best.choice)
+    left, lost = (b.model.left_out(fit, parts)[:, own].sum(axis=0) for b, fit in ((after, after.best), (before, alike)))
     gain = 1 - np.sqrt(left / np.maximum(lost, 1e-300))
     return bool(gain.max() > LEAST_GAIN)
 

@@ -143,7 +143,8 @@ def fit_with_prior(
     n = plan.robot.n_joints
     size = np.array([max(float(np.linalg.norm(R[:, -1])) / np.sqrt(n_rows), 1e-300) for R in factors])
     least = LEAST_NOISE * size if least_noise is None else np.maximum(least_noise, LEAST_NOISE * size)
-    prior = weak_prior(plan, factors, n_rows)
+    known = np.ones(n) if free is None or not free.any() else scale
+    prior = weak_prior(plan, factors, n_rows, held.scale if held is not None else known)
     widths = [(w, c) for w in (TRUSTED if trusted else WIDTHS) for c in _centres(plan.robot, trusted)]
     choice = Choice()
     scale = np.ones(n) if scale is None else scale
@@ -154,7 +155,9 @@ def fit_with_prior(
         prior = prior.in_unit(held.prior.unit if held is not None else _unit(plan, factors, scale))
     chosen: list[Choice] = []
     apart = True
-    for _ in range(ROUNDS if held is None else 1):
+    for k in range(ROUNDS if held is None else 1):
+        if k and free is not None and free.any():  # gains tell what a force between two joints is in either channel
+            prior = weak_prior(plan, factors, n_rows, scale).in_unit(prior.unit)
         model = linear_model(plan, factors, n_rows, scale, prior, n_effective, least)
         if held is not None:
             best = model.fit(choice, noise)

@@ -10,6 +10,7 @@ Unknowns are Gaussian, ``x ~ N(c x_file, S(w)^2)``:
 | friction: Coulomb, viscous | 1 of the joint's torque |
 | what friction's directions differ in, higher orders | b of it |
 | an effect that was found | 0.3 of it |
+| the same on the other of two joints that it acts on | 0.1 of what the first says |
 
 Coefficients are measured by the root mean square of their column's torque. The width w, whether the file's inertials
 are its centre (c = 1) or not (c = 0), and the size b of friction's bends are chosen by the evidence on every data set
@@ -39,6 +40,8 @@ USUAL = {"rotor_inertia": 1.0, "torque_offset": 0.3}
 """Torque of declared columns over the joint's own."""
 OTHER = 0.3
 """The same of effects that were found. Friction's Coulomb and viscous torque may be as large as the joint's own."""
+REACTION = 0.1
+"""What the other of two joints feels of a force between them, over what it has to: channels and gears are not exact."""
 LEAST_COLUMN = 1e-9
 """A column whose torque is below this part of its joint's is none."""
 
@@ -125,8 +128,11 @@ def _inverse_root(roots: FloatArray, used: NDArray[np.bool_]) -> tuple[FloatArra
     return across, 2 * float(np.sum(np.log(np.abs(np.diag(R)))))
 
 
-def weak_prior(plan: Plan, factors: Sequence[FloatArray], n_rows: int) -> WeakPrior:
-    """Prior on the unknowns of `plan`, whose columns have these factors over `n_rows` rows per joint."""
+def weak_prior(plan: Plan, factors: Sequence[FloatArray], n_rows: int, gains: FloatArray | None = None) -> WeakPrior:
+    """Prior on the unknowns of `plan`, whose columns have these factors over `n_rows` rows per joint.
+
+    `gains` (n_joints,) of the torque channels against each other, where they are known.
+    """
     robot = plan.robot
     n = robot.n_joints
     phi, rotors = np.asarray(robot.phi), np.asarray(robot.rotor_inertia)
@@ -136,12 +142,32 @@ def weak_prior(plan: Plan, factors: Sequence[FloatArray], n_rows: int) -> WeakPr
     mean = regroup[:, : 11 * n] @ np.concatenate([phi, rotors])
     own = [_own_roots(plan, j, factors[j], n_rows, regroup, rotors[j]) for j in range(n)]
     others = _stacked(plan, [root for joint in own for bends, root in joint if not bends])
+    if gains is not None:
+        _react(plan, others, gains)
     bends = _stacked(plan, [root for joint in own for bends, root in joint if bends])
     return WeakPrior(mean, links, others, bends, plan.estimable().copy())
 
 
 def _stacked(plan: Plan, roots: Sequence[FloatArray]) -> FloatArray:
     return np.array(roots).reshape(-1, plan.n_columns)
+
+
+def _react(plan: Plan, roots: FloatArray, gains: FloatArray) -> None:
+    """Change roots so that forces between two joints are one unknown, but for `REACTION`."""
+    first = plan.n_base
+    for effect in plan.effects:
+        for j in range(plan.robot.n_joints):
+            partner, felt = effect.reaction(j) or (-1, [])
+            for c, ratio in enumerate(felt if partner > j else []):
+                share = ratio * gains[partner] / gains[j]
+                one, other = (np.zeros(plan.n_columns, dtype=bool) for _ in range(2))
+                one[first + j * plan.n_own + c] = other[first + partner * plan.n_own + c] = True
+                here, there = (np.flatnonzero(np.any(roots[:, at], axis=1)) for at in (one, other))
+                if len(here) == len(there) == 1:
+                    std = min(float(roots[here[0], one][0]), float(roots[there[0], other][0]) / share)
+                    roots[here[0]] = std * (one + share * other)
+                    roots[there[0]] = REACTION * share * std * other
+        first += effect.n_columns
 
 
 def _own_roots(

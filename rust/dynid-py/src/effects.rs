@@ -91,6 +91,10 @@ impl PyEffect {
         self.0.shape()
     }
 
+    fn reaction(&self, joint: usize) -> Option<(usize, Vec<f64>)> {
+        self.0.reaction(joint)
+    }
+
     /// Kind and shape are all there is: copies in other processes are built from them.
     fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<Rebuild<'py>> {
         let rebuild = py.import("dynid_rs._core")?.getattr("_effect_of")?;
@@ -195,6 +199,7 @@ pub fn effect_catalogue(py: Python<'_>) -> PyResult<Bound<'_, PyList>> {
         dict.set_item("sought", diagnosis.sought)?;
         dict.set_item("requires", requires)?;
         dict.set_item("drawn_against", drawn_against)?;
+        dict.set_item("reaction", diagnosis.reaction.to_vec())?;
         dict.set_item("most_relative", diagnosis.most_relative)?;
         list.append(dict)?;
     }

@@ -56,6 +56,14 @@ def test_another_mounting_is_named_and_the_error_is_that_of_an_arm_that_was_told
     assert before[1] > 5 * after[1]
 
 
+def test_a_mounting_is_named_on_an_arm_whose_file_says_nothing_of_its_links():
+    """The data are far more probable under another gravity, whatever the links may weigh."""
+    bare = dyn.RobotModel.from_urdf_string(re.sub(r"<inertial>.*?</inertial>", "", URDF, flags=re.S))
+    found = found_in(recorded(replace(rigid(), robot=ROBOT.with_gravity(list(SIDEWAYS)))), bare)
+    assert names(found) == {("gravity_tilt", JOINTS)}
+    assert_allclose(np.abs(found.setup.robot.gravity), SIDEWAYS, atol=0.1)  # heavy and up is light and down
+
+
 def test_a_mounting_that_is_declared_stays():
     robot = ROBOT.with_gravity(list(SIDEWAYS))
     found = found_in(recorded(replace(rigid(), robot=robot)), robot)

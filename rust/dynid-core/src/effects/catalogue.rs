@@ -44,6 +44,7 @@ const ON_A_JOINT: Diagnosis = Diagnosis {
     sought: true,
     requires: &[],
     drawn_against: None,
+    reaction: &[],
     most_relative: None,
 };
 
@@ -358,6 +359,7 @@ pub static CATALOGUE: [Entry; 18] = [
         diagnosis: Diagnosis {
             // Joints that share a gear sit in one housing.
             places: Places::Neighbours,
+            reaction: &[1, 2],
             ..ON_A_JOINT
         },
         check: nothing_more,
@@ -401,8 +403,10 @@ pub static CATALOGUE: [Entry; 18] = [
         signals: &["ddq_motor"],
         memory: 0,
         declared: false,
+        // Kinetic energy c dq_j dq_p: the mass matrix is symmetric.
         diagnosis: Diagnosis {
             places: Places::Pair,
+            reaction: &[0],
             ..drawn_against("ddq", "rad/s^2")
         },
         check: nothing_more,

@@ -1,7 +1,7 @@
 //! Friction of a gear stage that two joints turn, as in wrists: `k s(u) + d u`, `u = v_j + r v_p`, p the partner.
 //!
 //! By its power the stage gives joint p the torque `r (k s(u) + d u) = |r| k s(u / r) + r^2 d u / r`: the same effect, seen
-//! from p, with the ratio 1/r, the width eps/|r| and coefficients of its own.
+//! from p, with the ratio 1/r, the width eps/|r| and the coefficients |r| k and r^2 d.
 
 use super::entry::partner_of;
 use super::friction::direction;

@@ -63,6 +63,9 @@ pub struct Diagnosis {
     pub requires: &'static [Need],
     /// Signal and its unit that a report draws the torque against (`{torque}`: the channel's); `None`: its own column.
     pub drawn_against: Option<(&'static str, &'static str)>,
+    /// What its partner feels of it, coefficient by coefficient, as a power of the ratio's size: forces between two joints act
+    /// on both by their power. Empty: it acts on a joint alone.
+    pub reaction: &'static [i32],
     /// Largest part of the motor's torque that it may add within the trained load, where more is no physics.
     pub most_relative: Option<f64>,
 }

@@ -191,6 +191,24 @@ impl Effect {
             .collect()
     }
 
+    /// The partner of joint `j`, and its coefficients over those of `j`; `None` where the effect acts on `j` alone.
+    #[must_use]
+    pub fn reaction(&self, j: usize) -> Option<(usize, Vec<f64>)> {
+        let parameters = self.entry.shape;
+        let own = self.shape.get(j * parameters.len()..)?;
+        let named = |wanted: &str| {
+            let at = parameters.iter().position(|p| p.name == wanted)?;
+            own.get(at).copied()
+        };
+        let partner = entry::partner_of(named("partner")?)?;
+        let ratio = named("ratio").unwrap_or(1.0).abs();
+        let powers = self.entry.diagnosis.reaction;
+        Some((
+            partner,
+            powers.iter().map(|&power| ratio.powi(power)).collect(),
+        ))
+    }
+
     /// Torque of joint `j` per unit coefficient, written to `columns` (length [`Self::n_columns`]).
     ///
     /// `memory` (length [`Self::memory_len`]) goes one sample on: call it once per joint and sample, in order of time.
