@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -11,9 +12,11 @@ from numpy.testing import assert_allclose
 
 from dynid_rs import _core
 from dynid_rs.diagnosis.belief import Belief
-from dynid_rs.diagnosis.hypotheses import Shaped
+from dynid_rs.diagnosis.hypotheses import Catalogue, Shaped
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.model.placed import CATALOGUE
+from dynid_rs.regression.linear_model import Choice
+from dynid_rs.regression.priors import REACTION, weak_prior
 
 ELBOW, WRIST = 1, 2
 RATIO, WIDTH = -0.4, 0.02
@@ -78,11 +81,21 @@ def test_a_force_between_two_joints_is_one_unknown_whatever_their_channels_show(
 
 def replace_links(belief: Belief, gains: np.ndarray) -> Belief:
     """The same belief, its channels showing `gains` times the torque."""
-    from copy import copy
-
-    from dynid_rs.diagnosis.hypotheses import Catalogue
-
     fit = copy(belief.fit)
     fit.links_ = copy(fit.links_)
     fit.links_.torque_scale_ = gains
     return replace(belief, fit=fit, catalogue=Catalogue(fit))
+
+
+@pytest.mark.parametrize("gains", [np.ones(3), np.array([1.0, 2.0, 0.5])])
+def test_beforehand_one_joint_tells_what_the_other_feels_but_for_a_tenth(gains):
+    effect = coupled().placed()
+    fit = Setup(ROBOT, effects=(effect,)).identifier(residual=None).fit(measured(duration=8.0, n_runs=1))
+    observations = fit.observations_
+    prior = weak_prior(observations.plan, observations.factors(), observations.n_rows, gains)
+    ((_, elbow), _, (_, wrist), _) = Belief.in_declared(Setup(ROBOT, effects=(effect,)), [], fit).places()[0]
+    rows = prior.rows(Choice())[0][:, [elbow, wrist]]
+    covariance = np.linalg.inv(rows.T @ rows)
+    share = abs(RATIO) * gains[WRIST] / gains[ELBOW]
+    assert covariance[0, 1] / covariance[0, 0] == pytest.approx(share)
+    assert covariance[1, 1] == pytest.approx(covariance[0, 0] * share**2 * (1 + REACTION**2))
