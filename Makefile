@@ -33,7 +33,7 @@ test-python: $(STAMP) $(TOOLS)
 check: $(STAMP) $(TOOLS) workflows ## format, lints, types, documentation, workflows
 	cargo fmt --check
 	cargo clippy --release --workspace --all-targets --quiet -- -D warnings
-	RUSTDOCFLAGS="-D warnings" cargo doc --workspace --exclude dynid-py --no-deps --quiet
+	RUSTDOCFLAGS="-D warnings" cargo doc --release --workspace --exclude dynid-py --no-deps --quiet
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
