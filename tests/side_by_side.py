@@ -17,8 +17,8 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 HERE = Path(__file__).parent
-LONG = ("house/test_docs.py", "equations/test_paper.py", "whole/test_measured.py")
-"""Files of a minute and more. Each begins early and alone: none of them is the one that all others wait for."""
+LONG = ("whole/test_measured.py", "house/test_docs.py", "equations/test_paper.py")
+"""Files of about a minute and more. Each begins early and alone: none is the one that all others wait for."""
 LEAST = 2
 """Files of a process: starting one takes two seconds."""
 NONE_COLLECTED = 5
@@ -49,7 +49,7 @@ def told(texts: list[str]) -> str:
 
 def shared_out(files: Sequence[Path], long: Sequence[Path], cores: int) -> list[list[Path]]:
     """Long files alone and first; of the others in their order ever smaller parts, so that all cores end together."""
-    parts = [[path] for path in files if path in long]
+    parts = [[path] for path in long if path in files]
     left = [path for path in files if path not in long]
     while left:
         n = max(-(-len(left) // (3 * cores)), LEAST)
