@@ -1,4 +1,6 @@
 # Every task of the project. `make demo` and `make test` set up everything they need in .venv.
+# Cargo is asked about the whole workspace wherever it can be: which features of a library are on depends on who else is asked
+# for, and other features are another build of it and of all that stands on it.
 
 PYTHON ?= python3
 VENV   := .venv
@@ -25,7 +27,7 @@ demo: $(STAMP) ## simulate an arm, identify it, print errors per joint and where
 test: test-rust test-python ## all tests
 
 test-rust: toolchain
-	cargo test --release --workspace --exclude dynid-py --quiet
+	cargo test --release --workspace --quiet
 
 test-python: $(STAMP) $(TOOLS)
 	$(BIN)/python tests/side_by_side.py
@@ -33,7 +35,7 @@ test-python: $(STAMP) $(TOOLS)
 check: $(STAMP) $(TOOLS) workflows ## format, lints, types, documentation, workflows
 	cargo fmt --check
 	cargo clippy --release --workspace --all-targets --quiet -- -D warnings
-	RUSTDOCFLAGS="-D warnings" cargo doc --workspace --exclude dynid-py --no-deps --quiet
+	RUSTDOCFLAGS="-D warnings" cargo doc --release --workspace --no-deps --quiet
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy

@@ -14,6 +14,7 @@ import shutil
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
@@ -117,18 +118,20 @@ def main() -> int:
     program = built()
     options.work.mkdir(parents=True, exist_ok=True)
     figures = []
-    for target in options.target or TARGETS:
-        figure = fuzz(program, target, options.seconds, options.work)
-        figures.append(figure)
-        print(
-            f"{target:11}{figure['executions']:>12,} executions in {figure['seconds']} s, "
-            f"{figure['covered_edges']:,} edges, {figure['peak_rss_mb']} MB",
-            flush=True,
-        )
-        if figure["failed"]:
-            print(f"error: {target}: {said(program, target, str(figure['log']))}", file=sys.stderr)
-        elif options.keep:
-            keep(program, target, options.work, options.keep)
+    targets = options.target or TARGETS
+    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:  # a way in has one thread
+        for figure in pool.map(lambda target: fuzz(program, target, options.seconds, options.work), targets):
+            target = str(figure["target"])
+            figures.append(figure)
+            print(
+                f"{target:11}{figure['executions']:>12,} executions in {figure['seconds']} s, "
+                f"{figure['covered_edges']:,} edges, {figure['peak_rss_mb']} MB",
+                flush=True,
+            )
+            if figure["failed"]:
+                print(f"error: {target}: {said(program, target, str(figure['log']))}", file=sys.stderr)
+            elif options.keep:
+                keep(program, target, options.work, options.keep)
     if options.json:
         options.json.write_text(json.dumps(figures, indent=2) + "\n")
     return int(any(figure["failed"] for figure in figures))

@@ -151,7 +151,7 @@ def test_a_dask_worker_that_is_killed_midway_costs_nothing_but_time(cluster, tmp
     with joblib.parallel_config(backend="dask"):
         assert fitted(Work(n_jobs=None), sources(deadly)) == serial()
     assert len(list(tmp_path.iterdir())) == 1
-    cluster.wait_for_workers(2, timeout=60)
+    cluster.wait_for_workers(2, timeout=240)
     assert len(before - set(cluster.run(os.getpid).values())) == 1
 
 

@@ -410,7 +410,6 @@ def test_robot(folder, text, words):
     assert all(word in sentence for word in words), sentence
 
 
-@pytest.mark.timeout(20)
 def test_pipes_instead_of_files(folder):
     os.mkfifo(folder / "pipe.urdf")
     os.mkfifo(folder / "pipe.csv")

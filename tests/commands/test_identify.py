@@ -155,7 +155,7 @@ def test_the_number_of_threads_changes_nothing(tmp_path):
             env=os.environ | pools | path,
             capture_output=True,
             text=True,
-            timeout=60,
+            timeout=240,
             check=False,
         )
         assert finished.returncode == 0, finished.stderr

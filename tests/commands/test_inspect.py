@@ -244,7 +244,7 @@ def test_reader_that_leaves_early(good):
     process.stdout.close()
     errors = process.stderr.read().decode()
     process.stderr.close()
-    assert process.wait(60) == 141
+    assert process.wait(240) == 141
     assert errors == ""
 
 

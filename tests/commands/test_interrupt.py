@@ -62,7 +62,7 @@ def struck(moment, *arguments):
         start_new_session=True,
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=240,
         check=False,
     )
     assert done.returncode == 130, done.stderr

@@ -33,7 +33,7 @@ class Answers:
 
 def run(estimator: Path, model: Path, text: str, *options: str) -> str:
     done = subprocess.run(
-        [estimator, model, *options], input=text, capture_output=True, text=True, timeout=60, check=False
+        [estimator, model, *options], input=text, capture_output=True, text=True, timeout=240, check=False
     )
     assert done.returncode == 0, done.stderr
     return done.stdout

@@ -18,6 +18,6 @@ def process(*arguments: object, code: str = DYNID[2], **environment: str) -> sub
         env=ENVIRONMENT | environment,
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=240,
         check=False,
     )

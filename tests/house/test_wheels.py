@@ -46,7 +46,7 @@ MAC = ["--target", "x86_64-apple-darwin", "--compatibility", "pypi"]
 )
 def test_the_binary_is_built_as_the_module_is(backend, arguments, words, target):
     verb, *more = words
-    expected = ["cargo", verb, "--profile", "wheel", "--package", "dynid-estimator", *more]
+    expected = ["cargo", verb, "--profile", "wheel", "--workspace", "--bin", "dynid-estimator", *more]
     assert backend.build_command("wheel", arguments) == (expected, target)
 
 

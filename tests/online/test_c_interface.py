@@ -1,9 +1,10 @@
 """libdynid from C and C++: the estimator's bits, refusals that are codes, and no leak."""
 
-import os
+import json
 import re
 import shutil
 import subprocess
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -26,15 +27,20 @@ def tool(name):
 
 @pytest.fixture(scope="session")
 def library():
-    """Folder of the built libdynid."""
-    command = [tool("cargo"), "build", "--release", "--locked", "--quiet", "--package", "dynid-c"]
-    subprocess.run(command, cwd=ROOT, check=True)
-    return (ROOT / os.environ.get("CARGO_TARGET_DIR", "target")) / "release"
+    """The built libdynid.a: what a test of its crate is linked with, which `make test-rust` has built already."""
+    command = [tool("cargo"), "test", "--release", "--locked", "--quiet", "--workspace", "--test", "header"]
+    done = subprocess.run(
+        [*command, "--no-run", "--message-format=json"], cwd=ROOT, stdout=subprocess.PIPE, text=True, check=True
+    )
+    built = [m for m in map(json.loads, done.stdout.splitlines()) if m["reason"] == "compiler-artifact"]
+    files = [Path(name) for m in built if m["target"]["name"] == "dynid" for name in m["filenames"]]
+    (archive,) = (path for path in files if path.suffix == ".a")
+    return archive
 
 
 def compiled(library, source, target, compiler, *flags):
     folders = [f"-I{ROOT / 'rust/dynid-c'}", f"-I{ROOT / 'examples/c'}"]
-    link = [str(library / "libdynid.a"), "-lm", "-lpthread", "-ldl"]
+    link = [str(library), "-lm", "-lpthread", "-ldl"]
     command = [tool(compiler), *FLAGS, *flags, *folders, str(source), *link, "-o", str(target)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

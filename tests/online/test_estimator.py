@@ -210,6 +210,6 @@ def test_effects_that_remember_give_the_bits_of_python(estimator, tmp_path):
     for apart, options, said in ((0.004, (), False), (0.01, (), True), (0.01, ("--step", "0.01"), False)):
         timed = {"t": apart * np.arange(N_STATES), **states}
         done = subprocess.run(
-            [estimator, path, *options], input=csv_text(timed), capture_output=True, text=True, timeout=60, check=True
+            [estimator, path, *options], input=csv_text(timed), capture_output=True, text=True, timeout=240, check=True
         )
         assert ("give --step" in done.stderr) == said
