@@ -111,3 +111,11 @@ def test_where_every_multiple_does_as_well_one_is_enough(monkeypatch):
     (five,) = belief.catalogue.of([Shaped("torque_ripple", (1,), (("cycles", 5.0),))])
     monkeypatch.setattr(Beside, "screened", lambda self, tried: [Score(100.0, 1.0)] * len(tried))
     assert dict(polished(belief.beside, belief.catalogue, five).shape)["cycles"] == 10.0
+
+
+@pytest.mark.parametrize("n_rows", [8, 83, 1000])
+def test_every_row_is_left_out_once(n_rows):
+    parts = blocks(n_rows)
+    np.testing.assert_array_equal(np.sum(parts, axis=0), np.ones(n_rows))
+    sizes = [int(part.sum()) for part in parts]
+    assert max(sizes) - min(sizes) <= 1
