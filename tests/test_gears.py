@@ -169,3 +169,12 @@ def test_where_an_encoder_was_set_to_zero_tells_nothing(elastic):
         moved = [q + 0.1 * (k + 1) for k, q in enumerate(signals)]
         for here, there in zip(gear.rows(signals), gear.rows(moved), strict=True):
             assert_allclose(there, here, rtol=0, atol=1e-9)
+
+
+def test_the_declared_model_of_two_encoders_holds_no_learned_term(elastic):
+    """Else names would be weighed against a term that has learned their torque."""
+    _, found = elastic
+    learned = ThreeLoopIdentifier(ROBOT).fit(found.train)
+    assert learned.model_.residual is not None
+    assert found.before.model_.residual is None
+    assert found.after.model_.residual is None

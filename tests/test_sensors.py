@@ -256,10 +256,3 @@ def test_channels_of_an_arm_with_a_joint_that_stands_still_are_not_judged():
     assert channels_of(ROBOT, flipped)
     held = [replace(run, q=run.q * [1, 1, 0]) for run in flipped]
     assert channels_of(ROBOT, held) == []
-
-
-def test_what_is_there_before_names_holds_no_learned_term():
-    """Else a name would be weighed against a term that has learned its torque."""
-    _, before, findings = examine(Setup(ROBOT), measured("torque_ripple:elbow:4", duration=8.0, n_runs=1), [])
-    assert findings == []
-    assert before.model_.residual is None
