@@ -113,7 +113,7 @@ audit: $(STAMP) ## advisories, licences and sources of everything we depend on (
 
 paper: $(STAMP) ## repeat the source paper's experiment and write docs/measured/paper.md with its figures
 	$(BIN)/python -m pip install --quiet --editable '.[paper]'
-	$(BIN)/python examples/paper/main.py --data "$$($(BIN)/python tests/data.py)"
+	$(BIN)/python examples/paper/main.py --data "$$($(BIN)/python tests/helpers/data.py)"
 
 clean: ## remove everything that was built
 	rm -rf target dist build fuzz/target fuzz/work $(VENV) $(DEMO) rust/dynid-py/dynid_rs.data python/dynid_rs/*.so

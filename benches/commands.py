@@ -14,8 +14,8 @@ from measure import ROOT, Row
 
 sys.path.insert(0, str(ROOT / "tests"))
 
-import data
-from measured_sets import COMMAND, SETS
+from helpers import data
+from helpers.measured_sets import COMMAND, SETS
 
 ROUNDS = 3
 N_RUNS = 5

@@ -56,7 +56,7 @@ def model() -> TorqueModel:
 def main() -> int:
     """Run, and print what the binary says."""
     sys.path[:0] = [str(ROOT / "examples" / "online"), str(ROOT / "tests")]
-    from binaries import find_estimator
+    from helpers.binaries import find_estimator
     from shm_client import Slots
     from udp_client import state
 

@@ -18,7 +18,7 @@ from typing import Any
 os.environ["RAYON_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
-from made_runs import MadeRun, arm
+from helpers.made_runs import MadeRun, arm
 
 from dynid_rs import ThreeLoopIdentifier
 from dynid_rs.archive import Archive

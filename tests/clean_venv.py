@@ -16,8 +16,8 @@ import time
 import venv
 from pathlib import Path
 
-import log_files
-from small_arm import write_robot
+from helpers import log_files
+from helpers.small_arm import write_robot
 
 LOG = "ur rtde, spaces, currents"
 HEAVY = ("scipy", "sklearn", "pyarrow", "plotly", "typer", "rich", "pandas", "polars", "matplotlib")

@@ -12,9 +12,9 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-import data
 import numpy as np
-from measured_sets import IDENTIFIED, Measured, relative
+from helpers import data
+from helpers.measured_sets import IDENTIFIED, Measured, relative
 
 PAGE = data.ROOT / "docs" / "measured" / "identified.md"
 WORSE, BETTER = 1.05, 0.95

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import data
 import numpy as np
+from helpers import data
 
 import dynid_rs as dyn
 from dynid_rs.identification.results import evaluate_runs, summarise

@@ -12,8 +12,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import data
-from measured_sets import SETS, Measured, relative
+from helpers import data
+from helpers.measured_sets import SETS, Measured, relative
 
 PAGE = data.ROOT / "docs" / "measured" / "results.md"
 HEAD = """# What `dynid diagnose` says of measured arms

@@ -1,4 +1,4 @@
-/* A header called arm.h, run over samples for tests/test_c_header.py. */
+/* A header called arm.h, run over samples for tests/online/test_c_header.py. */
 #include "arm.h"
 #ifdef __cplusplus
 extern "C" {

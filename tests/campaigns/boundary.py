@@ -19,8 +19,8 @@ if __package__ in (None, ""):
     sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 import numpy as np
-from boundary_calls import Call, calls
-from spoiled import ENDLESS, LONGEST, NO_ARRAYS, REFUSALS, as_array, outcome, spoiled_arrays
+from helpers.boundary_calls import Call, calls
+from helpers.spoiled import ENDLESS, LONGEST, NO_ARRAYS, REFUSALS, as_array, outcome, spoiled_arrays
 
 
 def alternatives(value: Any) -> Iterator[tuple[str, Callable[[], Any]]]:

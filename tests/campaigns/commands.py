@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from small_arm import write_robot, write_runs
+from helpers.small_arm import write_robot, write_runs
 
 import dynid_rs
 from dynid_rs.archive.cache import Cache, unpacked

@@ -19,7 +19,7 @@ from pathlib import Path
 if __package__ in (None, ""):
     sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from small_arm import study
+from helpers.small_arm import study
 
 from campaigns.commands import BY_NAME, Writing, faults_of, is_new, lay_old_results, prepare, start
 

@@ -107,8 +107,8 @@ CAMPAIGNS = {
     ),
     "hostile": Campaign(
         "Hostile URDFs, models, logs and configs: judged right, with their place, within 50 ms of the processor",
-        f"{PYTHON} -m pytest -q tests/test_hostile.py",
-        f"{PYTHON} -m pytest -q tests/test_hostile.py",
+        f"{PYTHON} -m pytest -q tests/whole/test_hostile.py",
+        f"{PYTHON} -m pytest -q tests/whole/test_hostile.py",
         _passed,
         lambda f: f"all {f['passed']}",
     ),
@@ -149,8 +149,8 @@ CAMPAIGNS = {
     ),
     "determinism": Campaign(
         "Another call, process, hash seed, number of threads: the same bytes; order of runs, BLAS kernel: roundings",
-        f"{PYTHON} -m pytest -q tests/test_determinism.py",
-        f"{PYTHON} -m pytest -q tests/test_determinism.py",
+        f"{PYTHON} -m pytest -q tests/whole/test_determinism.py",
+        f"{PYTHON} -m pytest -q tests/whole/test_determinism.py",
         _passed,
         lambda f: f"all {f['passed']}",
     ),

@@ -1,7 +1,7 @@
 //! A model as one self-contained C99 file: its numbers as tables, its formulas from the texts in `c/`.
 //!
 //! The texts are the second home of formulas whose first is `dynid-core`, because C cannot call it: one text per effect
-//! under the name of its kind, and `tests/test_c_header.py` holds both together. In them `dynid_` and `DYNID_` stand for the
+//! under the name of its kind, and `tests/online/test_c_header.py` holds both together. In them `dynid_` and `DYNID_` stand for the
 //! header's own prefix. Nothing of a model file enters the C but numbers, and names inside comments and strings, where
 //! they cannot end either.
 

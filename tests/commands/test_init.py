@@ -1,0 +1,256 @@
+"""`dynid init`: what it notices, with the evidence; what it asks; and that nothing is put right in silence."""
+
+import json
+import tomllib
+
+import jsonschema
+import numpy as np
+import pytest
+from helpers.log_files import DEGREE, columns_of, joint_states, table, text, write_mcap
+from helpers.run_files import write_csv, write_parquet
+from helpers.small_arm import JOINTS, dynid, refusal, run, write_robot
+from hypothesis import given
+from hypothesis import strategies as st
+
+from dynid_rs import RobotModel
+from dynid_rs.runs.readers import Config, read_config, read_run
+from dynid_rs.runs.readers.guess import guess
+from dynid_rs.runs.readers.key_page import schema
+
+
+def init(folder, robot, *paths, code=0, **options):
+    result = dynid("init", robot, *paths, "-o", folder / "dynid.toml", "--json", **options)
+    assert result.exit_code == code, result.output
+    written = tomllib.loads((folder / "dynid.toml").read_text())
+    jsonschema.validate(written, schema())
+    return json.loads(result.stdout), written
+
+
+def test_a_plain_run_needs_nothing(tmp_path):
+    robot = write_robot(tmp_path)
+    answer, written = init(tmp_path, robot, write_csv(tmp_path / "run.csv", run(0)))
+    assert answer["taken"] == []
+    assert answer["questions"] == []
+    assert written["columns"] == {"t": "t", "q": "q_{i}", "tau": "tau_{i}"}
+    assert written["units"] == {}
+    assert written["robot"] == {"joints": list(JOINTS), "gravity": [0.0, 0.0, -9.81]}
+
+
+def test_amperes_called_effort_are_noticed_by_the_arms_model(tmp_path):
+    robot = write_robot(tmp_path)
+    states = {k: [] for k in range(2)}
+    for k, rows in states.items():
+        for stamp, names, q, dq, effort in joint_states(k):
+            gains = np.array([8.0, 11.0, 5.0])[[JOINTS.index(name) for name in names]]
+            rows.append((stamp, names, q, dq, effort / gains))
+    paths = [write_mcap(tmp_path / f"run_{k}.mcap", {"/joint_states": rows}) for k, rows in states.items()]
+    answer, written = init(tmp_path, robot, *paths)
+    (taken,) = answer["taken"]
+    assert taken["key"] == "[columns] current"
+    assert "current" in taken["evidence"]
+    assert written["columns"]["tau"] is False
+    assert written["columns"]["current"] == "effort_{joint}"
+    recording = read_run(paths[0], RobotModel.from_urdf(robot), read_config(tmp_path / "dynid.toml")).recording
+    assert recording.torque_unit == "A"
+    # Without init it is no secret either.
+    result = dynid("identify", robot, *paths, "--residual", "none", "-o", tmp_path / "out")
+    assert result.exit_code == 1
+    findings = json.loads((tmp_path / "out" / "result.json").read_text())["data"]["findings"]
+    assert "current_as_torque" in {finding["code"] for finding in findings}
+
+
+@pytest.mark.parametrize(
+    ("spoil", "code"),
+    [
+        (lambda c: c.update(tau_1=c["tau_2"], tau_2=c["tau_1"]), "torque_swapped"),
+        (lambda c: c.update(tau_1=-c["tau_1"]), "torque_flipped"),
+    ],
+)
+def test_swapped_and_inverted_columns_are_asked_and_not_repaired(spoil, code, tmp_path):
+    robot, paths = write_robot(tmp_path), []
+    for k in range(2):
+        columns = run(k)
+        spoil(columns)
+        paths.append(write_parquet(tmp_path / f"run_{k}.parquet", columns))
+    answer, written = init(tmp_path, robot, *paths, code=1)
+    assert code in {question["code"] for question in answer["questions"]}
+    assert written["columns"]["tau"] == "tau_{i}"
+    assert "signs" not in written or written["signs"] == {}
+    assert "TO BE ANSWERED" in (tmp_path / "dynid.toml").read_text()
+
+
+def test_motors_own_turns_and_velocities_in_other_units(tmp_path):
+    robot, ratios = write_robot(tmp_path), np.array([101.0, 80.0, 50.0])
+    columns = run(0, encoders=2, velocity=True)
+    for j, ratio in enumerate(ratios):
+        columns[f"q_motor_{j}"] *= ratio
+        columns[f"dq_{j}"] *= DEGREE
+    columns = {name: x for name, x in columns.items() if not name.startswith("dq_motor")}
+    answer, written = init(tmp_path, robot, write_csv(tmp_path / "run.csv", columns))
+    assert {one["key"]: one["value"] for one in answer["taken"]}["[units] velocity"] == "deg/s"
+    np.testing.assert_allclose(written["gear"]["ratio"], ratios, rtol=1e-2)
+    assert written["units"] == {"velocity": "deg/s"}
+
+
+def test_a_person_at_a_terminal_is_asked(tmp_path, monkeypatch):
+    from dynid_rs.commands import init as command
+    from dynid_rs.commands._init_look import look
+
+    path = tmp_path / "run.csv"
+    path.write_text(text(table(0, time=1e3)))
+    model, asked = RobotModel.from_urdf(write_robot(tmp_path)), []
+    monkeypatch.setattr(command.typer, "confirm", lambda question, default: asked.append(question) or False)
+    found = look(model, [path], Config(), command._ask)
+    assert any("[units] time = 'ms'" in question for question in asked)
+    assert found.taken == []
+    assert [one.key for one in found.refused] == ["[units] time"]
+
+
+def test_a_toml_that_is_there_stays(tmp_path):
+    robot, path = write_robot(tmp_path), write_csv(tmp_path / "run.csv", run(0))
+    (tmp_path / "dynid.toml").write_text("mine")
+    assert "give --force" in refusal(dynid("init", robot, path, "-o", tmp_path / "dynid.toml"))
+    assert (tmp_path / "dynid.toml").read_text() == "mine"
+    assert dynid("init", robot, path, "-o", tmp_path / "dynid.toml", "--force").exit_code == 0
+
+
+def test_rules_for_another_robot_are_refused(tmp_path):
+    robot, path = write_robot(tmp_path), write_csv(tmp_path / "run.csv", run(0))
+    (tmp_path / "dynid.toml").write_text('[robot]\njoints = ["a", "b", "c"]\n')
+    sentence = refusal(dynid("identify", robot, path, "--config", tmp_path / "dynid.toml", "-o", tmp_path / "out"))
+    assert "was written for a, b, c, and the robot has shoulder, elbow, wrist" in sentence
+
+
+GUESSES = {
+    "abb": (("ROB_1 Axis 1 Position", "ROB_1 Axis 1 Torque Reference", "ROB_1 Axis 1 Torque"), {"q", "tau"}),
+    "rsi": (("RIst.A1", "MotorCurrent.A1", "MotorTemp.A1"), {"q", "current", "temperature"}),
+    "camel": (("ActualPosition1", "TargetPosition1", "ActualTorque1", "PositionError1"), {"q", "q_reference", "tau"}),
+    "plain": (("axis1", "torque1"), {"q", "tau"}),
+    "model": (("pos_0", "tau_model_0", "tau_meas_0"), {"q", "tau"}),
+}
+
+
+@pytest.mark.parametrize(("first", "signals"), GUESSES.values(), ids=GUESSES)
+def test_names_are_guessed_by_their_words(first, signals):
+    start = 0 if "_0" in first[0] else 1
+    names = ["time"]
+    for name in first:
+        head, _, tail = name.rpartition(str(start))
+        names += [f"{head}{start + k}{tail}" for k in range(6)]
+    found = guess(names, [f"joint_{k}" for k in range(6)], {})
+    assert found.time == ("time",)
+    assert set(found.columns) == signals
+    assert "model" not in str(found.columns.get("tau"))
+    assert "Reference" not in str(found.columns.get("tau"))
+
+
+def test_columns_of_init_are_those_of_the_run(tmp_path):
+    """A list where no template does, and back."""
+    _, q, _, tau = columns_of(0)
+    columns = {"t": columns_of(0)[0]}
+    columns |= {name: q[:, j] for j, name in enumerate(("q_shoulder", "q_elbow", "q_wrist"))}
+    columns |= {f"m{name}": tau[:, j] for j, name in enumerate("xyz")}
+    rules = tmp_path / "given.toml"
+    rules.write_text('[columns]\ntau = ["mx", "my", "mz"]\n')
+    robot, path = write_robot(tmp_path), write_csv(tmp_path / "run.csv", columns)
+    result = dynid("init", robot, path, "--config", rules, "-o", tmp_path / "dynid.toml")
+    assert result.exit_code == 0, result.output
+    written = tomllib.loads((tmp_path / "dynid.toml").read_text())["columns"]
+    assert written == {"t": "t", "q": "q_{joint}", "tau": ["mx", "my", "mz"]}
+
+
+def test_percent_is_a_current_with_a_gain(tmp_path):
+    """The mend that the refusal of such a file names."""
+    from helpers.log_files import VARIANTS
+
+    path, rules = VARIANTS["fanuc, percent of what"].write(tmp_path, 0), tmp_path / "given.toml"
+    rules.write_text(
+        '[columns]\nt = "Time"\nq = "J{n} Position"\ntau = false\ncurrent = "J{n} Torque"\n[drive]\n'
+        "gain = [2, 3, 0.5]\n"
+    )
+    recording = read_run(path, RobotModel.from_urdf(write_robot(tmp_path)), read_config(rules)).recording
+    _, q, _, tau = columns_of(0)
+    np.testing.assert_allclose(recording.q, q, rtol=1e-12)
+    np.testing.assert_allclose(recording.tau, tau * [2, 3, 0.5], rtol=1e-12)
+    assert recording.torque_unit == "N*m"
+
+
+def test_joints_in_the_order_of_messages_are_doubted():
+    """rostopic echo -p writes the names beside the numbers; JointState sorts them as it likes."""
+    names = ["%time", *(f"field.{word}{k}" for word in ("name", "position", "velocity", "effort") for k in range(6))]
+    found = guess(names, [f"joint_{k}" for k in range(6)], {})
+    assert found.columns["q"] == "field.position{i}"
+    assert found.columns["tau"] == "field.effort{i}"
+    assert any("field.name- names the joints of each column" in doubt for doubt in found.doubts)
+
+
+JOINT_WORDS = st.lists(
+    st.text(st.characters(exclude_categories=("Cs",)), min_size=1, max_size=6), min_size=3, max_size=3, unique=True
+)
+
+
+@given(JOINT_WORDS, st.text(st.characters(exclude_categories=("Cs",)), max_size=4), JOINT_WORDS)
+def test_rules_are_read_back_whatever_columns_are_called(names, head, joints):
+    """As TOML, and through the templates."""
+    from dynid_rs.commands._init_write import rule_text
+    from dynid_rs.runs.readers.columns import fill
+
+    for columns in (names, [f"{head}{k}" for k in range(3)], [f"{head}{joint}{head}" for joint in joints]):
+        rule = tomllib.loads(f"q = {rule_text(columns, joints)}")["q"]
+        back = rule if isinstance(rule, list) else [fill(rule, k, joint) for k, joint in enumerate(joints)]
+        assert back == columns
+
+
+def test_percent_at_the_end_of_a_name_is_no_newton_metre(tmp_path):
+    t, q, _, tau = columns_of(0)
+    columns = {"t": t}
+    for j in range(3):
+        columns |= {f"Axis{j + 1}_Pos": q[:, j], f"Axis{j + 1}_Torque_percent": tau[:, j]}
+    path = write_csv(tmp_path / "run.csv", columns)
+    said = refusal(dynid("init", write_robot(tmp_path), path, "-o", tmp_path / "dynid.toml"))
+    assert "column Axis1_Torque_percent is in percent of a rated torque or current" in said
+
+
+def test_a_joint_more_than_the_arm_has_is_doubted():
+    """Of three columns the first two may be other joints than the arm's."""
+    names = ["t", *(f"{signal}_{j}" for signal in ("q", "tau") for j in range(3))]
+    found = guess(names, ["elbow", "wrist"], {})
+    assert found.columns["q"] == ("q_0", "q_1")
+    assert any(
+        doubt.startswith("q_2 is there too, of a joint more than the arm has: q_0, q_1") for doubt in found.doubts
+    )
+    assert not guess(names, ["shoulder", "elbow", "wrist"], {}).doubts
+
+
+def test_a_log_of_other_names_is_sent_to_init_and_init_sends_nobody_to_itself(tmp_path):
+    t, q, _, tau = columns_of(0)
+    columns = {"t": t, **{f"a{j}": q[:, j] for j in range(3)}, **{f"b{j}": tau[:, j] for j in range(3)}}
+    robot, path = write_robot(tmp_path), write_csv(tmp_path / "run.csv", columns)
+    assert "(dynid init writes one)" in refusal(dynid("identify", robot, path, "-o", tmp_path / "out"))
+    said = refusal(dynid("init", robot, path, "-o", tmp_path / "dynid.toml"))
+    assert "so write it by hand" in said
+    assert "dynid init writes" not in said
+
+
+def test_one_column_in_degrees_is_named_and_not_taken_for_all(tmp_path):
+    """Among radians: a rule for all would make the other joints hardly move."""
+    robot, columns = write_robot(tmp_path), run(0)
+    columns = {**columns, "q_1": np.asarray(columns["q_1"]) * DEGREE}
+    path = write_csv(tmp_path / "run.csv", columns)
+    answer, written = init(tmp_path, robot, path, code=1)
+    assert "angle" not in written["units"]
+    assert "the others like radians" in json.dumps(answer)
+    said = dynid("identify", robot, path, "--residual", "none", "-o", tmp_path / "out")
+    assert said.exit_code == 1
+    findings = json.loads((tmp_path / "out" / "result.json").read_text())["data"]["findings"]
+    assert ("units_mixed", "q_1") in {(finding["code"], finding.get("column")) for finding in findings}
+
+
+def test_radians_that_are_called_degrees_are_asked_about(tmp_path):
+    robot, paths = write_robot(tmp_path), [write_csv(tmp_path / f"run_{k}.csv", run(k)) for k in range(3)]
+    (tmp_path / "deg.toml").write_text('[units]\nangle = "deg"\n')
+    for command, *more in (("inspect",), ("identify", "--residual", "none", "-o", tmp_path / "out")):
+        given = (paths[0], "--robot", robot) if command == "inspect" else (robot, *paths)
+        said = dynid(command, *given, "--config", tmp_path / "deg.toml", *more)
+        assert "if they are radians, take the rule out" in " ".join(said.output.split())
+    assert "units_radians" not in dynid("inspect", paths[0], "--json").output

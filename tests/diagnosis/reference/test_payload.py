@@ -1,0 +1,181 @@
+"""`dynid payload`: what an arm carries, in the frame of its flange and in the words of robot controllers."""
+
+import json
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers.run_files import write
+from helpers.small_arm import URDF, as_current, dynid, refusal, run, study
+from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
+
+from dynid_rs import RobotModel, TorqueModel
+from dynid_rs.diagnosis.reference.load import Load, _body, _moved, _slopes
+from dynid_rs.diagnosis.reference.load_data import principal_axes, quantities, vendor_words
+from dynid_rs.simulation import simulate, typical_arm
+from dynid_rs.simulation.folder import run_columns
+
+MASS, CENTRE = 1.5, (0.03, -0.02, 0.06)
+INERTIA = (0.004, 0.003, 0.002, 0.0003, -0.0002, 0.0001)
+"""Of the tool, in the flange's frame: Ixx, Iyy, Izz, Ixy, Ixz, Iyz about its centre."""
+FLANGE = """
+  <link name="flange"/>
+  <joint name="mount" type="fixed"><parent link="hand"/><child link="flange"/>
+    <origin xyz="0.1 0.02 0.03" rpy="0.3 -0.5 1.2"/></joint>"""
+TOOL = f"""
+  <link name="tool"><inertial><origin xyz="{CENTRE[0]} {CENTRE[1]} {CENTRE[2]}"/><mass value="{MASS}"/>
+    <inertia ixx="{INERTIA[0]}" iyy="{INERTIA[1]}" izz="{INERTIA[2]}" ixy="{INERTIA[3]}" ixz="{INERTIA[4]}"
+      iyz="{INERTIA[5]}"/></inertial></link>
+  <joint name="grip" type="fixed"><parent link="flange"/><child link="tool"/></joint>"""
+HALF_WIDTHS = 2.0
+"""Half-widths of a 95 % interval within which the truth lies: 4 standard errors, seeded."""
+DIGITS = 1e-6
+"""Of what controllers are given."""
+
+
+def with_parts(*parts):
+    return URDF.replace("</robot>", "".join(parts) + "\n</robot>")
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory):
+    """A robot file with a flange, and a run of the small arm with the tool on it."""
+    folder = tmp_path_factory.mktemp("payload")
+    (folder / "robot.urdf").write_text(with_parts(FLANGE))
+    # The friction of the arm without it.
+    bare, heavy = (RobotModel.from_urdf_string(with_parts(*parts)) for parts in ((FLANGE,), (FLANGE, TOOL)))
+    loaded = replace(typical_arm(bare).rigid(), robot=heavy, phi=heavy.phi)
+    columns = run_columns(simulate(loaded, n_runs=1, duration=10, seed=9).recordings[0])
+    kept = {name: x for name, x in columns.items() if name.startswith(("t", "q_")) and "motor" not in name}
+    write(folder / "run.parquet", kept)
+    return folder
+
+
+def matrix(inertia):
+    xx, yy, zz, xy, xz, yz = inertia
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+def some_load():
+    return Load(MASS, np.array(CENTRE), np.array(INERTIA), np.zeros((10, 2)), 0.0, np.zeros(3), np.zeros(3))
+
+
+def test_a_body_is_told_in_the_frame_of_the_flange():
+    """The tool as its robot file has it, out of what it adds to the last link's parameters."""
+    bare, loaded = (RobotModel.from_urdf_string(with_parts(*parts)) for parts in ((FLANGE,), (FLANGE, TOOL)))
+    joint, rotation, translation = loaded.link_frame("flange")
+    assert joint == 2
+    found = _body(loaded.phi[-10:] - bare.phi[-10:], rotation, translation)
+    assert_allclose(found, [MASS, *CENTRE, *INERTIA], rtol=0, atol=1e-12)
+
+
+def test_principal_axes_are_a_rotation_near_the_frames_own():
+    axes, moments = principal_axes(np.array(INERTIA))
+    assert np.linalg.det(axes) == pytest.approx(1.0)
+    assert_allclose(axes @ np.diag(moments) @ axes.T, matrix(INERTIA), atol=1e-15)
+    assert np.all(np.diag(axes) > 0.7)
+    axes, moments = principal_axes(np.array([3.0, 2.0, 1.0, 0, 0, 0]))
+    assert_allclose(axes, np.eye(3), atol=1e-15)
+    assert_allclose(moments, [3, 2, 1])
+
+
+def numbers(text):
+    return [float(word) for word in re.findall(r"(?<![\w.])-?\d+(?:\.\d+)?", text)]
+
+
+def test_every_makers_words_hold_the_same_body():
+    words = vendor_words(some_load())
+    mass, *rest = numbers(words["ur"])
+    assert (mass, rest) == (MASS, [*CENTRE, *INERTIA])
+    millimetres = 1e3 * np.array(CENTRE)
+    _, mass, x, y, z, a, b, c, *about = [1.0, *numbers(words["kuka"].removeprefix("LOAD_DATA[1]="))]
+    assert (mass, [x, y, z]) == (MASS, pytest.approx(millimetres))
+    turn = Rotation.from_euler("z", a, degrees=True) * Rotation.from_euler("y", b, degrees=True)
+    turn = (turn * Rotation.from_euler("x", c, degrees=True)).as_matrix()
+    assert_allclose(turn @ np.diag(about) @ turn.T, matrix(INERTIA), atol=DIGITS)
+    mass, x, y, z, w, i, j, k, *about = numbers(words["abb"].partition(":=")[2])
+    assert (mass, [x, y, z]) == (MASS, pytest.approx(millimetres))
+    turn = Rotation.from_quat([i, j, k, w]).as_matrix()
+    assert_allclose(turn @ np.diag(about) @ turn.T, matrix(INERTIA), atol=DIGITS)
+    mass, x, y, z, *about = numbers(words["fanuc"].replace("cm*s^2", ""))
+    assert (mass, [x, y, z]) == (MASS, pytest.approx(millimetres / 10))
+    assert_allclose(np.array(about) * 9.80665 / 100, INERTIA[:3], atol=DIGITS)  # kgf*cm*s^2 -> kg*m^2
+
+
+def test_quantities_have_units():
+    told = quantities(some_load())
+    assert [entry["name"] for entry in told[:4]] == ["mass", "cx", "cy", "cz"]
+    assert (told[3]["value"], told[3]["unit"]) == (pytest.approx(60), "mm")
+
+
+def test_what_the_torque_does_not_show_has_no_interval():
+    """The centre's y, and with it what the inertia about the centre is made of."""
+    bare, loaded = (RobotModel.from_urdf_string(with_parts(*parts)) for parts in ((FLANGE,), (FLANGE, TOOL)))
+    phi = loaded.phi[-10:] - bare.phi[-10:]
+    slopes = _slopes(phi, 1e-6 * np.eye(10), np.eye(3), np.zeros(3))
+    unseen = _moved(slopes, np.eye(10)[:, [2]])
+    assert unseen.tolist() == [False, False, True, False, True, False, True, True, False, True]
+    assert not _moved(slopes, np.zeros((10, 0))).any()
+    load = replace(some_load(), intervals=np.where(unseen[:, None], [-np.inf, np.inf], 0.0))
+    assert [entry["interval"] is None for entry in quantities(load)] == unseen.tolist()
+
+
+def test_the_command_weighs_a_tool(place):
+    arguments = (study().model, place / "run.parquet", "--robot", place / "robot.urdf", "--flange", "flange")
+    printed = dynid("payload", *arguments, "--json")
+    assert printed.exit_code == 0, printed.output
+    answer = json.loads(printed.stdout)
+    assert (answer["format"], answer["frame"], answer["seen"]) == ("dynid-payload", "flange", True)
+    assert answer["load"][0]["value"] == pytest.approx(MASS, rel=0.05)
+    bounds = np.array([entry["interval"] for entry in answer["load"]])
+    truth = np.array([MASS, *(1e3 * np.array(CENTRE)), *INERTIA])
+    assert np.all(np.abs(bounds.mean(axis=1) - truth) < HALF_WIDTHS * np.diff(bounds)[:, 0] / 2)
+    assert set(answer["words"]) == {"ur", "kuka", "abb", "fanuc"}
+    printed = dynid("payload", *arguments)
+    assert "load in the frame of flange" in printed.stdout
+    assert "KUKA: LOAD_DATA[1]={M " in printed.stdout
+
+
+def test_no_load_is_a_no():
+    printed = dynid("payload", study().model, study().runs[2])
+    assert printed.exit_code == 1, printed.output
+    assert printed.stdout.startswith("no load is seen: ")
+
+
+def test_what_cannot_be_weighed_is_refused_in_a_sentence(place, tmp_path):
+    model, loaded, robot = study().model, place / "run.parquet", place / "robot.urdf"
+    assert "belong together" in refusal(dynid("payload", model, loaded, "--flange", "flange"))
+    assert "does not move with hand" in refusal(dynid("payload", model, loaded, "--flange", "base", "--robot", robot))
+    assert "no link of the chain" in refusal(dynid("payload", model, loaded, "--flange", "x", "--robot", robot))
+    currents = write(tmp_path / "run.parquet", as_current(run(0)))
+    assert "give the drive gains" in refusal(dynid("payload", model, currents))
+    runs = [write(tmp_path / f"run_{k}.parquet", as_current(run(k))) for k in range(2)]
+    dynid("identify", study().robot, *runs, "-o", tmp_path / "amperes", "--residual", "none")
+    sentence = refusal(dynid("payload", tmp_path / "amperes" / "model.json", currents))
+    assert "identify again with --drive-gain" in sentence
+
+
+def test_a_run_counts_once():
+    """Twice the samples would make the intervals of the load too narrow."""
+    assert "is given twice" in refusal(dynid("payload", study().model, study().runs[2], study().runs[2]))
+
+
+def test_the_wrist_alone_weighs_a_tool(place, tmp_path):
+    """Controllers weigh tools with the last joints only; what a resting joint's friction holds is nobody's weight."""
+    model = TorqueModel.load(study().model)
+    bare, heavy = (RobotModel.from_urdf_string(with_parts(*parts)) for parts in ((FLANGE,), (FLANGE, TOOL)))
+    t = np.arange(2000) / 200
+    rate, size, middle = np.array([0.0, 0.9, 1.7]), np.array([0.0, 0.6, 1.1]), np.array([0.4, -0.3, 0.2])
+    q = middle + size * np.sin(np.outer(t, rate))
+    dq, ddq = size * rate * np.cos(np.outer(t, rate)), -size * rate**2 * np.sin(np.outer(t, rate))
+    more = heavy.inverse_dynamics(q, dq, ddq) - bare.inverse_dynamics(q, dq, ddq)
+    tau = model.torque(q, dq, ddq) + more + np.random.default_rng(0).normal(0, 0.05, q.shape)
+    tau[:, 0] += 3.0  # stiction
+    columns = {"t": t, **{f"q_{j}": q[:, j] for j in range(3)}, **{f"tau_{j}": tau[:, j] for j in range(3)}}
+    path = write(tmp_path / "wrist.parquet", columns)
+    printed = dynid("payload", study().model, path, "--robot", place / "robot.urdf", "--flange", "flange", "--json")
+    assert printed.exit_code == 0, printed.output
+    answer = json.loads(printed.stdout)
+    assert answer["load"][0]["value"] == pytest.approx(MASS, rel=0.05)

@@ -1,0 +1,111 @@
+"""What arms do and channels show that looks like damage and is none; each beside the damage that it looks like.
+
+Each was a false error on a recording that the exam (`tests/exam`) had drawn.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from exam.case import ROBOT, write_case
+from helpers.diagnosed import SIX_AXES, recorded, rigid
+
+import dynid_rs as dyn
+from dynid_rs.diagnosis.sensors import channel_errors
+from dynid_rs.diagnosis.setup import Setup
+from dynid_rs.runs.checks import check_recording
+from dynid_rs.runs.recording import Recording
+from dynid_rs.simulation import simulate, typical_arm
+
+RATE = 82.0
+
+
+def recording(torque):
+    """A lone joint that moves for a minute, with a torque (n,) of the time in seconds."""
+    t = np.arange(round(60 * RATE)) / RATE
+    q = np.sin(0.9 * t) + 0.4 * np.sin(2.3 * t)
+    return Recording(t, q[:, None], tau=torque(t)[:, None], name="run.csv")
+
+
+def errors(run):
+    return [(finding.code, finding.column) for finding in check_recording(run) if finding.severity == "error"]
+
+
+def coarse(x, step):
+    return np.round(x / step) * step
+
+
+def peaked(t):
+    """Up and down without a rest, in steps, but for one smooth peak at 20 s, on whose last level it is for 9 rows."""
+    zigzag = 6 * np.arcsin(np.sin(5 * t))
+    return coarse(np.where(np.abs(t - 20) < 0.5, 12 - 40 * (t - 20) ** 2, zigzag), 0.2)
+
+
+def test_a_peak_of_a_coarse_channel_is_no_saturation():
+    run = recording(peaked)
+    assert np.count_nonzero(run.tau == run.tau.max()) == 9
+    assert errors(run) == []
+    assert errors(replace(run, tau=np.minimum(run.tau, 8.0))) == [("saturated", "tau_0")]
+
+
+def levelling(t, step=0.5):
+    """A torque that levels off for a third of a second at 8 s, in steps."""
+    rng = np.random.default_rng(3)
+    level = np.where(np.abs(t - 8) < 0.17, 5.0, 5.0 + 9 * np.sin(3 * (t - 8 - 0.17 * np.sign(t - 8))))
+    return coarse(level + 0.12 * rng.normal(size=len(t)), step)
+
+
+def test_a_coarse_channel_that_levels_off_is_not_stuck():
+    run = recording(levelling)
+    assert errors(run) == []
+    held = run.tau.copy()
+    held[300:330] = held[300]
+    assert abs(held[330, 0] - held[300, 0]) > 3
+    assert errors(replace(run, tau=held)) == [("stuck", "tau_0")]
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_zero_where_a_coarse_torque_turns_round_is_no_drop_out(sign):
+    """Torques of a blow pass zero from row to row: -30, -25, 4, 0, -6, -17."""
+    x = np.array([-334, -295, -254, -209, -164, -121, -83, -50, -29.6, -24.7, 4, 0, -6, -17, -32, -48, -68, -91, -117])
+
+    def struck(t):
+        torque = 90 * np.cos(1.1 * t)
+        torque[400 : 400 + len(x)] = x
+        return sign * torque
+
+    run = recording(struck)
+    assert errors(run) == []
+    dropped = run.tau.copy()
+    dropped[403] = 0.0
+    assert errors(replace(run, tau=dropped)) == [("torque_spike", "tau_0")]
+
+
+def test_an_arm_on_a_wall_without_masses_has_no_joints_swapped(tmp_path):
+    """Its first joint carries a load: another mounting explains that, and an exchange of two joints nearly as well."""
+    truth = write_case(785517222, tmp_path)
+    robot = dyn.RobotModel.from_urdf(tmp_path / ROBOT)
+    (finding,) = channel_errors(Setup(robot), [dyn.read_recording(tmp_path / truth["train"][0], robot)])
+    assert (finding.code, finding.severity) == ("mounting", "warning")
+    assert finding.value == pytest.approx(90, abs=3)
+    assert "its opposite" in finding.message
+
+
+def test_in_amperes_too_an_arm_on_a_wall_is_on_a_wall():
+    """Gains are told anew for every direction of gravity: those of the wrong one explain nothing with the right one."""
+    gains = np.array([9.0, 12.0, 11.0, 7.0, 5.0, 4.0])
+    runs = recorded(rigid(SIX_AXES.with_gravity((0.0, 9.81, 0.0))), n_runs=2)
+    runs = [replace(run, tau=run.tau / gains, torque_unit="A") for run in runs]
+    (finding,) = channel_errors(Setup(SIX_AXES), runs)
+    assert (finding.code, finding.severity) == ("mounting", "warning")
+    assert "--gravity 0.00,9.81,0.00" in finding.message
+    level = [replace(run, tau=run.tau / gains, torque_unit="A") for run in recorded(rigid(SIX_AXES), n_runs=2)]
+    assert channel_errors(Setup(SIX_AXES), level) == []
+
+
+def test_gears_that_yield_are_no_late_channel():
+    """Of the arm of `make demo` one joint's positions came 18 ms late, it was said; the encoders do by 2.8 ms."""
+    arm = typical_arm(SIX_AXES)
+    runs = simulate(arm, n_runs=4).recordings
+    assert arm.delay == pytest.approx(0.0028)
+    assert channel_errors(Setup(SIX_AXES), runs) == []

@@ -1,0 +1,258 @@
+"""Channels and contacts: what is no model's matter is found where it is, and nothing where nothing is."""
+
+import re
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import data
+from helpers.data import data_folder
+from helpers.diagnosed import ROBOT, SIX_AXES, entry_of, found_in, holds, measured, names, rigid, with_effects
+from helpers.small_arm import JOINTS
+
+import dynid_rs as dyn
+from dynid_rs.diagnosis.sensors import channel_errors, channels_of, examine
+from dynid_rs.diagnosis.sensors.channels import channel_findings
+from dynid_rs.diagnosis.sensors.contact import _smooth, find_contacts
+from dynid_rs.diagnosis.sensors.messages import encoder_entries
+from dynid_rs.diagnosis.sensors.watch import Watch
+from dynid_rs.diagnosis.setup import Setup
+from dynid_rs.identification.three_loops import ThreeLoopIdentifier
+from dynid_rs.identification.training import prepare_training_runs
+from dynid_rs.regression.priors import declares_inertia
+from dynid_rs.runs.encoders import EncoderDelay
+from dynid_rs.runs.preprocessing import choose_band, common_rate, without
+from dynid_rs.simulation import bundled_robot, simulate
+
+CLEAN_SEEDS = 6
+PLACEHOLDER = (
+    '<inertial><mass value="0.001"/><inertia ixx="1e-6" ixy="0" ixz="0" iyy="1e-6" iyz="0" izz="1e-6"/></inertial>'
+)
+EDGES = 0.25
+"""Start and end of a push are known this well [s]: it swells and fades over half its length."""
+
+
+def robot():
+    return SIX_AXES
+
+
+@cache
+def runs(*wishes, seed=0, duration=20.0):
+    """Arms and recordings of four runs of a rigid six-axis arm with one encoder; the last one is kept for testing."""
+    arm = with_effects(rigid(SIX_AXES), *wishes) if wishes else rigid(SIX_AXES)
+    sim = simulate(arm, n_runs=4, duration=duration, rate=250, seed=seed)
+    return sim, [replace(recording, q_motor=None) for recording in sim.recordings]
+
+
+def fitted(recordings):
+    return ThreeLoopIdentifier(robot(), residual=None).fit(recordings)
+
+
+def states(recordings):
+    return prepare_training_runs(recordings, choose_band(recordings), common_rate(recordings))
+
+
+@pytest.mark.parametrize("encoder_delay", [0.0, 0.0028, 0.01])
+def test_the_delay_between_encoders_is_taken_out(encoder_delay):
+    arm = replace(rigid(SIX_AXES), delay=encoder_delay)
+    fit = fitted(simulate(arm, n_runs=2, duration=15.0, rate=250, seed=3).recordings)
+    assert fit.model_.encoder_delay == pytest.approx(np.full(6, encoder_delay), abs=3e-5)
+
+
+@pytest.mark.parametrize("delay_ms", [3.0, 12.0])
+def test_one_delay_of_all_torque_channels_is_recovered(delay_ms):
+    recordings = measured(f"torque_delay::{delay_ms / 5}")
+    found = found_in(recordings)
+    assert names(found) == {("torque_delay", JOINTS)}
+    assert holds(entry_of(found, "torque_delay"), {"delay": 1e-3 * delay_ms}) == []
+    # The correction is what it says: on the corrected runs there is no delay left.
+    np.testing.assert_allclose(found.setup.torque_delay, 1e-3 * delay_ms, atol=2e-3)
+    again = found_in([recording.less_torque_delay(found.setup.torque_delay) for recording in recordings])
+    assert again.entries == []
+
+
+def test_clean_arms_have_no_contact():
+    for seed in range(CLEAN_SEEDS):
+        _, recordings = runs(seed=seed, duration=8.0)
+        fit = fitted(recordings[:3])
+        assert not find_contacts(fit, fit.raw_runs_), seed
+        assert not find_contacts(fit, fit.raw_runs_, [fit.states(recordings[3])]), seed
+
+
+def test_pushes_are_found_in_training_and_test_runs_and_nothing_else():
+    sim, recordings = runs("contact::0.2")
+    setup, fit, findings = examine(Setup(robot()), recordings[:3], recordings[3:])
+    assert {finding.code for finding in findings} == {"contact"}
+    found = 0
+    for arm, recording in zip(sim.arms, recordings, strict=True):
+        pushes = arm.effects[0].pushes
+        for start, end in setup.excluded[recording.name]:
+            (push,) = [push for push in pushes if push.start < end and push.end > start]
+            assert abs(start - push.start) < EDGES
+            assert abs(end - push.end) < EDGES
+            found += 1
+    assert found == sum(len(arm.effects[0].pushes) for arm in sim.arms)
+    # What is excluded is not fitted: the arm's noise is all that is left, as without any push.
+    clean = fitted(runs()[1][:3]).links_.noise_std_
+    np.testing.assert_allclose(fit.links_.noise_std_, clean, rtol=0.15)
+    test = setup.identifier(residual=None).fit(recordings[:3]).states(recordings[3])
+    for start, end in setup.excluded[recordings[3].name]:
+        assert not test.moving[(test.t > start) & (test.t < end)].any()
+
+
+def test_a_push_in_the_test_run_touches_no_fit():
+    _, pushed = runs("contact::0.2")
+    _, free = runs()
+    fits = [examine(Setup(robot()), free[:3], [test])[1] for test in (free[3], pushed[3])]
+    np.testing.assert_array_equal(fits[0].links_.x_, fits[1].links_.x_)
+
+
+def test_pushes_are_neither_fitted_nor_named_and_do_not_hide_a_delay():
+    found = found_in(measured("contact::0.3", "torque_delay::2", duration=20.0))
+    assert {finding.code for finding in found.findings} == {"contact"}
+    assert names(found) == {("torque_delay", JOINTS)}
+    assert holds(entry_of(found, "torque_delay"), {"delay": 1e-2}) == []
+
+
+def test_excluded_samples_keep_a_guard_for_the_filter():
+    run = states(runs(duration=8.0)[1][:3])[0]
+    left = without(run, [(3.0, 4.0)])
+    guard = 1 / run.band.cutoff
+    np.testing.assert_array_equal(left.moving, run.moving & ((run.t < 3.0 - guard) | (run.t > 4.0 + guard)))
+    assert without(run, []) is run
+
+
+def changed(recordings, **signals):
+    """Runs with signals replaced: joint order, or factors."""
+    out = []
+    for recording in recordings:
+        new = {}
+        for name, (order, factor) in signals.items():
+            new[name] = getattr(recording, name)[:, order] * factor
+        out.append(replace(recording, **new))
+    return out
+
+
+ORDER = list(range(6))
+SWAPPED = [0, 2, 1, 3, 4, 5]
+THIRD = np.array([1.0, 1.0, -1.0, 1.0, 1.0, 1.0])
+
+
+@pytest.mark.parametrize(
+    ("signals", "code", "column"),
+    [
+        ({"tau": (SWAPPED, 1.0)}, "torque_swapped", "tau_1"),
+        ({"tau": (ORDER, THIRD)}, "torque_flipped", "tau_2"),
+        ({"q": (ORDER, THIRD)}, "position_flipped", "q_2"),
+        ({"q": (ORDER, THIRD), "tau": (ORDER, THIRD)}, "joint_flipped", "q_2"),
+        ({"q": (SWAPPED, 1.0)}, "position_swapped", "q_1"),
+        ({"q": (SWAPPED, 1.0), "tau": (SWAPPED, 1.0)}, "joints_swapped", "q_1"),
+        ({"tau": (ORDER, 1e3)}, "torque_unit", "tau_0"),
+        ({"q": (ORDER, 180 / np.pi)}, "units_degrees", "q_0"),
+    ],
+)
+def test_channels_that_are_not_what_they_are_called_are_errors(signals, code, column):
+    recordings = changed(runs()[1][:3], **signals)
+    findings = channel_findings(robot(), states(recordings))
+    assert [(finding.code, finding.severity, finding.column) for finding in findings] == [(code, "error", column)]
+
+
+def test_a_file_of_equal_links_tells_no_unit():
+    """A gram in every link is what somebody filled in, not a torque a thousand times too large."""
+    filled = re.sub(
+        r"<inertial>.*?</inertial>", PLACEHOLDER, Path(bundled_robot()).read_text(encoding="utf-8"), flags=re.S
+    )
+    arm = dyn.RobotModel.from_urdf_string(filled)
+    assert not declares_inertia(arm)
+    assert channel_findings(arm, states(runs()[1][:3])) == []
+
+
+def test_torque_on_the_motor_side_names_the_gears_and_every_flipped_joint_is_named():
+    recordings = runs(duration=8.0)[1][:3]
+    (finding,) = channel_findings(robot(), states(changed(recordings, tau=(ORDER, 1 / robot().gear_ratio))))
+    assert "motor's side" in finding.message
+    findings = channel_findings(robot(), states(changed(recordings, tau=(ORDER, -1.0))))
+    assert [finding.code for finding in findings] == ["torque_flipped"] * 6
+
+
+def test_channels_that_are_what_they_are_called_say_nothing():
+    assert not channel_findings(robot(), states(runs(duration=8.0)[1][:3]))
+
+
+def test_a_wrong_channel_ends_the_diagnosis_with_a_sentence_and_no_effect():
+    recordings = changed(runs(duration=8.0)[1], tau=(SWAPPED, 1.0))
+    setup = Setup(robot())
+    after, fit, findings = examine(setup, recordings[:3])
+    assert after is setup
+    assert fit is None
+    assert [finding.code for finding in findings] == ["torque_swapped"]
+    found = found_in(recordings, SIX_AXES)
+    assert found.entries == []
+    assert found.before is found.after
+    assert [finding.code for finding in found.findings] == ["torque_swapped"]
+    assert "dynid.toml" in findings[0].message
+
+
+def test_two_short_runs_that_hardly_overlap_do_not_contradict_each_other():
+    model, recordings = real("kuka_kr300_weigand", "traj_A", "traj_B")
+    assert channel_errors(Setup(model), recordings) == []
+
+
+def real(folder, *files):
+    data_folder()
+    model = dyn.RobotModel.from_urdf(data.data_file(folder))
+    return model, [dyn.read_recording(data.data_file(folder, f"{name}.parquet"), model) for name in files]
+
+
+def test_the_pushed_robot_is_seen_to_be_pushed_and_the_free_one_is_not():
+    free = ("20_02_12_50sec_12harm", "20_02_10_30sec_12harm", "20_02_19_14harm50sec", "20_02_12_40sec_12harm")
+    model, recordings = real("ur10e_innopolis", *free, "20_01_22_push_pose_1")
+    setup, _, findings = examine(Setup(model), recordings[:3], recordings[3:])
+    assert list(setup.excluded) == ["20_01_22_push_pose_1.parquet"]
+    # Read off the currents by eye: four pushes, each about a second long.
+    seen = ((2.4, 0.8), (5.2, 1.0), (8.9, 0.8), (12.6, 0.8))
+    windows = setup.excluded["20_01_22_push_pose_1.parquet"]
+    assert len(windows) == len(seen) == len([finding for finding in findings if finding.code == "contact"])
+    for (start, end), (middle, width) in zip(windows, seen, strict=True):
+        assert start < middle < end < start + width + 2.0
+
+
+@pytest.mark.parametrize("n_samples", [4, 5, 20, 21])
+def test_a_burst_is_seen_where_it_is(n_samples):
+    """Played backwards a run shows the same bursts backwards: no kernel leans to one side."""
+    rng = np.random.default_rng(n_samples)
+    shape = 200, 2
+    residual, slack, unsure = rng.standard_normal((3, *shape))
+    seen, step = rng.random(shape) > 0.1, 0.01
+    moving = np.zeros(len(residual), dtype=bool)
+    forwards = Watch("run", step * np.arange(200), residual, seen, slack, unsure, np.ones(shape), moving, step)
+    turned = (x[::-1] for x in (residual, seen, slack, unsure))
+    backwards = Watch("run", forwards.t, *turned, np.ones(shape), moving, step)
+    there, back = _smooth(forwards, n_samples * step), _smooth(backwards, n_samples * step)
+    assert there.enough.any()
+    for name in ("m", "slack", "unsure", "enough"):
+        np.testing.assert_allclose(getattr(back, name)[::-1], getattr(there, name), atol=1e-12)
+
+
+def test_axes_whose_clocks_differ_by_more_than_their_errors_are_no_better_than_their_spread():
+    """Of equal weights the delay and its interval are those of Student's test on the axes themselves."""
+    from scipy.stats import ttest_1samp
+
+    values = np.array([2.0e-3, 2.4e-3, 3.1e-3, 2.6e-3])
+    (entry,) = encoder_entries(EncoderDelay(values, np.full(4, 1e-5), np.ones(4, dtype=bool)))
+    student = ttest_1samp(values, 0.0)
+    assert entry["value"] == pytest.approx(values.mean(), rel=1e-12)
+    assert entry["interval"] == pytest.approx(tuple(student.confidence_interval(0.95)), rel=1e-9)
+    assert entry["p_value"] == pytest.approx(student.pvalue, rel=1e-9)
+    alike = np.array([2.0e-3, 2.0e-3, 2.0e-3, 2.0e-3])
+    (entry,) = encoder_entries(EncoderDelay(alike, np.full(4, 1e-5), np.ones(4, dtype=bool)))
+    assert entry["std_error"] == pytest.approx(0.5e-5, rel=1e-12)
+
+
+def test_channels_of_an_arm_with_a_joint_that_stands_still_are_not_judged():
+    flipped = [replace(run, tau=run.tau * [1, -1, 1]) for run in measured(duration=8.0, n_runs=1)]
+    assert channels_of(ROBOT, flipped)
+    held = [replace(run, q=run.q * [1, 1, 0]) for run in flipped]
+    assert channels_of(ROBOT, held) == []

@@ -1,0 +1,104 @@
+"""Ripple in the angle at full rate: families of one gear with their orders and sizes, and nothing where nothing is."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers.diagnosed import ROBOT, found_in, measured, rigid
+from helpers.small_arm import JOINTS
+
+from dynid_rs.diagnosis.ripple import find_ripple, ripple_entries
+from dynid_rs.diagnosis.setup import Setup
+from dynid_rs.model.assembly import evaluate
+
+ARM = rigid()
+
+
+@pytest.fixture(scope="module")
+def clean():
+    """Three runs of an arm that lacks nothing, one encoder."""
+    return measured(duration=15.0, rate=250.0)
+
+
+def with_line(runs, joint, order, size, phase=0.7):
+    """The same runs with `size * cos(order q - phase)` on a joint."""
+    changed = []
+    for run in runs:
+        tau = run.tau.copy()
+        tau[:, joint] += size * np.cos(order * run.q[:, joint] - phase)
+        changed.append(replace(run, tau=tau))
+    return changed
+
+
+def families(runs):
+    setup = Setup(ROBOT)
+    fit = setup.identifier(residual=None).fit(runs)
+    return fit, find_ripple(setup, fit, runs)
+
+
+def test_clean_runs_have_no_line(clean):
+    assert families(clean)[1] == []
+
+
+@pytest.mark.parametrize(("joint", "order"), [(1, 1872 / 7), (0, 100.5), (2, 41.0)])
+def test_a_line_of_any_order_is_found_with_its_size_and_phase(clean, joint, order):
+    size = 0.3 * ARM.noise_std[joint]
+    _, (family,) = families(with_line(clean, joint, order, size))
+    assert family.joint == joint
+    cosine, sine = family.coefficients[0]
+    turns = np.ptp(np.concatenate([run.q[:, joint] for run in clean])) / (2 * np.pi)
+    assert abs(family.orders[0] - order) < 0.2 / turns
+    # Between two orders of the spectrum a line loses up to a fiftieth.
+    assert abs(np.hypot(cosine, sine) - size) < 3 * family.std[0] + 0.05 * size
+    assert family.log_odds > np.log(19)
+
+
+def test_an_order_and_its_harmonics_are_one_family_and_another_order_is_another(clean):
+    size = 0.4 * ARM.noise_std[1]
+    runs = with_line(with_line(with_line(clean, 1, 100.0, size), 1, 200.0, size), 1, 73.0, 0.8 * size)
+    fit, found = families(runs)
+    assert sorted([round(order) for order in family.orders] for family in found) == [[73], [100, 200]]
+    entries = ripple_entries(found, fit)
+    assert [(entry["kind"], entry["joints"]) for entry in entries] == [("torque_ripple", ["elbow"])] * 2
+    (both,) = (entry for entry in entries if len(entry["parameters"]) == 4)
+    assert [p["name"] for p in both["parameters"]] == ["cycles", "amplitude", "cycles_2", "amplitude_2"]
+    for parameter in both["parameters"][1::2]:
+        low, high = parameter["interval"]
+        assert low < size < high
+        assert parameter["unit"] == "N*m"
+
+
+def test_a_diagnosis_takes_the_line_off_a_run_that_it_has_not_seen(clean):
+    size = 2 * ARM.noise_std[0]
+    runs = with_line(clean, 0, 120.0, size)
+    found = found_in(runs)
+    assert [(entry["kind"], entry["joints"]) for entry in found.entries] == [("torque_ripple", [JOINTS[0]])]
+    unseen = runs[2]
+    before, after = ((unseen.tau - fit.predict(unseen))[:, 0].std() for fit in (found.before, found.after))
+    assert before > 1.5 * ARM.noise_std[0]
+    assert after < 1.1 * ARM.noise_std[0]
+    model = found.after.model_
+    terms = evaluate(model, found.after.states(unseen))[1][:, model.term_names.index("torque_ripple")]
+    assert np.ptp(terms[:, 0]) == pytest.approx(2 * size, rel=0.1)
+    assert not terms[:, 1:].any()
+
+
+def test_a_joint_that_rests_in_a_run_serves_with_the_others(clean):
+    size = 0.5 * ARM.noise_std[1]
+    runs = with_line(clean, 1, 60.0, size)
+    resting = runs[0].q.copy()
+    resting[:, 0] = resting[0, 0]
+    setup = Setup(ROBOT)
+    fit = setup.identifier(residual=None).fit(runs)
+    (family,) = find_ripple(setup, fit, [replace(runs[0], q=resting), *runs[1:]])
+    assert family.joint == 1
+
+
+def test_a_vibration_in_time_is_no_line_in_angle(clean):
+    shaken = [
+        replace(run, tau=run.tau + 0.5 * ARM.noise_std[1] * np.cos(2 * np.pi * 9.0 * run.t)[:, None] * [0, 1, 0])
+        for run in clean
+    ]
+    assert families(shaken)[1] == []

@@ -1,0 +1,110 @@
+"""Shapes that settle together, changes of structure that are taken back, gains that are asked again."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers.diagnosed import ROBOT, measured, rigid, with_effects
+
+from dynid_rs.diagnosis.belief import Belief, Named
+from dynid_rs.diagnosis.hypotheses import Shaped
+from dynid_rs.diagnosis.search import accept
+from dynid_rs.diagnosis.settling import settle
+from dynid_rs.diagnosis.setup import Setup
+from dynid_rs.diagnosis.slopes import friction_slopes
+from dynid_rs.diagnosis.standing import backward
+from dynid_rs.diagnosis.structural.encoder_eccentricity import added
+from dynid_rs.identification.smooth_friction import in_reach, tanh_widths
+
+ELBOW, WRIST = 1, 2
+FAR = 0.05
+"""An encoder's error [rad] that none of the runs has."""
+
+
+def test_a_peak_of_friction_settles_with_the_sign_that_it_turns_round_with():
+    """From a velocity half as large again and a wider sign, along a valley that neither leads along alone."""
+    wish = "stribeck:elbow:4"
+    (effect,) = with_effects(rigid(), wish).effects
+    truth = {value.name: value.value[0] for value in effect.values}
+    runs = measured(wish)
+    belief = Belief.in_declared(Setup(ROBOT), runs)
+    width = 1.5 * tanh_widths(belief.fit.observations_.plan.friction[0])[ELBOW]
+    far = (("stribeck_velocity", 1.5 * truth["stribeck_velocity"]), ("exponent", 2.0), ("transition_width", width))
+    belief = Belief.in_declared(Setup(ROBOT, effects=(Shaped("stribeck", (ELBOW,), far).placed(),)), runs)
+    before = belief.kept
+    settle(belief)
+    assert belief.is_likelier_than(before)
+    shape = belief.setup.effects[0].shape_at(ELBOW)
+    assert shape["stribeck_velocity"] == pytest.approx(truth["stribeck_velocity"], rel=0.15)
+    noise = rigid().noise_std[ELBOW]
+    assert belief.left[ELBOW] < 1.2 * noise
+
+
+def test_a_change_of_structure_that_makes_the_data_less_probable_is_taken_back():
+    belief = Belief.in_declared(Setup(ROBOT), measured())
+    place = ("encoder_eccentricity", (ELBOW,))
+    (h,) = (h for h in belief.hypotheses() if h.place == place)
+    h = replace(h, accept=lambda setup, x: added(setup, ELBOW, np.array([FAR, 0.0])))
+    before, refused = belief.kept, set()
+    belief.refit = lambda friction=None: Belief.refit(_with(belief, FAR), friction)
+    assert accept(belief, [Named(h, 10.0)], refused) == []
+    assert refused == {place}
+    assert belief.named == {}
+    assert belief.setup is before.setup
+    assert belief.steps == []
+
+
+def test_a_clock_that_is_wrong_is_no_likelier():
+    late = replace(Setup(ROBOT), torque_delay=0.1)
+    belief = Belief.in_declared(Setup(ROBOT), measured())
+    declared = belief.kept
+    belief.setup = late
+    belief.refit()
+    assert not belief.is_likelier_than(declared)
+    wrong = belief.kept
+    belief.restore(declared)
+    assert belief.is_likelier_than(wrong)
+
+
+def test_both_signs_of_friction_that_two_joints_share_turn_round_with_one_width():
+    shared = Shaped(
+        "coupled_friction", (ELBOW, WRIST), (("partner", float(WRIST)), ("ratio", 1.0), ("transition_width", 0.02))
+    )
+    belief = Belief.in_declared(Setup(ROBOT, effects=(shared.placed(),)), measured("stribeck:elbow"))
+    reached = {(slope.name, slope.joint): set(slope.columns) for slope in friction_slopes(belief)}
+    assert reached["transition_width", ELBOW] == reached["sharpness", ELBOW] == {ELBOW, WRIST}
+    assert reached["transition_width", WRIST] == {WRIST}
+
+
+def test_a_width_beyond_its_reach_stays_where_it_is_until_it_is_moved():
+    runs = Belief.in_declared(Setup(ROBOT), measured()).fit.runs_
+    width, sharpness = np.array([1e-6, 0.01, 9.0]), np.full(3, 2.5)
+    kept, _ = in_reach((width, sharpness), (width, sharpness), runs)
+    np.testing.assert_array_equal(kept, width)
+    further, _ = in_reach((width * [0.5, 1.0, 2.0], sharpness), (width, sharpness), runs)
+    np.testing.assert_array_equal(further, width)
+
+
+def _with(belief: Belief, error: float) -> Belief:
+    """The belief with an encoder's error that no step takes back."""
+    belief.named = {}
+    belief.setup = added(belief.setup, ELBOW, np.array([error, 0.0]) - belief.setup.encoder_error[ELBOW])
+    return belief
+
+
+def test_a_gain_that_has_become_none_goes():
+    belief = Belief.in_declared(Setup(ROBOT), measured())
+    (h,) = (h for h in belief.hypotheses() if h.place == ("torque_gain", (ELBOW,)))
+    belief.accept([Named(h, 10.0)])
+    assert belief.setup.gain_joints == (ELBOW,)
+    assert backward(belief) == {h.place}
+    assert belief.setup.gain_joints == ()
+
+
+def test_a_gain_that_is_one_stays():
+    belief = Belief.in_declared(Setup(ROBOT), measured("torque_gain:elbow"))
+    (h,) = (h for h in belief.hypotheses() if h.place == ("torque_gain", (ELBOW,)))
+    belief.accept([Named(h, 10.0)])
+    assert backward(belief) == set()

@@ -1,0 +1,121 @@
+"""What a name has to stand: evidence at the noise that it leaves, halves of the data, whole runs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers.diagnosed import ROBOT, measured
+
+from dynid_rs.diagnosis import beside
+from dynid_rs.diagnosis.belief import Belief
+from dynid_rs.diagnosis.beside import Beside
+from dynid_rs.diagnosis.hypotheses import Shaped
+from dynid_rs.diagnosis.search import forward
+from dynid_rs.diagnosis.setup import Setup
+from dynid_rs.diagnosis.shapes import polished
+from dynid_rs.diagnosis.trials import blocks, evidence, helps, is_stable, whole_runs, worse
+from dynid_rs.regression.linear_model import Score
+
+
+@pytest.mark.parametrize(("wish", "hidden"), [("position_dependent_friction:elbow:5", True), (None, False)])
+def test_a_large_effect_does_not_hide_behind_its_own_memory(monkeypatch, wish, hidden):
+    """Without it in the model the residual is as slow as the effect; what it leaves is noise."""
+    belief = Belief.in_declared(Setup(ROBOT), measured(*[wish] if wish else [], duration=8.0, n_runs=1))
+    of_kind = [h for h in belief.hypotheses() if h.place == ("position_dependent_friction", (1,))]
+    best = of_kind[int(np.argmax([score.value for score in belief.beside.screened(of_kind)]))]
+    value = belief.beside.evidence_for(best)[0]
+    monkeypatch.setattr(beside, "FORGETS", np.inf)
+    by_its_own = belief.beside.evidence_for(best)[0]
+    if hidden:
+        assert value > 1.5 * by_its_own > 0
+    else:
+        assert value < 0
+        assert by_its_own < 0
+
+
+def test_halves_tell_a_large_effect_by_the_noise_it_leaves(monkeypatch):
+    """On few rows the screening's noise, which is the effect's own, would refute it."""
+    belief = Belief.in_declared(Setup(ROBOT), measured("position_dependent_friction:elbow:5", duration=8.0, n_runs=1))
+    values, _ = evidence(belief.beside, belief.hypotheses(), belief.catalogue)
+    best = max(values.values(), key=lambda value: value.value)
+    assert best.hypothesis.place == ("position_dependent_friction", (1,))
+    rivals = [value for value in values.values() if value is not best]
+    parts = blocks(belief.beside.model.n_rows)
+    assert is_stable(belief.beside, best, rivals, parts)
+    # Where screening refutes it everywhere, the evidence with the noise anew decides.
+    own = best.hypothesis.place
+    screened = {True: Score(-1e3, 1.0), False: Score(0.0, 1.0)}
+    monkeypatch.setattr(Beside, "screened", lambda self, tried: [screened[h.place == own] for h in tried])
+    for value, holds in ((1.0, True), (-1.0, False)):
+        monkeypatch.setattr(Beside, "evidence_for", lambda self, h, own_value=value: (own_value * (h.place == own), {}))
+        assert is_stable(belief.beside, best, rivals, parts) == holds
+
+
+def test_whole_runs_are_left_out_and_the_thirds_of_a_lone_one():
+    thirds = whole_runs([6])
+    np.testing.assert_array_equal(np.array(thirds), np.repeat(np.eye(3, dtype=bool), 2, axis=1))
+    first, second = whole_runs([2, 3])
+    np.testing.assert_array_equal(first, [True, True, False, False, False])
+    np.testing.assert_array_equal(second, ~first)
+
+
+def test_worse_is_worse_than_one_chance_in_six():
+    """Student's t over the parts: two have to agree better than many of the same mean and scatter."""
+    lost = np.array([[1.0, 1.0, -1.0], [1.0, -0.9, -1.0]])
+    np.testing.assert_array_equal(worse(lost), [True, False, False])
+    scattered = np.array([[2.0], [0.4]])
+    assert not worse(scattered)
+    assert worse(np.tile(scattered, (4, 1)))
+    rng = np.random.default_rng(0)
+    for n_parts in (2, 3, 8):
+        assert abs(np.mean(worse(rng.normal(size=(n_parts, 20_000)))) - 0.16) < 0.01
+
+
+def test_a_joint_whose_noise_has_fallen_waits_for_the_fit():
+    """Beside a hysteresis that friction's shapes do not know of yet, what is left looks like the next effect."""
+    belief = Belief.in_declared(Setup(ROBOT), measured("friction_hysteresis:wrist:3"))
+    found = forward(belief)
+    assert [named.hypothesis.place for named in found] == [("friction_hysteresis", (2,))]
+
+
+def test_gain_is_over_what_would_be_handed_out(monkeypatch):
+    """A delay hides among the clocks' tolerance, here a wide one, which no model that is handed out has."""
+    monkeypatch.setattr(beside, "CLOCK", 2.0)
+    runs = measured(duration=12.0, n_runs=2)
+    late = [replace(run, tau=np.stack([np.interp(run.t - 0.004, run.t, x) for x in run.tau.T], axis=1)) for run in runs]
+    belief = Belief.in_declared(Setup(ROBOT), late)
+    before = belief.beside
+    (delay,) = [h for h in belief.hypotheses() if h.kind == "torque_delay"]
+    _, columns = before.evidence_for(delay)
+    after, parts = before.with_columns(columns), blocks(before.model.n_rows)
+    assert helps(before, after, delay.joints, parts, whole_runs(belief.run_lengths))
+    monkeypatch.setattr(Beside, "exact", property(lambda self: self))
+    assert not helps(before, after, delay.joints, parts, whole_runs(belief.run_lengths))
+
+
+@pytest.mark.parametrize("cycles", [5.0, 10.0])
+def test_a_ripple_is_told_by_its_first_harmonic(cycles):
+    """Five cycles with a second harmonic alone are ten."""
+    runs = measured(duration=12.0, n_runs=2)
+    rippled = [replace(run, tau=run.tau + [0, 1, 0] * np.cos(cycles * run.q)) for run in runs]
+    belief = Belief.in_declared(Setup(ROBOT), rippled)
+    (five,) = belief.catalogue.of([Shaped("torque_ripple", (1,), (("cycles", 5.0),))])
+    found = polished(belief.beside, belief.catalogue, five)
+    assert dict(found.shape)["cycles"] == pytest.approx(cycles, rel=0.02)
+
+
+def test_where_every_multiple_does_as_well_one_is_enough(monkeypatch):
+    belief = Belief.in_declared(Setup(ROBOT), measured(duration=8.0, n_runs=1))
+    (five,) = belief.catalogue.of([Shaped("torque_ripple", (1,), (("cycles", 5.0),))])
+    monkeypatch.setattr(Beside, "screened", lambda self, tried: [Score(100.0, 1.0)] * len(tried))
+    assert dict(polished(belief.beside, belief.catalogue, five).shape)["cycles"] == 10.0
+
+
+@pytest.mark.parametrize("n_rows", [8, 83, 1000])
+def test_every_row_is_left_out_once(n_rows):
+    parts = blocks(n_rows)
+    np.testing.assert_array_equal(np.sum(parts, axis=0), np.ones(n_rows))
+    sizes = [int(part.sum()) for part in parts]
+    assert max(sizes) - min(sizes) <= 1

@@ -1,0 +1,1 @@
+"""What tests share: arms, runs, robots, engines, the command line, and where measured data is."""

@@ -1,0 +1,344 @@
+"""Checks fire on what they are for, and stay silent on a good run."""
+
+# ruff: noqa: E501 - the table of faults has one case a line
+
+import numpy as np
+import pytest
+from helpers.run_files import RATE, motion
+
+from dynid_rs.base.findings import joint_words
+from dynid_rs.runs.checks import check_recording, moving_joints, refused_sources
+from dynid_rs.runs.recording import Recording
+
+N = 1200
+HINTS = {"single_encoder"}
+
+
+class Robot:
+    """Limits of three joints; the last one turns without end."""
+
+    lower = np.array([-2.0, -2.0, -np.inf])
+    upper = np.array([2.0, 2.0, np.nan])
+
+
+def good():
+    """Arrays of a run without any fault: two encoders, noise, standstill nowhere."""
+    rng = np.random.default_rng(11)
+    t, q, dq, ddq = motion(N)
+    tau = 3.0 * ddq + 0.5 * dq + 2.0 * np.cos(q) + 0.05 * rng.standard_normal(q.shape)
+    noise = 1e-6 * rng.standard_normal(q.shape)
+    return {"t": t, "q": q + noise, "tau": tau, "dq": dq, "ddq": ddq, "q_motor": q + tau / 1e4}
+
+
+def check(change=None, robot=None, **more):
+    arrays = good()
+    if change is not None:
+        change(arrays)
+    return check_recording(Recording(**arrays, name="run.csv", **more), robot)
+
+
+def test_good_run_has_no_findings():
+    assert check() == []
+    assert check(robot=Robot()) == []
+
+
+def test_single_encoder_is_information():
+    def change(a):
+        a["q_motor"] = None
+
+    (finding,) = check(change)
+    assert (finding.code, finding.severity) == ("single_encoder", "info")
+
+
+def spoil(name, joint, values):
+    def change(a):
+        a[name][:, joint] = values(a) if callable(values) else values
+
+    return change
+
+
+def stretch_time(factor):
+    def change(a):
+        a["t"] *= factor
+
+    return change
+
+
+def gap(a):
+    a["t"] = a["t"].copy()
+    a["t"][600:] += 0.05
+
+
+def jitter(a):
+    a["t"] = a["t"] + np.random.default_rng(0).uniform(-0.45, 0.45, N) / RATE
+    for name in ("dq", "ddq", "q_motor"):
+        a[name] = None
+
+
+def slow(a):
+    for name, values in a.items():
+        a[name] = values[::3]
+
+
+def freeze(name, joint, start, stop):
+    def change(a):
+        a[name][start:stop, joint] = a[name][start, joint]
+        if name == "q":
+            a["ddq"] = a["dq"] = None
+
+    return change
+
+
+def clip(joint, share):
+    def change(a):
+        tau = a["tau"][:, joint]
+        limit = share * np.abs(tau).max()
+        tau[:] = np.clip(tau, -limit, limit)
+
+    return change
+
+
+def wrap(a):
+    for name in ("q", "q_motor"):
+        a[name][:, 1] = np.mod(5 * a[name][:, 1], 2 * np.pi)
+    a["dq"] = a["ddq"] = None
+
+
+def jump(a):
+    a["q"][700, 2] += 0.5
+
+
+def to_degrees(a):
+    for name in ("q", "dq", "ddq", "q_motor"):
+        a[name] = a[name] * 180 / np.pi
+
+
+def swap_motors(a):
+    a["q_motor"] = a["q_motor"][:, [1, 0, 2]]
+
+
+def still(*joints):
+    def change(a):
+        for joint in joints:
+            for name in ("q", "dq", "ddq", "q_motor"):
+                a[name][:, joint] = 0.0
+
+    return change
+
+
+def delay(a):
+    a["q_motor"] = a["q"] + 3e-3 * a["dq"]
+
+
+def together(a):
+    for name in ("q", "dq", "ddq", "q_motor"):
+        a[name][:, 2] = -0.7 * a[name][:, 0]
+
+
+def small(a):
+    for name in ("q", "dq", "ddq", "q_motor"):
+        a[name] = 0.1 * a[name]
+
+
+def crawl(a):
+    a["q"] = 0.3 * np.sin(0.2 * a["t"])[:, None] * [1, -1, 1] + 0.1 * np.sin(0.5 * a["t"])[:, None] * [
+        0,
+        1,
+        2,
+    ]
+    a["dq"] = a["ddq"] = a["q_motor"] = None
+
+
+def one_way(a):
+    a["q"] = a["t"][:, None] * [0.3, 0.4, 0.5] + 0.02 * np.sin(a["t"])[:, None] * [1, 3, 9]
+    a["dq"] = a["ddq"] = a["q_motor"] = None
+
+
+def short(a):
+    for name, values in a.items():
+        a[name] = values[:300]
+
+
+def absurd(a):
+    a["q"][5, 1] = 1e200
+
+
+# change, code, severity, column, words of the message
+CASES = {
+    "milliseconds": (stretch_time(1e3), "sampling_rate", "error", "t", r"milliseconds.*time = \"ms\""),
+    "too_fast": (stretch_time(1e-4), "sampling_rate", "error", "t", "not seconds"),
+    "slow_rate": (slow, "sampling_rate", "warning", "t", "slow for identification"),
+    "jitter": (jitter, "jitter", "warning", "t", "of the usual step"),
+    "gap": (gap, "gap", "warning", "t", r"1 gap of more than 2.5 median steps, the longest 60 ms before row 601"),
+    "never_moves": (still(1), "joint_never_moves", "warning", "q_1", "joint 1 never moves"),
+    "dead_torque": (spoil("tau", 0, 0.0), "stuck", "error", "tau_0", "0 N.m in every row"),
+    "frozen_torque": (freeze("tau", 1, 300, 360), "stuck", "error", "tau_1", r"rows 301 to 360"),
+    "frozen_velocity": (freeze("dq", 1, 300, 360), "stuck", "error", "dq_1", r"rows 301 to 360"),
+    "frozen_motor": (freeze("q_motor", 2, 300, 360), "stuck", "error", "q_motor_2", r"rows 301 to 360"),
+    "frozen_link": (freeze("q", 0, 300, 360), "stuck", "error", "q_0", r"rows 301 to 360"),
+    "frozen_to_the_end": (freeze("q", 0, 1000, N), "stuck", "error", "q_0", r"rows 1001 to 1200"),
+    "clipped": (clip(2, 0.6), "saturated", "error", "tau_2", "largest value .* saturated"),
+    "wrapped": (wrap, "wrapped", "error", "q_1", "whole turn .* unwrap"),
+    "jump": (jump, "position_jump", "error", "q_2", "jumps by 0.5"),
+    "degrees": (to_degrees, "units_degrees", "warning", "q_0", r"angle = \"deg\""),
+    "dq_degrees": (spoil("dq", 0, lambda a: a["dq"][:, 0] * 180 / np.pi), "dq_disagrees", "warning", "dq_0", "deg/s"),
+    "dq_rpm": (spoil("dq", 0, lambda a: a["dq"][:, 0] * 30 / np.pi), "dq_disagrees", "warning", "dq_0", "rpm"),
+    "dq_flipped": (spoil("dq", 2, lambda a: -a["dq"][:, 2]), "dq_disagrees", "warning", "dq_2", "sign is flipped"),
+    "dq_swapped": (spoil("dq", 2, lambda a: a["dq"][:, 1]), "dq_disagrees", "warning", "dq_2", "follows joint 1"),
+    "dq_zero": (spoil("dq", 1, 0.0), "dq_disagrees", "warning", "dq_1", "zero"),
+    "dq_late": (spoil("dq", 1, lambda a: np.roll(a["dq"][:, 1], 20)), "dq_disagrees", "warning", "dq_1", "not the derivative"),
+    "ddq_scaled": (spoil("ddq", 1, lambda a: 0.7 * a["ddq"][:, 1]), "ddq_disagrees", "warning", "ddq_1", "0.7 times"),
+    "motor_flipped": (spoil("q_motor", 1, lambda a: -a["q_motor"][:, 1]), "motor_flipped", "error", "q_motor_1", "sign is flipped"),
+    "motor_gear": (spoil("q_motor", 1, lambda a: 101 * a["q_motor"][:, 1]), "motor_scale", "error", "q_motor_1", "times as far as q_1.* gear ratio"),
+    "motor_swapped": (swap_motors, "motor_swapped", "error", "q_motor_0", "follows joint 1"),
+    "motor_noise": (spoil("q_motor", 0, lambda a: np.cos(9 * a["t"])), "motor_disagrees", "error", "q_motor_0", "does not follow"),
+    "motor_dead": (spoil("q_motor", 0, 0.5), "stuck", "error", "q_motor_0", "stays at 0.5"),
+    "motor_copy": (spoil("q_motor", 0, lambda a: a["q"][:, 0]), "motor_copy", "info", "q_motor_0", "one encoder"),
+    "motor_offset": (spoil("q_motor", 0, lambda a: a["q"][:, 0] + 0.2), "encoder_offset", "warning", "q_motor_0", r"\+0.2 rad"),
+    "motor_delay": (delay, "encoder_delay", "info", "q_motor_0", "q_0 came about 3 ms after q_motor_0"),
+    "together": (together, "joints_together", "warning", "q_2", "joints 0, 2 always move together"),
+    "small": (small, "small_motion", "info", "q_0", "moves by only 0.16 rad"),
+    "crawl": (crawl, "slow_motion", "info", "q_0", "inertia and viscous friction hardly show"),
+    "one_way": (one_way, "few_reversals", "info", "q_0", "changes its direction 0 times"),
+    "short": (short, "short_run", "info", None, "short"),
+    "absurd": (absurd, "absurd_value", "error", "q_1", "row 6"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("change", "code", "severity", "column", "text"), CASES.values(), ids=CASES)
+def test_one_fault_at_a_time(change, code, severity, column, text):
+    import re
+
+    findings = check(change)
+    first = next((f for f in findings if f.code == code), None)
+    assert first is not None, [f.code for f in findings]
+    assert (first.severity, first.column, first.file) == (severity, column, "run.csv")
+    assert re.search(text, first.message), first.message
+    if first.rows is not None:
+        assert 0 <= first.rows[0] < first.rows[1] <= N
+    first.to_json()
+    if severity != "error":
+        assert not [f for f in findings if f.severity == "error"]
+
+
+EXACT = (
+    "frozen_torque",
+    "frozen_motor",
+    "clipped",
+    "motor_flipped",
+    "motor_gear",
+    "motor_offset",
+    "dq_degrees",
+    "jump",
+)
+
+
+@pytest.mark.parametrize("name", EXACT)
+def test_one_fault_gives_findings_about_that_channel_only(name):
+    change, _, _, column, _ = CASES[name]
+    assert {f.column for f in check(change) if f.severity != "info"} == {column}
+
+
+def test_worst_findings_come_first():
+    def change(a):
+        gap(a)
+        clip(2, 0.6)(a)
+        spoil("q_motor", 0, a["q"][:, 0])(a)
+
+    severities = [finding.severity for finding in check(change)]
+    assert severities == sorted(severities, key=["error", "warning", "info"].index)
+    assert set(severities) == {"error", "warning", "info"}
+
+
+def test_no_joint_moves_is_an_error():
+    findings = check(still(0, 1, 2))
+    assert {f.severity for f in findings if f.code == "joint_never_moves"} == {"error"}
+
+
+def test_moving_joints():
+    arrays = good()
+    still(1)(arrays)
+    assert moving_joints(Recording(**arrays)).tolist() == [True, False, True]
+
+
+def test_refused_sources_leave_the_run_usable():
+    arrays = good()
+    arrays["dq"][:, 1] *= -1
+    rec = Recording(**arrays)
+    refused = refused_sources(check_recording(rec))
+    assert refused == ("dq",)
+    assert rec.without(*refused).dq is None
+    assert refused_sources([]) == ()
+
+
+def test_motor_velocity_is_compared_with_the_motor():
+    arrays = good()
+    rec = Recording(**arrays, dq_motor=-arrays["dq"])
+    assert refused_sources(check_recording(rec)) == ("dq_motor",)
+    assert check_recording(Recording(**arrays, dq_motor=arrays["dq"])) == []
+
+
+def test_small_jitter_is_information():
+    def change(a):
+        a["t"] = a["t"] + np.random.default_rng(0).uniform(-0.05, 0.05, N) / RATE
+
+    assert [f.severity for f in check(change) if f.code == "jitter"] == ["info"]
+
+
+def test_limits_of_the_robot():
+    def change(a):
+        for name in ("q", "q_motor"):
+            a[name][:, 1] += 1.5
+
+    (finding,) = check(change, Robot())
+    assert (finding.code, finding.severity, finding.column) == ("position_limits", "warning", "q_1")
+    assert finding.value == pytest.approx(0.3, abs=1e-3)
+
+
+def test_degrees_against_limits_are_an_error():
+    codes = {f.code: f.severity for f in check(to_degrees, Robot())}
+    assert codes["units_degrees"] == "error"
+    assert "position_limits" not in codes
+
+
+def test_robot_with_other_joints():
+    robot = Robot()
+    robot.lower = np.zeros(2)
+    with pytest.raises(ValueError, match="the run has 3 joints, the robot has 2"):
+        check(robot=robot)
+
+
+def test_ampere_is_said():
+    assert "torque_in_ampere" in {f.code for f in check(torque_unit="A")}
+
+
+def test_standstill_at_the_ends_and_constant_speed_are_no_faults():
+    """A trapezoid without noise: long equal stretches in dq, in q and in tau, all of them legitimate."""
+    t = np.arange(3000) / 100.0
+    speed = np.clip(np.abs((t % 10.0) - 5.0) - 1.0, 0.0, 1.0) * np.where(t % 10.0 < 5.0, 1.0, -1.0)
+    q = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * 0.01)])[:, None]
+    dq = speed[:, None]
+    rec = Recording(t, q, dq, tau=5.0 * np.sign(dq) + 3.0 * np.cos(q))
+    assert [f.code for f in check_recording(rec) if f.severity != "info"] == []
+
+
+@pytest.mark.parametrize("scale", [1e-12, 1e-3, 1e6])
+def test_checks_survive_any_scale(scale):
+    def change(a):
+        for name in ("q", "dq", "ddq", "q_motor", "tau"):
+            a[name] = a[name] * scale
+
+    for finding in check(change):
+        assert finding.value is None or np.isfinite(finding.value)
+
+
+def test_shortest_run_is_checked():
+    arrays = {name: values[:20] for name, values in good().items()}
+    assert {f.severity for f in check_recording(Recording(**arrays))} <= {"info", "warning"}
+
+
+def test_joints_are_called_once():
+    assert joint_words("elbow") == "joint elbow"
+    assert joint_words("0", "2") == "joints 0, 2"
+    assert joint_words("joint_1") == "joint_1"
+    assert joint_words("elbow_Joint", "wrist") == "elbow_Joint, wrist"

@@ -1,0 +1,47 @@
+"""The catalogue of keys: parser, page and schema say the same."""
+
+import json
+import tomllib
+
+import jsonschema
+import pytest
+from helpers.data import ROOT
+
+from dynid_rs.base.errors import DataError
+from dynid_rs.runs.readers import Config, read_config
+from dynid_rs.runs.readers.key_page import page, schema, schema_text
+from dynid_rs.runs.readers.keys import KEYS
+
+
+def test_the_page_and_the_schema_are_made_of_the_code():
+    assert (ROOT / "docs" / "reference" / "dynid_toml.md").read_text(encoding="utf-8") == page()
+    assert (ROOT / "docs" / "reference" / "dynid_toml.schema.json").read_text(encoding="utf-8") == schema_text()
+
+
+@pytest.mark.parametrize("key", KEYS, ids=lambda key: f"{key.table}.{key.name}")
+def test_every_example_is_read_and_fits_the_schema(key, tmp_path):
+    text = f"[{key.table}]\n{key.name} = {key.example}\n"
+    if (key.table, key.name) == ("gear", "apply_to"):
+        text += "ratio = 100\n"
+    (tmp_path / "dynid.toml").write_text(text)
+    assert read_config(tmp_path / "dynid.toml") != Config()
+    assert list(jsonschema.Draft202012Validator(schema()).iter_errors(tomllib.loads(text))) == []
+
+
+WRONG = ['[columns]\nt = false', '[columns]\nx = "y"', '[units]\nangle = "turn"', "[robot]\ngravity = [0, 1]",
+         "[robot]\ngravity = [0, 0, -981]", '[robot]\njoints = "a"', "[file]\ntopic = 3", "[drive]\ngain = 0",
+         "[gear]\nratio = 1\napply_to = []", "[signs]\nq = 2"]  # fmt: skip
+
+
+@pytest.mark.parametrize("text", WRONG)
+def test_what_the_parser_refuses(text, tmp_path):
+    (tmp_path / "dynid.toml").write_text(text)
+    with pytest.raises(DataError, match=r"dynid\.toml, "):
+        read_config(tmp_path / "dynid.toml")
+    if "981" not in text:  # how strong gravity is no schema knows
+        with pytest.raises(jsonschema.ValidationError):
+            jsonschema.validate(tomllib.loads(text), schema())
+
+
+def test_the_schema_is_one():
+    jsonschema.Draft202012Validator.check_schema(json.loads(schema_text()))
