@@ -41,6 +41,10 @@ SWAPPED = {
 } | {"mean": "median", "median": "mean", "abs": "float", "sqrt": "square", "square": "sqrt", "floor": "ceil"}
 """Functions for one another."""
 
+IDLE = {"newline", "string", "endmarker", "error_leaf", "suite", "simple_stmt", "trailer", "arglist", "file_input"}
+PUNCTUATION = set("()[]{},.:=;@") | {"->", "+=", "-=", "*=", "/=", "|=", "&="}
+"""Nodes of a syntax tree that nothing is done to."""
+
 
 @dataclass(frozen=True)
 class Mutant:
@@ -141,33 +145,40 @@ def _places(source: str) -> dict[tuple[int, int], list[tuple[str, int]]]:
     """Line and column of all that can be changed: (operator, occurrence). Annotations and imports decide nothing."""
     from cosmic_ray.ast import ast_nodes, get_ast
 
-    tree = get_ast(source)
+    # Most of a tree's nodes are names and punctuation, which no operator looks at.
+    nodes = [node for node in ast_nodes(get_ast(source)) if node.type not in IDLE and _is_changed(node)]
     without = _undecided(source)
     found: dict[tuple[int, int], list[tuple[str, int]]] = {}
     for name, operator in _operators().items():
-        starts = (start for node in ast_nodes(tree) for start, _ in operator.mutation_positions(node))
+        starts = (start for node in nodes for start, _ in operator.mutation_positions(node))
         for occurrence, start in enumerate(starts):
             if not any(first <= tuple(start) < last for first, last in without):
                 found.setdefault(tuple(start), []).append((name, occurrence))
     return found
 
 
+def _is_changed(node: Any) -> bool:
+    if node.type == "name":
+        return node.value in SWAPPED
+    return node.type != "operator" or node.value not in PUNCTUATION
+
+
 def _undecided(source: str) -> list[tuple[tuple[int, int], tuple[int, int]]]:
     """From where to where a source holds annotations, imports, sentences and what only a type checker sees."""
     spans = []
     for node in ast.walk(ast.parse(source)):
-        parts: list[ast.AST | None] = []
+        part: ast.stmt | ast.expr | None = None
         if isinstance(node, ast.FunctionDef):
-            parts.append(node.returns)
+            part = node.returns
         elif isinstance(node, ast.arg | ast.AnnAssign):
-            parts.append(node.annotation)
-        elif isinstance(node, ast.Import | ast.ImportFrom | ast.JoinedStr):
-            parts.append(node)
-        elif isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test):
-            parts.append(node)
-        for part in parts:
-            if part is not None:
-                spans.append(((part.lineno, part.col_offset), (part.end_lineno, part.end_col_offset)))  # type: ignore[attr-defined]
+            part = node.annotation
+        elif isinstance(node, ast.Import | ast.ImportFrom | ast.JoinedStr) or (
+            isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test)
+        ):
+            part = node
+        if part is not None:
+            last = part.end_lineno or part.lineno, part.end_col_offset or 0
+            spans.append(((part.lineno, part.col_offset), last))
     return spans
 
 

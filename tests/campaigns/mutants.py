@@ -1,8 +1,8 @@
-"""Small changes to the code, and whether a test fails: `python tests/campaigns/mutants.py --seed 1 --rust 60 --python 60`.
+"""Small changes to the code, and whether a test fails: `python tests/campaigns/mutants.py --rust 60 --python 60`.
 
-A change ("mutant") that no test notices is a claim that cannot fail. Which ones are tried is drawn from the seed. Rust's
-are those of cargo-mutants in dynid-core, dynid-io and dynid-offline; Python's those of `drawn.py`. Each is made in a copy;
-the checkout stays as it is. A test that does not end has noticed too.
+A change ("mutant") that no test notices is a claim that cannot fail. Which ones are tried is drawn from `--seed`.
+Rust's are those of cargo-mutants in dynid-core, dynid-io and dynid-offline; Python's those of `drawn.py`. Each is made
+in a copy; the checkout stays as it is. A test that does not end has noticed too.
 
 What was drawn and what became of it is kept in build/mutants, and a campaign that was stopped goes on there; `--again`
 tries those again that lived, in the code and by the tests as they are now. One whose line is gone no longer counts. A
@@ -29,7 +29,7 @@ from campaigns import drawn, reach, rust_mutants
 
 OPEN, KILLED, TIMEOUT, SURVIVED, GONE = "open", "killed", "timeout", "survived", "gone"
 COUNTED = (KILLED, TIMEOUT, SURVIVED)
-MOST = 500
+MOST = 100
 """Changes that are drawn; the first of them are tried."""
 PATIENCE = 300.0
 """Seconds of test files, as they take without a change, after which a change has lived."""
@@ -129,6 +129,12 @@ def told(figures: dict[str, Any]) -> str:
         for name, counts in figures["parts"].items()
     )
     return f"{figures['killed']} of {figures['drawn']} killed ({share:.0f} %), drawn from {figures['of']:,}: {parts}"
+
+
+def said(figures: dict[str, Any]) -> str:
+    """One sentence for docs/measured/trust.md."""
+    parts = [f"{name.capitalize()} {told(figures[name])}" for name in ("rust", "python") if name in figures]
+    return "; ".join(parts)
 
 
 def main() -> int:

@@ -29,17 +29,17 @@ LONGEST = 200.0
 """Seconds after which a test file without a change is given up: nobody runs it after each change either."""
 WAITING = 30
 """Times its seconds that a process may take by the clock: it waits for something that does not come."""
-NOT_OF_THE_CODE = ("test_architecture", "test_docs", "test_stubs", "test_wheels", "test_house", "test_campaigns")
+NOT_OF_THE_CODE = ("house", "campaigns", "whole/test_campaigns.py")
 """Tests that read the sources, build, or are this."""
 PASSED, FAILED, TOO_LONG = 0, 1, -1
 
 
 def nearest(module: str) -> Iterator[Path]:
-    """Test files from which imports lead to a module of the package, by the number of steps, then by size."""
-    wanted = PACKAGE / module
+    """Test files from which imports lead to a module of the package: by their steps, its own folder first, by size."""
+    wanted, own = PACKAGE / module, TESTS / Path(module).parent
     steps: dict[Path, int] = {}
     for test in TESTS.rglob("test_*.py"):
-        if test.stem in NOT_OF_THE_CODE:
+        if str(test.relative_to(TESTS)).startswith(NOT_OF_THE_CODE):
             continue
         seen, edge, distance = {test}, {test}, 0
         while edge and wanted not in edge:
@@ -48,7 +48,7 @@ def nearest(module: str) -> Iterator[Path]:
             distance += 1
         if wanted in edge:
             steps[test] = distance
-    yield from sorted(steps, key=lambda test: (steps[test], test.stat().st_size))
+    yield from sorted(steps, key=lambda test: (steps[test], test.parent != own, test.stat().st_size))
 
 
 @cache
@@ -84,9 +84,10 @@ def _late() -> dict[str, str]:
 
 
 def tests_of(test: Path, module: str, lines: Sequence[int], copy: Path) -> tuple[list[str], float]:
-    """Tests of a file that run one of the lines (first, last) of a module, as pytest calls them, and the file's seconds.
+    """Tests of a file that run one of the lines (first, last) of a module, as pytest calls them; the file's seconds.
 
-    All of them where a fixture or an import does; none where the file fails without a change.
+    All of them where a fixture or an import does, or where one may use what another has made; none where the file
+    fails without a change.
     """
     known = _looked(test, module, copy)
     if known["code"] != PASSED:
@@ -95,7 +96,7 @@ def tests_of(test: Path, module: str, lines: Sequence[int], copy: Path) -> tuple
     places = {place for line in range(lines[0], lines[1] + 1) for place in by_line.get(str(line), ())}
     contexts = {known["contexts"][place] for place in places}
     own = {context.removeprefix(f"{test.stem}.") for context in contexts if context.startswith(f"{test.stem}.")}
-    if contexts and len(own) < len(contexts):
+    if contexts and (len(own) < len(contexts) or "cache" in test.read_text(encoding="utf-8")):
         return [str(test)], known["seconds"]
     return [f"{test}::{name.replace('.', '::')}" for name in sorted(own)], known["seconds"]
 

@@ -1,4 +1,4 @@
-"""Changes to Rust by cargo-mutants: drawn from a seed, made in a copy of the checkout, tried by the tests of the crates.
+"""Changes to Rust by cargo-mutants: drawn from a seed, made in a copy of the checkout, tried by the crates' tests.
 
 What is in dynid-core is tried by the tests of dynid-offline and dynid-io too, which stand on it. A change that does not
 compile is none, and the next one drawn takes its place.
@@ -13,7 +13,6 @@ import re
 import shutil
 import subprocess
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any
 
 from campaigns.drawn import ROOT
@@ -30,13 +29,6 @@ COUNTED = ("killed", "timeout", "survived")
 SECONDS = 1800
 """By the clock, after which a build or the tests do not end: cargo-mutants knows no other. A tenth of it is usual."""
 COPY = KEPT / "rust"
-QUICK_BUILDS = {
-    "CARGO_PROFILE_RELEASE_INCREMENTAL": "true",
-    "CARGO_PROFILE_RELEASE_OPT_LEVEL": "1",
-    "CARGO_PROFILE_RELEASE_DEBUG_ASSERTIONS": "false",
-}
-"""A change is built once and run once."""
-
 PART = 10
 """Changes of a crate that one run of cargo-mutants tries."""
 
@@ -84,9 +76,12 @@ def _text(change: Outcome) -> str:
 
 
 def _copied() -> None:
-    """Bring the copy up to what git knows of the checkout; what has not changed keeps its time, and is not built again."""
+    """Bring the copy up to the checkout; what has not changed keeps its time, and is not built again."""
     listed = subprocess.run(
-        ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"], cwd=ROOT, capture_output=True, check=True
+        ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
+        cwd=ROOT,
+        capture_output=True,
+        check=True,
     )
     files = {name for name in listed.stdout.decode().split("\0") if name and (ROOT / name).is_file()}
     for name in files:
@@ -101,9 +96,13 @@ def _copied() -> None:
 
 
 def _cargo(*arguments: str) -> subprocess.CompletedProcess[str]:
-    environment = os.environ | QUICK_BUILDS | {"CARGO_TARGET_DIR": str(KEPT / "target")}
+    environment = os.environ | {"CARGO_TARGET_DIR": str(KEPT / "target"), "CARGO_INCREMENTAL": "1"}
     return subprocess.run(
-        ["cargo", "mutants", "--dir", str(COPY), *arguments], env=environment, stdout=subprocess.PIPE, text=True, check=False
+        ["cargo", "mutants", "--dir", str(COPY), *arguments],
+        env=environment,
+        stdout=subprocess.PIPE,
+        text=True,
+        check=False,
     )
 
 

@@ -234,5 +234,8 @@ def test_columns_of_changes_are_what_the_model_changes_by(reference, arm, robot,
             change = states.in_band((ahead - behind) / 2e-4)
             assert np.abs(change).max() > 0
             error = columns.rows[0][:, :, h.places[k]] - change
-            assert np.abs(error).max() <= tolerances.FINITE_DIFFERENCE["rtol"] * np.abs(change).max(), (h.kind, h.joints)
+            assert np.abs(error).max() <= tolerances.FINITE_DIFFERENCE["rtol"] * np.abs(change).max(), (
+                h.kind,
+                h.joints,
+            )
     assert kinds == {"payload", "gravity_tilt", "torque_gain", "friction", "torque_offset"}
