@@ -164,12 +164,14 @@ def _is_changed(node: Any) -> bool:
 
 
 def _undecided(source: str) -> list[tuple[tuple[int, int], tuple[int, int]]]:
-    """From where to where a source holds annotations, imports, sentences and what only a type checker sees."""
+    """From where to where a source holds annotations, imports, sentences, and what only a type checker sees."""
     spans = []
     for node in ast.walk(ast.parse(source)):
         part: ast.stmt | ast.expr | None = None
         if isinstance(node, ast.FunctionDef):
             part = node.returns
+        elif isinstance(node, ast.ClassDef):  # whether a record is frozen decides nothing
+            part = node.decorator_list[0] if node.decorator_list else None
         elif isinstance(node, ast.arg | ast.AnnAssign):
             part = node.annotation
         elif isinstance(node, ast.Import | ast.ImportFrom | ast.JoinedStr) or (
