@@ -66,14 +66,12 @@ def test_the_work_of_the_torque_is_energy_and_heat(seed):
     inertia, stiffness = rng.uniform(0.1, 2.0, (2, 3))
     coupled, coulomb, viscous = rng.uniform(0.1, 1.0), *rng.uniform(0.5, 5.0, (2, 3))
     friction = _core.Effect.of("smooth_friction", **SHAPES["smooth_friction"])
-    of_friction = {"coulomb": coulomb, "viscous": viscous}
+    parts = {"coulomb": coulomb, "viscous": viscous}
     coefficients = {
         "rotor_inertia": inertia[:, None],
         "joint_spring": stiffness[:, None],
         "inertial_coupling": np.array([[0.0], [coupled], [coupled]]),
-        "smooth_friction": np.stack(
-            [of_friction.get(name, np.zeros(3)) for name in friction.coefficient_names], axis=1
-        ),
+        "smooth_friction": np.stack([parts.get(name, np.zeros(3)) for name in friction.coefficient_names], axis=1),
     }
     wide = np.tile([-1e3, 1e3], (3, 1))
     model = TorqueModel(
