@@ -38,7 +38,7 @@ SWAPPED = {
     a: b
     for pair in (("any", "all"), ("min", "max"), ("minimum", "maximum"), ("argmin", "argmax"), ("sin", "cos"))
     for a, b in (pair, pair[::-1])
-} | {"mean": "median", "median": "mean", "abs": "float", "sqrt": "square", "square": "sqrt", "floor": "ceil"}
+} | {"mean": "median", "median": "mean", "sqrt": "square", "square": "sqrt", "floor": "ceil"}
 """Functions for one another."""
 
 IDLE = {"newline", "string", "endmarker", "error_leaf", "suite", "simple_stmt", "trailer", "arglist", "file_input"}
@@ -167,7 +167,7 @@ def _undecided(source: str) -> list[tuple[tuple[int, int], tuple[int, int]]]:
     """From where to where a source holds annotations, imports, sentences, and what only a type checker sees."""
     spans = []
     for node in ast.walk(ast.parse(source)):
-        part: ast.stmt | ast.expr | None = None
+        part: ast.stmt | ast.expr | ast.keyword | None = None
         if isinstance(node, ast.FunctionDef):
             part = node.returns
         elif isinstance(node, ast.ClassDef):  # whether a record is frozen decides nothing
@@ -177,6 +177,8 @@ def _undecided(source: str) -> list[tuple[tuple[int, int], tuple[int, int]]]:
         elif isinstance(node, ast.Import | ast.ImportFrom | ast.JoinedStr) or (
             isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test)
         ):
+            part = node
+        elif isinstance(node, ast.keyword) and node.arg == "strict":  # nor whether `zip` would have said so
             part = node
         if part is not None:
             last = part.end_lineno or part.lineno, part.end_col_offset or 0
