@@ -12,9 +12,10 @@ import dynid_rs as dyn
 from dynid_rs import _core
 from dynid_rs.base.errors import DataError
 from dynid_rs.diagnosis.reference import compare, weigh_load
+from dynid_rs.diagnosis.reference.change_search import ChangeSearch
 from dynid_rs.diagnosis.reference.changes import Believed, change_columns, hypotheses
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
-from dynid_rs.model.assembly import evaluate
+from dynid_rs.model.assembly import evaluate, with_changes
 from dynid_rs.runs.checks import check_recording, refused_sources
 from dynid_rs.runs.preprocessing import Band, prepare
 from dynid_rs.runs.readers import Config
@@ -239,3 +240,22 @@ def test_columns_of_changes_are_what_the_model_changes_by(reference, arm, robot,
                 h.joints,
             )
     assert kinds == {"payload", "gravity_tilt", "torque_gain", "friction", "torque_offset"}
+
+
+def test_what_differs_from_day_to_day_is_a_share_of_friction(reference, arm, robot):
+    """In another unit of torque a factor is as free as before, and offset, Coulomb and viscous friction in that unit."""
+    states = prepare(runs_of(arm, 200, n_runs=1)[0], Band(8.0), 200.0)
+
+    def precision(unit):
+        model = with_changes(
+            reference,
+            phi=unit * reference.phi,
+            effects=[(effect, unit * np.asarray(coefficients)) for effect, coefficients in reference.effects],
+            noise_std=(unit * reference.noise_std).tolist(),
+        )
+        search = ChangeSearch(Believed.unchanged(model, unit * robot.phi), [replace(states, tau=unit * states.tau)])
+        return search.weigh().precision[:24].reshape(6, 4)
+
+    offset, factor, *friction = precision(1e3).T
+    assert_allclose(factor, precision(1.0)[:, 1], rtol=1e-6)
+    assert_allclose(np.stack([offset, *friction], axis=1), precision(1.0)[:, [0, 2, 3]] / 1e6, rtol=1e-6)
