@@ -10,10 +10,12 @@ TOOLS  := $(VENV)/.tools
 SOURCES := Cargo.toml Cargo.lock pyproject.toml $(shell find rust build_backend -name '*.rs' -o -name '*.toml' -o -name 'dynid_build.py')
 DEMO   ?= demo
 SECONDS_EACH ?= 60
+SEED   ?= 1
+MUTANTS ?= 60
 ARCHS  ?= x86_64 aarch64
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-rust test-python check docs workflows bench arm wheels clean-venv sbom exam fuzz trust audit paper clean toolchain
+.PHONY: help demo test test-rust test-python check docs workflows bench arm wheels clean-venv sbom exam fuzz mutants mutation-tools trust audit paper clean toolchain
 
 help: ## this list
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
@@ -105,7 +107,14 @@ exam: $(STAMP) $(TOOLS) ## diagnose 200 fresh cases of an examiner that shares n
 fuzz: toolchain ## look for inputs that crash, hang or swallow memory, 60 s per way in (SECONDS_EACH=600: longer; needs a C++ compiler)
 	$(PYTHON) fuzz/run.py --seconds $(SECONDS_EACH)
 
-trust: $(STAMP) $(TOOLS) ## run every campaign of docs/measured/trust.md, which takes hours, and write its figures
+mutants: mutation-tools ## small changes to Rust and Python, drawn from a seed: does a test fail? (SEED=1 MUTANTS=60 of each: hours)
+	$(BIN)/python tests/campaigns/mutants.py --seed $(SEED) --rust $(MUTANTS) --python $(MUTANTS)
+
+mutation-tools: $(STAMP) $(TOOLS)
+	$(BIN)/python -m pip install --quiet --editable '.[mutants]'
+	command -v cargo-mutants >/dev/null || cargo install --locked cargo-mutants
+
+trust: mutation-tools ## run every campaign of docs/measured/trust.md, which takes hours, and write its figures
 	$(BIN)/python tests/campaigns/page.py
 
 audit: $(STAMP) ## advisories, licences and sources of everything we depend on (needs the network and cargo-deny)

@@ -19,6 +19,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+if __package__ in (None, ""):
+    sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+from campaigns import mutants
+
 ROOT = Path(__file__).resolve().parents[2]
 PAGE, FIGURES = ROOT / "docs" / "measured" / "trust.md", ROOT / "docs" / "measured" / "trust.json"
 BY_HAND = "## Found on the way"
@@ -146,6 +151,13 @@ CAMPAIGNS = {
         "cargo test --release -p dynid-core --test faults -- --nocapture",
         _streams,
         lambda f: f"{f['streams']:,} streams, none failed",
+    ),
+    "mutants": Campaign(
+        "Small changes to Rust and to the Python that decides, drawn from a seed: a test fails, or does not end",
+        f"{PYTHON} tests/campaigns/mutants.py --seed 1 --rust 60 --python 60",
+        f"{PYTHON} tests/campaigns/mutants.py --seed 1 --rust 4 --python 4",
+        json.loads,
+        mutants.said,
     ),
     "determinism": Campaign(
         "Another call, process, hash seed, number of threads: the same bytes; order of runs, BLAS kernel: roundings",

@@ -157,3 +157,24 @@ def test_the_kuka_s_link_encoders_are_late_and_its_gears_yield_about_as_its_auth
     assert 0.5 < compliance[robot.joint_names[1]] * 7.5e6 < 2.0
     assert 0.5 < compliance.get(robot.joint_names[2], 1 / 4.1e6) * 4.1e6 < 2.0
     assert {entry["joints"][0] for entry in found} <= set(robot.joint_names[:3])
+
+
+def test_where_an_encoder_was_set_to_zero_tells_nothing(elastic):
+    """It is set anew between runs: what is constant over a run is in no row."""
+    _, found = elastic
+    for gear in Gear.all_of(found.after):
+        shown = gear.deflection
+        assert max(abs(part.mean()) for part in shown) < 1e-12
+        signals = [states.q[:, gear.joint] for states in found.after.runs_]
+        moved = [q + 0.1 * (k + 1) for k, q in enumerate(signals)]
+        for here, there in zip(gear.rows(signals), gear.rows(moved), strict=True):
+            assert_allclose(there, here, rtol=0, atol=1e-9)
+
+
+def test_the_declared_model_of_two_encoders_holds_no_learned_term(elastic):
+    """Else names would be weighed against a term that has learned their torque."""
+    _, found = elastic
+    learned = ThreeLoopIdentifier(ROBOT).fit(found.train)
+    assert learned.model_.residual is not None
+    assert found.before.model_.residual is None
+    assert found.after.model_.residual is None

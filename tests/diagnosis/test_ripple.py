@@ -9,7 +9,7 @@ import pytest
 from helpers.diagnosed import ROBOT, found_in, measured, rigid
 from helpers.small_arm import JOINTS
 
-from dynid_rs.diagnosis.ripple import find_ripple, ripple_entries
+from dynid_rs.diagnosis.ripple import PARTS, _in_parts, find_ripple, ripple_entries
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.model.assembly import evaluate
 
@@ -102,3 +102,18 @@ def test_a_vibration_in_time_is_no_line_in_angle(clean):
         for run in clean
     ]
     assert families(shaken)[1] == []
+
+
+@pytest.mark.parametrize("size", [0.0, 0.05, 0.1, 0.3])
+def test_a_line_s_odds_by_its_parts_are_those_of_its_chance(size):
+    """Of complex amplitudes that agree by chance alone the mean's power over its scatter is F distributed."""
+    from scipy.stats import f
+
+    rng = np.random.default_rng(1)
+    n = 200 * PARTS
+    q = np.sort(rng.uniform(0.0, 6.0, n))
+    e = size * np.cos(40 * q + 0.3) + 0.3 * rng.standard_normal(n)
+    parts = np.mean((np.exp(40j * q) * e).reshape(PARTS, -1), axis=1)
+    power = np.abs(parts.mean()) ** 2 / (np.var(parts, ddof=1) / PARTS)
+    log_chance = f.logsf(power, 2, 2 * (PARTS - 1))
+    assert _in_parts(q, e, 40.0) == pytest.approx(-log_chance - 1 - np.log(max(power, 1.0)), rel=1e-9)

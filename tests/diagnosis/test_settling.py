@@ -11,9 +11,9 @@ from helpers.diagnosed import ROBOT, measured, rigid, with_effects
 from dynid_rs.diagnosis.belief import Belief, Named
 from dynid_rs.diagnosis.hypotheses import Shaped
 from dynid_rs.diagnosis.search import accept
-from dynid_rs.diagnosis.settling import settle
+from dynid_rs.diagnosis.settling import _moved, settle
 from dynid_rs.diagnosis.setup import Setup
-from dynid_rs.diagnosis.slopes import friction_slopes
+from dynid_rs.diagnosis.slopes import effect_slopes, friction_slopes
 from dynid_rs.diagnosis.standing import backward
 from dynid_rs.diagnosis.structural.encoder_eccentricity import added
 from dynid_rs.identification.smooth_friction import in_reach, tanh_widths
@@ -40,6 +40,23 @@ def test_a_peak_of_friction_settles_with_the_sign_that_it_turns_round_with():
     assert shape["stribeck_velocity"] == pytest.approx(truth["stribeck_velocity"], rel=0.15)
     noise = rigid().noise_std[ELBOW]
     assert belief.left[ELBOW] < 1.2 * noise
+
+
+def test_a_step_moves_every_shape_and_none_out_of_its_range():
+    sign = (("stribeck_velocity", 0.1), ("exponent", 2.0), ("transition_width", 0.02))
+    stage = (("partner", float(WRIST)), ("ratio", 0.5), ("transition_width", 0.02))
+    effects = (
+        Shaped("stribeck", (ELBOW,), sign).placed(),
+        Shaped("coupled_friction", (ELBOW, WRIST), stage).placed(),
+    )
+    belief = Belief.in_declared(Setup(ROBOT, effects=effects), measured("stribeck:elbow"))
+    slopes = effect_slopes(belief)
+    assert {slope.name for slope in slopes} >= {"stribeck_velocity", "ratio"}
+    (peak, shared), _ = _moved(belief, slopes, np.full(len(slopes), 0.1))
+    assert peak.shape_at(ELBOW)["stribeck_velocity"] == pytest.approx(0.1 * np.exp(0.1), rel=1e-12)
+    assert shared.shape_at(ELBOW)["ratio"] == pytest.approx(0.6, rel=1e-12)
+    (peak, _), _ = _moved(belief, slopes, np.full(len(slopes), 20.0))
+    assert peak.shape_at(ELBOW)["stribeck_velocity"] == 0.1
 
 
 def test_a_change_of_structure_that_makes_the_data_less_probable_is_taken_back():

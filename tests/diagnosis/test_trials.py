@@ -106,3 +106,25 @@ def test_where_every_multiple_does_as_well_one_is_enough(monkeypatch):
     (five,) = belief.catalogue.of([Shaped("torque_ripple", (1,), (("cycles", 5.0),))])
     monkeypatch.setattr(Beside, "screened", lambda self, tried: [Score(100.0, 1.0)] * len(tried))
     assert dict(polished(belief.beside, belief.catalogue, five).shape)["cycles"] == 10.0
+
+
+@pytest.mark.parametrize("n_rows", [8, 83, 1000])
+def test_every_row_is_left_out_once(n_rows):
+    parts = blocks(n_rows)
+    np.testing.assert_array_equal(np.sum(parts, axis=0), np.ones(n_rows))
+    sizes = [int(part.sum()) for part in parts]
+    assert max(sizes) - min(sizes) <= 1
+
+
+def test_a_place_that_its_memory_hides_is_looked_at(monkeypatch):
+    """Were rows independent it would come first: it is weighed, and stays when the others are left alone."""
+    belief = Belief.in_declared(Setup(ROBOT), measured(duration=8.0, n_runs=1))
+    hypotheses = belief.hypotheses()
+    hidden = hypotheses[0].place
+    screened, hoped = {True: Score(-100.0, 1.0), False: Score(0.0, 1.0)}, {True: 50.0, False: -100.0}
+    monkeypatch.setattr(Beside, "screened", lambda self, tried: [screened[h.place == hidden] for h in tried])
+    monkeypatch.setattr(Beside, "hoped_for", lambda self, tried: [hoped[h.place == hidden] for h in tried])
+    monkeypatch.setattr(Beside, "evidence_for", lambda self, h: (-50.0, {}))
+    values, kept = evidence(belief.beside, hypotheses, belief.catalogue)
+    assert hidden in values
+    assert {h.place for h in kept} == {hidden}

@@ -27,10 +27,11 @@ from dynid_rs import DataError, RobotModel, ThreeLoopIdentifier, _core
 from dynid_rs.excitation.friction_experiment import plan_friction_experiment
 from dynid_rs.excitation.friction_segments import FrictionExperiment, Leg, ReversedPair
 from dynid_rs.identification.friction_experiment import odd_friction
+from dynid_rs.identification.friction_experiment.odd import _Samples, _summary
 from dynid_rs.identification.friction_experiment.pairs import check_reversals, find_mirrors
 from dynid_rs.identification.friction_laws import LAWS_BY_JOINT
 from dynid_rs.identification.law_comparison import compare_friction_laws
-from dynid_rs.runs.preprocessing import Band, prepare
+from dynid_rs.runs.preprocessing import Band, States, prepare
 from dynid_rs.simulation import Tracking, motion_limits, simulate, typical_arm
 from dynid_rs.simulation.folder import run_columns
 from dynid_rs.simulation.tracking import track
@@ -211,6 +212,38 @@ def test_a_window_holds_every_sample_that_it_uses(small, small_truth, cutoff):
         used = window.every[:, window.every_used.any(axis=0)]
         assert used.min() >= 0
         assert used.max() < len(window.states.t)
+
+
+@pytest.mark.parametrize(("before", "behind"), [(4.0, 5.0), (5.0, 4.0), (4.0, 4.0)])
+@pytest.mark.parametrize("rest", [199, 200])
+def test_a_mirror_reaches_as_far_as_the_run_does(before, behind, rest):
+    """Of a run that begins, or ends, in the middle of a motion every sample that has an image counts."""
+    rate = 200.0
+    first, last = round(before * rate), round(before * rate) + rest
+    k = np.arange(last + round(behind * rate) + 1)
+    since = np.maximum(np.maximum(first - k, k - last), 0)[:, None] / rate
+    q, turned = 1 - np.cos(0.9 * since), np.where(k < first, -1.0, 1.0)[:, None]
+    motion = q, 0.9 * turned * np.sin(0.9 * since), 0.81 * np.cos(0.9 * since)
+    moving = np.ones(len(k), dtype=bool)
+    states = States("mirror", k / rate, *motion, *motion, np.zeros_like(q), rate, Band(5.0), moving, two_encoders=False)
+    (mirror,) = find_mirrors(states)
+    assert mirror.middle == pytest.approx((first + last) / 2, abs=0.05)
+    after, images = mirror.samples()
+    assert images.min() > -0.1
+    assert after.max() < len(k)
+    assert images.min() < 1 or after.max() == len(k) - 1
+
+
+def test_a_leg_that_is_noisier_than_the_others_is_known_less_well():
+    """Its own blocks say so; what all legs say together is too little for it."""
+    rng, n, rate = np.random.default_rng(0), 1000, 200.0
+    legs = [
+        _Samples(rate, np.arange(n), np.full(n, speed), 5.0 + size * rng.standard_normal(n), 2.0)
+        for speed, size in [*((0.2 * k, 0.1) for k in range(1, 10)), (2.0, 1.0)]
+    ]
+    errors = _summary("elbow", legs).std_error
+    assert errors[-1] == pytest.approx(1 / np.sqrt(n), rel=0.5)
+    assert errors[-1] > 2 * errors[:-1].max()
 
 
 @pytest.mark.parametrize("memory", [0.0, 0.05])

@@ -15,6 +15,7 @@ from dynid_rs.identification.rbf import RbfRegressor
 from dynid_rs.identification.residual import ResidualCompensator
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.model.assembly import evaluate
+from dynid_rs.runs.preprocessing import Band, States
 from dynid_rs.simulation import bundled_robot, simulate, typical_arm
 
 SEEDS = (0, 1, 2)
@@ -179,3 +180,17 @@ def test_lone_run_at_1_khz_takes_half_a_second():
     assert len(times) == 5
     if os.environ.get("DYNID_TIMING") == "1":  # on an idle machine
         assert min(times) < 0.5, times
+
+
+def test_a_lone_run_judges_the_third_loop_by_its_own_parts():
+    """There is no other run to leave out, and still a function of the deflection is seen to be one."""
+    rate, t = 200.0, np.arange(4000)[:, None] / 200.0
+    deflection, rate_of = 1e-3 * np.sin(4.0 * t), 4e-3 * np.cos(4.0 * t)
+    motion = np.sin(0.5 * t), 0.5 * np.cos(0.5 * t), -0.25 * np.sin(0.5 * t)
+    motor = motion[0] + deflection, motion[1] + rate_of, motion[2] - 16 * deflection
+    moving = np.ones(len(t), dtype=bool)
+    states = States("lone", t[:, 0], *motion, *motor, np.zeros_like(t), rate, Band(5.0), moving, two_encoders=True)
+    residual = 2 * np.sin(2e3 * deflection)[states.rows]
+    third = ResidualCompensator(inputs="deflection").fit([states], [residual])
+    assert third.mixtures_[0] is not None
+    assert third.ratio_[0] < 0.5

@@ -11,8 +11,10 @@ from helpers.tolerances import ALGEBRAIC, EXACT
 from numpy.testing import assert_allclose, assert_array_equal
 
 from dynid_rs import _core
+from dynid_rs.diagnosis.hypotheses import Shaped
 from dynid_rs.identification.links import LinkDynamicsIdentifier
 from dynid_rs.model.assembly import assemble, evaluate
+from dynid_rs.model.placed import effects_of
 from dynid_rs.model.units import own_unit
 from dynid_rs.regression.columns import make_plan, observe
 from dynid_rs.runs.preprocessing import Band, States
@@ -694,3 +696,15 @@ def test_a_fit_recovers_what_the_estimator_adds():
     assert model.term_names[1:] == [effect.kind for effect in effects]
     test_run = rich_run(truth, 3)
     assert_allclose(evaluate(model, test_run)[0], test_run.tau, rtol=0, atol=1e-5)
+
+
+@pytest.mark.parametrize("ratio", [-0.5, 0.3, 2.0])
+def test_a_stage_that_two_joints_turn_is_one_stage_seen_from_both(ratio):
+    """Its speed is one: both joints' columns are the same motion, in the partner's own unit of speed."""
+    shape = (("partner", 2.0), ("ratio", ratio), ("transition_width", 0.1))
+    placed = Shaped("coupled_friction", (0, 2), shape).placed()
+    ((effect, _),) = effects_of([placed], N)
+    columns = _core.effect_columns(effect, *signals())
+    side, speed = np.sign(ratio) * columns[:, 0, 0], columns[:, 0, 1] / ratio
+    assert np.ptp(side) > 1
+    assert_allclose(columns[:, 2], np.stack([side, speed], axis=1), **ALGEBRAIC)

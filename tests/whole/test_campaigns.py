@@ -8,7 +8,8 @@ from bad_data.clean import Clean
 from bad_data.judge import Mark, Said
 from bad_data.page import table
 from bad_data.run import Result, Told
-from campaigns import faults, kills, page
+from campaigns import drawn, faults, kills, mutants, page, reach
+from helpers.data import ROOT
 
 needs_strace = pytest.mark.skipif(shutil.which("strace") is None, reason="strace is not here (apt install strace)")
 
@@ -42,3 +43,57 @@ def test_the_page_is_what_its_figures_say():
     text = page.PAGE.read_text(encoding="utf-8")
     kept = json.loads(page.FIGURES.read_text())
     assert text == page.page(kept, text[text.index(page.BY_HAND) :])
+
+
+def test_the_tests_nearest_to_a_module_are_those_of_its_own_folder_that_import_it():
+    first, *others = reach.nearest("regression/error_interval.py")
+    assert first == ROOT / "tests" / "regression" / "test_error_interval.py"
+    # By way of the command line, and of what the package's face hands on.
+    assert {
+        ROOT / "tests" / "commands" / "test_identify.py",
+        ROOT / "tests" / "identification" / "test_identification.py",
+    } <= set(others)
+    assert not {path.parent.name for path in others} & {"house", "campaigns"}
+
+
+def test_a_change_is_tried_by_the_tests_of_its_statement():
+    """Of a statement with a body its head alone; of one over several lines all of them."""
+    lines = [
+        "def f(x):",
+        "    if (",
+        "        x > 1",
+        "    ):",
+        "        return g(",
+        "            x,",
+        "        )",
+        "    return 0",
+    ]
+    source = "\n".join(lines)
+    assert [drawn._statement(source, line) for line in (1, 3, 6, 8)] == [[1, 1], [2, 4], [5, 7], [8, 8]]
+
+
+def test_annotations_and_sentences_are_not_changed():
+    source = "def f(x: int | None = 1) -> int | None:\n    y: int | None = x + 1\n    raise ValueError(f'{x + 1}')\n"
+    spans = drawn._undecided(source)
+    assert [text for first, last in spans if (text := _between(source, first, last)) == "int | None"] == [
+        "int | None"
+    ] * 3
+    assert any("ValueError" not in _between(source, *span) and "x + 1" in _between(source, *span) for span in spans)
+
+
+def _between(source, first, last):
+    assert first[0] == last[0]
+    return source.splitlines()[first[0] - 1][first[1] : last[1]]
+
+
+def test_what_lived_is_named_and_what_does_not_end_is_killed():
+    changes = [
+        {"name": "a", "part": "runs", "result": "killed"},
+        {"name": "b", "part": "runs", "result": "survived"},
+        {"name": "c", "part": "diagnosis", "result": "timeout"},
+    ]
+    figures = mutants.summed(changes, 1000)
+    assert (figures["drawn"], figures["killed"], figures["timeouts"], figures["survived"]) == (3, 2, 1, ["b"])
+    assert mutants.said({"seed": 1, "python": figures}) == (
+        "Python 2 of 3 killed (67 %), drawn from 1,000: diagnosis 1 of 1, runs 1 of 2"
+    )

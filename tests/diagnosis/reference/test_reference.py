@@ -12,8 +12,12 @@ import dynid_rs as dyn
 from dynid_rs import _core
 from dynid_rs.base.errors import DataError
 from dynid_rs.diagnosis.reference import compare, weigh_load
+from dynid_rs.diagnosis.reference.change_search import ChangeSearch
+from dynid_rs.diagnosis.reference.changes import Believed, change_columns, hypotheses
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
+from dynid_rs.model.assembly import evaluate, with_changes
 from dynid_rs.runs.checks import check_recording, refused_sources
+from dynid_rs.runs.preprocessing import Band, prepare
 from dynid_rs.runs.readers import Config
 from dynid_rs.simulation import build_effects, bundled_robot, equip, parse_wish, simulate, typical_arm
 
@@ -210,3 +214,48 @@ def test_ur10e_carries_a_payload_and_nothing_else():
         assert 0 < moments[0] < moments[2] < moments[0] + moments[1]
     for name in ("20_01_31_unload", "20_02_12_40sec_12harm", "20_02_05_20sec_12harm"):
         assert compare(reference, robot, [read(name)]).effects == []
+
+
+@pytest.mark.parametrize("gain", [(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), (0.3, -0.2, 0.5, -0.4, 0.2, -0.1)])
+def test_columns_of_changes_are_what_the_model_changes_by(reference, arm, robot, gain):
+    """Every column against a central difference of the model itself, whatever the torque channel shows of a torque."""
+    states = prepare(runs_of(arm, 200, n_runs=1)[0], Band(8.0), 200.0)
+    believed = replace(
+        Believed.unchanged(reference, robot.phi), gain=np.array(gain), offset=np.linspace(0.5, -0.5, 6) * np.any(gain)
+    )
+    columns = change_columns(believed, [states], np.ones(6))
+    kinds = set()
+    for h in hypotheses(believed, columns):
+        kinds.add(h.kind)
+        for k in range(len(h.names)):
+            step = 1e-4 * np.eye(len(h.places))[k]
+            ahead, behind = (
+                evaluate(h.added(believed, sign * step, columns).model(), states)[0] for sign in (1.0, -1.0)
+            )
+            change = states.in_band((ahead - behind) / 2e-4)
+            assert np.abs(change).max() > 0
+            error = columns.rows[0][:, :, h.places[k]] - change
+            assert np.abs(error).max() <= tolerances.FINITE_DIFFERENCE["rtol"] * np.abs(change).max(), (
+                h.kind,
+                h.joints,
+            )
+    assert kinds == {"payload", "gravity_tilt", "torque_gain", "friction", "torque_offset"}
+
+
+def test_what_differs_from_day_to_day_is_a_share_of_friction(reference, arm, robot):
+    """In another unit of torque a factor is as free as before, and offset, Coulomb and viscous friction in that unit."""
+    states = prepare(runs_of(arm, 200, n_runs=1)[0], Band(8.0), 200.0)
+
+    def precision(unit):
+        model = with_changes(
+            reference,
+            phi=unit * reference.phi,
+            effects=[(effect, unit * np.asarray(coefficients)) for effect, coefficients in reference.effects],
+            noise_std=(unit * reference.noise_std).tolist(),
+        )
+        search = ChangeSearch(Believed.unchanged(model, unit * robot.phi), [replace(states, tau=unit * states.tau)])
+        return search.weigh().precision[:24].reshape(6, 4)
+
+    offset, factor, *friction = precision(1e3).T
+    assert_allclose(factor, precision(1.0)[:, 1], rtol=1e-6)
+    assert_allclose(np.stack([offset, *friction], axis=1), precision(1.0)[:, [0, 2, 3]] / 1e6, rtol=1e-6)

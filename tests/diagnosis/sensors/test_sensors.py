@@ -9,17 +9,20 @@ import numpy as np
 import pytest
 from helpers import data
 from helpers.data import data_folder
-from helpers.diagnosed import SIX_AXES, entry_of, found_in, holds, measured, names, rigid, with_effects
+from helpers.diagnosed import ROBOT, SIX_AXES, entry_of, found_in, holds, measured, names, rigid, with_effects
 from helpers.small_arm import JOINTS
 
 import dynid_rs as dyn
-from dynid_rs.diagnosis.sensors import channel_errors, examine
+from dynid_rs.diagnosis.sensors import channel_errors, channels_of, examine
 from dynid_rs.diagnosis.sensors.channels import channel_findings
-from dynid_rs.diagnosis.sensors.contact import find_contacts
+from dynid_rs.diagnosis.sensors.contact import _smooth, find_contacts
+from dynid_rs.diagnosis.sensors.messages import encoder_entries
+from dynid_rs.diagnosis.sensors.watch import Watch
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.identification.training import prepare_training_runs
 from dynid_rs.regression.priors import declares_inertia
+from dynid_rs.runs.encoders import EncoderDelay
 from dynid_rs.runs.preprocessing import choose_band, common_rate, without
 from dynid_rs.simulation import bundled_robot, simulate
 
@@ -214,3 +217,42 @@ def test_the_pushed_robot_is_seen_to_be_pushed_and_the_free_one_is_not():
     assert len(windows) == len(seen) == len([finding for finding in findings if finding.code == "contact"])
     for (start, end), (middle, width) in zip(windows, seen, strict=True):
         assert start < middle < end < start + width + 2.0
+
+
+@pytest.mark.parametrize("n_samples", [4, 5, 20, 21])
+def test_a_burst_is_seen_where_it_is(n_samples):
+    """Played backwards a run shows the same bursts backwards: no kernel leans to one side."""
+    rng = np.random.default_rng(n_samples)
+    shape = 200, 2
+    residual, slack, unsure = rng.standard_normal((3, *shape))
+    seen, step = rng.random(shape) > 0.1, 0.01
+    moving = np.zeros(len(residual), dtype=bool)
+    forwards = Watch("run", step * np.arange(200), residual, seen, slack, unsure, np.ones(shape), moving, step)
+    turned = (x[::-1] for x in (residual, seen, slack, unsure))
+    backwards = Watch("run", forwards.t, *turned, np.ones(shape), moving, step)
+    there, back = _smooth(forwards, n_samples * step), _smooth(backwards, n_samples * step)
+    assert there.enough.any()
+    for name in ("m", "slack", "unsure", "enough"):
+        np.testing.assert_allclose(getattr(back, name)[::-1], getattr(there, name), atol=1e-12)
+
+
+def test_axes_whose_clocks_differ_by_more_than_their_errors_are_no_better_than_their_spread():
+    """Of equal weights the delay and its interval are those of Student's test on the axes themselves."""
+    from scipy.stats import ttest_1samp
+
+    values = np.array([2.0e-3, 2.4e-3, 3.1e-3, 2.6e-3])
+    (entry,) = encoder_entries(EncoderDelay(values, np.full(4, 1e-5), np.ones(4, dtype=bool)))
+    student = ttest_1samp(values, 0.0)
+    assert entry["value"] == pytest.approx(values.mean(), rel=1e-12)
+    assert entry["interval"] == pytest.approx(tuple(student.confidence_interval(0.95)), rel=1e-9)
+    assert entry["p_value"] == pytest.approx(student.pvalue, rel=1e-9)
+    alike = np.array([2.0e-3, 2.0e-3, 2.0e-3, 2.0e-3])
+    (entry,) = encoder_entries(EncoderDelay(alike, np.full(4, 1e-5), np.ones(4, dtype=bool)))
+    assert entry["std_error"] == pytest.approx(0.5e-5, rel=1e-12)
+
+
+def test_channels_of_an_arm_with_a_joint_that_stands_still_are_not_judged():
+    flipped = [replace(run, tau=run.tau * [1, -1, 1]) for run in measured(duration=8.0, n_runs=1)]
+    assert channels_of(ROBOT, flipped)
+    held = [replace(run, q=run.q * [1, 1, 0]) for run in flipped]
+    assert channels_of(ROBOT, held) == []

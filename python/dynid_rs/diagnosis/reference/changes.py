@@ -211,9 +211,10 @@ def change_columns(believed: Believed, runs: list[States], weights: FloatArray) 
         basis = _core.effect_columns(friction, *aligned.signals())
         for j in range(n):
             wide[:, j, DAILY * j] = 1.0
-            wide[:, j, DAILY * j + 1] = basis[:, j] @ now[j]
+            shown_by = 1 + believed.gain[j]
+            wide[:, j, DAILY * j + 1] = shown_by * (basis[:, j] @ now[j])
             for k, part in enumerate(parts):
-                wide[:, j, DAILY * j + 2 + k] = basis[:, j, part].sum(axis=1)
+                wide[:, j, DAILY * j + 2 + k] = shown_by * basis[:, j, part].sum(axis=1)
         load = robot.joint_torque_regressor(*motion)[:, :, -10:] * scale[:, None]
         tilt = [robot.with_gravity(g.tolist()).inverse_dynamics(aligned.q, still, still, phi) for g in pulls]
         for pieces in shown:
@@ -223,7 +224,7 @@ def change_columns(believed: Believed, runs: list[States], weights: FloatArray) 
             ]
             tilt.append(np.sum(torques, axis=0))
         turned = np.stack(tilt, axis=2) * scale[:, None]
-        gains = evaluate(model, states)[0][:, :, None] * np.eye(n)
+        gains = (evaluate(model, states)[0] - believed.offset)[:, :, None] * np.eye(n)
         rows.append(states.in_band(np.concatenate([wide, load, turned[:, :, :2], gains, turned[:, :, 2:]], axis=2)))
     return ChangeColumns(rows, unseen, len(shown))
 
