@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -209,6 +210,17 @@ def test_split():
     split = split_runs([a], [])
     assert split.finding.code == "test_part_chosen"
     assert split.train[0].duration == pytest.approx(2 * split.test[0].duration, rel=0.02)
+
+
+def test_a_lone_run_that_ends_at_rest_is_cut_in_its_motion():
+    """Its last third holds nothing that could test a model."""
+    run = recording()
+    still = np.minimum(np.arange(run.n_samples), run.n_samples // 2)  # the second half stands where the first ends
+    noise = 1e-6 * np.random.default_rng(3).normal(size=run.q.shape)
+    split = split_runs([replace(run, q=run.q[still] + noise)], [])
+    moved = run.duration / 2
+    assert split.train[0].duration == pytest.approx(2 / 3 * moved, rel=0.1)
+    assert split.test[0].duration > moved  # what is left of the motion, and the rest
 
 
 @pytest.mark.parametrize("test_from", [0.0, -1.0, 2.99, 3.0, 1e9, np.nan, np.inf])

@@ -15,7 +15,9 @@ from dynid_rs.runs.facts import RunFacts
 from dynid_rs.runs.recording import Recording
 
 LAST_PART = 1 / 3
-"""Part of a lone run that is kept aside."""
+"""Part of a lone run's motion that is kept aside."""
+AT_REST, GLANCE = 0.02, 0.1
+"""Speed over the greatest below which an arm rests, and the time [s] over which it is told, so that noise is none."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +30,7 @@ class Split:
 
 
 def split_runs(runs: Sequence[Recording], test: Sequence[Recording], test_from: float | None = None) -> Split:
-    """Split by the user's word, else keep the last whole run aside, else the last third of a lone run.
+    """Split by the user's word, else keep the last whole run aside, else the last third of a lone run's motion.
 
     Parameters
     ----------
@@ -65,7 +67,7 @@ def split_runs(runs: Sequence[Recording], test: Sequence[Recording], test_from: 
 
 
 def _cut(run: Recording, test_from: float | None) -> Split:
-    start = run.duration * (1 - LAST_PART) if test_from is None else test_from
+    start = _last_part(run) if test_from is None else test_from
     if not 0 < start < run.duration:
         raise ValueError(
             f"{run.name}: --test-from must lie inside the run (0 to {run.duration:.3g} s), found {start:g}"
@@ -78,6 +80,17 @@ def _cut(run: Recording, test_from: float | None) -> Split:
     first = replace(run, name=f"{run.name} (first {start:.3g} s)").slice(None, row)
     rest = replace(run, name=f"{run.name} (after {start:.3g} s)", before=first).slice(row, None)
     return Split([first], [rest], Finding("test_part_chosen", "info", message, file=run.name, value=start, unit="s"))
+
+
+def _last_part(run: Recording) -> float:
+    """Seconds after its start from which the last part of a run's motion is: an end at rest tests nothing."""
+    half, row = max(1, round(GLANCE * run.rate / 2)), np.arange(run.n_samples)
+    ahead, behind = np.minimum(row + half, run.n_samples - 1), np.maximum(row - half, 0)
+    speed = np.linalg.norm(run.q[ahead] - run.q[behind], axis=1)
+    moves = np.cumsum(speed > AT_REST * speed.max(initial=0.0))
+    if moves[-1] == 0:
+        return run.duration * (1 - LAST_PART)
+    return float(run.t[np.searchsorted(moves, moves[-1] * (1 - LAST_PART))] - run.t[0])
 
 
 def refuse_repeats(runs: Sequence[Recording], test: Sequence[Recording]) -> None:
