@@ -37,16 +37,9 @@ def build_command(profile, arguments):
     """Words that build the binary as `arguments` ask maturin to build the module; and the target, if one is named."""
     target, libc = value_of(arguments, "--target"), value_of(arguments, "--compatibility") or ""
     cargo = [os.environ.get("CARGO", "cargo")]
+    verb = "zigbuild" if "--zig" in arguments else "build"
     # Of the whole workspace, so that libraries have the features that the module builds them with, and are built once.
-    command = [
-        *cargo,
-        "zigbuild" if "--zig" in arguments else "build",
-        "--profile",
-        profile,
-        "--workspace",
-        "--bin",
-        BINARY,
-    ]
+    command = [*cargo, verb, "--profile", profile, "--workspace", "--bin", BINARY]
     if target is None:
         return command, None
     version = libc.removeprefix("manylinux_").replace("_", ".") if "--zig" in arguments and libc else ""

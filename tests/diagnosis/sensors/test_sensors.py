@@ -154,7 +154,7 @@ THIRD = np.array([1.0, 1.0, -1.0, 1.0, 1.0, 1.0])
     ],
 )
 def test_channels_that_are_not_what_they_are_called_are_errors(signals, code, column):
-    recordings = changed(runs()[1][:3], **signals)
+    recordings = changed(runs(duration=8.0)[1][:3], **signals)
     findings = channel_findings(robot(), states(recordings))
     assert [(finding.code, finding.severity, finding.column) for finding in findings] == [(code, "error", column)]
 
@@ -166,7 +166,7 @@ def test_a_file_of_equal_links_tells_no_unit():
     )
     arm = dyn.RobotModel.from_urdf_string(filled)
     assert not declares_inertia(arm)
-    assert channel_findings(arm, states(runs()[1][:3])) == []
+    assert channel_findings(arm, states(runs(duration=8.0)[1][:3])) == []
 
 
 def test_torque_on_the_motor_side_names_the_gears_and_every_flipped_joint_is_named():
