@@ -174,11 +174,11 @@ def _undecided(source: str) -> list[tuple[tuple[int, int], tuple[int, int]]]:
             part = node.decorator_list[0] if node.decorator_list else None
         elif isinstance(node, ast.arg | ast.AnnAssign):
             part = node.annotation
-        elif isinstance(node, ast.Import | ast.ImportFrom | ast.JoinedStr) or (
-            isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test)
+        elif (
+            isinstance(node, ast.Import | ast.ImportFrom | ast.JoinedStr)
+            or (isinstance(node, ast.If) and "TYPE_CHECKING" in ast.dump(node.test))
+            or (isinstance(node, ast.keyword) and node.arg == "strict")
         ):
-            part = node
-        elif isinstance(node, ast.keyword) and node.arg == "strict":  # nor whether `zip` would have said so
             part = node
         if part is not None:
             last = part.end_lineno or part.lineno, part.end_col_offset or 0

@@ -243,7 +243,7 @@ def test_columns_of_changes_are_what_the_model_changes_by(reference, arm, robot,
 
 
 def test_what_differs_from_day_to_day_is_a_share_of_friction(reference, arm, robot):
-    """In another unit of torque a factor is as free as before, and offset, Coulomb and viscous friction in that unit."""
+    """In another unit of torque a factor is as free as before, offset, Coulomb and viscous friction in that unit."""
     states = prepare(runs_of(arm, 200, n_runs=1)[0], Band(8.0), 200.0)
 
     def precision(unit):
