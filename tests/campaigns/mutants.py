@@ -17,7 +17,7 @@ import shutil
 import sys
 import tempfile
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -31,6 +31,8 @@ OPEN, KILLED, TIMEOUT, SURVIVED, GONE = "open", "killed", "timeout", "survived",
 COUNTED = (KILLED, TIMEOUT, SURVIVED)
 MOST = 100
 """Changes that are drawn; the first of them are tried."""
+FIRST = 2
+"""Test files that are run whole, before it is looked which ones run the line at all."""
 PATIENCE = 300.0
 """Seconds of test files, as they take without a change, after which a change has lived."""
 SLOWER, LEAST = 5.0, 20.0
@@ -42,24 +44,35 @@ Done = Callable[[Outcome, dict[str, Any]], None]
 
 
 def tried(mutant: drawn.Mutant, copy: Path) -> dict[str, Any]:
-    """Run the tests that reach it, the nearest first, until one fails."""
+    """Run the tests that reach it, the nearest first, until one fails that does not without the change."""
     place = copy / drawn.PACKAGE.name / mutant.module
-    source, spent, n_tests = place.read_text(encoding="utf-8"), 0.0, 0
-    for test in reach.nearest(mutant.module):
-        names, seconds = reach.tests_of(test, mutant.module, mutant.statement, copy)
-        if not names:
-            continue
+    source = place.read_text(encoding="utf-8")
+
+    def run(names: Sequence[str], limit: float) -> tuple[int, float, str]:
         place.write_text(drawn.changed(mutant), encoding="utf-8")
         try:
-            code = reach.run(names, copy, SLOWER * seconds + LEAST)[0]
+            return reach.run(names, copy, limit)
         finally:
             place.write_text(source, encoding="utf-8")
-        spent, n_tests = spent + seconds, n_tests + len(names)
-        if code != reach.PASSED:
-            return {"result": KILLED if code == reach.FAILED else TIMEOUT, "by": str(test.relative_to(reach.TESTS))}
-        if spent > PATIENCE:
-            break
-    return {"result": SURVIVED, "tests": n_tests}
+
+    tests, passed, spent = list(reach.nearest(mutant.module)), set(), 0.0
+    for test in tests[:FIRST]:  # most changes die here, and cost less than to look which lines the tests run
+        code, seconds, said = run([str(test)], reach.LONGEST)
+        if code == reach.FAILED and reach.passes_without(said, copy):
+            return {"result": KILLED, "by": str(test.relative_to(reach.TESTS))}
+        if code == reach.PASSED:
+            passed.add(test)
+            spent += seconds
+    for test in tests:
+        if test in passed or spent > PATIENCE:
+            continue
+        names, seconds = reach.tests_of(test, mutant.module, mutant.statement, copy)
+        if names:
+            code = run(names, SLOWER * seconds + LEAST)[0]
+            spent += seconds
+            if code != reach.PASSED:
+                return {"result": KILLED if code == reach.FAILED else TIMEOUT, "by": str(test.relative_to(reach.TESTS))}
+    return {"result": SURVIVED}
 
 
 def draw_python(seed: int) -> tuple[list[Outcome], int]:

@@ -14,6 +14,7 @@ import resource
 import signal
 import subprocess
 import sys
+import tempfile
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
@@ -114,7 +115,7 @@ def _looked(test: Path, module: str, copy: Path) -> Any:
     data, settings = KEPT / f"{os.getpid()}.coverage", KEPT / f"{os.getpid()}.ini"
     data.unlink(missing_ok=True)
     settings.write_text(f"[run]\ndynamic_context = test_function\nsource = {copy / PACKAGE.name}\ndata_file = {data}\n")
-    code, seconds = run([str(test)], copy, LONGEST, ["-m", "coverage", "run", f"--rcfile={settings}"])
+    code, seconds, _ = run([str(test)], copy, LONGEST, ["-m", "coverage", "run", f"--rcfile={settings}"])
     names: dict[str, int] = {}
     lines: dict[str, dict[int, list[int]]] = {}
     if data.exists():
@@ -136,8 +137,8 @@ def _looked(test: Path, module: str, copy: Path) -> Any:
     return json.loads(place.read_text())
 
 
-def run(tests: Sequence[str], copy: Path, limit: float, before: Sequence[str] = ()) -> tuple[int, float]:
-    """Run tests on a copy of the package until the first failure: 0, 1, or -1 past the limit [s]; seconds."""
+def run(tests: Sequence[str], copy: Path, limit: float, before: Sequence[str] = ()) -> tuple[int, float, str]:
+    """Run tests on a copy of the package until the first failure: 0, 1, or -1 past the limit [s]; seconds; output."""
     options = ["-q", "-x", "-p", "no:cacheprovider", "--timeout=0"]
     command = [sys.executable, *before, "-m", "pytest", *options, *tests]
     environment = os.environ | {
@@ -146,25 +147,36 @@ def run(tests: Sequence[str], copy: Path, limit: float, before: Sequence[str] = 
         "HYPOTHESIS_STORAGE_DIRECTORY": str(KEPT / "hypothesis"),
     }
     most = int(limit) + 1
-    process = subprocess.Popen(
-        command,
-        cwd=ROOT,
-        env=environment,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        start_new_session=True,
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_CPU, (most, most)),
-    )
-    late = threading.Event()
-    clock = threading.Timer(WAITING * most, lambda: (late.set(), _end(process.pid)))
-    clock.start()
-    _, status, usage = os.wait4(process.pid, 0)
-    clock.cancel()
-    process.returncode = code = os.waitstatus_to_exitcode(status)
-    _end(process.pid)  # whatever it started ends with it
+    with tempfile.TemporaryFile() as said:
+        process = subprocess.Popen(
+            command,
+            cwd=ROOT,
+            env=environment,
+            stdout=said,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
+            preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_CPU, (most, most)),
+        )
+        late = threading.Event()
+        clock = threading.Timer(WAITING * most, lambda: (late.set(), _end(process.pid)))
+        clock.start()
+        _, status, usage = os.wait4(process.pid, 0)
+        clock.cancel()
+        process.returncode = code = os.waitstatus_to_exitcode(status)
+        _end(process.pid)  # whatever it started ends with it
+        said.seek(0)
+        text = said.read().decode(errors="replace")
     if late.is_set() or code in (-signal.SIGXCPU, -signal.SIGKILL):
         code = TOO_LONG
-    return (code if code in (PASSED, TOO_LONG) else FAILED), usage.ru_utime + usage.ru_stime
+    return (code if code in (PASSED, TOO_LONG) else FAILED), usage.ru_utime + usage.ru_stime, text
+
+
+def passes_without(said: str, copy: Path) -> bool:
+    """Whether the test that failed, by pytest's output, passes in the copy as it is now."""
+    failed = [
+        line.split(" ", 1)[1].split(" - ")[0] for line in said.splitlines() if line.startswith(("FAILED ", "ERROR "))
+    ]
+    return bool(failed) and run(failed[:1], copy, LONGEST)[0] == PASSED
 
 
 def _end(group: int) -> None:

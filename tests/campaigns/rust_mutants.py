@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import os
 import random
-import re
 import shutil
 import subprocess
 from collections.abc import Callable, Sequence
@@ -29,9 +28,6 @@ COUNTED = ("killed", "timeout", "survived")
 SECONDS = 1800
 """By the clock, after which a build or the tests do not end: cargo-mutants knows no other. A tenth of it is usual."""
 COPY = KEPT / "rust"
-PART = 10
-"""Changes of a crate that one run of cargo-mutants tries."""
-
 Outcome = dict[str, Any]
 
 
@@ -47,32 +43,34 @@ def draw(seed: int) -> tuple[list[Outcome], int]:
 def try_(changes: list[Outcome], count: int, done: Callable[[Outcome, dict[str, Any]], None]) -> None:
     """Try what is open until `count` that compile have been tried."""
     _copied()
-    now = {_text(one): one["name"] for one in _listed()}
-    while True:
-        tried = [change for change in changes if change["result"] in COUNTED]
-        last = changes.index(tried[-1]) if tried else -1
-        missing = count - len(tried)
-        open_ = [c for c in changes[: last + 1] if c["result"] == "open"]
-        open_ += [c for c in changes[last + 1 :] if c["result"] == "open"][: max(missing - len(open_), 0)]
-        if not open_:
+    everything = _listed()
+    now = {package: [one["name"] for one in everything if one["part"] == package] for package in TRIED_BY}
+    for change in changes:
+        if sum(other["result"] in COUNTED for other in changes) >= count:
             return
-        package = open_[0]["part"]
-        part = [change for change in open_ if change["part"] == package][:PART]
-        for change in part:
-            if _text(change) not in now:
+        if change["result"] == "open":
+            at = located(change["name"], now[change["part"]])
+            if at is None:
                 done(change, {"result": "gone"})
-        there = {now[_text(change)]: change for change in part if _text(change) in now}
-        results: dict[str, str] = {}
-        for crate in TRIED_BY[package]:
-            lives = [name for name in there if results.get(name, "survived") == "survived"]
-            results |= _tried(package, crate, lives)
-        for name, result in results.items():
-            done(there[name], {"name": name, "result": result})
+                continue
+            result = "survived"
+            for crate in TRIED_BY[change["part"]]:
+                if result == "survived":
+                    result = _tried(change["part"], at, len(now[change["part"]]), crate)
+            done(change, {"name": now[change["part"]][at], "result": result})
 
 
-def _text(change: Outcome) -> str:
-    """What it is called without its line and column, which move."""
-    return re.sub(r":\d+:\d+: ", ": ", str(change["name"]), count=1)
+def located(name: str, names: Sequence[str]) -> int | None:
+    """Where a change stands among those there are now: the one of its words nearest to its line and column."""
+    words, place = _parsed(name)
+    alike = [(_parsed(other)[1], k) for k, other in enumerate(names) if _parsed(other)[0] == words]
+    return min(alike, key=lambda one: [abs(a - b) for a, b in zip(one[0], place, strict=True)], default=(None, None))[1]
+
+
+def _parsed(name: str) -> tuple[str, tuple[int, int]]:
+    """A change's file and words, and its line and column."""
+    file, line, column, words = name.split(":", 3)
+    return f"{file}:{words}", (int(line), int(column))
 
 
 def _copied() -> None:
@@ -113,23 +111,17 @@ def _listed() -> list[Outcome]:
     return [{"part": one["package"], "name": one["name"]} for one in json.loads(listed.stdout)]
 
 
-def _tried(package: str, by: str, names: Sequence[str]) -> dict[str, str]:
-    """What became of changes to a crate in the tests of another, or its own."""
-    if not names:
-        return {}
+def _tried(package: str, at: int, among: int, by: str) -> str:
+    """What became of change number `at` of all to a crate in the tests of another, or its own."""
     output = KEPT / "cargo"
     shutil.rmtree(output, ignore_errors=True)
-    # Without --in-place every run would build in another folder, and build all of it.
+    # Without --in-place every change would be built in another folder, and all of it. A shard of one change is that
+    # change; patterns of names let others through.
     _cargo(
-        *("--in-place", "--package", package, "--output", str(output), "--profile", "release"),
-        *("--baseline", "skip", "--timeout", str(SECONDS), "--build-timeout", str(SECONDS), "--colors", "never"),
-        f"--test-package={by}",
-        *(f"--re=^{re.escape(name)}$" for name in names),
+        *("--in-place", "--package", package, f"--test-package={by}", "--output", str(output), "--profile", "release"),
+        *("--sharding", "round-robin", "--shard", f"{at}/{among}", "--baseline", "skip", "--colors", "never"),
+        *("--timeout", str(SECONDS), "--build-timeout", str(SECONDS)),
     )
-    results = {}
-    for one in json.loads((output / "mutants.out" / "outcomes.json").read_text())["outcomes"]:
-        if isinstance(one["scenario"], dict):
-            results[one["scenario"]["Mutant"]["name"]] = RESULTS[one["summary"]]
-    if set(results) != set(names):
-        raise SystemExit(f"error: cargo-mutants tried {len(results)} of {len(names)} changes; see {output}")
-    return results
+    done = json.loads((output / "mutants.out" / "outcomes.json").read_text())["outcomes"]
+    (summary,) = (one["summary"] for one in done if isinstance(one["scenario"], dict))
+    return RESULTS[summary]

@@ -178,3 +178,12 @@ def test_the_declared_model_of_two_encoders_holds_no_learned_term(elastic):
     assert learned.model_.residual is not None
     assert found.before.model_.residual is None
     assert found.after.model_.residual is None
+
+
+def test_no_gear_yields_against_its_load():
+    """Encoders that were taken for one another show it: nothing of that is a spring, nor play."""
+    runs = both_encoders(with_effects(rigid(), "joint_elasticity:elbow:0.6", "backlash:wrist:2"), n_runs=2)
+    against = [replace(run, q_motor=2 * run.q - run.q_motor) for run in runs]
+    seen, turned = ({entry["kind"] for entry in gear_entries(fitted(Setup(ROBOT), rs), {})} for rs in (runs, against))
+    assert {"joint_elasticity", "backlash"} <= seen
+    assert not {"joint_elasticity", "backlash"} & turned

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from helpers.diagnosed import ROBOT, measured, rigid, with_effects
 
+from dynid_rs.diagnosis import standing
 from dynid_rs.diagnosis.belief import Belief, Named
 from dynid_rs.diagnosis.hypotheses import Shaped
 from dynid_rs.diagnosis.search import accept
@@ -140,3 +142,19 @@ def test_another_shape_of_the_grid_may_be_the_best_beside_all_others():
     belief = Belief.in_declared(Setup(ROBOT, effects=(wrong.placed(),)), runs)
     settle(belief)
     assert belief.setup.effects[0].shape_at(ELBOW)["cycles"] == pytest.approx(truth["cycles"], rel=0.05)
+
+
+@pytest.mark.parametrize(("gain", "spread"), [(1.09, 0.02), (0.97, 0.05)])
+def test_a_gain_s_factor_is_the_density_at_none_before_over_that_after(monkeypatch, gain, spread):
+    """Dickey 1971: of a model that holds another the Bayes factor is that of its prior and posterior at the other."""
+    from scipy.stats import norm
+
+    monkeypatch.setattr(standing, "gain_spread", lambda fit, j, std: spread)
+    links = SimpleNamespace(torque_scale_=np.array([1.0, gain, 1.0]))
+    belief = SimpleNamespace(
+        fit=SimpleNamespace(links_=links),
+        beside=SimpleNamespace(best=SimpleNamespace(covariance=np.eye(2))),
+        named=[("torque_gain", (ELBOW,)), ("stribeck", (WRIST,))],
+    )
+    expected = norm.logpdf(0.0, 0.0, standing.USUAL[0]) - norm.logpdf(0.0, np.log(gain), spread)
+    assert standing._gains(belief) == {("torque_gain", (ELBOW,)): pytest.approx(expected, rel=1e-12)}

@@ -8,7 +8,7 @@ from bad_data.clean import Clean
 from bad_data.judge import Mark, Said
 from bad_data.page import table
 from bad_data.run import Result, Told
-from campaigns import drawn, faults, kills, mutants, page, reach
+from campaigns import drawn, faults, kills, mutants, page, reach, rust_mutants
 from helpers.data import ROOT
 
 needs_strace = pytest.mark.skipif(shutil.which("strace") is None, reason="strace is not here (apt install strace)")
@@ -97,3 +97,14 @@ def test_what_lived_is_named_and_what_does_not_end_is_killed():
     assert mutants.said({"seed": 1, "python": figures}) == (
         "Python 2 of 3 killed (67 %), drawn from 1,000: diagnosis 1 of 1, runs 1 of 2"
     )
+
+
+def test_a_change_to_rust_is_found_again_where_its_line_has_moved():
+    names = [f"a.rs:{line}:{column}: replace {a} with {b} in f" for line, column, a, b in SLIPS]
+    assert [rust_mutants.located(name, names) for name in names] == [0, 1, 2, 3]
+    moved = [f"a.rs:{line + 2}:{column}: replace {a} with {b} in f" for line, column, a, b in SLIPS]
+    assert [rust_mutants.located(name, moved) for name in names] == [0, 1, 2, 3]
+    assert rust_mutants.located("a.rs:3:9: replace / with * in f", names) is None
+
+
+SLIPS = ((3, 9, "+", "-"), (3, 20, "+", "-"), (8, 9, "+", "-"), (3, 9, "+", "*"))
