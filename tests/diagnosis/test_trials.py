@@ -16,6 +16,7 @@ from dynid_rs.diagnosis.search import forward
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.shapes import polished
 from dynid_rs.diagnosis.trials import blocks, evidence, is_stable, whole_runs, worse
+from dynid_rs.model.placed import CATALOGUE
 from dynid_rs.regression.linear_model import Score
 
 
@@ -128,3 +129,14 @@ def test_a_place_that_its_memory_hides_is_looked_at(monkeypatch):
     values, kept = evidence(belief.beside, hypotheses, belief.catalogue)
     assert hidden in values
     assert {h.place for h in kept} == {hidden}
+
+
+def test_a_stage_s_ratio_stays_one_of_a_gear(monkeypatch):
+    """Where the evidence rises with the ratio without end, what is told is friction of one joint under another's speed."""
+    belief = Belief.in_declared(Setup(ROBOT), measured(duration=8.0, n_runs=1))
+    shape = (("partner", -1.0), ("ratio", 1.0), ("transition_width", 0.02))
+    (start,) = belief.catalogue.of([Shaped("coupled_friction", (1, 2), shape)])
+    monkeypatch.setattr(Beside, "screened", lambda self, tried: [Score(dict(h.shape)["ratio"], 1.0) for h in tried])
+    (ratio,) = [p for p in CATALOGUE["coupled_friction"]["shape"] if p["name"] == "ratio"]
+    found = dict(polished(belief.beside, belief.catalogue, start).shape)["ratio"]
+    assert 0.5 * ratio["highest"] < found < ratio["highest"]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from dynid_rs.diagnosis.belief import Belief
 from dynid_rs.diagnosis.hypotheses import Shaped, is_valid, shaped_as
-from dynid_rs.diagnosis.shapes import polished, searched
+from dynid_rs.diagnosis.shapes import in_range, polished, searched
 from dynid_rs.diagnosis.slopes import Slope, effect_slopes, friction_slopes, is_logarithmic
 from dynid_rs.identification.smooth_friction import LARGEST_STEP, SPREAD_HERE, in_reach
 from dynid_rs.model.placed import PlacedEffect
@@ -82,13 +82,8 @@ def _moved(
         new = old.with_shape(
             slope.name, value * float(np.exp(step)) if is_logarithmic(old.kind, slope.name) else value + step
         )
-        if _in_range(new, slope.name) and is_valid(new.kind, new.shape):
+        parameter = next(p for p in searched(new.kind) if p["name"] == slope.name)
+        if in_range(parameter, dict(new.shape)[slope.name]) and is_valid(new.kind, new.shape):
             effects[slope.effect] = new
     found = in_reach((width, sharpness), (friction.transition_width_, friction.sharpness_), belief.fit.runs_)
     return [shaped.placed() for shaped in effects.values()], found
-
-
-def _in_range(shaped: Shaped, name: str) -> bool:
-    parameter = next(p for p in searched(shaped.kind) if p["name"] == name)
-    value = dict(shaped.shape)[name]
-    return bool(parameter["scale"] == "linear" or parameter["lowest"] < abs(value) < parameter["highest"])

@@ -22,6 +22,12 @@ def searched(kind: str) -> list[Parameter]:
     return [p for p in CATALOGUE[kind]["shape"] if p["lowest"] is not None]
 
 
+def in_range(parameter: Parameter, value: float) -> bool:
+    """Whether a value is one that a shape parameter may have; what has a scale may be of either sign."""
+    size = abs(value) if parameter["scale"] == "log" else value
+    return bool(parameter["lowest"] < size < parameter["highest"])
+
+
 def polished(beside: Beside, catalogue: Catalogue, hypothesis: Hypothesis) -> Hypothesis:
     """Return the hypothesis with the shape near its own under which the data are most probable.
 
@@ -53,7 +59,7 @@ def _near(beside: Beside, catalogue: Catalogue, hypothesis: Hypothesis) -> tuple
         for parameter, value in zip(free, x, strict=True):
             own = dict(start.shape)[parameter["name"]]
             new = own * float(np.exp2(value)) if parameter["scale"] == "log" else own + float(value)
-            if not parameter["lowest"] < abs(new) < parameter["highest"] and parameter["scale"] == "log":
+            if not in_range(parameter, new):
                 return None
             moved = moved.with_shape(parameter["name"], new)
         return moved if is_valid(moved.kind, moved.shape) else None
