@@ -5,7 +5,7 @@
 //! the width, so they are kept for as long as the threshold stays.
 
 use dynid_core::effects::{friction_columns, N_FRICTION};
-use faer::Mat;
+use nalgebra::DMatrix;
 
 use crate::error::OfflineError;
 use crate::filter::ZeroPhase;
@@ -15,6 +15,8 @@ const HALF: usize = N_FRICTION / 2;
 
 /// Columns shorter than this, over the longest, are rounding.
 const NEGLIGIBLE: f64 = 1e-9;
+/// Steps of the decomposition before it is given up; it takes some per column.
+const MOST_STEPS: usize = 10_000;
 /// A column of which less than this is left is a sum of earlier ones.
 const DEPENDENT: f64 = 1e-13;
 
@@ -271,18 +273,22 @@ fn orthonormal(
     if used.is_empty() {
         return Ok((Vec::new(), Vec::new()));
     }
-    let scaled = Mat::from_fn(n_rows, used.len(), |i, c| {
+    let scaled = DMatrix::from_fn(n_rows, used.len(), |i, c| {
         links[i * width + used[c]] / norms[used[c]]
     });
-    let svd = scaled
-        .thin_svd()
-        .map_err(|_| OfflineError::NonFinite { what: "links" })?;
-    let (u, s) = (svd.U(), svd.S().column_vector());
-    let rank = u.ncols();
-    let vectors = (0..n_rows * rank)
-        .map(|k| u[(k / rank, k % rank)])
-        .collect();
-    Ok((vectors, (0..rank).map(|k| s[k]).collect()))
+    // Of the small triangular factor: a decomposition of many rows takes as long as all its rotations of them.
+    let qr = scaled.qr();
+    let svd = qr
+        .r()
+        .try_svd(true, false, f64::EPSILON, MOST_STEPS)
+        .ok_or(OfflineError::NonFinite { what: "links" })?;
+    let turned = svd.u.ok_or(OfflineError::NonFinite { what: "links" })?;
+    let vectors = qr.q() * turned;
+    // Stored by columns; the transpose is by rows.
+    Ok((
+        vectors.transpose().as_slice().to_vec(),
+        svd.singular_values.as_slice().to_vec(),
+    ))
 }
 
 /// Sum of squares of `tau` that the columns do not explain, by modified Gram-Schmidt.

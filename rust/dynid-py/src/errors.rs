@@ -8,7 +8,9 @@ use dynid_io::urdf::UrdfError as RustUrdfError;
 use dynid_io::{CHeaderError, ModelFileError};
 use dynid_offline::OfflineError;
 use pyo3::create_exception;
-use pyo3::exceptions::{PyFileExistsError, PyIsADirectoryError, PyOSError, PyValueError};
+use pyo3::exceptions::{
+    PyFileExistsError, PyFileNotFoundError, PyIsADirectoryError, PyOSError, PyValueError,
+};
 use pyo3::prelude::*;
 
 create_exception!(
@@ -84,6 +86,7 @@ fn os_error(source: &io::Error, path: &str) -> PyErr {
             match source.kind() {
                 io::ErrorKind::AlreadyExists => PyFileExistsError::new_err(text),
                 io::ErrorKind::IsADirectory => PyIsADirectoryError::new_err(text),
+                io::ErrorKind::NotFound => PyFileNotFoundError::new_err(text),
                 _ => PyOSError::new_err(text),
             }
         }

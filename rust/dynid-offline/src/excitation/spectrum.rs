@@ -1,12 +1,15 @@
 //! Eigenvalues of a Gram matrix, and what the criteria make of them.
 
-use faer::{MatRef, Side};
+use nalgebra::{DMatrix, SymmetricEigen};
 
 use super::tridiagonal::Tridiagonal;
 use crate::error::OfflineError;
 
 /// A block's smallest eigenvalue counts at least this part of its largest: conditions stay below 1e8 and finite.
 const FLOOR: f64 = 1e-16;
+
+/// Steps of the decomposition before it is given up; it takes some per eigenvalue.
+const MOST_STEPS: usize = 10_000;
 
 /// How a criterion moves with one eigenvalue: its derivative, and the unit eigenvector.
 pub(super) type Slope = (f64, Vec<f64>);
@@ -63,20 +66,27 @@ pub(super) fn sum(
     what: Sum,
 ) -> Result<(f64, Vec<Slope>), OfflineError> {
     check(gram, width)?;
-    let eigen = MatRef::from_row_major_slice(gram, width, width)
-        .self_adjoint_eigen(Side::Lower)
-        .map_err(|_| OfflineError::NonFinite { what: "motion" })?;
-    let (values, vectors) = (eigen.S().column_vector(), eigen.U());
-    let largest = values[width - 1];
+    let eigen = SymmetricEigen::try_new(
+        DMatrix::from_row_slice(width, width, gram),
+        f64::EPSILON,
+        MOST_STEPS,
+    )
+    .ok_or(OfflineError::NonFinite { what: "motion" })?;
+    let mut order: Vec<usize> = (0..width).collect();
+    order.sort_by(|&i, &k| eigen.eigenvalues[k].total_cmp(&eigen.eigenvalues[i]));
+    let largest = order.first().map_or(0.0, |&k| eigen.eigenvalues[k]);
     let (mut total, mut slopes) = (0.0, Vec::with_capacity(width));
-    for k in (0..width).rev() {
-        let value = floored(values[k], largest);
+    for k in order {
+        let value = floored(eigen.eigenvalues[k], largest);
         let (part, slope) = match what {
             Sum::LogVolume => (-value.ln(), -1.0 / value),
             Sum::TotalVariance => (value.recip(), -value.powi(-2)),
         };
         total += part;
-        slopes.push((slope, (0..width).map(|i| vectors[(i, k)]).collect()));
+        slopes.push((
+            slope,
+            eigen.eigenvectors.column(k).iter().copied().collect(),
+        ));
     }
     Ok((total, slopes))
 }
