@@ -76,8 +76,8 @@ def _prior(result: dict[str, Any]) -> str:
     off = prior["relative_uncertainty"]
     rotors = "" if off["rotors"] is None else f" (rotors: {_percent(off['rotors'])})"
     return (
-        " Where these runs say little, the masses and inertias of the robot file decide; by the evidence they are wrong "
-        f"by about {_percent(off['links'])}{rotors}. Of {prior['n_directions']} combinations of them the runs "
+        " Where these runs say little, the masses and inertias of the robot file decide; by the evidence they are "
+        f"wrong by about {_percent(off['links'])}{rotors}. Of {prior['n_directions']} combinations of them the runs "
         f"determine {prior['n_determined']:.0f}."
     )
 

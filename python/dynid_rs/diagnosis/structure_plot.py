@@ -1,7 +1,7 @@
-"""Changes of geometry, gravity, load and clocks as curves: the torque that they bring over an angle, the lag over a speed.
+"""Changes of geometry, gravity, load and clocks as curves: the torque that they bring over an angle, lag over speed.
 
-They act on several joints at once. Drawn is the joint whose torque, or whose encoders, show most of it; the curve is the
-mean of the torque at an angle, for it depends on the other joints' angles too.
+They act on several joints at once. Drawn is the joint whose torque, or whose encoders, show most of it; the curve is
+the mean of the torque at an angle, for it depends on the other joints' angles too.
 """
 
 from __future__ import annotations
@@ -27,8 +27,10 @@ from dynid_rs.regression.uncertainty import NORMAL_95
 
 FloatArray = NDArray[np.float64]
 
+N_ANGLES = 16
+"""Points of a curve over an angle: in finer ones other joints' angles, which count too, do not average out."""
 DRAWN = frozenset({"gravity_tilt", "kinematic_error"})
-"""Changes of structure that are a torque over an angle; a gain and a clock of the torque channel scale and shift all."""
+"""Changes of structure that are a torque over an angle; a gain and a clock of the torque scale and shift all of it."""
 
 
 def structure_plot(
@@ -71,7 +73,8 @@ def over_angle(
 ) -> dict[str, Any]:
     """Plot of what a change brings to joint `j`.
 
-    `angle` [rad, m], torque `brought` by it and `left` beside it, (n,) each; `relative`: standard deviation of its size.
+    `angle` [rad, m], torque `brought` by it and `left` beside it, (n,) each; `relative`: standard deviation of its size
+    over its size.
     """
     name = robot.joint_names[j]
     return {
@@ -79,7 +82,7 @@ def over_angle(
         "unit": "m" if robot.joint_kinds[j] == "prismatic" else "rad",
         "quantity": "torque",
         "joint": name,
-        **binned(angle, brought + left, brought[:, None], np.ones(1), np.array([[relative**2]])),
+        **binned(angle, brought + left, brought[:, None], np.ones(1), np.array([[relative**2]]), N_ANGLES),
     }
 
 

@@ -98,7 +98,8 @@ def _shown_on(entry: Result) -> str:
     joint = entry["plot"].get("joint")
     if joint is None or entry["joints"] == [joint] or len(entry["joints"]) == 2:
         return ""
-    return f'<p class="note">Drawn on {breakable(joint)}, which shows most of it.</p>'
+    also = "" if entry["kind"] == "encoder_delay" else "; the other joints\u2019 angles count too, so points scatter"
+    return f'<p class="note">Drawn on {breakable(joint)}, which shows most of it{also}.</p>'
 
 
 def _no_curve(entry: Result) -> str:

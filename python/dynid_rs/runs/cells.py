@@ -90,7 +90,7 @@ def check_size(
 
 
 SHARED = 0.1
-"""Share of the steps that are zero, and share that are not, from which on stamps are rounded: repeated rows are fewer."""
+"""Share of the steps that are zero, and that are not, from which on stamps are rounded: repeated rows are fewer."""
 ROUNDING = 0.01
 """Relative difference up to which the steps of rounded stamps are one."""
 

@@ -113,7 +113,9 @@ fn held_file(folder: &Path, extension: Option<&OsStr>) -> io::Result<NamedTempFi
             builder.permissions(fs::Permissions::from_mode(0o644));
         }
         builder.prefix(&name).suffix(&suffix).rand_bytes(0);
-        let file = builder.tempfile_in(folder).map_err(of_the_system)?;
+        let file = builder
+            .tempfile_in(folder)
+            .map_err(|error| of_the_system(&error))?;
         // Where there are no locks, nobody clears. Another process may have cleared before this lock was there.
         let _ = file.as_file().try_lock();
         if file.path().exists() {
@@ -123,13 +125,8 @@ fn held_file(folder: &Path, extension: Option<&OsStr>) -> io::Result<NamedTempFi
 }
 
 /// What the system said, without the name of a temporary file that nobody has asked for.
-fn of_the_system(error: io::Error) -> io::Error {
-    let code = error
-        .get_ref()
-        .and_then(|named| named.source())
-        .and_then(|source| source.downcast_ref::<io::Error>())
-        .and_then(io::Error::raw_os_error);
-    code.map_or(error, io::Error::from_raw_os_error)
+fn of_the_system(error: &io::Error) -> io::Error {
+    error.kind().into()
 }
 
 /// Removes the files that dead processes left half written; a lock ends with its process, however that ends.

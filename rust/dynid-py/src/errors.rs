@@ -9,7 +9,8 @@ use dynid_io::{CHeaderError, ModelFileError};
 use dynid_offline::OfflineError;
 use pyo3::create_exception;
 use pyo3::exceptions::{
-    PyFileExistsError, PyFileNotFoundError, PyIsADirectoryError, PyOSError, PyValueError,
+    PyFileExistsError, PyFileNotFoundError, PyIsADirectoryError, PyNotADirectoryError, PyOSError,
+    PyPermissionError, PyValueError,
 };
 use pyo3::prelude::*;
 
@@ -87,6 +88,8 @@ fn os_error(source: &io::Error, path: &str) -> PyErr {
                 io::ErrorKind::AlreadyExists => PyFileExistsError::new_err(text),
                 io::ErrorKind::IsADirectory => PyIsADirectoryError::new_err(text),
                 io::ErrorKind::NotFound => PyFileNotFoundError::new_err(text),
+                io::ErrorKind::NotADirectory => PyNotADirectoryError::new_err(text),
+                io::ErrorKind::PermissionDenied => PyPermissionError::new_err(text),
                 _ => PyOSError::new_err(text),
             }
         }

@@ -1,4 +1,4 @@
-"""Another gravity than the robot's: a base that hangs, stands on a wall or on a slope, or a size that is not Earth's."""
+"""Another gravity than the robot's: a base that hangs, stands on a wall or on a slope, or another size."""
 
 from __future__ import annotations
 
