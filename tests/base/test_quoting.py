@@ -8,6 +8,8 @@ import pytest
 from helpers.small_arm import dynid, refusal, study
 
 from dynid_rs.base.quoting import shown, shown_ends
+from dynid_rs.base.units import plain_unit
+from dynid_rs.diagnosis.wording import number_words
 
 
 def test_versions_without_an_end_are_quoted_short(tmp_path):
@@ -95,3 +97,11 @@ def test_long_words_of_a_library_keep_both_ends():
     assert len(long) <= 160
     assert shown_ends("a\nshort  one") == "a short one"
     assert shown("a\x1bb") == "a\\x1bb"
+
+
+def test_a_unit_is_typed_without_needless_brackets():
+    assert plain_unit("1/(A)^2") == "1/A^2"
+    assert plain_unit("1/(N*m)^2") == "1/(N*m)^2"
+    assert plain_unit("1") == ""
+    number = {"name": "hysteresis_rate", "value": 2.0, "unit": "1/(A)^2"}
+    assert number_words(number) == "hysteresis_rate 2.00 1/A^2"

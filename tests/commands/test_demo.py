@@ -1,12 +1,12 @@
 """`dynid demo`: the whole road on what the package carries, which the laboratory makes again."""
 
-import gzip
 import importlib.util
 import io
 import json
 import shlex
 
 import numpy as np
+import pyarrow as pa
 import pytest
 from helpers.data import ROOT
 from helpers.small_arm import dynid, refusal, snapshot
@@ -33,7 +33,7 @@ def recorder():
 
 
 def table(packed):
-    text = gzip.decompress(packed).decode()
+    text = pa.CompressedInputStream(pa.BufferReader(packed), "zstd").read().decode()
     header = text.partition("\n")[0].split(",")
     return dict(zip(header, np.loadtxt(io.StringIO(text), delimiter=",", skiprows=1).T, strict=True))
 
@@ -43,7 +43,7 @@ def test_the_runs_are_what_the_laboratory_makes(tmp_path):
     record.record(tmp_path)
     carried = snapshot(record.PACKAGED)
     made = snapshot(tmp_path)
-    assert sorted(carried) == sorted(made) == ["run_0.csv.gz", "run_1.csv.gz", "run_2.csv.gz", "truth.json"]
+    assert sorted(carried) == sorted(made) == ["run_0.csv.zst", "run_1.csv.zst", "run_2.csv.zst", "truth.json"]
     assert sum(map(len, carried.values())) <= LIMIT
     for name in (name for name in made if name.startswith("run")):
         ours, theirs = table(carried[name]), table(made[name])

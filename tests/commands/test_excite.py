@@ -408,3 +408,21 @@ def test_limits_beyond_the_robot_file_are_refused(tmp_path):
     text = LIMITS.replace('[units]\nangle = "deg"\n', "").replace("[start]\nposition = [10, -20, 0]\n", "")
     with pytest.raises(DataError, match=r"\[position\].*joint .* in the robot file.*is the unit degrees"):
         read(tmp_path, text)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--harmonics", 1), "--harmonics must be a whole number of at least 2, got 1"),
+        (("--restarts", 0), "--restarts must be a whole number of at least 1, got 0"),
+        (("--iterations", 0), "--iterations must be a whole number of at least 1, got 0"),
+        (("--seed", -1), "--seed must be a whole number of at least 0, got -1"),
+        (("--criterion-rate", 0), "--criterion-rate must be a positive number, got 0.0"),
+        (("--rate", 0), "--rate must be a positive number of samples per second, got 0.0"),
+        (("--duration", 1, "--criterion-rate", 2), "change --duration, --criterion-rate or --harmonics"),
+    ],
+    ids=lambda words: words[0] if isinstance(words, tuple) else "",
+)
+def test_what_is_refused_is_what_was_typed(tmp_path, words, said):
+    refused = refusal(dynid("excite", write_robot(tmp_path), "-o", tmp_path / "t.csv", *words))
+    assert refused.endswith(said)

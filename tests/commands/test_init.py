@@ -254,3 +254,13 @@ def test_radians_that_are_called_degrees_are_asked_about(tmp_path):
         said = dynid(command, *given, "--config", tmp_path / "deg.toml", *more)
         assert "if they are radians, take the rule out" in " ".join(said.output.split())
     assert "units_radians" not in dynid("inspect", paths[0], "--json").output
+
+
+@pytest.mark.parametrize(("step", "doubted"), [(1, True), (4, False)])
+def test_a_counter_of_rows_is_not_silently_milliseconds(tmp_path, step, doubted):
+    columns = run(0)
+    path = write_csv(tmp_path / "run.csv", columns | {"t": step * np.arange(float(len(columns["t"])))})
+    answer, written = init(tmp_path, write_robot(tmp_path), path)
+    (taken,) = (one for one in answer["taken"] if one["key"] == "[units] time")
+    assert taken["value"] == written["units"]["time"] == "ms"
+    assert ("if it counts rows and not milliseconds" in taken["evidence"]) == doubted

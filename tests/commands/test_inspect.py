@@ -268,7 +268,11 @@ def test_measured_runs():
     assert all(2.6e-3 < delay < 3.2e-3 for delay in delays)
 
 
-@pytest.mark.parametrize("option", [("--base", "upper"), ("--tip", "hand"), ("--xacro",)], ids=lambda option: option[0])
+@pytest.mark.parametrize(
+    "option",
+    [("--base", "upper"), ("--tip", "hand"), ("--gravity", "0,0,9.81"), ("--xacro",)],
+    ids=lambda option: option[0],
+)
 def test_what_is_about_the_robot_needs_one(option):
     said = refusal(dynid("inspect", study().runs[0], *option))
-    assert said == "--base, --tip and --xacro are about the robot file; name it by --robot"
+    assert said == "--base, --tip, --gravity and --xacro are about the robot file; name it by --robot"

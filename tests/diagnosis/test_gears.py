@@ -54,7 +54,13 @@ def test_a_delay_a_spring_and_play_are_named_on_their_joints(elastic):
 def test_their_numbers_are_those_of_the_arm(elastic):
     arm, found = elastic
     truth = {effect.kind: {value.name: value.value[0] for value in effect.values} for effect in arm.effects}
-    assert holds(entry_of(found, "encoder_delay"), {"delay": DELAY}) == []
+    late = entry_of(found, "encoder_delay")
+    assert holds(late, {"delay": DELAY}) == []
+    plot = late["plot"]
+    assert (plot["signal"], plot["unit"], plot["value_unit"]) == (f"dq_{plot['joint']}", "rad/s", "rad")
+    speed, shown = np.array(plot["curve_x"]), np.array(plot["mean"])
+    assert np.ptp(speed) > 1.0
+    assert np.polyfit(speed, shown, 1)[0] == pytest.approx(DELAY, rel=0.05)
     spring, play = entry_of(found, "joint_elasticity"), entry_of(found, "backlash")
     (compliance,) = (p for p in spring["parameters"] if p["name"] == "compliance")
     assert compliance["value"] == pytest.approx(1 / truth["joint_elasticity"]["stiffness"], rel=STIFF)

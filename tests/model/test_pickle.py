@@ -109,3 +109,14 @@ def test_texts_that_nobody_pickled_are_refused():
         _core._effect_of("friction", [])
     with pytest.raises(ValueError, match="no base parameters"):
         _core._base_of(([12], [], []), 1.0, 1.0, ["link"])
+
+
+def test_a_folder_that_is_not_there_is_named_and_no_temporary_file(tmp_path):
+    place = tmp_path / "none" / "x.json"
+    with pytest.raises(FileNotFoundError) as error:
+        TorqueModel.load(study().model).save(place)
+    assert str(error.value) == f"{place}: the folder {place.parent} does not exist; create it first"
+    (tmp_path / "none").write_text("a file")
+    with pytest.raises(NotADirectoryError) as error:
+        TorqueModel.load(study().model).save(place)
+    assert ".dynid-" not in str(error.value)

@@ -178,3 +178,19 @@ def test_xacro_is_expanded_on_request(tmp_path):
 
 def test_reading_by_suffix(tmp_path):
     assert dyn.read_robot(write_robot(tmp_path)).joint_names == RobotModel.from_urdf_string(URDF).joint_names
+
+
+def test_no_line_is_quoted_of_a_file_that_nobody_has_seen(tmp_path):
+    """xacro puts all on one line, and out of MuJoCo there comes a URDF of our own."""
+    path = tmp_path / "arm.urdf.xacro"
+    path.write_text(URDF.replace('<axis xyz="0 1 0"/>', '<axis xyz="0 0 0"/>', 1))
+    with pytest.raises(dyn.UrdfError) as plain:
+        dyn.RobotModel.from_urdf_string(path.read_text())
+    assert re.match(r".*:\d+:\d+: <axis> of joint", str(plain.value))
+    with pytest.raises(dyn.UrdfError) as made:
+        dyn.read_robot(path, xacro=True)
+    assert str(made.value).startswith(f"{path}, as the URDF made of it: <axis> of joint")
+    path.write_text(URDF.replace("</robot>", '<link name="base"/></robot>').replace('"lower"', '"base"'))
+    with pytest.raises(dyn.UrdfError, match="as the URDF made of it") as twice:
+        dyn.read_robot(path, xacro=True)
+    assert not re.search(r"line \d", str(twice.value))

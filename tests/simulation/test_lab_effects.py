@@ -311,6 +311,19 @@ def test_kinds_are_listed(run_command):
     assert "--list-effects" in run_command("--help", env={"COLUMNS": "160"}).stdout
 
 
+@pytest.mark.parametrize("words", [("--list-effects", "--json"), ("--json", "--list-effects")])
+def test_kinds_are_listed_as_json(run_command, words):
+    answer = json.loads(run_command(*words).stdout)
+    assert [entry["kind"] for entry in answer["effects"]] == list(kind_names())
+    assert all(set(entry) == {"kind", "default", "where"} for entry in answer["effects"])
+
+
+def test_without_a_folder_nothing_is_simulated(run_command):
+    result = run_command("--runs", "1")
+    assert result.exit_code == 2
+    assert "--output (-o) is missing" in result.stderr
+
+
 @pytest.mark.parametrize(
     ("wish", "words"),
     [

@@ -79,7 +79,7 @@ CODES: Mapping[str, Code] = {
     "current_as_torque": Code("currents called torque", "the arm's model", "call the columns current_0, ..."),
     "torque_late": Code("torque on a late clock", "the arm's model", "shift it, or let dynid diagnose fit it"),
     "torque_filtered": Code("torque behind a slow filter", "delay, and noise that falls off", "record it unfiltered"),
-    "mounting": Code("gravity from another side", "the arm's model", "give --gravity"),
+    "mounting": Code("gravity from another side, or of another size", "the arm's model", "give --gravity"),
     "payload_change": Code("a run with another load", "the arm's model", "learn from runs of one load"),
     "contact": Code("a push from outside", "bursts of the residual", "leave these samples out"),
     # Motion

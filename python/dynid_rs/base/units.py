@@ -15,6 +15,11 @@ def unit_text(unit: str | None) -> str:
     return {"degC": "\u00b0C"}.get(dotted, re.sub(r"\((\w+)\)", r"\1", dotted))
 
 
+def plain_unit(unit: str) -> str:
+    """``1/(A)^2`` as it is typed, ``1/A^2``; nothing for the unit ``1``."""
+    return "" if unit == "1" else re.sub(r"\((\w+)\)", r"\1", unit)
+
+
 def angle_units(kinds: tuple[str, ...] | list[str]) -> list[str]:
     """Unit of each joint's position: rad where it turns, m where it slides."""
     return ["m" if kind == "prismatic" else "rad" for kind in kinds]

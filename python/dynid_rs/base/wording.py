@@ -74,11 +74,17 @@ def _prior(result: dict[str, Any]) -> str:
     if prior is None:
         return ""
     off = prior["relative_uncertainty"]
-    rotors = "" if off["rotors"] is None else f" and its rotors as if off by {100 * off['rotors']:.2g} %"
+    rotors = "" if off["rotors"] is None else f" (rotors: {_percent(off['rotors'])})"
     return (
-        f" The robot file's inertials stand beside the data as if off by {100 * off['links']:.2g} %{rotors}: "
-        f"of {prior['n_directions']} directions in them the data determines {prior['n_determined']:.0f}."
+        " Where these runs say little, the masses and inertias of the robot file decide; by the evidence they are "
+        f"wrong by about {_percent(off['links'])}{rotors}. Of {prior['n_directions']} combinations of them the runs "
+        f"determine {prior['n_determined']:.0f}."
     )
+
+
+def _percent(share: float) -> str:
+    """With two digits, and never as a power of ten."""
+    return f"{float(f'{100 * share:.2g}'):g} %"
 
 
 def _not_separable(result: dict[str, Any]) -> str:

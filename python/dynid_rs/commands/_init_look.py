@@ -12,7 +12,7 @@ import numpy as np
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.findings import Finding
 from dynid_rs.base.quoting import shown
-from dynid_rs.runs.checks.clocks import Clock, likely_unit
+from dynid_rs.runs.checks.clocks import WORDS, Clock, likely_unit
 from dynid_rs.runs.checks.clocks import clock_findings as clocks_found
 from dynid_rs.runs.checks.limits import check_limits
 from dynid_rs.runs.readers import Config, Run, open_run, read_run
@@ -147,7 +147,13 @@ def _time(robot: Any, runs: Sequence[Recording], found: Look) -> Proposal | None
         unit = likely_unit(clocks[at])
         if unit is not None and (len(runs) == 1 or len(clocks_found(clocks)) == len(runs)):
             rules = replace(found.rules, units={**found.rules.units, "time": unit})
-            return Proposal("[units] time", unit, f"{finding.file}: {finding.message}", rules)
+            reason = f"{finding.file}: {finding.message}"
+            if np.all(np.diff(runs[at].t) == 1.0):
+                reason += (
+                    f"; but t counts 1, 2, 3, ...: if it counts rows and not {WORDS[unit]}, write a column of seconds, "
+                    "row times step, instead"
+                )
+            return Proposal("[units] time", unit, reason, rules)
     return None
 
 

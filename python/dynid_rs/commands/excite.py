@@ -137,13 +137,15 @@ def excite(
     trajectory is the one that tells two effects apart best, and the exciting one is what it is compared with.
     """
     from dynid_rs.commands._console import progress
+    from dynid_rs.commands._excite_words import options_named
     from dynid_rs.commands._inputs import read_robot
     from dynid_rs.excitation.output import n_steps_of
 
     files = Outputs(output, friction)
     files.check([robot, *([limits] if limits else [])], force=force)
-    n_steps_of(duration, rate)  # refused before the search, not after it
-    with goes_on(files.after_interrupt()), progress(*_plan(separate is not None)) as say:
+    with options_named():
+        n_steps_of(duration, rate)  # refused before the search, not after it
+    with options_named(), goes_on(files.after_interrupt()), progress(*_plan(separate is not None)) as say:
         say("reading")
         model = read_robot(robot, base, tip, gravity)
         settings = _settings(model, robot, limits, start, noise, self_collision)

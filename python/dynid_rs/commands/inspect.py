@@ -22,6 +22,7 @@ def inspect(
     ] = None,
     base: _options.Base = None,
     tip: _options.Tip = None,
+    gravity: _options.Gravity = None,
     xacro: _options.Xacro = False,
     config: Annotated[
         Path | None,
@@ -37,10 +38,10 @@ def inspect(
     from dynid_rs.commands._inspection import compared, exit_code, hint, inspect_run, to_json
     from dynid_rs.model.inertials import inertial_findings
 
-    if robot is None and (base is not None or tip is not None or xacro):
-        raise ValueError("--base, --tip and --xacro are about the robot file; name it by --robot")
+    if robot is None and (base is not None or tip is not None or gravity is not None or xacro):
+        raise ValueError("--base, --tip, --gravity and --xacro are about the robot file; name it by --robot")
     rules = read_rules(config)
-    model = None if robot is None else read_robot(robot, base, tip, rules=rules, xacro=xacro)
+    model = None if robot is None else read_robot(robot, base, tip, gravity, rules, xacro=xacro)
     of_robot = [] if model is None or robot is None else inertial_findings(model, robot.name)
     inspections = compared([one for path in runs for one in inspect_run(path, model, rules)], model)
     code = exit_code(inspections)

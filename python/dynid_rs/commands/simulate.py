@@ -26,21 +26,24 @@ ENCODER_NOISE = 1e-6
 N_RUNS = 4
 
 
-def list_effects(wanted: bool) -> None:
-    """Print every kind with its place and its default size, and leave."""
-    if wanted:
-        from dynid_rs.simulation.effects.catalogue import KINDS
+def _list_effects(as_json: bool) -> None:
+    """Print every kind with its place and its default size."""
+    from dynid_rs.simulation.effects.catalogue import KINDS
 
-        for kind in KINDS:
-            typer.echo(f"{kind.name}: {kind.default} ({kind.where})")
-        raise typer.Exit
+    if as_json:
+        kinds = [{"kind": kind.name, "default": kind.default, "where": kind.where} for kind in KINDS]
+        print_json({"format": "dynid-effects", "version": 1, "effects": kinds})
+        return
+    for kind in KINDS:
+        typer.echo(f"{kind.name}: {kind.default} ({kind.where})")
 
 
 @run_command
 def simulate(
     directory: Annotated[
-        Path, typer.Option("--output", "-o", metavar="DIR", help="Folder for the runs", show_default=False)
-    ],
+        Path | None,
+        typer.Option("--output", "-o", metavar="DIR", help="Folder for the runs (required)", show_default=False),
+    ] = None,
     robot: Annotated[
         Path | None,
         typer.Argument(metavar="[ROBOT]", help="A serial arm, URDF or robot.toml; the bundled one if left out"),
@@ -90,11 +93,8 @@ def simulate(
             "Joint by name or index, size 1 is the default; --list-effects names the kinds",
         ),
     ] = None,
-    _list: Annotated[
-        bool,
-        typer.Option(
-            "--list-effects", help="List the kinds with their default sizes", is_eager=True, callback=list_effects
-        ),
+    list_effects: Annotated[
+        bool, typer.Option("--list-effects", help="List the kinds with their default sizes")
     ] = False,
     seed: Annotated[int, typer.Option(help="Repeats the experiment, number for number")] = 0,
     force: Annotated[bool, typer.Option("--force", help="Replace the simulation that DIR holds")] = False,
@@ -104,6 +104,11 @@ def simulate(
 
     DIR then holds run_0.parquet, ..., the robot as robot.urdf or robot.toml, and truth.json with all that was put in.
     """
+    if list_effects:
+        _list_effects(json_output)
+        return
+    if directory is None:
+        raise ValueError("--output (-o) is missing; name the folder for the runs")
     from dynid_rs.commands._console import progress
     from dynid_rs.commands._inputs import read_robot
     from dynid_rs.commands._output import after_interrupt, check_folder, check_unfinished

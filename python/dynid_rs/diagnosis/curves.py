@@ -78,14 +78,19 @@ def effect_plot(
 
 
 def binned(
-    x: FloatArray, partial: FloatArray, columns: FloatArray, coefficients: FloatArray, covariance: FloatArray
+    x: FloatArray,
+    partial: FloatArray,
+    columns: FloatArray,
+    coefficients: FloatArray,
+    covariance: FloatArray,
+    most: int = N_BINS,
 ) -> dict[str, list[float]]:
-    """Some of the points, and in bins of equally many their mean, the curve's and its 95 % interval.
+    """Some of the points, and in bins of equally many, `most` at most, their mean, the curve's and its 95 % interval.
 
     `x`, `partial` (n,), `columns` (n, k), `coefficients` (k,) with `covariance` (k, k).
     """
     order = np.argsort(x, kind="stable")
-    n_bins = min(N_BINS, max(1, len(order) // LEAST_PER_BIN))
+    n_bins = min(most, max(1, len(order) // LEAST_PER_BIN))
     bins = [b for b in np.array_split(order, n_bins) if len(b)]
     thin = order[:: max(1, len(order) // N_POINTS)]
     mean = np.array([columns[b].mean(axis=0) for b in bins]).reshape(len(bins), len(coefficients))

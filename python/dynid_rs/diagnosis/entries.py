@@ -14,6 +14,7 @@ from dynid_rs.diagnosis.curves import effect_plot
 from dynid_rs.diagnosis.estimates import Estimate, estimates
 from dynid_rs.diagnosis.hypotheses import Place
 from dynid_rs.diagnosis.rivals import is_one_cause
+from dynid_rs.diagnosis.structure_plot import structure_plot
 from dynid_rs.diagnosis.waves import Argument
 from dynid_rs.identification.loads import with_load
 from dynid_rs.model.placed import PlacedEffect
@@ -57,6 +58,8 @@ def effect_entries(
             entry["plot"] = effect_plot(
                 found, effect, errors.model, errors.fit, errors.x, errors.places[effect], known[place]
             )
+        elif (plot := structure_plot(found, place, known[place], errors.model, errors.x)) is not None:
+            entry["plot"] = plot
         if place in nameless:
             entry |= untold(kind, nameless[place], names)
         elif not all(is_one_cause(kind, other) for (other, _), _ in named.ties):  # one or the other

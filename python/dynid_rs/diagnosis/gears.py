@@ -21,6 +21,7 @@ from dynid_rs.diagnosis.entries import unscored, untold
 from dynid_rs.diagnosis.gear_model import Gear, GearHypothesis
 from dynid_rs.diagnosis.sensors.messages import encoder_entries
 from dynid_rs.diagnosis.setup import Setup
+from dynid_rs.diagnosis.structure_plot import delay_plot
 from dynid_rs.diagnosis.waves import Argument
 from dynid_rs.identification.smooth_friction import SmoothFrictionIdentifier
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
@@ -48,6 +49,7 @@ def gear_entries(fit: ThreeLoopIdentifier, nameless: Mapping[int, Argument]) -> 
                 {"name": "delay", "value": clock["value"], "unit": "s", "interval": list(clock["interval"])}
             ],
             **unscored(clock["p_value"]),
+            "plot": delay_plot(fit, clock),
         }
         for clock in encoder_entries(fit.encoder_delay_)
         if clock["significant"]

@@ -35,7 +35,7 @@ from dynid_rs.identification.training import check_motion
 from dynid_rs.regression.kept_columns import keeping_columns
 from dynid_rs.runs.given import Runs, as_recordings
 from dynid_rs.runs.recording import Recording
-from dynid_rs.runs.splitting import Split, split_runs
+from dynid_rs.runs.splitting import Split, refuse_repeats, split_runs
 
 FloatArray = NDArray[np.float64]
 
@@ -69,7 +69,7 @@ def diagnose(
     ValueError
         Neither a robot nor a setup, or something else than runs; options under which no evidence can be weighed.
     DataError
-        As `ThreeLoopIdentifier.fit`; a test run with hardly any motion.
+        As `ThreeLoopIdentifier.fit`; a test run with hardly any motion, or that is learned from too.
     """
     from threadpoolctl import threadpool_limits
 
@@ -81,7 +81,11 @@ def diagnose(
     setup = setup if isinstance(setup, Setup) else Setup(setup)
     config = setup.options.get("config")
     learned = as_recordings(train, setup.robot, config)
-    split = Split(learned, as_recordings(test, setup.robot, config)) if test is not None else split_runs(learned, [])
+    if test is None:
+        split = split_runs(learned, [])
+    else:
+        split = Split(learned, as_recordings(test, setup.robot, config))
+        refuse_repeats(split.train, split.test)
     # Many small matrices: threads of a BLAS would only wait for each other.
     with threadpool_limits(limits=1, user_api="blas"), keeping_columns():
         if reference is None:

@@ -9,6 +9,7 @@ import numpy as np
 
 from dynid_rs.base.numbers import interval as interval_said
 from dynid_rs.base.numbers import percent, significant
+from dynid_rs.base.units import plain_unit
 from dynid_rs.base.wording import concluded, in_families, is_better, kind_words, kinds_said
 
 Result = Mapping[str, Any]
@@ -75,7 +76,7 @@ def effect_words(entry: Result, joints: Sequence[str], *, intervals: bool = Fals
 
 def number_words(number: Result, *, interval: bool = False) -> str:
     """A number of an effect with its unit, and its 95 % interval where that is asked for and known."""
-    unit = "" if number["unit"] == "1" else f" {number['unit']}"
+    unit = f" {plain_unit(number['unit'])}".rstrip()
     bounds = number.get("interval") if interval else None
     span = "" if bounds is None else f" ({interval_said(bounds)})"
     return f"{number['name']} {significant(number['value'])}{unit}{span}"

@@ -34,6 +34,7 @@ from dynid_rs.runs.given import Runs, as_recordings
 from dynid_rs.runs.preprocessing import States, prepare, without
 from dynid_rs.runs.readers.config_file import Rules
 from dynid_rs.runs.recording import Recording
+from dynid_rs.runs.splitting import refuse_repeats
 
 FloatArray = NDArray[np.float64]
 
@@ -191,8 +192,8 @@ class ThreeLoopIdentifier(RunRegressor):
         ValueError
             A parameter that is none, or something else than runs.
         DataError
-            Runs of another robot, mixed units, a joint that never moves, too little motion, a friction run
-            without reversal.
+            Runs of another robot, mixed units, a joint that never moves, too little motion, a run that is there
+            twice, a friction run without reversal.
         """
         from threadpoolctl import threadpool_limits
 
@@ -214,6 +215,7 @@ class ThreeLoopIdentifier(RunRegressor):
         recordings = as_recordings(X, self.robot, self.config)
         slow = [] if friction_recording is None else as_recordings(friction_recording, self.robot, self.config)
         check_training_runs(self.robot, recordings + slow)
+        refuse_repeats(recordings, [])
         self.known_ = check_known(self.known, self.robot, recordings[0].torque_unit)
         # Small matrices by the thousand: BLAS threads spin on each other and cost more than they give.
         with threadpool_limits(limits=1, user_api="blas"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,8 @@ from dynid_rs import _core
 from dynid_rs.base.errors import MissingLibraryError
 from dynid_rs.base.files import check_readable
 
+_PLACE, _LINE = re.compile(r"^:\d+:\d+: "), re.compile(r" on line \d+")
+"""Line and column before a message of the URDF's reader, and a line in it."""
 XACRO, MJCF = ".xacro", (".xml", ".mjcf")
 """Suffixes that say what is inside; everything else but `.toml` is a URDF."""
 
@@ -100,6 +103,18 @@ def is_mjcf(path: Path) -> bool:
 
 
 def _from_text(text: str, path: Path, gravity: Sequence[float] | None, options: dict[str, Any]) -> _core.RobotModel:
+    """Read the URDF that was made of `path`, of whose lines nobody has seen one.
+
+    Raises
+    ------
+    UrdfError
+        As `RobotModel.from_urdf_string`; names element and joint or link, and no line.
+    """
     if gravity is not None:
         options = options | {"gravity": gravity}
-    return _core.RobotModel.from_urdf_string(text, source_name=str(path), **options)
+    try:
+        return _core.RobotModel.from_urdf_string(text, source_name=str(path), **options)
+    except _core.UrdfError as error:
+        said = str(error).removeprefix(str(path))
+        said = _LINE.sub("", _PLACE.sub(": ", said, count=1))
+        raise _core.UrdfError(f"{path}, as the URDF made of it{said}") from None

@@ -23,7 +23,7 @@ def _prior(result: Result) -> str:
     if not prior:
         return ""
     off, moved = prior["relative_uncertainty"], prior.get("moved") or []
-    rotors = f", its rotors as if off by {percent(off['rotors'])}" if off.get("rotors") is not None else ""
+    rotors = f", those of the rotors by {percent(off['rotors'])}" if off.get("rotors") is not None else ""
     far = sum(1 for entry in moved if abs(entry["shift"]) > _FAR)
     rows = [
         [
@@ -33,12 +33,13 @@ def _prior(result: Result) -> str:
         ]
         for entry in moved
     ]
-    head = ["Parameter", "Link", "Declared", "As if off by", "Found", "Moved by [of that]"]
+    head = ["Parameter", "Link", "Declared", "Trusted to", "Found", "Moved by [of that]"]
     return (
-        "<p>The inertials in the robot file stand beside the data as a prior. By the evidence the links count as if "
-        f"off by {percent(off['links'])}{rotors}. Of the {count(prior['n_directions'])} directions in which the file "
-        f"says something the data determines {significant(prior['n_determined'], 2)}; it moved {count(far)} of "
-        f"{count(len(moved))} base parameters by more than twice the prior's standard deviation.</p>\n"
+        "<p>Where these runs say little, the masses and inertias of the robot file decide (they are the prior of the "
+        f"fit). By the evidence they are wrong by about {percent(off['links'])}{rotors}. Of the "
+        f"{count(prior['n_directions'])} combinations of them that the file knows, the runs determine "
+        f"{significant(prior['n_determined'], 2)}; they moved {count(far)} of {count(len(moved))} base parameters by "
+        "more than twice what the file is trusted to.</p>\n"
         "<details><summary>How far the data moved each parameter</summary>"
         f"{tables.table(head, rows, label='Prior and data')}</details>"
     )

@@ -85,6 +85,7 @@ def _member(figures: Figures, result: Result, family: Family, member: Member, *,
     where_ = entry["joints"][0] if several else ""
     drawn = curves.curve(figures, f"effect-{k}", entry.get("plot"), result, capital(name), where_)
     figure = f"<figure>{drawn}</figure>" if drawn else f'<p class="note no-curve">{_no_curve(entry)}</p>'
+    figure += _shown_on(entry) if drawn else ""
     return (
         f'<section class="member" aria-label="{esc(capital(family.name))}, {esc(", ".join(entry["joints"]))}">{head}'
         f'<div class="sure">{_gain(result, member)}</div>{figure}\n<div class="facts">{_parameters(entry)}'
@@ -92,7 +93,20 @@ def _member(figures: Figures, result: Result, family: Family, member: Member, *,
     )
 
 
+def _shown_on(entry: Result) -> str:
+    """Which joint a curve is of, where the effect is not that joint's alone."""
+    joint = entry["plot"].get("joint")
+    if joint is None or entry["joints"] == [joint] or len(entry["joints"]) == 2:
+        return ""
+    also = "" if entry["kind"] == "encoder_delay" else "; the other joints\u2019 angles count too, so points scatter"
+    return f'<p class="note">Drawn on {breakable(joint)}, which shows most of it{also}.</p>'
+
+
 def _no_curve(entry: Result) -> str:
+    if entry["kind"] == "torque_gain":
+        return "It scales the whole torque of the joint: a curve would be a straight line; its size is below."
+    if entry["kind"] == "torque_delay":
+        return "It shifts the whole torque in time: it is no torque over a signal; its size is below."
     if len(entry["joints"]) > 1:
         return "It acts on several joints at once: no single signal shows it as a curve."
     return "It changes what the model is made of; its size is below, what it brings is in the chart of errors."

@@ -89,6 +89,12 @@ def check_size(
     )
 
 
+SHARED = 0.1
+"""Share of the steps that are zero, and that are not, from which on stamps are rounded: repeated rows are fewer."""
+ROUNDING = 0.01
+"""Relative difference up to which the steps of rounded stamps are one."""
+
+
 def check_time(t: FloatArray, *, file: str, column: str = "t", line_of: Callable[[int], int] | None = None) -> None:
     """Check that time (n,) [s] is finite and strictly increasing, without long gaps.
 
@@ -118,7 +124,7 @@ def check_time(t: FloatArray, *, file: str, column: str = "t", line_of: Callable
             f"time {'goes backwards' if backwards else 'stands still'} from "
             f"{t[row - 1]:.9g} s to {t[row]:.9g} s"
             f" ({wrong.size} such row{'s' if wrong.size > 1 else ''}); time must strictly increase: "
-            + ("split the run there" if backwards else "remove the repeated rows"),
+            + ("split the run there" if backwards else _rounded(t, dt) or "remove the repeated rows"),
         )
     median = usual_step(dt)
     if median < MIN_STEP:
@@ -132,6 +138,22 @@ def check_time(t: FloatArray, *, file: str, column: str = "t", line_of: Callable
             f"a gap of {dt[longest]:.4g} s before this row ({float(dt[longest]) / median:.0f} median "
             f"steps of {median:.4g} s) cannot be bridged; split the run there",
         )
+
+
+def _rounded(t: FloatArray, dt: FloatArray) -> str:
+    """What stamps (n,) [s] with steps (n - 1,) are rounded to, and the mend; nothing where rows are there twice."""
+    forward = dt[dt > 0]
+    if forward.size < SHARED * dt.size or forward.size > (1 - SHARED) * dt.size or np.any(dt < 0):
+        return ""
+    step = float(np.median(forward))
+    if np.max(np.abs(forward - step)) > ROUNDING * step:
+        return ""
+    rate = (len(t) - 1) / float(t[-1] - t[0])
+    return (
+        f"the stamps are rounded to {step:.4g} s, which about {dt.size / forward.size:.2g} rows share; write them with "
+        f"more digits, or, if the rows are evenly spaced, t = 0, {1 / rate:.6g}, {2 / rate:.6g}, ... s (they come at "
+        f"about {rate:.4g} Hz)"
+    )
 
 
 def usual_step(dt: FloatArray) -> float:

@@ -10,7 +10,7 @@ import numpy as np
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.findings import Finding
 from dynid_rs.runs.checks.clocks import Clock, check_clocks
-from dynid_rs.runs.checks.repeats import common_rows
+from dynid_rs.runs.checks.repeats import Keys, common_rows, row_keys
 from dynid_rs.runs.facts import RunFacts
 from dynid_rs.runs.recording import Recording
 
@@ -95,14 +95,15 @@ def _last_part(run: Recording) -> float:
 
 def refuse_repeats(runs: Sequence[Recording], test: Sequence[Recording]) -> None:
     """Refuse samples that are there twice: the test would be an exam with known answers, intervals too narrow."""
-    seen: list[tuple[Recording, bool]] = []
+    seen: list[tuple[Recording, bool, Keys]] = []
     for recording, is_test in [*((run, False) for run in runs), *((run, True) for run in test)]:
-        for earlier, was_test in seen:
-            rows = common_rows(earlier, recording)
+        keys = row_keys(recording)
+        for earlier, was_test, of_earlier in seen:
+            rows = common_rows(earlier, recording, (of_earlier, keys))
             if rows is not None:
                 part = None if rows[1] - rows[0] >= recording.n_samples else rows
                 raise repeated(recording.name, earlier.name, is_test=is_test, was_test=was_test, rows=part)
-        seen.append((recording, is_test))
+        seen.append((recording, is_test, keys))
 
 
 def repeated(

@@ -184,7 +184,7 @@ impl GaussianMixtureRegression {
     pub fn responsibilities_into(&self, u: &[f64], h: &mut [f64]) -> Result<(), CoreError> {
         crate::dynamics::check_length("u", u, self.n_inputs)?;
         crate::dynamics::check_length("h", h, self.weights.len())?;
-        lanes::run(Responsibilities {
+        lanes::run_narrow(Responsibilities {
             rows: &self.rows,
             u,
             h,

@@ -73,13 +73,21 @@ fn kind(_found: FileType) -> &'static str {
 /// Writes to a temporary file beside `path`, which is then renamed: who reads sees the old file or the whole new one.
 ///
 /// # Errors
-/// [`check_replaceable`]'s, or the system's.
+/// [`check_replaceable`]'s; [`ErrorKind::NotFound`], the text half a sentence, without the folder; or the system's.
 pub(crate) fn write_whole(path: &Path, bytes: &[u8]) -> io::Result<()> {
     check_replaceable(path)?;
     let folder = match path.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => folder,
         _ => Path::new("."),
     };
+    if !folder.exists() {
+        // Of the temporary file, which nobody has asked for, the system would say so.
+        let words = format!(
+            "the folder {} does not exist; create it first",
+            folder.display()
+        );
+        return Err(io::Error::new(ErrorKind::NotFound, words));
+    }
     clear_leftovers(folder);
     let mut file = held_file(folder, path.extension())?;
     file.write_all(bytes)?;
@@ -105,13 +113,20 @@ fn held_file(folder: &Path, extension: Option<&OsStr>) -> io::Result<NamedTempFi
             builder.permissions(fs::Permissions::from_mode(0o644));
         }
         builder.prefix(&name).suffix(&suffix).rand_bytes(0);
-        let file = builder.tempfile_in(folder)?;
+        let file = builder
+            .tempfile_in(folder)
+            .map_err(|error| of_the_system(&error))?;
         // Where there are no locks, nobody clears. Another process may have cleared before this lock was there.
         let _ = file.as_file().try_lock();
         if file.path().exists() {
             return Ok(file);
         }
     }
+}
+
+/// What the system said, without the name of a temporary file that nobody has asked for.
+fn of_the_system(error: &io::Error) -> io::Error {
+    error.kind().into()
 }
 
 /// Removes the files that dead processes left half written; a lock ends with its process, however that ends.

@@ -44,7 +44,7 @@ pub fn base_parameters(
 ) -> Result<BaseParameters, OfflineError> {
     let width = N_LINK_PARAMS * robot.n_joints();
     let (q, dq, ddq) = probing_states(robot, PROBES, seed);
-    let r = lanes::run(ProbesFactor {
+    let r = lanes::run_narrow(ProbesFactor {
         robot,
         motion: [&q, &dq, &ddq],
     });
@@ -196,7 +196,7 @@ fn pivoted(r: &[f64], width: usize, rtol: f64) -> Pivoted {
             columns.column(j)[i / MOST_LANES][i % MOST_LANES] = *x;
         }
     }
-    lanes::run(Pivoting(columns, rtol))
+    lanes::run_narrow(Pivoting(columns, rtol))
 }
 
 #[inline(always)]

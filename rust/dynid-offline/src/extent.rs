@@ -18,7 +18,7 @@ pub struct Extent {
 /// Extent of every column of `x` (n × width, row-major) with n > 0 finite rows.
 #[must_use]
 pub fn extent(x: &[f64], width: usize) -> Extent {
-    lanes::run(Look { x, width })
+    lanes::run_narrow(Look { x, width })
 }
 
 struct Look<'a> {

@@ -13,7 +13,7 @@ pub fn friction_basis(
     transition_width: f64,
 ) -> Vec<[f64; N_FRICTION]> {
     let mut out = vec![[0.0; N_FRICTION]; dq.len()];
-    lanes::run(Basis {
+    lanes::run_narrow(Basis {
         dq,
         shape: [velocity_threshold, transition_width],
         out: out.as_flattened_mut(),

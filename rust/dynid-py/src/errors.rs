@@ -8,7 +8,10 @@ use dynid_io::urdf::UrdfError as RustUrdfError;
 use dynid_io::{CHeaderError, ModelFileError};
 use dynid_offline::OfflineError;
 use pyo3::create_exception;
-use pyo3::exceptions::{PyFileExistsError, PyIsADirectoryError, PyOSError, PyValueError};
+use pyo3::exceptions::{
+    PyFileExistsError, PyFileNotFoundError, PyIsADirectoryError, PyNotADirectoryError, PyOSError,
+    PyPermissionError, PyValueError,
+};
 use pyo3::prelude::*;
 
 create_exception!(
@@ -84,6 +87,9 @@ fn os_error(source: &io::Error, path: &str) -> PyErr {
             match source.kind() {
                 io::ErrorKind::AlreadyExists => PyFileExistsError::new_err(text),
                 io::ErrorKind::IsADirectory => PyIsADirectoryError::new_err(text),
+                io::ErrorKind::NotFound => PyFileNotFoundError::new_err(text),
+                io::ErrorKind::NotADirectory => PyNotADirectoryError::new_err(text),
+                io::ErrorKind::PermissionDenied => PyPermissionError::new_err(text),
                 _ => PyOSError::new_err(text),
             }
         }

@@ -79,6 +79,9 @@ def test_a_payload_is_weighed(reference, arm, size):
     changes = compared(reference, heavier)
     (effect,) = changes.effects
     assert effect["kind"] == "payload"
+    plot = effect["plot"]
+    assert (plot["signal"], plot["unit"], plot["quantity"]) == (f"q_{plot['joint']}", "rad", "torque")
+    assert_allclose(plot["mean"], plot["curve"], atol=0.15 * np.ptp(plot["curve"]))
     assert effect["ties"] == []
     value, half = values(effect)
     assert np.all(np.abs(value - heavier.effects[0].parameters) < HALF_WIDTHS * half)

@@ -109,3 +109,25 @@ def test_gears_that_yield_are_no_late_channel():
     runs = simulate(arm, n_runs=4).recordings
     assert arm.delay == pytest.approx(0.0028)
     assert channel_errors(Setup(SIX_AXES), runs) == []
+
+
+@pytest.mark.parametrize(
+    ("gravity", "said"),
+    [
+        ((0.0, 0.0, 9.81), "gravity pulls 180 degrees away from 0.00,0.00,9.81 m/s^2"),
+        ((0.0, -9.81, 0.0), "gravity pulls 90 degrees away from 0.00,-9.81,0.00 m/s^2"),
+        ((0.0, 0.0, -1.62), "gravity is 9.81 m/s^2 and not 1.62"),
+        ((0.0, -1.0, 0.0), "gravity is 9.81 m/s^2 and pulls 90 degrees away from 0.00,-1.00,0.00 m/s^2"),
+        ((0.0, 0.0, 0.0), "gravity pulls, and is zero"),
+    ],
+)
+def test_a_wrong_gravity_is_questioned_and_the_right_one_named(gravity, said):
+    (finding,) = channel_errors(Setup(SIX_AXES.with_gravity(gravity)), recorded(rigid(SIX_AXES), n_runs=2))
+    assert (finding.code, finding.severity) == ("mounting", "warning")
+    assert finding.message.startswith(said)
+    assert finding.message.endswith("give --gravity 0.00,0.00,-9.81")
+
+
+def test_a_light_gravity_that_is_so_is_believed():
+    moon = SIX_AXES.with_gravity((0.0, 0.0, -1.62))
+    assert channel_errors(Setup(moon), recorded(rigid(moon), n_runs=2)) == []

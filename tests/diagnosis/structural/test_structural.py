@@ -24,6 +24,8 @@ from helpers.small_arm import JOINTS, URDF
 from numpy.testing import assert_allclose
 
 import dynid_rs as dyn
+from dynid_rs.base.errors import DataError
+from dynid_rs.diagnosis.loop import diagnose
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.structural import structural_hypotheses, undone
 from dynid_rs.diagnosis.structural.frames import (
@@ -54,6 +56,11 @@ def test_another_mounting_is_named_and_the_error_is_that_of_an_arm_that_was_told
     _, oracle_error = errors(replace(found, after=oracle, setup=Setup(told)), runs[2:])
     assert np.all(after < 1.3 * oracle_error)
     assert before[1] > 5 * after[1]
+    plot = entry_of(found, "gravity_tilt")["plot"]
+    assert (plot["signal"], plot["unit"], plot["quantity"]) == (f"q_{plot['joint']}", "rad", "torque")
+    size = np.ptp(plot["curve"])
+    assert size > 10.0  # N m: gravity from another side
+    assert_allclose(plot["mean"], plot["curve"], atol=0.1 * size)
 
 
 def test_a_mounting_is_named_on_an_arm_whose_file_says_nothing_of_its_links():
@@ -229,3 +236,14 @@ def test_impossible_gains_are_refused(gains):
     runs = measured(robot=SIX_AXES, duration=5.0)
     with pytest.raises(ValueError, match="free_gains"):
         ThreeLoopIdentifier(SIX_AXES, residual=None, free_gains=gains).fit(runs[:1])
+
+
+def test_a_run_that_is_given_twice_is_refused_as_by_the_command():
+    runs = recorded(rigid(), n_runs=2)
+    said = r"run_0\S* is given twice to learn from; name it once"
+    with pytest.raises(DataError, match=said):
+        ThreeLoopIdentifier(ROBOT).fit([runs[0], runs[0]])
+    with pytest.raises(DataError, match=said):
+        diagnose(ROBOT, [runs[0], runs[0]], [runs[1]])
+    with pytest.raises(DataError, match="is both learned from and tested on"):
+        diagnose(ROBOT, runs, [runs[1]])

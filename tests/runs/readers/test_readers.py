@@ -7,6 +7,7 @@ import os
 import time
 import zipfile
 import zlib
+from datetime import datetime, timedelta
 
 import numpy as np
 import pytest
@@ -819,3 +820,47 @@ def test_config_that_does_not_fit_the_run(tmp_path, settings_, match):
 def test_open_run_reads_names_only(tmp_path):
     path = write_csv(tmp_path / "run.csv", valid_columns())
     assert open_run(path).names == tuple(valid_columns())
+
+
+STAMPS = {
+    "day_first": ("%d.%m.%Y %H:%M:%S.%f", 0.004),
+    "iso": ("%Y-%m-%dT%H:%M:%S.%f", 0.004),
+}
+
+
+@pytest.mark.parametrize(("form", "step"), STAMPS.values(), ids=STAMPS)
+def test_dates_with_the_day_first_are_read_as_iso_dates_are(tmp_path, form, step):
+    rec = read_recording(stamped(tmp_path, form), None)
+    np.testing.assert_allclose(rec.t - rec.t[0], step * np.arange(N_STAMPED), atol=1e-9)
+
+
+def test_a_date_that_may_be_two_days_is_refused_with_the_ways_to_write_it(tmp_path):
+    with pytest.raises(DataError, match=r"'05/01/2024 12:00:00.\d+' is a date whose order .* 2024-05-01T.*ISO 8601"):
+        read_recording(stamped(tmp_path, "%m/%d/%Y %H:%M:%S.%f"), None)
+
+
+def test_stamps_that_are_rounded_are_said_to_be(tmp_path):
+    with pytest.raises(
+        DataError, match=r"stamps are rounded to 0.01 s, which about 2.5 rows share; .* 0.004, .*250 Hz"
+    ):
+        read_recording(stamped(tmp_path, "%d.%m.%Y %H:%M:%S.%f", cut=-4), None)
+    path = stamped(tmp_path, "%d.%m.%Y %H:%M:%S.%f")
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join([*lines[:40], lines[39], *lines[40:]]) + "\n")
+    with pytest.raises(DataError, match="time must strictly increase: remove the repeated rows"):
+        read_recording(path, None)
+
+
+N_STAMPED = 501
+
+
+def stamped(folder, form, cut=None):
+    """A run of one joint at 250 Hz from the first of May on, with stamps of this form."""
+    start = datetime(2024, 5, 1, 12)
+    lines = ["t,q_0,tau_0"]
+    for k in range(N_STAMPED):
+        stamp = (start + timedelta(seconds=0.004 * k)).strftime(form)[:cut]
+        lines.append(f"{stamp},{np.sin(0.01 * k):.6f},{np.cos(0.01 * k):.6f}")
+    path = folder / "stamped.csv"
+    path.write_text("\n".join(lines) + "\n")
+    return path

@@ -19,6 +19,7 @@ from dynid_rs.base.findings import Finding, joint_words
 from dynid_rs.diagnosis.reference.change_search import ChangeSearch
 from dynid_rs.diagnosis.reference.changes import PAYLOAD, Believed, Hypothesis
 from dynid_rs.diagnosis.reference.payload import physical_payload
+from dynid_rs.diagnosis.structure_plot import over_angle
 from dynid_rs.identification.training import prepare_training_runs
 from dynid_rs.model.assembly import evaluate, with_band
 from dynid_rs.regression.evaluation import rmse
@@ -129,6 +130,7 @@ def _report(search: ChangeSearch, beliefs: list[Believed], tests: list[States]) 
             ],
             "p_value": named.p_value,
             "ties": [_tie(other, belief, tests) for other, belief in named.ties],
+            "plot": load_plot(believed, search.runs, float(margin[0] / abs(value[0]))) if h.kind == PAYLOAD else None,
         }
         if tests:
             effect["rmse_test_before"] = errors["test"][k].tolist()
@@ -138,6 +140,26 @@ def _report(search: ChangeSearch, beliefs: list[Believed], tests: list[States]) 
     findings += _unexplained(left / search.reference_noise, joints)
     table = {part: {"before": every[0], "after": every[-1]} for part, every in errors.items() if len(every[0])}
     return Changes(effects, believed.model(), findings, table)
+
+
+def load_plot(believed: Believed, runs: Sequence[States], margin: float) -> dict[str, Any]:
+    """Torque of what is carried, over the angle of the joint that bears most of it.
+
+    `margin`: half of the 95 % interval of the mass, over the mass.
+    """
+    model, robot = believed.model(), believed.robot
+    carried, left, angles = [], [], []
+    for states in runs:
+        aligned = states.aligned(model.encoder_delay, model.encoder_error)
+        regressor = robot.joint_torque_regressor(aligned.q, aligned.dq, aligned.ddq)[:, :, -10:]
+        carried.append(states.in_band(regressor @ believed.payload * np.asarray(model.torque_scale)))
+        left.append(states.in_band(states.tau - evaluate(model, states)[0]))
+        angles.append(states.q[states.rows])
+    torque, rest, angle = (np.concatenate(parts) for parts in (carried, left, angles))
+    used = np.concatenate([states.counted for states in runs])
+    j = int(np.argmax(np.sum(torque**2 * used, axis=0)))
+    at = used[:, j]
+    return over_angle(robot, j, angle[at, j], torque[at, j], rest[at, j], margin / NORMAL_95)
 
 
 def _tie(other: Hypothesis, belief: Believed, tests: list[States]) -> dict[str, Any]:

@@ -79,7 +79,7 @@ def channel_findings(robot: _core.RobotModel, runs: Sequence[States], torque_uni
         fit, gains = unit_fit(bench)
         scaled = Bench(robot, tuple(replace(rows, tau=rows.tau * gains) for rows in bench.rows))
 
-        def turned(_: Bench) -> tuple[Trial, FloatArray] | None:
+        def turned(_: Bench) -> tuple[Trial, FloatArray]:
             # Under another gravity other gains are likely; densities are those of the scaled torque, like the others'.
             return gravity_trial(scaled, lambda other: _less(unit_fit(Bench(other, bench.rows))[0], fit, scaled.fit))
 
@@ -100,7 +100,7 @@ def _likeliest(candidates: Iterable[tuple[Trial, Finding]]) -> list[Finding]:
 def _candidates(
     bench: Bench,
     names: Sequence[str],
-    turned: Callable[[Bench], tuple[Trial, FloatArray] | None],
+    turned: Callable[[Bench], tuple[Trial, FloatArray]],
     *,
     sized: bool,
     declared: bool,
@@ -116,7 +116,7 @@ def _candidates(
             if _clear(bench, trial) and (len(names) > 2 or mass > 0):
                 yield trial, words.payload(trial, names, mass if judged else None)
         mounted = turned(bench)
-        if mounted is not None and _clear(bench, mounted[0]):
+        if _clear(bench, mounted[0]):
             yield mounted[0], words.mounting(bench, mounted[0], names, mounted[1], signed=declared)
     # Gains that the runs themselves tell say nothing of a unit: a run of little motion would have another one.
     if sized and (declared or len(names) > 1):

@@ -1,4 +1,4 @@
-"""Another direction of gravity than the robot file's: a base that hangs, stands on a wall or on a slope."""
+"""Another gravity than the robot's: a base that hangs, stands on a wall or on a slope, or another size."""
 
 from __future__ import annotations
 
@@ -14,14 +14,16 @@ from dynid_rs.diagnosis.sensors.rows import Moments
 
 FloatArray = NDArray[np.float64]
 
+EARTH = 9.81
+"""Free fall [m/s^2]: 9.78 at the equator, 9.83 at the poles."""
+ELSEWHERE = 0.02
+"""Relative difference from which on a size is not Earth's, and Earth's is tried too."""
 STEPS = (0.4, 0.2, 0.1, 0.05)
 """Turns [rad] that are tried about the best direction so far, one after the other."""
 
 
-def gravity_trial(
-    bench: Bench, fitted: Callable[[_core.RobotModel], ArmFit] | None = None
-) -> tuple[Trial, FloatArray] | None:
-    """The direction (3,) under which the runs are most probable; None where nothing falls.
+def gravity_trial(bench: Bench, fitted: Callable[[_core.RobotModel], ArmFit] | None = None) -> tuple[Trial, FloatArray]:
+    """The gravity (3,) [m/s^2] under which the runs are most probable: any direction, the robot's size or Earth's.
 
     `fitted` explains the runs with another robot; as they stand on the bench by default.
     """
@@ -31,14 +33,16 @@ def gravity_trial(
         fit = _as_they_stand(bench, robot) if fitted is None else fitted(robot)
         return Trial("mounting", tuple(range(robot.n_joints)), tuple(range(len(bench.rows))), fit)
 
-    strength = float(np.linalg.norm(bench.robot.gravity))
-    if strength == 0:
-        return None
+    declared = float(np.linalg.norm(bench.robot.gravity))
+    strengths = [declared] if declared > 0 else []
+    if abs(declared - EARTH) > ELSEWHERE * EARTH:
+        strengths.append(EARTH)
     corners = np.array(np.meshgrid(*[(-1.0, 0.0, 1.0)] * 3)).reshape(3, -1).T
-    starts = [corner / np.linalg.norm(corner) for corner in corners if np.any(corner)]
-    trials = [tried(strength * start) for start in starts]
+    directions = [corner / np.linalg.norm(corner) for corner in corners if np.any(corner)]
+    starts = [(strength, direction) for strength in strengths for direction in directions]
+    trials = [tried(strength * direction) for strength, direction in starts]
     best = max(range(len(trials)), key=lambda k: trials[k].fit.log)
-    trial, direction = trials[best], starts[best]
+    trial, (strength, direction) = trials[best], starts[best]
     for step in STEPS:
         for across in _across(direction):
             for turn in (step, -step):

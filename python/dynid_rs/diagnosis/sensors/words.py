@@ -18,6 +18,10 @@ FloatArray = NDArray[np.float64]
 
 UNIT_RANGE = 2.0
 """A unit is recognised within this factor: inertials of robot files are that wrong."""
+LEAST_TURN = 3.0
+"""Smaller turns [deg] of gravity are not said where its size is wrong: they are steps of the search."""
+ROUNDING = 1e-3
+"""Relative difference up to which two sizes of gravity are one."""
 MOST_PERCENT = 400.0
 """No drive gives more of its rated torque [%]."""
 
@@ -138,21 +142,34 @@ def late(bench: Bench, lag: Lag, names: Sequence[str], *, filtered: bool) -> Fin
 
 
 def mounting(bench: Bench, trial: Trial, names: Sequence[str], gravity: FloatArray, *, signed: bool) -> Finding:
-    """A base that is not mounted as the robot file says.
+    """Gravity that is not as the robot has it: the base is mounted otherwise, or the size is wrong.
 
-    Where no mass is known (not `signed`) gravity and its opposite are alike: the one nearer to the file's is said.
+    Where no mass is known (not `signed`) gravity and its opposite are alike: the one nearer to the robot's is said.
     """
     declared = np.asarray(bench.robot.gravity)
     if not signed and declared @ gravity < 0:
         gravity = -gravity
-    cosine = float(declared @ gravity / np.linalg.norm(declared) / np.linalg.norm(gravity))
-    angle = float(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
-    there = ",".join(f"{x + 0.0:.2f}" for x in gravity)
+    size, was = float(np.linalg.norm(gravity)), float(np.linalg.norm(declared))
+    mend = f"give --gravity {_vector(gravity)}{'' if signed else ' (or its opposite: the file gives no masses)'}"
+    whose, odds = "the robot file or --gravity has it", _odds(bench, trial)
+    if was == 0:
+        message = f"gravity pulls, and is zero as {whose} ({odds}); {mend}"
+        return Finding("mounting", "warning", message, names[0], None, value=size, unit="m/s^2")
+    angle = float(np.degrees(np.arccos(np.clip(float(declared @ gravity) / (size * was), -1, 1))))
+    if angle < LEAST_TURN and abs(size / was - 1) > ROUNDING:
+        message = f"gravity is {size:.3g} m/s^2 and not {was:.3g}, as {whose} ({odds}); {mend}"
+        return Finding("mounting", "warning", message, names[0], None, value=size, unit="m/s^2")
+    resized = "" if abs(size / was - 1) < ROUNDING else f"is {size:.3g} m/s^2 and "
     message = (
-        f"gravity pulls {angle:.0f} degrees away from where the robot file has it ({_odds(bench, trial)}): the base is "
-        f"mounted otherwise; give --gravity {there}{'' if signed else ' (or its opposite: the file gives no masses)'}"
+        f"gravity {resized}pulls {angle:.0f} degrees away from {_vector(declared)} m/s^2, as {whose} ({odds}): the "
+        f"base is mounted otherwise; {mend}"
     )
     return Finding("mounting", "warning", message, names[0], None, value=angle, unit="deg")
+
+
+def _vector(gravity: FloatArray) -> str:
+    """As ``--gravity`` takes it."""
+    return ",".join(f"{x + 0.0:.2f}" for x in np.round(gravity, 2))
 
 
 def payload(trial: Trial, names: Sequence[str], mass: float | None) -> Finding:

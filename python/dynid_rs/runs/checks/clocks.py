@@ -31,7 +31,7 @@ ANOTHER_CLOCK = 100.0
 TOP = 98
 """Percentile of the speed that stands for its top: damaged samples are fewer."""
 
-_WORDS = {"s": "seconds", "ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}
+WORDS = {"s": "seconds", "ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}
 
 
 @dataclass(frozen=True)
@@ -152,14 +152,14 @@ def _finding(clock: Clock, unit: str, *, lonely: bool) -> Finding:
     mend = f'say so in dynid.toml: [units] time = "{unit}"'
     if not lonely:
         mend = (
-            f"write this file again with t in {_WORDS[clock.unit]} like the others, or give it alone with dynid.toml: "
+            f"write this file again with t in {WORDS[clock.unit]} like the others, or give it alone with dynid.toml: "
             f'[units] time = "{unit}"'
         )
     return Finding(
         "sampling_rate",
         "error",
-        f"t is not in {_WORDS[clock.unit]} (a median step of {1 / clock.rate:.4g} s, {clock.rate:.3g} Hz, "
-        f"{clock.duration:.4g} s in all) but in {_WORDS[unit]}, it seems ({meant.rate:.4g} Hz, "
+        f"t is not in {WORDS[clock.unit]} (a median step of {1 / clock.rate:.4g} s, {clock.rate:.3g} Hz, "
+        f"{clock.duration:.4g} s in all) but in {WORDS[unit]}, it seems ({meant.rate:.4g} Hz, "
         f"{meant.duration:.4g} s): {mend}",
         clock.name,
         "t",

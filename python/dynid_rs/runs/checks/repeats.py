@@ -13,16 +13,21 @@ from dynid_rs.base.findings import Finding
 from dynid_rs.runs.checks.motion import MIN_SPAN
 from dynid_rs.runs.recording import Recording
 
+Keys = NDArray[np.uint64]
+
 LEAST_ROWS = 50
 """Rows in a row that are the same in position and torque, to the last bit, while some joint moves. Of two runs that
 were measured apart not even one is, but for noise that is coarser than the motion."""
 
 
-def common_rows(a: Recording, b: Recording) -> tuple[int, int] | None:
-    """Rows (start, stop) of `b` that `a` has too, in the same order, whatever the clock; None where there are few."""
+def common_rows(a: Recording, b: Recording, keys: tuple[Keys, Keys] | None = None) -> tuple[int, int] | None:
+    """Rows (start, stop) of `b` that `a` has too, in the same order, whatever the clock; None where there are few.
+
+    `keys`: `row_keys` of both, where they are known.
+    """
     if a.n_joints != b.n_joints or a.torque_unit != b.torque_unit:
         return None
-    first, second = row_keys(a), row_keys(b)
+    first, second = (row_keys(a), row_keys(b)) if keys is None else keys
     common, of_a, of_b = np.intersect1d(first, second, return_indices=True)
     if len(common) < LEAST_ROWS:
         return None
@@ -36,7 +41,7 @@ def common_rows(a: Recording, b: Recording) -> tuple[int, int] | None:
     return start, stop
 
 
-def row_keys(recording: Recording) -> NDArray[np.uint64]:
+def row_keys(recording: Recording) -> Keys:
     """One number for each row (n,), of its positions and torques: equal rows have equal ones."""
     bits = np.concatenate([recording.q, recording.tau], axis=1)
     bits = np.ascontiguousarray(bits + 0.0).view(np.uint64)  # minus zero is zero

@@ -15,7 +15,7 @@ from dynid_rs.base.errors import DataError
 from dynid_rs.base.files import check_readable
 from dynid_rs.base.quoting import shown
 from dynid_rs.runs.cells import row_text
-from dynid_rs.runs.readers.stamps import ticks
+from dynid_rs.runs.readers.stamps import is_date, ticks
 from dynid_rs.runs.readers.table import Columns, Table, refuse_duplicates
 from dynid_rs.runs.readers.text_layout import (
     COMMENTS,
@@ -171,7 +171,7 @@ def _value(layout: Layout, row: int, line: int, position: int, cell: str) -> flo
         try:
             return int(ticks([cell])[0])
         except ValueError:
-            text = f"{shown(cell)!r} is no date with a time (ISO 8601) like those before; correct the cell"
+            text = f"{shown(cell)!r} is no date with a time like those before; correct the cell"
             raise _fault(layout, row, line, name, text) from None
     if name in layout.integers and _INTEGER.fullmatch(cell):
         return int(cell)
@@ -182,6 +182,12 @@ def _value(layout: Layout, row: int, line: int, position: int, cell: str) -> flo
         raise _fault(layout, row, line, name, "the cell is empty, expected a number; cut the row out")
     points = len(cell) <= MAX_NUMBER and NUMBER.fullmatch(cell.replace(",", "."))
     mend = "write decimal points, not commas" if points else "correct the cell"
+    if is_date(cell):
+        text = (
+            f"{shown(cell)!r} is a date whose order of day and month is not certain, or that has no time; write "
+            "2024-05-01T12:00:00.010 (ISO 8601) or 01.05.2024 12:00:00.010 (day first), or seconds as a number"
+        )
+        raise _fault(layout, row, line, name, text)
     raise _fault(layout, row, line, name, f"{shown(cell)!r} is not a number; {mend}")
 
 

@@ -1,4 +1,4 @@
-"""Stamps of rows: ISO 8601 and times of day to whole nanoseconds; integers stay exact."""
+"""Stamps of rows: ISO 8601, day.month.year and times of day to whole nanoseconds; integers stay exact."""
 
 from __future__ import annotations
 
@@ -10,15 +10,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 _STAMP = re.compile(
-    r"(?:(\d{4}-\d\d-\d\d)[T ])?(\d\d:\d\d:\d\d)(?:[.,](\d{1,9})\d*)?\s*(Z|[+-]\d\d(?::?\d\d)?)?", re.ASCII
+    r"(?:(?:(\d{4}-\d\d-\d\d)|(\d\d?)\.(\d\d?)\.(\d{4}))[T ]\s*)?"
+    r"(\d\d:\d\d:\d\d)(?:[.,](\d{1,9})\d*)?\s*(Z|[+-]\d\d(?::?\d\d)?)?",
+    re.ASCII,
 )
+"""Dots between day, month and year: nobody who writes them puts the month first."""
+_DATE = re.compile(r"\d{1,4}([-/. ])(?:\d{1,2}|[A-Za-z]{3,9})\1\d{1,4}\b.*", re.ASCII)
 _NANO = 10**9
 _FIRST_DAY = "1970-01-01"
 
 
 def is_stamp(text: str) -> bool:
-    """Whether a cell is a date with a time (ISO 8601), or a time of day."""
+    """Whether a cell is a date (ISO 8601, or day.month.year) with a time, or a time of day."""
     return len(text) <= 64 and _STAMP.fullmatch(text.strip()) is not None
+
+
+def is_date(text: str) -> bool:
+    """Whether a cell looks like a date as people write it, in whatever order."""
+    return len(text) <= 64 and _DATE.fullmatch(text.strip()) is not None
 
 
 def ticks(cells: Iterable[str]) -> NDArray[np.int64]:
@@ -34,10 +43,12 @@ def ticks(cells: Iterable[str]) -> NDArray[np.int64]:
         parts = _STAMP.fullmatch(cell.strip()) if len(cell) <= 64 else None
         if parts is None:
             raise ValueError(row, cell)
-        day, clock, fraction, zone = parts.groups()
+        date, day, month, year, clock, fraction, zone = parts.groups()
+        if day is not None:
+            date = f"{year}-{month:0>2}-{day:0>2}"
         zone = {None: "+00:00", "Z": "+00:00"}.get(zone, zone)
         try:
-            moment = datetime.fromisoformat(f"{day or _FIRST_DAY}T{clock}{zone}")
+            moment = datetime.fromisoformat(f"{date or _FIRST_DAY}T{clock}{zone}")
         except ValueError:
             raise ValueError(row, cell) from None
         seconds = round((moment - datetime(1970, 1, 1, tzinfo=UTC)).total_seconds())

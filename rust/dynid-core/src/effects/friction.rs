@@ -52,7 +52,7 @@ pub fn friction_columns(dq: f64, lambda: f64, eps: f64) -> [f64; N_FRICTION] {
         }
     }
 
-    lanes::run(One([dq, lambda, eps]))
+    lanes::run_narrow(One([dq, lambda, eps]))
 }
 
 /// [`friction_columns`] of a row of speeds.

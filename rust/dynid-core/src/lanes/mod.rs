@@ -260,6 +260,17 @@ pub fn run<K: Kernel>(kernel: K) -> K::Output {
     run_available(path(), kernel)
 }
 
+/// `kernel` on [`path`], but on four lanes at most: what runs once a robot or once a run is not worth the bytes that eight
+/// lanes take of a published file. The bits of its results are the same.
+#[inline]
+pub fn run_narrow<K: Kernel>(kernel: K) -> K::Output {
+    match path() {
+        #[cfg(target_arch = "x86_64")]
+        Path::Avx512 | Path::Avx2 => x86::run_avx2(kernel),
+        _ => kernel.run::<Portable<1, FUSED>, Portable<WIDEST, FUSED>>(),
+    }
+}
+
 /// `kernel` on `path`, or on [`Path::Baseline`] if this processor does not have it.
 #[inline]
 pub fn run_on<K: Kernel>(path: Path, kernel: K) -> K::Output {

@@ -99,6 +99,25 @@ fn a_link_is_neither_followed_nor_replaced() {
 }
 
 #[test]
+fn a_place_that_is_not_there_is_named_as_it_was_given() {
+    let folder = tempfile::tempdir().unwrap();
+    let none = folder.path().join("none");
+    let said = save(&model(), &none.join("x.json"))
+        .unwrap_err()
+        .to_string();
+    let wanted = format!(
+        "the folder {} does not exist; create it first",
+        none.display()
+    );
+    assert!(said.ends_with(&wanted), "{said}");
+    fs::write(&none, "a file").unwrap();
+    let said = save(&model(), &none.join("x.json"))
+        .unwrap_err()
+        .to_string();
+    assert!(!said.contains(".dynid-"), "{said}");
+}
+
+#[test]
 fn a_word_of_a_megabyte_is_quoted_short() {
     let long = "9".repeat(1_000_000);
     let text = to_text(&model()).unwrap();

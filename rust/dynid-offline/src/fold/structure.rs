@@ -35,7 +35,7 @@ pub(super) fn structures(
     let most = plan.iter().map(|joint| joint.links.len()).max();
     let n_samples = (most.unwrap_or(0) + SPARE).next_multiple_of(MOST_LANES);
     let (q, dq, ddq) = probing_states(robot, n_samples, 0);
-    let factors = lanes::run(Independent {
+    let factors = lanes::run_narrow(Independent {
         robot,
         motion: [&q, &dq, &ddq],
         plan,
