@@ -80,17 +80,18 @@ def _gains(belief: Belief) -> dict[Place, float]:
 def harmless(belief: Belief, declared: Beside) -> None:
     """Take out names until no joint is predicted worse than by the declared model, on parts that were left out.
 
-    Worse: by more than `HARM`, and by more than one standard error of the difference over the parts. The least certain
-    name that reaches the joint goes first.
+    Worse: by more than `HARM`, and by more than chance over the parts, of all joints together. The least certain name
+    that reaches the joint goes first.
     """
     ways = [parts for parts in (blocks(declared.model.n_rows), whole_runs(belief.run_lengths)) if parts]
     without = [declared.model.left_out(declared.best, parts) for parts in ways]
+    n_tests = len(ways) * len(declared.model.rows)
     while belief.named:
         beside, harmed = belief.beside, set[int]()
         for parts, before in zip(ways, without, strict=True):
             lost = beside.model.left_out(beside.best, parts) - before
             ratio = np.sqrt(1 + lost.sum(axis=0) / np.maximum(before.sum(axis=0), 1e-300))
-            harmed |= set(np.flatnonzero((ratio > HARM) & worse(lost)).tolist())
+            harmed |= set(np.flatnonzero((ratio > HARM) & worse(lost, n_tests)).tolist())
         guilty = [named for named in belief.named.values() if set(belief.reach(named.hypothesis)) & harmed]
         if not guilty:
             return
