@@ -162,9 +162,8 @@ def exchange(belief: Belief) -> bool:
             continue
         before, after = others.with_columns(own.columns), others.with_columns(best.columns)
         rivals = [v for v in against.rivals.values() if v is not best]
-        if helps(before, after, belief.reach(best.hypothesis), parts, runs) and not is_refuted(
-            others, best, rivals, parts
-        ):
+        holds = helps(before, after, belief.reach(best.hypothesis), parts, runs)
+        if holds and not is_refuted(others, best, rivals, parts):
             place = own.hypothesis.place
             belief.exchange(place, best.hypothesis, best.value - float(np.log(belief.catalogue.n_places)))
             changed = True
