@@ -135,7 +135,7 @@ def test_a_place_that_its_memory_hides_is_looked_at(monkeypatch):
 
 
 def test_a_stage_s_ratio_stays_one_of_a_gear(monkeypatch):
-    """Where the evidence rises with the ratio without end, a joint's friction goes by another's speed: no stage's does."""
+    """Where the evidence rises with it without end, a joint's friction goes by another's speed, as no stage's does."""
     belief = Belief.in_declared(Setup(ROBOT), measured(duration=8.0, n_runs=1))
     shape = (("partner", -1.0), ("ratio", 1.0), ("transition_width", 0.02))
     (start,) = belief.catalogue.of([Shaped("coupled_friction", (1, 2), shape)])
