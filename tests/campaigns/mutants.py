@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import json
 import shutil
+import signal
 import sys
 import tempfile
 from collections import Counter
@@ -160,6 +161,7 @@ def main() -> int:
     options = parser.parse_args()
     if options.python > MOST:
         parser.error(f"--python: at most {MOST} are drawn from a seed, got {options.python}; take another seed too")
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # tests that run end too
     reach.KEPT.mkdir(parents=True, exist_ok=True)
     figures: dict[str, Any] = {"seed": options.seed}
     for language, count, draw, try_ in (
