@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import json
 import shutil
+import signal
 import sys
 import tempfile
 from collections import Counter
@@ -158,6 +159,9 @@ def main() -> int:
     parser.add_argument("--python", type=int, default=60, help="changes to Python; 0: none")
     parser.add_argument("--again", action="store_true", help="those that lived are tried again")
     options = parser.parse_args()
+    if options.python > MOST:
+        parser.error(f"--python: at most {MOST} are drawn from a seed, got {options.python}; take another seed too")
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # tests that run end too
     reach.KEPT.mkdir(parents=True, exist_ok=True)
     figures: dict[str, Any] = {"seed": options.seed}
     for language, count, draw, try_ in (

@@ -160,10 +160,12 @@ def run(tests: Sequence[str], copy: Path, limit: float, before: Sequence[str] = 
         late = threading.Event()
         clock = threading.Timer(WAITING * most, lambda: (late.set(), _end(process.pid)))
         clock.start()
-        _, status, usage = os.wait4(process.pid, 0)
-        clock.cancel()
-        process.returncode = code = os.waitstatus_to_exitcode(status)
-        _end(process.pid)  # whatever it started ends with it
+        try:
+            _, status, usage = os.wait4(process.pid, 0)
+            process.returncode = code = os.waitstatus_to_exitcode(status)
+        finally:  # whatever it started ends with it, and it with the campaign
+            clock.cancel()
+            _end(process.pid)
         said.seek(0)
         text = said.read().decode(errors="replace")
     if late.is_set() or code in (-signal.SIGXCPU, -signal.SIGKILL):

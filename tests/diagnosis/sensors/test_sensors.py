@@ -256,3 +256,11 @@ def test_channels_of_an_arm_with_a_joint_that_stands_still_are_not_judged():
     assert channels_of(ROBOT, flipped)
     held = [replace(run, q=run.q * [1, 1, 0]) for run in flipped]
     assert channels_of(ROBOT, held) == []
+
+
+def test_one_torque_channel_that_is_late_is_named_alone():
+    """Whatever the channels before it show."""
+    runs = measured(duration=12.0, n_runs=2)
+    late = [replace(run, tau=np.where([False, True, False], np.roll(run.tau, 30, axis=0), run.tau)) for run in runs]
+    (finding,) = channels_of(ROBOT, late)
+    assert (finding.code, finding.column) == ("torque_late", "tau_1")
