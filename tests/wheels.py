@@ -13,7 +13,7 @@ from pathlib import Path
 from elftools.elf.elffile import ELFFile
 from elftools.elf.gnuversions import GNUVerNeedSection
 
-LARGEST = 3_180_000
+LARGEST = 3_250_000
 """Bytes of a wheel. The goal is 3.0 MB; for x86_64 every kernel is there three times (baseline, AVX2, AVX-512)."""
 LARGEST_DEMO = 400_000
 MACHINES = {"x86_64": "EM_X86_64", "aarch64": "EM_AARCH64"}

@@ -25,15 +25,18 @@ from numpy.testing import assert_allclose
 
 import dynid_rs as dyn
 from dynid_rs.base.errors import DataError
+from dynid_rs.diagnosis.belief import Belief
 from dynid_rs.diagnosis.loop import diagnose
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.structural import structural_hypotheses, undone
+from dynid_rs.diagnosis.structural.about import About
 from dynid_rs.diagnosis.structural.frames import (
     displacement,
     tilt_of,
     tilted_gravity,
     with_displacement,
 )
+from dynid_rs.diagnosis.structure_plot import structure_plot
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.model.assembly import evaluate
 
@@ -131,8 +134,6 @@ def changes(fit, setup, kind, joints, steps):
 )
 def test_columns_are_what_the_accepted_robot_predicts(kind, joints, steps):
     """By another road: the links' torque of the changed robots, with the inertials that the fit has."""
-    from dynid_rs.diagnosis.structural.about import About
-
     runs = measured(n_runs=2)
     setup = Setup(ROBOT)
     fit = fitted(setup, runs)
@@ -247,3 +248,23 @@ def test_a_run_that_is_given_twice_is_refused_as_by_the_command():
         diagnose(ROBOT, [runs[0], runs[0]], [runs[1]])
     with pytest.raises(DataError, match="is both learned from and tested on"):
         diagnose(ROBOT, runs, [runs[1]])
+
+
+def test_a_displaced_frame_is_drawn_over_the_angle_of_the_joint_that_shows_it():
+    """The curve is the difference of two robots' torques, the dots lie about it."""
+    joint = 1
+    moved = with_displacement(ROBOT, joint, np.array([0.01, -0.02, 0.01, 0.05, -0.05, 0.03]))
+    belief = Belief.in_declared(
+        Setup(moved, declared=ROBOT), recorded(replace(rigid(), robot=moved), n_runs=2, duration=10.0)
+    )
+    best = belief.beside.best
+    place = ("kinematic_error", (joint,))
+    plot = structure_plot(belief, place, [], belief.beside.model, best.x)
+    (states, _), phi = belief.fit.runs_, About.of(belief.fit).phi
+    torque = [robot.inverse_dynamics(states.q, states.dq, states.ddq, phi) for robot in (moved, ROBOT)]
+    shown = ROBOT.joint_names.index(plot["joint"])
+    assert shown == np.argmax(np.std(torque[0] - torque[1], axis=0))
+    assert (plot["signal"], plot["unit"], plot["quantity"]) == (f"q_{plot['joint']}", "rad", "torque")
+    assert np.ptp(plot["curve"]) > 0.2 * np.ptp((torque[0] - torque[1])[:, shown])
+    assert_allclose(plot["mean"], plot["curve"], atol=5 * rigid().noise_std[shown])
+    assert structure_plot(belief, ("torque_delay", (0, 1, 2)), [], belief.beside.model, best.x) is None
