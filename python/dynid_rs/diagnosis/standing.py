@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynid_rs.diagnosis.belief import Belief
 from dynid_rs.diagnosis.beside import Beside
@@ -12,6 +13,8 @@ from dynid_rs.diagnosis.hypotheses import Place, shaped_as
 from dynid_rs.diagnosis.structural import value_of
 from dynid_rs.diagnosis.structural.torque_gain import USUAL, gain_spread
 from dynid_rs.diagnosis.trials import blocks, whole_runs, worse
+
+FloatArray = NDArray[np.float64]
 
 HARM = 1.02
 """No joint's left-out error may grow by this factor."""
@@ -80,19 +83,24 @@ def _gains(belief: Belief) -> dict[Place, float]:
 def harmless(belief: Belief, declared: Beside) -> None:
     """Take out names until no joint is predicted worse than by the declared model, on parts that were left out.
 
-    Worse: by more than `HARM`, and by more than chance over the parts, of all joints together. The least certain name
-    that reaches the joint goes first.
+    Worse: by more than `HARM`, and by more than chance over the parts, of all joints that a name reaches together. The
+    least certain name goes first.
     """
     ways = [parts for parts in (blocks(declared.model.n_rows), whole_runs(belief.run_lengths)) if parts]
     without = [declared.model.left_out(declared.best, parts) for parts in ways]
-    n_tests = len(ways) * len(declared.model.rows)
     while belief.named:
-        beside, harmed = belief.beside, set[int]()
-        for parts, before in zip(ways, without, strict=True):
-            lost = beside.model.left_out(beside.best, parts) - before
-            ratio = np.sqrt(1 + lost.sum(axis=0) / np.maximum(before.sum(axis=0), 1e-300))
-            harmed |= set(np.flatnonzero((ratio > HARM) & worse(lost, n_tests)).tolist())
-        guilty = [named for named in belief.named.values() if set(belief.reach(named.hypothesis)) & harmed]
+        lost = [belief.beside.model.left_out(belief.beside.best, parts) for parts in ways]
+        guilty = []
+        for named in belief.named.values():
+            at = belief.reach(named.hypothesis)
+            if any(_harms(after[:, at], before[:, at], len(ways)) for after, before in zip(lost, without, strict=True)):
+                guilty.append(named)
         if not guilty:
             return
         belief.remove(min(guilty, key=lambda named: named.log_odds).hypothesis.place)
+
+
+def _harms(after: FloatArray, before: FloatArray, n_ways: int) -> bool:
+    """Whether some joint is predicted worse; power left out of parts and joints, (n_parts, n_joints) each."""
+    ratio = np.sqrt(after.sum(axis=0) / np.maximum(before.sum(axis=0), 1e-300))
+    return bool(np.any((ratio > HARM) & worse(after - before, n_ways * after.shape[1])))

@@ -23,6 +23,8 @@ THIRDS = 3
 """Parts of a lone run that stand for runs: the last third is what is kept aside of one for the test."""
 CHANCE = 0.16
 """That parts which are worse by chance alone are taken for worse: of one standard error, were there many parts."""
+REFUTED = 0.05
+"""The same where a name that is likelier by its evidence is to be refuted: as sure as it has been to be named."""
 LEAST_GAIN = 0.03
 """Part of some joint's left-out error that a name has to take off: an effect of a quarter of the noise does.
 
@@ -101,14 +103,14 @@ def whole_runs(lengths: Sequence[int]) -> list[BoolArray]:
     return [of_run == run for run in range(int(of_run[-1]) + 1)]
 
 
-def worse(lost: FloatArray, n_tests: int = 1) -> FloatArray:
-    """Whether what is lost in parts (n_parts, ...) is more than chance: one in six, by Student's t over the parts.
+def worse(lost: FloatArray, n_tests: int = 1, chance: float = CHANCE) -> FloatArray:
+    """Whether what is lost in parts (n_parts, ...) is more than `chance`, by Student's t over the parts.
 
     That of `n_tests` together, where one of them is enough (Bonferroni).
     """
     from scipy.special import stdtrit
 
-    need = -float(stdtrit(len(lost) - 1, CHANCE / n_tests))
+    need = -float(stdtrit(len(lost) - 1, chance / n_tests))
     clearly: FloatArray = lost.sum(axis=0) > need * np.sqrt(len(lost)) * lost.std(axis=0, ddof=1)
     return clearly
 
@@ -145,6 +147,6 @@ def is_refuted(beside: Beside, best: Value, rivals: Sequence[Value], parts: Sequ
     weights, left = beside.best.weights[own] ** 2, after.model.left_out(after.best, parts)[:, own]
     for rival in rivals:
         other = beside.with_columns(rival.columns)
-        if worse((left - other.model.left_out(other.best, parts)[:, own]) @ weights, len(rivals)):
+        if worse((left - other.model.left_out(other.best, parts)[:, own]) @ weights, len(rivals), REFUTED):
             return True
     return False

@@ -83,13 +83,15 @@ def _cut(run: Recording, test_from: float | None) -> Split:
 
 
 def _last_part(run: Recording) -> float:
-    """Seconds after its start from which the last part of a run's motion is: an end at rest tests nothing."""
+    """Seconds after its start from which the last part of a run is, or of its motion: an end at rest tests nothing."""
     half, row = max(1, round(GLANCE * run.rate / 2)), np.arange(run.n_samples)
     ahead, behind = np.minimum(row + half, run.n_samples - 1), np.maximum(row - half, 0)
     speed = np.linalg.norm(run.q[ahead] - run.q[behind], axis=1)
     moves = np.cumsum(speed > AT_REST * speed.max(initial=0.0))
-    if moves[-1] == 0:
-        return run.duration * (1 - LAST_PART)
+    start = run.duration * (1 - LAST_PART)
+    last = moves[-1] - moves[np.searchsorted(run.t, run.t[0] + start)]
+    if last >= LAST_PART / 2 * moves[-1]:
+        return start
     return float(run.t[np.searchsorted(moves, moves[-1] * (1 - LAST_PART))] - run.t[0])
 
 
