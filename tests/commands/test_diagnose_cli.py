@@ -489,6 +489,14 @@ def test_verdicts():
     text = verdict(outcome([2.0, 1.0], [1.0, 1.0], [1.0, 1.0], effects=[found]))
     assert text.startswith("One effect explains 100 % of what could be explained: load-dependent friction on a. ")
     assert "changes by -50 % to 0 %" in text
+    small = made_diagnosis.entry("stribeck", ["b"], [2.0, 1.0], [2.0, 0.99]) | {
+        "rmse_test_change_interval": [None, [-0.03, 0.01]]
+    }
+    text = verdict(outcome([2.0, 1.0], [1.0, 0.99], [1.0, 1.0], effects=[found, small]))
+    assert text.startswith("One effect explains 100 % of what could be explained: load-dependent friction on a. ")
+    assert " One more effect lowers no error by more than the noise: stribeck on b. On unseen runs" in text
+    text = verdict(outcome([2.0, 1.0], [2.0, 0.99], [1.0, 1.0], effects=[small]))
+    assert text.startswith("One effect lowers no error by more than the noise: stribeck on b. On unseen runs")
     text = verdict(outcome([2.0, 1.0], [2.0, 1.0], [1.0, 1.0], unexplained=[made_diagnosis.leftover("b", 0.3)]))
     assert text.startswith("Nothing in the catalogue of effects explains what the declared model leaves.")
     assert "Unknown: 30 % of the error's power on b is not noise, depending on q_b." in text

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from dynid_rs.base.mattering import matters
 from dynid_rs.base.numbers import interval as interval_said
 from dynid_rs.base.numbers import percent, significant
 from dynid_rs.base.units import plain_unit
@@ -133,12 +134,34 @@ def verdict(result: Result) -> str:
     if not found:
         change = f" {_change(result)}" if result["effects"] else ""
         return f"Nothing in the catalogue of effects explains what the declared model leaves.{change}{_left(result)}"
+    large, small = ([e for e in found if matters(result, e) == wanted] for wanted in (True, False))
+    explained = f"{_explained(result, large)} {_names_said(large, joints)}. " if large else ""
+    return f"{explained}{_of_no_use(small, joints, more=bool(large))}{_change(result)}{_left(result)}"
+
+
+def _explained(result: Result, found: Sequence[Result]) -> str:
     share = explained_share(result)
+    what = "what the declared model lacked" if share is None else f"{100 * share:.0f} % of what could be explained"
+    return f"{_counted(found)} {'explain' if len(found) > 1 else 'explains'} {what}:"
+
+
+def _of_no_use(found: Sequence[Result], joints: Sequence[str], *, more: bool) -> str:
+    """Effects that are there, but that nobody would miss, as the report folds them away."""
+    if not found:
+        return ""
+    who = _counted(found).replace(" effect", " more effect") if more else _counted(found)
+    lower = "lower" if len(found) > 1 else "lowers"
+    return f"{who} {lower} no error by more than the noise: {_names_said(found, joints)}. "
+
+
+def _counted(found: Sequence[Result]) -> str:
     number = NUMBERS[len(found)] if len(found) < len(NUMBERS) else str(len(found))
-    who = f"{number.capitalize()} effect{'s explain' if len(found) > 1 else ' explains'}"
-    what = " what the declared model lacked" if share is None else f" {100 * share:.0f} % of what could be explained"
-    names = "; ".join(named(family, joints) for family in in_families(found))
-    return f"{who}{what}: {names}. {_change(result)}{_left(result)}"
+    return f"{number.capitalize()} effect{'s' if len(found) > 1 else ''}"
+
+
+def _names_said(found: Sequence[Result], joints: Sequence[str]) -> str:
+    """Effects and their places, each name once."""
+    return "; ".join(named(family, joints) for family in in_families(found))
 
 
 def next_experiments(result: Result) -> list[str]:

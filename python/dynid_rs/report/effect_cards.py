@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from dynid_rs.base.mattering import measured
 from dynid_rs.base.units import unit_text
 from dynid_rs.base.wording import kinds_said
 from dynid_rs.report import curves
 from dynid_rs.report.axes import signal_words
-from dynid_rs.report.families import Family, Member, families, measured, where
+from dynid_rs.report.families import Family, Member, families, where
 from dynid_rs.report.figures import Figures
 from dynid_rs.report.meanings import meaning
 from dynid_rs.report.tables import cell, table

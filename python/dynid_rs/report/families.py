@@ -1,9 +1,4 @@
-"""Effects as families: one entry per name, whatever the number of joints, and which of them matter.
-
-An effect matters if it lowers the error of a joint by more than the noise: the 95 % interval of the change on test runs
-lies below zero there. What was not measured on its own (a change of what the model is made of) matters, for nothing
-says that it does not; what lies above the band in which errors are compared does not.
-"""
+"""Effects as families: one entry per name, whatever the number of joints; those that matter, and the others."""
 
 from __future__ import annotations
 
@@ -11,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from dynid_rs.base.mattering import changes, matters, measured
 from dynid_rs.base.wording import kinds_said
 from dynid_rs.report.axes import signal_words
 from dynid_rs.report.text import capital, join_words, short_names, words
@@ -20,7 +16,7 @@ Result = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class Member:
-    """One effect of a family; `matters` as above, `change` of the error of `joint` where it lowers it most."""
+    """One effect of a family: whether it matters (`base/mattering.py`), where it lowers an error most, by how much."""
 
     entry: Result
     rank: int
@@ -92,29 +88,7 @@ def sentence(text: str) -> str:
     return capital(text).rstrip(".") + "."
 
 
-def measured(entry: Result) -> bool:
-    """Whether its own share of the error on test runs was measured."""
-    before, after = entry.get("rmse_test_before") or [], entry.get("rmse_test_after") or []
-    return bool(before) and before != after
-
-
 def _member(result: Result, entry: Result, rank: int) -> Member:
-    if entry.get("above_band"):
-        return Member(entry, rank, False, None)
-    if not measured(entry):
-        return Member(entry, rank, True, None)
-    before, after = entry["rmse_test_before"], entry["rmse_test_after"]
-    names = result["joints"] if len(after) == len(result["joints"]) else entry["joints"]
-    bounds = entry.get("rmse_test_change_interval") or [None] * len(after)
-    after_bounds = dict(zip(result["joints"], result["rmse"]["test"].get("after_interval") or [], strict=False))
-    changes, matters = [], False
-    for joint, old, new, pair in zip(names, before, after, bounds, strict=False):
-        if joint not in entry["joints"] or old <= 0.0:
-            continue
-        changes.append((joint, new / old - 1.0))
-        if pair is not None:
-            matters |= pair[1] < 0.0
-        else:  # the wider interval, of the error itself, where none of the change can be said
-            own = after_bounds.get(joint)
-            matters |= new < old and (own is None or own[1] < old)
-    return Member(entry, rank, matters, min(changes, key=lambda change: change[1], default=None))
+    own = changes(result, entry) if measured(entry) and not entry.get("above_band") else []
+    change = min(((joint, change) for joint, change, _ in own), key=lambda one: one[1], default=None)
+    return Member(entry, rank, matters(result, entry), change)
