@@ -127,6 +127,7 @@ def calls(folder: Path) -> dict[str, Call]:
         "Effect.rotor_inertia": (_core.Effect.rotor_inertia, {}),
         "Effect.torque_offset": (_core.Effect.torque_offset, {}),
         "Effect.friction": (_core.Effect.friction, _positional([0.01] * N, [0.02] * N)),
+        "Effect.reaction": (friction.reaction, _positional(1)),
         "Effect.of": (_core.Effect.of, {0: "friction", "velocity_threshold": [0.01], "transition_width": [0.1]}),
         "FrictionSearch.__new__": (
             _core.FrictionSearch,
