@@ -1,4 +1,4 @@
-"""What a name has to stand: evidence at the noise that it leaves, rivals, whole runs."""
+"""What a name has to stand: evidence at the noise that it leaves, halves of the data, whole runs."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from dynid_rs.diagnosis.hypotheses import Shaped
 from dynid_rs.diagnosis.search import forward
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.shapes import polished
-from dynid_rs.diagnosis.trials import blocks, evidence, is_refuted, whole_runs, worse
+from dynid_rs.diagnosis.trials import blocks, evidence, is_stable, whole_runs, worse
 from dynid_rs.model.placed import CATALOGUE
 from dynid_rs.regression.linear_model import Score
 
@@ -36,17 +36,22 @@ def test_a_large_effect_does_not_hide_behind_its_own_memory(monkeypatch, wish, h
         assert by_its_own < 0
 
 
-def test_a_name_is_refuted_by_a_rival_that_predicts_better():
-    """And by none that is another name for less of the same."""
+def test_halves_tell_a_large_effect_by_the_noise_it_leaves(monkeypatch):
+    """On few rows the screening's noise, which is the effect's own, would refute it."""
     belief = Belief.in_declared(Setup(ROBOT), measured("position_dependent_friction:elbow:5", duration=8.0, n_runs=1))
     values, _ = evidence(belief.beside, belief.hypotheses(), belief.catalogue)
     best = max(values.values(), key=lambda value: value.value)
     assert best.hypothesis.place == ("position_dependent_friction", (1,))
     rivals = [value for value in values.values() if value is not best]
     parts = blocks(belief.beside.model.n_rows)
-    assert not is_refuted(belief.beside, best, rivals, parts)
-    on_the_elbow = next(value for value in rivals if value.hypothesis.joints == (1,))
-    assert is_refuted(belief.beside, on_the_elbow, [best], parts)
+    assert is_stable(belief.beside, best, rivals, parts)
+    # Where screening refutes it everywhere, the evidence with the noise anew decides.
+    own = best.hypothesis.place
+    screened = {True: Score(-1e3, 1.0), False: Score(0.0, 1.0)}
+    monkeypatch.setattr(Beside, "screened", lambda self, tried: [screened[h.place == own] for h in tried])
+    for value, holds in ((1.0, True), (-1.0, False)):
+        monkeypatch.setattr(Beside, "evidence_for", lambda self, h, own_value=value: (own_value * (h.place == own), {}))
+        assert is_stable(belief.beside, best, rivals, parts) == holds
 
 
 def test_many_comparisons_are_each_less_likely_to_be_chance():

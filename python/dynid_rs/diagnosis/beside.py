@@ -22,6 +22,7 @@ from dynid_rs.regression.priors import declares_inertia
 from dynid_rs.regression.scales import SCALE_SPREAD
 
 FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
 
 TRUSTING = ((0.3, 1.0), (1.0, 1.0))
 """Width and centre of priors under which the robot file is believed: what an effect is told from that base parameters
@@ -92,6 +93,10 @@ class Beside:
     def _again(self, model: LinearModel) -> list[Fit]:
         """Fits of another model at these priors, from the noise that each of them has here."""
         return fits([(model, fit.choice, fit.noise) for fit in self.fits])
+
+    def within(self, kept: BoolArray) -> Beside:
+        """Return the model of some of the rows, at the same priors."""
+        return self._over(self.model.within(kept))
 
     def screened(self, hypotheses: Sequence[Hypothesis]) -> list[Score]:
         """Scores to second order, at the prior that suits a hypothesis best, evidence of that prior included."""

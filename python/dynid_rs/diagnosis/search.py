@@ -4,7 +4,7 @@
     named               if  ln BF - ln(kinds x places)  >  ln 19, and it holds on parts of the data
 
 A name is at posterior odds of 19 to 1. It holds on parts if parts that were left out are not predicted worse with it on
-the joints it acts on, and not better with a rival.
+the joints it acts on, and if it comes first there in most halves of the data (Meinshausen and Buehlmann 2010).
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.shapes import polished
 from dynid_rs.diagnosis.standing import backward, harmless
 from dynid_rs.diagnosis.structural import REFITTED
-from dynid_rs.diagnosis.trials import blocks, evidence, helps, is_refuted, whole_runs
+from dynid_rs.diagnosis.trials import blocks, evidence, helps, is_stable, whole_runs
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.runs.recording import Recording
 
@@ -120,8 +120,8 @@ def forward(belief: Belief, never: Collection[Place] = ()) -> list[Named]:
         unlike = [v for v in rivals if not is_one_cause(place[0], v.hypothesis.kind)]
         if not (
             helps(beside, after, belief.reach(best.hypothesis), parts, runs)
-            # Either of two ties may predict better; which it is stays open.
-            and not is_refuted(beside, best, [v for v in unlike if v.value < best.value - SURE], parts)
+            # Either of two ties may come first in a half; which it is stays open.
+            and is_stable(beside, best, [v for v in unlike if v.value < best.value - SURE], parts)
             # What tells the same with more right, and does not hold, makes the next best no more likely.
             and all(after.evidence_for(v.hypothesis)[0] > need for v in unlike if v.value > best.value + SURE)
         ):
@@ -163,7 +163,7 @@ def exchange(belief: Belief) -> bool:
         before, after = others.with_columns(own.columns), others.with_columns(best.columns)
         rivals = [v for v in against.rivals.values() if v is not best]
         holds = helps(before, after, belief.reach(best.hypothesis), parts, runs)
-        if holds and not is_refuted(others, best, rivals, parts):
+        if holds and is_stable(others, best, rivals, parts):
             place = own.hypothesis.place
             belief.exchange(place, best.hypothesis, best.value - float(np.log(belief.catalogue.n_places)))
             changed = True

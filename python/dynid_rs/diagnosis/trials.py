@@ -1,14 +1,15 @@
-"""What a name has to stand: evidence at its place, parts of the data that were left out, rivals that predict these."""
+"""What a name has to stand: evidence at its place, parts of the data that were left out, halves of the data."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid_rs.base.odds import SURE
 from dynid_rs.diagnosis.beside import Beside, places_of
 from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis, Place
 from dynid_rs.diagnosis.shapes import polished
@@ -18,13 +19,14 @@ BoolArray = NDArray[np.bool_]
 FloatArray = NDArray[np.float64]
 
 N_BLOCKS = 8
-"""Parts of the data, in order of time, left out one by one."""
+"""Parts of the data, in order of time: left out one by one, and halved."""
+N_HALVES, FIRST_IN = 16, 11
+"""Random halves of the parts, and in how many a name has to come first on its joint: by chance half of them would do in
+one of ten."""
 THIRDS = 3
 """Parts of a lone run that stand for runs: the last third is what is kept aside of one for the test."""
 CHANCE = 0.16
 """That parts which are worse by chance alone are taken for worse: of one standard error, were there many parts."""
-REFUTED = 0.05
-"""The same where a name that is likelier by its evidence is to be refuted: as sure as it has been to be named."""
 LEAST_GAIN = 0.03
 """Part of some joint's left-out error that a name has to take off: an effect of a quarter of the noise does.
 
@@ -103,14 +105,14 @@ def whole_runs(lengths: Sequence[int]) -> list[BoolArray]:
     return [of_run == run for run in range(int(of_run[-1]) + 1)]
 
 
-def worse(lost: FloatArray, n_tests: int = 1, chance: float = CHANCE) -> FloatArray:
-    """Whether what is lost in parts (n_parts, ...) is more than `chance`, by Student's t over the parts.
+def worse(lost: FloatArray, n_tests: int = 1) -> FloatArray:
+    """Whether what is lost in parts (n_parts, ...) is more than chance: one in six, by Student's t over the parts.
 
     That of `n_tests` together, where one of them is enough (Bonferroni).
     """
     from scipy.special import stdtrit
 
-    need = -float(stdtrit(len(lost) - 1, chance / n_tests))
+    need = -float(stdtrit(len(lost) - 1, CHANCE / n_tests))
     clearly: FloatArray = lost.sum(axis=0) > need * np.sqrt(len(lost)) * lost.std(axis=0, ddof=1)
     return clearly
 
@@ -138,15 +140,23 @@ def helps(
     return bool(gain.max() > LEAST_GAIN)
 
 
-def is_refuted(beside: Beside, best: Value, rivals: Sequence[Value], parts: Sequence[BoolArray]) -> bool:
-    """Whether some rival predicts parts that were left out better, on the joints that a name acts on, than chance does.
+def is_stable(beside: Beside, best: Value, rivals: Sequence[Value], parts: Sequence[BoolArray]) -> bool:
+    """Whether no rival on its joints refutes the name in most halves of the data."""
+    rng = np.random.default_rng(0)
+    hypotheses = [best.hypothesis, *(rival.hypothesis for rival in rivals)]
+    first = 0
+    for _ in range(N_HALVES):
+        half = np.any([parts[k] for k in rng.choice(N_BLOCKS, N_BLOCKS // 2, replace=False)], axis=0)
+        within, parts_of = beside.within(half), [_within(h, half) for h in hypotheses]
+        values = [score.value for score in within.screened(parts_of)]
+        if values[0] > max(values) - SURE:
+            first += 1
+            continue
+        # The noise that an effect leaves is less than the noise without it; few rows tell it by that alone.
+        ahead = int(np.argmax(values))
+        first += within.evidence_for(parts_of[0])[0] > max(within.evidence_for(parts_of[ahead])[0] - SURE, 0.0)
+    return first >= FIRST_IN
 
-    A peak of friction that only one part shows is told by the others, which predict it; halves without it could not.
-    """
-    own, after = sorted(best.columns), beside.with_columns(best.columns)
-    weights, left = beside.best.weights[own] ** 2, after.model.left_out(after.best, parts)[:, own]
-    for rival in rivals:
-        other = beside.with_columns(rival.columns)
-        if worse((left - other.model.left_out(other.best, parts)[:, own]) @ weights, len(rivals), REFUTED):
-            return True
-    return False
+
+def _within(hypothesis: Hypothesis, kept: BoolArray) -> Hypothesis:
+    return replace(hypothesis, columns={j: part[kept] for j, part in hypothesis.columns.items()})
