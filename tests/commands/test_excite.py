@@ -377,7 +377,7 @@ def test_refusals_are_one_sentence_and_write_nothing(tmp_path):
     assert "--duration must be" in says(urdf, "-o", output, "--duration", "-3")
     assert "--rate must be" in says(urdf, "-o", output, "--rate", "0")
     assert "rows, expected fewer" in says(urdf, "-o", output, "--rate", "1e9")
-    assert "n_restarts must be" in says(urdf, "-o", output, "--restarts", 0)
+    assert "--restarts must be" in says(urdf, "-o", output, "--restarts", 0)
     assert "no two collision shapes" in says(urdf, "-o", output, "--self-collision")
     limits.write_text("[acceleration]\nlimit = 2\n[position]\nlimit = {elbow = 1e-4}\n")
     assert "no room to move" in says(urdf, "-o", output, "--limits", limits)
