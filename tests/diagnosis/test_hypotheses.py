@@ -14,7 +14,7 @@ from dynid_rs import _core
 from dynid_rs.diagnosis.belief import Belief
 from dynid_rs.diagnosis.hypotheses import Catalogue, Shaped
 from dynid_rs.diagnosis.setup import Setup
-from dynid_rs.model.placed import CATALOGUE
+from dynid_rs.model.placed import CATALOGUE, effects_of
 from dynid_rs.regression.linear_model import Choice
 from dynid_rs.regression.priors import REACTION, weak_prior
 
@@ -30,12 +30,8 @@ def coupled() -> Shaped:
 
 def columns_at_full_rate(shaped: Shaped, states, j: int) -> np.ndarray:
     """Torque on joint j per coefficient of its own, (n, k)."""
-    effect = shaped.placed()
-    n = ROBOT.n_joints
-    shape = {name: np.full(n, -1.0 if name == "partner" else 1.0) for name, _ in effect.shape}
-    for name, values in effect.shape:
-        shape[name][list(effect.joints)] = values
-    return _core.effect_columns(_core.Effect.of(effect.kind, **shape), *states.signals(), joints=[j])[:, 0]
+    ((effect, _),) = effects_of([shaped.placed()], ROBOT.n_joints)
+    return _core.effect_columns(effect, *states.signals(), joints=[j])[:, 0]
 
 
 def test_a_stage_takes_the_power_of_its_own_speed():

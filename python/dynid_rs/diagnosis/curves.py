@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid_rs.base.units import angle_units
 from dynid_rs.diagnosis.belief import Belief
 from dynid_rs.diagnosis.estimates import Estimate
 from dynid_rs.model.placed import CATALOGUE, PlacedEffect
@@ -123,7 +124,7 @@ def _covariance(fit: Fit, at: Sequence[int], x: FloatArray, known: Sequence[Esti
 def _signal(found: Belief, effect: PlacedEffect, column: FloatArray) -> tuple[str, str, FloatArray]:
     """Name, unit and values, at the rows of the fit, of what an effect is drawn over."""
     j, shape = effect.joints[0], effect.shape_at(effect.joints[0])
-    angle = "m" if found.setup.robot.joint_kinds[j] == "prismatic" else "rad"
+    angle = angle_units(found.setup.robot.joint_kinds)[j]
     if effect.kind == "friction_hysteresis":
         return "way", angle, np.concatenate([_way(states, j) for states in found.catalogue.runs])
     if shape.get("cycles", 0.0) > ONE_CURVE:

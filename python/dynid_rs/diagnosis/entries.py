@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.base.odds import p_value
+from dynid_rs.base.units import angle_units
 from dynid_rs.diagnosis.belief import Belief, Named
 from dynid_rs.diagnosis.curves import effect_plot
 from dynid_rs.diagnosis.estimates import Estimate, estimates
@@ -92,7 +93,7 @@ def _where(place: Place, names: Sequence[str]) -> dict[str, Any]:
 
 def _parameter(estimate: Estimate, found: Belief) -> dict[str, Any]:
     robot = found.setup.robot
-    angle = "m" if robot.joint_kinds[estimate.joint] == "prismatic" else "rad"
+    angle = angle_units(robot.joint_kinds)[estimate.joint]
     unit = estimate.unit.replace("{torque}", found.fit.torque_unit_).replace("{angle}", angle)
     return {
         "name": estimate.name,

@@ -164,7 +164,7 @@ class Catalogue:
             alike = np.array_equal(before.fit.links_.torque_scale_, fit.links_.torque_scale_)
             same = np.abs(self._torque / before._torque - 1) < ROUNDING
             for s in filter(self._still_sought, before._columns):
-                if len(s.joints) > 1 and not alike:
+                if len(s.joints) > 1 and not alike:  # what one joint says of the other is another current now
                     continue
                 self._columns[s], self._units[s] = before._columns[s], before._units[s]
                 if not all(same[list(s.joints)]):
@@ -269,7 +269,7 @@ class Catalogue:
                         parts[s].append({j: rows[j][:, p * width : (p + 1) * width] for j in s.joints})
         for s, runs in parts.items():
             columns = {j: np.concatenate([run[j] for run in runs]) for j in s.joints}
-            for place, j in enumerate(s.joints):
+            for place, j in enumerate(s.joints[1:], 1):
                 columns[j] *= self._share(s, place)
             runs.clear()
             self._columns[s], self._units[s] = columns, self._usual(columns)

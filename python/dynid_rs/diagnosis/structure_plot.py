@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
+from dynid_rs.base.units import angle_units
 from dynid_rs.diagnosis.belief import Belief
 from dynid_rs.diagnosis.curves import binned
 from dynid_rs.diagnosis.estimates import Estimate
@@ -79,7 +80,7 @@ def over_angle(
     name = robot.joint_names[j]
     return {
         "signal": f"q_{name}",
-        "unit": "m" if robot.joint_kinds[j] == "prismatic" else "rad",
+        "unit": angle_units(robot.joint_kinds)[j],
         "quantity": "torque",
         "joint": name,
         **binned(angle, brought + left, brought[:, None], np.ones(1), np.array([[relative**2]]), N_ANGLES),
@@ -101,7 +102,7 @@ def delay_plot(fit: ThreeLoopIdentifier, clock: Mapping[str, Any]) -> dict[str, 
     shown = np.concatenate(gear.rows([(states.q_motor - states.q)[:, j] for states in fit.raw_runs_]))
     share, *_ = np.linalg.lstsq(np.column_stack([load, speed]), shown, rcond=None)
     name = fit.robot.joint_names[j]
-    angle = "m" if fit.robot.joint_kinds[j] == "prismatic" else "rad"
+    angle = angle_units(fit.robot.joint_kinds)[j]
     covariance = np.array([[clock["std_error"] ** 2]])
     return {
         "signal": f"dq_{name}",

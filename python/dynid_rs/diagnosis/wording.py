@@ -149,14 +149,13 @@ def _of_no_use(found: Sequence[Result], joints: Sequence[str], *, more: bool) ->
     """Effects that are there, but that nobody would miss, as the report folds them away."""
     if not found:
         return ""
-    who = _counted(found).replace(" effect", " more effect") if more else _counted(found)
-    lower = "lower" if len(found) > 1 else "lowers"
+    who, lower = _counted(found, "more " if more else ""), "lower" if len(found) > 1 else "lowers"
     return f"{who} {lower} no error by more than the noise: {_names_said(found, joints)}. "
 
 
-def _counted(found: Sequence[Result]) -> str:
+def _counted(found: Sequence[Result], which: str = "") -> str:
     number = NUMBERS[len(found)] if len(found) < len(NUMBERS) else str(len(found))
-    return f"{number.capitalize()} effect{'s' if len(found) > 1 else ''}"
+    return f"{number.capitalize()} {which}effect{'s' if len(found) > 1 else ''}"
 
 
 def _names_said(found: Sequence[Result], joints: Sequence[str]) -> str:

@@ -260,8 +260,8 @@ pub fn run<K: Kernel>(kernel: K) -> K::Output {
     run_available(path(), kernel)
 }
 
-/// `kernel` on [`path`], but on four lanes at most: what runs once a robot or once a run is not worth the bytes that eight
-/// lanes take of a published file. The bits of its results are the same.
+/// `kernel` on [`path`], but on four lanes at most: what runs once a robot or once a run, or has one number to work on, is
+/// not worth the bytes that eight lanes take of a published file. The bits of its results are the same.
 #[inline]
 pub fn run_narrow<K: Kernel>(kernel: K) -> K::Output {
     match path() {
