@@ -68,7 +68,7 @@ ALL = (
     Writing("identify", lambda d: _identify(d, "--residual", "none"), ((".", FOUR),)),
     Writing(
         "stream",
-        lambda d: _identify(d, "--residual", "none", "--memory", "1MB", "--cache", d / "cache"),
+        lambda d: _identify(d, "--residual", "none", "--memory", "5MB", "--cache", d / "cache"),
         ((".", FOUR),),
     ),
     Writing(

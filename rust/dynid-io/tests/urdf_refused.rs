@@ -895,6 +895,13 @@ fn transmissions() {
             "no joint is named \"shouldr\"",
         ),
         case(
+            "<joint name=\"shoulder\"><hard",
+            "<joint name=\"should&#10;er\"><hard",
+            "<drake:rotor_inertia",
+            "<drake:rotor_inertia>",
+            "no joint is named \"should\\ner\"",
+        ),
+        case(
             "<actuator name=\"motor\">",
             "<joint name=\"rail\"/><actuator>",
             "<transmission",

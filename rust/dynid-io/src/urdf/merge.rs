@@ -7,6 +7,7 @@ use dynid_core::robot::{Joint, JointKind, JointLimits, RobotModel};
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
 use crate::frame::{lump, Frame};
+use crate::text::shorten;
 
 use super::chain::{Body, Held};
 use super::document::{Motion, Rotor};
@@ -184,7 +185,8 @@ fn rotors<'d>(tree: &Tree<'d>, source: &Source) -> Result<HashMap<&'d str, &'d R
         let name = rotor.joint.as_str();
         if !names.contains(name) {
             return refuse(format!(
-                "no joint is named \"{name}\"; correct <joint name=\"...\"/> of the transmission"
+                "no joint is named \"{}\"; correct <joint name=\"...\"/> of the transmission",
+                shorten(name)
             ));
         }
         if declared.insert(name, rotor).is_some() {
