@@ -42,7 +42,7 @@ those of the exam: what an arm does that its model lacks is a diagnosis' matter,
 * **One file by itself** (`runs/checks`, one small file per idea): cells, time, units, encoders, lost bits, lone
   samples, plateaus, velocities against positions. Where one cause makes several checks speak, the cause is said alone.
   An error there ends a diagnosis, and nothing is said of the arm.
-* **The arm** (`diagnosis/sensors`, with a robot file): runs are explained by rigid links near the robot file's and
+* **The arm** (`sensors`, with a robot file): runs are explained by rigid links near the robot file's and
   friction that resists, with a variance of its own for every joint; then once more with one thing changed (a sign, two
   joints exchanged, a unit, a clock, gravity, a body carried on one run), in all runs or in one. The change under which
   the runs are most probable is said if it gains 30 nats: if nothing is wrong, a change gains k nats with a chance of

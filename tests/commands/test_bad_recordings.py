@@ -12,12 +12,11 @@ from helpers.small_arm import JOINTS, URDF, dynid, refusal, run, write_robot
 
 import dynid_rs as dyn
 from dynid_rs.base.errors import DataError
-from dynid_rs.diagnosis.sensors import channel_errors
-from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.model.inertials import inertial_findings
 from dynid_rs.runs.checks import check_recording
 from dynid_rs.runs.checks.clocks import Clock, clock_findings
 from dynid_rs.runs.facts import check_training_runs
+from dynid_rs.sensors import channel_errors
 
 NEW = {"torque_spike", "torque_beyond_effort", "sampling_rate", "absurd_value"}
 COMMANDS = ("inspect", "identify", "diagnose")
@@ -176,7 +175,7 @@ def robot():
 
 def test_arrays_are_refused_like_files(robot):
     runs = recordings(one("q_1", 7, 1e300))
-    for learn in (check_training_runs, lambda robot, runs: channel_errors(Setup(robot), runs)):
+    for learn in (check_training_runs, lambda robot, runs: channel_errors(robot, runs)):
         with pytest.raises(DataError, match=r"run_0: q_1 \(elbow\) is 1e\+300 in row 8"):
             learn(robot, runs)
 
@@ -310,7 +309,7 @@ def test_one_position_that_jumps_is_no_degrees_and_no_broken_motor_encoder(robot
 
 @pytest.mark.parametrize(("column", "value", "code"), [("tau_0", 1e4, "torque_spike"), ("q_0", 50.0, "position_jump")])
 def test_a_damaged_sample_ends_the_diagnosis_before_anything_else_is_blamed(robot, column, value, code):
-    errors = channel_errors(Setup(robot), recordings(one(column, 500, value)))
+    errors = channel_errors(robot, recordings(one(column, 500, value)))
     assert [(finding.code, finding.file) for finding in errors] == [(code, "run_0")]
 
 
@@ -318,11 +317,11 @@ def test_a_still_joint_is_called_that_by_the_diagnosis(robot, monkeypatch):
     def still(columns):
         columns["q_1"][:] = 0.3
 
-    import dynid_rs.diagnosis.sensors as sensors
+    import dynid_rs.sensors as sensors
 
     monkeypatch.setattr(sensors, "channel_findings", lambda *_: pytest.fail("channels were judged first"))
     with pytest.raises(DataError, match="joint elbow never moves"):
-        channel_errors(Setup(robot), recordings(still, still, still))
+        channel_errors(robot, recordings(still, still, still))
 
 
 BODIES = {

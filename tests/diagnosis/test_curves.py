@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from dynid_rs.diagnosis.curves import ALONG_THE_MOTION, _way, binned, effect_plot
+from dynid_rs.diagnosis.curves import ALONG_THE_MOTION, _way, effect_plot
+from dynid_rs.model.curves import binned
 from dynid_rs.model.placed import CATALOGUE, PlacedEffect
 from dynid_rs.regression.error_interval import interval_of_change
 from dynid_rs.report.axes import _SIGNALS

@@ -26,10 +26,15 @@ ROOMS = {
     "identification": {"base", "runs", "regression", "model"},
     "archive": {"base", "runs", "regression", "model", "identification"},
     "excitation": {"base", "report", "runs", "simulation", "model"},
-    "diagnosis": {"base", "runs", "regression", "model", "identification", "excitation"},
+    "sensors": {"base", "runs", "regression", "model", "identification"},
+    "reference": {"base", "runs", "regression", "model", "identification"},
+    "diagnosis": {
+        *("base", "runs", "regression", "model", "identification", "excitation"),
+        *("sensors", "reference"),
+    },
     "commands": {
         *("base", "report", "runs", "simulation", "regression", "model"),
-        *("identification", "archive", "excitation", "diagnosis"),
+        *("identification", "archive", "excitation", "sensors", "reference", "diagnosis"),
     },
 }
 """Rooms from the ground up, and what each may import of the package besides itself and the compiled module."""
@@ -51,7 +56,7 @@ DENIED = {
         "regression/error_interval.py": "an interval of a ratio, in its logarithm",
         "diagnosis/estimates.py": "an interval of a scale, in its logarithm",
         "runs/low_pass.py": "poles and frequencies on the unit circle, in complex numbers",
-        "diagnosis/sensors/lag.py": "a shift in time, in complex numbers",
+        "sensors/lag.py": "a shift in time, in complex numbers",
     },
     r"(?m)^\s*(import|from) (pickle|joblib|dill|cloudpickle|shelve|marshal)\b": {
         "archive/work.py": "units of work go to other processes; nothing is kept that way",

@@ -9,8 +9,8 @@ from helpers.diagnosed import ROBOT, columns_of, measured
 from helpers.run_files import write
 from helpers.small_arm import URDF, dynid, run
 
-from dynid_rs.diagnosis.sensors.contact import find_contacts, windows_of
 from dynid_rs.diagnosis.setup import Setup
+from dynid_rs.sensors.contact import find_contacts, windows_of
 
 
 def bigger(columns):

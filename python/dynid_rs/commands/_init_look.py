@@ -242,7 +242,7 @@ def _current(robot: Any, runs: Sequence[Recording], found: Look) -> Proposal | N
 
 
 def _channels(robot: Any, runs: Sequence[Recording]) -> list[Finding]:
-    from dynid_rs.diagnosis.sensors import channels_of
+    from dynid_rs.sensors import channels_of
 
     try:
         return channels_of(robot, runs)

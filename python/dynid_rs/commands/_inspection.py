@@ -50,7 +50,7 @@ def compared(inspections: Sequence[Inspection], robot: Any | None) -> list[Inspe
 
 
 def _set(inspections: Sequence[Inspection], robot: Any) -> list[Inspection]:
-    from dynid_rs.diagnosis.sensors import set_findings
+    from dynid_rs.sensors import set_findings
 
     read = {str(k): one for k, one in enumerate(inspections) if one.run is not None}
     damaged = any(is_damage(finding) for one in read.values() for finding in one.findings)

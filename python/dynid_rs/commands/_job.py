@@ -80,9 +80,9 @@ class Job:
             size_in_bytes,
             with_rotors,
         )
-        from dynid_rs.diagnosis.sensors import set_findings
         from dynid_rs.model.inertials import inertial_findings
         from dynid_rs.runs.checks import is_damage
+        from dynid_rs.sensors import set_findings
 
         if self.physical:
             _check_physical()

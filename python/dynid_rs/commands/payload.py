@@ -13,7 +13,7 @@ from dynid_rs.commands._steps import Step
 
 if TYPE_CHECKING:
     from dynid_rs.base.findings import Finding
-    from dynid_rs.diagnosis.reference import Load
+    from dynid_rs.reference import Load
 
 SURE = 0.01
 """A load is seen where none would look like it less often than this."""
@@ -54,7 +54,7 @@ def payload(
         recordings, findings = read_runs(runs, reference.robot, settings)
         check_cutoff(cutoff, recordings)
         say("weighing")
-        from dynid_rs.diagnosis.reference import weigh_load
+        from dynid_rs.reference import weigh_load
 
         load = weigh_load(reference, recordings, cutoff=cutoff, frame=frame)
     name = flange or reference.robot.link_names[-1]
@@ -85,7 +85,7 @@ def _frame(model: Any, robot: Path | None, flange: str | None) -> Any:
 
 
 def _answer(load: Load, frame: str, joints: list[str], findings: list[Finding]) -> dict[str, Any]:
-    from dynid_rs.diagnosis.reference.load_data import quantities, vendor_words
+    from dynid_rs.reference.load_data import quantities, vendor_words
 
     seen = load.p_value < SURE and load.mass > 0
     return {

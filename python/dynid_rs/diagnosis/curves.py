@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from dynid_rs.base.units import angle_units
 from dynid_rs.diagnosis.belief import Belief
 from dynid_rs.diagnosis.estimates import Estimate
+from dynid_rs.model.curves import binned
 from dynid_rs.model.placed import CATALOGUE, PlacedEffect
 from dynid_rs.regression.linear_model import Fit, LinearModel
 from dynid_rs.regression.uncertainty import NORMAL_95
@@ -23,10 +24,6 @@ from dynid_rs.runs.preprocessing import States
 
 FloatArray = NDArray[np.float64]
 
-N_POINTS, N_BINS = 400, 60
-"""Most points of a plot, and points of a fitted curve."""
-LEAST_PER_BIN = 5
-"""Rows without which a bin's mean says nothing; fewer rows make fewer bins."""
 ALONG_THE_MOTION = frozenset(
     {
         *("load_dependent_friction", "load_hysteresis", "position_dependent_friction"),
@@ -75,36 +72,6 @@ def effect_plot(
         "unit": unit.replace("{torque}", found.fit.torque_unit_),
         "joint": found.setup.robot.joint_names[j],
         **binned(values[used], (sign * (left + torque))[used], (sign[:, None] * columns)[used], x[at], spread),
-    }
-
-
-def binned(
-    x: FloatArray,
-    partial: FloatArray,
-    columns: FloatArray,
-    coefficients: FloatArray,
-    covariance: FloatArray,
-    most: int = N_BINS,
-) -> dict[str, list[float]]:
-    """Some of the points, and in bins of equally many, `most` at most, their mean, the curve's and its 95 % interval.
-
-    `x`, `partial` (n,), `columns` (n, k), `coefficients` (k,) with `covariance` (k, k).
-    """
-    order = np.argsort(x, kind="stable")
-    n_bins = min(most, max(1, len(order) // LEAST_PER_BIN))
-    bins = [b for b in np.array_split(order, n_bins) if len(b)]
-    thin = order[:: max(1, len(order) // N_POINTS)]
-    mean = np.array([columns[b].mean(axis=0) for b in bins]).reshape(len(bins), len(coefficients))
-    curve = mean @ coefficients
-    half = NORMAL_95 * np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", mean, covariance, mean), 0.0))
-    return {
-        "x": x[thin].tolist(),
-        "partial": partial[thin].tolist(),
-        "curve_x": [float(x[b].mean()) for b in bins],
-        "mean": [float(partial[b].mean()) for b in bins],
-        "curve": curve.tolist(),
-        "curve_low": (curve - half).tolist(),
-        "curve_high": (curve + half).tolist(),
     }
 
 

@@ -16,18 +16,18 @@ from numpy.typing import NDArray
 from dynid_rs.base.memory import residual_memory
 from dynid_rs.base.odds import SURE, p_value
 from dynid_rs.diagnosis.belief import SETTLING, fitted
-from dynid_rs.diagnosis.curves import binned
 from dynid_rs.diagnosis.entries import unscored, untold
 from dynid_rs.diagnosis.gear_model import Gear, GearHypothesis
-from dynid_rs.diagnosis.sensors.messages import encoder_entries
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.structure_plot import delay_plot
 from dynid_rs.diagnosis.waves import Argument
 from dynid_rs.identification.smooth_friction import SmoothFrictionIdentifier
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
+from dynid_rs.model.curves import binned
 from dynid_rs.regression.linear_model import Choice, Fit, LinearModel, sign_cost
 from dynid_rs.regression.uncertainty import NORMAL_95
 from dynid_rs.runs.recording import Recording
+from dynid_rs.sensors.messages import encoder_entries
 
 FloatArray = NDArray[np.float64]
 

@@ -18,24 +18,25 @@ from numpy.typing import NDArray
 from dynid_rs import _core
 from dynid_rs.diagnosis.belief import fitted, weighed_as
 from dynid_rs.diagnosis.entries import effect_entries
+from dynid_rs.diagnosis.examination import examine
 from dynid_rs.diagnosis.gears import centred, gear_entries
 from dynid_rs.diagnosis.hypotheses import Catalogue, Place
 from dynid_rs.diagnosis.misfit import nameless, of_the_angle
 from dynid_rs.diagnosis.mounting import mounted
 from dynid_rs.diagnosis.outcome import Diagnosis
-from dynid_rs.diagnosis.reference import compare
 from dynid_rs.diagnosis.ripple import find_ripple, ripple_entries
 from dynid_rs.diagnosis.rivals import weigh_rivals
 from dynid_rs.diagnosis.search import search
-from dynid_rs.diagnosis.sensors import channel_errors, examine
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.unexplained import unexplained
 from dynid_rs.identification.smooth_friction import SmoothFrictionIdentifier
 from dynid_rs.identification.training import check_motion
+from dynid_rs.reference import compare
 from dynid_rs.regression.kept_columns import keeping_columns
 from dynid_rs.runs.given import Runs, as_recordings
 from dynid_rs.runs.recording import Recording
 from dynid_rs.runs.splitting import Split, refuse_repeats, split_runs
+from dynid_rs.sensors import channel_errors
 
 FloatArray = NDArray[np.float64]
 
@@ -152,7 +153,7 @@ def _compared(
     on_progress: Callable[[str], None],
 ) -> Diagnosis:
     """What has changed against a reference; the model with what was found is the reference with it."""
-    said = channel_errors(setup, train, test)
+    said = channel_errors(setup.robot, train, test)
     fit = setup.identifier(residual=None).fit(list(train))
     if any(finding.severity == "error" for finding in said):
         return Diagnosis(setup, fit, fit, findings=said)

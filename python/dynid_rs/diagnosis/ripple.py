@@ -18,11 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.base.odds import SURE, p_value
-from dynid_rs.diagnosis.curves import binned
 from dynid_rs.diagnosis.entries import unscored
 from dynid_rs.diagnosis.hypotheses import CYCLES_SHOWN
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
+from dynid_rs.model.curves import binned
 from dynid_rs.model.placed import HeldEffect, PlacedEffect
 from dynid_rs.regression.uncertainty import NORMAL_95
 from dynid_rs.runs.recording import Recording

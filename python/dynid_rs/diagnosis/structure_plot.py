@@ -13,23 +13,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs import _core
 from dynid_rs.base.units import angle_units
 from dynid_rs.diagnosis.belief import Belief
-from dynid_rs.diagnosis.curves import binned
 from dynid_rs.diagnosis.estimates import Estimate
 from dynid_rs.diagnosis.gear_model import Gear
 from dynid_rs.diagnosis.hypotheses import Place
 from dynid_rs.diagnosis.structural import undone
 from dynid_rs.diagnosis.structural.about import About
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
+from dynid_rs.model.curves import binned, over_angle
 from dynid_rs.regression.linear_model import LinearModel
 from dynid_rs.regression.uncertainty import NORMAL_95
 
 FloatArray = NDArray[np.float64]
 
-N_ANGLES = 16
-"""Points of a curve over an angle: in finer ones other joints' angles, which count too, do not average out."""
 DRAWN = frozenset({"gravity_tilt", "kinematic_error"})
 """Changes of structure that are a torque over an angle; a gain and a clock of the torque scale and shift all of it."""
 
@@ -67,24 +64,6 @@ def uncertainty(known: Sequence[Estimate]) -> float:
     spreads = [(e.value, (e.interval[1] - e.interval[0]) / (2 * NORMAL_95)) for e in known if e.interval is not None]
     size = float(np.linalg.norm([value for value, _ in spreads]))
     return float(np.linalg.norm([std for _, std in spreads])) / size if size else 0.0
-
-
-def over_angle(
-    robot: _core.RobotModel, j: int, angle: FloatArray, brought: FloatArray, left: FloatArray, relative: float
-) -> dict[str, Any]:
-    """Plot of what a change brings to joint `j`.
-
-    `angle` [rad, m], torque `brought` by it and `left` beside it, (n,) each; `relative`: standard deviation of its size
-    over its size.
-    """
-    name = robot.joint_names[j]
-    return {
-        "signal": f"q_{name}",
-        "unit": angle_units(robot.joint_kinds)[j],
-        "quantity": "torque",
-        "joint": name,
-        **binned(angle, brought + left, brought[:, None], np.ones(1), np.array([[relative**2]]), N_ANGLES),
-    }
 
 
 def delay_plot(fit: ThreeLoopIdentifier, clock: Mapping[str, Any]) -> dict[str, Any] | None:

@@ -30,15 +30,15 @@ from dynid_rs.diagnosis.loop import diagnose
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.structural import structural_hypotheses, undone
 from dynid_rs.diagnosis.structural.about import About
-from dynid_rs.diagnosis.structural.frames import (
+from dynid_rs.diagnosis.structure_plot import structure_plot
+from dynid_rs.identification.three_loops import ThreeLoopIdentifier
+from dynid_rs.model.assembly import evaluate
+from dynid_rs.model.frames import (
     displacement,
     tilt_of,
     tilted_gravity,
     with_displacement,
 )
-from dynid_rs.diagnosis.structure_plot import structure_plot
-from dynid_rs.identification.three_loops import ThreeLoopIdentifier
-from dynid_rs.model.assembly import evaluate
 
 SIDEWAYS = (9.81, 0.0, 0.0)
 

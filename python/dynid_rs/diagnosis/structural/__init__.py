@@ -15,12 +15,12 @@ from dynid_rs.diagnosis.hypotheses import Hypothesis
 from dynid_rs.diagnosis.setup import FloatArray, Setup
 from dynid_rs.diagnosis.structural.about import About
 from dynid_rs.diagnosis.structural.encoder_eccentricity import eccentricity_hypotheses
-from dynid_rs.diagnosis.structural.frames import displacement, tilt_of, with_displacement
 from dynid_rs.diagnosis.structural.gravity_tilt import tilt_hypotheses
 from dynid_rs.diagnosis.structural.kinematic_error import kinematic_hypotheses
 from dynid_rs.diagnosis.structural.torque_delay import delay_hypotheses
 from dynid_rs.diagnosis.structural.torque_gain import gain_hypotheses
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
+from dynid_rs.model.frames import displacement, tilt_of, with_displacement
 
 KINDS: dict[str, Callable[[About, Setup], list[Hypothesis]]] = {
     "torque_delay": delay_hypotheses,

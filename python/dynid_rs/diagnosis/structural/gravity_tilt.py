@@ -12,12 +12,10 @@ from dynid_rs import _core
 from dynid_rs.diagnosis.hypotheses import Hypothesis, standardised
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.structural.about import About
-from dynid_rs.diagnosis.structural.frames import tilt_of, tilted_gravity
+from dynid_rs.model.frames import gravity_steps, tilt_of, tilted_gravity
 
 FloatArray = NDArray[np.float64]
 
-STEP = 1e-4
-"""Of the derivative of gravity [rad]."""
 USUAL = 0.03
 """Usual tilt of a base [rad]."""
 LARGEST_STEP = 0.6
@@ -63,17 +61,6 @@ def turned(setup: Setup, change: FloatArray) -> Setup:
     roll, pitch = tilt_of(setup.declared, setup.robot)
     gravity = tilted_gravity(setup.declared.gravity, roll + change[0], pitch + change[1])
     return replace(setup, robot=setup.robot.with_gravity(gravity.tolist()))
-
-
-def gravity_steps(declared: _core.RobotModel, robot: _core.RobotModel) -> list[FloatArray]:
-    """Change of gravity (3,) [m/s^2] per rad of roll and of pitch, where `robot` stands."""
-    now = np.array(tilt_of(declared, robot))
-    steps = []
-    for k in range(2):
-        change = STEP * np.eye(2)[k]
-        high, low = (tilted_gravity(declared.gravity, *(now + sign * change)) for sign in (1, -1))
-        steps.append((high - low) / (2 * STEP))
-    return steps
 
 
 def _unseen(about: About, pulls: Sequence[_core.RobotModel]) -> list[tuple[FloatArray, _core.RobotModel]]:

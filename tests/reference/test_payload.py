@@ -12,8 +12,8 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from dynid_rs import RobotModel, TorqueModel
-from dynid_rs.diagnosis.reference.load import Load, _body, _moved, _slopes
-from dynid_rs.diagnosis.reference.load_data import principal_axes, quantities, vendor_words
+from dynid_rs.reference.load import Load, _body, _moved, _slopes
+from dynid_rs.reference.load_data import principal_axes, quantities, vendor_words
 from dynid_rs.simulation import simulate, typical_arm
 from dynid_rs.simulation.folder import run_columns
 

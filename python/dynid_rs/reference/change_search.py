@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs.diagnosis.reference.changes import (
+from dynid_rs.model.assembly import evaluate
+from dynid_rs.reference.changes import (
     DAILY,
     FRICTION,
     GAIN,
@@ -18,8 +19,7 @@ from dynid_rs.diagnosis.reference.changes import (
     change_columns,
     hypotheses,
 )
-from dynid_rs.diagnosis.reference.weighing import Weighing
-from dynid_rs.model.assembly import evaluate
+from dynid_rs.reference.weighing import Weighing
 from dynid_rs.regression.evaluation import rmse
 from dynid_rs.regression.uncertainty import NORMAL_95
 from dynid_rs.runs.preprocessing import States

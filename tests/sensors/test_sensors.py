@@ -13,17 +13,18 @@ from helpers.diagnosed import ROBOT, SIX_AXES, entry_of, found_in, holds, measur
 from helpers.small_arm import JOINTS
 
 import dynid_rs as dyn
-from dynid_rs.diagnosis.sensors import channel_errors, channels_of, examine
-from dynid_rs.diagnosis.sensors.channels import channel_findings
-from dynid_rs.diagnosis.sensors.contact import _smooth, find_contacts
-from dynid_rs.diagnosis.sensors.messages import encoder_entries
-from dynid_rs.diagnosis.sensors.watch import Watch
+from dynid_rs.diagnosis.examination import examine
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.identification.training import prepare_training_runs
 from dynid_rs.regression.priors import declares_inertia
 from dynid_rs.runs.encoders import EncoderDelay
 from dynid_rs.runs.preprocessing import choose_band, common_rate, without
+from dynid_rs.sensors import channel_errors, channels_of
+from dynid_rs.sensors.channels import channel_findings
+from dynid_rs.sensors.contact import _smooth, find_contacts
+from dynid_rs.sensors.messages import encoder_entries
+from dynid_rs.sensors.watch import Watch
 from dynid_rs.simulation import bundled_robot, simulate
 
 CLEAN_SEEDS = 6
@@ -197,7 +198,7 @@ def test_a_wrong_channel_ends_the_diagnosis_with_a_sentence_and_no_effect():
 
 def test_two_short_runs_that_hardly_overlap_do_not_contradict_each_other():
     model, recordings = real("kuka_kr300_weigand", "traj_A", "traj_B")
-    assert channel_errors(Setup(model), recordings) == []
+    assert channel_errors(model, recordings) == []
 
 
 def real(folder, *files):

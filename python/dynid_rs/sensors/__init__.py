@@ -1,13 +1,13 @@
-"""Channels and contacts first: what is no model's matter.
+"""Are channels what they are called, and was the arm left to itself? Asked before a model is believed.
 
-A channel that is not what it is called ends the diagnosis. What something from outside did is neither fitted nor
-scored. Clocks, gains and encoders are hypotheses like all others (`structural/`).
+By every command that reads runs: `init` (channels), `inspect` and `identify` (`set_findings`), `diagnose`, which ends
+at a wrong channel and leaves contacts out.
 """
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
 
@@ -15,72 +15,20 @@ import numpy as np
 
 from dynid_rs import _core
 from dynid_rs.base.findings import Finding
-from dynid_rs.diagnosis.sensors.channels import channel_findings
-from dynid_rs.diagnosis.sensors.contact import SURE, Contact, find_contacts, windows_of
-from dynid_rs.diagnosis.sensors.messages import contact_findings
-from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.identification.three_loops import NOT_SETTLED, ThreeLoopIdentifier
 from dynid_rs.identification.training import prepare_training_run
 from dynid_rs.runs.checks import check_recording, is_damage, moving_joints
 from dynid_rs.runs.facts import RunFacts, check_facts
 from dynid_rs.runs.preprocessing import choose_band, common_rate, prepare
 from dynid_rs.runs.recording import Recording
+from dynid_rs.sensors.channels import channel_findings
+from dynid_rs.sensors.contact import SURE, Contact, find_contacts, windows_of
+from dynid_rs.sensors.messages import contact_findings
 
-__all__ = ["Contact", "channel_errors", "examine", "find_contacts", "set_findings", "windows_of"]
+__all__ = ["Contact", "channel_errors", "channels_of", "find_contacts", "set_findings", "windows_of"]
 
 STRONG = 2 * SURE
 """A contact is said without a diagnosis from this on: where nothing is left out, only what spoils a fit is of use."""
-N_SEARCHES = 3
-"""Searches for contact, each with what the one before found taken out of the fit."""
-
-
-def examine(
-    setup: Setup,
-    train: Sequence[Recording],
-    test: Sequence[Recording] = (),
-    on_progress: Callable[[str], None] = lambda step: None,
-) -> tuple[Setup, ThreeLoopIdentifier | None, list[Finding]]:
-    """Look at channels and contacts.
-
-    Parameters
-    ----------
-    setup : Setup
-        What is believed so far.
-    train, test : sequence of Recording
-        As recorded. Test runs are searched for contact only, so that they are scored fairly, and after the training
-        runs are done with: nothing of them touches a fit.
-    on_progress : callable
-        Called with a few words before every step.
-
-    Returns
-    -------
-    setup : Setup
-        With the excluded windows. As it was where a finding is an error.
-    fit : ThreeLoopIdentifier or None
-        Of the declared model; None where a finding is an error.
-    findings : list of Finding
-        Errors; or warnings of channels, and contacts.
-    """
-    on_progress("channels")
-    said = channel_errors(setup, train, test)
-    if any(finding.severity == "error" for finding in said):
-        return setup, None, said
-    on_progress("contacts")
-    fit = setup.identifier(residual=None).fit(list(train))
-    runs = [prepare(recording, fit.band_, fit.rate_) for recording in train]
-    contacts: list[Contact] = []
-    for _ in range(N_SEARCHES):
-        contacts = find_contacts(fit, runs)
-        windows = windows_of(contacts, setup.excluded)
-        if windows == setup.excluded:
-            break
-        setup = replace(setup, excluded=windows)
-        fit = setup.identifier(residual=None).fit(list(train))
-    if test:
-        unseen = find_contacts(fit, runs, [prepare(recording, fit.band_, fit.rate_) for recording in test])
-        setup = replace(setup, excluded=windows_of(unseen, setup.excluded))
-        contacts += unseen
-    return setup, fit, [*said, *contact_findings(contacts, [*train, *test])]
 
 
 def set_findings(robot: _core.RobotModel, runs: Sequence[Recording]) -> list[Finding]:
@@ -102,7 +50,7 @@ def set_findings(robot: _core.RobotModel, runs: Sequence[Recording]) -> list[Fin
     try:
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", NOT_SETTLED)  # the fit that is kept says so
-            fit = Setup(robot).identifier(residual=None).fit(list(runs))
+            fit = ThreeLoopIdentifier(robot, friction_law="smooth", residual=None).fit(list(runs))
         states = [prepare(recording, fit.band_, fit.rate_) for recording in runs]
     except ValueError:  # too little motion, or joints that stand still
         return []
@@ -131,7 +79,9 @@ def channels_of(robot: _core.RobotModel, runs: Sequence[Recording]) -> list[Find
     return found
 
 
-def channel_errors(setup: Setup, train: Sequence[Recording], test: Sequence[Recording] = ()) -> list[Finding]:
+def channel_errors(
+    robot: _core.RobotModel, train: Sequence[Recording], test: Sequence[Recording] = ()
+) -> list[Finding]:
     """Channels that are not what they are called; first of all, what is wrong with the runs themselves.
 
     Errors, after which nothing can be concluded, or a warning of what a model can hold.
@@ -142,9 +92,9 @@ def channel_errors(setup: Setup, train: Sequence[Recording], test: Sequence[Reco
         As `check_training_runs`: a joint that never moves, say, would look like a robot file of another arm.
     """
     facts = [RunFacts.of(recording) for recording in train]
-    check_facts(setup.robot, facts, [RunFacts.of(recording).clock for recording in test])
+    check_facts(robot, facts, [RunFacts.of(recording).clock for recording in test])
     runs = [*train, *test]
-    damaged = [finding for run in runs for finding in check_recording(run, setup.robot) if is_damage(finding)]
+    damaged = [finding for run in runs for finding in check_recording(run, robot) if is_damage(finding)]
     if damaged:  # whatever damage does to a fit looks like another robot, or another order of the joints
         return damaged
-    return channels_of(setup.robot, runs)
+    return channels_of(robot, runs)

@@ -13,9 +13,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs.diagnosis.sensors.watch import Usual, Watch, watch_run
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.runs.preprocessing import States, stretches
+from dynid_rs.sensors.watch import Usual, Watch, watch_run
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
-from dynid_rs.diagnosis.sensors.changes import Bench, Trial
-from dynid_rs.diagnosis.sensors.fit import ArmFit
-from dynid_rs.diagnosis.sensors.rows import Moments
+from dynid_rs.sensors.changes import Bench, Trial
+from dynid_rs.sensors.fit import ArmFit
+from dynid_rs.sensors.rows import Moments
 
 FloatArray = NDArray[np.float64]
 

@@ -11,11 +11,11 @@ from numpy.testing import assert_allclose
 import dynid_rs as dyn
 from dynid_rs import _core
 from dynid_rs.base.errors import DataError
-from dynid_rs.diagnosis.reference import compare, weigh_load
-from dynid_rs.diagnosis.reference.change_search import ChangeSearch
-from dynid_rs.diagnosis.reference.changes import Believed, change_columns, hypotheses
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.model.assembly import evaluate, with_changes
+from dynid_rs.reference import compare, weigh_load
+from dynid_rs.reference.change_search import ChangeSearch
+from dynid_rs.reference.changes import Believed, change_columns, hypotheses
 from dynid_rs.runs.checks import check_recording, refused_sources
 from dynid_rs.runs.preprocessing import Band, prepare
 from dynid_rs.runs.readers import Config

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs.diagnosis.sensors.changes import Bench, Trial
-from dynid_rs.diagnosis.sensors.rows import N_OWN, ArmRows, Moments
+from dynid_rs.sensors.changes import Bench, Trial
+from dynid_rs.sensors.rows import N_OWN, ArmRows, Moments
 
 FloatArray = NDArray[np.float64]
 

@@ -11,10 +11,9 @@ from exam.case import ROBOT, write_case
 from helpers.diagnosed import SIX_AXES, recorded, rigid
 
 import dynid_rs as dyn
-from dynid_rs.diagnosis.sensors import channel_errors
-from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.runs.checks import check_recording
 from dynid_rs.runs.recording import Recording
+from dynid_rs.sensors import channel_errors
 from dynid_rs.simulation import simulate, typical_arm
 
 RATE = 82.0
@@ -85,7 +84,7 @@ def test_an_arm_on_a_wall_without_masses_has_no_joints_swapped(tmp_path):
     """Its first joint carries a load: another mounting explains that, and an exchange of two joints nearly as well."""
     truth = write_case(785517222, tmp_path)
     robot = dyn.RobotModel.from_urdf(tmp_path / ROBOT)
-    (finding,) = channel_errors(Setup(robot), [dyn.read_recording(tmp_path / truth["train"][0], robot)])
+    (finding,) = channel_errors(robot, [dyn.read_recording(tmp_path / truth["train"][0], robot)])
     assert (finding.code, finding.severity) == ("mounting", "warning")
     assert finding.value == pytest.approx(90, abs=3)
     assert "its opposite" in finding.message
@@ -96,11 +95,11 @@ def test_in_amperes_too_an_arm_on_a_wall_is_on_a_wall():
     gains = np.array([9.0, 12.0, 11.0, 7.0, 5.0, 4.0])
     runs = recorded(rigid(SIX_AXES.with_gravity((0.0, 9.81, 0.0))), n_runs=2)
     runs = [replace(run, tau=run.tau / gains, torque_unit="A") for run in runs]
-    (finding,) = channel_errors(Setup(SIX_AXES), runs)
+    (finding,) = channel_errors(SIX_AXES, runs)
     assert (finding.code, finding.severity) == ("mounting", "warning")
     assert "--gravity 0.00,9.81,0.00" in finding.message
     level = [replace(run, tau=run.tau / gains, torque_unit="A") for run in recorded(rigid(SIX_AXES), n_runs=2)]
-    assert channel_errors(Setup(SIX_AXES), level) == []
+    assert channel_errors(SIX_AXES, level) == []
 
 
 def test_gears_that_yield_are_no_late_channel():
@@ -108,7 +107,7 @@ def test_gears_that_yield_are_no_late_channel():
     arm = typical_arm(SIX_AXES)
     runs = simulate(arm, n_runs=4).recordings
     assert arm.delay == pytest.approx(0.0028)
-    assert channel_errors(Setup(SIX_AXES), runs) == []
+    assert channel_errors(SIX_AXES, runs) == []
 
 
 @pytest.mark.parametrize(
@@ -122,7 +121,7 @@ def test_gears_that_yield_are_no_late_channel():
     ],
 )
 def test_a_wrong_gravity_is_questioned_and_the_right_one_named(gravity, said):
-    (finding,) = channel_errors(Setup(SIX_AXES.with_gravity(gravity)), recorded(rigid(SIX_AXES), n_runs=2))
+    (finding,) = channel_errors(SIX_AXES.with_gravity(gravity), recorded(rigid(SIX_AXES), n_runs=2))
     assert (finding.code, finding.severity) == ("mounting", "warning")
     assert finding.message.startswith(said)
     assert finding.message.endswith("give --gravity 0.00,0.00,-9.81")
@@ -130,4 +129,4 @@ def test_a_wrong_gravity_is_questioned_and_the_right_one_named(gravity, said):
 
 def test_a_light_gravity_that_is_so_is_believed():
     moon = SIX_AXES.with_gravity((0.0, 0.0, -1.62))
-    assert channel_errors(Setup(moon), recorded(rigid(moon), n_runs=2)) == []
+    assert channel_errors(moon, recorded(rigid(moon), n_runs=2)) == []

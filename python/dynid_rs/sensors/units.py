@@ -7,9 +7,9 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs.diagnosis.sensors.changes import Bench, Trial
-from dynid_rs.diagnosis.sensors.fit import MEMORY, ArmFit
-from dynid_rs.diagnosis.sensors.rows import N_OWN
+from dynid_rs.sensors.changes import Bench, Trial
+from dynid_rs.sensors.fit import MEMORY, ArmFit
+from dynid_rs.sensors.rows import N_OWN
 
 FloatArray = NDArray[np.float64]
 

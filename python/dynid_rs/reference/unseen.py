@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
-from dynid_rs.diagnosis.reference.plausible import Plausible
+from dynid_rs.reference.plausible import Plausible
 from dynid_rs.runs.preprocessing import States
 
 FloatArray = NDArray[np.float64]

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from dynid_rs.base.findings import Finding, joint_words
-from dynid_rs.diagnosis.sensors.contact import Contact
 from dynid_rs.runs.encoders import N_PARTS, EncoderDelay
 from dynid_rs.runs.recording import Recording
+from dynid_rs.sensors.contact import Contact
 
 LEVEL = 2e-3
 """Chance that channels on one clock are said to be on two."""

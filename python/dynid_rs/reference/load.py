@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from dynid_rs import _core
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.findings import Finding
-from dynid_rs.diagnosis.reference.change_search import ChangeSearch
-from dynid_rs.diagnosis.reference.changes import PAYLOAD, Believed
-from dynid_rs.diagnosis.reference.compare import REFERENCE_DATA, check_runs
-from dynid_rs.diagnosis.reference.payload import physical_payload, seen_directions
 from dynid_rs.identification.training import prepare_training_runs
 from dynid_rs.model.assembly import evaluate
+from dynid_rs.reference.change_search import ChangeSearch
+from dynid_rs.reference.changes import PAYLOAD, Believed
+from dynid_rs.reference.compare import REFERENCE_DATA, check_runs
+from dynid_rs.reference.payload import physical_payload, seen_directions
 from dynid_rs.regression.evaluation import rmse
 from dynid_rs.regression.uncertainty import NORMAL_95
 from dynid_rs.runs.checks.motion import moving_joints

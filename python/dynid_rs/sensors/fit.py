@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
-from dynid_rs.diagnosis.sensors.rows import N_OWN, Moments
 from dynid_rs.regression.priors import LEAST_MASS, LENGTH, declares_inertia
+from dynid_rs.sensors.rows import N_OWN, Moments
 
 FloatArray = NDArray[np.float64]
 

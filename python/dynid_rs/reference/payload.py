@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from dynid_rs import _core
 from dynid_rs.base.errors import MissingLibraryError
 from dynid_rs.base.findings import Finding
-from dynid_rs.diagnosis.reference.changes import Believed
-from dynid_rs.diagnosis.reference.weighing import Weighing
 from dynid_rs.model.bodies import UNKNOWN_RADIUS, Bodies, Program, Terms
+from dynid_rs.reference.changes import Believed
+from dynid_rs.reference.weighing import Weighing
 
 FloatArray = NDArray[np.float64]
 

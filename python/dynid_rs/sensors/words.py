@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from dynid_rs.base.findings import Finding, joint_words
 
 if TYPE_CHECKING:
-    from dynid_rs.diagnosis.sensors.changes import Bench, Trial
-    from dynid_rs.diagnosis.sensors.lag import Lag
+    from dynid_rs.sensors.changes import Bench, Trial
+    from dynid_rs.sensors.lag import Lag
 
 FloatArray = NDArray[np.float64]
 

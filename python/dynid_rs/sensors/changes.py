@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
-from dynid_rs.diagnosis.sensors.fit import ArmFit, ArmPrior, fit_arm
-from dynid_rs.diagnosis.sensors.rows import ArmRows, Moments
 from dynid_rs.runs.checks.excitation import TOGETHER
 from dynid_rs.runs.checks.motion import correlation
+from dynid_rs.sensors.fit import ArmFit, ArmPrior, fit_arm
+from dynid_rs.sensors.rows import ArmRows, Moments
 
 FloatArray = NDArray[np.float64]
 

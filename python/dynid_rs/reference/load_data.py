@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs.diagnosis.reference.load import Load
+from dynid_rs.reference.load import Load
 
 FloatArray = NDArray[np.float64]
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from dynid_rs.diagnosis.sensors.changes import Bench, Trial
-from dynid_rs.diagnosis.sensors.fit import fit_arm
+from dynid_rs.sensors.changes import Bench, Trial
+from dynid_rs.sensors.fit import fit_arm
 
 
 def payload_trials(bench: Bench) -> Iterator[tuple[Trial, float]]:

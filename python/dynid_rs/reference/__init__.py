@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dynid_rs.diagnosis.reference.compare import Changes, compare
-from dynid_rs.diagnosis.reference.load import Load, weigh_load
+from dynid_rs.reference.compare import Changes, compare
+from dynid_rs.reference.load import Load, weigh_load
 
 __all__ = ["Changes", "Load", "compare", "weigh_load"]

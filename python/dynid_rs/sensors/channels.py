@@ -17,16 +17,16 @@ from numpy.typing import NDArray
 
 from dynid_rs import _core
 from dynid_rs.base.findings import Finding
-from dynid_rs.diagnosis.sensors import words
-from dynid_rs.diagnosis.sensors.changes import Bench, Trial, wiring_trials
-from dynid_rs.diagnosis.sensors.fit import ArmFit
-from dynid_rs.diagnosis.sensors.gravity import gravity_trial
-from dynid_rs.diagnosis.sensors.lag import Lag, lags
-from dynid_rs.diagnosis.sensors.payload import payload_trials
-from dynid_rs.diagnosis.sensors.rows import ArmRows
-from dynid_rs.diagnosis.sensors.units import unit_fit, unit_trials
 from dynid_rs.regression.priors import declares_inertia
 from dynid_rs.runs.preprocessing import States
+from dynid_rs.sensors import words
+from dynid_rs.sensors.changes import Bench, Trial, wiring_trials
+from dynid_rs.sensors.fit import ArmFit
+from dynid_rs.sensors.gravity import gravity_trial
+from dynid_rs.sensors.lag import Lag, lags
+from dynid_rs.sensors.payload import payload_trials
+from dynid_rs.sensors.rows import ArmRows
+from dynid_rs.sensors.units import unit_fit, unit_trials
 
 FloatArray = NDArray[np.float64]
 

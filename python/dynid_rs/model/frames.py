@@ -9,6 +9,8 @@ from dynid_rs import _core
 
 FloatArray = NDArray[np.float64]
 
+STEP = 1e-4
+"""Of the derivative of gravity [rad]."""
 SAME = 1e-12
 """Displacements [m, rad] below this are rounding."""
 
@@ -32,6 +34,17 @@ def tilt_of(declared: _core.RobotModel, robot: _core.RobotModel) -> tuple[float,
     """Roll and pitch [rad] by which the base of `robot` is turned against `declared`."""
     x, y, z = _level(declared.gravity).apply(robot.gravity) / max(float(np.linalg.norm(robot.gravity)), 1e-300)
     return float(np.arctan2(-y, -z)), float(np.arcsin(np.clip(x, -1.0, 1.0)))
+
+
+def gravity_steps(declared: _core.RobotModel, robot: _core.RobotModel) -> list[FloatArray]:
+    """Change of gravity (3,) [m/s^2] per rad of roll and of pitch, where `robot` stands."""
+    now = np.array(tilt_of(declared, robot))
+    steps = []
+    for k in range(2):
+        change = STEP * np.eye(2)[k]
+        high, low = (tilted_gravity(declared.gravity, *(now + sign * change)) for sign in (1, -1))
+        steps.append((high - low) / (2 * STEP))
+    return steps
 
 
 def displacement(declared: _core.RobotModel, robot: _core.RobotModel, joint: int) -> FloatArray:

@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from dynid_rs import _core
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.findings import Finding, joint_words
-from dynid_rs.diagnosis.reference.change_search import ChangeSearch
-from dynid_rs.diagnosis.reference.changes import PAYLOAD, Believed, Hypothesis
-from dynid_rs.diagnosis.reference.payload import physical_payload
-from dynid_rs.diagnosis.structure_plot import over_angle
 from dynid_rs.identification.training import prepare_training_runs
 from dynid_rs.model.assembly import evaluate, with_band
+from dynid_rs.model.curves import over_angle
+from dynid_rs.reference.change_search import ChangeSearch
+from dynid_rs.reference.changes import PAYLOAD, Believed, Hypothesis
+from dynid_rs.reference.payload import physical_payload
 from dynid_rs.regression.evaluation import rmse
 from dynid_rs.regression.uncertainty import NORMAL_95
 from dynid_rs.runs.facts import check_training_runs
