@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,7 @@ from dynid_rs.diagnosis.structural import KINDS, REFITTED, structural_hypotheses
 from dynid_rs.identification.links import LinkDynamicsIdentifier
 from dynid_rs.identification.smooth_friction import SmoothFrictionIdentifier, smooth, tanh_widths
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
-from dynid_rs.model.placed import CATALOGUE, PlacedEffect, own_columns
+from dynid_rs.model.placed import CATALOGUE, HeldEffect, PlacedEffect, own_columns
 from dynid_rs.regression.linear_model import Columns
 from dynid_rs.runs.recording import Recording
 
@@ -88,9 +89,16 @@ class Belief:
         fit = fitted(setup, train) if fit is None else fit
         return Belief(setup, train, setup, fit, fit, Catalogue(fit))
 
+    @cached_property
+    def at_first(self) -> Beside:
+        """The fit at the beginning as a linear model."""
+        return Beside.of(self.first)
+
     @property
     def beside(self) -> Beside:
         """The fit as a linear model; made once for each fit."""
+        if self.fit is self.first:
+            return self.at_first
         if self._beside is None or self._beside[0] is not self.fit:
             self._beside = self.fit, Beside.of(self.fit)
         return self._beside[1]
@@ -131,6 +139,11 @@ class Belief:
         plan, columns = self.fit.observations_.plan, own_columns(self.setup.effects, 0)
         first = plan.friction[1].start - 1 - max(column for places in columns for _, column in places)
         return [[(j, plan.n_base + j * plan.n_own + first + column) for j, column in places] for places in columns]
+
+    def hold(self, held: Sequence[HeldEffect]) -> None:
+        """Put torques that were fitted at full rate into the setup, and fit everything again."""
+        self.setup = replace(self.setup, held=(*self.setup.held, *held))
+        self.refit()
 
     def believe_mounting(self, odds: float) -> None:
         """Name the mounting that the search began with; its angles stand in the setup's robot."""

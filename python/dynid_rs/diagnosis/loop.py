@@ -26,7 +26,7 @@ from dynid_rs.diagnosis.mounting import mounted
 from dynid_rs.diagnosis.outcome import Diagnosis
 from dynid_rs.diagnosis.ripple import find_ripple, ripple_entries
 from dynid_rs.diagnosis.rivals import weigh_rivals
-from dynid_rs.diagnosis.search import search
+from dynid_rs.diagnosis.search import look, search
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.unexplained import unexplained
 from dynid_rs.identification.smooth_friction import SmoothFrictionIdentifier
@@ -114,13 +114,13 @@ def _traced(
     asked, odds = mounted(setup, before)
     asked, fit = centred(asked, train, before if asked is setup else fitted(asked, train), setup.encoder_error)
     found = search(asked, train, fit, on_progress=on_progress)
-    if odds:
-        found.believe_mounting(odds)
     on_progress("ripple")
     lines = find_ripple(found.setup, found.fit, train)
     if lines:
-        found.setup = replace(found.setup, held=(*found.setup.held, *(h for family in lines for h in family.held())))
-        found.fit = fitted(found.setup, train)
+        found.hold([held for family in lines for held in family.held()])
+        look(found, on_progress)  # for what the ripple has covered
+    if odds:
+        found.believe_mounting(odds)
     found.setup, found.fit = centred(found.setup, train, found.fit, setup.encoder_error)
     found.catalogue = Catalogue(found.fit, found.catalogue)
     on_progress("what is left")

@@ -54,15 +54,19 @@ def search(
         Of the setup to these runs.
     """
     belief = Belief.in_declared(setup, train, fit)
-    declared = belief.beside
+    look(belief, on_progress)
+    return belief
+
+
+def look(belief: Belief, on_progress: Callable[[str], None]) -> None:
+    """Find what is missing beside what is believed already."""
     name(belief, on_progress)
     if exchange(belief) | merge(belief):
         backward(belief)
         name(belief, on_progress)  # beside another kind another one may be missing
     settle(belief)
     backward(belief, SURE)
-    harmless(belief, declared)
-    return belief
+    harmless(belief)
 
 
 def name(belief: Belief, on_progress: Callable[[str], None]) -> None:

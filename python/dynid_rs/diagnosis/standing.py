@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.diagnosis.belief import Belief
-from dynid_rs.diagnosis.beside import Beside
 from dynid_rs.diagnosis.hypotheses import Place, shaped_as
 from dynid_rs.diagnosis.structural import value_of
 from dynid_rs.diagnosis.structural.torque_gain import USUAL, gain_spread
@@ -80,12 +79,13 @@ def _gains(belief: Belief) -> dict[Place, float]:
     return factors
 
 
-def harmless(belief: Belief, declared: Beside) -> None:
+def harmless(belief: Belief) -> None:
     """Take out names until no joint is predicted worse than by the declared model, on parts that were left out.
 
     Worse: by more than `HARM`, and by more than chance over the parts, of all joints that a name reaches together. The
     least certain name goes first.
     """
+    declared = belief.at_first
     ways = [parts for parts in (blocks(declared.model.n_rows), whole_runs(belief.run_lengths)) if parts]
     without = [declared.model.left_out(declared.best, parts) for parts in ways]
     while belief.named:
