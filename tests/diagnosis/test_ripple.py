@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from helpers.diagnosed import ROBOT, found_in, measured, rigid
 from helpers.small_arm import JOINTS
+from scipy.signal import butter, filtfilt
 
 from dynid_rs.diagnosis.ripple import PARTS, _in_parts, find_ripple, ripple_entries
 from dynid_rs.diagnosis.setup import Setup
@@ -83,6 +84,18 @@ def test_a_diagnosis_takes_the_line_off_a_run_that_it_has_not_seen(clean):
     terms = evaluate(model, found.after.states(unseen))[1][:, model.term_names.index("torque_ripple")]
     assert np.ptp(terms[:, 0]) == pytest.approx(2 * size, rel=0.1)
     assert not terms[:, 1:].any()
+
+
+def test_what_a_ripple_covers_is_found_beside_it(clean):
+    """A force between two joints, a seventh of the noise, under a ripple of twenty times: seen once that is known."""
+    runs, low = [], butter(3, 10.0, fs=250.0)
+    for run in with_line(clean, 2, 41.0, 20 * ARM.noise_std[2]):
+        ddq = filtfilt(*low, np.gradient(np.gradient(run.q, run.t, axis=0), run.t, axis=0), axis=0)
+        tau = run.tau.copy()
+        tau[:, [0, 2]] += 0.15 * ARM.noise_std[2] / ddq[:, 0].std() * ddq[:, [2, 0]]
+        runs.append(replace(run, tau=tau))
+    named = {(entry["kind"], tuple(entry["joints"])) for entry in found_in(runs).entries}
+    assert named == {("torque_ripple", (JOINTS[2],)), ("inertial_coupling", (JOINTS[0], JOINTS[2]))}
 
 
 def test_a_joint_that_rests_in_a_run_serves_with_the_others(clean):
