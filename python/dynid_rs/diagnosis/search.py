@@ -24,7 +24,7 @@ from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.shapes import polished
 from dynid_rs.diagnosis.standing import backward, harmless
 from dynid_rs.diagnosis.structural import REFITTED
-from dynid_rs.diagnosis.trials import blocks, evidence, helps, is_stable, whole_runs
+from dynid_rs.diagnosis.trials import Value, blocks, evidence, helps, is_stable, whole_runs
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.runs.recording import Recording
 
@@ -119,22 +119,24 @@ def forward(belief: Belief, never: Collection[Place] = ()) -> list[Named]:
             break
         best = max(passing, key=lambda v: v.value)
         place = best.hypothesis.place
-        after = beside.with_columns(best.columns)
+        # In its own shape: what a grid's leaves of an effect looks like the next one, and holds on no part.
+        shaped = polished(beside, belief.catalogue, best.hypothesis)
+        columns = beside.evidence_for(shaped)[1]
+        after = beside.with_columns(columns)
+        tested = Value(best.value, shaped, columns)
         rivals = [v for v in values.values() if v.hypothesis.place != place and shares(v.hypothesis, best.hypothesis)]
         unlike = [v for v in rivals if not is_one_cause(place[0], v.hypothesis.kind)]
         if not (
-            helps(beside, after, belief.reach(best.hypothesis), parts, runs)
+            helps(beside, after, belief.reach(shaped), parts, runs)
             # Either of two ties may come first in a half; which it is stays open.
-            and is_stable(beside, best, [v for v in unlike if v.value < best.value - SURE], parts)
+            and is_stable(beside, tested, [v for v in unlike if v.value < best.value - SURE], parts)
             # What tells the same with more right, and does not hold, makes the next best no more likely.
             and all(after.evidence_for(v.hypothesis)[0] > need for v in unlike if v.value > best.value + SURE)
         ):
             doubted.add(place)
             continue
         told = {v.hypothesis.place: v.value - best.value for v in rivals if v.value > need}
-        # In its own shape: what a grid's leaves of an effect looks like the next one.
-        shaped = polished(beside, belief.catalogue, best.hypothesis)
-        before, beside = beside.best, beside.with_columns(beside.evidence_for(shaped)[1])
+        before, beside = beside.best, after
         settled = beside.best.noise > FALLEN * before.noise
         open_ = [h for h in open_ if all(settled[j] for j in h.columns)]
         if told:
