@@ -8,12 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.diagnosis.belief import Belief
+from dynid_rs.diagnosis.beside import Beside
 from dynid_rs.diagnosis.hypotheses import Place, shaped_as
 from dynid_rs.diagnosis.structural import value_of
 from dynid_rs.diagnosis.structural.torque_gain import USUAL, gain_spread
 from dynid_rs.diagnosis.trials import blocks, whole_runs, worse
 
 FloatArray = NDArray[np.float64]
+BoolArray = NDArray[np.bool_]
+IntArray = NDArray[np.intp]
 
 HARM = 1.02
 """No joint's left-out error may grow by this factor."""
@@ -82,25 +85,36 @@ def _gains(belief: Belief) -> dict[Place, float]:
 def harmless(belief: Belief) -> None:
     """Take out names until no joint is predicted worse than by the declared model, on parts that were left out.
 
-    Worse: by more than `HARM`, and by more than chance over the parts, of all joints that a name reaches together. The
-    least certain name goes first.
+    Worse: by more than `HARM`, and by more than chance over the parts, of all joints that a name reaches together. Of
+    the names that do it the least certain goes first.
     """
     declared = belief.at_first
     ways = [parts for parts in (blocks(declared.model.n_rows), whole_runs(belief.run_lengths)) if parts]
-    without = [declared.model.left_out(declared.best, parts) for parts in ways]
+    before = [declared.model.left_out(declared.best, parts) for parts in ways]
     while belief.named:
-        lost = [belief.beside.model.left_out(belief.beside.best, parts) for parts in ways]
+        after = [belief.beside.model.left_out(belief.beside.best, parts) for parts in ways]
+        torques = dict(zip([(e.kind, e.joints) for e in belief.setup.effects], belief.places(), strict=True))
         guilty = []
         for named in belief.named.values():
-            at = belief.reach(named.hypothesis)
-            if any(_harms(after[:, at], before[:, at], len(ways)) for after, before in zip(lost, without, strict=True)):
-                guilty.append(named)
+            at, places = belief.reach(named.hypothesis), torques.get(named.hypothesis.place)
+            for parts, lost, declared_lost in zip(ways, after, before, strict=True):
+                harmed = np.array(at)[_harms(lost[:, at], declared_lost[:, at], len(ways))]
+                if len(harmed) and (places is None or _spares(belief.beside.without(places), parts, lost, harmed)):
+                    guilty.append(named)
+                    break
         if not guilty:
             return
         belief.remove(min(guilty, key=lambda named: named.log_odds).hypothesis.place)
 
 
-def _harms(after: FloatArray, before: FloatArray, n_ways: int) -> bool:
-    """Whether some joint is predicted worse; power left out of parts and joints, (n_parts, n_joints) each."""
+def _spares(without: Beside, parts: list[BoolArray], lost: FloatArray, harmed: IntArray) -> bool:
+    """Whether joints are predicted better without a torque: one that makes no difference to them harms them not."""
+    spared: FloatArray = without.model.left_out(without.best, parts)[:, harmed]
+    return bool(spared.sum() < lost[:, harmed].sum())
+
+
+def _harms(after: FloatArray, before: FloatArray, n_ways: int) -> BoolArray:
+    """Which joints are predicted worse; power left out of parts and joints, (n_parts, n_joints) each."""
     ratio = np.sqrt(after.sum(axis=0) / np.maximum(before.sum(axis=0), 1e-300))
-    return bool(np.any((ratio > HARM) & worse(after - before, n_ways * after.shape[1])))
+    harms: BoolArray = (ratio > HARM) & worse(after - before, n_ways * after.shape[1])
+    return harms
