@@ -18,7 +18,7 @@ from dynid_rs._core import (
     UrdfError,
     __version__,
 )
-from dynid_rs.base.errors import DataError, MissingLibraryError, RankDeficientError
+from dynid_rs.base.errors import DamageWarning, DataError, MissingLibraryError, RankDeficientError
 
 if TYPE_CHECKING:
     from dynid_rs.diagnosis.found import FoundEffect
@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from dynid_rs.runs.readers import Config, PartsWarning, read_config, read_recording, read_recordings
     from dynid_rs.runs.recording import Recording
     from dynid_rs.runs.recordings import Recordings
+    from dynid_rs.sensors.inspection import inspect
 
 # scikit-learn takes a second to import; nobody who only evaluates a model should wait for it.
 _LATE = {
@@ -64,6 +65,7 @@ _LATE = {
     "ThreeLoopIdentifier": "identification.three_loops",
     "diagnose": "diagnosis.loop",
     "fit_base_parameters": "identification.base_fit",
+    "inspect": "sensors.inspection",
     "read_config": "runs.readers",
     "read_recording": "runs.readers",
     "read_recordings": "runs.readers",
@@ -75,6 +77,7 @@ __all__ = [
     "BaseFit",
     "BaseParameters",
     "Config",
+    "DamageWarning",
     "DataError",
     "Diagnosis",
     "Effect",
@@ -104,6 +107,7 @@ __all__ = [
     "__version__",
     "diagnose",
     "fit_base_parameters",
+    "inspect",
     "read_config",
     "read_recording",
     "read_recordings",

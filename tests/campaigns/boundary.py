@@ -7,11 +7,13 @@ from __future__ import annotations
 
 import json
 import os
+import subprocess
 import sys
 import tempfile
 import time
 import warnings
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -61,36 +63,42 @@ def faults_of(call: Call) -> Iterator[tuple[str, str | None]]:
                 yield where, f"{type(error).__name__}: {ascii(str(error))[:200]}"
 
 
-def tried_alone(call: Call) -> tuple[int, list[str]]:
-    """Number of tries and what was found, from a process that may die."""
-    reading, writing = os.pipe()
-    process = os.fork()
-    if process == 0:
-        os.close(reading)
-        warnings.simplefilter("ignore")
-        for where, wrong in faults_of(call):
-            os.write(writing, json.dumps([where, wrong]).encode() + b"\n")
-        os._exit(0)
-    os.close(writing)
-    with os.fdopen(reading, "rb") as stream:
-        lines = [json.loads(line) for line in stream]
-    _, status = os.waitpid(process, 0)
+def try_one(name: str) -> None:
+    """Print each try of a function, and what is wrong with it; a line of JSON each."""
+    warnings.simplefilter("ignore")
+    np.seterr(all="ignore")
+    with tempfile.TemporaryDirectory(prefix="boundary-") as temporary:
+        os.chdir(temporary)  # whatever string is taken for a path names a file in here
+        call = calls(Path(temporary))[name]
+        with os.fdopen(os.dup(1), "w", buffering=1) as out:  # what a call prints itself goes to nobody
+            with open(os.devnull, "w") as nobody:
+                os.dup2(nobody.fileno(), 1)
+            for tried in faults_of(call):
+                out.write(json.dumps(tried) + "\n")
+        os.chdir("/")
+
+
+def tried_alone(name: str) -> tuple[int, list[str]]:
+    """Number of tries and what was found, from a process that may die. Not a fork: threads would be missing in it."""
+    done = subprocess.run([sys.executable, __file__, "--one", name], stdout=subprocess.PIPE, text=True, check=False)
+    lines = [json.loads(line) for line in done.stdout.splitlines()]
     found = [f"{where}: {wrong}" for where, wrong in lines if wrong is not None]
-    died = [f"{lines[-1][0]}: the process died ({status})"] if status else []
+    last = lines[-1][0] if lines else "before the first try"
+    died = [f"{last}: the process died ({done.returncode})"] if done.returncode else []
     return sum(wrong is None for _, wrong in lines), found + died
 
 
 def main() -> int:
     """Print the figures as JSON; 1 if something was found."""
-    warnings.simplefilter("ignore")
-    np.seterr(all="ignore")
+    if sys.argv[1:2] == ["--one"]:
+        try_one(sys.argv[2])
+        return 0
     with tempfile.TemporaryDirectory(prefix="boundary-") as temporary:
-        os.chdir(temporary)  # whatever string is taken for a path names a file in here
-        known = calls(Path(temporary))
-        results = {name: tried_alone(call) for name, call in known.items()}
-        os.chdir("/")
+        names = list(calls(Path(temporary)))
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        results = dict(zip(names, pool.map(tried_alone, names), strict=True))
     found = {name: wrong for name, (_, wrong) in results.items() if wrong}
-    print(json.dumps({"functions": len(known), "calls": sum(n for n, _ in results.values()), "found": found}, indent=2))
+    print(json.dumps({"functions": len(names), "calls": sum(n for n, _ in results.values()), "found": found}, indent=2))
     return int(bool(found))
 
 

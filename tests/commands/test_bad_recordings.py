@@ -8,7 +8,7 @@ import re
 import numpy as np
 import pytest
 from helpers.run_files import write
-from helpers.small_arm import JOINTS, URDF, dynid, refusal, run, write_robot
+from helpers.small_arm import JOINTS, URDF, dynid, refusal, run, study, write_robot
 
 import dynid_rs as dyn
 from dynid_rs.base.errors import DataError
@@ -382,3 +382,40 @@ def test_a_reduction_of_zero_is_refused(tmp_path, zero):
     assert sentence.startswith(f"{robot}:{place}: {says}")
     with pytest.raises(dyn.UrdfError, match="mechanicalReduction is zero"):
         dyn.RobotModel.from_urdf(robot)
+
+
+def degrees(columns):
+    for name in [name for name in columns if name.startswith("q_")]:
+        columns[name] = np.rad2deg(columns[name])
+
+
+def test_a_model_is_held_against_no_damaged_run(tmp_path):
+    """Nothing is weighed or compared in degrees; an estimate is of what the file holds, and says what that is."""
+    bad, model = written(tmp_path, degrees)[1], study().output / "model.json"
+    for words in (("payload", model, bad), ("compare", model, model, bad)):
+        result = dynid(*words, "--json")
+        error = json.loads(result.stdout)["error"]
+        assert (result.exit_code, error["code"], error["file"]) == (2, "units_degrees", "run_1.parquet"), words
+    result = dynid("estimate", model, bad, "--json")
+    assert result.exit_code == 1
+    assert [finding["code"] for finding in json.loads(result.stdout)["findings"]][:1] == ["units_degrees"]
+    good = dynid("estimate", model, tmp_path / "run_0.parquet", "--json")
+    assert (good.exit_code, json.loads(good.stdout)["findings"]) == (0, [])
+
+
+def test_python_says_what_commands_say(tmp_path):
+    """A fit warns of a damaged run; `inspect` asks runs together."""
+    bad = dyn.read_recording(written(tmp_path, degrees)[1])
+    robot = dyn.RobotModel.from_urdf(write_robot(tmp_path))
+    fresh = dyn.ThreeLoopIdentifier(robot, residual=None)
+    with pytest.warns(dyn.DamageWarning, match="degrees"):
+        fresh.fit(bad)
+    assert "units_degrees" in [finding.code for finding in dyn.inspect(bad, robot)]
+
+    def exchanged(columns):
+        one, other = "tau_0", "tau_1"
+        columns[one], columns[other] = columns[other], columns[one].copy()
+
+    runs = [dyn.read_recording(path) for path in written(tmp_path, exchanged, bad=(0, 1, 2))]
+    assert not any(finding.severity == "error" for finding in dyn.inspect(runs))
+    assert "torque_swapped" in [finding.code for finding in dyn.inspect(runs, robot)]

@@ -111,6 +111,7 @@ def test_what_is_never_put_together():
     with pytest.raises(ValueError, match="expected a list of recordings, got one of str"):
         Recording.concat(["run.csv"])
     assert list(Recording.concat(run)) == [run]
+    assert len(run[:1.0].concat(run[1.0:2.5], run[2.5:])) == 1
     with pytest.raises(DataError, match="concatenate runs of one arm in one unit"):
         Recording.concat([run, replace(run, torque_unit="A")])
     with pytest.raises(DataError, match="has the joints a, b, c"):

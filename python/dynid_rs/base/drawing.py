@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.base.errors import MissingLibraryError
+from dynid_rs.base.quoting import shown_value
 
 FloatArray = NDArray[np.float64]
 Axes = Any
@@ -60,7 +61,7 @@ def chosen_joints(joints: Sequence[str | int] | str | int | None, names: Sequenc
         return list(range(len(names)))
     if not isinstance(joints, str | int | np.integer) and not len(joints):
         raise ValueError(f"joints: none is given; expected some of {', '.join(names)}, or their indices from 0")
-    asked = [joints] if isinstance(joints, str | int | np.integer) else list(joints)
+    asked = [joints] if isinstance(joints, str | int | np.integer) else joints
     found = []
     for joint in asked:
         if isinstance(joint, str) and joint in names:
@@ -69,7 +70,8 @@ def chosen_joints(joints: Sequence[str | int] | str | int | None, names: Sequenc
             found.append(int(joint))
         else:
             raise ValueError(
-                f"joints: there is no joint {joint!r}; expected some of {', '.join(names)}, or their indices from 0"
+                f"joints: there is no joint {shown_value(joint)}; expected some of {', '.join(names)}, or their "
+                "indices from 0"
             )
     return found
 

@@ -56,3 +56,7 @@ class MissingLibraryError(ValueError):
     def __init__(self, library: str, extra: str = "", purpose: str = "", *, mend: str = "") -> None:
         mend = mend or f"pip install 'dynid-rs[{extra}]'"
         super().__init__(f"{purpose} need the library {library}, which is not installed: {mend}")
+
+
+class DamageWarning(UserWarning):
+    """A model was learned from a run that is damaged: degrees called radians, stamps out of order, lost bits."""

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from dynid_rs.base.codes import mend_of
+from dynid_rs.base.errors import DataError
 
 Severity = Literal["info", "warning", "error"]
 SEVERITIES: tuple[Severity, ...] = ("info", "warning", "error")
@@ -52,6 +53,16 @@ class Finding:
     value: float | None = None
     unit: str | None = None
     line: int | None = None
+
+    def as_error(self) -> DataError:
+        """Return the error of whoever cannot go on with such a run."""
+        return DataError(
+            f"{self.file}: {self.message}",
+            code=self.code,
+            file=self.file,
+            column=self.column,
+            row=None if self.rows is None else self.rows[0],
+        )
 
     def to_json(self) -> dict[str, object]:
         """Fields that are known, ready for `json.dumps`; with the mend that belongs to the code."""

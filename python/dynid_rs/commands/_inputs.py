@@ -161,11 +161,15 @@ def read_runs(paths: list[Path], robot: Any, settings: Settings) -> tuple[list[R
     Raises
     ------
     DataError
-        A run is there twice: it would count twice in every interval.
+        A run is there twice: it would count twice in every interval. Or it is damaged: whatever is held against it
+        tells of the damage.
     """
+    from dynid_rs.runs.checks import is_damage
     from dynid_rs.runs.splitting import refuse_repeats
 
     recordings, findings = _read(parted_sources(paths, [], robot, settings)[0])
+    for finding in filter(is_damage, findings):
+        raise finding.as_error()
     refuse_repeats([], recordings)
     return recordings, findings
 

@@ -8,6 +8,7 @@ import json
 import os
 import sys
 import traceback
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import ParamSpec, TextIO
@@ -15,6 +16,7 @@ from typing import ParamSpec, TextIO
 import typer
 
 from dynid_rs.base.codes import mend_of
+from dynid_rs.base.errors import DamageWarning
 from dynid_rs.base.files import with_sentence
 from dynid_rs.base.quoting import shown_ends
 
@@ -75,7 +77,9 @@ def run_command(command: Callable[P, int | None]) -> Callable[P, None]:
     @functools.wraps(command)
     def wrapped(*args: P.args, **kwargs: P.kwargs) -> None:
         try:
-            code = command(*args, **kwargs)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", DamageWarning)  # every command says its findings itself
+                code = command(*args, **kwargs)
             if sys.stdout is not None:
                 sys.stdout.flush()
         except (KeyboardInterrupt, typer.Abort) as stop:  # the latter where a question was on the terminal

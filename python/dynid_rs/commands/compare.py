@@ -126,6 +126,8 @@ def _show(answer: dict[str, Any]) -> None:
         table.add_row(Text(shown(joint)), significant(one), left, significant(two), right, *moved)
     out.print(Text(f"A: {answer['a']}\nB: {answer['b']}"), soft_wrap=True)
     out.print(table)
+    if rmse["cutoff"] is None:
+        out.print("The change has no interval: results tell their errors, not both at each sample; name runs for one.")
     for place, words in (("a", "only A has"), ("b", "only B has")):
         if answer["terms"][place]:
             out.print(Text(f"{words}: {', '.join(map(shown, answer['terms'][place]))}"), soft_wrap=True)

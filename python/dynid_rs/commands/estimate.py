@@ -10,7 +10,7 @@ import typer
 
 from dynid_rs.base.numbers import significant
 from dynid_rs.commands import _options
-from dynid_rs.commands._run import print_json, run_command
+from dynid_rs.commands._run import EXIT_NO, print_json, run_command
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -59,18 +59,20 @@ def estimate(
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace files that are there")] = False,
     json_output: Annotated[bool, typer.Option("--json", help="Answer as JSON on standard output")] = False,
-) -> None:
+) -> int:
     """Estimate torques along a run.
 
     A run with recorded dq and ddq is taken as it is, sample by sample, as `dynid-estimator` takes it.
     Otherwise positions are filtered without phase and differentiated, as in `dynid identify`. A run without
     torque is fine; there is then no error to report. Else there are two: as recorded, and in the band of the
-    model's own result, which on a test run of that result is the error that result.json says.
+    model's own result, which on a test run of that result is the error that result.json says. Ends with 1 if the
+    run is damaged (q in degrees, say): the estimates are of what the file holds.
     """
     from dynid_rs.archive.runs import no_current
     from dynid_rs.base.files import write_table
     from dynid_rs.commands._inputs import check_cutoff, load_model, read_settings
     from dynid_rs.regression.evaluation import rmse
+    from dynid_rs.runs.checks import check_recording, is_damage
     from dynid_rs.runs.readers import read_run
 
     _check_outputs(output, states, inputs=(model, run), force=force)
@@ -87,6 +89,9 @@ def estimate(
     if source.has_torque and recording.torque_unit != torque_model.torque_unit:
         raise _other_unit(recording, torque_model.torque_unit)
     _check_temperature(torque_model, recording)
+    damaged = [finding for finding in check_recording(recording, torque_model.robot) if is_damage(finding)]
+    if not source.has_torque:
+        damaged = [finding for finding in damaged if not (finding.column or "").startswith("tau")]
     t, signals, tau, temperature = states_of(recording, cutoff, torque_model.encoder_delay)
     total, terms, status = torque_model.evaluate(*signals, step=_step(t, torque_model), temperature=temperature)
     errors = rmse([tau - total]) if source.has_torque else None
@@ -118,9 +123,10 @@ def estimate(
                 "n_beyond_limits": beyond,
                 "output": None if output is None else str(output),
                 "states": None if states is None else str(states),
+                "findings": [finding.to_json() for finding in damaged],
             }
         )
-        return
+        return EXIT_NO if damaged else 0
     if errors is None:
         typer.echo(f"{run.name} holds no torque; there is nothing to compare the estimate with")
     else:
@@ -139,6 +145,9 @@ def estimate(
         typer.echo(f"torques: {output}")
     if states is not None:
         typer.echo(f"states: {states}")
+    for finding in damaged:
+        typer.echo(f"error: {finding.message}", err=True)
+    return EXIT_NO if damaged else 0
 
 
 def _window(text: str) -> tuple[float, float]:

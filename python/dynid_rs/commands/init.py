@@ -29,6 +29,7 @@ def init(
     gravity: _options.Gravity = None,
     base: _options.Base = None,
     tip: _options.Tip = None,
+    xacro: _options.Xacro = False,
     yes: Annotated[bool, typer.Option("--yes", help="Ask nothing: take what the runs say, and say so")] = False,
     force: Annotated[bool, typer.Option("--force", help="Replace a dynid.toml that is there")] = False,
     json_output: _options.Json = False,
@@ -50,7 +51,7 @@ def init(
     if output.exists() and not force:
         raise ValueError(f"{output}: there is one already; give --force to replace it, or -o another place")
     rules = read_rules(config)
-    model = read_robot(robot, base, tip, gravity, rules)
+    model = read_robot(robot, base, tip, gravity, rules, xacro=xacro)
     base, tip = chain_ends(base, tip, rules)
     rules = replace(rules, base=base, tip=tip)
     asks = not yes and not json_output and sys.stdin is not None and sys.stdin.isatty() and sys.stdout.isatty()

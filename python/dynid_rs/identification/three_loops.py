@@ -29,6 +29,7 @@ from dynid_rs.regression.columns import Observations, observe
 from dynid_rs.regression.is_fitted import check_is_fitted
 from dynid_rs.regression.scales import free_scales
 from dynid_rs.regression.uncertainty import parameter_covariance
+from dynid_rs.runs.checks.damage import warn_of_damage
 from dynid_rs.runs.facts import check_training_runs
 from dynid_rs.runs.given import Runs, as_recordings
 from dynid_rs.runs.preprocessing import States, prepare, without
@@ -194,6 +195,11 @@ class ThreeLoopIdentifier(RunRegressor):
         DataError
             Runs of another robot, mixed units, a joint that never moves, too little motion, a run that is there
             twice, a friction run without reversal.
+
+        Warns
+        -----
+        DamageWarning
+            A run is not what it seems, q in degrees for one; `dynid_rs.inspect` says more, and asks all runs together.
         """
         from threadpoolctl import threadpool_limits
 
@@ -215,6 +221,7 @@ class ThreeLoopIdentifier(RunRegressor):
         recordings = as_recordings(X, self.robot, self.config)
         slow = [] if friction_recording is None else as_recordings(friction_recording, self.robot, self.config)
         check_training_runs(self.robot, recordings + slow)
+        warn_of_damage(recordings + slow, self.robot)
         refuse_repeats(recordings, [])
         self.known_ = check_known(self.known, self.robot, recordings[0].torque_unit)
         # Small matrices by the thousand: BLAS threads spin on each other and cost more than they give.

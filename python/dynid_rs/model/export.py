@@ -88,7 +88,8 @@ def _physical_of(model: _core.TorqueModel) -> _core.PhysicalSet:
     if physical is None:
         raise ValueError(
             "the model has no masses and inertias that a body can have, only what the torque tells; identify it again "
-            "with --physical"
+            "with --physical, or model.with_physical(PhysicalIdentifier().fit(identifier.observations_, "
+            "identifier.links_).physical_set(model))"
         )
     return physical
 

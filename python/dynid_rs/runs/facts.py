@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,13 +50,7 @@ class RunFacts:
             It holds a number that no arm has: sums over it would be none.
         """
         for finding in check_magnitudes(recording):
-            raise DataError(
-                f"{recording.name}: {finding.message}",
-                code=finding.code,
-                file=recording.name,
-                column=finding.column,
-                row=None if finding.rows is None else finding.rows[0],
-            )
+            raise replace(finding, file=recording.name).as_error()
         return RunFacts(
             recording.name,
             recording.joints,

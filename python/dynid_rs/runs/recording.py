@@ -202,9 +202,10 @@ class Recording:
 
         return to_table(self).__arrow_c_stream__(requested_schema)
 
-    @staticmethod
-    def concat(recordings: Recording | Sequence[Recording]) -> Recordings:
+    def concat(recordings: Recording | Sequence[Recording], *others: Recording) -> Recordings:
         """Put recordings of one arm together: what continues is joined, what does not stays a part of its own.
+
+        `Recording.concat([one, other])`, or `one.concat(other)`.
 
         A run that begins at most 10 median steps after the one before it ended continues it. Across a longer gap, or
         a clock that starts again, nothing may be filtered or differentiated: such parts stay apart, as they do when
@@ -219,7 +220,8 @@ class Recording:
         """
         from dynid_rs.runs.recordings import joined
 
-        return joined([recordings] if isinstance(recordings, Recording) else list(recordings))
+        first = [recordings] if isinstance(recordings, Recording) else list(recordings)
+        return joined([*first, *others])
 
     def plot(
         self, signals: Sequence[str] = ("q", "tau"), *, joints: Sequence[str | int] | None = None, axes: Any = None

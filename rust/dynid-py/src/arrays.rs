@@ -5,7 +5,7 @@ use numpy::{
     PyArray1, PyArray2, PyArray3, PyArrayDyn, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2,
     PyUntypedArrayMethods,
 };
-use pyo3::exceptions::{PyTypeError, PyValueError};
+use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::IntoPyDict;
 
@@ -60,7 +60,7 @@ pub fn any_matrix<'py>(
         .map(|matrix| matrix.readonly())
         .ok_or_else(|| {
             let actual = shape_of(&array);
-            PyValueError::new_err(format!(
+            crate::errors::value(format!(
                 "{name} has shape {actual}, expected (n_samples, {n_columns})"
             ))
         })
@@ -76,7 +76,7 @@ pub fn width(value: &Bound<'_, PyAny>, name: &str) -> PyResult<usize> {
         .and_then(|shape| shape.extract::<(usize, usize)>())
     {
         Ok((_, width)) if width > 0 => Ok(width),
-        _ => Err(PyValueError::new_err(format!(
+        _ => Err(crate::errors::value(format!(
             "{name} must be a matrix with at least one column"
         ))),
     }
@@ -117,7 +117,7 @@ pub fn any_samples<'py, const K: usize>(
         {
             if array.shape()[0] != first {
                 let (other, n) = (signals[0].0, array.shape()[0]);
-                return Err(PyValueError::new_err(format!(
+                return Err(crate::errors::value(format!(
                     "{name} has {n} samples, but {other} has {first}"
                 )));
             }
@@ -126,7 +126,7 @@ pub fn any_samples<'py, const K: usize>(
     }
     arrays
         .try_into()
-        .map_err(|_| PyValueError::new_err("signals do not match"))
+        .map_err(|_| crate::errors::value("signals do not match"))
 }
 
 /// Vector of `n` numbers named `name`; any length if `n` is `None`.
@@ -146,7 +146,7 @@ pub fn vector<'py>(
         .ok_or_else(|| {
             let actual = shape_of(&array);
             let expected = n.map_or_else(|| "n".to_owned(), |n| n.to_string());
-            PyValueError::new_err(format!("{name} has shape {actual}, expected ({expected},)"))
+            crate::errors::value(format!("{name} has shape {actual}, expected ({expected},)"))
         })?
         .readonly();
     finite(vector.as_slice()?, name, 1)?;
@@ -160,7 +160,7 @@ fn finite(values: &[f64], name: &str, n_columns: usize) -> PyResult<()> {
     }
     match values.iter().position(|x| !x.is_finite()) {
         None => Ok(()),
-        Some(at) => Err(PyValueError::new_err(format!(
+        Some(at) => Err(crate::errors::value(format!(
             "{name} holds {} at row {}, column {}; every value must be finite",
             values[at],
             at / n_columns,
@@ -187,7 +187,7 @@ pub fn to_matrix(
     let rows = values.len().checked_div(n_columns).unwrap_or(0);
     Array2::from_shape_vec([rows, n_columns], values)
         .map(|array| PyArray2::from_owned_array(py, array))
-        .map_err(|error| PyValueError::new_err(error.to_string()))
+        .map_err(|error| crate::errors::value(error.to_string()))
 }
 
 /// Hands a row-major buffer to numpy as a 3-D array, without a copy.
@@ -198,5 +198,5 @@ pub fn to_cube(
 ) -> PyResult<Bound<'_, PyArray3<f64>>> {
     Array3::from_shape_vec(shape, values)
         .map(|array| PyArray3::from_owned_array(py, array))
-        .map_err(|error| PyValueError::new_err(error.to_string()))
+        .map_err(|error| crate::errors::value(error.to_string()))
 }

@@ -4,7 +4,6 @@ use dynid_core::link_params::{NAMES, N_LINK_PARAMS};
 use dynid_core::RobotModel;
 use dynid_offline::BaseParameters;
 use numpy::{PyArray1, PyArray2};
-use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use crate::arrays;
@@ -50,7 +49,7 @@ pub fn _base_of(
     let n_standard = N_LINK_PARAMS * links.len();
     let within = pivots.iter().chain(&dependent).all(|&k| k < n_standard);
     if !within || beta.len() != pivots.len() * dependent.len() {
-        return Err(PyValueError::new_err(
+        return Err(crate::errors::value(
             "these are no base parameters of a robot with so many links",
         ));
     }
@@ -144,7 +143,7 @@ impl PyBaseParameters {
         let regressor = numpy.call_method1("asanyarray", (regressor,))?;
         let width = regressor.getattr("shape")?.try_iter()?.last().transpose()?;
         if width.map(|width| width.extract()).transpose()? != Some(self.n_standard) {
-            return Err(PyValueError::new_err(format!(
+            return Err(crate::errors::value(format!(
                 "regressor has shape {}, expected {} columns at its end",
                 regressor.getattr("shape")?,
                 self.n_standard

@@ -4,7 +4,6 @@ use dynid_core::effects::entry::{Need, Reference};
 use dynid_core::effects::{Effect, EffectTerm, CATALOGUE, N_FRICTION};
 use dynid_offline::OfflineError;
 use numpy::{PyArray2, PyArray3};
-use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
 
@@ -150,7 +149,7 @@ pub fn check_shape(velocity_threshold: f64, transition_width: f64) -> PyResult<(
     if good {
         Ok(())
     } else {
-        Err(PyValueError::new_err(format!(
+        Err(crate::errors::value(format!(
             "velocity_threshold must be at least 0 and transition_width positive, found {velocity_threshold} and {transition_width}"
         )))
     }

@@ -4,7 +4,6 @@ use dynid_core::CoreError;
 use dynid_offline::em::{self, Mixture, Settings, MOST_DIMENSIONS};
 use dynid_offline::OfflineError;
 use numpy::{PyArray1, PyArray2, PyArray3, PyUntypedArrayMethods};
-use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use crate::{arrays, errors};
@@ -35,7 +34,7 @@ pub fn fit_mixture<'py>(
     let x = arrays::contiguous(x, "x")?;
     let width = arrays::width(&x, "x")?;
     if !(1..=MOST_DIMENSIONS).contains(&width) {
-        return Err(PyValueError::new_err(format!(
+        return Err(crate::errors::value(format!(
             "x has {width} columns, expected 1 to {MOST_DIMENSIONS}"
         )));
     }
@@ -56,7 +55,7 @@ pub fn fit_mixture<'py>(
     if means.len() != k * width
         || shape.extract::<(usize, usize, usize)>().ok() != Some((k, width, width))
     {
-        return Err(PyValueError::new_err(format!(
+        return Err(crate::errors::value(format!(
             "weights, means and covariances are not those of {k} components with {width} dimensions"
         )));
     }
@@ -77,7 +76,7 @@ pub fn fit_mixture<'py>(
     let fitted = py
         .detach(|| em::fit_mixture(rows, width, &start, settings))
         .map_err(|error| match error {
-            OfflineError::Core(CoreError::Mixture { component }) => PyValueError::new_err(format!(
+            OfflineError::Core(CoreError::Mixture { component }) => crate::errors::value(format!(
                 "component {component} of the mixture has collapsed onto too few samples; take fewer components, or \
                  increase reg_covar"
             )),

@@ -1,5 +1,6 @@
 //! Rust errors become Python exceptions here and nowhere else.
 
+use std::fmt::Display;
 use std::io;
 
 use dynid_core::{CoreError, EffectError};
@@ -33,40 +34,60 @@ create_exception!(
     "A model file that is not one, or was cut or changed."
 );
 
+/// Characters of a sentence, whatever name it quotes.
+const LONGEST: usize = 1000;
+
+/// A wrong value, in a sentence.
+pub fn value(message: impl Display) -> PyErr {
+    PyValueError::new_err(short(&message))
+}
+
+/// A sentence without the middle of a very long one: it begins with what is wrong and ends with the mend.
+fn short(message: &impl Display) -> String {
+    let text = message.to_string();
+    let length = text.chars().count();
+    if length <= LONGEST {
+        return text;
+    }
+    let head = text.chars().take(LONGEST / 2);
+    let tail = text.chars().skip(length - LONGEST / 2);
+    head.chain(" … ".chars()).chain(tail).collect()
+}
+
 pub fn core(error: CoreError) -> PyErr {
-    PyValueError::new_err(error.to_string())
+    value(error)
 }
 
 pub fn effect(error: EffectError) -> PyErr {
-    PyValueError::new_err(error.to_string())
+    value(error)
 }
 
 pub fn offline(error: OfflineError) -> PyErr {
-    PyValueError::new_err(error.to_string())
+    value(error)
 }
 
 pub fn urdf(error: RustUrdfError) -> PyErr {
     match &error {
         RustUrdfError::Io { path, source } => os_error(source, &path.display().to_string()),
-        _ => UrdfError::new_err(error.to_string()),
+        _ => UrdfError::new_err(short(&error)),
     }
 }
 
 pub fn mdh(error: RustMdhError) -> PyErr {
     match &error {
         RustMdhError::Io { path, source } => os_error(source, &path.display().to_string()),
-        _ => MdhError::new_err(error.to_string()),
+        _ => MdhError::new_err(short(&error)),
     }
 }
 
 pub fn c_header(error: CHeaderError) -> PyErr {
-    PyValueError::new_err(error.to_string())
+    value(error)
 }
 
 pub fn model_file(error: ModelFileError) -> PyErr {
     match &error {
         ModelFileError::Io { path, source } => os_error(source, path),
-        ModelFileError::Invalid { .. } => FormatError::new_err(error.to_string()),
+        ModelFileError::Invalid { .. } => FormatError::new_err(short(&error)),
     }
 }
 

@@ -4,7 +4,6 @@ use dynid_offline::points::{point_gradient, point_places, LinkPoint};
 use dynid_offline::{adjoint, Criterion, Excitation};
 use nalgebra::Vector3;
 use numpy::{PyArray1, PyArray2, PyArray3, PyUntypedArrayMethods};
-use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use crate::lists::List;
@@ -23,13 +22,13 @@ fn criterion(name: &str, weights: Option<[f64; 3]>) -> PyResult<Criterion> {
         ("block", Some(w)) if w.iter().all(|w| *w >= 0.0 && w.is_finite()) => {
             Ok(Criterion::Block(w))
         }
-        ("block", _) => Err(PyValueError::new_err(
+        ("block", _) => Err(crate::errors::value(
             "criterion \"block\" needs three weights that are finite and not negative",
         )),
         ("condition", _) => Ok(Criterion::Condition),
         ("D", _) => Ok(Criterion::D),
         ("A", _) => Ok(Criterion::A),
-        _ => Err(PyValueError::new_err(format!(
+        _ => Err(crate::errors::value(format!(
             "criterion {name:?} is not known; choose block, condition, D or A"
         ))),
     }
@@ -227,7 +226,7 @@ pub fn places_gradient<'py>(
 fn link_points(links: &[usize], places: &Bound<'_, PyAny>) -> PyResult<Vec<LinkPoint>> {
     let places = arrays::matrix(places, "places", 3)?;
     if places.shape()[0] != links.len() {
-        return Err(PyValueError::new_err(format!(
+        return Err(crate::errors::value(format!(
             "places has {} rows, expected {}, one per link index",
             places.shape()[0],
             links.len()

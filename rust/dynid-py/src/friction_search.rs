@@ -66,7 +66,11 @@ impl PyFrictionSearch {
         let links = arrays::matrix(
             links,
             "links",
-            links.getattr("shape")?.get_item(1)?.extract()?,
+            // What is no matrix has another shape than (n, 1).
+            links
+                .getattr("shape")
+                .and_then(|shape| shape.get_item(1)?.extract())
+                .unwrap_or(1),
         )?;
         let links = links.as_slice()?;
         let search = py

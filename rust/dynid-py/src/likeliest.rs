@@ -20,8 +20,8 @@ type Answer<'py> = (
 /// One model: Gram matrices, places, how many unknowns, precision and moment of the prior, noise, samples that rows are
 /// worth, least noise, rows, whether the noise is known.
 type Problem<'py> = (
-    Vec<PyReadonlyArray2<'py, f64>>,
-    Vec<PyReadonlyArray1<'py, isize>>,
+    List<PyReadonlyArray2<'py, f64>>,
+    List<PyReadonlyArray1<'py, isize>>,
     usize,
     PyReadonlyArray2<'py, f64>,
     PyReadonlyArray1<'py, f64>,
@@ -40,7 +40,7 @@ pub fn likeliest<'py>(py: Python<'py>, models: List<Problem<'py>>) -> PyResult<V
         models.iter()
     {
         let mut joints = Vec::with_capacity(grams.len());
-        for (gram, places) in grams.iter().zip(places) {
+        for (gram, places) in grams.iter().zip(places.iter()) {
             joints.push((gram.as_slice()?, places.as_slice()?));
         }
         let prior = NormalPrior {

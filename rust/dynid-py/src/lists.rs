@@ -4,7 +4,6 @@ use std::mem::size_of;
 use std::ops::Deref;
 
 use pyo3::conversion::FromPyObjectOwned;
-use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 /// Most bytes of a list. More samples than that come as arrays.
@@ -20,7 +19,7 @@ impl<'py, T: FromPyObjectOwned<'py>> FromPyObject<'_, 'py> for List<T> {
     fn extract(value: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
         let (length, most) = (value.len().unwrap_or(0), MOST_BYTES / size_of::<T>().max(1));
         if length > most {
-            return Err(PyValueError::new_err(format!(
+            return Err(crate::errors::value(format!(
                 "a list has {length} values, expected {most} at most"
             )));
         }

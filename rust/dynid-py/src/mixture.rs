@@ -2,7 +2,6 @@
 
 use dynid_core::GaussianMixtureRegression;
 use numpy::{PyArray1, PyArray2, PyArray3, PyUntypedArrayMethods};
-use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use crate::{arrays, errors};
@@ -45,7 +44,7 @@ impl PyGaussianMixtureRegression {
         let shape = covariances.getattr("shape")?;
         if shape.extract::<(usize, usize, usize)>().ok() != Some((weights.len(), width, width)) {
             let k = weights.len();
-            return Err(PyValueError::new_err(format!(
+            return Err(crate::errors::value(format!(
                 "covariances has shape {shape}, expected ({k}, {width}, {width})"
             )));
         }

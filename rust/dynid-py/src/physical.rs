@@ -7,7 +7,6 @@ use dynid_core::PhysicalSet;
 use dynid_io::{mjcf, urdf};
 use nalgebra::Matrix4;
 use numpy::{PyArray1, PyArray3, PyReadonlyArray1};
-use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use crate::model::PyTorqueModel;
@@ -85,7 +84,7 @@ fn links<'v>(phi: &'v PyReadonlyArray1<'_, f64>) -> PyResult<&'v [LinkParams]> {
         return Ok(links);
     }
     let n = 10 * links.len() + rest.len();
-    Err(PyValueError::new_err(format!(
+    Err(crate::errors::value(format!(
         "phi has {n} values, expected ten per link"
     )))
 }
@@ -115,7 +114,7 @@ pub fn phi_from_pseudo_inertia<'py>(
     let array = arrays::contiguous(pseudo, "pseudo")?;
     let shape = array.getattr("shape")?;
     if !matches!(shape.extract::<(usize, usize, usize)>(), Ok((_, 4, 4))) {
-        return Err(PyValueError::new_err(format!(
+        return Err(crate::errors::value(format!(
             "pseudo has shape {shape}, expected (n_links, 4, 4)"
         )));
     }
@@ -133,8 +132,7 @@ pub fn phi_from_pseudo_inertia<'py>(
 #[pyfunction]
 pub fn mjcf_with_physical(model: &PyTorqueModel) -> PyResult<String> {
     let physical = model.0.physical();
-    let physical =
-        physical.ok_or_else(|| PyValueError::new_err("the model has no physical set"))?;
+    let physical = physical.ok_or_else(|| crate::errors::value("the model has no physical set"))?;
     Ok(mjcf::minimal(model.0.robot(), physical))
 }
 
@@ -149,7 +147,7 @@ pub fn urdf_with_physical(
 ) -> PyResult<Vec<u8>> {
     let robot = model.0.robot();
     let Some(physical) = model.0.physical() else {
-        return Err(PyValueError::new_err("the model has no physical set"));
+        return Err(crate::errors::value("the model has no physical set"));
     };
     match original {
         None => Ok(urdf::minimal(robot, physical).into_bytes()),

@@ -3,7 +3,6 @@
 use dynid_core::{Signal, SignalKind, State};
 use dynid_offline::observation::slice_state;
 use numpy::{PyArray1, PyArray2, PyArray3, PyArrayMethods, PyUntypedArrayMethods};
-use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use crate::arrays;
@@ -85,7 +84,7 @@ pub fn named_signals<'py>(
     let signals = signals_named(signals)?;
     let n = arrays::width(&arrays::contiguous(q, "q")?, "q")?;
     if let Some(signal) = signals.iter().find(|signal| signal.joint >= n) {
-        return Err(PyValueError::new_err(format!(
+        return Err(crate::errors::value(format!(
             "there is no joint {}, the signals are those of {n} joints",
             signal.joint
         )));
@@ -99,7 +98,7 @@ pub fn named_signals<'py>(
     let run = arrays.signals()?;
     let of_load = |signal: &Signal| signal.kind == SignalKind::TauLink;
     if run.tau_link.is_none() && signals.iter().any(of_load) {
-        return Err(PyValueError::new_err(
+        return Err(crate::errors::value(
             "the signals name tau_link, which was not given",
         ));
     }

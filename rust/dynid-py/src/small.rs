@@ -13,7 +13,6 @@ use numpy::ndarray::Dim;
 use numpy::npyffi::flags::{NPY_ARRAY_ALIGNED, NPY_ARRAY_C_CONTIGUOUS, NPY_ARRAY_WRITEABLE};
 use numpy::npyffi::{PyArrayObject, PyArray_CheckExact};
 use numpy::{PyArray, PyArrayDescr, PyArrayMethods, PyUntypedArrayMethods};
-use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
 
@@ -110,7 +109,7 @@ where
     let array = given(out, shape)?;
     let mut room = array
         .try_readwrite()
-        .map_err(|_| PyValueError::new_err(NOT_WRITABLE))?;
+        .map_err(|_| crate::errors::value(NOT_WRITABLE))?;
     work(room.as_slice_mut()?)?;
     drop(room);
     Ok(array)
@@ -180,7 +179,7 @@ where
         .filter(|array| array.shape() == shape && array.is_c_contiguous());
     fits.cloned().ok_or_else(|| {
         let shape = shape.map(|n| n.to_string()).join(", ");
-        PyValueError::new_err(format!(
+        crate::errors::value(format!(
             "out must be a float64 array in C order of shape ({shape})"
         ))
     })
