@@ -126,6 +126,7 @@ GUESSES = {
     "rsi": (("RIst.A1", "MotorCurrent.A1", "MotorTemp.A1"), {"q", "current", "temperature"}),
     "camel": (("ActualPosition1", "TargetPosition1", "ActualTorque1", "PositionError1"), {"q", "q_reference", "tau"}),
     "plain": (("axis1", "torque1"), {"q", "tau"}),
+    "ros": (("joint_1_pos", "joint_1_vel", "joint_1_eff"), {"q", "dq", "tau"}),
     "model": (("pos_0", "tau_model_0", "tau_meas_0"), {"q", "tau"}),
 }
 
@@ -175,13 +176,13 @@ def test_percent_is_a_current_with_a_gain(tmp_path):
     assert recording.torque_unit == "N*m"
 
 
-def test_joints_in_the_order_of_messages_are_doubted():
+def test_joints_in_the_order_of_messages_are_a_question():
     """rostopic echo -p writes the names beside the numbers; JointState sorts them as it likes."""
     names = ["%time", *(f"field.{word}{k}" for word in ("name", "position", "velocity", "effort") for k in range(6))]
     found = guess(names, [f"joint_{k}" for k in range(6)], {})
     assert found.columns["q"] == "field.position{i}"
     assert found.columns["tau"] == "field.effort{i}"
-    assert any("field.name- names the joints of each column" in doubt for doubt in found.doubts)
+    assert any("field.name- names the joints of each column" in question for question in found.questions)
 
 
 JOINT_WORDS = st.lists(

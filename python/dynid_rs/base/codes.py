@@ -76,6 +76,11 @@ CODES: Mapping[str, Code] = {
     "position_flipped": Code("a position with the other sign", "the arm's model", "give [signs] q"),
     "joint_flipped": Code("a joint that turns the other way", "the arm's model", "give [signs] q and tau"),
     "torque_unit": Code("torque in another unit", "the arm's model", "give [units] torque or [gear] apply_to"),
+    "joint_order": Code(
+        "joints in an order that the file cannot say",
+        "names of joints in a format that gives no text",
+        "list the columns in dynid.toml, or write the run as CSV, JSON lines or Parquet",
+    ),
     "current_as_torque": Code("currents called torque", "the arm's model", "call the columns current_0, ..."),
     "torque_late": Code("torque on a late clock", "the arm's model", "shift it, or let dynid diagnose fit it"),
     "torque_filtered": Code("torque behind a slow filter", "delay, and noise that falls off", "record it unfiltered"),

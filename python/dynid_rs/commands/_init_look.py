@@ -254,7 +254,8 @@ def _questions(robot: Any, found: Look) -> list[Finding]:
     """What is wrong and only a person can put right: findings of the runs, and of the arm's model on them."""
     from dynid_rs.runs.checks import check_recording, refused_sources
 
-    said: list[Finding] = []
+    name = found.runs[0].recording.name
+    said = [Finding("joint_order", "error", text, name) for text in (found.guessed.questions if found.guessed else ())]
     cleaned = []
     for run in found.runs:
         for part in run.parts:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.quoting import shown
-from dynid_rs.runs.readers.table import MAX_WIDTH, Columns, as_numbers, damaged
+from dynid_rs.runs.readers.table import MAX_WIDTH, Columns, Texts, as_numbers, damaged
 
 
 @dataclass
@@ -42,7 +42,7 @@ def flat_columns(schema: Any, first_rows: Callable[[list[str]], Any]) -> FlatCol
     import pyarrow as pa
 
     flat, stamps = FlatColumns(), []
-    listed = [f.name for f in schema if _is_list(f.type) and _is_number(f.type.value_type)]
+    listed = [f.name for f in schema if _is_list(f.type) and _is_flat(f.type.value_type)]
     open_ended = [name for name in listed if not pa.types.is_fixed_size_list(schema.field(name).type)]
     sample = first_rows(open_ended) if open_ended else None
     for column in schema:
@@ -67,7 +67,17 @@ def to_numbers(table: Any, flat: FlatColumns, wanted: Sequence[str], kind: str, 
     DataError
         A list of another length than the first, damage, no numbers.
     """
-    columns: Columns = {}
+    return {name: as_numbers(values, file, name) for name, values in _values(table, flat, wanted, kind, file)}
+
+
+def to_texts(table: Any, flat: FlatColumns, wanted: Sequence[str], kind: str, file: str) -> Texts:
+    """Cells of the wanted columns as text; raises as `to_numbers` does."""
+    return {name: [str(value) for value in values] for name, values in _values(table, flat, wanted, kind, file)}
+
+
+def _values(
+    table: Any, flat: FlatColumns, wanted: Sequence[str], kind: str, file: str
+) -> Iterator[tuple[str, NDArray[Any]]]:
     for name in wanted:
         source, place = flat.sources[name]
         try:
@@ -75,8 +85,8 @@ def to_numbers(table: Any, flat: FlatColumns, wanted: Sequence[str], kind: str, 
             values = _to_numpy(column) if place is None else _part(column, place, flat.width(source))
         except _UnlikeRows as unlike:
             raise DataError(
-                f"{file}, row {unlike.row + 1}, column {shown(source)}: holds {unlike.length} numbers, "
-                f"the first row {flat.width(source)}; write one number per joint in every row",
+                f"{file}, row {unlike.row + 1}, column {shown(source)}: holds {unlike.length} values, "
+                f"the first row {flat.width(source)}; write one value per joint in every row",
                 code="length",
                 file=file,
                 column=source,
@@ -84,8 +94,7 @@ def to_numbers(table: Any, flat: FlatColumns, wanted: Sequence[str], kind: str, 
             ) from None
         except Exception as error:
             raise damaged(kind, error, file) from None
-        columns[name] = as_numbers(values, file, name)
-    return columns
+        yield name, values
 
 
 class _UnlikeRows(Exception):
@@ -100,10 +109,11 @@ def _is_list(kind: Any) -> bool:
     return bool(pa.types.is_list(kind) or pa.types.is_large_list(kind) or pa.types.is_fixed_size_list(kind))
 
 
-def _is_number(kind: Any) -> bool:
+def _is_flat(kind: Any) -> bool:
+    """Whether values are numbers, or names."""
     import pyarrow as pa
 
-    return bool(pa.types.is_floating(kind) or pa.types.is_integer(kind))
+    return any(of(kind) for of in (pa.types.is_floating, pa.types.is_integer, pa.types.is_string))
 
 
 def _length(sample: Any, name: str) -> int:
@@ -132,6 +142,8 @@ def _to_numpy(column: Any) -> NDArray[Any]:
         return np.asarray(column.cast(pa.timestamp("ns")).cast(pa.int64()).to_numpy())
     if pa.types.is_duration(column.type):
         return np.asarray(column.cast(pa.duration("ns")).cast(pa.int64()).to_numpy())
-    if pa.types.is_decimal(column.type) or pa.types.is_dictionary(column.type):
+    if pa.types.is_dictionary(column.type):
+        column = column.cast(column.type.value_type)
+    if pa.types.is_decimal(column.type):
         column = column.cast(pa.float64())
     return np.asarray(column.to_numpy())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.quoting import shown, shown_names
@@ -267,10 +268,10 @@ def missing_column(
     there = f"; the file has {signal} for {n_there} of {len(joints)} joints" if n_there else ""
     if signal not in ("q", "tau", "current") and signal not in source.config.columns:
         mend = f"add it, or leave {signal} out in dynid.toml: [columns] {signal} = false"
-    elif _counts_from_one(source, signal, len(joints)):
-        alias = next(a for a in ALIASES[signal] if f"{a}_1" in source.names)
+    elif other := _other_template(source, signal, joints):
         mend = (
-            f'joints count from 0; if this file counts from 1 write in dynid.toml: [columns] {signal} = "{alias}_{{n}}"'
+            "{i} counts from 0, {n} counts from 1, {joint} is the joint's name; by the file's columns, write in "
+            f'dynid.toml: [columns] {signal} = "{other}"'
         )
     elif n_there:
         mend = "give the robot of this run, or add the column"
@@ -285,11 +286,16 @@ def missing_column(
     )
 
 
-def _counts_from_one(source: FileColumns, signal: str, n_joints: int) -> bool:
-    return any(
-        f"{alias}_0" not in source.names and f"{alias}_1" in source.names and f"{alias}_{n_joints}" in source.names
-        for alias in ALIASES[signal]
-    )
+def _other_template(source: FileColumns, signal: str, joints: Sequence[str]) -> str | None:
+    """A signal's template with another field in its place, where the file has all the columns that it then gives."""
+    rule = source.config.columns.get(signal)
+    templates = [rule] if isinstance(rule, str) else [f"{alias}_{{i}}" for alias in ALIASES[signal]]
+    for template in templates:
+        for field, other in product(("{i}", "{n}", "{joint}"), ("{n}", "{i}", "{joint}", "_{joint}")):
+            names = {fill(template.replace(field, other), k, joint) for k, joint in enumerate(joints)}
+            if field in template and field != other and names <= set(source.names):
+                return template.replace(field, other)
+    return None
 
 
 def _short(joints: Sequence[str]) -> str:

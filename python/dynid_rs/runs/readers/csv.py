@@ -16,7 +16,7 @@ from dynid_rs.base.files import check_readable
 from dynid_rs.base.quoting import shown
 from dynid_rs.runs.cells import row_text
 from dynid_rs.runs.readers.stamps import is_date, ticks
-from dynid_rs.runs.readers.table import Columns, Table, refuse_duplicates
+from dynid_rs.runs.readers.table import Columns, Table, Texts, refuse_duplicates
 from dynid_rs.runs.readers.text_layout import (
     COMMENTS,
     MAX_LINE,
@@ -60,13 +60,21 @@ def open_csv(path: str | Path) -> Table:
         fast = _load_fast(layout, wanted)
         return _load_exact(layout, wanted) if fast is None else fast
 
+    def texts(wanted: Sequence[str]) -> Texts:
+        columns: Texts = {name: [] for name in wanted}
+        for _, _, cells in _cells(layout):
+            for name in wanted:
+                columns[name].append(cells[layout.position(name)])
+        return columns
+
     def line_of(row: int) -> int:
         return next(line for k, (line, _) in enumerate(_rows(layout)) if k == row)
 
     def first_line(n_rows: int) -> int | None:
         return layout.lines_before_body + 1 if _lines(layout) == n_rows else None
 
-    return Table(file, "CSV", names, None, load, line_of, first_line, dict(layout.units), layout.stamps, layout.notes)
+    told = dict(layout.units), layout.stamps, layout.notes
+    return Table(file, "CSV", names, None, load, line_of, first_line, *told, texts)
 
 
 def _lines(layout: Layout) -> int:
@@ -138,8 +146,16 @@ def _rows(layout: Layout) -> Iterator[tuple[int, str]]:
 def _load_exact(layout: Layout, wanted: Sequence[str]) -> Columns:
     """All columns cell by cell: the same numbers, or the first fault with its place."""
     positions = [layout.position(name) for name in wanted]
-    names = [name for name in layout.header]
     columns: dict[str, list[Any]] = {name: [] for name in wanted}
+    for row, line, cells in _cells(layout):
+        for name, k in zip(wanted, positions, strict=True):
+            columns[name].append(_value(layout, row, line, k, cells[k]))
+    return {name: _array(values) for name, values in columns.items()}
+
+
+def _cells(layout: Layout) -> Iterator[tuple[int, int, Sequence[str]]]:
+    """Rows of the body, each with its 0-based number and its 1-based line; as many cells as the header has."""
+    names = list(layout.header)
     for row, (line, text) in enumerate(_rows(layout)):
         cells = cells_of(text, layout.delimiter)
         if len(cells) == len(names) + 1 and not cells[-1]:
@@ -148,9 +164,7 @@ def _load_exact(layout: Layout, wanted: Sequence[str]) -> Columns:
             raise _fault(layout, row, line, None, "the header appears a second time; two runs in one file: split it")
         if len(cells) != len(names):
             raise _fault(layout, row, line, None, _miscounted(layout, cells))
-        for name, k in zip(wanted, positions, strict=True):
-            columns[name].append(_value(layout, row, line, k, cells[k]))
-    return {name: _array(values) for name, values in columns.items()}
+        yield row, line, cells
 
 
 def _array(values: list[Any]) -> NDArray[Any]:

@@ -8,8 +8,8 @@ from typing import Any
 
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.files import check_readable
-from dynid_rs.runs.readers.arrow import flat_columns, to_numbers
-from dynid_rs.runs.readers.table import Columns, Table, damaged, not_of_kind, refuse_duplicates, refuse_too_large
+from dynid_rs.runs.readers.arrow import flat_columns, to_numbers, to_texts
+from dynid_rs.runs.readers.table import Columns, Table, Texts, damaged, not_of_kind, refuse_duplicates, refuse_too_large
 
 _FILE, _STREAM = b"ARROW1", b"\xff\xff\xff\xff"
 
@@ -48,17 +48,22 @@ def open_feather(path: str | Path) -> Table:
         raise damaged("Feather", error, file) from None
     refuse_duplicates(tuple(flat.sources), file)
 
-    def load(wanted: Sequence[str]) -> Columns:
+    def read(wanted: Sequence[str]) -> Any:
         whole = list(dict.fromkeys(flat.sources[name][0] for name in wanted))
         try:
-            table = _read(place, whole, file, is_file=head.startswith(_FILE))
+            return _read(place, whole, file, is_file=head.startswith(_FILE))
         except DataError:
             raise
         except Exception as error:
             raise damaged("Feather", error, file) from None
-        return to_numbers(table, flat, wanted, "Feather", file)
 
-    return Table(file, "Feather", tuple(flat.sources), None, load, stamps=flat.stamps)
+    def load(wanted: Sequence[str]) -> Columns:
+        return to_numbers(read(wanted), flat, wanted, "Feather", file)
+
+    def texts(wanted: Sequence[str]) -> Texts:
+        return to_texts(read(wanted), flat, wanted, "Feather", file)
+
+    return Table(file, "Feather", tuple(flat.sources), None, load, stamps=flat.stamps, texts=texts)
 
 
 def _opened(place: Path, is_file: bool) -> Any:

@@ -11,8 +11,8 @@ from typing import Any
 
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.quoting import shown, shown_ends
-from dynid_rs.runs.readers.arrow import flat_columns, to_numbers
-from dynid_rs.runs.readers.table import Columns, Table, refuse_duplicates
+from dynid_rs.runs.readers.arrow import flat_columns, to_numbers, to_texts
+from dynid_rs.runs.readers.table import Columns, Table, Texts, refuse_duplicates
 
 KIND = "data frame"
 INDEX = "__index_level_0__"
@@ -49,7 +49,11 @@ def open_frame(frame: Any, name: str) -> Table:
     def load(wanted: Sequence[str]) -> Columns:
         return to_numbers(table, flat, wanted, KIND, name)
 
-    return Table(name, KIND, tuple(flat.sources), table.num_rows, load, stamps=flat.stamps, notes=notes)
+    def texts(wanted: Sequence[str]) -> Texts:
+        return to_texts(table, flat, wanted, KIND, name)
+
+    found = tuple(flat.sources)
+    return Table(name, KIND, found, table.num_rows, load, stamps=flat.stamps, notes=notes, texts=texts)
 
 
 def _arrow(frame: Any, name: str) -> tuple[Any, tuple[str, ...]]:

@@ -58,13 +58,15 @@ class Family:
 class Guess:
     """Rules that names suggest, and what remains open.
 
-    `columns`: as in `dynid.toml`; `time`: candidates, best first; `others`: families that were not taken, by why.
+    `columns`: as in `dynid.toml`; `time`: candidates, best first; `others`: families that were not taken, by why;
+    `doubts`: what to look at; `questions`: what has to be answered before the columns are used.
     """
 
     columns: dict[str, ColumnRule] = field(default_factory=dict)
     time: tuple[str, ...] = ()
     others: dict[str, str] = field(default_factory=dict)
     doubts: list[str] = field(default_factory=list)
+    questions: list[str] = field(default_factory=list)
 
 
 def guess(names: Sequence[str], joints: Sequence[str], units: Mapping[str, str]) -> Guess:
@@ -101,9 +103,10 @@ def guess(names: Sequence[str], joints: Sequence[str], units: Mapping[str, str])
         found.doubts.append("the only positions are the motors': they are read as those of the links")
     named = [family for family in nameless if "name" in words_of(family.form)]
     for family in named:
-        found.doubts.append(
-            f"{family.form} names the joints of each column, in the order of its message and not of the arm's chain; "
-            "the numbers were taken in the chain's order, so check it"
+        found.questions.append(
+            f"{family.form} names the joints of each column, in the order of its message and not of the arm's chain, "
+            "and cannot be read from this format; list the columns under [columns] in the order of the chain, or write "
+            "the run as CSV, JSON lines or Parquet, whose names are read"
         )
     for family in nameless:
         found.others[family.form] = "its name does not say what it is"

@@ -14,7 +14,7 @@ from dynid_rs.base.files import check_readable
 from dynid_rs.base.quoting import shown
 from dynid_rs.runs.cells import row_text
 from dynid_rs.runs.readers.stamps import is_stamp, ticks
-from dynid_rs.runs.readers.table import MAX_WIDTH, Columns, Table, refuse_duplicates
+from dynid_rs.runs.readers.table import MAX_WIDTH, Columns, Table, Texts, refuse_duplicates
 from dynid_rs.runs.readers.text_source import Text, text_of
 
 MAX_LINE = 1 << 20
@@ -53,10 +53,17 @@ def open_jsonlines(path: str | Path) -> Table:
             for name, values in columns.items()
         }
 
+    def texts(wanted: Sequence[str]) -> Texts:
+        columns: Texts = {name: [] for name in wanted}
+        for _, sample in _samples(text):
+            for name in wanted:
+                columns[name].append(str(sample.get(name, "")))
+        return columns
+
     def line_of(row: int) -> int:
         return next(line for k, (line, _) in enumerate(_samples(text)) if k == row)
 
-    return Table(file, "JSON lines", names, None, load, line_of, stamps=stamps)
+    return Table(file, "JSON lines", names, None, load, line_of, stamps=stamps, texts=texts)
 
 
 def _samples(text: Text) -> Iterator[tuple[int, dict[str, Any]]]:

@@ -8,8 +8,8 @@ from typing import Any
 
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.files import check_readable
-from dynid_rs.runs.readers.arrow import flat_columns, to_numbers
-from dynid_rs.runs.readers.table import Columns, Table, damaged, not_of_kind, refuse_duplicates, refuse_too_large
+from dynid_rs.runs.readers.arrow import flat_columns, to_numbers, to_texts
+from dynid_rs.runs.readers.table import Columns, Table, Texts, damaged, not_of_kind, refuse_duplicates, refuse_too_large
 
 _MAGIC = b"PAR1"
 _SHORTEST = 12  # magic, length of the footer, magic
@@ -58,17 +58,22 @@ def open_parquet(path: str | Path) -> Table:
     if n_rows < 0:
         raise damaged("Parquet", ValueError(f"it declares {n_rows} rows"), file)
 
-    def load(wanted: Sequence[str]) -> Columns:
+    def read(wanted: Sequence[str]) -> Any:
         whole = list(dict.fromkeys(flat.sources[name][0] for name in wanted))
         refuse_too_large(8 * n_rows * max(len(wanted), sum(flat.width(name) for name in whole)), file)
         try:
             with pq.ParquetFile(place, page_checksum_verification=True) as parquet:
-                table = parquet.read(columns=whole)
+                return parquet.read(columns=whole)
         except Exception as error:
             raise damaged("Parquet", error, file) from None
-        return to_numbers(table, flat, wanted, "Parquet", file)
 
-    return Table(file, "Parquet", tuple(flat.sources), n_rows, load, stamps=flat.stamps)
+    def load(wanted: Sequence[str]) -> Columns:
+        return to_numbers(read(wanted), flat, wanted, "Parquet", file)
+
+    def texts(wanted: Sequence[str]) -> Texts:
+        return to_texts(read(wanted), flat, wanted, "Parquet", file)
+
+    return Table(file, "Parquet", tuple(flat.sources), n_rows, load, stamps=flat.stamps, texts=texts)
 
 
 def _first_row(parquet: Any, wanted: list[str]) -> Any:

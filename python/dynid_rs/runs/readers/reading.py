@@ -18,6 +18,7 @@ from dynid_rs.runs.readers.dialects import speak
 from dynid_rs.runs.readers.formats import open_table
 from dynid_rs.runs.readers.frame import is_frame, open_frame
 from dynid_rs.runs.readers.joints import infer_joints
+from dynid_rs.runs.readers.messages import by_joint
 from dynid_rs.runs.readers.table import Table
 from dynid_rs.runs.readers.told import adopt_units
 
@@ -102,7 +103,7 @@ def open_run(path: str | Path, joints: Sequence[str] | None = None, config: Conf
     OSError
         The file cannot be opened.
     """
-    return open_table(path, joints, Config() if config is None else config)
+    return by_joint(open_table(path, joints, Config() if config is None else config))
 
 
 def read(
@@ -162,7 +163,9 @@ def _open(source: Source, robot: Robot, config: Rules, name: str | None = None) 
     if names is not None and not names:
         raise ValueError("a robot has at least one joint, got no joint names")
     _check_joints(names, rules)
-    table = open_frame(source, name or name_of(source)) if is_frame(source) else open_run(source, names, rules)
+    table = (
+        by_joint(open_frame(source, name or name_of(source))) if is_frame(source) else open_run(source, names, rules)
+    )
     rules, notes = speak(table.names, rules, table.file)
     joints = infer_joints(table.names, rules, table.file) if names is None else names
     kinds = tuple(robot.joint_kinds) if isinstance(robot, RobotLike) else ("revolute",) * len(joints)

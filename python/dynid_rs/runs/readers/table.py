@@ -17,6 +17,7 @@ MAX_BYTES = 4 * 2**30
 """Columns that would take more memory than this are refused before any of it is taken."""
 
 Columns = dict[str, NDArray[Any]]
+Texts = dict[str, list[str]]
 
 
 @dataclass(frozen=True)
@@ -45,6 +46,8 @@ class Table:
         Columns that are moments, not numbers: `load` gives them as whole nanoseconds.
     notes : tuple of str
         What a person should know about how the file was read.
+    texts : callable, optional
+        Reads some columns as they stand there: names -> {name: one text per row}. Raises `DataError`.
     """
 
     file: str
@@ -57,6 +60,7 @@ class Table:
     units: Mapping[str, str] = field(default_factory=dict)
     stamps: frozenset[str] = frozenset()
     notes: tuple[str, ...] = ()
+    texts: Callable[[Sequence[str]], Texts] | None = None
 
 
 def refuse_duplicates(names: Sequence[str], file: str) -> None:

@@ -10,7 +10,7 @@ _WORDS: Mapping[str, str] = {
     "istwinkel posact apos jointpos pose",
     "velocity": "dq qd qdot vel velocity velocities speed spd omega geschwindigkeit drehzahl istgeschwindigkeit rpm",
     "acceleration": "ddq qdd acc accel acceleration beschleunigung",
-    "torque": "tau torque torques trq tq moment moments effort efforts drehmoment istmoment motormoment gearmoment "
+    "torque": "tau torque torques trq tq moment moments effort efforts eff drehmoment istmoment motormoment gearmoment "
     "torqueact",
     "current": "current currents curr cur amp amps ampere strom iststrom iq motorcurrent macur",
     "temperature": "temp temperature temperatures temperatur",
