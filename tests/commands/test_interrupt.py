@@ -31,30 +31,6 @@ STRUCK = """if True:
                 if module == name:
                     strike()
         sys.meta_path.insert(0, Finder)
-    elif kind == "swallowed":  # as a library does that tries one import after another
-        real = __import__
-        def imported(module, *arguments, **options):
-            if module == name and left[0] > 0:
-                try:
-                    strike()
-                    real(module, *arguments, **options)
-                except BaseException:
-                    raise AttributeError(f"partially initialized module {module}")
-            return real(module, *arguments, **options)
-        import builtins
-        builtins.__import__ = imported
-    elif kind == "ignored":  # as a callback's or a destructor's is
-        import dynid_rs.runs.readers.reading as reading
-        real = reading.read
-        def read(*arguments, **options):
-            try:
-                strike()
-            except KeyboardInterrupt:
-                pass
-            return real(*arguments, **options)
-        reading.read = read
-        import dynid_rs.runs.readers as readers
-        readers.read = read
     elif kind == "call":
         real = getattr(os, name)
         def called(*arguments, **options):
@@ -110,9 +86,6 @@ def leftovers(folder):
 UNFINISHED = {
     "while it starts": ("import", "typer", 1),
     "before the numbers": ("import", "numpy", 1),
-    "in an import that is swallowed": ("import", "pandas", 1),
-    "swallowed": ("swallowed", "pyarrow.parquet", 1),
-    "ignored": ("ignored", "", 1),
     "reading": ("say", "reading", 1),
     "the fit": ("say", "round 1: link", 1),
     "in a computation": ("after", "channels", 1),
