@@ -110,7 +110,7 @@ def test_beyond_the_limits_is_counted_and_estimated_at_them(estimator, tmp_path)
     write(path, columns)
     for name in ("plain", "wild"):
         done = dynid("estimate", study().model, tmp_path / f"{name}.parquet", "-o", tmp_path / f"{name}_out.parquet")
-        assert done.exit_code == (name == "wild")  # which is damage, and said to be, done.output
+        assert done.exit_code == (name == "wild"), done.output  # a damaged run is said to be
     calm, wild = table_of(tmp_path / "plain_out.parquet"), table_of(tmp_path / "wild_out.parquet")
     assert np.flatnonzero(wild["status"] & 4096).tolist() == [5, 6, 7, 8, 9]
     assert np.all(wild["status"][5:10] & 2)
