@@ -12,6 +12,8 @@ from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
 
 from dynid_rs import RobotModel, TorqueModel
+from dynid_rs.base.findings import Finding
+from dynid_rs.commands.payload import _lines
 from dynid_rs.reference.load import Load, _body, _moved, _slopes
 from dynid_rs.reference.load_data import principal_axes, quantities, vendor_words
 from dynid_rs.simulation import simulate, typical_arm
@@ -142,6 +144,34 @@ def test_no_load_is_a_no():
     printed = dynid("payload", study().model, study().runs[2])
     assert printed.exit_code == 1, printed.output
     assert printed.stdout.startswith("no load is seen: ")
+    assert "kg, 95 %" not in printed.stdout  # which would be a load
+
+
+def test_moments_that_may_be_zero_are_said_to_be_open_beside_the_load_data():
+    names = ("mass", "Ixx", "Iyy")
+    load = [
+        {"name": n, "value": 1.0, "interval": [low, 2.0], "unit": "1"}
+        for n, low in zip(names, (0.5, 0, 0.5), strict=True)
+    ]
+    load.append({"name": "Izz", "value": 1.0, "interval": None, "unit": "1"})
+    answer = {
+        "seen": True,
+        "frame": "hand",
+        "load": load,
+        "words": {},
+        "joints": [],
+        "rmse": {"before": [], "after": []},
+    }
+    late = [Finding("encoder_delay", "info", "comes late", "run_0", f"q_motor_{j}") for j in range(3)]
+    lines = _lines(answer, late)
+    assert [line for line in lines if line.startswith("note: these runs do not determine Ixx, Izz,")]
+    assert lines[-1] == "info: comes late (also q_motor_1, q_motor_2)"
+
+
+def test_no_moment_is_less_than_nothing():
+    told = quantities(Load(1.0, np.zeros(3), np.ones(6), np.array([[-2.0, 3.0]] * 10), 0.0, np.zeros(3), np.zeros(3)))
+    lows = {entry["name"]: entry["interval"][0] for entry in told}
+    assert [lows[name] for name in ("Ixx", "Iyy", "Izz", "Ixy")] == [0.0, 0.0, 0.0, -2.0]
 
 
 def test_what_cannot_be_weighed_is_refused_in_a_sentence(place, tmp_path):

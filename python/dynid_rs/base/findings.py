@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -83,3 +84,16 @@ class Finding:
         if mend is not None:
             fields["mend"] = mend
         return fields
+
+
+def told_once(findings: Iterable[Finding]) -> list[tuple[Finding, str]]:
+    """The same fact about several joints or runs once: the first finding of it, and its sentence with the others."""
+    groups: dict[tuple[str, str], list[Finding]] = {}
+    for finding in findings:
+        groups.setdefault((finding.severity, finding.code), []).append(finding)
+    told = []
+    for first, *others in groups.values():
+        also = [*(one.column for one in others), *(one.file for one in others)]
+        named = ", ".join(dict.fromkeys(name for name in also if name and name not in (first.column, first.file)))
+        told.append((first, f"{first.message} (also {named})" if named else first.message))
+    return told

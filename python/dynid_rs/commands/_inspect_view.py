@@ -11,7 +11,7 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 from rich.text import Text
 
-from dynid_rs.base.findings import Finding
+from dynid_rs.base.findings import Finding, told_once
 from dynid_rs.base.quoting import shown, shown_names
 from dynid_rs.commands._console import console
 from dynid_rs.runs.checks import relative_jitter
@@ -120,18 +120,7 @@ def _show_findings(out: Console, findings: Sequence[Finding]) -> None:
     table.add_column(no_wrap=True)
     table.add_column(no_wrap=True)
     table.add_column(ratio=1)
-    for group in _by_code(findings):
-        first = group[0]
-        also = ", ".join(finding.column for finding in group[1:] if finding.column)
-        text = f"{first.message} (also {also})" if also else first.message
+    for first, text in told_once(findings):
         table.add_row(Text(first.severity, style=_STYLES[first.severity]), Text(first.code), Text(text))
     out.print(table)
     out.print()
-
-
-def _by_code(findings: Sequence[Finding]) -> list[list[Finding]]:
-    """Group findings, so that the same fact about several joints is told once."""
-    groups: dict[tuple[str, str], list[Finding]] = {}
-    for finding in findings:
-        groups.setdefault((finding.severity, finding.code), []).append(finding)
-    return list(groups.values())

@@ -7,12 +7,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from dynid_rs.base.findings import Finding, told_once
 from dynid_rs.commands import _options
 from dynid_rs.commands._run import EXIT_NO, print_json, run_command
 from dynid_rs.commands._steps import Step
 
 if TYPE_CHECKING:
-    from dynid_rs.base.findings import Finding
+    from collections.abc import Sequence
+
     from dynid_rs.reference import Load
 
 SURE = 0.01
@@ -25,7 +27,7 @@ def payload(
     model: Annotated[
         Path, typer.Argument(metavar="MODEL.json", help="What `dynid identify` made of the arm without the load")
     ],
-    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Runs with the load: Parquet, CSV or NPZ")],
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Runs with the load (docs/how_to/logs.md)")],
     flange: Annotated[
         str | None,
         typer.Option(metavar="LINK", help="Frame of the answer, a link of --robot; the last by default"),
@@ -58,11 +60,12 @@ def payload(
 
         load = weigh_load(reference, recordings, cutoff=cutoff, frame=frame)
     name = flange or reference.robot.link_names[-1]
-    answer = _answer(load, name, reference.robot.joint_names, [*findings, *load.findings])
+    findings += load.findings
+    answer = _answer(load, name, reference.robot.joint_names, findings)
     if json_output:
         print_json(answer)
     else:
-        for line in _lines(answer):
+        for line in _lines(answer, findings):
             typer.echo(line)
     return 0 if answer["seen"] else EXIT_NO
 
@@ -102,19 +105,31 @@ def _answer(load: Load, frame: str, joints: list[str], findings: list[Finding]) 
     }
 
 
-def _lines(answer: dict[str, Any]) -> list[str]:
-    mass = answer["load"][0]
-    bounds = _bounds(mass)
+def _lines(answer: dict[str, Any], findings: Sequence[Finding]) -> list[str]:
+    from dynid_rs.reference.load_data import MOMENTS
+
+    mass, said = answer["load"][0], [f"{finding.severity}: {text}" for finding, text in told_once(findings)]
     if not answer["seen"]:
         why = "less than the model's arm does" if mass["value"] < 0 else "nothing that the noise would not look like"
-        return [f"no load is seen: the arm carries {why} ({mass['value']:.3g} kg, 95 %: {bounds})"]
+        most = "" if mass["interval"] is None else f"; what it carries weighs less than {mass['interval'][1]:.3g} kg"
+        return [f"no load is seen: the arm carries {why}{most if mass['value'] >= 0 else ''}", *said]
     lines = [f"load in the frame of {answer['frame']}, inertia about its centre (95 % interval)"]
     for entry in answer["load"]:
         lines.append(f"  {entry['name']:<5}{entry['value']:>10.4g}  ({_bounds(entry)}) {entry['unit']}")
     lines += [f"{MAKERS[maker]}: {words}" for maker, words in answer["words"].items()]
+    loose = [entry["name"] for entry in answer["load"] if entry["name"] in MOMENTS and _may_be_none(entry)]
+    if loose:
+        lines.append(
+            f"note: these runs do not determine {', '.join(loose)}, which may as well be zero; runs in which the wrist "
+            "turns faster do"
+        )
     errors = zip(answer["joints"], answer["rmse"]["before"], answer["rmse"]["after"], strict=True)
     lines.append("error [N*m] " + ", ".join(f"{joint} {before:.3g} -> {after:.3g}" for joint, before, after in errors))
-    return lines + [f"{finding['severity']}: {finding['message']}" for finding in answer["findings"]]
+    return lines + said
+
+
+def _may_be_none(entry: dict[str, Any]) -> bool:
+    return entry["interval"] is None or bool(entry["interval"][0] <= 0)
 
 
 def _bounds(entry: dict[str, Any]) -> str:

@@ -25,15 +25,18 @@ FloatArray = NDArray[np.float64]
 KGF_CM_S2 = 100.0 / 9.80665
 """One kg*m^2 in kgf*cm*s^2."""
 QUANTITIES = ("mass", "cx", "cy", "cz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
+MOMENTS = ("Ixx", "Iyy", "Izz")
 UNITS = ("kg", "mm", "mm", "mm", "kg*m^2", "kg*m^2", "kg*m^2", "kg*m^2", "kg*m^2", "kg*m^2")
 SCALES = np.array([1.0, 1e3, 1e3, 1e3, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0])
 """From SI to `UNITS`."""
 
 
 def quantities(load: Load) -> list[dict[str, Any]]:
-    """Name, value, unit and interval (None: not seen) of all ten numbers, the centre in mm."""
+    """Name, value, unit and interval (None: not seen) of all ten numbers, the centre in mm; no moment is negative."""
     values = np.array([load.mass, *load.centre, *load.inertia]) * SCALES
     intervals = load.intervals * SCALES[:, None]
+    moments = np.isin(QUANTITIES, MOMENTS)
+    intervals[moments] = np.maximum(intervals[moments], 0.0)
     return [
         {
             "name": name,
