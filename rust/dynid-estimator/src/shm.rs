@@ -325,15 +325,9 @@ mod tests {
             }
         }
         writer.join().unwrap();
-        assert_eq!(
-            seen,
-            400_000
-                - if slot.read(&mut seen.clone(), &mut out).is_some() {
-                    2
-                } else {
-                    0
-                }
-        );
+        // A reader that had to wait may have missed any number, but not the last one.
+        slot.read(&mut seen, &mut out);
+        assert_eq!(seen, 400_000);
     }
 
     fn refusal(path: &Path) -> String {
