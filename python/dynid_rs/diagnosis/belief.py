@@ -306,13 +306,12 @@ def weighed_as(
     """Fit in which joints' rows say of the links that all share as much, against each other, as in the `declared` fit.
 
     What a name takes off a joint's residual makes its rows look that much more precise. As far as the name is not quite
-    right they would draw the links, and joints that have no name are predicted worse. How far the prior is believed
-    stays too: a name tells nothing of the robot file.
+    right they would draw the links, and joints that have no name are predicted worse.
     """
     posterior = declared.links_.posterior_
     assert posterior is not None  # every fit that is diagnosed has the weak prior
     links = clone(setup.options.get("links") or LinkDynamicsIdentifier())
-    links.set_params(least_noise=posterior.noise_std, believed=posterior.choice)
+    links.set_params(least_noise=posterior.noise_std)
     shapes = fit.friction_.transition_width_, fit.friction_.sharpness_
     return fitted(setup, train, friction=SmoothFrictionIdentifier(shapes, held=True), links=links)
 

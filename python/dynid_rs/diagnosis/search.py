@@ -10,13 +10,14 @@ the joints it acts on, and if it comes first there in most halves of the data (M
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 
 from dynid_rs.base.odds import SURE
 from dynid_rs.diagnosis.belief import Belief, Named
-from dynid_rs.diagnosis.beside import places_of
+from dynid_rs.diagnosis.beside import Beside, places_of
 from dynid_rs.diagnosis.hypotheses import Hypothesis, Place, shaped_as
 from dynid_rs.diagnosis.rivals import contest, is_one_cause
 from dynid_rs.diagnosis.settling import settle
@@ -108,7 +109,6 @@ def forward(belief: Belief, never: Collection[Place] = ()) -> list[Named]:
     beside = belief.beside
     log_places = float(np.log(len(places_of(open_))))
     need = SURE + log_places
-    parts, runs = blocks(beside.model.n_rows), whole_runs(belief.run_lengths)
     found: list[Named] = []
     refused, doubted = set[Place](), set[Place]()
     for _ in range(MOST_A_ROUND):
@@ -119,24 +119,17 @@ def forward(belief: Belief, never: Collection[Place] = ()) -> list[Named]:
             break
         best = max(passing, key=lambda v: v.value)
         place = best.hypothesis.place
-        # In its own shape: what a grid's leaves of an effect looks like the next one, and holds on no part.
-        shaped = polished(beside, belief.catalogue, best.hypothesis)
-        columns = beside.evidence_for(shaped)[1]
-        after = beside.with_columns(columns)
-        tested = Value(best.value, shaped, columns)
         rivals = [v for v in values.values() if v.hypothesis.place != place and shares(v.hypothesis, best.hypothesis)]
         unlike = [v for v in rivals if not is_one_cause(place[0], v.hypothesis.kind)]
-        if not (
-            helps(beside, after, belief.reach(shaped), parts, runs)
-            # Either of two ties may come first in a half; which it is stays open.
-            and is_stable(beside, tested, [v for v in unlike if v.value < best.value - SURE], parts)
-            # What tells the same with more right, and does not hold, makes the next best no more likely.
-            and all(after.evidence_for(v.hypothesis)[0] > need for v in unlike if v.value > best.value + SURE)
-        ):
+        # Its own shape: what a grid's leaves of an effect looks like the next one.
+        shaped = polished(beside, belief.catalogue, best.hypothesis)
+        own = replace(best, hypothesis=shaped, columns=beside.evidence_for(shaped)[1])
+        # A grid's shape that is not quite the effect's holds on fewer parts, the likeliest one where little tells it.
+        if not any(holds(belief, beside, tried, unlike, need) for tried in (best, own)):
             doubted.add(place)
             continue
         told = {v.hypothesis.place: v.value - best.value for v in rivals if v.value > need}
-        before, beside = beside.best, after
+        before, beside = beside.best, beside.with_columns(own.columns)
         settled = beside.best.noise > FALLEN * before.noise
         open_ = [h for h in open_ if all(settled[j] for j in h.columns)]
         if told:
@@ -147,6 +140,19 @@ def forward(belief: Belief, never: Collection[Place] = ()) -> list[Named]:
         found.append(Named(shaped, best.value - log_places, ties, others))
         refused |= {place, *(p for p, _ in ties)}
     return found
+
+
+def holds(belief: Belief, beside: Beside, tried: Value, unlike: Sequence[Value], need: float) -> bool:
+    """Whether a name that is likely holds on parts of the data too, and against what is `unlike` it at its joints."""
+    parts, runs = blocks(beside.model.n_rows), whole_runs(belief.run_lengths)
+    after = beside.with_columns(tried.columns)
+    return (
+        helps(beside, after, belief.reach(tried.hypothesis), parts, runs)
+        # Either of two ties may come first in a half; which it is stays open.
+        and is_stable(beside, tried, [v for v in unlike if v.value < tried.value - SURE], parts)
+        # What tells the same with more right, and does not hold, makes the next best no more likely.
+        and all(after.evidence_for(v.hypothesis)[0] > need for v in unlike if v.value > tried.value + SURE)
+    )
 
 
 def shares(one: Hypothesis, other: Hypothesis) -> bool:
