@@ -12,8 +12,7 @@ import numpy as np
 from dynid_rs.base.findings import Finding
 from dynid_rs.commands._run import EXIT_NO, EXIT_UNUSABLE, error_object
 from dynid_rs.runs.checks import check_recording, is_damage, refused_sources, relative_jitter, severity_order
-from dynid_rs.runs.checks.clocks import Clock, clock_findings
-from dynid_rs.runs.checks.repeats import repeat_findings
+from dynid_rs.runs.checks.beside import beside_each_other
 from dynid_rs.runs.readers import Config, Run, read_run
 from dynid_rs.runs.recording import Recording, gaps
 
@@ -45,7 +44,7 @@ def inspect_run(path: Path, robot: Any | None, config: Config) -> list[Inspectio
 
 def compared(inspections: Sequence[Inspection], robot: Any | None) -> list[Inspection]:
     """Add what runs say of each other: units of time, samples that are there twice, and with a robot its channels."""
-    result = _repeats(_clocks(inspections))
+    result = _beside(inspections)
     return result if robot is None else _set(result, robot)
 
 
@@ -71,25 +70,12 @@ def _set(inspections: Sequence[Inspection], robot: Any) -> list[Inspection]:
     return result
 
 
-def _repeats(inspections: Sequence[Inspection]) -> list[Inspection]:
-    read = [k for k, one in enumerate(inspections) if one.run is not None]
+def _beside(inspections: Sequence[Inspection]) -> list[Inspection]:
     result = list(inspections)
-    for at, finding in repeat_findings([one.run.recording for one in inspections if one.run is not None]).items():
-        place = read[at]
-        result[place] = replace(result[place], findings=(finding, *result[place].findings))
-    return result
-
-
-def _clocks(inspections: Sequence[Inspection]) -> list[Inspection]:
-    result, clocks = list(inspections), {}
-    for k, inspection in enumerate(inspections):
-        if inspection.run is not None:
-            clocks[k] = Clock.of(inspection.run.recording)
-    places = list(clocks)
-    for at, finding in clock_findings(list(clocks.values())).items():
-        inspection = inspections[places[at]]
-        others = [f for f in inspection.findings if (f.code, f.severity) != (finding.code, finding.severity)]
-        result[places[at]] = replace(inspection, findings=(finding, *others))
+    read = [(k, one.run.recording) for k, one in enumerate(inspections) if one.run is not None]
+    told = beside_each_other([run for _, run in read], [inspections[k].findings for k, _ in read])
+    for (k, _), findings in zip(read, told, strict=True):
+        result[k] = replace(result[k], findings=tuple(findings))
     return result
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +10,7 @@ from numpy.typing import NDArray
 
 from dynid_rs.diagnosis.belief import Belief
 from dynid_rs.diagnosis.beside import Beside
-from dynid_rs.diagnosis.hypotheses import Place, shaped_as
+from dynid_rs.diagnosis.hypotheses import Hypothesis, Place, shaped_as
 from dynid_rs.diagnosis.structural import value_of
 from dynid_rs.diagnosis.structural.torque_gain import USUAL, gain_spread
 from dynid_rs.diagnosis.trials import blocks, whole_runs, worse
@@ -93,18 +94,26 @@ def harmless(belief: Belief) -> None:
     before = [declared.model.left_out(declared.best, parts) for parts in ways]
     while belief.named:
         after = [belief.beside.model.left_out(belief.beside.best, parts) for parts in ways]
-        torques = dict(zip([(e.kind, e.joints) for e in belief.setup.effects], belief.places(), strict=True))
-        guilty = []
-        for named in belief.named.values():
-            at, places = belief.reach(named.hypothesis), torques.get(named.hypothesis.place)
-            for parts, lost, declared_lost in zip(ways, after, before, strict=True):
-                harmed = np.array(at)[_harms(lost[:, at], declared_lost[:, at], len(ways))]
-                if len(harmed) and (places is None or _spares(belief.beside.without(places), parts, lost, harmed)):
-                    guilty.append(named)
-                    break
+        trials = list(zip(ways, after, before, strict=True))
+        guilty = [named for named in belief.named.values() if _is_guilty(belief, named.hypothesis, trials)]
         if not guilty:
             return
         belief.remove(min(guilty, key=lambda named: named.log_odds).hypothesis.place)
+
+
+def _is_guilty(belief: Belief, h: Hypothesis, trials: Sequence[tuple[list[BoolArray], FloatArray, FloatArray]]) -> bool:
+    """Whether joints that a name reaches are predicted worse, for it; parts, and power left out with names and without.
+
+    A change of structure has no columns to take out again: it is guilty of what happens where it reaches.
+    """
+    at = belief.reach(h)
+    torques = dict(zip([(e.kind, e.joints) for e in belief.setup.effects], belief.places(), strict=True))
+    places = torques.get(h.place)
+    for parts, lost, declared in trials:
+        harmed = np.array(at)[_harms(lost[:, at], declared[:, at], len(trials))]
+        if len(harmed) and (places is None or _spares(belief.beside.without(places), parts, lost, harmed)):
+            return True
+    return False
 
 
 def _spares(without: Beside, parts: list[BoolArray], lost: FloatArray, harmed: IntArray) -> bool:

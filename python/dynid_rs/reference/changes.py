@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from dynid_rs import _core
 from dynid_rs.model.assembly import evaluate, with_changes
-from dynid_rs.model.frames import gravity_steps, tilt_of, tilted_gravity
+from dynid_rs.model.placement import gravity_steps, tilt_of, tilted_gravity
 from dynid_rs.reference.plausible import Plausible, plausible_phi
 from dynid_rs.reference.unseen import unseen_directions
 from dynid_rs.runs.preprocessing import States

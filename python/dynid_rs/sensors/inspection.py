@@ -5,8 +5,7 @@ from __future__ import annotations
 from dynid_rs import _core
 from dynid_rs.base.findings import Finding
 from dynid_rs.runs.checks import check_recording, contradicting_signals, is_damage, severity_order
-from dynid_rs.runs.checks.clocks import Clock, clock_findings
-from dynid_rs.runs.checks.repeats import repeat_findings
+from dynid_rs.runs.checks.beside import beside_each_other
 from dynid_rs.runs.given import Runs, as_recordings
 from dynid_rs.runs.readers.config_file import Rules
 from dynid_rs.sensors import set_findings
@@ -37,9 +36,8 @@ def inspect(runs: Runs, robot: _core.RobotModel | None = None, config: Rules = N
         Robot and runs have different numbers of joints.
     """
     recordings = as_recordings(runs, robot, config)
-    found = [finding for run in recordings for finding in check_recording(run, robot)]
-    found += clock_findings([Clock.of(run) for run in recordings]).values()
-    found += repeat_findings(recordings).values()
+    alone = [check_recording(run, robot) for run in recordings]
+    found = [finding for own in beside_each_other(recordings, alone) for finding in own]
     if robot is not None and not any(is_damage(finding) for finding in found):
         found += set_findings(robot, [run.without(*contradicting_signals(run)) for run in recordings])
     return sorted(found, key=severity_order)

@@ -149,7 +149,7 @@ pub fn check_shape(velocity_threshold: f64, transition_width: f64) -> PyResult<(
     if good {
         Ok(())
     } else {
-        Err(crate::errors::value(format!(
+        Err(errors::value(format!(
             "velocity_threshold must be at least 0 and transition_width positive, found {velocity_threshold} and {transition_width}"
         )))
     }

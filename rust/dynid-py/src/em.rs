@@ -34,7 +34,7 @@ pub fn fit_mixture<'py>(
     let x = arrays::contiguous(x, "x")?;
     let width = arrays::width(&x, "x")?;
     if !(1..=MOST_DIMENSIONS).contains(&width) {
-        return Err(crate::errors::value(format!(
+        return Err(errors::value(format!(
             "x has {width} columns, expected 1 to {MOST_DIMENSIONS}"
         )));
     }
@@ -55,7 +55,7 @@ pub fn fit_mixture<'py>(
     if means.len() != k * width
         || shape.extract::<(usize, usize, usize)>().ok() != Some((k, width, width))
     {
-        return Err(crate::errors::value(format!(
+        return Err(errors::value(format!(
             "weights, means and covariances are not those of {k} components with {width} dimensions"
         )));
     }
@@ -76,7 +76,7 @@ pub fn fit_mixture<'py>(
     let fitted = py
         .detach(|| em::fit_mixture(rows, width, &start, settings))
         .map_err(|error| match error {
-            OfflineError::Core(CoreError::Mixture { component }) => crate::errors::value(format!(
+            OfflineError::Core(CoreError::Mixture { component }) => errors::value(format!(
                 "component {component} of the mixture has collapsed onto too few samples; take fewer components, or \
                  increase reg_covar"
             )),

@@ -22,13 +22,13 @@ fn criterion(name: &str, weights: Option<[f64; 3]>) -> PyResult<Criterion> {
         ("block", Some(w)) if w.iter().all(|w| *w >= 0.0 && w.is_finite()) => {
             Ok(Criterion::Block(w))
         }
-        ("block", _) => Err(crate::errors::value(
+        ("block", _) => Err(errors::value(
             "criterion \"block\" needs three weights that are finite and not negative",
         )),
         ("condition", _) => Ok(Criterion::Condition),
         ("D", _) => Ok(Criterion::D),
         ("A", _) => Ok(Criterion::A),
-        _ => Err(crate::errors::value(format!(
+        _ => Err(errors::value(format!(
             "criterion {name:?} is not known; choose block, condition, D or A"
         ))),
     }
@@ -226,7 +226,7 @@ pub fn places_gradient<'py>(
 fn link_points(links: &[usize], places: &Bound<'_, PyAny>) -> PyResult<Vec<LinkPoint>> {
     let places = arrays::matrix(places, "places", 3)?;
     if places.shape()[0] != links.len() {
-        return Err(crate::errors::value(format!(
+        return Err(errors::value(format!(
             "places has {} rows, expected {}, one per link index",
             places.shape()[0],
             links.len()

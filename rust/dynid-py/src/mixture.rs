@@ -44,7 +44,7 @@ impl PyGaussianMixtureRegression {
         let shape = covariances.getattr("shape")?;
         if shape.extract::<(usize, usize, usize)>().ok() != Some((weights.len(), width, width)) {
             let k = weights.len();
-            return Err(crate::errors::value(format!(
+            return Err(errors::value(format!(
                 "covariances has shape {shape}, expected ({k}, {width}, {width})"
             )));
         }

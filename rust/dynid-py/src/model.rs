@@ -69,7 +69,7 @@ pub fn pair_named(name: &str) -> PyResult<ResidualInputs> {
         .into_iter()
         .find(|inputs| inputs.name() == name)
         .ok_or_else(|| {
-            crate::errors::value(format!(
+            errors::value(format!(
                 "inputs must be \"deflection\", \"joint_state\" or \"load_free_deflection\", found {name:?}"
             ))
         })
@@ -81,7 +81,7 @@ pub fn signals_named(named: Named) -> PyResult<Vec<Signal>> {
         .into_iter()
         .map(|(name, joint)| Signal::named(&name, joint))
         .collect::<Result<_, _>>()
-        .map_err(|error| crate::errors::value(error.to_string()))
+        .map_err(|error| errors::value(error.to_string()))
 }
 
 /// What the regressions see: a pair by its name, or `"signals"` with the signals of every joint.
@@ -91,10 +91,10 @@ fn inputs_named(name: &str, signals: Option<List<Named>>) -> PyResult<ResidualIn
             let joints = joints.0.into_iter().map(signals_named);
             Ok(ResidualInputs::Signals(joints.collect::<PyResult<_>>()?))
         }
-        ("signals", None) => Err(crate::errors::value(
+        ("signals", None) => Err(errors::value(
             "residual_signals is missing, one list of (name, joint) per joint",
         )),
-        (name, Some(_)) => Err(crate::errors::value(format!(
+        (name, Some(_)) => Err(errors::value(format!(
             "residual_signals is for a residual of \"signals\", found {name:?}"
         ))),
         (name, None) => pair_named(name),
@@ -110,7 +110,7 @@ pub fn cos_sin(error: &Bound<'_, PyAny>) -> PyResult<Vec<[f64; 2]>> {
 impl PyTorqueModel {
     fn needs_no_temperature(&self) -> PyResult<()> {
         if self.0.wants_temperature().contains(&true) {
-            return Err(crate::errors::value(
+            return Err(errors::value(
                 "the model's friction follows a measured temperature, which was not given",
             ));
         }
@@ -176,7 +176,7 @@ impl PyTorqueModel {
                 "link" => false,
                 "both" => true,
                 other => {
-                    return Err(crate::errors::value(format!(
+                    return Err(errors::value(format!(
                         "encoder_error_sides must be \"link\" or \"both\", found {other:?}"
                     )))
                 }
@@ -485,8 +485,8 @@ impl PyTorqueModel {
 
     /// The text of its file: copies in other processes are built from it.
     fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<Rebuild<'py>> {
-        let text = model_file::to_text(&self.0)
-            .map_err(|error| crate::errors::value(error.to_string()))?;
+        let text =
+            model_file::to_text(&self.0).map_err(|error| errors::value(error.to_string()))?;
         Ok((py.import("dynid_rs._core")?.getattr("_model_of")?, (text,)))
     }
 

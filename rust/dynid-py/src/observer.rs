@@ -39,7 +39,7 @@ pub fn observe_momentum<'py>(
     let n = model.0.robot().n_joints();
     let q = motion[0]
         .as_ref()
-        .ok_or_else(|| crate::errors::value("motion: q is missing"))?;
+        .ok_or_else(|| errors::value("motion: q is missing"))?;
     let beside_q = |signal: &Bound<'py, PyAny>, name: &'static str| {
         arrays::samples([("q", q), (name, signal)], n).map(|[_, signal]| signal)
     };

@@ -61,7 +61,7 @@ pub fn extent<'py>(py: Python<'py>, x: &Bound<'py, PyAny>) -> PyResult<Bound<'py
     let x = arrays::matrix(x, "x", width)?;
     let x = x.as_slice()?;
     if x.is_empty() {
-        return Err(crate::errors::value("x must have at least one row"));
+        return Err(errors::value("x must have at least one row"));
     }
     let found = py.detach(|| dynid_offline::extent(x, width));
     let rows = [
@@ -227,7 +227,7 @@ pub fn processor_path(path: Option<&str>) -> PyResult<&'static str> {
         if !wanted.is_some_and(use_path) {
             let there = Path::ALL.into_iter().filter(|path| path.is_available());
             let there: Vec<_> = there.map(Path::name).collect();
-            return Err(crate::errors::value(format!(
+            return Err(errors::value(format!(
                 "this processor has no path {name:?}, expected one of {}",
                 there.join(", ")
             )));
@@ -253,7 +253,7 @@ pub fn filtered_friction_basis<'py>(
     let dq = dq.as_slice()?;
     let sampling = sampling(filter, kept.0)?;
     if dq.len() < sampling.filter.min_samples() || sampling.kept.iter().any(|&k| k >= dq.len()) {
-        return Err(crate::errors::value(
+        return Err(errors::value(
             "dq is too short for the filter or for the kept samples",
         ));
     }
@@ -288,7 +288,7 @@ pub fn merge_factors<'py>(
 ) -> PyResult<Bound<'py, PyArray2<f64>>> {
     let first = factors
         .first()
-        .ok_or_else(|| crate::errors::value("no factor to merge"))?;
+        .ok_or_else(|| errors::value("no factor to merge"))?;
     let width = arrays::width(first, "factor")?;
     let parts = factors
         .iter()

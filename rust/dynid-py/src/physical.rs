@@ -84,7 +84,7 @@ fn links<'v>(phi: &'v PyReadonlyArray1<'_, f64>) -> PyResult<&'v [LinkParams]> {
         return Ok(links);
     }
     let n = 10 * links.len() + rest.len();
-    Err(crate::errors::value(format!(
+    Err(errors::value(format!(
         "phi has {n} values, expected ten per link"
     )))
 }
@@ -114,7 +114,7 @@ pub fn phi_from_pseudo_inertia<'py>(
     let array = arrays::contiguous(pseudo, "pseudo")?;
     let shape = array.getattr("shape")?;
     if !matches!(shape.extract::<(usize, usize, usize)>(), Ok((_, 4, 4))) {
-        return Err(crate::errors::value(format!(
+        return Err(errors::value(format!(
             "pseudo has shape {shape}, expected (n_links, 4, 4)"
         )));
     }
@@ -132,7 +132,7 @@ pub fn phi_from_pseudo_inertia<'py>(
 #[pyfunction]
 pub fn mjcf_with_physical(model: &PyTorqueModel) -> PyResult<String> {
     let physical = model.0.physical();
-    let physical = physical.ok_or_else(|| crate::errors::value("the model has no physical set"))?;
+    let physical = physical.ok_or_else(|| errors::value("the model has no physical set"))?;
     Ok(mjcf::minimal(model.0.robot(), physical))
 }
 
@@ -147,7 +147,7 @@ pub fn urdf_with_physical(
 ) -> PyResult<Vec<u8>> {
     let robot = model.0.robot();
     let Some(physical) = model.0.physical() else {
-        return Err(crate::errors::value("the model has no physical set"));
+        return Err(errors::value("the model has no physical set"));
     };
     match original {
         None => Ok(urdf::minimal(robot, physical).into_bytes()),

@@ -199,7 +199,7 @@ impl PyRobotModel {
         }
         if base.is_some() || tip.is_some() {
             let name = if base.is_some() { "base" } else { "tip" };
-            return Err(crate::errors::value(format!(
+            return Err(errors::value(format!(
                 "{}: a robot.toml is one chain from its first row to its last; leave out {name}",
                 path.display()
             )));
@@ -305,7 +305,7 @@ impl PyRobotModel {
         let Some(placed) = links.iter().find(|placed| placed.name == link) else {
             let names: Vec<&str> = links.iter().map(|placed| placed.name.as_str()).collect();
             let names = names.join(", ");
-            return Err(crate::errors::value(format!(
+            return Err(errors::value(format!(
                 "no link of the chain or fixed to it is named {link:?}; there are: {names}"
             )));
         };
@@ -328,7 +328,7 @@ impl PyRobotModel {
     ) -> PyResult<Self> {
         let n_joints = self.0.n_joints();
         if joint >= n_joints {
-            return Err(crate::errors::value(format!(
+            return Err(errors::value(format!(
                 "there is no joint {joint}, the robot has {n_joints}, counted from 0"
             )));
         }
@@ -432,8 +432,8 @@ impl PyRobotModel {
 
     /// Name, gravity and joints as a model file holds them: copies in other processes are built from that text.
     fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<Rebuild<'py>> {
-        let text = model_file::robot_to_text(&self.0)
-            .map_err(|error| crate::errors::value(error.to_string()))?;
+        let text =
+            model_file::robot_to_text(&self.0).map_err(|error| errors::value(error.to_string()))?;
         Ok((py.import("dynid_rs._core")?.getattr("_robot_of")?, (text,)))
     }
 

@@ -33,7 +33,7 @@ from dynid_rs.diagnosis.structural.about import About
 from dynid_rs.diagnosis.structure_plot import structure_plot
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.model.assembly import evaluate
-from dynid_rs.model.frames import (
+from dynid_rs.model.placement import (
     displacement,
     tilt_of,
     tilted_gravity,

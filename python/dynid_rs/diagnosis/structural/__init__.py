@@ -20,7 +20,7 @@ from dynid_rs.diagnosis.structural.kinematic_error import kinematic_hypotheses
 from dynid_rs.diagnosis.structural.torque_delay import delay_hypotheses
 from dynid_rs.diagnosis.structural.torque_gain import gain_hypotheses
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
-from dynid_rs.model.frames import displacement, tilt_of, with_displacement
+from dynid_rs.model.placement import displacement, tilt_of, with_displacement
 
 KINDS: dict[str, Callable[[About, Setup], list[Hypothesis]]] = {
     "torque_delay": delay_hypotheses,

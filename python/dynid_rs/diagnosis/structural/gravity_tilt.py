@@ -12,7 +12,7 @@ from dynid_rs import _core
 from dynid_rs.diagnosis.hypotheses import Hypothesis, standardised
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.structural.about import About
-from dynid_rs.model.frames import gravity_steps, tilt_of, tilted_gravity
+from dynid_rs.model.placement import gravity_steps, tilt_of, tilted_gravity
 
 FloatArray = NDArray[np.float64]
 

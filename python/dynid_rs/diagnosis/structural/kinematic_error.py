@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from dynid_rs.diagnosis.hypotheses import Hypothesis, standardised
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.structural.about import About
-from dynid_rs.model.frames import with_displacement
+from dynid_rs.model.placement import with_displacement
 
 FloatArray = NDArray[np.float64]
 
