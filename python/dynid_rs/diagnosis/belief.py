@@ -9,12 +9,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs.base.estimator import Estimator, clone
+from dynid_rs.base.estimator import Estimator
 from dynid_rs.diagnosis.beside import Beside
 from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis, Place, Shaped, shaped_as
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.structural import KINDS, REFITTED, structural_hypotheses, undone
-from dynid_rs.identification.links import LinkDynamicsIdentifier
 from dynid_rs.identification.smooth_friction import SmoothFrictionIdentifier, smooth, tanh_widths
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.model.placed import CATALOGUE, HeldEffect, PlacedEffect, own_columns
@@ -298,22 +297,6 @@ def _apart(one: Shaped, other: Shaped) -> float:
 def fitted(setup: Setup, train: Sequence[Recording], **options: Estimator) -> ThreeLoopIdentifier:
     """Fit declared model and what was found; without a third loop."""
     return setup.identifier(residual=None, **options).fit(list(train))
-
-
-def weighed_as(
-    declared: ThreeLoopIdentifier, fit: ThreeLoopIdentifier, setup: Setup, train: Sequence[Recording]
-) -> ThreeLoopIdentifier:
-    """Fit in which joints' rows say of the links that all share as much, against each other, as in the `declared` fit.
-
-    What a name takes off a joint's residual makes its rows look that much more precise. As far as the name is not quite
-    right they would draw the links, and joints that have no name are predicted worse.
-    """
-    posterior = declared.links_.posterior_
-    assert posterior is not None  # every fit that is diagnosed has the weak prior
-    links = clone(setup.options.get("links") or LinkDynamicsIdentifier())
-    links.set_params(least_noise=posterior.noise_std)
-    shapes = fit.friction_.transition_width_, fit.friction_.sharpness_
-    return fitted(setup, train, friction=SmoothFrictionIdentifier(shapes, held=True), links=links)
 
 
 def coefficients(h: Hypothesis, columns: Columns, beside: Beside) -> FloatArray:

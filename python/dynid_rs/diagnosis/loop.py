@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
-from dynid_rs.diagnosis.belief import fitted, weighed_as
+from dynid_rs.diagnosis.belief import fitted
 from dynid_rs.diagnosis.entries import effect_entries
 from dynid_rs.diagnosis.examination import examine
 from dynid_rs.diagnosis.gears import centred, gear_entries
@@ -29,6 +29,7 @@ from dynid_rs.diagnosis.rivals import weigh_rivals
 from dynid_rs.diagnosis.search import look, search
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.unexplained import unexplained
+from dynid_rs.diagnosis.weighing import weighed_as
 from dynid_rs.identification.smooth_friction import SmoothFrictionIdentifier
 from dynid_rs.identification.training import check_motion
 from dynid_rs.reference import compare

@@ -110,7 +110,7 @@ def _is_guilty(belief: Belief, h: Hypothesis, trials: Sequence[tuple[list[BoolAr
     torques = dict(zip([(e.kind, e.joints) for e in belief.setup.effects], belief.places(), strict=True))
     places = torques.get(h.place)
     for parts, lost, declared in trials:
-        harmed = np.array(at)[_harms(lost[:, at], declared[:, at], len(trials))]
+        harmed = np.array(at)[harms(lost[:, at], declared[:, at], len(trials))]
         if len(harmed) and (places is None or _spares(belief.beside.without(places), parts, lost, harmed)):
             return True
     return False
@@ -122,7 +122,7 @@ def _spares(without: Beside, parts: list[BoolArray], lost: FloatArray, harmed: I
     return bool(spared.sum() < lost[:, harmed].sum())
 
 
-def _harms(after: FloatArray, before: FloatArray, n_ways: int) -> BoolArray:
+def harms(after: FloatArray, before: FloatArray, n_ways: int) -> BoolArray:
     """Which joints are predicted worse; power left out of parts and joints, (n_parts, n_joints) each."""
     ratio = np.sqrt(after.sum(axis=0) / np.maximum(before.sum(axis=0), 1e-300))
     harms: BoolArray = (ratio > HARM) & worse(after - before, n_ways * after.shape[1])

@@ -14,6 +14,7 @@ from dynid_rs.base.estimator import Estimator
 from dynid_rs.regression.columns import Observations, Plan
 from dynid_rs.regression.evidence import Posterior, fit_with_prior
 from dynid_rs.regression.fitted import Weighting
+from dynid_rs.regression.linear_model import Choice
 from dynid_rs.regression.scales import free_scales, improve_scale
 from dynid_rs.regression.systems import residual_covariance, residual_power, solve, stack, whitened
 
@@ -59,6 +60,8 @@ class LinkDynamicsIdentifier(Estimator):
         Relative change of the weights at which re-weighting stops.
     least_noise : ndarray (n_joints,), optional
         [torque unit] Under a prior joints weigh against each other as if none had less noise.
+    believed : Choice, optional
+        How far the prior is believed, instead of what the evidence chooses.
 
     Attributes
     ----------
@@ -94,6 +97,7 @@ class LinkDynamicsIdentifier(Estimator):
         max_iter: int = 30,
         tol: float = 1e-3,
         least_noise: FloatArray | None = None,
+        believed: Choice | None = None,
     ) -> None:
         self.weighting = weighting
         self.prior = prior
@@ -102,6 +106,7 @@ class LinkDynamicsIdentifier(Estimator):
         self.max_iter = max_iter
         self.tol = tol
         self.least_noise = least_noise
+        self.believed = believed
 
     def fit(
         self,
@@ -201,6 +206,7 @@ class LinkDynamicsIdentifier(Estimator):
             held=held,
             scale=scale,
             least_noise=self.least_noise,
+            believed=self.believed,
         )
 
     def use_posterior(

@@ -119,6 +119,7 @@ def fit_with_prior(
     held: Posterior | None = None,
     scale: FloatArray | None = None,
     least_noise: FloatArray | None = None,
+    believed: Choice | None = None,
 ) -> Posterior:
     """Fit all unknowns under the weak prior.
 
@@ -138,6 +139,8 @@ def fit_with_prior(
         Where the search for the gains of the joints in `free` begins.
     least_noise : ndarray (n_joints,), optional
         [torque unit] Against each other joints weigh as if none had less noise.
+    believed : Choice, optional
+        Width, centre and size of bends of the prior, instead of those that the evidence chooses.
     """
     plan, factors, n_rows = observations.plan, observations.factors(), observations.n_rows
     n = plan.robot.n_joints
@@ -146,7 +149,7 @@ def fit_with_prior(
     known = np.ones(n) if free is None or not free.any() else scale
     prior = weak_prior(plan, factors, n_rows, held.scale if held is not None else known)
     widths = [(w, c) for w in (TRUSTED if trusted else WIDTHS) for c in _centres(plan.robot, trusted)]
-    choice = Choice()
+    choice = Choice() if believed is None else believed
     scale = np.ones(n) if scale is None else scale
     noise, n_effective = 0.1 * size, np.full(n, FIRST_MEMORY * n_rows)
     if held is not None:
@@ -159,7 +162,7 @@ def fit_with_prior(
         if k and free is not None and free.any():  # gains tell what a force between two joints is in either channel
             prior = weak_prior(plan, factors, n_rows, scale).in_unit(prior.unit)
         model = linear_model(plan, factors, n_rows, scale, prior, n_effective, least)
-        if held is not None:
+        if held is not None or believed is not None:
             best = model.fit(choice, noise)
         else:
             best = _likeliest(model, noise, [choice._replace(width=w, centre=c) for w, c in widths])

@@ -1,0 +1,66 @@
+"""The last fit: joints weigh against each other as they did before anything had a name."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid_rs.base.estimator import clone
+from dynid_rs.diagnosis.belief import fitted
+from dynid_rs.diagnosis.setup import Setup
+from dynid_rs.diagnosis.standing import harms
+from dynid_rs.diagnosis.trials import blocks, whole_runs
+from dynid_rs.identification.links import LinkDynamicsIdentifier
+from dynid_rs.identification.smooth_friction import SmoothFrictionIdentifier
+from dynid_rs.identification.three_loops import ThreeLoopIdentifier
+from dynid_rs.regression.evidence import Posterior
+from dynid_rs.runs.recording import Recording
+
+FloatArray = NDArray[np.float64]
+
+
+def weighed_as(
+    declared: ThreeLoopIdentifier, fit: ThreeLoopIdentifier, setup: Setup, train: Sequence[Recording]
+) -> ThreeLoopIdentifier:
+    """Fit in which joints' rows say of the links that all share as much, against each other, as in the `declared` fit.
+
+    What a name takes off a joint's residual makes its rows look that much more precise. As far as the name is not quite
+    right they would draw the links, and joints that have no name are predicted worse. At these weights the evidence
+    chooses the prior anew; where some joint is then predicted worse than by the declared fit, on parts that were left
+    out, the choice of the declared fit or that of `fit` stays, whichever does no such harm.
+    """
+    links = clone(setup.options.get("links") or LinkDynamicsIdentifier())
+    links.set_params(least_noise=_posterior(declared).noise_std)
+    friction = SmoothFrictionIdentifier((fit.friction_.transition_width_, fit.friction_.sharpness_), held=True)
+    weighed = fitted(setup, train, friction=friction, links=links)
+    for choice in (_posterior(declared).choice, _posterior(fit).choice):
+        if not _does_harm(declared, weighed):
+            break
+        if choice != _posterior(weighed).choice:
+            other = fitted(setup, train, friction=friction, links=links.set_params(believed=choice))
+            weighed = weighed if _does_harm(declared, other) else other
+    return weighed
+
+
+def _posterior(fit: ThreeLoopIdentifier) -> Posterior:
+    posterior = fit.links_.posterior_
+    assert posterior is not None  # every fit that is diagnosed has the weak prior
+    return posterior
+
+
+def _does_harm(declared: ThreeLoopIdentifier, fit: ThreeLoopIdentifier) -> bool:
+    """Whether some joint of parts that were left out is predicted worse than by the declared fit."""
+    lengths = [len(states.rows) for states in fit.runs_]
+    ways = [parts for parts in (blocks(sum(lengths)), whole_runs(lengths)) if parts]
+    lost = [(_left_out(fit, parts), _left_out(declared, parts)) for parts in ways]
+    return any(bool(np.any(harms(after, before, len(ways)))) for after, before in lost)
+
+
+def _left_out(fit: ThreeLoopIdentifier, parts: list[NDArray[np.bool_]]) -> FloatArray:
+    """Power per part and joint, (n_parts, n_joints), at the fit's own prior and noise."""
+    posterior = _posterior(fit)
+    model = posterior.model(fit.observations_.plan, fit.observations_.joint_rows())
+    return model.left_out(replace(model.fit(posterior.choice, posterior.noise_std), noise=posterior.noise_std), parts)
