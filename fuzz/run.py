@@ -1,5 +1,8 @@
 """Build the fuzzer on stable Rust, replay the kept inputs and look for new ones: `python fuzz/run.py --seconds 60`.
 
+`--executions 100000000` goes on until every way in was tried so often, over as many calls as that takes: what was done
+to the same sources is kept in `tally.json` beside what was found.
+
 The counters of covered code come from LLVM's pass by way of stable compiler flags, the runtime is libFuzzer's (crate
 libfuzzer-sys, built by the machine's C++ compiler). No more than the limits that `src/limits.rs` names.
 """
@@ -7,15 +10,19 @@ libfuzzer-sys, built by the machine's C++ compiler). No more than the limits tha
 from __future__ import annotations
 
 import argparse
+import functools
+import hashlib
 import json
 import os
 import re
 import shutil
 import subprocess
 import sys
+import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 HERE = Path(__file__).resolve().parent
 CORPUS = HERE / "corpus"
@@ -27,6 +34,9 @@ FLAGS = (
     "-Cllvm-args=-sanitizer-coverage-pc-table",
     "-Cllvm-args=-sanitizer-coverage-trace-compares",
 )
+TALLY = threading.Lock()
+SLICE = 2_000_000
+"""Executions between two notes in the tally."""
 TIMEOUT = 30
 """Wall clock, for what never ends; slowness is judged by the processor's time, in the program [s]."""
 
@@ -46,14 +56,14 @@ def built() -> Path:
     return target / host / "release" / "dynid-fuzz"
 
 
-def fuzz(program: Path, target: str, seconds: int, work: Path) -> dict[str, object]:
-    """Replay what is kept, then look for more in the time that is left; figures of the run."""
+def fuzz(program: Path, target: str, limit: str, work: Path) -> dict[str, Any]:
+    """Replay what is kept, then look for more up to a limit of libFuzzer's; figures of the run."""
     found = work / target
     found.mkdir(parents=True, exist_ok=True)
     kept = CORPUS / target
     command = [
         *(str(program), str(found), str(kept)),
-        *(f"-max_total_time={seconds}", f"-timeout={TIMEOUT}", "-rss_limit_mb=600", "-print_final_stats=1"),
+        *(limit, f"-timeout={TIMEOUT}", "-rss_limit_mb=600", "-print_final_stats=1"),
         f"-artifact_prefix={work}/{target}-",
         f"-dict={HERE / 'words.dict'}",
     ]
@@ -76,6 +86,48 @@ def fuzz(program: Path, target: str, seconds: int, work: Path) -> dict[str, obje
         "failed": code != 0,
         "log": str(log),
     }
+
+
+def fuzz_often(program: Path, target: str, executions: int, work: Path) -> dict[str, Any]:
+    """Go on where the last call ended, until there are so many executions; figures of all calls together."""
+    tally = work / "tally.json"
+    while True:
+        with TALLY:
+            so_far = noted(tally).get(target, {"target": target, "executions": 0, "seconds": 0.0, "peak_rss_mb": 0})
+        left = executions - so_far["executions"]
+        if left <= 0:
+            return so_far
+        figure = fuzz(program, target, f"-runs={min(left, SLICE)}", work)
+        figure["seconds"] = round(figure["seconds"] + so_far["seconds"], 1)
+        figure["executions"] += so_far["executions"]
+        figure["peak_rss_mb"] = max(figure["peak_rss_mb"], so_far["peak_rss_mb"])
+        if figure["failed"]:
+            return figure
+        with TALLY:
+            part = tally.with_suffix(".part")
+            part.write_text(json.dumps(noted(tally) | {target: figure}, indent=2) + "\n")
+            part.replace(tally)
+
+
+def noted(tally: Path) -> dict[str, Any]:
+    """What earlier calls did to these sources."""
+    before: dict[str, Any] = json.loads(tally.read_text()) if tally.exists() else {}
+    return before if before.get("sources") == sources() else {"sources": sources()}
+
+
+@functools.cache
+def sources() -> str:
+    """Digest of everything that the program is made from."""
+    files = [
+        *HERE.glob("src/**/*.rs"),
+        *HERE.parent.glob("rust/*/src/**/*.rs"),
+        HERE / "Cargo.toml",
+        HERE / "Cargo.lock",
+    ]
+    digest = hashlib.sha256()
+    for path in sorted(files):
+        digest.update(path.relative_to(HERE.parent).as_posix().encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()
 
 
 def said(program: Path, target: str, log: str) -> str:
@@ -110,6 +162,8 @@ def main() -> int:
     """Run, print one line per target, and with `--json` write the figures."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=int, default=60, help="per target, building not counted")
+    parser.add_argument("--executions", type=int, help="until there are so many per target, earlier calls included")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="targets at once")
     parser.add_argument("--target", choices=TARGETS, action="append", help="only this one (may be repeated)")
     parser.add_argument("--work", type=Path, default=HERE / "work", help="what is found, and the logs")
     parser.add_argument("--json", type=Path, help="write the figures to this file")
@@ -119,8 +173,14 @@ def main() -> int:
     options.work.mkdir(parents=True, exist_ok=True)
     figures = []
     targets = options.target or TARGETS
-    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:  # a way in has one thread
-        for figure in pool.map(lambda target: fuzz(program, target, options.seconds, options.work), targets):
+
+    def tried(target: str) -> dict[str, Any]:
+        if options.executions:
+            return fuzz_often(program, target, options.executions, options.work)
+        return fuzz(program, target, f"-max_total_time={options.seconds}", options.work)
+
+    with ThreadPoolExecutor(options.jobs) as pool:  # a way in has one thread
+        for figure in pool.map(tried, targets):
             target = str(figure["target"])
             figures.append(figure)
             print(
