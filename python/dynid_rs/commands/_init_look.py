@@ -97,7 +97,7 @@ def _named(robot: Any, path: Path, rules: Config) -> Look:
     """Rules by the names of the first run's columns."""
     joints = tuple(robot.joint_names)
     table = open_run(path, joints, rules)
-    spoken, _ = speak(table.names, rules, table.file)
+    spoken, _ = speak(table.names, rules, table.file, table.stamps)
     try:
         match_columns(table.names, joints, spoken, table.file)
         return Look(rules)

@@ -13,6 +13,7 @@ from dynid_rs.base.quoting import shown
 from dynid_rs.runs.readers.columns import ALIASES
 from dynid_rs.runs.readers.config import ColumnRule, Config
 from dynid_rs.runs.readers.units import unit_in_name, unit_of
+from dynid_rs.runs.readers.words import meanings
 
 
 @dataclass(frozen=True)
@@ -119,11 +120,15 @@ DIALECTS = (
 
 _TIMES = frozenset(
     ("t", "time", "timestamp", "timestamps", "zeit", "stamp", "datetime", "date_time", "elapsed", "elapsed_time")
-) | {"__time", "header.stamp", "header_stamp", "t_s", "time_s", "timestamp_s"}
+) | {"ticks", "filetime", "__time", "header.stamp", "header_stamp", "t_s", "time_s", "timestamp_s"}
 
 
-def speak(names: Sequence[str], config: Config, file: str) -> tuple[Config, tuple[str, ...]]:
+def speak(
+    names: Sequence[str], config: Config, file: str, stamps: frozenset[str] = frozenset()
+) -> tuple[Config, tuple[str, ...]]:
     """Rules for the columns of a file that is known by its names; what `config` says itself stays as it says.
+
+    `stamps`: columns that are moments, of which the only one that is called a time is it.
 
     Returns
     -------
@@ -139,7 +144,7 @@ def speak(names: Sequence[str], config: Config, file: str) -> tuple[Config, tupl
     """
     dialect = next((known for known in DIALECTS if _speaks(known, names)), None)
     if dialect is None:
-        return _with_time(names, config), ()
+        return _with_time(names, config, stamps), ()
     columns: dict[str, ColumnRule] = {}
     for signal, template in dialect.columns.items():
         if signal not in config.columns and _is_there(template, names):
@@ -161,7 +166,7 @@ def speak(names: Sequence[str], config: Config, file: str) -> tuple[Config, tupl
     if "target_moment_0" in names and "target_moment_0" in dialect.no_torque:
         said.append(_UR_MODEL)
     config = replace(config, columns={**columns, **config.columns}, units={**units, **config.units})
-    return _with_time(names, config), ("; ".join(said),)
+    return _with_time(names, config, stamps), ("; ".join(said),)
 
 
 def _speaks(dialect: Dialect, names: Sequence[str]) -> bool:
@@ -177,7 +182,7 @@ def _is_there(template: str, names: Sequence[str]) -> bool:
     return template.format(i=0, n=1) in names
 
 
-def _with_time(names: Sequence[str], config: Config) -> Config:
+def _with_time(names: Sequence[str], config: Config, stamps: frozenset[str]) -> Config:
     """`config` with the time column, where it is one that is only spelled in another way: `Time`, `time_ms`."""
     if "t" in config.columns or any(name in names for name in ALIASES["t"]):
         return config
@@ -189,6 +194,8 @@ def _with_time(names: Sequence[str], config: Config) -> Config:
             short = short[: -len(unit) - 1]
         if short.replace(" ", "_") in _TIMES:
             found.append(name)
+    if not found:
+        found = [name for name in names if name in stamps and "time" in meanings(name)]
     if len(found) != 1:
         return config
     return replace(config, columns={"t": found[0], **config.columns})
