@@ -34,6 +34,8 @@ class Dialect:
         Units of the log.
     notes : tuple of str
         What its columns are.
+    also : mapping of str to str
+        A column, and what is to be said of it where it is there.
     no_torque : mapping of str to str
         A column that might be taken for a torque, and why it is none.
     """
@@ -44,11 +46,16 @@ class Dialect:
     columns: Mapping[str, str]
     units: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    also: Mapping[str, str] = field(default_factory=dict)
     no_torque: Mapping[str, str] = field(default_factory=dict)
 
 
 _UR_CURRENT = "actual_current is the motors' current in A"
 _UR_MODEL = "target_moment is the controller's own model, not a measurement, and is not read"
+_KUKA_CURRENT = (
+    "MACur is the motor current in percent of each drive's largest (or in A), no torque: where it is read, give N m "
+    "per percent (or per A) as [drive] gain"
+)
 
 DIALECTS = (
     # Universal Robots, RTDE guide: fields of the output recipe; record.py of the client library and ur_rtde write them.
@@ -66,6 +73,7 @@ DIALECTS = (
                 "temperature": "joint_temperatures_{i}",
             },
             notes=(_UR_CURRENT,),
+            also={"target_moment_0": _UR_MODEL},
             no_torque={
                 "target_moment_0": f"{_UR_MODEL}: fitted to it, a model would be a copy of the controller's; record "
                 "actual_current beside actual_q"
@@ -91,14 +99,12 @@ DIALECTS = (
             {
                 "q": f"AIPos{dot}A{{n}}",
                 "tau": f"GearTorque{dot}A{{n}}",
+                "current": f"MACur{dot}A{{n}}",
                 "q_reference": f"ASPos{dot}A{{n}}",
             },
             {"time": "ms", "angle": "deg"},
             ("RSI sends angles in degrees, and IPOC counts ms",),
-            {
-                f"MACur{dot}A1": "MACur is the motor current in percent of each drive's largest; map it as current and "
-                "give N m per percent as [drive] gain"
-            },
+            {f"MACur{dot}A1": _KUKA_CURRENT},
         )
         for dot in (".", "_", "")
     ),
@@ -163,8 +169,7 @@ def speak(
                 column=column,
             )
     said = [f"read as {dialect.name} writes it", *dialect.notes]
-    if "target_moment_0" in names and "target_moment_0" in dialect.no_torque:
-        said.append(_UR_MODEL)
+    said += [text for column, text in dialect.also.items() if column in names]
     config = replace(config, columns={**columns, **config.columns}, units={**units, **config.units})
     return _with_time(names, config, stamps), ("; ".join(said),)
 
