@@ -7,6 +7,7 @@ from dataclasses import replace
 import jsonschema
 import numpy as np
 import pytest
+from helpers.data import ROOT
 from helpers.log_files import DEGREE, columns_of, joint_states, table, text, write_mcap
 from helpers.run_files import write_csv, write_parquet
 from helpers.small_arm import JOINTS, dynid, refusal, run, write_robot
@@ -35,6 +36,18 @@ def test_a_plain_run_needs_nothing(tmp_path):
     assert written["columns"] == {"t": "t", "q": "q_{i}", "tau": "tau_{i}"}
     assert written["units"] == {}
     assert written["robot"] == {"joints": list(JOINTS), "gravity": [0.0, 0.0, -9.81]}
+
+
+def test_editors_are_told_the_schema_of_this_version(tmp_path):
+    """By an address that holds wherever the file goes: that of the schema in the repository, at the release's tag."""
+    init(tmp_path, write_robot(tmp_path), write_csv(tmp_path / "run.csv", run(0)))
+    first, *rest = (tmp_path / "dynid.toml").read_text().splitlines()
+    assert not any("#:schema" in line for line in rest)
+    workspace = tomllib.loads((ROOT / "Cargo.toml").read_text())["workspace"]["package"]
+    repository = workspace["repository"].replace("https://github.com/", "https://raw.githubusercontent.com/")
+    head, _, path = first.removeprefix("#:schema ").partition(f"/v{workspace['version']}/")
+    assert head == repository
+    assert json.loads((ROOT / path).read_text()) == schema()
 
 
 def test_amperes_called_effort_are_noticed_by_the_arms_model(tmp_path):
