@@ -2,10 +2,12 @@
 
 import json
 import tomllib
+from dataclasses import replace
 
 import jsonschema
 import numpy as np
 import pytest
+from helpers.data import ROOT
 from helpers.log_files import DEGREE, columns_of, joint_states, table, text, write_mcap
 from helpers.run_files import write_csv, write_parquet
 from helpers.small_arm import JOINTS, dynid, refusal, run, write_robot
@@ -34,6 +36,18 @@ def test_a_plain_run_needs_nothing(tmp_path):
     assert written["columns"] == {"t": "t", "q": "q_{i}", "tau": "tau_{i}"}
     assert written["units"] == {}
     assert written["robot"] == {"joints": list(JOINTS), "gravity": [0.0, 0.0, -9.81]}
+
+
+def test_editors_are_told_the_schema_of_this_version(tmp_path):
+    """By an address that holds wherever the file goes: that of the schema in the repository, at the release's tag."""
+    init(tmp_path, write_robot(tmp_path), write_csv(tmp_path / "run.csv", run(0)))
+    first, *rest = (tmp_path / "dynid.toml").read_text().splitlines()
+    assert not any("#:schema" in line for line in rest)
+    workspace = tomllib.loads((ROOT / "Cargo.toml").read_text())["workspace"]["package"]
+    repository = workspace["repository"].replace("https://github.com/", "https://raw.githubusercontent.com/")
+    head, _, path = first.removeprefix("#:schema ").partition(f"/v{workspace['version']}/")
+    assert head == repository
+    assert json.loads((ROOT / path).read_text()) == schema()
 
 
 def test_amperes_called_effort_are_noticed_by_the_arms_model(tmp_path):
@@ -174,6 +188,50 @@ def test_percent_is_a_current_with_a_gain(tmp_path):
     np.testing.assert_allclose(recording.q, q, rtol=1e-12)
     np.testing.assert_allclose(recording.tau, tau * [2, 3, 0.5], rtol=1e-12)
     assert recording.torque_unit == "N*m"
+
+
+KUKA = {
+    "rsi": ("IPOC", "AIPos.A{n}", "MACur.A{n}", 1e3, "MACur is the motor current in percent of each drive's largest"),
+    "trace, percent": ("Zeit [s]", "AxisAct_A{n} [deg]", "MACur_A{n} [%]", 1, "the current is in percent of what"),
+    "trace, ampere": ("Zeit [s]", "AxisAct_A{n} [deg]", "MACur_A{n} [A]", 1, ""),
+    "trace, nobody says": ("Zeit", "AxisAct_A{n}", "MACur_A{n}", 1, ""),
+}
+
+
+@pytest.mark.parametrize(("t", "q", "current", "time", "said"), KUKA.values(), ids=KUKA)
+def test_motor_currents_of_kuka_are_no_torques(t, q, current, time, said, tmp_path):
+    """Percent or ampere, they are read as those of RTDE are: without a gain, which the rules ask for."""
+    robot, path = write_robot(tmp_path), tmp_path / "run.csv"
+    path.write_text(text(table(0, t, q, current, time=time, angle=DEGREE)))
+    answer, written = init(tmp_path, robot, path)
+    assert written["columns"]["tau"] is False
+    assert written["columns"]["current"] == current.split(" ")[0]
+    assert not written.get("drive")
+    assert any("currents without a gain: no torques" in note and "[drive] gain" in note for note in answer["notes"])
+    commented = " ".join((tmp_path / "dynid.toml").read_text().replace("\n#  ", "").split())
+    assert "currents without a gain: no torques, and what is learned from them is not in N m" in commented
+    assert said in commented
+    rules = read_config(tmp_path / "dynid.toml")
+    recording = read_run(path, RobotModel.from_urdf(robot), rules).recording
+    assert recording.torque_unit == "A"
+    np.testing.assert_allclose(recording.tau, columns_of(0)[3], rtol=1e-12)
+    shown = dynid("inspect", path, "--robot", robot, "--config", tmp_path / "dynid.toml", "--json")
+    assert said in shown.output
+    geared = read_run(path, RobotModel.from_urdf(robot), replace(rules, drive_gain=(2.0, 3.0, 0.5))).recording
+    assert geared.torque_unit == "N*m"
+    np.testing.assert_allclose(geared.tau, columns_of(0)[3] * [2, 3, 0.5], rtol=1e-12)
+
+
+def test_the_gears_torque_of_kuka_comes_before_its_currents(tmp_path):
+    t, q, _, tau = columns_of(0)
+    columns = {"IPOC": t * 1e3}
+    for name, values in (("AIPos", q * DEGREE), ("GearTorque", tau), ("MACur", tau / 10)):
+        columns |= {f"{name}.A{j + 1}": values[:, j] for j in range(3)}
+    robot, path = write_robot(tmp_path), write_csv(tmp_path / "run.csv", columns)
+    answer, written = init(tmp_path, robot, path)
+    assert written["columns"]["tau"] == "GearTorque.A{n}"
+    assert not any("without a gain" in note for note in answer["notes"])
+    assert any("current is ignored because torque is read" in note for note in answer["notes"])
 
 
 def test_joints_in_the_order_of_messages_are_a_question():

@@ -27,6 +27,10 @@ ALIKE = 0.05
 """Ratios of two channels within this share of a unit's factor are that unit."""
 GEARED = 1.5
 """A motor's angle that is so many times the link's was not divided by the gear ratio."""
+CURRENTS = (
+    "currents without a gain: no torques, and what is learned from them is not in N m; give [drive] gain, N m per "
+    "unit of the current at each joint"
+)
 DEGREE, RPM = 180.0 / np.pi, 30.0 / np.pi
 
 
@@ -89,6 +93,9 @@ def look(robot: Any, paths: Sequence[Path], rules: Config, ask: Callable[[Propos
     found.questions = _questions(robot, found)
     for run in found.runs:
         found.notes += [f"{run.recording.name}: {one.message}" for one in run.findings() if one.message]
+    signals = found.runs[0].columns.signals
+    if "current" in signals and "tau" not in signals and found.rules.drive_gain is None:
+        found.notes.append(f"{shown(signals['current'][0])}, ... are {CURRENTS}")
     found.notes = list(dict.fromkeys(found.notes))
     return found
 
@@ -97,7 +104,7 @@ def _named(robot: Any, path: Path, rules: Config) -> Look:
     """Rules by the names of the first run's columns."""
     joints = tuple(robot.joint_names)
     table = open_run(path, joints, rules)
-    spoken, _ = speak(table.names, rules, table.file)
+    spoken, _ = speak(table.names, rules, table.file, table.stamps)
     try:
         match_columns(table.names, joints, spoken, table.file)
         return Look(rules)

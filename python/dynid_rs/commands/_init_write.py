@@ -11,6 +11,7 @@ from dynid_rs.base.quoting import shown
 from dynid_rs.commands._init_look import Look
 from dynid_rs.runs.readers.columns import fill
 from dynid_rs.runs.readers.config import UNITS
+from dynid_rs.runs.readers.key_page import SCHEMA_URL
 from dynid_rs.runs.readers.keys import KEYS, TABLES
 
 WIDTH = 110
@@ -23,6 +24,7 @@ _TITLES = {
 def config_text(robot: Any, robot_path: Path, runs: Sequence[Path], found: Look) -> str:
     """Text of the file; `read_config` reads it back to the rules that were found."""
     lines = [
+        f"#:schema {SCHEMA_URL}",  # taplo and Even Better TOML look for it in the first line
         *_comment(f"Written by dynid init for {robot_path.name}, from {', '.join(path.name for path in runs[:6])}."),
         *_comment("Every key is explained in docs/reference/dynid_toml.md. Give this file to commands with --config."),
     ]

@@ -33,7 +33,7 @@ from helpers.run_files import csv_text, valid_columns
 from helpers.small_arm import JOINTS
 
 from dynid_rs.base.errors import DataError, MissingLibraryError
-from dynid_rs.runs.readers import Config, PartsWarning, read_recording, read_run, table
+from dynid_rs.runs.readers import Config, PartsWarning, open_run, read_recording, read_run, table
 
 BINARY = {"feather": _feather, "xlsx": _xlsx, "h5": _hdf5, "mat5": _mat5, "mat73": _mat73, "bag": _bag1, "mcap": _mcap}
 WORKBOOK = Config(units={"time": "ms", "angle": "deg"}, columns={"t": "Time", "q": "Axis {n}", "tau": "Torque {n}"})
@@ -201,6 +201,76 @@ def test_several_publishers_of_the_same_joints_are_asked(tmp_path):
     other = read_recording(_mcap(tmp_path, 1), JOINTS)
     np.testing.assert_array_equal(one.q, other.q)
     refused(path, "no sensor_msgs/JointState on /c; topics with joint states: /a, /b", Config(topic="/c"))
+
+
+def states(k, joints=JOINTS, effort=True):
+    """Messages of run `k`, without efforts, or with efforts that are all NaN or zero; with joints beside the arm's."""
+    for stamp, names, q, dq, tau in joint_states(k):
+        more = [name for name in joints if name not in JOINTS]
+        beside = np.zeros(len(more))
+        tau = np.zeros(0) if effort is False else tau if effort is True else np.full(3, effort)
+        yield stamp, [*names, *more], *(np.append(x, beside) if len(x) else x for x in (q, dq, tau))
+
+
+GRIPPED = (*JOINTS, "finger")
+
+
+@pytest.mark.parametrize("effort", [False, np.nan, 0.0], ids=["none", "NaN", "zeros"])
+@pytest.mark.parametrize("robot", [JOINTS, None], ids=["robot", "no robot"])
+def test_the_publisher_with_efforts_of_all_joints_is_taken_and_said(robot, effort, tmp_path):
+    """ROS 2 control sends NaN for what a drive does not measure."""
+    publishers = {"/arm/joint_states": states(1), "/joint_states": states(0, GRIPPED, effort)}
+    run = read_run(write_mcap(tmp_path / "run.mcap", publishers), robot)
+    alone = read_recording(_mcap(tmp_path, 1), run.recording.joints)
+    np.testing.assert_array_equal(run.recording.tau, alone.tau)
+    said = " ".join(run.columns.notes)
+    assert "read from /arm/joint_states, which alone has efforts of all these joints" in said or robot is None
+    assert "read from /arm/joint_states, " in said
+    assert "other joint states are left out: /joint_states (801 messages, " in said
+
+
+def test_efforts_of_other_joints_do_not_count(tmp_path):
+    """A gripper's force in a sum of states is no torque of the arm, and the gripper alone is no arm."""
+    summed = [(*rest, np.append(tau[:3] * 0, 5.0)) for *rest, tau in states(0, GRIPPED)]
+    publishers = {"/sum": summed, "/joint_states": joint_states(1)}
+    run = read_run(write_mcap(tmp_path / "run.mcap", publishers), JOINTS)
+    assert "read from /joint_states, which alone has efforts of all these joints" in " ".join(run.columns.notes)
+    finger = [(stamp, ["finger"], np.ones(1), np.ones(1), np.ones(1)) for stamp, *_ in joint_states(0)]
+    publishers = {"/joint_states": states(0, GRIPPED, False), "/gripper": finger}
+    assert "q_elbow" in open_run(write_mcap(tmp_path / "run.mcap", publishers)).names
+
+
+def test_messages_with_and_without_efforts_are_two_publishers(tmp_path):
+    """Two nodes on one topic, as joint_state_publisher beside a controller: their rows are not merged."""
+    pairs = zip(states(0), states(1, effort=False), strict=True)
+    both = [message for pair in pairs for message in pair]
+    run = read_run(write_mcap(tmp_path / "run.mcap", {"/joint_states": both}), JOINTS)
+    np.testing.assert_array_equal(run.recording.tau, read_recording(_mcap(tmp_path, 0), JOINTS).tau)
+    assert "other joint states are left out: /joint_states (801 messages, " in " ".join(run.columns.notes)
+
+
+@pytest.mark.parametrize("nodes", [("/robot", "/simulator"), ("/robot", "/robot")], ids=["two nodes", "one node"])
+def test_rows_of_two_nodes_on_one_topic_are_not_merged(nodes, tmp_path):
+    """A ROS 1 bag says which node sent a message; a node that connects twice is one."""
+    from rosbags.rosbag1 import Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS1_NOETIC)
+    state, header = store.types["sensor_msgs/msg/JointState"], store.types["std_msgs/msg/Header"]
+    time = store.types["builtin_interfaces/msg/Time"]
+    path, messages = tmp_path / "run.bag", list(joint_states(0))
+    with Writer(path) as bag:
+        connections = [
+            bag.add_connection("/joint_states", state.__msgtype__, typestore=store, callerid=node, latching=k)
+            for k, node in enumerate(nodes)
+        ]
+        for k, (stamp, names, *values) in enumerate(messages):
+            message = state(header(k, time(*divmod(stamp, 10**9)), ""), names, *values)
+            bag.write(connections[k % 2], stamp, store.serialize_ros1(message, state.__msgtype__))
+    if len(set(nodes)) == 1:
+        assert read_recording(path, JOINTS).n_samples == len(messages)
+    else:
+        refused(path, r"2 publishers .* \(/joint_states\); they are the nodes /robot, /simulator; record one")
 
 
 def test_stamps_are_those_of_the_headers_exactly(tmp_path):

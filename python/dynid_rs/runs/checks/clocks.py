@@ -31,7 +31,9 @@ ANOTHER_CLOCK = 100.0
 TOP = 98
 """Percentile of the speed that stands for its top: damaged samples are fewer."""
 
-WORDS = {"s": "seconds", "ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}
+WORDS = {"s": "seconds", "ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds", "100ns": "steps of 100 ns"}
+GUESSED = ("s", "ms", "us", "ns")
+"""Units that a rate may tell from each other. 100 ns are too near to two of them: the size of stamps tells those."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +82,9 @@ class Clock:
 def likely_unit(clock: Clock, rate: float | None = None) -> str | None:
     """Unit that makes `clock` a robot's log, of about `rate` [Hz] where other runs say so; None if there is none."""
     rate = MIDDLE_RATE if rate is None else rate
-    units = [unit for unit in TIME_UNITS if clock.read_in(unit).is_usual]
+    if clock.unit not in GUESSED and clock.is_usual:
+        return clock.unit
+    units = [unit for unit in GUESSED if clock.read_in(unit).is_usual]
     return min(units, key=lambda unit: clock.read_in(unit).oddity(rate), default=None)
 
 

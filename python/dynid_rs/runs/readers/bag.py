@@ -5,7 +5,7 @@ Only the message type that the library itself brings is ever decoded: definition
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -30,10 +30,11 @@ TRIFLE = 1.0
 
 @dataclass
 class _Source:
-    """Messages of one topic that name the same joints: one publisher, as a rule."""
+    """Messages of one topic and node that name the same joints, all with efforts or all without: one publisher."""
 
     topic: str
     joints: tuple[str, ...]
+    publisher: str = ""
     stamps: list[int] = field(default_factory=list)
     received: list[int] = field(default_factory=list)
     values: dict[str, list[FloatArray]] = field(default_factory=lambda: {name: [] for name in SIGNALS})
@@ -42,9 +43,12 @@ class _Source:
         whole = [name for name in SIGNALS if len(self.values[name]) == len(self.stamps)]
         return ["t", *(f"{SIGNALS[name]}_{joint}" for name in whole for joint in self.joints)]
 
-    def has_effort(self) -> bool:
-        effort = self.values["effort"]
-        return len(effort) == len(self.stamps) and any(np.any(row) for row in effort)
+    def has_effort(self, joints: Collection[str]) -> bool:
+        """Whether every message has an effort of these joints; what is not measured is sent as NaN or as zeros."""
+        places = [k for k, joint in enumerate(self.joints) if joint in joints]
+        efforts = [row[places] for row in self.values["effort"]]
+        whole = len(efforts) == len(self.stamps) and all(np.isfinite(row).all() for row in efforts)
+        return whole and any(row.any() for row in efforts)
 
 
 def open_bag_file(path: str | Path, joints: Sequence[str] | None, config: Config) -> Table:
@@ -80,12 +84,12 @@ def open_bag_file(path: str | Path, joints: Sequence[str] | None, config: Config
             code="no_joint_states",
             file=file,
         )
-    chosen = _chosen(found, joints, config, file)
+    chosen, why = _chosen(found, joints, config, file)
     columns, notes = _arrays(chosen)
     others = [source for source in sources if source is not chosen]
     if others:
         listed = ", ".join(f"{shown(s.topic)} ({len(s.stamps)} messages, {shown_names(s.joints)})" for s in others[:4])
-        notes.append(f"read from {shown(chosen.topic)}; other joint states are left out: {listed}")
+        notes.append(f"read from {shown(chosen.topic)}{why}; other joint states are left out: {listed}")
 
     def load(wanted: Sequence[str]) -> Columns:
         return {name: columns[name] for name in wanted}
@@ -95,14 +99,14 @@ def open_bag_file(path: str | Path, joints: Sequence[str] | None, config: Config
 
 def _sources(place: Path, file: str) -> tuple[str, list[_Source], list[str]]:
     """Kind of bag, publishers of joint states, and all topics."""
-    sources: dict[tuple[str, frozenset[str]], _Source] = {}
+    sources: dict[tuple[str, str, frozenset[str], bool], _Source] = {}
     size = 0
     with open_bag(place, file) as bag:
         try:
-            for number, (topic, received, message) in enumerate(bag.messages):
+            for number, (topic, publisher, received, message) in enumerate(bag.messages):
                 names, rows = _rows(message, topic, number, file)
-                key = (topic, frozenset(names))
-                source = sources.setdefault(key, _Source(topic, tuple(names)))
+                key = (topic, publisher, frozenset(names), "effort" in rows)
+                source = sources.setdefault(key, _Source(topic, tuple(names), publisher))
                 order = [names.index(joint) for joint in source.joints]
                 stamp = message.header.stamp
                 nanoseconds = int(getattr(stamp, "nanosec", getattr(stamp, "nsec", 0)))
@@ -138,27 +142,48 @@ def _rows(message: Any, topic: str, number: int, file: str) -> tuple[list[str], 
     return names, rows
 
 
-def _chosen(sources: list[_Source], joints: Sequence[str] | None, config: Config, file: str) -> _Source:
-    """The publisher of the robot's joints; of several the one with efforts."""
-    if joints is None:
-        most = max(len(source.joints) for source in sources)
-        able = [source for source in sources if len(source.joints) == most]
-    else:
-        rule = config.columns.get("q", "q_{joint}")
-        names = rule if isinstance(rule, tuple) else [fill(str(rule), k, name) for k, name in enumerate(joints)]
-        able = [source for source in sources if set(names) <= set(source.columns())]
+def _chosen(sources: list[_Source], joints: Sequence[str] | None, config: Config, file: str) -> tuple[_Source, str]:
+    """The publisher of the robot's joints, of several the one with efforts; and why it, where there was a choice."""
+    wanted = _columns_of_q(joints, config)
+    able = _with_most_joints(sources) if wanted is None else [s for s in sources if wanted <= set(s.columns())]
     if not able:  # what is missing is said with the names that are there
-        return max(sources, key=lambda source: (len(source.joints), len(source.stamps)))
-    with_effort = [source for source in able if source.has_effort()]
-    able = with_effort or able
-    if len(able) > 1:
-        topics = sorted({shown(source.topic) for source in able})
-        text = f"{len(able)} publishers send the states of these joints ({', '.join(topics)})"
-        mend = f'say which in dynid.toml: [file] topic = "{topics[0]}"'
-        if len(topics) == 1:
-            mend = "they name other joints beside them; record one publisher alone"
-        raise DataError(f"{file}: {text}; {mend}", code="several_publishers", file=file)
-    return able[0]
+        return max(sources, key=lambda source: (len(source.joints), len(source.stamps))), ""
+    whose = None if wanted is None else {name.removeprefix("q_") for name in wanted}
+    with_effort = [source for source in able if source.has_effort(source.joints if whose is None else whose)]
+    if len(with_effort) == 1:
+        return with_effort[0], "" if len(able) == 1 else ", which alone has efforts of all these joints"
+    rivals = with_effort or able
+    if len(rivals) == 1:
+        return rivals[0], ""
+    topics = list(dict.fromkeys(shown(source.topic) for source in rivals))
+    text = f"{len(rivals)} publishers send the states of these joints ({', '.join(sorted(topics))})"
+    mend = f'say which in dynid.toml: [file] topic = "{min(topics)}"'
+    if len(topics) == 1:
+        nodes = sorted({source.publisher for source in rivals})
+        others = f"are the nodes {shown_names(nodes)}" if len(nodes) > 1 else "name other joints beside them"
+        mend = f"they {others}; record one publisher alone"
+    raise DataError(f"{file}: {text}; {mend}", code="several_publishers", file=file)
+
+
+def _columns_of_q(joints: Sequence[str] | None, config: Config) -> set[str] | None:
+    """Columns of the robot's positions; None of a robot that is not known."""
+    if joints is None:
+        return None
+    rule = config.columns.get("q", "q_{joint}")
+    return set(rule) if isinstance(rule, tuple) else {fill(str(rule), k, name) for k, name in enumerate(joints)}
+
+
+def _with_most_joints(sources: list[_Source]) -> list[_Source]:
+    """Publishers of the most joints; where none of them sends efforts, also those of most of these joints that do."""
+    most = max(len(source.joints) for source in sources)
+    able = [source for source in sources if len(source.joints) == most]
+    if any(source.has_effort(source.joints) for source in able):
+        return able
+    # The arm alone, with efforts, beside a sum of all states that has none; not its gripper alone.
+    known = {joint for source in able for joint in source.joints}
+    beside = [s for s in sources if 2 * len(s.joints) > most and known & set(s.joints) and s.has_effort(s.joints)]
+    largest = max((len(source.joints) for source in beside), default=0)
+    return able + [source for source in beside if len(source.joints) == largest]
 
 
 def _arrays(source: _Source) -> tuple[dict[str, NDArray[Any]], list[str]]:

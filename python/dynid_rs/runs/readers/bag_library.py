@@ -23,11 +23,14 @@ _MAGIC = {
 
 @dataclass(frozen=True)
 class Bag:
-    """An opened bag: its `kind`, all its `topics`, and its joint states as (topic, time of arrival [ns], message)."""
+    """An opened bag: its `kind`, all its `topics`, and its joint states.
+
+    `messages`: topic, publisher (a ROS 1 node; ROS 2 keeps none: empty), time of arrival [ns], message.
+    """
 
     kind: str
     topics: list[str]
-    messages: Iterator[tuple[str, int, Any]]
+    messages: Iterator[tuple[str, str, int, Any]]
 
 
 @contextmanager
@@ -71,10 +74,11 @@ def open_bag(place: Path, file: str) -> Iterator[Bag]:
             raise damaged(kind, error, file) from None
         decode = store.deserialize_ros1 if kind == _ONE else store.deserialize_cdr
 
-        def messages() -> Iterator[tuple[str, int, Any]]:
+        def messages() -> Iterator[tuple[str, str, int, Any]]:
             if connections:
                 for connection, received, data in reader.messages(connections):
-                    yield connection.topic, received, decode(data, TYPE)
+                    publisher = str(getattr(connection.ext, "callerid", None) or "")
+                    yield connection.topic, publisher, received, decode(data, TYPE)
 
         yield Bag(kind, topics, messages())
 

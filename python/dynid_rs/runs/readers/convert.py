@@ -29,6 +29,8 @@ _SIGN_OF = {
 }
 _LONG_AGO = 1e6
 """Time that starts so late [s] counts from an epoch, not from the start of a controller."""
+_NO_FRACTION = 2.0**53
+"""From here on every float64 is a whole number."""
 
 
 @dataclass(frozen=True)
@@ -91,15 +93,19 @@ class Converted:
     split: Split | None = None
 
 
-def to_parts(table: Table, found: ColumnMap, joints: Sequence[str], kinds: Sequence[str], config: Config) -> Converted:
-    """Read the mapped columns and convert them.
+def to_parts(
+    table: Table, columns: Columns, found: ColumnMap, joints: Sequence[str], kinds: Sequence[str], config: Config
+) -> Converted:
+    """Convert the mapped columns.
 
     Parameters
     ----------
     table : Table
         Opened file.
+    columns : dict of str to ndarray (n,)
+        Its mapped columns as they were loaded.
     found : ColumnMap
-        Its columns by meaning.
+        Columns by meaning.
     joints, kinds : sequence of str
         Joint names, and ``"revolute"`` or ``"prismatic"`` for each.
     config : Config
@@ -112,7 +118,6 @@ def to_parts(table: Table, found: ColumnMap, joints: Sequence[str], kinds: Seque
     """
     converter = _Converter(config, tuple(joints), tuple(kinds))
     scales = {signal: converter.scale(signal) for signal in found.signals if signal != "temperature"}
-    columns = table.load(found.used())
     t = seconds(columns[found.time], table, found.time, config)
     if not t.size:
         raise DataError(
@@ -156,11 +161,13 @@ def part_name(name: str, k: int, n_parts: int) -> str:
 
 
 def seconds(values: NDArray[Any], table: Table, column: str, config: Config) -> FloatArray:
-    """Time (n,) [s] of a column as it was loaded; stamps and large whole numbers are counted from the first row."""
+    """Time (n,) [s] of a column as it was loaded; stamps and large numbers are counted from the first row."""
     factor = TIME_UNITS["ns"] if column in table.stamps else config.factor("time")
     # Ticks since 1970 do not fit a float64, or leave it little for the steps between samples.
-    whole = values.dtype.kind in "iu" and values.size
-    if whole and (column in table.stamps or abs(int(values[0])) * factor > _LONG_AGO):
+    whole = values.size and values.dtype.kind in "iu"
+    if values.size and values.dtype.kind == "f" and _NO_FRACTION <= abs(values[0]) < np.inf:
+        values = values - values[0]  # whole numbers that some program kept as floats
+    elif whole and (column in table.stamps or abs(int(values[0])) * factor > _LONG_AGO):
         first = int(values[0])
         values = np.array([int(v) - first for v in values]) if values.dtype.kind == "u" else values - first
     return np.ascontiguousarray(values.astype(np.float64) * factor)

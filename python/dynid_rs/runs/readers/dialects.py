@@ -13,6 +13,7 @@ from dynid_rs.base.quoting import shown
 from dynid_rs.runs.readers.columns import ALIASES
 from dynid_rs.runs.readers.config import ColumnRule, Config
 from dynid_rs.runs.readers.units import unit_in_name, unit_of
+from dynid_rs.runs.readers.words import meanings
 
 
 @dataclass(frozen=True)
@@ -33,6 +34,8 @@ class Dialect:
         Units of the log.
     notes : tuple of str
         What its columns are.
+    also : mapping of str to str
+        A column, and what is to be said of it where it is there.
     no_torque : mapping of str to str
         A column that might be taken for a torque, and why it is none.
     """
@@ -43,11 +46,16 @@ class Dialect:
     columns: Mapping[str, str]
     units: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    also: Mapping[str, str] = field(default_factory=dict)
     no_torque: Mapping[str, str] = field(default_factory=dict)
 
 
 _UR_CURRENT = "actual_current is the motors' current in A"
 _UR_MODEL = "target_moment is the controller's own model, not a measurement, and is not read"
+_KUKA_CURRENT = (
+    "MACur is the motor current in percent of each drive's largest (or in A), no torque: where it is read, give N m "
+    "per percent (or per A) as [drive] gain"
+)
 
 DIALECTS = (
     # Universal Robots, RTDE guide: fields of the output recipe; record.py of the client library and ur_rtde write them.
@@ -65,6 +73,7 @@ DIALECTS = (
                 "temperature": "joint_temperatures_{i}",
             },
             notes=(_UR_CURRENT,),
+            also={"target_moment_0": _UR_MODEL},
             no_torque={
                 "target_moment_0": f"{_UR_MODEL}: fitted to it, a model would be a copy of the controller's; record "
                 "actual_current beside actual_q"
@@ -90,14 +99,12 @@ DIALECTS = (
             {
                 "q": f"AIPos{dot}A{{n}}",
                 "tau": f"GearTorque{dot}A{{n}}",
+                "current": f"MACur{dot}A{{n}}",
                 "q_reference": f"ASPos{dot}A{{n}}",
             },
             {"time": "ms", "angle": "deg"},
             ("RSI sends angles in degrees, and IPOC counts ms",),
-            {
-                f"MACur{dot}A1": "MACur is the motor current in percent of each drive's largest; map it as current and "
-                "give N m per percent as [drive] gain"
-            },
+            {f"MACur{dot}A1": _KUKA_CURRENT},
         )
         for dot in (".", "_", "")
     ),
@@ -119,11 +126,15 @@ DIALECTS = (
 
 _TIMES = frozenset(
     ("t", "time", "timestamp", "timestamps", "zeit", "stamp", "datetime", "date_time", "elapsed", "elapsed_time")
-) | {"__time", "header.stamp", "header_stamp", "t_s", "time_s", "timestamp_s"}
+) | {"ticks", "filetime", "__time", "header.stamp", "header_stamp", "t_s", "time_s", "timestamp_s"}
 
 
-def speak(names: Sequence[str], config: Config, file: str) -> tuple[Config, tuple[str, ...]]:
+def speak(
+    names: Sequence[str], config: Config, file: str, stamps: frozenset[str] = frozenset()
+) -> tuple[Config, tuple[str, ...]]:
     """Rules for the columns of a file that is known by its names; what `config` says itself stays as it says.
+
+    `stamps`: columns that are moments, of which the only one that is called a time is it.
 
     Returns
     -------
@@ -139,7 +150,7 @@ def speak(names: Sequence[str], config: Config, file: str) -> tuple[Config, tupl
     """
     dialect = next((known for known in DIALECTS if _speaks(known, names)), None)
     if dialect is None:
-        return _with_time(names, config), ()
+        return _with_time(names, config, stamps), ()
     columns: dict[str, ColumnRule] = {}
     for signal, template in dialect.columns.items():
         if signal not in config.columns and _is_there(template, names):
@@ -158,10 +169,9 @@ def speak(names: Sequence[str], config: Config, file: str) -> tuple[Config, tupl
                 column=column,
             )
     said = [f"read as {dialect.name} writes it", *dialect.notes]
-    if "target_moment_0" in names and "target_moment_0" in dialect.no_torque:
-        said.append(_UR_MODEL)
+    said += [text for column, text in dialect.also.items() if column in names]
     config = replace(config, columns={**columns, **config.columns}, units={**units, **config.units})
-    return _with_time(names, config), ("; ".join(said),)
+    return _with_time(names, config, stamps), ("; ".join(said),)
 
 
 def _speaks(dialect: Dialect, names: Sequence[str]) -> bool:
@@ -177,7 +187,7 @@ def _is_there(template: str, names: Sequence[str]) -> bool:
     return template.format(i=0, n=1) in names
 
 
-def _with_time(names: Sequence[str], config: Config) -> Config:
+def _with_time(names: Sequence[str], config: Config, stamps: frozenset[str]) -> Config:
     """`config` with the time column, where it is one that is only spelled in another way: `Time`, `time_ms`."""
     if "t" in config.columns or any(name in names for name in ALIASES["t"]):
         return config
@@ -189,6 +199,8 @@ def _with_time(names: Sequence[str], config: Config) -> Config:
             short = short[: -len(unit) - 1]
         if short.replace(" ", "_") in _TIMES:
             found.append(name)
+    if not found:
+        found = [name for name in names if name in stamps and "time" in meanings(name)]
     if len(found) != 1:
         return config
     return replace(config, columns={"t": found[0], **config.columns})

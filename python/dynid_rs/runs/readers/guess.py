@@ -185,7 +185,8 @@ def _kind(family: Family, units: Mapping[str, str]) -> str | tuple[str] | None:
     unit = None if word is None else unit_of(word)
     by_unit = None if unit is None else _BY_UNIT.get(unit[0])
     by_name = meanings(family.form) - {"time"}
-    if by_unit is not None and (not by_name or by_unit not in by_name):
+    in_percent = unit is not None and unit[0] == "percent"
+    if by_unit is not None and by_unit not in by_name and not (in_percent and "current" in by_name):
         by_name = {by_unit}  # an effort in ampere is a current
     if not by_name:
         return None

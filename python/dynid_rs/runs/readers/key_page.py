@@ -6,15 +6,20 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
+from dynid_rs._core import __version__
 from dynid_rs.runs.readers.config import GEARED, UNITS
 from dynid_rs.runs.readers.keys import KEYS, KINDS, TABLES, Key
 
+SCHEMA_URL = f"https://raw.githubusercontent.com/dynid-rs/dynid_rs/v{__version__}/docs/reference/dynid_toml.schema.json"
+"""Where editors find the schema of this version: a `dynid.toml` is read where no package is installed, and the path of
+one is nobody else's. Releases are tagged with their version."""
 _HEAD = """# dynid.toml
 
 How the columns of somebody's files become signals in SI on the link side, and which arm they are of. Commands take it
 as `--config dynid.toml`; every table and every key may be left out. `dynid init ROBOT RUN...` looks at runs and writes
-one, with the evidence for each rule. Editors that know JSON schemas check it as it is written with
-[dynid_toml.schema.json](dynid_toml.schema.json): `#:schema dynid_toml.schema.json` on the first line.
+one, with the evidence for each rule. Editors that know JSON schemas (taplo, Even Better TOML) check it as it is written
+with [dynid_toml.schema.json](dynid_toml.schema.json): `#:schema` and its address, or its path, on the first line.
+`dynid init` writes the address of the schema of its own version, `{schema_url}`.
 
 What a header says itself (`q_0 [deg]`, `time_ms`, a row of units) is followed, and said; what stands here wins.
 
@@ -25,7 +30,7 @@ _NUMBER = {"type": "number"}
 
 def page() -> str:
     """Text of docs/reference/dynid_toml.md."""
-    parts = [_HEAD]
+    parts = [_HEAD.replace("{schema_url}", SCHEMA_URL.replace(f"v{__version__}", "vVERSION"))]
     for table, about in TABLES.items():
         rows = [_row(key) for key in KEYS if key.table == table]
         parts.append(

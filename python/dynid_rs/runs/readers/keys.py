@@ -62,7 +62,7 @@ _MEANINGS: Mapping[str, tuple[str, str]] = {
     "temperature": ("temperature of the joint [degC]", '"joint_temperatures_{i}"'),
 }
 _QUANTITIES: Mapping[str, str] = {
-    "time": "of t; whole numbers are kept exact, and dates (ISO 8601) need no unit",
+    "time": "of t; whole numbers are kept exact, and dates (ISO 8601) need no unit; `100ns`: .NET ticks, FILETIME",
     "angle": "of q, q_motor, q_reference of turning joints, and of their derivatives where `velocity` is left out",
     "velocity": "of dq, dq_motor of turning joints",
     "length": "of sliding joints, and of their derivatives",

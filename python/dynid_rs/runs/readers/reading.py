@@ -15,8 +15,10 @@ from dynid_rs.runs.readers.config import Config
 from dynid_rs.runs.readers.config_file import Rules, as_config
 from dynid_rs.runs.readers.convert import seconds, to_parts
 from dynid_rs.runs.readers.dialects import speak
+from dynid_rs.runs.readers.epochs import by_size
 from dynid_rs.runs.readers.formats import open_table
 from dynid_rs.runs.readers.frame import is_frame, open_frame
+from dynid_rs.runs.readers.halves import join_stamps
 from dynid_rs.runs.readers.joints import infer_joints
 from dynid_rs.runs.readers.messages import by_joint
 from dynid_rs.runs.readers.table import Table
@@ -103,7 +105,7 @@ def open_run(path: str | Path, joints: Sequence[str] | None = None, config: Conf
     OSError
         The file cannot be opened.
     """
-    return by_joint(open_table(path, joints, Config() if config is None else config))
+    return join_stamps(by_joint(open_table(path, joints, Config() if config is None else config)))
 
 
 def read(
@@ -136,8 +138,10 @@ def _read(source: Source, robot: Robot, config: Rules, name: str | None, require
     columns = match_columns(table.names, joints, opened.config, table.file, require_torque=require_torque)
     told = adopt_units(columns, table.units, opened.config, table.file)
     rules = told.config.with_gears(getattr(robot, "gear_ratio", None))
-    converted = to_parts(table, told.columns, joints, opened.kinds, rules)
-    story = told.columns.with_notes(*opened.notes, *told.notes)
+    loaded = table.load(told.columns.used())
+    rules, sized = by_size(loaded[told.columns.time], told.columns.time, table, rules)
+    converted = to_parts(table, loaded, told.columns, joints, opened.kinds, rules)
+    story = told.columns.with_notes(*opened.notes, *told.notes, *sized)
     return Read(converted.parts, converted.rows, table.kind, story, rules, converted.n_rows, converted.split)
 
 
@@ -147,8 +151,9 @@ def count_parts(source: Source, robot: Robot = None, config: Rules = None) -> in
         opened = _open(source, robot, config)
         columns = match_columns(opened.table.names, opened.joints, opened.config, "", require_torque=False)
         told = adopt_units(columns, opened.table.units, opened.config, "")
-        t = seconds(opened.table.load([columns.time])[columns.time], opened.table, columns.time, told.config)
-        return len(find_parts(t).rows)
+        stamps = opened.table.load([columns.time])[columns.time]
+        rules, _ = by_size(stamps, columns.time, opened.table, told.config)
+        return len(find_parts(seconds(stamps, opened.table, columns.time, rules)).rows)
     except (ValueError, OSError):
         return 1
 
@@ -163,10 +168,11 @@ def _open(source: Source, robot: Robot, config: Rules, name: str | None = None) 
     if names is not None and not names:
         raise ValueError("a robot has at least one joint, got no joint names")
     _check_joints(names, rules)
-    table = (
-        by_joint(open_frame(source, name or name_of(source))) if is_frame(source) else open_run(source, names, rules)
-    )
-    rules, notes = speak(table.names, rules, table.file)
+    if is_frame(source):
+        table = join_stamps(by_joint(open_frame(source, name or name_of(source))))
+    else:
+        table = open_run(source, names, rules)
+    rules, notes = speak(table.names, rules, table.file, table.stamps)
     joints = infer_joints(table.names, rules, table.file) if names is None else names
     kinds = tuple(robot.joint_kinds) if isinstance(robot, RobotLike) else ("revolute",) * len(joints)
     return _Opened(table, rules, joints, kinds, (*table.notes, *notes))

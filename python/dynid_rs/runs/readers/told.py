@@ -61,7 +61,7 @@ def adopt_units(found: ColumnMap, units: Mapping[str, str], config: Config, file
                 continue
             quantity, unit = told
             if quantity == "percent":
-                _check_percent(signal, name, config, file)
+                notes += _of_percent(signal, name, config, file)
                 continue
             other, first = adopted.setdefault(quantity, (unit, name))
             if other != unit:
@@ -77,6 +77,7 @@ def adopt_units(found: ColumnMap, units: Mapping[str, str], config: Config, file
             signals[right] = signals.pop(wrong)
             unit = adopted[held][0]
             notes.append(f"{shown(signals[right][0])} is in {unit} by the file's own words, and so is read as {held}")
+    notes = list(dict.fromkeys(notes))
     new = {quantity: unit for quantity, (unit, _) in adopted.items() if quantity not in config.units}
     not_si = [f"{quantity} in {unit}" for quantity, unit in new.items() if Config(units=new).factor(quantity) != 1.0]
     if not_si:
@@ -94,9 +95,11 @@ def _quantity(names: Sequence[str], units: Mapping[str, str]) -> str | None:
     return quantities.pop() if len(quantities) == 1 else None
 
 
-def _check_percent(signal: str, name: str, config: Config, file: str) -> None:
-    if signal == "current" and config.drive_gain is not None:
-        return
+def _of_percent(signal: str, name: str, config: Config, file: str) -> list[str]:
+    """What is to be said of a current in percent: like one in A it has a gain of its own at every joint."""
+    if signal == "current":
+        text = "the current is in percent of what no column says, and is called A; give N m per percent as [drive] gain"
+        return [] if config.drive_gain is not None else [text]
     raise DataError(
         f"{file}: column {shown(name)} is in percent of a rated torque or current that the file does not hold; map it "
         "in dynid.toml as [columns] current (and tau = false), and give N m per percent as [drive] gain",

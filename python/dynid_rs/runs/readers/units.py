@@ -10,6 +10,7 @@ _SPELLINGS: Mapping[tuple[str, str], tuple[str, ...]] = {
     ("time", "ms"): ("ms", "msec", "millisecond", "milliseconds"),
     ("time", "us"): ("us", "µs", "μs", "usec", "microsecond", "microseconds"),
     ("time", "ns"): ("ns", "nsec", "nanosecond", "nanoseconds"),
+    ("time", "100ns"): ("100ns", "100 ns", "filetime"),
     ("angle", "rad"): ("rad", "radian", "radians"),
     ("angle", "deg"): ("deg", "°", "degree", "degrees", "grad", "grd"),
     ("velocity", "rad/s"): ("rad/s", "rad/sec", "rad s^-1"),
@@ -28,7 +29,24 @@ _SPELLINGS: Mapping[tuple[str, str], tuple[str, ...]] = {
 }
 _OF = {word: unit for unit, words in _SPELLINGS.items() for word in words}
 _BRACKETED = re.compile(r"^(.*?)\s*[\[(]([^\[\]()]{1,24})[\])]$")
-_TAILS = ("ms", "us", "ns", "deg", "rad", "sec", "nm", "mnm", "rpm", "ma", "degc", "amps", "percent", "pct")
+_TAILS = (
+    "ms",
+    "us",
+    "ns",
+    "100ns",
+    "filetime",
+    "deg",
+    "rad",
+    "sec",
+    "nm",
+    "mnm",
+    "rpm",
+    "ma",
+    "degc",
+    "amps",
+    "percent",
+    "pct",
+)
 """Units that names end in, after an underscore; ``_s`` and ``_a`` are too short to be sure of."""
 
 
