@@ -39,6 +39,7 @@ def fleet(
     1 if any robot failed, or is no better than weighted least squares.
     """
     from dynid_rs.archive.work import Work
+    from dynid_rs.base.held import clear_leftovers
     from dynid_rs.commands._console import progress
     from dynid_rs.commands._fleet_file import read_fleet
     from dynid_rs.commands._fleet_rows import Place, as_json, is_done, rows_of, shared_key
@@ -56,6 +57,8 @@ def fleet(
     rows: list[dict[str, Any]] = []
 
     def said() -> str:
+        for place in places:
+            clear_leftovers(place.robot.output)  # processes that are killed clear nothing
         return f"{sum(map(is_done, places))} of {len(members)} robots are done and kept; {AGAIN}"
 
     with goes_on(said), progress(Step(1, "0 of ")) as say:
