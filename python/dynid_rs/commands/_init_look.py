@@ -11,6 +11,7 @@ import numpy as np
 
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.findings import Finding
+from dynid_rs.base.guide import page
 from dynid_rs.base.quoting import shown
 from dynid_rs.runs.checks.clocks import WORDS, Clock, likely_unit
 from dynid_rs.runs.checks.clocks import clock_findings as clocks_found
@@ -116,7 +117,7 @@ def _named(robot: Any, path: Path, rules: Config) -> Look:
     except DataError as error:
         raise DataError(
             f"{str(error).removesuffix(INIT_WRITES)}; the names say no more, so write it by hand "
-            "(docs/reference/dynid_toml.md)",
+            f"({page('reference/dynid_toml')})",
             code=error.code,
             file=error.file,
             column=error.column,

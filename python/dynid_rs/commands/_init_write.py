@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+from dynid_rs.base.guide import page
 from dynid_rs.base.quoting import shown
 from dynid_rs.commands._init_look import Look
 from dynid_rs.runs.readers.columns import fill
@@ -24,7 +25,9 @@ def config_text(robot: Any, robot_path: Path, runs: Sequence[Path], found: Look)
     """Text of the file; `read_config` reads it back to the rules that were found."""
     lines = [
         *_comment(f"Written by dynid init for {robot_path.name}, from {', '.join(path.name for path in runs[:6])}."),
-        *_comment("Every key is explained in docs/reference/dynid_toml.md. Give this file to commands with --config."),
+        *_comment(
+            f"Every key is explained in {page('reference/dynid_toml')}. Give this file to commands with --config."
+        ),
     ]
     if found.notes:
         lines += ["#", *(line for note in found.notes for line in _comment(note))]

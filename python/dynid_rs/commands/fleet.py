@@ -21,9 +21,7 @@ ROWS = ".rows"
 
 @run_command
 def fleet(
-    robots: Annotated[
-        Path, typer.Argument(metavar="FLEET", help="TOML or CSV: one robot per entry (docs/how_to/archive.md)")
-    ],
+    robots: Annotated[Path, typer.Argument(metavar="FLEET", help="TOML or CSV: one robot per entry")],
     output: _options.Output,
     cache: _options.Cache = None,
     jobs: Annotated[int, typer.Option("--jobs", metavar="N", help="Robots at the same time; -1: one per core")] = 1,

@@ -119,7 +119,7 @@ def read_recording(path: Source, robot: Robot = None, config: Rules = None) -> R
     """Read one run, one row per sample.
 
     Text (CSV and its kin, JSON lines), Parquet, Feather, NPZ, workbooks, HDF5, MATLAB, ROS bags, LeRobot data sets and
-    DIAdem traces; docs/how_to/logs.md has the list. Some need the extra `io`. Or a table in memory.
+    DIAdem traces; the documentation's page how_to/logs has the list. Some need the extra `io`. Or a table in memory.
 
     Parameters
     ----------
