@@ -41,8 +41,8 @@ def show(result: dict[str, Any], directory: Path) -> None:
 def _errors(result: dict[str, Any]) -> Table:
     test = result["rmse"]["test"]
     title = (
-        f"RMSE on test runs [{result['torque_unit']}] (WLS: weighted least squares, before: links and smooth friction, "
-        "after: and what was found)"
+        f"RMSE on test runs [{result['torque_unit']}]\n"
+        "WLS: weighted least squares, before: links and smooth friction, after: with what was found"
     )
     table = Table(title=Text(title), title_justify="left")
     table.add_column("joint")

@@ -106,7 +106,9 @@ def _rest(robot: Any, found: Look) -> Iterator[str]:
     """Signs, gears, drives, motors, robot and file: what is known, and the rest to be filled in."""
     rules = found.rules
     known: dict[tuple[str, str], str] = {("robot", "joints"): quoted(list(robot.joint_names))}
-    known["robot", "gravity"] = json.dumps([round(float(g), 9) for g in robot.gravity])
+    known["robot", "gravity"] = json.dumps(
+        [round(float(g), 9) for g in (robot.gravity if rules.gravity is None else rules.gravity)]
+    )
     for name, value in (("base", rules.base), ("tip", rules.tip)):
         if value is not None:
             known["robot", name] = quoted(value)
