@@ -21,7 +21,10 @@ use names::{comment, string};
 use numbers::{number, table};
 
 /// The guide to libdynid.
-const GUIDE: &str = concat!(env!("CARGO_PKG_REPOSITORY"), "/blob/main/docs/how_to/c_interface.md");
+const GUIDE: &str = concat!(
+    env!("CARGO_PKG_REPOSITORY"),
+    "/blob/main/docs/how_to/c_interface.md"
+);
 
 /// Why a model has no C header.
 #[derive(Debug, thiserror::Error)]
