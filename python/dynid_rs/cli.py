@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import typer
 
+from dynid_rs.base.guide import DOCUMENTATION, page
 from dynid_rs.commands._run import run_app
 from dynid_rs.commands.cache import cache
 from dynid_rs.commands.compare import compare
@@ -22,10 +23,14 @@ from dynid_rs.commands.simulate import simulate
 
 app = typer.Typer(
     help="Torque models of robot arms: identified from measured runs, run in the control loop.",
+    epilog=f"Documentation: {DOCUMENTATION}",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
+LOGS, FLEETS = f"\b\nLogs that are read:\n{page('how_to/logs')}", f"\b\nFleets:\n{page('how_to/archive')}"
+READ = dict.fromkeys((init, inspect, identify, diagnose, payload, estimate), LOGS) | {fleet: FLEETS}
+"""What stands below the help of a command."""
 for command in (
     demo,
     init,
@@ -42,7 +47,7 @@ for command in (
     fleet,
     cache,
 ):
-    app.command()(command)
+    app.command(epilog=READ.get(command))(command)
 
 
 def _version(value: bool) -> None:

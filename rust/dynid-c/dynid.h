@@ -1,7 +1,8 @@
 /*
  * libdynid: the torque of an identified model, in the control loop.
  *
- * Generated from rust/dynid-c by cbindgen; change that, not this. Guide: docs/how_to/c_interface.md.
+ * Generated from rust/dynid-c by cbindgen; change that, not this. Guide:
+ * https://github.com/dynid-rs/dynid_rs/blob/main/docs/how_to/c_interface.md
  *
  * Every function that can fail returns a DynidCode and leaves one sentence in dynid_last_error(). No function
  * panics or throws across this boundary. A model is immutable and may be used by any number of threads; an

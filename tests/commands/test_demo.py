@@ -3,6 +3,7 @@
 import importlib.util
 import io
 import json
+import re
 import shlex
 
 import numpy as np
@@ -66,6 +67,22 @@ def test_the_road_ends_at_what_was_hidden(shown):
     effect = json.loads((folder / "diagnosed" / "result.json").read_text())["effects"][0]
     (truth,) = json.loads((folder / "truth.json").read_text())["effects"]
     assert (effect["kind"], effect["joints"]) == (truth["kind"], truth["joints"])
+
+
+def test_numbers_of_one_thing_are_the_same_and_others_have_other_names(shown):
+    folder, printed = shown
+    said = printed.stdout
+    results = [json.loads((folder / name / "result.json").read_text()) for name in ("identified", "diagnosed")]
+    tests = [result["rmse"]["test"] for result in results]
+    np.testing.assert_allclose(tests[0]["wls"], tests[1]["wls"], rtol=1e-12)
+    if not np.allclose(tests[0]["after"], tests[1]["before"], rtol=5e-3):
+        assert "`before` is another fit than `three loops`" in " ".join(said.split())
+    # The sentence's ends stand in the column of the table.
+    ends = re.search(r"the error changes by (\S+ %) to (\S+ %), joint by joint", " ".join(said.split())).groups()
+    cells = [[cell.strip() for cell in line.split("│")] for line in said.splitlines() if line.startswith("│")]
+    changes = sorted((row[6] for row in cells if len(row) == 10), key=lambda text: float(text.split()[0]))
+    assert len(changes) == 6
+    assert ends == (changes[0], changes[-1])
 
 
 def test_its_commands_can_be_typed(shown):

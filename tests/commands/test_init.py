@@ -1,6 +1,11 @@
 """`dynid init`: what it notices, with the evidence; what it asks; and that nothing is put right in silence."""
 
 import json
+import os
+import select
+import subprocess
+import sys
+import time
 import tomllib
 from dataclasses import replace
 
@@ -9,8 +14,9 @@ import numpy as np
 import pytest
 from helpers.data import ROOT
 from helpers.log_files import DEGREE, columns_of, joint_states, table, text, write_mcap
+from helpers.processes import ENVIRONMENT
 from helpers.run_files import write_csv, write_parquet
-from helpers.small_arm import JOINTS, dynid, refusal, run, write_robot
+from helpers.small_arm import JOINTS, as_current, dynid, refusal, run, write_robot
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -118,6 +124,114 @@ def test_a_person_at_a_terminal_is_asked(tmp_path, monkeypatch):
     assert any("[units] time = 'ms'" in question for question in asked)
     assert found.taken == []
     assert [one.key for one in found.refused] == ["[units] time"]
+
+
+def at_a_terminal(*words, answers):
+    """`dynid` before a pseudo-terminal: each question is answered as it comes; what was said, and the exit code."""
+    import pty
+
+    ours, theirs = pty.openpty()
+    code = "from dynid_rs.__main__ import main; main()"
+    command = [sys.executable, "-c", code, *map(str, words)]
+    done = subprocess.Popen(
+        command, env=ENVIRONMENT | {"TERM": "dumb"}, stdin=theirs, stdout=theirs, stderr=theirs, start_new_session=True
+    )
+    os.close(theirs)
+    said, left, seen, end = "", list(answers), 0, time.monotonic() + 120
+    while time.monotonic() < end:
+        if not select.select([ours], [], [], 1.0)[0]:
+            continue
+        try:
+            said += os.read(ours, 4096).decode()
+        except OSError:  # nobody is at the other end
+            break
+        if left and left[0][0] in said[seen:]:
+            seen = len(said)
+            os.write(ours, f"{left.pop(0)[1]}\n".encode())
+    os.close(ours)
+    ended = done.wait(20)
+    assert left == [], said
+    return ended, said
+
+
+def inverted(folder):
+    paths = []
+    for k in range(2):
+        columns = run(k)
+        columns.update(tau_1=-columns["tau_1"])
+        paths.append(write_parquet(folder / f"run_{k}.parquet", columns))
+    return write_robot(folder), *paths
+
+
+TERMINAL = pytest.mark.skipif(sys.platform == "win32", reason="no pseudo-terminals there")
+
+
+@TERMINAL
+@pytest.mark.parametrize(("said", "code"), [("", 0), ("n", 1)])
+def test_a_sign_is_asked_for_at_a_terminal(said, code, tmp_path):
+    words = ("init", *inverted(tmp_path), "-o", tmp_path / "dynid.toml")
+    ended, printed = at_a_terminal(*words, answers=[("write [signs] = {'tau': [1, -1, 1]}? [Y/n]", said)])
+    assert ended == code, printed
+    text = (tmp_path / "dynid.toml").read_text()
+    assert tomllib.loads(text)["signs"] == ({} if said else {"tau": [1, -1, 1]})
+    assert ("TO BE ANSWERED" in text) == bool(said)
+
+
+@TERMINAL
+def test_nothing_is_asked_where_nothing_is_open(tmp_path):
+    paths = write_robot(tmp_path), write_csv(tmp_path / "run.csv", run(0))
+    ended, printed = at_a_terminal("init", *paths, "-o", tmp_path / "dynid.toml", answers=[])
+    assert ended == 0, printed
+    assert "?" not in printed
+    assert "Enter" not in printed
+
+
+@TERMINAL
+def test_drive_gains_and_the_chain_are_asked_for(tmp_path):
+    branch = (
+        '<link name="tool"/><joint name="flange" type="fixed"><parent link="hand"/><child link="tool"/></joint>'
+        '<link name="probe"/><joint name="side" type="revolute"><parent link="fore"/><child link="probe"/>'
+        '<axis xyz="0 1 0"/><limit lower="-1" upper="1" velocity="1" effort="1"/></joint></robot>'
+    )
+    robot = write_robot(tmp_path)
+    robot.write_text(robot.read_text().replace("</robot>", branch))
+    path = write_csv(tmp_path / "run.csv", as_current(run(0)))
+    answers = [
+        ("last link of the chain", "nowhere"),
+        ("last link of the chain", "tool"),
+        ("per ampere", "20,15"),
+        ("per ampere", "20,15,6"),
+    ]
+    ended, printed = at_a_terminal("init", robot, path, "-o", tmp_path / "dynid.toml", answers=answers)
+    assert ended == 0, printed
+    written = tomllib.loads((tmp_path / "dynid.toml").read_text())
+    assert written["robot"]["tip"] == "tool"
+    assert written["drive"] == {"gain": [20, 15, 6]}
+    jsonschema.validate(written, schema())
+    # A script says the same by options.
+    words = ("init", robot, path, "--tip", "tool", "--drive-gain", "20,15,6", "-o", tmp_path / "same.toml")
+    assert dynid(*words).exit_code == 0
+    assert tomllib.loads((tmp_path / "same.toml").read_text()) == written
+
+
+def test_scripts_accept_a_question_by_its_code(tmp_path):
+    words = ("init", *inverted(tmp_path), "-o", tmp_path / "dynid.toml")
+    assert "--accept must be one of torque_flipped" in refusal(dynid(*words, "--accept", "anything"))
+    assert dynid(*words, "--accept", "torque_flipped").exit_code == 0
+    assert tomllib.loads((tmp_path / "dynid.toml").read_text())["signs"] == {"tau": [1, -1, 1]}
+
+
+def test_another_mounting_is_accepted_with_its_gravity(tmp_path):
+    robot = write_robot(tmp_path)
+    paths = [write_csv(tmp_path / f"run_{k}.csv", run(k)) for k in range(2)]
+    words = ("init", robot, *paths, "--gravity", "-9.81,0,0", "--force", "-o", tmp_path / "dynid.toml", "--json")
+    asked = dynid(*words)
+    assert [one["code"] for one in json.loads(asked.stdout)["questions"]] == ["mounting"]
+    assert tomllib.loads((tmp_path / "dynid.toml").read_text())["robot"]["gravity"] == [-9.81, 0.0, 0.0]
+    accepted = dynid(*words, "--accept", "mounting")
+    assert json.loads(accepted.stdout)["questions"] == []
+    gravity = tomllib.loads((tmp_path / "dynid.toml").read_text())["robot"]["gravity"]
+    np.testing.assert_allclose(gravity, [0.0, 0.0, -9.81], atol=0.3)
 
 
 def test_a_toml_that_is_there_stays(tmp_path):

@@ -31,6 +31,44 @@ STRUCK = """if True:
                 if module == name:
                     strike()
         sys.meta_path.insert(0, Finder)
+    elif kind in ("swallowed in an import", "swallowed"):  # as libraries do that try one import after another
+        import builtins
+        real = __import__
+        class Finder:
+            @staticmethod
+            def find_spec(module, path=None, target=None):
+                if module == name:
+                    swallow()
+        def swallow():
+            try:
+                strike()
+            except BaseException:
+                raise ImportError("cannot import " + name)
+        def imported(module, *arguments, **options):
+            if module == name and left[0] > 0:
+                swallow()
+            return real(module, *arguments, **options)
+        if kind == "swallowed":
+            builtins.__import__ = imported
+        else:
+            sys.meta_path.insert(0, Finder)
+    elif kind == "ignored":  # as a callback's or a destructor's is
+        import dynid_rs.runs.readers as readers
+        real = readers.read
+        def read(*arguments, **options):
+            with contextlib.suppress(KeyboardInterrupt):
+                strike()
+            return real(*arguments, **options)
+        readers.read = read
+    elif kind == "process":  # that has just been started
+        import _posixsubprocess
+        real = _posixsubprocess.fork_exec
+        def started(*arguments):
+            process = real(*arguments)
+            if name in str(arguments[0]):
+                threading.Timer(0.03, strike).start()
+            return process
+        _posixsubprocess.fork_exec = started
     elif kind == "call":
         real = getattr(os, name)
         def called(*arguments, **options):
@@ -39,12 +77,15 @@ STRUCK = """if True:
         setattr(os, name, called)
     else:
         import dynid_rs.commands._console as console
+        real = console.progress
         @contextlib.contextmanager
         def progress(*plan):
-            def say(words):
-                if words.startswith(name):
-                    threading.Timer(0.05, strike).start() if kind == "after" else strike()
-            yield say
+            with real(*plan) as shown:
+                def say(words):
+                    shown(words)
+                    if words.startswith(name):
+                        threading.Timer(0.05, strike).start() if kind == "after" else strike()
+                yield say
         console.progress = progress
     if kind == "twice":
         import dynid_rs.commands._run as run
@@ -86,6 +127,9 @@ def leftovers(folder):
 UNFINISHED = {
     "while it starts": ("import", "typer", 1),
     "before the numbers": ("import", "numpy", 1),
+    "in an import that is swallowed": ("swallowed in an import", "pyarrow.parquet", 1),
+    "an import that is swallowed": ("swallowed", "pyarrow.parquet", 1),
+    "in a callback": ("ignored", "", 1),
     "reading": ("say", "reading", 1),
     "the fit": ("say", "round 1: link", 1),
     "in a computation": ("after", "channels", 1),
@@ -185,6 +229,23 @@ def test_a_fleet_goes_on_with_the_others(jobs, tmp_path):
     assert sum(row["status"] == "done" for row in json.loads(after["fleet.json"])["robots"]) == 2
     kept = {name: x for name, x in before.items() if name.startswith("first/")} if done else {}
     assert kept.items() <= after.items()
+
+
+def test_processes_that_are_starting_say_nothing(tmp_path):
+    (tmp_path / "arm").mkdir()
+    write_robot(tmp_path / "arm")
+    write_runs(tmp_path / "arm")
+    (tmp_path / "fleet.toml").write_text(FLEET)
+    words = ("fleet", tmp_path / "fleet.toml", "-o", tmp_path / "out", "--jobs", 2)
+    assert struck(("process", "popen_loky", 1), *words).startswith("interrupted: 0 of 2 robots are done and kept; ")
+    assert leftovers(tmp_path) == []
+
+
+@pytest.mark.parametrize("kind", ["import", "swallowed in an import", "swallowed"])
+def test_init_and_an_import_that_is_struck(kind, arm, tmp_path):
+    robot, *runs = arm
+    struck((kind, "pyarrow.parquet", 1), "init", robot, *runs, "-o", tmp_path / "dynid.toml")
+    assert snapshot(tmp_path) == {}
 
 
 @pytest.mark.parametrize("moment", [("say", "run 1 of", 1), ("call", "replace", 2)], ids=["at a run", "writing"])

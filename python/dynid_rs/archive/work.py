@@ -23,6 +23,7 @@ from dynid_rs.archive.fingerprint import fingerprint
 from dynid_rs.archive.pages import keep_pages
 from dynid_rs.archive.runs import RunSource
 from dynid_rs.archive.survey import Entry
+from dynid_rs.base import interrupt
 from dynid_rs.base.findings import Finding
 
 Unit = Callable[..., Entry]
@@ -82,12 +83,16 @@ class Work:
     def _batch(self, calls: list[tuple[Any, ...]]) -> list[tuple[Entry, str | None]]:
         from joblib import Parallel, delayed
 
+        interrupt.check()  # the import is done
         deaths = 0
         while True:
             try:
-                parallel = Parallel(n_jobs=self._n_jobs, batch_size=1, timeout=LONGEST_UNIT)
-                return list(parallel(delayed(_elsewhere)(_this_process(), *call) for call in calls))
+                with Parallel(n_jobs=self._n_jobs, batch_size=1, timeout=LONGEST_UNIT) as parallel:
+                    with interrupt.deaf_children():  # the processes start here
+                        parallel(delayed(int)() for _ in range(2))
+                    return list(parallel(delayed(_elsewhere)(_this_process(), *call) for call in calls))
             except (BrokenExecutor, NoAnswer) as error:
+                interrupt.check()  # processes that a terminal interrupts with this one die of it
                 deaths += 1
                 if deaths > MOST_DEATHS or isinstance(error, NoAnswer):
                     raise ChildProcessError(
@@ -131,6 +136,7 @@ def _elsewhere(home: tuple[str, int], *call: Any) -> tuple[Entry, str | None]:
     from threadpoolctl import threadpool_limits
 
     if _this_process() != home:
+        interrupt.hear()
         os.environ.setdefault(RUST_THREADS, "1")  # read when Rust's pool is first used
     with threadpool_limits(limits=1, user_api="blas"):
         return done(*call)

@@ -11,6 +11,7 @@ from rich.live import Live
 from rich.spinner import Spinner
 from rich.text import Text
 
+from dynid_rs.base import interrupt
 from dynid_rs.commands._steps import Step, Steps
 
 _WIDTH = 120
@@ -36,16 +37,19 @@ def progress(*plan: Step) -> Iterator[Callable[[str], None]]:
     """Show what is being done while it is being done; silent where standard error is no terminal.
 
     Yields a function that takes a few words; they are drawn at once, however short the step, with the step of `plan`
-    that they belong to and the time that is left. Variables such as FORCE_COLOR make Rich believe in a terminal that
-    is not there; only the stream itself is asked here.
+    that they belong to and the time that is left. Each is a place where an interrupt that was only noted ends the work.
+    Variables such as FORCE_COLOR make Rich believe in a terminal that is not there; only the stream itself is asked
+    here.
     """
+    interrupt.check()
     if not sys.stderr.isatty():
-        yield lambda words: None
+        yield lambda words: interrupt.check()
         return
     steps = Steps(plan)
     shown = _Line(steps)
 
     def say(words: str) -> None:
+        interrupt.check()
         steps.say(words)
         live.refresh()
 

@@ -40,7 +40,10 @@ def show(result: dict[str, Any], directory: Path) -> None:
 
 def _errors(result: dict[str, Any]) -> Table:
     test = result["rmse"]["test"]
-    title = f"RMSE on test runs [{result['torque_unit']}] (WLS: weighted least squares, before: as declared)"
+    title = (
+        f"RMSE on test runs [{result['torque_unit']}]\n"
+        "WLS: weighted least squares, before: links and smooth friction, after: with what was found"
+    )
     table = Table(title=Text(title), title_justify="left")
     table.add_column("joint")
     for heading in ("WLS", "before", "after", "95 % interval", "change", "95 % interval", "floor"):

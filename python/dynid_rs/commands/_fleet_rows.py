@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from dynid_rs.archive.fingerprint import fingerprint
+from dynid_rs.base import interrupt
 from dynid_rs.commands._fleet_file import FleetRobot
 from dynid_rs.commands._run import sentence
 
@@ -101,9 +102,11 @@ def identify_one(place: Place) -> Entry:
         with _begun(place.row):
             row = _identified(place, job)
         write_json(place.row, {"key": key, "row": row})
-    except (ValueError, OSError) as error:
-        return failed(robot, sentence(error)), {}
-    except Exception as error:  # our own bug, on this robot alone
+    except Exception as error:
+        interrupt.check()  # what fails after one has not failed of itself
+        if isinstance(error, ValueError | OSError):
+            return failed(robot, sentence(error)), {}
+        # Our own bug, on this robot alone.
         return failed(robot, f"an error of the program: {type(error).__name__}: {sentence(error)}"), {}
     return row, {}
 

@@ -11,7 +11,10 @@ import numpy as np
 
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.findings import Finding
+from dynid_rs.base.guide import page
 from dynid_rs.base.quoting import shown
+from dynid_rs.commands._init_answers import answers
+from dynid_rs.commands._init_proposal import Proposal
 from dynid_rs.runs.checks.clocks import WORDS, Clock, likely_unit
 from dynid_rs.runs.checks.clocks import clock_findings as clocks_found
 from dynid_rs.runs.checks.limits import check_limits
@@ -34,19 +37,6 @@ CURRENTS = (
 DEGREE, RPM = 180.0 / np.pi, 30.0 / np.pi
 
 
-@dataclass(frozen=True)
-class Proposal:
-    """One thing that the runs say about themselves.
-
-    `key` of `dynid.toml`, its `value` there, the `evidence` in one sentence, and the rules once it is taken.
-    """
-
-    key: str
-    value: Any
-    evidence: str
-    rules: Config
-
-
 @dataclass
 class Look:
     """What was found: rules, what they rest on, and what only a person can answer."""
@@ -60,7 +50,13 @@ class Look:
     notes: list[str] = field(default_factory=list)
 
 
-def look(robot: Any, paths: Sequence[Path], rules: Config, ask: Callable[[Proposal], bool]) -> Look:
+def look(
+    robot: Any,
+    paths: Sequence[Path],
+    rules: Config,
+    ask: Callable[[Proposal], bool],
+    answer: Callable[[str, Proposal], bool] = lambda code, proposal: False,
+) -> Look:
     """Look at runs of a robot.
 
     Parameters
@@ -73,6 +69,8 @@ def look(robot: Any, paths: Sequence[Path], rules: Config, ask: Callable[[Propos
         What is known already; it stays as it is.
     ask : callable
         Whether a proposal is taken.
+    answer : callable
+        Whether what a question asks for, given by its code, is so. By default it stays a question.
 
     Raises
     ------
@@ -91,6 +89,22 @@ def look(robot: Any, paths: Sequence[Path], rules: Config, ask: Callable[[Propos
         else:
             found.refused.append(proposal)
     found.questions = _questions(robot, found)
+    denied: set[str] = set()
+    for _ in range(ROUNDS):
+        asked = answers(found.questions, found.rules, robot.n_joints)
+        open_ones = [one for one in asked if one[0] not in denied]
+        if not open_ones:
+            break
+        code, proposal = open_ones[0]
+        denied.add(code)  # and asked once, whatever the next look says
+        if not answer(code, proposal):
+            continue
+        found.rules = proposal.rules
+        found.taken.append(proposal)
+        if found.rules.gravity is not None:
+            robot = robot.with_gravity(list(found.rules.gravity))
+        found.runs = [read_run(path, robot, found.rules) for path in paths]
+        found.questions = _questions(robot, found)
     for run in found.runs:
         found.notes += [f"{run.recording.name}: {one.message}" for one in run.findings() if one.message]
     signals = found.runs[0].columns.signals
@@ -123,7 +137,7 @@ def _named(robot: Any, path: Path, rules: Config) -> Look:
     except DataError as error:
         raise DataError(
             f"{str(error).removesuffix(INIT_WRITES)}; the names say no more, so write it by hand "
-            "(docs/reference/dynid_toml.md)",
+            f"({page('reference/dynid_toml')})",
             code=error.code,
             file=error.file,
             column=error.column,

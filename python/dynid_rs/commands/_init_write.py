@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+from dynid_rs.base.guide import page
 from dynid_rs.base.quoting import shown
 from dynid_rs.commands._init_look import Look
 from dynid_rs.runs.readers.columns import fill
@@ -26,7 +27,9 @@ def config_text(robot: Any, robot_path: Path, runs: Sequence[Path], found: Look)
     lines = [
         f"#:schema {SCHEMA_URL}",  # taplo and Even Better TOML look for it in the first line
         *_comment(f"Written by dynid init for {robot_path.name}, from {', '.join(path.name for path in runs[:6])}."),
-        *_comment("Every key is explained in docs/reference/dynid_toml.md. Give this file to commands with --config."),
+        *_comment(
+            f"Every key is explained in {page('reference/dynid_toml')}. Give this file to commands with --config."
+        ),
     ]
     if found.notes:
         lines += ["#", *(line for note in found.notes for line in _comment(note))]
@@ -105,7 +108,9 @@ def _rest(robot: Any, found: Look) -> Iterator[str]:
     """Signs, gears, drives, motors, robot and file: what is known, and the rest to be filled in."""
     rules = found.rules
     known: dict[tuple[str, str], str] = {("robot", "joints"): quoted(list(robot.joint_names))}
-    known["robot", "gravity"] = json.dumps([round(float(g), 9) for g in robot.gravity])
+    known["robot", "gravity"] = json.dumps(
+        [round(float(g), 9) for g in (robot.gravity if rules.gravity is None else rules.gravity)]
+    )
     for name, value in (("base", rules.base), ("tip", rules.tip)):
         if value is not None:
             known["robot", name] = quoted(value)

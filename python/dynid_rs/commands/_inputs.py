@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from dynid_rs.base import interrupt
+
 if TYPE_CHECKING:
     from dynid_rs import _core
     from dynid_rs.archive.runs import RunFile
@@ -49,6 +51,7 @@ def read_robot(
     from dynid_rs.runs.readers.config_file import STRONGEST_GRAVITY
     from dynid_rs.runs.readers.formats import SUFFIXES
 
+    interrupt.check()  # the command's imports are done
     said = None if rules is None else rules.gravity
     vector = said if gravity is None else numbers("--gravity", gravity, 3)
     base, tip = chain_ends(base, tip, rules)
@@ -71,6 +74,7 @@ def load_model(path: Path) -> _core.TorqueModel:
     from dynid_rs.base.files import check_readable
     from dynid_rs.commands._identifier import MODEL_FILE
 
+    interrupt.check()  # the command's imports are done
     inside = path / MODEL_FILE
     return _core.TorqueModel.load(check_readable(inside if inside.is_file() else path))
 

@@ -10,7 +10,7 @@ import typer
 Robot = Annotated[
     Path, typer.Argument(metavar="ROBOT", help="The arm: URDF, robot.toml, MuJoCo model (.xml) or, with --xacro, xacro")
 ]
-Runs = Annotated[list[Path], typer.Argument(metavar="RUN...", help="Runs to learn from (docs/how_to/logs.md)")]
+Runs = Annotated[list[Path], typer.Argument(metavar="RUN...", help="Runs to learn from")]
 Output = Annotated[
     Path, typer.Option("--output", "-o", metavar="DIR", help="Folder for the results", show_default=False)
 ]
@@ -49,9 +49,7 @@ FrictionLaw = Annotated[
 Cutoff = Annotated[float | None, typer.Option(help="Band [Hz]; chosen from the motion if left out")]
 Memory = Annotated[
     str,
-    typer.Option(
-        metavar="SIZE", help="Most memory to take; training runs that need more are streamed (docs/how_to/archive.md)"
-    ),
+    typer.Option(metavar="SIZE", help="Most memory to take; training runs that need more are streamed"),
 ]
 Jobs = Annotated[int, typer.Option("--jobs", metavar="N", help="Processes for streamed runs; -1: one per core")]
 Cache = Annotated[

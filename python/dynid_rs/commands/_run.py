@@ -15,6 +15,7 @@ from typing import ParamSpec, TextIO
 
 import typer
 
+from dynid_rs.base import interrupt
 from dynid_rs.base.codes import mend_of
 from dynid_rs.base.errors import DamageWarning
 from dynid_rs.base.files import with_sentence
@@ -22,7 +23,7 @@ from dynid_rs.base.quoting import shown_ends
 
 EXIT_NO = 1
 EXIT_UNUSABLE = 2
-EXIT_INTERRUPTED = 130
+EXIT_INTERRUPTED = interrupt.INTERRUPTED
 EXIT_BROKEN_PIPE = 141
 
 _LONGEST = 1000
@@ -71,21 +72,27 @@ def run_command(command: Callable[P, int | None]) -> Callable[P, None]:
     `ValueError` and `OSError` end in exit code 2 with a sentence on standard error, and with ``--json``
     (an argument called `json_output`) in ``{"error": {...}}`` on standard output as well. So does an answer that
     standard output does not take; where only its reader has left, the code is 141, without a word. An interrupt ends
-    in 130, with what `goes_on` says. Anything else is our own bug and keeps its traceback.
+    in 130, with what `goes_on` says, whatever a library made of it. Anything else is our own bug and keeps its
+    traceback.
     """
 
     @functools.wraps(command)
     def wrapped(*args: P.args, **kwargs: P.kwargs) -> None:
         try:
+            interrupt.begin()
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", DamageWarning)  # every command says its findings itself
                 code = command(*args, **kwargs)
             if sys.stdout is not None:
                 sys.stdout.flush()
+            interrupt.check()
         except (KeyboardInterrupt, typer.Abort) as stop:  # the latter where a question was on the terminal
-            _complain(f"interrupted: {stop}" if str(stop) else "interrupted")
-            raise typer.Exit(EXIT_INTERRUPTED) from None
-        except (ValueError, OSError) as error:
+            raise typer.Exit(_interrupted(str(stop))) from None
+        except Exception as error:
+            if interrupt.came():  # a library that was struck fails in ways of its own
+                raise typer.Exit(_interrupted()) from None
+            if not isinstance(error, ValueError | OSError):
+                raise
             raise typer.Exit(_failed(error, as_json=bool(kwargs.get("json_output")))) from None
         if code:
             raise typer.Exit(code)
@@ -103,9 +110,15 @@ def goes_on(how: Callable[[], str]) -> Iterator[None]:
         Gives one sentence, without a full stop; called after the interrupt.
     """
     try:
+        interrupt.check()
         yield
+        interrupt.check()
     except KeyboardInterrupt:
         raise KeyboardInterrupt(how()) from None
+    except Exception:
+        if interrupt.came():
+            raise KeyboardInterrupt(how()) from None
+        raise
 
 
 def run_app(app: Callable[[], object]) -> None:
@@ -124,6 +137,13 @@ def run_app(app: Callable[[], object]) -> None:
         if isinstance(end.__context__, typer.Abort):
             raise SystemExit(EXIT_INTERRUPTED) from None
         raise
+
+
+def _interrupted(how: str = "") -> int:
+    """Say that it was, and how to go on; returns the exit code."""
+    interrupt.answered()
+    _complain(f"interrupted: {how}" if how else "interrupted")
+    return EXIT_INTERRUPTED
 
 
 def _failed(error: ValueError | OSError, *, as_json: bool) -> int:

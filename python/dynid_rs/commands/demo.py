@@ -48,7 +48,8 @@ class Road:
                 ["identify", *learned, "-o", str(self.folder / IDENTIFIED), *force],
             ),
             (
-                "Which physical effect does this model lack?",
+                "Which physical effect does a model of links and friction lack? The search takes a smooth friction "
+                "law, so\nthat its `before` is another fit than `three loops` above.",
                 ["diagnose", *learned, "-o", str(self.folder / DIAGNOSED), *force],
             ),
             (

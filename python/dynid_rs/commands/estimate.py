@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from dynid_rs.base.guide import page
 from dynid_rs.base.numbers import significant
 from dynid_rs.commands import _options
 from dynid_rs.commands._run import EXIT_NO, print_json, run_command
@@ -30,9 +31,7 @@ SIGNALS = ("q", "dq", "ddq", "q_motor", "dq_motor", "ddq_motor")
 @run_command
 def estimate(
     model: Annotated[Path, typer.Argument(metavar="MODEL.json", help="What `dynid identify` wrote")],
-    run: Annotated[
-        Path, typer.Argument(metavar="RUN", help="A run file, or the folder of a bag (docs/how_to/logs.md)")
-    ],
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="A run file, or the folder of a bag")],
     output: Annotated[
         Path | None,
         typer.Option("--output", "-o", metavar="OUT.parquet", help="Torques per sample, joint and term"),
@@ -139,7 +138,7 @@ def estimate(
     if beyond:
         typer.echo(
             f"{beyond} of {len(t)} samples lie beyond the model's limits, and were estimated at them "
-            "(docs/how_to/online.md)"
+            f"({page('how_to/online')})"
         )
     if output is not None:
         typer.echo(f"torques: {output}")

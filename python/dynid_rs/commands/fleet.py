@@ -21,9 +21,7 @@ ROWS = ".rows"
 
 @run_command
 def fleet(
-    robots: Annotated[
-        Path, typer.Argument(metavar="FLEET", help="TOML or CSV: one robot per entry (docs/how_to/archive.md)")
-    ],
+    robots: Annotated[Path, typer.Argument(metavar="FLEET", help="TOML or CSV: one robot per entry")],
     output: _options.Output,
     cache: _options.Cache = None,
     jobs: Annotated[int, typer.Option("--jobs", metavar="N", help="Robots at the same time; -1: one per core")] = 1,
@@ -39,6 +37,7 @@ def fleet(
     1 if any robot failed, or is no better than weighted least squares.
     """
     from dynid_rs.archive.work import Work
+    from dynid_rs.base.held import clear_leftovers
     from dynid_rs.commands._console import progress
     from dynid_rs.commands._fleet_file import read_fleet
     from dynid_rs.commands._fleet_rows import Place, as_json, is_done, rows_of, shared_key
@@ -56,6 +55,8 @@ def fleet(
     rows: list[dict[str, Any]] = []
 
     def said() -> str:
+        for place in places:
+            clear_leftovers(place.robot.output)  # processes that are killed clear nothing
         return f"{sum(map(is_done, places))} of {len(members)} robots are done and kept; {AGAIN}"
 
     with goes_on(said), progress(Step(1, "0 of ")) as say:

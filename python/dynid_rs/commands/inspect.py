@@ -14,9 +14,7 @@ from dynid_rs.commands._run import print_json, run_command, sentence
 
 @run_command
 def inspect(
-    runs: Annotated[
-        list[Path], typer.Argument(metavar="RUN...", help="Run files, or folders of bags (docs/how_to/logs.md)")
-    ],
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Run files, or folders of bags")],
     robot: Annotated[
         Path | None, typer.Option("--robot", metavar="R", help="URDF or robot.toml: joint names, kinds and limits")
     ] = None,

@@ -27,7 +27,7 @@ def payload(
     model: Annotated[
         Path, typer.Argument(metavar="MODEL.json", help="What `dynid identify` made of the arm without the load")
     ],
-    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Runs with the load (docs/how_to/logs.md)")],
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Runs with the load")],
     flange: Annotated[
         str | None,
         typer.Option(metavar="LINK", help="Frame of the answer, a link of --robot; the last by default"),

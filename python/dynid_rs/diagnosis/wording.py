@@ -206,20 +206,16 @@ def _missing(result: Result) -> list[Result]:
 def _change(result: Result) -> str:
     """By how much the error on unseen runs changed, smallest and largest over the joints."""
     test = result["rmse"]["test"]
-    change = [100 * (b / a - 1) for a, b in zip(test["before"], test["after"], strict=True) if a > 0]
-    if not change:
+    ratios = [b / a - 1 for a, b in zip(test["before"], test["after"], strict=True) if a > 0]
+    if not ratios:
         return "On unseen runs there is no error to compare."
-    low, high = round(min(change)), round(max(change))
+    low, high = (percent(ratio, signed=True) for ratio in (min(ratios), max(ratios)))  # as in the table of the joints
     pairs = zip(result["joints"], test["before"], test["after"], strict=True)
     worse = [joint for joint, before, after in pairs if after > WORSE * before > 0]
     than = f" It is worse on {_listed(worse)}." if worse else ""
     if low == high:
-        return f"On unseen runs the error changes by {_signed(low)} % on every joint.{than}"
-    return f"On unseen runs the error changes by {_signed(low)} % to {_signed(high)} %, joint by joint.{than}"
-
-
-def _signed(number: int) -> str:
-    return f"{number:+d}" if number else "0"
+        return f"On unseen runs the error changes by {low} on every joint.{than}"
+    return f"On unseen runs the error changes by {low} to {high}, joint by joint.{than}"
 
 
 def _left(result: Result) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -26,11 +27,15 @@ MOST_PERCENT = 400.0
 """No drive gives more of its rated torque [%]."""
 
 
+OF_ONE_RUN = " of this run alone (the others are right)"
+"""Stands in the message of a finding that one `dynid.toml` for all runs cannot mend."""
+
+
 def _place(trial: Trial, names: Sequence[str]) -> tuple[str, str]:
     """File of a finding, and the words that say where a mend belongs."""
     if len(trial.runs) == len(names):
         return names[0], ""
-    return names[trial.runs[0]], " of this run alone (the others are right)"
+    return names[trial.runs[0]], OF_ONE_RUN
 
 
 def _odds(bench: Bench, trial: Trial) -> str:
@@ -165,6 +170,12 @@ def mounting(bench: Bench, trial: Trial, names: Sequence[str], gravity: FloatArr
         f"base is mounted otherwise; {mend}"
     )
     return Finding("mounting", "warning", message, names[0], None, value=angle, unit="deg")
+
+
+def gravity_of(finding: Finding) -> tuple[float, ...] | None:
+    """The gravity [m/s^2] that a finding of `mounting` says; None where the opposite would be as good."""
+    said = re.search(r"give --gravity (\S+?,\S+?,\S+?)$", finding.message)
+    return None if said is None else tuple(map(float, said[1].split(",")))
 
 
 def _vector(gravity: FloatArray) -> str:

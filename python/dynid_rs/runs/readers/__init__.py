@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from dynid_rs.base import interrupt
 from dynid_rs.base.findings import Finding
 from dynid_rs.runs.parts import Split
 from dynid_rs.runs.readers.columns import ColumnMap
@@ -108,6 +109,7 @@ def read_run(
     With `require_torque` off a file without torque is read too, for those who only want its motion;
     see `Run.has_torque`.
     """
+    interrupt.check()  # long commands that show no steps read one run after another
     found = read(path, robot, config, require_torque=require_torque)
     parts = tuple(Recording(**part) for part in found.parts)
     return Run(parts, found.kind, found.columns, found.rules, found.split)
@@ -117,7 +119,7 @@ def read_recording(path: Source, robot: Robot = None, config: Rules = None) -> R
     """Read one run, one row per sample.
 
     Text (CSV and its kin, JSON lines), Parquet, Feather, NPZ, workbooks, HDF5, MATLAB, ROS bags, LeRobot data sets and
-    DIAdem traces; docs/how_to/logs.md has the list. Some need the extra `io`. Or a table in memory.
+    DIAdem traces; the documentation's page how_to/logs has the list. Some need the extra `io`. Or a table in memory.
 
     Parameters
     ----------

@@ -199,7 +199,7 @@ mod tests {
     #[test]
     fn an_effect_without_a_c_form_is_refused_in_a_sentence() {
         let error = form_of("wobble").err().map(|error| error.to_string());
-        let words = "the effect wobble has no C form, so this model cannot be one C file; use libdynid (docs/how_to/c_interface.md)";
+        let words = "the effect wobble has no C form, so this model cannot be one C file; use libdynid (https://github.com/dynid-rs/dynid_rs/blob/main/docs/how_to/c_interface.md)";
         assert_eq!(error.as_deref(), Some(words));
     }
 }

@@ -20,11 +20,17 @@ pub use names::prefix_of;
 use names::{comment, string};
 use numbers::{number, table};
 
+/// The guide to libdynid.
+const GUIDE: &str = concat!(
+    env!("CARGO_PKG_REPOSITORY"),
+    "/blob/main/docs/how_to/c_interface.md"
+);
+
 /// Why a model has no C header.
 #[derive(Debug, thiserror::Error)]
 pub enum CHeaderError {
     /// An effect has no text in `c/effects`.
-    #[error("the effect {0} has no C form, so this model cannot be one C file; use libdynid (docs/how_to/c_interface.md)")]
+    #[error("the effect {0} has no C form, so this model cannot be one C file; use libdynid ({guide})", guide = GUIDE)]
     Effect(String),
     /// The prefix is no beginning of a C name.
     #[error("{0:?} cannot begin the names of a C header; give a letter, then letters, digits and underscores, at most 40, other than \"dynid\"")]
