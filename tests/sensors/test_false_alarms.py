@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 from exam.case import ROBOT, write_case
 from helpers.diagnosed import SIX_AXES, recorded, rigid
+from load_coverage import drawn_arm
 
 import dynid_rs as dyn
 from dynid_rs.runs.checks import check_recording
 from dynid_rs.runs.recording import Recording
 from dynid_rs.sensors import channel_errors
-from dynid_rs.simulation import simulate, typical_arm
+from dynid_rs.simulation import Tracking, simulate, typical_arm
 
 RATE = 82.0
 
@@ -108,6 +109,36 @@ def test_gears_that_yield_are_no_late_channel():
     runs = simulate(arm, n_runs=4).recordings
     assert arm.delay == pytest.approx(0.0028)
     assert channel_errors(SIX_AXES, runs) == []
+
+
+@pytest.fixture(scope="module")
+def lossy():
+    """Runs of an arm whose gears lose torque by the way of their load; its link encoders are 2.8 ms late."""
+    arm = drawn_arm(np.random.default_rng([2, True]), elastic=True)
+    return simulate(arm, n_runs=2, duration=12, seed=4, tracking=Tracking()).recordings
+
+
+def of_one_encoder(run):
+    return replace(run, q_motor=None, dq_motor=None)
+
+
+def with_late_torque(run, delay):
+    return replace(run, tau=np.stack([np.interp(run.t - delay, run.t, tau) for tau in run.tau.T], axis=1))
+
+
+@pytest.mark.parametrize("seen", [lambda run: run, of_one_encoder], ids=["two encoders", "one encoder"])
+def test_gears_that_lose_torque_are_no_late_channel(lossy, seen):
+    """They lead by as much as the way takes: positions came 14 ms late, it was said."""
+    assert channel_errors(SIX_AXES, [seen(run) for run in lossy]) == []
+
+
+@pytest.mark.parametrize("delay", [0.03, -0.015])
+@pytest.mark.parametrize("seen", [lambda run: run, of_one_encoder], ids=["two encoders", "one encoder"])
+def test_a_delay_is_found_beside_gears_that_lose_torque(lossy, seen, delay):
+    """By what the gears lead with, torques that were 30 ms late were said to be 17 ms late."""
+    (finding,) = channel_errors(SIX_AXES, [with_late_torque(seen(run), delay) for run in lossy])
+    assert finding.code == "torque_late"
+    assert finding.value == pytest.approx(delay, abs=0.007)  # of which 2.8 ms are the encoders'
 
 
 @pytest.mark.parametrize(

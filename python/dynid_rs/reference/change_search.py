@@ -86,7 +86,7 @@ class ChangeSearch:
         free, held = self.split(hypothesis)
         covariance = weighing.covariance(free, held)
         chosen = np.isin(free, hypothesis.places)
-        p_value = _wald(weighing.solve(free, held)[free], covariance, chosen)
+        p_value = wald(weighing.solve(free, held)[free], covariance, chosen)
         self.named.append(Named(hypothesis, p_value, []))
         self._update()
         return self.named[-1]
@@ -148,7 +148,7 @@ class ChangeSearch:
                 continue
             x = weighing.solve(free, held)
             covariance = weighing.covariance(free, held)
-            p_value = _wald(x[free], covariance, np.isin(free, h.places))
+            p_value = wald(x[free], covariance, np.isin(free, h.places))
             margin = NORMAL_95 * np.sqrt(np.maximum(np.diag(covariance)[np.searchsorted(free, h.places)], 0.0))
             if p_value < SURE / len(open_) and self._is_large(h, x, margin, weighing):
                 scored.append((score, h, p_value, power, h.added(self.believed, x[h.places], self.columns)))
@@ -186,18 +186,25 @@ class ChangeSearch:
             self.noise = np.maximum(left, self.reference_noise)
 
 
-def _wald(x: FloatArray, covariance: FloatArray, chosen: NDArray[np.bool_]) -> float:
-    """Probability of coefficients as far from zero as the `chosen` ones, if they were zero."""
+def wald(x: FloatArray, covariance: FloatArray, chosen: NDArray[np.bool_], bias: FloatArray | None = None) -> float:
+    """Probability of coefficients as far from zero as the `chosen` ones, if they were zero.
+
+    With a `bias` of x of unknown share, from all of it to all of its opposite: the greatest of these probabilities.
+    """
     from scipy.special import chdtrc
 
     own = covariance[np.ix_(chosen, chosen)]
     scale = 1 / np.sqrt(np.maximum(np.diag(own), 1e-300))
     values, vectors = np.linalg.eigh(own * np.outer(scale, scale))
     kept = values > 1e-9
-    along = (vectors.T @ (scale * x[chosen]))[kept]
     if not kept.any():
         return 1.0  # nothing is known of them
-    return float(chdtrc(int(kept.sum()), np.sum(along**2 / values[kept])))
+    root = scale[:, None] * vectors[:, kept] / np.sqrt(values[kept])
+    along = x[chosen] @ root
+    if bias is not None and np.any(bias[chosen]):
+        aside = bias[chosen] @ root
+        along = along - np.clip(along @ aside / (aside @ aside), -1.0, 1.0) * aside
+    return float(chdtrc(int(kept.sum()), along @ along))
 
 
 def _alike(difference: FloatArray, noise: FloatArray) -> bool:

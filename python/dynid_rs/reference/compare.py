@@ -21,6 +21,7 @@ from dynid_rs.model.assembly import evaluate, with_band
 from dynid_rs.model.curves import over_angle
 from dynid_rs.reference.change_search import ChangeSearch
 from dynid_rs.reference.changes import PAYLOAD, Believed, Hypothesis
+from dynid_rs.reference.gear_loss import gear_loss, reach
 from dynid_rs.reference.payload import physical_payload
 from dynid_rs.regression.evaluation import rmse
 from dynid_rs.regression.uncertainty import NORMAL_95
@@ -106,7 +107,12 @@ def _report(search: ChangeSearch, beliefs: list[Believed], tests: list[States]) 
     half = np.zeros(len(weighing.precision))
     if len(free):
         variance = (1 + 1 / REFERENCE_DATA) * np.diag(weighing.covariance(free, held))
-        half[free] = NORMAL_95 * np.sqrt(np.maximum(variance, 0.0))
+        loss = gear_loss(search, weighing, free, held)
+        half[free] = reach(np.sqrt(np.maximum(variance, 0.0)), np.abs(loss.shift))
+        payload = next((h for h in (named.hypothesis for named in search.named) if h.kind == PAYLOAD), None)
+        if loss.joints and payload is not None:
+            shift = float(loss.shift[np.searchsorted(free, payload.places[0])])
+            findings.append(loss.finding(search.believed.robot.joint_names, shift))
     believed = beliefs[-1]
     for h in (named.hypothesis for named in search.named if named.hypothesis.kind == PAYLOAD):
         believed, notes = physical_payload(believed, weighing, h.places, free, held)

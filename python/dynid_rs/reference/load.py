@@ -13,12 +13,12 @@ from dynid_rs.base.errors import DataError
 from dynid_rs.base.findings import Finding
 from dynid_rs.identification.training import prepare_training_runs
 from dynid_rs.model.assembly import evaluate
-from dynid_rs.reference.change_search import ChangeSearch
+from dynid_rs.reference.change_search import ChangeSearch, wald
 from dynid_rs.reference.changes import PAYLOAD, Believed
 from dynid_rs.reference.compare import REFERENCE_DATA, check_runs
+from dynid_rs.reference.gear_loss import gear_loss, reach
 from dynid_rs.reference.payload import physical_payload, seen_directions
 from dynid_rs.regression.evaluation import rmse
-from dynid_rs.regression.uncertainty import NORMAL_95
 from dynid_rs.runs.checks.motion import moving_joints
 from dynid_rs.runs.preprocessing import Band, choose_band, common_rate
 from dynid_rs.runs.recording import Recording
@@ -121,7 +121,10 @@ def weigh_load(
         estimate = search.believed.payload
         covariance = (1 + 1 / REFERENCE_DATA) * weighing.covariance(free, held)
         places = named.hypothesis.places
-        covariance = covariance[np.ix_(*2 * [np.searchsorted(free, places)])]
+        at = np.searchsorted(free, places)
+        covariance = covariance[np.ix_(at, at)]
+        loss = gear_loss(search, weighing, free, held)
+        shift = loss.shift[at]
         believed, findings = physical_payload(search.believed, weighing, places, free, held)
         values, vectors, scale = seen_directions(weighing, places, free, held)
         hidden = vectors[:, values < UNSEEN * values[-1]] / scale[:, None]
@@ -133,7 +136,8 @@ def weigh_load(
     rotation, translation = (np.eye(3), np.zeros(3)) if frame is None else frame
     value = _body(believed.payload, rotation, translation)
     slopes = _slopes(estimate, covariance, rotation, translation)
-    margin = NORMAL_95 * np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, covariance, slopes), 0.0))
+    std = np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", slopes, covariance, slopes), 0.0))
+    margin = reach(std, np.abs(slopes @ shift))
     margin[_moved(slopes, hidden)] = np.inf
     middle = _body(estimate, rotation, translation)
     # The nearest body may lie beside the estimate: the interval holds both.
@@ -148,7 +152,10 @@ def weigh_load(
                 "what they show; move more joints, or all of them in more ways",
             )
         )
-    return Load(float(value[0]), value[1:4], value[4:], intervals, named.p_value, before, after, findings)
+    if loss.joints:
+        findings.append(loss.finding(reference.robot.joint_names, float(shift[0])))
+    p_value = wald(estimate, covariance, np.ones(len(estimate), dtype=bool), shift)
+    return Load(float(value[0]), value[1:4], value[4:], intervals, p_value, before, after, findings)
 
 
 def _body(phi: FloatArray, rotation: FloatArray, translation: FloatArray) -> FloatArray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -59,6 +59,12 @@ class Weighing:
             for part in np.array_split(wide, n_blocks):
                 grams.append(np.einsum("njp,njq->jpq", part, part, optimize=True))
         return np.array(grams)
+
+    def beside(self, columns: Sequence[FloatArray], precision: FloatArray) -> Weighing:
+        """Return the same rows with more columns (n_rows, n_joints, k) behind the others, and their prior (k,)."""
+        wide = [np.concatenate(parts, axis=2) for parts in zip(self.columns, columns, strict=True)]
+        prior = np.append(self.precision, precision)
+        return replace(self, columns=wide, precision=prior, weak=np.append(self.weak, np.zeros(len(precision))))
 
     def solve(self, free: Places, held: Places, left_out: int | None = None) -> FloatArray:
         """Coefficients (p,) of `free` columns beside `held` ones, each with its prior; zeros elsewhere."""

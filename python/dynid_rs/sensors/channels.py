@@ -145,18 +145,20 @@ def _units(bench: Bench, names: Sequence[str], *, judged: bool) -> Iterator[tupl
 
 
 def _late(bench: Bench, names: Sequence[str]) -> Iterator[tuple[Trial, Finding]]:
-    found = [lag for lag in lags(bench, ENOUGH) if _clearly_late(bench, lag)]
+    found = [lag for lag in lags(bench, ENOUGH) if _clearly_late(lag)]
     if not found:
         return
     best = max(found, key=lambda lag: lag.trial.fit.log)
     steepness = np.median([[rows.steepness[j] for j in best.trial.joints] for rows in bench.rows])
-    yield best.trial, words.late(bench, best, names, filtered=bool(steepness < STEEP))
+    # Other changes are tried without losses of gears: what a delay gains counts, on the scale of theirs.
+    fit = replace(best.trial.fit, log=bench.fit.log + best.trial.fit.log - best.in_time.log)
+    yield replace(best.trial, fit=fit), words.late(bench, best, names, filtered=bool(steepness < STEEP))
 
 
-def _clearly_late(bench: Bench, lag: Lag) -> bool:
+def _clearly_late(lag: Lag) -> bool:
     joints = list(lag.trial.joints)
-    gain = min(lag.trial.fit.log, lag.links_log) - bench.fit.log
-    ratio = bench.fit.share[joints] / np.maximum(lag.trial.fit.share[joints], 1e-300)
+    gain = min(lag.trial.fit.log, lag.links_log) - lag.in_time.log
+    ratio = lag.in_time.share[joints] / np.maximum(lag.trial.fit.share[joints], 1e-300)
     # Drives share a clock; what lags on one joint alone is rather a gear that yields, or friction that remembers.
     clearly = CLEARLY_LATE if len(joints) > 1 else CLEARLY
     return gain > ENOUGH and abs(lag.delay) > LEAST_LATE and bool(np.median(ratio) > clearly)

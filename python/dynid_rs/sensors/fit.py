@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from dynid_rs import _core
 from dynid_rs.regression.priors import LEAST_MASS, LENGTH, declares_inertia
-from dynid_rs.sensors.rows import N_OWN, Moments
+from dynid_rs.sensors.rows import Moments
 
 FloatArray = NDArray[np.float64]
 
@@ -95,26 +95,27 @@ def fit_arm(prior: ArmPrior, runs: Sequence[Moments], size: FloatArray) -> ArmFi
     n = len(size)
     n_links = len(prior.mean)
     own = slice(n_links, None)
-    total = n_links + N_OWN * n
     all_columns, all_cross = np.stack([run.columns for run in runs]), np.stack([run.cross[:, :, 0] for run in runs])
     all_power = np.stack([run.power[:, 0] for run in runs])
     counts = np.stack([run.count for run in runs])
     columns, cross, power = all_columns.sum(axis=0), all_cross.sum(axis=0), all_power.sum(axis=0)
     count = np.maximum(counts.sum(axis=0), 1.0)
+    n_own = columns.shape[1] - n_links
+    total = n_links + n_own * n
     mean, precision = np.zeros(total), np.zeros(total)
     mean[:n_links], precision[:n_links] = prior.mean, prior.std**-2.0
     # What friction, offset and rotor may be: as large as the torque.
     squares = np.diagonal(columns, axis1=1, axis2=2)[:, own]
     norms = np.sqrt(np.maximum(squares / count[:, None], 1e-300))
     precision[own] = (np.where(norms > 1e-100, norms / size[:, None], 1.0) ** 2).ravel()
-    bounded = np.flatnonzero(np.arange(total) >= n_links).reshape(n, N_OWN)[:, 1:].ravel()
+    bounded = np.flatnonzero(np.arange(total) >= n_links).reshape(n, n_own)[:, 1:].ravel()
     floor = (LEAST_NOISE * size) ** 2
     variance = 0.01 * size**2
     for _ in range(N_ROUNDS):
         H, b = _weighted(columns, cross, 1 / variance / MEMORY, n_links)
         H[np.diag_indices(total)] += precision
         x = _bounded(H, b + precision * mean, bounded)
-        at = np.concatenate([np.broadcast_to(x[:n_links], (n, n_links)), x[own].reshape(n, N_OWN)], axis=1)
+        at = np.concatenate([np.broadcast_to(x[:n_links], (n, n_links)), x[own].reshape(n, n_own)], axis=1)
         left = _left(columns, cross, power, at)
         variance = np.maximum(left / count, floor)
     price = float(np.sum(precision * (x - mean) ** 2))
@@ -128,13 +129,14 @@ def _weighted(
 ) -> tuple[FloatArray, FloatArray]:
     """Normal equations of all joints: the links', then each joint's own."""
     n, own = len(weight), slice(n_links, None)
-    total = n_links + N_OWN * n
+    n_own = columns.shape[1] - n_links
+    total = n_links + n_own * n
     weighted, moments = columns * weight[:, None, None], cross * weight[:, None]
     H = np.zeros((total, total))
     H[:n_links, :n_links] = weighted[:, :n_links, :n_links].sum(axis=0)
-    H[:n_links, own] = np.moveaxis(weighted[:, :n_links, own], 0, 1).reshape(n_links, N_OWN * n)
+    H[:n_links, own] = np.moveaxis(weighted[:, :n_links, own], 0, 1).reshape(n_links, n_own * n)
     H[own, :n_links] = H[:n_links, own].T
-    at = n_links + np.arange(N_OWN * n).reshape(n, N_OWN)
+    at = n_links + np.arange(n_own * n).reshape(n, n_own)
     H[at[:, :, None], at[:, None, :]] = weighted[:, own, own]
     return H, np.concatenate([moments[:, :n_links].sum(axis=0), moments[:, own].ravel()])
 

@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.sensors.changes import Bench, Trial
-from dynid_rs.sensors.rows import N_OWN, ArmRows, Moments
+from dynid_rs.sensors.fit import ArmFit
+from dynid_rs.sensors.loss import LossyRows, lossy_arm
+from dynid_rs.sensors.rows import N_OWN, Moments
 
 FloatArray = NDArray[np.float64]
 
@@ -25,11 +27,13 @@ PAD = 20
 class Lag:
     """The channels of `trial.joints` come late by `delay` [s].
 
-    `links_log` is L where the links' torque alone is late: friction that remembers where it came from looks late too.
+    `in_time` is the same model without the delay. `links_log` is L where the links' torque alone is late: friction that
+    remembers where it came from looks late too.
     """
 
     trial: Trial
     delay: float
+    in_time: ArmFit
     links_log: float = -np.inf
 
 
@@ -40,38 +44,41 @@ class Spectra:
     `parts` (n_frequencies, k_j) of every joint, of `size` rows each, `PAD` and what is before them included.
     """
 
-    rows: ArmRows
+    lossy: LossyRows
     size: int
     parts: list[NDArray[np.complex128]]
 
     @staticmethod
-    def of(bench: Bench, rows: ArmRows) -> Spectra:
+    def of(bench: Bench, lossy: LossyRows) -> Spectra:
         """Spectra of a run, which goes on at both ends."""
         from scipy.fft import next_fast_len
 
+        rows = lossy.rows
         # A length of small factors: another one may cost ten times as much.
         size = next_fast_len(len(rows.t) + 2 * PAD, real=True)
         more = size - len(rows.t) - PAD
         parts = []
         for j in range(rows.n_joints):
-            A = rows.columns(bench.robot, j)
+            A = lossy.columns(bench.robot, j)
             # Turned about its ends: values and slopes go on.
             head, tail = 2 * A[0] - A[PAD:0:-1], 2 * A[-1] - A[-2 : -more - 2 : -1]
             parts.append(np.fft.rfft(np.concatenate([head, A, tail]), axis=0))
-        return Spectra(rows, size, parts)
+        return Spectra(lossy, size, parts)
 
     def moments(self, bench: Bench, delay: float, *, whole: bool) -> Moments:
         """Moments of the run with every joint's torque late by `delay` [s], or with the links' alone."""
-        step = float(self.rows.t[1] - self.rows.t[0])
+        rows = self.lossy.rows
+        step = float(rows.t[1] - rows.t[0])
         turn = np.exp(-2j * np.pi * delay * np.fft.rfftfreq(self.size, step))[:, None]
 
         def shifted(j: int) -> FloatArray:
-            late = np.fft.irfft(self.parts[j] * turn, self.size, axis=0)[PAD : PAD + len(self.rows.t)]
+            late = np.fft.irfft(self.parts[j] * turn, self.size, axis=0)[PAD : PAD + len(rows.t)]
             if not whole:
-                late[:, -N_OWN:] = self.rows.columns(bench.robot, j)[:, -N_OWN:]
+                # What a gear loses belongs to its links.
+                late[:, -N_OWN - 1 : -1] = rows.columns(bench.robot, j)[:, -N_OWN:]
             return np.asarray(late)
 
-        return Moments.of(bench.robot, self.rows, shifted).picked(range(self.rows.n_joints))
+        return self.lossy.moments(bench.robot, shifted)
 
 
 def lags(bench: Bench, enough: float) -> list[Lag]:
@@ -79,26 +86,28 @@ def lags(bench: Bench, enough: float) -> list[Lag]:
     n = bench.robot.n_joints
     groups = [tuple(range(n)), *((j,) for j in range(n))] if n > 1 else [(0,)]
     seen: dict[tuple[float, bool], list[Moments]] = {}
-    spectra = [Spectra.of(bench, rows) for rows in bench.rows]
+    arm = lossy_arm(bench)
+    spectra = [Spectra.of(bench, rows) for rows in arm.rows]
 
     def changed(delay: float, joints: Sequence[int], *, whole: bool = True) -> list[Moments]:
         key = delay, whole
         if key not in seen:
             seen[key] = [own.moments(bench, delay, whole=whole) for own in spectra]
         mask = np.isin(np.arange(n), joints)
-        return [plain.where(mask, other) for plain, other in zip(bench.plain, seen[key], strict=True)]
+        return [plain.where(mask, other) for plain, other in zip(arm.moments, seen[key], strict=True)]
 
     def tried(delay: float, joints: Sequence[int]) -> Lag:
         runs = changed(delay, joints)
-        return Lag(Trial("torque_late", tuple(joints), tuple(range(len(bench.rows))), bench.fitted(runs)), delay)
+        trial = Trial("torque_late", tuple(joints), tuple(range(len(bench.rows))), bench.fitted(runs))
+        return Lag(trial, delay, arm.fit)
 
     found = []
     for group in groups:
         best = max((tried(delay, group) for delay in NEAR), key=_log)
-        if _log(best) <= bench.fit.log:
+        if _log(best) <= arm.fit.log:
             continue
         best = max((best, *(tried(delay, group) for delay in FAR)), key=_log)
-        if _log(best) - bench.fit.log >= enough:
+        if _log(best) - arm.fit.log >= enough:
             best = _refined(best, lambda delay, joints=group: tried(delay, joints))  # type: ignore[misc]
             links = bench.fitted(changed(best.delay, group, whole=False)).log
             found.append(replace(best, links_log=links))

@@ -132,8 +132,9 @@ def steepness(tau: FloatArray) -> FloatArray:
 class Moments:
     """Products of a run's columns, per joint: all that a fit needs.
 
-    `columns` (n_joints, n, n) of the 10 numbers of every link and the joint's own four; `cross` (n_joints, n, k) of
-    them with every channel of torque; `power` (n_joints, k) of the channels on the joint's rows; `count` (n_joints,).
+    `columns` (n_joints, n, n) of the 10 numbers of every link and the joint's own, four or more; `cross` (n_joints,
+    n, k) of them with every channel of torque; `power` (n_joints, k) of the channels on the joint's rows; `count`
+    (n_joints,).
     """
 
     columns: FloatArray
@@ -144,11 +145,13 @@ class Moments:
     @staticmethod
     def of(robot: _core.RobotModel, rows: ArmRows, seen: Callable[[int], FloatArray] | None = None) -> Moments:
         """Moments of a run for a robot; `seen` is what the torque channels make of the columns of a joint."""
-        n, width = rows.n_joints, 10 * rows.n_joints + N_OWN
+        n = rows.n_joints
+        parts = [rows.columns(robot, j) if seen is None else seen(j) for j in range(n)]
+        width = parts[0].shape[1]  # the first joint moves all links
         columns, cross = np.zeros((n, width, width)), np.zeros((n, width, n))
         power, whole = np.empty((n, n)), bool(rows.told.all())
-        for j in range(n):
-            A, tau = rows.columns(robot, j) if seen is None else seen(j), rows.tau
+        for j, A in enumerate(parts):
+            tau = rows.tau
             if not whole:
                 A, tau = A[rows.told[:, j]], tau[rows.told[:, j]]
             # A joint does not feel the links before it.

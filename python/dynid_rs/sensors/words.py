@@ -13,6 +13,7 @@ from dynid_rs.base.findings import Finding, joint_words
 
 if TYPE_CHECKING:
     from dynid_rs.sensors.changes import Bench, Trial
+    from dynid_rs.sensors.fit import ArmFit
     from dynid_rs.sensors.lag import Lag
 
 FloatArray = NDArray[np.float64]
@@ -38,8 +39,8 @@ def _place(trial: Trial, names: Sequence[str]) -> tuple[str, str]:
     return names[trial.runs[0]], OF_ONE_RUN
 
 
-def _odds(bench: Bench, trial: Trial) -> str:
-    before, after = bench.fit.run_shares[list(trial.runs)], trial.fit.run_shares[list(trial.runs)]
+def _odds(as_it_is: ArmFit, trial: Trial) -> str:
+    before, after = as_it_is.run_shares[list(trial.runs)], trial.fit.run_shares[list(trial.runs)]
     worst = np.unravel_index(int(np.argmax(before / np.maximum(after, 1e-300))), before.shape)
     return (
         f"unexplained there: {100 * before[worst]:.2g} % of the torque's power as it is, {100 * after[worst]:.2g} % so"
@@ -52,7 +53,7 @@ def wiring(bench: Bench, trial: Trial, names: Sequence[str]) -> list[Finding]:
     file, where = _place(trial, names)
     if trial.code == "units_degrees":
         text = 'q looks like degrees; write in dynid.toml: [units] angle = "deg"'
-        return [Finding(trial.code, "error", f"{text} ({_odds(bench, trial)})", file, "q_0")]
+        return [Finding(trial.code, "error", f"{text} ({_odds(bench.fit, trial)})", file, "q_0")]
     if trial.code.endswith("_swapped"):
         what, signal = {
             "torque_swapped": ("torque columns", "tau"),
@@ -61,7 +62,7 @@ def wiring(bench: Bench, trial: Trial, names: Sequence[str]) -> list[Finding]:
         }[trial.code]
         message = (
             f"the {what} of {joint_words(*joints)} are swapped: exchange them{where} in dynid.toml under [columns] "
-            f"({_odds(bench, trial)})"
+            f"({_odds(bench.fit, trial)})"
         )
         return [Finding(trial.code, "error", message, file, f"{signal}_{trial.joints[0]}")]
     signals = {"torque_flipped": "tau", "position_flipped": "q", "joint_flipped": "q"}[trial.code]
@@ -77,7 +78,7 @@ def wiring(bench: Bench, trial: Trial, names: Sequence[str]) -> list[Finding]:
             trial.code,
             "error",
             f"{what.format(joint_words(name))}: write in dynid.toml under [signs]{where}: {keys} "
-            f"({_odds(bench, trial)})",
+            f"({_odds(bench.fit, trial)})",
             file,
             f"{signals}_{j}",
             value=-1.0,
@@ -135,13 +136,13 @@ def late(bench: Bench, lag: Lag, names: Sequence[str], *, filtered: bool) -> Fin
         first, second = ("torque", "positions") if lag.delay > 0 else ("positions", "torque")
         comes = "comes" if lag.delay > 0 else "come"
         message = (
-            f"the {first} of {whose} {comes} about {size} after the {second} ({_odds(bench, trial)}); shift it, or let "
-            "`dynid diagnose` fit the delay"
+            f"the {first} of {whose} {comes} about {size} after the {second} ({_odds(lag.in_time, trial)}); shift it, "
+            "or let `dynid diagnose` fit the delay"
         )
         return Finding("torque_late", "warning", message, names[0], column, value=lag.delay, unit="s")
     message = (
         f"the torque of {whose} looks as if it had gone through a slow filter (late by {size}, its noise falls off; "
-        f"{_odds(bench, trial)}); record it unfiltered, or raise the filter's corner"
+        f"{_odds(lag.in_time, trial)}); record it unfiltered, or raise the filter's corner"
     )
     return Finding("torque_filtered", "warning", message, names[0], column, value=lag.delay, unit="s")
 
@@ -156,7 +157,7 @@ def mounting(bench: Bench, trial: Trial, names: Sequence[str], gravity: FloatArr
         gravity = -gravity
     size, was = float(np.linalg.norm(gravity)), float(np.linalg.norm(declared))
     mend = f"give --gravity {_vector(gravity)}{'' if signed else ' (or its opposite: the file gives no masses)'}"
-    whose, odds = "the robot file or --gravity has it", _odds(bench, trial)
+    whose, odds = "the robot file or --gravity has it", _odds(bench.fit, trial)
     if was == 0:
         message = f"gravity pulls, and is zero as {whose} ({odds}); {mend}"
         return Finding("mounting", "warning", message, names[0], None, value=size, unit="m/s^2")

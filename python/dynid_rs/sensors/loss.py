@@ -1,0 +1,63 @@
+"""What gears lose by the way that their load takes: beside it a delay is a delay.
+
+The teeth of elastic gears rub, and the motor feels a torque that turns round with the load (`gear_hysteresis` of the
+catalogue). For small waves of the load that is a lead of the torque before the positions, of 12 ms on a usual arm: a
+model without it finds positions late that are not, and torques in time that are late.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid_rs import _core
+from dynid_rs.model.gear_loss import gear_losses
+from dynid_rs.sensors.changes import Bench
+from dynid_rs.sensors.fit import ArmFit
+from dynid_rs.sensors.rows import ArmRows, Moments
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class LossyRows:
+    """A run's rows and the torque per unit of every gear's loss, (n_rows, n_joints)."""
+
+    rows: ArmRows
+    loss: FloatArray
+
+    def columns(self, robot: _core.RobotModel, j: int) -> FloatArray:
+        """Columns of joint j, (n_rows, 10 (n_links - j) + 5): its loss, which is not negative, is the last."""
+        return np.column_stack([self.rows.columns(robot, j), self.loss[:, j]])
+
+    def moments(self, robot: _core.RobotModel, seen: Callable[[int], FloatArray] | None = None) -> Moments:
+        """Moments of the run, every joint with its own channel."""
+        own = (lambda j: self.columns(robot, j)) if seen is None else seen
+        return Moments.of(robot, self.rows, own).picked(range(self.rows.n_joints))
+
+
+@dataclass(frozen=True, eq=False)
+class LossyArm:
+    """Runs of an arm whose gears lose torque, if they do: rows, their moments and the fit."""
+
+    rows: tuple[LossyRows, ...]
+    moments: tuple[Moments, ...]
+    fit: ArmFit
+
+
+def lossy_arm(bench: Bench) -> LossyArm:
+    """Give every gear a loss, over the way of the catalogue's grid under which the runs are most probable."""
+    phi = bench.fit.x[: len(bench.prior.mean)]
+    loads = [np.einsum("njp,p->nj", rows.regressor(bench.robot), phi) for rows in bench.rows]
+    arms = []
+    for effect in gear_losses(loads):
+        lossy = tuple(
+            LossyRows(rows, _core.effect_columns(effect, rows.q, rows.dq, rows.ddq, tau_link=load)[:, :, 0])
+            for rows, load in zip(bench.rows, loads, strict=True)
+        )
+        moments = tuple(rows.moments(bench.robot) for rows in lossy)
+        arms.append(LossyArm(lossy, moments, bench.fitted(moments)))
+    return max(arms, key=lambda arm: arm.fit.log)
