@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 from helpers import data
 from helpers.small_arm import URDF, dynid, refusal, write_robot, write_runs
+from robot_files import robot_files
 from scipy.signal import lfilter
 from threadpoolctl import threadpool_limits
 
-from dynid_rs import RobotModel, _core, read_recording
+from dynid_rs import RobotModel, UrdfError, _core, read_recording
 from dynid_rs.base.memory import column_memory, inflation, residual_memory
 from dynid_rs.identification.friction import friction_effect
 from dynid_rs.identification.links import LinkDynamicsIdentifier
@@ -24,7 +25,7 @@ from dynid_rs.regression import evidence
 from dynid_rs.regression.columns import Block, Observations, observe
 from dynid_rs.regression.evidence import TRUSTED, WIDTHS, fit_with_prior, linear_model
 from dynid_rs.regression.linear_model import Choice
-from dynid_rs.regression.priors import LEAST_MASS, LENGTH, declares_inertia, link_spread, weak_prior
+from dynid_rs.regression.priors import CARRIES, LEAST_MASS, LENGTH, declares_inertia, link_spread, weak_prior
 from dynid_rs.regression.uncertainty import NORMAL_95, parameter_covariance
 from dynid_rs.runs.preprocessing import Band, prepare
 from dynid_rs.simulation import bundled_robot, simulate, typical_arm
@@ -197,10 +198,28 @@ def test_a_link_that_the_file_says_nothing_of_has_the_least_mass(small):
     end = URDF.index("</inertial>", start) + len("</inertial>")
     robot = RobotModel.from_urdf_string(URDF[:start] + '<link name="fore">' + URDF[end:])
     assert np.all(np.asarray(robot.phi)[10:20] == 0)
-    spread = link_spread(np.asarray(robot.phi)[10:20])
+    spread = link_spread(np.asarray(robot.phi))[10:20]
     np.testing.assert_allclose(spread, LEAST_MASS * np.array([0.5, *[LENGTH] * 3, *[LENGTH**2] * 6]))
     fitted = LinkDynamicsIdentifier().fit(replace(small, plan=replace(small.plan, robot=robot)))
     assert fitted.posterior_ is not None
+
+
+def test_links_weigh_more_towards_the_base_as_arms_do():
+    """Where nothing is declared of any; the ratio is that of the arms which others have declared."""
+    ratios, seen = [], set()
+    for path in robot_files().values():
+        try:
+            mass = np.asarray(RobotModel.from_urdf(str(path)).phi)[::10]
+        except UrdfError:
+            continue
+        is_arm = 5 <= len(mass) <= 7 and np.all(mass > 0) and len(np.unique(mass)) > len(mass) / 2
+        if is_arm and tuple(mass.round(3)) not in seen:
+            seen.add(tuple(mass.round(3)))
+            ratios.append(-np.polyfit(np.arange(len(mass)), np.log(mass), 1)[0])
+    assert len(ratios) >= 10
+    assert np.exp(np.mean(ratios)) == pytest.approx(CARRIES, abs=0.1)
+    mass = 2 * link_spread(np.zeros(60))[::10]
+    np.testing.assert_allclose(mass, LEAST_MASS * CARRIES ** np.arange(5.0, -1.0, -1.0))
 
 
 def test_the_evidence_is_the_normal_density_of_the_data(small):

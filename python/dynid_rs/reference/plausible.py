@@ -17,9 +17,6 @@ from dynid_rs.regression.priors import link_spread
 
 FloatArray = NDArray[np.float64]
 
-UNKNOWN_MASS, UNKNOWN_RADIUS = 5.0, 0.2
-"""Mass [kg] and distance [m] that stand for a link of which the robot file says nothing."""
-
 
 @dataclass(frozen=True, eq=False)
 class Plausible:
@@ -56,7 +53,7 @@ def plausible_phi(
     regroup[np.arange(base.n_base), np.asarray(base.pivots)] = 1.0
     if base.beta.size:
         regroup[:, np.asarray(base.dependent)] = base.beta
-    spread = np.concatenate([_spread(declared[k : k + 10]) for k in range(0, len(declared), 10)])
+    spread = link_spread(declared)
     wide = regroup * spread
     gram = wide @ wide.T + covariance
     scale = 1 / np.sqrt(np.diag(gram))
@@ -70,11 +67,3 @@ def plausible_phi(
     values, vectors = np.linalg.eigh(0.5 * (left + left.T))
     kept = values > 1e-9
     return Plausible(phi, spread[:, None] * vectors[:, kept] * np.sqrt(values[kept]))
-
-
-def _spread(phi: FloatArray) -> FloatArray:
-    spread = link_spread(phi)
-    if not np.any(spread):
-        moment = UNKNOWN_MASS * UNKNOWN_RADIUS
-        spread = np.concatenate([[UNKNOWN_MASS], np.full(3, moment), np.full(6, moment * UNKNOWN_RADIUS)])
-    return spread

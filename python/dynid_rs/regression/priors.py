@@ -4,7 +4,7 @@ Unknowns are Gaussian, ``x ~ N(c x_file, S(w)^2)``:
 
 | unknown | standard deviation |
 |---|---|
-| link's mass m (the file's, at least 0.3 kg) | w m / 2 |
+| link's mass m (the file's, at least 0.3 kg; where it says nothing, more towards the base) | w m / 2 |
 | its first moments, its inertia | w m l, w m l^2 with l = 0.15 m |
 | rotor's torque, offset | 1, 0.3 of the joint's torque |
 | friction: Coulomb, viscous | 1 of the joint's torque |
@@ -36,6 +36,9 @@ FloatArray = NDArray[np.float64]
 LEAST_MASS, LENGTH = 0.3, 0.15
 """Mass [kg] of a link that the file says less of, and distance [m] of a link's mass from its frame: an arm's, from a
 desk's size to a factory's within the factor that the width w is searched in."""
+CARRIES = 1.35
+"""Mass of a link over that of the next one towards the tool, where the file says nothing of any: geometric mean over
+the arms that example-robot-data declares (`tests/regression/test_priors.py`)."""
 USUAL = {"rotor_inertia": 1.0, "torque_offset": 0.3}
 """Torque of declared columns over the joint's own."""
 OTHER = 0.3
@@ -137,8 +140,7 @@ def weak_prior(plan: Plan, factors: Sequence[FloatArray], n_rows: int, gains: Fl
     n = robot.n_joints
     phi, rotors = np.asarray(robot.phi), np.asarray(robot.rotor_inertia)
     regroup = _regrouping(plan)
-    spread = np.concatenate([link_spread(phi[first : first + 10]) for first in range(0, 10 * n, 10)])
-    links = (regroup[:, : 10 * n] * spread).T
+    links = (regroup[:, : 10 * n] * link_spread(phi)).T
     mean = regroup[:, : 11 * n] @ np.concatenate([phi, rotors])
     own = [_own_roots(plan, j, factors[j], n_rows, regroup, rotors[j]) for j in range(n)]
     others = _stacked(plan, [root for joint in own for bends, root in joint if not bends])
@@ -227,15 +229,21 @@ def declares_inertia(robot: _core.RobotModel) -> bool:
     No arm of three joints and more is built of equal links; where most are, somebody filled the file in (a flange that
     is fixed to a link makes that one different).
     """
-    links = np.asarray(robot.phi).reshape(-1, 10)
+    return _is_declared(np.asarray(robot.phi))
+
+
+def _is_declared(phi: FloatArray) -> bool:
+    links = phi.reshape(-1, 10)
     _, alike = np.unique(links, axis=0, return_counts=True)
     return bool(np.any(links[:, 0] > 0)) and not (len(links) > 2 and 2 * alike.max() > len(links))
 
 
 def link_spread(phi: FloatArray) -> FloatArray:
-    """Standard deviation of a link's ten parameters at width one."""
-    mass = max(float(phi[0]), LEAST_MASS)
-    spread: FloatArray = mass * np.array([0.5, *[LENGTH] * 3, *[LENGTH**2] * 6])
+    """Standard deviation of all links' parameters at width one, (10 n_links,), of what the file says, `phi`."""
+    mass = np.maximum(phi[::10], LEAST_MASS)
+    if not _is_declared(phi):
+        mass = mass.min() * CARRIES ** np.arange(len(mass) - 1.0, -1.0, -1.0)
+    spread: FloatArray = np.kron(mass, np.array([0.5, *[LENGTH] * 3, *[LENGTH**2] * 6]))
     return spread
 
 

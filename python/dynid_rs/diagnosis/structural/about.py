@@ -36,8 +36,7 @@ class About:
         base = robot.base_parameters()
         unit = posterior.prior.unit
         declared = np.asarray(robot.phi) if declares_inertia(robot) else np.zeros(10 * robot.n_joints)
-        spread = np.concatenate([link_spread(declared[k : k + 10]) for k in range(0, len(declared), 10)])
-        spread = spread * unit * posterior.choice.width
+        spread = link_spread(declared) * unit * posterior.choice.width
         mean = unit * posterior.choice.centre * declared
         regroup = np.zeros((base.n_base, len(declared)))
         regroup[np.arange(base.n_base), np.asarray(base.pivots)] = 1.0
