@@ -395,6 +395,19 @@ def test_a_joint_more_than_the_arm_has_is_doubted():
     assert not guess(names, ["shoulder", "elbow", "wrist"], {}).doubts
 
 
+@pytest.mark.parametrize("first", (0, 1))
+def test_columns_of_a_joint_more_than_the_arm_has_are_read_by_what_init_wrote(tmp_path, first):
+    """A track or a gripper behind the arm: the template of all columns would be refused by every other command."""
+    t, q, _, tau = columns_of(0)
+    wide = {"t": t, "q": np.column_stack([q, 0 * t]), "tau": np.column_stack([tau, 0 * t])}
+    columns = {"t": t, **{f"{name}_{j + first}": wide[name][:, j] for name in ("q", "tau") for j in range(4)}}
+    robot, path = write_robot(tmp_path), write_csv(tmp_path / "run.csv", columns)
+    _, written = init(tmp_path, robot, path)
+    assert written["columns"]["q"] == [f"q_{j + first}" for j in range(3)]
+    recording = read_run(path, RobotModel.from_urdf(robot), read_config(tmp_path / "dynid.toml")).recording
+    np.testing.assert_allclose(recording.q, q, atol=1e-9)
+
+
 def test_a_log_of_other_names_is_sent_to_init_and_init_sends_nobody_to_itself(tmp_path):
     t, q, _, tau = columns_of(0)
     columns = {"t": t, **{f"a{j}": q[:, j] for j in range(3)}, **{f"b{j}": tau[:, j] for j in range(3)}}

@@ -47,11 +47,11 @@ def config_text(robot: Any, robot_path: Path, runs: Sequence[Path], found: Look)
 
 
 def _columns(robot: Any, found: Look) -> Iterator[str]:
-    signals = found.runs[0].columns.signals
+    signals, ignored = found.runs[0].columns.signals, found.runs[0].columns.ignored
     yield from _head("columns")
     rows = [("t", quoted(found.runs[0].columns.time))]
     for signal, names in signals.items():
-        rows.append((signal, rule_text(names, list(robot.joint_names))))
+        rows.append((signal, rule_text(names, list(robot.joint_names), ignored)))
     if "current" in signals and "tau" not in signals:
         rows.append(("tau", "false"))
     means = {key.name: key.means for key in KEYS if key.table == "columns"}
@@ -74,8 +74,11 @@ def quoted(value: str | list[str]) -> str:
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
-def rule_text(names: Sequence[str], joints: Sequence[str]) -> str:
-    """A rule that gives these columns, as a template where one does."""
+def rule_text(names: Sequence[str], joints: Sequence[str], ignored: Sequence[str] = ()) -> str:
+    """A rule that gives these columns, as a template where one does.
+
+    Where one of the `ignored` columns would be that of a joint more, a template is refused by the reader: a list then.
+    """
     for k, joint in enumerate(joints):
         forms = [(joint, "{joint}"), (str(k), "{i}"), (str(k + 1), "{n}")]
         for word, place in forms:
@@ -83,6 +86,8 @@ def rule_text(names: Sequence[str], joints: Sequence[str]) -> str:
             if not found or {"{", "}"} & set(head + tail):
                 continue
             template = f"{head}{place}{tail}"
+            if place != "{joint}" and fill(template, len(joints), "") in ignored:
+                continue
             if all(fill(template, i, joint) == name for i, (joint, name) in enumerate(zip(joints, names, strict=True))):
                 return quoted(template)
         break
