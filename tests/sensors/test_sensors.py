@@ -160,6 +160,22 @@ def test_channels_that_are_not_what_they_are_called_are_errors(signals, code, co
     assert [(finding.code, finding.severity, finding.column) for finding in findings] == [(code, "error", column)]
 
 
+def test_a_zero_by_another_convention_is_named_and_either_mend_mends_it():
+    """A quarter turn on the second axis: it used to be taken for an exchange of two joints of the wrist."""
+    recordings = [replace(run, q=run.q + [0, np.pi / 2, 0, 0, 0, 0]) for run in runs(duration=8.0)[1][:3]]
+    (finding,) = channel_findings(robot(), states(recordings))
+    assert (finding.code, finding.severity, finding.column) == ("zero_shifted", "error", "q_1")
+    assert (finding.value, finding.unit) == (-90.0, "deg")
+    assert "add -90 degrees to that column" in finding.message
+    text = Path(bundled_robot()).read_text(encoding="utf-8")
+    start = text.index('<joint name="joint_2"')
+    end = text.index("</joint>", start)
+    assert '<axis xyz="0 1 0"/>' in text[start:end]
+    turned = text[:start] + text[start:end].replace('rpy="0 0 0"', f'rpy="0 {np.radians(finding.value)} 0"') + text[end:]
+    assert turned != text
+    assert channel_findings(dyn.RobotModel.from_urdf_string(turned), states(recordings)) == []
+
+
 def test_a_file_of_equal_links_tells_no_unit():
     """A gram in every link is what somebody filled in, not a torque a thousand times too large."""
     filled = re.sub(

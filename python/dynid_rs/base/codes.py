@@ -75,6 +75,11 @@ CODES: Mapping[str, Code] = {
     "torque_flipped": Code("a torque with the other sign", "the arm's model", "give [signs] tau"),
     "position_flipped": Code("a position with the other sign", "the arm's model", "give [signs] q"),
     "joint_flipped": Code("a joint that turns the other way", "the arm's model", "give [signs] q and tau"),
+    "zero_shifted": Code(
+        "a position whose zero is a quarter turn or a half from the robot file's",
+        "the arm's model",
+        "add it to the column, or turn the joint's origin",
+    ),
     "torque_unit": Code("torque in another unit", "the arm's model", "give [units] torque or [gear] apply_to"),
     "joint_order": Code(
         "joints in an order that the file cannot say",

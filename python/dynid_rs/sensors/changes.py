@@ -19,6 +19,8 @@ from dynid_rs.sensors.rows import ArmRows, Moments
 
 FloatArray = NDArray[np.float64]
 
+QUARTERS = (1, 2, -1)
+"""Quarter turns between two zeros of a joint: those are a matter of convention, and controllers differ in it."""
 MOST_ODD = 4
 """Runs of a set that are looked at one by one."""
 
@@ -89,13 +91,15 @@ class Trial:
     joints: tuple[int, ...]
     runs: tuple[int, ...]
     fit: ArmFit
+    shift: float = 0.0
+    """What was added to the position of the joint [rad]."""
 
 
 def wiring_trials(bench: Bench) -> Iterator[Trial]:
-    """Every sign and every exchange of two joints' torques, positions, or both; and positions in degrees."""
+    """Every sign, every exchange of two joints' torques, positions, or both, other zeros, and positions in degrees."""
     n = bench.robot.n_joints
     alone = [bench.moves_alone(j) for j in range(n)]
-    for layout in _layouts(n):
+    for layout in _layouts(bench.robot.joint_kinds):
         if layout.code.endswith("_swapped") and not all(alone[j] for j in layout.joints):
             continue
         moments = bench.moments
@@ -104,7 +108,7 @@ def wiring_trials(bench: Bench) -> Iterator[Trial]:
         changed = [run.picked(layout.channels, layout.sign) for run in moments]
         for runs in bench.places:
             tried = [changed[k] if k in runs else plain for k, plain in enumerate(bench.plain)]
-            yield Trial(layout.code, layout.joints, runs, bench.fitted(tried))
+            yield Trial(layout.code, layout.joints, runs, bench.fitted(tried), layout.shift)
 
 
 class Layout(NamedTuple):
@@ -115,9 +119,11 @@ class Layout(NamedTuple):
     channels: list[int]
     sign: FloatArray
     positions: Callable[[ArmRows], ArmRows] | None = None
+    shift: float = 0.0
 
 
-def _layouts(n: int) -> Iterator[Layout]:
+def _layouts(kinds: Sequence[str]) -> Iterator[Layout]:
+    n = len(kinds)
     as_it_is, ones, whole = list(range(n)), np.ones(n), tuple(range(n))
     yield Layout("units_degrees", whole, as_it_is, ones, partial(ArmRows.scaled, factor=np.pi / 180))
     yield Layout("torque_flipped", whole, as_it_is, -ones)
@@ -127,6 +133,9 @@ def _layouts(n: int) -> Iterator[Layout]:
         yield Layout("torque_flipped", (j,), as_it_is, sign)
         yield Layout("position_flipped", (j,), as_it_is, ones, turned)
         yield Layout("joint_flipped", (j,), as_it_is, sign, turned)
+        # Another zero of the first joint is another mounting of the base, or nothing that a torque could show.
+        for shift in (quarters * np.pi / 2 for quarters in QUARTERS if j and kinds[j] != "prismatic"):
+            yield Layout("zero_shifted", (j,), as_it_is, ones, partial(ArmRows.shifted, j=j, by=shift), shift)
     for a, b in combinations(range(n), 2):
         order = list(range(n))
         order[a], order[b] = b, a

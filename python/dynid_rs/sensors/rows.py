@@ -83,6 +83,12 @@ class ArmRows:
         }
         return replace(self, **changed)
 
+    def shifted(self, j: int, by: float) -> ArmRows:
+        """The same run with the position of joint j counted from another zero, `by` [rad] further."""
+        q = self.q.copy()
+        q[:, j] += by
+        return replace(self, q=q)
+
     def ordered(self, order: Sequence[int]) -> ArmRows:
         """The same run with positions of the joints in another order."""
         names = ("q", "dq", "ddq", "dq_motor", "ddq_motor", "sign")

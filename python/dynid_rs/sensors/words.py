@@ -48,12 +48,21 @@ def _odds(as_it_is: ArmFit, trial: Trial) -> str:
 
 
 def wiring(bench: Bench, trial: Trial, names: Sequence[str]) -> list[Finding]:
-    """Signs and orders; one finding per joint of a sign."""
+    """Signs, orders and zeros; one finding per joint of a sign."""
     joints = [bench.robot.joint_names[j] for j in trial.joints]
     file, where = _place(trial, names)
     if trial.code == "units_degrees":
         text = 'q looks like degrees; write in dynid.toml: [units] angle = "deg"'
         return [Finding(trial.code, "error", f"{text} ({_odds(bench.fit, trial)})", file, "q_0")]
+    if trial.code == "zero_shifted":
+        degrees = round(float(np.degrees(trial.shift)))
+        message = (
+            f"the position of {joint_words(*joints)} looks as if it were counted from another zero than the robot "
+            f"file's: add {degrees} degrees to that column{where}, or turn the joint's <origin> in the robot file by as "
+            f"much about its axis ({_odds(bench.fit, trial)})"
+        )
+        column = f"q_{trial.joints[0]}"
+        return [Finding(trial.code, "error", message, file, column, value=float(degrees), unit="deg")]
     if trial.code.endswith("_swapped"):
         what, signal = {
             "torque_swapped": ("torque columns", "tau"),
