@@ -5,6 +5,7 @@ import re
 from dataclasses import replace
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 from helpers.run_files import write
 from helpers.small_arm import URDF, as_current, dynid, refusal, run, study
@@ -152,6 +153,38 @@ def test_no_load_is_a_no():
     assert printed.exit_code == 1, printed.output
     assert printed.stdout.startswith("no load is seen: ")
     assert "kg, 95 %" not in printed.stdout  # which would be a load
+
+
+def test_a_load_by_a_model_of_wrong_data_is_no_answer(place, tmp_path):
+    """Torques of the motors' side fit as well as those of the joints, and everything on the arm weighs a hundredth."""
+    geared = {f"tau_{j}": 0.01 for j in range(3)}
+
+    def on_the_motors(columns):
+        return {name: x * geared.get(name, 1.0) for name, x in columns.items()}
+
+    runs_ = [write(tmp_path / f"run_{k}.parquet", on_the_motors(run(k))) for k in range(2)]
+    printed = dynid("identify", study().robot, *runs_, "-o", tmp_path / "out", "--residual", "none")
+    assert printed.exit_code == 1, printed.output
+    loaded = pq.read_table(place / "run.parquet").to_pydict()
+    path = write(tmp_path / "load.parquet", on_the_motors({name: np.array(x) for name, x in loaded.items()}))
+    for model in (tmp_path / "out", tmp_path / "out" / "model.json"):
+        printed = dynid("payload", model, path)
+        assert printed.exit_code == 1, printed.output
+        assert "error: the model was learned from runs with an error in them" in printed.stdout
+        assert "run_0.parquet: the torque" in printed.stdout
+    # A model that somebody was given alone says nothing of its data; one beside another file neither.
+    alone = tmp_path / "model.json"
+    alone.write_bytes((tmp_path / "out" / "model.json").read_bytes())
+    (tmp_path / "result.json").write_text("[]")
+    assert dynid("payload", alone, path).exit_code == 0
+
+
+def test_a_joint_that_neither_model_nor_load_explain_is_named(place, tmp_path):
+    columns = {name: np.array(x) for name, x in pq.read_table(place / "run.parquet").to_pydict().items()}
+    columns["tau_1"] = -columns["tau_1"]
+    printed = dynid("payload", study().model, write(tmp_path / "run.parquet", columns))
+    assert "on joint elbow, all that the torque there does" in printed.stdout
+    assert "all that the torque" not in dynid("payload", study().model, place / "run.parquet").stdout
 
 
 def test_moments_that_may_be_zero_are_said_to_be_open_beside_the_load_data():

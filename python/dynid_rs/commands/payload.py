@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -43,7 +44,8 @@ def payload(
     """Weigh the tool or workpiece that an arm carries: mass, centre and inertia with 95 % intervals.
 
     The answer is a body that can exist, told as the load data of UR, KUKA, ABB and Fanuc. Friction and offsets may
-    differ a little from the model's, as from day to day. Ends with 1 if no load is seen, with 2 if the data is damaged.
+    differ a little from the model's, as from day to day. Ends with 1 if no load is seen or if the model was learned
+    from runs with an error in them (by the result.json beside it), with 2 if the data is damaged.
     """
     from dynid_rs.commands._console import progress
     from dynid_rs.commands._inputs import check_cutoff, load_model, read_runs, read_settings
@@ -60,14 +62,39 @@ def payload(
 
         load = weigh_load(reference, recordings, cutoff=cutoff, frame=frame)
     name = flange or reference.robot.link_names[-1]
-    findings += load.findings
+    findings += [*load.findings, *_of_the_model(model)]
     answer = _answer(load, name, reference.robot.joint_names, findings)
     if json_output:
         print_json(answer)
     else:
         for line in _lines(answer, findings):
             typer.echo(line)
-    return 0 if answer["seen"] else EXIT_NO
+    wrong = any(finding.severity == "error" for finding in findings)
+    return 0 if answer["seen"] and not wrong else EXIT_NO
+
+
+def _of_the_model(path: Path) -> list[Finding]:
+    """Errors in the data that a model was learned from, where its result lies beside it: the load is as wrong as they.
+
+    A torque that is wrong by a factor in all runs fits as well as one that is right.
+    """
+    from dynid_rs.commands._identifier import RESULT_FILE
+
+    beside = (path if path.is_dir() else path.parent) / RESULT_FILE
+    try:
+        said = json.loads(beside.read_text(encoding="utf-8"))["data"]["findings"]
+        errors = [(one["file"], one["message"]) for one in said if one["severity"] == "error"]
+    except (OSError, ValueError, KeyError, TypeError):  # a model alone, or beside something else: it says nothing
+        return []
+    return [
+        Finding(
+            "reference_in_error",
+            "error",
+            f"the model was learned from runs with an error in them, and the load may be as wrong as they are; mend it "
+            f"and identify again: {file}: {message}",
+        )
+        for file, message in errors[:1]
+    ]
 
 
 def _frame(model: Any, robot: Path | None, flange: str | None) -> Any:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from dynid_rs import _core
 from dynid_rs.base.errors import DataError
-from dynid_rs.base.findings import Finding
+from dynid_rs.base.findings import Finding, joint_words
 from dynid_rs.identification.training import prepare_training_runs
 from dynid_rs.model.assembly import evaluate
 from dynid_rs.reference.change_search import ChangeSearch, wald
@@ -20,7 +20,7 @@ from dynid_rs.reference.gear_loss import gear_loss, reach
 from dynid_rs.reference.payload import physical_payload, seen_directions
 from dynid_rs.regression.evaluation import rmse
 from dynid_rs.runs.checks.motion import moving_joints
-from dynid_rs.runs.preprocessing import Band, choose_band, common_rate
+from dynid_rs.runs.preprocessing import Band, States, choose_band, common_rate
 from dynid_rs.runs.recording import Recording
 
 FloatArray = NDArray[np.float64]
@@ -129,6 +129,7 @@ def weigh_load(
         values, vectors, scale = seen_directions(weighing, places, free, held)
         hidden = vectors[:, values < UNSEEN * values[-1]] / scale[:, None]
         counted = [states.counted for states in prepared]
+        size = rmse([states.in_band(states.tau) - _mean(states) for states in prepared], counted)
         before, after = (
             rmse([s.in_band(s.tau - evaluate(b.model(), s)[0]) for s in prepared], counted)
             for b in (Believed.unchanged(reference, reference.robot.phi), believed)
@@ -154,8 +155,36 @@ def weigh_load(
         )
     if loss.joints:
         findings.append(loss.finding(reference.robot.joint_names, float(shift[0])))
+    findings += _misfit(reference.robot.joint_names, after, size)
     p_value = wald(estimate, covariance, np.ones(len(estimate), dtype=bool), shift)
     return Load(float(value[0]), value[1:4], value[4:], intervals, p_value, before, after, findings)
+
+
+def _mean(states: States) -> FloatArray:
+    """Mean (n_joints,) of a run's torque in the band, over the samples that count."""
+    torque = states.in_band(states.tau)
+    mean: FloatArray = np.sum(torque * states.counted, axis=0) / np.maximum(states.counted.sum(axis=0), 1)
+    return mean
+
+
+def _misfit(joints: Sequence[str], after: FloatArray, size: FloatArray) -> list[Finding]:
+    """Joints on which model and load together tell nothing: what they leave is as large as the torque's deviation."""
+    lost = np.flatnonzero((after >= size) & (size > 0))
+    if not len(lost):
+        return []
+    left = ", ".join(f"{after[j]:.3g} N m of {size[j]:.3g}" for j in lost)
+    return [
+        Finding(
+            "load_misfit",
+            "warning",
+            f"with the load the model leaves {left} on {joint_words(*(joints[j] for j in lost))}, all that the torque "
+            "there does: a channel, or the model, is wrong, and the load may be too; look with dynid inspect --robot at "
+            "these runs and at those that the model was learned from",
+            column=f"tau_{lost[0]}",
+            value=float(after[lost[0]]),
+            unit="N*m",
+        )
+    ]
 
 
 def _body(phi: FloatArray, rotation: FloatArray, translation: FloatArray) -> FloatArray:
