@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 import tomllib
+import warnings
 from dataclasses import replace
 
 import jsonschema
@@ -406,6 +407,18 @@ def test_columns_of_a_joint_more_than_the_arm_has_are_read_by_what_init_wrote(tm
     assert written["columns"]["q"] == [f"q_{j + first}" for j in range(3)]
     recording = read_run(path, RobotModel.from_urdf(robot), read_config(tmp_path / "dynid.toml")).recording
     np.testing.assert_allclose(recording.q, q, atol=1e-9)
+
+
+def test_a_dead_torque_channel_is_said_without_a_library_s_warnings(tmp_path):
+    """Negative zeros too, as a product with a sign leaves them."""
+    robot, columns = write_robot(tmp_path), run(0)
+    dead = columns | {f"tau_{j}": -0.0 * columns["t"] for j in range(3)}
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        answer, _ = init(tmp_path, robot, write_csv(tmp_path / "run.csv", dead), code=1)
+    said = [one["message"] for one in answer["questions"] if one["code"] == "stuck"]
+    assert said[0] == "tau_0 (shoulder) is 0 N*m in every row; its channel is dead"
+    assert len(said) == 3
 
 
 def test_a_log_of_other_names_is_sent_to_init_and_init_sends_nobody_to_itself(tmp_path):

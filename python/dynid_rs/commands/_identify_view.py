@@ -46,7 +46,7 @@ def show(result: dict[str, Any], directory: Path) -> None:
     delay = result["encoder_delay"]
     if delay is not None:
         values = ", ".join(
-            f"{1e3 * value:.2f}" if measured else "-"
+            f"{round(1e3 * value, 2) + 0.0:.2f}" if measured else "-"
             for value, measured in zip(delay["value"], delay["measured"], strict=True)
         )
         out.print(f"Link encoders come late by {values} ms (removed first).")

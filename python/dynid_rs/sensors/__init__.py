@@ -62,7 +62,8 @@ def channels_of(robot: _core.RobotModel, runs: Sequence[Recording]) -> list[Find
     """`channel_findings` of recordings, with the rows and lines of their files; nothing where no model can say."""
     kinds = {(recording.torque_unit, recording.has_motor_encoder) for recording in runs}
     moves = np.any([moving_joints(recording) for recording in runs], axis=0)
-    if len(kinds) != 1 or len(moves) != robot.n_joints or not moves.all():
+    alive = np.any([np.ptp(recording.tau, axis=0) > 0 for recording in runs], axis=0)
+    if len(kinds) != 1 or len(moves) != robot.n_joints or not moves.all() or not alive.all():
         return []
     band, rate = choose_band(list(runs)), common_rate(list(runs))
     states = []

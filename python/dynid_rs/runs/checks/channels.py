@@ -50,7 +50,7 @@ def check_channels(rec: Recording) -> Iterator[Finding]:
             yield Finding(
                 "stuck",
                 "error" if moves[joint] else "warning",
-                f"{label(rec, 'tau', joint)} is {tau[0]:g} {rec.torque_unit} in every row; its channel is dead",
+                f"{label(rec, 'tau', joint)} is {tau[0] + 0.0:g} {rec.torque_unit} in every row; its channel is dead",
                 rec.name,
                 f"tau_{joint}",
                 (0, rec.n_samples),

@@ -173,7 +173,7 @@ def _array(values: list[Any]) -> NDArray[Any]:
 
 
 def _miscounted(layout: Layout, cells: Sequence[str]) -> str:
-    missing = "; the file may be cut off" if len(cells) < len(layout.header) else ""
+    missing = "; the file may be cut off here: take the row out" if len(cells) < len(layout.header) else ""
     if layout.delimiter == "," and len(cells) > len(layout.header):
         missing = "; are these decimal commas? Write points, or separate cells by semicolons"
     return f"has {len(cells)} cells, the header has {len(layout.header)}{missing}"

@@ -100,7 +100,8 @@ def find_layout(text: Text) -> Layout:
     header, row, units = _header(lines, first, given, text.file)
     delimiter = _delimiter(header.said, None if row is None else row.text, given)
     names = cells_of(header.said, delimiter)
-    if not header.said or all(not name or NUMBER.fullmatch(name) for name in names):
+    is_row = row is not None and row.number == header.number  # rows of messages hold words too: names of joints
+    if not header.said or is_row or all(not name or NUMBER.fullmatch(name) for name in names):
         raise DataError(
             f"{text.file}, line {header.number}: expected a header line with column names such as t, q_0, tau_0, "
             f"found {shown(header.said)!r}; add one",
