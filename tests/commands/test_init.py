@@ -396,7 +396,7 @@ def test_a_joint_more_than_the_arm_has_is_doubted():
     assert not guess(names, ["shoulder", "elbow", "wrist"], {}).doubts
 
 
-@pytest.mark.parametrize("first", (0, 1))
+@pytest.mark.parametrize("first", [0, 1])
 def test_columns_of_a_joint_more_than_the_arm_has_are_read_by_what_init_wrote(tmp_path, first):
     """A track or a gripper behind the arm: the template of all columns would be refused by every other command."""
     t, q, _, tau = columns_of(0)
@@ -419,6 +419,22 @@ def test_a_dead_torque_channel_is_said_without_a_library_s_warnings(tmp_path):
     said = [one["message"] for one in answer["questions"] if one["code"] == "stuck"]
     assert said[0] == "tau_0 (shoulder) is 0 N*m in every row; its channel is dead"
     assert len(said) == 3
+
+
+def test_the_same_of_several_files_is_said_once_and_evidence_asks_for_nothing(tmp_path):
+    robot, paths = write_robot(tmp_path), []
+    for k in range(6):
+        t, q, dq, tau = columns_of(k % 3)
+        named = zip(("actual_q", "actual_qd", "actual_current"), (q * DEGREE, dq * DEGREE, tau / 10), strict=True)
+        columns = {"timestamp": t, **{f"{name}_{j}": x[:, j] for name, x in named for j in range(3)}}
+        paths.append(write_csv(tmp_path / f"run_{k}.csv", columns))
+    answer, written = init(tmp_path, robot, *paths)
+    (note,) = [note for note in answer["notes"] if "RTDE" in note]
+    assert note.startswith("run_0.csv, run_1.csv, run_2.csv, run_3.csv and 2 more: read as")
+    assert written["units"]["angle"] == "deg"
+    (taken,) = [one for one in answer["taken"] if one["key"] == "[units] angle"]
+    assert "degrees" in taken["evidence"]
+    assert "write in" not in taken["evidence"]
 
 
 def test_a_log_of_other_names_is_sent_to_init_and_init_sends_nobody_to_itself(tmp_path):

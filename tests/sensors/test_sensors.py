@@ -162,7 +162,7 @@ def test_channels_that_are_not_what_they_are_called_are_errors(signals, code, co
 
 def test_a_zero_by_another_convention_is_named_and_either_mend_mends_it():
     """A quarter turn on the second axis: it used to be taken for an exchange of two joints of the wrist."""
-    recordings = [replace(run, q=run.q + [0, np.pi / 2, 0, 0, 0, 0]) for run in runs(duration=8.0)[1][:3]]
+    recordings = [replace(run, q=run.q + np.pi / 2 * (np.arange(6) == 1)) for run in runs(duration=8.0)[1][:3]]
     (finding,) = channel_findings(robot(), states(recordings))
     assert (finding.code, finding.severity, finding.column) == ("zero_shifted", "error", "q_1")
     assert (finding.value, finding.unit) == (-90.0, "deg")
@@ -171,7 +171,9 @@ def test_a_zero_by_another_convention_is_named_and_either_mend_mends_it():
     start = text.index('<joint name="joint_2"')
     end = text.index("</joint>", start)
     assert '<axis xyz="0 1 0"/>' in text[start:end]
-    turned = text[:start] + text[start:end].replace('rpy="0 0 0"', f'rpy="0 {np.radians(finding.value)} 0"') + text[end:]
+    turned = (
+        text[:start] + text[start:end].replace('rpy="0 0 0"', f'rpy="0 {np.radians(finding.value)} 0"') + text[end:]
+    )
     assert turned != text
     assert channel_findings(dyn.RobotModel.from_urdf_string(turned), states(recordings)) == []
 

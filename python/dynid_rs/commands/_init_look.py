@@ -15,6 +15,7 @@ from dynid_rs.base.guide import page
 from dynid_rs.base.quoting import shown
 from dynid_rs.commands._init_answers import answers
 from dynid_rs.commands._init_proposal import Proposal
+from dynid_rs.commands._init_words import fact, told
 from dynid_rs.runs.checks.clocks import WORDS, Clock, likely_unit
 from dynid_rs.runs.checks.clocks import clock_findings as clocks_found
 from dynid_rs.runs.checks.limits import check_limits
@@ -105,8 +106,7 @@ def look(
             robot = robot.with_gravity(list(found.rules.gravity))
         found.runs = [read_run(path, robot, found.rules) for path in paths]
         found.questions = _questions(robot, found)
-    for run in found.runs:
-        found.notes += [f"{run.recording.name}: {one.message}" for one in run.findings() if one.message]
+    found.notes += told(found.runs)
     signals = found.runs[0].columns.signals
     if "current" in signals and "tau" not in signals and found.rules.drive_gain is None:
         found.notes.append(f"{shown(signals['current'][0])}, ... are {CURRENTS}")
@@ -168,7 +168,7 @@ def _time(robot: Any, runs: Sequence[Recording], found: Look) -> Proposal | None
         unit = likely_unit(clocks[at])
         if unit is not None and (len(runs) == 1 or len(clocks_found(clocks)) == len(runs)):
             rules = replace(found.rules, units={**found.rules.units, "time": unit})
-            reason = f"{finding.file}: {finding.message}"
+            reason = f"{finding.file}: {fact(finding.message)}"
             if np.all(np.diff(runs[at].t) == 1.0):
                 reason += (
                     f"; but t counts 1, 2, 3, ...: if it counts rows and not {WORDS[unit]}, write a column of seconds, "
@@ -186,7 +186,7 @@ def _angle(robot: Any, runs: Sequence[Recording], found: Look) -> Proposal | Non
             said = next((one for one in check_limits(run, limited) if one.code == "units_degrees"), None)
             if said is not None:
                 rules = replace(found.rules, units={**found.rules.units, "angle": "deg"})
-                return Proposal("[units] angle", "deg", f"{run.name}: {said.message}", rules)
+                return Proposal("[units] angle", "deg", f"{run.name}: {fact(said.message)}", rules)
     return None
 
 

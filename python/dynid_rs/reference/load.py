@@ -169,8 +169,8 @@ def _mean(states: States) -> FloatArray:
 
 def _misfit(joints: Sequence[str], after: FloatArray, size: FloatArray) -> list[Finding]:
     """Joints on which model and load together tell nothing: what they leave is as large as the torque's deviation."""
-    lost = np.flatnonzero((after >= size) & (size > 0))
-    if not len(lost):
+    lost = np.flatnonzero((after >= size) & (size > 0)).tolist()
+    if not lost:
         return []
     left = ", ".join(f"{after[j]:.3g} N m of {size[j]:.3g}" for j in lost)
     return [
@@ -178,8 +178,8 @@ def _misfit(joints: Sequence[str], after: FloatArray, size: FloatArray) -> list[
             "load_misfit",
             "warning",
             f"with the load the model leaves {left} on {joint_words(*(joints[j] for j in lost))}, all that the torque "
-            "there does: a channel, or the model, is wrong, and the load may be too; look with dynid inspect --robot at "
-            "these runs and at those that the model was learned from",
+            "there does: a channel, or the model, is wrong, and the load may be too; look with dynid inspect --robot "
+            "at these runs and at those that the model was learned from",
             column=f"tau_{lost[0]}",
             value=float(after[lost[0]]),
             unit="N*m",

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.base.findings import Finding, joint_words
+from dynid_rs.base.numbers import percent
 
 if TYPE_CHECKING:
     from dynid_rs.sensors.changes import Bench, Trial
@@ -42,9 +43,7 @@ def _place(trial: Trial, names: Sequence[str]) -> tuple[str, str]:
 def _odds(as_it_is: ArmFit, trial: Trial) -> str:
     before, after = as_it_is.run_shares[list(trial.runs)], trial.fit.run_shares[list(trial.runs)]
     worst = np.unravel_index(int(np.argmax(before / np.maximum(after, 1e-300))), before.shape)
-    return (
-        f"unexplained there: {100 * before[worst]:.2g} % of the torque's power as it is, {100 * after[worst]:.2g} % so"
-    )
+    return f"unexplained there: {percent(before[worst])} of the torque's power as it is, {percent(after[worst])} so"
 
 
 def wiring(bench: Bench, trial: Trial, names: Sequence[str]) -> list[Finding]:
@@ -58,8 +57,8 @@ def wiring(bench: Bench, trial: Trial, names: Sequence[str]) -> list[Finding]:
         degrees = round(float(np.degrees(trial.shift)))
         message = (
             f"the position of {joint_words(*joints)} looks as if it were counted from another zero than the robot "
-            f"file's: add {degrees} degrees to that column{where}, or turn the joint's <origin> in the robot file by as "
-            f"much about its axis ({_odds(bench.fit, trial)})"
+            f"file's: add {degrees} degrees to that column{where}, or turn the joint's <origin> in the robot file by "
+            f"as much about its axis ({_odds(bench.fit, trial)})"
         )
         column = f"q_{trial.joints[0]}"
         return [Finding(trial.code, "error", message, file, column, value=float(degrees), unit="deg")]
