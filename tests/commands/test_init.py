@@ -21,7 +21,7 @@ from helpers.small_arm import JOINTS, as_current, dynid, refusal, run, write_rob
 from hypothesis import given
 from hypothesis import strategies as st
 
-from dynid_rs import RobotModel
+from dynid_rs import DataError, RobotModel
 from dynid_rs.runs.readers import Config, read_config, read_run
 from dynid_rs.runs.readers.guess import guess
 from dynid_rs.runs.readers.key_page import schema
@@ -435,6 +435,27 @@ def test_the_same_of_several_files_is_said_once_and_evidence_asks_for_nothing(tm
     (taken,) = [one for one in answer["taken"] if one["key"] == "[units] angle"]
     assert "degrees" in taken["evidence"]
     assert "write in" not in taken["evidence"]
+
+
+@pytest.mark.parametrize("called", [JOINTS, ("a1", "a2", "a3")])
+def test_rows_of_joint_states_are_known_by_their_names_or_told_by_init(tmp_path, called):
+    """In any order, by the robot's names without a word; by other names that count, `dynid init` maps them."""
+    t, q, dq, tau = columns_of(0)
+    order = (2, 0, 1)
+    columns = {"%time": 1_714_560_000 * 10**9 + np.round(t * 1e9).astype(np.int64)}
+    for word, values in (("position", q), ("velocity", dq), ("effort", tau)):
+        columns |= {f"field.{word}_{called[j]}": values[:, j] for j in order}
+    robot, path = write_robot(tmp_path), write_csv(tmp_path / "run.csv", columns)
+    model, rules = RobotModel.from_urdf(robot), None
+    if called != JOINTS:
+        with pytest.raises(DataError, match="column field.position_shoulder is missing"):
+            read_run(path, model)
+        init(tmp_path, robot, path)
+        rules = read_config(tmp_path / "dynid.toml")
+    recording = read_run(path, model, rules).recording
+    np.testing.assert_allclose(recording.q, q, atol=1e-9)
+    np.testing.assert_allclose(recording.tau, tau, atol=1e-9)
+    np.testing.assert_allclose(recording.t, t - t[0], atol=1e-8)
 
 
 def test_a_log_of_other_names_is_sent_to_init_and_init_sends_nobody_to_itself(tmp_path):

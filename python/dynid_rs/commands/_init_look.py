@@ -20,7 +20,8 @@ from dynid_rs.runs.checks.clocks import WORDS, Clock, likely_unit
 from dynid_rs.runs.checks.clocks import clock_findings as clocks_found
 from dynid_rs.runs.checks.limits import check_limits
 from dynid_rs.runs.readers import Config, Run, open_run, read_run
-from dynid_rs.runs.readers.columns import INIT_WRITES, match_columns
+from dynid_rs.runs.readers.columns import INIT_WRITES, fill, match_columns
+from dynid_rs.runs.readers.config import ColumnRule
 from dynid_rs.runs.readers.dialects import speak
 from dynid_rs.runs.readers.guess import Guess, guess
 from dynid_rs.runs.recording import FloatArray, Recording
@@ -131,7 +132,8 @@ def _named(robot: Any, path: Path, rules: Config) -> Look:
         columns["t"] = names.time[0]
     if "tau" in columns and "current" in columns:
         columns.pop("current")
-    guessed = replace(rules, columns={**columns, **spoken.columns, **rules.columns}, units=spoken.units)
+    said = {key: rule for key, rule in spoken.columns.items() if _fits(rule, joints, table.names)}
+    guessed = replace(rules, columns={**columns, **said, **rules.columns}, units=spoken.units)
     try:
         match_columns(table.names, joints, guessed, table.file)
     except DataError as error:
@@ -143,6 +145,12 @@ def _named(robot: Any, path: Path, rules: Config) -> Look:
             column=error.column,
         ) from None
     return Look(guessed, guessed=names)
+
+
+def _fits(rule: ColumnRule, joints: Sequence[str], names: Sequence[str]) -> bool:
+    """Whether a log's own rule holds for these joints: where it calls them by other names than the robot, none does."""
+    by_name = isinstance(rule, str) and "{joint}" in rule
+    return not by_name or all(fill(str(rule), k, joint) in names for k, joint in enumerate(joints))
 
 
 def _proposals(robot: Any, found: Look) -> Iterator[Proposal]:

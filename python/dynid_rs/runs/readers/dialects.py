@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import product
 
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.quoting import shown
@@ -124,6 +125,8 @@ DIALECTS = (
     ),
 )
 
+_JOINT_STATE = {"position": "q", "velocity": "dq", "effort": "tau"}
+
 _TIMES = frozenset(
     ("t", "time", "timestamp", "timestamps", "zeit", "stamp", "datetime", "date_time", "elapsed", "elapsed_time")
 ) | {"ticks", "filetime", "__time", "header.stamp", "header_stamp", "t_s", "time_s", "timestamp_s"}
@@ -148,7 +151,7 @@ def speak(
     DataError
         The file holds only what looks like a torque and is none.
     """
-    dialect = next((known for known in DIALECTS if _speaks(known, names)), None)
+    dialect = next((known for known in DIALECTS if _speaks(known, names)), None) or _joint_states(names)
     if dialect is None:
         return _with_time(names, config, stamps), ()
     columns: dict[str, ColumnRule] = {}
@@ -177,6 +180,30 @@ def speak(
 def _speaks(dialect: Dialect, names: Sequence[str]) -> bool:
     position = dialect.columns["q"]
     return all(mark in names for mark in dialect.marks) and _is_there(position, names)
+
+
+def _joint_states(names: Sequence[str]) -> Dialect | None:
+    """sensor_msgs/JointState as rows, by its words and the joints' names: both `position` and `effort` of each joint."""
+    for head, (before, after) in product(("", "field."), (("_", ""), ("[", "]"))):
+        joints = {
+            word: {
+                name[len(head + word + before) : len(name) - len(after)]
+                for name in names
+                if name.startswith(f"{head}{word}{before}") and name.endswith(after)
+            }
+            for word in _JOINT_STATE
+        }
+        named = joints["position"]
+        if named and named == joints["effort"] and not any(joint.isdigit() for joint in named):
+            columns = {
+                signal: f"{head}{word}{before}{{joint}}{after}"
+                for word, signal in _JOINT_STATE.items()
+                if joints[word] == named
+            }
+            # rostopic echo -p counts nanoseconds, whatever its columns are called.
+            times = ("time", "field.header.stamp") if head else ()
+            return Dialect("sensor_msgs/JointState", (), times, columns, {"time": "ns"} if head else {})
+    return None
 
 
 def _is_there(template: str, names: Sequence[str]) -> bool:
