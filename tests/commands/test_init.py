@@ -448,7 +448,7 @@ def test_rows_of_joint_states_are_known_by_their_names_or_told_by_init(tmp_path,
     robot, path = write_robot(tmp_path), write_csv(tmp_path / "run.csv", columns)
     model, rules = RobotModel.from_urdf(robot), None
     if called != JOINTS:
-        with pytest.raises(DataError, match="column field.position_shoulder is missing"):
+        with pytest.raises(DataError, match=r"column field\.position_shoulder is missing"):
             read_run(path, model)
         init(tmp_path, robot, path)
         rules = read_config(tmp_path / "dynid.toml")
