@@ -19,6 +19,7 @@ import dynid_rs
 from dynid_rs import TorqueModel
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.wording import is_better, verdict
+from dynid_rs.commands._identify_view import _milliseconds
 from dynid_rs.runs.recording import Recording
 from dynid_rs.runs.splitting import split_runs
 
@@ -440,3 +441,7 @@ def test_one_delay_reaches_the_user():
     assert finding["value"] == np.median(measured)
     assert f"{1e3 * measured[0]:.2f}" in finding["message"]
     assert "fitted beside the gears' yielding" in finding["message"]
+
+
+def test_a_delay_of_nothing_has_no_sign():
+    assert _milliseconds({"value": [-7e-10, 2.8e-3, 0.0], "measured": [True, True, False]}) == "0.00, 2.80, -"

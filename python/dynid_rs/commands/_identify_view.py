@@ -45,17 +45,19 @@ def show(result: dict[str, Any], directory: Path) -> None:
         out.print(Text(f"Physical set: {result['physical']['reason']}"))
     delay = result["encoder_delay"]
     if delay is not None:
-        values = ", ".join(
-            f"{round(1e3 * value, 2) + 0.0:.2f}" if measured else "-"
-            for value, measured in zip(delay["value"], delay["measured"], strict=True)
-        )
-        out.print(f"Link encoders come late by {values} ms (removed first).")
+        out.print(f"Link encoders come late by {_milliseconds(delay)} ms (removed first).")
     for entry in result["known"]:
         out.print(Text(_known(entry, result)))
     for finding in result["data"]["findings"]:
         if finding["severity"] != "info":
             out.print(Text(f"{finding['severity']}: {with_file(finding)}"))
     out.print(Text(f"report: {directory / REPORT_FILE}"), soft_wrap=True)
+
+
+def _milliseconds(delay: dict[str, Any]) -> str:
+    """Delays joint by joint; a dash where none could be measured, and no minus before nothing."""
+    pairs = zip(delay["value"], delay["measured"], strict=True)
+    return ", ".join(f"{round(1e3 * value, 2) + 0.0:.2f}" if measured else "-" for value, measured in pairs)
 
 
 def _known(entry: dict[str, Any], result: dict[str, Any]) -> str:

@@ -183,7 +183,7 @@ def _speaks(dialect: Dialect, names: Sequence[str]) -> bool:
 
 
 def _joint_states(names: Sequence[str]) -> Dialect | None:
-    """sensor_msgs/JointState as rows, by its words and the joints' names: `position` and `effort` of the same joints."""
+    """sensor_msgs/JointState as rows, by its words and names: `position` and `effort` of the same joints."""
     for head, (before, after) in product(("", "field."), (("_", ""), ("[", "]"))):
         joints = {
             word: {
