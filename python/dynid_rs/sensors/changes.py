@@ -100,7 +100,7 @@ def wiring_trials(bench: Bench) -> Iterator[Trial]:
     n = bench.robot.n_joints
     alone = [bench.moves_alone(j) for j in range(n)]
     for layout in _layouts(bench.robot.joint_kinds):
-        if layout.code.endswith("_swapped") and not all(alone[j] for j in layout.joints):
+        if layout.code.endswith(("_swapped", "_shifted")) and not all(alone[j] for j in layout.joints):
             continue
         moments = bench.moments
         if layout.positions is not None:
