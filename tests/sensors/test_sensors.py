@@ -178,6 +178,21 @@ def test_a_zero_by_another_convention_is_named_and_either_mend_mends_it():
     assert channel_findings(dyn.RobotModel.from_urdf_string(turned), states(recordings)) == []
 
 
+def test_joints_that_only_move_together_tell_no_zero():
+    """What one of them does from another zero, the others' links do as well: it was an error on a measured arm."""
+    t = np.arange(0, 20.0, 1 / 250)
+    wave = 0.8 * np.sin(1.1 * t) + 0.3 * np.sin(2.9 * t)
+    rng = np.random.default_rng(4)
+    recordings = []
+    for k in range(2):
+        q = wave[:: 1 - 2 * k, None] * np.array([0.9, 1.0, 0.8, 1.1, 0.7, 1.2])
+        dq = np.gradient(q, t, axis=0)
+        seen = q + np.pi / 2 * (np.arange(6) == 1)
+        tau = robot().inverse_dynamics(q, dq, np.gradient(dq, t, axis=0)) + 2 * np.sign(dq)
+        recordings.append(dyn.Recording(t, seen, tau=tau + 0.2 * rng.normal(size=q.shape), name=f"run_{k}.csv"))
+    assert "zero_shifted" not in [finding.code for finding in channel_findings(robot(), states(recordings))]
+
+
 def test_a_file_of_equal_links_tells_no_unit():
     """A gram in every link is what somebody filled in, not a torque a thousand times too large."""
     filled = re.sub(
