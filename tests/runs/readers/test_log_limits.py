@@ -6,6 +6,7 @@ import bz2
 import contextlib
 import gzip
 import io
+import json
 import os
 import struct
 import subprocess
@@ -392,6 +393,28 @@ def small_csv(path, header):
     rows = "\n".join(f"{k / 100},{np.sin(k / 9)},{np.cos(k / 7)},{k % 5},{k % 7}" for k in range(50))
     path.write_text(f"{header}\n{rows}\n")
     return path
+
+
+@pytest.mark.parametrize("encoding", ["utf-16-le", "utf-16-be"])
+@pytest.mark.parametrize("packed", ["", ".gz"])
+def test_text_in_utf_16_is_the_same_run(encoding, packed, tmp_path):
+    """What Excel calls Unicode text: a mark, tabs, CRLF, and here decimal commas and a unit that ASCII has not."""
+    columns = valid_columns()
+    text = csv_text(columns)
+    excel = text.replace(",", "\t").replace(".", ",").replace("\n", "\r\n").replace("q_0", "q_0 [°]", 1)
+    lines = "".join(json.dumps({name: float(x[k]) for name, x in columns.items()}) + "\n" for k in range(400))
+    pack = gzip.compress if packed else bytes
+    for suffix, content, unit in ((".txt", excel, np.pi / 180), (".csv", text, 1.0), (".jsonl", lines, 1.0)):
+        path = tmp_path / f"run{suffix}{packed}"
+        path.write_bytes(pack(("\ufeff" + content).encode(encoding)))
+        run = read_recording(path, ["a", "b", "c"])
+        np.testing.assert_array_equal(run.q, np.column_stack([columns[f"q_{j}"] for j in range(3)]) * unit)
+        np.testing.assert_array_equal(run.tau, np.column_stack([columns[f"tau_{j}"] for j in range(3)]))
+    path = tmp_path / f"run.csv{packed}"
+    spoiled = text.splitlines()
+    spoiled[300] = spoiled[300].replace(".", ".x", 1)
+    path.write_bytes(pack(("\ufeff" + "\n".join(spoiled)).encode(encoding)))
+    refused(path, r"row 300 \(line 301\), column t: .* is not a number")
 
 
 def test_a_torque_whose_header_says_ampere_is_a_current(tmp_path):

@@ -100,6 +100,7 @@ _MAGIC = (
     (b"#ROSBAG", "a ROS 1 bag"),
     (b"\x89MCAP", "MCAP"),
     (b"SQLite format 3", "an SQLite database, perhaps of a ROS 2 bag"),
+    (b"\xff\xfe\0\0", "UTF-32 text"),
     (b"\xff\xfe", "UTF-16 text"),
     (b"\xfe\xff", "UTF-16 text"),
 )
