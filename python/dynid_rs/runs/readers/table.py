@@ -48,6 +48,8 @@ class Table:
         What a person should know about how the file was read.
     texts : callable, optional
         Reads some columns as they stand there: names -> {name: one text per row}. Raises `DataError`.
+    lists : tuple of str
+        Columns of a text whose first cell is a list of numbers, which no text is read with.
     """
 
     file: str
@@ -61,6 +63,7 @@ class Table:
     stamps: frozenset[str] = frozenset()
     notes: tuple[str, ...] = ()
     texts: Callable[[Sequence[str]], Texts] | None = None
+    lists: tuple[str, ...] = ()
 
 
 def refuse_duplicates(names: Sequence[str], file: str) -> None:
