@@ -423,7 +423,27 @@ def test_a_torque_whose_header_says_ampere_is_a_current(tmp_path):
     assert "effort_0 is in A by the file's own words, and so is read as current" in " ".join(run.columns.notes)
 
 
+TORQUES = {
+    "index": ("t,q_0,q_1,torque_0,torque_1", ("torque_0", "torque_1")),
+    "name": ("t,q_a,q_b,torque_a,torque_b", ("torque_a", "torque_b")),
+    "beside": ("t,q_0,torque_0,torque_1,tau_0", ("tau_0",)),
+    "current": ("t,q_0,torque_0,torque_1,current_0", ("current_0",)),
+}
+
+
+@pytest.mark.parametrize(("header", "columns"), TORQUES.values(), ids=TORQUES)
+@pytest.mark.parametrize("named", [True, False])
+def test_columns_called_torque_are_the_torque_where_nothing_else_is(header, columns, named, tmp_path):
+    path, joints = small_csv(tmp_path / "run.csv", header), ["a", "b"][: len(columns)]
+    run = read_run(path, joints if named else None)
+    assert [run.columns.signals[signal] for signal in ("tau", "current") if signal in run.columns.signals] == [columns]
+    assert run.recording.torque_unit == ("A" if "current" in header else "N*m")
+
+
 WORDS = {
+    "torque_of_one": ("t,q_0,q_1,torque_0,x", "column torque_1 is missing"),
+    "torque_beyond": ("t,q_0,q_1,torque_0,torque_2", "column torque_2 is there, but the robot has 2 joints"),
+    "torque_percent": ("t,q_0,q_1,torque_0 (%),torque_1 (%)", "in percent of a rated torque or current"),
     "mixed": ("t,q_0 [deg],q_1 [rad],tau_0,tau_1", "is in rad and q_0 in deg, by the file's own words"),
     "percent": ("t,q_0,q_1,tau_0 (%),tau_1 (%)", "in percent of a rated torque or current"),
 }
