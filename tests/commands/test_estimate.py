@@ -72,7 +72,7 @@ def test_answer_for_people(tmp_path):
 
 
 def test_errors_as_large_as_the_torque_are_said(tmp_path):
-    """A joint whose torque has the other sign: the model leaves twice what there is, and a number alone says nothing."""
+    """A joint whose torque has the other sign: the model leaves twice what there is."""
     columns = run(2)
     columns["tau_1"] = -columns["tau_1"]
     path = write(tmp_path / "flipped.parquet", columns)

@@ -21,10 +21,10 @@ from dynid_rs.runs.checks.clocks import clock_findings as clocks_found
 from dynid_rs.runs.checks.limits import check_limits
 from dynid_rs.runs.readers import Config, Run, open_run, read_run
 from dynid_rs.runs.readers.columns import INIT_WRITES, fill, match_columns
-from dynid_rs.runs.readers.list_cells import lists_explained
 from dynid_rs.runs.readers.config import ColumnRule
 from dynid_rs.runs.readers.dialects import speak
 from dynid_rs.runs.readers.guess import Guess, guess
+from dynid_rs.runs.readers.list_cells import lists_explained
 from dynid_rs.runs.recording import FloatArray, Recording
 
 ROUNDS = 8

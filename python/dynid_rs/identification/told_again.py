@@ -33,7 +33,8 @@ def compared_in_band(
 ) -> Comparison:
     """Measured torque of a run and the model's, in the band in which the model's errors are told.
 
-    Its error is to the last digit that of `result.json` where the model was saved with it and the run is one of its test runs.
+    Its error is to the last digit that of `result.json` where the model was saved with it and the run is one of its
+    test runs.
 
     Parameters
     ----------
