@@ -36,7 +36,7 @@ def implausible(robot: _core.RobotModel, comparisons: Sequence[Comparison]) -> l
 
 
 def lost_joints(robot: _core.RobotModel, comparisons: Sequence[Comparison], model: str) -> list[Finding]:
-    """Return `residual_exceeds_torque` (error) if the model, called `model` there, leaves as much as a joint's torque."""
+    """Return `residual_exceeds_torque` (error) if the model, called so, leaves as much as a joint's torque."""
     left, size = band_rmse(comparisons), torque_std(comparisons)
     lost = np.flatnonzero((size > 0) & (left >= size))
     if not len(lost):
