@@ -36,6 +36,17 @@ def test_help_of_every_command(command):
     assert "--json" in result.stdout
 
 
+SAID = {
+    "inspect": "--robot ROBOT URDF, robot.toml, MuJoCo model (.xml) or, with --xacro, xacro: joint names, kinds",
+    "compare": "Exit code 0: compared, whichever is better; 2: a file cannot be read, or the two cannot be compared.",
+}
+
+
+@pytest.mark.parametrize("command", SAID)
+def test_help_says_what_is_taken_and_how_it_ends(command):
+    assert SAID[command] in " ".join(dynid(command, "--help").stdout.replace("│", " ").split())
+
+
 WRONG_USE = {
     "no such option": (("identify", "--bogus"), "--bogus"),
     "no such command": (("identity",), "identity"),

@@ -67,6 +67,15 @@ def test_two_results_are_compared_by_their_own_test_runs(plain):
         assert joint in printed.stdout
 
 
+def test_a_worse_model_ends_with_0_too(tmp_path):
+    """As the help says: the command was asked for a comparison, not for an improvement."""
+    good = TorqueModel.load(study().model)
+    bare_model(good.robot, good.phi).save(tmp_path / "bad.json")
+    run = study().runs[2]
+    for pair in ((study().model, tmp_path / "bad.json"), (tmp_path / "bad.json", study().model)):
+        assert dynid("compare", *pair, run).exit_code == 0
+
+
 def test_a_worse_model_is_seen_to_be_worse():
     good = TorqueModel.load(study().model)
     bad = bare_model(good.robot, good.phi)

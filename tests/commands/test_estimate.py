@@ -71,6 +71,21 @@ def test_answer_for_people(tmp_path):
     assert result.stdout.endswith(f"torques: {tmp_path / 'out.parquet'}\n")
 
 
+def test_errors_as_large_as_the_torque_are_said(tmp_path):
+    """A joint whose torque has the other sign: the model leaves twice what there is."""
+    columns = run(2)
+    columns["tau_1"] = -columns["tau_1"]
+    path = write(tmp_path / "flipped.parquet", columns)
+    result = dynid("estimate", study().model, path)
+    assert result.exit_code == 1
+    assert f"error: on joint {JOINTS[1]} the model leaves as much as the torque itself (" in result.stderr
+    answer = dynid("estimate", study().model, path, "--json")
+    assert answer.exit_code == 1
+    (finding,) = json.loads(answer.stdout)["findings"]
+    assert (finding["code"], finding["column"]) == ("residual_exceeds_torque", "tau_1")
+    assert finding["value"] > 1
+
+
 def motion_only(derivatives: bool = True):
     columns = with_derivatives(run(2)) if derivatives else run(2)
     return {name: values for name, values in columns.items() if not name.startswith("tau_")}

@@ -24,6 +24,7 @@ from dynid_rs.runs.readers.columns import INIT_WRITES, fill, match_columns
 from dynid_rs.runs.readers.config import ColumnRule
 from dynid_rs.runs.readers.dialects import speak
 from dynid_rs.runs.readers.guess import Guess, guess
+from dynid_rs.runs.readers.list_cells import lists_explained
 from dynid_rs.runs.recording import FloatArray, Recording
 
 ROUNDS = 8
@@ -134,16 +135,17 @@ def _named(robot: Any, path: Path, rules: Config) -> Look:
         columns.pop("current")
     said = {key: rule for key, rule in spoken.columns.items() if _fits(rule, joints, table.names)}
     guessed = replace(rules, columns={**columns, **said, **rules.columns}, units=spoken.units)
-    try:
-        match_columns(table.names, joints, guessed, table.file)
-    except DataError as error:
-        raise DataError(
-            f"{str(error).removesuffix(INIT_WRITES)}; the names say no more, so write it by hand "
-            f"({page('reference/dynid_toml')})",
-            code=error.code,
-            file=error.file,
-            column=error.column,
-        ) from None
+    with lists_explained(table, joints):
+        try:
+            match_columns(table.names, joints, guessed, table.file)
+        except DataError as error:
+            raise DataError(
+                f"{str(error).removesuffix(INIT_WRITES)}; the names say no more, so write it by hand "
+                f"({page('reference/dynid_toml')})",
+                code=error.code,
+                file=error.file,
+                column=error.column,
+            ) from None
     return Look(guessed, guessed=names)
 
 

@@ -7,9 +7,8 @@ from typing import Annotated
 
 import typer
 
-Robot = Annotated[
-    Path, typer.Argument(metavar="ROBOT", help="The arm: URDF, robot.toml, MuJoCo model (.xml) or, with --xacro, xacro")
-]
+ROBOTS = "URDF, robot.toml, MuJoCo model (.xml) or, with --xacro, xacro"
+Robot = Annotated[Path, typer.Argument(metavar="ROBOT", help=f"The arm: {ROBOTS}")]
 Runs = Annotated[list[Path], typer.Argument(metavar="RUN...", help="Runs to learn from")]
 Output = Annotated[
     Path, typer.Option("--output", "-o", metavar="DIR", help="Folder for the results", show_default=False)

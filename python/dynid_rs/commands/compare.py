@@ -29,6 +29,8 @@ def compare(
 
     With runs both models are evaluated on them at the same samples, in the same band. Without, the errors are those of
     both results on their test runs.
+
+    Exit code 0: compared, whichever is better; 2: a file cannot be read, or the two cannot be compared.
     """
     from dynid_rs.commands._inputs import check_cutoff, load_model, read_runs, read_settings
     from dynid_rs.identification.two_models import check_alike, compare_models

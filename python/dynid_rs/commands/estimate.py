@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from dynid_rs._core import TorqueModel
+    from dynid_rs.regression.evaluation import Comparison
     from dynid_rs.runs.recording import FloatArray, Recording
 
 SAME_STEP = 1e-6
@@ -65,12 +66,14 @@ def estimate(
     Otherwise positions are filtered without phase and differentiated, as in `dynid identify`. A run without
     torque is fine; there is then no error to report. Else there are two: as recorded, and in the band of the
     model's own result, which on a test run of that result is the error that result.json says. Ends with 1 if the
-    run is damaged (q in degrees, say): the estimates are of what the file holds.
+    run is damaged (q in degrees, say), or if on a joint the error in the band is as large as the torque itself: the
+    estimates are of what the file holds.
     """
     from dynid_rs.archive.runs import no_current
     from dynid_rs.base.files import write_table
     from dynid_rs.commands._inputs import check_cutoff, load_model, read_settings
-    from dynid_rs.regression.evaluation import rmse
+    from dynid_rs.diagnosis.plausibility import lost_joints
+    from dynid_rs.regression.evaluation import band_rmse, rmse
     from dynid_rs.runs.checks import check_recording, is_damage
     from dynid_rs.runs.readers import read_run
 
@@ -88,13 +91,16 @@ def estimate(
     if source.has_torque and recording.torque_unit != torque_model.torque_unit:
         raise _other_unit(recording, torque_model.torque_unit)
     _check_temperature(torque_model, recording)
-    damaged = [finding for finding in check_recording(recording, torque_model.robot) if is_damage(finding)]
+    found = [finding for finding in check_recording(recording, torque_model.robot) if is_damage(finding)]
     if not source.has_torque:
-        damaged = [finding for finding in damaged if not (finding.column or "").startswith("tau")]
+        found = [finding for finding in found if not (finding.column or "").startswith("tau")]
     t, signals, tau, temperature = states_of(recording, cutoff, torque_model.encoder_delay)
     total, terms, status = torque_model.evaluate(*signals, step=_step(t, torque_model), temperature=temperature)
     errors = rmse([tau - total]) if source.has_torque else None
-    told, untold = _told(torque_model, recording, windows, test_from) if source.has_torque else (None, "")
+    in_band, untold = _in_band(torque_model, recording, windows, test_from) if source.has_torque else ([], "")
+    told = band_rmse(in_band) if in_band else None
+    if in_band:
+        found += lost_joints(torque_model.robot, in_band, "the model")
     columns: dict[str, Any] = {"t": t, **_by_joint("tau", total)}
     for k, name in enumerate(torque_model.term_names):
         columns |= _by_joint(name, terms[:, k])
@@ -122,10 +128,10 @@ def estimate(
                 "n_beyond_limits": beyond,
                 "output": None if output is None else str(output),
                 "states": None if states is None else str(states),
-                "findings": [finding.to_json() for finding in damaged],
+                "findings": [finding.to_json() for finding in found],
             }
         )
-        return EXIT_NO if damaged else 0
+        return EXIT_NO if found else 0
     if errors is None:
         typer.echo(f"{run.name} holds no torque; there is nothing to compare the estimate with")
     else:
@@ -144,9 +150,9 @@ def estimate(
         typer.echo(f"torques: {output}")
     if states is not None:
         typer.echo(f"states: {states}")
-    for finding in damaged:
+    for finding in found:
         typer.echo(f"error: {finding.message}", err=True)
-    return EXIT_NO if damaged else 0
+    return EXIT_NO if found else 0
 
 
 def _window(text: str) -> tuple[float, float]:
@@ -169,19 +175,19 @@ def _step(t: FloatArray, model: TorqueModel) -> float:
     return model.step if model.step is not None and abs(step - model.step) < SAME_STEP * step else step
 
 
-def _told(
+def _in_band(
     model: TorqueModel, recording: Recording, excluded: list[tuple[float, float]], test_from: float | None
-) -> tuple[FloatArray | None, str]:
-    """Error in the band that the model's result was told in, or why there is none."""
-    from dynid_rs.identification.told_again import error_in_band
+) -> tuple[list[Comparison], str]:
+    """Measured and estimated torque in the band that the model's result was told in, or why there is none."""
+    from dynid_rs.identification.told_again import compared_in_band
     from dynid_rs.runs.splitting import split_runs
 
     if test_from is not None:
         (recording,) = split_runs([recording], [], test_from).test
     try:
-        return error_in_band(model, recording, excluded), ""
+        return [compared_in_band(model, recording, excluded)], ""
     except ValueError as error:  # the run is good for an estimate all the same
-        return None, str(error)
+        return [], str(error)
 
 
 def _lines(

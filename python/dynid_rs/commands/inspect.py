@@ -16,7 +16,8 @@ from dynid_rs.commands._run import print_json, run_command, sentence
 def inspect(
     runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Run files, or folders of bags")],
     robot: Annotated[
-        Path | None, typer.Option("--robot", metavar="R", help="URDF or robot.toml: joint names, kinds and limits")
+        Path | None,
+        typer.Option("--robot", metavar="ROBOT", help=f"{_options.ROBOTS}: joint names, kinds and limits"),
     ] = None,
     base: _options.Base = None,
     tip: _options.Tip = None,

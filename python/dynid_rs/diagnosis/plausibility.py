@@ -32,10 +32,11 @@ def implausible(robot: _core.RobotModel, comparisons: Sequence[Comparison]) -> l
         `residual_exceeds_torque` (error): on some joint the model leaves as much as there is;
         `run_unlike_others` (warning): one run does not belong to the others.
     """
-    return _lost_joints(robot, comparisons) + _odd_runs(comparisons)
+    return lost_joints(robot, comparisons, "the declared model") + _odd_runs(comparisons)
 
 
-def _lost_joints(robot: _core.RobotModel, comparisons: Sequence[Comparison]) -> list[Finding]:
+def lost_joints(robot: _core.RobotModel, comparisons: Sequence[Comparison], model: str) -> list[Finding]:
+    """Return `residual_exceeds_torque` (error) if the model, called so, leaves as much as a joint's torque."""
     left, size = band_rmse(comparisons), torque_std(comparisons)
     lost = np.flatnonzero((size > 0) & (left >= size))
     if not len(lost):
@@ -43,7 +44,7 @@ def _lost_joints(robot: _core.RobotModel, comparisons: Sequence[Comparison]) -> 
     worst = int(lost[np.argmax(left[lost] / size[lost])])
     names = joint_words(*(robot.joint_names[j] for j in lost))
     message = (
-        f"on {names} the declared model leaves as much as the torque itself ({left[worst]:.3g} of {size[worst]:.3g} on "
+        f"on {names} {model} leaves as much as the torque itself ({left[worst]:.3g} of {size[worst]:.3g} on "
         f"{robot.joint_names[worst]}); that is no missing effect: check units and signs of the torque, the order of "
         "the joints and the robot file (`dynid inspect --robot`)"
     )

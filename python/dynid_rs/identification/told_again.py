@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from dynid_rs import _core
 from dynid_rs.identification.training import check_motion
 from dynid_rs.model.assembly import evaluate
-from dynid_rs.regression.evaluation import band_rmse, compare
+from dynid_rs.regression.evaluation import Comparison, band_rmse, compare
 from dynid_rs.runs.checks import contradicting_signals
 from dynid_rs.runs.preprocessing import Band, prepare, without
 from dynid_rs.runs.recording import Recording
@@ -24,9 +24,17 @@ MOST_FINER = 100.0
 def error_in_band(
     model: _core.TorqueModel, recording: Recording, excluded: Sequence[tuple[float, float]] = ()
 ) -> FloatArray:
-    """Root mean square error (n_joints,) [torque unit] in the band in which the model's errors are told.
+    """Root mean square error (n_joints,) [torque unit] of `compared_in_band`, which says what is taken and refused."""
+    return band_rmse([compared_in_band(model, recording, excluded)])
 
-    To the last digit that of `result.json`, where the model was saved with it and the run is one of its test runs.
+
+def compared_in_band(
+    model: _core.TorqueModel, recording: Recording, excluded: Sequence[tuple[float, float]] = ()
+) -> Comparison:
+    """Measured torque of a run and the model's, in the band in which the model's errors are told.
+
+    Its error is to the last digit that of `result.json` where the model was saved with it and the run is one of its
+    test runs.
 
     Parameters
     ----------
@@ -55,4 +63,4 @@ def error_in_band(
     told = recording.without(*contradicting_signals(recording))
     states = without(prepare(told, Band(cutoff), rate, standstill=standstill), excluded)
     check_motion([states])
-    return band_rmse([compare(states, evaluate(model, states)[0])])
+    return compare(states, evaluate(model, states)[0])

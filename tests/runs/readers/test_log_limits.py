@@ -6,6 +6,7 @@ import bz2
 import contextlib
 import gzip
 import io
+import json
 import os
 import struct
 import subprocess
@@ -394,13 +395,55 @@ def small_csv(path, header):
     return path
 
 
+@pytest.mark.parametrize("encoding", ["utf-16-le", "utf-16-be"])
+@pytest.mark.parametrize("packed", ["", ".gz"])
+def test_text_in_utf_16_is_the_same_run(encoding, packed, tmp_path):
+    """What Excel calls Unicode text: a mark, tabs, CRLF, and here decimal commas and a unit that ASCII has not."""
+    columns = valid_columns()
+    text = csv_text(columns)
+    excel = text.replace(",", "\t").replace(".", ",").replace("\n", "\r\n").replace("q_0", "q_0 [°]", 1)
+    lines = "".join(json.dumps({name: float(x[k]) for name, x in columns.items()}) + "\n" for k in range(400))
+    pack = gzip.compress if packed else bytes
+    for suffix, content, unit in ((".txt", excel, np.pi / 180), (".csv", text, 1.0), (".jsonl", lines, 1.0)):
+        path = tmp_path / f"run{suffix}{packed}"
+        path.write_bytes(pack(("\ufeff" + content).encode(encoding)))
+        run = read_recording(path, ["a", "b", "c"])
+        np.testing.assert_array_equal(run.q, np.column_stack([columns[f"q_{j}"] for j in range(3)]) * unit)
+        np.testing.assert_array_equal(run.tau, np.column_stack([columns[f"tau_{j}"] for j in range(3)]))
+    path = tmp_path / f"run.csv{packed}"
+    spoiled = text.splitlines()
+    spoiled[300] = spoiled[300].replace(".", ".x", 1)
+    path.write_bytes(pack(("\ufeff" + "\n".join(spoiled)).encode(encoding)))
+    refused(path, r"row 300 \(line 301\), column t: .* is not a number")
+
+
 def test_a_torque_whose_header_says_ampere_is_a_current(tmp_path):
     run = read_run(small_csv(tmp_path / "run.csv", "t,q_0,q_1,effort_0 [A],effort_1 [A]"), ["a", "b"])
     assert run.recording.torque_unit == "A"
     assert "effort_0 is in A by the file's own words, and so is read as current" in " ".join(run.columns.notes)
 
 
+TORQUES = {
+    "index": ("t,q_0,q_1,torque_0,torque_1", ("torque_0", "torque_1")),
+    "name": ("t,q_a,q_b,torque_a,torque_b", ("torque_a", "torque_b")),
+    "beside": ("t,q_0,torque_0,torque_1,tau_0", ("tau_0",)),
+    "current": ("t,q_0,torque_0,torque_1,current_0", ("current_0",)),
+}
+
+
+@pytest.mark.parametrize(("header", "columns"), TORQUES.values(), ids=TORQUES)
+@pytest.mark.parametrize("named", [True, False])
+def test_columns_called_torque_are_the_torque_where_nothing_else_is(header, columns, named, tmp_path):
+    path, joints = small_csv(tmp_path / "run.csv", header), ["a", "b"][: len(columns)]
+    run = read_run(path, joints if named else None)
+    assert [run.columns.signals[signal] for signal in ("tau", "current") if signal in run.columns.signals] == [columns]
+    assert run.recording.torque_unit == ("A" if "current" in header else "N*m")
+
+
 WORDS = {
+    "torque_of_one": ("t,q_0,q_1,torque_0,x", "column torque_1 is missing"),
+    "torque_beyond": ("t,q_0,q_1,torque_0,torque_2", "column torque_2 is there, but the robot has 2 joints"),
+    "torque_percent": ("t,q_0,q_1,torque_0 (%),torque_1 (%)", "in percent of a rated torque or current"),
     "mixed": ("t,q_0 [deg],q_1 [rad],tau_0,tau_1", "is in rad and q_0 in deg, by the file's own words"),
     "percent": ("t,q_0,q_1,tau_0 (%),tau_1 (%)", "in percent of a rated torque or current"),
 }

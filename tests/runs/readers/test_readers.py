@@ -528,7 +528,8 @@ def test_suffix_in_capitals(tmp_path):
 RUBBISH = {
     "random": np.random.default_rng(1).bytes(4096),
     "zeros": bytes(4096),
-    "utf16": csv_text(valid_columns()).encode("utf-16"),
+    "utf16_without_mark": csv_text(valid_columns()).encode("utf-16-le"),
+    "utf32": csv_text(valid_columns()).encode("utf-32"),
     "latin1": b"t,q_0,Gel\xe4nder\n1,2,3\n",
     "hdf5": b"\x89HDF\r\n\x1a\n" + bytes(100),
     "gzip": b"\x1f\x8b\x08" + bytes(100),

@@ -74,7 +74,7 @@ def open_csv(path: str | Path) -> Table:
         return layout.lines_before_body + 1 if _lines(layout) == n_rows else None
 
     told = dict(layout.units), layout.stamps, layout.notes
-    return Table(file, "CSV", names, None, load, line_of, first_line, *told, texts)
+    return Table(file, "CSV", names, None, load, line_of, first_line, *told, texts, layout.lists)
 
 
 def _lines(layout: Layout) -> int:

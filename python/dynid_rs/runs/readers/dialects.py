@@ -142,7 +142,8 @@ def speak(
     Returns
     -------
     config : Config
-        With the rules of the dialect, and with the file's time column where only its spelling is unusual.
+        With the rules of the dialect, and with the file's columns of time and torque where only their spelling is
+        unusual.
     notes : tuple of str
         What was recognised.
 
@@ -153,7 +154,7 @@ def speak(
     """
     dialect = next((known for known in DIALECTS if _speaks(known, names)), None) or _joint_states(names)
     if dialect is None:
-        return _with_time(names, config, stamps), ()
+        return _with_time(names, _with_torque(names, config), stamps), ()
     columns: dict[str, ColumnRule] = {}
     for signal, template in dialect.columns.items():
         if signal not in config.columns and _is_there(template, names):
@@ -212,6 +213,21 @@ def _is_there(template: str, names: Sequence[str]) -> bool:
         head, _, tail = template.partition("{joint}")
         return any(name.startswith(head) and name.endswith(tail) for name in names)
     return template.format(i=0, n=1) in names
+
+
+def _with_torque(names: Sequence[str], config: Config) -> Config:
+    """`config` with `torque_0`, ... or `torque_NAME` as torque, where no column has a name that goes before it.
+
+    Drives' logs have a motor's torque of that name beside `tau_0` or `current_0`, which are read as ever then.
+    """
+    usual = tuple(f"{alias}_" for signal in ("tau", "current") for alias in ALIASES[signal])
+    if {"tau", "current"} & set(config.columns) or any(name.startswith(usual) for name in names):
+        return config
+    if "torque_0" in names:
+        return replace(config, columns={"tau": "torque_{i}", **config.columns})
+    if any(f"q_{name.removeprefix('torque_')}" in names for name in names if name.startswith("torque_")):
+        return replace(config, columns={"tau": "torque_{joint}", **config.columns})
+    return config
 
 
 def _with_time(names: Sequence[str], config: Config, stamps: frozenset[str]) -> Config:

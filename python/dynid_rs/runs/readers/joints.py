@@ -33,13 +33,10 @@ def infer_joints(names: Sequence[str], config: Config, file: str) -> tuple[str, 
         count += 1
     if count:
         return tuple(map(str, range(count)))
-    suffixes = {
-        name.removeprefix(f"{alias}_")
-        for signal in ("tau", "current")
-        for alias in ALIASES[signal]
-        for name in names
-        if name.startswith(f"{alias}_")
-    }
+    heads = [f"{alias}_" for signal in ("tau", "current") for alias in ALIASES[signal]]
+    if isinstance(torque := config.columns.get("tau"), str):
+        heads.append(torque.removesuffix("{joint}"))
+    suffixes = {name.removeprefix(head) for head in heads for name in names if name.startswith(head)}
     shared = tuple(name[2:] for name in names if name.startswith("q_") and name[2:] in suffixes)
     if shared and rule is None and not any(suffix.isdigit() for suffix in shared):
         return shared

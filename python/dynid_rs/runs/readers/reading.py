@@ -20,6 +20,7 @@ from dynid_rs.runs.readers.formats import open_table
 from dynid_rs.runs.readers.frame import is_frame, open_frame
 from dynid_rs.runs.readers.halves import join_stamps
 from dynid_rs.runs.readers.joints import infer_joints
+from dynid_rs.runs.readers.list_cells import lists_explained
 from dynid_rs.runs.readers.messages import by_joint
 from dynid_rs.runs.readers.table import Table
 from dynid_rs.runs.readers.told import adopt_units
@@ -135,7 +136,8 @@ def in_python(error: DataError) -> DataError:
 def _read(source: Source, robot: Robot, config: Rules, name: str | None, require_torque: bool) -> Read:
     opened = _open(source, robot, config, name)
     table, joints = opened.table, opened.joints
-    columns = match_columns(table.names, joints, opened.config, table.file, require_torque=require_torque)
+    with lists_explained(table, joints):
+        columns = match_columns(table.names, joints, opened.config, table.file, require_torque=require_torque)
     told = adopt_units(columns, table.units, opened.config, table.file)
     rules = told.config.with_gears(getattr(robot, "gear_ratio", None))
     loaded = table.load(told.columns.used())
@@ -173,7 +175,8 @@ def _open(source: Source, robot: Robot, config: Rules, name: str | None = None) 
     else:
         table = open_run(source, names, rules)
     rules, notes = speak(table.names, rules, table.file, table.stamps)
-    joints = infer_joints(table.names, rules, table.file) if names is None else names
+    with lists_explained(table):
+        joints = infer_joints(table.names, rules, table.file) if names is None else names
     kinds = tuple(robot.joint_kinds) if isinstance(robot, RobotLike) else ("revolute",) * len(joints)
     return _Opened(table, rules, joints, kinds, (*table.notes, *notes))
 

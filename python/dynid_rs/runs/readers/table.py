@@ -48,6 +48,8 @@ class Table:
         What a person should know about how the file was read.
     texts : callable, optional
         Reads some columns as they stand there: names -> {name: one text per row}. Raises `DataError`.
+    lists : tuple of str
+        Columns of a text whose first cell is a list of numbers, which no text is read with.
     """
 
     file: str
@@ -61,6 +63,7 @@ class Table:
     stamps: frozenset[str] = frozenset()
     notes: tuple[str, ...] = ()
     texts: Callable[[Sequence[str]], Texts] | None = None
+    lists: tuple[str, ...] = ()
 
 
 def refuse_duplicates(names: Sequence[str], file: str) -> None:
@@ -100,6 +103,7 @@ _MAGIC = (
     (b"#ROSBAG", "a ROS 1 bag"),
     (b"\x89MCAP", "MCAP"),
     (b"SQLite format 3", "an SQLite database, perhaps of a ROS 2 bag"),
+    (b"\xff\xfe\0\0", "UTF-32 text"),
     (b"\xff\xfe", "UTF-16 text"),
     (b"\xfe\xff", "UTF-16 text"),
 )

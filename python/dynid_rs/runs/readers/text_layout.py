@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.quoting import shown
@@ -39,7 +39,7 @@ class Layout:
 
     `delimiter`: one character, or None for any number of spaces and tabs; `decimal`: "." or ","; `header`: names by
     place, less units in brackets; `stamps`, `integers`: columns whose first cell is a moment, or a whole number that no
-    float holds.
+    float holds; `lists`: columns whose first cell is a list of numbers.
     """
 
     text: Text
@@ -52,6 +52,7 @@ class Layout:
     stamps: frozenset[str] = frozenset()
     integers: frozenset[str] = frozenset()
     notes: tuple[str, ...] = ()
+    lists: tuple[str, ...] = ()
 
     @property
     def file(self) -> str:
@@ -118,7 +119,10 @@ def find_layout(text: Text) -> Layout:
             file=text.file,
         )
     before = (units or header) if row is None else max(units or header, header, key=lambda line: line.number)
-    return _described(text, delimiter, names, before, row, units, encoding)
+    layout = _described(text, delimiter, names, before, row, units, encoding)
+    after = next((line for line in lines if line.number > before.number and not line.is_comment), before)
+    cells = zip(layout.header, cells_of(after.text, delimiter), strict=False)
+    return replace(layout, lists=tuple(name for name, cell in cells if name and _is_list(cell)))
 
 
 def cells_of(line: str, delimiter: str | None) -> tuple[str, ...]:
@@ -183,6 +187,14 @@ def _nul_in_text(head: bytes) -> str | None:
 
 def _is_number(cell: str) -> bool:
     return len(cell) <= MAX_NUMBER and bool(NUMBER.fullmatch(cell) or _DECIMAL_COMMA.fullmatch(cell) or is_stamp(cell))
+
+
+def _is_list(cell: str) -> bool:
+    """Whether a cell is a list, tuple or vector as Python writes them."""
+    if (cell[:1], cell[-1:]) not in (("[", "]"), ("(", ")")):
+        return False
+    numbers = cell[1:-1].replace(",", " ").split()
+    return bool(numbers) and all(map(_is_number, numbers))
 
 
 def _is_row(line: str, given: str | None) -> bool:
