@@ -11,8 +11,9 @@ from helpers.tolerances import EXACT
 from numpy.testing import assert_allclose
 
 from dynid_rs import RobotModel, TorqueModel, read_recording
-from dynid_rs.identification.told_again import error_in_band
+from dynid_rs.identification.told_again import compared_in_band
 from dynid_rs.identification.two_models import compare_models
+from dynid_rs.regression.evaluation import band_rmse
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +44,7 @@ def test_two_models_on_a_run_have_the_errors_that_each_has_alone(plain):
     assert errors["cutoff"] == min(one.band[0], two.band[0])
     for name, model in (("a", one), ("b", two)):
         if model.band[0] == errors["cutoff"]:
-            assert_allclose(errors[name], error_in_band(model, recording), rtol=0.02)
+            assert_allclose(errors[name], band_rmse([compared_in_band(model, recording)]), rtol=0.02)
     for change, a, b in zip(errors["change_interval"], errors["a"], errors["b"], strict=True):
         assert change is None or change[0] <= b / a - 1 <= change[1]
     swapped = compared(plain / "model.json", study().model, study().runs[2])["rmse"]

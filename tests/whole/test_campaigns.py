@@ -1,5 +1,6 @@
 """A few trials of each campaign of docs/measured/trust.md; thousands are run by hand."""
 
+import importlib.util
 import json
 import shutil
 
@@ -108,3 +109,28 @@ def test_a_change_to_rust_is_found_again_where_its_line_has_moved():
 
 
 SLIPS = ((3, 9, "+", "-"), (3, 20, "+", "-"), (8, 9, "+", "-"), (3, 9, "+", "*"))
+
+
+def test_the_fuzzer_goes_on_where_the_last_call_ended(tmp_path, monkeypatch):
+    spec = importlib.util.spec_from_file_location("fuzz_run", ROOT / "fuzz" / "run.py")
+    fuzzer = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(fuzzer)
+    asked, failing = [], []
+
+    def fuzz(program, target, limit, work):
+        asked.append(int(limit.removeprefix("-runs=")))
+        return {"target": target, "executions": asked[-1], "seconds": 1.0, "peak_rss_mb": 30, "failed": bool(failing)}
+
+    monkeypatch.setattr(fuzzer, "fuzz", fuzz)
+    monkeypatch.setattr(fuzzer, "SLICE", 10)
+    assert fuzzer.fuzz_often("", "lines", 25, tmp_path)["executions"] == 25
+    assert asked == [10, 10, 5]
+    assert fuzzer.fuzz_often("", "lines", 25, tmp_path)["executions"] == 25
+    assert fuzzer.fuzz_often("", "model", 5, tmp_path)["executions"] == 5
+    assert asked == [10, 10, 5, 5]
+    failing.append("lines")  # what failed is not noted: the next call tries again
+    assert fuzzer.fuzz_often("", "lines", 30, tmp_path)["failed"]
+    failing.clear()
+    assert fuzzer.fuzz_often("", "lines", 30, tmp_path)["seconds"] == 4.0
+    monkeypatch.setattr(fuzzer, "sources", lambda: "of another program")
+    assert fuzzer.fuzz_often("", "lines", 10, tmp_path)["seconds"] == 1.0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -72,7 +71,7 @@ def compare(
 def _of_results(a: Path, b: Path) -> dict[str, Any]:
     """Errors that two results tell of the same test runs."""
     from dynid_rs.base.files import check_readable
-    from dynid_rs.commands._identifier import RESULT_FILE
+    from dynid_rs.report.source import RESULT_FILE, read_result
 
     results = []
     for path in (a, b):
@@ -80,7 +79,7 @@ def _of_results(a: Path, b: Path) -> dict[str, Any]:
             raise ValueError(f"{path}: a model alone tells no errors; name runs to compare on, or the result's folder")
         place = check_readable(path / RESULT_FILE)
         try:
-            result = json.loads(place.read_text(encoding="utf-8"))
+            result = read_result(place)
             facts = result["data"]["test"], result["rmse"]["test"]["torque_std"]
             result["rmse"]["test"]["after"]
         except (ValueError, KeyError, TypeError):

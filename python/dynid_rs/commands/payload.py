@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -78,22 +77,21 @@ def _of_the_model(path: Path) -> list[Finding]:
 
     A torque that is wrong by a factor in all runs fits as well as one that is right.
     """
-    from dynid_rs.commands._identifier import RESULT_FILE
+    from dynid_rs.report.source import RESULT_FILE, read_result
 
-    beside = (path if path.is_dir() else path.parent) / RESULT_FILE
     try:
-        said = json.loads(beside.read_text(encoding="utf-8"))["data"]["findings"]
-        errors = [(one["file"], one["message"]) for one in said if one["severity"] == "error"]
-    except (OSError, ValueError, KeyError, TypeError):  # a model alone, or beside something else: it says nothing
+        said = read_result((path if path.is_dir() else path.parent) / RESULT_FILE)["data"]
+    except (OSError, ValueError):  # a model alone, or beside something else: it says nothing
         return []
+    errors = [one for one in said.get("findings", []) if one["severity"] == "error"]
     return [
         Finding(
             "reference_in_error",
             "error",
             f"the model was learned from runs with an error in them, and the load may be as wrong as they are; mend it "
-            f"and identify again: {file}: {message}",
+            f"and identify again: {f'{file}: ' if (file := one.get('file')) else ''}{one['message']}",
         )
-        for file, message in errors[:1]
+        for one in errors[:1]
     ]
 
 

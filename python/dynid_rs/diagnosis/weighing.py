@@ -30,18 +30,19 @@ def weighed_as(
     What a name takes off a joint's residual makes its rows look that much more precise. As far as the name is not quite
     right they would draw the links, and joints that have no name are predicted worse. At these weights the evidence
     chooses the prior anew; where some joint is then predicted worse than by the declared fit, on parts that were left
-    out, the choice of the declared fit or that of `fit` stays, whichever does no such harm.
+    out, that of the declared fit, or else of `fit`, stays if it does no such harm.
     """
     links = clone(setup.options.get("links") or LinkDynamicsIdentifier())
     links.set_params(least_noise=_posterior(declared).noise_std)
     friction = SmoothFrictionIdentifier((fit.friction_.transition_width_, fit.friction_.sharpness_), held=True)
     weighed = fitted(setup, train, friction=friction, links=links)
-    for choice in (_posterior(declared).choice, _posterior(fit).choice):
-        if not _does_harm(declared, weighed):
-            break
-        if choice != _posterior(weighed).choice:
-            other = fitted(setup, train, friction=friction, links=links.set_params(believed=choice))
-            weighed = weighed if _does_harm(declared, other) else other
+    likeliest = _posterior(weighed).choice
+    for choice in dict.fromkeys((likeliest, _posterior(declared).choice, _posterior(fit).choice)):
+        tried = weighed
+        if choice != likeliest:
+            tried = fitted(setup, train, friction=friction, links=links.set_params(believed=choice))
+        if not _does_harm(declared, tried):
+            return tried
     return weighed
 
 

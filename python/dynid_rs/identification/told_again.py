@@ -4,28 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-from numpy.typing import NDArray
-
 from dynid_rs import _core
 from dynid_rs.identification.training import check_motion
 from dynid_rs.model.assembly import evaluate
-from dynid_rs.regression.evaluation import Comparison, band_rmse, compare
+from dynid_rs.regression.evaluation import Comparison, compare
 from dynid_rs.runs.checks import contradicting_signals
 from dynid_rs.runs.preprocessing import Band, prepare, without
 from dynid_rs.runs.recording import Recording
 
-FloatArray = NDArray[np.float64]
-
 MOST_FINER = 100.0
 """A grid finer than so many samples per recorded one is no result of this run's robot, and would fill the memory."""
-
-
-def error_in_band(
-    model: _core.TorqueModel, recording: Recording, excluded: Sequence[tuple[float, float]] = ()
-) -> FloatArray:
-    """Root mean square error (n_joints,) [torque unit] of `compared_in_band`, which says what is taken and refused."""
-    return band_rmse([compared_in_band(model, recording, excluded)])
 
 
 def compared_in_band(

@@ -88,11 +88,20 @@ def read_source(directory: Path) -> Source:
     if not directory.is_dir():
         raise FileNotFoundError(f"{directory}: there is no such folder; name the one that `dynid identify -o` wrote")
     finish_killed(directory)  # else a result might be read beside the table of another one
-    result = _read_result(directory / RESULT_FILE)
+    result = read_result(directory / RESULT_FILE)
     return Source(result, _read_signals(directory / RESIDUALS_FILE, len(result["joints"])))
 
 
-def _read_result(path: Path) -> dict[str, Any]:
+def read_result(path: Path) -> dict[str, Any]:
+    """Content of a `result.json`.
+
+    Raises
+    ------
+    OSError
+        The system refuses to read it.
+    DataError
+        It is not what `dynid identify` or `dynid diagnose` writes.
+    """
     check_readable(path)
     try:
         text = path.read_text(encoding="utf-8")

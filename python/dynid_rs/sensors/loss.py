@@ -1,8 +1,8 @@
 """What gears lose by the way that their load takes: beside it a delay is a delay.
 
 The teeth of elastic gears rub, and the motor feels a torque that turns round with the load (`gear_hysteresis` of the
-catalogue). For small waves of the load that is a lead of the torque before the positions, of 12 ms on a usual arm: a
-model without it finds positions late that are not, and torques in time that are late.
+catalogue). For small waves of the load that is a lead of the torque before the positions: a model without it finds
+positions late that are not, and torques in time that are late.
 """
 
 from __future__ import annotations
