@@ -1,7 +1,7 @@
 """Build the fuzzer on stable Rust, replay the kept inputs and look for new ones: `python fuzz/run.py --seconds 60`.
 
 `--executions 100000000` goes on until every way in was tried so often, over as many calls as that takes: what was done
-to the same sources is kept in `tally.json` beside what was found.
+to the same program is kept in `tally.json` beside what was found.
 
 The counters of covered code come from LLVM's pass by way of stable compiler flags, the runtime is libFuzzer's (crate
 libfuzzer-sys, built by the machine's C++ compiler). No more than the limits that `src/limits.rs` names.
@@ -93,7 +93,9 @@ def fuzz_often(program: Path, target: str, executions: int, work: Path) -> dict[
     tally = work / "tally.json"
     while True:
         with TALLY:
-            so_far = noted(tally).get(target, {"target": target, "executions": 0, "seconds": 0.0, "peak_rss_mb": 0})
+            so_far = noted(program, tally).get(
+                target, {"target": target, "executions": 0, "seconds": 0.0, "peak_rss_mb": 0}
+            )
         left = executions - so_far["executions"]
         if left <= 0:
             return so_far
@@ -105,29 +107,20 @@ def fuzz_often(program: Path, target: str, executions: int, work: Path) -> dict[
             return figure
         with TALLY:
             part = tally.with_suffix(".part")
-            part.write_text(json.dumps(noted(tally) | {target: figure}, indent=2) + "\n")
+            part.write_text(json.dumps(noted(program, tally) | {target: figure}, indent=2) + "\n")
             part.replace(tally)
 
 
-def noted(tally: Path) -> dict[str, Any]:
-    """What earlier calls did to these sources."""
+def noted(program: Path, tally: Path) -> dict[str, Any]:
+    """What earlier calls did to this program: another one has everything before it."""
     before: dict[str, Any] = json.loads(tally.read_text()) if tally.exists() else {}
-    return before if before.get("sources") == sources() else {"sources": sources()}
+    return before if before.get("program") == digest(program) else {"program": digest(program)}
 
 
 @functools.cache
-def sources() -> str:
-    """Digest of everything that the program is made from."""
-    files = [
-        *HERE.glob("src/**/*.rs"),
-        *HERE.parent.glob("rust/*/src/**/*.rs"),
-        HERE / "Cargo.toml",
-        HERE / "Cargo.lock",
-    ]
-    digest = hashlib.sha256()
-    for path in sorted(files):
-        digest.update(path.relative_to(HERE.parent).as_posix().encode() + b"\0" + path.read_bytes())
-    return digest.hexdigest()
+def digest(program: Path) -> str:
+    """What tells programs apart; the same sources, but for their tests, give the same one in the same folder."""
+    return hashlib.sha256(program.read_bytes()).hexdigest()
 
 
 def said(program: Path, target: str, log: str) -> str:

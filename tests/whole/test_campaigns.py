@@ -123,14 +123,16 @@ def test_the_fuzzer_goes_on_where_the_last_call_ended(tmp_path, monkeypatch):
 
     monkeypatch.setattr(fuzzer, "fuzz", fuzz)
     monkeypatch.setattr(fuzzer, "SLICE", 10)
-    assert fuzzer.fuzz_often("", "lines", 25, tmp_path)["executions"] == 25
+    program, other = tmp_path / "program", tmp_path / "other"
+    program.write_bytes(b"one")
+    other.write_bytes(b"other")
+    assert fuzzer.fuzz_often(program, "lines", 25, tmp_path)["executions"] == 25
     assert asked == [10, 10, 5]
-    assert fuzzer.fuzz_often("", "lines", 25, tmp_path)["executions"] == 25
-    assert fuzzer.fuzz_often("", "model", 5, tmp_path)["executions"] == 5
+    assert fuzzer.fuzz_often(program, "lines", 25, tmp_path)["executions"] == 25
+    assert fuzzer.fuzz_often(program, "model", 5, tmp_path)["executions"] == 5
     assert asked == [10, 10, 5, 5]
     failing.append("lines")  # what failed is not noted: the next call tries again
-    assert fuzzer.fuzz_often("", "lines", 30, tmp_path)["failed"]
+    assert fuzzer.fuzz_often(program, "lines", 30, tmp_path)["failed"]
     failing.clear()
-    assert fuzzer.fuzz_often("", "lines", 30, tmp_path)["seconds"] == 4.0
-    monkeypatch.setattr(fuzzer, "sources", lambda: "of another program")
-    assert fuzzer.fuzz_often("", "lines", 10, tmp_path)["seconds"] == 1.0
+    assert fuzzer.fuzz_often(program, "lines", 30, tmp_path)["seconds"] == 4.0
+    assert fuzzer.fuzz_often(other, "lines", 10, tmp_path)["seconds"] == 1.0

@@ -21,4 +21,5 @@ mod whole;
 
 pub use c_header::CHeaderError;
 pub use model_file::{load, parse, save, ModelFileError};
+pub use text::shorten_said;
 pub use whole::check_replaceable;

@@ -31,7 +31,7 @@ pub(crate) fn shorten_to(text: &str, length: usize) -> String {
 }
 
 /// What serde says, short: it begins with words of the file, as long as they are there, and ends with what it expected.
-pub(crate) fn shorten_said(message: &str) -> String {
+pub fn shorten_said(message: &str) -> String {
     // The last one: an earlier one may stand in the file.
     let at = message.rfind(", expected ").unwrap_or(message.len());
     let (found, expected) = message.split_at(at);

@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use dynid_io::shorten_said;
 use serde::de::{self, DeserializeSeed, Deserializer, IgnoredAny, MapAccess, SeqAccess, Visitor};
 use serde::Deserialize;
 
@@ -69,12 +70,14 @@ fn difference(first: Present, present: Present) -> String {
     String::new()
 }
 
-/// serde's words without its line number, which is always 1 here.
+/// serde's words, which quote what came, cut to a short sentence; without its line number, which is always 1 here.
 fn one_line(error: &serde_json::Error) -> String {
     let text = error.to_string();
-    let text = text.split(" at line 1 column ").next().unwrap_or_default();
+    let text = text
+        .rsplit_once(" at line 1 column ")
+        .map_or(&*text, |(said, _)| said);
     if error.is_data() {
-        text.to_owned()
+        shorten_said(text)
     } else {
         format!("not a JSON object (byte {}): {text}", error.column())
     }
@@ -337,6 +340,17 @@ mod tests {
             assert!(sentence.contains(expected), "{line}: {sentence}");
             assert!(!sentence.contains("line 1"), "{sentence}");
         }
+    }
+
+    #[test]
+    fn a_long_text_where_numbers_are_expected_makes_no_long_sentence() {
+        let unseen = "\u{7f}".repeat(60_000);
+        let sentence = parse(&format!(r#"{{"q":"{unseen}"}}"#)).unwrap_err();
+        assert!(
+            sentence.ends_with("\"q\" to be an array of 2 numbers"),
+            "{sentence}"
+        );
+        assert!(sentence.len() < 200, "{} bytes", sentence.len());
     }
 
     #[test]
