@@ -114,11 +114,14 @@ fn term(kind: &str) -> EffectTerm {
         _ => 0.02 + 0.01 * joint,
     };
     let shape = |name: &'static str| (name, vec![value(name, 0.0), value(name, 1.0)]);
-    let shape: Vec<_> = entry
+    let mut shape: Vec<_> = entry
         .shape
         .iter()
         .map(|parameter| shape(parameter.name))
         .collect();
+    if kind == "joint_spring" {
+        shape.extend([("held_from", vec![-0.7, 0.0]), ("held_to", vec![0.6, 0.0])]);
+    }
     let effect = Effect::new(kind, &shape).expect("a valid shape");
     let coefficients = (0..2 * effect.n_columns())
         .map(|k| 0.5 + k as f64)

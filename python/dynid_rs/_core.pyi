@@ -451,6 +451,9 @@ class Effect:
     def of(kind: str, **shape: ArrayLike) -> Effect:
         """Return the effect `kind` of `effect_catalogue()`, one value per joint for each shape parameter named there.
 
+        A function of the joint's own angle may have `held_from` and `held_to` too: angles [rad, m] beyond which it
+        keeps the value that it has there.
+
         Raises
         ------
         ValueError
@@ -487,7 +490,7 @@ class Effect:
 
     @property
     def shape(self) -> list[tuple[str, list[float]]]:
-        """Shape parameters by name, one value per joint each."""
+        """Shape parameters by name, one value per joint each; `held_from` and `held_to` last, where it has them."""
 
     def reaction(self, joint: int) -> tuple[int, list[float]] | None:
         """Return the partner of a joint, and its coefficients over the joint's own; None where it acts on that alone.

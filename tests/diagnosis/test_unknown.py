@@ -9,8 +9,10 @@ import pytest
 from helpers.diagnosed import errors, found_in, names, recorded, rigid
 from helpers.nameless import Nameless
 
-from dynid_rs.diagnosis.misfit import _parts_of
+from dynid_rs.diagnosis.misfit import _parts_of, ended
+from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.waves import of_signal
+from dynid_rs.model.placed import PlacedEffect
 from dynid_rs.simulation import equip
 
 WIDTH = 0.02
@@ -95,21 +97,43 @@ def test_a_name_that_is_none_costs_functions_of_the_same_angle_theirs_and_no_oth
     assert blamed == {("counterbalance", (1,)): angle, ("joint_spring", (1,)): angle}
 
 
+def test_functions_of_an_angle_without_a_name_end_where_the_runs_do():
+    ripple = PlacedEffect.at("torque_ripple", 1, cycles=3.0)
+    spring, stribeck = PlacedEffect.at("joint_spring", 2, rest_position=0.1), PlacedEffect("stribeck", (1,))
+    setup = Setup(rigid().robot, effects=(ripple, spring, stribeck))
+    angles = [(-1.0, 1.0), (-0.3, 0.2), (0.0, 1.0)]
+    after = ended(setup, {("torque_ripple", (1,)), ("stribeck", (1,))}, angles)
+    assert after.effects == (ripple.held((-0.3, 0.2)), spring, stribeck)
+    assert after.effects[0].shape_at(1) == {"cycles": 3.0, "held_from": -0.3, "held_to": 0.2}
+
+
 def test_clean_runs_leave_nothing():
     found = found_in(recorded(rigid(), seed=4))
     assert found.left == []
 
 
-@pytest.mark.parametrize("size", [2.0, 6.0])
-def test_a_cable_that_is_drawn_tight_is_no_cylinder(size):
-    """What bends once at an end of the way fits a cylinder or a spring nearly; the rest of it is told by the angle."""
+def cable(size):
+    """Runs of an arm with a cable that is drawn tight at one end of the elbow's way."""
     arm = rigid()
 
-    def cable(signals):
+    def tight(signals):
         slack = signals.q[:, 1] - 0.3
         return np.expm1(np.maximum(slack, 0.0) / 0.2)
 
-    runs = recorded(equip(arm, [Nameless("nameless", (1,), size * arm.noise_std[1], torque=cable)]))
+    return recorded(equip(arm, [Nameless("nameless", (1,), size * arm.noise_std[1], torque=tight)]))
+
+
+def test_what_has_no_name_says_nothing_new_beyond_its_runs():
+    model = found_in(cable(6.0)).after.model_
+    ended = [dict(effect.shape) for effect, _ in model.effects if "held_from" in dict(effect.shape)]
+    assert ended
+    assert [[shape["held_from"][1], shape["held_to"][1]] for shape in ended] == [list(model.domain[0][1])] * len(ended)
+
+
+@pytest.mark.parametrize("size", [2.0, 6.0])
+def test_a_cable_that_is_drawn_tight_is_no_cylinder(size):
+    """What bends once at an end of the way fits a cylinder or a spring nearly; the rest of it is told by the angle."""
+    runs = cable(size)
     found = found_in(runs)
     assert {kind for kind, _ in names(found)} <= {"unknown"}
     before, after = errors(found, runs[2:])

@@ -17,6 +17,9 @@ States = dict[str, np.ndarray]
 SIGNALS = ("q", "dq", "ddq", "q_motor", "dq_motor", "ddq_motor", "temperature")
 STEP = 0.004
 """Time between the samples of a run [s]."""
+OF_ANGLE = ("torque_ripple", "joint_spring", "counterbalance")
+ENDS = {"held_from": -0.3, "held_to": 0.2}
+"""Kinds that are functions of the joint's angle, and angles within the run at which they end."""
 RESIDUALS = ("joint_state", "deflection", "load_free_deflection", "signals")
 
 
@@ -44,12 +47,13 @@ def shape_value(name: str, j: int) -> float:
 
 
 def every_effect(n: int, rng: np.random.Generator) -> list[tuple[_core.Effect, np.ndarray]]:
-    """One of every kind of the catalogue with random sizes, one of them twice."""
+    """One of every kind of the catalogue with random sizes, one of them twice, functions of the angle with ends too."""
     effects = []
     kinds = [entry["kind"] for entry in _core.effect_catalogue()]
-    for kind in [*kinds, "friction_hysteresis"]:
+    for kind, ends in [(kind, {}) for kind in (*kinds, "friction_hysteresis")] + [(kind, ENDS) for kind in OF_ANGLE]:
         (entry,) = (entry for entry in _core.effect_catalogue() if entry["kind"] == kind)
         shape = {one["name"]: [shape_value(one["name"], j) for j in range(n)] for one in entry["shape"]}
+        shape |= {name: [end + 0.05 * j for j in range(n)] for name, end in ends.items()}
         effect = _core.Effect.of(kind, **shape)
         size = 1e-4 if kind == "torque_saturation" else 1.0
         effects.append((effect, size * rng.normal(size=(n, effect.n_columns))))

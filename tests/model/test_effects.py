@@ -1,6 +1,7 @@
 """Effects: literal formulas, the catalogue, one road from a fit to the control loop."""
 
 import itertools
+import pickle
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -13,8 +14,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from dynid_rs import _core
 from dynid_rs.diagnosis.hypotheses import Shaped
 from dynid_rs.identification.links import LinkDynamicsIdentifier
-from dynid_rs.model.assembly import assemble, evaluate
-from dynid_rs.model.placed import effects_of
+from dynid_rs.model.assembly import assemble, evaluate, with_changes
+from dynid_rs.model.placed import PlacedEffect, effects_of
 from dynid_rs.model.units import own_unit
 from dynid_rs.regression.columns import make_plan, observe
 from dynid_rs.runs.preprocessing import Band, States
@@ -173,6 +174,64 @@ def test_columns_are_the_formula(kind):
     more = {"tau_motor": x.tau_motor, "temperature": x.temperature}
     columns = _core.effect_columns(effect_of(kind), *motion, x.tau_link, **more)
     assert_allclose(columns, expected, **ALGEBRAIC)
+
+
+OF_ANGLE = ("torque_ripple", "joint_spring", "counterbalance")
+ENDS = {"held_from": [-0.4, -1.0, 0.1], "held_to": [0.3, -0.2, 0.1]}
+
+
+@pytest.mark.parametrize("kind", OF_ANGLE)
+def test_a_function_of_the_angle_with_ends_keeps_its_value_beyond_them(kind):
+    free, ended = effect_of(kind), _core.Effect.of(kind, **SHAPES[kind], **ENDS)
+    run = signals()
+    within = [np.clip(x, *ENDS.values()) if k in (0, 3) else x for k, x in enumerate(run)]
+    columns = _core.effect_columns(ended, *run)
+    assert_array_equal(columns, _core.effect_columns(free, *within))
+    assert np.any(columns != _core.effect_columns(free, *run))
+    assert dict(ended.shape) == SHAPES[kind] | ENDS
+    copy = pickle.loads(pickle.dumps(ended))
+    assert_array_equal(_core.effect_columns(copy, *run), columns)
+
+
+@pytest.mark.parametrize(
+    ("kind", "ends", "words"),
+    [
+        *((kind, ENDS, ["held_from", "functions of a joint's own angle"]) for kind in ("torque_offset", "stribeck")),
+        ("friction_hysteresis", ENDS, ["functions of a joint's own angle"]),
+        ("torque_ripple", {"held_from": [0.0] * N}, ["the shape parameters are cycles, found cycles, held_from"]),
+        ("torque_ripple", {"held_from": [0.0] * N, "held_to": [1.0]}, ["held_to has 1 values, cycles has 3"]),
+        ("torque_ripple", {"held_from": [0.0], "held_to": [1.0]}, ["held_from has 1 values, cycles has 3"]),
+        ("torque_ripple", {"held_from": [], "held_to": []}, ["held_to has no values"]),
+        ("torque_ripple", {"held_from": [0, 0.2, 0], "held_to": [1, 0.1, 1]}, ["held_from of joint 1", "not above"]),
+    ],
+)
+def test_ends_that_make_no_sense_are_refused(kind, ends, words):
+    with pytest.raises(ValueError) as refused:
+        _core.Effect.of(kind, **SHAPES[kind], **ends)
+    for word in words:
+        assert word in str(refused.value)
+
+
+def test_a_state_that_is_no_number_stays_none_beyond_the_ends():
+    run = [np.array([[np.nan] * N]), *(np.zeros((1, N)) for _ in range(5))]
+    ended = _core.Effect.of("joint_spring", **SHAPES["joint_spring"], **ENDS)
+    assert np.isnan(_core.effect_columns(ended, *run)).all()
+
+
+def test_places_of_one_kind_share_an_effect_whether_they_end_or_not(tmp_path):
+    placed = [PlacedEffect.at("torque_ripple", 0, cycles=2.0), PlacedEffect.at("torque_ripple", 2, cycles=5.0)]
+    placed[0] = placed[0].held((-9.0, 9.0)).held((-0.4, 0.3))  # the last ends count
+    ((effect, joints),) = effects_of(placed, N)
+    assert joints == (0, 2)
+    run = signals()
+    within = [np.clip(x, [-0.4, -9, -9], [0.3, 9, 9]) if k in (0, 3) else x for k, x in enumerate(run)]
+    free = _core.Effect.of("torque_ripple", cycles=[2.0, 2.0, 5.0])
+    assert_array_equal(_core.effect_columns(effect, *run), _core.effect_columns(free, *within))
+    model = model_of([])
+    ended = with_changes(model, effects=[(effect, np.ones((N, 4)))])
+    ended.save(tmp_path / "model.json")
+    assert '"version": 4,' in (tmp_path / "model.json").read_text()
+    assert_array_equal(_core.TorqueModel.load(tmp_path / "model.json").evaluate(*run)[0], ended.evaluate(*run)[0])
 
 
 def test_every_kind_has_a_formula_here():

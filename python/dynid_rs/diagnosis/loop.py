@@ -21,7 +21,7 @@ from dynid_rs.diagnosis.entries import effect_entries
 from dynid_rs.diagnosis.examination import examine
 from dynid_rs.diagnosis.gears import centred, gear_entries
 from dynid_rs.diagnosis.hypotheses import Catalogue, Place
-from dynid_rs.diagnosis.misfit import nameless, of_the_angle
+from dynid_rs.diagnosis.misfit import ended, nameless, of_the_angle
 from dynid_rs.diagnosis.mounting import mounted
 from dynid_rs.diagnosis.outcome import Diagnosis
 from dynid_rs.diagnosis.ripple import find_ripple, ripple_entries
@@ -126,6 +126,7 @@ def _traced(
     found.catalogue = Catalogue(found.fit, found.catalogue)
     on_progress("what is left")
     without_name, left = nameless(found, weigh_rivals(found)), unexplained(found)
+    found.setup = ended(found.setup, without_name, found.fit.model_.domain[0])
     if found.fit is not fit:  # judged by the noise that it leaves, and only then weighed
         found.fit = weighed_as(fit, found.fit, found.setup, train)
         found.catalogue = Catalogue(found.fit, found.catalogue)

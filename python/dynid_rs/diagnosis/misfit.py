@@ -8,7 +8,8 @@ and its cause is called unknown.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from dynid_rs.diagnosis.belief import Belief
 from dynid_rs.diagnosis.beside import Beside
 from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis, Place
 from dynid_rs.diagnosis.rivals import Contest, valued
+from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.waves import Argument, same_angles, waves
 from dynid_rs.model.placed import CATALOGUE
 
@@ -71,6 +73,20 @@ def _parts_of(found: dict[Place, Argument], belief: Belief) -> dict[Place, Argum
 def of_the_angle(found: Mapping[Place, Argument]) -> dict[int, Argument]:
     """Joints where what has no name is a function of the angle alone."""
     return {joints[0]: argument for (kind, joints), argument in found.items() if _is_of_the_angle(kind)}
+
+
+def ended(setup: Setup, found: Collection[Place], angles: Sequence[tuple[float, float]]) -> Setup:
+    """Return the setup with functions of an angle that have no name ending where they were learned.
+
+    `angles` (n_joints, 2) of the training runs: beyond them such a function keeps its value, for it is no law that says
+    more. A name is one, and says the same at every angle.
+    """
+    nameless_of_angle = {place for place in found if _is_of_the_angle(place[0])}
+    effects = [
+        effect.held(angles[effect.joints[0]]) if (effect.kind, effect.joints) in nameless_of_angle else effect
+        for effect in setup.effects
+    ]
+    return replace(setup, effects=tuple(effects))
 
 
 def _is_of_the_angle(kind: str) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,6 +11,8 @@ from dynid_rs import _core
 from dynid_rs.model.known import KnownTerm
 
 CATALOGUE = {entry["kind"]: entry for entry in _core.effect_catalogue()}
+ANYWHERE = {"held_from": -1e9, "held_to": 1e9}
+"""Ends of a function of a joint's angle that holds at any, beside one on another joint that ends [rad, m]."""
 
 
 @dataclass(frozen=True)
@@ -24,7 +26,8 @@ class PlacedEffect:
     joints : tuple of int
         Where it acts; every joint has coefficients of its own.
     shape : tuple of (str, tuple of float)
-        Shape parameters by name, one value per joint of `joints`.
+        Shape parameters by name, one value per joint of `joints`; `held_from` and `held_to` of a function of the
+        angle that ends there.
     """
 
     kind: str
@@ -35,6 +38,11 @@ class PlacedEffect:
     def at(kind: str, joint: int, **shape: float) -> PlacedEffect:
         """Place `kind` on one joint."""
         return PlacedEffect(kind, (joint,), tuple((name, (float(value),)) for name, value in shape.items()))
+
+    def held(self, ends: tuple[float, float]) -> PlacedEffect:
+        """Return it, on its only joint, with the value beyond these angles that it has there."""
+        own = tuple((name, values) for name, values in self.shape if name not in ANYWHERE)
+        return replace(self, shape=(*own, *zip(ANYWHERE, ((end,) for end in ends), strict=True)))
 
     def shape_at(self, joint: int) -> dict[str, float]:
         """Shape parameters on one of its joints."""
@@ -108,4 +116,9 @@ def _together(group: Sequence[PlacedEffect], n_joints: int) -> _core.Effect:
         for effect in group:
             values[list(effect.joints)] = dict(effect.shape)[name]
         shape[name] = values
+    if any(set(ANYWHERE) & {name for name, _ in effect.shape} for effect in group):
+        for name, idle in ANYWHERE.items():
+            shape[name] = np.full(n_joints, idle)
+            for effect in group:
+                shape[name][list(effect.joints)] = dict(effect.shape).get(name, (idle,))
     return _core.Effect.of(group[0].kind, **shape)

@@ -10,6 +10,7 @@ pub mod entry;
 mod friction;
 mod friction_hysteresis;
 mod gear_hysteresis;
+mod held;
 mod inertial_coupling;
 mod joint_spring;
 mod load_dependent_friction;
@@ -58,16 +59,21 @@ pub struct Effect {
     entry: &'static Entry,
     /// One row of shape parameters per joint, row-major.
     shape: Vec<f64>,
+    /// Between which angles of every joint it is what its formula says ([`held`]); empty: anywhere.
+    held: Vec<[f64; 2]>,
 }
 
 impl PartialEq for Effect {
     fn eq(&self, other: &Self) -> bool {
-        self.kind() == other.kind() && self.shape == other.shape
+        self.kind() == other.kind() && self.shape == other.shape && self.held == other.held
     }
 }
 
 impl Effect {
     /// The effect `kind` of the [`catalogue`] with the shape parameters it names, one value per joint each.
+    ///
+    /// `held_from` and `held_to` may stand beside them: angles at which a function of the joint's own angle ends; beyond
+    /// them it keeps the value that it has there.
     ///
     /// # Errors
     /// [`EffectError`] if there is no such kind, a name or a length does not fit, or a value is out of its range.
@@ -77,25 +83,37 @@ impl Effect {
     ) -> Result<Self, EffectError> {
         let entry = catalogue::find(kind).ok_or_else(|| EffectError::Kind(kind.to_owned()))?;
         let given: Vec<&str> = shape.iter().map(|(name, _)| name.as_ref()).collect();
+        let named = |wanted: &str| {
+            let at = given.iter().position(|name| *name == wanted);
+            at.map(|at| shape[at].1.as_ref())
+        };
         let values = entry
             .shape
             .iter()
-            .filter_map(|wanted| given.iter().position(|name| *name == wanted.name))
-            .map(|at| shape[at].1.as_ref())
+            .filter_map(|wanted| named(wanted.name))
             .collect::<Vec<&[f64]>>();
-        if values.len() != entry.shape.len() || given.len() != entry.shape.len() {
+        let ends = held::NAMES.map(named);
+        let held = match ends {
+            [Some(from), Some(to)] => held::ranges(entry, from, to)?,
+            _ => Vec::new(),
+        };
+        let n_names = entry.shape.len() + if held.is_empty() { 0 } else { ends.len() };
+        if values.len() != entry.shape.len() || given.len() != n_names {
             return Err(EffectError::Names {
                 entry,
                 given: given.join(", "),
             });
         }
-        let n_joints = values.first().map_or(0, |first| first.len());
-        for (parameter, values) in entry.shape.iter().zip(&values) {
-            if values.is_empty() || values.len() != n_joints {
+        let n_joints = values.first().map_or(held.len(), |first| first.len());
+        let lengths = entry.shape.iter().map(|parameter| parameter.name);
+        let lengths = lengths.zip(values.iter().map(|values| values.len()));
+        let of_held = (!held.is_empty()).then_some((held::NAMES[0], held.len()));
+        for (what, actual) in lengths.chain(of_held) {
+            if actual == 0 || actual != n_joints {
                 return Err(EffectError::Lengths {
                     entry,
-                    what: parameter.name,
-                    actual: values.len(),
+                    what,
+                    actual,
                     expected: n_joints,
                 });
             }
@@ -106,7 +124,7 @@ impl Effect {
         for (joint, row) in shape.chunks_exact(entry.shape.len().max(1)).enumerate() {
             check_row(entry, joint, n_joints, row)?;
         }
-        Ok(Self { entry, shape })
+        Ok(Self { entry, shape, held })
     }
 
     /// Reflected rotor inertia.
@@ -142,6 +160,7 @@ impl Effect {
         Self {
             entry,
             shape: Vec::new(),
+            held: Vec::new(),
         }
     }
 
@@ -181,14 +200,21 @@ impl Effect {
         self.entry.memory * n_joints
     }
 
-    /// Shape parameters by name, one value per joint each.
+    /// Shape parameters by name, one value per joint each; `held_from` and `held_to` last, where it has them.
     #[must_use]
     pub fn shape(&self) -> Vec<(&'static str, Vec<f64>)> {
         let width = self.entry.shape.len();
         let column = |k: usize| self.shape.iter().skip(k).step_by(width).copied().collect();
-        (0..width)
-            .map(|k| (self.entry.shape[k].name, column(k)))
-            .collect()
+        let own = (0..width).map(|k| (self.entry.shape[k].name, column(k)));
+        let ends = held::NAMES.into_iter().enumerate();
+        let ends = ends.map(|(end, name)| (name, self.held.iter().map(|r| r[end]).collect()));
+        own.chain(ends.filter(|_| self.is_held())).collect()
+    }
+
+    /// True if it ends at angles of its joints, and keeps its value beyond them.
+    #[must_use]
+    pub fn is_held(&self) -> bool {
+        !self.held.is_empty()
     }
 
     /// The partner of joint `j`, and its coefficients over those of `j`; `None` where the effect acts on `j` alone.
@@ -224,6 +250,16 @@ impl Effect {
         } = self.entry;
         let (shape, m) = (shape.len(), *m);
         let own = self.shape.get(j * shape..(j + 1) * shape);
+        if let Some(range) = self.held.get(j) {
+            return held::columns(
+                self.entry,
+                own.unwrap_or_default(),
+                j,
+                *range,
+                input,
+                columns,
+            );
+        }
         let memory = memory.get_mut(j * m..(j + 1) * m);
         (self.entry.columns)(
             own.unwrap_or_default(),
@@ -249,6 +285,13 @@ impl Effect {
     /// # Errors
     /// [`CoreError::Length`] if the shape parameters are not those of `n_joints`.
     pub fn check(&self, n_joints: usize) -> Result<(), CoreError> {
+        if self.is_held() && self.held.len() != n_joints {
+            return Err(CoreError::Length {
+                what: held::NAMES[0],
+                expected: n_joints,
+                actual: self.held.len(),
+            });
+        }
         match self.entry.shape.first() {
             None => Ok(()),
             Some(first) if self.shape.len() != n_joints * self.entry.shape.len() => {

@@ -17,6 +17,8 @@ struct Form {
     needs: &'static [&'static str],
 }
 
+/// For effects that end at angles: the twin of `dynid_core::effects::held`.
+const HELD: &str = include_str!("c/effects/held.c");
 const DIRECTION: &str = include_str!("c/effects/direction.c");
 const BRISTLES: &str = include_str!("c/effects/bristles.c");
 const FRICTION_COLUMNS: &str = include_str!("c/effects/friction_columns.c");
@@ -116,10 +118,21 @@ impl EffectTexts {
             } else {
                 &mut calls
             };
+            let (before, after) = if effect.is_held() {
+                if !functions.contains(&HELD) {
+                    functions.push(HELD);
+                }
+                let ends = effect.entry().shape.len();
+                let hold = format!("        dynid_hold_angle(x, j, {shape_row} + {ends}, unheld);\n");
+                (hold, "        dynid_release_angle(x, j, unheld);\n")
+            } else {
+                (String::new(), "")
+            };
             let _ = write!(
                 calls,
-                "    for (j = 0; j < DYNID_N_JOINTS; j++) {{\n        dynid_{}({shape_row}, j, x, memory + {memory} + {own} * j, \
-                 columns);\n        terms[{row}][j] = dynid_weigh(columns, {size_at}dynid_size_{row}[j], {width});\n    }}\n",
+                "    for (j = 0; j < DYNID_N_JOINTS; j++) {{\n{before}        dynid_{}({shape_row}, j, x, memory + {memory} + \
+                 {own} * j, columns);\n{after}        terms[{row}][j] = dynid_weigh(columns, {size_at}dynid_size_{row}[j], \
+                 {width});\n    }}\n",
                 form.kind,
             );
             memory += own * n;
@@ -128,16 +141,21 @@ impl EffectTexts {
             calls.push_str(&motor_torque(model));
             calls.push_str(&of_motor);
         }
-        let formulas = functions.into_iter().map(str::to_owned);
         if !calls.is_empty() {
             calls.insert_str(
                 0,
                 &format!(
-                    "    double columns[{}];\n    int j;\n",
-                    dynid_core::effects::MAX_COLUMNS
+                    "    double columns[{}]{};\n    int j;\n",
+                    dynid_core::effects::MAX_COLUMNS,
+                    if functions.contains(&HELD) {
+                        ", unheld[2]"
+                    } else {
+                        ""
+                    },
                 ),
             );
         }
+        let formulas = functions.into_iter().map(str::to_owned);
         Ok(Self {
             formulas: formulas
                 .chain((!tables.is_empty()).then_some(tables))
