@@ -75,7 +75,7 @@ def of_the_angle(found: Mapping[Place, Argument]) -> dict[int, Argument]:
     return {joints[0]: argument for (kind, joints), argument in found.items() if _is_of_the_angle(kind)}
 
 
-def ended(setup: Setup, found: Collection[Place], angles: Sequence[tuple[float, float]]) -> Setup:
+def ended(setup: Setup, found: Collection[Place], angles: Sequence[Sequence[float]]) -> Setup:
     """Return the setup with functions of an angle that have no name ending where they were learned.
 
     `angles` (n_joints, 2) of the training runs: beyond them such a function keeps its value, for it is no law that says

@@ -39,7 +39,7 @@ class PlacedEffect:
         """Place `kind` on one joint."""
         return PlacedEffect(kind, (joint,), tuple((name, (float(value),)) for name, value in shape.items()))
 
-    def held(self, ends: tuple[float, float]) -> PlacedEffect:
+    def held(self, ends: Sequence[float]) -> PlacedEffect:
         """Return it, on its only joint, with the value beyond these angles that it has there."""
         own = tuple((name, values) for name, values in self.shape if name not in ANYWHERE)
         return replace(self, shape=(*own, *zip(ANYWHERE, ((end,) for end in ends), strict=True)))
