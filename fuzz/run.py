@@ -1,5 +1,8 @@
 """Build the fuzzer on stable Rust, replay the kept inputs and look for new ones: `python fuzz/run.py --seconds 60`.
 
+Readers that are written in Python, `--target table` and others, are tried by the same means (Atheris is libFuzzer for
+Python; `make fuzz-readers` installs it): a hundred times slower, so they are asked for by name.
+
 `--executions 100000000` goes on until every way in was tried so often, over as many calls as that takes: what was done
 to the same program is kept in `tally.json` beside what was found.
 
@@ -27,6 +30,9 @@ from typing import Any
 HERE = Path(__file__).resolve().parent
 CORPUS = HERE / "corpus"
 TARGETS = ("urdf", "robot_toml", "model", "datagrams", "memory", "lines")
+READERS = ("table", "json_lines", "config")
+"""Ways in that are Python (`python/ways_in.py`)."""
+READER, PACKAGE = HERE / "python" / "readers.py", HERE.parent / "python"
 FLAGS = (
     "-Cpasses=sancov-module",
     "-Cllvm-args=-sanitizer-coverage-level=4",
@@ -35,8 +41,10 @@ FLAGS = (
     "-Cllvm-args=-sanitizer-coverage-trace-compares",
 )
 TALLY = threading.Lock()
-SLICE = 2_000_000
+SLICE, SLICE_OF_READERS = 2_000_000, 20_000
 """Executions between two notes in the tally."""
+Program = tuple[Path, ...]
+"""What is started: a program, or one and what it runs."""
 TIMEOUT = 30
 """Wall clock, for what never ends; slowness is judged by the processor's time, in the program [s]."""
 
@@ -56,16 +64,17 @@ def built() -> Path:
     return target / host / "release" / "dynid-fuzz"
 
 
-def fuzz(program: Path, target: str, limit: str, work: Path) -> dict[str, Any]:
+def fuzz(program: Program, target: str, limit: str, work: Path) -> dict[str, Any]:
     """Replay what is kept, then look for more up to a limit of libFuzzer's; figures of the run."""
     found = work / target
     found.mkdir(parents=True, exist_ok=True)
     kept = CORPUS / target
+    words = HERE / ("readers.dict" if target in READERS else "words.dict")
     command = [
-        *(str(program), str(found), str(kept)),
+        *map(str, (*program, found, kept)),
         *(limit, f"-timeout={TIMEOUT}", "-rss_limit_mb=600", "-print_final_stats=1"),
         f"-artifact_prefix={work}/{target}-",
-        f"-dict={HERE / 'words.dict'}",
+        f"-dict={words}",
     ]
     log = work / f"{target}.log"
     start = time.monotonic()
@@ -88,56 +97,62 @@ def fuzz(program: Path, target: str, limit: str, work: Path) -> dict[str, Any]:
     }
 
 
-def fuzz_often(program: Path, target: str, executions: int, work: Path) -> dict[str, Any]:
+def fuzz_often(program: Program, target: str, executions: int, work: Path) -> dict[str, Any]:
     """Go on where the last call ended, until there are so many executions; figures of all calls together."""
     tally = work / "tally.json"
+    part = SLICE if target in TARGETS else SLICE_OF_READERS
     while True:
         with TALLY:
-            so_far = noted(program, tally).get(
-                target, {"target": target, "executions": 0, "seconds": 0.0, "peak_rss_mb": 0}
-            )
+            so_far = noted(program, target, tally)
         left = executions - so_far["executions"]
         if left <= 0:
             return so_far
-        figure = fuzz(program, target, f"-runs={min(left, SLICE)}", work)
+        figure = fuzz(program, target, f"-runs={min(left, part)}", work) | {"program": digest(program)}
         figure["seconds"] = round(figure["seconds"] + so_far["seconds"], 1)
         figure["executions"] += so_far["executions"]
         figure["peak_rss_mb"] = max(figure["peak_rss_mb"], so_far["peak_rss_mb"])
         if figure["failed"]:
             return figure
         with TALLY:
-            part = tally.with_suffix(".part")
-            part.write_text(json.dumps(noted(program, tally) | {target: figure}, indent=2) + "\n")
-            part.replace(tally)
+            new = tally.with_suffix(".part")
+            new.write_text(json.dumps(kept_in(tally) | {target: figure}, indent=2) + "\n")
+            new.replace(tally)
 
 
-def noted(program: Path, tally: Path) -> dict[str, Any]:
-    """What earlier calls did to this program: another one has everything before it."""
-    before: dict[str, Any] = json.loads(tally.read_text()) if tally.exists() else {}
-    return before if before.get("program") == digest(program) else {"program": digest(program)}
+def noted(program: Program, target: str, tally: Path) -> dict[str, Any]:
+    """What earlier calls did to this program by this way in: another program has everything before it."""
+    before: dict[str, Any] = kept_in(tally).get(target, {})
+    nothing = {"target": target, "executions": 0, "seconds": 0.0, "peak_rss_mb": 0}
+    return before if before.get("program") == digest(program) else nothing
+
+
+def kept_in(tally: Path) -> dict[str, Any]:
+    """Figures by their targets."""
+    return dict(json.loads(tally.read_text())) if tally.exists() else {}
 
 
 @functools.cache
-def digest(program: Path) -> str:
+def digest(program: Program) -> str:
     """What tells programs apart; the same sources, but for their tests, give the same one in the same folder."""
-    return hashlib.sha256(program.read_bytes()).hexdigest()
+    files = sorted([*PACKAGE.rglob("*.py"), *READER.parent.glob("*.py")]) if READER in program else program
+    return hashlib.sha256(b"\0".join(file.read_bytes() for file in files)).hexdigest()
 
 
-def said(program: Path, target: str, log: str) -> str:
+def said(program: Program, target: str, log: str) -> str:
     """The sentence a failure ended with, and how to see it again."""
     text = Path(log).read_text(errors="replace")
-    panics = re.findall(r"panicked at [^\n]*\n[^\n]*", text)
+    panics = re.findall(r"panicked at [^\n]*\n[^\n]*|(?m:^\w+(?:Error|Exception)\b.*)", text)
     artifacts = re.findall(r"Test unit written to (\S+)", text)
-    again = f"; again: DYNID_TARGET={target} {program} {artifacts[-1]}" if artifacts else ""
+    again = f"; again: DYNID_TARGET={target} {' '.join(map(str, program))} {artifacts[-1]}" if artifacts else ""
     return f"{panics[-1] if panics else text[-400:]}{again}"
 
 
-def keep(program: Path, target: str, work: Path, most_bytes: int) -> None:
+def keep(program: Program, target: str, work: Path, most_bytes: int) -> None:
     """Put the smallest inputs that cover what all found ones do into the corpus, `most_bytes` of them."""
     small = work / f"{target}-small"
     shutil.rmtree(small, ignore_errors=True)
     small.mkdir(parents=True)
-    command = [str(program), "-set_cover_merge=1", f"-timeout={TIMEOUT}", str(small), str(CORPUS / target)]
+    command = [*map(str, program), "-set_cover_merge=1", f"-timeout={TIMEOUT}", str(small), str(CORPUS / target)]
     environment = os.environ | {"DYNID_TARGET": target}
     subprocess.run([*command, str(work / target)], env=environment, capture_output=True, check=True)
     seeds = [path for path in (CORPUS / target).iterdir() if path.name.startswith("seed_")]
@@ -157,20 +172,21 @@ def main() -> int:
     parser.add_argument("--seconds", type=int, default=60, help="per target, building not counted")
     parser.add_argument("--executions", type=int, help="until there are so many per target, earlier calls included")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="targets at once")
-    parser.add_argument("--target", choices=TARGETS, action="append", help="only this one (may be repeated)")
+    parser.add_argument("--target", choices=TARGETS + READERS, action="append", help="only this one (may be repeated)")
     parser.add_argument("--work", type=Path, default=HERE / "work", help="what is found, and the logs")
     parser.add_argument("--json", type=Path, help="write the figures to this file")
     parser.add_argument("--keep", type=int, metavar="BYTES", help="afterwards keep so much per target in the corpus")
     options = parser.parse_args()
-    program = built()
+    targets = options.target or TARGETS
+    program = (built(),) if set(targets) & set(TARGETS) else ()
     options.work.mkdir(parents=True, exist_ok=True)
     figures = []
-    targets = options.target or TARGETS
+    programs = dict.fromkeys(TARGETS, program) | dict.fromkeys(READERS, (Path(sys.executable), READER))
 
     def tried(target: str) -> dict[str, Any]:
         if options.executions:
-            return fuzz_often(program, target, options.executions, options.work)
-        return fuzz(program, target, f"-max_total_time={options.seconds}", options.work)
+            return fuzz_often(programs[target], target, options.executions, options.work)
+        return fuzz(programs[target], target, f"-max_total_time={options.seconds}", options.work)
 
     with ThreadPoolExecutor(options.jobs) as pool:  # a way in has one thread
         for figure in pool.map(tried, targets):
@@ -182,9 +198,9 @@ def main() -> int:
                 flush=True,
             )
             if figure["failed"]:
-                print(f"error: {target}: {said(program, target, str(figure['log']))}", file=sys.stderr)
+                print(f"error: {target}: {said(programs[target], target, str(figure['log']))}", file=sys.stderr)
             elif options.keep:
-                keep(program, target, options.work, options.keep)
+                keep(programs[target], target, options.work, options.keep)
     if options.json:
         options.json.write_text(json.dumps(figures, indent=2) + "\n")
     return int(any(figure["failed"] for figure in figures))

@@ -123,9 +123,9 @@ def test_the_fuzzer_goes_on_where_the_last_call_ended(tmp_path, monkeypatch):
 
     monkeypatch.setattr(fuzzer, "fuzz", fuzz)
     monkeypatch.setattr(fuzzer, "SLICE", 10)
-    program, other = tmp_path / "program", tmp_path / "other"
-    program.write_bytes(b"one")
-    other.write_bytes(b"other")
+    program, other = (tmp_path / "program",), (tmp_path / "other",)
+    program[0].write_bytes(b"one")
+    other[0].write_bytes(b"other")
     assert fuzzer.fuzz_often(program, "lines", 25, tmp_path)["executions"] == 25
     assert asked == [10, 10, 5]
     assert fuzzer.fuzz_often(program, "lines", 25, tmp_path)["executions"] == 25
