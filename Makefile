@@ -15,7 +15,7 @@ MUTANTS ?= 60
 ARCHS  ?= x86_64 aarch64
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-rust test-python check docs workflows bench arm wheels clean-venv sbom exam fuzz mutants mutation-tools trust audit paper clean toolchain
+.PHONY: help demo test test-rust test-python check docs workflows bench arm wheels clean-venv sbom exam fuzz fuzz-readers mutants mutation-tools trust audit paper clean toolchain
 
 help: ## this list
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
@@ -106,6 +106,10 @@ exam: $(STAMP) $(TOOLS) ## diagnose 200 fresh cases of an examiner that shares n
 
 fuzz: toolchain ## look for inputs that crash, hang or swallow memory, 60 s per way in (SECONDS_EACH=600: longer; needs a C++ compiler)
 	$(PYTHON) fuzz/run.py --seconds $(SECONDS_EACH)
+
+fuzz-readers: $(STAMP) ## the same for readers that are Python (tables, JSON lines, dynid.toml), by Atheris
+	$(BIN)/python -m pip install --quiet --editable '.[fuzz]'
+	$(BIN)/python fuzz/run.py --seconds $(SECONDS_EACH) --target table --target json_lines --target config
 
 mutants: mutation-tools ## small changes to Rust and Python, drawn from a seed: does a test fail? (SEED=1 MUTANTS=60 of each: hours)
 	$(BIN)/python tests/campaigns/mutants.py --seed $(SEED) --rust $(MUTANTS) --python $(MUTANTS)

@@ -103,6 +103,13 @@ CAMPAIGNS = {
         _fuzzed,
         _said_fuzzed,
     ),
+    "readers": Campaign(
+        "The same into readers that are Python: tables with rules or without, JSON lines, `dynid.toml`",
+        "make fuzz-readers SECONDS_EACH=3600",
+        "make fuzz-readers SECONDS_EACH=20",
+        _fuzzed,
+        _said_fuzzed,
+    ),
     "boundary": Campaign(
         "Every function of the compiled module, each argument spoiled in every way in turn",
         f"{PYTHON} tests/campaigns/boundary.py",
