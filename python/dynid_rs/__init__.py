@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from dynid_rs.model.observer import MomentumObserver
     from dynid_rs.model.physical import PhysicalIdentifier
     from dynid_rs.model.robot_file import read_robot
+    from dynid_rs.model.watch import Tolerated, Watch
     from dynid_rs.regression.instruments import InstrumentalVariables
     from dynid_rs.runs.readers import Config, PartsWarning, read_config, read_recording, read_recordings
     from dynid_rs.runs.recording import Recording
@@ -63,6 +64,8 @@ _LATE = {
     "ResidualCompensator": "identification.residual",
     "Setup": "diagnosis.setup",
     "ThreeLoopIdentifier": "identification.three_loops",
+    "Tolerated": "model.watch",
+    "Watch": "model.watch",
     "diagnose": "diagnosis.loop",
     "fit_base_parameters": "identification.base_fit",
     "inspect": "sensors.inspection",
@@ -102,8 +105,10 @@ __all__ = [
     "RobotModel",
     "Setup",
     "ThreeLoopIdentifier",
+    "Tolerated",
     "TorqueModel",
     "UrdfError",
+    "Watch",
     "__version__",
     "diagnose",
     "fit_base_parameters",

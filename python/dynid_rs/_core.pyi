@@ -74,6 +74,7 @@ __all__ = [
     "triangular_factor",
     "true_motion",
     "urdf_with_physical",
+    "watch_run",
     "weighted_fit",
 ]
 
@@ -1261,6 +1262,55 @@ def true_motion(
     ------
     ValueError
         Shapes disagree, or a number is not finite.
+    """
+
+def watch_run(
+    model: TorqueModel,
+    t: ArrayLike,
+    motion: tuple[ArrayLike | None, ...],
+    tau: ArrayLike,
+    *,
+    temperature: ArrayLike | None = None,
+    step: float,
+    window: int | None = None,
+    inflation: Sequence[float],
+    memory: Sequence[float],
+    row: float,
+    false_per_day: float,
+    friction: float,
+    gain: float,
+    offset: float,
+    load: float,
+    unknown: float,
+) -> tuple[list[dict[str, Any]], NDArray[np.uintp], _FloatArray, _FloatArray, _FloatArray]:
+    """What of a model no longer holds along a run, by the code that runs online.
+
+    Parameters
+    ----------
+    t, motion, tau, temperature, step, window
+        As for `observe_momentum`.
+    inflation, memory : (n_joints,)
+        Variance of a joint's rows over what the model expects; rows that are worth an independent one.
+    row : float
+        Time over which what the model leaves is averaged [s].
+    false_per_day : float
+        Alarms that nothing has caused.
+    friction, gain, offset, load, unknown : float
+        Changes that are none yet, as `Tolerated` has them.
+
+    Returns
+    -------
+    changes : list of dict
+        In the order in which they were said: sample, kind, joint, size, std, moments, settled, or.
+    ends : ndarray (n_rows,)
+        Samples at which rows ended.
+    left, variance, moves : ndarray (n_rows, n_joints)
+        What was left, what the model expects of it, and 1 where the joint says something.
+
+    Raises
+    ------
+    ValueError
+        As `observe_momentum`; a setting is not positive, a memory less than one.
     """
 
 def observe_momentum(

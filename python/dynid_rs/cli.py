@@ -20,6 +20,7 @@ from dynid_rs.commands.inspect import inspect
 from dynid_rs.commands.payload import payload
 from dynid_rs.commands.report import report
 from dynid_rs.commands.simulate import simulate
+from dynid_rs.commands.watch import watch
 
 app = typer.Typer(
     help="Torque models of robot arms: identified from measured runs, run in the control loop.",
@@ -29,7 +30,7 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 LOGS, FLEETS = f"\b\nLogs that are read:\n{page('how_to/logs')}", f"\b\nFleets:\n{page('how_to/archive')}"
-READ = dict.fromkeys((init, inspect, identify, diagnose, payload, estimate), LOGS) | {fleet: FLEETS}
+READ = dict.fromkeys((init, inspect, identify, diagnose, payload, watch, estimate), LOGS) | {fleet: FLEETS}
 """What stands below the help of a command."""
 for command in (
     demo,
@@ -40,6 +41,7 @@ for command in (
     diagnose,
     compare,
     payload,
+    watch,
     estimate,
     export,
     simulate,

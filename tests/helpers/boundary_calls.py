@@ -189,6 +189,15 @@ def calls(folder: Path) -> dict[str, Call]:
                 **{"correlation_time": 0.01, "false_per_hour": 1.0},
             },
         ),
+        "watch_run": (
+            _core.watch_run,
+            {
+                **_positional(model, t, (q, dq, ddq, None, None, None), tau),
+                **{"temperature": None, "step": 0.01, "window": None, "inflation": [1.0] * N, "memory": [2.0] * N},
+                **{"row": 0.05, "false_per_day": 1.0, "friction": 0.1, "gain": 0.05, "offset": 2.0, "load": 0.1},
+                "unknown": 1.0,
+            },
+        ),
         "observe": (_core.observe, {**_positional(*observed), "filter": low_pass, "kept": kept, **of_effect}),
         "filtered_friction_basis": (
             _core.filtered_friction_basis,

@@ -135,18 +135,7 @@ class MomentumObserver:
     def _run(
         self, recording: Recording, correlation_time: float | None
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, NDArray[np.uint32], float]:
-        n = self.model.robot.n_joints
-        if recording.n_joints != n:
-            raise ValueError(f"{recording.name}: has {recording.n_joints} joints, the model has {n}")
-        if recording.torque_unit != self.model.torque_unit:
-            raise ValueError(
-                f"{recording.name}: holds torque in {recording.torque_unit}, the model gives {self.model.torque_unit}"
-            )
-        follows = any("temperature" in effect.signals and values.any() for effect, values in self.model.effects)
-        if follows and recording.temperature is None:
-            raise ValueError(
-                f"{recording.name}: the model's friction follows a temperature, which the run does not hold"
-            )
+        check_run(self.model, recording)
         motion = tuple(getattr(recording, name) for name in ("q", "dq", "ddq", "q_motor", "dq_motor", "ddq_motor"))
         return _core.observe_momentum(
             self.model,
@@ -160,3 +149,15 @@ class MomentumObserver:
             correlation_time=correlation_time,
             false_per_hour=self.false_contacts_per_hour,
         )
+
+
+def check_run(model: _core.TorqueModel, run: Recording) -> None:
+    """Raise ValueError if a run is of another robot or unit, or lacks a temperature that friction follows."""
+    n = model.robot.n_joints
+    if run.n_joints != n:
+        raise ValueError(f"{run.name}: has {run.n_joints} joints, the model has {n}")
+    if run.torque_unit != model.torque_unit:
+        raise ValueError(f"{run.name}: holds torque in {run.torque_unit}, the model gives {model.torque_unit}")
+    follows = any("temperature" in effect.signals and values.any() for effect, values in model.effects)
+    if follows and run.temperature is None:
+        raise ValueError(f"{run.name}: the model's friction follows a temperature, which the run does not hold")

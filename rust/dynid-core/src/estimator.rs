@@ -53,6 +53,9 @@ impl Status {
     /// The state lies beyond the model's limits ([`crate::limits`]); it was evaluated at them.
     pub const BEYOND_LIMITS: Self = Self(4096);
 
+    /// Something of the model no longer holds, and was named at this step.
+    pub const CHANGED: Self = Self(8192);
+
     /// The bits.
     #[must_use]
     pub const fn bits(self) -> u32 {

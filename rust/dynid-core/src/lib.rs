@@ -45,6 +45,7 @@ mod step;
 pub mod stream;
 mod track;
 mod turn;
+pub mod watch;
 
 pub use differentiator::Differentiator;
 pub use dynamics::{inverse_dynamics_into, joint_torque_regressor_into, Workspace};

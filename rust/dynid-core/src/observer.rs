@@ -421,6 +421,11 @@ fn at_rest(model: &TorqueModel) -> Vec<[f64; 2]> {
     found
 }
 
+/// Per joint, the speed below which its friction is not a function of the state \[rad/s, m/s\].
+pub(crate) fn rest_speeds(model: &TorqueModel) -> Vec<f64> {
+    at_rest(model).into_iter().map(|[_, speed]| speed).collect()
+}
+
 /// Of friction with a shape of its own, the part of its sign alone: a wide one still rises where viscous friction has taken
 /// over, and would be no step beside it.
 fn sign_of(term: &EffectTerm, n: usize) -> Option<EffectTerm> {

@@ -17,6 +17,7 @@ use crate::slices::{copy, mirror_fields, rows_mut, Mirror};
 use crate::state::State;
 use crate::stream::{Place, Stream};
 use crate::track::{Taken, Track, MOST_STEPS};
+use crate::watch::{Change, Watch, WatchSettings};
 
 /// Signals of motion: q, dq, ddq of the link side, then of the motor side, as in [`State`].
 pub const N_MOTION: usize = 6;
@@ -36,6 +37,16 @@ const STUCK_WAY: f64 = 5e-4;
 /// is one that would have needed [`LEAST_JUMP`] \[rad/s, m/s\].
 const JUMP: f64 = 10.0;
 const LEAST_JUMP: f64 = 100.0;
+
+/// There is no new torque at such a step.
+const UNUSABLE: Status = Status::NON_FINITE
+    .and(Status::REPEATED)
+    .and(Status::SETTLING);
+
+/// The model was not trained on such a state, or does not see all of it.
+const ELSEWHERE: Status = Status::OUTSIDE_DOMAIN
+    .and(Status::BEYOND_LIMITS)
+    .and(Status::SIGNAL_MISSING);
 
 /// One measurement, borrowed; every signal has one value per joint.
 #[derive(Clone, Copy, Debug)]
@@ -77,7 +88,10 @@ pub struct OnlineEstimator {
     most_speed: Vec<f64>,
     tau: Vec<f64>,
     observer: Option<MomentumObserver>,
-    /// Time of the last sample that the observer took \[s\].
+    watch: Option<Watch>,
+    /// What the watch named at the last step.
+    change: Option<Change>,
+    /// Time of the last sample that observer and watch took \[s\].
     observed: f64,
 }
 
@@ -122,6 +136,8 @@ impl OnlineEstimator {
             most_speed,
             tau: vec![0.0; n],
             observer: None,
+            watch: None,
+            change: None,
             observed: f64::NAN,
         })
     }
@@ -141,6 +157,33 @@ impl OnlineEstimator {
         let model = self.estimator.shared_model();
         self.observer = Some(MomentumObserver::new(model, settings)?);
         Ok(self)
+    }
+
+    /// The same with a watch ([`Watch::new`]), for samples that hold the measured torque.
+    ///
+    /// # Errors
+    /// [`CoreError`] if a setting is none or a length is wrong.
+    pub fn watching(
+        mut self,
+        settings: WatchSettings,
+        inflation: &[f64],
+        memory: &[f64],
+    ) -> Result<Self, CoreError> {
+        let model = self.estimator.shared_model();
+        self.watch = Some(Watch::new(model, settings, inflation, memory)?);
+        Ok(self)
+    }
+
+    /// The watch, if there is one.
+    #[must_use]
+    pub fn watch(&self) -> Option<&Watch> {
+        self.watch.as_ref()
+    }
+
+    /// What the watch named at the last step, whose status has [`Status::CHANGED`] then.
+    #[must_use]
+    pub fn change(&self) -> Option<&Change> {
+        self.change.as_ref()
     }
 
     /// The observer, if there is one.
@@ -182,12 +225,15 @@ impl OnlineEstimator {
             new.continue_from(old);
         }
         core::mem::swap(&mut self.observer, &mut new.observer);
+        // What another model leaves is something else: its watch begins anew.
+        core::mem::swap(&mut self.watch, &mut new.watch);
         Ok(())
     }
 
     /// A cycle in which nothing came: the last good torque stands.
     pub fn hold(&mut self) -> Status {
         self.misses = self.misses.saturating_add(1);
+        self.change = None;
         let mut status = Status::REPEATED;
         status.set(Status::STALE, self.misses >= STALE_AFTER);
         status.set(Status::CONTACT, self.in_contact());
@@ -206,6 +252,7 @@ impl OnlineEstimator {
     /// [`CoreError::Length`] if a signal has the wrong length or q is missing; nothing changes then.
     pub fn step(&mut self, sample: &Sample<'_>) -> Result<Status, CoreError> {
         self.check(sample)?;
+        self.change = None;
         let row = self.stream.suspects();
         let place = self.stream.place(sample.sequence, sample.time);
         if !place.is_new() {
@@ -252,37 +299,55 @@ impl OnlineEstimator {
         } else {
             self.answer_filtered(sample, elapsed, numbered)?
         };
-        let tau = sample.tau.filter(|tau| tau.iter().all(|x| x.is_finite()));
-        let observed = match (&mut self.observer, tau) {
-            (None, _) => Status::OK,
-            (Some(observer), tau) => {
-                let unusable = Status::NON_FINITE
-                    .and(Status::REPEATED)
-                    .and(Status::SETTLING);
-                let used = answered.only(unusable) == Status::OK;
-                let mut status = Status::OK;
-                status.set(Status::SIGNAL_MISSING, tau.is_none());
-                match tau {
-                    Some(tau) if used => {
-                        let tau = if is_direct { tau } else { &self.measured };
-                        let apart = self.track.time - self.observed;
-                        // Written so that a NaN, before the first sample, is no time either.
-                        let apart = if apart > 0.0 {
-                            apart
-                        } else {
-                            observer.interrupt();
-                            self.step
-                        };
-                        observer.step(&self.estimator, tau, apart)?;
-                        self.observed = self.track.time;
-                    }
-                    _ => observer.interrupt(),
-                }
+        let heard = self.listen(sample.tau, is_direct, answered)?;
+        Ok(status.and(answered).and(heard))
+    }
+
+    /// What observer and watch say of the measured torque at the state that was just answered.
+    fn listen(
+        &mut self,
+        tau: Option<&[f64]>,
+        is_direct: bool,
+        answered: Status,
+    ) -> Result<Status, CoreError> {
+        if !self.listens() {
+            return Ok(Status::OK);
+        }
+        let tau = tau.filter(|tau| tau.iter().all(|x| x.is_finite()));
+        let mut status = Status::OK;
+        status.set(Status::SIGNAL_MISSING, tau.is_none());
+        let tau = tau.filter(|_| answered.only(UNUSABLE) == Status::OK);
+        let Some(tau) = tau else {
+            if let Some(observer) = &mut self.observer {
+                observer.interrupt();
                 status.set(Status::CONTACT, observer.contact());
-                status
             }
+            return Ok(status);
         };
-        Ok(status.and(answered).and(observed))
+        let tau = if is_direct { tau } else { &self.measured };
+        let apart = self.track.time - self.observed;
+        // Written so that a NaN, before the first sample, is no time either.
+        let follows = apart > 0.0;
+        let apart = if follows { apart } else { self.step };
+        self.observed = self.track.time;
+        if let Some(observer) = &mut self.observer {
+            if !follows {
+                observer.interrupt();
+            }
+            observer.step(&self.estimator, tau, apart)?;
+            status.set(Status::CONTACT, observer.contact());
+        }
+        if let Some(watch) = &mut self.watch {
+            let good = answered.only(ELSEWHERE) == Status::OK && status == Status::OK;
+            self.change = watch.step(&self.estimator, tau, apart, good)?;
+            status.set(Status::CHANGED, self.change.is_some());
+        }
+        Ok(status)
+    }
+
+    /// True if something listens to the measured torque.
+    fn listens(&self) -> bool {
+        self.observer.is_some() || self.watch.is_some()
     }
 
     /// Keeps a sample that may be the first ones of another stream, whose row was `before` long: once the row is believed,
@@ -334,7 +399,7 @@ impl OnlineEstimator {
 
     fn channels<'a>(&self, sample: &Sample<'a>) -> [Option<&'a [f64]>; N_CHANNELS] {
         let [q, dq, ddq, q_motor, dq_motor, ddq_motor] = sample.motion;
-        let tau = sample.tau.filter(|_| self.observer.is_some());
+        let tau = sample.tau.filter(|_| self.listens());
         [q, dq, ddq, q_motor, dq_motor, ddq_motor, tau]
     }
 
@@ -543,11 +608,14 @@ impl OnlineEstimator {
         if let (Some(own), Some(of)) = (&mut self.observer, &of.observer) {
             own.mirror(of);
         }
+        if let (Some(own), Some(of)) = (&mut self.watch, &of.watch) {
+            own.mirror(of);
+        }
         mirror_fields!(
             self, of;
             estimator, track, suspects, row, motion, measured, before, way, most_speed, tau;
-            copied stream, step, has_before, misses, observed;
-            kept observer
+            copied stream, step, has_before, misses, change, observed;
+            kept observer, watch
         );
     }
 }

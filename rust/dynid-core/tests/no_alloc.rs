@@ -10,6 +10,7 @@ use std::hint::black_box;
 use std::sync::Arc;
 
 use dynid_core::model::TorqueModelParts;
+use dynid_core::watch::WatchSettings;
 use dynid_core::{
     Domain, Effect, EffectTerm, GaussianMixtureRegression, Joint, JointKind, JointLimits,
     NormalisedRbf, ObserverSettings, OnlineEstimator, Regression, Residual, ResidualInputs,
@@ -224,8 +225,19 @@ fn bits_of(online: &OnlineEstimator) -> impl Iterator<Item = u64> + '_ {
     said.into_iter().flatten().map(|x| x.to_bits())
 }
 
+/// Rows of a few samples, and an alarm at hardly anything: names and sizes come too.
+const WATCHFUL: WatchSettings = WatchSettings {
+    row: 0.004,
+    false_per_day: 1e9,
+    friction: 1e-3,
+    gain: 1e-3,
+    offset: 1e-3,
+    load: 1e-3,
+    unknown: 1e-3,
+};
+
 #[test]
-fn a_stream_with_faults_and_an_observer_allocates_nothing() {
+fn a_stream_with_faults_an_observer_and_a_watch_allocates_nothing() {
     for with_derivatives in [true, false] {
         let late = if with_derivatives { 0.0123 } else { 0.0 };
         let model = model(ResidualInputs::JointState, false).with_torque_delay(late);
@@ -233,6 +245,7 @@ fn a_stream_with_faults_and_an_observer_allocates_nothing() {
         let online = |model: &Arc<TorqueModel>| {
             OnlineEstimator::new(Arc::clone(model), None, Some(11))
                 .and_then(|online| online.observing(ObserverSettings::default()))
+                .and_then(|online| online.watching(WATCHFUL, &[1.0; N], &[1.0; N]))
                 .unwrap()
         };
         let (mut running, mut other) = (online(&model), online(&model));
@@ -286,6 +299,7 @@ fn a_stream_with_faults_and_an_observer_allocates_nothing() {
             Status::OUTSIDE_DOMAIN,
             Status::OUT_OF_ORDER,
             Status::REPEATED,
+            Status::CHANGED,
         ];
         assert!(
             expected.iter().all(|status| seen & status.bits() != 0),

@@ -110,9 +110,9 @@ fn is_entry(name: &str) -> bool {
 
 /// What a step may call outside: C's memory and mathematics, which have no way to panic, and the question which processor
 /// this is, which is asked once.
-const HARMLESS: [&str; 12] = [
+const HARMLESS: [&str; 14] = [
     "memcpy", "memmove", "memset", "memcmp", "bcmp", "sin", "cos", "sincos", "tanh", "exp",
-    "expm1", "pow",
+    "expm1", "log", "log1p", "pow",
 ];
 const WHICH_PROCESSOR: [&str; 2] = ["10std_detect6detect", "10dynid_core5lanes6CHOSEN"];
 

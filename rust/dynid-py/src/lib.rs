@@ -19,8 +19,10 @@ mod physical;
 mod rbf;
 mod robot;
 mod run;
+mod samples;
 mod signals;
 mod small;
+mod watch;
 
 use pyo3::prelude::*;
 
@@ -68,6 +70,7 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(signals::true_motion, m)?)?;
     m.add_function(wrap_pyfunction!(offline::observe, m)?)?;
     m.add_function(wrap_pyfunction!(observer::observe_momentum, m)?)?;
+    m.add_function(wrap_pyfunction!(watch::watch_run, m)?)?;
     m.add_function(wrap_pyfunction!(offline::fold, m)?)?;
     m.add_function(wrap_pyfunction!(offline::weighted_fit, m)?)?;
     m.add_function(wrap_pyfunction!(offline::processor_path, m)?)?;

@@ -2,11 +2,12 @@
 
 use std::sync::Arc;
 
-use dynid_core::{ObserverSettings, OnlineEstimator, Sample};
+use dynid_core::{ObserverSettings, OnlineEstimator};
 use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
 
 use crate::model::PyTorqueModel;
+use crate::samples::Samples;
 use crate::{arrays, errors};
 
 type Observation<'py> = (
@@ -37,35 +38,8 @@ pub fn observe_momentum<'py>(
     false_per_hour: f64,
 ) -> PyResult<Observation<'py>> {
     let n = model.0.robot().n_joints();
-    let q = motion[0]
-        .as_ref()
-        .ok_or_else(|| errors::value("motion: q is missing"))?;
-    let beside_q = |signal: &Bound<'py, PyAny>, name: &'static str| {
-        arrays::samples([("q", q), (name, signal)], n).map(|[_, signal]| signal)
-    };
-    let names = ["q", "dq", "ddq", "q_motor", "dq_motor", "ddq_motor"];
-    let mut signals = Vec::new();
-    for (signal, name) in motion.iter().zip(names) {
-        signals.push(
-            signal
-                .as_ref()
-                .map(|signal| beside_q(signal, name))
-                .transpose()?,
-        );
-    }
-    let tau = beside_q(tau, "tau")?;
-    let temperature = temperature
-        .map(|temperature| beside_q(temperature, "temperature"))
-        .transpose()?;
-    let tau = tau.as_slice()?;
-    let n_samples = tau.len() / n;
-    let t = arrays::vector(t, "t", Some(n_samples))?;
-    let t = t.as_slice()?;
-    let rows = signals
-        .iter()
-        .map(|signal| signal.as_ref().map(|signal| signal.as_slice()).transpose())
-        .collect::<Result<Vec<_>, _>>()?;
-    let temperature = temperature.as_ref().map(|t| t.as_slice()).transpose()?;
+    let run = Samples::of(n, t, &motion, tau, temperature)?;
+    let n_samples = run.len();
     let settings = ObserverSettings {
         time_constant,
         correlation_time,
@@ -75,24 +49,17 @@ pub fn observe_momentum<'py>(
     let mut online = online
         .and_then(|online| online.observing(settings))
         .map_err(errors::core)?;
-    let direct = rows[1].is_some() && rows[2].is_some();
-    let delay = if direct { 0.0 } else { online.delay() };
+    let delay = if run.is_direct() { 0.0 } else { online.delay() };
     let mut external = vec![0.0; n_samples * n];
     let mut threshold = vec![f64::INFINITY; n_samples * n];
     let mut rest = vec![0.0; n_samples * n];
     let mut std = vec![0.0; n_samples * n];
     let mut status = vec![0; n_samples];
+    let rows = run.rows()?;
     py.detach(|| {
-        for (k, t) in t.iter().enumerate() {
+        for (k, status) in status.iter_mut().enumerate() {
             let at = k * n..(k + 1) * n;
-            let sample = Sample {
-                sequence: None,
-                time: *t,
-                motion: std::array::from_fn(|signal| rows[signal].map(|x| &x[at.clone()])),
-                temperature: temperature.map(|x| &x[at.clone()]),
-                tau: Some(&tau[at.clone()]),
-            };
-            status[k] = online.step(&sample)?.bits();
+            *status = online.step(&rows.at(k))?.bits();
             online
                 .estimator()
                 .predicted_std_into(&mut std[at.clone()])?;

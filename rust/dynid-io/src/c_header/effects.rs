@@ -123,7 +123,8 @@ impl EffectTexts {
                     functions.push(HELD);
                 }
                 let ends = effect.entry().shape.len();
-                let hold = format!("        dynid_hold_angle(x, j, {shape_row} + {ends}, unheld);\n");
+                let hold =
+                    format!("        dynid_hold_angle(x, j, {shape_row} + {ends}, unheld);\n");
                 (hold, "        dynid_release_angle(x, j, unheld);\n")
             } else {
                 (String::new(), "")

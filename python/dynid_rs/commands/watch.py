@@ -1,0 +1,143 @@
+"""`dynid watch`: what of a model no longer holds on runs."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from dynid_rs.base.findings import Finding, told_once
+from dynid_rs.commands import _options
+from dynid_rs.commands._run import EXIT_NO, print_json, run_command
+from dynid_rs.commands._steps import Step
+
+if TYPE_CHECKING:
+    from dynid_rs.model.watch import Tolerated, Watched
+
+DAYS = {"hour": 1 / 24, "day": 1.0, "week": 7.0, "month": 30.0, "year": 365.0}
+
+
+@run_command
+def watch(
+    model: Annotated[Path, typer.Argument(metavar="MODEL.json", help="What `dynid identify` or `diagnose` made")],
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Runs to watch, in their order")],
+    healthy: Annotated[
+        list[Path] | None,
+        typer.Option(
+            metavar="RUN",
+            help="A run in which nothing had changed (repeat for more): how large the model's own error is, and how "
+            "lasting. Without, as the model says, and two seconds",
+        ),
+    ] = None,
+    false_alarms: Annotated[
+        str, typer.Option(metavar="N/day", help="Alarms without a cause that you put up with (1/hour, 2/week, ...)")
+    ] = "1/day",
+    tolerate: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="KIND=X",
+            help="Changes that are none yet, in parts: friction=0.1, gain=0.05, unknown=1; offset=2 of the model's "
+            "deviations; load=0.1 kg (repeat for more)",
+        ),
+    ] = None,
+    config: _options.Config = None,
+    drive_gain: _options.DriveGain = None,
+    json_output: _options.Json = False,
+) -> int:
+    """Watch a model on recordings: say what has changed, friction, gain, offset, load, or something unknown.
+
+    One test per change, with false alarms as rare as you say; a change is named once the data tell it from any other,
+    and its size ten seconds later. Ends with 1 if something has changed, with 2 if a file cannot be read.
+    """
+    from dynid_rs.commands._console import progress
+    from dynid_rs.commands._inputs import load_model, read_runs, read_settings
+    from dynid_rs.model.watch import Watch
+
+    per_day, tolerated = _per_day(false_alarms), _tolerated(tolerate or [])
+    with progress(Step(1, "reading"), Step(1, "watching")) as say:
+        say("reading")
+        reference = load_model(model)
+        settings = read_settings(config, drive_gain, reference.robot.n_joints)
+        recordings, findings = read_runs(runs, reference.robot, settings)
+        watching = Watch(reference, false_alarms_per_day=per_day, tolerated=tolerated)
+        if healthy:
+            good, more = read_runs(healthy, reference.robot, settings)
+            findings += more
+            watching.fit(good)
+        say("watching")
+        watched = [watching.watch(recording) for recording in recordings]
+    joints = reference.robot.joint_names
+    if json_output:
+        print_json(_answer(watched, joints, findings))
+    else:
+        for line in _lines(watched, joints, findings):
+            typer.echo(line)
+    return EXIT_NO if any(run.changes for run in watched) else 0
+
+
+def _per_day(text: str) -> float:
+    found = re.fullmatch(r"\s*(\d+(?:\.\d*)?|\.\d+)\s*/\s*(\d*)\s*([a-z]+?)s?\s*", text)
+    if found is None or found[3] not in DAYS or not float(found[1]) or found[2] == "0":
+        raise ValueError(
+            f"--false-alarms: expected a number per {', '.join(DAYS)}, as 1/day or 1/2weeks, got {text[:40]!r}"
+        )
+    return float(found[1]) / (float(found[2] or 1) * DAYS[found[3]])
+
+
+def _tolerated(said: Sequence[str]) -> Tolerated:
+    from dataclasses import asdict, replace
+
+    from dynid_rs.model.watch import Tolerated
+
+    tolerated = Tolerated()
+    for text in said:
+        kind, _, number = text.partition("=")
+        try:
+            value = float(number)
+        except ValueError:
+            value = 0.0
+        if kind not in asdict(tolerated) or not 0.0 < value < float("inf"):
+            kinds = ", ".join(asdict(tolerated))
+            raise ValueError(f"--tolerate: expected KIND=X, a kind of {kinds} and a number above 0, got {text[:40]!r}")
+        tolerated = replace(tolerated, **{kind: value})
+    return tolerated
+
+
+def _answer(watched: Sequence[Watched], joints: Sequence[str], findings: Sequence[Finding]) -> dict[str, Any]:
+    return {
+        "format": "dynid-watch",
+        "version": 1,
+        "joints": list(joints),
+        "changed": any(run.changes for run in watched),
+        "runs": [
+            {
+                "run": run.name,
+                "changes": [change.to_json() for change in run.changes],
+                "rows": len(run.t),
+                "watched": run.watched.mean(axis=0).tolist() if len(run.t) else [0.0] * len(joints),
+            }
+            for run in watched
+        ],
+        "findings": [finding.to_json() for finding in findings],
+    }
+
+
+def _lines(watched: Sequence[Watched], joints: Sequence[str], findings: Sequence[Finding]) -> list[str]:
+    """One line per change, and what was not seen."""
+    from dynid_rs.base.numbers import percent
+    from dynid_rs.base.quoting import shown
+
+    lines = []
+    for run in watched:
+        lines.append(f"{shown(run.name)}: {'nothing has changed' if not run.changes else ''}".rstrip())
+        lines += [f"  {change}" for change in run.changes]
+        share = run.watched.mean(axis=0) if len(run.t) else [0.0] * len(joints)
+        unseen = [shown(joint) for joint, part in zip(joints, share, strict=True) if part == 0]
+        if unseen:
+            lines.append(f"  not watched, for they never move as the model was trained to: {', '.join(unseen)}")
+        elif min(share) < 0.5:
+            lines.append(f"  watched in {percent(float(min(share)))} of the run only, of the joint that moves least")
+    return [*lines, *(f"{one.severity}: {text}" for one, text in told_once(findings) if one.severity != "info")]

@@ -1,0 +1,252 @@
+"""Does the model still hold? A sequential test per change that has a name, by the code that runs online.
+
+The tests, their threshold and how a name is chosen: `rust/dynid-core/src/watch`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid_rs import _core
+from dynid_rs.base.memory import residual_memory
+from dynid_rs.base.numbers import interval, percent, percent_interval, significant
+from dynid_rs.runs.given import Runs, as_recordings
+from dynid_rs.runs.recording import FloatArray, Recording
+
+UNKNOWN_MEMORY = 10.0
+"""Rows that are worth one independent one where no run has told: two seconds."""
+LEAST_ROWS = 30
+"""Fewer rows of a joint in motion tell no deviation: its interval would be wider than a fourth."""
+SURE = 1.96
+NOTHING = 1e12
+"""Tolerates everything: for rows alone."""
+
+
+@dataclass(frozen=True)
+class Tolerated:
+    """Changes that are none yet.
+
+    Parameters
+    ----------
+    friction : float
+        Of a joint's friction, relative: it warms up.
+    gain : float
+        Of the torque that a joint's channel shows, relative.
+    offset : float
+        Constant torque on a joint, in deviations of what the model leaves.
+    load : float
+        Mass at the last link [kg].
+    unknown : float
+        Of the deviation of what the model leaves, relative.
+    """
+
+    friction: float = 0.1
+    gain: float = 0.05
+    offset: float = 2.0
+    load: float = 0.1
+    unknown: float = 1.0
+
+
+@dataclass(frozen=True)
+class Change:
+    """What of the model no longer holds.
+
+    Attributes
+    ----------
+    t : float
+        When it was said, in the run's time [s].
+    kind : str
+        ``"friction"``, ``"gain"``, ``"offset"``, ``"load"`` or ``"unknown"``.
+    joint : str
+        Where; the last one of a load.
+    size : float
+        Friction, gain and unknown relative, offset in the torque's unit, load in kg (where torque is in ampere, in
+        ampere per N m times kg).
+    interval : tuple of float
+        Where the size lies with 95 %.
+    moments : tuple of float, optional
+        First moments of a load in the last link's frame [kg m].
+    settled : bool
+        False where it was named just now; true ten seconds later, when it is taken for granted.
+    either : str, optional
+        What else it may be, ``"gain of elbow"``, where the data do not tell.
+    """
+
+    t: float
+    kind: str
+    joint: str
+    size: float
+    interval: tuple[float, float]
+    moments: tuple[float, float, float] | None = None
+    settled: bool = False
+    either: str | None = None
+    unit: str = ""
+
+    def __str__(self) -> str:
+        if self.kind == "unknown":
+            what = f"{self.joint}: the error has grown by {percent(self.size)}, no name says why: look again"
+        elif self.kind == "load":
+            what = f"load {significant(self.size)} {self.unit} ({interval(self.interval)})"
+        elif self.kind == "offset":
+            what = f"{self.joint}: constant torque {significant(self.size)} {self.unit} ({interval(self.interval)})"
+        else:
+            between = percent_interval(self.interval)
+            what = f"{self.joint}: {self.kind} {percent(self.size, signed=True)} ({between})"
+        either = f", or {self.either}" if self.either else ""
+        return f"{self.t:.1f} s: {what}{either}{' (settled)' if self.settled else ''}"
+
+    def to_json(self) -> dict[str, Any]:
+        """As `dynid watch --json` prints it."""
+        return asdict(self)
+
+
+@dataclass(frozen=True, eq=False)
+class Watched:
+    """What a watch says of a run.
+
+    Attributes
+    ----------
+    name : str
+        Of the run.
+    changes : tuple of Change
+        In the order in which they were said.
+    t : ndarray (n_rows,)
+        Time at the end of every row [s].
+    left : ndarray (n_rows, n_joints)
+        Mean of what the model and what was named leave of the torque over the row [torque unit].
+    deviation : ndarray (n_rows, n_joints)
+        What is expected of it [torque unit].
+    watched : ndarray of bool (n_rows, n_joints)
+        Rows in which a joint moves as the model was trained to; others say nothing.
+    """
+
+    name: str
+    changes: tuple[Change, ...]
+    t: FloatArray
+    left: FloatArray
+    deviation: FloatArray
+    watched: NDArray[np.bool_]
+
+
+class Watch:
+    """Says what of a model no longer holds: friction, gain, offset of a joint, a load, or something unknown.
+
+    Parameters
+    ----------
+    model : TorqueModel
+        What was identified.
+    false_alarms_per_day : float
+        Alarms that nothing has caused, of all tests together, that are put up with.
+    tolerated : Tolerated
+        Changes that are none yet.
+    row : float
+        Time over which what the model leaves is averaged [s].
+    window : int, optional
+        Samples to differentiate over, where positions come alone; about 20 ms by default, 15 ms at 1 kHz.
+
+    Attributes
+    ----------
+    inflation_ : ndarray (n_joints,)
+        Variance of rows over what the model expects; ones before `fit`.
+    memory_ : ndarray (n_joints,)
+        Rows that are worth an independent one; ten before `fit`.
+    """
+
+    def __init__(
+        self,
+        model: _core.TorqueModel,
+        *,
+        false_alarms_per_day: float = 1.0,
+        tolerated: Tolerated | None = None,
+        row: float = 0.2,
+        window: int | None = None,
+    ) -> None:
+        self.model = model
+        self.false_alarms_per_day = false_alarms_per_day
+        self.tolerated = tolerated
+        self.row = row
+        self.window = window
+
+    def fit(self, X: Runs) -> Watch:
+        """Learn what the model leaves while nothing has changed: a recording, a data frame, or a list of them.
+
+        Raises
+        ------
+        ValueError
+            No joint moves long enough in these runs, or a run is not one of this robot.
+        """
+        n = self.model.robot.n_joints
+        everything = Tolerated(*[NOTHING] * 5)
+        told = [self._run(run, everything, np.ones(n), np.ones(n)) for run in as_recordings(X, self.model.robot)]
+        relative = [np.where(run.watched, run.left / run.deviation, np.nan) for run in told]
+        self.inflation_, self.memory_ = np.ones(n), np.full(n, np.nan)
+        for j in range(n):
+            own = [run[np.isfinite(run[:, j]), j] for run in relative]
+            if sum(map(len, own)) >= LEAST_ROWS:
+                self.inflation_[j] = max(float(np.mean(np.concatenate(own) ** 2)), np.finfo(float).tiny)
+                self.memory_[j] = max(1.0, float(residual_memory([part for part in own if len(part)])))
+        if np.isnan(self.memory_).all():
+            raise ValueError(
+                f"fit: no joint moves for {LEAST_ROWS * self.row:.0f} s within what the model was trained on, too "
+                "little to tell what it leaves; give longer runs without a change"
+            )
+        self.memory_ = np.where(np.isnan(self.memory_), np.nanmax(self.memory_), self.memory_)
+        return self
+
+    def watch(self, recording: Recording) -> Watched:
+        """Go through a run, and say what has changed.
+
+        Raises
+        ------
+        ValueError
+            The run is not one of this robot, in another unit, or lacks a temperature that friction follows.
+        """
+        n = self.model.robot.n_joints
+        inflation = getattr(self, "inflation_", np.ones(n))
+        memory = getattr(self, "memory_", np.full(n, UNKNOWN_MEMORY))
+        return self._run(recording, self.tolerated or Tolerated(), inflation, memory)
+
+    def _run(self, run: Recording, tolerated: Tolerated, inflation: FloatArray, memory: FloatArray) -> Watched:
+        from dynid_rs.model.observer import check_run
+
+        check_run(self.model, run)
+        names = ("q", "dq", "ddq", "q_motor", "dq_motor", "ddq_motor")
+        said, ends, left, variance, moves = _core.watch_run(
+            self.model,
+            run.t,
+            tuple(getattr(run, name) for name in names),
+            run.tau,
+            temperature=run.temperature,
+            step=1.0 / run.rate,
+            window=self.window,
+            inflation=inflation.tolist(),
+            memory=memory.tolist(),
+            row=self.row,
+            false_per_day=self.false_alarms_per_day,
+            **asdict(tolerated),
+        )
+        joints = self.model.robot.joint_names
+        changes = tuple(_change(one, run.t, joints, self.model.torque_unit) for one in said)
+        return Watched(run.name, changes, run.t[ends], left, np.sqrt(inflation * variance), moves > 0)
+
+
+def _change(said: dict[str, Any], t: FloatArray, joints: Sequence[str], torque_unit: str) -> Change:
+    kind, size, std = said["kind"], said["size"], said["std"]
+    mass = "kg" if torque_unit == "N*m" else f"kg {torque_unit}/(N*m)"
+    either = said["or"]
+    return Change(
+        float(t[said["sample"]]),
+        kind,
+        joints[said["joint"]],
+        size,
+        (size - SURE * std, size + SURE * std),
+        tuple(said["moments"]) if kind == "load" else None,
+        said["settled"],
+        None if either is None else ("a load" if either[0] == "load" else f"{either[0]} of {joints[either[1]]}"),
+        {"load": mass, "offset": torque_unit}.get(kind, ""),
+    )

@@ -1,0 +1,515 @@
+//! Does the model still hold? A sequential test per change that has a name, while the arm works.
+//!
+//! A row is the mean, over a fifth of a second, of what the model leaves of the measured torque, and of what each change
+//! would add to it per unit: friction's own torque, the whole torque, one deviation, the torque of a mass at the last link.
+//! Means are linear, so a change adds the same to both. Rows in which a joint stands, or in which the arm leaves what the
+//! model was trained on, say nothing. [`sequential`] is the test and where its threshold comes from; [`settings`] what is
+//! tolerated. A change that has been named is taken off from then on, so that the next one can be seen beside it.
+
+mod rows;
+mod sequential;
+mod settings;
+mod solve;
+
+use std::sync::Arc;
+
+use crate::dynamics::check_length;
+use crate::error::CoreError;
+use crate::estimator::TorqueEstimator;
+use crate::model::{check_step, TorqueModel};
+use crate::slices::{at, mirror_fields, set, Mirror};
+use rows::{Known, Row, Rows};
+use sequential::{log_ratio, log_ratio_of_deviation, Evidence, SequentialTest, GROWN, SIZES};
+pub use settings::{Kind, WatchSettings};
+use solve::{LoadSums, PLACES};
+
+/// A name has to be this much likelier than any other for the same joints: 19 to 1.
+const SURE: f64 = 2.944_438_979_166_440_3;
+
+/// Rows after the first test has passed before a name is given: a cause on several joints is not the first that shows.
+const LEAST_ROWS: u32 = 5;
+
+/// Rows in which names that are nearly as likely have to part; then the likeliest is told with the next.
+const PATIENCE: u32 = 25;
+
+/// Rows after a name in which its size settles; then it is taken for granted.
+const SETTLED: u32 = 50;
+
+/// Usual size of a change over what is tolerated.
+const USUAL: f64 = 4.0;
+
+/// A change that was named.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Change {
+    /// What has changed.
+    pub kind: Kind,
+    /// On which joint; a load is on all, and has the last.
+    pub joint: usize,
+    /// By how much, in the unit that [`Kind`] says.
+    pub size: f64,
+    /// Standard deviation of the size.
+    pub std: f64,
+    /// Of a load, its first moments in the last link's frame \[kg m\].
+    pub moments: [f64; 3],
+    /// False where it was named just now; true where its size has settled, and is taken for granted from now on.
+    pub is_settled: bool,
+    /// What else it may be, on which joint, if the data do not tell yet.
+    pub or: Option<(Kind, usize)>,
+}
+
+/// The test of a change on one joint.
+#[derive(Clone, Copy, Debug)]
+struct Named {
+    kind: Kind,
+    joint: usize,
+    tolerated: f64,
+    test: SequentialTest<{ SIZES.len() }>,
+    /// What rows have said since the alarm.
+    window: Evidence,
+}
+
+/// What a watch is about.
+#[derive(Clone, Copy, Debug)]
+enum Phase {
+    /// Nothing has passed its threshold.
+    Quiet,
+    /// Something has, so many rows ago: what is it?
+    Telling(u32),
+    /// It was named, so many rows ago: how large is it?
+    Settling(u32, Change),
+}
+
+/// The test of a load.
+type LoadTest = SequentialTest<{ SIZES.len() * PLACES.len() }>;
+
+/// Watches one arm. All memory is taken in `new`.
+#[derive(Clone, Debug)]
+pub struct Watch {
+    settings: WatchSettings,
+    threshold: f64,
+    rows: Rows,
+    /// Variance of a joint's rows over what the model expects, and how many are worth an independent one.
+    inflation: Vec<f64>,
+    memory: Vec<f64>,
+    /// What a joint's rows usually leave \[torque unit\].
+    deviation: Vec<f64>,
+    known: Known,
+    /// The row that is being judged, and which test comes next.
+    row: Row,
+    next: usize,
+    per_step: usize,
+    tests: Vec<Named>,
+    load_test: LoadTest,
+    /// Of the rows since the alarm.
+    load: LoadSums,
+    phase: Phase,
+    n_rows: u64,
+}
+
+impl Watch {
+    /// `inflation` and `memory`, one value per joint: variance of rows over what the model expects, and how many rows are worth
+    /// an independent one, as runs without a change show them.
+    ///
+    /// # Errors
+    /// [`CoreError`] if a setting is none, a length is wrong, an inflation is not positive or a memory is less than one.
+    pub fn new(
+        model: Arc<TorqueModel>,
+        settings: WatchSettings,
+        inflation: &[f64],
+        memory: &[f64],
+    ) -> Result<Self, CoreError> {
+        settings.check()?;
+        let n = model.robot().n_joints();
+        check_length("inflation", inflation, n)?;
+        check_length("memory", memory, n)?;
+        if !inflation.iter().all(|x| *x > 0.0 && x.is_finite()) {
+            return Err(CoreError::Range { what: "inflation" });
+        }
+        if !memory.iter().all(|x| *x >= 1.0 && x.is_finite()) {
+            return Err(CoreError::Range { what: "memory" });
+        }
+        let usual = model.noise_std().iter().zip(inflation);
+        let deviation = usual.map(|(std, more)| std * more.sqrt()).collect();
+        let own = [
+            (Kind::Friction, settings.friction),
+            (Kind::Gain, settings.gain),
+            (Kind::Offset, settings.offset),
+            (Kind::Unknown, settings.unknown),
+        ];
+        let test = |kind, joint, tolerated| Named {
+            kind,
+            joint,
+            tolerated,
+            test: SequentialTest::new(),
+            window: Evidence::default(),
+        };
+        let tests: Vec<_> = (0..n)
+            .flat_map(|j| own.map(|(kind, tolerated)| test(kind, j, tolerated)))
+            .collect();
+        Ok(Self {
+            threshold: settings.log_threshold(tests.len() + 1),
+            rows: Rows::new(model, settings.row),
+            inflation: inflation.to_vec(),
+            memory: memory.to_vec(),
+            deviation,
+            known: Known::new(n),
+            row: Row::new(n),
+            next: tests.len(),
+            per_step: 1,
+            tests,
+            load_test: LoadTest::new(),
+            load: LoadSums::default(),
+            phase: Phase::Quiet,
+            n_rows: 0,
+            settings,
+        })
+    }
+
+    /// Rows that were finished, and of the last one what was left less what was named before \[torque unit\], the variance that
+    /// the model expects, and which joints say something; n values each.
+    #[must_use]
+    pub fn row(&self) -> (u64, &[f64], &[f64], &[bool]) {
+        (
+            self.n_rows,
+            &self.row.left,
+            &self.row.variance,
+            &self.row.moves,
+        )
+    }
+
+    /// How it watches.
+    #[must_use]
+    pub fn settings(&self) -> &WatchSettings {
+        &self.settings
+    }
+
+    /// Takes the sample that `estimator` has just answered, with the torque that was measured at it (n values
+    /// \[torque unit\]), `elapsed` seconds after the one before; says what has changed when it is sure. Of a sample that is not
+    /// `good` (not a state that the model was trained on) the whole row says nothing.
+    ///
+    /// # Errors
+    /// [`CoreError`] if a length is wrong, the estimator has another number of joints, or the time is not positive.
+    pub fn step(
+        &mut self,
+        estimator: &TorqueEstimator,
+        tau: &[f64],
+        elapsed: f64,
+        good: bool,
+    ) -> Result<Option<Change>, CoreError> {
+        check_step(elapsed)?;
+        let mut named = None;
+        if self.rows.is_full() {
+            named = self.judge(self.tests.len());
+            self.rows.finish(&mut self.row);
+            self.per_step = self.tests.len() / self.row.n.max(1) as usize + 1;
+            self.known.take_off(&mut self.row);
+            self.n_rows += 1;
+            self.next = 0;
+        }
+        self.rows.take(estimator, tau, elapsed, good)?;
+        Ok(named.or(self.judge(self.per_step)))
+    }
+
+    /// Runs up to `most` of the tests that the row has not been through; after the last one says what has changed.
+    fn judge(&mut self, most: usize) -> Option<Change> {
+        let first = self.next;
+        if first >= self.tests.len() {
+            return None;
+        }
+        self.next = first.saturating_add(most);
+        let row = &self.row;
+        for named in self.tests.iter_mut().skip(first).take(most) {
+            let (j, tolerated) = (named.joint, named.tolerated);
+            let variance = at(&row.variance, j) * at(&self.inflation, j);
+            let memory = at(&self.memory, j);
+            let weight = weight(variance, memory, row.moves.get(j) == Some(&true));
+            if weight == 0.0 {
+                continue;
+            }
+            let left = at(&row.left, j);
+            let per_unit = match named.kind {
+                Kind::Friction => at(&row.friction, j),
+                Kind::Gain => at(&row.torque, j),
+                _ => at(&self.deviation, j),
+            };
+            let mut seen = Evidence {
+                moment: weight * per_unit * left,
+                information: weight * per_unit * per_unit,
+            };
+            let mut ratios = SIZES.map(|size| log_ratio(size, tolerated, seen));
+            if named.kind == Kind::Unknown {
+                let square = left * left / variance;
+                let of_size = |size| log_ratio_of_deviation(size, tolerated, square, memory);
+                ratios = GROWN.map(of_size);
+                seen = Evidence {
+                    moment: square / memory,
+                    information: 1.0 / memory,
+                };
+            }
+            match self.phase {
+                Phase::Quiet => named.test.step(ratios),
+                Phase::Telling(_) => named.window.add(seen),
+                Phase::Settling(_, change) if touches(&change, j) => named.window.add(seen),
+                Phase::Settling(..) => named.test.step(ratios),
+            }
+        }
+        if self.next < self.tests.len() {
+            return None;
+        }
+        self.judge_load();
+        self.go_on()
+    }
+
+    fn judge_load(&mut self) {
+        let row = &self.row;
+        let variances = row.variance.iter().zip(&self.inflation);
+        let weights = variances.zip(&self.memory).zip(&row.moves);
+        let weights = weights.map(|(((v, more), m), moves)| weight(v * more, *m, *moves));
+        let now = LoadSums::of(&row.load, &row.left, weights);
+        if !matches!(self.phase, Phase::Quiet) {
+            return self.load.add(&now);
+        }
+        let mut ratios = [0.0; SIZES.len() * PLACES.len()];
+        for (ratios, place) in ratios.chunks_exact_mut(SIZES.len()).zip(now.masses()) {
+            for (ratio, size) in ratios.iter_mut().zip(SIZES) {
+                *ratio = log_ratio(size, self.settings.load, place);
+            }
+        }
+        self.load_test.step(ratios);
+    }
+
+    /// Alarm, name, size: one after the other.
+    fn go_on(&mut self) -> Option<Change> {
+        match self.phase {
+            Phase::Quiet => {
+                let mut tests = self.tests.iter().map(|named| named.test.log_mean());
+                let passed = tests.any(|log_r| log_r > self.threshold);
+                if passed || self.load_test.log_mean() > self.threshold {
+                    self.begin_window();
+                    self.phase = Phase::Telling(0);
+                }
+                None
+            }
+            Phase::Telling(rows) => {
+                let rows = rows.saturating_add(1);
+                self.phase = Phase::Telling(rows);
+                let (change, lead) = self.likeliest();
+                let is_told = rows >= LEAST_ROWS && lead > SURE && change.kind != Kind::Unknown;
+                if !is_told && rows < PATIENCE {
+                    return None;
+                }
+                // What is tolerated after all was passing by, and observers are for that.
+                if self.is_tolerated(&change) {
+                    self.begin_anew(&change);
+                    self.phase = Phase::Quiet;
+                    return None;
+                }
+                self.phase = Phase::Settling(0, change);
+                Some(change)
+            }
+            Phase::Settling(rows, change) if rows < SETTLED => {
+                self.phase = Phase::Settling(rows.saturating_add(1), change);
+                None
+            }
+            Phase::Settling(_, change) => {
+                let change = Change {
+                    is_settled: true,
+                    ..self.sized(change)
+                };
+                self.take_up(&change);
+                self.phase = Phase::Quiet;
+                Some(change)
+            }
+        }
+    }
+
+    fn begin_window(&mut self) {
+        self.load = LoadSums::default();
+        for named in &mut self.tests {
+            named.window = Evidence::default();
+        }
+    }
+
+    /// The likeliest name for what the window holds, and by how much it is likelier than any other.
+    ///
+    /// A load explains all joints at once; the best names of single joints, each for what a name costs, are its rival.
+    fn likeliest(&self) -> (Change, f64) {
+        let cost = (self.tests.len() as f64).ln();
+        let last = self.memory.len().saturating_sub(1);
+        let (_, _, _, of_load) = self.load.solved(USUAL * self.settings.load);
+        let mut apart = 0.0;
+        let (mut best, mut second) = ((Kind::Unknown, 0, 0.0), f64::NEG_INFINITY);
+        let mut or = None;
+        for joint in 0..=last {
+            let (own, value, next, runner_up) = self.best_of(joint);
+            apart += (value - cost).max(0.0);
+            if value - cost > best.2 {
+                best = (own, joint, value - cost);
+                second = next - cost;
+                or = Some((runner_up, joint));
+            }
+        }
+        let load = of_load - cost;
+        let (found, lead, or) = if load > apart && load > 0.0 {
+            ((Kind::Load, last), load - apart, Some((best.0, best.1)))
+        } else {
+            let rival = second.max(load - apart + best.2);
+            let or = if second >= rival {
+                or
+            } else {
+                Some((Kind::Load, last))
+            };
+            ((best.0, best.1), best.2 - rival, or)
+        };
+        let (kind, joint) = if found.0 == Kind::Unknown || !self.explains(found) {
+            (Kind::Unknown, self.most_unlike())
+        } else {
+            found
+        };
+        let change = self.sized(Change {
+            kind,
+            joint,
+            size: 0.0,
+            std: 0.0,
+            moments: [0.0; 3],
+            is_settled: false,
+            or: or.filter(|_| lead < SURE && kind != Kind::Unknown),
+        });
+        (change, lead)
+    }
+
+    /// Of a joint's names the likeliest and the next, with the logarithms of their evidence.
+    fn best_of(&self, joint: usize) -> (Kind, f64, f64, Kind) {
+        let none = f64::NEG_INFINITY;
+        let mut found = (Kind::Unknown, none, none, Kind::Unknown);
+        let own = self.tests.iter().filter(|named| named.joint == joint);
+        for named in own.filter(|named| named.kind != Kind::Unknown) {
+            let value = named.window.log_evidence(USUAL * named.tolerated);
+            if value > found.1 {
+                found = (named.kind, value, found.1, found.0);
+            } else if value > found.2 {
+                (found.2, found.3) = (value, named.kind);
+            }
+        }
+        found
+    }
+
+    /// Whether a name leaves no more of its joints in the window than is tolerated of what has none.
+    fn explains(&self, (kind, joint): (Kind, usize)) -> bool {
+        let all = |other: &&Named| kind == Kind::Load || other.joint == joint;
+        let (mut left, mut gain) = (Evidence::default(), 0.0);
+        for named in self.tests.iter().filter(all) {
+            if named.kind == Kind::Unknown {
+                left.add(named.window);
+            } else if named.kind == kind {
+                gain = named.window.moment * named.window.size().0;
+            }
+        }
+        if kind == Kind::Load {
+            gain = self.load.gain(USUAL * self.settings.load);
+        }
+        let most = (1.0 + self.settings.unknown) * (1.0 + self.settings.unknown);
+        left.moment - gain <= most * left.information
+    }
+
+    /// Joint whose deviation has grown most.
+    fn most_unlike(&self) -> usize {
+        let own = self
+            .tests
+            .iter()
+            .filter(|named| named.kind == Kind::Unknown);
+        let grown = own.max_by(|a, b| a.window.size().0.total_cmp(&b.window.size().0));
+        grown.map_or(0, |named| named.joint)
+    }
+
+    /// The same with the size that the window says now.
+    fn sized(&self, change: Change) -> Change {
+        let joint = change.joint;
+        let own = self.tests.iter();
+        let mut own = own.filter(|named| (named.kind, named.joint) == (change.kind, joint));
+        let window = own.next().map_or(Evidence::default(), |named| named.window);
+        let (mut size, mut std) = window.size();
+        let mut moments = [0.0; 3];
+        match change.kind {
+            Kind::Offset => {
+                let unit = at(&self.deviation, joint);
+                (size, std) = (size * unit, std * unit);
+            }
+            Kind::Unknown => {
+                size = size.max(0.0).sqrt() - 1.0;
+                std *= 0.5 * (size + 1.0);
+            }
+            Kind::Load => (size, moments, std, _) = self.load.solved(USUAL * self.settings.load),
+            Kind::Friction | Kind::Gain => {}
+        }
+        Change {
+            size,
+            std,
+            moments,
+            ..change
+        }
+    }
+
+    /// From now on the change is a part of what is expected, and its joints begin anew.
+    fn take_up(&mut self, change: &Change) {
+        if change.kind == Kind::Unknown {
+            let j = change.joint;
+            let grown = (1.0 + change.size) * (1.0 + change.size);
+            let now = at(&self.inflation, j) * grown.max(1.0);
+            set(&mut self.inflation, j, now);
+        } else {
+            self.known.add(change);
+        }
+        self.begin_anew(change);
+    }
+
+    fn is_tolerated(&self, change: &Change) -> bool {
+        let size = change.size.abs();
+        let j = change.joint;
+        size <= match change.kind {
+            Kind::Friction => self.settings.friction,
+            Kind::Gain => self.settings.gain,
+            Kind::Offset => self.settings.offset * at(&self.deviation, j),
+            Kind::Unknown => self.settings.unknown,
+            // A load far out may be small: what its moments do is not a matter of its mass.
+            Kind::Load => 0.0,
+        }
+    }
+
+    fn begin_anew(&mut self, change: &Change) {
+        self.load_test = LoadTest::new();
+        for named in &mut self.tests {
+            if touches(change, named.joint) {
+                named.test = SequentialTest::new();
+            }
+        }
+    }
+}
+
+/// Whether what is left of a joint is another one with a change.
+fn touches(change: &Change, joint: usize) -> bool {
+    change.kind == Kind::Load || change.joint == joint
+}
+
+/// Weight of a row: nothing where its joint stands.
+fn weight(variance: f64, memory: f64, moves: bool) -> f64 {
+    if moves && variance > 0.0 {
+        1.0 / (variance * memory)
+    } else {
+        0.0
+    }
+}
+
+impl Mirror for Watch {
+    fn mirror(&mut self, of: &Self) {
+        mirror_fields!(
+            self, of;
+            rows, inflation, memory, deviation, known, row, tests;
+            copied settings, threshold, next, per_step, load_test, load, phase, n_rows;
+            kept
+        );
+    }
+}
+
+#[cfg(test)]
+mod tests;

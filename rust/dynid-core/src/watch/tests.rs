@@ -1,0 +1,145 @@
+use super::sequential::{log_ratio, Evidence, SequentialTest, SIZES};
+use super::solve::LoadSums;
+use super::WatchSettings;
+
+/// Uniform and normal numbers from a seed.
+struct Random(u64);
+
+impl Random {
+    fn uniform(&mut self) -> f64 {
+        self.0 = self
+            .0
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1);
+        (self.0 >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    fn normal(&mut self) -> f64 {
+        (-2.0 * self.uniform().max(1e-300).ln()).sqrt()
+            * (std::f64::consts::TAU * self.uniform()).cos()
+    }
+}
+
+/// Rows until R passes A, at most `most`, with a change of `size` and noise that m rows remember.
+fn rows_until(
+    random: &mut Random,
+    size: f64,
+    memory: f64,
+    log_a: f64,
+    most: usize,
+) -> Option<usize> {
+    const TOLERATED: f64 = 0.1;
+    let mut test = SequentialTest::<{ SIZES.len() }>::new();
+    let keep = (memory - 1.0) / (memory + 1.0);
+    let mut noise = random.normal();
+    (0..most).find(|_| {
+        noise = keep * noise + (1.0 - keep * keep).sqrt() * random.normal();
+        let per_unit = 4.0 * random.normal();
+        let seen = Evidence {
+            moment: per_unit * (size * per_unit + noise) / memory,
+            information: per_unit * per_unit / memory,
+        };
+        test.step(SIZES.map(|size| log_ratio(size, TOLERATED, seen)));
+        test.log_mean() > log_a
+    })
+}
+
+/// The chance to pass A within n rows is at most n / A, at the largest change that is tolerated, with a memory.
+#[test]
+fn false_alarms_are_as_rare_as_the_threshold_says() {
+    let (log_a, n) = (f64::ln(2000.0), 200);
+    for (size, memory) in [(0.0, 1.0), (0.1, 1.0), (-0.1, 1.0), (0.1, 4.0)] {
+        let mut random = Random(7);
+        let trials = 2000;
+        let alarms = (0..trials)
+            .filter(|_| rows_until(&mut random, size, memory, log_a, n).is_some())
+            .count();
+        // 200 of 2000 are allowed; five standard deviations more would be chance.
+        assert!(alarms <= 270, "{size} {memory}: {alarms}");
+    }
+}
+
+#[test]
+fn a_change_is_seen_soon_and_sooner_if_it_is_larger() {
+    let mut random = Random(3);
+    let mut mean = |size| {
+        let rows = (0..100).map(|_| rows_until(&mut random, size, 1.0, f64::ln(1e7), 5000));
+        rows.map(|row| row.unwrap_or(5000)).sum::<usize>() as f64 / 100.0
+    };
+    let (small, large) = (mean(0.2), mean(0.8));
+    assert!(
+        large < 30.0 && small < 600.0 && large < small,
+        "{small} {large}"
+    );
+}
+
+#[test]
+fn the_threshold_shares_a_day_among_tests() {
+    let settings = WatchSettings {
+        row: 0.2,
+        false_per_day: 2.0,
+        ..WatchSettings::default()
+    };
+    let expected: f64 = 25.0 * 86_400.0 / 0.2 / 2.0;
+    assert!((settings.log_threshold(25) - expected.ln()).abs() < 1e-12);
+}
+
+#[test]
+fn settings_that_are_none_are_refused() {
+    for spoil in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+        let good = WatchSettings::default();
+        for bad in [
+            WatchSettings { row: spoil, ..good },
+            WatchSettings {
+                false_per_day: spoil,
+                ..good
+            },
+            WatchSettings {
+                friction: spoil,
+                ..good
+            },
+            WatchSettings {
+                gain: spoil,
+                ..good
+            },
+            WatchSettings {
+                offset: spoil,
+                ..good
+            },
+            WatchSettings {
+                load: spoil,
+                ..good
+            },
+            WatchSettings {
+                unknown: spoil,
+                ..good
+            },
+        ] {
+            assert!(bad.check().is_err());
+        }
+        assert!(good.check().is_ok());
+    }
+}
+
+#[test]
+fn a_load_is_solved_from_its_sums() {
+    let mut random = Random(11);
+    let load = [1.5, 0.1, -0.2, 0.05];
+    let mut sums = LoadSums::default();
+    for _ in 0..50 {
+        let columns: [Vec<f64>; 4] =
+            std::array::from_fn(|_| (0..3).map(|_| 10.0 * random.normal()).collect());
+        let left: Vec<f64> = (0..3)
+            .map(|j| columns.iter().zip(load).map(|(c, x)| c[j] * x).sum())
+            .collect();
+        sums.add(&LoadSums::of(&columns, &left, [4.0, 0.0, 1.0].into_iter()));
+    }
+    let (mass, moments, std, log_evidence) = sums.solved(0.4);
+    assert!((mass - 1.5).abs() < 1e-3 && std < 0.01, "{mass} {std}");
+    for (moment, expected) in moments.iter().zip(&load[1..]) {
+        assert!((moment - expected).abs() < 1e-3);
+    }
+    assert!(log_evidence > 1000.0);
+    let nothing = LoadSums::default().solved(0.4);
+    assert!(nothing.0 == 0.0 && nothing.3.abs() < 1e-12, "{nothing:?}");
+}

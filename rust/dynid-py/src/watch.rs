@@ -1,0 +1,108 @@
+//! The watch along a run, by the code that runs online.
+
+use std::sync::Arc;
+
+use dynid_core::watch::{Change, WatchSettings};
+use dynid_core::OnlineEstimator;
+use numpy::{PyArray1, PyArray2};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use crate::lists::List;
+use crate::model::PyTorqueModel;
+use crate::samples::Samples;
+use crate::{arrays, errors};
+
+type Watched<'py> = (
+    Vec<Bound<'py, PyDict>>,
+    Bound<'py, PyArray1<usize>>,
+    Bound<'py, PyArray2<f64>>,
+    Bound<'py, PyArray2<f64>>,
+    Bound<'py, PyArray2<f64>>,
+);
+
+/// Changes in the order in which they were named, each a dict; then of every row the sample that ended it (n_rows,), and
+/// (n_rows, n) of what was left, the variance that the model expects, and 1 where the joint says something.
+#[pyfunction]
+#[pyo3(signature = (model, t, motion, tau, *, temperature=None, step, window=None, inflation, memory, row, false_per_day, friction, gain, offset, load, unknown))]
+#[expect(clippy::too_many_arguments, reason = "a keyword function")]
+pub fn watch_run<'py>(
+    py: Python<'py>,
+    model: &PyTorqueModel,
+    t: &Bound<'py, PyAny>,
+    motion: [Option<Bound<'py, PyAny>>; 6],
+    tau: &Bound<'py, PyAny>,
+    temperature: Option<&Bound<'py, PyAny>>,
+    step: f64,
+    window: Option<usize>,
+    inflation: List<f64>,
+    memory: List<f64>,
+    row: f64,
+    false_per_day: f64,
+    friction: f64,
+    gain: f64,
+    offset: f64,
+    load: f64,
+    unknown: f64,
+) -> PyResult<Watched<'py>> {
+    let n = model.0.robot().n_joints();
+    let run = Samples::of(n, t, &motion, tau, temperature)?;
+    let settings = WatchSettings {
+        row,
+        false_per_day,
+        friction,
+        gain,
+        offset,
+        load,
+        unknown,
+    };
+    let online = OnlineEstimator::new(Arc::clone(&model.0), Some(step), window);
+    let mut online = online
+        .and_then(|online| online.watching(settings, &inflation, &memory))
+        .map_err(errors::core)?;
+    let (mut changes, mut ends) = (Vec::<(usize, Change)>::new(), Vec::new());
+    let (mut left, mut variance, mut moves) = (Vec::new(), Vec::new(), Vec::new());
+    let (samples, n_samples) = (run.rows()?, run.len());
+    py.detach(|| {
+        let mut n_rows = 0;
+        for k in 0..n_samples {
+            online.step(&samples.at(k))?;
+            changes.extend(online.change().map(|change| (k, *change)));
+            let (now, of_left, of_variance, of_moves) = match online.watch() {
+                Some(watch) => watch.row(),
+                None => continue,
+            };
+            if now > n_rows {
+                n_rows = now;
+                ends.push(k);
+                left.extend_from_slice(of_left);
+                variance.extend_from_slice(of_variance);
+                moves.extend(of_moves.iter().map(|moves| f64::from(*moves)));
+            }
+        }
+        Ok(())
+    })
+    .map_err(errors::core)?;
+    let changes = changes.iter().map(|(k, change)| told(py, *k, change));
+    Ok((
+        changes.collect::<PyResult<_>>()?,
+        PyArray1::from_vec(py, ends),
+        arrays::to_matrix(py, left, n)?,
+        arrays::to_matrix(py, variance, n)?,
+        arrays::to_matrix(py, moves, n)?,
+    ))
+}
+
+fn told<'py>(py: Python<'py>, sample: usize, change: &Change) -> PyResult<Bound<'py, PyDict>> {
+    let told = PyDict::new(py);
+    told.set_item("sample", sample)?;
+    told.set_item("kind", change.kind.word())?;
+    told.set_item("joint", change.joint)?;
+    told.set_item("size", change.size)?;
+    told.set_item("std", change.std)?;
+    told.set_item("moments", change.moments)?;
+    told.set_item("settled", change.is_settled)?;
+    let or = change.or.map(|(kind, joint)| (kind.word(), joint));
+    told.set_item("or", or)?;
+    Ok(told)
+}

@@ -1,0 +1,88 @@
+"""`dynid watch`: what has changed on runs, in lines and as JSON."""
+
+import json
+
+import pytest
+from helpers.run_files import write
+from helpers.small_arm import dynid, refusal
+from helpers.watched_arm import CHANGES, model, recorded
+
+from dynid_rs.commands.watch import _per_day
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory):
+    """The model's file and its runs: two healthy ones, one more, and one with a change at 20 s."""
+    folder = tmp_path_factory.mktemp("watched")
+    model().save(folder / "model.json")
+    change = CHANGES["friction grown"][0]
+    runs = {
+        "first": recorded(40.0, 1),
+        "second": recorded(40.0, 2),
+        "same": recorded(60.0, 3),
+        "harder": recorded(60.0, 5, change=change, at=20.0),
+    }
+    for name, run in runs.items():
+        columns = {"t": run.t}
+        for j in range(run.n_joints):
+            signals = {"q": run.q, "dq": run.dq, "ddq": run.ddq, "tau": run.tau}
+            columns |= {f"{signal}_{j}": values[:, j] for signal, values in signals.items()}
+        write(folder / f"{name}.parquet", columns)
+    return folder
+
+
+def watched(arm, *runs, options=()):
+    healthy = ("--healthy", arm / "first.parquet", "--healthy", arm / "second.parquet")
+    return dynid("watch", arm / "model.json", *(arm / f"{run}.parquet" for run in runs), *healthy, *options)
+
+
+def test_nothing_has_changed_on_another_run(arm):
+    printed = watched(arm, "same")
+    assert printed.exit_code == 0, printed.output
+    assert printed.stdout.splitlines()[0] == "same.parquet: nothing has changed"
+
+
+def test_a_change_is_said_with_its_joint_and_ends_with_1(arm):
+    printed = watched(arm, "same", "harder", options=["--json"])
+    assert printed.exit_code == 1, printed.output
+    answer = json.loads(printed.stdout)
+    assert (answer["format"], answer["version"], answer["changed"]) == ("dynid-watch", 1, True)
+    same, changed = answer["runs"]
+    assert same["changes"] == []
+    named, settled = changed["changes"]
+    assert (named["kind"], named["joint"], named["settled"]) == ("friction", answer["joints"][1], False)
+    assert settled["size"] == pytest.approx(0.2, rel=0.1)
+    assert all(0.5 < part <= 1.0 for part in changed["watched"])
+    lines = watched(arm, "harder")
+    assert lines.exit_code == 1
+    assert f"{answer['joints'][1]}: friction +20 %" in lines.stdout
+
+
+def test_what_is_tolerated_is_not_said(arm):
+    assert watched(arm, "harder", options=["--tolerate", "friction=0.3", "--tolerate", "gain=.3"]).exit_code == 0
+
+
+def test_without_healthy_runs_the_model_says_what_is_usual(arm):
+    assert dynid("watch", arm / "model.json", arm / "same.parquet").exit_code == 0
+    assert dynid("watch", arm / "model.json", arm / "harder.parquet").exit_code == 1
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--false-alarms", "often"), "--false-alarms: expected a number per hour, day, week, month, year"),
+        (("--false-alarms", "0/day"), "--false-alarms: expected"),
+        (("--tolerate", "wear=1"), "--tolerate: expected KIND=X, a kind of friction, gain, offset, load, unknown"),
+        (("--tolerate", "gain=-1"), "--tolerate: expected"),
+        (("--tolerate", "gain"), "--tolerate: expected"),
+    ],
+)
+def test_wrong_options_are_refused_in_a_sentence(arm, options, words):
+    assert words in refusal(watched(arm, "same", options=options))
+
+
+@pytest.mark.parametrize(
+    ("text", "per_day"), [("1/day", 1.0), ("2/week", 2 / 7), (" 1 / 2weeks", 1 / 14), (".5/hour", 12.0)]
+)
+def test_false_alarms_are_read(text, per_day):
+    assert _per_day(text) == pytest.approx(per_day)

@@ -1,0 +1,114 @@
+"""`Watch`: what of a model no longer holds is named with its size, and nothing is where nothing has changed."""
+
+import numpy as np
+import pytest
+from helpers.watched_arm import CHANGES, LOAD, STEP, WORTH, model, motion, recorded, watching
+
+from dynid_rs import Recording, Tolerated, Watch
+
+
+@pytest.mark.parametrize("name", CHANGES)
+def test_a_change_is_named_with_its_size_and_taken_for_granted(name):
+    change, kind, joint, size = CHANGES[name]
+    at = 20.0
+    watched = watching().watch(recorded(80.0, 5, change=change, at=at))
+    named, settled = watched.changes
+    assert (named.kind, settled.kind) == (kind, kind)
+    assert named.joint == settled.joint == model().robot.joint_names[joint]
+    assert (named.settled, settled.settled, named.either) == (False, True, None)
+    assert at < named.t < at + 20 < settled.t + 10
+    assert settled.size == pytest.approx(size, rel=0.06)
+    low, high = settled.interval
+    assert low < size < high
+    assert high - low < named.interval[1] - named.interval[0]
+    if kind == "load":
+        np.testing.assert_allclose(settled.moments, np.sign(size) * LOAD[1:], atol=0.02)
+        assert named.t < at + 3.0
+    # What was named is expected from then on.
+    late = (watched.t > settled.t + 1) & watched.watched.all(axis=1)
+    relative = watched.left[late] / watched.deviation[late]
+    assert np.abs(relative.mean(axis=0)).max() < 1.0
+
+
+def test_one_change_after_the_other():
+    first, _kind, _j, _size = CHANGES["friction grown"]
+    second = CHANGES["load"][0]
+
+    def both(terms, load):
+        late = (np.arange(len(terms)) * STEP > 50.0)[:, None]
+        return first(terms, load) + late * second(terms, load)
+
+    changes = [
+        change for change in watching().watch(recorded(100.0, 6, change=both, at=10.0)).changes if change.settled
+    ]
+    assert [(change.kind, round(change.size, 1)) for change in changes] == [("friction", 0.2), ("load", 2.0)]
+
+
+def test_what_is_tolerated_is_no_change():
+    def little(terms, load):
+        gain = 0.02 * terms.sum(axis=1) * (np.arange(6) == 4)
+        return 0.05 * terms[:, 2] + gain + load @ [0.05, 0.0, 0.0, 0.0]
+
+    assert watching().watch(recorded(120.0, 7, change=little)).changes == ()
+
+
+def test_nothing_is_named_where_nothing_has_changed():
+    """Half an hour: one false alarm a day would be two in a hundred of such tests."""
+    for seed in range(20, 35):
+        assert watching().watch(recorded(120.0, seed)).changes == ()
+
+
+def test_a_change_without_a_name_is_called_unknown():
+    def shaking(terms, load):
+        return 6.0 * np.sin(np.arange(len(terms)) * STEP * 2 * np.pi * 1.7)[:, None] * (np.arange(6) == 3)
+
+    (named, *_) = watching().watch(recorded(60.0, 8, change=shaking, at=20.0)).changes
+    assert (named.kind, named.joint) == ("unknown", model().robot.joint_names[3])
+    assert named.size > 1.0
+    assert "look again" in str(named)
+
+
+def test_a_joint_that_stands_and_states_outside_say_nothing():
+    t, (q, dq, ddq) = motion(40.0, 3)
+    for signal in (q, dq, ddq):
+        signal[:, 2] = 0.0
+    tau = model().evaluate(q, dq, ddq)[0]
+    tau[:, 2] += 5.0  # static friction holds any torque
+    rec = Recording(t, q, dq, ddq=ddq, tau=tau, joints=model().robot.joint_names)
+    watched = Watch(model()).watch(rec)
+    assert watched.changes == ()
+    assert not watched.watched[:, 2].any()
+    assert watched.watched[:, 0].mean() > 0.5
+    far = Recording(t, q + 9.0, dq, ddq=ddq, tau=tau, joints=model().robot.joint_names)
+    assert not Watch(model()).watch(far).watched.any()
+
+
+def test_fit_finds_how_much_rows_are_worth():
+    """Noise of this memory leaves rows of this size: the mean of an Ornstein-Uhlenbeck process."""
+    watch = watching()
+    ratio = 0.2 / WORTH
+    expected = 2 / ratio**2 * (ratio - 1 + np.exp(-ratio))
+    np.testing.assert_allclose(watch.inflation_, expected, rtol=0.35)
+    assert np.all((watch.memory_ >= 1) & (watch.memory_ < 6))
+
+
+def test_texts_tell_kind_place_and_size():
+    changes = [watching().watch(recorded(80.0, 5, change=CHANGES[name][0], at=20.0)).changes[1] for name in CHANGES]
+    said = [str(change) for change in changes]
+    assert all("settled" in text for text in said)
+    for text, (_, kind, _, _) in zip(said, CHANGES.values(), strict=True):
+        assert {"offset": "constant torque"}.get(kind, kind) in text
+    assert "kg" in said[-1]
+    assert "N*m" in said[3]
+    assert "%" in said[0]
+    assert changes[0].to_json()["kind"] == "friction"
+
+
+def test_wrong_runs_and_settings_are_refused():
+    run = recorded(10.0)
+    with pytest.raises(ValueError, match=r"holds torque in A, the model gives N\*m"):
+        watching().watch(recorded(10.0, unit="A"))
+    with pytest.raises(ValueError, match="friction is outside its range"):
+        Watch(model(), tolerated=Tolerated(friction=0.0)).watch(run)
+    with pytest.raises(ValueError, match="too little to tell what it leaves"):
+        Watch(model()).fit(recorded(3.0))
