@@ -267,3 +267,23 @@ fn what_is_not_finite_is_no_limit() {
         assert_eq!((tau, status), (good, Status::NON_FINITE));
     }
 }
+
+#[test]
+fn input_is_stale_from_the_second_cycle_without_any() {
+    let mut online = OnlineEstimator::new(Arc::new(model()), None, None).unwrap();
+    let mut stale = || online.hold().contains(Status::STALE);
+    assert_eq!([stale(), stale(), stale()], [false, true, true]);
+    let [q, dq, ddq] = motion(0.0);
+    let mut sample = Sample {
+        sequence: None,
+        time: 0.0,
+        motion: [None; 6],
+        temperature: None,
+        tau: None,
+    };
+    for (signal, values) in sample.motion.iter_mut().zip([&q, &dq, &ddq]) {
+        *signal = Some(values);
+    }
+    assert!(!online.step(&sample).unwrap().contains(Status::STALE));
+    assert!(!online.hold().contains(Status::STALE));
+}

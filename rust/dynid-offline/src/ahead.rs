@@ -62,3 +62,30 @@ impl Ahead {
         (state, inside)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_early_channel_is_shown_later_states_between_their_neighbours() {
+        let q: Vec<f64> = (0..10)
+            .flat_map(|k| [f64::from(k), 100.0 + f64::from(k * k)])
+            .collect();
+        let states = State::single(&q, &q, &q);
+        let Some(mut ahead) = Ahead::of(-0.0025, 0.001, 2) else {
+            panic!("an early channel")
+        };
+        for (k, expected, known) in [
+            (0, [2.5, 106.5], true),
+            (6, [8.5, 172.5], true),
+            (7, [9.0, 181.0], false),
+            (9, [9.0, 181.0], false),
+        ] {
+            let (state, inside) = ahead.state(&states, k, 10);
+            assert_eq!((state.q, inside), (&expected[..], known), "{k}");
+            assert_eq!(state.ddq_motor, expected);
+        }
+        assert!(Ahead::of(0.0, 0.001, 2).is_none() && Ahead::of(-0.1, 0.0, 2).is_none());
+    }
+}

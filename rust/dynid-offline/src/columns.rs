@@ -234,3 +234,29 @@ pub fn motor_torque(
     motor_torque_into(&scaled, declared, tau_motor);
     Ok(())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn torque_has_a_number_per_sample_and_joint() {
+        let motion = vec![0.5; 6];
+        let run = RunSignals {
+            state: State::single(&motion, &motion, &motion),
+            tau_link: None,
+            tau_motor: None,
+            step: None,
+        };
+        let term = EffectTerm::new(Effect::rotor_inertia(), vec![1.0, 2.0], 2);
+        let term = term.expect("a term");
+        let mut tau = vec![0.0; 6];
+        assert!(effect_torque(&term, 2, &run, &mut tau).is_ok());
+        assert_eq!(tau, [0.5, 1.0, 0.5, 1.0, 0.5, 1.0]);
+        for wrong in [4, 8] {
+            let said = effect_torque(&term, 2, &run, &mut vec![0.0; wrong]);
+            let said = said.expect_err("another length").to_string();
+            assert_eq!(said, format!("tau has {wrong} values, expected 6"));
+        }
+    }
+}

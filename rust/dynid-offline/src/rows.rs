@@ -195,3 +195,39 @@ fn some_rows<L: Lanes>(rows: &[L::Raw]) -> [L; MOST_LANES] {
     }
     square
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use dynid_core::lanes::Kernel;
+
+    /// More numbers than any row has lanes.
+    const N: usize = 21;
+
+    struct Taken<'a>(&'a [f64]);
+
+    impl Kernel for Taken<'_> {
+        type Output = ();
+
+        #[inline(always)]
+        fn run<S: Lanes<Raw = [f64; 1]>, L: Lanes>(self) {
+            let samples = lane_samples::<L>(0, 5);
+            let mut rows = vec![L::ZERO; N];
+            take_numbers::<L>(self.0, &samples[..L::LEN], N, &mut rows);
+            for (j, row) in rows.into_iter().enumerate() {
+                let expected = gather::<L>(self.0, &samples[..L::LEN], N, j);
+                let mut numbers = [[0.0; MOST_LANES]; 2];
+                L::from_raw(row).store(&mut numbers[0]);
+                expected.store(&mut numbers[1]);
+                assert_eq!(numbers[0], numbers[1], "{j}");
+                assert_eq!(numbers[0][0], self.0[j]);
+            }
+        }
+    }
+
+    #[test]
+    fn numbers_beyond_the_lanes_are_taken_too() {
+        let signal: Vec<f64> = (0..5 * N).map(|k| k as f64).collect();
+        dynid_core::lanes::run(Taken(&signal));
+    }
+}

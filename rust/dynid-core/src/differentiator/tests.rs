@@ -258,3 +258,13 @@ fn windows_that_are_none() {
         .push(0.0, &[1.0, 2.0])
         .is_err());
 }
+
+#[test]
+fn a_lost_sample_takes_no_older_one_in() {
+    let mut filter = Differentiator::new(1, STEP, 7).unwrap();
+    for k in (0..=10).filter(|k| *k != 8) {
+        filter.push(f64::from(k) * STEP, &[0.0]).unwrap();
+    }
+    // Of the last seven times, 4 to 10, one is missing.
+    assert_eq!(filter.n_samples(), 6);
+}

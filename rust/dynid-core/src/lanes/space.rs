@@ -1,6 +1,6 @@
 //! Three-dimensional algebra of lanes.
 
-use core::ops::{Add, Mul, Neg, Sub};
+use core::ops::{Add, Mul, Sub};
 
 use super::Lanes;
 
@@ -136,16 +136,6 @@ impl<L: Lanes> Sub for Vector<L> {
     fn sub(self, other: Self) -> Self {
         let ([a, b, c], [x, y, z]) = (self.0, other.0);
         Self([a - x, b - y, c - z])
-    }
-}
-
-impl<L: Lanes> Neg for Vector<L> {
-    type Output = Self;
-
-    #[inline(always)]
-    fn neg(self) -> Self {
-        let [a, b, c] = self.0;
-        Self([-a, -b, -c])
     }
 }
 

@@ -2,7 +2,65 @@ use super::names::{check_prefix, comment, string};
 use super::numbers::number;
 use super::*;
 
+use dynid_core::model::TorqueModelParts;
+use dynid_core::{Domain, Effect, EffectTerm, Joint, JointKind, JointLimits, RobotModel};
+use nalgebra::{Matrix3, Vector3};
 use proptest::prelude::*;
+
+/// A joint with a ripple of this shape.
+fn rippling(shape: &[(&str, [f64; 1])]) -> TorqueModel {
+    let joint = Joint {
+        name: "a".to_owned(),
+        link: "a_link".to_owned(),
+        kind: JointKind::Revolute,
+        rotation: Matrix3::identity(),
+        translation: Vector3::zeros(),
+        axis: Vector3::z(),
+        limits: JointLimits::default(),
+        rotor_inertia: 0.0,
+        gear_ratio: None,
+        phi: [0.0; 10],
+    };
+    let robot = RobotModel::new("arm".into(), vec![joint], Vector3::zeros()).unwrap();
+    let ripple = Effect::new("torque_ripple", shape).unwrap();
+    TorqueModel::new(TorqueModelParts {
+        phi: robot.phi(),
+        robot,
+        torque_scale: vec![1.0],
+        effects: vec![EffectTerm::new(ripple, vec![1.0; 4], 1).unwrap()],
+        residual: None,
+        encoder_delay: vec![0.0],
+        noise_std: vec![0.1],
+        domain: Domain {
+            q: vec![[-1.0, 1.0]],
+            dq: vec![1.0],
+            ddq: vec![1.0],
+        },
+        torque_unit: "N*m".into(),
+        step: Some(0.001),
+    })
+    .unwrap()
+}
+
+#[test]
+fn what_a_model_does_not_need_is_not_in_its_header() {
+    let plain = rippling(&[("cycles", [3.0])]);
+    let late = plain.clone().with_torque_delay(0.0035).unwrap();
+    let ended = rippling(&[("cycles", [3.0]), ("held_from", [-0.5]), ("held_to", [0.5])]);
+    for (model, delayed, held) in [
+        (plain, false, false),
+        (late, true, false),
+        (ended, false, true),
+    ] {
+        let text = c_header(&model, "arm").unwrap();
+        assert_eq!(text.contains("arm_look_back(arm_estimator"), delayed);
+        assert_eq!(
+            text.contains("arm_hold_angle(x, j, arm_shape_1[j] + 1, unheld)"),
+            held
+        );
+        assert_eq!(text.contains("arm_release_angle"), held);
+    }
+}
 
 #[test]
 fn hexadecimal_floats_are_as_c_writes_them() {
