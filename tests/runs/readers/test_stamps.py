@@ -3,6 +3,7 @@
 import json
 import tomllib
 from datetime import UTC, datetime
+from types import SimpleNamespace
 
 import numpy as np
 import pandas
@@ -13,6 +14,7 @@ from helpers.small_arm import JOINTS, dynid, run, write_robot
 from dynid_rs.base.errors import DataError
 from dynid_rs.runs.checks.clocks import Clock, likely_unit
 from dynid_rs.runs.readers import Config, count_parts, read_config, read_recording, read_recordings, read_run
+from dynid_rs.runs.readers.epochs import by_size
 
 NET_1970 = 621_355_968_000_000_000
 """`DateTime.UnixEpoch.Ticks`, by the documentation of .NET."""
@@ -201,3 +203,17 @@ def test_a_difference_in_its_parts_is_no_stamp():
     found = read_run(frame, JOINTS)
     assert found.columns.time == "t"
     assert "seconds" in found.columns.ignored
+
+
+@pytest.mark.parametrize(
+    ("first", "known"),
+    [
+        (630_822_816_000_000_000, True),  # .NET's midnight of 1 January 2000, by Microsoft's documentation
+        (630_822_816_000_000_000 - 1, False),
+        (662_380_416_000_000_000 - 1, True),  # the last step of 2099
+        (662_380_416_000_000_000, False),
+    ],
+)
+def test_a_clock_is_known_from_the_first_step_of_2000_to_the_last_of_2099(first, known):
+    adopted, notes = by_size(np.array([first]), "t", SimpleNamespace(stamps=()), Config())
+    assert (adopted.units.get("time") == "100ns", bool(notes)) == (known, known)
