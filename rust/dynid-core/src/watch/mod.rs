@@ -6,6 +6,7 @@
 //! model was trained on, say nothing. [`sequential`] is the test and where its threshold comes from; [`settings`] what is
 //! tolerated. A change that has been named is taken off from then on, so that the next one can be seen beside it.
 
+mod naming;
 mod rows;
 mod sequential;
 mod settings;
@@ -34,9 +35,6 @@ const PATIENCE: u32 = 25;
 
 /// Rows after a name in which its size settles; then it is taken for granted.
 const SETTLED: u32 = 50;
-
-/// Usual size of a change over what is tolerated.
-const USUAL: f64 = 4.0;
 
 /// A change that was named.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -278,8 +276,11 @@ impl Watch {
         self.load_test.step(ratios);
     }
 
-    /// Alarm, name, size: one after the other.
+    /// Alarm, name, size: one after the other. An arm that stands says nothing, and no time passes.
     fn go_on(&mut self) -> Option<Change> {
+        if !self.row.moves.iter().any(|moves| *moves) {
+            return None;
+        }
         match self.phase {
             Phase::Quiet => {
                 let mut tests = self.tests.iter().map(|named| named.test.log_mean());
@@ -330,126 +331,6 @@ impl Watch {
         }
     }
 
-    /// The likeliest name for what the window holds, and by how much it is likelier than any other.
-    ///
-    /// A load explains all joints at once; the best names of single joints, each for what a name costs, are its rival.
-    fn likeliest(&self) -> (Change, f64) {
-        let cost = (self.tests.len() as f64).ln();
-        let last = self.memory.len().saturating_sub(1);
-        let (_, _, _, of_load) = self.load.solved(USUAL * self.settings.load);
-        let mut apart = 0.0;
-        let (mut best, mut second) = ((Kind::Unknown, 0, 0.0), f64::NEG_INFINITY);
-        let mut or = None;
-        for joint in 0..=last {
-            let (own, value, next, runner_up) = self.best_of(joint);
-            apart += (value - cost).max(0.0);
-            if value - cost > best.2 {
-                best = (own, joint, value - cost);
-                second = next - cost;
-                or = Some((runner_up, joint));
-            }
-        }
-        let load = of_load - cost;
-        let (found, lead, or) = if load > apart && load > 0.0 {
-            ((Kind::Load, last), load - apart, Some((best.0, best.1)))
-        } else {
-            let rival = second.max(load - apart + best.2);
-            let or = if second >= rival {
-                or
-            } else {
-                Some((Kind::Load, last))
-            };
-            ((best.0, best.1), best.2 - rival, or)
-        };
-        let (kind, joint) = if found.0 == Kind::Unknown || !self.explains(found) {
-            (Kind::Unknown, self.most_unlike())
-        } else {
-            found
-        };
-        let change = self.sized(Change {
-            kind,
-            joint,
-            size: 0.0,
-            std: 0.0,
-            moments: [0.0; 3],
-            is_settled: false,
-            or: or.filter(|_| lead < SURE && kind != Kind::Unknown),
-        });
-        (change, lead)
-    }
-
-    /// Of a joint's names the likeliest and the next, with the logarithms of their evidence.
-    fn best_of(&self, joint: usize) -> (Kind, f64, f64, Kind) {
-        let none = f64::NEG_INFINITY;
-        let mut found = (Kind::Unknown, none, none, Kind::Unknown);
-        let own = self.tests.iter().filter(|named| named.joint == joint);
-        for named in own.filter(|named| named.kind != Kind::Unknown) {
-            let value = named.window.log_evidence(USUAL * named.tolerated);
-            if value > found.1 {
-                found = (named.kind, value, found.1, found.0);
-            } else if value > found.2 {
-                (found.2, found.3) = (value, named.kind);
-            }
-        }
-        found
-    }
-
-    /// Whether a name leaves no more of its joints in the window than is tolerated of what has none.
-    fn explains(&self, (kind, joint): (Kind, usize)) -> bool {
-        let all = |other: &&Named| kind == Kind::Load || other.joint == joint;
-        let (mut left, mut gain) = (Evidence::default(), 0.0);
-        for named in self.tests.iter().filter(all) {
-            if named.kind == Kind::Unknown {
-                left.add(named.window);
-            } else if named.kind == kind {
-                gain = named.window.moment * named.window.size().0;
-            }
-        }
-        if kind == Kind::Load {
-            gain = self.load.gain(USUAL * self.settings.load);
-        }
-        let most = (1.0 + self.settings.unknown) * (1.0 + self.settings.unknown);
-        left.moment - gain <= most * left.information
-    }
-
-    /// Joint whose deviation has grown most.
-    fn most_unlike(&self) -> usize {
-        let own = self
-            .tests
-            .iter()
-            .filter(|named| named.kind == Kind::Unknown);
-        let grown = own.max_by(|a, b| a.window.size().0.total_cmp(&b.window.size().0));
-        grown.map_or(0, |named| named.joint)
-    }
-
-    /// The same with the size that the window says now.
-    fn sized(&self, change: Change) -> Change {
-        let joint = change.joint;
-        let own = self.tests.iter();
-        let mut own = own.filter(|named| (named.kind, named.joint) == (change.kind, joint));
-        let window = own.next().map_or(Evidence::default(), |named| named.window);
-        let (mut size, mut std) = window.size();
-        let mut moments = [0.0; 3];
-        match change.kind {
-            Kind::Offset => {
-                let unit = at(&self.deviation, joint);
-                (size, std) = (size * unit, std * unit);
-            }
-            Kind::Unknown => {
-                size = size.max(0.0).sqrt() - 1.0;
-                std *= 0.5 * (size + 1.0);
-            }
-            Kind::Load => (size, moments, std, _) = self.load.solved(USUAL * self.settings.load),
-            Kind::Friction | Kind::Gain => {}
-        }
-        Change {
-            size,
-            std,
-            moments,
-            ..change
-        }
-    }
-
     /// From now on the change is a part of what is expected, and its joints begin anew.
     fn take_up(&mut self, change: &Change) {
         if change.kind == Kind::Unknown {
@@ -461,19 +342,6 @@ impl Watch {
             self.known.add(change);
         }
         self.begin_anew(change);
-    }
-
-    fn is_tolerated(&self, change: &Change) -> bool {
-        let size = change.size.abs();
-        let j = change.joint;
-        size <= match change.kind {
-            Kind::Friction => self.settings.friction,
-            Kind::Gain => self.settings.gain,
-            Kind::Offset => self.settings.offset * at(&self.deviation, j),
-            Kind::Unknown => self.settings.unknown,
-            // A load far out may be small: what its moments do is not a matter of its mass.
-            Kind::Load => 0.0,
-        }
     }
 
     fn begin_anew(&mut self, change: &Change) {
