@@ -3,7 +3,7 @@
 //! A row is the mean, over a fifth of a second, of what the model leaves of the measured torque, and of what each change
 //! would add to it per unit: friction's own torque, the whole torque, one deviation, the torque of a mass at the last link.
 //! Means are linear, so a change adds the same to both. Rows in which a joint stands, or in which the arm leaves what the
-//! model was trained on, say nothing. [`sequential`] is the test and where its threshold comes from; [`settings`] what is
+//! model was trained on, say nothing. `sequential.rs` is the test and where its threshold comes from; `settings.rs` what is
 //! tolerated. A change that has been named is taken off from then on, so that the next one can be seen beside it.
 
 mod naming;

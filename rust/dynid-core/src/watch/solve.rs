@@ -91,7 +91,7 @@ impl LoadSums {
     }
 
     /// Mass and first moments, the mass's standard deviation, and the logarithm of the evidence that there is such a load, of a
-    /// mass of about `usual` beforehand. A motion that does not show where the load's centre is leaves it within [`REACH`] of the
+    /// mass of about `usual` beforehand. A motion that does not show where the load's centre is leaves it within `REACH` of the
     /// last link's origin.
     pub fn solved(&self, usual: f64) -> (f64, [f64; 3], f64, f64) {
         let mut spread = usual;
