@@ -1,6 +1,7 @@
 """`dynid watch`: what has changed on runs, in lines and as JSON."""
 
 import json
+import re
 
 import pytest
 from helpers.run_files import write
@@ -50,12 +51,24 @@ def test_a_change_is_said_with_its_joint_and_ends_with_1(arm):
     same, changed = answer["runs"]
     assert same["changes"] == []
     named, settled = changed["changes"]
-    assert (named["kind"], named["joint"], named["settled"]) == ("friction", answer["joints"][1], False)
+    assert (named["kind"], named["joint"], named["said"]) == ("friction", answer["joints"][1], "named")
     assert settled["size"] == pytest.approx(0.2, rel=0.1)
     assert all(0.5 < part <= 1.0 for part in changed["watched"])
     lines = watched(arm, "harder")
     assert lines.exit_code == 1
-    assert f"{answer['joints'][1]}: friction +20 %" in lines.stdout
+    assert re.search(rf"{answer['joints'][1]}: friction \+(19|20|21) % .* \(settled\)", lines.stdout)
+
+
+def test_a_run_that_cannot_be_watched_is_not_said_to_be_the_same(arm):
+    still = recorded(10.0, 1)
+    columns = {"t": still.t}
+    for j in range(still.n_joints):
+        columns |= {f"q_{j}": 0.3 + 0 * still.q[:, j], f"tau_{j}": still.tau[:, j]}
+    write(arm / "still.parquet", columns)
+    printed = watched(arm, "still")
+    assert printed.exit_code == 0
+    assert "still.parquet: could not be watched" in printed.stdout
+    assert json.loads(watched(arm, "still", options=["--json"]).stdout)["changed"] is None
 
 
 def test_what_is_tolerated_is_not_said(arm):

@@ -15,14 +15,14 @@ def test_a_change_is_named_with_its_size_and_taken_for_granted(name):
     named, settled = watched.changes
     assert (named.kind, settled.kind) == (kind, kind)
     assert named.joint == settled.joint == model().robot.joint_names[joint]
-    assert (named.settled, settled.settled, named.either) == (False, True, None)
+    assert (named.said, settled.said, named.either) == ("named", "settled", None)
     assert at < named.t < at + 20 < settled.t + 10
-    assert settled.size == pytest.approx(size, rel=0.06)
+    assert settled.size == pytest.approx(size, rel=0.08)
     low, high = settled.interval
-    assert low < size < high
+    assert abs(settled.size - size) < 0.75 * (high - low)  # of six intervals of 95 % one may miss
     assert high - low < named.interval[1] - named.interval[0]
     if kind == "load":
-        np.testing.assert_allclose(settled.moments, np.sign(size) * LOAD[1:], atol=0.02)
+        np.testing.assert_allclose(settled.moments, np.sign(size) * LOAD[1:], atol=0.04)
         assert named.t < at + 3.0
     # What was named is expected from then on.
     late = (watched.t > settled.t + 1) & watched.watched.all(axis=1)
@@ -39,7 +39,9 @@ def test_one_change_after_the_other():
         return first(terms, load) + late * second(terms, load)
 
     changes = [
-        change for change in watching().watch(recorded(100.0, 6, change=both, at=10.0)).changes if change.settled
+        change
+        for change in watching().watch(recorded(100.0, 6, change=both, at=10.0)).changes
+        if change.said == "settled"
     ]
     assert [(change.kind, round(change.size, 1)) for change in changes] == [("friction", 0.2), ("load", 2.0)]
 
@@ -66,6 +68,35 @@ def test_a_change_without_a_name_is_called_unknown():
     assert (named.kind, named.joint) == ("unknown", model().robot.joint_names[3])
     assert named.size > 1.0
     assert "look again" in str(named)
+
+
+def test_a_push_passes_and_blinds_nothing():
+    """Two seconds of a hand on the elbow, and half a minute later more friction there."""
+    first = CHANGES["friction grown"][0]
+
+    def pushed(terms, load):
+        t = np.arange(len(terms)) * STEP
+        push = 20.0 * ((t > 15.0) & (t < 17.0))[:, None] * (np.arange(6) == 1)
+        return push + (t > 50.0)[:, None] * first(terms, load)
+
+    changes = watching().watch(recorded(100.0, 9, change=pushed)).changes
+    assert [change.said for change in changes if change.t < 50.0] in ([], ["named", "withdrawn"])
+    (settled,) = (change for change in changes if change.said == "settled")
+    assert settled.kind == "friction"
+    assert settled.size == pytest.approx(0.2, rel=0.1)
+
+
+def test_a_load_is_named_beside_warm_gears():
+    """Friction that has fallen by what is tolerated on all joints does not hide it."""
+
+    def warm(terms, load):
+        return load @ LOAD - 0.09 * terms[:, 2]
+
+    settled = [
+        change for change in watching().watch(recorded(80.0, 11, change=warm)).changes if change.said == "settled"
+    ]
+    assert settled[0].kind == "load"
+    assert settled[0].size == pytest.approx(LOAD[0], rel=0.06)
 
 
 def test_a_joint_that_stands_and_states_outside_say_nothing():

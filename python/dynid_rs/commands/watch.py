@@ -28,8 +28,8 @@ def watch(
         list[Path] | None,
         typer.Option(
             metavar="RUN",
-            help="A run in which nothing had changed (repeat for more): how large the model's own error is, and how "
-            "lasting. Without, as the model says, and two seconds",
+            help="A run in which nothing had changed (repeat for more): it says how large the model's own error is, "
+            "and how long it lasts. Without one, the model's deviation for two seconds",
         ),
     ] = None,
     false_alarms: Annotated[
@@ -39,8 +39,8 @@ def watch(
         list[str] | None,
         typer.Option(
             metavar="KIND=X",
-            help="Changes that are none yet, in parts: friction=0.1, gain=0.05, unknown=1; offset=2 of the model's "
-            "deviations; load=0.1 kg (repeat for more)",
+            help="What is not a change yet: friction=0.1 and gain=0.05 (relative), offset=2 (deviations of the error), "
+            "load=0.1 (kg), unknown=1 (growth of the error); repeat for more",
         ),
     ] = None,
     config: _options.Config = None,
@@ -50,7 +50,7 @@ def watch(
     """Watch a model on recordings: say what has changed, friction, gain, offset, load, or something unknown.
 
     One test per change, with false alarms as rare as you say; a change is named once the data tell it from any other,
-    and its size ten seconds later. Ends with 1 if something has changed, with 2 if a file cannot be read.
+    and its size twenty seconds later. Ends with 1 if something has changed, with 2 if a file cannot be read.
     """
     from dynid_rs.commands._console import progress
     from dynid_rs.commands._inputs import load_model, read_runs, read_settings
@@ -75,7 +75,14 @@ def watch(
     else:
         for line in _lines(watched, joints, findings):
             typer.echo(line)
-    return EXIT_NO if any(run.changes for run in watched) else 0
+    return EXIT_NO if _changed(watched) else 0
+
+
+def _changed(watched: Sequence[Watched]) -> bool | None:
+    """Whether something has; None where no joint of any run could be watched."""
+    if not any(run.watched.any() for run in watched):
+        return None
+    return any(change.said != "withdrawn" for run in watched for change in run.changes)
 
 
 def _per_day(text: str) -> float:
@@ -111,7 +118,7 @@ def _answer(watched: Sequence[Watched], joints: Sequence[str], findings: Sequenc
         "format": "dynid-watch",
         "version": 1,
         "joints": list(joints),
-        "changed": any(run.changes for run in watched),
+        "changed": _changed(watched),
         "runs": [
             {
                 "run": run.name,
@@ -132,7 +139,8 @@ def _lines(watched: Sequence[Watched], joints: Sequence[str], findings: Sequence
 
     lines = []
     for run in watched:
-        lines.append(f"{shown(run.name)}: {'nothing has changed' if not run.changes else ''}".rstrip())
+        nothing = "nothing has changed" if run.watched.any() else "could not be watched"
+        lines.append(f"{shown(run.name)}:" if run.changes else f"{shown(run.name)}: {nothing}")
         lines += [f"  {change}" for change in run.changes]
         share = run.watched.mean(axis=0) if len(run.t) else [0.0] * len(joints)
         unseen = [shown(joint) for joint, part in zip(joints, share, strict=True) if part == 0]

@@ -23,6 +23,7 @@ UNKNOWN_MEMORY = 10.0
 LEAST_ROWS = 30
 """Fewer rows of a joint in motion tell no deviation: its interval would be wider than a fourth."""
 SURE = 1.96
+WORDS = {"offset": "constant torque"}
 NOTHING = 1e12
 """Tolerates everything: for rows alone."""
 
@@ -71,8 +72,9 @@ class Change:
         Where the size lies with 95 %.
     moments : tuple of float, optional
         First moments of a load in the last link's frame [kg m].
-    settled : bool
-        False where it was named just now; true ten seconds later, when it is taken for granted.
+    said : str
+        ``"named"`` just now; twenty seconds of motion later ``"settled"``, when it is taken for granted, or
+        ``"withdrawn"`` where it has passed or is no larger than what is tolerated.
     either : str, optional
         What else it may be, ``"gain of elbow"``, where the data do not tell.
     """
@@ -83,7 +85,7 @@ class Change:
     size: float
     interval: tuple[float, float]
     moments: tuple[float, float, float] | None = None
-    settled: bool = False
+    said: str = "named"
     either: str | None = None
     unit: str = ""
 
@@ -98,7 +100,7 @@ class Change:
             between = percent_interval(self.interval)
             what = f"{self.joint}: {self.kind} {percent(self.size, signed=True)} ({between})"
         either = f", or {self.either}" if self.either else ""
-        return f"{self.t:.1f} s: {what}{either}{' (settled)' if self.settled else ''}"
+        return f"{self.t:.1f} s: {what}{either}{'' if self.said == 'named' else f' ({self.said})'}"
 
     def to_json(self) -> dict[str, Any]:
         """As `dynid watch --json` prints it."""
@@ -183,7 +185,9 @@ class Watch:
         n = self.model.robot.n_joints
         everything = Tolerated(*[NOTHING] * 5)
         told = [self._run(run, everything, np.ones(n), np.ones(n)) for run in as_recordings(X, self.model.robot)]
-        relative = [np.where(run.watched, run.left / run.deviation, np.nan) for run in told]
+        relative = [
+            np.divide(run.left, run.deviation, out=np.full_like(run.left, np.nan), where=run.watched) for run in told
+        ]
         self.inflation_, self.memory_ = np.ones(n), np.full(n, np.nan)
         for j in range(n):
             own = [run[np.isfinite(run[:, j]), j] for run in relative]
@@ -246,7 +250,9 @@ def _change(said: dict[str, Any], t: FloatArray, joints: Sequence[str], torque_u
         size,
         (size - SURE * std, size + SURE * std),
         tuple(said["moments"]) if kind == "load" else None,
-        said["settled"],
-        None if either is None else ("a load" if either[0] == "load" else f"{either[0]} of {joints[either[1]]}"),
+        said["said"],
+        None
+        if either is None
+        else ("a load" if either[0] == "load" else f"{WORDS.get(either[0], either[0])} of {joints[either[1]]}"),
         {"load": mass, "offset": torque_unit}.get(kind, ""),
     )

@@ -101,7 +101,7 @@ fn told<'py>(py: Python<'py>, sample: usize, change: &Change) -> PyResult<Bound<
     told.set_item("size", change.size)?;
     told.set_item("std", change.std)?;
     told.set_item("moments", change.moments)?;
-    told.set_item("settled", change.is_settled)?;
+    told.set_item("said", change.said.word())?;
     let or = change.or.map(|(kind, joint)| (kind.word(), joint));
     told.set_item("or", or)?;
     Ok(told)

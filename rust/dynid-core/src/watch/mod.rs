@@ -33,8 +33,12 @@ const LEAST_ROWS: u32 = 5;
 /// Rows in which names that are nearly as likely have to part; then the likeliest is told with the next.
 const PATIENCE: u32 = 25;
 
-/// Rows after a name in which its size settles; then it is taken for granted.
-const SETTLED: u32 = 50;
+/// Rows after which something that may be tolerated or not is let go.
+const LONGEST: u32 = 200;
+
+/// Rows after a name that its size does not go by, so that what has passed by then is seen to; then rows in which it settles.
+const PASSING: u32 = 25;
+const SETTLED: u32 = PASSING + 75;
 
 /// A change that was named.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -49,10 +53,33 @@ pub struct Change {
     pub std: f64,
     /// Of a load, its first moments in the last link's frame \[kg m\].
     pub moments: [f64; 3],
-    /// False where it was named just now; true where its size has settled, and is taken for granted from now on.
-    pub is_settled: bool,
+    /// Whether it was named just now, or what became of it.
+    pub said: Said,
     /// What else it may be, on which joint, if the data do not tell yet.
     pub or: Option<(Kind, usize)>,
+}
+
+/// A change is said twice.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Said {
+    /// It was named just now.
+    Named,
+    /// Its size has settled, and is taken for granted from now on.
+    Settled,
+    /// It has passed, or turned out to be as small as what is tolerated.
+    Withdrawn,
+}
+
+impl Said {
+    /// In files and reports.
+    #[must_use]
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Named => "named",
+            Self::Settled => "settled",
+            Self::Withdrawn => "withdrawn",
+        }
+    }
 }
 
 /// The test of a change on one joint.
@@ -109,7 +136,8 @@ impl Watch {
     /// an independent one, as runs without a change show them.
     ///
     /// # Errors
-    /// [`CoreError`] if a setting is none, a length is wrong, an inflation is not positive or a memory is less than one.
+    /// [`CoreError`] if a setting is none, a length is wrong, the model expects no error, an inflation is not positive or a memory is less
+    /// than one.
     pub fn new(
         model: Arc<TorqueModel>,
         settings: WatchSettings,
@@ -122,6 +150,9 @@ impl Watch {
         check_length("memory", memory, n)?;
         if !inflation.iter().all(|x| *x > 0.0 && x.is_finite()) {
             return Err(CoreError::Range { what: "inflation" });
+        }
+        if !model.noise_std().iter().all(|std| *std > 0.0) {
+            return Err(CoreError::Range { what: "noise_std" });
         }
         if !memory.iter().all(|x| *x >= 1.0 && x.is_finite()) {
             return Err(CoreError::Range { what: "memory" });
@@ -247,8 +278,12 @@ impl Watch {
             match self.phase {
                 Phase::Quiet => named.test.step(ratios),
                 Phase::Telling(_) => named.window.add(seen),
-                Phase::Settling(_, change) if touches(&change, j) => named.window.add(seen),
-                Phase::Settling(..) => named.test.step(ratios),
+                Phase::Settling(_, change) => {
+                    named.window.add(seen);
+                    if !touches(&change, j) {
+                        named.test.step(ratios);
+                    }
+                }
             }
         }
         if self.next < self.tests.len() {
@@ -295,33 +330,59 @@ impl Watch {
                 let rows = rows.saturating_add(1);
                 self.phase = Phase::Telling(rows);
                 let (change, lead) = self.likeliest();
-                let is_told = rows >= LEAST_ROWS && lead > SURE && change.kind != Kind::Unknown;
-                if !is_told && rows < PATIENCE {
+                let is_open = self.may_be_tolerated(&change);
+                let is_told = lead > SURE && change.kind != Kind::Unknown && !is_open;
+                if rows < if is_told { LEAST_ROWS } else { PATIENCE } {
                     return None;
                 }
-                // What is tolerated after all was passing by, and observers are for that.
-                if self.is_tolerated(&change) {
-                    self.begin_anew(&change);
-                    self.phase = Phase::Quiet;
+                // What is tolerated after all was passing by, and observers are for that; what may be either takes longer.
+                if is_open {
+                    if self.is_tolerated(&change, change.size.abs()) || rows >= LONGEST {
+                        self.begin_anew(&change);
+                        self.phase = Phase::Quiet;
+                    }
                     return None;
                 }
                 self.phase = Phase::Settling(0, change);
                 Some(change)
             }
             Phase::Settling(rows, change) if rows < SETTLED => {
+                if rows == PASSING {
+                    self.begin_window();
+                }
                 self.phase = Phase::Settling(rows.saturating_add(1), change);
                 None
             }
-            Phase::Settling(_, change) => {
-                let change = Change {
-                    is_settled: true,
-                    ..self.sized(change)
-                };
-                self.take_up(&change);
+            Phase::Settling(_, before) => {
                 self.phase = Phase::Quiet;
-                Some(change)
+                Some(self.settle(before))
             }
         }
+    }
+
+    /// What a change is, and how large, by the rows since it had time to pass.
+    fn settle(&mut self, before: Change) -> Change {
+        let mut now = self.sized(before);
+        if before.kind != Kind::Unknown {
+            let (likeliest, _) = self.likeliest();
+            if likeliest.kind != Kind::Unknown {
+                now = likeliest;
+            }
+        }
+        now.said = if self.may_be_tolerated(&now) {
+            Said::Withdrawn
+        } else {
+            Said::Settled
+        };
+        if now.said == Said::Settled {
+            self.take_up(&now);
+        } else {
+            self.begin_anew(&now);
+        }
+        if now.joint != before.joint {
+            self.begin_anew(&before);
+        }
+        now
     }
 
     fn begin_window(&mut self) {

@@ -1,15 +1,25 @@
 //! Which change it is, and how large: by the rows since the alarm, on which no test was decided.
 //!
 //! A name is as probable as the data are with a change of a usual size of its kind, less what a name costs. A load explains
-//! all joints at once; the best names of single joints together are its rival. A name that leaves much more than is expected is
-//! none.
+//! all joints at once; the best names of single joints together are its rival. A name that does not take half of what is left
+//! off is none. A change is one only if its interval lies beyond what is tolerated.
 
 use super::sequential::Evidence;
-use super::{Change, Kind, Named, Watch, SURE};
+use super::solve::REACH;
+use super::{Change, Kind, Named, Said, Watch, SURE};
 use crate::slices::at;
 
 /// Usual size of a change over what is tolerated.
 const USUAL: f64 = 4.0;
+
+/// Sizes of a change beforehand that are compared, over the usual one.
+const WIDTHS: [f64; 3] = [1.0, 4.0, 16.0];
+
+/// A name takes at least this part of what is left above the usual off: else something else is there.
+const EXPLAINED: f64 = 0.5;
+
+/// Half of an interval of 95 % over its standard deviation.
+const INTERVAL: f64 = 1.96;
 
 impl Watch {
     /// The likeliest name for what the window holds, and by how much it is likelier than any other.
@@ -54,7 +64,7 @@ impl Watch {
             size: 0.0,
             std: 0.0,
             moments: [0.0; 3],
-            is_settled: false,
+            said: Said::Named,
             or: or.filter(|_| lead < SURE && kind != Kind::Unknown),
         });
         (change, lead)
@@ -66,7 +76,9 @@ impl Watch {
         let mut found = (Kind::Unknown, none, none, Kind::Unknown);
         let own = self.tests.iter().filter(|named| named.joint == joint);
         for named in own.filter(|named| named.kind != Kind::Unknown) {
-            let value = named.window.log_evidence(USUAL * named.tolerated);
+            let widths = WIDTHS.map(|width| width * USUAL * named.tolerated);
+            let values = widths.map(|usual| named.window.log_evidence(usual));
+            let value = values.into_iter().fold(none, f64::max) - (WIDTHS.len() as f64).ln();
             if value > found.1 {
                 found = (named.kind, value, found.1, found.0);
             } else if value > found.2 {
@@ -76,7 +88,7 @@ impl Watch {
         found
     }
 
-    /// Whether a name leaves no more of its joints in the window than is tolerated of what has none.
+    /// Whether a name leaves no more of its joints in the window than is tolerated of what has none, or takes most of it off.
     fn explains(&self, (kind, joint): (Kind, usize)) -> bool {
         let all = |other: &&Named| kind == Kind::Load || other.joint == joint;
         let (mut left, mut gain) = (Evidence::default(), 0.0);
@@ -91,7 +103,8 @@ impl Watch {
             gain = self.load.gain(USUAL * self.settings.load);
         }
         let most = (1.0 + self.settings.unknown) * (1.0 + self.settings.unknown);
-        left.moment - gain <= most * left.information
+        let more = left.moment - left.information;
+        left.moment - gain <= most * left.information || gain >= EXPLAINED * more
     }
 
     /// Joint whose deviation has grown most.
@@ -132,16 +145,25 @@ impl Watch {
         }
     }
 
-    pub(super) fn is_tolerated(&self, change: &Change) -> bool {
-        let size = change.size.abs();
+    /// Whether a change may be as small as what is tolerated of its kind.
+    pub(super) fn may_be_tolerated(&self, change: &Change) -> bool {
+        self.is_tolerated(change, change.size.abs() - INTERVAL * change.std)
+    }
+
+    /// Whether a change of this kind, at least so large, is tolerated.
+    pub(super) fn is_tolerated(&self, change: &Change, least: f64) -> bool {
         let j = change.joint;
-        size <= match change.kind {
-            Kind::Friction => self.settings.friction,
-            Kind::Gain => self.settings.gain,
-            Kind::Offset => self.settings.offset * at(&self.deviation, j),
-            Kind::Unknown => self.settings.unknown,
-            // A load far out may be small: what its moments do is not a matter of its mass.
-            Kind::Load => 0.0,
+        match change.kind {
+            Kind::Friction => least <= self.settings.friction,
+            Kind::Gain => least <= self.settings.gain,
+            Kind::Offset => least <= self.settings.offset * at(&self.deviation, j),
+            Kind::Unknown => least <= self.settings.unknown,
+            // A small load far out is none that is tolerated.
+            Kind::Load => {
+                let [x, y, z] = change.moments;
+                let far = (x * x + y * y + z * z).sqrt();
+                least <= self.settings.load && far <= REACH * self.settings.load
+            }
         }
     }
 }

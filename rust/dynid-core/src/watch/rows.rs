@@ -61,6 +61,7 @@ pub(super) struct Rows {
     sums: Row,
     n_loads: u32,
     elapsed: f64,
+    last: f64,
     since_load: f64,
     good: bool,
 }
@@ -90,14 +91,16 @@ impl Rows {
             },
             n_loads: 0,
             elapsed: 0.0,
+            last: 0.0,
             since_load: f64::INFINITY,
             good: true,
             model,
         }
     }
 
+    /// True once the next sample would be nearer to the next row.
     pub fn is_full(&self) -> bool {
-        self.elapsed >= self.length
+        self.elapsed + 0.5 * self.last >= self.length
     }
 
     /// Adds a sample.
@@ -112,6 +115,7 @@ impl Rows {
         check_length("tau", tau, n)?;
         check_length("terms", estimator.terms(), n * self.model.n_terms())?;
         self.elapsed += elapsed;
+        self.last = elapsed;
         self.since_load += elapsed;
         if !good || !tau.iter().all(|x| x.is_finite()) {
             self.good = false;
@@ -192,7 +196,7 @@ impl Mirror for Rows {
         mirror_fields!(
             self, of;
             workspace, scratch, sums;
-            copied length, n_loads, elapsed, since_load, good;
+            copied length, n_loads, elapsed, last, since_load, good;
             kept model, is_friction, rest, units
         );
     }

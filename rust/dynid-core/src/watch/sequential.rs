@@ -15,7 +15,7 @@
 //! ```
 //!
 //! grows by at most one per row, so it passes A within n rows with a chance of at most n / A (Doob). So does its mean over
-//! several d.
+//! several d. Rows that remember each other are given less weight, by m; that bounds how fast R grows, not each row's expectation.
 
 /// What a row says of a change: b and g above.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]

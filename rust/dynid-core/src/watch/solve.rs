@@ -4,7 +4,7 @@ use super::rows::N_LOAD;
 use super::sequential::Evidence;
 
 /// Distance of a load's centre from the last link's origin \[m\], of hands and what they hold.
-const REACH: f64 = 0.2;
+pub(super) const REACH: f64 = 0.2;
 /// Rounds in which mass and the spread of its moments settle.
 const SETTLING: usize = 4;
 /// Centres of a load that are tried: the origin, and [`REACH`] along the axes.
