@@ -212,12 +212,6 @@ def test_ends_that_make_no_sense_are_refused(kind, ends, words):
         assert word in str(refused.value)
 
 
-def test_a_state_that_is_no_number_stays_none_beyond_the_ends():
-    run = [np.array([[np.nan] * N]), *(np.zeros((1, N)) for _ in range(5))]
-    ended = _core.Effect.of("joint_spring", **SHAPES["joint_spring"], **ENDS)
-    assert np.isnan(_core.effect_columns(ended, *run)).all()
-
-
 def test_places_of_one_kind_share_an_effect_whether_they_end_or_not(tmp_path):
     placed = [PlacedEffect.at("torque_ripple", 0, cycles=2.0), PlacedEffect.at("torque_ripple", 2, cycles=5.0)]
     placed[0] = placed[0].held((-9.0, 9.0)).held((-0.4, 0.3))  # the last ends count

@@ -92,7 +92,7 @@ def test_the_file_holds_it(tmp_path, model, states):
     again = TorqueModel.load(tmp_path / "model.json")
     assert again.torque_delay == -0.0123
     np.testing.assert_array_equal(again.evaluate(**states)[0], late.evaluate(**states)[0])
-    assert json.loads((tmp_path / "model.json").read_text())["version"] == 3  # it saturates
+    assert json.loads((tmp_path / "model.json").read_text())["version"] == 4  # functions of an angle end
     whole_model(model.robot, states, None, seed=7, effects=[]).with_torque_delay(0.01).save(tmp_path / "model.json")
     assert json.loads((tmp_path / "model.json").read_text())["version"] == 2
     assert "torque_delay" not in (tmp_path / "model.json").read_text().replace("torque_delay", "", 1)

@@ -78,3 +78,37 @@ pub fn columns(
     // A function of the joint's own angle reads nothing else, so the joint may be the only one.
     (entry.columns)(shape, 0, &EffectInput { state, ..*input }, &mut [], columns);
 }
+
+#[cfg(test)]
+mod tests {
+    use crate::effects::{Effect, EffectInput};
+    use crate::state::State;
+
+    #[test]
+    fn the_nearest_angle_within_the_ends_counts_and_no_number_stays_none() {
+        let shape = [
+            ("rest_position", [0.25]),
+            ("held_from", [-0.5]),
+            ("held_to", [1.0]),
+        ];
+        let Ok(spring) = Effect::new("joint_spring", &shape) else {
+            panic!("a spring")
+        };
+        for (q, expected) in [
+            (-2.0, -0.75),
+            (0.5, 0.25),
+            (3.0, 0.75),
+            (f64::NAN, f64::NAN),
+        ] {
+            let (row, mut column) = ([q], [0.0]);
+            let input = EffectInput {
+                state: State::single(&row, &row, &row),
+                tau_link: &[],
+                tau_motor: &[],
+                step: 0.0,
+            };
+            spring.columns_into(0, &input, &mut [], &mut column);
+            assert_eq!(column[0].to_bits(), f64::to_bits(expected), "{q}");
+        }
+    }
+}
