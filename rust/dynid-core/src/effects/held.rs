@@ -80,6 +80,7 @@ pub fn columns(
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use crate::effects::{Effect, EffectInput};
     use crate::state::State;
@@ -91,9 +92,7 @@ mod tests {
             ("held_from", [-0.5]),
             ("held_to", [1.0]),
         ];
-        let Ok(spring) = Effect::new("joint_spring", &shape) else {
-            panic!("a spring")
-        };
+        let spring = Effect::new("joint_spring", &shape).unwrap();
         for (q, expected) in [
             (-2.0, -0.75),
             (0.5, 0.25),
