@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from helpers.robots import random_chain
 from helpers.tolerances import ALGEBRAIC, EXACT
+from helpers.whole_model import OF_ANGLE
 from numpy.testing import assert_allclose, assert_array_equal
 
 from dynid_rs import _core
@@ -176,7 +177,6 @@ def test_columns_are_the_formula(kind):
     assert_allclose(columns, expected, **ALGEBRAIC)
 
 
-OF_ANGLE = ("torque_ripple", "joint_spring", "counterbalance")
 ENDS = {"held_from": [-0.4, -1.0, 0.1], "held_to": [0.3, -0.2, 0.1]}
 
 

@@ -23,7 +23,7 @@ DAYS = {"hour": 1 / 24, "day": 1.0, "week": 7.0, "month": 30.0, "year": 365.0}
 @run_command
 def watch(
     model: Annotated[Path, typer.Argument(metavar="MODEL.json", help="What `dynid identify` or `diagnose` made")],
-    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Runs to watch, in their order")],
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Runs to watch, each from its beginning")],
     healthy: Annotated[
         list[Path] | None,
         typer.Option(

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from dynid_rs import _core
 from dynid_rs.base.memory import residual_memory
 from dynid_rs.base.numbers import interval, percent, percent_interval, significant
+from dynid_rs.regression.uncertainty import NORMAL_95
 from dynid_rs.runs.given import Runs, as_recordings
 from dynid_rs.runs.recording import FloatArray, Recording
 
@@ -22,8 +23,8 @@ UNKNOWN_MEMORY = 10.0
 """Rows that are worth one independent one where no run has told: two seconds."""
 LEAST_ROWS = 30
 """Fewer rows of a joint in motion tell no deviation: its interval would be wider than a fourth."""
-SURE = 1.96
 WORDS = {"offset": "constant torque"}
+"""Kinds as people say them, where that is not how they are called in files."""
 NOTHING = 1e12
 """Tolerates everything: for rows alone."""
 
@@ -248,7 +249,7 @@ def _change(said: dict[str, Any], t: FloatArray, joints: Sequence[str], torque_u
         kind,
         joints[said["joint"]],
         size,
-        (size - SURE * std, size + SURE * std),
+        (size - NORMAL_95 * std, size + NORMAL_95 * std),
         tuple(said["moments"]) if kind == "load" else None,
         said["said"],
         None
