@@ -71,6 +71,7 @@ __all__ = [
     "processor_path",
     "pseudo_inertia",
     "residual_inputs",
+    "slope",
     "triangular_factor",
     "true_motion",
     "urdf_with_physical",
@@ -1486,6 +1487,12 @@ def low_pass(x: ArrayLike, filter: _Filter | None) -> _FloatArray:
     ------
     ValueError
         There are no more samples than padding.
+    """
+
+def slope(x: ArrayLike, rate: float) -> _FloatArray:
+    """Derivative of every column of `x` (n, k) sampled at `rate` [1/s], (n, k).
+
+    By Collatz's compact scheme: slopes are tied to each other, and right for cubics.
     """
 
 def extent(x: ArrayLike) -> _FloatArray:

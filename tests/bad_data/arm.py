@@ -13,6 +13,9 @@ from bad_data.story import Story, Wanted, any_joint, any_run, columns_of, files_
 
 FloatArray = NDArray[np.float64]
 
+FELT = 10.0
+"""Times the noise of its channel: a joint that is pushed by more shows it, however strong its drive is."""
+
 
 def mounting(rng: np.random.Generator, made: RunSet, variant: int) -> Story:
     """The base hangs, stands on a wall or on a slope; the robot file says level."""
@@ -41,7 +44,8 @@ def contact(rng: np.random.Generator, made: RunSet, variant: int) -> Story:
     torque = _pushed(made, s.q, link, force / np.linalg.norm(force)) * np.sin(np.pi * phase)[:, None]
     ratio = np.abs(torque).max(axis=0) / made.world.torque_std
     torque *= float(rng.uniform(0.4, 1.2)) / ratio.max()
-    joints = [int(j) for j in np.flatnonzero(ratio > 0.2 * ratio.max())]
+    felt = np.abs(torque).max(axis=0) > FELT * np.hypot(made.sensors.noise, made.sensors.quantum)
+    joints = [int(j) for j in np.flatnonzero(felt | (ratio > 0.2 * ratio.max()))]
     spoiled.columns[k] = loaded(made, k, torque)
     rows = np.searchsorted(spoiled.columns[k]["t"], [start, start + seconds])
     wanted = Wanted(("contact",), (name_of(k),), columns_of("tau", joints), (int(rows[0]), int(rows[1])))

@@ -51,7 +51,8 @@ def time_not_increasing(rng: np.random.Generator, made: RunSet, variant: int) ->
         t[row:] -= t[row] - t[0]
     else:
         columns.update({name: _exchanged(x, row) for name, x in columns.items()})
-    wanted = Wanted(("time_backwards", "time_stands_still"), (name_of(k),), ("t",), (row - 1, row + 4))
+    follows = ("run_twice",) if kind == "block twice" else ()
+    wanted = Wanted(("time_backwards", "time_stands_still"), (name_of(k),), ("t",), (row - 1, row + 4), also=follows)
     return Story(kind, spoiled, wanted)
 
 

@@ -211,6 +211,7 @@ def calls(folder: Path) -> dict[str, Call]:
         "processor_path": (_core.processor_path, {}),
         "low_pass": (_core.low_pass, _positional(q, low_pass)),
         "extent": (_core.extent, _positional(q)),
+        "slope": (_core.slope, _positional(q, 100.0)),
         "triangular_factor": (_core.triangular_factor, _positional(rng.normal(size=(9, 4)))),
         "likeliest": (_core.likeliest, _positional([linear])),
         "merge_factors": (_core.merge_factors, _positional(factors)),

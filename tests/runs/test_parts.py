@@ -8,6 +8,7 @@ from helpers.run_files import JOINTS, csv_text, valid_columns, write_csv, write_
 from helpers.small_arm import dynid, run, write_robot, write_runs
 
 from dynid_rs.base.errors import DataError
+from dynid_rs.runs.checks.repeats import repeat_findings
 from dynid_rs.runs.parts import Parts, find_parts
 from dynid_rs.runs.readers import PartsWarning, count_parts, read_recording, read_recordings, read_run
 
@@ -114,3 +115,28 @@ def test_a_file_in_parts_is_read_once(tmp_path, monkeypatch):
     assert [one.n_samples for one in read] == [400, 400, 400, len(columns["t"]) - 1200]
     assert len(calls) == 1
     assert len({source.content() for source in sources}) == 4
+
+
+def test_parts_at_rest_are_left_out_where_others_move(tmp_path):
+    """A log that was started again before the arm was: what is left of the first one says nothing."""
+    columns = valid_columns()
+    for name in [name for name in columns if name != "t"]:
+        columns[name][300:] = columns[name][300]
+    columns["t"][300:] += 5.0
+    path = write_csv(tmp_path / "run.csv", columns)
+    (kept,) = read_recordings(path, JOINTS)
+    assert (kept.name, kept.n_samples) == ("run.csv", 300)
+    assert count_parts(path, JOINTS) == 1
+    assert read_run(path, JOINTS).split.text.endswith("read as 1 part (rows 1 to 300); 100 rows at rest are left out")
+    assert Parts(((0, 5), (5, 9))).in_motion(np.zeros((9, 2))) == Parts(((0, 5), (5, 9))), "nothing moves at all"
+
+
+def test_a_block_that_a_log_wrote_twice_is_to_be_cut_out(tmp_path):
+    columns = valid_columns()
+    order = np.r_[0:300, 200:400]
+    path = write_csv(tmp_path / "run.csv", {name: x[order] for name, x in columns.items()})
+    said = repeat_findings(read_recordings(path, JOINTS))[1]
+    assert said.rows == (0, 100)
+    assert (
+        said.message == "rows 1 to 100 are samples of run.csv (part 1 of 2) too; the log wrote them twice: cut them out"
+    )

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from bad_data.clean import tell_clean
 from exam.case import ROBOT, write_case
 from helpers.diagnosed import SIX_AXES, recorded, rigid
 from load_coverage import drawn_arm
@@ -48,6 +49,44 @@ def test_a_peak_of_a_coarse_channel_is_no_saturation():
     assert errors(replace(run, tau=np.minimum(run.tau, 8.0))) == [("saturated", "tau_0")]
 
 
+def test_a_peak_that_misses_the_level_below_its_last_is_no_saturation():
+    """Twelve rows on the last level, one on that below, as a recording with noise had it."""
+    flank = [
+        653,
+        664,
+        675,
+        696,
+        707,
+        739,
+        750,
+        782,
+        793,
+        803,
+        814,
+        825,
+        846,
+        868,
+        889,
+        900,
+        932,
+        943,
+        975,
+        985,
+        996,
+        996,
+    ]
+    peak = np.concatenate([flank, [1018] * 12, [1007], flank[:-5:-1], flank[-5::-1]])
+
+    def struck(t):
+        torque = coarse(600 * np.sin(1.3 * t), 10.7)
+        torque[1000 : 1000 + len(peak)] = peak
+        return torque
+
+    run = recording(struck)
+    assert errors(run) == []
+    assert errors(replace(run, tau=np.minimum(run.tau, 500.0))) == [("saturated", "tau_0")]
+
+
 def levelling(t, step=0.5):
     """A torque that levels off for a third of a second at 8 s, in steps."""
     rng = np.random.default_rng(3)
@@ -79,6 +118,56 @@ def test_a_zero_where_a_coarse_torque_turns_round_is_no_drop_out(sign):
     dropped = run.tau.copy()
     dropped[403] = 0.0
     assert errors(replace(run, tau=dropped)) == [("torque_spike", "tau_0")]
+
+
+def noisy(t, step=0.1):
+    """A small torque whose noise is less than its steps, most rows like their neighbours; one is zero."""
+    rng = np.random.default_rng(1)
+    torque = coarse(2.0 * np.sin(0.9 * t) + 0.04 * rng.normal(size=len(t)), step)
+    torque[next(row for row in range(100, len(t)) if torque[row - 1] == torque[row + 1] == 3 * step)] = 0.0
+    return torque
+
+
+def test_a_zero_among_the_steps_of_a_small_torque_is_no_drop_out():
+    run = recording(noisy)
+    assert errors(run) == []
+    dropped = run.tau + 5.0
+    assert errors(replace(run, tau=dropped)) == []
+    dropped[1500] = 0.0
+    assert errors(replace(run, tau=dropped)) == [("torque_spike", "tau_0")]
+
+
+def test_an_angle_that_rests_where_it_starts_again_is_not_stuck():
+    """It rests for a second at the edge, and goes on with a step of a whole turn."""
+    run = recording(lambda t: np.sin(t))
+    q, rest = run.q.copy(), slice(1000, 1082)
+    q[rest] = q[1000]
+    q[1082:] += q[1000] - q[1082]
+    turned = np.where(q > q[1000], q - 2 * np.pi, q)
+    q_after = q[1082:1090] - q[1000]
+    assert np.all(q_after[1:] > 0), "the step out of the rest is one of a turn"
+    assert errors(replace(run, q=turned)) == [("wrapped", "q_0")]
+    stuck = turned.copy()
+    stuck[2000:2100] = stuck[2000]
+    assert errors(replace(run, q=stuck)) == [("stuck", "q_0"), ("wrapped", "q_0")]
+
+
+def test_encoders_of_a_fast_joint_on_two_clocks_are_late_and_not_of_another_scale():
+    """Forty milliseconds at 3 rad/s are more than a tenth of what the joint moves."""
+    run = recording(lambda t: np.sin(t))
+    t = run.t
+    late = replace(run, q=np.sin(3 * t)[:, None], q_motor=np.sin(3 * (t + 0.04))[:, None])
+    found = {finding.code: finding for finding in check_recording(late)}
+    assert found["encoder_delay"].value == pytest.approx(0.04, rel=0.02)
+    assert errors(late) == []
+    assert errors(replace(late, q_motor=1.3 * late.q)) == [("motor_scale", "q_motor_0")]
+
+
+def test_runs_that_begin_in_fast_motion_are_not_pushed_there():
+    """The filters have nothing before the first row to go by; three recordings of an arm that nothing touches."""
+    told = tell_clean(3065250053)
+    assert told.n_runs == 3
+    assert (told.alarms, told.failed) == ([], "")
 
 
 def test_an_arm_on_a_wall_without_masses_has_no_joints_swapped(tmp_path):

@@ -199,8 +199,8 @@ def parted_sources(
 ) -> tuple[list[RunFile], list[RunFile]]:
     """`run_sources` of the runs to learn from and of those to test on, by names that tell all of them apart."""
     from dynid_rs.archive.runs import RunFile
+    from dynid_rs.runs.parts import part_name
     from dynid_rs.runs.readers import count_parts
-    from dynid_rs.runs.readers.convert import part_name
 
     sources: tuple[list[RunFile], list[RunFile]] = ([], [])
     paths = [*runs, *test]

@@ -20,6 +20,7 @@ from dynid_rs.regression.kept_columns import effect_rows
 from dynid_rs.regression.linear_model import Columns, Fit, LinearModel, Score, fits, sign_cost
 from dynid_rs.regression.priors import declares_inertia
 from dynid_rs.regression.scales import SCALE_SPREAD
+from dynid_rs.runs.slope import slope
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -205,8 +206,8 @@ def yielding(fit: ThreeLoopIdentifier) -> list[Columns]:
         slopes = []
         for states, tau in zip(fit.runs_, bent, strict=True):
             behind = YIELDS * tau[:, j] / size[j]
-            rate = np.gradient(behind, 1 / states.rate)
-            moved = behind, rate, np.gradient(rate, 1 / states.rate)
+            rate = slope(behind, states.rate)
+            moved = behind, rate, slope(rate, states.rate)
             ends = []
             for sign in (-0.5, 0.5):
                 motion = [x.copy() for x in (states.q, states.dq, states.ddq)]

@@ -13,6 +13,7 @@ from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.model.assembly import evaluate
 from dynid_rs.regression.linear_model import Choice, LinearModel
 from dynid_rs.runs.preprocessing import States
+from dynid_rs.runs.slope import slope
 
 FloatArray = NDArray[np.float64]
 
@@ -143,7 +144,7 @@ class Gear:
         load, runs = self.load, self.fit.runs_
         # Whoever shows too much makes the difference smaller.
         turning = [-self._once_a_turn(states) for states in runs]
-        rate = [np.gradient(tau, 1 / states.rate) for tau, states in zip(load, runs, strict=True)]
+        rate = [slope(tau, states.rate) for tau, states in zip(load, runs, strict=True)]
         unit = "N*m" if self.fit.torque_unit_ == "N*m" else "A"
         free, positive = (-np.inf, np.inf), (0.0, np.inf)
         found = [

@@ -17,6 +17,9 @@ TIME_UNITS: Mapping[str, float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9,
 MIN_SAMPLES = 20
 """Fewer rows than this carry no dynamics: filters alone need as many to start."""
 
+MIN_SPAN = 5e-3
+"""A joint that stays within this range [rad, m] does not move: less is encoder noise and sag."""
+
 MAX_GAP_STEPS = 10.0
 """A longer step than this many median steps cannot be bridged: the run must be split there."""
 

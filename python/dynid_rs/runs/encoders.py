@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from dynid_rs import _core
 from dynid_rs.base.findings import Finding
 from dynid_rs.runs.preprocessing import States
+from dynid_rs.runs.slope import slope
 
 FloatArray = NDArray[np.float64]
 
@@ -83,7 +84,7 @@ def with_fitted_delay(findings: Sequence[Finding], delay: EncoderDelay | None) -
 def _system(states: States, tau_link: FloatArray, j: int) -> tuple[FloatArray, FloatArray]:
     """Columns speed, load, sign of speed, constant; and ``q_motor - q``, all in the band."""
     # The derivative of the position: a recorded velocity may lag behind by itself.
-    speed = np.gradient(states.q_motor[:, j], 1 / states.rate)
+    speed = slope(states.q_motor[:, j], states.rate)
     sign = _core.friction_basis(speed, 0.0, SIGN_WIDTH)[:, :2].sum(axis=1)
     raw = np.stack([speed, tau_link[:, j], sign, states.q_motor[:, j] - states.q[:, j]], axis=1)
     filtered = states.band.apply(raw, states.rate)

@@ -12,9 +12,10 @@ from dynid_rs import _core
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.findings import joint_words
 from dynid_rs.base.quoting import shown_value
+from dynid_rs.runs.cells import MIN_SPAN
 from dynid_rs.runs.checks.clocks import Clock, check_clocks
 from dynid_rs.runs.checks.limits import check_magnitudes
-from dynid_rs.runs.checks.motion import MIN_SPAN, extent, moving_joints
+from dynid_rs.runs.checks.motion import extent, moving_joints
 from dynid_rs.runs.recording import Recording
 
 FloatArray = NDArray[np.float64]

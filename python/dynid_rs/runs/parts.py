@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 
-from dynid_rs.runs.cells import MAX_GAP_STEPS, MIN_SAMPLES, MIN_STEP, FloatArray, usual_step
+from dynid_rs.runs.cells import MAX_GAP_STEPS, MIN_SAMPLES, MIN_SPAN, MIN_STEP, FloatArray, usual_step
 
 SHORTEST_SHARE = 0.05
 """A part that is shorter than this share of the longest is left out: nothing is learned from a few samples."""
@@ -18,16 +18,28 @@ MOST_SAID = 3
 """More breaks than this are counted, not listed."""
 
 
+PART = " (part "
+
+
 @dataclass(frozen=True)
 class Parts:
     """Rows of a run by part: `rows` are half-open; `breaks` are the rows before which time breaks.
 
-    `lost`: rows of parts that are too short to be of use.
+    `lost`: rows of parts that are too short to be of use; `resting`: of parts in which nothing moves.
     """
 
     rows: tuple[tuple[int, int], ...]
     breaks: tuple[int, ...] = ()
     lost: int = 0
+    resting: int = 0
+
+    def in_motion(self, q: FloatArray) -> Parts:
+        """Without the parts in which no joint of q (n, n_joints) moves, where one does in others: they say nothing."""
+        moving = tuple((start, stop) for start, stop in self.rows if np.ptp(q[start:stop], axis=0).max() > MIN_SPAN)
+        if not moving:
+            return self
+        left = sum(stop - start for start, stop in self.rows) - sum(stop - start for start, stop in moving)
+        return replace(self, rows=moving, resting=left)
 
 
 @dataclass(frozen=True)
@@ -38,6 +50,16 @@ class Split:
     code: str
     row: int
     line: int | None = None
+
+
+def part_name(name: str, k: int, n_parts: int) -> str:
+    """Name of part `k` (from 0) of a run."""
+    return f"{name}{PART}{k + 1} of {n_parts})"
+
+
+def whole_name(name: str) -> str:
+    """Name of the run that a part is of, or of the run itself."""
+    return name.partition(PART)[0]
 
 
 def find_parts(t: FloatArray) -> Parts:
@@ -90,5 +112,6 @@ def _said(t: FloatArray, parts: Parts, lines: Sequence[int] | None) -> str:
     n = len(parts.rows)
     into = "1 part" if n == 1 else f"{n} parts, each a run of its own"
     rows = ", ".join(f"{start + 1} to {stop}" for start, stop in parts.rows[:MOST_SAID])
-    rest = f"; {parts.lost} rows in pieces that are too short are left out" if parts.lost else ""
+    left_out = ((parts.lost, "in pieces that are too short"), (parts.resting, "at rest"))
+    rest = "".join(f"; {count} rows {why} are left out" for count, why in left_out if count)
     return f"{listed}: read as {into} (rows {rows}{', ...' if n > MOST_SAID else ''}){rest}"

@@ -10,7 +10,7 @@ import hashlib
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from dynid_rs import _core
 from dynid_rs.runs.low_pass import butterworth, steady_state
 from dynid_rs.runs.recording import Recording
+from dynid_rs.runs.slope import slope
 
 FloatArray = NDArray[np.float64]
 Filter = tuple[FloatArray, FloatArray, int]
@@ -43,6 +44,8 @@ LEAST_MOTION = 0.5
 """Shorter motion between two pauses [s] is a twitch (a brake opening), not motion."""
 LEAST_TOLD = 20
 """Rows in motion below which a joint is told by all of its rows, rests or not."""
+CLEARLY = 0.5
+"""A recorded velocity is another encoder's if it is so much nearer, in power."""
 EXACT = 1e-2
 """A recorded acceleration counts as the derivative of the recorded velocity below this relative difference."""
 
@@ -212,7 +215,7 @@ class States:
         """
         if not self.two_encoders or not np.any(encoder_delay):
             return self
-        return replace(self, ddq=self.ddq + encoder_delay * np.gradient(self.ddq, 1 / self.rate, axis=0))
+        return replace(self, ddq=self.ddq + encoder_delay * slope(self.ddq, self.rate))
 
 
 def is_of_load(signals: Collection[str]) -> bool:
@@ -243,7 +246,7 @@ def choose_band(recordings: list[Recording], least: float = 5.0) -> Band:
         rate = recording.rate
         grid = np.arange(recording.t[0], recording.t[-1], 1 / rate)
         q = Band(4 * least).apply(_linear(recording.t, recording.q, grid), rate)
-        power = np.cumsum(np.abs(np.fft.rfft(np.gradient(q, 1 / rate, axis=0), axis=0)) ** 2, axis=0)
+        power = np.cumsum(np.abs(np.fft.rfft(slope(q, rate), axis=0)) ** 2, axis=0)
         frequencies += [np.searchsorted(column, 0.9 * column[-1]) * rate / len(grid) for column in power.T]
     nyquist = min(recording.rate for recording in recordings) / 2
     return Band(float(min(max(least, 5 * np.median(frequencies)), 0.8 * nyquist)))
@@ -270,18 +273,18 @@ def prepare(recording: Recording, band: Band, rate: float, *, standstill: bool =
         )
     notes: list[str] = []
     two_encoders = recording.q_motor is not None
-    link = _side(recording, recording.q, recording.dq, recording.ddq, grid, band, rate, "dq", notes)
+    link = _side(recording, "q", recording.ddq, grid, band, rate, notes)
     exact = link[3]
     motor = link
     if recording.q_motor is not None and not np.array_equal(recording.q_motor, recording.q):
-        motor = _side(recording, recording.q_motor, recording.dq_motor, None, grid, band, rate, "dq_motor", notes)
+        motor = _side(recording, "q_motor", None, grid, band, rate, notes)
     tau = _linear(recording.t, recording.tau, grid)
     step = 1 if exact else max(1, int(rate / (WORK_RATE * band.cutoff)))
     if step > 1:
         tau = band.apply(tau, rate, 0.4 * rate / step)
     reference: list[FloatArray] | None = None
     if recording.q_reference is not None:
-        asked = _side(recording, recording.q_reference, None, None, grid, band, rate, "q_reference", notes)[:3]
+        asked = _side(recording, "q_reference", None, grid, band, rate, notes)[:3]
         reference = [np.ascontiguousarray(x[::step]) for x in asked]
     temperature = recording.temperature
     if temperature is not None:
@@ -339,17 +342,17 @@ def _grid(recording: Recording, rate: float) -> FloatArray:
 
 def _side(
     recording: Recording,
-    q: FloatArray,
-    dq: FloatArray | None,
+    side: Literal["q", "q_motor", "q_reference"],
     ddq: FloatArray | None,
     grid: FloatArray,
     band: Band,
     rate: float,
-    name: str,
     notes: list[str],
 ) -> tuple[FloatArray, FloatArray, FloatArray, bool]:
     """Position, velocity, acceleration on the grid, and whether they are the recorded ones untouched."""
-    t = recording.t
+    t, q = recording.t, getattr(recording, side)
+    name = f"d{side}"
+    dq: FloatArray | None = getattr(recording, name, None)
     q_grid = q if grid is t else _spline(t, q, grid)
     if dq is not None and ddq is not None and grid is t and _belongs(q, dq, ddq, band, rate):
         return q, dq, ddq, True
@@ -357,17 +360,20 @@ def _side(
         notes.append(f"{recording.name}: the recorded ddq is not the derivative of dq; it was not used")
     cutoff = STATE_BAND * band.cutoff
     q_grid = band.apply(q_grid, rate, cutoff)
-    derivative = np.gradient(q_grid, 1 / rate, axis=0)
+    derivative = slope(q_grid, rate)
     velocity = derivative
     if dq is not None:
         recorded = _linear(t, dq, grid)
-        lag, agrees = _velocity_lag(derivative, recorded, band, rate)
+        other = None
+        if side == "q" and recording.q_motor is not None:
+            other = slope(band.apply(_linear(t, recording.q_motor, grid), rate, cutoff), rate)
+        lag, agrees = _velocity_lag(derivative, recorded, other, band, rate)
         usable = agrees & (np.abs(lag) < LATEST_VELOCITY / band.cutoff)
         velocity = np.where(usable, band.apply(recorded, rate, cutoff), derivative)
         for j in np.flatnonzero(~usable):
             why = f"lags by {1e3 * lag[j]:.0f} ms" if agrees[j] else "is not the derivative of the position"
             notes.append(f"{recording.name}: the recorded {name}_{j} {why}; the position was differentiated instead")
-    return q_grid, velocity, np.gradient(velocity, 1 / rate, axis=0), False
+    return q_grid, velocity, slope(velocity, rate), False
 
 
 def _spline(t: FloatArray, x: FloatArray, grid: FloatArray) -> FloatArray:
@@ -386,7 +392,7 @@ def _linear(t: FloatArray, x: FloatArray, grid: FloatArray) -> FloatArray:
 def _belongs(q: FloatArray, dq: FloatArray, ddq: FloatArray, band: Band, rate: float) -> bool:
     """True if dq is q's derivative and ddq is dq's, in the band."""
     for x, dx in ((q, dq), (dq, ddq)):
-        derivative = band.apply(np.gradient(x, 1 / rate, axis=0), rate)
+        derivative = band.apply(slope(x, rate), rate)
         filtered = band.apply(dx, rate)
         scale = np.sqrt(np.mean(filtered**2, axis=0))
         difference = np.sqrt(np.mean((derivative - filtered)[2:-2] ** 2, axis=0))
@@ -396,19 +402,27 @@ def _belongs(q: FloatArray, dq: FloatArray, ddq: FloatArray, band: Band, rate: f
 
 
 def _velocity_lag(
-    derivative: FloatArray, recorded: FloatArray, band: Band, rate: float
+    derivative: FloatArray, recorded: FloatArray, other: FloatArray | None, band: Band, rate: float
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Lag of the recorded velocity behind the position's derivative [s], and whether the two agree in size."""
+    """Lag of the recorded velocity behind the position's derivative [s], and whether it is that.
+
+    It is not if it is of another size, nor if it is rather that of the `other` encoder: drives give their motors'
+    speed, and what a gear yields lies between.
+    """
     reference, filtered = band.apply(derivative, rate), band.apply(recorded, rate)
-    slope = np.gradient(reference, 1 / rate, axis=0)
+    change = slope(reference, rate)
+    beside = band.apply(other - derivative, rate) if other is not None else np.zeros_like(reference)
     lag, agrees = np.zeros(reference.shape[1]), np.ones(reference.shape[1], dtype=bool)
     for j in range(reference.shape[1]):
-        columns = np.stack([reference[:, j], slope[:, j]], axis=1)
+        columns = np.stack([reference[:, j], change[:, j]], axis=1)
         if not np.any(columns[:, 0]):
             continue
-        (gain, shift), *_ = np.linalg.lstsq(columns, filtered[:, j], rcond=None)
+        (gain, shift), left, *_ = np.linalg.lstsq(columns, filtered[:, j], rcond=None)
         agrees[j] = abs(gain - 1) < 0.1
         lag[j] = -shift / gain if agrees[j] else 0.0
+        if abs(lag[j]) < LATEST_VELOCITY / band.cutoff:
+            theirs = np.linalg.lstsq(columns, filtered[:, j] - beside[:, j], rcond=None)[1]
+            agrees[j] &= not np.any(theirs < CLEARLY * left)  # no residuals where columns are dependent
     return lag, agrees
 
 

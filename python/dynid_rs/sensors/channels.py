@@ -149,10 +149,14 @@ def _late(bench: Bench, names: Sequence[str]) -> Iterator[tuple[Trial, Finding]]
     if not found:
         return
     best = max(found, key=lambda lag: lag.trial.fit.log)
-    steepness = np.median([[rows.steepness[j] for j in best.trial.joints] for rows in bench.rows])
+    steepness = np.median([rows.steepness for rows in bench.rows], axis=0)
+    late = np.isin(np.arange(len(steepness)), best.trial.joints)
+    # A sensor's noise may fall off by itself: that of channels in time says how much.
+    usual = min(1.0, float(np.median(steepness[~late]))) if not late.all() else 1.0
+    filtered = bool(np.median(steepness[late]) < STEEP * usual)
     # Other changes are tried without losses of gears: what a delay gains counts, on the scale of theirs.
     fit = replace(best.trial.fit, log=bench.fit.log + best.trial.fit.log - best.in_time.log)
-    yield replace(best.trial, fit=fit), words.late(bench, best, names, filtered=bool(steepness < STEEP))
+    yield replace(best.trial, fit=fit), words.late(bench, best, names, filtered=filtered)
 
 
 def _clearly_late(lag: Lag) -> bool:

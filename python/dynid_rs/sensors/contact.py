@@ -13,6 +13,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid_rs.base.spread import spread
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.runs.preprocessing import States, stretches
 from dynid_rs.sensors.watch import Usual, Watch, watch_run
@@ -43,7 +44,10 @@ _TIMES = tuple(pairwise((0.0, *REVERSAL_EDGES, np.inf)))
 
 @dataclass(frozen=True)
 class Contact:
-    """One burst: `start`, `end` [s] of its run's clock, the joints that feel it, each one's peak [torque unit]."""
+    """One burst: `start`, `end` [s] of its run's clock, the joints that feel it, each one's peak [torque unit].
+
+    `most` is the joint whose torque it stands out of most: a heavy joint is off by more without any contact.
+    """
 
     run: str
     start: float
@@ -51,6 +55,7 @@ class Contact:
     joints: tuple[int, ...]
     peak: tuple[float, ...]
     strength: float
+    most: int
 
 
 def find_contacts(
@@ -87,28 +92,32 @@ def find_contacts(
 
 @dataclass(frozen=True, eq=False)
 class _Burst:
-    """How much a run stands out: `z` (n_grid, n_joints) by kernel, `strength` (n_grid,) of all joints together."""
+    """How much a run stands out: `z` (n_grid, n_joints) by kernel, `strength` (n_grid,) of all joints together.
+
+    `near` (n_grid,): the same through the narrowest kernel, friction's part not taken off.
+    """
 
     watch: Watch
     z: list[FloatArray]
     strength: FloatArray
+    near: FloatArray
 
     @staticmethod
     def of(watch: Watch, levels: Sequence[_Level], pools: Sequence[_Pool], *, pooled: bool = True) -> _Burst:
         """Of a run through every kernel; `pooled` if the pools hold it."""
-        z = []
-        for x, pool in zip(levels, pools, strict=True):
-            scale = _scale_of(watch, x, pool, pooled)
-            z.append(np.maximum(np.abs(x.m) - x.slack, 0) / np.hypot(scale, x.unsure))
-        return _Burst(watch, z, np.max([_together(level) for level in z], axis=0))
+        spreads = [np.hypot(_scale_of(watch, x, pool, pooled), x.unsure) for x, pool in zip(levels, pools, strict=True)]
+        z = [np.maximum(np.abs(x.m) - x.slack, 0) / spread for x, spread in zip(levels, spreads, strict=True)]
+        near = _together(np.abs(levels[0].m) / spreads[0])
+        return _Burst(watch, z, np.max([_together(level) for level in z], axis=0), near)
 
     @property
     def strongest(self) -> float:
         return float(self.strength.max())
 
     def contacts(self) -> list[Contact]:
-        # The narrowest kernel says where a burst ends, all of them together where there is one.
-        windows = _windows(self.strength, _together(self.z[0]), self.watch)
+        # The narrowest kernel says where a burst ends, all of them together where there is one. Where friction might
+        # explain what is there, a push that was found goes on.
+        windows = _windows(self.strength, self.near, self.watch)
         return [_contact(self.watch, self.z, self.strength, rows) for rows in windows]
 
 
@@ -126,6 +135,7 @@ def _contact(watch: Watch, z: Sequence[FloatArray], strength: FloatArray, window
         tuple(joints.tolist()),
         tuple(peak[joints].tolist()),
         float(strength[rows].max()),
+        int(peaks.argmax()),
     )
 
 
@@ -228,12 +238,7 @@ def _scale_of(watch: Watch, x: _Level, pool: _Pool, pooled: bool) -> FloatArray:
 
 
 def _scale(values: FloatArray, quantiles: Sequence[float]) -> float:
-    from scipy.special import ndtri
-
-    if len(values) < LEAST_VALUES:
-        return 0.0
-    at = np.quantile(values, quantiles)
-    return float(np.max(at / ndtri(0.5 + np.array(quantiles) / 2)))
+    return spread(values, quantiles) if len(values) >= LEAST_VALUES else 0.0
 
 
 def _together(z: FloatArray) -> FloatArray:

@@ -30,8 +30,8 @@ def contact_findings(
     for contact in contacts:
         recording = runs[contact.run]
         rows = np.searchsorted(recording.t, [contact.start, contact.end])
-        strongest = int(np.argmax(np.abs(contact.peak)))
-        joint, peak = contact.joints[strongest], contact.peak[strongest]
+        joint = contact.most
+        peak = contact.peak[contact.joints.index(joint)]
         unit = "N m" if recording.torque_unit == "N*m" else recording.torque_unit
         findings.append(
             Finding(

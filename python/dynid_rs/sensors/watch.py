@@ -33,6 +33,9 @@ REST_RUN = 0.8
 """An arm that rests for this part of a run was held there on purpose; shorter rest is a pause, with brakes in it."""
 PRESLIDING, SLOW = 0.01, 0.02
 """Since a reversal friction is not settled for this way [rad], and below this part of the usual speed."""
+MEMORY = 3.0
+"""Where a run begins or ends in motion the filters have no rows beyond it to go by: what they make of it is off for
+this time over the band's cutoff. A fit outweighs that, a search for bursts finds it."""
 UNFITTED_SPEED = 0.8
 """Runs that were not learned from are looked at below this part of the training runs' greatest speed."""
 
@@ -116,35 +119,50 @@ def watch_run(fit: ThreeLoopIdentifier, states: States, usual: Usual) -> Watch:
     aligned = states.aligned(delay, fit.encoder_error)
     load = usual.load(aligned)
     error = states.band.apply(states.tau - evaluate(fit.model_, states)[0], states.rate)[grid]
-    q, dq, t = states.q[grid], states.dq[grid], states.t[grid]
+    q, t = states.q[grid], states.t[grid]
     width = max(3, int(REST_TIME / step))
     rests = maximum_filter1d(q, width, axis=0) - minimum_filter1d(q, width, axis=0) < REST_RANGE * usual.range
     resting = rests.all(axis=1)
     resting &= resting.mean() > REST_RUN
-    guard = max(1, int(1 / states.band.cutoff / step))
+    guard = max(1, int(MEMORY / states.band.cutoff / step))
     inside = np.ones(len(t), dtype=bool)
     inside[:guard] = inside[-guard:] = False
     known = ~rests & usual.familiar(aligned, load)[grid]
-    seen = np.where(resting[:, None], inside[:, None], states.moving[grid][:, None] & known)
+    seen = inside[:, None] & (resting[:, None] | states.moving[grid][:, None] & known)
     # Pauses have another torque; what the median bridges there is what lies on both sides.
     usable = seen.any(axis=1)
     local = np.zeros_like(error)
     if usable.any():
         bridged = np.stack([np.interp(t, t[usable], column[usable]) for column in error.T], axis=1)
         local = bridged - median_filter(bridged, size=(max(3, int(LOCAL / step)), 1), mode="nearest")
-    since, way = _since_reversal(t, q, dq)
-    unsettled = ((way < PRESLIDING) | (np.abs(dq) < SLOW * usual.top)) & ~resting[:, None]
+    since, way = _since_reversal(states.t, states.q, states.dq)
+    unsettled = (way < PRESLIDING) | (np.abs(states.dq) < SLOW * usual.top)
+    slack = _in_band_at_most(states, unsettled * usual.coulomb)[grid]
     return Watch(
         states.name,
         t,
         np.where(seen, local, 0.0),
         seen,
-        unsettled * usual.coulomb,
+        slack * ~resting[:, None],
         usual.unsure(aligned) * ~resting[:, None],
-        since,
+        since[grid],
         resting,
         step,
     )
+
+
+def _in_band_at_most(states: States, x: FloatArray) -> FloatArray:
+    """What errors between -x and x (n, n_joints) may be in the band, whatever they are in time.
+
+    A joint that was at rest is off by up to its friction, and what the filter makes of that reaches into the motion.
+    """
+    from scipy.ndimage import convolve1d
+
+    reach = int(MEMORY * states.rate / states.band.cutoff)
+    impulse = np.zeros((2 * reach + 1, 1))
+    impulse[reach] = 1.0
+    weights = np.abs(states.band.apply(impulse, states.rate)[:, 0])
+    return np.asarray(convolve1d(x, weights, axis=0, mode="nearest"))
 
 
 def _since_reversal(t: FloatArray, q: FloatArray, dq: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -28,6 +28,7 @@ pub mod observation;
 pub mod points;
 mod probes;
 mod rows;
+pub mod slope;
 mod triangle;
 pub mod weighted;
 
@@ -42,4 +43,5 @@ pub use fold::fold;
 pub use friction_search::{FrictionSearch, SearchRun};
 pub use likeliest::{likeliest, JointGram, Likeliest, Noise, NormalPrior};
 pub use observation::{observe, Observation, RunStates, Sampling};
+pub use slope::slope;
 pub use weighted::{weighted_fit, WeightedFit};

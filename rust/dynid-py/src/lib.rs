@@ -77,6 +77,7 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(offline::filtered_friction_basis, m)?)?;
     m.add_function(wrap_pyfunction!(offline::low_pass, m)?)?;
     m.add_function(wrap_pyfunction!(offline::extent, m)?)?;
+    m.add_function(wrap_pyfunction!(offline::slope, m)?)?;
     m.add_function(wrap_pyfunction!(offline::triangular_factor, m)?)?;
     m.add_function(wrap_pyfunction!(offline::merge_factors, m)?)?;
     m.add_function(wrap_pyfunction!(physical::pseudo_inertia, m)?)?;

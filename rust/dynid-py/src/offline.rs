@@ -54,6 +54,20 @@ pub fn low_pass<'py>(
     arrays::to_matrix(py, filtered, width)
 }
 
+/// Slope of every column of `x` (n, k), sampled at `rate` [1/s].
+#[pyfunction]
+pub fn slope<'py>(
+    py: Python<'py>,
+    x: &Bound<'py, PyAny>,
+    rate: f64,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let width = arrays::width(x, "x")?;
+    let x = arrays::any_matrix(x, "x", width)?;
+    let x = x.as_slice()?;
+    let slopes = py.detach(|| dynid_offline::slope(x, width, rate));
+    arrays::to_matrix(py, slopes, width)
+}
+
 /// Lowest and highest number, largest step and longest stretch of equal neighbours of every column of `x` (n, k): (4, k).
 #[pyfunction]
 pub fn extent<'py>(py: Python<'py>, x: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyArray2<f64>>> {

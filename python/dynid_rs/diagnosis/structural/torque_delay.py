@@ -12,6 +12,7 @@ from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.structural.about import About
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.model.assembly import evaluate
+from dynid_rs.runs.slope import slope
 
 FloatArray = NDArray[np.float64]
 
@@ -44,7 +45,7 @@ def lateness(fit: ThreeLoopIdentifier) -> dict[int, FloatArray]:
     rows = []
     for states in fit.raw_runs_:
         torque = evaluate(fit.model_, states)[0]
-        rows.append(states.in_band(-np.gradient(torque, 1 / states.rate, axis=0)))
+        rows.append(states.in_band(-slope(torque, states.rate)))
     stacked = np.concatenate(rows)
     return {j: np.ascontiguousarray(stacked[:, j : j + 1]) for j in range(stacked.shape[1])}
 

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynid_rs.base.findings import Finding, joint_words
+from dynid_rs.runs.cells import MIN_SPAN
 from dynid_rs.runs.checks.derivatives import agrees_outside
-from dynid_rs.runs.checks.motion import MIN_SPAN, equal_runs, extent, is_same, label, moving_joints, spans
+from dynid_rs.runs.checks.motion import equal_runs, extent, is_same, label, moving_joints, spans
 from dynid_rs.runs.recording import FloatArray, Recording
 
 FROZEN_SECONDS = 0.1
@@ -20,14 +22,16 @@ COARSE_STEPS = 2.5
 
 PLATEAU_SAMPLES = 5
 PLATEAU_TRAVEL = 1e-3
-PLATEAU_FACTOR = 3.0
+PLATEAU_LEVELS = 3
+PLATEAU_FACTOR = 1.5
 PLATEAU_CHANCE = 2
-"""A range has ended if the rows of its plateaus are so many times those on the level below, and this many more: a
-smooth peak is on its last level for at most ``1 / (sqrt(2) - 1) = 2.4`` times as long as on the one below, up and down
-together, and each time may be off by a row at both ends."""
+"""A smooth peak is on its last level for no longer than on the three below it together, up and down: ``sqrt(1)`` to
+``sqrt(4) - sqrt(1)``. A range has ended if the rows of its plateaus are half as many again, and more than the rows by
+which the times may be off at both ends."""
 MIN_LEVELS = 30
 """Channels with fewer different values are coarsely quantised: plateaus are their nature."""
 
+TURN = 2 * np.pi
 MIN_JUMP = 0.05
 JUMP_FACTOR = 5.0
 
@@ -40,7 +44,11 @@ def check_channels(rec: Recording) -> Iterator[Finding]:
         q = rec.q[:, joint]
         broken = False
         for signal, values in _positions(rec, joint):
-            for finding in (*_frozen_position(rec, signal, values, joint), *_wrapped(rec, signal, values, joint)):
+            turns = _turns(rec, signal, values, joint)
+            for finding in (
+                *_frozen_position(rec, signal, _unwrapped(values, turns), joint),
+                *_wrapped(rec, signal, values, turns, joint),
+            ):
                 broken = True
                 yield finding
             if not broken:
@@ -177,10 +185,11 @@ def _clipped(rec: Recording, joint: int, values: FloatArray, q: FloatArray) -> I
         return
     column = f"tau_{joint}"
     moved = [(start, stop) for start, stop in stretches if np.ptp(q[start:stop]) > PLATEAU_TRAVEL]
-    for limit, beside, word in ((levels[-1], levels[-2], "largest"), (levels[0], levels[1], "smallest")):
+    highest, lowest = levels[-1 - PLATEAU_LEVELS :], levels[PLATEAU_LEVELS::-1]
+    for (*beside, limit), word in ((highest, "largest"), (lowest, "smallest")):
         plateaus = [(start, stop) for start, stop in moved if values[start] == limit]
         count = sum(stop - start for start, stop in plateaus)
-        if count > PLATEAU_FACTOR * (np.count_nonzero(values == beside) + PLATEAU_CHANCE):
+        if count > PLATEAU_FACTOR * (np.count_nonzero(np.isin(values, beside)) + PLATEAU_CHANCE):
             yield Finding(
                 "saturated",
                 "error",
@@ -196,23 +205,38 @@ def _clipped(rec: Recording, joint: int, values: FloatArray, q: FloatArray) -> I
             )
 
 
-def _wrapped(rec: Recording, signal: str, values: FloatArray, joint: int) -> Iterator[Finding]:
+def _turns(rec: Recording, signal: str, values: FloatArray, joint: int) -> NDArray[np.intp]:
+    """Rows (k,) after which an angle goes on a whole turn beside where it was."""
+    none = np.zeros(0, dtype=np.intp)
     if extent(rec, signal).largest_step[joint] < np.pi:
+        return none
+    sizes = np.abs(np.diff(values))
+    return np.flatnonzero(np.abs(sizes - TURN) < 0.2 * TURN) if np.percentile(sizes, 95) < 1.0 else none
+
+
+def _unwrapped(values: FloatArray, turns: NDArray[np.intp]) -> FloatArray:
+    """An angle (n,) without the turns after some of its rows."""
+    if not len(turns):
+        return values
+    steps = np.zeros(len(values))
+    steps[turns + 1] = TURN * np.sign(values[turns + 1] - values[turns])
+    return np.asarray(values - np.cumsum(steps))
+
+
+def _wrapped(rec: Recording, signal: str, values: FloatArray, turns: NDArray[np.intp], joint: int) -> Iterator[Finding]:
+    if not len(turns):
         return
-    steps, column = np.diff(values), f"{signal}_{joint}"
-    rows = np.flatnonzero(np.abs(np.abs(steps) - 2 * np.pi) < 0.2 * 2 * np.pi)
-    usual = np.percentile(np.abs(steps), 95)
-    if rows.size and usual < 1.0:
-        yield Finding(
-            "wrapped",
-            "error",
-            f"{column} jumps by a whole turn {rows.size} times, first at row {rows[0] + 2}; unwrap the angle",
-            rec.name,
-            column,
-            (int(rows[0]), int(rows[0]) + 2),
-            float(steps[rows[0]]),
-            "rad",
-        )
+    row, column = int(turns[0]), f"{signal}_{joint}"
+    yield Finding(
+        "wrapped",
+        "error",
+        f"{column} jumps by a whole turn {len(turns)} times, first at row {row + 2}; unwrap the angle",
+        rec.name,
+        column,
+        (row, row + 2),
+        float(values[row + 1] - values[row]),
+        "rad",
+    )
 
 
 def _jump(rec: Recording, signal: str, values: FloatArray, joint: int) -> Iterator[Finding]:

@@ -12,10 +12,8 @@ from numpy.typing import NDArray
 
 from dynid_rs import _core
 from dynid_rs.base.findings import Finding
+from dynid_rs.runs.cells import MIN_SPAN
 from dynid_rs.runs.recording import FloatArray, Recording
-
-MIN_SPAN = 5e-3
-"""A joint that stays within this range [rad, m] does not move: less is encoder noise and sag."""
 
 BLOCK_SECONDS = 0.1
 """Positions and integrated velocities are compared over blocks this long: jitter and noise average out."""

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.base.findings import Finding
-from dynid_rs.runs.checks.motion import MIN_SPAN
+from dynid_rs.runs.cells import MIN_SPAN
+from dynid_rs.runs.parts import whole_name
 from dynid_rs.runs.recording import Recording
 
 Keys = NDArray[np.uint64]
@@ -61,7 +62,10 @@ def repeat_findings(runs: Sequence[Recording]) -> dict[int, Finding]:
                 continue
             whole = rows[1] - rows[0] >= run.n_samples
             what = "all its samples" if whole else f"rows {rows[0] + 1} to {rows[1]}"
-            message = f"{what} are samples of {earlier.name} too; name the run once, and test on another one"
+            mend = "name the run once, and test on another one"
+            if whole_name(run.name) == whole_name(earlier.name):
+                mend = "the log wrote them twice: cut them out"
+            message = f"{what} are samples of {earlier.name} too; {mend}"
             found[k] = Finding("run_twice", "error", message, run.name, None, rows, float(rows[1] - rows[0]), "rows")
             found[k] = replace(found[k], line=run.line_of(rows[0]))
             break

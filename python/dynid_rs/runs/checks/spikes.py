@@ -14,10 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.base.findings import Finding
+from dynid_rs.base.spread import spread
 from dynid_rs.runs.checks.motion import extent, label, moving_joints
 from dynid_rs.runs.recording import FloatArray, Recording
 
 SIGMAS = 12.0
+QUANTILES = (0.5, 0.9)
+"""Each says how large noise is, and the larger counts: in a channel of coarse steps half the rows are where their
+neighbours are, whatever the noise."""
 SHARE = 0.2
 """Of the channel's size: what is nearer to the rows around it does no harm."""
 OUTSIDE = 4.5
@@ -47,7 +51,7 @@ def lone_rows(rec: Recording, signal: str, joint: int) -> NDArray[np.intp]:
     if len(values) < 4 * WINDOW or not found.largest_step[joint] > SHARE * size:
         return none
     off = np.abs(values - _local_median(values))
-    far = max(SIGMAS * 1.4826 * float(np.median(off)), SHARE * size)
+    far = max(SIGMAS * spread(off, QUANTILES), SHARE * size)
     rows = np.flatnonzero(off > far)
     if not 0 < len(rows) <= few_rows(len(values)):
         return none

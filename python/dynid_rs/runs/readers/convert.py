@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from dynid_rs.base.errors import DataError
 from dynid_rs.runs.cells import TIME_UNITS, FloatArray, check_finite, check_size, check_time
-from dynid_rs.runs.parts import MOST_SAID, Split, find_parts, split_of
+from dynid_rs.runs.parts import MOST_SAID, Split, find_parts, part_name, split_of
 from dynid_rs.runs.readers.columns import ColumnMap
 from dynid_rs.runs.readers.config import Config, PerJoint
 from dynid_rs.runs.readers.table import Columns, Table
@@ -132,6 +132,7 @@ def to_parts(
     for signal, names in found.signals.items():
         scale = scales.get(signal, np.ones(len(names)))
         signals[signal] = _stack(table, columns, names, scale) * scale
+    parts = parts.in_motion(signals["q"])
     torque_unit = "N*m"
     if "current" in signals:
         signals["tau"] = signals.pop("current")
@@ -153,11 +154,6 @@ def to_parts(
     )
     lines = [table.line_of(row) for row in parts.breaks[:MOST_SAID]] if table.line_of is not None else None
     return Converted(arguments, parts.rows, len(t), split_of(t, parts, lines))
-
-
-def part_name(name: str, k: int, n_parts: int) -> str:
-    """Name of part `k` (from 0) of a run."""
-    return f"{name} (part {k + 1} of {n_parts})"
 
 
 def seconds(values: NDArray[Any], table: Table, column: str, config: Config) -> FloatArray:

@@ -148,14 +148,18 @@ def _read(source: Source, robot: Robot, config: Rules, name: str | None, require
 
 
 def count_parts(source: Source, robot: Robot = None, config: Rules = None) -> int:
-    """How many recordings a source gives, from its time alone; 1 where that cannot be read: reading it says why."""
+    """How many recordings a source gives; 1 where it cannot be read: reading it says why.
+
+    Its time says whether they are several; which of them hold motion, only its positions.
+    """
     try:
         opened = _open(source, robot, config)
         columns = match_columns(opened.table.names, opened.joints, opened.config, "", require_torque=False)
         told = adopt_units(columns, opened.table.units, opened.config, "")
         stamps = opened.table.load([columns.time])[columns.time]
         rules, _ = by_size(stamps, columns.time, opened.table, told.config)
-        return len(find_parts(seconds(stamps, opened.table, columns.time, rules)).rows)
+        parts = find_parts(seconds(stamps, opened.table, columns.time, rules))
+        return 1 if len(parts.rows) == 1 else len(_read(source, robot, config, None, require_torque=False).parts)
     except (ValueError, OSError):
         return 1
 
