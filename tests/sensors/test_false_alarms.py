@@ -4,6 +4,7 @@ Each was a false error on a recording that the exam (`tests/exam`) had drawn.
 """
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from load_coverage import drawn_arm
 
 import dynid_rs as dyn
 from dynid_rs.runs.checks import check_recording
+from dynid_rs.runs.checks.torque import BEYOND, check_drive_torque
 from dynid_rs.runs.recording import Recording
 from dynid_rs.sensors import channel_errors
 from dynid_rs.simulation import Tracking, simulate, typical_arm
@@ -150,6 +152,64 @@ def test_an_angle_that_rests_where_it_starts_again_is_not_stuck():
     stuck = turned.copy()
     stuck[2000:2100] = stuck[2000]
     assert errors(replace(run, q=stuck)) == [("stuck", "q_0"), ("wrapped", "q_0")]
+
+
+def test_both_encoders_may_rest_where_they_start_again():
+    """The motor's goes over the edge while the link's rests: that is no way of two turns."""
+    run = recording(lambda t: np.sin(t))
+    q = run.q.copy()
+    q[1000:1082] = q[1000]
+    q[1082:] += q[1000] - q[1082]
+    motor = q + np.where(np.arange(len(q)) >= 1041, 1e-4, -1e-4)[:, None]
+    edge = float(q[1000, 0])
+    turned = [np.where(x > edge, x - 2 * np.pi, x) for x in (q, motor)]
+    assert errors(replace(run, q=turned[0], q_motor=turned[1])) == [("wrapped", "q_0"), ("wrapped", "q_motor_0")]
+
+
+def test_a_damaged_position_of_a_joint_at_rest_is_no_stuck_encoder():
+    run = recording(lambda t: np.sin(t))
+    q = run.q.copy()
+    q[1000:1100] = q[1000]
+    q[1100:] += q[1000] - q[1100]
+    q[1050] += 2.2
+    assert errors(replace(run, q=q)) == [("position_jump", "q_0")]
+    stuck = run.q.copy()
+    stuck[1000:1050] = stuck[1000]
+    assert errors(replace(run, q=stuck)) == [("stuck", "q_0")]
+
+
+def test_a_gear_that_yields_much_is_questioned_and_no_error():
+    """Far beyond its rated load, and out of phase with the motion."""
+    run = recording(lambda t: np.sin(t))
+    t, q = run.t, run.q
+    bent = replace(run, q_motor=q + 0.4 * np.sin(1.7 * t)[:, None])
+    assert [(f.code, f.severity) for f in check_recording(bent) if f.severity != "info"] == [
+        ("motor_disagrees", "warning")
+    ]
+    assert errors(replace(run, q_motor=0.8 * np.sin(1.7 * t)[:, None])) == [("motor_disagrees", "q_motor_0")]
+
+
+def test_a_damaged_velocity_of_a_joint_at_rest_is_no_stuck_encoder():
+    run = recording(lambda t: np.sin(t))
+    q = run.q.copy()
+    q[1000:1100] = q[1000]
+    q[1100:] += q[1000] - q[1100]
+    dq = np.gradient(q[:, 0], run.t)[:, None]
+    assert errors(replace(run, q=q, dq=dq)) == []
+    dq[1050] = 700.0
+    assert errors(replace(run, q=q, dq=dq)) == [("velocity_spike", "dq_0")]
+
+
+def test_a_channel_beyond_its_limit_is_not_damaged_in_its_greatest_rows():
+    """Torques of another, stronger joint: three of its rows are beyond what no drive gives, the rest nearly so."""
+    run = recording(lambda t: 6.6 * np.sin(t) + 0.1 * np.sin(40 * t))
+    robot = SimpleNamespace(effort_limits=(0.66,), lower=None, upper=None)
+    beyond = np.count_nonzero(np.abs(run.tau) > BEYOND * 0.66)
+    assert 0 < beyond < 200
+    few = replace(run, tau=np.where(np.abs(run.tau) > 6.69, run.tau, np.clip(run.tau, -6.6, 6.6)))
+    assert [finding.code for finding in check_drive_torque(few, robot)] == []
+    lone = replace(run, tau=np.where(np.arange(len(run.t))[:, None] == 1500, 6.7, 0.1 * run.tau))
+    assert [finding.code for finding in check_drive_torque(lone, robot)] == ["torque_spike"]
 
 
 def test_encoders_of_a_fast_joint_on_two_clocks_are_late_and_not_of_another_scale():

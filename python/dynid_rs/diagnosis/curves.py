@@ -46,12 +46,12 @@ def effect_plot(
     places: Sequence[tuple[int, int]],
     known: Sequence[Estimate],
 ) -> dict[str, Any]:
-    """Points, their means and the fitted curve of one effect on its first joint.
+    """Points, their means and the fitted curve of one effect on the first joint that feels it.
 
     `x` (n,) are the unknowns of `model`, `fit` its covariance; `places` of the effect's columns, by joint; `known` its
     estimates, coefficients first, whose intervals also hold what the covariance does not know.
     """
-    j = effect.joints[0]
+    j = effect.acting[0]
     at = [place for joint, place in places if joint == j]
     column_of = {place: k for k, place in enumerate(model.places[j].tolist())}  # own unknowns come first: not in order
     columns = model.rows[j][:, [column_of[place] for place in at]]
@@ -65,7 +65,7 @@ def effect_plot(
     if effect.kind in ALONG_THE_MOTION:
         sign = np.sign(_joined(found, "dq", j))
         used &= sign != 0
-    spread = _covariance(fit, at, x, known)
+    spread = _covariance(fit, at, x, [estimate for estimate in known if estimate.joint == j])
     return {
         "signal": signal if signal in ("t", "column") else f"{signal}_{found.setup.robot.joint_names[j]}",
         "quantity": "friction_torque" if effect.kind in ALONG_THE_MOTION else "torque",
@@ -90,7 +90,7 @@ def _covariance(fit: Fit, at: Sequence[int], x: FloatArray, known: Sequence[Esti
 
 def _signal(found: Belief, effect: PlacedEffect, column: FloatArray) -> tuple[str, str, FloatArray]:
     """Name, unit and values, at the rows of the fit, of what an effect is drawn over."""
-    j, shape = effect.joints[0], effect.shape_at(effect.joints[0])
+    j, shape = effect.acting[0], effect.shape_at(effect.acting[0])
     angle = angle_units(found.setup.robot.joint_kinds)[j]
     if effect.kind == "friction_hysteresis":
         return "way", angle, np.concatenate([_way(states, j) for states in found.catalogue.runs])
@@ -98,7 +98,8 @@ def _signal(found: Belief, effect: PlacedEffect, column: FloatArray) -> tuple[st
         cycle = 2 * np.pi / shape["cycles"]
         return "angle_in_cycle", angle, np.mod(_joined(found, "q_motor", j), cycle)
     if effect.kind == "coupled_friction" and len(effect.joints) > 1:
-        stage = _joined(found, "dq_motor", j) + shape["ratio"] * _joined(found, "dq_motor", effect.joints[1])
+        (partner,) = set(effect.joints) - {j}
+        stage = _joined(found, "dq_motor", j) + shape["ratio"] * _joined(found, "dq_motor", partner)
         return "stage_speed", f"{angle}/s", stage
     if effect.kind == "gear_hysteresis":
         return "tau_link", "{torque}", _joined(found, "tau_link", j)

@@ -129,7 +129,8 @@ def _coefficients(effect: PlacedEffect, values: FloatArray, std: FloatArray, sca
     for k, (value, half) in enumerate(zip(values, NORMAL_95 * std, strict=True)):
         c, j = entry[k % len(entry)], effect.joints[k // len(entry)]
         own, half = float(value / scale[j]), float(half / scale[j])
-        found.append(Estimate(c["name"], j, own, _interval(own, half, c["lower"], c["upper"]), c["unit"]))
+        interval = None if j in effect.silent else _interval(own, half, c["lower"], c["upper"])
+        found.append(Estimate(c["name"], j, own, interval, c["unit"]))
     return found
 
 

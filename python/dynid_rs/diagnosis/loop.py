@@ -28,6 +28,7 @@ from dynid_rs.diagnosis.ripple import find_ripple, ripple_entries
 from dynid_rs.diagnosis.rivals import weigh_rivals
 from dynid_rs.diagnosis.search import look, search
 from dynid_rs.diagnosis.setup import Setup
+from dynid_rs.diagnosis.signs import with_signs
 from dynid_rs.diagnosis.unexplained import unexplained
 from dynid_rs.diagnosis.weighing import weighed_as
 from dynid_rs.identification.smooth_friction import SmoothFrictionIdentifier
@@ -126,7 +127,7 @@ def _traced(
     found.catalogue = Catalogue(found.fit, found.catalogue)
     on_progress("what is left")
     without_name, left = nameless(found, weigh_rivals(found)), unexplained(found)
-    found.setup = ended(found.setup, without_name, found.fit.model_.domain[0])
+    found.setup = ended(with_signs(found), without_name, found.fit.model_.domain[0])
     if found.fit is not fit:  # judged by the noise that it leaves, and only then weighed
         found.fit = weighed_as(fit, found.fit, found.setup, train)
         found.catalogue = Catalogue(found.fit, found.catalogue)

@@ -28,11 +28,14 @@ class PlacedEffect:
     shape : tuple of (str, tuple of float)
         Shape parameters by name, one value per joint of `joints`; `held_from` and `held_to` of a function of the
         angle that ends there.
+    silent : tuple of int
+        Joints of it where it adds nothing: its size there would have a sign that it cannot have.
     """
 
     kind: str
     joints: tuple[int, ...]
     shape: tuple[tuple[str, tuple[float, ...]], ...] = ()
+    silent: tuple[int, ...] = ()
 
     @staticmethod
     def at(kind: str, joint: int, **shape: float) -> PlacedEffect:
@@ -43,6 +46,11 @@ class PlacedEffect:
         """Return it, on its only joint, with the value beyond these angles that it has there."""
         own = tuple((name, values) for name, values in self.shape if name not in ANYWHERE)
         return replace(self, shape=(*own, *zip(ANYWHERE, ((end,) for end in ends), strict=True)))
+
+    @property
+    def acting(self) -> tuple[int, ...]:
+        """Its joints without those where it adds nothing."""
+        return tuple(j for j in self.joints if j not in self.silent)
 
     def shape_at(self, joint: int) -> dict[str, float]:
         """Shape parameters on one of its joints."""
@@ -78,7 +86,8 @@ def effects_of(placed: Sequence[PlacedEffect], n_joints: int) -> list[tuple[_cor
     """
     groups = _groups(placed)
     together = [[placed[k] for k in group] for group in groups]
-    return [(_together(group, n_joints), tuple(sorted(j for e in group for j in e.joints))) for group in together]
+    acting = [tuple(sorted(j for e in group for j in e.acting)) for group in together]
+    return [(_together(group, n_joints), joints) for group, joints in zip(together, acting, strict=True)]
 
 
 def own_columns(placed: Sequence[PlacedEffect], first: int) -> list[list[tuple[int, int]]]:

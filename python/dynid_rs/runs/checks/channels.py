@@ -11,6 +11,7 @@ from dynid_rs.base.findings import Finding, joint_words
 from dynid_rs.runs.cells import MIN_SPAN
 from dynid_rs.runs.checks.derivatives import agrees_outside
 from dynid_rs.runs.checks.motion import equal_runs, extent, is_same, label, moving_joints, spans
+from dynid_rs.runs.checks.spikes import LONGEST, lone_rows
 from dynid_rs.runs.recording import FloatArray, Recording
 
 FROZEN_SECONDS = 0.1
@@ -43,11 +44,13 @@ def check_channels(rec: Recording) -> Iterator[Finding]:
     for joint in range(rec.n_joints):
         q = rec.q[:, joint]
         broken = False
-        for signal, values in _positions(rec, joint):
-            turns = _turns(rec, signal, values, joint)
+        positions = _positions(rec, joint)
+        turns = {signal: _turns(rec, signal, values, joint) for signal, values in positions.items()}
+        unwrapped = {signal: _unwrapped(values, turns[signal]) for signal, values in positions.items()}
+        for signal, values in positions.items():
             for finding in (
-                *_frozen_position(rec, signal, _unwrapped(values, turns), joint),
-                *_wrapped(rec, signal, values, turns, joint),
+                *_frozen_position(rec, signal, unwrapped, joint),
+                *_wrapped(rec, signal, values, turns[signal], joint),
             ):
                 broken = True
                 yield finding
@@ -84,10 +87,10 @@ def _equal_runs(rec: Recording, signal: str, joint: int, min_length: int) -> lis
     return equal_runs(getattr(rec, signal)[:, joint], min_length)
 
 
-def _positions(rec: Recording, joint: int) -> list[tuple[str, FloatArray]]:
-    found = [("q", rec.q[:, joint])]
+def _positions(rec: Recording, joint: int) -> dict[str, FloatArray]:
+    found = {"q": rec.q[:, joint]}
     if rec.q_motor is not None and not is_same(rec.q_motor[:, joint], rec.q[:, joint]):
-        found.append(("q_motor", rec.q_motor[:, joint]))
+        found["q_motor"] = rec.q_motor[:, joint]
     return found
 
 
@@ -130,30 +133,35 @@ def _frozen(rec: Recording, signal: str, values: FloatArray, q: FloatArray, join
             yield _stuck(rec, f"{signal}_{joint}", start, stop, values[start])
 
 
-def _frozen_position(rec: Recording, signal: str, values: FloatArray, joint: int) -> Iterator[Finding]:
-    """Frozen position: equal values that end in a jump, or while the other channels of the joint travel."""
-    stretches = _equal_runs(rec, signal, joint, _min_frozen(rec))
+def _frozen_position(rec: Recording, signal: str, positions: dict[str, FloatArray], joint: int) -> Iterator[Finding]:
+    """Frozen position: equal values that end in a jump, or while the other channels of the joint travel.
+
+    `positions` of the joint by signal, without whole turns.
+    """
+    values, stretches = positions[signal], _equal_runs(rec, signal, joint, _min_frozen(rec))
     if not stretches:
         return
     steps = np.abs(np.diff(values))
     moving = steps[steps > 0]
     usual = float(np.percentile(moving, 99)) if moving.size else np.inf
     trusted = rec.dq is not None and agrees_outside(rec, values, rec.dq[:, joint], stretches)
+    others = [other for name, other in positions.items() if name != signal]
     for start, stop in stretches:
-        jump = steps[stop - 1] if stop < rec.n_samples else 0.0
-        travel = 0.0
-        if rec.dq is not None and stop < rec.n_samples and jump <= 2 * _way(rec, joint, stop):
+        # A channel that goes on is elsewhere; where it is back at once a sample was damaged.
+        after = np.abs(values[stop : stop + LONGEST + 1] - values[start])
+        jump, travel = float(after.min(initial=np.inf)) if len(after) else 0.0, 0.0
+        if rec.dq is not None and stop < rec.n_samples and steps[stop - 1] <= 2 * _way(rec, joint, stop):
             jump = 0.0  # the joint broke away: its velocity is that of the step
         if rec.dq is not None and trusted:
             dt = np.diff(rec.t[start:stop])
-            dq = rec.dq[start:stop, joint]
+            speed = rec.dq[:, joint].copy()
+            speed[lone_rows(rec, "dq", joint)] = 0.0  # damaged numbers are no way
+            dq = speed[start:stop]
             travel = abs(float(np.sum(0.5 * (dq[1:] + dq[:-1]) * dt)))
-        if rec.q_motor is not None:
-            other = rec.q if signal == "q_motor" else rec.q_motor
-            travel = max(travel, abs(float(other[stop - 1, joint] - other[start, joint])))
+        travel = max([travel, *(abs(float(other[stop - 1] - other[start])) for other in others)])
         # With a dead encoder (all equal) only a long way tells it from a joint that was held.
         if (jump > 5 * usual and jump > MIN_SPAN) or travel > FROZEN_TRAVEL:
-            yield _stuck(rec, f"{signal}_{joint}", start, stop, values[start])
+            yield _stuck(rec, f"{signal}_{joint}", start, stop, float(getattr(rec, signal)[start, joint]))
 
 
 def _way(rec: Recording, joint: int, row: int) -> float:
