@@ -84,3 +84,16 @@ def test_with_one_encoder_a_velocity_cannot_be_anothers():
     rate = 100.0
     run = recording(rate, dq=lambda t: wave(t, 1) + bent(t, 1))
     assert prepare(run, BAND, rate).notes == ()
+
+
+@pytest.mark.parametrize(("seconds", "rests"), [(0.7, False), (4.0, True)])
+def test_a_joint_that_hardly_moves_is_told_by_its_rests_too(seconds, rests):
+    """Fewer than twenty rows of motion tell no friction; then what the joint holds at rest is all there is."""
+    rate = 100.0
+    run = recording(rate)
+    t, q = run.t, run.q.copy()
+    q[:, 1] = 0.3 * np.sin(np.pi * np.clip((t - 20.0) / seconds, 0.0, 1.0)) ** 2
+    states = prepare(Recording(t, q, tau=run.tau, name="run.csv"), BAND, rate)
+    assert bool(states.resting[:, 1].any()) == rests
+    assert not states.resting[:, 0].any()
+    assert states.moving[500:-500].all()
