@@ -45,3 +45,14 @@ def test_what_the_parser_refuses(text, tmp_path):
 
 def test_the_schema_is_one():
     jsonschema.Draft202012Validator.check_schema(json.loads(schema_text()))
+
+
+def test_gears_that_a_robot_has_given_are_given_once(tmp_path):
+    path = tmp_path / "dynid.toml"
+    path.write_text('[gear]\napply_to = ["tau"]\n', encoding="utf-8")
+    left_open = read_config(path)
+    given = left_open.with_gears((50.0, 100.0))
+    assert given.gear_ratio == (50.0, 100.0)
+    assert given.with_gears((1.0, 1.0)) == given.with_gears(None) == given
+    with pytest.raises(DataError, match="needs ratio beside it"):
+        left_open.with_gears(None)
