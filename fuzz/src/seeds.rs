@@ -22,6 +22,7 @@ pub fn write_all() {
     };
     put("urdf", "seed_arm", URDF);
     put("robot_toml", "seed_arm", &robot_toml());
+    put("watch_file", "seed_two_joints", WATCH);
     for (k, model) in models().iter().enumerate() {
         put(
             "model",
@@ -54,6 +55,8 @@ pub fn write_all() {
     put("lines", "seed_positions", POSITIONS);
 }
 
+const WATCH: &[u8] = br#"{"format":"dynid-watch-settings","version":1,"joints":["a","b"],"row":0.2,"false_alarms_per_day":1.0,
+"tolerated":{"friction":0.1,"gain":0.05,"offset":2.0,"load":0.1,"unknown":1.0},"inflation":[1.0,2.5],"memory":[1.0,12.0]}"#;
 const CSV: &[u8] = b"t,q_0,q_1,dq_0,dq_1,ddq_0,ddq_1,tau_0,tau_1\n0,0,0,0,0,0,0,1,1\n.001,1e-3,nan,0,-inf,0,0,1,1\n";
 const QUOTED: &[u8] = b"# q_a; q_b ;\"tau_a\";tau_b\n0;1;2;3\n\n1;2;3;4\r\n";
 const JSON: &[u8] = b"{\"t\":0,\"q\":[0,1],\"dq\":[0,0],\"ddq\":[0,null],\"tau\":[1,NaN],\"x\":{}}\n{\"time\":1,\"q\":[0,1],\"qd\":[0,0],\"qdd\":[0,0],\"current\":[1,-Infinity]}\n";

@@ -70,6 +70,7 @@ __all__ = [
     "point_places",
     "processor_path",
     "pseudo_inertia",
+    "read_watch",
     "residual_inputs",
     "slope",
     "triangular_factor",
@@ -1263,6 +1264,17 @@ def true_motion(
     ------
     ValueError
         Shapes disagree, or a number is not finite.
+    """
+
+def read_watch(path: str | PathLike[str]) -> dict[str, Any]:
+    """What a `watch.json` holds: joints, row, false_per_day, friction, gain, offset, load, unknown, inflation, memory.
+
+    Raises
+    ------
+    FormatError
+        It is none, or of a newer program.
+    OSError
+        The system refuses.
     """
 
 def watch_run(

@@ -99,3 +99,29 @@ def test_wrong_options_are_refused_in_a_sentence(arm, options, words):
 )
 def test_false_alarms_are_read(text, per_day):
     assert _per_day(text) == pytest.approx(per_day)
+
+
+def test_settings_are_saved_once_and_used_again(arm, tmp_path):
+    settings = tmp_path / "watch.json"
+    written = watched(arm, options=["--save", settings, "--tolerate", "friction=0.15"])
+    assert written.exit_code == 0, written.output
+    assert written.stdout.endswith(f"settings: {settings}\n")
+    again = dynid("watch", arm / "model.json", arm / "harder.parquet", "--settings", settings)
+    assert again.exit_code == 1
+    learned = watched(arm, "harder", options=["--tolerate", "friction=0.15"])
+    assert again.stdout.splitlines()[:3] == learned.stdout.splitlines()[:3]
+    assert "(settled)" in again.stdout
+    assert json.loads(settings.read_text())["tolerated"]["friction"] == 0.15
+    both = watched(arm, "same", options=["--save", settings])
+    assert both.stdout.splitlines()[0] == "same.parquet: nothing has changed"
+
+
+def test_settings_and_what_they_say_do_not_go_together(arm, tmp_path):
+    settings = tmp_path / "watch.json"
+    watched(arm, options=["--save", settings])
+    alone = refusal(dynid("watch", arm / "model.json"))
+    assert "no run to watch" in alone
+    assert "--settings says all" in refusal(watched(arm, "same", options=["--settings", settings]))
+    assert not refusal(
+        dynid("watch", arm / "model.json", arm / "same.parquet", "--settings", arm / "model.json")
+    ).count("\n")

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import signal
 
-from dynid_rs import Recording, _core
+from dynid_rs import Recording, Watch, _core
 from helpers.small_arm import URDF
 
 N, M = 3, 60
@@ -102,6 +102,7 @@ def calls(folder: Path) -> dict[str, Call]:
     (folder / "robot.urdf").write_text(URDF)
     (folder / "robot.toml").write_text(ROBOT_TOML)
     model.save(folder / "model.json")
+    Watch(model).save(folder / "watch.json")
     urdf_options = {"base": "base", "tip": "hand", "gravity": [0.0, 0.0, -9.81], "rotor_inertia": [0.1] * N}
     mdh_options = {"gravity": [0.0, 0.0, -9.81], "rotor_inertia": [0.1]}
     of_effect = {"tau_link": tau, "tau_motor": tau, "step": 0.01, "temperature": np.full((M, N), 20.0)}
@@ -189,6 +190,7 @@ def calls(folder: Path) -> dict[str, Call]:
                 **{"correlation_time": 0.01, "false_per_hour": 1.0},
             },
         ),
+        "read_watch": (_core.read_watch, _positional(folder / "watch.json")),
         "watch_run": (
             _core.watch_run,
             {

@@ -6,13 +6,15 @@ mod memory;
 mod model;
 mod robot_toml;
 mod urdf;
+mod watch_file;
 
 /// Names and functions.
-pub const ALL: [(&str, fn(&[u8])); 6] = [
+pub const ALL: [(&str, fn(&[u8])); 7] = [
     ("urdf", urdf::run),
     ("robot_toml", robot_toml::run),
     ("model", model::run),
     ("datagrams", datagrams::run),
     ("memory", memory::run),
     ("lines", lines::run),
+    ("watch_file", watch_file::run),
 ];

@@ -17,13 +17,16 @@ from dynid_rs.commands._steps import Step
 if TYPE_CHECKING:
     from dynid_rs.model.watch import Tolerated, Watched
 
+USUAL = "1/day"
 DAYS = {"hour": 1 / 24, "day": 1.0, "week": 7.0, "month": 30.0, "year": 365.0}
 
 
 @run_command
 def watch(
     model: Annotated[Path, typer.Argument(metavar="MODEL.json", help="What `dynid identify` or `diagnose` made")],
-    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Runs to watch, each from its beginning")],
+    runs: Annotated[
+        list[Path] | None, typer.Argument(metavar="RUN...", help="Runs to watch, each from its beginning")
+    ] = None,
     healthy: Annotated[
         list[Path] | None,
         typer.Option(
@@ -34,13 +37,28 @@ def watch(
     ] = None,
     false_alarms: Annotated[
         str, typer.Option(metavar="N/day", help="Alarms without a cause that you put up with (1/hour, 2/week, ...)")
-    ] = "1/day",
+    ] = USUAL,
     tolerate: Annotated[
         list[str] | None,
         typer.Option(
             metavar="KIND=X",
             help="What is not a change yet: friction=0.1 and gain=0.05 (relative), offset=2 (deviations of the error), "
             "load=0.1 (kg), unknown=1 (growth of the error); repeat for more",
+        ),
+    ] = None,
+    settings: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="WATCH.json",
+            help="Watch as this file of --save says, instead of --healthy, --false-alarms and --tolerate",
+        ),
+    ] = None,
+    save: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="WATCH.json",
+            help="Write what the healthy runs say, and what is tolerated, for --settings and "
+            "`dynid-estimator --changes`",
         ),
     ] = None,
     config: _options.Config = None,
@@ -57,16 +75,25 @@ def watch(
     from dynid_rs.model.watch import Watch
 
     per_day, tolerated = _per_day(false_alarms), _tolerated(tolerate or [])
+    if settings is not None and (healthy or tolerate or save or false_alarms != USUAL):
+        raise ValueError(
+            "--settings says all that --healthy, --false-alarms and --tolerate do; leave those and --save out"
+        )
+    _check_task(runs, save)
     with progress(Step(1, "reading"), Step(1, "watching")) as say:
         say("reading")
         reference = load_model(model)
-        settings = read_settings(config, drive_gain, reference.robot.n_joints)
-        recordings, findings = read_runs(runs, reference.robot, settings)
+        rules = read_settings(config, drive_gain, reference.robot.n_joints)
+        recordings, findings = read_runs(runs, reference.robot, rules) if runs else ([], [])
         watching = Watch(reference, false_alarms_per_day=per_day, tolerated=tolerated)
+        if settings is not None:
+            watching = Watch.load(settings, reference)
         if healthy:
-            good, more = read_runs(healthy, reference.robot, settings)
+            good, more = read_runs(healthy, reference.robot, rules)
             findings += more
             watching.fit(good)
+        if save is not None:
+            watching.save(save)
         say("watching")
         watched = [watching.watch(recording) for recording in recordings]
     joints = reference.robot.joint_names
@@ -75,11 +102,22 @@ def watch(
     else:
         for line in _lines(watched, joints, findings):
             typer.echo(line)
+        if save is not None and not runs:
+            typer.echo(f"settings: {save}")
     return EXIT_NO if _changed(watched) else 0
 
 
+def _check_task(runs: Sequence[Path] | None, save: Path | None) -> None:
+    from dynid_rs.base.files import check_replaceable
+
+    if not runs and save is None:
+        raise ValueError("no run to watch; name one, or write settings with --save WATCH.json")
+    if save is not None:
+        check_replaceable(save)
+
+
 def _changed(watched: Sequence[Watched]) -> bool | None:
-    """Whether something has; None where no joint of any run could be watched."""
+    """Whether something has; None where no joint of any run could be watched, or no run was named."""
     if not any(run.watched.any() for run in watched):
         return None
     return any(change.said != "withdrawn" for run in watched for change in run.changes)

@@ -6,15 +6,19 @@ The tests, their threshold and how a name is chosen: `rust/dynid-core/src/watch`
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
+from os import PathLike
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
+from dynid_rs.base.files import check_readable, write_json
 from dynid_rs.base.memory import residual_memory
 from dynid_rs.base.numbers import interval, percent, percent_interval, significant
+from dynid_rs.base.quoting import shown
 from dynid_rs.regression.uncertainty import NORMAL_95
 from dynid_rs.runs.given import Runs, as_recordings
 from dynid_rs.runs.recording import FloatArray, Recording
@@ -215,6 +219,54 @@ class Watch:
         inflation = getattr(self, "inflation_", np.ones(n))
         memory = getattr(self, "memory_", np.full(n, UNKNOWN_MEMORY))
         return self._run(recording, self.tolerated or Tolerated(), inflation, memory)
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write what healthy runs have said, and what is tolerated, for `load` and for ``dynid-estimator --changes``.
+
+        Raises
+        ------
+        OSError
+            The system refuses.
+        """
+        n = self.model.robot.n_joints
+        write_json(
+            path,
+            {
+                "format": "dynid-watch-settings",
+                "version": 1,
+                "joints": list(self.model.robot.joint_names),
+                "row": float(self.row),
+                "false_alarms_per_day": float(self.false_alarms_per_day),
+                "tolerated": asdict(self.tolerated or Tolerated()),
+                "inflation": getattr(self, "inflation_", np.ones(n)).tolist(),
+                "memory": getattr(self, "memory_", np.full(n, UNKNOWN_MEMORY)).tolist(),
+            },
+        )
+
+    @staticmethod
+    def load(path: str | PathLike[str], model: _core.TorqueModel, *, window: int | None = None) -> Watch:
+        """Return a watch of `model` as `save` has written it.
+
+        Raises
+        ------
+        FormatError
+            The file is none, of a newer program, or of another arm.
+        OSError
+            The system refuses.
+        """
+        said = _core.read_watch(check_readable(path))
+        joints = tuple(said["joints"])
+        if joints != tuple(model.robot.joint_names):
+            raise _core.FormatError(
+                f"{Path(path)}: of an arm with other joints ({shown(', '.join(joints[:3]))}, ...) than the model's; "
+                "write it anew with `dynid watch MODEL.json --save`"
+            )
+        tolerated = Tolerated(*(said[kind.name] for kind in fields(Tolerated)))
+        found = Watch(
+            model, false_alarms_per_day=said["false_per_day"], tolerated=tolerated, row=said["row"], window=window
+        )
+        found.inflation_, found.memory_ = np.array(said["inflation"]), np.array(said["memory"])
+        return found
 
     def _run(self, run: Recording, tolerated: Tolerated, inflation: FloatArray, memory: FloatArray) -> Watched:
         from dynid_rs.model.observer import check_run

@@ -47,6 +47,8 @@ pub struct Run {
     pub formats: (Option<Format>, Option<Format>),
     /// How answers are made.
     pub settings: Settings,
+    /// The settings of a watch, as `dynid watch --save` writes them.
+    pub changes: Option<PathBuf>,
     /// What is asked of the machine.
     pub real_time: RealTime,
     /// None: stdin and stdout.
@@ -74,6 +76,7 @@ fn read(mut parser: Parser) -> Result<Command, lexopt::Error> {
     let (mut observe, mut listening) = (false, ObserverSettings::default());
     let mut real_time = RealTime::default();
     let (mut info, mut json, mut watch) = (false, false, false);
+    let mut changes = None;
     while let Some(arg) = parser.next()? {
         match arg {
             Arg::Short('h') | Arg::Long("help") => return Ok(Command::Print(HELP.to_owned())),
@@ -119,6 +122,7 @@ fn read(mut parser: Parser) -> Result<Command, lexopt::Error> {
             Arg::Long("fifo") => real_time.fifo = Some(parser.value()?.parse_with(priority)?),
             Arg::Long("core") => real_time.core = Some(parser.value()?.parse_with(core)?),
             Arg::Long("watch") => watch = true,
+            Arg::Long("changes") => changes = Some(PathBuf::from(parser.value()?)),
             Arg::Value(path) if model.is_none() => model = Some(PathBuf::from(path)),
             other => return Err(other.unexpected()),
         }
@@ -164,6 +168,7 @@ fn read(mut parser: Parser) -> Result<Command, lexopt::Error> {
         model,
         formats: (input, output),
         settings,
+        changes,
         real_time,
         transport,
         watch,

@@ -3,9 +3,11 @@
 use std::sync::Arc;
 
 use dynid_core::online::USUAL_STEP;
+use dynid_core::watch::Change;
 use dynid_core::{
     CoreError, MomentumObserver, ObserverSettings, OnlineEstimator, Sample, Status, TorqueModel,
 };
+use dynid_io::WatchFile;
 
 use crate::frame::Frame;
 use crate::output::Answer;
@@ -13,7 +15,7 @@ use crate::stop::Stop;
 use crate::wire;
 
 /// How answers are made.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Settings {
     /// Time between measurements \[s\]; none: as the model says.
     pub step: Option<f64>,
@@ -23,10 +25,20 @@ pub struct Settings {
     pub unlimited: bool,
     /// How the observer listens; none: there is no observer.
     pub observer: Option<ObserverSettings>,
+    /// How the model is watched; none: it is not.
+    pub watch: Option<Arc<WatchFile>>,
+}
+
+impl Settings {
+    /// Whether something wants the measured torque.
+    pub fn wants_torque(&self) -> bool {
+        self.observer.is_some() || self.watch.is_some()
+    }
 }
 
 /// What is said of every state of a cycle, not of the newest alone.
 const PASSING: Status = Status::LOST
+    .and(Status::CHANGED)
     .and(Status::OUT_OF_ORDER)
     .and(Status::TIME_BACKWARDS)
     .and(Status::STUCK);
@@ -59,6 +71,12 @@ impl Cycle {
         }
         if let Some(observer) = settings.observer {
             online = online.observing(observer).map_err(stop)?;
+        }
+        if let Some(watch) = &settings.watch {
+            check_joints(online.estimator().model(), watch)?;
+            online = online
+                .watching(watch.settings, &watch.inflation, &watch.memory)
+                .map_err(stop)?;
         }
         let mut cycle = Self {
             online,
@@ -170,7 +188,23 @@ impl Cycle {
             terms: self.online.estimator().terms(),
             std: &self.std,
             external: self.online.observer().map(MomentumObserver::external),
+            change: self.change(),
             status: self.status.and(self.passing),
         }
     }
+
+    /// What the watch said of the last state.
+    pub fn change(&self) -> Option<&Change> {
+        self.online.change()
+    }
+}
+
+fn check_joints(model: &TorqueModel, watch: &WatchFile) -> Result<(), Stop> {
+    let joints = model.robot().joints().iter();
+    if joints.map(|joint| &joint.name).eq(&watch.joints) {
+        return Ok(());
+    }
+    Err(Stop::Because(
+        "--changes: the joints of the watch's settings are not those of the model; write them with `dynid watch MODEL.json --save`".to_owned(),
+    ))
 }

@@ -5,7 +5,9 @@
 use std::sync::atomic::Ordering;
 use std::sync::Arc;
 
+use dynid_core::watch::WatchSettings;
 use dynid_core::{ObserverSettings, TorqueModel};
+use dynid_io::WatchFile;
 
 use crate::args::Format;
 use crate::cycle::{Cycle, Settings};
@@ -33,11 +35,22 @@ impl Door {
     /// All memory that datagrams need. None where the observer does not fit the model.
     pub fn new(model: TorqueModel) -> Option<Self> {
         let model = Arc::new(model);
+        let n = model.robot().n_joints();
+        let joints = model.robot().joints().iter();
+        let watch = WatchFile {
+            joints: joints.map(|joint| joint.name.clone()).collect(),
+            settings: WatchSettings {
+                row: 0.003, // so that short streams have rows
+                ..WatchSettings::default()
+            },
+            inflation: vec![1.0; n],
+            memory: vec![1.0; n],
+        };
         let settings = Settings {
             observer: Some(ObserverSettings::default()),
+            watch: Some(Arc::new(watch)),
             ..Settings::default()
         };
-        let n = model.robot().n_joints();
         let cycle = Cycle::new(Arc::clone(&model), &settings).ok()?;
         Some(Self {
             fresh: cycle.clone(),

@@ -24,6 +24,7 @@
 )]
 
 mod args;
+mod changes;
 #[cfg(test)]
 mod counting;
 mod cycle;
@@ -49,6 +50,7 @@ mod wire;
 
 use std::io::{self, BufWriter, Write};
 use std::process::ExitCode;
+use std::sync::Arc;
 
 use args::{Command, Run};
 use stop::Stop;
@@ -84,12 +86,17 @@ fn work() -> Result<(), Stop> {
         Command::Run(Run {
             model: path,
             formats,
-            settings,
+            mut settings,
+            changes,
             real_time,
             transport,
             watch,
         }) => {
             let model = dynid_io::load(&path)?;
+            settings.watch = match changes {
+                Some(changes) => Some(Arc::new(dynid_io::load_watch(&changes)?)),
+                None => None,
+            };
             let watched = watch.then_some(path);
             if let Some(transport) = transport {
                 let report = live::run(model, &transport, &settings, &real_time, watched)?;

@@ -12,6 +12,7 @@ use std::time::Duration;
 
 use dynid_core::TorqueModel;
 
+use crate::changes::Outbox;
 use crate::cycle::{Cycle, Settings};
 use crate::frame::{Frame, TORQUE};
 use crate::pace::Pace;
@@ -129,14 +130,18 @@ pub fn run(
         }
     };
     real_time.lock_memory(watched.is_some())?;
-    let inbox = watched.map(|path| swap::watch(path, Arc::clone(&model), *settings, false));
+    let inbox = watched.map(|path| swap::watch(path, Arc::clone(&model), settings.clone(), false));
     cycle = cycle.warm();
     let mut live = Live::new(link, &model, &cycle, settings, most_terms);
     live.inbox = inbox;
+    live.outbox = settings.watch.is_some().then(|| Outbox::open(&model));
     let (sleeper, pace) = real_time.begin()?;
     let mut timing = Timing::new(pace.as_ref().map(Pace::period), real_time.histogram);
     live.work(&model, &mut cycle, (pace, real_time.end()), &mut timing);
     let Counts { states, refused } = live.counts;
+    if let Some(outbox) = live.outbox {
+        outbox.close();
+    }
     if refused > 0 {
         tell("note", &format!("{refused} messages were no states of this robot and not used, beside {states} that were"));
     }
@@ -167,6 +172,7 @@ impl Live {
             newest: rest.len(),
             sent: touched(wire::answer_bytes(n, most_terms)),
             inbox: None,
+            outbox: None,
             counts: Counts::default(),
         }
     }
@@ -187,6 +193,7 @@ struct Live {
     newest: usize,
     sent: Vec<u8>,
     inbox: Option<Inbox>,
+    outbox: Option<Outbox>,
     counts: Counts,
 }
 
@@ -224,7 +231,7 @@ impl Live {
                 if self.frame.wants(TORQUE) && !self.frame.present().signals[TORQUE] {
                     tell(
                         "note",
-                        "--observe needs the measured torque, which the first state does not have: status bit 8 says so",
+                        "--observe and --changes need the measured torque, which the first state does not have: status bit 8 says so",
                     );
                 }
                 timing.start();
@@ -297,6 +304,9 @@ impl Live {
         let used = wire::decode(bytes, self.n_joints, &mut self.frame).is_ok()
             && cycle.step(&self.frame.sample()).is_ok();
         if used {
+            if let Some(outbox) = &mut self.outbox {
+                outbox.put(self.frame.time, cycle.change());
+            }
             self.counts.states += 1;
             self.link.trust_sender();
         } else {

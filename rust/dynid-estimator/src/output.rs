@@ -2,6 +2,7 @@
 
 use std::io::{self, Write};
 
+use dynid_core::watch::{Change, Kind};
 use dynid_core::{Status, TorqueModel};
 
 use crate::args::Format;
@@ -19,6 +20,8 @@ pub struct Answer<'a> {
     pub std: &'a [f64],
     /// External torque, where an observer runs; finite.
     pub external: Option<&'a [f64]>,
+    /// What the watch has just said, where the model is watched.
+    pub change: Option<&'a Change>,
     /// What was unusual.
     pub status: Status,
 }
@@ -112,8 +115,29 @@ impl Writer {
             out.write_all(b",\"external\":")?;
             write_array(external, out)?;
         }
+        if let Some(change) = answer.change {
+            write_change(change, out)?;
+        }
         writeln!(out, ",\"status\":{}}}", answer.status.bits())
     }
+}
+
+fn write_change(change: &Change, out: &mut impl Write) -> io::Result<()> {
+    let (kind, joint) = (change.kind.word(), change.joint);
+    let (size, std, said) = (change.size, change.std, change.said.word());
+    write!(
+        out,
+        ",\"change\":{{\"kind\":\"{kind}\",\"joint\":{joint},\"size\":{size:?},\"std\":{std:?},\"said\":\"{said}\""
+    )?;
+    if change.kind == Kind::Load {
+        out.write_all(b",\"moments\":")?;
+        write_array(&change.moments, out)?;
+    }
+    if let Some((kind, joint)) = change.or {
+        let kind = kind.word();
+        write!(out, ",\"or\":{{\"kind\":\"{kind}\",\"joint\":{joint}}}")?;
+    }
+    out.write_all(b"}")
 }
 
 fn write_array(numbers: &[f64], out: &mut impl Write) -> io::Result<()> {
@@ -126,6 +150,7 @@ fn write_array(numbers: &[f64], out: &mut impl Write) -> io::Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::changes::tests::change;
 
     fn line(format: Format, time: Option<f64>, external: Option<&[f64]>) -> String {
         let writer = Writer {
@@ -142,6 +167,7 @@ mod tests {
             terms: &[0.1, 1e-7, 1e22, 5e-324, -1.0, 2.0],
             std: &[0.5, 0.25],
             external,
+            change: None,
             status: Status::OUTSIDE_DOMAIN,
         };
         let mut out = Vec::new();
@@ -164,5 +190,28 @@ mod tests {
         );
         assert!(line(Format::Jsonl, Some(f64::INFINITY), None).starts_with("{\"t\":null,"));
         assert!(line(Format::Jsonl, None, None).starts_with("{\"tau\":"));
+    }
+
+    #[test]
+    fn changes_look_as_documented() {
+        let told = |change: &Change| {
+            let mut out = Vec::new();
+            write_change(change, &mut out).unwrap();
+            String::from_utf8(out).unwrap()
+        };
+        let friction = change(Kind::Friction, 0.25);
+        assert_eq!(
+            told(&friction),
+            ",\"change\":{\"kind\":\"friction\",\"joint\":0,\"size\":0.25,\"std\":0.01,\"said\":\"named\"}"
+        );
+        let load = Change {
+            or: Some((Kind::Gain, 1)),
+            ..change(Kind::Load, 2.0)
+        };
+        assert_eq!(
+            told(&load),
+            ",\"change\":{\"kind\":\"load\",\"joint\":0,\"size\":2.0,\"std\":0.01,\"said\":\"named\",\
+             \"moments\":[0.0,0.0,0.0],\"or\":{\"kind\":\"gain\",\"joint\":1}}"
+        );
     }
 }

@@ -7,6 +7,7 @@ use std::sync::Arc;
 use dynid_core::TorqueModel;
 
 use crate::args::Format;
+use crate::changes::Outbox;
 use crate::cycle::{Cycle, Settings};
 use crate::frame::{Frame, Present, TEMPERATURE, TORQUE};
 use crate::input::{Lines, Parser};
@@ -37,7 +38,8 @@ pub fn run(
     let model = Arc::new(model);
     let mut cycle = Cycle::new(Arc::clone(&model), settings)?;
     real_time.lock_memory(watched.is_some())?;
-    let inbox = watched.map(|path| swap::watch(path, Arc::clone(&model), *settings, true));
+    let inbox = watched.map(|path| swap::watch(path, Arc::clone(&model), settings.clone(), true));
+    let mut outbox = settings.watch.is_some().then(|| Outbox::open(&model));
     let mut clock = Clock::new(&model, settings.step);
     let mut frame = frame_for(&model, settings);
 
@@ -51,7 +53,7 @@ pub fn run(
     note_what_is_missing(&model, &frame, &cycle);
     if frame.wants(TORQUE) && !frame.present().signals[TORQUE] {
         return Err(Stop::Because(
-            "--observe needs the measured torque of every joint, tau_0 and so on, which the input does not have".to_owned(),
+            "--observe and --changes need the measured torque of every joint, tau_0 and so on, which the input does not have".to_owned(),
         ));
     }
     if frame.present().is_differentiated() {
@@ -93,6 +95,9 @@ pub fn run(
             .step(&frame.sample())
             .map_err(|error| Stop::Because(error.to_string()))?;
         let computed = sys::now();
+        if let Some(outbox) = &mut outbox {
+            outbox.put(frame.time, cycle.change());
+        }
         let answer = cycle.answer(frame.present().time.then_some(frame.time));
         writer.write(&answer, out).map_err(Stop::output)?;
         // A sleep that was cut short by a wish to end leaves before it is due.
@@ -101,6 +106,9 @@ pub fn run(
     }
     out.flush().map_err(Stop::output)?;
     timing.stop();
+    if let Some(outbox) = outbox {
+        outbox.close();
+    }
     Ok(real_time.report(&timing, sleeper))
 }
 
@@ -109,7 +117,7 @@ pub fn frame_for(model: &TorqueModel, settings: &Settings) -> Frame {
     let follows_temperature = model.wants_temperature().contains(&true);
     Frame::new(model.robot().n_joints())
         .wanting(TEMPERATURE, follows_temperature)
-        .wanting(TORQUE, settings.observer.is_some())
+        .wanting(TORQUE, settings.wants_torque())
 }
 
 /// Watches that states come as far apart as the effects that change with time were told.

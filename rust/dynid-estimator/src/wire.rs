@@ -227,6 +227,7 @@ mod tests {
             terms: &[3.0, 4.0, 5.0, 6.0],
             std: &[7.0, 8.0],
             external: Some(&[9.0, 10.0]),
+            change: None,
             status: Status::STALE,
         };
         let mut out = [0; 200];

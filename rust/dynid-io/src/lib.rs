@@ -1,5 +1,5 @@
 //! Files in and out: a URDF or a `robot.toml` becomes a [`dynid_core::RobotModel`], a `model.json` a
-//! [`dynid_core::TorqueModel`] and back.
+//! [`dynid_core::TorqueModel`] and back, a `watch.json` a [`WatchFile`].
 //!
 //! Nothing read from a file can execute, recurse or allocate without bound, and no input ends in a panic.
 
@@ -17,9 +17,11 @@ pub mod mjcf;
 pub mod model_file;
 mod text;
 pub mod urdf;
+pub mod watch_file;
 mod whole;
 
 pub use c_header::CHeaderError;
 pub use model_file::{load, parse, save, ModelFileError};
 pub use text::shorten_said;
+pub use watch_file::{load_watch, WatchFile};
 pub use whole::check_replaceable;

@@ -71,6 +71,7 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(offline::observe, m)?)?;
     m.add_function(wrap_pyfunction!(observer::observe_momentum, m)?)?;
     m.add_function(wrap_pyfunction!(watch::watch_run, m)?)?;
+    m.add_function(wrap_pyfunction!(watch::read_watch, m)?)?;
     m.add_function(wrap_pyfunction!(offline::fold, m)?)?;
     m.add_function(wrap_pyfunction!(offline::weighted_fit, m)?)?;
     m.add_function(wrap_pyfunction!(offline::processor_path, m)?)?;

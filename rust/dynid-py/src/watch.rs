@@ -1,5 +1,6 @@
 //! The watch along a run, by the code that runs online.
 
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use dynid_core::watch::{Change, WatchSettings};
@@ -91,6 +92,30 @@ pub fn watch_run<'py>(
         arrays::to_matrix(py, variance, n)?,
         arrays::to_matrix(py, moves, n)?,
     ))
+}
+
+/// What a `watch.json` holds: a dict of joints, row, false_per_day, friction, gain, offset, load, unknown, inflation, memory.
+#[pyfunction]
+pub fn read_watch(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, PyDict>> {
+    let file = py
+        .detach(|| dynid_io::load_watch(&path))
+        .map_err(errors::model_file)?;
+    let (found, settings) = (PyDict::new(py), file.settings);
+    found.set_item("joints", file.joints)?;
+    for (name, value) in [
+        ("row", settings.row),
+        ("false_per_day", settings.false_per_day),
+        ("friction", settings.friction),
+        ("gain", settings.gain),
+        ("offset", settings.offset),
+        ("load", settings.load),
+        ("unknown", settings.unknown),
+    ] {
+        found.set_item(name, value)?;
+    }
+    found.set_item("inflation", file.inflation)?;
+    found.set_item("memory", file.memory)?;
+    Ok(found)
 }
 
 fn told<'py>(py: Python<'py>, sample: usize, change: &Change) -> PyResult<Bound<'py, PyDict>> {

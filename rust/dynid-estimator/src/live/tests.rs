@@ -3,10 +3,12 @@
 use super::*;
 use crate::counting;
 use dynid_core::model::TorqueModelParts;
+use dynid_core::watch::WatchSettings;
 use dynid_core::{
     Domain, Effect, EffectTerm, GaussianMixtureRegression, Joint, JointKind, JointLimits,
     ObserverSettings, Residual, ResidualInputs, RobotModel, Status,
 };
+use dynid_io::WatchFile;
 use nalgebra::{Matrix3, Vector3};
 
 /// One joint with an effect that remembers and a residual; `factor` tells models apart.
@@ -56,6 +58,12 @@ pub fn model(factor: f64) -> Arc<TorqueModel> {
 fn cycles_allocate_nothing() {
     let settings = Settings {
         observer: Some(ObserverSettings::default()),
+        watch: Some(Arc::new(WatchFile {
+            joints: vec!["joint".to_owned()],
+            settings: WatchSettings::default(),
+            inflation: vec![1.0],
+            memory: vec![1.0],
+        })),
         ..Settings::default()
     };
     let model = model(1.0);
@@ -67,6 +75,7 @@ fn cycles_allocate_nothing() {
         sender.connect(address).unwrap();
         let mut cycle = Cycle::new(Arc::clone(&model), &settings).unwrap().warm();
         let mut live = Live::new(Link::Udp(udp), &model, &cycle, &settings, MOST_TERMS);
+        live.outbox = Some(Outbox::open(&model));
         let mut good = wire::zero_state(1);
         let (mut buffer, mut seen) = ([0; 4096], Status::OK);
         let before = counting::calls();

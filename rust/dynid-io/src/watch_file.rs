@@ -1,0 +1,137 @@
+//! `watch.json`: how a model is watched, as `dynid watch --save` writes it, and what healthy runs said of its error.
+
+use std::fs;
+use std::io::Read;
+use std::path::Path;
+
+use dynid_core::watch::WatchSettings;
+use serde::Deserialize;
+
+use crate::text::shorten_said;
+use crate::ModelFileError;
+
+/// Name in the `format` field.
+pub const FORMAT: &str = "dynid-watch-settings";
+/// Newest version of the file that this reader understands.
+pub const VERSION: u32 = 1;
+/// Larger files are refused before memory is taken \[bytes\].
+pub const MAX_BYTES: u64 = 1 << 20;
+
+/// A watch of one arm: for `OnlineEstimator::watching`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct WatchFile {
+    /// Names of the joints, along the chain.
+    pub joints: Vec<String>,
+    /// What is tolerated, and how many false alarms.
+    pub settings: WatchSettings,
+    /// Variance of rows over what the model expects, per joint.
+    pub inflation: Vec<f64>,
+    /// Rows that are worth an independent one, per joint.
+    pub memory: Vec<f64>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Parts {
+    format: String,
+    version: u32,
+    joints: Vec<String>,
+    row: f64,
+    false_alarms_per_day: f64,
+    tolerated: Tolerated,
+    inflation: Vec<f64>,
+    memory: Vec<f64>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Tolerated {
+    friction: f64,
+    gain: f64,
+    offset: f64,
+    load: f64,
+    unknown: f64,
+}
+
+/// Reads the file.
+///
+/// # Errors
+/// [`ModelFileError`], with one sentence that names the file and the mend.
+pub fn load_watch(path: &Path) -> Result<WatchFile, ModelFileError> {
+    let name = path.display().to_string();
+    let io = |source| ModelFileError::Io {
+        path: name.clone(),
+        source,
+    };
+    let mut bytes = Vec::new();
+    let file = fs::File::open(path).map_err(io)?;
+    file.take(MAX_BYTES + 1)
+        .read_to_end(&mut bytes)
+        .map_err(io)?;
+    parse_watch(&bytes, &name)
+}
+
+/// Reads it from bytes; `name` is used in messages.
+///
+/// # Errors
+/// [`ModelFileError::Invalid`].
+pub fn parse_watch(bytes: &[u8], name: &str) -> Result<WatchFile, ModelFileError> {
+    read(bytes).map_err(|message| ModelFileError::Invalid {
+        path: name.to_owned(),
+        message: format!("{message}; write it anew with `dynid watch MODEL.json --save`"),
+    })
+}
+
+fn read(bytes: &[u8]) -> Result<WatchFile, String> {
+    if bytes.len() as u64 > MAX_BYTES {
+        return Err(format!("more than {MAX_BYTES} bytes are too many"));
+    }
+    let parts: Parts = serde_json::from_slice(bytes).map_err(|error| {
+        format!(
+            "not a watch's settings: {}",
+            shorten_said(&error.to_string())
+        )
+    })?;
+    if parts.format != FORMAT {
+        return Err(format!(
+            "not a watch's settings (expected \"format\": \"{FORMAT}\")"
+        ));
+    }
+    if parts.version != VERSION {
+        return Err(format!(
+            "of version {}, this program reads version {VERSION}",
+            parts.version
+        ));
+    }
+    let settings = WatchSettings {
+        row: parts.row,
+        false_per_day: parts.false_alarms_per_day,
+        friction: parts.tolerated.friction,
+        gain: parts.tolerated.gain,
+        offset: parts.tolerated.offset,
+        load: parts.tolerated.load,
+        unknown: parts.tolerated.unknown,
+    };
+    settings
+        .check()
+        .map_err(|error| shorten_said(&error.to_string()))?;
+    let n = parts.joints.len();
+    let lists = [("inflation", &parts.inflation), ("memory", &parts.memory)];
+    for (what, values) in lists {
+        if values.len() != n {
+            return Err(format!("{} values of {what} for {n} joints", values.len()));
+        }
+    }
+    if !parts.inflation.iter().all(|x| *x > 0.0 && *x < 1e12) {
+        return Err("an inflation is no positive number below 1e12".to_owned());
+    }
+    if !parts.memory.iter().all(|x| *x >= 1.0 && *x < 1e12) {
+        return Err("a memory is no number of rows from 1 to 1e12".to_owned());
+    }
+    Ok(WatchFile {
+        joints: parts.joints,
+        settings,
+        inflation: parts.inflation,
+        memory: parts.memory,
+    })
+}
