@@ -72,7 +72,12 @@ mod tests {
         let q: Vec<f64> = (0..10)
             .flat_map(|k| [f64::from(k), 100.0 + f64::from(k * k)])
             .collect();
-        let states = State::single(&q, &q, &q);
+        // Of the sample itself: warmth is what the thermometer shows now.
+        let warmth: Vec<f64> = (0..20).map(f64::from).collect();
+        let states = State {
+            temperature: Some(&warmth),
+            ..State::single(&q, &q, &q)
+        };
         let Some(mut ahead) = Ahead::of(-0.0025, 0.001, 2) else {
             panic!("an early channel")
         };
@@ -85,6 +90,7 @@ mod tests {
             let (state, inside) = ahead.state(&states, k, 10);
             assert_eq!((state.q, inside), (&expected[..], known), "{k}");
             assert_eq!(state.ddq_motor, expected);
+            assert_eq!(state.temperature, Some(&warmth[2 * k..2 * k + 2]));
         }
         assert!(Ahead::of(0.0, 0.001, 2).is_none() && Ahead::of(-0.1, 0.0, 2).is_none());
     }
