@@ -125,3 +125,11 @@ def test_settings_and_what_they_say_do_not_go_together(arm, tmp_path):
     assert not refusal(
         dynid("watch", arm / "model.json", arm / "same.parquet", "--settings", arm / "model.json")
     ).count("\n")
+
+
+def test_what_is_read_is_never_replaced(arm):
+    for name in ("model.json", "first.parquet", "same.parquet"):
+        before = (arm / name).read_bytes()
+        assert "is read here and would be replaced" in refusal(watched(arm, "same", options=["--save", arm / name]))
+        assert (arm / name).read_bytes() == before
+    assert "does not exist; create it first" in refusal(watched(arm, options=["--save", arm / "none" / "watch.json"]))

@@ -13,7 +13,7 @@ from helpers.watched_arm import CHANGES, model, recorded, watching
 
 from dynid_rs import FormatError, Watch
 
-CHANGED, MISSING = 8192, 8
+CHANGED, CONTACT, MISSING = 8192, 2048, 8
 estimator = online_answers.estimator
 """The fixture that finds the binary."""
 
@@ -73,6 +73,44 @@ def test_rows_say_it_in_their_status(estimator, folder, harder):
     status = [int(line.rpartition(",")[2]) for line in done.stdout.splitlines()[1:]]
     changed = np.flatnonzero(np.array(status) & CHANGED)
     assert run.t[changed].tolist() == [change.t for change in watching().watch(run).changes]
+
+
+def test_an_observer_does_not_deafen_the_watch(estimator, folder):
+    """A constant torque is a contact too, for as long as it lasts."""
+    change, kind, joint, size = CHANGES["offset"]
+    run = recorded(50.0, 5, change=lambda terms, load: 3 * change(terms, load), at=10.0)
+    states = {"t": run.t, "q": run.q, "dq": run.dq, "ddq": run.ddq, "tau": run.tau}
+    done = answered(estimator, folder, json_text(states), "--observe")
+    lines = [json.loads(line) for line in done.stdout.splitlines()]
+    assert np.mean([line["status"] & CONTACT > 0 for line in lines if line["t"] > 12]) > 0.5
+    named, settled = [line["change"] for line in lines if "change" in line]
+    assert (named["kind"], named["joint"], settled["said"]) == (kind, joint, "settled")
+    assert settled["size"] == pytest.approx(3 * size, rel=0.1)
+
+
+def test_torques_that_are_no_numbers_are_none(estimator, folder, harder):
+    run, states = harder
+    tau = states["tau"].copy()
+    tau[1000:1003] = 1.7e308
+    tau[2000] = -1e154
+    lines = answered(estimator, folder, json_text({**states, "tau": tau})).stdout.splitlines()
+    status = [json.loads(line)["status"] for line in lines]
+    assert [k for k, bits in enumerate(status) if bits & MISSING] == [1000, 1001, 1002, 2000]
+    told = [json.loads(line)["change"] for line in lines if '"change"' in line]
+    assert [(one["kind"], one["said"]) for one in told] == [("friction", "named"), ("friction", "settled")]
+    assert run.n_samples == len(lines)
+
+
+def test_every_change_of_a_long_log_is_said(estimator, folder, harder):
+    """A log is read in a blink, and its lines say as much as its sentences; so they do before a line that is broken."""
+    _, states = harder
+    n, parts = len(states["t"]), 6
+    many = {name: np.concatenate([values] * parts) for name, values in states.items()}
+    many["t"] = 0.002 * np.arange(parts * n)
+    done = answered(estimator, folder, json_text(many) + "broken\n")
+    assert done.returncode == 2
+    said = [line for line in done.stderr.splitlines() if line.startswith("change: ")]
+    assert len(said) == done.stdout.count('"change"') > 4
 
 
 def test_positions_alone_are_watched_too(estimator, folder, harder):

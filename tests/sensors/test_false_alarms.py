@@ -208,6 +208,10 @@ def test_a_channel_beyond_its_limit_is_not_damaged_in_its_greatest_rows():
     assert 0 < beyond < 200
     few = replace(run, tau=np.where(np.abs(run.tau) > 6.69, run.tau, np.clip(run.tau, -6.6, 6.6)))
     assert [finding.code for finding in check_drive_torque(few, robot)] == []
+    rest = np.arange(len(run.t))[:, None]
+    two = replace(run, tau=np.where(rest == 1500, 60.0, np.where(rest == 900, 3.0, 0.1 * run.tau)))
+    (said,) = check_drive_torque(two, robot)
+    assert (said.code, "1 more" in said.message) == ("torque_spike", True)
     lone = replace(run, tau=np.where(np.arange(len(run.t))[:, None] == 1500, 6.7, 0.1 * run.tau))
     assert [finding.code for finding in check_drive_torque(lone, robot)] == ["torque_spike"]
 
@@ -221,6 +225,8 @@ def test_encoders_of_a_fast_joint_on_two_clocks_are_late_and_not_of_another_scal
     assert found["encoder_delay"].value == pytest.approx(0.04, rel=0.02)
     assert errors(late) == []
     assert errors(replace(late, q_motor=1.3 * late.q)) == [("motor_scale", "q_motor_0")]
+    both = replace(late, q_motor=1.3 * np.sin(3 * (t + 0.03))[:, None])
+    assert errors(both) == [("motor_scale", "q_motor_0")], "a clock of its own explains no scale"
 
 
 def test_runs_that_begin_in_fast_motion_are_not_pushed_there():

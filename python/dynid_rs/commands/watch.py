@@ -79,7 +79,7 @@ def watch(
         raise ValueError(
             "--settings says all that --healthy, --false-alarms and --tolerate do; leave those and --save out"
         )
-    _check_task(runs, save)
+    _check_task(runs, save, [model, *(runs or []), *(healthy or []), *([config] if config else [])])
     with progress(Step(1, "reading"), Step(1, "watching")) as say:
         say("reading")
         reference = load_model(model)
@@ -107,13 +107,14 @@ def watch(
     return EXIT_NO if _changed(watched) else 0
 
 
-def _check_task(runs: Sequence[Path] | None, save: Path | None) -> None:
-    from dynid_rs.base.files import check_replaceable
+def _check_task(runs: Sequence[Path] | None, save: Path | None, read: Sequence[Path]) -> None:
+    from dynid_rs.commands._output import check_file, check_not_read
 
     if not runs and save is None:
         raise ValueError("no run to watch; name one, or write settings with --save WATCH.json")
     if save is not None:
-        check_replaceable(save)
+        check_file(save)
+        check_not_read([save], read)
 
 
 def _changed(watched: Sequence[Watched]) -> bool | None:

@@ -127,9 +127,13 @@ def _traced(
     found.catalogue = Catalogue(found.fit, found.catalogue)
     on_progress("what is left")
     without_name, left = nameless(found, weigh_rivals(found)), unexplained(found)
-    found.setup = ended(with_signs(found), without_name, found.fit.model_.domain[0])
+    found.setup = ended(found.setup, without_name, found.fit.model_.domain[0])
     if found.fit is not fit:  # judged by the noise that it leaves, and only then weighed
-        found.fit = weighed_as(fit, found.fit, found.setup, train)
+        settled = False
+        while not settled:  # each time a joint more is silent
+            found.setup = with_signs(found)
+            found.fit = weighed_as(fit, found.fit, found.setup, train)
+            settled = with_signs(found).effects == found.setup.effects
         found.catalogue = Catalogue(found.fit, found.catalogue)
     names = setup.robot.joint_names
     entries = [

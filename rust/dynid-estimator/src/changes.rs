@@ -1,9 +1,10 @@
 //! What the watch says, on its way to a person: the loop lays it down, a second thread says it on stderr.
 //!
-//! The loop only tries a lock that the other thread holds to copy a few numbers; nothing is allocated, nobody is woken.
+//! The loop only tries a lock that the other thread holds to copy a few numbers; nothing is allocated, nobody is woken. A
+//! loop that nothing paces may read a day in a second, and says everything by itself.
 
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, TryLockError};
+use std::sync::{Arc, Mutex, PoisonError, TryLockError};
 use std::thread;
 use std::time::Duration;
 
@@ -15,7 +16,7 @@ use crate::run::tell;
 /// How often the thread looks.
 const LOOK: Duration = Duration::from_millis(100);
 
-/// Changes that may wait; between two looks there is hardly one.
+/// Changes that may wait; each takes seconds of motion, so between two looks at a loop with a rate there is hardly one.
 const MOST: usize = 8;
 
 /// Half of an interval of 95 % over its standard deviation.
@@ -28,12 +29,15 @@ type News = (f64, Change);
 struct Table {
     waits: AtomicBool,
     news: Mutex<[Option<News>; MOST]>,
+    /// Of those who say it; the loop never takes this one.
+    speaks: Mutex<()>,
 }
 
-/// The loop's side.
+/// The loop's side. What is left is said when it is dropped.
 #[derive(Debug)]
 pub struct Outbox {
-    table: Arc<Table>,
+    /// None where the loop says everything by itself.
+    table: Option<Arc<Table>>,
     /// What found the lock taken.
     kept: [Option<News>; MOST],
     names: Arc<Names>,
@@ -47,7 +51,16 @@ struct Names {
 }
 
 impl Outbox {
-    /// Starts the thread, which ends with the program.
+    /// For a loop that may wait for stderr.
+    pub fn patient(model: &TorqueModel) -> Self {
+        Self {
+            table: None,
+            kept: [None; MOST],
+            names: Arc::new(Names::of(model)),
+        }
+    }
+
+    /// For a loop that may not: starts the thread, which ends with the program.
     pub fn open(model: &TorqueModel) -> Self {
         let (table, names) = (Arc::new(Table::default()), Arc::new(Names::of(model)));
         let (theirs, words) = (Arc::clone(&table), Arc::clone(&names));
@@ -60,11 +73,11 @@ impl Outbox {
         if let Err(error) = started {
             tell(
                 "error",
-                &format!("--changes: {error}; only the status says them"),
+                &format!("--changes: {error}; sentences come at the end"),
             );
         }
         Self {
-            table,
+            table: Some(table),
             kept: [None; MOST],
             names,
         }
@@ -72,23 +85,32 @@ impl Outbox {
 
     /// Lays a change down, and what could not be laid down before; the oldest are lost where there are too many.
     pub fn put(&mut self, time: f64, change: Option<&Change>) {
+        let Some(table) = &self.table else {
+            if let Some(change) = change {
+                tell("change", &self.names.sentence(time, change));
+            }
+            return;
+        };
         if let Some(change) = change {
             push(&mut self.kept, (time, *change));
         }
         if self.kept[0].is_none() {
             return;
         }
-        if let Ok(mut news) = self.table.news.try_lock() {
+        if let Ok(mut news) = table.news.try_lock() {
             for one in self.kept.iter_mut().map_while(Option::take) {
                 push(&mut news, one);
             }
-            self.table.waits.store(true, Ordering::Release);
+            table.waits.store(true, Ordering::Release);
         }
     }
+}
 
-    /// Says what is left, at the end.
-    pub fn close(mut self) {
-        say(&self.table, &self.names);
+impl Drop for Outbox {
+    fn drop(&mut self) {
+        if let Some(table) = &self.table {
+            say(table, &self.names);
+        }
         for (time, change) in self.kept.iter_mut().filter_map(Option::take) {
             tell("change", &self.names.sentence(time, &change));
         }
@@ -107,6 +129,8 @@ fn push(news: &mut [Option<News>; MOST], one: News) {
 }
 
 fn say(table: &Table, names: &Names) {
+    // Held until all is said: the program does not end in between.
+    let _speaks = table.speaks.lock().unwrap_or_else(PoisonError::into_inner);
     if !table.waits.swap(false, Ordering::Acquire) {
         return;
     }
@@ -135,39 +159,31 @@ impl Names {
         self.joints.get(joint).map_or("?", String::as_str)
     }
 
-    /// As `dynid watch` says it.
+    /// One sentence, with an interval of 95 %.
     fn sentence(&self, time: f64, change: &Change) -> String {
-        let joint = self.joint(change.joint);
-        let (low, high) = (
-            change.size - INTERVAL * change.std,
-            change.size + INTERVAL * change.std,
-        );
-        let percent = |x: f64| format!("{:+.1} %", 100.0 * x);
+        let (joint, half) = (self.joint(change.joint), INTERVAL * change.std);
+        let ends = [change.size, change.size - half, change.size + half];
+        let [size, low, high] = ends.map(short);
         let what = match change.kind {
-            Kind::Friction | Kind::Gain => format!(
-                "{joint}: {} {} ({} to {})",
-                change.kind.word(),
-                percent(change.size),
-                percent(low),
-                percent(high)
-            ),
-            Kind::Offset => format!(
-                "{joint}: constant torque {:.3e} ({low:.3e} to {high:.3e}) {}",
-                change.size, self.torque_unit
-            ),
-            Kind::Load => format!(
-                "load {:.3} ({low:.3} to {high:.3}) kg{}",
-                change.size,
-                if self.torque_unit == "N*m" {
-                    ""
-                } else {
-                    " times what the channel shows per N m"
-                }
-            ),
-            Kind::Unknown => format!(
-                "{joint}: the error has grown by {}, no name says why: look again",
-                percent(change.size)
-            ),
+            Kind::Friction | Kind::Gain => {
+                let [size, low, high] = ends.map(percent);
+                format!("{joint}: {} {size} ({low} to {high})", change.kind.word())
+            }
+            Kind::Offset => {
+                let unit = &self.torque_unit;
+                format!("{joint}: constant torque {size} ({low} to {high}) {unit}")
+            }
+            Kind::Load => {
+                let unit = match self.torque_unit.as_str() {
+                    "N*m" => "kg",
+                    _ => "kg times what the channel shows per N m",
+                };
+                format!("load {size} ({low} to {high}) {unit}")
+            }
+            Kind::Unknown => {
+                let grown = short(100.0 * change.size);
+                format!("{joint}: the error has grown by {grown} %, no name says why: look again")
+            }
         };
         let or = change.or.map_or(String::new(), |(kind, j)| match kind {
             Kind::Load => ", or a load".to_owned(),
@@ -185,6 +201,20 @@ impl Names {
         };
         format!("{when}{what}{or}{said}")
     }
+}
+
+fn percent(x: f64) -> String {
+    let sign = if x < 0.0 { "" } else { "+" };
+    format!("{sign}{} %", short(100.0 * x))
+}
+
+/// Three digits.
+fn short(x: f64) -> String {
+    if !(x == 0.0 || (1e-4..1e6).contains(&x.abs())) {
+        return format!("{x:.2e}");
+    }
+    let digits = 2.0 - x.abs().max(1e-4).log10().floor();
+    format!("{x:.*}", digits.max(0.0) as usize)
 }
 
 #[cfg(test)]
@@ -223,9 +253,13 @@ pub mod tests {
         assert!(names
             .sentence(1.0, &change(Kind::Unknown, 1.0))
             .contains("look again"));
-        assert!(names
-            .sentence(1.0, &change(Kind::Offset, 1.0))
-            .contains("constant torque 1.000e0"));
+        let offset = names.sentence(1.0, &change(Kind::Offset, 20.24));
+        assert!(offset.contains("constant torque 20.2 ("), "{offset}");
+        let unknown = names.sentence(1.0, &change(Kind::Unknown, 1.32));
+        assert!(unknown.contains("grown by 132 %"), "{unknown}");
+        let numbers = [-0.012_345, 99.94, 12_345.0, 1e157, -3e-9, f64::INFINITY];
+        let shorts = ["-0.0123", "99.9", "12345", "1.00e157", "-3.00e-9", "inf"];
+        assert_eq!(numbers.map(short), shorts);
     }
 
     #[test]
@@ -242,7 +276,7 @@ pub mod tests {
     fn what_finds_the_lock_taken_is_laid_down_later() {
         let (table, names) = (Arc::new(Table::default()), Arc::new(Names::of(&model(1.0))));
         let mut outbox = Outbox {
-            table: Arc::clone(&table),
+            table: Some(Arc::clone(&table)),
             kept: [None; MOST],
             names,
         };

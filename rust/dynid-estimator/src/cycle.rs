@@ -74,9 +74,10 @@ impl Cycle {
         }
         if let Some(watch) = &settings.watch {
             check_joints(online.estimator().model(), watch)?;
-            online = online
-                .watching(watch.settings, &watch.inflation, &watch.memory)
-                .map_err(stop)?;
+            let watching = online.watching(watch.settings, &watch.inflation, &watch.memory);
+            online = watching.map_err(|error| {
+                Stop::Because(format!("--changes: the model cannot be watched: {error}"))
+            })?;
         }
         let mut cycle = Self {
             online,

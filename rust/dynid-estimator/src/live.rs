@@ -139,9 +139,7 @@ pub fn run(
     let mut timing = Timing::new(pace.as_ref().map(Pace::period), real_time.histogram);
     live.work(&model, &mut cycle, (pace, real_time.end()), &mut timing);
     let Counts { states, refused } = live.counts;
-    if let Some(outbox) = live.outbox {
-        outbox.close();
-    }
+    drop(live.outbox);
     if refused > 0 {
         tell("note", &format!("{refused} messages were no states of this robot and not used, beside {states} that were"));
     }

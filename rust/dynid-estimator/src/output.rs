@@ -122,13 +122,26 @@ impl Writer {
     }
 }
 
+/// JSON has no infinities.
+fn write_number(number: f64, out: &mut impl Write) -> io::Result<()> {
+    if number.is_finite() {
+        write!(out, "{number:?}")
+    } else {
+        out.write_all(b"null")
+    }
+}
+
 fn write_change(change: &Change, out: &mut impl Write) -> io::Result<()> {
     let (kind, joint) = (change.kind.word(), change.joint);
-    let (size, std, said) = (change.size, change.std, change.said.word());
+    let said = change.said.word();
     write!(
         out,
-        ",\"change\":{{\"kind\":\"{kind}\",\"joint\":{joint},\"size\":{size:?},\"std\":{std:?},\"said\":\"{said}\""
+        ",\"change\":{{\"kind\":\"{kind}\",\"joint\":{joint},\"size\":"
     )?;
+    write_number(change.size, out)?;
+    out.write_all(b",\"std\":")?;
+    write_number(change.std, out)?;
+    write!(out, ",\"said\":\"{said}\"")?;
     if change.kind == Kind::Load {
         out.write_all(b",\"moments\":")?;
         write_array(&change.moments, out)?;
@@ -204,6 +217,7 @@ mod tests {
             told(&friction),
             ",\"change\":{\"kind\":\"friction\",\"joint\":0,\"size\":0.25,\"std\":0.01,\"said\":\"named\"}"
         );
+        assert!(told(&change(Kind::Unknown, f64::INFINITY)).contains("\"size\":null,\"std\":0.01"));
         let load = Change {
             or: Some((Kind::Gain, 1)),
             ..change(Kind::Load, 2.0)

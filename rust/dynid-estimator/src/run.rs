@@ -39,7 +39,11 @@ pub fn run(
     let mut cycle = Cycle::new(Arc::clone(&model), settings)?;
     real_time.lock_memory(watched.is_some())?;
     let inbox = watched.map(|path| swap::watch(path, Arc::clone(&model), settings.clone(), true));
-    let mut outbox = settings.watch.is_some().then(|| Outbox::open(&model));
+    let open = match real_time.rate {
+        Some(_) => Outbox::open,
+        None => Outbox::patient,
+    };
+    let mut outbox = settings.watch.is_some().then(|| open(&model));
     let mut clock = Clock::new(&model, settings.step);
     let mut frame = frame_for(&model, settings);
 
@@ -106,9 +110,6 @@ pub fn run(
     }
     out.flush().map_err(Stop::output)?;
     timing.stop();
-    if let Some(outbox) = outbox {
-        outbox.close();
-    }
     Ok(real_time.report(&timing, sleeper))
 }
 

@@ -122,8 +122,11 @@ fn read(bytes: &[u8]) -> Result<WatchFile, String> {
             return Err(format!("{} values of {what} for {n} joints", values.len()));
         }
     }
-    if !parts.inflation.iter().all(|x| *x > 0.0 && *x < 1e12) {
-        return Err("an inflation is no positive number below 1e12".to_owned());
+    if !(1e-3..=3600.0).contains(&parts.row) {
+        return Err("a row is no time from 0.001 to 3600 s".to_owned());
+    }
+    if !parts.inflation.iter().all(|x| *x > 1e-12 && *x < 1e12) {
+        return Err("an inflation is no number from 1e-12 to 1e12".to_owned());
     }
     if !parts.memory.iter().all(|x| *x >= 1.0 && *x < 1e12) {
         return Err("a memory is no number of rows from 1 to 1e12".to_owned());

@@ -29,10 +29,10 @@ def check_drive_torque(rec: Recording, robot: Any | None) -> Iterator[Finding]:
     for joint in range(rec.n_joints):
         rows = lone_rows(rec, "tau", joint) if moves[joint] else np.zeros(0, dtype=np.intp)
         beyond = np.flatnonzero(np.abs(rec.tau[:, joint]) > BEYOND * limits[joint])
-        rest = np.abs(np.delete(rec.tau[:, joint], beyond))
+        too_much = np.flatnonzero(np.abs(rec.tau[:, joint]) > IN_LIMITS * limits[joint])
         # Where the rest is more than a drive gives too, it is the channel that is wrong, not a few rows of it.
-        if len(beyond) <= few_rows(rec.n_samples) and rest.max(initial=0.0) < IN_LIMITS * limits[joint]:
-            rows = np.union1d(rows, beyond)
+        if len(beyond) and len(too_much) <= few_rows(rec.n_samples):
+            rows = np.union1d(rows, too_much)
         if len(rows):
             yield _spike(rec, joint, rows, limits[joint])
     yield from _unit(rec, limits)

@@ -65,7 +65,9 @@ impl Watch {
             std: 0.0,
             moments: [0.0; 3],
             said: Said::Named,
-            or: or.filter(|_| lead < SURE && kind != Kind::Unknown),
+            or: or.filter(|(other, _)| {
+                lead < SURE && kind != Kind::Unknown && *other != Kind::Unknown
+            }),
         });
         (change, lead)
     }
