@@ -144,7 +144,10 @@ def _frozen_position(rec: Recording, signal: str, positions: dict[str, FloatArra
     steps = np.abs(np.diff(values))
     moving = steps[steps > 0]
     usual = float(np.percentile(moving, 99)) if moving.size else np.inf
-    trusted = rec.dq is not None and agrees_outside(rec, values, rec.dq[:, joint], stretches)
+    speed = None
+    if rec.dq is not None and agrees_outside(rec, values, rec.dq[:, joint], stretches):
+        speed = rec.dq[:, joint].copy()
+        speed[lone_rows(rec, "dq", joint)] = 0.0  # damaged numbers are no way
     others = [other for name, other in positions.items() if name != signal]
     for start, stop in stretches:
         # A channel that goes on is elsewhere; where it is back at once a sample was damaged.
@@ -152,11 +155,8 @@ def _frozen_position(rec: Recording, signal: str, positions: dict[str, FloatArra
         jump, travel = float(after.min(initial=np.inf)) if len(after) else 0.0, 0.0
         if rec.dq is not None and stop < rec.n_samples and steps[stop - 1] <= 2 * _way(rec, joint, stop):
             jump = 0.0  # the joint broke away: its velocity is that of the step
-        if rec.dq is not None and trusted:
-            dt = np.diff(rec.t[start:stop])
-            speed = rec.dq[:, joint].copy()
-            speed[lone_rows(rec, "dq", joint)] = 0.0  # damaged numbers are no way
-            dq = speed[start:stop]
+        if speed is not None:
+            dt, dq = np.diff(rec.t[start:stop]), speed[start:stop]
             travel = abs(float(np.sum(0.5 * (dq[1:] + dq[:-1]) * dt)))
         travel = max([travel, *(abs(float(other[stop - 1] - other[start])) for other in others)])
         # With a dead encoder (all equal) only a long way tells it from a joint that was held.
