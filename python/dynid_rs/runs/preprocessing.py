@@ -25,6 +25,9 @@ Filter = tuple[FloatArray, FloatArray, int]
 
 ORDER = 4
 """Butterworth order of one pass; the two passes together fall off with twice that."""
+MEMORY = 3.0
+"""The band's filter remembers for this time over its cutoff: so long are runs continued at their ends, and so long is
+what it makes of them off where they end in motion."""
 STATE_BAND = 2.0
 """Positions are low-passed at this multiple of the band's cutoff before they are differentiated."""
 WORK_RATE = 40.0
@@ -56,7 +59,7 @@ def _design(rate: float, cutoff: float) -> Filter | None:
     if relative >= 0.95:
         return None
     sections = butterworth(ORDER, relative)
-    return sections, steady_state(sections), int(3 * rate / cutoff)
+    return sections, steady_state(sections), int(MEMORY * rate / cutoff)
 
 
 @dataclass(frozen=True)

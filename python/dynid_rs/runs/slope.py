@@ -11,5 +11,5 @@ FloatArray = NDArray[np.float64]
 
 
 def slope(x: FloatArray, rate: float) -> FloatArray:
-    """Derivative of x (n, ...) sampled at `rate` [Hz], right to a fifth of that; a difference of neighbours is not."""
+    """Derivative of x (n, ...) sampled at `rate` [Hz], right to .1 % up to a tenth of that."""
     return np.asarray(_core.slope(x.reshape(len(x), -1), rate)).reshape(x.shape)

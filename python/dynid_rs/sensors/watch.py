@@ -20,7 +20,7 @@ from dynid_rs.model.assembly import evaluate
 from dynid_rs.regression.columns import run_rows
 from dynid_rs.regression.fitted import weighted_system
 from dynid_rs.regression.systems import stack_one
-from dynid_rs.runs.preprocessing import States
+from dynid_rs.runs.preprocessing import MEMORY, States
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -33,9 +33,6 @@ REST_RUN = 0.8
 """An arm that rests for this part of a run was held there on purpose; shorter rest is a pause, with brakes in it."""
 PRESLIDING, SLOW = 0.01, 0.02
 """Since a reversal friction is not settled for this way [rad], and below this part of the usual speed."""
-MEMORY = 3.0
-"""Where a run begins or ends in motion the filters have no rows beyond it to go by: what they make of it is off for
-this time over the band's cutoff. A fit outweighs that, a search for bursts finds it."""
 UNFITTED_SPEED = 0.8
 """Runs that were not learned from are looked at below this part of the training runs' greatest speed."""
 
@@ -124,6 +121,7 @@ def watch_run(fit: ThreeLoopIdentifier, states: States, usual: Usual) -> Watch:
     rests = maximum_filter1d(q, width, axis=0) - minimum_filter1d(q, width, axis=0) < REST_RANGE * usual.range
     resting = rests.all(axis=1)
     resting &= resting.mean() > REST_RUN
+    # What the filters make of a run's ends in motion a fit outweighs, and a search for bursts finds.
     guard = max(1, int(MEMORY / states.band.cutoff / step))
     inside = np.ones(len(t), dtype=bool)
     inside[:guard] = inside[-guard:] = False

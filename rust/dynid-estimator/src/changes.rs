@@ -19,9 +19,6 @@ const LOOK: Duration = Duration::from_millis(100);
 /// Changes that may wait; each takes seconds of motion, so between two looks at a loop with a rate there is hardly one.
 const MOST: usize = 8;
 
-/// Half of an interval of 95 % over its standard deviation.
-const INTERVAL: f64 = 1.96;
-
 /// A change and the time of the state at which it was said, which may be NaN \[s\].
 type News = (f64, Change);
 
@@ -161,8 +158,8 @@ impl Names {
 
     /// One sentence, with an interval of 95 %.
     fn sentence(&self, time: f64, change: &Change) -> String {
-        let (joint, half) = (self.joint(change.joint), INTERVAL * change.std);
-        let ends = [change.size, change.size - half, change.size + half];
+        let (joint, [low, high]) = (self.joint(change.joint), change.interval());
+        let ends = [change.size, low, high];
         let [size, low, high] = ends.map(short);
         let what = match change.kind {
             Kind::Friction | Kind::Gain => {

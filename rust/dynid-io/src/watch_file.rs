@@ -1,12 +1,11 @@
 //! `watch.json`: how a model is watched, as `dynid watch --save` writes it, and what healthy runs said of its error.
 
-use std::fs;
-use std::io::Read;
 use std::path::Path;
 
 use dynid_core::watch::WatchSettings;
 use serde::Deserialize;
 
+use crate::model_file::read_at_most;
 use crate::text::shorten_said;
 use crate::ModelFileError;
 
@@ -58,17 +57,8 @@ struct Tolerated {
 /// # Errors
 /// [`ModelFileError`], with one sentence that names the file and the mend.
 pub fn load_watch(path: &Path) -> Result<WatchFile, ModelFileError> {
-    let name = path.display().to_string();
-    let io = |source| ModelFileError::Io {
-        path: name.clone(),
-        source,
-    };
-    let mut bytes = Vec::new();
-    let file = fs::File::open(path).map_err(io)?;
-    file.take(MAX_BYTES + 1)
-        .read_to_end(&mut bytes)
-        .map_err(io)?;
-    parse_watch(&bytes, &name)
+    let bytes = read_at_most(path, MAX_BYTES)?;
+    parse_watch(&bytes, &path.display().to_string())
 }
 
 /// Reads it from bytes; `name` is used in messages.

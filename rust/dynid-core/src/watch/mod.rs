@@ -27,6 +27,9 @@ use solve::{LoadSums, PLACES};
 /// A name has to be this much likelier than any other for the same joints: 19 to 1.
 const SURE: f64 = 2.944_438_979_166_440_3;
 
+/// Half of an interval of 95 % over its standard deviation.
+const INTERVAL: f64 = 1.96;
+
 /// Rows after the first test has passed before a name is given: a cause on several joints is not the first that shows.
 const LEAST_ROWS: u32 = 5;
 
@@ -57,6 +60,15 @@ pub struct Change {
     pub said: Said,
     /// What else it may be, on which joint, if the data do not tell yet.
     pub or: Option<(Kind, usize)>,
+}
+
+impl Change {
+    /// Where the size lies with 95 %.
+    #[must_use]
+    pub fn interval(&self) -> [f64; 2] {
+        let half = INTERVAL * self.std;
+        [self.size - half, self.size + half]
+    }
 }
 
 /// A change is said twice.

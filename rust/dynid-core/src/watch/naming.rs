@@ -6,7 +6,7 @@
 
 use super::sequential::Evidence;
 use super::solve::REACH;
-use super::{Change, Kind, Named, Said, Watch, SURE};
+use super::{Change, Kind, Named, Said, Watch, INTERVAL, SURE};
 use crate::slices::at;
 
 /// Usual size of a change over what is tolerated.
@@ -17,9 +17,6 @@ const WIDTHS: [f64; 3] = [1.0, 4.0, 16.0];
 
 /// A name takes at least this part of what is left above the usual off: else something else is there.
 const EXPLAINED: f64 = 0.5;
-
-/// Half of an interval of 95 % over its standard deviation.
-const INTERVAL: f64 = 1.96;
 
 impl Watch {
     /// The likeliest name for what the window holds, and by how much it is likelier than any other.

@@ -63,16 +63,7 @@ pub enum ModelFileError {
 /// [`ModelFileError`], with one sentence that names the file and the mend.
 pub fn load(path: &Path) -> Result<TorqueModel, ModelFileError> {
     let name = path.display().to_string();
-    let io = |source| ModelFileError::Io {
-        path: name.clone(),
-        source,
-    };
-    // A device or a pipe has no size to ask for: read no more than a model may have.
-    let mut bytes = Vec::new();
-    let file = fs::File::open(path).map_err(io)?;
-    file.take(MAX_BYTES + 1)
-        .read_to_end(&mut bytes)
-        .map_err(io)?;
+    let bytes = read_at_most(path, MAX_BYTES)?;
     if bytes.len() as u64 > MAX_BYTES {
         return Err(ModelFileError::Invalid {
             path: name,
@@ -80,6 +71,21 @@ pub fn load(path: &Path) -> Result<TorqueModel, ModelFileError> {
         });
     }
     parse(&bytes, &name)
+}
+
+/// Reads a file, `most` bytes of it and one more: a device or a pipe has no size to ask for.
+///
+/// # Errors
+/// [`ModelFileError::Io`].
+pub(crate) fn read_at_most(path: &Path, most: u64) -> Result<Vec<u8>, ModelFileError> {
+    let io = |source| ModelFileError::Io {
+        path: path.display().to_string(),
+        source,
+    };
+    let mut bytes = Vec::new();
+    let file = fs::File::open(path).map_err(io)?;
+    file.take(most + 1).read_to_end(&mut bytes).map_err(io)?;
+    Ok(bytes)
 }
 
 /// Reads a model from bytes; `name` is used in messages.
