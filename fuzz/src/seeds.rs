@@ -2,8 +2,11 @@
 
 use std::fs;
 use std::path::PathBuf;
+use std::sync::Arc;
 
+use dynid_core::watch::{Watch, WatchSettings};
 use dynid_io::model_file::to_text;
+use dynid_io::Remembered;
 
 use crate::arm::{arm, models};
 
@@ -23,6 +26,7 @@ pub fn write_all() {
     put("urdf", "seed_arm", URDF);
     put("robot_toml", "seed_arm", &robot_toml());
     put("watch_file", "seed_two_joints", WATCH);
+    put("remembered", "seed_quiet", &remembered());
     for (k, model) in models().iter().enumerate() {
         put(
             "model",
@@ -53,6 +57,17 @@ pub fn write_all() {
     put("lines", "seed_quoted", QUOTED);
     put("lines", "seed_json", JSON);
     put("lines", "seed_positions", POSITIONS);
+}
+
+/// What the watch of the arm knows before anything has come.
+fn remembered() -> Vec<u8> {
+    let (settings, ones) = (WatchSettings::default(), [1.0; 2]);
+    let mut watch = Watch::new(Arc::new(arm()), settings, &ones, &ones).expect("a watch");
+    let mut numbers = vec![0.0; watch.n_remembered()];
+    watch.remember(&mut numbers).expect("as many numbers");
+    let of = "00".repeat(32);
+    let text = Remembered { of, numbers }.to_text();
+    text.expect("JSON").into_bytes()
 }
 
 const WATCH: &[u8] = br#"{"format":"dynid-watch-settings","version":1,"joints":["a","b"],"row":0.2,"false_alarms_per_day":1.0,

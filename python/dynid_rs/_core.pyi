@@ -1295,7 +1295,8 @@ def watch_run(
     offset: float,
     load: float,
     unknown: float,
-) -> tuple[list[dict[str, Any]], NDArray[np.uintp], _FloatArray, _FloatArray, _FloatArray]:
+    remembered: str | None = None,
+) -> tuple[list[dict[str, Any]], NDArray[np.uintp], _FloatArray, _FloatArray, _FloatArray, str]:
     """What of a model no longer holds along a run, by the code that runs online.
 
     Parameters
@@ -1310,6 +1311,8 @@ def watch_run(
         Alarms that nothing has caused.
     friction, gain, offset, load, unknown : float
         Changes that are none yet, as `Tolerated` has them.
+    remembered : str, optional
+        What the watch of another run knew at its end, which this one goes on with.
 
     Returns
     -------
@@ -1319,9 +1322,13 @@ def watch_run(
         Samples at which rows ended.
     left, variance, moves : ndarray (n_rows, n_joints)
         What was left, what the model expects of it, and 1 where the joint says something.
+    remembered : str
+        What the watch knows at the end.
 
     Raises
     ------
+    FormatError
+        What is remembered is of another model, or of a watch with other settings.
     ValueError
         As `observe_momentum`; a setting is not positive, a memory less than one.
     """

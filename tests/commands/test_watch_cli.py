@@ -133,3 +133,25 @@ def test_what_is_read_is_never_replaced(arm):
         assert "is read here and would be replaced" in refusal(watched(arm, "same", options=["--save", arm / name]))
         assert (arm / name).read_bytes() == before
     assert "does not exist; create it first" in refusal(watched(arm, options=["--save", arm / "none" / "watch.json"]))
+
+
+def test_runs_go_on_from_one_another_where_it_is_remembered(arm, tmp_path):
+    known = tmp_path / "known.json"
+    first = watched(arm, "harder", options=["--remember", known])
+    assert "(settled)" in first.stdout
+    assert known.exists()
+    again = watched(arm, "harder", options=["--remember", known])
+    assert "harder.parquet: nothing has changed" in again.stdout, again.stdout
+    assert again.exit_code == 0
+    both = watched(arm, "harder", "harder", options=["--remember", tmp_path / "other.json"])
+    assert both.stdout.count("(settled)") == 1
+    assert "harder.parquet: nothing has changed" in both.stdout
+    refused = refusal(watched(arm, "same", options=["--remember", known, "--tolerate", "gain=0.2"]))
+    assert str(known) in refused
+    assert "of another model, or of a watch with other settings" in refused
+    assert "is read here and would be replaced" in refusal(
+        watched(arm, "same", options=["--remember", arm / "model.json"])
+    )
+    known.write_text("{}")
+    assert str(known) in refusal(watched(arm, "same", options=["--remember", known]))
+    assert known.read_text() == "{}"

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from helpers.watched_arm import CHANGES, LOAD, STEP, WORTH, model, motion, recorded, watching
 
-from dynid_rs import Recording, Tolerated, Watch
+from dynid_rs import FormatError, Recording, Tolerated, Watch
 
 
 @pytest.mark.parametrize("name", CHANGES)
@@ -143,3 +143,42 @@ def test_wrong_runs_and_settings_are_refused():
         Watch(model(), tolerated=Tolerated(friction=0.0)).watch(run)
     with pytest.raises(ValueError, match="too little to tell what it leaves"):
         Watch(model()).fit(recorded(3.0))
+
+
+def test_a_watch_goes_on_after_a_restart_with_what_it_knew():
+    """A run in two parts is told as in one; what was settled is not said again, and what was under way goes on."""
+    watch = watching()
+    run = recorded(60.0, 5, change=CHANGES["friction grown"][0], at=4.0)
+    whole = watch.watch(run).changes
+    assert [change.said for change in whole] == ["named", "settled"]
+    for cut in (whole[0].t - 1.0, whole[0].t + 5.0, whole[1].t + 2.0):
+        at = int(np.searchsorted(run.t, cut))
+        first = watch.watch(run[:at])
+        second = watch.watch(run[at:], remembered=first.remembered)
+        told = first.changes + second.changes
+        assert [(one.kind, one.joint, one.said) for one in told] == [(one.kind, one.joint, one.said) for one in whole]
+        for one, other in zip(told, whole, strict=True):
+            assert abs(one.t - other.t) < 1.0  # a row or two are lost
+            assert one.size == pytest.approx(other.size, abs=0.02)
+        assert len(watch.watch(run[at:]).changes) == 2  # and without it begins anew
+    # Part by part nothing is lost but rows in the making: after ten more restarts it still stands.
+    for _ in range(10):
+        second = watch.watch(run[at:], remembered=second.remembered)
+        assert second.changes == ()
+
+
+def test_what_another_watch_remembers_is_refused():
+    known = watching().watch(recorded(5.0, 5)).remembered
+    for other in (Watch(model()), Watch(model("A")).fit([recorded(60.0, 1, unit="A")])):
+        with pytest.raises(FormatError, match="remembered: of another model, or of a watch with other settings"):
+            other.watch(recorded(5.0, 5, unit=other.model.torque_unit), remembered=known)
+    for bad in ("", "{}", "[]", known[:-9], known.replace('"numbers":[', '"numbers":[1e300,'), known + "x"):
+        with pytest.raises(FormatError, match="remembered: "):
+            watching().watch(recorded(5.0, 5), remembered=bad)
+
+
+def test_a_run_without_a_row_leaves_what_is_known():
+    watch = watching()
+    known = watch.watch(recorded(5.0, 5)).remembered
+    short = recorded(5.0, 6)[:40]
+    assert watch.watch(short, remembered=known).remembered == known

@@ -175,3 +175,55 @@ def test_files_that_are_no_settings_are_refused_in_one_sentence(estimator, folde
     assert (done.returncode, done.stdout, len(done.stderr.splitlines())) == (2, "", 1)
     assert said in done.stderr
     assert "\x1b" not in done.stderr
+
+
+def parts(states, at):
+    return [{name: part(values) for name, values in states.items()} for part in (lambda x: x[:at], lambda x: x[at:])]
+
+
+def test_what_was_known_survives_a_restart(estimator, folder, harder, tmp_path):
+    """In two runs of the program a change is said as in one, and as in Python, which goes on with the same file."""
+    run, states = harder
+    whole = watching().watch(run).changes
+    cut = int(np.searchsorted(run.t, whole[0].t + 5.0))
+    first, second = parts(states, cut)
+    file = tmp_path / "known.json"
+    done = answered(estimator, folder, json_text(first), "--remember", file)
+    assert done.stderr.count("change: ") == 1
+    # As much as Python knows by then, to the last bit.
+    assert file.read_text() == watching().watch(run[:cut]).remembered
+    known = file.read_text()
+    done = answered(estimator, folder, json_text(second), "--remember", file)
+    (line,) = (line for line in done.stderr.splitlines() if line.startswith("change: "))
+    assert line.endswith("(settled)")
+    assert file.read_text() == watching().watch(run[cut:], remembered=known).remembered
+    assert list(tmp_path.iterdir()) == [file]
+
+
+def test_what_is_of_another_model_is_not_used_and_what_is_none_is_not_replaced(estimator, folder, harder, tmp_path):
+    run, states = harder
+    file = tmp_path / "known.json"
+    other = Watch(model()).watch(run)  # of other settings
+    file.write_text(other.remembered)
+    done = answered(estimator, folder, json_text(states), "--remember", file)
+    assert done.returncode == 0
+    assert "note: " in done.stderr
+    assert "the watch begins anew" in done.stderr
+    assert done.stderr.count("change: ") == 2
+    assert file.read_text() == watching().watch(run).remembered
+    for spoiled in (b"", b"{}", file.read_bytes()[:-20], file.read_bytes().replace(b"[0.0,0.0", b"[7.0,0.0", 1)):
+        file.write_bytes(spoiled)
+        done = answered(estimator, folder, json_text(states), "--remember", file)
+        assert (done.returncode, done.stdout) == (2, "")
+        assert done.stderr.count("\n") == 1
+        assert f"{file}: " in done.stderr
+        assert file.read_bytes() == spoiled
+    model_before = (folder / "model.json").read_bytes()
+    assert answered(estimator, folder, json_text(states), "--remember", folder / "model.json").returncode == 2
+    assert (folder / "model.json").read_bytes() == model_before
+
+
+def test_remembering_needs_a_watch(estimator, folder):
+    done = subprocess.run([estimator, folder / "model.json", "--remember", "x"], capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "--remember goes with --changes" in done.stderr

@@ -4,12 +4,13 @@ mod datagrams;
 mod lines;
 mod memory;
 mod model;
+mod remembered;
 mod robot_toml;
 mod urdf;
 mod watch_file;
 
 /// Names and functions.
-pub const ALL: [(&str, fn(&[u8])); 7] = [
+pub const ALL: [(&str, fn(&[u8])); 8] = [
     ("urdf", urdf::run),
     ("robot_toml", robot_toml::run),
     ("model", model::run),
@@ -17,4 +18,5 @@ pub const ALL: [(&str, fn(&[u8])); 7] = [
     ("memory", memory::run),
     ("lines", lines::run),
     ("watch_file", watch_file::run),
+    ("remembered", remembered::run),
 ];

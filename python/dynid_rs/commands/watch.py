@@ -15,7 +15,8 @@ from dynid_rs.commands._run import EXIT_NO, print_json, run_command
 from dynid_rs.commands._steps import Step
 
 if TYPE_CHECKING:
-    from dynid_rs.model.watch import Tolerated, Watched
+    from dynid_rs.model.watch import Tolerated, Watch, Watched
+    from dynid_rs.runs.recording import Recording
 
 USUAL = "1/day"
 DAYS = {"hour": 1 / 24, "day": 1.0, "week": 7.0, "month": 30.0, "year": 365.0}
@@ -61,6 +62,14 @@ def watch(
             "`dynid-estimator --changes`",
         ),
     ] = None,
+    remember: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Go on with what the watch knew when an earlier call, or `dynid-estimator --remember`, ended, which "
+            "FILE holds, and keep it there; runs go on from one another, instead of each from its beginning",
+        ),
+    ] = None,
     config: _options.Config = None,
     drive_gain: _options.DriveGain = None,
     json_output: _options.Json = False,
@@ -79,7 +88,10 @@ def watch(
         raise ValueError(
             "--settings says all that --healthy, --false-alarms and --tolerate do; leave those and --save out"
         )
-    _check_task(runs, save, [model, *(runs or []), *(healthy or []), *([config] if config else [])])
+    read = [path for path in (model, *(runs or []), *(healthy or []), config, settings) if path is not None]
+    if not runs and save is None:
+        raise ValueError("no run to watch; name one, or write settings with --save WATCH.json")
+    _check_written([path for path in (save, remember) if path is not None], read)
     with progress(Step(1, "reading"), Step(1, "watching")) as say:
         say("reading")
         reference = load_model(model)
@@ -95,7 +107,7 @@ def watch(
         if save is not None:
             watching.save(save)
         say("watching")
-        watched = [watching.watch(recording) for recording in recordings]
+        watched = _watched(watching, recordings, remember)
     joints = reference.robot.joint_names
     if json_output:
         print_json(_answer(watched, joints, findings))
@@ -107,14 +119,33 @@ def watch(
     return EXIT_NO if _changed(watched) else 0
 
 
-def _check_task(runs: Sequence[Path] | None, save: Path | None, read: Sequence[Path]) -> None:
+def _check_written(written: Sequence[Path], read: Sequence[Path]) -> None:
     from dynid_rs.commands._output import check_file, check_not_read
 
-    if not runs and save is None:
-        raise ValueError("no run to watch; name one, or write settings with --save WATCH.json")
-    if save is not None:
-        check_file(save)
-        check_not_read([save], read)
+    for path in written:
+        check_file(path)
+    check_not_read(written, read)
+
+
+def _watched(watching: Watch, recordings: Sequence[Recording], remember: Path | None) -> list[Watched]:
+    """Each run from its beginning; or, where it is remembered, one after the other."""
+    from dynid_rs import FormatError
+    from dynid_rs.base.files import write_text
+    from dynid_rs.model.watch import read_remembered
+
+    if remember is None:
+        return [watching.watch(recording) for recording in recordings]
+    known = read_remembered(remember) if remember.exists() else None
+    found: list[Watched] = []
+    for recording in recordings:
+        try:
+            found.append(watching.watch(recording, remembered=known))
+        except FormatError as error:
+            raise FormatError(f"{remember}: {error}, or remove the file") from None
+        known = found[-1].remembered
+    if known is not None:
+        write_text(remember, known)
+    return found
 
 
 def _changed(watched: Sequence[Watched]) -> bool | None:

@@ -6,7 +6,7 @@ The tests, their threshold and how a name is chosen: `rust/dynid-core/src/watch`
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, field, fields
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -29,6 +29,8 @@ LEAST_ROWS = 30
 """Fewer rows of a joint in motion tell no deviation: its interval would be wider than a fourth."""
 WORDS = {"offset": "constant torque"}
 """Kinds as people say them, where that is not how they are called in files."""
+MOST_REMEMBERED = 4 << 20
+"""Bytes, as the compiled reader has it."""
 NOTHING = 1e12
 """Tolerates everything: for rows alone."""
 
@@ -130,6 +132,8 @@ class Watched:
         What is expected of it [torque unit].
     watched : ndarray of bool (n_rows, n_joints)
         Rows in which a joint moves as the model was trained to; others say nothing.
+    remembered : str
+        What the watch knows at the end, for the next run, or the next start of a program.
     """
 
     name: str
@@ -138,6 +142,7 @@ class Watched:
     left: FloatArray
     deviation: FloatArray
     watched: NDArray[np.bool_]
+    remembered: str = field(repr=False)
 
 
 class Watch:
@@ -207,18 +212,28 @@ class Watch:
         self.memory_ = np.where(np.isnan(self.memory_), np.nanmax(self.memory_), self.memory_)
         return self
 
-    def watch(self, recording: Recording) -> Watched:
+    def watch(self, recording: Recording, *, remembered: str | None = None) -> Watched:
         """Go through a run, and say what has changed.
+
+        Parameters
+        ----------
+        recording : Recording
+            From its beginning.
+        remembered : str, optional
+            What the watch of the run before knew (`Watched.remembered`): what was named is taken for granted, and a
+            test that was under way goes on. Without it the watch begins anew.
 
         Raises
         ------
         ValueError
             The run is not one of this robot, in another unit, or lacks a temperature that friction follows.
+        FormatError
+            What is remembered is of another model, or of a watch with other settings.
         """
         n = self.model.robot.n_joints
         inflation = getattr(self, "inflation_", np.ones(n))
         memory = getattr(self, "memory_", np.full(n, UNKNOWN_MEMORY))
-        return self._run(recording, self.tolerated or Tolerated(), inflation, memory)
+        return self._run(recording, self.tolerated or Tolerated(), inflation, memory, remembered)
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write what healthy runs have said, and what is tolerated, for `load` and for ``dynid-estimator --changes``.
@@ -268,12 +283,19 @@ class Watch:
         found.inflation_, found.memory_ = np.array(said["inflation"]), np.array(said["memory"])
         return found
 
-    def _run(self, run: Recording, tolerated: Tolerated, inflation: FloatArray, memory: FloatArray) -> Watched:
+    def _run(
+        self,
+        run: Recording,
+        tolerated: Tolerated,
+        inflation: FloatArray,
+        memory: FloatArray,
+        remembered: str | None = None,
+    ) -> Watched:
         from dynid_rs.model.observer import check_run
 
         check_run(self.model, run)
         names = ("q", "dq", "ddq", "q_motor", "dq_motor", "ddq_motor")
-        said, ends, left, variance, moves = _core.watch_run(
+        said, ends, left, variance, moves, knows = _core.watch_run(
             self.model,
             run.t,
             tuple(getattr(run, name) for name in names),
@@ -286,10 +308,24 @@ class Watch:
             row=self.row,
             false_per_day=self.false_alarms_per_day,
             **asdict(tolerated),
+            remembered=remembered,
         )
         joints = self.model.robot.joint_names
         changes = tuple(_change(one, run.t, joints, self.model.torque_unit) for one in said)
-        return Watched(run.name, changes, run.t[ends], left, np.sqrt(inflation * variance), moves > 0)
+        return Watched(run.name, changes, run.t[ends], left, np.sqrt(inflation * variance), moves > 0, knows)
+
+
+def read_remembered(path: str | PathLike[str]) -> str:
+    """What `Watch.watch` or ``dynid-estimator --remember`` has kept in a file.
+
+    Raises
+    ------
+    OSError
+        The system refuses.
+    """
+    with check_readable(path).open("rb") as file:
+        # One byte more than may be read, which the reader refuses.
+        return file.read(MOST_REMEMBERED + 1).decode(errors="replace")
 
 
 def _change(said: dict[str, Any], t: FloatArray, joints: Sequence[str], torque_unit: str) -> Change:

@@ -183,6 +183,11 @@ impl OnlineEstimator {
         self.watch.as_ref()
     }
 
+    /// The watch, to let it remember or recall.
+    pub fn watch_mut(&mut self) -> Option<&mut Watch> {
+        self.watch.as_mut()
+    }
+
     /// What the watch named at the last step, whose status has [`Status::CHANGED`] then.
     #[must_use]
     pub fn change(&self) -> Option<&Change> {

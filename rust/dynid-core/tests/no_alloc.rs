@@ -10,7 +10,7 @@ use std::hint::black_box;
 use std::sync::Arc;
 
 use dynid_core::model::TorqueModelParts;
-use dynid_core::watch::WatchSettings;
+use dynid_core::watch::{Watch, WatchSettings};
 use dynid_core::{
     Domain, Effect, EffectTerm, GaussianMixtureRegression, Joint, JointKind, JointLimits,
     NormalisedRbf, ObserverSettings, OnlineEstimator, Regression, Residual, ResidualInputs,
@@ -253,7 +253,8 @@ fn a_stream_with_faults_and_an_observer_or_a_watch_allocates_nothing() {
         };
         let (mut running, mut other) = (online(&model), online(&model));
         let mut twin = running.clone();
-        let mut seen = 0;
+        let mut numbers = vec![0.0; running.watch().map_or(0, Watch::n_remembered)];
+        let (mut seen, mut remembered) = (0, 0);
         let before = CALLS.with(Cell::get);
         for step in 0..STEPS as u64 {
             let mut signals = [[0.0; N]; 4];
@@ -294,6 +295,9 @@ fn a_stream_with_faults_and_an_observer_or_a_watch_allocates_nothing() {
             // The twin says the same to the last bit, whatever came before; the real one does not know of it.
             assert_eq!(twin.step(&sample).ok(), Some(status), "{step}");
             assert!(bits_of(&twin).eq(bits_of(&running)), "{step}");
+            if let Some(watch) = running.watch_mut() {
+                remembered += u32::from(watch.remember(&mut numbers).unwrap());
+            }
         }
         let after = CALLS.with(Cell::get);
         assert_eq!(after - before, 0);
@@ -304,6 +308,7 @@ fn a_stream_with_faults_and_an_observer_or_a_watch_allocates_nothing() {
             Status::REPEATED,
         ];
         assert_eq!(seen & Status::CHANGED.bits() != 0, watches);
+        assert_eq!(remembered > 100, watches);
         assert!(
             expected.iter().all(|status| seen & status.bits() != 0),
             "{seen}"

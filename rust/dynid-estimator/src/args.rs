@@ -49,6 +49,8 @@ pub struct Run {
     pub settings: Settings,
     /// The settings of a watch, as `dynid watch --save` writes them.
     pub changes: Option<PathBuf>,
+    /// Where the watch keeps what it remembers.
+    pub remember: Option<PathBuf>,
     /// What is asked of the machine.
     pub real_time: RealTime,
     /// None: stdin and stdout.
@@ -76,7 +78,7 @@ fn read(mut parser: Parser) -> Result<Command, lexopt::Error> {
     let (mut observe, mut listening) = (false, ObserverSettings::default());
     let mut real_time = RealTime::default();
     let (mut info, mut json, mut watch) = (false, false, false);
-    let mut changes = None;
+    let (mut changes, mut remember) = (None, None);
     while let Some(arg) = parser.next()? {
         match arg {
             Arg::Short('h') | Arg::Long("help") => return Ok(Command::Print(HELP.to_owned())),
@@ -123,6 +125,7 @@ fn read(mut parser: Parser) -> Result<Command, lexopt::Error> {
             Arg::Long("core") => real_time.core = Some(parser.value()?.parse_with(core)?),
             Arg::Long("watch") => watch = true,
             Arg::Long("changes") => changes = Some(PathBuf::from(parser.value()?)),
+            Arg::Long("remember") => remember = Some(PathBuf::from(parser.value()?)),
             Arg::Value(path) if model.is_none() => model = Some(PathBuf::from(path)),
             other => return Err(other.unexpected()),
         }
@@ -151,6 +154,9 @@ fn read(mut parser: Parser) -> Result<Command, lexopt::Error> {
     if real_time.jitter && !(real_time.histogram && real_time.rate.is_some()) {
         return Err("--jitter goes with --histogram and --rate".into());
     }
+    if remember.is_some() && changes.is_none() {
+        return Err("--remember goes with --changes".into());
+    }
     match (real_time.early, real_time.rate) {
         (Some(_), None) => return Err("--early goes with --rate".into()),
         (Some(early), Some(rate)) if early > 0.5 / rate => {
@@ -169,6 +175,7 @@ fn read(mut parser: Parser) -> Result<Command, lexopt::Error> {
         formats: (input, output),
         settings,
         changes,
+        remember,
         real_time,
         transport,
         watch,

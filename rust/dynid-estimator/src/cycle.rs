@@ -1,12 +1,14 @@
 //! One cycle: a measurement in, an answer out. No allocation, no lock, no system call.
 
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use dynid_core::online::USUAL_STEP;
-use dynid_core::watch::Change;
+use dynid_core::watch::{Change, Watch};
 use dynid_core::{
     CoreError, MomentumObserver, ObserverSettings, OnlineEstimator, Sample, Status, TorqueModel,
 };
+use dynid_io::remembered::{identity, Identity};
 use dynid_io::WatchFile;
 
 use crate::frame::Frame;
@@ -27,6 +29,8 @@ pub struct Settings {
     pub observer: Option<ObserverSettings>,
     /// How the model is watched; none: it is not.
     pub watch: Option<Arc<WatchFile>>,
+    /// Where the watch keeps what it remembers.
+    pub remember: Option<PathBuf>,
 }
 
 impl Settings {
@@ -53,6 +57,8 @@ pub struct Cycle {
     /// Of this cycle's states so far.
     passing: Status,
     any_new: bool,
+    /// Of the model and its watch, if there is one.
+    identity: Identity,
 }
 
 impl Cycle {
@@ -72,8 +78,10 @@ impl Cycle {
         if let Some(observer) = settings.observer {
             online = online.observing(observer).map_err(stop)?;
         }
+        let mut own = Identity::default();
         if let Some(watch) = &settings.watch {
             check_joints(online.estimator().model(), watch)?;
+            own = identity(online.estimator().model(), watch)?;
             let watching = online.watching(watch.settings, &watch.inflation, &watch.memory);
             online = watching.map_err(|error| {
                 Stop::Because(format!("--changes: the model cannot be watched: {error}"))
@@ -86,6 +94,7 @@ impl Cycle {
             status: Status::OK,
             passing: Status::OK,
             any_new: false,
+            identity: own,
         };
         cycle.take_deviation().map_err(stop)?;
         Ok(cycle)
@@ -166,6 +175,7 @@ impl Cycle {
     pub fn swap(&mut self, new: &mut Self) {
         if self.online.swap(&mut new.online).is_ok() {
             std::mem::swap(&mut self.step_seconds, &mut new.step_seconds);
+            std::mem::swap(&mut self.identity, &mut new.identity);
         }
     }
 
@@ -173,7 +183,7 @@ impl Cycle {
     pub fn mirror(&mut self, of: &Self) {
         self.online.mirror(&of.online);
         self.std.copy_from_slice(&of.std);
-        self.step_seconds = of.step_seconds;
+        (self.step_seconds, self.identity) = (of.step_seconds, of.identity);
         (self.status, self.passing, self.any_new) = (of.status, of.passing, of.any_new);
     }
 
@@ -192,6 +202,16 @@ impl Cycle {
             change: self.change(),
             status: self.status.and(self.passing),
         }
+    }
+
+    /// Of the model and its watch, whose memory is of no use to another.
+    pub fn identity(&self) -> &Identity {
+        &self.identity
+    }
+
+    /// The watch, if there is one.
+    pub fn watch_mut(&mut self) -> Option<&mut Watch> {
+        self.online.watch_mut()
     }
 
     /// What the watch said of the last state.

@@ -39,6 +39,7 @@ mod output;
 mod pace;
 mod realtime;
 mod rehearsal;
+mod remember;
 mod run;
 mod shm;
 mod stop;
@@ -88,6 +89,7 @@ fn work() -> Result<(), Stop> {
             formats,
             mut settings,
             changes,
+            remember,
             real_time,
             transport,
             watch,
@@ -97,6 +99,7 @@ fn work() -> Result<(), Stop> {
                 Some(changes) => Some(Arc::new(dynid_io::load_watch(&changes)?)),
                 None => None,
             };
+            settings.remember = remember;
             let watched = watch.then_some(path);
             if let Some(transport) = transport {
                 let report = live::run(model, &transport, &settings, &real_time, watched)?;

@@ -18,6 +18,7 @@ use crate::frame::{Frame, TORQUE};
 use crate::pace::Pace;
 use crate::realtime::RealTime;
 use crate::rehearsal::Rehearsal;
+use crate::remember::Notebook;
 use crate::run::{frame_for, note_what_is_missing, tell};
 use crate::shm::SharedMemory;
 use crate::stop::Stop;
@@ -99,6 +100,7 @@ pub fn run(
 ) -> Result<Option<String>, Stop> {
     let model = Arc::new(model);
     let mut cycle = Cycle::new(Arc::clone(&model), settings)?;
+    let notebook = Notebook::open(&mut cycle, settings)?;
     let most_terms = model.n_terms().max(MOST_TERMS);
     let n = model.robot().n_joints();
     // Before it says that it is there: whoever reads that may ask for its end at once.
@@ -134,12 +136,14 @@ pub fn run(
     cycle = cycle.warm();
     let mut live = Live::new(link, &model, &cycle, settings, most_terms);
     live.inbox = inbox;
+    live.notebook = notebook;
     live.outbox = settings.watch.is_some().then(|| Outbox::open(&model));
     let (sleeper, pace) = real_time.begin()?;
     let mut timing = Timing::new(pace.as_ref().map(Pace::period), real_time.histogram);
     live.work(&model, &mut cycle, (pace, real_time.end()), &mut timing);
     let Counts { states, refused } = live.counts;
     drop(live.outbox);
+    drop(live.notebook);
     if refused > 0 {
         tell("note", &format!("{refused} messages were no states of this robot and not used, beside {states} that were"));
     }
@@ -171,6 +175,7 @@ impl Live {
             sent: touched(wire::answer_bytes(n, most_terms)),
             inbox: None,
             outbox: None,
+            notebook: None,
             counts: Counts::default(),
         }
     }
@@ -192,6 +197,7 @@ struct Live {
     sent: Vec<u8>,
     inbox: Option<Inbox>,
     outbox: Option<Outbox>,
+    notebook: Option<Notebook>,
     counts: Counts,
 }
 
@@ -304,6 +310,9 @@ impl Live {
         if used {
             if let Some(outbox) = &mut self.outbox {
                 outbox.put(self.frame.time, cycle.change());
+            }
+            if let Some(notebook) = &mut self.notebook {
+                notebook.note(cycle);
             }
             self.counts.states += 1;
             self.link.trust_sender();

@@ -15,6 +15,7 @@ use crate::output::Writer;
 use crate::pace::Pace;
 use crate::realtime::RealTime;
 use crate::rehearsal::Rehearsal;
+use crate::remember::Notebook;
 use crate::stop::Stop;
 use crate::swap;
 use crate::sys;
@@ -44,6 +45,7 @@ pub fn run(
         None => Outbox::patient,
     };
     let mut outbox = settings.watch.is_some().then(|| open(&model));
+    let mut notebook = Notebook::open(&mut cycle, settings)?;
     let mut clock = Clock::new(&model, settings.step);
     let mut frame = frame_for(&model, settings);
 
@@ -101,6 +103,9 @@ pub fn run(
         let computed = sys::now();
         if let Some(outbox) = &mut outbox {
             outbox.put(frame.time, cycle.change());
+        }
+        if let Some(notebook) = &mut notebook {
+            notebook.note(&mut cycle);
         }
         let answer = cycle.answer(frame.present().time.then_some(frame.time));
         writer.write(&answer, out).map_err(Stop::output)?;

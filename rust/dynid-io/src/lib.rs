@@ -1,5 +1,6 @@
 //! Files in and out: a URDF or a `robot.toml` becomes a [`dynid_core::RobotModel`], a `model.json` a
-//! [`dynid_core::TorqueModel`] and back, a `watch.json` a [`WatchFile`].
+//! [`dynid_core::TorqueModel`] and back, a `watch.json` a [`WatchFile`], and
+//! what a watch remembers comes back after a restart.
 //!
 //! Nothing read from a file can execute, recurse or allocate without bound, and no input ends in a panic.
 
@@ -15,6 +16,7 @@ mod frame;
 pub mod mdh;
 pub mod mjcf;
 pub mod model_file;
+pub mod remembered;
 mod text;
 pub mod urdf;
 pub mod watch_file;
@@ -22,6 +24,7 @@ mod whole;
 
 pub use c_header::CHeaderError;
 pub use model_file::{load, parse, save, ModelFileError};
+pub use remembered::{load_remembered, Remembered};
 pub use text::shorten_said;
 pub use watch_file::{load_watch, WatchFile};
 pub use whole::check_replaceable;

@@ -5,6 +5,8 @@ use std::sync::Arc;
 
 use dynid_core::watch::{Change, WatchSettings};
 use dynid_core::OnlineEstimator;
+use dynid_io::remembered::{digits_of, identity, parse_remembered};
+use dynid_io::{Remembered, WatchFile};
 use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -20,12 +22,14 @@ type Watched<'py> = (
     Bound<'py, PyArray2<f64>>,
     Bound<'py, PyArray2<f64>>,
     Bound<'py, PyArray2<f64>>,
+    String,
 );
 
 /// Changes in the order in which they were named, each a dict; then of every row the sample that ended it (n_rows,), and
-/// (n_rows, n) of what was left, the variance that the model expects, and 1 where the joint says something.
+/// (n_rows, n) of what was left, the variance that the model expects, and 1 where the joint says something; and the text of
+/// what the watch remembers at the end. It goes on with what `remembered` says, the text of another run.
 #[pyfunction]
-#[pyo3(signature = (model, t, motion, tau, *, temperature=None, step, window=None, inflation, memory, row, false_per_day, friction, gain, offset, load, unknown))]
+#[pyo3(signature = (model, t, motion, tau, *, temperature=None, step, window=None, inflation, memory, row, false_per_day, friction, gain, offset, load, unknown, remembered=None))]
 #[expect(clippy::too_many_arguments, reason = "a keyword function")]
 pub fn watch_run<'py>(
     py: Python<'py>,
@@ -45,6 +49,7 @@ pub fn watch_run<'py>(
     offset: f64,
     load: f64,
     unknown: f64,
+    remembered: Option<&str>,
 ) -> PyResult<Watched<'py>> {
     let n = model.0.robot().n_joints();
     let run = Samples::of(n, t, &motion, tau, temperature)?;
@@ -61,18 +66,34 @@ pub fn watch_run<'py>(
     let mut online = online
         .and_then(|online| online.watching(settings, &inflation, &memory))
         .map_err(errors::core)?;
+    let watch = WatchFile {
+        joints: Vec::new(),
+        settings,
+        inflation: inflation.to_vec(),
+        memory: memory.to_vec(),
+    };
+    let of = digits_of(&identity(&model.0, &watch).map_err(errors::model_file)?);
+    if let Some(text) = remembered {
+        recall(&mut online, text, &of)?;
+    }
+    let mut numbers = online
+        .watch()
+        .map_or(vec![], |watch| vec![f64::NAN; watch.n_remembered()]);
     let (mut changes, mut ends) = (Vec::<(usize, Change)>::new(), Vec::new());
     let (mut left, mut variance, mut moves) = (Vec::new(), Vec::new(), Vec::new());
     let (samples, n_samples) = (run.rows()?, run.len());
     py.detach(|| {
-        let mut n_rows = 0;
+        let (mut n_rows, mut noted) = (0, 0);
         for k in 0..n_samples {
             online.step(&samples.at(k))?;
             changes.extend(online.change().map(|change| (k, *change)));
-            let (now, of_left, of_variance, of_moves) = match online.watch() {
-                Some(watch) => watch.row(),
-                None => continue,
+            let Some(watch) = online.watch_mut() else {
+                continue;
             };
+            if watch.row().0 > noted && watch.remember(&mut numbers)? {
+                noted = watch.row().0;
+            }
+            let (now, of_left, of_variance, of_moves) = watch.row();
             if now > n_rows {
                 n_rows = now;
                 ends.push(k);
@@ -81,9 +102,14 @@ pub fn watch_run<'py>(
                 moves.extend(of_moves.iter().map(|moves| f64::from(*moves)));
             }
         }
+        // A run without a row adds nothing to what is known.
+        if let (0, Some(watch)) = (noted, online.watch_mut()) {
+            watch.remember(&mut numbers)?;
+        }
         Ok(())
     })
     .map_err(errors::core)?;
+    let text = Remembered { of, numbers }.to_text();
     let changes = changes.iter().map(|(k, change)| told(py, *k, change));
     Ok((
         changes.collect::<PyResult<_>>()?,
@@ -91,7 +117,22 @@ pub fn watch_run<'py>(
         arrays::to_matrix(py, left, n)?,
         arrays::to_matrix(py, variance, n)?,
         arrays::to_matrix(py, moves, n)?,
+        text.map_err(|error| errors::value(error.to_string()))?,
     ))
+}
+
+/// Lets the watch go on with what another run's one remembered.
+fn recall(online: &mut OnlineEstimator, text: &str, of: &str) -> PyResult<()> {
+    const NAME: &str = "remembered";
+    let said = |words: &str| errors::FormatError::new_err(format!("{NAME}: {words}; begin anew"));
+    let found = parse_remembered(text.as_bytes(), NAME).map_err(errors::model_file)?;
+    if found.of != of {
+        return Err(said("of another model, or of a watch with other settings"));
+    }
+    match online.watch_mut().map(|watch| watch.recall(&found.numbers)) {
+        Some(Err(_)) => Err(said("numbers that no watch remembers")),
+        _ => Ok(()),
+    }
 }
 
 /// What a `watch.json` holds: a dict of joints, row, false_per_day, friction, gain, offset, load, unknown, inflation, memory.

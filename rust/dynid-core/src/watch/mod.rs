@@ -7,6 +7,7 @@
 //! tolerated. A change that has been named is taken off from then on, so that the next one can be seen beside it.
 
 mod naming;
+mod remembered;
 mod rows;
 mod sequential;
 mod settings;

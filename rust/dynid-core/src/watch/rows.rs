@@ -218,10 +218,10 @@ fn end(sums: &mut [f64], means: &mut [f64], share: f64) {
 /// What was named already.
 #[derive(Clone, Debug)]
 pub(super) struct Known {
-    friction: Vec<f64>,
-    gain: Vec<f64>,
-    offset: Vec<f64>,
-    load: [f64; N_LOAD],
+    pub friction: Vec<f64>,
+    pub gain: Vec<f64>,
+    pub offset: Vec<f64>,
+    pub load: [f64; N_LOAD],
 }
 
 impl Known {

@@ -29,7 +29,7 @@ pub struct Evidence {
 /// Of one change; `N` sizes are tried.
 #[derive(Clone, Copy, Debug)]
 pub struct SequentialTest<const N: usize> {
-    log_r: [f64; N],
+    pub(super) log_r: [f64; N],
 }
 
 impl Evidence {

@@ -26,6 +26,15 @@ pub(super) struct LoadSums {
 }
 
 impl LoadSums {
+    /// Numbers that they are.
+    pub const N: usize = N_LOAD * (N_LOAD + 1);
+
+    /// Every one of them, always in the same order.
+    pub fn each_number(&mut self, mut each: impl FnMut(&mut f64)) {
+        self.gram.as_flattened_mut().iter_mut().for_each(&mut each);
+        self.moment.iter_mut().for_each(each);
+    }
+
     /// Of one row; a weight per joint.
     pub fn of(
         columns: &[Vec<f64>; N_LOAD],

@@ -1,6 +1,51 @@
+#![allow(clippy::unwrap_used)]
+
+use std::sync::Arc;
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::remembered::N_PHASE;
 use super::sequential::{log_ratio, Evidence, SequentialTest, SIZES};
 use super::solve::LoadSums;
-use super::WatchSettings;
+use super::{Change, Kind, Phase, Said, Watch, WatchSettings, SETTLED};
+use crate::model::{Domain, TorqueModelParts};
+use crate::{Joint, JointKind, JointLimits, RobotModel, TorqueModel};
+
+/// Of an arm of two joints.
+fn watch() -> Watch {
+    let joint = |name: &str| Joint {
+        name: name.to_owned(),
+        link: format!("{name}_link"),
+        kind: JointKind::Revolute,
+        rotation: Matrix3::identity(),
+        translation: Vector3::new(0.3, 0.0, 0.0),
+        axis: Vector3::y(),
+        limits: JointLimits::default(),
+        rotor_inertia: 0.0,
+        gear_ratio: None,
+        phi: [0.0; 10],
+    };
+    let joints = vec![joint("a"), joint("b")];
+    let robot = RobotModel::new("arm".to_owned(), joints, Vector3::new(0.0, 0.0, -9.81));
+    let model = TorqueModel::new(TorqueModelParts {
+        robot: robot.unwrap(),
+        phi: vec![1.0; 20],
+        torque_scale: vec![1.0; 2],
+        effects: vec![],
+        residual: None,
+        encoder_delay: vec![0.0; 2],
+        noise_std: vec![0.5; 2],
+        domain: Domain {
+            q: vec![[-3.0, 3.0]; 2],
+            dq: vec![3.0; 2],
+            ddq: vec![9.0; 2],
+        },
+        torque_unit: "N*m".to_owned(),
+        step: None,
+    });
+    let model = Arc::new(model.unwrap());
+    Watch::new(model, WatchSettings::default(), &[1.0, 2.0], &[1.0, 3.0]).unwrap()
+}
 
 /// Uniform and normal numbers from a seed.
 struct Random(u64);
@@ -142,4 +187,82 @@ fn a_load_is_solved_from_its_sums() {
     assert!(log_evidence > 1000.0);
     let nothing = LoadSums::default().solved(0.4);
     assert!(nothing.0 == 0.0 && nothing.3.abs() < 1e-12, "{nothing:?}");
+}
+
+/// What is remembered is recalled bit by bit, whatever the watch was about.
+#[test]
+fn a_watch_goes_on_with_what_it_remembered() {
+    let mut random = Random(5);
+    let change = Change {
+        kind: Kind::Load,
+        joint: 1,
+        size: 1.5,
+        std: 0.1,
+        moments: [0.1, -0.2, 0.3],
+        said: Said::Named,
+        or: Some((Kind::Offset, 0)),
+    };
+    for phase in [
+        Phase::Quiet,
+        Phase::Telling(7),
+        Phase::Settling(30, change),
+        Phase::Settling(SETTLED, Change { or: None, ..change }),
+    ] {
+        let mut before = watch();
+        before.phase = phase;
+        before.each_number(|x, _| *x = random.uniform());
+        let mut numbers = vec![0.0; before.n_remembered()];
+        assert_eq!(before.remember(&mut numbers), Ok(true));
+        let mut after = watch();
+        after.recall(&numbers).unwrap();
+        let mut again = vec![0.0; numbers.len()];
+        assert_eq!(after.remember(&mut again), Ok(true));
+        assert_eq!(again, numbers);
+        assert_eq!(format!("{:?}", after.phase), format!("{phase:?}"));
+        assert_eq!(after.known.friction, before.known.friction);
+        assert_eq!(after.load, before.load);
+    }
+    let mut within = watch();
+    within.next = 0;
+    let mut numbers = vec![3.0; within.n_remembered()];
+    assert_eq!(within.remember(&mut numbers), Ok(false));
+    assert!(numbers.iter().all(|x| *x == 3.0));
+}
+
+#[test]
+fn what_no_watch_remembers_is_refused_and_changes_nothing() {
+    let mut good = vec![0.0; watch().n_remembered()];
+    watch().remember(&mut good).unwrap();
+    let n = good.len();
+    for k in 0..n {
+        for bad in [f64::NAN, f64::INFINITY, 1e200] {
+            let mut numbers = good.clone();
+            numbers[k] = bad;
+            // Of a quiet watch the rest of the phase is of no interest.
+            let told = (2..N_PHASE).contains(&k);
+            let mut own = watch();
+            assert_eq!(own.recall(&numbers).is_ok(), told, "{k} {bad}");
+            let mut after = vec![0.0; n];
+            own.remember(&mut after).unwrap();
+            assert!(after == good || told);
+        }
+    }
+    assert!(watch().recall(&good[1..]).is_err() && watch().recall(&[]).is_err());
+    // A change on a joint that the arm does not have, or in no phase.
+    for (k, bad) in [
+        (0, 3.0),
+        (0, -1.0),
+        (1, 1e9),
+        (1, 0.5),
+        (2, 5.0),
+        (3, 2.0),
+        (9, 9.0),
+        (10, -1.0),
+    ] {
+        let mut numbers = good.clone();
+        [numbers[0], numbers[9]] = [2.0, 0.0];
+        assert!(watch().recall(&numbers).is_ok());
+        numbers[k] = bad;
+        assert!(watch().recall(&numbers).is_err(), "{k}");
+    }
 }

@@ -1,0 +1,244 @@
+//! What the watch knows, kept over a restart: the loop lays it down after each of the watch's rows, a second thread writes it.
+//!
+//! As in `changes.rs` the loop only tries a lock; nothing is allocated, nobody is woken.
+
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, TryLockError};
+use std::thread;
+use std::time::Duration;
+
+use dynid_io::remembered::{digits_of, Identity};
+use dynid_io::{check_replaceable, load_remembered, Remembered};
+
+use crate::cycle::{Cycle, Settings};
+use crate::run::tell;
+use crate::stop::Stop;
+
+/// How often the file is written: what a program that is killed forgets.
+const PAUSE: Duration = Duration::from_secs(10);
+
+/// What was laid down last.
+#[derive(Debug)]
+struct Page {
+    of: Identity,
+    numbers: Vec<f64>,
+    /// Not written yet.
+    waits: bool,
+}
+
+#[derive(Debug)]
+struct Desk {
+    path: PathBuf,
+    page: Mutex<Page>,
+    /// Of those who write; the loop never takes this one. Whether the last of them could not.
+    refused: Mutex<bool>,
+}
+
+/// The loop's side. What was not written yet is when it is dropped.
+#[derive(Debug)]
+pub struct Notebook {
+    desk: Arc<Desk>,
+    /// Rows that the watch has finished.
+    rows: u64,
+}
+
+impl Notebook {
+    /// Lets the watch go on with what the file holds, if it is of the same model and settings, and starts the thread that
+    /// writes it, which ends with the program. None if nothing is to be remembered.
+    ///
+    /// # Errors
+    /// [`Stop`] if something else than what a watch remembers is in the file's place.
+    pub fn open(cycle: &mut Cycle, settings: &Settings) -> Result<Option<Self>, Stop> {
+        let identity = *cycle.identity();
+        let (Some(path), Some(watch)) = (&settings.remember, cycle.watch_mut()) else {
+            return Ok(None);
+        };
+        let because =
+            |words: &str| Stop::Because(format!("--remember: {}: {words}", path.display()));
+        check_replaceable(path).map_err(|error| because(&error.to_string()))?;
+        if path.exists() {
+            let found = load_remembered(path)?;
+            if found.of != digits_of(&identity) {
+                tell("note", &format!(
+                    "{}: of another model, or of a watch with other settings: the watch begins anew",
+                    path.display()
+                ));
+            } else if watch.recall(&found.numbers).is_err() {
+                return Err(because(
+                    "numbers that no watch remembers; name another file, or remove this one to begin anew",
+                ));
+            }
+        }
+        let desk = Arc::new(Desk {
+            path: path.clone(),
+            page: Mutex::new(Page {
+                of: identity,
+                // Written to, so that its pages are there.
+                numbers: vec![f64::NAN; watch.n_remembered()],
+                waits: false,
+            }),
+            refused: Mutex::new(false),
+        });
+        let theirs = Arc::clone(&desk);
+        let started = thread::Builder::new()
+            .name("remember".into())
+            .spawn(move || loop {
+                thread::sleep(PAUSE);
+                theirs.write();
+            });
+        if let Err(error) = started {
+            tell(
+                "error",
+                &format!("--remember: {error}; the file is written at the end"),
+            );
+        }
+        let rows = watch.row().0;
+        Ok(Some(Self { desk, rows }))
+    }
+
+    /// Lays down what the watch knows, once it has judged another row.
+    pub fn note(&mut self, cycle: &mut Cycle) {
+        let identity = *cycle.identity();
+        let Some(watch) = cycle.watch_mut() else {
+            return;
+        };
+        let rows = watch.row().0;
+        if rows == self.rows {
+            return;
+        }
+        if let Ok(mut page) = self.desk.page.try_lock() {
+            // A model that came in between has the same joints, so its watch remembers as many numbers.
+            if watch.remember(&mut page.numbers) == Ok(true) {
+                self.rows = rows;
+                page.of = identity;
+                page.waits = true;
+            }
+        }
+    }
+}
+
+impl Drop for Notebook {
+    fn drop(&mut self) {
+        self.desk.write();
+    }
+}
+
+impl Desk {
+    /// Writes what was laid down since the last time.
+    fn write(&self) {
+        // Held until the file is there: the program does not end in between.
+        let mut refused = self.refused.lock().unwrap_or_else(PoisonError::into_inner);
+        let page = {
+            let mut page = self.page();
+            if !std::mem::take(&mut page.waits) {
+                return;
+            }
+            Remembered {
+                of: digits_of(&page.of),
+                numbers: page.numbers.clone(),
+            }
+        };
+        let done = page.save(&self.path);
+        if let (Err(error), false) = (&done, *refused) {
+            tell("error", &format!("--remember: {error}"));
+        }
+        *refused = done.is_err();
+    }
+
+    /// Never makes the loop wake anybody: it is tried for, not waited for.
+    fn page(&self) -> MutexGuard<'_, Page> {
+        loop {
+            match self.page.try_lock() {
+                Ok(page) => return page,
+                Err(TryLockError::Poisoned(page)) => return page.into_inner(),
+                Err(TryLockError::WouldBlock) => thread::sleep(Duration::from_micros(50)),
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::live::tests::model;
+    use dynid_core::watch::WatchSettings;
+    use dynid_core::Sample;
+    use dynid_io::WatchFile;
+
+    fn settings(path: PathBuf) -> Settings {
+        let watch = WatchFile {
+            joints: vec!["joint".to_owned()],
+            settings: WatchSettings::default(),
+            inflation: vec![1.0],
+            memory: vec![1.0],
+        };
+        Settings {
+            watch: Some(Arc::new(watch)),
+            remember: Some(path),
+            ..Settings::default()
+        }
+    }
+
+    fn go_on(cycle: &mut Cycle, notebook: &mut Notebook, from: u32) {
+        for k in from..from + 1000 {
+            let speed = 0.9 + 0.1 * (0.01 * f64::from(k)).sin();
+            let sample = Sample {
+                sequence: None,
+                time: 0.001 * f64::from(k),
+                motion: [Some(&[0.5]), Some(&[speed]), Some(&[0.1]), None, None, None],
+                temperature: None,
+                tau: Some(&[1.0]),
+            };
+            cycle.step(&sample).unwrap();
+            notebook.note(cycle);
+        }
+    }
+
+    #[test]
+    fn a_page_is_written_at_the_end_and_read_at_the_beginning() {
+        let folder = tempfile::tempdir().unwrap();
+        let settings = settings(folder.path().join("known.json"));
+        let path = settings.remember.clone().unwrap();
+        let mut cycle = Cycle::new(model(1.0), &settings).unwrap();
+        let mut notebook = Notebook::open(&mut cycle, &settings).unwrap().unwrap();
+        drop(Notebook::open(&mut cycle, &settings));
+        assert!(!path.exists(), "nothing was learnt yet");
+        go_on(&mut cycle, &mut notebook, 0);
+        drop(notebook);
+        let first = load_remembered(&path).unwrap();
+        assert_eq!(first.of, digits_of(cycle.identity()));
+        let mut again = Cycle::new(model(1.0), &settings).unwrap();
+        let notebook = Notebook::open(&mut again, &settings).unwrap();
+        let mut numbers = vec![0.0; first.numbers.len()];
+        again.watch_mut().unwrap().remember(&mut numbers).unwrap();
+        assert_eq!(numbers, first.numbers);
+        drop(notebook);
+        assert_eq!(load_remembered(&path).unwrap(), first);
+        // Another model begins anew, and what it learns is its own.
+        let mut other = Cycle::new(model(1.1), &settings).unwrap();
+        let mut notebook = Notebook::open(&mut other, &settings).unwrap().unwrap();
+        go_on(&mut other, &mut notebook, 0);
+        // The first one comes back in between.
+        other.swap(&mut again);
+        go_on(&mut other, &mut notebook, 1000);
+        drop(notebook);
+        let last = load_remembered(&path).unwrap();
+        assert_eq!(last.of, first.of);
+        assert_ne!(last.numbers, first.numbers);
+    }
+
+    #[test]
+    fn what_finds_the_lock_taken_is_laid_down_later() {
+        let folder = tempfile::tempdir().unwrap();
+        let settings = settings(folder.path().join("known.json"));
+        let mut cycle = Cycle::new(model(1.0), &settings).unwrap();
+        let mut notebook = Notebook::open(&mut cycle, &settings).unwrap().unwrap();
+        let desk = Arc::clone(&notebook.desk);
+        let taken = desk.page.lock().unwrap();
+        go_on(&mut cycle, &mut notebook, 0);
+        assert!(!taken.waits);
+        drop(taken);
+        go_on(&mut cycle, &mut notebook, 1000);
+        assert!(desk.page.lock().unwrap().waits);
+    }
+}

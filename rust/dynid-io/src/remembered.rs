@@ -1,0 +1,145 @@
+//! What a watch remembers over a restart, as a file: numbers of [`Watch::remember`](dynid_core::watch::Watch::remember), and of
+//! which model and settings they are.
+
+use std::path::Path;
+
+use dynid_core::TorqueModel;
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
+
+use crate::model_file::{read_at_most, to_text};
+use crate::text::shorten_said;
+use crate::whole::write_whole;
+use crate::{ModelFileError, WatchFile};
+
+/// Name in the `format` field.
+pub const FORMAT: &str = "dynid-watch-remembered";
+/// Newest version of the file that this reader understands: one for every order of the numbers.
+pub const VERSION: u32 = 1;
+/// Larger files are refused before memory is taken \[bytes\].
+pub const MAX_BYTES: u64 = 4 << 20;
+
+/// A model and how it is watched, in few bytes: what one watch remembers is of no use to another.
+pub type Identity = [u8; 32];
+
+/// What a watch remembers.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Remembered {
+    /// [`identity`] of the watch, in hexadecimal digits.
+    pub of: String,
+    /// As [`Watch::recall`](dynid_core::watch::Watch::recall) takes them.
+    pub numbers: Vec<f64>,
+}
+
+#[derive(Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+struct Parts {
+    format: String,
+    version: u32,
+    of: String,
+    /// JSON has no infinity: null is the logarithm of zero.
+    numbers: Vec<Option<f64>>,
+}
+
+/// Of a model and its watch.
+///
+/// # Errors
+/// [`ModelFileError::Invalid`] if the model cannot be written as JSON.
+pub fn identity(model: &TorqueModel, watch: &WatchFile) -> Result<Identity, ModelFileError> {
+    let text = to_text(model).map_err(|error| ModelFileError::Invalid {
+        path: "model".to_owned(),
+        message: error.to_string(),
+    })?;
+    let mut sum = Sha256::new();
+    sum.update(text.as_bytes());
+    sum.update(
+        format!(
+            "{:?} {:?} {:?}",
+            watch.settings, watch.inflation, watch.memory
+        )
+        .as_bytes(),
+    );
+    Ok(sum.finalize().into())
+}
+
+/// As [`Remembered::of`] has it.
+#[must_use]
+pub fn digits_of(identity: &Identity) -> String {
+    identity.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// Reads the file.
+///
+/// # Errors
+/// [`ModelFileError`], with one sentence that names the file and the mend.
+pub fn load_remembered(path: &Path) -> Result<Remembered, ModelFileError> {
+    let bytes = read_at_most(path, MAX_BYTES)?;
+    parse_remembered(&bytes, &path.display().to_string())
+}
+
+/// Reads it from bytes; `name` is used in messages.
+///
+/// # Errors
+/// [`ModelFileError::Invalid`].
+pub fn parse_remembered(bytes: &[u8], name: &str) -> Result<Remembered, ModelFileError> {
+    read(bytes).map_err(|message| ModelFileError::Invalid {
+        path: name.to_owned(),
+        message: format!("{message}; name another file, or remove this one to begin anew"),
+    })
+}
+
+fn read(bytes: &[u8]) -> Result<Remembered, String> {
+    const NONE: &str = "not what a watch remembers";
+    if bytes.len() as u64 > MAX_BYTES {
+        return Err(format!("more than {MAX_BYTES} bytes are too many"));
+    }
+    let parts: Parts = serde_json::from_slice(bytes)
+        .map_err(|error| format!("{NONE}: {}", shorten_said(&error.to_string())))?;
+    if parts.format != FORMAT {
+        return Err(format!("{NONE} (expected \"format\": \"{FORMAT}\")"));
+    }
+    if parts.version != VERSION {
+        let version = parts.version;
+        return Err(format!(
+            "of version {version}, this program reads version {VERSION}"
+        ));
+    }
+    let numbers = parts.numbers.into_iter();
+    Ok(Remembered {
+        of: parts.of,
+        numbers: numbers.map(|x| x.unwrap_or(f64::NEG_INFINITY)).collect(),
+    })
+}
+
+impl Remembered {
+    /// The file's text.
+    ///
+    /// # Errors
+    /// `serde_json::Error` if it cannot be written as JSON.
+    pub fn to_text(&self) -> Result<String, serde_json::Error> {
+        let numbers = self.numbers.iter();
+        let mut text = serde_json::to_string(&Parts {
+            format: FORMAT.to_owned(),
+            version: VERSION,
+            of: self.of.clone(),
+            numbers: numbers.map(|x| x.is_finite().then_some(*x)).collect(),
+        })?;
+        text.push('\n');
+        Ok(text)
+    }
+
+    /// Writes the file: to a temporary one beside it, then renamed.
+    ///
+    /// # Errors
+    /// [`ModelFileError::Io`] if the folder cannot be written, or anything but a file is in its place.
+    pub fn save(&self, path: &Path) -> Result<(), ModelFileError> {
+        let text = self.to_text().map_err(|error| ModelFileError::Invalid {
+            path: path.display().to_string(),
+            message: error.to_string(),
+        })?;
+        write_whole(path, text.as_bytes()).map_err(|source| ModelFileError::Io {
+            path: path.display().to_string(),
+            source,
+        })
+    }
+}
