@@ -13,7 +13,7 @@ from dynid_rs.commands.watch import _per_day
 
 @pytest.fixture(scope="module")
 def arm(tmp_path_factory):
-    """The model's file and its runs: two healthy ones, one more, and one with a change at 20 s."""
+    """The model's file and its runs: two healthy ones, one more, one with a change at 20 s, and one with it all along."""
     folder = tmp_path_factory.mktemp("watched")
     model().save(folder / "model.json")
     change = CHANGES["friction grown"][0]
@@ -22,6 +22,7 @@ def arm(tmp_path_factory):
         "second": recorded(40.0, 2),
         "same": recorded(60.0, 3),
         "harder": recorded(60.0, 5, change=change, at=20.0),
+        "worn": recorded(60.0, 7, change=change),
     }
     for name, run in runs.items():
         columns = {"t": run.t}
@@ -140,12 +141,13 @@ def test_runs_go_on_from_one_another_where_it_is_remembered(arm, tmp_path):
     first = watched(arm, "harder", options=["--remember", known])
     assert "(settled)" in first.stdout
     assert known.exists()
-    again = watched(arm, "harder", options=["--remember", known])
-    assert "harder.parquet: nothing has changed" in again.stdout, again.stdout
+    again = watched(arm, "worn", options=["--remember", known])
+    assert "worn.parquet: nothing has changed" in again.stdout, again.stdout
     assert again.exit_code == 0
-    both = watched(arm, "harder", "harder", options=["--remember", tmp_path / "other.json"])
+    assert "(settled)" in watched(arm, "worn").stdout
+    both = watched(arm, "harder", "worn", options=["--remember", tmp_path / "other.json"])
     assert both.stdout.count("(settled)") == 1
-    assert "harder.parquet: nothing has changed" in both.stdout
+    assert "worn.parquet: nothing has changed" in both.stdout
     refused = refusal(watched(arm, "same", options=["--remember", known, "--tolerate", "gain=0.2"]))
     assert str(known) in refused
     assert "of another model, or of a watch with other settings" in refused

@@ -103,6 +103,7 @@ fn is_entry(name: &str) -> bool {
         "15OnlineEstimator4swap17h",
         "15OnlineEstimator6mirror17h",
         "16MomentumObserver4step17h",
+        "5Watch8remember17h",
     ];
     methods.iter().any(|method| name.contains(method))
         || name.contains("10dynid_core7effects") && name.contains("7columns17h")
