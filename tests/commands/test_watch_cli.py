@@ -13,7 +13,7 @@ from dynid_rs.commands.watch import _per_day
 
 @pytest.fixture(scope="module")
 def arm(tmp_path_factory):
-    """The model's file and its runs: two healthy ones, one more, one with a change at 20 s, and one with it all along."""
+    """The model and its runs: two healthy ones, one more, one with a change at 20 s, and one with it all along."""
     folder = tmp_path_factory.mktemp("watched")
     model().save(folder / "model.json")
     change = CHANGES["friction grown"][0]

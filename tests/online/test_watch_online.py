@@ -224,6 +224,7 @@ def test_what_is_of_another_model_is_not_used_and_what_is_none_is_not_replaced(e
 
 
 def test_remembering_needs_a_watch(estimator, folder):
-    done = subprocess.run([estimator, folder / "model.json", "--remember", "x"], capture_output=True, text=True, check=False)
+    command = [estimator, folder / "model.json", "--remember", "x"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 2
     assert "--remember goes with --changes" in done.stderr
