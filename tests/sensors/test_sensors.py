@@ -261,9 +261,10 @@ def test_a_burst_is_seen_where_it_is(n_samples):
     residual, slack, unsure = rng.standard_normal((3, *shape))
     seen, step = rng.random(shape) > 0.1, 0.01
     moving = np.zeros(len(residual), dtype=bool)
-    forwards = Watch("run", step * np.arange(200), residual, seen, slack, unsure, np.ones(shape), moving, step)
+    since, turn = np.ones(shape), np.zeros(shape, dtype=int)
+    forwards = Watch("run", step * np.arange(200), residual, seen, slack, unsure, since, turn, moving, step)
     turned = (x[::-1] for x in (residual, seen, slack, unsure))
-    backwards = Watch("run", forwards.t, *turned, np.ones(shape), moving, step)
+    backwards = Watch("run", forwards.t, *turned, since, turn, moving, step)
     there, back = _smooth(forwards, n_samples * step), _smooth(backwards, n_samples * step)
     assert there.enough.any()
     for name in ("m", "slack", "unsure", "enough"):

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -192,30 +193,58 @@ def _smooth(watch: Watch, length: float) -> _Level:
 
 @dataclass(frozen=True, eq=False)
 class _Pool:
-    """Scales of the runs that were learned from, together: in motion (n_joints,), and by the time from a reversal.
+    """What the runs that were learned from leave: its scale in motion (n_joints,), and sizes by the time from a reversal.
 
-    `near` (n_times, n_joints). A run that rests is a pose of its own; runs that move are alike.
+    `near[k][j]`: of the k-th time and a joint. A run that rests is a pose of its own; runs that move are alike.
     """
 
     moving: FloatArray
-    near: FloatArray
+    near: list[list[_Alike]]
 
     @staticmethod
     def of(watches: Sequence[Watch], level: Sequence[_Level]) -> _Pool:
-        n = level[0].m.shape[1]
-        moving, near = np.zeros(n), np.zeros((len(_TIMES), n))
-        for j in range(n):
-            masks = [x.enough[:, j] & ~watch.resting for watch, x in zip(watches, level, strict=True)]
+        joints = range(level[0].m.shape[1])
+        runs = list(zip(watches, level, strict=True))
+        moving = [np.concatenate([np.abs(x.m[_moves(watch, x, j), j]) for watch, x in runs]) for j in joints]
+        near = [[_Alike.joined([_Alike.of(watch, x, j, time) for watch, x in runs]) for j in joints] for time in _TIMES]
+        return _Pool(np.array([_scale(sizes, QUANTILES) for sizes in moving]), near)
 
-            def pooled(masks: Sequence[BoolArray], j: int = j) -> float:
-                values = [np.abs(x.m[mask, j]) for mask, x in zip(masks, level, strict=True)]
-                return _scale(np.concatenate(values), QUANTILES)
 
-            moving[j] = pooled(masks)
-            for k, (low, high) in enumerate(_TIMES):
-                apart = [watch.since[:, j] for watch in watches]
-                near[k, j] = pooled([m & (s >= low) & (s < high) for m, s in zip(masks, apart, strict=True)])
-        return _Pool(moving, near)
+@dataclass(frozen=True, eq=False)
+class _Alike:
+    """Sizes (n,) of what is left of a joint equally long from a reversal, and which one: run and number, (n, 2)."""
+
+    sizes: FloatArray
+    turns: NDArray[Any]
+
+    @staticmethod
+    def of(watch: Watch, x: _Level, j: int, time: tuple[float, float]) -> _Alike:
+        mask = _moves(watch, x, j) & _within(watch, j, time)
+        turns = np.stack([np.full(mask.sum(), id(watch)), watch.turn[mask, j]], axis=1)
+        return _Alike(np.abs(x.m[mask, j]), turns)
+
+    @staticmethod
+    def joined(parts: Sequence[_Alike]) -> _Alike:
+        return _Alike(np.concatenate([part.sizes for part in parts]), np.concatenate([part.turns for part in parts]))
+
+    def scale(self, but: NDArray[Any]) -> float:
+        """Without a reversal that makes up so much of them that the greatest quantile is its own.
+
+        A push at one of three reversals is told by the others, not by itself.
+        """
+        others = (self.turns != but).any(axis=1)
+        is_most = others.sum() < QUANTILES[-1] * len(others)
+        return _scale(self.sizes[others] if is_most else self.sizes, QUANTILES)
+
+
+def _moves(watch: Watch, x: _Level, j: int) -> BoolArray:
+    result: BoolArray = x.enough[:, j] & ~watch.resting
+    return result
+
+
+def _within(watch: Watch, j: int, time: tuple[float, float]) -> BoolArray:
+    result: BoolArray = (watch.since[:, j] >= time[0]) & (watch.since[:, j] < time[1])
+    return result
 
 
 def _scale_of(watch: Watch, x: _Level, pool: _Pool, pooled: bool) -> FloatArray:
@@ -229,11 +258,14 @@ def _scale_of(watch: Watch, x: _Level, pool: _Pool, pooled: bool) -> FloatArray:
             mask = x.enough[:, j] & (watch.resting == at_rest)
             size = max(float(common), _scale(np.abs(x.m[mask, j]), quantiles))
             scale[mask, j] = size if size > 0 else np.inf
-        moving, since = x.enough[:, j] & ~watch.resting, watch.since[:, j]
-        for alike, (low, high) in zip(pool.near[:, j], _TIMES, strict=True):
-            mask = moving & (since >= low) & (since < high)
-            size = float(alike) if pooled else max(float(alike), _scale(np.abs(x.m[mask, j]), QUANTILES))
-            scale[mask, j] = np.maximum(scale[mask, j], size)
+        for alike, time in zip(pool.near, _TIMES, strict=True):
+            own, mask = _Alike.of(watch, x, j, time), _moves(watch, x, j) & _within(watch, j, time)
+            all_alike = [alike[j]] if pooled else [alike[j], own]
+            for turn in np.unique(own.turns, axis=0):
+                # Of a reversal that has no like nothing is known but itself.
+                size = max(group.scale(turn) for group in all_alike) or _scale(own.sizes, QUANTILES)
+                here = np.flatnonzero(mask)[(own.turns == turn).all(axis=1)]
+                scale[here, j] = np.maximum(scale[here, j], size)
     return scale
 
 

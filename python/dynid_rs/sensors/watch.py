@@ -42,8 +42,8 @@ class Watch:
     """Residual of one run on its rows' grid, ready to be searched; every matrix (n_grid, n_joints).
 
     `residual` with the running median taken off; `seen` where a joint says something; `slack` how much of it friction
-    may be; `unsure` standard deviation of the model's own prediction; `since` time [s] to the nearest reversal;
-    `resting` (n_grid,) whether the whole arm rests.
+    may be; `unsure` standard deviation of the model's own prediction; `since` time [s] to the nearest reversal, and `turn`
+    which one that is; `resting` (n_grid,) whether the whole arm rests.
     """
 
     name: str
@@ -53,6 +53,7 @@ class Watch:
     slack: FloatArray
     unsure: FloatArray
     since: FloatArray
+    turn: NDArray[np.intp]
     resting: BoolArray
     step: float
 
@@ -133,7 +134,7 @@ def watch_run(fit: ThreeLoopIdentifier, states: States, usual: Usual) -> Watch:
     if usable.any():
         bridged = np.stack([np.interp(t, t[usable], column[usable]) for column in error.T], axis=1)
         local = bridged - median_filter(bridged, size=(max(3, int(LOCAL / step)), 1), mode="nearest")
-    since, way = _since_reversal(states.t, states.q, states.dq)
+    since, way, turn = _since_reversal(states.t, states.q, states.dq)
     unsettled = (way < PRESLIDING) | (np.abs(states.dq) < SLOW * usual.top)
     slack = _in_band_at_most(states, unsettled * usual.coulomb)[grid]
     return Watch(
@@ -144,6 +145,7 @@ def watch_run(fit: ThreeLoopIdentifier, states: States, usual: Usual) -> Watch:
         slack * ~resting[:, None],
         usual.unsure(aligned) * ~resting[:, None],
         since[grid],
+        turn[grid],
         resting,
         step,
     )
@@ -163,14 +165,20 @@ def _in_band_at_most(states: States, x: FloatArray) -> FloatArray:
     return np.asarray(convolve1d(x, weights, axis=0, mode="nearest"))
 
 
-def _since_reversal(t: FloatArray, q: FloatArray, dq: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Time to the nearest reversal and way from where it was, per sample and joint."""
+def _since_reversal(
+    t: FloatArray, q: FloatArray, dq: FloatArray
+) -> tuple[FloatArray, FloatArray, NDArray[np.intp]]:
+    """Time to the nearest reversal, way from where one was, and the number of the nearest, per sample and joint."""
     time, way = np.full(q.shape, np.inf), np.full(q.shape, np.inf)
+    number = np.zeros(q.shape, dtype=np.intp)
     for j in range(q.shape[1]):
         turns = np.flatnonzero(np.diff(np.signbit(dq[:, j])))
         if len(turns):
             right = np.clip(np.searchsorted(turns, np.arange(len(t))), 0, len(turns) - 1)
-            for nearest in (turns[np.maximum(right - 1, 0)], turns[right]):
-                time[:, j] = np.minimum(time[:, j], np.abs(t - t[nearest]))
+            for beside in (np.maximum(right - 1, 0), right):
+                nearest = turns[beside]
+                apart = np.abs(t - t[nearest])
+                number[:, j] = np.where(apart < time[:, j], beside, number[:, j])
+                time[:, j] = np.minimum(time[:, j], apart)
                 way[:, j] = np.minimum(way[:, j], np.abs(q[:, j] - q[nearest, j]))
-    return time, way
+    return time, way, number
