@@ -299,3 +299,16 @@ def test_one_torque_channel_that_is_late_is_named_alone():
     late = [replace(run, tau=np.where([False, True, False], np.roll(run.tau, 30, axis=0), run.tau)) for run in runs]
     (finding,) = channels_of(ROBOT, late)
     assert (finding.code, finding.column) == ("torque_late", "tau_1")
+
+
+@pytest.mark.parametrize("at", np.arange(2.0, 6.1, 0.5).tolist())
+def test_a_push_at_one_of_few_reversals_is_told_by_the_others(at):
+    """Eight seconds have a few reversals of a joint each: a push at one is most of what lies as far from any."""
+    _, recordings = runs(duration=8.0)
+    pushed = recordings[3]
+    tau = pushed.tau.copy()
+    tau[:, 1] += 20.0 * np.exp(-(((pushed.t - pushed.t[0] - at) / 0.2) ** 2))
+    fit = fitted(recordings[:3])
+    (contact,) = find_contacts(fit, fit.raw_runs_, [fit.states(replace(pushed, tau=tau))])
+    assert contact.most == 1
+    assert abs((contact.start + contact.end) / 2 - pushed.t[0] - at) < 0.3

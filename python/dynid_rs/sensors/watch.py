@@ -31,6 +31,8 @@ REST_TIME, REST_RANGE = 2.0, 0.01
 """A joint rests while it stays within this part of its usual range for this time [s]."""
 REST_RUN = 0.8
 """An arm that rests for this part of a run was held there on purpose; shorter rest is a pause, with brakes in it."""
+TREMBLING = 0.15
+"""Reversals closer than this [s] are one: an arm takes longer to come back."""
 PRESLIDING, SLOW = 0.01, 0.02
 """Since a reversal friction is not settled for this way [rad], and below this part of the usual speed."""
 UNFITTED_SPEED = 0.8
@@ -165,20 +167,20 @@ def _in_band_at_most(states: States, x: FloatArray) -> FloatArray:
     return np.asarray(convolve1d(x, weights, axis=0, mode="nearest"))
 
 
-def _since_reversal(
-    t: FloatArray, q: FloatArray, dq: FloatArray
-) -> tuple[FloatArray, FloatArray, NDArray[np.intp]]:
+def _since_reversal(t: FloatArray, q: FloatArray, dq: FloatArray) -> tuple[FloatArray, FloatArray, NDArray[np.intp]]:
     """Time to the nearest reversal, way from where one was, and the number of the nearest, per sample and joint."""
     time, way = np.full(q.shape, np.inf), np.full(q.shape, np.inf)
     number = np.zeros(q.shape, dtype=np.intp)
     for j in range(q.shape[1]):
         turns = np.flatnonzero(np.diff(np.signbit(dq[:, j])))
         if len(turns):
+            # A speed that trembles round zero turns round once.
+            once = np.concatenate([[0], np.cumsum(np.diff(t[turns]) > TREMBLING)])
             right = np.clip(np.searchsorted(turns, np.arange(len(t))), 0, len(turns) - 1)
             for beside in (np.maximum(right - 1, 0), right):
                 nearest = turns[beside]
                 apart = np.abs(t - t[nearest])
-                number[:, j] = np.where(apart < time[:, j], beside, number[:, j])
+                number[:, j] = np.where(apart < time[:, j], once[beside], number[:, j])
                 time[:, j] = np.minimum(time[:, j], apart)
                 way[:, j] = np.minimum(way[:, j], np.abs(q[:, j] - q[nearest, j]))
     return time, way, number
