@@ -193,9 +193,9 @@ def _smooth(watch: Watch, length: float) -> _Level:
 
 @dataclass(frozen=True, eq=False)
 class _Pool:
-    """What the runs that were learned from leave: its scale in motion (n_joints,), and sizes by the time from a reversal.
+    """What the runs that were learned from leave: its scale in motion, and sizes by the time from a reversal.
 
-    `near[k][j]`: of the k-th time and a joint. A run that rests is a pose of its own; runs that move are alike.
+    `moving` (n_joints,); `near[k][j]` of the k-th time and a joint. A run that rests is a pose of its own; runs that move are alike.
     """
 
     moving: FloatArray

@@ -44,7 +44,7 @@ class Watch:
     """Residual of one run on its rows' grid, ready to be searched; every matrix (n_grid, n_joints).
 
     `residual` with the running median taken off; `seen` where a joint says something; `slack` how much of it friction
-    may be; `unsure` standard deviation of the model's own prediction; `since` time [s] to the nearest reversal, and `turn`
+    may be; `unsure` standard deviation of the model's own prediction; `since` time [s] to the nearest reversal, `turn`
     which one that is; `resting` (n_grid,) whether the whole arm rests.
     """
 
