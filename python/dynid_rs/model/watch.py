@@ -5,11 +5,9 @@ The tests, their threshold and how a name is chosen: `rust/dynid-core/src/watch`
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 from os import PathLike
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,9 +15,8 @@ from numpy.typing import NDArray
 from dynid_rs import _core
 from dynid_rs.base.files import check_readable, write_json
 from dynid_rs.base.memory import residual_memory
-from dynid_rs.base.numbers import interval, percent, percent_interval, significant
 from dynid_rs.base.quoting import shown
-from dynid_rs.regression.uncertainty import NORMAL_95
+from dynid_rs.model.change import Change, change_of
 from dynid_rs.runs.given import Runs, as_recordings
 from dynid_rs.runs.recording import FloatArray, Recording
 
@@ -27,8 +24,6 @@ UNKNOWN_MEMORY = 10.0
 """Rows that are worth one independent one where no run has told: two seconds."""
 LEAST_ROWS = 30
 """Fewer rows of a joint in motion tell no deviation: its interval would be wider than a fourth."""
-WORDS = {"offset": "constant torque"}
-"""Kinds as people say them, where that is not how they are called in files."""
 NOTHING = 1e12
 """Tolerates everything: for rows alone."""
 
@@ -56,60 +51,6 @@ class Tolerated:
     offset: float = 2.0
     load: float = 0.1
     unknown: float = 1.0
-
-
-@dataclass(frozen=True)
-class Change:
-    """What of the model no longer holds.
-
-    Attributes
-    ----------
-    t : float
-        When it was said, in the run's time [s].
-    kind : str
-        ``"friction"``, ``"gain"``, ``"offset"``, ``"load"`` or ``"unknown"``.
-    joint : str
-        Where; the last one of a load.
-    size : float
-        Friction, gain and unknown relative, offset in the torque's unit, load in kg (where torque is in ampere, in
-        ampere per N m times kg).
-    interval : tuple of float
-        Where the size lies with 95 %.
-    moments : tuple of float, optional
-        First moments of a load in the last link's frame [kg m].
-    said : str
-        ``"named"`` just now; twenty seconds of motion later ``"settled"``, when it is taken for granted, or
-        ``"withdrawn"`` where it has passed or is no larger than what is tolerated.
-    either : str, optional
-        What else it may be, ``"gain of elbow"``, where the data do not tell.
-    """
-
-    t: float
-    kind: str
-    joint: str
-    size: float
-    interval: tuple[float, float]
-    moments: tuple[float, float, float] | None = None
-    said: str = "named"
-    either: str | None = None
-    unit: str = ""
-
-    def __str__(self) -> str:
-        if self.kind == "unknown":
-            what = f"{self.joint}: the error has grown by {percent(self.size)}, no name says why: look again"
-        elif self.kind == "load":
-            what = f"load {significant(self.size)} {self.unit} ({interval(self.interval)})"
-        elif self.kind == "offset":
-            what = f"{self.joint}: constant torque {significant(self.size)} {self.unit} ({interval(self.interval)})"
-        else:
-            between = percent_interval(self.interval)
-            what = f"{self.joint}: {self.kind} {percent(self.size, signed=True)} ({between})"
-        either = f", or {self.either}" if self.either else ""
-        return f"{self.t:.1f} s: {what}{either}{'' if self.said == 'named' else f' ({self.said})'}"
-
-    def to_json(self) -> dict[str, Any]:
-        """As `dynid watch --json` prints it."""
-        return asdict(self)
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,6 +103,8 @@ class Watch:
         Variance of rows over what the model expects; ones before `fit`.
     memory_ : ndarray (n_joints,)
         Rows that are worth an independent one; ten before `fit`.
+    healthy_ : tuple of str
+        Names of the runs that `fit` was given; not there before, nor in a watch that was loaded.
     """
 
     def __init__(
@@ -190,6 +133,7 @@ class Watch:
         n = self.model.robot.n_joints
         everything = Tolerated(*[NOTHING] * 5)
         told = [self._run(run, everything, np.ones(n), np.ones(n)) for run in as_recordings(X, self.model.robot)]
+        self.healthy_ = tuple(run.name for run in told)
         relative = [
             np.divide(run.left, run.deviation, out=np.full_like(run.left, np.nan), where=run.watched) for run in told
         ]
@@ -288,24 +232,5 @@ class Watch:
             **asdict(tolerated),
         )
         joints = self.model.robot.joint_names
-        changes = tuple(_change(one, run.t, joints, self.model.torque_unit) for one in said)
+        changes = tuple(change_of(one, run.t, joints, self.model.torque_unit) for one in said)
         return Watched(run.name, changes, run.t[ends], left, np.sqrt(inflation * variance), moves > 0)
-
-
-def _change(said: dict[str, Any], t: FloatArray, joints: Sequence[str], torque_unit: str) -> Change:
-    kind, size, std = said["kind"], said["size"], said["std"]
-    mass = "kg" if torque_unit == "N*m" else f"kg {torque_unit}/(N*m)"
-    either = said["or"]
-    return Change(
-        float(t[said["sample"]]),
-        kind,
-        joints[said["joint"]],
-        size,
-        (size - NORMAL_95 * std, size + NORMAL_95 * std),
-        tuple(said["moments"]) if kind == "load" else None,
-        said["said"],
-        None
-        if either is None
-        else ("a load" if either[0] == "load" else f"{WORDS.get(either[0], either[0])} of {joints[either[1]]}"),
-        {"load": mass, "offset": torque_unit}.get(kind, ""),
-    )
