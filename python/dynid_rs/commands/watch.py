@@ -5,17 +5,16 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from dynid_rs.base.findings import Finding, told_once
 from dynid_rs.commands import _options
 from dynid_rs.commands._run import EXIT_NO, print_json, run_command
 from dynid_rs.commands._steps import Step
 
 if TYPE_CHECKING:
-    from dynid_rs.model.watch import Tolerated, Watched
+    from dynid_rs.model.watch import Tolerated
 
 USUAL = "1/day"
 DAYS = {"hour": 1 / 24, "day": 1.0, "week": 7.0, "month": 30.0, "year": 365.0}
@@ -61,6 +60,25 @@ def watch(
             "`dynid-estimator --changes`",
         ),
     ] = None,
+    report: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="HEALTH.html", help="Write a page: what has changed and when, a trend per joint, what to do"
+        ),
+    ] = None,
+    prometheus: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE.prom",
+            help="Write the state at the end of the last run as text for Prometheus (node_exporter)",
+        ),
+    ] = None,
+    ros: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE.json", help="Write it as JSON in the fields of ROS 2, diagnostic_msgs/msg/DiagnosticArray"
+        ),
+    ] = None,
     config: _options.Config = None,
     drive_gain: _options.DriveGain = None,
     json_output: _options.Json = False,
@@ -72,6 +90,8 @@ def watch(
     """
     from dynid_rs.commands._console import progress
     from dynid_rs.commands._inputs import load_model, read_runs, read_settings
+    from dynid_rs.commands._watch_files import WatchFiles
+    from dynid_rs.commands._watch_view import answer, has_changed, lines
     from dynid_rs.model.watch import Watch
 
     per_day, tolerated = _per_day(false_alarms), _tolerated(tolerate or [])
@@ -79,7 +99,8 @@ def watch(
         raise ValueError(
             "--settings says all that --healthy, --false-alarms and --tolerate do; leave those and --save out"
         )
-    _check_task(runs, save, [model, *(runs or []), *(healthy or []), *([config] if config else [])])
+    files = WatchFiles(save, report, prometheus, ros)
+    files.check(runs, [path for path in (model, settings, config, *(runs or []), *(healthy or [])) if path])
     with progress(Step(1, "reading"), Step(1, "watching")) as say:
         say("reading")
         reference = load_model(model)
@@ -92,36 +113,16 @@ def watch(
             good, more = read_runs(healthy, reference.robot, rules)
             findings += more
             watching.fit(good)
-        if save is not None:
-            watching.save(save)
         say("watching")
         watched = [watching.watch(recording) for recording in recordings]
+        files.write(watching, watched, findings)
     joints = reference.robot.joint_names
     if json_output:
-        print_json(_answer(watched, joints, findings))
+        print_json(answer(watched, joints, findings))
     else:
-        for line in _lines(watched, joints, findings):
+        for line in [*lines(watched, joints, findings), *files.lines(bool(runs))]:
             typer.echo(line)
-        if save is not None and not runs:
-            typer.echo(f"settings: {save}")
-    return EXIT_NO if _changed(watched) else 0
-
-
-def _check_task(runs: Sequence[Path] | None, save: Path | None, read: Sequence[Path]) -> None:
-    from dynid_rs.commands._output import check_file, check_not_read
-
-    if not runs and save is None:
-        raise ValueError("no run to watch; name one, or write settings with --save WATCH.json")
-    if save is not None:
-        check_file(save)
-        check_not_read([save], read)
-
-
-def _changed(watched: Sequence[Watched]) -> bool | None:
-    """Whether something has; None where no joint of any run could be watched, or no run was named."""
-    if not any(run.watched.any() for run in watched):
-        return None
-    return any(change.said != "withdrawn" for run in watched for change in run.changes)
+    return EXIT_NO if has_changed(watched) else 0
 
 
 def _per_day(text: str) -> float:
@@ -150,41 +151,3 @@ def _tolerated(said: Sequence[str]) -> Tolerated:
             raise ValueError(f"--tolerate: expected KIND=X, a kind of {kinds} and a number above 0, got {text[:40]!r}")
         tolerated = replace(tolerated, **{kind: value})
     return tolerated
-
-
-def _answer(watched: Sequence[Watched], joints: Sequence[str], findings: Sequence[Finding]) -> dict[str, Any]:
-    return {
-        "format": "dynid-watch",
-        "version": 1,
-        "joints": list(joints),
-        "changed": _changed(watched),
-        "runs": [
-            {
-                "run": run.name,
-                "changes": [change.to_json() for change in run.changes],
-                "rows": len(run.t),
-                "watched": run.watched.mean(axis=0).tolist() if len(run.t) else [0.0] * len(joints),
-            }
-            for run in watched
-        ],
-        "findings": [finding.to_json() for finding in findings],
-    }
-
-
-def _lines(watched: Sequence[Watched], joints: Sequence[str], findings: Sequence[Finding]) -> list[str]:
-    """One line per change, and what was not seen."""
-    from dynid_rs.base.numbers import percent
-    from dynid_rs.base.quoting import shown
-
-    lines = []
-    for run in watched:
-        nothing = "nothing has changed" if run.watched.any() else "could not be watched"
-        lines.append(f"{shown(run.name)}:" if run.changes else f"{shown(run.name)}: {nothing}")
-        lines += [f"  {change}" for change in run.changes]
-        share = run.watched.mean(axis=0) if len(run.t) else [0.0] * len(joints)
-        unseen = [shown(joint) for joint, part in zip(joints, share, strict=True) if part == 0]
-        if unseen:
-            lines.append(f"  not watched, for they never move as the model was trained to: {', '.join(unseen)}")
-        elif min(share) < 0.5:
-            lines.append(f"  watched in {percent(float(min(share)))} of the run only, of the joint that moves least")
-    return [*lines, *(f"{one.severity}: {text}" for one, text in told_once(findings) if one.severity != "info")]

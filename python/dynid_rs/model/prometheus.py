@@ -141,4 +141,4 @@ def _escaped(text: str, *, quotes: bool = False) -> str:
 
 
 def _number(value: float) -> str:
-    return repr(float(value))
+    return str(int(value)) if float(value).is_integer() else repr(float(value))

@@ -6,9 +6,8 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from dynid_rs.base.changes import advice
+from dynid_rs.base.changes import Change, advice
 from dynid_rs.base.clock import is_wall_clock
-from dynid_rs.model.change import Change
 from dynid_rs.model.standing import Standing, standing
 from dynid_rs.model.watch import Watch, Watched
 

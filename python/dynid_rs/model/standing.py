@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dynid_rs.model.change import Change
+from dynid_rs.base.changes import Change
 from dynid_rs.model.watch import Tolerated, Watch, Watched
 from dynid_rs.regression.uncertainty import NORMAL_95
 from dynid_rs.runs.recording import FloatArray

@@ -5,18 +5,21 @@ The tests, their threshold and how a name is chosen: `rust/dynid-core/src/watch`
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
+from dynid_rs.base.changes import Change, kind_words
 from dynid_rs.base.files import check_readable, write_json
 from dynid_rs.base.memory import residual_memory
 from dynid_rs.base.quoting import shown
-from dynid_rs.model.change import Change, change_of
+from dynid_rs.regression.uncertainty import NORMAL_95
 from dynid_rs.runs.given import Runs, as_recordings
 from dynid_rs.runs.recording import FloatArray, Recording
 
@@ -232,5 +235,24 @@ class Watch:
             **asdict(tolerated),
         )
         joints = self.model.robot.joint_names
-        changes = tuple(change_of(one, run.t, joints, self.model.torque_unit) for one in said)
+        changes = tuple(_change(one, run.t, joints, self.model.torque_unit) for one in said)
         return Watched(run.name, changes, run.t[ends], left, np.sqrt(inflation * variance), moves > 0)
+
+
+def _change(said: dict[str, Any], t: FloatArray, joints: Sequence[str], torque_unit: str) -> Change:
+    kind, size, std = said["kind"], said["size"], said["std"]
+    mass = "kg" if torque_unit == "N*m" else f"kg {torque_unit}/(N*m)"
+    either = said["or"]
+    return Change(
+        float(t[said["sample"]]),
+        kind,
+        joints[said["joint"]],
+        size,
+        (size - NORMAL_95 * std, size + NORMAL_95 * std),
+        tuple(said["moments"]) if kind == "load" else None,
+        said["said"],
+        None
+        if either is None
+        else ("a load" if either[0] == "load" else f"{kind_words(either[0])} of {joints[either[1]]}"),
+        {"load": mass, "offset": torque_unit}.get(kind, ""),
+    )
