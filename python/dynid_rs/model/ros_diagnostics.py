@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from fractions import Fraction
 from typing import Any
 
 from dynid_rs.base.changes import Change, advice
@@ -49,9 +50,9 @@ def ros_diagnostics(watch: Watch, runs: Sequence[Watched]) -> dict[str, Any]:
         raise ValueError("ros_diagnostics: no run was watched; give one at least")
     last = runs[-1]
     state, robot = standing(watch, last), watch.model.robot
-    # To whole nanoseconds first: a second that is rounded up belongs to `sec`.
-    end = round(float(last.t[-1]) * 1e9) if len(last.t) and is_wall_clock(float(last.t[-1])) else 0
-    sec, nanosec = divmod(end, 1_000_000_000)
+    end = float(last.t[-1]) if len(last.t) else 0.0
+    # Exact, for a float of nanoseconds is not; a second that is rounded up belongs to `sec`.
+    sec, nanosec = divmod(round(Fraction(end) * 1_000_000_000), 1_000_000_000) if is_wall_clock(end) else (0, 0)
     status = [_joint(state, j, joint, robot.name) for j, joint in enumerate(robot.joint_names)]
     return {
         "header": {"stamp": {"sec": sec, "nanosec": nanosec}, "frame_id": ""},

@@ -142,7 +142,7 @@ const Charts = (() => {
       u.ctx.lineTo(at, top + height);
       u.ctx.stroke();
       if (!text || at < free) continue;
-      u.ctx.textBaseline = "top";
+      Object.assign(u.ctx, { textBaseline: "top", textAlign: "left" });
       u.ctx.fillText(text, at + k * 4, top + k * 3);
       free = at + k * 8 + u.ctx.measureText(text).width;
     }

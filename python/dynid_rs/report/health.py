@@ -112,7 +112,9 @@ def _verdict(health: Health, found: Sequence[Episode]) -> str:
     texts = [f"{named(one.now)}{_in_runs(runs)}" for one, runs in kept[:MOST_NAMED]]
     more = len(kept) - len(texts)
     others = f"; {plural(more, 'more change')} below" if more else ""
-    return f"<b>No:</b> {'; '.join(texts)}{others}."
+    changed = len({one.run for one in found if not one.is_withdrawn})
+    where = f"in {count(changed)} of {plural(len(health.runs), 'run')} " if len(health.runs) > 1 else ""
+    return f"<b>No:</b> {where}something has changed: {'; '.join(texts)}{others}."
 
 
 def _grouped(found: Sequence[Episode]) -> list[tuple[Episode, int]]:
@@ -151,6 +153,7 @@ def _next(health: Health, found: Sequence[Episode]) -> str:
     if not _is_watched(health):
         return "Record a run in which the joints move as they did when the model was learned."
     known = list(health.standing) or [one.now for one, _ in _grouped(found)]
+    passed = "" if health.standing or not known else "Nothing now; where it comes again: "
     texts = []
     for change in known[:MOST_NAMED]:
         where = "" if change.kind == "load" else f"{breakable(change.joint)}: "
@@ -158,44 +161,40 @@ def _next(health: Health, found: Sequence[Episode]) -> str:
     texts = list(dict.fromkeys(texts))
     more = len(known) - MOST_NAMED
     link = f' <a href="#changes">{count(more)} more</a>' if more > 0 else ""
-    return "<br>".join(texts) + link if texts else "Nothing: go on using the model."
+    return passed + "<br>".join(texts) + link if texts else "Nothing: go on using the model."
 
 
 def _joints(figures: Figures, health: Health, found: Sequence[Episode]) -> str:
     rows_of = np.array([len(run.t) for run in health.runs])
     total = max(int(rows_of.sum()), 1)
     watched = sum((run.watched * len(run.t) for run in health.runs), np.zeros(len(health.joints))) / total
-    kept = [one for one in found if not one.is_withdrawn]
     rows = []
     for j, joint in enumerate(health.joints):
-        own = sum(one.now.kind != "load" and one.now.joint == joint for one in kept)
         bar = f'<span class="track"><i class="fill after" style="width:{100.0 * watched[j]:.0f}%"></i></span>'
         rows.append(
             [
                 breakable(joint),
                 cell(percent(float(watched[j]))),
-                cell(bar, "strip"),
+                cell(bar, "strip desk"),
                 cell(_number(health.expected[j])),
                 cell(_number(_rms(health, j))),
                 cell(_number(health.residual[j])),
-                cell(count(own) if own else DASH),
             ]
         )
     unit = f"<small>{esc(unit_text(health.torque_unit))}</small>"
     head = [
         "Joint",
         "Watched",
-        '<th scope="col" class="strip"><span class="hidden">as a bar</span></th>',
+        '<th scope="col" class="strip desk"><span class="hidden">as a bar</span></th>',
         f"Expected {unit}",
         "Left / expected <small>all rows</small>",
         "Left / expected <small>at the end</small>",
-        "Changes <small>not withdrawn</small>",
     ]
     return (
         "<p>What the model leaves of the measured torque, averaged over "
-        f"{significant(health.row, 2)}\u00a0s, over the deviation that is expected of it: 1 is usual. What was named "
-        "is expected from then on, so that a curve comes back to zero once a change has settled. A joint that stands, or "
-        "moves as the model was not trained to, says nothing: its curve has gaps."
+        f"{significant(health.row, 2)}\u00a0s, over the deviation that is expected of it: 1 is usual. What has "
+        "settled is expected from then on, so that the curve comes back to zero. A joint that stands, or moves as "
+        "the model was not trained to, says nothing: its curve has gaps."
         '<span class="mouse"> Drag to zoom all joints together, double-click to go back; or the keys + \u2212 0 and '
         "the arrows.</span></p>\n"
         f"{table(head, rows, label='Joint by joint')}\n{trends(figures, health, found)}"

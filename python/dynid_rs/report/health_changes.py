@@ -22,7 +22,7 @@ def size_of(change: Change) -> str:
 
 def named(change: Change) -> str:
     """HTML of a change in a sentence: `friction of joint_2 +21 %`."""
-    where = "" if change.kind == "load" else f" of {breakable(change.joint)}"
+    where = "" if change.kind == "load" else f" of {esc(change.joint)}"
     what = "unknown error" if change.kind == "unknown" else kind_words(change.kind)
     return f"{what}{where} {size_of(change)}"
 
@@ -31,21 +31,19 @@ def changes_table(health: Health, found: Sequence[Episode], axis: Axis) -> str:
     """HTML of all changes, in the order in which they were said."""
     if not found:
         return "<p>Nothing.</p>"
-    head = ["No.", "When", "Where", "What", "Size", "95 % interval", "State", "What to do"]
-    return table(head, [_row(health, one, axis) for one in found], label="What has changed")
+    head = ["No.", "When", "What", "Size <small>95 % interval</small>", "State", "What to do"]
+    return table(head, [_row(health, one, axis) for one in found], kind="stack", label="What has changed")
 
 
 def _row(health: Health, one: Episode, axis: Axis) -> list[str]:
     now = one.now
-    where = WHOLE_ARM if now.kind == "load" else breakable(now.joint)
     kind = "soft" if one.is_withdrawn else "main"
+    bounds = f"<br><small>{typeset(interval_words(now.kind, now.interval))}</small>"
     return [
         str(one.number),
         cell(_when(health, one, axis), "place"),
-        cell(where, "place"),
-        cell(_what(one), "place"),
-        cell(size_of(now) + _moments(now), f"num {kind}"),
-        cell(typeset(interval_words(now.kind, now.interval)), "num soft"),
+        cell(_what(one), "what"),
+        cell(f'<span class="{kind}">{size_of(now)}</span>{bounds}{_moments(now)}', "size"),
         cell(_state(one), "place"),
         cell(with_code(WITHDRAWN if one.is_withdrawn else advice(now.kind, now.size)), "text"),
     ]
@@ -55,15 +53,17 @@ def _when(health: Health, one: Episode, axis: Axis) -> str:
     t = one.named.t
     text = f"<code>{esc(health.runs[one.run].name)}</code><br>{esc(time_words(t))}"
     if len(axis.order) > 1 and not (axis.is_clock and is_wall_clock(t)):
-        text += f'<br><span class="soft">charts: {typeset(f"{axis.at(one.run, t):.4g}")} {axis.word}</span>'
+        text += f'<br><span class="soft">at {typeset(f"{axis.at(one.run, t):.4g}")} {axis.word} on the charts</span>'
     return text
 
 
 def _what(one: Episode) -> str:
     now, first = one.now, one.named
-    text = esc(capital(kind_words(now.kind))) if now.kind != "unknown" else "Unknown: the error has grown"
+    where = WHOLE_ARM if now.kind == "load" else breakable(now.joint)
+    what = esc(capital(kind_words(now.kind))) if now.kind != "unknown" else "Unknown: the error has grown"
+    text = f"{what}<br><b>{where}</b>"
     if now.either:
-        text += f", or {esc(now.either)}: these data cannot tell"
+        text += f"<br>or {esc(now.either)}: these data cannot tell"
     if (first.kind, first.joint) != (now.kind, now.joint):
         text += f'<br><span class="soft">named first as {named(first)}</span>'
     return text

@@ -10,6 +10,7 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynid_rs.base.clock import is_wall_clock
 from dynid_rs.report.figures import Figures, panel, place, series
@@ -97,6 +98,8 @@ class Bins:
         In the axis' unit, never falling.
     mean, low, high : ndarray (m, n_joints)
         Of the rows in which a joint was watched; NaN where there is none.
+    between : ndarray of bool (m,)
+        Where a run begins.
     rows : int
         Most rows in a bin.
     begins : tuple of float
@@ -107,6 +110,7 @@ class Bins:
     mean: Array
     low: Array
     high: Array
+    between: NDArray[np.bool_]
     rows: int
     begins: tuple[float, ...]
 
@@ -127,7 +131,8 @@ def binned(runs: Sequence[HealthRun], axis: Axis, row: float, most: int) -> Bins
         largest = max(largest, int(np.diff(edges).max()))
         parts.append((axis.at(r, 0.5 * (run.t[first] + run.t[last])), *_reduced(run.ratio, first)))
     x, mean, low, high = (np.concatenate(part) for part in zip(*parts, strict=True))
-    return Bins(np.maximum.accumulate(x), mean, low, high, largest, tuple(begins))
+    between = np.concatenate([np.full(part[0].size, k % 2 == 1) for k, part in enumerate(parts)])
+    return Bins(np.maximum.accumulate(x), mean, low, high, between, largest, tuple(begins))
 
 
 def _reduced(ratio: Array, first: Any) -> tuple[Array, Array, Array]:
@@ -148,8 +153,10 @@ def trends(figures: Figures, health: Health, found: Sequence[Episode]) -> str:
     n = len(health.joints)
     bins = binned(health.runs, axis, health.row, int(np.clip(_BUDGET / (16 * n), *_BINS)))
     figures.array("h/x", bins.x)
-    figures.array("h/band/low", np.full(bins.x.size, -EXPECTED))
-    figures.array("h/band/high", np.full(bins.x.size, EXPECTED))
+    band = np.full(bins.x.size, EXPECTED)
+    band[bins.between] = np.nan
+    figures.array("h/band/low", -band)
+    figures.array("h/band/high", band)
     marked = bins.begins if len(bins.begins) <= _MOST_MARKED else ()
     begins = [{"x": x, "color": "axis", "dash": True} for x in marked]
     cells = ""
@@ -178,7 +185,11 @@ def _panels(figures: Figures, bins: Bins, j: int, marks: list[dict[str, Any]], l
     drawn = [series("band", "h/x", "blue-soft", "expected", low="h/band/low", high="h/band/high", quiet=True)]
     if bins.rows > 1:
         low, high = figures.array(f"h/{j}/low", bins.low[:, j]), figures.array(f"h/{j}/high", bins.high[:, j])
-        drawn.append(series("whiskers", "h/x", "measured", "rows from", low=low, high=high, width=1.2))
+        drawn.append(series("whiskers", "h/x", "cloud", "rows from", low=low, high=high, width=1.2))
+    drawn += [
+        series("line", "h/x", "blue", "expected", y=f"h/band/{end}", width=0.8, dash=True, quiet=True)
+        for end in ("low", "high")
+    ]
     # Points beside the line: a bin between two gaps has no line.
     drawn.append(series("line", "h/x", "blue", "mean" if bins.rows > 1 else "left over expected", y=mean, width=1.3))
     drawn.append(series("points", "h/x", "blue", "mean", y=mean, size=2.5, quiet=True))
@@ -213,7 +224,7 @@ def _cell(health: Health, bins: Bins, axis: Axis, j: int, own: Sequence[Episode]
     least, most = float(bins.low[known, j].min()), float(bins.high[known, j].max())
     spoken += f"; rows from {significant(least)} to {significant(most)}"
     return (
-        f"<figure><figcaption><h3>{breakable(joint)}</h3><span>{said}; rows from {significant(least)} to "
+        f"<figure><figcaption><h3>{breakable(joint)}</h3><span>{said}, from {significant(least)} to "
         f"{significant(most)}</span></figcaption>"
         f"{place(f'trend-{j}', esc(spoken), kind='wide', numbers=False)}{_numbers(bins, axis, j)}</figure>\n"
     )
@@ -239,7 +250,7 @@ def _numbers(bins: Bins, axis: Axis, j: int) -> str:
 def _key(bins: Bins, found: Sequence[Episode]) -> str:
     marks = ['<li><i class="stroke"></i>mean of what is left over what is expected</li>']
     if bins.rows > 1:
-        marks.append('<li><i class="stroke tall" style="border-color:var(--measured)"></i>smallest to largest row</li>')
+        marks.append('<li><i class="stroke tall" style="border-color:var(--cloud)"></i>smallest to largest row</li>')
     marks.append('<li><i class="band"></i>expected: 95 % of rows lie here</li>')
     said = {change.said for one in found for change in (one.named, one.now)}
     for word, color in COLORS.items():
