@@ -89,7 +89,7 @@ def watch(
     and its size twenty seconds later. Ends with 1 if something has changed, with 2 if a file cannot be read.
     """
     from dynid_rs.commands._console import progress
-    from dynid_rs.commands._inputs import load_model, read_runs, read_settings
+    from dynid_rs.commands._inputs import load_model, read_runs, read_settings, runs_in_turn
     from dynid_rs.commands._watch_files import WatchFiles
     from dynid_rs.commands._watch_view import answer, has_changed, lines
     from dynid_rs.model.watch import Watch
@@ -105,16 +105,17 @@ def watch(
         say("reading")
         reference = load_model(model)
         rules = read_settings(config, drive_gain, reference.robot.n_joints)
-        recordings, findings = read_runs(runs, reference.robot, rules) if runs else ([], [])
         watching = Watch(reference, false_alarms_per_day=per_day, tolerated=tolerated)
         if settings is not None:
             watching = Watch.load(settings, reference)
+        good, findings = read_runs(healthy, reference.robot, rules) if healthy else ([], [])
         if healthy:
-            good, more = read_runs(healthy, reference.robot, rules)
-            findings += more
             watching.fit(good)
         say("watching")
-        watched = [watching.watch(recording) for recording in recordings]
+        watched = []
+        for recording, found in runs_in_turn(runs, reference.robot, rules) if runs else ():
+            watched.append(watching.watch(recording))
+            findings += found
         files.write(watching, watched, findings)
     joints = reference.robot.joint_names
     if json_output:

@@ -16,6 +16,7 @@ from dynid_rs.report.figures import Figures
 from dynid_rs.report.health_changes import changes_table, named
 from dynid_rs.report.health_source import Episode, Health, episodes
 from dynid_rs.report.health_trend import Axis, axis_of, trends
+from dynid_rs.report.sections import alert
 from dynid_rs.report.tables import cell, table
 from dynid_rs.report.text import (
     DASH,
@@ -70,17 +71,8 @@ def _head(health: Health, found: Sequence[Episode]) -> str:
     answer = "".join(f"<div><dt>{question}</dt><dd>{text}</dd></div>" for question, text in rows)
     return (
         f'<p class="eyebrow">Health of the torque model</p>\n<h1>{esc(health.robot)}</h1>\n'
-        f'<dl class="answer">{answer}</dl>\n<p class="note runs">{_extent(health)}</p>\n{_alert(health)}'
-    )
-
-
-def _alert(health: Health) -> str:
-    bad = [finding for finding in health.findings if finding["severity"] != "info"]
-    if not bad:
-        return ""
-    return (
-        f'<p class="alert"><b><span aria-hidden="true">\u25b2</span> {plural(len(bad), "warning")} about the data:</b> '
-        f'{esc(bad[0]["message"])} <a href="#findings">All findings</a></p>\n'
+        f'<dl class="answer">{answer}</dl>\n<p class="note runs">{_extent(health)}</p>\n'
+        f"{alert(health.findings, 'findings')}"
     )
 
 
