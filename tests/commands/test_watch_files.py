@@ -2,8 +2,10 @@
 
 import json
 import os
+import re
 
 import pytest
+from helpers.data import ROOT
 from helpers.small_arm import dynid, refusal
 from helpers.watched_arm import CHANGES, model, recorded, write_runs
 from prometheus_client.parser import text_string_to_metric_families
@@ -45,13 +47,10 @@ def test_all_of_them_with_json_and_settings_say_the_same(arm, tmp_path):
     page = (tmp_path / "health.html").read_text(encoding="utf-8")
     assert "<code>first.parquet</code>, <code>second.parquet</code>" in page
     assert "in 1 of 2\u00a0runs something has changed: friction of joint_2" in page
-    found = {
-        (one.labels.get("joint"), one.labels.get("kind")): one.value
-        for family in text_string_to_metric_families((tmp_path / "watch.prom").read_text(encoding="utf-8"))
-        for one in family.samples
-        if one.name == "dynid_watch_change_ratio"
-    }
-    assert {place: value for place, value in found.items() if value} == {(joint, "friction"): settled["size"]}
+    found = series_of((tmp_path / "watch.prom").read_text(encoding="utf-8"))
+    labels = frozenset({"robot": "six_axis", "joint": joint, "kind": "friction"}.items())
+    sizes = {own: value for (name, own), value in found.items() if name == "dynid_watch_change_ratio" and value}
+    assert sizes == {labels: settled["size"]}
     status = json.loads((tmp_path / "ros.json").read_text(encoding="utf-8"))["status"]
     assert [one["level"] for one in status] == [0, 2, 0, 0, 0, 0, 0]
     other = tmp_path / "again"
@@ -61,6 +60,30 @@ def test_all_of_them_with_json_and_settings_say_the_same(arm, tmp_path):
     assert again.stdout.splitlines()[-3:] == [f"{option[2:]}: {other / name}" for option, name in OPTIONS.items()]
     for name in ("watch.prom", "ros.json"):
         assert (other / name).read_bytes() == (tmp_path / name).read_bytes()
+
+
+def series_of(text):
+    """Values of Prometheus' text by name and labels."""
+    return {
+        (one.name, frozenset(one.labels.items())): one.value
+        for family in text_string_to_metric_families(text)
+        for one in family.samples
+    }
+
+
+def test_the_how_to_shows_what_is_printed(arm, tmp_path):
+    page = (ROOT / "docs" / "how_to" / "watch.md").read_text(encoding="utf-8")
+    printed = watched(arm, "same", "harder", options=all_in(tmp_path))
+    (said,) = (block for block in re.findall(r"```text\n(.*?)```", page, re.S) if "harder.parquet:" in block)
+    lines = printed.stdout.replace(f"{tmp_path}/", "").splitlines()
+    assert said.splitlines() == [line for line in lines if not line.startswith("warning:")]
+    (shown,) = (block for block in re.findall(r"```text\n(.*?)```", page, re.S) if block.startswith("dynid_watch_"))
+    found = series_of((tmp_path / "watch.prom").read_text(encoding="utf-8"))
+    for series, value in series_of(shown).items():
+        assert found[series] == pytest.approx(value, rel=1e-3), series
+    message = json.loads((tmp_path / "ros.json").read_text(encoding="utf-8"))["status"][1]
+    start = json.dumps({key: message[key] for key in ("level", "name", "message", "hardware_id")})
+    assert f'{start[:-1]}, "values": [...]}}' in page
 
 
 @pytest.mark.parametrize(("option", "name"), OPTIONS.items())

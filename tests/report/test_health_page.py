@@ -89,17 +89,23 @@ def test_every_change_is_in_the_table_with_what_to_do(tmp_path):
     rows = page(tmp_path, first, second).changes()
     assert [row[0] for row in rows] == ["1", "2", "3", "4", "5"]
     wanted = [
-        ("first.csv10.0 s", "Frictionjoint_2", "+20\u00a0%+18 to +22\u00a0%", "settled, 30.0 s", "lubrication"),
-        ("first.csv50.0 s", "Gainjoint_3or a load", "\u221210\u00a0%", "settled, 70.0 s", "shows less"),
         (
-            "first.csv90.0 s",
+            "first.csv10.0\u00a0s",
+            "Frictionjoint_2",
+            "+20\u00a0%+18 to +22\u00a0%",
+            "settled, 30.0\u00a0s",
+            "lubrication",
+        ),
+        ("first.csv50.0\u00a0s", "Gainjoint_3or a load", "\u221210\u00a0%", "settled, 70.0\u00a0s", "shows less"),
+        (
+            "first.csv90.0\u00a0s",
             "Constant torquejoint_4",
             "3.00\u00a0N\u00b7m2.98 to 3.02",
-            "withdrawn, 110.0 s",
+            "withdrawn, 110.0\u00a0s",
             "Nothing",
         ),
-        ("second.csv10.0 s", "Loadthe last link", "2.00\u00a0kg", "settled, 30.0 s", "dynid payload"),
-        ("second.csv70.0 s", "Unknown: the error has grownjoint_1", "+150\u00a0%", "named;", "dynid diagnose"),
+        ("second.csv10.0\u00a0s", "Loadthe last link", "2.00\u00a0kg", "settled, 30.0\u00a0s", "dynid payload"),
+        ("second.csv70.0\u00a0s", "Unknown: the error has grownjoint_1", "+150\u00a0%", "named;", "dynid diagnose"),
     ]
     for row, texts in zip(rows, wanted, strict=True):
         for cell, text in zip(row[1:], texts, strict=True):

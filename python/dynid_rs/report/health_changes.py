@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 
 from dynid_rs.base.changes import WITHDRAWN, Change, advice, interval_words, kind_words, size_words
@@ -9,7 +10,7 @@ from dynid_rs.base.clock import is_wall_clock, time_words
 from dynid_rs.report.health_source import Episode, Health
 from dynid_rs.report.health_trend import COLORS, Axis
 from dynid_rs.report.tables import cell, table
-from dynid_rs.report.text import breakable, capital, esc, significant, typeset, with_code, with_unit
+from dynid_rs.report.text import NBSP, breakable, capital, esc, significant, typeset, with_code, with_unit
 
 WHOLE_ARM = "the last link"
 """Where a load is."""
@@ -51,7 +52,7 @@ def _row(health: Health, one: Episode, axis: Axis) -> list[str]:
 
 def _when(health: Health, one: Episode, axis: Axis) -> str:
     t = one.named.t
-    text = f"<code>{esc(health.runs[one.run].name)}</code><br>{esc(time_words(t))}"
+    text = f"<code>{esc(health.runs[one.run].name)}</code><br>{_time(t)}"
     if len(axis.order) > 1 and not (axis.is_clock and is_wall_clock(t)):
         text += f'<br><span class="soft">at {typeset(f"{axis.at(one.run, t):.4g}")} {axis.word} on the charts</span>'
     return text
@@ -82,4 +83,9 @@ def _state(one: Episode) -> str:
     dot = f'<span class="swatch" style="border-color:var(--{color})" aria-hidden="true"></span> '
     if one.outcome is None:
         return f"{dot}named; the run ends before it settles"
-    return f"{dot}{one.outcome.said}, {esc(time_words(one.outcome.t))}"
+    return f"{dot}{one.outcome.said}, {_time(one.outcome.t)}"
+
+
+def _time(t: float) -> str:
+    """HTML of a time; seconds stay with their unit."""
+    return esc(re.sub(" s$", f"{NBSP}s", time_words(t)))
