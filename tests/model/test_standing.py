@@ -54,6 +54,13 @@ def test_a_load_that_is_taken_off_again_is_none():
     assert left.moments == pytest.approx((0.2, 0.0, -0.1))
 
 
+def test_a_sum_whose_interval_reaches_into_what_is_tolerated_is_none():
+    """Friction by 10 %; the interval of a sum of two is the root of two as wide."""
+    grown = both("friction", size=0.3)
+    assert stands(*grown, *both("friction", size=-0.175, t=50.0)) == {}
+    assert len(stands(*grown, *both("friction", size=-0.165, t=50.0))) == 1
+
+
 def test_a_constant_torque_is_held_against_deviations():
     """Two of them are tolerated, 1 N m; what is left may be as small."""
     many = both("offset", size=5.0)
