@@ -34,9 +34,12 @@ if TYPE_CHECKING:
     from dynid_rs.identification.residual import ResidualCompensator
     from dynid_rs.identification.three_loops import ThreeLoopIdentifier
     from dynid_rs.model.export import to_pinocchio
+    from dynid_rs.model.health import health_page
     from dynid_rs.model.observer import MomentumObserver
     from dynid_rs.model.physical import PhysicalIdentifier
+    from dynid_rs.model.prometheus import prometheus_text
     from dynid_rs.model.robot_file import read_robot
+    from dynid_rs.model.ros_diagnostics import ros_diagnostics
     from dynid_rs.model.watch import Tolerated, Watch
     from dynid_rs.regression.instruments import InstrumentalVariables
     from dynid_rs.runs.readers import Config, PartsWarning, read_config, read_recording, read_recordings
@@ -68,11 +71,14 @@ _LATE = {
     "Watch": "model.watch",
     "diagnose": "diagnosis.loop",
     "fit_base_parameters": "identification.base_fit",
+    "health_page": "model.health",
     "inspect": "sensors.inspection",
+    "prometheus_text": "model.prometheus",
     "read_config": "runs.readers",
     "read_recording": "runs.readers",
     "read_recordings": "runs.readers",
     "read_robot": "model.robot_file",
+    "ros_diagnostics": "model.ros_diagnostics",
     "to_pinocchio": "model.export",
 }
 
@@ -112,12 +118,15 @@ __all__ = [
     "__version__",
     "diagnose",
     "fit_base_parameters",
+    "health_page",
     "inspect",
+    "prometheus_text",
     "read_config",
     "read_recording",
     "read_recordings",
     "read_robot",
     "rmse",
+    "ros_diagnostics",
     "to_pinocchio",
 ]
 

@@ -1296,7 +1296,7 @@ def watch_run(
     load: float,
     unknown: float,
     remembered: str | None = None,
-) -> tuple[list[dict[str, Any]], NDArray[np.uintp], _FloatArray, _FloatArray, _FloatArray, str]:
+) -> tuple[list[dict[str, Any]], NDArray[np.uintp], _FloatArray, _FloatArray, _FloatArray, tuple[list[dict[str, Any]], str]]:
     """What of a model no longer holds along a run, by the code that runs online.
 
     Parameters
@@ -1322,6 +1322,8 @@ def watch_run(
         Samples at which rows ended.
     left, variance, moves : ndarray (n_rows, n_joints)
         What was left, what the model expects of it, and 1 where the joint says something.
+    before : list of dict
+        What stood before the run, from what is remembered: as changes.
     remembered : str
         What the watch knows at the end.
 

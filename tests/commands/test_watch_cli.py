@@ -6,7 +6,7 @@ import re
 import pytest
 from helpers.run_files import write
 from helpers.small_arm import dynid, refusal
-from helpers.watched_arm import CHANGES, model, recorded
+from helpers.watched_arm import CHANGES, model, recorded, write_runs
 
 from dynid_rs.commands.watch import _per_day
 
@@ -24,12 +24,7 @@ def arm(tmp_path_factory):
         "harder": recorded(60.0, 5, change=change, at=20.0),
         "worn": recorded(60.0, 7, change=change),
     }
-    for name, run in runs.items():
-        columns = {"t": run.t}
-        for j in range(run.n_joints):
-            signals = {"q": run.q, "dq": run.dq, "ddq": run.ddq, "tau": run.tau}
-            columns |= {f"{signal}_{j}": values[:, j] for signal, values in signals.items()}
-        write(folder / f"{name}.parquet", columns)
+    write_runs(folder, runs)
     return folder
 
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from dynid_rs import Recording, RobotModel, Watch, _core
 from dynid_rs.simulation import bundled_robot
+from helpers.run_files import write
 
 STEP, NOISE = 0.002, 0.5
 WORTH = 0.2
@@ -58,6 +59,16 @@ def recorded(seconds, seed=0, *, unit="N*m", change=None, at=0.0):
         load = model().robot.joint_torque_regressor(q, dq, ddq)[:, :, -10:-6]
         tau[t >= at] += change(terms, load)[t >= at]
     return Recording(t, q, dq, ddq=ddq, tau=tau, joints=model().robot.joint_names, torque_unit=unit)
+
+
+def write_runs(folder, runs):
+    """One Parquet file per name."""
+    for name, run in runs.items():
+        columns = {"t": run.t}
+        for j in range(run.n_joints):
+            signals = {"q": run.q, "dq": run.dq, "ddq": run.ddq, "tau": run.tau}
+            columns |= {f"{signal}_{j}": values[:, j] for signal, values in signals.items()}
+        write(folder / f"{name}.parquet", columns)
 
 
 @cache

@@ -22,7 +22,7 @@ ROOMS = {
     "runs": {"base"},
     "simulation": {"base", "runs"},
     "regression": {"base", "runs"},
-    "model": {"base", "runs", "regression"},
+    "model": {"base", "report", "runs", "regression"},
     "identification": {"base", "runs", "regression", "model"},
     "archive": {"base", "runs", "regression", "model", "identification"},
     "excitation": {"base", "report", "runs", "simulation", "model"},

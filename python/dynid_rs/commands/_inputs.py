@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -176,6 +176,23 @@ def read_runs(paths: list[Path], robot: Any, settings: Settings) -> tuple[list[R
         raise finding.as_error()
     refuse_repeats([], recordings)
     return recordings, findings
+
+
+def runs_in_turn(paths: list[Path], robot: Any, settings: Settings) -> Iterator[tuple[Recording, list[Finding]]]:
+    """As `read_runs`, but one after the other, so that no more than one is kept: a day of runs; one may come twice.
+
+    Raises
+    ------
+    DataError
+        A run is damaged.
+    """
+    from dynid_rs.runs.checks import is_damage
+
+    for source in run_sources(paths, robot, settings):
+        recording, findings = source.read()
+        for finding in filter(is_damage, findings):
+            raise finding.as_error()
+        yield recording, findings
 
 
 def _read(sources: Sequence[RunFile]) -> tuple[list[Recording], list[Finding]]:

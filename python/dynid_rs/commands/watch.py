@@ -5,11 +5,10 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from dynid_rs.base.findings import Finding, told_once
 from dynid_rs.commands import _options
 from dynid_rs.commands._run import EXIT_NO, print_json, run_command
 from dynid_rs.commands._steps import Step
@@ -70,6 +69,25 @@ def watch(
             "FILE holds, and keep it there; runs go on from one another, instead of each from its beginning",
         ),
     ] = None,
+    report: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="HEALTH.html", help="Write a page: what has changed and when, a trend per joint, what to do"
+        ),
+    ] = None,
+    prometheus: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE.prom",
+            help="Write the state at the end of the last run as text for Prometheus (node_exporter)",
+        ),
+    ] = None,
+    ros: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE.json", help="Write it as JSON in the fields of ROS 2, diagnostic_msgs/msg/DiagnosticArray"
+        ),
+    ] = None,
     config: _options.Config = None,
     drive_gain: _options.DriveGain = None,
     json_output: _options.Json = False,
@@ -80,7 +98,9 @@ def watch(
     and its size twenty seconds later. Ends with 1 if something has changed, with 2 if a file cannot be read.
     """
     from dynid_rs.commands._console import progress
-    from dynid_rs.commands._inputs import load_model, read_runs, read_settings
+    from dynid_rs.commands._inputs import load_model, read_runs, read_settings, runs_in_turn
+    from dynid_rs.commands._watch_files import WatchFiles
+    from dynid_rs.commands._watch_view import answer, has_changed, lines
     from dynid_rs.model.watch import Watch
 
     per_day, tolerated = _per_day(false_alarms), _tolerated(tolerate or [])
@@ -88,71 +108,41 @@ def watch(
         raise ValueError(
             "--settings says all that --healthy, --false-alarms and --tolerate do; leave those and --save out"
         )
-    read = [path for path in (model, *(runs or []), *(healthy or []), config, settings) if path is not None]
-    if not runs and save is None:
-        raise ValueError("no run to watch; name one, or write settings with --save WATCH.json")
-    _check_written([path for path in (save, remember) if path is not None], read)
+    files = WatchFiles(save, remember, report, prometheus, ros)
+    files.check(runs, [path for path in (model, settings, config, *(runs or []), *(healthy or [])) if path])
     with progress(Step(1, "reading"), Step(1, "watching")) as say:
         say("reading")
         reference = load_model(model)
         rules = read_settings(config, drive_gain, reference.robot.n_joints)
-        recordings, findings = read_runs(runs, reference.robot, rules) if runs else ([], [])
         watching = Watch(reference, false_alarms_per_day=per_day, tolerated=tolerated)
         if settings is not None:
             watching = Watch.load(settings, reference)
+        good, findings = read_runs(healthy, reference.robot, rules) if healthy else ([], [])
         if healthy:
-            good, more = read_runs(healthy, reference.robot, rules)
-            findings += more
             watching.fit(good)
-        if save is not None:
-            watching.save(save)
         say("watching")
-        watched = _watched(watching, recordings, remember)
+        watched, known = [], files.remembered()
+        for recording, found in runs_in_turn(runs, reference.robot, rules) if runs else ():
+            watched.append(_watched(watching, recording, known, remember))
+            known = watched[-1].remembered if remember is not None else None
+            findings += found
+        files.write(watching, watched, findings)
     joints = reference.robot.joint_names
     if json_output:
-        print_json(_answer(watched, joints, findings))
+        print_json(answer(watched, joints, findings))
     else:
-        for line in _lines(watched, joints, findings):
+        for line in [*lines(watched, joints, findings), *files.lines(bool(runs))]:
             typer.echo(line)
-        if save is not None and not runs:
-            typer.echo(f"settings: {save}")
-    return EXIT_NO if _changed(watched) else 0
+    return EXIT_NO if has_changed(watched) else 0
 
 
-def _check_written(written: Sequence[Path], read: Sequence[Path]) -> None:
-    from dynid_rs.commands._output import check_file, check_not_read
-
-    for path in written:
-        check_file(path)
-    check_not_read(written, read)
-
-
-def _watched(watching: Watch, recordings: Sequence[Recording], remember: Path | None) -> list[Watched]:
-    """Each run from its beginning; or, where it is remembered, one after the other."""
+def _watched(watching: Watch, recording: Recording, known: str | None, remember: Path | None) -> Watched:
     from dynid_rs import FormatError
-    from dynid_rs.base.files import write_text
-    from dynid_rs.model.watch import read_remembered
 
-    if remember is None:
-        return [watching.watch(recording) for recording in recordings]
-    known = read_remembered(remember) if remember.exists() else None
-    found: list[Watched] = []
-    for recording in recordings:
-        try:
-            found.append(watching.watch(recording, remembered=known))
-        except FormatError as error:
-            raise FormatError(f"{remember}: {error}, or remove the file") from None
-        known = found[-1].remembered
-    if known is not None:
-        write_text(remember, known)
-    return found
-
-
-def _changed(watched: Sequence[Watched]) -> bool | None:
-    """Whether something has; None where no joint of any run could be watched, or no run was named."""
-    if not any(run.watched.any() for run in watched):
-        return None
-    return any(change.said != "withdrawn" for run in watched for change in run.changes)
+    try:
+        return watching.watch(recording, remembered=known)
+    except FormatError as error:  # of what is known, which only the file can be to blame for
+        raise FormatError(f"{remember}: {error}, or remove the file") from None
 
 
 def _per_day(text: str) -> float:
@@ -181,41 +171,3 @@ def _tolerated(said: Sequence[str]) -> Tolerated:
             raise ValueError(f"--tolerate: expected KIND=X, a kind of {kinds} and a number above 0, got {text[:40]!r}")
         tolerated = replace(tolerated, **{kind: value})
     return tolerated
-
-
-def _answer(watched: Sequence[Watched], joints: Sequence[str], findings: Sequence[Finding]) -> dict[str, Any]:
-    return {
-        "format": "dynid-watch",
-        "version": 1,
-        "joints": list(joints),
-        "changed": _changed(watched),
-        "runs": [
-            {
-                "run": run.name,
-                "changes": [change.to_json() for change in run.changes],
-                "rows": len(run.t),
-                "watched": run.watched.mean(axis=0).tolist() if len(run.t) else [0.0] * len(joints),
-            }
-            for run in watched
-        ],
-        "findings": [finding.to_json() for finding in findings],
-    }
-
-
-def _lines(watched: Sequence[Watched], joints: Sequence[str], findings: Sequence[Finding]) -> list[str]:
-    """One line per change, and what was not seen."""
-    from dynid_rs.base.numbers import percent
-    from dynid_rs.base.quoting import shown
-
-    lines = []
-    for run in watched:
-        nothing = "nothing has changed" if run.watched.any() else "could not be watched"
-        lines.append(f"{shown(run.name)}:" if run.changes else f"{shown(run.name)}: {nothing}")
-        lines += [f"  {change}" for change in run.changes]
-        share = run.watched.mean(axis=0) if len(run.t) else [0.0] * len(joints)
-        unseen = [shown(joint) for joint, part in zip(joints, share, strict=True) if part == 0]
-        if unseen:
-            lines.append(f"  not watched, for they never move as the model was trained to: {', '.join(unseen)}")
-        elif min(share) < 0.5:
-            lines.append(f"  watched in {percent(float(min(share)))} of the run only, of the joint that moves least")
-    return [*lines, *(f"{one.severity}: {text}" for one, text in told_once(findings) if one.severity != "info")]

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
+from dynid_rs.base.changes import Change, kind_words
 from dynid_rs.base.files import check_readable, write_json
 from dynid_rs.base.memory import residual_memory
-from dynid_rs.base.numbers import interval, percent, percent_interval, significant
 from dynid_rs.base.quoting import shown
 from dynid_rs.regression.uncertainty import NORMAL_95
 from dynid_rs.runs.given import Runs, as_recordings
@@ -27,8 +27,6 @@ UNKNOWN_MEMORY = 10.0
 """Rows that are worth one independent one where no run has told: two seconds."""
 LEAST_ROWS = 30
 """Fewer rows of a joint in motion tell no deviation: its interval would be wider than a fourth."""
-WORDS = {"offset": "constant torque"}
-"""Kinds as people say them, where that is not how they are called in files."""
 MOST_REMEMBERED = 4 << 20
 """Bytes, as the compiled reader has it."""
 NOTHING = 1e12
@@ -60,60 +58,6 @@ class Tolerated:
     unknown: float = 1.0
 
 
-@dataclass(frozen=True)
-class Change:
-    """What of the model no longer holds.
-
-    Attributes
-    ----------
-    t : float
-        When it was said, in the run's time [s].
-    kind : str
-        ``"friction"``, ``"gain"``, ``"offset"``, ``"load"`` or ``"unknown"``.
-    joint : str
-        Where; the last one of a load.
-    size : float
-        Friction, gain and unknown relative, offset in the torque's unit, load in kg (where torque is in ampere, in
-        ampere per N m times kg).
-    interval : tuple of float
-        Where the size lies with 95 %.
-    moments : tuple of float, optional
-        First moments of a load in the last link's frame [kg m].
-    said : str
-        ``"named"`` just now; twenty seconds of motion later ``"settled"``, when it is taken for granted, or
-        ``"withdrawn"`` where it has passed or is no larger than what is tolerated.
-    either : str, optional
-        What else it may be, ``"gain of elbow"``, where the data do not tell.
-    """
-
-    t: float
-    kind: str
-    joint: str
-    size: float
-    interval: tuple[float, float]
-    moments: tuple[float, float, float] | None = None
-    said: str = "named"
-    either: str | None = None
-    unit: str = ""
-
-    def __str__(self) -> str:
-        if self.kind == "unknown":
-            what = f"{self.joint}: the error has grown by {percent(self.size)}, no name says why: look again"
-        elif self.kind == "load":
-            what = f"load {significant(self.size)} {self.unit} ({interval(self.interval)})"
-        elif self.kind == "offset":
-            what = f"{self.joint}: constant torque {significant(self.size)} {self.unit} ({interval(self.interval)})"
-        else:
-            between = percent_interval(self.interval)
-            what = f"{self.joint}: {self.kind} {percent(self.size, signed=True)} ({between})"
-        either = f", or {self.either}" if self.either else ""
-        return f"{self.t:.1f} s: {what}{either}{'' if self.said == 'named' else f' ({self.said})'}"
-
-    def to_json(self) -> dict[str, Any]:
-        """As `dynid watch --json` prints it."""
-        return asdict(self)
-
-
 @dataclass(frozen=True, eq=False)
 class Watched:
     """What a watch says of a run.
@@ -132,6 +76,8 @@ class Watched:
         What is expected of it [torque unit].
     watched : ndarray of bool (n_rows, n_joints)
         Rows in which a joint moves as the model was trained to; others say nothing.
+    before : tuple of Change
+        What stood before the run already, as what was remembered says; at the time of its first sample.
     remembered : str
         What the watch knows at the end, for the next run, or the next start of a program.
     """
@@ -142,7 +88,8 @@ class Watched:
     left: FloatArray
     deviation: FloatArray
     watched: NDArray[np.bool_]
-    remembered: str = field(repr=False)
+    before: tuple[Change, ...] = ()
+    remembered: str = field(default="", repr=False)
 
 
 class Watch:
@@ -167,6 +114,8 @@ class Watch:
         Variance of rows over what the model expects; ones before `fit`.
     memory_ : ndarray (n_joints,)
         Rows that are worth an independent one; ten before `fit`.
+    healthy_ : tuple of str
+        Names of the runs that `fit` was given; not there before, nor in a watch that was loaded.
     """
 
     def __init__(
@@ -195,6 +144,7 @@ class Watch:
         n = self.model.robot.n_joints
         everything = Tolerated(*[NOTHING] * 5)
         told = [self._run(run, everything, np.ones(n), np.ones(n)) for run in as_recordings(X, self.model.robot)]
+        self.healthy_ = tuple(run.name for run in told)
         relative = [
             np.divide(run.left, run.deviation, out=np.full_like(run.left, np.nan), where=run.watched) for run in told
         ]
@@ -295,7 +245,7 @@ class Watch:
 
         check_run(self.model, run)
         names = ("q", "dq", "ddq", "q_motor", "dq_motor", "ddq_motor")
-        said, ends, left, variance, moves, knows = _core.watch_run(
+        said, ends, left, variance, moves, (stood, knows) = _core.watch_run(
             self.model,
             run.t,
             tuple(getattr(run, name) for name in names),
@@ -311,8 +261,11 @@ class Watch:
             remembered=remembered,
         )
         joints = self.model.robot.joint_names
-        changes = tuple(_change(one, run.t, joints, self.model.torque_unit) for one in said)
-        return Watched(run.name, changes, run.t[ends], left, np.sqrt(inflation * variance), moves > 0, knows)
+        changes, before = (
+            tuple(_change(one, run.t, joints, self.model.torque_unit) for one in told) for told in (said, stood)
+        )
+        deviation = np.sqrt(inflation * variance)
+        return Watched(run.name, changes, run.t[ends], left, deviation, moves > 0, before, knows)
 
 
 def read_remembered(path: str | PathLike[str]) -> str:
@@ -342,6 +295,6 @@ def _change(said: dict[str, Any], t: FloatArray, joints: Sequence[str], torque_u
         said["said"],
         None
         if either is None
-        else ("a load" if either[0] == "load" else f"{WORDS.get(either[0], either[0])} of {joints[either[1]]}"),
+        else ("a load" if either[0] == "load" else f"{kind_words(either[0])} of {joints[either[1]]}"),
         {"load": mass, "offset": torque_unit}.get(kind, ""),
     )

@@ -33,14 +33,9 @@ def write_report(directory: Path, source: Source | None = None) -> Path:
     DataError
         A file is damaged or not what it should be; the sentence names the place.
     """
-    from dynid_rs.base.files import atomic_path
-    from dynid_rs.report.page import build_page
+    from dynid_rs.report.page import build_page, write_page
     from dynid_rs.report.source import read_source
 
     directory = Path(directory)
     page = build_page(read_source(directory) if source is None else source)
-    path = directory / REPORT_FILE
-    with atomic_path(path) as temporary:
-        # A lone surrogate in a name must not cost the user the report.
-        temporary.write_bytes(page.encode("utf-8", errors="replace"))
-    return path
+    return write_page(directory / REPORT_FILE, page)

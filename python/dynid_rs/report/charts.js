@@ -120,8 +120,33 @@ const Charts = (() => {
           u.ctx.stroke();
           u.ctx.restore();
         }],
+        draw: [(u) => mark(u, panel.marks ?? [], k)],
       },
     };
+  }
+
+  // Vertical lines with a word beside them, where that does not hide another word.
+  function mark(u, marks, k) {
+    const { left, top, width, height } = u.bbox;
+    let free = left;
+    u.ctx.save();
+    u.ctx.font = `${k * 11 * devicePixelRatio}px ${getComputedStyle(document.body).fontFamily}`;
+    for (const { x, color: name, text, dash } of marks) {
+      const at = Math.round(u.valToPos(x, "x", true)) + 0.5;
+      if (at < left || at > left + width) continue;
+      u.ctx.strokeStyle = u.ctx.fillStyle = color(name);
+      u.ctx.lineWidth = k * devicePixelRatio * (dash ? 1 : 1.6);
+      u.ctx.setLineDash(dash ? [k * 4, k * 4] : []);
+      u.ctx.beginPath();
+      u.ctx.moveTo(at, top);
+      u.ctx.lineTo(at, top + height);
+      u.ctx.stroke();
+      if (!text || at < free) continue;
+      Object.assign(u.ctx, { textBaseline: "top", textAlign: "left" });
+      u.ctx.fillText(text, at + k * 4, top + k * 3);
+      free = at + k * 8 + u.ctx.measureText(text).width;
+    }
+    u.ctx.restore();
   }
 
   // What stands at the cursor, in words; the nearest value of a series that has none right there.

@@ -210,12 +210,13 @@ def provenance(source: Source) -> str:
             f"<code>{RESULT_FILE}</code> (version {result['version']}), <code>{RESIDUALS_FILE}</code>",
         )
     )
-    facts.append(("Written by", esc(_versions())))
+    facts.append(("Written by", esc(versions())))
     rows = "".join(f"<dt>{name}</dt><dd>{value}</dd>" for name, value in facts)
     return f'<dl class="facts">{rows}</dl>'
 
 
-def _versions() -> str:
+def versions() -> str:
+    """Name and version of the package."""
     try:
         return f"dynid-rs {version('dynid-rs')}"
     except PackageNotFoundError:

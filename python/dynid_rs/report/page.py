@@ -9,7 +9,9 @@ from __future__ import annotations
 import base64
 import hashlib
 from importlib.resources import files
+from pathlib import Path
 
+from dynid_rs.base.files import write_bytes
 from dynid_rs.report import declared, diagnosis, explanations, sections
 from dynid_rs.report.channel_plots import with_channel_plots
 from dynid_rs.report.figures import Figures
@@ -36,7 +38,7 @@ def _identified(figures: Figures, source: Source) -> str:
         ("errors", "Error of every joint", sections.errors(result)),
         ("effects", found, sections.effects(figures, result)),
     ]
-    return _body(sections.head(result, diagnosis=False), parts, _details(figures, source))
+    return body(sections.head(result, diagnosis=False), parts, _details(figures, source))
 
 
 def _diagnosis(figures: Figures, source: Source) -> str:
@@ -50,7 +52,7 @@ def _diagnosis(figures: Figures, source: Source) -> str:
         ("sensors", "Sensors, clocks and signals", diagnosis.sensors(result)),
     ]
     folded = [("steps", "How it was found", diagnosis.steps(result)), *_details(figures, source)]
-    return _body(sections.head(result, diagnosis=True), parts, folded)
+    return body(sections.head(result, diagnosis=True), parts, folded)
 
 
 def _details(figures: Figures, source: Source) -> list[tuple[str, str, str]]:
@@ -67,12 +69,35 @@ def _details(figures: Figures, source: Source) -> list[tuple[str, str, str]]:
     ]
 
 
-def _body(head: str, answer: list[tuple[str, str, str]], folded: list[tuple[str, str, str]]) -> str:
+def write_page(path: Path, text: str) -> Path:
+    """Write a page, whole or not at all.
+
+    Raises
+    ------
+    OSError
+        The place cannot be written, or something that is no file is there; the text is a sentence.
+    """
+    # A lone surrogate in a name must not cost the user the page.
+    write_bytes(path, text.encode("utf-8", errors="replace"))
+    return path
+
+
+def body(
+    head: str,
+    answer: list[tuple[str, str, str]],
+    folded: list[tuple[str, str, str]],
+    *,
+    skip: str = "Skip to the errors",
+) -> str:
+    """HTML of a page: its head, sections that are open, and sections that are folded; key, title and HTML each.
+
+    `skip` is the link that the keyboard meets first; it leads to the first section.
+    """
     links = "".join(f'<a href="#{key}">{title}</a>' for key, title, body in [*answer, *folded] if body)
     html = "".join(_section(*part) for part in answer if part[2])
     html += "".join(_section(*part, folded=True) for part in folded if part[2])
     return (
-        '<a class="skip" href="#errors">Skip to the errors</a>\n'
+        f'<a class="skip" href="#{answer[0][0]}">{skip}</a>\n'
         f'<header>{head}<nav aria-label="Sections">{links}</nav></header>\n<main>{html}</main>\n'
     )
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from dynid_rs.base.units import unit_text
@@ -36,15 +36,15 @@ def head(result: Result, *, diagnosis: bool) -> str:
         f"{plural(len(result['joints']), 'joint')}, {train} ({count(samples.get('train'))} samples), "
         f"{test} ({count(samples.get('test'))})"
     )
+    bad = alert(data.get("findings") or [], "data")
     return (
         f'<p class="eyebrow">{what}</p>\n<h1>{esc(result["robot"])}</h1>\n'
-        f'{answer(result, diagnosis=diagnosis)}\n<p class="note runs">{runs}</p>\n{_alert(result)}'
+        f'{answer(result, diagnosis=diagnosis)}\n<p class="note runs">{runs}</p>\n{bad}'
     )
 
 
-def _alert(result: Result) -> str:
-    """The worst finding about the data, where there is one."""
-    findings = result["data"].get("findings") or []
+def alert(findings: Sequence[Result], section: str) -> str:
+    """The worst finding about the data, where there is one, and a link to the section of all."""
     bad = [f for f in findings if f["severity"] != "info"]
     if not bad:
         return ""
@@ -52,7 +52,7 @@ def _alert(result: Result) -> str:
     more = "All of them" if len(bad) > 1 else "More"
     return (
         f'<p class="alert"><b><span aria-hidden="true">\u25b2</span> {plural(len(bad), "warning")} about the data:</b> '
-        f'{esc(worst["message"])} <a href="#data">{more}</a></p>\n'
+        f'{esc(worst["message"])} <a href="#{section}">{more}</a></p>\n'
     )
 
 

@@ -195,7 +195,8 @@ def _smooth(watch: Watch, length: float) -> _Level:
 class _Pool:
     """What the runs that were learned from leave: its scale in motion, and sizes by the time from a reversal.
 
-    `moving` (n_joints,); `near[k][j]` of the k-th time and a joint. A run that rests is a pose of its own; runs that move are alike.
+    `moving` (n_joints,); `near[k][j]` of the k-th time and a joint. A run that rests is a pose of its own; runs that
+    move are alike.
     """
 
     moving: FloatArray

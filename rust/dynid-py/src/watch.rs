@@ -22,12 +22,12 @@ type Watched<'py> = (
     Bound<'py, PyArray2<f64>>,
     Bound<'py, PyArray2<f64>>,
     Bound<'py, PyArray2<f64>>,
-    String,
+    (Vec<Bound<'py, PyDict>>, String),
 );
 
 /// Changes in the order in which they were named, each a dict; then of every row the sample that ended it (n_rows,), and
-/// (n_rows, n) of what was left, the variance that the model expects, and 1 where the joint says something; and the text of
-/// what the watch remembers at the end. It goes on with what `remembered` says, the text of another run.
+/// (n_rows, n) of what was left, the variance that the model expects, and 1 where the joint says something; and what stood before
+/// the run, and the text of what the watch remembers at the end. It goes on with what `remembered` says, the text of another run.
 #[pyfunction]
 #[pyo3(signature = (model, t, motion, tau, *, temperature=None, step, window=None, inflation, memory, row, false_per_day, friction, gain, offset, load, unknown, remembered=None))]
 #[expect(clippy::too_many_arguments, reason = "a keyword function")]
@@ -76,6 +76,9 @@ pub fn watch_run<'py>(
     if let Some(text) = remembered {
         recall(&mut online, text, &of)?;
     }
+    let stood: Vec<Change> = online
+        .watch()
+        .map_or(vec![], |watch| watch.standing().collect());
     let mut numbers = online
         .watch()
         .map_or(vec![], |watch| vec![f64::NAN; watch.n_remembered()]);
@@ -117,7 +120,13 @@ pub fn watch_run<'py>(
         arrays::to_matrix(py, left, n)?,
         arrays::to_matrix(py, variance, n)?,
         arrays::to_matrix(py, moves, n)?,
-        text.map_err(|error| errors::value(error.to_string()))?,
+        (
+            stood
+                .iter()
+                .map(|change| told(py, 0, change))
+                .collect::<PyResult<_>>()?,
+            text.map_err(|error| errors::value(error.to_string()))?,
+        ),
     ))
 }
 

@@ -219,6 +219,15 @@ impl Watch {
         )
     }
 
+    /// What does not hold now: what has settled, put together by kind and joint, and what was named and is still open.
+    pub fn standing(&self) -> impl Iterator<Item = Change> + '_ {
+        let open = match self.phase {
+            Phase::Settling(_, change) => Some(change),
+            Phase::Quiet | Phase::Telling(_) => None,
+        };
+        self.known.all().chain(open)
+    }
+
     /// How it watches.
     #[must_use]
     pub fn settings(&self) -> &WatchSettings {
@@ -412,9 +421,8 @@ impl Watch {
             let grown = (1.0 + change.size) * (1.0 + change.size);
             let now = at(&self.inflation, j) * grown.max(1.0);
             set(&mut self.inflation, j, now);
-        } else {
-            self.known.add(change);
         }
+        self.known.add(change);
         self.begin_anew(change);
     }
 

@@ -50,7 +50,8 @@ impl Watch {
             .map(|named| named.test.log_r.len() + 2)
             .sum();
         let load = self.load_test.log_r.len() + LoadSums::N;
-        5 * self.memory.len() + self.known.load.len() + of_tests + load + N_PHASE
+        let known = self.known.load.len() + self.known.variance.len();
+        6 * self.memory.len() + known + of_tests + load + N_PHASE
     }
 
     /// Writes what it knows to `numbers` and says so; within a row that is being judged it does neither.
@@ -102,9 +103,11 @@ impl Watch {
     /// Every number but the phase's, always in the same order.
     pub(super) fn each_number(&mut self, mut each: impl FnMut(&mut f64, Range)) {
         let known = &mut self.known;
-        for sizes in [&mut known.friction, &mut known.gain, &mut known.offset] {
+        let [friction, gain] = [&mut known.friction, &mut known.gain];
+        for sizes in [friction, gain, &mut known.offset, &mut known.unknown] {
             sizes.iter_mut().for_each(|x| each(x, Range::Any));
         }
+        known.variance.iter_mut().for_each(|x| each(x, Range::Any));
         known.load.iter_mut().for_each(|x| each(x, Range::Any));
         for scales in [&mut self.inflation, &mut self.deviation] {
             scales.iter_mut().for_each(|x| each(x, Range::Positive));

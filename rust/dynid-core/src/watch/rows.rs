@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::{Change, Kind};
+use super::{Change, Kind, Said};
 use crate::dynamics::{check_length, inverse_dynamics_into, Workspace};
 use crate::error::CoreError;
 use crate::estimator::TorqueEstimator;
@@ -204,7 +204,7 @@ impl Mirror for Rows {
 
 impl Mirror for Known {
     fn mirror(&mut self, of: &Self) {
-        mirror_fields!(self, of; friction, gain, offset; copied load; kept);
+        mirror_fields!(self, of; friction, gain, offset, unknown, variance; copied load; kept);
     }
 }
 
@@ -215,13 +215,17 @@ fn end(sums: &mut [f64], means: &mut [f64], share: f64) {
     }
 }
 
-/// What was named already.
+/// What was named already; sums, and their variances.
 #[derive(Clone, Debug)]
 pub(super) struct Known {
     pub friction: Vec<f64>,
     pub gain: Vec<f64>,
     pub offset: Vec<f64>,
+    /// Growth of an error without a name, which nothing is taken off for.
+    pub unknown: Vec<f64>,
     pub load: [f64; N_LOAD],
+    /// Four per joint, in the order above, and the mass's.
+    pub variance: Vec<f64>,
 }
 
 impl Known {
@@ -230,26 +234,82 @@ impl Known {
             friction: vec![0.0; n],
             gain: vec![0.0; n],
             offset: vec![0.0; n],
+            unknown: vec![0.0; n],
             load: [0.0; N_LOAD],
+            variance: vec![0.0; 4 * n + 1],
         }
     }
 
     pub fn add(&mut self, change: &Change) {
-        let sizes = match change.kind {
+        let (j, mut factor) = (change.joint, 1.0);
+        let mut variance = change.std * change.std;
+        let place = self.place(change.kind, j);
+        let sizes: &mut [f64] = match change.kind {
             Kind::Friction => &mut self.friction,
             Kind::Gain => &mut self.gain,
             Kind::Offset => &mut self.offset,
-            Kind::Unknown => return,
+            Kind::Unknown => &mut self.unknown,
             Kind::Load => {
                 let [x, y, z] = change.moments;
                 for (sum, more) in self.load.iter_mut().zip([change.size, x, y, z]) {
                     *sum += more;
                 }
-                return;
+                &mut []
             }
         };
-        let now = at(sizes, change.joint) + change.size;
-        set(sizes, change.joint, now);
+        let before = at(sizes, j);
+        let mut now = before + change.size;
+        if change.kind == Kind::Unknown {
+            // Errors multiply.
+            now += before * change.size;
+            factor = (1.0 + change.size) * (1.0 + change.size);
+            variance *= (1.0 + before) * (1.0 + before);
+        }
+        set(sizes, j, now);
+        let sum = factor * at(&self.variance, place) + variance;
+        set(&mut self.variance, place, sum);
+    }
+
+    /// Where the variance of a kind on a joint is.
+    fn place(&self, kind: Kind, joint: usize) -> usize {
+        let n = self.friction.len();
+        let row = match kind {
+            Kind::Friction => 0,
+            Kind::Gain => 1,
+            Kind::Offset => 2,
+            Kind::Unknown => 3,
+            Kind::Load => return 4 * n,
+        };
+        row * n + joint
+    }
+
+    /// What was named, put together: one change per kind and joint.
+    pub fn all(&self) -> impl Iterator<Item = Change> + '_ {
+        let n = self.friction.len();
+        let own = [
+            (Kind::Friction, &self.friction),
+            (Kind::Gain, &self.gain),
+            (Kind::Offset, &self.offset),
+            (Kind::Unknown, &self.unknown),
+        ];
+        let [mass, x, y, z] = self.load;
+        let own = own.into_iter().flat_map(move |(kind, sizes)| {
+            let sizes = sizes.iter().enumerate();
+            sizes.map(move |(joint, size)| (kind, joint, *size, [0.0; 3]))
+        });
+        let load = (Kind::Load, n.saturating_sub(1), mass, [x, y, z]);
+        let named = own.chain([load]).filter(|(_, _, size, moments)| {
+            *size != 0.0 || moments.iter().any(|moment| *moment != 0.0)
+        });
+        named.map(|(kind, joint, size, moments)| Change {
+            kind,
+            joint,
+            size,
+            std: at(&self.variance, self.place(kind, joint)).sqrt(),
+            moments,
+            said: Said::Settled,
+            or: None,
+        })
     }
 
     /// Takes it off what a row leaves.

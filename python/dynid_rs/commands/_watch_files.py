@@ -1,0 +1,95 @@
+"""Files that `dynid watch` writes: settings, what it remembers, a page for people, Prometheus' text, the fields of a ROS message."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from dynid_rs.base.findings import Finding
+    from dynid_rs.model.watch import Watch, Watched
+
+
+@dataclass(frozen=True)
+class WatchFiles:
+    """Where each is to go, as the options of that name say; None: it is not asked for."""
+
+    save: Path | None = None
+    remember: Path | None = None
+    report: Path | None = None
+    prometheus: Path | None = None
+    ros: Path | None = None
+
+    def check(self, runs: Sequence[Path] | None, read: Sequence[Path]) -> None:
+        """Refuse before any work is done what cannot be written, is read, or has no run.
+
+        Raises
+        ------
+        ValueError, OSError
+            The text is a sentence.
+        """
+        from dynid_rs.commands._output import check_file, check_not_read
+
+        given = self._given()
+        if not runs and set(given) != {"save"}:
+            asked = next((f" for --{option}" for option in given if option != "save"), "")
+            raise ValueError(f"no run to watch{asked}; name one, or write settings with --save WATCH.json")
+        for option, path in given.items():
+            check_file(path)
+            twice = [other for other, same in given.items() if other != option and same.resolve() == path.resolve()]
+            if twice:
+                raise ValueError(f"{path}: --{option} and --{twice[0]} are to be two files; name another one")
+        check_not_read(list(given.values()), read)
+
+    def remembered(self) -> str | None:
+        """What an earlier call has left; None where there is nothing, or nothing is to be remembered.
+
+        Raises
+        ------
+        OSError
+            The file cannot be read.
+        """
+        from dynid_rs.model.watch import read_remembered
+
+        return read_remembered(self.remember) if self.remember is not None and self.remember.exists() else None
+
+    def write(self, watch: Watch, watched: Sequence[Watched], findings: Sequence[Finding]) -> None:
+        """Write what is asked for.
+
+        Raises
+        ------
+        OSError
+            A place cannot be written; the text is a sentence.
+        """
+        from dynid_rs.base.files import write_json, write_text
+
+        if self.save is not None:
+            watch.save(self.save)
+        if self.remember is not None:
+            write_text(self.remember, watched[-1].remembered)
+        if self.report is not None:
+            from dynid_rs.model.health import health_page
+
+            health_page(watch, watched, self.report, findings=findings)
+        if self.prometheus is not None:
+            from dynid_rs.model.prometheus import prometheus_text
+
+            write_text(self.prometheus, prometheus_text(watch, watched))
+        if self.ros is not None:
+            from dynid_rs.model.ros_diagnostics import ros_diagnostics
+
+            write_json(self.ros, ros_diagnostics(watch, watched))
+
+    def lines(self, has_runs: bool) -> list[str]:
+        """Where they are; settings beside runs are no news, and what is remembered is none for people."""
+        words = {"save": "settings"}
+        return [
+            f"{words.get(option, option)}: {path}"
+            for option, path in self._given().items()
+            if option not in ("save", "remember") or not has_runs
+        ]
+
+    def _given(self) -> dict[str, Path]:
+        return {option: path for option, path in asdict(self).items() if path is not None}

@@ -1,0 +1,56 @@
+"""What `dynid watch` answers: lines for people, one object for programs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+from dynid_rs.base.findings import Finding, told_once
+from dynid_rs.base.numbers import percent
+from dynid_rs.base.quoting import shown
+
+if TYPE_CHECKING:
+    from dynid_rs.model.watch import Watched
+
+
+def has_changed(watched: Sequence[Watched]) -> bool | None:
+    """Whether something has; None where no joint of any run could be watched, or no run was named."""
+    if not any(run.watched.any() for run in watched):
+        return None
+    return any(change.said != "withdrawn" for run in watched for change in run.changes)
+
+
+def answer(watched: Sequence[Watched], joints: Sequence[str], findings: Sequence[Finding]) -> dict[str, Any]:
+    """As `--json` prints it."""
+    return {
+        "format": "dynid-watch",
+        "version": 1,
+        "joints": list(joints),
+        "changed": has_changed(watched),
+        "runs": [
+            {
+                "run": run.name,
+                "changes": [change.to_json() for change in run.changes],
+                "rows": len(run.t),
+                "watched": run.watched.mean(axis=0).tolist() if len(run.t) else [0.0] * len(joints),
+            }
+            for run in watched
+        ],
+        "findings": [finding.to_json() for finding in findings],
+    }
+
+
+def lines(watched: Sequence[Watched], joints: Sequence[str], findings: Sequence[Finding]) -> list[str]:
+    """One line per change, and what was not seen."""
+    said = []
+    for run in watched:
+        nothing = "nothing has changed" if run.watched.any() else "could not be watched"
+        said.append(f"{shown(run.name)}:" if run.changes else f"{shown(run.name)}: {nothing}")
+        said += [f"  {change}" for change in run.changes]
+        share = run.watched.mean(axis=0) if len(run.t) else [0.0] * len(joints)
+        unseen = [shown(joint) for joint, part in zip(joints, share, strict=True) if part == 0]
+        if unseen:
+            said.append(f"  not watched, for they never move as the model was trained to: {', '.join(unseen)}")
+        elif min(share) < 0.5:
+            said.append(f"  watched in {percent(float(min(share)))} of the run only, of the joint that moves least")
+    return [*said, *(f"{one.severity}: {text}" for one, text in told_once(findings) if one.severity != "info")]
