@@ -24,9 +24,10 @@ HEAD = """# What `dynid identify` gains on measured arms
 
 Every arm is one call of the plain command, `dynid identify ROBOT RUNS [--test RUN] -o DIR`, with no further option;
 `python tests/real_identify.py --write` wrote the page from the answers. Weighted least squares is the paper's baseline:
-rigid body, Coulomb and viscous friction, no prior. Errors are of runs that nothing was fitted to or chosen on, in the
-band in which torques are compared, over the standard deviation of the measured torque there. One run alone is split:
-the first two thirds are learned from, the rest is tested on.
+rigid body, Coulomb and viscous friction, no prior. Errors are of runs that nothing was fitted to, in the band in
+which torques are compared, over the standard deviation of the measured torque there. These runs are not blind:
+constants of the package were set while their errors were in view. One run alone is split: the first two thirds are
+learned from, the rest is tested on.
 
 """
 TABLE = """

@@ -20,9 +20,9 @@ HEAD = """# What `dynid diagnose` says of measured arms
 
 Every line is one call of the plain command, `dynid diagnose ROBOT RUNS [--test RUN] -o DIR`, with no further option,
 run, shift or cut; `python tests/results_page.py --write` wrote the page from the answers. Errors are of runs that
-nothing was fitted to or chosen on, joint by joint, in the band in which torques are compared, over the standard
-deviation of the measured torque there. One run alone is split: the first two thirds are learned from, the rest is
-tested on.
+nothing was fitted to, joint by joint, in the band in which torques are compared, over the standard deviation of the
+measured torque there. These runs are not blind: constants of the package were set while their errors were in view.
+One run alone is split: the first two thirds are learned from, the rest is tested on.
 
 | arm | weighted least squares | declared | after | names |
 |---|---|---|---|---|

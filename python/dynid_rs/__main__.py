@@ -5,12 +5,16 @@ from __future__ import annotations
 import signal
 import sys
 
-from dynid_rs.base import interrupt
+from dynid_rs.base import interrupt, room, streams, threads
 
 
 def main() -> None:
     """Entry point."""
+    streams.open_missing()
     interrupt.listen()
+    told = threads.limit()
+    if told is not None:
+        print(f"note: {told}", file=sys.stderr)
     try:
         from dynid_rs.cli import main as run
 
@@ -19,6 +23,11 @@ def main() -> None:
     except KeyboardInterrupt:  # while it starts; what commands do with it, `run_command` says
         print("interrupted", file=sys.stderr)
         sys.exit(interrupt.INTERRUPTED)
+    except (ImportError, MemoryError) as error:  # libraries that find no room
+        if not room.ran_out(error):
+            raise
+        print(f"error: {room.RAN_OUT}", file=sys.stderr)
+        sys.exit(2)
     finally:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # the rest takes an instant, and its answer stands
 

@@ -1,5 +1,6 @@
 """What is written replaces files and nothing else, leaves nothing behind, and says so when nobody can take it."""
 
+import errno
 import os
 import shutil
 import signal
@@ -13,6 +14,7 @@ import pytest
 from helpers.processes import DYNID, ENVIRONMENT, process
 from helpers.small_arm import dynid, refusal, study
 
+import dynid_rs.base.files as files
 import dynid_rs.base.held as held
 from dynid_rs import TorqueModel
 from dynid_rs.base.files import atomic_path, filled_together, write_bytes, write_json, write_table, write_text
@@ -131,6 +133,21 @@ def test_a_folder_is_filled_with_all_files_or_none(in_the_way, tmp_path):
     assert (tmp_path / "a").read_text() == "old"
 
 
+def test_a_full_disk_is_said_of_the_file_that_was_asked_for(tmp_path, monkeypatch):
+    def full(_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    def fill():
+        with filled_together(tmp_path) as stage:
+            write_text(stage / "result.json", "new")
+
+    monkeypatch.setattr(files, "_sync", full)
+    with pytest.raises(OSError, match="no space") as refused:
+        fill()
+    assert str(refused.value) == f"{tmp_path}/result.json: cannot write this file: no space left on device"
+    assert refused.value.errno == errno.ENOSPC
+
+
 COMMANDS = {
     "estimate": (
         "out.parquet",
@@ -220,7 +237,7 @@ def test_a_refusal_into_a_full_disk(tmp_path):
 
 def test_an_answer_for_a_closed_output():
     code = f"import os; os.close(1); os.execv({sys.executable!r}, [{sys.executable!r}, *__import__('sys').argv[1:]])"
-    done = process("-c", DYNID[2], "inspect", study().runs[0], "--json", code=code)
+    done = process("-m", "dynid_rs", "inspect", study().runs[0], "--json", code=code)
     assert done.stderr.startswith("error: standard output cannot be written (bad file descriptor)")
     assert done.returncode == 2
 

@@ -234,7 +234,7 @@ def test_one_training_run_of_two_stands_still(folder):
         columns[f"q_{j}"][:] = 0.4
     write(path, columns)
     sentence = refused(folder, *good(folder, 0), path, "--test", *good(folder, 2))
-    assert sentence.startswith("still.csv: only 0.00 s of motion are left")
+    assert sentence.startswith("still.csv: only 0 s of motion are left")
     assert "record a longer motion" in sentence
 
 
@@ -244,7 +244,7 @@ def test_test_run_that_stands_still(folder):
         columns[f"q_{j}"][:] = 0.4
     path = write(folder / "still.csv", columns)
     sentence = refused(folder, *good(folder, 1), "--test", path, "--residual", "none")
-    assert sentence.startswith("still.csv: only 0.00 s of motion are left to test on")
+    assert sentence.startswith("still.csv: only 0 s of motion are left to test on")
     assert sentence.endswith("test on a longer motion")
 
 
@@ -257,10 +257,10 @@ def shortened(seconds: float, start: float = 3.0):
 def test_run_too_short_for_the_band(folder):
     path = write(folder / "short.csv", shortened(0.5))
     sentence = refused(folder, path, *good(folder, 1), "--cutoff", "5")
-    assert sentence.startswith("short.csv: 0.50 s are too short for a band of")
+    assert sentence.startswith("short.csv: 0.5 s are too short for a band of")
     assert "s are needed" in sentence
     sentence = refused(folder, *good(folder, 1), "--test", path, "--residual", "none", "--cutoff", "5")
-    assert sentence.startswith("short.csv: 0.50 s are too short for a band of")
+    assert sentence.startswith("short.csv: 0.5 s are too short for a band of")
 
 
 def test_run_too_short_to_be_cut_in_two(folder):

@@ -102,6 +102,55 @@ def test_a_run_in_seconds_among_milliseconds(tmp_path):
         assert "but in seconds" in error["message"]
 
 
+BESIDE = {
+    "100 ns": (times(1e7), r'but in steps of 100 ns, it seems (200 Hz, 8 s): .* [units] time = "100ns"'),
+    "row numbers": (lambda columns: columns.update(t=np.arange(float(len(columns["t"])))), "but counts rows, it seems"),
+    "a unit that does not meet": (times(3e4), "no unit of time brings it there"),
+    "a hundredth of the rate": (times(100), "its rate (a median step of 0.5 s, 2 Hz, .* have 200 Hz, and no unit"),
+    "beyond all clocks": (times(1e300), "its rate (a median step of 5e+297 s, .* have 200 Hz, and no unit"),
+}
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize(("change", "words"), BESIDE.values(), ids=BESIDE)
+def test_beside_others_a_unit_is_named_only_where_it_meets_their_rate(tmp_path, command, change, words):
+    result, error = told(command, tmp_path, written(tmp_path, change))
+    assert (error["file"], error["code"], error["column"]) == ("run_1.parquet", "sampling_rate", "t")
+    begin, _, end = words.partition(".*")
+    assert begin in error["message"]
+    assert end in error["message"]
+    assert len(error["message"]) < 400
+    assert result.exit_code == (1 if command == "inspect" else 2)
+
+
+def test_the_run_that_narrows_the_band_is_named_where_another_is_too_short_for_it(tmp_path):
+    paths = written(tmp_path, times(40), bad=(1,), duration=4.0)
+    _, error = told("identify", tmp_path, paths)
+    assert error["file"] == "run_1.parquet"
+    assert error["message"].startswith("run_1.parquet: its sampling rate narrows the band of all runs to 2 Hz: run_0")
+
+
+def test_a_band_of_no_width_has_short_numbers(tmp_path):
+    _, error = told("identify", tmp_path, written(tmp_path, times(1)), "--cutoff", "1e-300")
+    assert "too short for a band of 1e-300 Hz; at least 4e+300 s are needed" in error["message"]
+
+
+def test_digits_of_time_that_are_lost_are_no_rows_that_repeat(tmp_path, robot):
+    words = "no step shorter than 2 s, and the digits below are lost; write the time since the run began"
+    for suffix in (".csv", ".parquet"):
+        (path, *_) = written(tmp_path, times(1, 1e16), bad=(0,), suffix=suffix)
+        with pytest.raises(DataError, match=words):
+            dyn.read_recording(path, robot)
+    with pytest.raises(DataError, match=words):
+        recordings(times(1, 1e16))
+
+    def repeat(columns):
+        columns["t"][5] = columns["t"][4]
+
+    with pytest.raises(DataError, match="remove the repeated rows"):
+        recordings(repeat)
+
+
 def clock(rate, speed, duration=20.0, unit="s"):
     return Clock("run", rate, duration, speed, unit)
 
@@ -111,6 +160,7 @@ SETS = {
     "a joint that creeps": ([clock(100, 0.001), clock(100, 1.0)], {}),
     "rests only": ([clock(100, 0.0)], {}),
     "polled slowly": ([clock(4, 0.3, 300.0)], {}),
+    "2 Hz beside two that are as slow": ([clock(2, 0.3, 300.0), clock(5, 0.3, 300.0), clock(4, 0.3, 300.0)], {}),
     "two loggers": ([clock(50, 1.0), clock(4000, 2.0)], {}),
     "a current loop": ([clock(20_000, 2.0, 2.0)], {}),
     "5 kHz in ms": ([clock(5, 0.003, 20_000.0)], {0: "ms"}),

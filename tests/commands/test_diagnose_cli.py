@@ -283,13 +283,20 @@ def test_everything_that_was_found_is_printed_and_in_the_report(real):
         assert entry["kind"].replace("_dependent_", "-dependent ").replace("_", " ").capitalize() in page
 
 
-def test_a_changed_test_run_changes_no_bit_of_the_model(real):
+@pytest.mark.parametrize("change", ["torque", "clock, rate and motion too"])
+def test_a_changed_test_run_changes_no_bit_of_the_model(real, change):
     folder, _, result = real
     robot, runs = folder / "robot.urdf", [folder / f"run_{k}.parquet" for k in range(3)]
     table = pq.read_table(runs[2]).to_pydict()
     spoiled = {name: np.array(values) for name, values in table.items()}
-    spoiled |= {f"tau_{j}": 2 * spoiled[f"tau_{j}"][::-1] for j in range(3)}
-    other = folder / "other"
+    changes = {f"tau_{j}": 2 * spoiled[f"tau_{j}"][::-1] for j in range(3)}
+    if change == "clock, rate and motion too":
+        # Half the rate, another clock, and slower: whatever is made of all runs together would show here.
+        positions = [name for name in spoiled if name.startswith("q_")]
+        changes |= {name: 0.8 * spoiled[name] + 0.1 for name in positions} | {"t": 3.0 + 1.1 * spoiled["t"]}
+        changes = {name: values[::2] for name, values in (spoiled | changes).items()}
+    spoiled |= changes
+    other = folder / change
     other.mkdir()
     _, again = diagnosed(other, robot, *runs[:2], "--test", write(other / "test.parquet", spoiled))
     assert (other / "out" / "model.json").read_bytes() == (folder / "out" / "model.json").read_bytes()

@@ -282,7 +282,7 @@ def test_cutoff_that_is_none(folder, cutoff):
 def test_run_too_short_to_differentiate(folder):
     columns = {name: values[300:340] for name, values in run(2).items()}
     write(folder / "run.csv", columns)
-    assert refused(folder, "--cutoff", "5").startswith("run.csv: 0.20 s are too short for a band of 5 Hz")
+    assert refused(folder, "--cutoff", "5").startswith("run.csv: 0.2 s are too short for a band of 5 Hz")
 
 
 def refused_output(folder: Path, *options: object) -> str:

@@ -22,7 +22,7 @@ def spoiled(folder, change):
 
 def test_a_torque_channel_that_is_dead(tmp_path):
     def change(columns, k):
-        columns["tau_1"][:] = 0.0
+        columns["tau_1"][:] = -0.0
 
     sentence = refusal(dynid(*spoiled(tmp_path, change)))
     assert "torque of joint elbow is 0 in every row" in sentence

@@ -7,6 +7,8 @@ from html.parser import HTMLParser
 from urllib.parse import unquote, urlsplit
 
 import pytest
+import real_identify
+import results_page
 from helpers.data import ROOT
 
 import dynid_rs
@@ -152,3 +154,13 @@ def test_every_page_that_is_named_is_there():
     assert len(mentions) > 50
     missing = [(name, page) for name, page in mentions if not (ROOT / page).is_file()]
     assert missing == []
+
+
+@pytest.mark.parametrize("written", [results_page, real_identify], ids=["results", "identified"])
+def test_pages_of_measured_arms_say_that_their_runs_are_not_blind(written):
+    """As the README does of its table, and as the program says that wrote them."""
+    page, readme = written.PAGE.read_text(encoding="utf-8"), (ROOT / "README.md").read_text(encoding="utf-8")
+    assert page.startswith(written.HEAD)
+    for text in (page, readme):
+        assert "runs are not blind" in " ".join(text.split())
+    assert "chosen on" not in written.HEAD

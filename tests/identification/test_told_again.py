@@ -159,4 +159,4 @@ def test_a_model_that_says_no_band_and_a_run_too_short_for_it(tmp_path):
     short = write(tmp_path / "short.parquet", {name: x[:100] for name, x in run(0).items()})
     done = dynid("estimate", study().model, short, "--cutoff", 20)
     assert done.exit_code == 0
-    assert "no error in the band of result.json: short.parquet: 0.50 s are too short" in done.stdout
+    assert "no error in the band of result.json: short.parquet: 0.5 s are too short" in done.stdout

@@ -238,6 +238,9 @@ def test_report_is_the_same_again_from_the_files(tmp_path: Path) -> None:
         (lambda r: r["unexplained"][0]["depends_on"][0].update(direct=3), "unexplained[0].depends_on[0].direct"),
         (lambda r: r["steps"][0].update(rmse_train=[1.0]), "steps[0].rmse_train"),
         (lambda r: r.update(next_experiment=[3]), "next_experiment[0]"),
+        (lambda r: r["data"].pop("findings"), "data.findings"),
+        (lambda r: r.pop("effects"), "effects"),
+        (lambda r: r.pop("unexplained"), "unexplained"),
     ],
 )
 def test_damaged_parts_are_named(tmp_path: Path, spoil: Any, where: str) -> None:

@@ -9,12 +9,17 @@ from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
+import pytest
 from helpers.processes import DYNID, ENVIRONMENT
 from helpers.small_arm import JOINTS, dynid, study
 
 NAMES = ("model.json", "residuals.parquet", "result.json")
-TORQUES, COEFFICIENTS = 1e-12, 1e-9
-"""Of the largest beside it: what sums in another order leave; a coefficient may be far smaller than its neighbours."""
+TORQUES, COEFFICIENTS = 1e-12, 1e-10
+"""Of the largest beside it: what sums in another order leave. Torques reach 5e-14. Coefficients of friction and offset
+reach 3e-11: terms that the runs hardly tell apart share a torque, and roundings move it from one to the other."""
+ORDER = 1e-12
+"""The same of runs in another order, which are merged in a tree of their own: 2e-16 is reached."""
+KERNELS = ("Prescott", "Nehalem", "Sandybridge", "Haswell")
 
 
 def arguments(output: Path, order: tuple[int, ...] = (0, 1)) -> tuple[object, ...]:
@@ -64,13 +69,14 @@ def test_another_process_with_another_hash_seed_and_more_threads_gives_the_same_
 
 def test_the_order_of_the_runs_changes_roundings_only(tmp_path):
     assert dynid(*arguments(tmp_path / "out", (1, 0))).exit_code == 0
-    assert furthest(study().output, tmp_path / "out") < 1e-6
+    assert furthest(study().output, tmp_path / "out") < ORDER
     one, other = (json.loads((path / "result.json").read_text()) for path in (study().output, tmp_path / "out"))
-    np.testing.assert_allclose(one["rmse"]["test"]["after"], other["rmse"]["test"]["after"], rtol=1e-6)
+    np.testing.assert_allclose(one["rmse"]["test"]["after"], other["rmse"]["test"]["after"], rtol=ORDER)
 
 
-def test_kernels_of_an_older_processor_change_roundings_only(tmp_path):
-    elsewhere(tmp_path / "out", OPENBLAS_CORETYPE="Prescott")
+@pytest.mark.parametrize("kernel", KERNELS)
+def test_kernels_of_an_older_processor_change_roundings_only(kernel, tmp_path):
+    elsewhere(tmp_path / "out", OPENBLAS_CORETYPE=kernel)
     assert furthest(study().output, tmp_path / "out") < COEFFICIENTS
     one, other = (pq.read_table(path / "residuals.parquet") for path in (study().output, tmp_path / "out"))
     for joint in range(len(JOINTS)):

@@ -178,6 +178,7 @@ def filled_together(folder: Path) -> Iterator[Path]:
         a sentence.
     """
     missing = [place for place in (folder, *folder.parents) if not place.exists()]
+    stage: Path | None = None
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with held_folder(folder) as stage:
@@ -193,7 +194,16 @@ def filled_together(folder: Path) -> Iterator[Path]:
                 made.rmdir()
         if isinstance(error, OSError) and error.filename is not None and not getattr(error, "is_sentence", False):
             raise with_sentence(error, folder, "write into") from None
+        if isinstance(error, OSError) and stage is not None and str(stage) in str(error):
+            raise _sentence(_of_the_target(error, stage, folder)) from None
         raise
+
+
+def _of_the_target(error: OSError, stage: Path, folder: Path) -> OSError:
+    """Return an error with the place that the user named, for one with a file of `stage`, where it is filled."""
+    spoken = type(error)(str(error).replace(str(stage), str(folder)))
+    spoken.errno = error.errno
+    return spoken
 
 
 def _sync(path: Path) -> None:

@@ -14,14 +14,13 @@ from rich.text import Text
 from dynid_rs.base.findings import Finding, told_once
 from dynid_rs.base.quoting import shown, shown_names
 from dynid_rs.commands._console import console
+from dynid_rs.commands._inspection import Inspection, joint_velocity
 from dynid_rs.runs.checks import relative_jitter
 from dynid_rs.runs.readers import Run
 from dynid_rs.runs.recording import gaps
 
 if TYPE_CHECKING:
     from rich.console import Console
-
-    from dynid_rs.commands._inspection import Inspection
 
 BARS = "▁▂▃▄▅▆▇█"
 PLOT_WIDTH = 14
@@ -104,7 +103,7 @@ def _joints(run: Run) -> Table:
         table.add_column(f"{title}\n{of}", justify="right", no_wrap=True)
     for joint, name in enumerate(rec.joints):
         q, tau = rec.q[:, joint], rec.tau[:, joint]
-        dq = rec.dq[:, joint] if rec.dq is not None else np.gradient(q, rec.t)
+        dq = joint_velocity(rec, joint)
         cells = [q.min(), q.max(), np.percentile(np.abs(dq), 99), tau.min(), tau.max(), tau.std()]
         if rec.q_motor is not None:
             cells.append(np.max(np.abs(rec.q_motor[:, joint] - q)))

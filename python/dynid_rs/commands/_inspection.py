@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from dynid_rs.base.findings import Finding
 from dynid_rs.commands._run import EXIT_NO, EXIT_UNUSABLE, error_object
@@ -113,7 +114,7 @@ def to_json(inspection: Inspection) -> dict[str, object]:
 
 
 def _joint(rec: Recording, joint: int) -> dict[str, object]:
-    velocity = rec.dq[:, joint] if rec.dq is not None else np.gradient(rec.q[:, joint], rec.t)
+    velocity = joint_velocity(rec, joint)
     tau = rec.tau[:, joint]
     return {
         "name": rec.joints[joint],
@@ -122,6 +123,14 @@ def _joint(rec: Recording, joint: int) -> dict[str, object]:
         "tau": [float(tau.min()), float(tau.max())],
         "tau_std": float(tau.std()),
     }
+
+
+def joint_velocity(rec: Recording, joint: int) -> NDArray[np.float64]:
+    """Velocity (n,) of a joint: the recorded one, or the position's differences."""
+    if rec.dq is not None:
+        return np.asarray(rec.dq[:, joint])
+    with np.errstate(over="ignore"):  # the clock of a damaged run may be beyond all clocks, and is found
+        return np.asarray(np.gradient(rec.q[:, joint], rec.t))
 
 
 def hint(inspection: Inspection, config: Path | None) -> str:

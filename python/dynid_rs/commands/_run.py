@@ -15,7 +15,7 @@ from typing import ParamSpec, TextIO
 
 import typer
 
-from dynid_rs.base import interrupt
+from dynid_rs.base import interrupt, room
 from dynid_rs.base.codes import mend_of
 from dynid_rs.base.errors import DamageWarning
 from dynid_rs.base.files import with_sentence
@@ -61,8 +61,6 @@ def print_json(obj: object) -> None:
     OSError
         Standard output is closed, or cannot be written.
     """
-    if sys.stdout is None:  # `>&-`
-        raise OSError(errno.EBADF, os.strerror(errno.EBADF))
     sys.stdout.write(json.dumps(obj, indent=2, allow_nan=False) + "\n")
 
 
@@ -71,9 +69,9 @@ def run_command(command: Callable[P, int | None]) -> Callable[P, None]:
 
     `ValueError` and `OSError` end in exit code 2 with a sentence on standard error, and with ``--json``
     (an argument called `json_output`) in ``{"error": {...}}`` on standard output as well. So does an answer that
-    standard output does not take; where only its reader has left, the code is 141, without a word. An interrupt ends
-    in 130, with what `goes_on` says, whatever a library made of it. Anything else is our own bug and keeps its
-    traceback.
+    standard output does not take, and memory that ran out; where only the output's reader has left, the code is 141,
+    without a word. An interrupt ends in 130, with what `goes_on` says, whatever a library made of it. Anything else is
+    our own bug and keeps its traceback.
     """
 
     @functools.wraps(command)
@@ -83,15 +81,16 @@ def run_command(command: Callable[P, int | None]) -> Callable[P, None]:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", DamageWarning)  # every command says its findings itself
                 code = command(*args, **kwargs)
-            if sys.stdout is not None:
-                sys.stdout.flush()
+            sys.stdout.flush()
             interrupt.check()
         except (KeyboardInterrupt, typer.Abort) as stop:  # the latter where a question was on the terminal
             raise typer.Exit(_interrupted(str(stop))) from None
         except Exception as error:
             if interrupt.came():  # a library that was struck fails in ways of its own
                 raise typer.Exit(_interrupted()) from None
-            if not isinstance(error, ValueError | OSError):
+            if room.ran_out(error):
+                error = MemoryError(room.RAN_OUT)
+            if not isinstance(error, ValueError | OSError | MemoryError):
                 raise
             raise typer.Exit(_failed(error, as_json=bool(kwargs.get("json_output")))) from None
         if code:
@@ -146,7 +145,7 @@ def _interrupted(how: str = "") -> int:
     return EXIT_INTERRUPTED
 
 
-def _failed(error: ValueError | OSError, *, as_json: bool) -> int:
+def _failed(error: ValueError | OSError | MemoryError, *, as_json: bool) -> int:
     """Say what is wrong and return the exit code."""
     if isinstance(error, OSError) and _is_of_a_stream(error):
         return _unanswered(error)
@@ -185,10 +184,8 @@ def _complain(text: str) -> None:
         _give_up(sys.stderr)  # nobody is left who could hear it; the exit code tells
 
 
-def _give_up(stream: TextIO | None) -> None:
+def _give_up(stream: TextIO) -> None:
     """Let nothing more come of a stream that failed: Python would try again at exit, complain and change the code."""
-    if stream is None:
-        return
     with suppress(OSError, ValueError):
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, stream.fileno())

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs.base.errors import DataError
 from dynid_rs.model.known import KnownTerm
 from dynid_rs.runs.preprocessing import Band, States, choose_band, common_rate, prepare, without
 from dynid_rs.runs.recording import Recording
@@ -85,11 +84,10 @@ def check_motion(runs: Sequence[States]) -> None:
     for states in runs:
         if len(states.rows) < LEAST_TEST_ROWS:
             seconds = len(states.rows) * states.step / states.rate
-            raise DataError(
-                f"{states.name}: only {seconds:.2f} s of motion are left to test on after standstill is taken "
-                "out; test on a longer motion",
-                code="too_little_motion",
-                file=states.name,
+            raise states.band.too_little(
+                states.name,
+                f"only {seconds:.3g} s of motion are left to test on after standstill is taken out",
+                "test on a longer motion",
             )
 
 
@@ -137,13 +135,12 @@ def prepare_training_run(
     """`prepare_training_runs` of one run, less its `excluded` windows [s]."""
     states = without(on_time(recording, band, rate, torque_delay, standstill=standstill), excluded)
     if len(states.rows) < LEAST_ROWS:
-        raise DataError(
-            f"{states.name}: only {len(states.rows) * states.step / states.rate:.2f} s of motion are left "
+        raise band.too_little(
+            states.name,
+            f"only {len(states.rows) * states.step / states.rate:.3g} s of motion are left "
             f"after standstill {'and what was excluded ' if excluded else ''}and "
-            f"{1 / band.cutoff:.2g} s (1/cutoff) beside it and at both ends are taken out; "
+            f"{1 / band.cutoff:.2g} s (1/cutoff) beside it and at both ends are taken out",
             "record a longer motion, or raise the cutoff",
-            code="too_little_motion",
-            file=states.name,
         )
     return states
 

@@ -17,11 +17,6 @@ SHOWN_INFO = ("signal_missing", "test_run_chosen", "test_part_chosen")
 """Findings that bear on the answer although nothing is wrong."""
 
 
-def is_diagnosis(result: Result) -> bool:
-    """Whether `dynid diagnose` wrote it."""
-    return result.get("steps") is not None
-
-
 def errors(result: Result) -> str:
     """Before and after per joint, with the key."""
     data = result["data"]

@@ -15,6 +15,7 @@ from dynid_rs.base.files import write_bytes
 from dynid_rs.report import declared, diagnosis, explanations, sections
 from dynid_rs.report.channel_plots import with_channel_plots
 from dynid_rs.report.figures import Figures
+from dynid_rs.report.shape import is_diagnosis
 from dynid_rs.report.source import Source
 from dynid_rs.report.text import esc
 
@@ -23,7 +24,7 @@ def build_page(source: Source) -> str:
     """Return the whole page; `source` is checked already."""
     result = source.result
     figures = Figures()
-    if diagnosis.is_diagnosis(result):
+    if is_diagnosis(result):
         body, title = _diagnosis(figures, source), f"{result['robot']} \u2013 what the torque model lacks"
     else:
         body, title = _identified(figures, source), f"{result['robot']} \u2013 identified torque model"

@@ -125,3 +125,10 @@ RESULT_SHAPE: Mapping[str, Any] = {
     "floor_method?": str,
     "verdict?": str,
 }
+DIAGNOSIS_SHAPE: Mapping[str, Any] = {"data": {"findings": [{}]}, "effects": [{}], "unexplained": [{}]}
+"""What a diagnosis holds besides, for its answer to be told from none."""
+
+
+def is_diagnosis(result: Mapping[str, Any]) -> bool:
+    """Whether `dynid diagnose` wrote it."""
+    return result.get("steps") is not None

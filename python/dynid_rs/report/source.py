@@ -16,7 +16,7 @@ from dynid_rs.base.errors import DataError
 from dynid_rs.base.files import check_readable, with_sentence
 from dynid_rs.base.quoting import shown, shown_value
 from dynid_rs.base.together import finish_killed
-from dynid_rs.report.shape import RESULT_SHAPE
+from dynid_rs.report.shape import DIAGNOSIS_SHAPE, RESULT_SHAPE, is_diagnosis
 
 Array = NDArray[np.float64]
 
@@ -130,6 +130,8 @@ def read_result(path: Path) -> dict[str, Any]:
     if not isinstance(joints, list) or not joints:
         _refuse(path, '"joints" must be a list of at least one name')
     fault = _find_fault(result, RESULT_SHAPE, "", len(joints))
+    if fault is None and is_diagnosis(result):
+        fault = _find_fault(result, DIAGNOSIS_SHAPE, "", len(joints))
     if fault:
         _refuse(path, fault)
     return result

@@ -98,8 +98,18 @@ ROUNDING = 0.01
 """Relative difference up to which the steps of rounded stamps are one."""
 
 
-def check_time(t: FloatArray, *, file: str, column: str = "t", line_of: Callable[[int], int] | None = None) -> None:
+def check_time(
+    t: FloatArray,
+    *,
+    file: str,
+    column: str = "t",
+    line_of: Callable[[int], int] | None = None,
+    grain: float | None = None,
+) -> None:
     """Check that time (n,) [s] is finite and strictly increasing, without long gaps.
+
+    `grain`: shortest step [s] that the column's numbers can hold where they are as large as they are in the file; by
+    default, where they are as large as in `t`.
 
     Raises
     ------
@@ -121,6 +131,9 @@ def check_time(t: FloatArray, *, file: str, column: str = "t", line_of: Callable
     if wrong.size:
         row = int(wrong[0]) + 1
         backwards = t[row] < t[row - 1]
+        lost = _lost(t, dt, grain)
+        if lost:
+            raise fault("time_stands_still", row, lost)
         raise fault(
             "time_backwards" if backwards else "time_stands_still",
             row,
@@ -141,6 +154,23 @@ def check_time(t: FloatArray, *, file: str, column: str = "t", line_of: Callable
             f"a gap of {dt[longest]:.4g} s before this row ({float(dt[longest]) / median:.0f} median "
             f"steps of {median:.4g} s) cannot be bridged; split the run there",
         )
+
+
+LOST = 1e-3
+"""A step [s] that numbers of time have to hold: the longest one of a robot's bus."""
+
+
+def _lost(t: FloatArray, dt: FloatArray, grain: float | None) -> str:
+    """That numbers of time (n,) [s] are too large for their steps (n - 1,), and the mend; nothing if they are not."""
+    grain = float(np.spacing(np.abs(t).max())) if grain is None else grain
+    forward = dt[dt > 0]
+    if np.any(dt < 0) or (forward.min() > 1.5 * grain if forward.size else grain < LOST):
+        return ""
+    return (
+        f"{np.count_nonzero(dt == 0)} rows repeat the time before them: the numbers are so large that they hold no "
+        f"step shorter than {grain:.3g} s, and the digits below are lost; write the time since the run began, or whole "
+        "numbers (nanoseconds as integers)"
+    )
 
 
 def _rounded(t: FloatArray, dt: FloatArray) -> str:

@@ -137,8 +137,8 @@ def _check_torque(runs: Sequence[RunFacts]) -> None:
     highest = np.max([run.highest for run in runs], axis=0)
     for j in np.flatnonzero(highest <= lowest):
         raise DataError(
-            f"{_names(runs)}: the torque of {joint_words(runs[0].joints[j])} is {lowest[j]:g} in every row; is its "
-            "channel connected, and is it the right column?",
+            f"{_names(runs)}: the torque of {joint_words(runs[0].joints[j])} is {lowest[j] + 0.0:g} in every row; "
+            "is its channel connected, and is it the right column?",
             code="torque_never_changes",
             file=runs[0].name,
             column=f"tau_{j}",

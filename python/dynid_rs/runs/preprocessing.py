@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from typing import Any, Literal
 
@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
+from dynid_rs.base.errors import DataError
 from dynid_rs.runs.low_pass import butterworth, steady_state
 from dynid_rs.runs.recording import Recording
 from dynid_rs.runs.slope import slope
@@ -64,9 +65,24 @@ def _design(rate: float, cutoff: float) -> Filter | None:
 
 @dataclass(frozen=True)
 class Band:
-    """Where measured and predicted torque are compared: zero-phase Butterworth below `cutoff` [Hz]."""
+    """Where measured and predicted torque are compared: zero-phase Butterworth below `cutoff` [Hz].
+
+    `slowest`: run whose sampling rate allows no wider band than this, where one does.
+    """
 
     cutoff: float
+    slowest: str | None = field(default=None, compare=False)
+
+    def too_little(self, name: str, text: str, mend: str) -> DataError:
+        """Error that a run is too little for this band: of that run, or of the slower one that narrows the band."""
+        if self.slowest in (None, name):
+            return DataError(f"{name}: {text}; {mend}", code="too_little_motion", file=name)
+        return DataError(
+            f"{self.slowest}: its sampling rate narrows the band of all runs to {self.cutoff:.3g} Hz: {name}: {text}; "
+            "check its t, sample it as the others are sampled, or leave it out",
+            code="too_little_motion",
+            file=self.slowest,
+        )
 
     def design(self, rate: float, cutoff: float | None = None) -> Filter | None:
         """Second-order sections, their steady state and the padding, for `rate` [Hz]; None if nothing is cut."""
@@ -251,8 +267,10 @@ def choose_band(recordings: list[Recording], least: float = 5.0) -> Band:
         q = Band(4 * least).apply(_linear(recording.t, recording.q, grid), rate)
         power = np.cumsum(np.abs(np.fft.rfft(slope(q, rate), axis=0)) ** 2, axis=0)
         frequencies += [np.searchsorted(column, 0.9 * column[-1]) * rate / len(grid) for column in power.T]
-    nyquist = min(recording.rate for recording in recordings) / 2
-    return Band(float(min(max(least, 5 * np.median(frequencies)), 0.8 * nyquist)))
+    wanted = float(max(least, 5 * np.median(frequencies)))
+    slowest = min(recordings, key=lambda recording: recording.rate)
+    allowed = 0.8 * slowest.rate / 2
+    return Band(wanted) if wanted <= allowed else Band(allowed, slowest.name)
 
 
 def prepare(recording: Recording, band: Band, rate: float, *, standstill: bool = False) -> States:
@@ -265,14 +283,15 @@ def prepare(recording: Recording, band: Band, rate: float, *, standstill: bool =
 
     Raises
     ------
-    ValueError
+    DataError
         The run is too short for the band.
     """
     grid = _grid(recording, rate)
     if len(grid) / rate < 4 / band.cutoff:
-        raise ValueError(
-            f"{recording.name}: {len(grid) / rate:.2f} s are too short for a band of {band.cutoff:g} Hz; "
-            f"at least {4 / band.cutoff:.2f} s are needed"
+        raise band.too_little(
+            recording.name,
+            f"{len(grid) / rate:.3g} s are too short for a band of {band.cutoff:.3g} Hz",
+            f"at least {4 / band.cutoff:.3g} s are needed",
         )
     notes: list[str] = []
     two_encoders = recording.q_motor is not None

@@ -98,15 +98,15 @@ fn read(mut parser: Parser) -> Result<Command, lexopt::Error> {
                 let named = |text: &str| format_named(text, "csv or jsonl");
                 output = Some(parser.value()?.parse_with(named)?);
             }
-            Arg::Long("step") => settings.step = Some(parser.value()?.parse_with(seconds)?),
+            Arg::Long("step") => settings.step = Some(parser.value()?.parse_with(loop_time)?),
             Arg::Long("window") => settings.window = Some(parser.value()?.parse_with(window)?),
             Arg::Long("unlimited") => settings.unlimited = true,
             Arg::Long("observe") => observe = true,
             Arg::Long("observer-time") => {
-                listening.time_constant = parser.value()?.parse_with(seconds)?;
+                listening.time_constant = parser.value()?.parse_with(loop_time)?;
             }
             Arg::Long("noise-correlation") => {
-                listening.correlation_time = Some(parser.value()?.parse_with(seconds)?);
+                listening.correlation_time = Some(parser.value()?.parse_with(loop_time)?);
             }
             Arg::Long("false-contacts") => {
                 listening.false_per_hour = parser.value()?.parse_with(per_hour)?;
@@ -227,6 +227,13 @@ fn early(text: &str) -> Result<f64, &'static str> {
     early
         .filter(|early| (0.0..=0.01).contains(early))
         .ok_or("expected seconds, 0 to 0.01")
+}
+
+/// A step, or a time over which a loop remembers: periods of what [`hertz`] takes.
+fn loop_time(text: &str) -> Result<f64, &'static str> {
+    let time: Option<f64> = text.parse().ok();
+    time.filter(|time| (1e-5..=100.0).contains(time))
+        .ok_or("expected a positive number of seconds, 0.00001 to 100")
 }
 
 fn seconds(text: &str) -> Result<f64, &'static str> {

@@ -105,6 +105,9 @@ fn work() -> Result<(), Stop> {
                 let report = live::run(model, &transport, &settings, &real_time, watched)?;
                 return report.map_or(Ok(()), |report| print(&report));
             }
+            if sys::stdout_is_closed() {
+                return Err(Stop::no_output());
+            }
             let mut out = BufWriter::with_capacity(1 << 16, io::stdout().lock());
             sys::catch_signals(watched.is_some())
                 .map_err(|error| Stop::Because(error.to_string()))?;
@@ -125,6 +128,9 @@ fn work() -> Result<(), Stop> {
 }
 
 fn print(text: &str) -> Result<(), Stop> {
+    if sys::stdout_is_closed() {
+        return Err(Stop::no_output());
+    }
     let mut out = io::stdout().lock();
     out.write_all(text.as_bytes())
         .and_then(|()| out.flush())

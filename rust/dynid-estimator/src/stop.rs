@@ -24,6 +24,13 @@ impl Stop {
         })
     }
 
+    /// stdout is not there.
+    pub fn no_output() -> Self {
+        Self::Because(
+            "stdout: it is closed, and the answer is lost; send it to another place".to_owned(),
+        )
+    }
+
     /// stdout could not be written.
     pub fn output(error: io::Error) -> Self {
         if error.kind() == io::ErrorKind::BrokenPipe {

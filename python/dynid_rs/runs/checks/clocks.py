@@ -25,15 +25,23 @@ USUAL_SPEEDS = (0.02, 30.0)
 turns. Another unit of time divides it by a thousand as well."""
 SHORTEST = 1.0
 """A run that would be shorter [s] in a unit is not in it."""
-ANOTHER_CLOCK = 100.0
+ANOTHER_CLOCK = 90.0
 """Runs of one set are sampled within this factor of each other: 50 Hz and 4 kHz may be one set. In between two units
 (1000) and what no two loggers of one arm differ by."""
+ALIKE = 3.0
+"""A unit is proposed beside other runs where it brings a run within this factor of one of their rates: less than half
+the way from 100 ns to the next unit, so that at most one unit is that near to a rate."""
+SAME = 1.05
+"""Rates of two logs of one logger are within this factor."""
 TOP = 98
 """Percentile of the speed that stands for its top: damaged samples are fewer."""
 
 WORDS = {"s": "seconds", "ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds", "100ns": "steps of 100 ns"}
 GUESSED = ("s", "ms", "us", "ns")
-"""Units that a rate may tell from each other. 100 ns are too near to two of them: the size of stamps tells those."""
+"""Units that a run's rate may tell from each other. 100 ns are too near to two of them: the size of stamps tells those,
+or the rate of other runs."""
+ROWS = "rows"
+"""Where a unit stands otherwise: time that is the number of the row."""
 
 
 @dataclass(frozen=True)
@@ -68,6 +76,15 @@ class Clock:
         speed = np.log(max(self.speed, 1e-300))
         return float(abs(np.log(self.rate / rate)) + max(slowest - speed, speed - fastest, 0.0))
 
+    def distance(self, rates: Sequence[float]) -> float:
+        """How far, in powers of e, its rate is from the nearest of `rates` [Hz]."""
+        return min(abs(float(np.log(self.rate / rate))) for rate in rates)
+
+    @property
+    def counts_rows(self) -> bool:
+        """Whether time goes up by one from row to row, in its unit."""
+        return abs(self.rate * TIME_UNITS[self.unit] - 1.0) < 1e-9
+
     @property
     def is_usual(self) -> bool:
         """Whether rate and duration are those of a robot's log."""
@@ -79,20 +96,30 @@ class Clock:
         return not USUAL_SPEEDS[0] <= self.speed <= USUAL_SPEEDS[1]
 
 
-def likely_unit(clock: Clock, rate: float | None = None) -> str | None:
-    """Unit that makes `clock` a robot's log, of about `rate` [Hz] where other runs say so; None if there is none."""
-    rate = MIDDLE_RATE if rate is None else rate
+def likely_unit(clock: Clock) -> str | None:
+    """Unit that makes `clock`, by itself, a robot's log; None if there is none."""
     if clock.unit not in GUESSED and clock.is_usual:
         return clock.unit
     units = [unit for unit in GUESSED if clock.read_in(unit).is_usual]
-    return min(units, key=lambda unit: clock.read_in(unit).oddity(rate), default=None)
+    return min(units, key=lambda unit: clock.read_in(unit).oddity(MIDDLE_RATE), default=None)
+
+
+def unit_beside(clock: Clock, rates: Sequence[float]) -> str | None:
+    """Unit, or `ROWS`, that brings `clock` to one of the `rates` [Hz] of other runs; None if none does."""
+    units = [unit for unit in TIME_UNITS if clock.read_in(unit).is_usual]
+    unit = min(units, key=lambda unit: clock.read_in(unit).distance(rates), default=None)
+    distance = np.inf if unit is None else clock.read_in(unit).distance(rates)
+    if distance > np.log(SAME) and clock.counts_rows:
+        return ROWS
+    return unit if distance < np.log(ALIKE) else None
 
 
 def clock_findings(clocks: Sequence[Clock]) -> dict[int, Finding]:
-    """Runs of one set, or a lone run, whose time is in another unit than it was read in.
+    """Runs of one set, or a lone run, whose time is in another unit than it was read in, or no time of theirs.
 
     A run by itself: its rate is none (`MIN_RATE`, `MAX_RATE`), or rate and speed are both unusual and another unit
-    makes both usual. Beside others: its rate is another one by `ANOTHER_CLOCK`, and another unit brings it to theirs.
+    makes both usual. Beside others: its rate is another one by `ANOTHER_CLOCK`, and another unit brings it to theirs,
+    or it is no usual one. There a unit is said only if it brings a run to the others' rate.
 
     Returns
     -------
@@ -101,11 +128,13 @@ def clock_findings(clocks: Sequence[Clock]) -> dict[int, Finding]:
     """
     wrong = {k: unit for k, clock in enumerate(clocks) if (unit := _alone(clock)) is not None}
     rates = [clock.rate for k, clock in enumerate(clocks) if k not in wrong]
-    usual = float(np.median(rates)) if rates else None
-    if usual is not None:
-        wrong = {k: likely_unit(clocks[k], usual) or unit for k, unit in wrong.items()}
-        wrong |= _among(clocks, [k for k in range(len(clocks)) if k not in wrong])
-    return {k: _finding(clocks[k], wrong[k], lonely=len(wrong) == len(clocks)) for k in sorted(wrong)}
+    if not rates:
+        return {k: _finding(clocks[k], unit, None) for k, unit in wrong.items()}
+    beside = {k: unit_beside(clocks[k], rates) for k in wrong}
+    beside = {k: unit for k, unit in beside.items() if unit != clocks[k].unit}
+    beside |= _among(clocks, [k for k in range(len(clocks)) if k not in wrong])
+    theirs = float(np.median([clock.rate for k, clock in enumerate(clocks) if k not in beside]))
+    return {k: _finding(clocks[k], beside[k], theirs) for k in sorted(beside)}
 
 
 def check_clocks(clocks: Sequence[Clock]) -> None:
@@ -131,42 +160,56 @@ def _alone(clock: Clock) -> str | None:
     return unit if unusual and not clock.read_in(unit).is_slow_or_fast else None
 
 
-def _among(clocks: Sequence[Clock], places: Sequence[int]) -> dict[int, str]:
-    """Runs at `places`, each possible by itself, that another unit makes like the rest: place and unit."""
-    found: dict[int, str] = {}
+def _among(clocks: Sequence[Clock], places: Sequence[int]) -> dict[int, str | None]:
+    """Runs at `places`, each possible by itself, that are no runs of this set as they were read: place and unit."""
+    found: dict[int, str | None] = {}
     # Of two runs that contradict each other the odder one is taken to be wrong.
     for k in sorted(places, key=lambda place: -clocks[place].oddity(MIDDLE_RATE)):
         others = [clocks[other] for other in places if other != k and other not in found]
         if not others:
             continue
-        rate = float(np.median([other.rate for other in others]))
-        unit = likely_unit(clocks[k], rate)
-        if unit is None or unit == clocks[k].unit:
+        rates = [other.rate for other in others]
+        rate = float(np.median(rates))
+        if max(clocks[k].rate / rate, rate / clocks[k].rate) < ANOTHER_CLOCK:
             continue
-        other_speed = max(float(np.median([other.speed for other in others])), 1e-300)
-        before, after = (abs(np.log(max(c.speed, 1e-300) / other_speed)) for c in (clocks[k], clocks[k].read_in(unit)))
-        far = max(clocks[k].rate / rate, rate / clocks[k].rate) > ANOTHER_CLOCK
-        if far and after < before:
+        unit = unit_beside(clocks[k], rates)
+        another = unit not in (None, ROWS, clocks[k].unit)
+        if unit is not None and another and _is_as_fast(clocks[k].read_in(unit), clocks[k], others):
             found[k] = unit
+        elif not clocks[k].is_usual:
+            found[k] = ROWS if unit == ROWS else None
     return found
 
 
-def _finding(clock: Clock, unit: str, *, lonely: bool) -> Finding:
-    meant = clock.read_in(unit)
-    mend = f'say so in dynid.toml: [units] time = "{unit}"'
-    if not lonely:
-        mend = (
-            f"write this file again with t in {WORDS[clock.unit]} like the others, or give it alone with dynid.toml: "
-            f'[units] time = "{unit}"'
+def _is_as_fast(after: Clock, before: Clock, others: Sequence[Clock]) -> bool:
+    """Whether the speed of `after` is nearer to that of `others` than the speed of `before`."""
+    theirs = max(float(np.median([other.speed for other in others])), 1e-300)
+    new, old = (abs(np.log(max(clock.speed, 1e-300) / theirs)) for clock in (after, before))
+    return bool(new < old)
+
+
+def _finding(clock: Clock, unit: str | None, theirs: float | None) -> Finding:
+    """Say it of `clock`; `theirs`: usual rate [Hz] of the runs that are right, None if there are none."""
+    read = f"a median step of {1 / clock.rate:.4g} s, {clock.rate:.3g} Hz, {clock.duration:.4g} s in all"
+    again = f"write this file again with t in {WORDS[clock.unit]} like the others"
+    if unit is None:
+        message = (
+            f"its rate ({read}) is none of this set, whose other runs have {theirs:.3g} Hz, and no unit of time brings "
+            f"it there: {again}, or leave it out"
         )
-    return Finding(
-        "sampling_rate",
-        "error",
-        f"t is not in {WORDS[clock.unit]} (a median step of {1 / clock.rate:.4g} s, {clock.rate:.3g} Hz, "
-        f"{clock.duration:.4g} s in all) but in {WORDS[unit]}, it seems ({meant.rate:.4g} Hz, "
-        f"{meant.duration:.4g} s): {mend}",
-        clock.name,
-        "t",
-        value=clock.rate,
-        unit="Hz",
-    )
+    elif unit == ROWS:
+        assert theirs is not None
+        step = 1 / theirs
+        message = (
+            f"t is not in {WORDS[clock.unit]} ({read}) but counts rows, it seems: {again}, at the {theirs:.4g} Hz that "
+            f"those have 0, {step:.6g}, {2 * step:.6g}, ... s"
+        )
+    else:
+        meant = clock.read_in(unit)
+        key = f'dynid.toml: [units] time = "{unit}"'
+        mend = f"say so in {key}" if theirs is None else f"{again}, or give it alone with {key}"
+        message = (
+            f"t is not in {WORDS[clock.unit]} ({read}) but in {WORDS[unit]}, it seems ({meant.rate:.4g} Hz, "
+            f"{meant.duration:.4g} s): {mend}"
+        )
+    return Finding("sampling_rate", "error", message, clock.name, "t", value=clock.rate, unit="Hz")

@@ -127,7 +127,8 @@ def to_parts(
         )
     parts = find_parts(t)
     if not parts.breaks:
-        check_time(t, file=table.file, column=found.time, line_of=table.line_of)
+        grain = _grain(columns[found.time], config.factor("time"))
+        check_time(t, file=table.file, column=found.time, line_of=table.line_of, grain=grain)
     signals: dict[str, Any] = {}
     for signal, names in found.signals.items():
         scale = scales.get(signal, np.ones(len(names)))
@@ -167,6 +168,13 @@ def seconds(values: NDArray[Any], table: Table, column: str, config: Config) -> 
         first = int(values[0])
         values = np.array([int(v) - first for v in values]) if values.dtype.kind == "u" else values - first
     return np.ascontiguousarray(values.astype(np.float64) * factor)
+
+
+def _grain(values: NDArray[Any], factor: float) -> float | None:
+    """Shortest step [s] that floats of a column (n,) can hold as large as they are there; None of what is exact."""
+    if values.dtype.kind != "f" or not np.isfinite(values).all():
+        return None
+    return float(np.spacing(np.abs(values).max())) * factor
 
 
 def _stack(table: Table, columns: Columns, names: Sequence[str], scale: FloatArray) -> FloatArray:

@@ -26,6 +26,10 @@ pub fn stdin(_end: u64) -> io::Result<impl Read> {
     Ok(io::stdin())
 }
 
+pub fn stdout_is_closed() -> bool {
+    false
+}
+
 pub fn stop_asked() -> bool {
     false
 }

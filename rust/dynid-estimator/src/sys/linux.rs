@@ -9,7 +9,7 @@ use std::os::fd::{AsFd, AsRawFd};
 use std::os::unix::fs::{MetadataExt, OpenOptionsExt};
 use std::path::Path;
 use std::ptr;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 
 use super::PageFaults;
 use crate::stop::EndAsked;
@@ -72,6 +72,64 @@ pub fn reload_asked() -> bool {
 /// True once somebody asked for an end.
 pub fn stop_asked() -> bool {
     STOP.load(Ordering::Relaxed)
+}
+
+static NO_STDOUT: AtomicBool = AtomicBool::new(false);
+
+/// Called by the loader: before `main`, Rust's runtime opens `/dev/null` in the place of a stream that is closed, and what
+/// is written there is lost without a word.
+#[used]
+#[link_section = ".init_array"]
+static LOOK_AT_STDOUT: extern "C" fn() = look_at_stdout;
+
+extern "C" fn look_at_stdout() {
+    // SAFETY: no pointer is passed; a closed descriptor is an answer.
+    let closed = unsafe { libc::fcntl(libc::STDOUT_FILENO, libc::F_GETFD) } == -1;
+    NO_STDOUT.store(closed, Ordering::Relaxed);
+}
+
+/// Whether the program was started without standard output (`>&-`).
+pub fn stdout_is_closed() -> bool {
+    NO_STDOUT.load(Ordering::Relaxed)
+}
+
+/// Where memory is shared: its first address and the one behind its last.
+static SHARED: [AtomicUsize; 2] = [AtomicUsize::new(0), AtomicUsize::new(0)];
+
+const CUT: &[u8] = b"error: the shared memory is gone: its file was cut, or there is no room for it; start again\n";
+
+/// A page of the shared memory that has no file behind it any more was touched. Whoever may write the file may cut it at
+/// any instant, also between a look at its length and the access, so that the access itself has to be answered.
+extern "C" fn end_without_memory(
+    signal: libc::c_int,
+    info: *mut libc::siginfo_t,
+    _context: *mut libc::c_void,
+) {
+    let [start, end] = [&SHARED[0], &SHARED[1]].map(|at| at.load(Ordering::Relaxed));
+    // SAFETY: the kernel gives an address with this signal; `write`, `_exit` and `signal` are async-signal-safe.
+    unsafe {
+        if (start..end).contains(&((*info).si_addr() as usize)) {
+            libc::write(libc::STDERR_FILENO, CUT.as_ptr().cast(), CUT.len());
+            libc::_exit(2);
+        }
+        // Another fault: it happens again, and ends the program as it does by default.
+        libc::signal(signal, libc::SIG_DFL);
+    }
+}
+
+/// Ends the program with a sentence where shared memory from `start` on, `length` bytes, is touched and is not there.
+fn catch_cut(start: usize, length: usize) -> io::Result<()> {
+    SHARED[0].store(start, Ordering::Relaxed);
+    SHARED[1].store(start + length, Ordering::Relaxed);
+    // SAFETY: zeros are a valid sigaction; the handler takes the three arguments that SA_SIGINFO gives.
+    checked(unsafe {
+        let mut action: libc::sigaction = mem::zeroed();
+        let handler: extern "C" fn(libc::c_int, *mut libc::siginfo_t, *mut libc::c_void) =
+            end_without_memory;
+        action.sa_sigaction = handler as libc::sighandler_t;
+        action.sa_flags = libc::SA_SIGINFO;
+        libc::sigaction(libc::SIGBUS, &action, ptr::null_mut())
+    })
 }
 
 /// A clock that only goes forward \[ns\].
@@ -253,7 +311,7 @@ pub fn is_same_file(a: &File, b: &File) -> io::Result<bool> {
 
 /// The first `words` words of a file, shared with every process that maps it, until this one ends.
 ///
-/// The file must keep at least this length: who cuts it ends this program with a bus error.
+/// The file must keep at least this length: who cuts it ends this program, with a sentence ([`end_without_memory`]).
 pub fn map_shared(file: &File, words: usize) -> io::Result<&'static [AtomicU64]> {
     let length = words * mem::size_of::<u64>();
     if length == 0 || file.metadata()?.len() < length as u64 {
@@ -273,6 +331,7 @@ pub fn map_shared(file: &File, words: usize) -> io::Result<&'static [AtomicU64]>
     if start == libc::MAP_FAILED {
         return Err(io::Error::last_os_error());
     }
+    catch_cut(start as usize, length)?;
     // SAFETY: the mapping is page-aligned, `length` long, readable and writable, and never unmapped. Every access, by other
     // processes too, is to whole aligned words, and ours are atomic.
     Ok(unsafe { std::slice::from_raw_parts(start.cast::<AtomicU64>(), words) })

@@ -400,6 +400,20 @@ fn shared_memory_gives_the_bits_of_the_estimator() {
 }
 
 #[cfg(unix)]
+/// Whoever may write the file may cut it, at any instant.
+#[test]
+fn shared_memory_that_is_cut_ends_it_with_a_sentence() {
+    let saved = Saved::new();
+    let folder = tempfile::tempdir().unwrap();
+    let place = folder.path().join("arm");
+    let args = ["--rate", "1000", "--shm", place.to_str().unwrap()];
+    let mut running = Running::start(&saved, &args);
+    running.said("sharing ");
+    File::create(&place).unwrap();
+    let answer = running.ended();
+    answer.refused(&["the shared memory is gone", "cut", "start again"]);
+}
+
 #[test]
 fn foreign_files_are_not_shared() {
     let saved = Saved::new();

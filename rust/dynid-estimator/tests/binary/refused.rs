@@ -150,6 +150,9 @@ fn wrong_use() {
         (&["--json", path], &["--info"]),
         (&["--step", "0", path], &["positive number of seconds"]),
         (&["--step", "4ms", path], &["positive number of seconds"]),
+        (&["--step", "1e-300", path], &["0.00001 to 100"]),
+        (&["--step", "1e300", path], &["0.00001 to 100"]),
+        (&["--observer-time", "1e-300", path], &["0.00001 to 100"]),
         (&[path, path], &["model.json"]),
     ] {
         let answer = Answer::from(command(args).output().unwrap());
@@ -180,6 +183,36 @@ fn models_that_are_no_models() {
     }
     run(&saved.path().with_file_name("none.json"), &[], b"").refused(&["none.json"]);
     run(saved.path().parent().unwrap(), &[], b"").refused(&[]);
+}
+
+/// Nobody writes into the pipe: whoever opened it would wait.
+#[cfg(target_os = "linux")]
+#[test]
+fn pipes_are_no_files() {
+    let saved = Saved::new();
+    let pipe = saved.path().with_file_name("pipe.json");
+    let made = std::process::Command::new("mkfifo").arg(&pipe).status();
+    assert!(made.unwrap().success());
+    let words = ["pipe.json", "this is a device or a pipe"];
+    run(&pipe, &[], b"").refused(&words);
+    let changes = ["--changes", pipe.to_str().unwrap()];
+    saved.run(&changes, "").refused(&words);
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn an_answer_that_has_nowhere_to_go_is_said() {
+    let saved = Saved::new();
+    for arguments in ["--info", "--info --json", "--help", ""] {
+        let line = format!(
+            "exec {} {} {arguments} >&- </dev/null",
+            env!("CARGO_BIN_EXE_dynid-estimator"),
+            saved.path().display()
+        );
+        let mut shell = std::process::Command::new("sh");
+        let answer = Answer::from(shell.args(["-c", &line]).output().unwrap());
+        answer.refused(&["stdout: it is closed"]);
+    }
 }
 
 #[test]

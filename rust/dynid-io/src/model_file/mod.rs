@@ -73,15 +73,22 @@ pub fn load(path: &Path) -> Result<TorqueModel, ModelFileError> {
     parse(&bytes, &name)
 }
 
-/// Reads a file, `most` bytes of it and one more: a device or a pipe has no size to ask for.
+/// Reads a file, `most` bytes of it and one more.
 ///
 /// # Errors
-/// [`ModelFileError::Io`].
+/// [`ModelFileError::Io`]; [`ModelFileError::Invalid`] of a device or a pipe, which might be waited for without end.
 pub(crate) fn read_at_most(path: &Path, most: u64) -> Result<Vec<u8>, ModelFileError> {
     let io = |source| ModelFileError::Io {
         path: path.display().to_string(),
         source,
     };
+    let found = fs::metadata(path).map_err(io)?;
+    if !found.is_file() && !found.is_dir() {
+        return Err(ModelFileError::Invalid {
+            path: path.display().to_string(),
+            message: "this is a device or a pipe, not a file; save it as a file first".to_owned(),
+        });
+    }
     let mut bytes = Vec::new();
     let file = fs::File::open(path).map_err(io)?;
     file.take(most + 1).read_to_end(&mut bytes).map_err(io)?;
