@@ -152,3 +152,16 @@ def test_runs_go_on_from_one_another_where_it_is_remembered(arm, tmp_path):
     known.write_text("{}")
     assert str(known) in refusal(watched(arm, "same", options=["--remember", known]))
     assert known.read_text() == "{}"
+
+
+def test_what_stood_before_a_call_stands_at_its_end(arm, tmp_path):
+    """Prometheus' text of a call in which nothing is said says what an earlier one has said."""
+    known, prom = tmp_path / "known.json", tmp_path / "state.prom"
+    joint = model().robot.joint_names[1]
+    line = re.compile(rf'^dynid_watch_change_ratio{{robot="[^"]*",joint="{joint}",kind="friction"}} (\S+)$', re.M)
+    watched(arm, "harder", options=["--remember", known, "--prometheus", prom])
+    first = float(line.search(prom.read_text())[1])
+    assert first == pytest.approx(0.2, rel=0.1)
+    later = watched(arm, "worn", options=["--remember", known, "--prometheus", prom])
+    assert "worn.parquet: nothing has changed" in later.stdout
+    assert float(line.search(prom.read_text())[1]) == pytest.approx(first, rel=1e-9)
