@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import sys
+from contextlib import suppress
 
 from dynid_rs.base import interrupt, room, streams, threads
 
@@ -14,7 +15,8 @@ def main() -> None:
     interrupt.listen()
     told = threads.limit()
     if told is not None:
-        print(f"note: {told}", file=sys.stderr)
+        with suppress(OSError):  # nobody hears it
+            print(f"note: {told}", file=sys.stderr, flush=True)
     try:
         from dynid_rs.cli import main as run
 

@@ -35,6 +35,8 @@ WORK_RATE = 40.0
 """States are kept at this multiple of the cutoff at least; friction's corners live above the band."""
 ROW_RATE = 4.0
 """Rows of the fit are kept at this multiple of the cutoff: twice what the band can hold."""
+SLOWER = 2.0
+"""A run narrows the band of others that are sampled more than this times as fast."""
 LATEST_VELOCITY = 0.05
 """A recorded velocity that lags its position by more than this over the cutoff is differentiated instead."""
 STILL_SPEED = 0.01
@@ -67,7 +69,7 @@ def _design(rate: float, cutoff: float) -> Filter | None:
 class Band:
     """Where measured and predicted torque are compared: zero-phase Butterworth below `cutoff` [Hz].
 
-    `slowest`: run whose sampling rate allows no wider band than this, where one does.
+    `slowest`: run whose sampling rate, lower than that of others, leaves less than the usual band, where one does.
     """
 
     cutoff: float
@@ -267,10 +269,11 @@ def choose_band(recordings: list[Recording], least: float = 5.0) -> Band:
         q = Band(4 * least).apply(_linear(recording.t, recording.q, grid), rate)
         power = np.cumsum(np.abs(np.fft.rfft(slope(q, rate), axis=0)) ** 2, axis=0)
         frequencies += [np.searchsorted(column, 0.9 * column[-1]) * rate / len(grid) for column in power.T]
-    wanted = float(max(least, 5 * np.median(frequencies)))
     slowest = min(recordings, key=lambda recording: recording.rate)
     allowed = 0.8 * slowest.rate / 2
-    return Band(wanted) if wanted <= allowed else Band(allowed, slowest.name)
+    cutoff = float(min(max(least, 5 * np.median(frequencies)), allowed))
+    is_alone = max(recording.rate for recording in recordings) > SLOWER * slowest.rate
+    return Band(cutoff, slowest.name if cutoff < least and is_alone else None)
 
 
 def prepare(recording: Recording, band: Band, rate: float, *, standstill: bool = False) -> States:
