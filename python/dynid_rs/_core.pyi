@@ -1296,7 +1296,14 @@ def watch_run(
     load: float,
     unknown: float,
     remembered: str | None = None,
-) -> tuple[list[dict[str, Any]], NDArray[np.uintp], _FloatArray, _FloatArray, _FloatArray, tuple[list[dict[str, Any]], str]]:
+) -> tuple[
+    list[dict[str, Any]],
+    NDArray[np.uintp],
+    _FloatArray,
+    _FloatArray,
+    _FloatArray,
+    tuple[list[dict[str, Any]], str],
+]:
     """What of a model no longer holds along a run, by the code that runs online.
 
     Parameters

@@ -1,4 +1,4 @@
-"""Files that `dynid watch` writes: settings, what it remembers, a page for people, Prometheus' text, the fields of a ROS message."""
+"""Files that `dynid watch` writes: settings, what it remembers, a page for people, text for Prometheus and for ROS."""
 
 from __future__ import annotations
 
