@@ -1,8 +1,8 @@
 """How often 95 % intervals of an error hold, on simulated errors whose true size is known.
 
-`python tests/error_interval_coverage.py [RUNS] [SEED ...]` prints the table: per length of the run, kind of error and
+`python tests/error_interval_coverage.py [--own] [RUNS] [SEED ...]` prints the table: per length of the run, kind of error and
 memory, the coverage [%] of candidates, and of what the package says: how many runs get an interval, and how many of
-those intervals hold the truth; of an RMSE, and of the change between two models' RMSE on the same run.
+those intervals hold the truth; of an RMSE, and of the change between two models' RMSE on the same run. `--own`: without the candidates.
 """
 
 from __future__ import annotations
@@ -155,23 +155,25 @@ def candidates(errors, rng):
     }
 
 
-def rows(rng, n_runs):
+def rows(rng, n_runs, *, own_alone=False):
     """Length, kind, memory, coverage of every candidate, and (said, held) of RMSE and change."""
     for length in LENGTHS:
         for kind in KINDS:
             for memory in MEMORIES:
                 before, after = simulated(rng, kind, length, memory, n_runs)
-                others = {name: held(found, 1.0)[1] for name, found in candidates(before, rng).items()}
+                found_by = {} if own_alone else candidates(before, rng)
+                others = {name: held(found, 1.0)[1] for name, found in found_by.items()}
                 own = held(rmse_interval([as_runs(before)]), 1.0)
                 change = held(change_interval([as_runs(after)], [as_runs(before)]), CHANGE)
                 yield length, kind, memory, others, own, change
 
 
-def main(n_runs=400, seeds=(0, 1, 2)):
+def main(n_runs=400, seeds=(0, 1, 2), *, own_alone=False):
     """Print the table as Markdown, mean over the seeds."""
-    tables = [list(rows(np.random.default_rng(seed), n_runs)) for seed in seeds]
+    tables = [list(rows(np.random.default_rng(seed), n_runs, own_alone=own_alone)) for seed in seeds]
     names = list(tables[0][0][3])
-    print(f"| run [s] | error | memory [s] | {' | '.join(names)} | RMSE: said | held | change: said | held |")
+    heads = ["run [s]", "error", "memory [s]", *names, "RMSE: said", "held", "change: said", "held"]
+    print(f"| {' | '.join(heads)} |")
     print("|---" * (7 + len(names)) + "|")
     for same in zip(*tables, strict=True):
         length, kind, memory = same[0][:3]
@@ -180,10 +182,11 @@ def main(n_runs=400, seeds=(0, 1, 2)):
             said = np.array([row[place][0] for row in same])
             good = np.array([np.nan_to_num(row[place][1]) for row in same])
             means += [said.mean(), (said * good).sum() / said.sum() if said.any() else np.nan]
-        cells = " | ".join("-" if np.isnan(mean) else f"{mean:.0f}" for mean in means)
+        cells = " | ".join("-" if np.isnan(mean) else f"{mean:.1f}" for mean in means)
         print(f"| {length:g} | {kind} | {memory:g} | {cells} |", flush=True)
 
 
 if __name__ == "__main__":
-    given = [int(word) for word in sys.argv[1:]]
-    main(*([given[0]] if given else []), *([tuple(given[1:])] if given[1:] else []))
+    given = [int(word) for word in sys.argv[1:] if word != "--own"]
+    asked = [given[0]] if given else []
+    main(*asked, *([tuple(given[1:])] if given[1:] else []), own_alone="--own" in sys.argv)

@@ -29,6 +29,9 @@ PAGE, FIGURES = ROOT / "docs" / "measured" / "trust.md", ROOT / "docs" / "measur
 BY_HAND = "## Found on the way"
 PYTHON = "python"
 
+MOSTLY = 50.0
+"""Where so many runs [%] get an interval, how often it holds is a figure."""
+
 Figures = Any
 
 
@@ -93,6 +96,26 @@ def _found(figures: Figures) -> str:
     return (
         "nothing found" if not figures["found"] else f"**{len(figures['found'])} found, see docs/measured/trust.json**"
     )
+
+
+def _covered(text: str) -> Figures:
+    """Of the cases in which most runs get an interval: how often the rarest and the most frequent hold [%]."""
+    cases = [line.strip("| ").split(" | ")[-4:] for line in text.splitlines() if line.startswith("| ")][1:]
+    figures = {}
+    for what, place in (("error", 0), ("change", 2)):
+        often = [float(case[place + 1]) for case in cases if float(case[place]) >= MOSTLY]
+        right = sum(93 <= held <= 97 for held in often)
+        figures[what] = {"of": len(cases), "said": len(often), "right": right, "from": min(often), "to": max(often)}
+    return figures
+
+
+def _said_covered(figures: Figures) -> str:
+    each = [
+        f"of {what} {f['from']:.1f} to {f['to']:.1f} %, {f['right']} of {f['said']} cases within 93 to 97 (in "
+        f"{f['of'] - f['said']} more most runs are too short for their memory and get none)"
+        for what, f in (("an error", figures["error"]), ("its change", figures["change"]))
+    ]
+    return "; ".join(each)
 
 
 CAMPAIGNS = {
@@ -165,6 +188,14 @@ CAMPAIGNS = {
         f"{PYTHON} tests/campaigns/mutants.py --seed 1 --rust 4 --python 4",
         json.loads,
         mutants.said,
+    ),
+    "intervals": Campaign(
+        "95 % intervals of an error and of its change on simulated runs of 15, 30 and 60 s, five kinds of error with "
+        "memories of 0 to 5 s: how many hold the truth",
+        f"{PYTHON} tests/error_interval_coverage.py --own 1000",
+        f"{PYTHON} tests/error_interval_coverage.py --own 100 0",
+        _covered,
+        _said_covered,
     ),
     "determinism": Campaign(
         "Another call, process, hash seed, number of threads: the same bytes; order of runs, BLAS kernel: roundings "
