@@ -1,8 +1,9 @@
 """How often 95 % intervals of an error hold, on simulated errors whose true size is known.
 
-`python tests/error_interval_coverage.py [--own] [RUNS] [SEED ...]` prints the table: per length of the run, kind of error and
-memory, the coverage [%] of candidates, and of what the package says: how many runs get an interval, and how many of
-those intervals hold the truth; of an RMSE, and of the change between two models' RMSE on the same run. `--own`: without the candidates.
+`python tests/error_interval_coverage.py [--own] [RUNS] [SEED ...]` prints the table: per length of the run, kind of
+error and memory, the coverage [%] of candidates (`--own`: not of them), and of what the package says: how many runs get
+an interval, and how many of those intervals hold the truth; of an RMSE, and of the change between two models' RMSE on
+the same run.
 """
 
 from __future__ import annotations
