@@ -28,7 +28,7 @@ exam's, 0.2 to 4 % of the torque's deviation.
 
 Every model is identified from twelve runs of 40 s; the healthy runs are others (*clean*: six of 100 s, cold, warming
 and warm; *changes*: three of 80 s), and so are those that are watched. Everything is as it is by default, but for the
-tolerated load: {tolerated:.0%} of the rated payload, which is taken to be {rated} of the arm's moving mass (the usual
+tolerated load: {tolerated} of the rated payload, which is taken to be {rated} of the arm's moving mass (the usual
 0.1 kg would be more than 5 % of it on a small arm).
 """
 
@@ -36,14 +36,14 @@ ABOUT_CLEAN = """## Clean
 
 {cycles:,} cycles, {hours:.2f} h of arms' time, in pieces of 60 to 200 s that go on from one another by `remembered`:
 sums of harmonics, moves from point to point, stop and go, with rests; a break in which the arm cools down after every
-seventh or so. Friction of every joint warms up within 10 to 30 min, from up to {warm:.0%} less (or more) than what the
+seventh or so. Friction of every joint warms up within 10 to 30 min, from up to {warm} less (or more) than what the
 model was learned at to as much more (or less). {expected:.3f} false alarms are promised at most on average; more than
 {likely} would be less likely than one in twenty.
 
 *Error*: what the model leaves of rows of a run that nothing else saw, as warm as those that it was learned from, over
-what the channels' noise alone leaves of them; worst joint. *Healthy*: the same of the healthy runs, from cold to warm.
-*Grown*: what the clean rows leave over what is expected after the healthy ones, least and greatest of the joints; the
-promise is about one, or less. *Watched*: rows in which some joint says something.
+what the channels' noise alone leaves of them (steps of encoders are in it too); worst joint. *Healthy*: the same of the
+healthy runs, from cold to warm. *Grown*: what the clean rows leave over what is expected after the healthy ones, least
+and greatest of the joints; the promise is about one, or less. *Watched*: rows in which some joint says something.
 """
 
 ABOUT_CHANGES = """## Changes
@@ -66,7 +66,7 @@ def page(invocation: dict[str, Any], results: Sequence[Result], before: str) -> 
     """The page as Markdown; what stands in `before` under `BY_HAND` was written by hand, and stays."""
     by_hand = before[before.index(BY_HAND) :] if BY_HAND in before else f"{BY_HAND}\n"
     parts = [
-        INTRODUCTION.format(**invocation, tolerated=TOLERATED_LOAD, rated=f"1/{round(1 / RATED)}"),
+        INTRODUCTION.format(**invocation, tolerated=_percent(TOLERATED_LOAD), rated=f"1/{round(1 / RATED)}"),
         "## Marks\n",
         marks_table(results),
         _clean(results),
@@ -175,7 +175,7 @@ def _clean(results: Sequence[Result]) -> str:
             f"{min(one['grown']):.2f} to {max(one['grown']):.2f}",
             f"{one['cycles']:,}",
             str(one["pieces"]),
-            f"{one['moved']:.0%}",
+            _percent(one["moved"]),
             str(len(one["alarms"])),
             str(sum(became == "withdrawn" for *_, became in one["alarms"])),
         )
@@ -185,7 +185,9 @@ def _clean(results: Sequence[Result]) -> str:
     expected = promised(clean)
     cycles = sum(one["cycles"] for one in clean)
     said = [f"* arm {one['seed']}, {t:.0f} s: {what}; {became}" for one in clean for t, what, became in one["alarms"]]
-    about = ABOUT_CLEAN.format(cycles=cycles, hours=hours(clean), warm=WARM, expected=expected, likely=likely(expected))
+    about = ABOUT_CLEAN.format(
+        cycles=cycles, hours=hours(clean), warm=_percent(WARM), expected=expected, likely=likely(expected)
+    )
     return "\n".join([about, _table((*head, "false alarms", "of them withdrawn"), rows), *said, ""])
 
 
@@ -208,7 +210,7 @@ def _changes(results: Sequence[Result]) -> str:
                 *(str(n) for n in count.values()),
                 *times,
                 " / ".join(map(str, became)),
-                f"{within(errors, 0.5):.1%} / {within(errors, SHARE):.1%}" if errors else "-",
+                f"{_percent(within(errors, 0.5), 1)} / {_percent(within(errors, SHARE), 1)}" if errors else "-",
                 _share(covered) if covered else "-",
                 str(sum(o["more"] for o in cases)),
             )
@@ -254,6 +256,10 @@ def _wrong(results: Sequence[Result]) -> str:
 
 def _enough(part: Sequence[bool]) -> bool:
     return sum(part) >= SHARE * len(part)
+
+
+def _percent(part: float, digits: int = 0) -> str:
+    return f"{100 * part:.{digits}f} %"
 
 
 def _share(part: Sequence[bool]) -> str:
