@@ -96,6 +96,11 @@ def marks_table(results: Sequence[Result]) -> str:
         expected, alarms = promised(clean), sum(len(one["alarms"]) for one in clean)
         reached = f"{alarms} in {hours(clean):.2f} h; {expected:.3f} are promised at most, on average"
         rows.append(("false alarms: at most one a day", reached, alarms <= likely(expected)))
+    arms = of(results, "changes")
+    if arms:
+        early, waited = sum(o["early"] for o in outcomes_of(results, *CHANGES)), len(arms) * len(CHANGES) * AT
+        reached = f"{early} in {waited / 3600:.2f} h; {waited / DAY:.3f} are promised at most, on average"
+        rows.append(("the same before a change begins", reached, early <= likely(waited / DAY)))
     friction = outcomes_of(results, "friction +20 %")
     if friction:
         part = [hit(o) and o["motion"] <= 60.0 for o in friction]
@@ -217,9 +222,7 @@ def _changes(results: Sequence[Result]) -> str:
         )
     head = ("change", "cases", "right", "one of two", "wrong", "no name", "s of motion", "s", "settled", "size off")
     about = ABOUT_CHANGES.format(arms=len(arms), ends=ENDS, at=AT, offset=OFFSET, reach=100 * REACH)
-    early = sum(o["early"] for o in outcomes_of(results, *CHANGES))
-    seconds = f"Named before the change began: {early} in {len(arms) * len(CHANGES) * AT / 3600:.2f} h."
-    return "\n".join([about, _table((*head, "covered", "more"), rows), seconds, *_identified(results), ""])
+    return "\n".join([about, _table((*head, "covered", "more"), rows), *_identified(results), ""])
 
 
 def _halves(times: Sequence[float | None]) -> str:
@@ -251,6 +254,8 @@ def _wrong(results: Sequence[Result]) -> str:
                 lines.append(f"{where}: {o['said']}; then {o['settled']}")
             if o["more"] and hit(o):
                 lines.append(f"{where}: later {o['more']} more, {o['next_said']}")
+            if o["early"]:
+                lines.append(f"{where}: {o['early']} named before the beginning")
     return "\n".join([*lines, ""]) if lines else "Nothing.\n"
 
 

@@ -90,6 +90,7 @@ def test_marks_are_missed_by_wrong_names_late_ones_and_alarms():
         ({"name": "wrong"}, "right name in 95 %, without"),
         ({"motion": 61.0}, "friction +20 %"),
         ({"motion": 2.2}, "5 % of rated"),
+        ({"early": 1}, "the same before"),
     ):
         spoiled = {**changes, "outcomes": [{**o, **spoil} for o in changes["outcomes"]]}
         (line,) = (line for line in watch_page.marks_table([clean, spoiled]).splitlines() if f"| {mark}" in line)
