@@ -120,7 +120,7 @@ def make_world(case: Case) -> World:
     """Draw joints, let the arm move; gears are still rigid."""
     arm = draw_arm(case)
     model = arm.model()
-    runs = tuple(_run(case, model, run) for run in range(case.n_runs))
+    runs = tuple(make_run(case, model, run) for run in range(case.n_runs))
     rng = stream(case.seed, 3)
     n = case.n_joints
     rigid = np.vstack([s.tau_rigid for s in runs[: case.n_train]])
@@ -147,7 +147,8 @@ def make_world(case: Case) -> World:
     return replace(world, torque_std=torque.std(axis=0))
 
 
-def _run(case: Case, model: pin.Model, run: int) -> States:
+def make_run(case: Case, model: pin.Model, run: int) -> States:
+    """Let the arm move: one run of a case, gears still rigid."""
     rng = stream(case.seed, 4, run)
     n = int(case.durations[run] * case.rate)
     stamps = (np.arange(n) + 1 + case.jitter * rng.uniform(-0.5, 0.5, n)) / case.rate
