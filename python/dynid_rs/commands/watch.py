@@ -137,7 +137,7 @@ def watch(
 
 
 def _watched(watching: Watch, recording: Recording, known: str | None, remember: Path | None) -> Watched:
-    from dynid_rs import FormatError
+    from dynid_rs._core import FormatError
 
     try:
         return watching.watch(recording, remembered=known)
