@@ -8,6 +8,7 @@ from helpers.run_files import write
 from helpers.small_arm import dynid, refusal
 from helpers.watched_arm import CHANGES, model, recorded, write_runs
 
+from dynid_rs.commands._watch_files import WatchFiles
 from dynid_rs.commands.watch import _per_day
 
 
@@ -165,3 +166,35 @@ def test_what_stood_before_a_call_stands_at_its_end(arm, tmp_path):
     later = watched(arm, "worn", options=["--remember", known, "--prometheus", prom])
     assert "worn.parquet: nothing has changed" in later.stdout
     assert float(line.search(prom.read_text())[1]) == pytest.approx(first, rel=1e-9)
+
+
+def test_what_stood_before_is_said_and_is_no_news(arm, tmp_path):
+    known = tmp_path / "known.json"
+    watched(arm, "harder", options=["--remember", known])
+    later = watched(arm, "worn", options=["--remember", known])
+    assert later.exit_code == 0
+    joint = model().robot.joint_names[1]
+    assert re.search(rf"^  stood before: {joint}: friction \+(19|20|21|22) % ", later.stdout, re.M), later.stdout
+    answer = json.loads(watched(arm, "worn", options=["--remember", known, "--json"]).stdout)
+    (before,) = answer["runs"][0]["before"]
+    assert (before["kind"], before["joint"], before["said"]) == ("friction", joint, "settled")
+    assert (answer["runs"][0]["changes"], answer["changed"]) == ([], False)
+
+
+def test_what_could_not_be_said_is_not_known_yet(arm, tmp_path):
+    """Where another file cannot be written, the same command says the same again."""
+    known, folder = tmp_path / "known.json", tmp_path / "none"
+    folder.mkdir()
+    options = ["--remember", known, "--prometheus", folder / "state.prom"]
+    whole = WatchFiles.write
+    with pytest.MonkeyPatch.context() as patch:
+
+        def refused(*arguments):
+            whole(*arguments)
+            raise OSError("no space is left")
+
+        patch.setattr(WatchFiles, "write", refused)
+        assert watched(arm, "harder", options=options).exit_code == 2
+    assert not known.exists()
+    assert "(settled)" in watched(arm, "harder", options=options).stdout
+    assert known.exists()

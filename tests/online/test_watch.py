@@ -182,3 +182,14 @@ def test_a_run_without_a_row_leaves_what_is_known():
     known = watch.watch(recorded(5.0, 5)).remembered
     short = recorded(5.0, 6)[:40]
     assert watch.watch(short, remembered=known).remembered == known
+
+
+def test_a_run_of_a_row_that_is_not_judged_leaves_what_is_known():
+    """Whatever the length of a run, what is remembered after it can be recalled."""
+    watch = watching()
+    known = watch.watch(recorded(5.0, 5)).remembered
+    run = recorded(5.0, 6)
+    for n in range(95, 135, 3):
+        after = watch.watch(run[:n], remembered=known).remembered
+        assert "null,null,null,null,null,null,null,null,null,null,null,null" not in after[:200]
+        watch.watch(run, remembered=after)

@@ -69,8 +69,12 @@ class Change:
     unit: str = ""
 
     def __str__(self) -> str:
-        where = "" if self.kind == "load" else f"{self.joint}: "
-        return f"{self.t:.1f} s: {where}{self.what}{'' if self.said == 'named' else f' ({self.said})'}"
+        return f"{self.t:.1f} s: {self.place}{self.what}{'' if self.said == 'named' else f' ({self.said})'}"
+
+    @property
+    def place(self) -> str:
+        """Joint and colon, before `what`; nothing of a load."""
+        return "" if self.kind == "load" else f"{self.joint}: "
 
     @property
     def what(self) -> str:

@@ -67,8 +67,6 @@ class WatchFiles:
 
         if self.save is not None:
             watch.save(self.save)
-        if self.remember is not None:
-            write_text(self.remember, watched[-1].remembered)
         if self.report is not None:
             from dynid_rs.model.health import health_page
 
@@ -81,6 +79,19 @@ class WatchFiles:
             from dynid_rs.model.ros_diagnostics import ros_diagnostics
 
             write_json(self.ros, ros_diagnostics(watch, watched))
+
+    def keep(self, watched: Sequence[Watched]) -> None:
+        """Write what the watch knows, last of all: what was not said is said again by the same command.
+
+        Raises
+        ------
+        OSError
+            The place cannot be written; the text is a sentence.
+        """
+        from dynid_rs.base.files import write_text
+
+        if self.remember is not None:
+            write_text(self.remember, watched[-1].remembered)
 
     def lines(self, has_runs: bool) -> list[str]:
         """Where they are; settings beside runs are no news, and what is remembered is none for people."""

@@ -30,6 +30,7 @@ def answer(watched: Sequence[Watched], joints: Sequence[str], findings: Sequence
         "runs": [
             {
                 "run": run.name,
+                "before": [change.to_json() for change in run.before],
                 "changes": [change.to_json() for change in run.changes],
                 "rows": len(run.t),
                 "watched": run.watched.mean(axis=0).tolist() if len(run.t) else [0.0] * len(joints),
@@ -46,6 +47,7 @@ def lines(watched: Sequence[Watched], joints: Sequence[str], findings: Sequence[
     for run in watched:
         nothing = "nothing has changed" if run.watched.any() else "could not be watched"
         said.append(f"{shown(run.name)}:" if run.changes else f"{shown(run.name)}: {nothing}")
+        said += [f"  stood before: {change.place}{change.what}" for change in run.before]
         said += [f"  {change}" for change in run.changes]
         share = run.watched.mean(axis=0) if len(run.t) else [0.0] * len(joints)
         unseen = [shown(joint) for joint, part in zip(joints, share, strict=True) if part == 0]

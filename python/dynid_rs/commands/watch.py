@@ -133,6 +133,8 @@ def watch(
     else:
         for line in [*lines(watched, joints, findings), *files.lines(bool(runs))]:
             typer.echo(line)
+    if watched:
+        files.keep(watched)
     return EXIT_NO if has_changed(watched) else 0
 
 

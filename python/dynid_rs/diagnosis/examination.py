@@ -61,8 +61,7 @@ def examine(
         # A push bends the fit that it is judged by: what may be one is judged by a fit without it.
         apart = replace(setup, excluded=windows_of(likely, setup.excluded))
         without = apart.identifier(residual=None).fit(list(train))
-        if contacts := find_contacts(without, runs):
-            setup, fit = apart, without
+        contacts = find_contacts(without, runs)
     for _ in range(N_SEARCHES):
         windows = windows_of(contacts, setup.excluded)
         if windows == setup.excluded:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
@@ -230,14 +231,27 @@ class _Alike:
     def joined(parts: Sequence[_Alike]) -> _Alike:
         return _Alike(np.concatenate([part.sizes for part in parts]), np.concatenate([part.turns for part in parts]))
 
-    def scale(self, but: NDArray[Any]) -> float:
-        """Without a reversal that makes up so much of them that the greatest quantile is its own.
+    @cached_property
+    def whole(self) -> float:
+        """Scale of all."""
+        return _scale(self.sizes, QUANTILES)
+
+    @cached_property
+    def great(self) -> dict[tuple[int, int], float]:
+        """Scale without a reversal, of those that make up so much of all that the greatest quantile is their own.
 
         A push at one of three reversals is told by the others, not by itself.
         """
-        others = (self.turns != but).any(axis=1)
-        is_most = others.sum() < QUANTILES[-1] * len(others)
-        return _scale(self.sizes[others] if is_most else self.sizes, QUANTILES)
+        turns, counts = np.unique(self.turns, axis=0, return_counts=True)
+        found = {}
+        for run, number in turns[counts > (1 - QUANTILES[-1]) * len(self.sizes)].tolist():
+            others = (self.turns != (run, number)).any(axis=1)
+            found[run, number] = _scale(self.sizes[others], QUANTILES)
+        return found
+
+    def scale(self, but: tuple[int, int]) -> float:
+        """Scale of all, or without one reversal where that is a great part of them."""
+        return self.great.get(but, self.whole)
 
 
 def _moves(watch: Watch, x: _Level, j: int) -> BoolArray:
@@ -264,11 +278,11 @@ def _scale_of(watch: Watch, x: _Level, pool: _Pool, pooled: bool) -> FloatArray:
         for alike, time in zip(pool.near, _TIMES, strict=True):
             own, mask = _Alike.of(watch, x, j, time), _moves(watch, x, j) & _within(watch, j, time)
             all_alike = [alike[j]] if pooled else [alike[j], own]
-            for turn in np.unique(own.turns, axis=0):
-                # Of a reversal that has no like nothing is known but itself.
-                size = max(group.scale(turn) for group in all_alike) or _scale(own.sizes, QUANTILES)
-                here = np.flatnonzero(mask)[(own.turns == turn).all(axis=1)]
-                scale[here, j] = np.maximum(scale[here, j], size)
+            turns, place = np.unique(own.turns, axis=0, return_inverse=True)
+            # Of a reversal that has no like nothing is known but itself.
+            sizes = [max(group.scale((run, k)) for group in all_alike) or own.whole for run, k in turns.tolist()]
+            if sizes:
+                scale[mask, j] = np.maximum(scale[mask, j], np.array(sizes)[place.ravel()])
     return scale
 
 

@@ -84,7 +84,7 @@ impl Notebook {
             .name("remember".into())
             .spawn(move || loop {
                 thread::sleep(PAUSE);
-                theirs.write();
+                theirs.write(false);
             });
         if let Err(error) = started {
             tell(
@@ -119,13 +119,13 @@ impl Notebook {
 
 impl Drop for Notebook {
     fn drop(&mut self) {
-        self.desk.write();
+        self.desk.write(true);
     }
 }
 
 impl Desk {
-    /// Writes what was laid down since the last time.
-    fn write(&self) {
+    /// Writes what was laid down since it was written last. That it cannot be is said once, and at the end.
+    fn write(&self, is_last: bool) {
         // Held until the file is there: the program does not end in between.
         let mut refused = self.refused.lock().unwrap_or_else(PoisonError::into_inner);
         let page = {
@@ -139,10 +139,16 @@ impl Desk {
             }
         };
         let done = page.save(&self.path);
-        if let (Err(error), false) = (&done, *refused) {
-            tell("error", &format!("--remember: {error}"));
-        }
-        *refused = done.is_err();
+        *refused = match &done {
+            Ok(()) => false,
+            Err(error) => {
+                self.page().waits = true;
+                if is_last || !*refused {
+                    tell("error", &format!("--remember: {error}"));
+                }
+                true
+            }
+        };
     }
 
     /// Never makes the loop wake anybody: it is tried for, not waited for.
@@ -225,6 +231,24 @@ mod tests {
         let last = load_remembered(&path).unwrap();
         assert_eq!(last.of, first.of);
         assert_ne!(last.numbers, first.numbers);
+    }
+
+    #[test]
+    fn what_could_not_be_written_is_written_later() {
+        let folder = tempfile::tempdir().unwrap();
+        let inner = folder.path().join("inner");
+        std::fs::create_dir(&inner).unwrap();
+        let settings = settings(inner.join("known.json"));
+        let path = settings.remember.clone().unwrap();
+        let mut cycle = Cycle::new(model(1.0), &settings).unwrap();
+        let mut notebook = Notebook::open(&mut cycle, &settings).unwrap().unwrap();
+        go_on(&mut cycle, &mut notebook, 0);
+        std::fs::remove_dir(&inner).unwrap();
+        notebook.desk.write(false);
+        assert!(!path.exists() && *notebook.desk.refused.lock().unwrap());
+        std::fs::create_dir(&inner).unwrap();
+        drop(notebook);
+        assert!(path.exists());
     }
 
     #[test]

@@ -87,6 +87,10 @@ pub fn watch_run<'py>(
     let (samples, n_samples) = (run.rows()?, run.len());
     py.detach(|| {
         let (mut n_rows, mut noted) = (0, 0);
+        // A run in which no row is judged to its end adds nothing to what is known.
+        if let Some(watch) = online.watch_mut() {
+            watch.remember(&mut numbers)?;
+        }
         for k in 0..n_samples {
             online.step(&samples.at(k))?;
             changes.extend(online.change().map(|change| (k, *change)));
@@ -104,10 +108,6 @@ pub fn watch_run<'py>(
                 variance.extend_from_slice(of_variance);
                 moves.extend(of_moves.iter().map(|moves| f64::from(*moves)));
             }
-        }
-        // A run without a row adds nothing to what is known.
-        if let (0, Some(watch)) = (noted, online.watch_mut()) {
-            watch.remember(&mut numbers)?;
         }
         Ok(())
     })

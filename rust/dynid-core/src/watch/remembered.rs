@@ -3,7 +3,7 @@
 //! Only what was judged to its end is in them; the row in the making is lost with the program.
 
 use super::solve::LoadSums;
-use super::{Change, Kind, Phase, Said, Watch, SETTLED};
+use super::{Change, Kind, Phase, Said, Watch, LONGEST, SETTLED};
 use crate::dynamics::check_length;
 use crate::error::CoreError;
 
@@ -26,6 +26,7 @@ const KINDS: [Kind; 5] = [
 pub(super) enum Range {
     Any,
     Positive,
+    NotNegative,
     /// A logarithm, of zero too.
     Log,
 }
@@ -35,6 +36,7 @@ impl Range {
         match self {
             Self::Any => x.abs() <= LARGEST,
             Self::Positive => x > 0.0 && x <= LARGEST,
+            Self::NotNegative => (0.0..=LARGEST).contains(&x),
             Self::Log => x <= LARGEST,
         }
     }
@@ -107,7 +109,10 @@ impl Watch {
         for sizes in [friction, gain, &mut known.offset, &mut known.unknown] {
             sizes.iter_mut().for_each(|x| each(x, Range::Any));
         }
-        known.variance.iter_mut().for_each(|x| each(x, Range::Any));
+        known
+            .variance
+            .iter_mut()
+            .for_each(|x| each(x, Range::NotNegative));
         known.load.iter_mut().for_each(|x| each(x, Range::Any));
         for scales in [&mut self.inflation, &mut self.deviation] {
             scales.iter_mut().for_each(|x| each(x, Range::Positive));
@@ -171,7 +176,7 @@ fn numbers_of(phase: &Phase) -> [f64; N_PHASE] {
 fn phase_of(numbers: &[f64], n: usize) -> Option<Phase> {
     let numbers: &[f64; N_PHASE] = numbers.first_chunk()?;
     let [code, rows, kind, joint, size, std, x, y, z, or_kind, or_joint] = *numbers;
-    let rows = whole(rows, SETTLED as usize)? as u32;
+    let rows = whole(rows, LONGEST.max(SETTLED) as usize)? as u32;
     let joint_of = |x: f64| whole(x, n.checked_sub(1)?);
     let kind_of = |x: f64| KINDS.get(whole(x, KINDS.len())?).copied();
     match whole(code, 2)? {

@@ -7,7 +7,7 @@ use nalgebra::{Matrix3, Vector3};
 use super::remembered::N_PHASE;
 use super::sequential::{log_ratio, Evidence, SequentialTest, SIZES};
 use super::solve::LoadSums;
-use super::{Change, Kind, Phase, Said, Watch, WatchSettings, SETTLED};
+use super::{Change, Kind, Phase, Said, Watch, WatchSettings, LONGEST, SETTLED};
 use crate::model::{Domain, TorqueModelParts};
 use crate::{Joint, JointKind, JointLimits, RobotModel, TorqueModel};
 
@@ -205,6 +205,7 @@ fn a_watch_goes_on_with_what_it_remembered() {
     for phase in [
         Phase::Quiet,
         Phase::Telling(7),
+        Phase::Telling(LONGEST),
         Phase::Settling(30, change),
         Phase::Settling(SETTLED, Change { or: None, ..change }),
     ] {
