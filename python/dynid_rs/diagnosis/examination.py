@@ -14,8 +14,7 @@ from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.runs.preprocessing import prepare
 from dynid_rs.runs.recording import Recording
-from dynid_rs.sensors import channel_errors, find_contacts, windows_of
-from dynid_rs.sensors.contact import LIKELY
+from dynid_rs.sensors import Contact, channel_errors, find_contacts, windows_of
 from dynid_rs.sensors.messages import contact_findings
 
 N_SEARCHES = 3
@@ -56,19 +55,14 @@ def examine(
     on_progress("contacts")
     fit = setup.identifier(residual=None).fit(list(train))
     runs = [prepare(recording, fit.band_, fit.rate_) for recording in train]
-    contacts = find_contacts(fit, runs)
-    if not contacts and (likely := find_contacts(fit, runs, least=LIKELY)):
-        # A push bends the fit that it is judged by: what may be one is judged by a fit without it.
-        apart = replace(setup, excluded=windows_of(likely, setup.excluded))
-        without = apart.identifier(residual=None).fit(list(train))
-        contacts = find_contacts(without, runs)
+    contacts: list[Contact] = []
     for _ in range(N_SEARCHES):
+        contacts = find_contacts(fit, runs)
         windows = windows_of(contacts, setup.excluded)
         if windows == setup.excluded:
             break
         setup = replace(setup, excluded=windows)
         fit = setup.identifier(residual=None).fit(list(train))
-        contacts = find_contacts(fit, runs)
     if test:
         unseen = find_contacts(fit, runs, [prepare(recording, fit.band_, fit.rate_) for recording in test])
         setup = replace(setup, excluded=windows_of(unseen, setup.excluded))

@@ -61,7 +61,7 @@ class Contact:
 
 
 def find_contacts(
-    fit: ThreeLoopIdentifier, learned: Sequence[States], judged: Sequence[States] | None = None, *, least: float = SURE
+    fit: ThreeLoopIdentifier, learned: Sequence[States], judged: Sequence[States] | None = None
 ) -> list[Contact]:
     """Find bursts in runs that were prepared without any exclusion.
 
@@ -76,22 +76,20 @@ def find_contacts(
         Training runs, channels as recorded.
     judged : sequence of States, optional
         Runs to look at, channels as recorded; the training runs by default.
-    least : float
-        Standard deviations that the strongest burst has at least.
     """
     usual = Usual(fit)
     watches = [watch_run(fit, states, usual) for states in learned]
     levels = [[_smooth(watch, length) for watch in watches] for length in LENGTHS]
     pools = [_Pool.of(watches, level) for level in levels]
     own = [_Burst.of(watch, [level[k] for level in levels], pools) for k, watch in enumerate(watches)]
-    sure = max(burst.strongest for burst in own) >= least
+    sure = max(burst.strongest for burst in own) >= SURE
     if judged is None:
         return [contact for burst in own for contact in burst.contacts()] if sure else []
     others = []
     for states in judged:
         watch = watch_run(fit, states, usual)
         others.append(_Burst.of(watch, [_smooth(watch, length) for length in LENGTHS], pools, pooled=False))
-    return [contact for burst in others if sure or burst.strongest >= least for contact in burst.contacts()]
+    return [contact for burst in others if sure or burst.strongest >= SURE for contact in burst.contacts()]
 
 
 @dataclass(frozen=True, eq=False)
