@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from dynid_rs.diagnosis.outcome import Diagnosis
     from dynid_rs.diagnosis.setup import Setup
     from dynid_rs.excitation import FourierExcitation
+    from dynid_rs.experiment.designing import NextExperiment
+    from dynid_rs.experiment.next import next_experiment
     from dynid_rs.identification.base_fit import BaseFit, fit_base_parameters
     from dynid_rs.identification.friction import FrictionIdentifier
     from dynid_rs.identification.links import LinkDynamicsIdentifier
@@ -59,6 +61,7 @@ _LATE = {
     "InstrumentalVariables": "regression.instruments",
     "LinkDynamicsIdentifier": "identification.links",
     "MomentumObserver": "model.observer",
+    "NextExperiment": "experiment.designing",
     "PartsWarning": "runs.readers",
     "PhysicalIdentifier": "model.physical",
     "RbfRegressor": "identification.rbf",
@@ -73,6 +76,7 @@ _LATE = {
     "fit_base_parameters": "identification.base_fit",
     "health_page": "model.health",
     "inspect": "sensors.inspection",
+    "next_experiment": "experiment.next",
     "prometheus_text": "model.prometheus",
     "read_config": "runs.readers",
     "read_recording": "runs.readers",
@@ -100,6 +104,7 @@ __all__ = [
     "MdhError",
     "MissingLibraryError",
     "MomentumObserver",
+    "NextExperiment",
     "PartsWarning",
     "PhysicalIdentifier",
     "PhysicalSet",
@@ -120,6 +125,7 @@ __all__ = [
     "fit_base_parameters",
     "health_page",
     "inspect",
+    "next_experiment",
     "prometheus_text",
     "read_config",
     "read_recording",

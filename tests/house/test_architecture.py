@@ -32,9 +32,10 @@ ROOMS = {
         *("base", "runs", "regression", "model", "identification", "excitation"),
         *("sensors", "reference"),
     },
+    "experiment": {"base", "report", "simulation", "excitation", "diagnosis"},
     "commands": {
         *("base", "report", "runs", "simulation", "regression", "model"),
-        *("identification", "archive", "excitation", "sensors", "reference", "diagnosis"),
+        *("identification", "archive", "excitation", "sensors", "reference", "diagnosis", "experiment"),
     },
 }
 """Rooms from the ground up, and what each may import of the package besides itself and the compiled module."""

@@ -21,6 +21,10 @@ def show(result: dict[str, Any]) -> None:
 
         for sentence in sentences(result["separation"]):
             out.print(Text(sentence), soft_wrap=True)
+    if "next" in result:
+        from dynid_rs.commands._excite_after import show_next
+
+        show_next(result["next"], result["joints"], out)
     blocks = ", ".join(
         f"{name} {'-' if value is None else f'{value:.4g}'} (rank {result['block_ranks'][name]})"
         for name, value in result["block_condition_numbers"].items()

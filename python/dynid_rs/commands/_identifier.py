@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -125,8 +125,10 @@ def scored_states(identifier: Any, test: list[Recording]) -> list[States]:
     return runs
 
 
-def write_results(output: Path, model: Any, result: dict[str, Any], table: dict[str, Any]) -> None:
-    """Fill the folder: model, residuals, result and report, all of them or none."""
+def write_results(
+    output: Path, model: Any, result: dict[str, Any], table: dict[str, Any], more: Mapping[str, Any] | None = None
+) -> None:
+    """Fill the folder: model, residuals, result and report, and JSON files `more` by name; all of them or none."""
     from dynid_rs.base.files import filled_together, write_json, write_table
     from dynid_rs.report import write_report
     from dynid_rs.report.source import source_of
@@ -135,4 +137,6 @@ def write_results(output: Path, model: Any, result: dict[str, Any], table: dict[
         model.save(folder / MODEL_FILE)
         write_table(folder / RESIDUALS_FILE, table)
         write_json(folder / RESULT_FILE, result)
+        for name, content in (more or {}).items():
+            write_json(folder / name, content)
         write_report(folder, source_of(result, table))

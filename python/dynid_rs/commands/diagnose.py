@@ -43,6 +43,12 @@ def diagnose(
         Path | None,
         typer.Option(metavar="MODEL", help="model.json that is trusted: tell what has changed since"),
     ] = None,
+    after: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="RESULT", help="Go on from the diagnosis in this folder: only what it left open is asked again"
+        ),
+    ] = None,
     config: _options.Config = None,
     gravity: _options.Gravity = None,
     base: _options.Base = None,
@@ -57,8 +63,9 @@ def diagnose(
 ) -> int:
     """Find the physical effects that an arm's model lacks, add them, and report the error before and after.
 
-    DIR then holds model.json with the effects in it, result.json, residuals.parquet and report.html. "Nothing to add"
-    is an answer. Ends with 1 if the data has an error in it or the model is no better than weighted least squares.
+    DIR then holds model.json with the effects in it, result.json, residuals.parquet, report.html, and open.json, from
+    which `dynid excite --after DIR` designs the next experiment. "Nothing to add" is an answer. Ends with 1 if the data
+    has an error in it or the model is no better than weighted least squares.
     """
     from dynid_rs.commands._console import progress
     from dynid_rs.commands._identifier import (
@@ -80,6 +87,8 @@ def diagnose(
     from dynid_rs.runs.facts import check_torque
 
     check_places(output, [robot, *runs, *(test or []), config, known, reference], force=force)
+    if reference is not None and after is not None:
+        raise ValueError("--reference asks what has changed, --after what was left open; give one of them")
     said = after_interrupt(output / RESULT_FILE)
     with goes_on(said), progress(*STEPS) as say:
         say("reading")
@@ -94,6 +103,8 @@ def diagnose(
         check_cutoff(cutoff, [*split.train, *split.test])
         check_torque(split.test)
         more = {} if reference is None else {"reference": _reference(reference, model, split.train[0])}
+        if after is not None:
+            more["after"] = _left_open(after, model, split.train[0])
 
         from dynid_rs.diagnosis.availability import missing_signals
         from dynid_rs.diagnosis.loop import diagnose as find_effects
@@ -138,6 +149,19 @@ def _reference(path: Path, robot: Any, run: Recording) -> Any:
     return model
 
 
+def _left_open(path: Path, robot: Any, run: Recording) -> Any:
+    """Read what an earlier diagnosis left open; it must be of this robot, in the unit of the runs."""
+    from dynid_rs.diagnosis.open_file import read_open
+
+    asked = read_open(path, robot)
+    if asked.torque_unit != run.torque_unit:
+        raise ValueError(
+            f"{path}: is of runs in {asked.torque_unit}, and these hold torque in {run.torque_unit}; give runs in the "
+            "same unit, or --drive-gain"
+        )
+    return asked
+
+
 def _moves_otherwise(trusted: Any, robot: Any) -> bool:
     """Whether two robots are more than a correction of frames and gravity apart, by the torque of their links."""
     import numpy as np
@@ -150,6 +174,7 @@ def _moves_otherwise(trusted: Any, robot: Any) -> bool:
 
 def _write(outcome: Outcome, split: Split, findings: list[Finding], output: Path) -> dict[str, Any]:
     from dynid_rs.commands._identifier import write_results
+    from dynid_rs.diagnosis.open_file import OPEN_FILE, to_json
     from dynid_rs.diagnosis.results import evaluated, residual_table, summarise_diagnosis
     from dynid_rs.identification.training import check_motion
 
@@ -157,7 +182,8 @@ def _write(outcome: Outcome, split: Split, findings: list[Finding], output: Path
     check_motion([run.states for run in runs.test_after])  # what counts as standstill follows the fitted friction
     result = summarise_diagnosis(outcome, runs, findings)
     table = residual_table(outcome, runs)
-    write_results(output, outcome.after.model_, result, table)
+    left_open = {} if outcome.asked is None else {OPEN_FILE: to_json(outcome.asked)}
+    write_results(output, outcome.after.model_, result, table, left_open)
     return result
 
 

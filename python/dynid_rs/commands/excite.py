@@ -105,6 +105,20 @@ def excite(
             show_default=False,
         ),
     ] = None,
+    after: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="RESULT", help="Decide what the diagnosis in this folder left open: the next experiment after it"
+        ),
+    ] = None,
+    budget: Annotated[
+        float | None,
+        typer.Option(metavar="S", help="With --after: the shortest motion that settles enough, of at most so many s"),
+    ] = None,
+    load: Annotated[
+        float | None,
+        typer.Option(metavar="KG", help="With --after: the motion carries this known mass at the last link"),
+    ] = None,
     start: Annotated[
         str | None,
         typer.Option(metavar="Q,Q,...", help="Where it starts and ends [rad, m]; zero, or the middle of the limits"),
@@ -134,43 +148,57 @@ def excite(
     TRAJ.csv holds t, q_i, dq_i, ddq_i; TRAJ.json the figures of merit and the exact extremes beside the limits;
     TRAJ.html the plots. While it runs, TRAJ.restarts.json keeps the finished searches. FRICTION.csv holds legs of
     constant speed in both directions and motions with their reversals, within the same limits. With --separate the
-    trajectory is the one that tells two effects apart best, and the exciting one is what it is compared with.
+    trajectory is the one that tells two effects apart best, with --after the one that decides most of what a diagnosis
+    left open; the exciting one is what it is compared with.
     """
     from dynid_rs.commands._console import progress
+    from dynid_rs.commands._excite_after import check_aims, decide, read_after
     from dynid_rs.commands._excite_words import options_named
     from dynid_rs.commands._inputs import read_robot
     from dynid_rs.excitation.output import n_steps_of
+    from dynid_rs.experiment.answer import to_json
 
     files = Outputs(output, friction)
-    files.check([robot, *([limits] if limits else [])], force=force)
+    files.check([robot, *(path for path in (limits, after) if path)], force=force)
+    check_aims(separate is not None, after is not None, load, budget)
     with options_named():
-        n_steps_of(duration, rate)  # refused before the search, not after it
-    with options_named(), goes_on(files.after_interrupt()), progress(*_plan(separate is not None)) as say:
+        n_steps_of(budget or duration, rate)  # refused before the search, not after it
+    with options_named(), goes_on(files.after_interrupt()), progress(*_plan(separate, after)) as say:
         say("reading")
         model = read_robot(robot, base, tip, gravity)
         settings = _settings(model, robot, limits, start, noise, self_collision)
         plan = None if friction is None else _friction_plan(model, settings, rate)
         effects = None if separate is None else _effects(separate, model, duration)
-        design = _design(
-            settings,
-            say,
-            n_harmonics=harmonics,
-            duration=duration,
-            rate=samples_rate,
-            criterion=criterion,
-            n_restarts=restarts,
-            max_iter=iterations,
-            time_limit=time_limit,
-            n_jobs=jobs,
-            state_file=files.state,
-            resume=resume,
-            random_state=seed,
-        ).fit(model, settings["limits"])
-        separated = None
+        asked = None if after is None else read_after(after, model)
+
+        def made(seconds: float) -> FourierExcitation:
+            return _design(
+                settings,
+                say,
+                n_harmonics=harmonics,
+                duration=seconds,
+                rate=samples_rate,
+                criterion=criterion,
+                n_restarts=restarts,
+                max_iter=iterations,
+                time_limit=time_limit,
+                n_jobs=jobs,
+                state_file=files.state,
+                resume=resume,
+                random_state=seed,
+            ).fit(model, settings["limits"])
+
+        more: dict[str, Any] = {}
+        if asked is not None:
+            decided = decide(made, duration, budget, asked, iterations, time_limit, load or 0.0, say)
+            design, more["next"] = decided.design, to_json(decided)
+        else:
+            design = made(duration)
         if effects is not None:
             design, separated = _separate(design, effects, iterations, time_limit, say)
+            more["separation"] = separated.to_json()
         say("writing")
-        result = _write(design, plan, model, files, rate, separated)
+        result = _write(design, plan, model, files, rate, more)
     if json_output:
         print_json(result)
     else:
@@ -179,9 +207,10 @@ def excite(
         show(result)
 
 
-def _plan(separates: bool) -> list[Step]:
+def _plan(separate: object, after: object) -> list[Step]:
     """Steps and their usual shares of the time."""
-    searched = [Step(90, "search"), *([Step(60, "separating")] if separates else [])]
+    aims = [("separating", separate), ("deciding", after)]
+    searched = [Step(90, "search"), *(Step(60, name) for name, aim in aims if aim is not None)]
     return [Step(1, "reading"), *searched, Step(3, "writing")]
 
 
@@ -257,16 +286,16 @@ def _write(
     model: Any,
     files: Outputs,
     rate: float,
-    separated: Separated | None = None,
+    more: dict[str, Any],
 ) -> dict[str, Any]:
-    """Write the files of the trajectory together, then forget the finished searches."""
+    """Write the files of the trajectory together, `more` among its figures; then forget the finished searches."""
     from dynid_rs.base.files import filled_together, write_json, write_text
     from dynid_rs.excitation.output import answer, write_csv
     from dynid_rs.excitation.plots import page
+    from dynid_rs.experiment.answer import html
 
-    result = answer(design, model)
-    if separated is not None:
-        result["separation"] = separated.to_json()
+    result = answer(design, model) | more
+    decided = html(result["next"], result["joints"]) if "next" in result else ""
     with ExitStack() as folders:
         stage = folders.enter_context(filled_together(files.csv.parent))
         if plan is not None and files.friction is not None and files.friction_json is not None:
@@ -278,6 +307,6 @@ def _write(
         result["n_rows"] = write_csv(stage / files.csv.name, design.trajectory_, rate)
         result["files"] = {"trajectory": str(files.csv), "figures": str(files.json), "plots": str(files.page)}
         write_json(stage / files.json.name, result)
-        write_text(stage / files.page.name, page(result, design.trajectory_))
+        write_text(stage / files.page.name, page(result, design.trajectory_, decided))
     files.state.unlink(missing_ok=True)
     return result

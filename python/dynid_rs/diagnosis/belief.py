@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.base.estimator import Estimator
-from dynid_rs.diagnosis.beside import Beside
+from dynid_rs.diagnosis.beside import Beside, places_of
 from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis, Place, Shaped, shaped_as
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.structural import KINDS, REFITTED, structural_hypotheses, undone
@@ -67,6 +67,8 @@ class Belief:
         Place to its name.
     mounting : Place, optional
         Of a mounting that the search began with: it is not taken back.
+    only : frozenset of Place, optional
+        All that is asked, where an earlier diagnosis has settled the rest; `n_places`: of how many it was.
     steps : list
         History: what was done, where, and what the fit left then.
     """
@@ -79,6 +81,8 @@ class Belief:
     catalogue: Catalogue
     named: dict[Place, Named] = field(default_factory=dict)
     mounting: Place | None = None
+    only: frozenset[Place] | None = None
+    n_places: int = 0
     steps: list[tuple[str, Place, FloatArray]] = field(default_factory=list)
     _beside: tuple[ThreeLoopIdentifier, Beside] | None = None
 
@@ -115,7 +119,16 @@ class Belief:
 
     def hypotheses(self) -> list[Hypothesis]:
         """Everything that is sought, of the catalogue and of the structure."""
-        return [*self.catalogue.hypotheses(), *structural_hypotheses(self.fit, self.setup)]
+        if self.only is None:
+            return [*self.catalogue.hypotheses(), *structural_hypotheses(self.fit, self.setup)]
+        grid = [s for s in self.catalogue.grid if (s.kind, s.joints) in self.only]
+        kinds = [kind for kind in KINDS if any(kind == asked for asked, _ in self.only)]
+        structural = structural_hypotheses(self.fit, self.setup, kinds)
+        return [*self.catalogue.of(grid), *(h for h in structural if h.place in self.only)]
+
+    def log_places(self, open_: Sequence[Hypothesis]) -> float:
+        """Logarithm of how many kinds at places a name of `open_` has to be more probable than."""
+        return float(np.log(max(len(places_of(open_)), self.n_places, 1)))
 
     def structure(self) -> list[Hypothesis]:
         """Further changes of the structure that was named, the mounting included."""
@@ -149,6 +162,17 @@ class Belief:
         (h,) = structural_hypotheses(self.fit, self.setup, ["gravity_tilt"])
         self.named[h.place] = Named(h, odds)
         self.mounting = h.place
+
+    def adopt(self, setup: Setup, odds: Mapping[Place, float]) -> None:
+        """Believe what an earlier diagnosis named, each with its logarithmic odds, and fit everything again."""
+        self.setup = setup
+        self.fit = self._refitted()
+        self.catalogue = Catalogue(self.fit, self.catalogue)
+        own = {h.place: h for h in structural_hypotheses(self.first, self.declared)}  # a gain that is free is none now
+        own |= {h.place: h for h in structural_hypotheses(self.fit, setup)}
+        own |= {h.place: h for h in self.catalogue.of([shaped_as(effect) for effect in setup.effects])}
+        self.named = {place: Named(own[place], value) for place, value in odds.items() if place in own}
+        self.refit()
 
     def accept(self, found: Sequence[Named]) -> None:
         """Put names into the setup, fit everything again, shapes and structure included."""

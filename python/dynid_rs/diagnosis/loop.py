@@ -23,6 +23,7 @@ from dynid_rs.diagnosis.gears import centred, gear_entries
 from dynid_rs.diagnosis.hypotheses import Catalogue, Place
 from dynid_rs.diagnosis.misfit import ended, nameless, of_the_angle
 from dynid_rs.diagnosis.mounting import mounted
+from dynid_rs.diagnosis.open_questions import OpenQuestions, open_questions
 from dynid_rs.diagnosis.outcome import Diagnosis
 from dynid_rs.diagnosis.ripple import find_ripple, ripple_entries
 from dynid_rs.diagnosis.rivals import weigh_rivals
@@ -49,6 +50,7 @@ def diagnose(
     test: Runs | None = None,
     *,
     reference: _core.TorqueModel | None = None,
+    after: OpenQuestions | None = None,
     on_progress: Callable[[str], None] = lambda step: None,
 ) -> Diagnosis:
     """Trace the residual to what the model lacks, and add it.
@@ -64,6 +66,9 @@ def diagnose(
         aside.
     reference : TorqueModel, optional
         Trusted model: then the question is what has changed against it, and nothing of it is fitted again.
+    after : OpenQuestions, optional
+        What an earlier diagnosis left open (`Diagnosis.asked`), `train` holding its runs and new ones: only that is
+        asked, and what it named is checked.
     on_progress : callable
         Called with a few words before every step.
 
@@ -92,7 +97,7 @@ def diagnose(
     # Many small matrices: threads of a BLAS would only wait for each other.
     with threadpool_limits(limits=1, user_api="blas"), keeping_columns():
         if reference is None:
-            found = _traced(setup, split.train, split.test, on_progress)
+            found = _traced(setup, split.train, split.test, after, on_progress)
         else:
             found = _compared(setup, split.train, split.test, reference, on_progress)
     found.train, found.test = split.train, split.test
@@ -101,7 +106,11 @@ def diagnose(
 
 
 def _traced(
-    setup: Setup, train: Sequence[Recording], test: Sequence[Recording], on_progress: Callable[[str], None]
+    setup: Setup,
+    train: Sequence[Recording],
+    test: Sequence[Recording],
+    after: OpenQuestions | None,
+    on_progress: Callable[[str], None],
 ) -> Diagnosis:
     """The loop itself."""
     setup, before, findings = examine(setup, train, test, on_progress)
@@ -113,9 +122,9 @@ def _traced(
     check_motion([before.states(recording) for recording in test])  # before the long part
     setup = replace(setup, options={**setup.options, "cutoff": before.band_.cutoff})  # the motion stays what it is
     on_progress("mounting")
-    asked, odds = mounted(setup, before)
+    asked, odds = mounted(setup, before) if after is None else (setup, 0.0)
     asked, fit = centred(asked, train, before if asked is setup else fitted(asked, train), setup.encoder_error)
-    found = search(asked, train, fit, on_progress=on_progress)
+    found = search(asked, train, fit, after=after, on_progress=on_progress)
     on_progress("ripple")
     lines = find_ripple(found.setup, found.fit, train)
     if lines:
@@ -126,7 +135,9 @@ def _traced(
     found.setup, found.fit = centred(found.setup, train, found.fit, setup.encoder_error)
     found.catalogue = Catalogue(found.fit, found.catalogue)
     on_progress("what is left")
-    without_name, left = nameless(found, weigh_rivals(found)), unexplained(found)
+    contests = weigh_rivals(found)
+    left_open = open_questions(found, contests)
+    without_name, left = nameless(found, contests), unexplained(found)
     found.setup = ended(found.setup, without_name, found.fit.model_.domain[0])
     if found.fit is not fit:  # judged by the noise that it leaves, and only then weighed
         settled = False
@@ -149,6 +160,7 @@ def _traced(
         entries=[{**entry, "rank": rank + 1} for rank, entry in enumerate(entries)],
         steps=[_step(*step, names) for step in found.steps],
         left=left,
+        asked=left_open,
     )
 
 

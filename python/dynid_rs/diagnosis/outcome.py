@@ -10,6 +10,7 @@ from typing import Any
 from dynid_rs.base.findings import Finding
 from dynid_rs.base.notebook import html_table
 from dynid_rs.diagnosis.found import FoundEffect, Unexplained
+from dynid_rs.diagnosis.open_questions import OpenQuestions
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.runs.recording import Recording
@@ -37,6 +38,8 @@ class Diagnosis:
         One to three sentences.
     entries, left : list of dict
         `effects` and `unexplained` as they go into `result.json`.
+    asked : OpenQuestions, optional
+        What is open, and what is known: the next experiment is designed from it. None where nothing was searched.
     train, test : sequence of Recording
         Runs that were learned from, and runs that only reported errors see.
     """
@@ -48,6 +51,7 @@ class Diagnosis:
     entries: list[dict[str, Any]] = field(default_factory=list)
     steps: list[dict[str, Any]] = field(default_factory=list)
     left: list[dict[str, Any]] = field(default_factory=list)
+    asked: OpenQuestions | None = None
     train: Sequence[Recording] = ()
     test: Sequence[Recording] = ()
 

@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.base.findings import Finding
+from dynid_rs.base.odds import SURE
+from dynid_rs.diagnosis.open_questions import OpenQuestions
 from dynid_rs.diagnosis.plausibility import implausible
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.wording import next_experiments, verdict
@@ -60,6 +62,10 @@ class Outcome(Protocol):
     @property
     def steps(self) -> Sequence[Entry]:
         """What was added or dropped, in order, and the error then."""
+
+    @property
+    def asked(self) -> OpenQuestions | None:
+        """What is open; None where nothing was searched."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,9 +143,19 @@ def summarise_diagnosis(outcome: Outcome, runs: EvaluatedRuns, findings: Sequenc
         "nothing_to_add": not effects and not outcome.left and all(f.severity != "error" for f in said),
     }
     result = dict(results.plain(result))
-    result["next_experiment"] = next_experiments(result)
+    result["next_experiment"] = [*next_experiments(result), *_one_motion(outcome.asked)]
     result["verdict"] = verdict(result)
     return result
+
+
+def _one_motion(asked: OpenQuestions | None) -> list[str]:
+    """The command that designs one motion for all that is open; none where nothing is."""
+    if asked is None or all(abs(question.log_odds) > SURE for question in asked.questions):
+        return []
+    return [
+        "`dynid excite ROBOT -o next.csv --after DIR`, with the folder of this result, designs the one motion that "
+        "decides most of what is open, and says how likely it will."
+    ]
 
 
 def residual_table(outcome: Outcome, runs: EvaluatedRuns) -> dict[str, NDArray[Any]]:

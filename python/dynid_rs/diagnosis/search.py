@@ -17,11 +17,12 @@ import numpy as np
 
 from dynid_rs.base.odds import SURE
 from dynid_rs.diagnosis.belief import Belief, Named
-from dynid_rs.diagnosis.beside import Beside, places_of
+from dynid_rs.diagnosis.beside import Beside
 from dynid_rs.diagnosis.hypotheses import Hypothesis, Place, shaped_as
+from dynid_rs.diagnosis.open_questions import OpenQuestions
 from dynid_rs.diagnosis.rivals import contest, is_one_cause
 from dynid_rs.diagnosis.settling import settle
-from dynid_rs.diagnosis.setup import Setup
+from dynid_rs.diagnosis.setup import Setup, believed
 from dynid_rs.diagnosis.shapes import polished
 from dynid_rs.diagnosis.standing import backward, harmless
 from dynid_rs.diagnosis.structural import REFITTED
@@ -41,6 +42,7 @@ def search(
     train: Sequence[Recording],
     fit: ThreeLoopIdentifier | None = None,
     *,
+    after: OpenQuestions | None = None,
     on_progress: Callable[[str], None] = lambda step: None,
 ) -> Belief:
     """Find what the model lacks on training runs.
@@ -53,8 +55,15 @@ def search(
         Training runs.
     fit : ThreeLoopIdentifier, optional
         Of the setup to these runs.
+    after : OpenQuestions, optional
+        What an earlier diagnosis of some of these runs named and left open: only that is asked, and checked.
     """
     belief = Belief.in_declared(setup, train, fit)
+    if after is not None:
+        on_progress("what was settled")
+        belief.only, belief.n_places = after.may_pass, after.n_places
+        belief.adopt(believed(setup, after.setup), dict(after.named))
+        backward(belief, SURE)
     look(belief, on_progress)
     return belief
 
@@ -107,7 +116,7 @@ def forward(belief: Belief, never: Collection[Place] = ()) -> list[Named]:
     """Names that pass, one after the other, each beside those before it; none of `never`."""
     open_ = [h for h in belief.hypotheses() if h.place not in belief.named and h.place not in never]
     beside = belief.beside
-    log_places = float(np.log(len(places_of(open_))))
+    log_places = belief.log_places(open_)
     need = SURE + log_places
     found: list[Named] = []
     refused, doubted = set[Place](), set[Place]()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -71,3 +71,15 @@ class Setup:
             "excluded": dict(self.excluded) or None,
         }
         return ThreeLoopIdentifier(self.robot, **{"friction_law": "smooth", **parts, **self.options, **options})
+
+
+def believed(declared: Setup, found: Setup) -> Setup:
+    """Return the declared setup with what was found beside another one of the same robot."""
+    return replace(
+        declared,
+        robot=found.robot,
+        effects=found.effects,
+        gain_joints=found.gain_joints,
+        encoder_error=found.encoder_error,
+        torque_delay=found.torque_delay,
+    )

@@ -20,8 +20,8 @@ FloatArray = NDArray[np.float64]
 N_POINTS = 1000
 
 
-def page(result: dict[str, Any], trajectory: Playable) -> str:
-    """Return the whole page: figures of merit, extremes, one plot per joint and quantity."""
+def page(result: dict[str, Any], trajectory: Playable, decided: str = "") -> str:
+    """Return the whole page: `decided` (HTML) if given, figures of merit, extremes, one plot per joint and quantity."""
     figures = Figures()
     t = np.linspace(0.0, trajectory.duration, N_POINTS)
     figures.array("t", t)
@@ -36,8 +36,11 @@ def page(result: dict[str, Any], trajectory: Playable) -> str:
     separation = ""
     if "separation" in result:
         separation = f'<section id="separation"><h2>Separation</h2>\n{section(result["separation"])}</section>\n'
+    if decided:
+        separation = f'<section id="next"><h2>What it will decide</h2>\n{decided}</section>\n'
+    title = "Next experiment on" if decided else f"{'Separating' if separation else 'Exciting'} trajectory of"
     body = (
-        f"<header><h1>{'Separating' if separation else 'Exciting'} trajectory of {esc(result['robot'])}</h1>"
+        f"<header><h1>{title} {esc(result['robot'])}</h1>"
         f"<p>{result['duration_s']:g} s, {result['n_harmonics']} harmonics, criterion "
         f"{esc(result['criterion'])}, seed {result['seed']}.</p></header>\n"
         f'<main>{separation}<section id="merit"><h2>Figures of merit</h2>\n{_merit(result)}</section>\n'

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.files import check_readable, with_sentence
+from dynid_rs.base.json_file import read_json
 from dynid_rs.base.quoting import shown, shown_value
 from dynid_rs.base.together import finish_killed
 from dynid_rs.report.shape import DIAGNOSIS_SHAPE, RESULT_SHAPE, is_diagnosis
@@ -102,21 +103,7 @@ def read_result(path: Path) -> dict[str, Any]:
     DataError
         It is not what `dynid identify` or `dynid diagnose` writes.
     """
-    check_readable(path)
-    try:
-        text = path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise with_sentence(error, path, "read") from None
-    except UnicodeDecodeError as error:
-        _refuse(path, f"byte {error.start} is not UTF-8 text")
-    try:
-        result = json.loads(text, parse_constant=lambda word: _refuse(path, f"{word} is not a JSON number"))
-    except json.JSONDecodeError as error:
-        _refuse(path, f"line {error.lineno}, column {error.colno}: this is not JSON ({error.msg.lower()})")
-    except DataError:
-        raise
-    except (ValueError, RecursionError):
-        _refuse(path, "this is not JSON that can be read (a number too long or brackets too deep)")
+    result = read_json(path, lambda text: _refuse(path, text))
     if not isinstance(result, dict) or result.get("format") != FORMAT:
         _refuse(path, f'"format" must be "{FORMAT}"')
     if result.get("version") != VERSION:

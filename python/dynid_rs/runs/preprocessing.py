@@ -314,7 +314,7 @@ def prepare(recording: Recording, band: Band, rate: float, *, standstill: bool =
     temperature = recording.temperature
     if temperature is not None:
         temperature = np.ascontiguousarray(_linear(recording.t, temperature, grid)[::step])
-    moving, resting = _motion(link[1][::step], rate / step, band, standstill)
+    moving, resting = find_motion(link[1][::step], rate / step, band, standstill)
     names = ("q", "dq", "ddq", "q_motor", "dq_motor", "ddq_motor")
     signals: dict[str, Any] = dict(
         zip(names, (np.ascontiguousarray(x[::step]) for x in (*link[:3], *motor[:3])), strict=True)
@@ -451,7 +451,7 @@ def _velocity_lag(
     return lag, agrees
 
 
-def _motion(
+def find_motion(
     dq: FloatArray, rate: float, band: Band, standstill: bool = False
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Samples in motion (n,), and joints that rest meanwhile (n, n_joints).

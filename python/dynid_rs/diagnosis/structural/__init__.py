@@ -20,7 +20,7 @@ from dynid_rs.diagnosis.structural.kinematic_error import kinematic_hypotheses
 from dynid_rs.diagnosis.structural.torque_delay import delay_hypotheses
 from dynid_rs.diagnosis.structural.torque_gain import gain_hypotheses
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
-from dynid_rs.model.placement import displacement, tilt_of, with_displacement
+from dynid_rs.model.placement import displacement, tilt_of, tilted_gravity, with_displacement
 
 KINDS: dict[str, Callable[[About, Setup], list[Hypothesis]]] = {
     "torque_delay": delay_hypotheses,
@@ -59,6 +59,30 @@ def value_of(setup: Setup, kind: str, joints: tuple[int, ...]) -> FloatArray:
     if kind == "gravity_tilt":
         return np.array(tilt_of(setup.declared, setup.robot))
     return displacement(setup.declared, setup.robot, joints[0])
+
+
+def with_value(setup: Setup, kind: str, joints: tuple[int, ...], x: FloatArray) -> Setup:
+    """Return the setup with one change of structure at a value, as `value_of` gives it; of a gain it is not asked.
+
+    Raises
+    ------
+    ValueError
+        As many numbers as the kind has none.
+    """
+    if kind == "torque_gain":
+        return replace(setup, gain_joints=tuple(sorted({*setup.gain_joints, *joints})))
+    n_numbers = {"torque_delay": 1, "encoder_eccentricity": 2, "gravity_tilt": 2, "kinematic_error": 6}[kind]
+    if x.shape != (n_numbers,):
+        raise ValueError(f"{kind} has {n_numbers} numbers, found {x.size}")
+    if kind == "torque_delay":
+        return replace(setup, torque_delay=float(x[0]))
+    if kind == "encoder_eccentricity":
+        error = setup.encoder_error.copy()
+        error[joints[0]] = x
+        return replace(setup, encoder_error=error)
+    if kind == "gravity_tilt":
+        return replace(setup, robot=setup.robot.with_gravity(tilted_gravity(setup.declared.gravity, *x).tolist()))
+    return replace(setup, robot=with_displacement(setup.robot, joints[0], x))
 
 
 def structural_hypotheses(

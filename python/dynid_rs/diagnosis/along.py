@@ -1,0 +1,207 @@
+"""What a motion that nobody has recorded yet would say: the columns of runs, at torques that the model predicts.
+
+A fit is made that has the coefficients of the diagnosis and the motion as its only run; what makes columns from a fit
+makes them along the motion.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import copy
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid_rs.diagnosis.beside import SHAPE_SPREAD, other_roundings
+from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis, Shaped
+from dynid_rs.diagnosis.open_questions import Candidate, OpenQuestions, with_slopes
+from dynid_rs.diagnosis.structural import KINDS
+from dynid_rs.diagnosis.structural.about import About
+from dynid_rs.identification.loads import with_load
+from dynid_rs.identification.smooth_friction import shape_slopes
+from dynid_rs.identification.three_loops import ThreeLoopIdentifier
+from dynid_rs.model.placed import CATALOGUE
+from dynid_rs.regression.columns import observe
+from dynid_rs.regression.linear_model import Columns
+from dynid_rs.runs.preprocessing import ROW_RATE, WORK_RATE, Band, States, find_motion
+
+FloatArray = NDArray[np.float64]
+Motion = tuple[FloatArray, FloatArray, FloatArray]
+
+NEEDS_MORE = {
+    "gear_hysteresis": "both encoders of a loaded gear",
+    "temperature_friction": "a recorded temperature that changes",
+    "thermal_friction": "half an hour from a cold start",
+    "torque_delay": "nothing but sharp accelerations, which every motion has",
+}
+"""Kinds that no motion of some seconds is designed for, and what tells them."""
+
+
+def is_designable(candidate: Candidate) -> bool:
+    """Whether a motion of some seconds can tell a kind."""
+    return candidate.kind not in NEEDS_MORE
+
+
+@dataclass(eq=False)
+class Along:
+    """Rows of motions, for one set of open questions.
+
+    Parameters
+    ----------
+    asked : OpenQuestions
+        What is asked, and what is known.
+    chosen : sequence of int
+        Candidates whose columns are wanted.
+    load : float
+        Known mass at the origin of the last link [kg]: its torque is no unknown, what depends on the load sees it.
+    """
+
+    asked: OpenQuestions
+    chosen: Sequence[int]
+    load: float = 0.0
+    joints: list[int] = field(init=False)
+
+    def __post_init__(self) -> None:
+        candidates = [self.asked.candidates[k] for k in self.chosen]
+        self._links = copy(self.asked.links)
+        self._links.phi_base_ = self._links.phi_base_ + self._loaded()
+        self.joints = sorted({j for c in candidates for j in c.joints if c.kind in CATALOGUE})
+
+    def _loaded(self) -> FloatArray:
+        """What the load adds to the base parameters, (n_base,)."""
+        robot = self.asked.plan.robot
+        phi = np.zeros(10 * robot.n_joints)
+        phi[-10] = self.load * self.asked.unit
+        base = robot.base_parameters()
+        added: FloatArray = phi[np.asarray(base.pivots)] + np.asarray(base.beta) @ phi[np.asarray(base.dependent)]
+        return added
+
+    @property
+    def rate(self) -> float:
+        """Samples per second of a motion's states [Hz]: friction's corners live above the band."""
+        return WORK_RATE * self.asked.cutoff
+
+    @property
+    def rows_per_second(self) -> float:
+        """Rows that a second of motion makes [Hz]."""
+        return self.rate / int(self.rate / (ROW_RATE * self.asked.cutoff))
+
+    def information(self, motion: Motion) -> FloatArray:
+        """What a motion says of all unknowns of `asked.precision`, (n, n).
+
+        Shapes of friction on the joints in question, which the motion shows too, take away what they can imitate.
+
+        Parameters
+        ----------
+        motion : tuple of ndarray (n_samples, n_joints)
+            q, dq, ddq [rad, m] at `rate`.
+        """
+        asked = self.asked
+        fit = self._fit(motion)
+        n = len(asked.precision)
+        rows_of = fit.observations_.joint_rows()
+        further = self._shapes(fit)
+        width = sum(next(iter(c.values())).shape[1] for c in further)
+        places = [asked.plan.unknowns(j) for j in range(asked.plan.robot.n_joints)]
+        total = np.zeros((n + width, n + width))
+        wanted = list(zip([asked.at(k) for k in self.chosen], self._columns(fit), strict=True))
+        for j, (rows, at) in enumerate(zip(rows_of, places, strict=True)):
+            parts, spots = [self._scaled(rows[:, :-1], j)], [at]
+            for where, columns in wanted:
+                if j in columns:
+                    parts.append(columns[j])
+                    spots.append(where)
+            first = n
+            for columns in further:
+                k = next(iter(columns.values())).shape[1]
+                if j in columns:
+                    parts.append(columns[j])
+                    spots.append(np.arange(first, first + k))
+                first += k
+            own, spot = asked.weights[j] * np.concatenate(parts, axis=1), np.concatenate(spots)
+            total[np.ix_(spot, spot)] += own.T @ own
+        if not width:
+            return total
+        across = total[n:, :n]
+        left: FloatArray = total[:n, :n] - across.T @ np.linalg.solve(total[n:, n:] + np.eye(width), across)
+        return left
+
+    def _scaled(self, rows: FloatArray, j: int) -> FloatArray:
+        """Rows of joint j as its channel shows them: links' columns by its gain."""
+        units = np.ones(rows.shape[1])
+        units[self.asked.plan.n_own :] = self.asked.links.torque_scale_[j]
+        return rows * units
+
+    def _fit(self, motion: Motion) -> ThreeLoopIdentifier:
+        """A fit with the coefficients of the diagnosis and this motion as its only run."""
+        asked = self.asked
+        q, dq, ddq = (np.ascontiguousarray(x) for x in motion)
+        band = Band(asked.cutoff)
+        moving, resting = find_motion(dq, self.rate, band)
+        states = States(
+            name="motion",
+            t=np.arange(len(q)) / self.rate,
+            q=q,
+            dq=dq,
+            ddq=ddq,
+            q_motor=q,
+            dq_motor=dq,
+            ddq_motor=ddq,
+            tau=np.zeros_like(q),
+            rate=self.rate,
+            band=band,
+            moving=moving,
+            resting=resting,
+            two_encoders=False,
+        )
+        states = with_load(asked.plan, self._links, asked.links.own_)(states)
+        fit = ThreeLoopIdentifier(asked.setup.robot)
+        fit.links_, fit.runs_, fit.band_ = self._links, [states], band
+        fit.torque_unit_, fit.rate_ = asked.torque_unit, asked.rate
+        fit.observations_ = observe(asked.plan, [states], [_torque(states)])
+        return fit
+
+    def _columns(self, fit: ThreeLoopIdentifier) -> list[Columns]:
+        """Columns of every chosen candidate, for coefficients over their units."""
+        asked = self.asked
+        candidates = [asked.candidates[k] for k in self.chosen]
+        placed = [c for c in candidates if c.kind in CATALOGUE]
+        catalogue = Catalogue(fit) if placed else None
+        shaped = [Shaped(c.kind, c.joints, c.shape) for c in placed]
+        found = {} if catalogue is None else dict(zip(placed, catalogue.of(shaped), strict=True))
+        about = About(fit, asked.about.phi, asked.about.root)
+        for kind in sorted({c.kind for c in candidates} & set(KINDS)):
+            there = {h.place: h for h in KINDS[kind](about, asked.setup)}
+            found |= {c: there[c.place] for c in candidates if c.place in there}
+        columns = [_in_units(found[c], c) if c in found else {} for c in candidates]
+        if catalogue is None:
+            return columns
+        return [with_slopes(catalogue, c, own) if own else own for c, own in zip(candidates, columns, strict=True)]
+
+    def _shapes(self, fit: ThreeLoopIdentifier) -> list[Columns]:
+        """Friction's other shapes on the joints in question, for coefficients that are standard normal beforehand."""
+        return [
+            {j: SHAPE_SPREAD * columns}
+            for j in self.joints
+            for columns in (shape_slopes(self.asked.plan, self.asked.links, fit.runs_, j), other_roundings(fit, j))
+        ]
+
+
+def _torque(states: States) -> FloatArray:
+    """Torque of the motors that the model predicts: usual sizes of columns are measured by it."""
+    assert states.tau_motor is not None  # it was put there
+    return states.tau_motor
+
+
+def _in_units(h: Hypothesis, candidate: Candidate) -> Columns:
+    """Columns of a hypothesis for the coefficients of a candidate, whose units were those of the runs."""
+    factor = np.zeros(len(h.unit))
+    width = min(len(h.unit), len(candidate.unit))  # of what a tilt brings out the motion may show fewer
+    factor[:width] = candidate.unit[:width] / np.where(h.unit > 0, h.unit, np.inf)[:width]
+    columns = {}
+    for j, part in h.columns.items():
+        own = np.zeros((len(part), len(candidate.unit)))
+        own[:, :width] = (part * factor)[:, :width]
+        columns[j] = own
+    return columns

@@ -1,0 +1,382 @@
+"""What a diagnosis leaves open, and all that is known about it: what the next experiment is designed from.
+
+    ties    two kinds at a place that explain the data alike, one of which has the name
+    edges   kinds at places that are neither believed nor refuted: posterior odds above 1:19, or evidence for them
+
+Beside them stands how much the runs say about every unknown: the precision of declared coefficients and of everything
+that is asked, as one matrix, rows of a new motion add to it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid_rs.base.odds import SURE
+from dynid_rs.diagnosis.belief import Belief
+from dynid_rs.diagnosis.beside import Beside, places_of
+from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis, Place, Shape, Shaped, is_valid
+from dynid_rs.diagnosis.rivals import Contest
+from dynid_rs.diagnosis.setup import Setup
+from dynid_rs.diagnosis.structural.about import About
+from dynid_rs.diagnosis.trials import Value, evidence
+from dynid_rs.identification.links import LinkDynamicsIdentifier
+from dynid_rs.identification.three_loops import ThreeLoopIdentifier
+from dynid_rs.model.placed import CATALOGUE
+from dynid_rs.regression.columns import Plan
+from dynid_rs.regression.linear_model import Columns, LinearModel
+
+FloatArray = NDArray[np.float64]
+
+MOST = 10
+"""Questions that are kept, the most open first: what is the eleventh can wait for the next diagnosis."""
+PHASE = "phase"
+"""The shape parameter that is an angle."""
+SPREAD, STEP = 0.5, 0.1
+"""How far the logarithm of a shape parameter, or a phase [rad], may be off beforehand (half a step of the grids), and
+the step of slopes."""
+SHAPES, ALIVE = 6, 6.0
+"""Shapes of a kind that are kept at most, and nats behind the best up to which one is: e^6 to 1 is refuted."""
+LOOKED_AT = 48
+"""Shapes of the grid that are looked at, those first that explain most."""
+APART = 1.0
+"""Distance of two shapes, in spreads, below which the slopes of one reach the other."""
+UNKNOWABLE = 1e-12
+"""Precision of an unknown, over the greatest, below which nothing is known of it: it has no column."""
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A kind at a place with its likeliest shape.
+
+    Parameters
+    ----------
+    kind, joints, shape
+        As a hypothesis has them.
+    unit : ndarray (k,)
+        Own coefficients, in their own units, that are usual beforehand.
+    mean : ndarray (k,)
+        What the runs say they are if the kind is there, over `unit`.
+    instead_of : tuple of int
+        Places among the declared unknowns that it stands in the place of: its own, where it has the name.
+    """
+
+    kind: str
+    joints: tuple[int, ...]
+    shape: Shape
+    unit: FloatArray
+    mean: FloatArray
+    instead_of: tuple[int, ...] = ()
+
+    @property
+    def place(self) -> Place:
+        """Kind and joints."""
+        return self.kind, self.joints
+
+
+@dataclass(frozen=True)
+class Answer:
+    """A kind at a place with the shapes that it may have: candidates by their numbers, with how probable each is.
+
+    The likeliest comes first; without any, nothing is there.
+    """
+
+    candidates: tuple[int, ...] = ()
+    weights: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class Question:
+    """Which of two answers is right: a kind at a place, or another one, or nothing.
+
+    `log_odds` of the first against the other after all runs so far.
+    """
+
+    first: Answer
+    second: Answer
+    log_odds: float
+
+    @property
+    def candidates(self) -> tuple[int, ...]:
+        """Of both answers."""
+        return self.first.candidates + self.second.candidates
+
+
+@dataclass(frozen=True, eq=False)
+class OpenQuestions:
+    """What is open, and what is known.
+
+    Parameters
+    ----------
+    setup : Setup
+        What is believed.
+    named : tuple of (Place, float)
+        Names with their logarithmic odds: what is settled, and what has ties.
+    plan, links, about
+        Columns of the declared model and of what was found, their coefficients, and the inertials behind them.
+    cutoff, rate : float
+        Of the band and of the runs' grid [Hz].
+    torque_unit : str
+        Of the runs.
+    unit : float
+        Torque unit per N m of the first joint.
+    weights : ndarray (n_joints,)
+        Of a row of each joint: root of the independent samples that it is worth, over its noise.
+    precision : ndarray (n, n)
+        Of the declared unknowns (n_columns of the plan), then of every candidate's coefficients over their units.
+    candidates, questions
+        What is asked.
+    may_pass : frozenset of Place
+        Kinds at places that the runs do not speak against: further runs may name them.
+    n_places : int
+        How many were sought: what a name has to be more probable than.
+    """
+
+    setup: Setup
+    named: tuple[tuple[Place, float], ...]
+    plan: Plan
+    links: LinkDynamicsIdentifier
+    about: About
+    cutoff: float
+    rate: float
+    torque_unit: str
+    unit: float
+    weights: FloatArray
+    precision: FloatArray
+    candidates: tuple[Candidate, ...]
+    questions: tuple[Question, ...]
+    may_pass: frozenset[Place]
+    n_places: int
+
+    def at(self, candidate: int) -> NDArray[np.intp]:
+        """Places of a candidate's coefficients in the precision, those of its shape behind its own."""
+        edges = self.plan.n_columns + np.cumsum([0, *(width_of(c) for c in self.candidates)])
+        return np.arange(edges[candidate], edges[candidate + 1])
+
+    def declared(self, without: Sequence[int] = ()) -> NDArray[np.intp]:
+        """Places of the declared unknowns that something is known of, but for some."""
+        diagonal = np.diag(self.precision)[: self.plan.n_columns]
+        kept = diagonal > UNKNOWABLE * diagonal.max()
+        kept[list(without)] = False
+        return np.flatnonzero(kept)
+
+
+def open_questions(belief: Belief, contests: Mapping[Place, Contest]) -> OpenQuestions:
+    """Collect what a finished search leaves open.
+
+    Parameters
+    ----------
+    belief : Belief
+        What is believed.
+    contests : mapping
+        Every torque that was found against what may stand in its place (`rivals.weigh_rivals`).
+    """
+    fit, setup = belief.fit, belief.setup
+    candidates: list[Candidate] = []
+    columns: list[Columns] = []
+    questions: list[Question] = []
+
+    def add(value: Value, model: Beside, instead_of: Sequence[int] = ()) -> Answer:
+        numbers, weights = [], []
+        for candidate, own, weight in _alive(belief.catalogue, value, model):
+            numbers.append(len(candidates))
+            weights.append(weight)
+            candidates.append(replace(candidate, instead_of=tuple(instead_of)))
+            columns.append(own)
+        return Answer(tuple(numbers), tuple(weights))
+
+    own_places = dict(zip([(e.kind, e.joints) for e in setup.effects], belief.places(), strict=True))
+    for asked in _ties(belief, contests)[:MOST]:
+        against = contests[asked.place]
+        own = [at for _, at in own_places[asked.place]]
+        first = add(against.own, against.beside, own)
+        second = add(against.rivals[asked.other], against.beside, own)
+        questions.append(Question(first, second, asked.log_odds))
+    open_ = [h for h in belief.hypotheses() if h.place not in belief.named]
+    edges, may_pass = _edges(belief, open_)
+    for value, log_odds in edges[: MOST - len(questions)]:
+        questions.append(Question(add(value, belief.beside), Answer(), log_odds))
+    return OpenQuestions(
+        setup,
+        tuple((place, named.log_odds) for place, named in belief.named.items()),
+        fit.observations_.plan,
+        fit.links_,
+        About.of(fit),
+        fit.band_.cutoff,
+        fit.rate_,
+        fit.torque_unit_,
+        _unit(fit),
+        belief.beside.best.weights,
+        _precision(belief.beside, columns),
+        tuple(candidates),
+        tuple(questions),
+        frozenset(may_pass),
+        len(places_of(open_)),
+    )
+
+
+@dataclass(frozen=True)
+class _Tie:
+    """A name and another place that explains the same, with the odds of the name against it."""
+
+    place: Place
+    other: Place
+    log_odds: float
+
+
+def _ties(belief: Belief, contests: Mapping[Place, Contest]) -> list[_Tie]:
+    """Ties of all names that stand for a torque, the most open first."""
+    found = [
+        _Tie(place, other, -odds)
+        for place, named in belief.named.items()
+        for other, odds in named.ties
+        if place in contests and other in contests[place].rivals
+    ]
+    return sorted(found, key=lambda tie: abs(tie.log_odds))
+
+
+def _edges(belief: Belief, open_: Sequence[Hypothesis]) -> tuple[list[tuple[Value, float]], set[Place]]:
+    """Places that are neither believed nor refuted, the most open first, each with its posterior logarithmic odds.
+
+    Also all places that the runs do not speak against.
+    """
+    ties = {other for named in belief.named.values() for other, _ in named.ties}
+    values, may_pass = evidence(belief.beside, [h for h in open_ if h.place not in ties], belief.catalogue)
+    log_places = float(np.log(max(len(places_of(open_)), 1)))
+    odds = [(value, value.value - log_places) for value in values.values()]
+    # What is likely and yet has no name did not hold on parts of the data: as likely as not.
+    edges = [(value, min(own, 0.0)) for value, own in odds if own > -SURE or value.value > 0]
+    return sorted(edges, key=lambda pair: -pair[1]), {h.place for h in may_pass} | ties
+
+
+def _alive(catalogue: Catalogue, value: Value, model: Beside) -> list[tuple[Candidate, Columns, float]]:
+    """Shapes of a place that the runs have not refuted, far apart, each with its slopes and how probable it is.
+
+    The likeliest comes first. Slopes reach as far as a shape changes little; where a kind can do the same with quite
+    another shape, that one stands beside it.
+    """
+    from scipy.special import softmax
+
+    h, size = value.hypothesis, _size(value)
+    own = Shaped(h.kind, h.joints, h.shape)
+    grid = [s for s in catalogue.grid if (s.kind, s.joints) == h.place and s != own]
+    scores = np.array(
+        [score.value for score in model.screened([replace(g, sizes=(size,)) for g in catalogue.of(grid)])]
+    )
+    chosen = [own]
+    for k in np.argsort(-scores, kind="stable")[:LOOKED_AT].tolist():
+        if len(chosen) < 2 * SHAPES and all(_distance(grid[k], other) > APART for other in chosen):
+            chosen.append(grid[k])
+    every = [h, *catalogue.of(chosen[1:])]
+    found = []
+    for one in every:
+        plain = {j: size * part for j, part in one.columns.items()}
+        mean = model.with_columns(plain).best.x[-len(one.unit) :]
+        candidate = Candidate(one.kind, one.joints, one.shape, size * one.unit, mean)
+        found.append((candidate, with_slopes(catalogue, candidate, plain)))
+    wide = [
+        replace(one, columns=columns, unit=np.ones(width_of(c)), bounds=_free(width_of(c)), sizes=(1.0,))
+        for one, (c, columns) in zip(every, found, strict=True)
+    ]
+    values = np.array([score.value for score in model.screened(wide)])
+    values[0] = values.max()  # it was polished
+    kept = [k for k in np.argsort(-values, kind="stable").tolist() if values[k] > values[0] - ALIVE][:SHAPES]
+    kept = [0, *(k for k in kept if k)]
+    weights = softmax(values[kept]).tolist()
+    return [(*found[k], weight) for k, weight in zip(kept, weights, strict=True)]
+
+
+def _free(width: int) -> FloatArray:
+    """Bounds (width, 2) of coefficients that may be anything."""
+    return np.tile([-np.inf, np.inf], (width, 1))
+
+
+def _distance(one: Shaped, other: Shaped) -> float:
+    """Of two shapes of a kind, in spreads of each parameter."""
+    apart = [0.0]
+    for (name, a), (_, b) in zip(one.shape, other.shape, strict=True):
+        if name == PHASE:
+            apart.append(abs((a - b + np.pi) % (2 * np.pi) - np.pi) / SPREAD)
+        elif a != b:
+            apart.append(abs(float(np.log(a / b))) / SPREAD if a * b > 0 else np.inf)
+    return float(np.linalg.norm(apart))
+
+
+def with_slopes(catalogue: Catalogue, candidate: Candidate, columns: Columns) -> Columns:
+    """Columns of a candidate, and behind them what its torque changes by where its shape is a little another one.
+
+    Those are for coefficients that are standard normal beforehand: a kind imitates another one by its shape too.
+    """
+    if candidate.kind not in CATALOGUE:
+        return columns  # a change of structure has no shape
+    own = Shaped(candidate.kind, candidate.joints, candidate.shape)
+    size = candidate.unit * candidate.mean
+    steps = [(_moved(own, name, -STEP), _moved(own, name, STEP)) for name in free_shape(candidate)]
+    ends = iter(catalogue.of([shaped for pair in steps for shaped in pair]))
+    slopes: dict[int, list[FloatArray]] = {j: [] for j in columns}
+    for low, high in zip(ends, ends, strict=True):
+        for j, parts in slopes.items():
+            torque = [end.columns[j] @ (size / np.where(end.unit > 0, end.unit, np.inf)) for end in (low, high)]
+            parts.append(SPREAD * (torque[1] - torque[0]) / (2 * STEP))
+    return {j: np.column_stack([part, *slopes[j]]) for j, part in columns.items()}
+
+
+def width_of(candidate: Candidate) -> int:
+    """Coefficients of a candidate: its own, and those of its shape."""
+    return len(candidate.unit) + (len(free_shape(candidate)) if candidate.kind in CATALOGUE else 0)
+
+
+def free_shape(candidate: Candidate) -> list[str]:
+    """Shape parameters that may be others: sizes and phases, where a little less and more is a shape too."""
+    own = Shaped(candidate.kind, candidate.joints, candidate.shape)
+    return [
+        name
+        for name, value in candidate.shape
+        if name != "partner"
+        and (name == PHASE or value != 0.0)
+        and all(is_valid(own.kind, _moved(own, name, step).shape) for step in (-STEP, STEP))
+    ]
+
+
+def _moved(own: Shaped, name: str, step: float) -> Shaped:
+    """A shape with one parameter moved: a phase by the step, what is a size by a factor of as much."""
+    value = dict(own.shape)[name]
+    return own.with_shape(name, value + step if name == PHASE else value * (1 + step))
+
+
+def _unit(fit: ThreeLoopIdentifier) -> float:
+    posterior = fit.links_.posterior_
+    assert posterior is not None  # every fit that is diagnosed has the weak prior
+    return posterior.prior.unit
+
+
+def _size(value: Value) -> float:
+    """By how much the columns of a place are larger than its hypothesis': the size that is likeliest beforehand."""
+    j = next(iter(value.columns))
+    return float(np.linalg.norm(value.columns[j]) / max(float(np.linalg.norm(value.hypothesis.columns[j])), 1e-300))
+
+
+def _precision(beside: Beside, columns: Sequence[Columns]) -> FloatArray:
+    """Precision of the declared unknowns and of candidates; what else stands beside the model may be anything."""
+    model, fit = beside.model.beside(*columns), beside.best
+    whole = information(model, fit.weights)
+    n = model.prior.size
+    rows = model.prior.rows(fit.choice)[0][:, :-1]
+    whole[:n, :n] += rows.T @ rows
+    whole[n:, n:] += np.eye(model.n_further)  # they are standard normal
+    further = np.arange(n, n + beside.model.n_further)
+    kept = np.delete(np.arange(len(whole)), further)
+    across = whole[np.ix_(further, kept)]
+    left: FloatArray = whole[np.ix_(kept, kept)] - across.T @ np.linalg.solve(whole[np.ix_(further, further)], across)
+    return left
+
+
+def information(model: LinearModel, weights: FloatArray) -> FloatArray:
+    """What rows say of all unknowns, (n, n), each joint's rows with its weight."""
+    whole = np.zeros((model.size, model.size))
+    for gram, at, weight in zip(model.grams, model.places, weights, strict=True):
+        whole[np.ix_(at, at)] += weight**2 * gram[:-1, :-1]
+    return whole

@@ -1,0 +1,271 @@
+"""Search for the motion that tells most about what is open, within an arm's limits.
+
+    worth(motion)   =  nats about which answers are right  +  nats about a row within the limits     (`worth.py`)
+    motions         =  Fourier series that start and end at rest (Eqs. 15 to 18), and slow ones of them
+
+The worth has no gradient, so motions are drawn, and the best of them are walked from by random steps.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import astuple, dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid_rs.diagnosis.along import Along, is_designable
+from dynid_rs.diagnosis.open_questions import OpenQuestions, Question
+from dynid_rs.excitation.fourier import FourierExcitation
+from dynid_rs.excitation.problem import Problem
+from dynid_rs.experiment.worth import Chance, Worth
+
+if TYPE_CHECKING:
+    from dynid_rs.simulation import FourierTrajectory
+
+FloatArray = NDArray[np.float64]
+
+N_DRAWS = 32
+"""Random motions from which the walks start, beside the one that excites the parameters."""
+SLOWEST = 0.03
+"""Least part of its limits that a joint of a drawn motion uses: slow motion shows what friction does near rest."""
+N_WALKS = 3
+FIRST_STEP = 0.4
+"""Of a random motion that uses its limits."""
+SHORTER, LONGER = 0.85, 1.6
+"""A step that failed makes the next ones shorter, one that succeeded longer."""
+N_DOMAIN = 6
+"""Random motions whose rows stand for all that the limits allow; as many show what random motion is worth."""
+LEAST_PERIODS = 20.0
+"""Periods of the band's cutoff that a motion has to last: fewer leave no rows between its ends."""
+LONGEST = 64.0
+"""Multiples of the length up to which random motion is compared."""
+
+
+@dataclass(frozen=True, eq=False)
+class Compared:
+    """What a motion is worth: chances per question, and nats in all."""
+
+    chances: tuple[Chance, ...]
+    nats: float
+
+
+@dataclass(frozen=True, eq=False)
+class NextExperiment:
+    """One designed motion and what it is expected to decide.
+
+    Parameters
+    ----------
+    design : FourierExcitation
+        The motion within its limits, as `dynid excite` writes it.
+    asked : OpenQuestions
+        What was open.
+    questions : tuple of Question
+        Those that a motion can decide, in the order of `expected.chances`.
+    others : tuple of Question
+        Those that it cannot.
+    expected, random, exciting : Compared
+        Of the designed motion; on average of random motions of the same length; of the motion that excites the
+        parameters best (`design`'s criterion).
+    random_times : float or None
+        How many times as long random motion has to be to tell as much; None where 64 times are too few.
+    n_evaluations : int
+        Motions that were tried.
+    """
+
+    design: FourierExcitation
+    asked: OpenQuestions
+    questions: tuple[Question, ...]
+    others: tuple[Question, ...]
+    expected: Compared
+    random: Compared
+    exciting: Compared
+    random_times: float | None
+    n_evaluations: int
+
+    @property
+    def trajectory(self) -> FourierTrajectory:
+        """The motion."""
+        return self.design.trajectory_
+
+
+class _Search:
+    """Draws, then walks from the best of them; every motion's information is found once."""
+
+    def __init__(self, problem: Problem, along: Along, seed: int, deadline: float | None) -> None:
+        self.problem, self.along = problem, along
+        self.rng = np.random.default_rng(seed)
+        self.t = np.arange(round(problem.series.duration * along.rate)) / along.rate
+        self._deadline = deadline
+        self.n_evaluations = 0
+
+    def told(self, x: FloatArray) -> FloatArray:
+        """Information of a motion of free coefficients `x` (n_free, n_joints)."""
+        self.n_evaluations += 1
+        return self.along.information(self.problem.series.trajectory(x, self.problem.start).evaluate(self.t))
+
+    def drawn(self, n: int, *, slow: bool) -> list[FloatArray]:
+        """Random motions within the limits; `slow`: joints that use a part of them."""
+        found = []
+        for _ in range(n):
+            x = self.problem.drawn(self.rng)
+            if x is not None and slow:
+                x = x * SLOWEST ** self.rng.uniform(0.0, 1.0, x.shape[1])
+            if x is not None and (inside := self._inside(x)) is not None:
+                found.append(inside)
+        return found
+
+    def best(
+        self, known: Sequence[tuple[float, FloatArray]], worth: Worth, n_steps: int, say: Callable[[str], None]
+    ) -> tuple[float, FloatArray]:
+        """The motion of greatest worth that keeps everything exactly: of those `known`, of draws, and of walks."""
+        scored = list(known)
+        for x in self.drawn(N_DRAWS, slow=True):
+            if self.is_late():
+                break
+            scored.append((worth.nats(self.told(x)), x))
+        scored.sort(key=lambda pair: -pair[0])
+        ends = [*scored]
+        for k, (value, x) in enumerate(scored[:N_WALKS]):
+            say(f"walk {k + 1} of {N_WALKS}, {max(pair[0] for pair in ends):.3g} nats so far")
+            ends.append(self.walked(x, value, n_steps, worth))
+        _, x = max(ends, key=lambda pair: pair[0])
+        valid = self.problem.repaired(x)
+        return (-np.inf, x) if valid is None else (worth.nats(self.told(valid)), valid)
+
+    def walked(self, x: FloatArray, value: float, n_steps: int, worth: Worth) -> tuple[float, FloatArray]:
+        """Random steps that are kept where they help: some joints move otherwise, and more or less."""
+        step = FIRST_STEP
+        for _ in range(n_steps):
+            if self.is_late():
+                break
+            tried = self._inside(self._beside(x, step))
+            found = -np.inf if tried is None else worth.nats(self.told(tried))
+            step = min(step * (LONGER if found > value else SHORTER), 1.0)
+            if tried is not None and found > value:
+                value, x = found, tried
+        return value, x
+
+    def _beside(self, x: FloatArray, step: float) -> FloatArray:
+        """A motion beside `x`: of some joints other coefficients, and another size."""
+        n = x.shape[1]
+        moved = (self.rng.random(n) < 0.5) | (np.arange(n) == self.rng.integers(n))
+        direction = self.problem.bounds.roughly_scaled(self.rng.standard_normal(x.shape))
+        size, whole = (np.abs(y).max(axis=0) for y in (x, direction))
+        factor = SLOWEST ** (step * self.rng.uniform(-1.0, 1.0, n))
+        turned: FloatArray = factor * (x + step * direction * size / np.maximum(whole, 1e-300))
+        return np.where(moved, turned, x)
+
+    def is_late(self) -> bool:
+        """Whether the time is over."""
+        return self._deadline is not None and time.monotonic() > self._deadline
+
+    def _inside(self, x: FloatArray) -> FloatArray | None:
+        """Every joint's motion made smaller until it keeps its limits; None where a constraint is still violated."""
+        x = x / np.maximum(1.0, self.problem.bounds.usage(x).max(axis=0) * (1 + 1e-9))
+        return x if self.problem.smoothly_kept(x) else None
+
+
+def design_next(
+    asked: OpenQuestions,
+    design: FourierExcitation,
+    *,
+    load: float = 0.0,
+    max_iter: int = 100,
+    time_limit: float | None = None,
+    on_progress: Callable[[str], None] = lambda words: None,
+) -> NextExperiment:
+    """Design the motion that decides most of what a diagnosis left open.
+
+    Parameters
+    ----------
+    asked : OpenQuestions
+        What is open, and what is known (`Diagnosis.asked`).
+    design : FourierExcitation
+        Fitted to the same robot: limits, start, constraints, length, and the motion to compare with.
+    load : float
+        Known mass at the origin of the last link during the motion [kg].
+    max_iter : int
+        Random steps of each of three walks.
+    time_limit : float, optional
+        Stop after this many seconds; the answer then depends on the machine.
+    on_progress : callable
+        Called with a few words.
+
+    Raises
+    ------
+    ValueError
+        The design is of another robot, or too short for the band of the runs.
+    """
+    from threadpoolctl import threadpool_limits
+
+    check_fits(asked, design)
+    questions = tuple(q for q in asked.questions if all(is_designable(asked.candidates[k]) for k in q.candidates))
+    others = tuple(q for q in asked.questions if q not in questions)
+    along = Along(asked, sorted({k for q in questions for k in q.candidates}), load)
+    deadline = None if time_limit is None else time.monotonic() + time_limit
+    search = _Search(design.problem(), along, design.seed_, deadline)
+    with threadpool_limits(limits=1, user_api="blas"):
+        on_progress("drawing motions")
+        first = np.array(design.x_)
+        random = [(x, search.told(x)) for x in search.drawn(N_DOMAIN, slow=False)]
+        if not random:
+            raise ValueError(f"none of {N_DOMAIN} random motions keeps the constraints; widen them, or choose a start")
+        mean = np.mean([told for _, told in random], axis=0)
+        worth = Worth(asked, questions, mean / (design.duration * along.rows_per_second))
+        exciting = search.told(first)
+        known = [(worth.nats(told), x) for x, told in ((first, exciting), *random)]
+        best = max(search.best(known, worth, max_iter, on_progress), known[0], key=lambda pair: pair[0])
+        told = search.told(best[1])
+    return NextExperiment(
+        design.with_motion(best[1]),
+        asked,
+        questions,
+        others,
+        _compared(worth, [told]),
+        _compared(worth, [each for _, each in random]),
+        _compared(worth, [exciting]),
+        _times(worth, mean, worth.nats(told)),
+        search.n_evaluations,
+    )
+
+
+def check_fits(asked: OpenQuestions, design: FourierExcitation) -> None:
+    """Refuse a design of another robot, or one too short for the band.
+
+    Raises
+    ------
+    ValueError
+        One sentence with the mend.
+    """
+    theirs, ours = list(asked.plan.robot.joint_names), list(design.robot_.joint_names)
+    if theirs != ours:
+        raise ValueError(
+            f"the diagnosis is of a robot with the joints {', '.join(theirs)}, and {design.robot_.name} has "
+            f"{', '.join(ours)}; give the robot file that was diagnosed"
+        )
+    least = LEAST_PERIODS / asked.cutoff
+    if design.duration < least:
+        raise ValueError(f"duration must be at least {least:.3g} s for the band of the runs, got {design.duration:g}")
+
+
+def _compared(worth: Worth, told: Sequence[FloatArray]) -> Compared:
+    """Mean over motions of the same length."""
+    chances = [worth.chances(each) for each in told]
+    mean = [
+        Chance(*(float(np.mean(x)) for x in zip(*map(astuple, own), strict=True))) for own in zip(*chances, strict=True)
+    ]
+    return Compared(tuple(mean), float(np.mean([worth.nats(each) for each in told])))
+
+
+def _times(worth: Worth, mean: FloatArray, nats: float) -> float | None:
+    """How many times as long random motion, which tells `mean` in one length, has to be to tell so many nats."""
+    from scipy.optimize import brentq
+
+    if worth.nats(mean * LONGEST) < nats:
+        return None
+    if worth.nats(mean / LONGEST) > nats:
+        return 0.0
+    return float(np.exp2(brentq(lambda k: worth.nats(mean * 2.0**k) - nats, -np.log2(LONGEST), np.log2(LONGEST))))

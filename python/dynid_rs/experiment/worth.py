@@ -1,0 +1,223 @@
+"""What an experiment is worth: how likely it settles each open question, and how much it tells, in nats.
+
+Between two answers about coefficients b, each a mixture of the shapes that its kind may have, Gaussian after the runs
+so far (nothing is there: b = 0), rows of precision D for b give the sufficient statistic ``y = D^(1/2) b + e``, e
+standard normal:
+
+    with a shape          y ~ N(D^(1/2) m, I + D^(1/2) V D^(1/2))
+    log odds afterwards   L = L_0 + ln p(y | 1) - ln p(y | 2)
+    settled rightly       if L passes ln 19 towards the true one
+    told                  H(p_0) - E[H(p(y))]       entropy of which it is (Lindley 1956; Box and Hill 1967)
+
+Expectations are means over the same draws of e for every motion, so a search sees a smooth function.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid_rs.base.odds import SURE
+from dynid_rs.diagnosis.open_questions import OpenQuestions, Question
+
+FloatArray = NDArray[np.float64]
+Whole = NDArray[np.intp]
+
+N_DRAWS = 128
+"""Draws of each expectation, half of them mirrored: a chance is known within some four percent."""
+RIDGE = 1e-10
+"""Precision that is added to every unknown, over its own: rounding."""
+
+
+@dataclass(frozen=True, eq=False)
+class Chance:
+    """Of one question, after an experiment.
+
+    Parameters
+    ----------
+    log_odds : float
+        Now, of the first answer against the other.
+    first, second : float
+        Chance that the answer is settled as the first if that is true, as the other if that is.
+    right, wrong : float
+        Chance that it is settled rightly, and wrongly, whichever is true.
+    told : float
+        Nats.
+    """
+
+    log_odds: float
+    first: float
+    second: float
+    right: float
+    wrong: float
+    told: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Shape:
+    """One shape of an answer: its weight, and mean (k,) and covariance (k, k) of all coefficients in question."""
+
+    weight: float
+    mean: FloatArray
+    covariance: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class _Held:
+    """A question as the runs leave it.
+
+    Places of its coefficients and of what stands beside them, their precision, and the shapes of both answers.
+    """
+
+    beside: Whole
+    at: Whole
+    now: FloatArray
+    answers: tuple[list[_Shape], list[_Shape]]
+    log_odds: float
+
+
+class Worth:
+    """Expected answers to questions.
+
+    Parameters
+    ----------
+    asked : OpenQuestions
+        What is asked.
+    questions : sequence of Question
+        Which of it.
+    domain : ndarray (n, n)
+        Mean information of a row of any motion within the limits: where predictions will be wanted.
+    """
+
+    def __init__(self, asked: OpenQuestions, questions: Sequence[Question], domain: FloatArray) -> None:
+        self.asked, self.questions, self.domain = asked, tuple(questions), domain
+        self._held = [_held(asked, question) for question in questions]
+        self._declared = asked.declared()
+        self._draws = [_draws(len(held.at)) for held in self._held]
+
+    def chances(self, told: FloatArray) -> list[Chance]:
+        """Of every question, after an experiment with this information (n, n) about all unknowns."""
+        return [self._chance(held, e, told) for held, e in zip(self._held, self._draws, strict=True)]
+
+    def doubt(self, told: FloatArray | None = None) -> float:
+        """What the model does not know of a row within the limits, in nats: ``ln det(I + P G) / 2``."""
+        at = self._declared
+        now = self.asked.precision[np.ix_(at, at)]
+        precision = now if told is None else now + told[np.ix_(at, at)]
+        scale = 1 / np.sqrt(np.diag(now))
+        known = precision * np.outer(scale, scale) + RIDGE * np.eye(len(at))
+        wanted = self.domain[np.ix_(at, at)] * np.outer(scale, scale)
+        return 0.5 * float(np.linalg.slogdet(known + wanted)[1] - np.linalg.slogdet(known)[1])
+
+    def nats(self, told: FloatArray) -> float:
+        """All that an experiment tells: which answers are right, and what a row within the limits will be."""
+        return sum(chance.told for chance in self.chances(told)) + self.doubt() - self.doubt(told)
+
+    def _chance(self, held: _Held, draws: FloatArray, told: FloatArray) -> Chance:
+        from scipy.special import expit
+
+        more = _own(self.asked.precision + told, held.beside, held.at) - held.now
+        values, vectors = np.linalg.eigh((more + more.T) / 2)
+        root = np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T, dtype=np.float64)
+        answers = [[_seen(shape, root) for shape in answer] for answer in held.answers]
+        first, second = (
+            [(shape.weight, self._odds(held, shape.mean + draws @ shape.spread.T, answers)) for shape in answer]
+            for answer in answers
+        )
+        p = float(expit(held.log_odds))
+        right = _mean(first, lambda odds: odds > SURE), _mean(second, lambda odds: odds < -SURE)
+        wrong = _mean(first, lambda odds: odds < -SURE), _mean(second, lambda odds: odds > SURE)
+        left = p * _mean(first, _entropy) + (1 - p) * _mean(second, _entropy)
+        either = [p * one + (1 - p) * other for one, other in (right, wrong)]
+        now = float(_entropy(np.array(held.log_odds)))
+        return Chance(held.log_odds, right[0], right[1], either[0], either[1], now - left)
+
+    @staticmethod
+    def _odds(held: _Held, y: FloatArray, answers: Sequence[Sequence[_Seen]]) -> FloatArray:
+        """Logarithmic odds of the first answer after each y (n_draws, k)."""
+        return held.log_odds + _density(y, answers[0]) - _density(y, answers[1])
+
+
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """What a shape makes of the statistic y: its weight, mean (k,), and a root (k, k) of its covariance."""
+
+    weight: float
+    mean: FloatArray
+    spread: FloatArray
+
+
+def _seen(shape: _Shape, root: FloatArray) -> _Seen:
+    spread = np.linalg.cholesky(np.eye(len(root)) + root @ shape.covariance @ root)
+    return _Seen(shape.weight, root @ shape.mean, np.asarray(spread, dtype=np.float64))
+
+
+def _density(y: FloatArray, shapes: Sequence[_Seen]) -> FloatArray:
+    """Logarithm of an answer's density of every y (n_draws, k), but for what all answers share."""
+    from scipy.special import logsumexp
+
+    parts = []
+    for shape in shapes:
+        z = np.linalg.solve(shape.spread, (y - shape.mean).T)
+        weight = np.log(max(shape.weight, 1e-300))
+        parts.append(weight - 0.5 * np.sum(z**2, axis=0) - np.sum(np.log(np.diag(shape.spread))))
+    density: FloatArray = logsumexp(parts, axis=0)
+    return density
+
+
+def _mean(cases: Sequence[tuple[float, FloatArray]], of: Callable[[FloatArray], NDArray[Any]]) -> float:
+    """Over the draws of every shape, and over the shapes."""
+    return float(sum(weight * np.mean(of(odds)) for weight, odds in cases))
+
+
+def _held(asked: OpenQuestions, question: Question) -> _Held:
+    """A question as the runs leave it."""
+    spots = [asked.at(k) for k in question.candidates]
+    at = np.concatenate(spots)
+    beside = asked.declared(asked.candidates[question.candidates[0]].instead_of)
+    nothing = _Shape(1.0, np.zeros(len(at)), np.zeros((len(at), len(at))))
+    shapes: list[list[_Shape]] = []
+    first, n = 0, 0
+    for answer in (question.first, question.second):
+        own = []
+        for number, weight in zip(answer.candidates, answer.weights, strict=True):
+            mean, covariance = np.zeros(len(at)), np.zeros((len(at), len(at)))
+            here = slice(first, first + len(spots[n]))
+            likeliest = asked.candidates[number].mean
+            mean[first : first + len(likeliest)] = likeliest  # its shape's are where they are by definition
+            known = _own(asked.precision, beside, spots[n])
+            covariance[here, here] = np.linalg.inv(known + RIDGE * np.diag(np.diag(known)))
+            own.append(_Shape(weight, mean, covariance))
+            first, n = first + len(spots[n]), n + 1
+        shapes.append(own or [nothing])
+    return _Held(beside, at, _own(asked.precision, beside, at), (shapes[0], shapes[1]), question.log_odds)
+
+
+def _own(precision: FloatArray, beside: Whole, at: Whole) -> FloatArray:
+    """Precision of the unknowns `at` when those `beside` may be anything that the rows allow."""
+    from scipy.linalg import cho_factor, cho_solve
+
+    inner = precision[np.ix_(beside, beside)]
+    scale = 1 / np.sqrt(np.diag(inner))
+    across = precision[np.ix_(beside, at)] * scale[:, None]
+    known = cho_factor(inner * np.outer(scale, scale) + RIDGE * np.eye(len(beside)), check_finite=False)
+    left: FloatArray = precision[np.ix_(at, at)] - across.T @ cho_solve(known, across, check_finite=False)
+    return left
+
+
+def _draws(k: int) -> FloatArray:
+    """Standard normal draws (n_draws, k), always the same, each with its mirror image."""
+    e = np.random.default_rng(0).standard_normal((N_DRAWS // 2, k))
+    return np.concatenate([e, -e])
+
+
+def _entropy(log_odds: FloatArray) -> FloatArray:
+    """Of two answers with these odds, in nats."""
+    from scipy.special import entr, expit
+
+    entropy: FloatArray = entr(expit(log_odds)) + entr(expit(-log_odds))
+    return entropy

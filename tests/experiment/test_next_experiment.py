@@ -1,0 +1,287 @@
+"""The next experiment: what is known of what is open, what a motion would say of it, and what comes out."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from helpers.diagnosed import ROBOT, columns_of, found_in, measured, names, recorded, rigid, with_effects
+from helpers.run_files import write_csv
+from helpers.small_arm import URDF, dynid, refusal
+from numpy.testing import assert_allclose
+from scipy.interpolate import CubicSpline
+from scipy.special import ndtr
+
+import dynid_rs as dyn
+from dynid_rs import Recording
+from dynid_rs.base.odds import SURE
+from dynid_rs.diagnosis.along import NEEDS_MORE, Along, is_designable
+from dynid_rs.diagnosis.open_file import read_open, to_json
+from dynid_rs.diagnosis.open_questions import Answer, Question
+from dynid_rs.experiment.answer import sentences
+from dynid_rs.experiment.worth import Worth
+from dynid_rs.simulation import simulate
+
+TIE = "joint_spring:elbow:0.3"
+PLACE = ("joint_spring", (1,))
+QUICK = {"duration": 10.0, "n_restarts": 2, "max_iter": 10, "random_state": 0}
+SAME_COLUMNS = {"rtol": 0.25}
+"""Another grid of instants, and beside the runs stands a yielding of every gear, which takes a part away."""
+DRAWN = 0.06
+"""Error of a chance from 128 draws, half of them mirrored: two standard deviations at a half."""
+
+
+@pytest.fixture(scope="module")
+def runs():
+    return measured(TIE, duration=10.0)
+
+
+@pytest.fixture(scope="module")
+def found(runs):
+    return found_in(runs)
+
+
+@pytest.fixture(scope="module")
+def asked(found):
+    return found.asked
+
+
+@pytest.fixture(scope="module")
+def designed(found):
+    return designed_after(found)
+
+
+def designed_after(found, **options):
+    walk = {name: value for name, value in QUICK.items() if name != "max_iter"}
+    return dyn.next_experiment(found, max_iter=10, **walk, **options)
+
+
+def tie_of(asked):
+    return next(q for q in asked.questions if q.second.candidates)
+
+
+def test_a_tie_is_a_question_with_the_odds_that_the_result_says(found, asked):
+    question = tie_of(asked)
+    assert asked.candidates[question.first.candidates[0]].place == PLACE
+    (entry,) = (entry for entry in found.entries if entry.get("told_as") == "joint_spring")
+    (tie,) = entry["ties"]
+    assert tie["kind"] == asked.candidates[question.second.candidates[0]].kind
+    assert question.log_odds == pytest.approx(entry["evidence"] - tie["evidence"])
+    assert abs(question.log_odds) < SURE
+
+
+def test_along_the_runs_themselves_rows_say_what_they_said(found, asked):
+    """Of declared unknowns and of what is asked, by another way than the fit."""
+    question = tie_of(asked)
+    along = Along(asked, question.candidates)
+    told = np.zeros_like(asked.precision)
+    for states in found.after.runs_:
+        t = np.arange(0.0, states.t[-1] - states.t[0], 1 / along.rate)
+        told += along.information([CubicSpline(states.t - states.t[0], x)(t) for x in states.signals()[:3]])
+    at = np.concatenate([asked.at(k)[: len(asked.candidates[k].unit)] for k in question.candidates])
+    assert_allclose(np.diag(told)[at], np.diag(asked.precision)[at], **SAME_COLUMNS)
+    base = np.arange(asked.plan.n_base)
+    strong = np.diag(told)[base] > 1e3  # the prior is not in what rows say
+    assert strong.sum() > 5
+    assert_allclose(np.diag(told)[base][strong], np.diag(asked.precision)[base][strong], **SAME_COLUMNS)
+
+
+def test_chances_are_those_of_two_gaussians(asked):
+    """One coefficient that rows tell directly: the log odds are normal with mean and variance in closed form."""
+    k = next(k for k in range(len(asked.candidates)) if len(asked.at(k)) == 1)
+    n = asked.plan.n_columns
+    at = asked.at(k)[0]
+    precision = np.zeros_like(asked.precision)
+    precision[np.diag_indices(n)] = 1.0
+    sure, d = 1e8, 4.0  # its size is known, whether it is there is not
+    precision[at, at] = sure
+    candidates = list(asked.candidates)
+    candidates[k] = replace(candidates[k], mean=np.array([1.0]))
+    known = replace(
+        asked,
+        precision=precision,
+        candidates=tuple(candidates),
+        questions=(Question(Answer((k,), (1.0,)), Answer(), 0.5),),
+    )
+    told = np.zeros_like(precision)
+    told[at, at] = d
+    (chance,) = Worth(known, known.questions, np.zeros_like(precision)).chances(told)
+    # Under the first answer y ~ N(sqrt(d), 1), under the other N(0, 1): L ~ N(0.5 + d / 2, d), and N(0.5 - d / 2, d).
+    assert chance.first == pytest.approx(ndtr((0.5 + d / 2 - SURE) / np.sqrt(d)), abs=DRAWN)
+    assert chance.second == pytest.approx(ndtr((-SURE - 0.5 + d / 2) / np.sqrt(d)), abs=DRAWN)
+    assert chance.told > 0
+
+
+def test_no_rows_tell_nothing_and_more_rows_tell_more(asked, designed):
+    worth = Worth(asked, asked.questions, np.zeros_like(asked.precision))
+    nothing = np.zeros_like(asked.precision)
+    assert all(abs(chance.told) < 1e-6 for chance in worth.chances(nothing))
+    assert all(chance.right == 0 for chance in worth.chances(nothing) if abs(chance.log_odds) < SURE)
+    along = Along(asked, list(range(len(asked.candidates))))
+    t = np.arange(0.0, 10.0, 1 / along.rate)
+    told = along.information(designed.trajectory.evaluate(t))
+    nats = [worth.nats(told * share) for share in (0.01, 0.1, 1.0)]
+    assert nats == sorted(nats)
+
+
+def test_a_known_load_shows_what_depends_on_it(asked):
+    q = np.random.default_rng(0).uniform(-1, 1, (1, ROBOT.n_joints))
+    still = np.zeros_like(q)
+    plain, loaded = (Along(asked, [], load) for load in (0.0, 2.0))
+    plan, links = asked.plan, asked.links
+    phi = np.zeros((2, 10 * ROBOT.n_joints))
+    phi[0, plan.pivots], phi[1, plan.pivots] = plain._links.phi_base_, loaded._links.phi_base_
+    whole = np.array(ROBOT.phi)
+    whole[-10] += 2.0
+    more = ROBOT.inverse_dynamics(q, still, still, whole) - ROBOT.inverse_dynamics(q, still, still)
+    seen = ROBOT.inverse_dynamics(q, still, still, phi[1]) - ROBOT.inverse_dynamics(q, still, still, phi[0])
+    assert_allclose(seen, more, rtol=1e-9, atol=1e-9)
+    assert np.array_equal(plain._links.phi_base_, links.phi_base_)
+
+
+def test_the_designed_motion_keeps_its_limits_and_is_worth_more_than_others(designed):
+    limits = designed.design.limits_
+    assert designed.design.merit_.violations(limits) == 0
+    assert designed.expected.nats >= designed.random.nats
+    assert designed.expected.nats >= designed.exciting.nats
+    assert designed.random_times is None or designed.random_times >= 1 - 1e-6
+
+
+def test_the_same_seed_designs_the_same_motion(found, designed):
+    assert np.array_equal(designed_after(found).design.x_, designed.design.x_)
+
+
+def test_what_it_says_it_settles_it_settles(runs, found, designed):
+    """The arm plays the motion; the tie is gone on all runs, and the name is right."""
+    longer = dyn.next_experiment(found, duration=30.0, n_restarts=2, max_iter=30, random_state=0)
+    chance, short = (each.expected.chances[each.questions.index(tie_of(found.asked))] for each in (longer, designed))
+    assert chance.right > 0.9
+    assert chance.right > short.right
+    arm = with_effects(rigid(), TIE)
+    played = recorded_along(arm, longer.trajectory)
+    after = dyn.diagnose(ROBOT, [*runs[:-1], played], runs[-1:], after=found.asked)
+    assert names(after) == {("joint_spring", ("elbow",))}
+    assert names(dyn.diagnose(ROBOT, [*runs[:-1], played], runs[-1:])) == names(after)
+
+
+def recorded_along(arm, trajectory):
+    """What the arm's recording of a motion holds, with the laboratory's noise."""
+    played = simulate(arm, trajectories=[trajectory], n_runs=1, rate=200.0, seed=5).recordings[0]
+    return Recording(played.t, played.q, tau=played.tau, name="played", joints=played.joints)
+
+
+def test_only_what_was_left_open_is_asked_again(runs, found):
+    """A place that was refuted is not sought, whatever the new runs say."""
+    closed = replace(found.asked, may_pass=frozenset())
+    after = dyn.diagnose(ROBOT, runs[:-1], runs[-1:], after=closed)
+    assert {entry["kind"] for entry in after.entries} <= {entry["kind"] for entry in found.entries}
+    assert not [step for step in after.steps if step["action"] == "added"]
+
+
+def test_what_was_settled_is_checked(runs, found):
+    """A name that the runs do not bear out is dropped."""
+    clean = recorded(rigid(), duration=10.0)
+    after = dyn.diagnose(ROBOT, clean[:-1], clean[-1:], after=found.asked)
+    assert names(after) == set()
+
+
+def test_open_questions_survive_the_disk(asked, designed, tmp_path):
+    path = tmp_path / "open.json"
+    path.write_text(json.dumps(to_json(asked)))
+    again = read_open(path, RobotFile(tmp_path).robot)
+    assert again.questions == asked.questions
+    assert again.may_pass == asked.may_pass
+    assert_allclose(again.precision, asked.precision, rtol=1e-7, atol=1e-7 * np.abs(asked.precision).max())
+    t = np.arange(0.0, 10.0, 0.005)
+    motion = designed.trajectory.evaluate(t)
+    every = list(range(len(asked.candidates)))
+    theirs, ours = (Along(one, every).information(motion) for one in (again, asked))
+    assert_allclose(theirs, ours, rtol=1e-6, atol=1e-6 * np.abs(ours).max())
+
+
+class RobotFile:
+    def __init__(self, folder):
+        self.path = folder / "robot.urdf"
+        self.path.write_text(URDF)
+        self.robot = dyn.RobotModel.from_urdf(self.path)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "said"),
+    [
+        (lambda c: c | {"format": "else"}, '"format" must be'),
+        (lambda c: c | {"version": 9}, '"version" must be 1, found 9'),
+        (lambda c: c | {"joints": ["a"]}, "give the robot file that was diagnosed"),
+        (lambda c: c | {"weights": [1.0]}, '"weights" must be 3 finite numbers'),
+        (lambda c: c | {"weights": [1.0, 2.0, 1e999]}, "not a JSON number"),
+        (lambda c: c | {"pivots": [0, 99]}, '"pivots" must be places'),
+        (lambda c: c | {"precision": {"scale": [1.0], "upper": [1.0]}}, '"precision.scale" must be'),
+        (lambda c: c | {"questions": [{"first": {"candidates": [999], "weights": [1]}}]}, '"candidates" must be'),
+        (lambda c: c | {"cutoff_hz": 0.0}, '"cutoff_hz" must be'),
+        (lambda c: c | {"candidates": [{"kind": "magic"}]}, "its content is not what it should be"),
+        (lambda c: c | {"structure": [{"kind": "gravity_tilt", "joints": [], "value": [1.0]}]}, "has 2 numbers"),
+        (lambda c: {k: v for k, v in c.items() if k != "own"}, "own"),
+        (lambda c: [], '"format" must be'),
+    ],
+)
+def test_a_damaged_file_is_refused_in_a_sentence(asked, tmp_path, spoil, said):
+    path = tmp_path / "open.json"
+    path.write_text(json.dumps(spoil(to_json(asked))))
+    with pytest.raises(dyn.DataError) as refused:
+        read_open(path, ROBOT)
+    assert said in str(refused.value)
+    assert str(path) in str(refused.value)
+    assert len(str(refused.value)) < 1000
+
+
+def test_kinds_that_no_motion_tells_are_left_to_others(asked):
+    for kind in NEEDS_MORE:
+        other = replace(asked.candidates[0], kind=kind)
+        assert not is_designable(other)
+
+
+def test_a_diagnosis_that_searched_nothing_is_refused(found):
+    with pytest.raises(ValueError, match="has not searched for effects"):
+        dyn.next_experiment(replace(found, asked=None))
+
+
+def test_where_nothing_is_open_it_says_so():
+    section = {"questions": [], "random_times_as_long": None, "duration_s": 20.0}
+    first, second = sentences(section)
+    assert "nothing is open" in first
+    assert "sixty-four" in second
+
+
+def test_from_the_command_line(runs, tmp_path):
+    """Diagnose, design, and go on, each by the command that the one before names."""
+    urdf = RobotFile(tmp_path).path
+    files = []
+    for run, letter in zip(runs, "abc", strict=True):
+        files.append(write_csv(tmp_path / f"{letter}.csv", columns_of(run)))
+    result, plan = tmp_path / "result", tmp_path / "next.csv"
+    dynid("diagnose", urdf, *files[:2], "--test", files[2], "-o", result)
+    said = json.loads((result / "result.json").read_text())["next_experiment"]
+    assert any("dynid excite" in sentence and "--after" in sentence for sentence in said)
+    quick = ("--duration", 10, "--restarts", 2, "--iterations", 10)
+    out = " ".join(dynid("excite", urdf, "-o", plan, "--after", result, *quick).output.split())
+    assert "open questions" in out
+    section = json.loads(plan.with_suffix(".json").read_text())["next"]
+    assert section["nats"]["this_motion"] >= section["nats"]["random_motion"]
+    assert "What it will decide" in plan.with_suffix(".html").read_text()
+    refused = refusal(dynid("excite", urdf, "-o", tmp_path / "x.csv", "--after", result, "--separate", "a", "b"))
+    assert "two aims" in refused
+    for option in ("--load", "--budget"):
+        assert "--after" in refusal(dynid("excite", urdf, "-o", tmp_path / "x.csv", option, 1))
+    again = tmp_path / "again"
+    dynid("diagnose", urdf, *files[:2], "--test", files[2], "-o", again, "--after", result)
+    assert json.loads((again / "open.json").read_text())["format"] == "dynid-open"
+    refused = refusal(dynid("diagnose", urdf, *files[:2], "-o", tmp_path / "y", "--after", tmp_path))
+    assert "open.json" in refused
+
+
+def test_a_budget_takes_the_shortest_motion_that_is_enough(found):
+    """Of a quarter, half and all of it."""
+    short = dyn.next_experiment(found, budget=40.0, max_iter=5, n_restarts=1, random_state=0)
+    assert short.design.duration in (10.0, 20.0, 40.0)
+    enough = all(chance.right >= 0.95 for chance in short.expected.chances)
+    assert enough or short.design.duration == 40.0
