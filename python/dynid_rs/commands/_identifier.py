@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -14,18 +14,18 @@ if TYPE_CHECKING:
     from dynid_rs.runs.preprocessing import States
     from dynid_rs.runs.recording import Recording
 
-MODEL_FILE, RESULT_FILE, RESIDUALS_FILE = "model.json", "result.json", "residuals.parquet"
+MODEL_FILE, RESULT_FILE, RESIDUALS_FILE, OPEN_FILE = "model.json", "result.json", "residuals.parquet", "open.json"
 
 
-def check_places(output: Path, inputs: list[Path | None], *, force: bool = False) -> None:
+def check_places(output: Path, inputs: list[Path | None], *, force: bool = False, more: Sequence[str] = ()) -> None:
     """Refuse before any work is done: a folder that cannot be written, results that would replace what is read.
 
-    A finished result is replaced with `force` only.
+    A finished result is replaced with `force` only. `more`: names of further files that will be written.
     """
     from dynid_rs.commands._output import check_folder, check_not_read, check_unfinished
     from dynid_rs.report import REPORT_FILE
 
-    results = (MODEL_FILE, RESULT_FILE, RESIDUALS_FILE, REPORT_FILE)
+    results = (MODEL_FILE, RESULT_FILE, RESIDUALS_FILE, REPORT_FILE, *more)
     check_folder(output, results)
     check_not_read([output / name for name in results], [path for path in inputs if path is not None])
     if not force:
@@ -140,3 +140,5 @@ def write_results(
         for name, content in (more or {}).items():
             write_json(folder / name, content)
         write_report(folder, source_of(result, table))
+    if OPEN_FILE not in (more or {}):
+        (output / OPEN_FILE).unlink(missing_ok=True)  # of an earlier diagnosis, whose result is gone

@@ -69,6 +69,7 @@ def diagnose(
     """
     from dynid_rs.commands._console import progress
     from dynid_rs.commands._identifier import (
+        OPEN_FILE,
         RESULT_FILE,
         check_places,
         convergence_findings,
@@ -86,7 +87,7 @@ def diagnose(
     from dynid_rs.commands._output import after_interrupt
     from dynid_rs.runs.facts import check_torque
 
-    check_places(output, [robot, *runs, *(test or []), config, known, reference], force=force)
+    check_places(output, [robot, *runs, *(test or []), config, known, reference], force=force, more=[OPEN_FILE])
     if reference is not None and after is not None:
         raise ValueError("--reference asks what has changed, --after what was left open; give one of them")
     said = after_interrupt(output / RESULT_FILE)
@@ -173,8 +174,8 @@ def _moves_otherwise(trusted: Any, robot: Any) -> bool:
 
 
 def _write(outcome: Outcome, split: Split, findings: list[Finding], output: Path) -> dict[str, Any]:
-    from dynid_rs.commands._identifier import write_results
-    from dynid_rs.diagnosis.open_file import OPEN_FILE, to_json
+    from dynid_rs.commands._identifier import OPEN_FILE, write_results
+    from dynid_rs.diagnosis.open_file import to_json
     from dynid_rs.diagnosis.results import evaluated, residual_table, summarise_diagnosis
     from dynid_rs.identification.training import check_motion
 

@@ -135,7 +135,8 @@ def rows(section: Section, joints: Sequence[str]) -> list[tuple[str, ...]]:
 
 def html(section: Section, joints: Sequence[str]) -> str:
     """The same for the page of plots."""
-    said = "".join(f"<p>{esc(text)}.</p>\n" for text in (*sentences(section), *left_sentences(section, joints)))
+    texts = (*sentences(section), *left_sentences(section, joints))
+    said = "".join(f"<p>{esc(text[0].upper() + text[1:])}.</p>\n" for text in texts)
     body = [[esc(question), *(cell(value) for value in values)] for question, *values in rows(section, joints)]
     note = (
         "<p>Now: probability of the first answer after the runs so far. Then the chance that a question is settled "
