@@ -27,6 +27,7 @@ class MadeDiagnosis:
     entries: list[dict[str, Any]] = field(default_factory=list)
     left: list[dict[str, Any]] = field(default_factory=list)
     steps: list[dict[str, Any]] = field(default_factory=list)
+    asked: Any = None
 
 
 def error_of(identifier, runs):

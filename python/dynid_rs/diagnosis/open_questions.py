@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,14 +19,14 @@ from numpy.typing import NDArray
 from dynid_rs.base.odds import SURE
 from dynid_rs.diagnosis.belief import Belief
 from dynid_rs.diagnosis.beside import Beside, places_of
-from dynid_rs.diagnosis.hypotheses import Catalogue, Hypothesis, Place, Shape, Shaped, is_valid
+from dynid_rs.diagnosis.candidates import Candidate, alive, width_of
+from dynid_rs.diagnosis.hypotheses import Hypothesis, Place
 from dynid_rs.diagnosis.rivals import Contest
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.structural.about import About
 from dynid_rs.diagnosis.trials import Value, evidence
 from dynid_rs.identification.links import LinkDynamicsIdentifier
 from dynid_rs.identification.three_loops import ThreeLoopIdentifier
-from dynid_rs.model.placed import CATALOGUE
 from dynid_rs.regression.columns import Plan
 from dynid_rs.regression.linear_model import Columns, LinearModel
 
@@ -33,48 +34,8 @@ FloatArray = NDArray[np.float64]
 
 MOST = 10
 """Questions that are kept, the most open first: what is the eleventh can wait for the next diagnosis."""
-PHASE = "phase"
-"""The shape parameter that is an angle."""
-SPREAD, STEP = 0.5, 0.1
-"""How far the logarithm of a shape parameter, or a phase [rad], may be off beforehand (half a step of the grids), and
-the step of slopes."""
-SHAPES, ALIVE = 6, 6.0
-"""Shapes of a kind that are kept at most, and nats behind the best up to which one is: e^6 to 1 is refuted."""
-LOOKED_AT = 48
-"""Shapes of the grid that are looked at, those first that explain most."""
-APART = 1.0
-"""Distance of two shapes, in spreads, below which the slopes of one reach the other."""
 UNKNOWABLE = 1e-12
 """Precision of an unknown, over the greatest, below which nothing is known of it: it has no column."""
-
-
-@dataclass(frozen=True, eq=False)
-class Candidate:
-    """A kind at a place with its likeliest shape.
-
-    Parameters
-    ----------
-    kind, joints, shape
-        As a hypothesis has them.
-    unit : ndarray (k,)
-        Own coefficients, in their own units, that are usual beforehand.
-    mean : ndarray (k,)
-        What the runs say they are if the kind is there, over `unit`.
-    instead_of : tuple of int
-        Places among the declared unknowns that it stands in the place of: its own, where it has the name.
-    """
-
-    kind: str
-    joints: tuple[int, ...]
-    shape: Shape
-    unit: FloatArray
-    mean: FloatArray
-    instead_of: tuple[int, ...] = ()
-
-    @property
-    def place(self) -> Place:
-        """Kind and joints."""
-        return self.kind, self.joints
 
 
 @dataclass(frozen=True)
@@ -153,8 +114,11 @@ class OpenQuestions:
 
     def at(self, candidate: int) -> NDArray[np.intp]:
         """Places of a candidate's coefficients in the precision, those of its shape behind its own."""
-        edges = self.plan.n_columns + np.cumsum([0, *(width_of(c) for c in self.candidates)])
-        return np.arange(edges[candidate], edges[candidate + 1])
+        return np.arange(self._edges[candidate], self._edges[candidate + 1])
+
+    @cached_property
+    def _edges(self) -> NDArray[np.intp]:
+        return self.plan.n_columns + np.cumsum([0, *(width_of(c) for c in self.candidates)])
 
     def declared(self, without: Sequence[int] = ()) -> NDArray[np.intp]:
         """Places of the declared unknowns that something is known of, but for some."""
@@ -181,7 +145,7 @@ def open_questions(belief: Belief, contests: Mapping[Place, Contest]) -> OpenQue
 
     def add(value: Value, model: Beside, instead_of: Sequence[int] = ()) -> Answer:
         numbers, weights = [], []
-        for candidate, own, weight in _alive(belief.catalogue, value, model):
+        for candidate, own, weight in alive(belief.catalogue, value, model):
             numbers.append(len(candidates))
             weights.append(weight)
             candidates.append(replace(candidate, instead_of=tuple(instead_of)))
@@ -252,111 +216,10 @@ def _edges(belief: Belief, open_: Sequence[Hypothesis]) -> tuple[list[tuple[Valu
     return sorted(edges, key=lambda pair: -pair[1]), {h.place for h in may_pass} | ties
 
 
-def _alive(catalogue: Catalogue, value: Value, model: Beside) -> list[tuple[Candidate, Columns, float]]:
-    """Shapes of a place that the runs have not refuted, far apart, each with its slopes and how probable it is.
-
-    The likeliest comes first. Slopes reach as far as a shape changes little; where a kind can do the same with quite
-    another shape, that one stands beside it.
-    """
-    from scipy.special import softmax
-
-    h, size = value.hypothesis, _size(value)
-    own = Shaped(h.kind, h.joints, h.shape)
-    grid = [s for s in catalogue.grid if (s.kind, s.joints) == h.place and s != own]
-    scores = np.array(
-        [score.value for score in model.screened([replace(g, sizes=(size,)) for g in catalogue.of(grid)])]
-    )
-    chosen = [own]
-    for k in np.argsort(-scores, kind="stable")[:LOOKED_AT].tolist():
-        if len(chosen) < 2 * SHAPES and all(_distance(grid[k], other) > APART for other in chosen):
-            chosen.append(grid[k])
-    every = [h, *catalogue.of(chosen[1:])]
-    found = []
-    for one in every:
-        plain = {j: size * part for j, part in one.columns.items()}
-        mean = model.with_columns(plain).best.x[-len(one.unit) :]
-        candidate = Candidate(one.kind, one.joints, one.shape, size * one.unit, mean)
-        found.append((candidate, with_slopes(catalogue, candidate, plain)))
-    wide = [
-        replace(one, columns=columns, unit=np.ones(width_of(c)), bounds=_free(width_of(c)), sizes=(1.0,))
-        for one, (c, columns) in zip(every, found, strict=True)
-    ]
-    values = np.array([score.value for score in model.screened(wide)])
-    values[0] = values.max()  # it was polished
-    kept = [k for k in np.argsort(-values, kind="stable").tolist() if values[k] > values[0] - ALIVE][:SHAPES]
-    kept = [0, *(k for k in kept if k)]
-    weights = softmax(values[kept]).tolist()
-    return [(*found[k], weight) for k, weight in zip(kept, weights, strict=True)]
-
-
-def _free(width: int) -> FloatArray:
-    """Bounds (width, 2) of coefficients that may be anything."""
-    return np.tile([-np.inf, np.inf], (width, 1))
-
-
-def _distance(one: Shaped, other: Shaped) -> float:
-    """Of two shapes of a kind, in spreads of each parameter."""
-    apart = [0.0]
-    for (name, a), (_, b) in zip(one.shape, other.shape, strict=True):
-        if name == PHASE:
-            apart.append(abs((a - b + np.pi) % (2 * np.pi) - np.pi) / SPREAD)
-        elif a != b:
-            apart.append(abs(float(np.log(a / b))) / SPREAD if a * b > 0 else np.inf)
-    return float(np.linalg.norm(apart))
-
-
-def with_slopes(catalogue: Catalogue, candidate: Candidate, columns: Columns) -> Columns:
-    """Columns of a candidate, and behind them what its torque changes by where its shape is a little another one.
-
-    Those are for coefficients that are standard normal beforehand: a kind imitates another one by its shape too.
-    """
-    if candidate.kind not in CATALOGUE:
-        return columns  # a change of structure has no shape
-    own = Shaped(candidate.kind, candidate.joints, candidate.shape)
-    size = candidate.unit * candidate.mean
-    steps = [(_moved(own, name, -STEP), _moved(own, name, STEP)) for name in free_shape(candidate)]
-    ends = iter(catalogue.of([shaped for pair in steps for shaped in pair]))
-    slopes: dict[int, list[FloatArray]] = {j: [] for j in columns}
-    for low, high in zip(ends, ends, strict=True):
-        for j, parts in slopes.items():
-            torque = [end.columns[j] @ (size / np.where(end.unit > 0, end.unit, np.inf)) for end in (low, high)]
-            parts.append(SPREAD * (torque[1] - torque[0]) / (2 * STEP))
-    return {j: np.column_stack([part, *slopes[j]]) for j, part in columns.items()}
-
-
-def width_of(candidate: Candidate) -> int:
-    """Coefficients of a candidate: its own, and those of its shape."""
-    return len(candidate.unit) + (len(free_shape(candidate)) if candidate.kind in CATALOGUE else 0)
-
-
-def free_shape(candidate: Candidate) -> list[str]:
-    """Shape parameters that may be others: sizes and phases, where a little less and more is a shape too."""
-    own = Shaped(candidate.kind, candidate.joints, candidate.shape)
-    return [
-        name
-        for name, value in candidate.shape
-        if name != "partner"
-        and (name == PHASE or value != 0.0)
-        and all(is_valid(own.kind, _moved(own, name, step).shape) for step in (-STEP, STEP))
-    ]
-
-
-def _moved(own: Shaped, name: str, step: float) -> Shaped:
-    """A shape with one parameter moved: a phase by the step, what is a size by a factor of as much."""
-    value = dict(own.shape)[name]
-    return own.with_shape(name, value + step if name == PHASE else value * (1 + step))
-
-
 def _unit(fit: ThreeLoopIdentifier) -> float:
     posterior = fit.links_.posterior_
     assert posterior is not None  # every fit that is diagnosed has the weak prior
     return posterior.prior.unit
-
-
-def _size(value: Value) -> float:
-    """By how much the columns of a place are larger than its hypothesis': the size that is likeliest beforehand."""
-    j = next(iter(value.columns))
-    return float(np.linalg.norm(value.columns[j]) / max(float(np.linalg.norm(value.hypothesis.columns[j])), 1e-300))
 
 
 def _precision(beside: Beside, columns: Sequence[Columns]) -> FloatArray:

@@ -1,0 +1,161 @@
+"""Candidates: a kind at a place with a shape that the runs have not refuted, and what its torque does where that moves.
+
+A kind imitates another one by its shape too. Slopes reach as far as the shape changes little; where a kind can do the
+same with quite another shape, that one is a candidate beside it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dynid_rs.diagnosis.beside import Beside
+from dynid_rs.diagnosis.hypotheses import Catalogue, Place, Shape, Shaped, is_valid
+from dynid_rs.diagnosis.trials import Value
+from dynid_rs.model.placed import CATALOGUE
+from dynid_rs.regression.linear_model import Columns
+
+FloatArray = NDArray[np.float64]
+
+PHASE = "phase"
+"""The shape parameter that is an angle."""
+SPREAD, STEP = 0.5, 0.1
+"""How far the logarithm of a shape parameter, or a phase [rad], may be off beforehand (half a step of the grids), and
+the step of slopes."""
+SHAPES, ALIVE = 6, 6.0
+"""Shapes of a kind that are kept at most, and nats behind the best up to which one is: e^6 to 1 is refuted."""
+LOOKED_AT = 48
+"""Shapes of the grid that are looked at, those first that explain most."""
+APART = 1.0
+"""Distance of two shapes, in spreads, below which the slopes of one reach the other."""
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A kind at a place with its likeliest shape.
+
+    Parameters
+    ----------
+    kind, joints, shape
+        As a hypothesis has them.
+    unit : ndarray (k,)
+        Own coefficients, in their own units, that are usual beforehand.
+    mean : ndarray (k,)
+        What the runs say they are if the kind is there, over `unit`.
+    instead_of : tuple of int
+        Places among the declared unknowns that it stands in the place of: its own, where it has the name.
+    """
+
+    kind: str
+    joints: tuple[int, ...]
+    shape: Shape
+    unit: FloatArray
+    mean: FloatArray
+    instead_of: tuple[int, ...] = ()
+
+    @property
+    def place(self) -> Place:
+        """Kind and joints."""
+        return self.kind, self.joints
+
+
+def alive(catalogue: Catalogue, value: Value, model: Beside) -> list[tuple[Candidate, Columns, float]]:
+    """Shapes of a place that the runs have not refuted, far apart, each with its slopes and how probable it is.
+
+    The likeliest comes first.
+    """
+    from scipy.special import softmax
+
+    h, size = value.hypothesis, _size(value)
+    own = Shaped(h.kind, h.joints, h.shape)
+    grid = [s for s in catalogue.grid if (s.kind, s.joints) == h.place and s != own]
+    scores = np.array(
+        [score.value for score in model.screened([replace(g, sizes=(size,)) for g in catalogue.of(grid)])]
+    )
+    chosen = [own]
+    for k in np.argsort(-scores, kind="stable")[:LOOKED_AT].tolist():
+        if len(chosen) < 2 * SHAPES and all(_distance(grid[k], other) > APART for other in chosen):
+            chosen.append(grid[k])
+    every = [h, *catalogue.of(chosen[1:])]
+    found = []
+    for one in every:
+        plain = {j: size * part for j, part in one.columns.items()}
+        mean = model.with_columns(plain).best.x[-len(one.unit) :]
+        candidate = Candidate(one.kind, one.joints, one.shape, size * one.unit, mean)
+        found.append((candidate, with_slopes(catalogue, candidate, plain)))
+    wide = [
+        replace(one, columns=columns, unit=np.ones(width_of(c)), bounds=_free(width_of(c)), sizes=(1.0,))
+        for one, (c, columns) in zip(every, found, strict=True)
+    ]
+    values = np.array([score.value for score in model.screened(wide)])
+    values[0] = values.max()  # it was polished
+    kept = [k for k in np.argsort(-values, kind="stable").tolist() if values[k] > values[0] - ALIVE][:SHAPES]
+    kept = [0, *(k for k in kept if k)]
+    weights = softmax(values[kept]).tolist()
+    return [(*found[k], weight) for k, weight in zip(kept, weights, strict=True)]
+
+
+def _free(width: int) -> FloatArray:
+    """Bounds (width, 2) of coefficients that may be anything."""
+    return np.tile([-np.inf, np.inf], (width, 1))
+
+
+def _distance(one: Shaped, other: Shaped) -> float:
+    """Of two shapes of a kind, in spreads of each parameter."""
+    apart = [0.0]
+    for (name, a), (_, b) in zip(one.shape, other.shape, strict=True):
+        if name == PHASE:
+            apart.append(abs((a - b + np.pi) % (2 * np.pi) - np.pi) / SPREAD)
+        elif a != b:
+            apart.append(abs(float(np.log(a / b))) / SPREAD if a * b > 0 else np.inf)
+    return float(np.linalg.norm(apart))
+
+
+def with_slopes(catalogue: Catalogue, candidate: Candidate, columns: Columns) -> Columns:
+    """Columns of a candidate, and behind them what its torque changes by where its shape is a little another one.
+
+    Those are for coefficients that are standard normal beforehand: a kind imitates another one by its shape too.
+    """
+    if candidate.kind not in CATALOGUE:
+        return columns  # a change of structure has no shape
+    own = Shaped(candidate.kind, candidate.joints, candidate.shape)
+    size = candidate.unit * candidate.mean
+    steps = [(_moved(own, name, -STEP), _moved(own, name, STEP)) for name in free_shape(candidate)]
+    ends = iter(catalogue.of([shaped for pair in steps for shaped in pair]))
+    slopes: dict[int, list[FloatArray]] = {j: [] for j in columns}
+    for low, high in zip(ends, ends, strict=True):
+        for j, parts in slopes.items():
+            torque = [end.columns[j] @ (size / np.where(end.unit > 0, end.unit, np.inf)) for end in (low, high)]
+            parts.append(SPREAD * (torque[1] - torque[0]) / (2 * STEP))
+    return {j: np.column_stack([part, *slopes[j]]) for j, part in columns.items()}
+
+
+def width_of(candidate: Candidate) -> int:
+    """Coefficients of a candidate: its own, and those of its shape."""
+    return len(candidate.unit) + (len(free_shape(candidate)) if candidate.kind in CATALOGUE else 0)
+
+
+def free_shape(candidate: Candidate) -> list[str]:
+    """Shape parameters that may be others: sizes and phases, where a little less and more is a shape too."""
+    own = Shaped(candidate.kind, candidate.joints, candidate.shape)
+    return [
+        name
+        for name, value in candidate.shape
+        if name != "partner"
+        and (name == PHASE or value != 0.0)
+        and all(is_valid(own.kind, _moved(own, name, step).shape) for step in (-STEP, STEP))
+    ]
+
+
+def _moved(own: Shaped, name: str, step: float) -> Shaped:
+    """A shape with one parameter moved: a phase by the step, what is a size by a factor of as much."""
+    value = dict(own.shape)[name]
+    return own.with_shape(name, value + step if name == PHASE else value * (1 + step))
+
+
+def _size(value: Value) -> float:
+    """By how much the columns of a place are larger than its hypothesis': the size that is likeliest beforehand."""
+    j = next(iter(value.columns))
+    return float(np.linalg.norm(value.columns[j]) / max(float(np.linalg.norm(value.hypothesis.columns[j])), 1e-300))
