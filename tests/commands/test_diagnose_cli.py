@@ -258,7 +258,7 @@ def real(tmp_path_factory):
 def test_what_a_diagnosis_writes_is_of_the_documented_form(real):
     folder, printed, result = real
     assert printed.exit_code == 0, printed.output
-    assert sorted(path.name for path in (folder / "out").iterdir()) == FILES
+    assert sorted(path.name for path in (folder / "out").iterdir()) == sorted([*FILES, "open.json"])
     validator().validate(result)
     named = {(entry["kind"], tuple(entry["joints"])) for entry in result["effects"]}
     assert named >= {
