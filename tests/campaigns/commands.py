@@ -74,7 +74,7 @@ ALL = (
     Writing(
         "diagnose",
         lambda d: ("diagnose", d / "robot.urdf", *_runs(d), "-o", d / "out", "--force"),
-        ((".", FOUR),),
+        ((".", (*FOUR, "open.json")),),
     ),
     Writing(
         "excite",
