@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from dynid_rs.experiment.designing import NextExperiment
     from dynid_rs.experiment.next import next_experiment
     from dynid_rs.identification.base_fit import BaseFit, fit_base_parameters
+    from dynid_rs.identification.directions import ParameterDirections, parameter_directions
     from dynid_rs.identification.friction import FrictionIdentifier
     from dynid_rs.identification.links import LinkDynamicsIdentifier
     from dynid_rs.identification.mixture import GaussianMixtureRegressor
@@ -62,6 +63,7 @@ _LATE = {
     "LinkDynamicsIdentifier": "identification.links",
     "MomentumObserver": "model.observer",
     "NextExperiment": "experiment.designing",
+    "ParameterDirections": "identification.directions",
     "PartsWarning": "runs.readers",
     "PhysicalIdentifier": "model.physical",
     "RbfRegressor": "identification.rbf",
@@ -77,6 +79,7 @@ _LATE = {
     "health_page": "model.health",
     "inspect": "sensors.inspection",
     "next_experiment": "experiment.next",
+    "parameter_directions": "identification.directions",
     "prometheus_text": "model.prometheus",
     "read_config": "runs.readers",
     "read_recording": "runs.readers",
@@ -105,6 +108,7 @@ __all__ = [
     "MissingLibraryError",
     "MomentumObserver",
     "NextExperiment",
+    "ParameterDirections",
     "PartsWarning",
     "PhysicalIdentifier",
     "PhysicalSet",
@@ -126,6 +130,7 @@ __all__ = [
     "health_page",
     "inspect",
     "next_experiment",
+    "parameter_directions",
     "prometheus_text",
     "read_config",
     "read_recording",

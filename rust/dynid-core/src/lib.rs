@@ -45,6 +45,7 @@ mod step;
 pub mod stream;
 mod track;
 mod turn;
+pub mod uncertainty;
 pub mod watch;
 
 pub use differentiator::Differentiator;
@@ -64,3 +65,4 @@ pub use residual::{Load, Regression, Residual, ResidualInputs};
 pub use robot::{Joint, JointKind, JointLimits, RobotModel};
 pub use signal::{Signal, SignalKind, MAX_INPUTS};
 pub use state::State;
+pub use uncertainty::Uncertainty;

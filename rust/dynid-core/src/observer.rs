@@ -23,7 +23,16 @@
 //!
 //! and crosses a level k s_r so often per second (S. O. Rice, Bell Syst. Tech. J. 24, 1945: the slope's deviation is
 //! s_r / sqrt(c T)): `2 n / (2 pi sqrt(c T)) exp(-k^2 / 2)` for n joints and two signs. k is what makes that the false contacts that
-//! are asked for. Where c is not known nothing is taken for granted: s_r = s, and k as if c were T.
+//! are asked for. Where c is not known nothing is taken for granted: s_r = s, and k as if c were T. With an
+//! [`Uncertainty`] both follow from it instead: s_r from the state, k from how often healthy runs pass it.
+//!
+//! Hand guiding takes what of r lies beyond the threshold d = k s_r, smoothly over one deviation w = d / k:
+//!
+//! ```text
+//! x = |r| - d         guide = 0 for x <= 0,  sign(r) x^2 / (x + w) beyond
+//! ```
+//!
+//! so an arm that follows it does not move by itself where the model knows little, more often than contacts are faked.
 
 use std::sync::Arc;
 
@@ -35,6 +44,7 @@ use crate::model::{check_step, TorqueModel};
 use crate::momentum::{momentum_into, MomentumWorkspace};
 use crate::slices::{copy, mirror_fields, rows, Mirror};
 use crate::state::State;
+use crate::uncertainty::{Deviation, Doing, Uncertainty};
 
 /// A contact ends where every joint is below this part of its threshold.
 const RELEASE: f64 = 0.5;
@@ -134,7 +144,11 @@ pub struct MomentumObserver {
     threshold: Vec<f64>,
     /// What of the threshold is friction at rest.
     rest: Vec<f64>,
+    /// What of `external` a hand may guide the arm by.
+    guide: Vec<f64>,
     contact: bool,
+    /// From state to state, where it is known.
+    deviation: Option<Deviation>,
 }
 
 impl MomentumObserver {
@@ -166,9 +180,22 @@ impl MomentumObserver {
             external: vec![0.0; n],
             threshold: vec![f64::INFINITY; n],
             rest: vec![0.0; n],
+            guide: vec![0.0; n],
             contact: false,
+            deviation: None,
             model,
         })
+    }
+
+    /// The same observer, whose thresholds follow from how far off it is at each state.
+    ///
+    /// # Errors
+    /// [`CoreError`] if `uncertainty` is not of this model.
+    pub fn with_uncertainty(mut self, uncertainty: Arc<Uncertainty>) -> Result<Self, CoreError> {
+        let deviation = Deviation::new(uncertainty, &self.model)?;
+        self.factor = deviation.tail().factor(self.settings.false_per_hour);
+        self.deviation = Some(deviation);
+        Ok(self)
     }
 
     /// How it listens.
@@ -195,15 +222,36 @@ impl MomentumObserver {
         &self.rest
     }
 
+    /// What of r lies beyond the thresholds, n values \[torque unit\]: what an arm may follow that a hand guides. Zero where the
+    /// last sample could not be used.
+    #[must_use]
+    pub fn guide(&self) -> &[f64] {
+        &self.guide
+    }
+
+    /// Nothing guides the arm until the next sample.
+    pub fn let_go(&mut self) {
+        self.guide.fill(0.0);
+    }
+
+    /// Where thresholds follow from the state: what every joint does, and the variance by parameters that are not known
+    /// well, n values each \[torque unit²\].
+    #[must_use]
+    pub fn sources(&self) -> Option<(&[Doing], &[f64])> {
+        let deviation = self.deviation.as_ref()?;
+        Some((deviation.doing(), deviation.of_parameters()))
+    }
+
     /// True from when a joint's r passes its threshold until all are below half of theirs.
     #[must_use]
     pub fn contact(&self) -> bool {
         self.contact
     }
 
-    /// The sample before is not compared with the next one: something is missing between them. r stays.
+    /// The sample before is not compared with the next one: something is missing between them. r stays, and nothing guides.
     pub fn interrupt(&mut self) {
         self.before.valid = false;
+        self.let_go();
     }
 
     /// Goes on with what `before` saw, under this one's model.
@@ -247,6 +295,19 @@ impl MomentumObserver {
         copy(&self.torque, &mut self.before.torque);
         self.before.valid = true;
         self.judge(state.dq_motor, elapsed);
+        if let Some(deviation) = &mut self.deviation {
+            let (slow, time) = (&self.at_rest, self.settings.time_constant);
+            deviation.step(
+                &self.model,
+                estimator,
+                slow,
+                &self.since_rest,
+                elapsed,
+                time,
+            )?;
+            self.judge_by_state();
+        }
+        self.decide();
         Ok(())
     }
 
@@ -355,9 +416,38 @@ impl MomentumObserver {
             *rest = if *since < remembered { *torque } else { 0.0 };
             *threshold = gain * std + *rest;
         }
+    }
+
+    /// Thresholds where the deviation at the state is known.
+    fn judge_by_state(&mut self) {
+        let Some(deviation) = &self.deviation else {
+            return;
+        };
+        let joints = deviation.variance().iter().zip(deviation.may_stick());
+        let outputs = self.threshold.iter_mut().zip(&mut self.rest);
+        for ((threshold, rest), (variance, sticks)) in outputs.zip(joints) {
+            if !sticks {
+                *rest = 0.0;
+            }
+            *threshold = self.factor * variance.sqrt() + *rest;
+        }
+    }
+
+    /// Is it a contact, and what may a hand guide the arm by?
+    fn decide(&mut self) {
         let level = if self.contact { RELEASE } else { 1.0 };
         let mut joints = self.external.iter().zip(&self.threshold);
         self.contact = joints.any(|(r, threshold)| r.abs() > level * threshold);
+        let joints = self.external.iter().zip(&self.threshold);
+        for (guide, (r, threshold)) in self.guide.iter_mut().zip(joints) {
+            let beyond = r.abs() - threshold;
+            // Written so that a NaN guides nothing.
+            *guide = if beyond > 0.0 {
+                (beyond * (beyond / (beyond + threshold / self.factor))).copysign(*r)
+            } else {
+                0.0
+            };
+        }
     }
 }
 
@@ -451,11 +541,14 @@ impl Mirror for Memory {
 
 impl Mirror for MomentumObserver {
     fn mirror(&mut self, of: &Self) {
+        if let (Some(own), Some(of)) = (&mut self.deviation, &of.deviation) {
+            own.mirror(of);
+        }
         mirror_fields!(
             self, of;
-            workspace, momenta, at_rest, since_rest, zeros, before, momentum, torque, scratch, std, external, threshold, rest;
+            workspace, momenta, at_rest, since_rest, zeros, before, momentum, torque, scratch, std, external, threshold, rest, guide;
             copied settings, factor, contact;
-            kept model
+            kept model, deviation
         );
     }
 }

@@ -90,6 +90,7 @@ fn work() -> Result<(), Stop> {
             mut settings,
             changes,
             remember,
+            contacts,
             real_time,
             transport,
             watch,
@@ -100,6 +101,9 @@ fn work() -> Result<(), Stop> {
                 None => None,
             };
             settings.remember = remember;
+            if let Some((contacts, per_hour)) = contacts {
+                settings.take_contacts(dynid_io::load_contact(&contacts)?, per_hour);
+            }
             let watched = watch.then_some(path);
             if let Some(transport) = transport {
                 let report = live::run(model, &transport, &settings, &real_time, watched)?;
