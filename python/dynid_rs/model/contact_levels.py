@@ -91,29 +91,34 @@ def fit_variances(runs: Sequence[Seen], every: float) -> dict[str, Any]:
     return said | {"stops_known": stops_known, "turns_known": turns_known}
 
 
-def fit_tail(deviations: Sequence[FloatArray], step: float) -> dict[str, float] | None:
-    """How often the greatest deviation is passed: level and growth of its square, and how often per hour; None if unknown.
+def fit_tails(deviations: Sequence[FloatArray], step: float) -> dict[str, list[float]] | None:
+    """How often a joint passes a multiple of its deviation: level and growth of its square, and how often per hour.
 
-    Peaks over a threshold: greatest squares of blocks of a second beyond the level that a fifth of them passes lie beyond
-    it by an exponential, as those of a normal process do (Davison and Smith, 1990).
+    Peaks over a threshold: of blocks of a second the greatest squares that lie beyond the level that a fifth of them
+    passes do so by an exponential, as those of a normal process (Davison and Smith, 1990). None where runs are too short.
 
     Parameters
     ----------
-    deviations : per run (n_samples,)
-        Greatest |r| / s of all joints.
+    deviations : per run (n_samples, n_joints)
+        |r| / s of every joint.
     """
     size = max(1, round(BLOCK / step))
-    blocks = [run[: len(run) // size * size].reshape(-1, size).max(axis=1) ** 2 for run in deviations]
+    n = deviations[0].shape[1]
+    blocks = [run[: len(run) // size * size].reshape(-1, size, n).max(axis=1) ** 2 for run in deviations]
     peaks = np.concatenate(blocks)
     if len(peaks) * PASSED < LEAST_PEAKS:
         return None
-    level = float(np.quantile(peaks, 1 - PASSED))
-    beyond = peaks[peaks > level] - level
-    if len(beyond) < LEAST_PEAKS:
-        return None
-    growth = float(np.mean(beyond)) * (1 + SURE / np.sqrt(len(beyond)))
     hours = len(peaks) * size * step / 3600
-    return {"level": level, "per_hour": len(beyond) / hours, "growth": growth}
+    found: dict[str, list[float]] = {"level": [], "per_hour": [], "growth": []}
+    for own in peaks.T:
+        level = float(np.quantile(own, 1 - PASSED))
+        beyond = own[own > level] - level
+        # A joint that has no noise passes nothing.
+        mean = float(np.mean(beyond)) if len(beyond) else 1.0
+        found["level"].append(level)
+        found["per_hour"].append(max(len(beyond), 1) / hours)
+        found["growth"].append(mean * (1 + SURE / np.sqrt(max(len(beyond), 1))))
+    return found
 
 
 def _thinned(run: Seen, every: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:

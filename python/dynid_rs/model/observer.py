@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from dynid_rs import _core
 from dynid_rs.base.files import check_readable, write_json
-from dynid_rs.model.contact_levels import Seen, fit_tail, fit_variances
+from dynid_rs.model.contact_levels import Seen, fit_tails, fit_variances
 from dynid_rs.runs.given import Runs, as_recordings
 from dynid_rs.runs.recording import FloatArray, Recording
 
@@ -28,8 +28,6 @@ SAME_RATE = 0.02
 """Relative difference of rates that are one."""
 LEAST_SAMPLES = 100
 """Fewer samples of a joint in motion tell no deviation."""
-UNIT = {"level": 1.0, "per_hour": 1.0, "growth": 1.0}
-"""A tail with which thresholds of one contact per hour are one deviation."""
 
 
 class Directions(Protocol):
@@ -233,7 +231,7 @@ class MomentumObserver:
             "false_contacts_per_hour": 1.0,
             **{name: [1.0] * n for name in ("moving", "standing", "turning", "torque")},
             **{name: [False] * n for name in ("stops_known", "turns_known")},
-            "tail": UNIT,
+            "tail": {name: [1.0] * n for name in ("level", "per_hour", "growth")},
             "directions": [] if self.directions is None else self.directions.to_json(),
         }
         seen = []
@@ -245,11 +243,11 @@ class MomentumObserver:
         learned |= fit_variances(seen, self.time_constant)
         deviations = []
         for run in recordings:
-            said = self._run(run, None, learned, per_hour=1.0)
+            said = self._run(run, None, learned, per_hour=float(n))  # with these tails thresholds are one deviation
             s = np.maximum(said.threshold - said.rest, np.finfo(float).tiny)
             beyond = np.maximum(np.abs(said.external) - said.rest, 0.0) / s
-            deviations.append(beyond[self._good(run, said)].max(axis=1))
-        tail = fit_tail(deviations, step)
+            deviations.append(beyond[self._good(run, said)])
+        tail = fit_tails(deviations, step)
         return None if tail is None else learned | {"tail": tail}
 
     def _good(self, recording: Recording, said: _Said) -> NDArray[np.bool_]:

@@ -127,7 +127,8 @@ struct Memory {
 pub struct MomentumObserver {
     model: Arc<TorqueModel>,
     settings: ObserverSettings,
-    factor: f64,
+    /// k of every joint.
+    factors: Vec<f64>,
     workspace: Workspace,
     momenta: MomentumWorkspace,
     /// Torque that remains of a joint that stands, and the speed below which it may.
@@ -161,7 +162,7 @@ impl MomentumObserver {
         let n = model.robot().n_joints();
         let at_rest = at_rest(&model);
         Ok(Self {
-            factor: settings.threshold_factor(n),
+            factors: vec![settings.threshold_factor(n); n],
             settings,
             workspace: Workspace::new(model.robot()),
             momenta: MomentumWorkspace::new(model.robot()),
@@ -192,8 +193,9 @@ impl MomentumObserver {
     /// # Errors
     /// [`CoreError`] if `uncertainty` is not of this model.
     pub fn with_uncertainty(mut self, uncertainty: Arc<Uncertainty>) -> Result<Self, CoreError> {
+        let factors = uncertainty.factors(self.settings.false_per_hour);
         let deviation = Deviation::new(uncertainty, &self.model)?;
-        self.factor = deviation.tail().factor(self.settings.false_per_hour);
+        self.factors = factors;
         self.deviation = Some(deviation);
         Ok(self)
     }
@@ -403,18 +405,22 @@ impl MomentumObserver {
     }
 
     fn judge(&mut self, dq_motor: &[f64], elapsed: f64) {
-        let gain = self.factor * self.settings.noise_gain();
+        let gain = self.settings.noise_gain();
         let remembered = REST_MEMORY * self.settings.time_constant;
         let joints = self.at_rest.iter().zip(dq_motor).zip(&mut self.since_rest);
-        let outputs = self.threshold.iter_mut().zip(&mut self.rest).zip(&self.std);
-        for ((([torque, speed], dq), since), ((threshold, rest), std)) in joints.zip(outputs) {
+        let outputs = self.threshold.iter_mut().zip(&mut self.rest);
+        let known = self.std.iter().zip(&self.factors);
+        let outputs = outputs.zip(known);
+        for ((([torque, speed], dq), since), ((threshold, rest), (std, factor))) in
+            joints.zip(outputs)
+        {
             *since = if dq.abs() <= *speed {
                 0.0
             } else {
                 *since + elapsed
             };
             *rest = if *since < remembered { *torque } else { 0.0 };
-            *threshold = gain * std + *rest;
+            *threshold = factor * gain * std + *rest;
         }
     }
 
@@ -425,11 +431,12 @@ impl MomentumObserver {
         };
         let joints = deviation.variance().iter().zip(deviation.may_stick());
         let outputs = self.threshold.iter_mut().zip(&mut self.rest);
-        for ((threshold, rest), (variance, sticks)) in outputs.zip(joints) {
+        let outputs = outputs.zip(&self.factors);
+        for (((threshold, rest), factor), (variance, sticks)) in outputs.zip(joints) {
             if !sticks {
                 *rest = 0.0;
             }
-            *threshold = self.factor * variance.sqrt() + *rest;
+            *threshold = factor * variance.sqrt() + *rest;
         }
     }
 
@@ -439,11 +446,12 @@ impl MomentumObserver {
         let mut joints = self.external.iter().zip(&self.threshold);
         self.contact = joints.any(|(r, threshold)| r.abs() > level * threshold);
         let joints = self.external.iter().zip(&self.threshold);
-        for (guide, (r, threshold)) in self.guide.iter_mut().zip(joints) {
+        let guides = self.guide.iter_mut().zip(&self.factors);
+        for ((guide, factor), (r, threshold)) in guides.zip(joints) {
             let beyond = r.abs() - threshold;
             // Written so that a NaN guides nothing.
             *guide = if beyond > 0.0 {
-                (beyond * (beyond / (beyond + threshold / self.factor))).copysign(*r)
+                (beyond * (beyond / (beyond + threshold / factor))).copysign(*r)
             } else {
                 0.0
             };
@@ -547,8 +555,8 @@ impl Mirror for MomentumObserver {
         mirror_fields!(
             self, of;
             workspace, momenta, at_rest, since_rest, zeros, before, momentum, torque, scratch, std, external, threshold, rest, guide;
-            copied settings, factor, contact;
-            kept model, deviation
+            copied settings, contact;
+            kept model, deviation, factors
         );
     }
 }

@@ -17,19 +17,18 @@
 //! s^2 = max(variance now, exp(-2 dt / T) s^2 before)
 //! ```
 //!
-//! How often per hour the greatest `|r| / s` of all joints passes k on healthy runs falls with k^2, as that of a normal
-//! process does: `per_hour exp(-(k^2 - level) / growth)` (peaks over a threshold; A. C. Davison and R. L. Smith, J. R. Stat.
-//! Soc. B 52, 1990). `growth` would be 2 for a normal one; it is found, because what a model leaves is none.
+//! How often per hour `|r| / s` of a joint passes k on healthy runs falls with k^2, as that of a normal process does: `per_hour exp(-(k^2 - level) / growth)` (peaks over a threshold; A. C. Davison and R. L. Smith, J. R. Stat.
+//! Soc. B 52, 1990). `growth` would be 2 for a normal one; it is found, because what a model leaves is none. Of n joints each may pass its k an n-th of what is put up with.
 
 use std::sync::Arc;
 
-use crate::dynamics::{check_length, joint_torque_regressor_into, Workspace};
+use crate::dynamics::{check_length, inverse_dynamics_into, Workspace};
 use crate::effects::{EffectInput, TAU_MOTOR};
 use crate::error::CoreError;
 use crate::estimator::TorqueEstimator;
 use crate::link_params::N_LINK_PARAMS;
 use crate::model::TorqueModel;
-use crate::slices::{at, mirror_fields, part_mut, rows, set, tail, Mirror};
+use crate::slices::{at, mirror_fields, rows, rows_mut, set, tail, Mirror};
 
 /// More directions than this are refused: a step would take long.
 pub const MOST_DIRECTIONS: usize = 64;
@@ -60,7 +59,7 @@ pub enum Doing {
     Turning,
 }
 
-/// How often the greatest deviation is passed.
+/// How often a joint passes a multiple of its deviation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tail {
     /// k^2 that is passed:
@@ -72,6 +71,18 @@ pub struct Tail {
 }
 
 impl Tail {
+    fn check(&self) -> Result<(), CoreError> {
+        if !(self.level >= 0.0 && self.level < MOST) {
+            return Err(CoreError::Range { what: "level" });
+        }
+        for (what, x) in [("per_hour", self.per_hour), ("growth", self.growth)] {
+            if !(x > 0.0 && x < MOST) {
+                return Err(CoreError::Range { what });
+            }
+        }
+        Ok(())
+    }
+
     /// k that is passed as often per hour.
     #[must_use]
     pub fn factor(&self, per_hour: f64) -> f64 {
@@ -98,8 +109,8 @@ pub struct Uncertainty {
     pub turns_known: Vec<bool>,
     /// Columns of D.
     pub directions: Vec<Direction>,
-    /// From which thresholds follow.
-    pub tail: Tail,
+    /// From which thresholds follow, one per joint.
+    pub tails: Vec<Tail>,
 }
 
 impl Uncertainty {
@@ -165,20 +176,21 @@ impl Uncertainty {
                 });
             }
         }
-        let Tail {
-            level,
-            per_hour,
-            growth,
-        } = self.tail;
-        if !(level >= 0.0 && level < MOST) {
-            return Err(CoreError::Range { what: "level" });
+        if self.tails.len() != n {
+            return Err(CoreError::Length {
+                what: "tails",
+                expected: n,
+                actual: self.tails.len(),
+            });
         }
-        for (what, x) in [("per_hour", per_hour), ("growth", growth)] {
-            if !(x > 0.0 && x < MOST) {
-                return Err(CoreError::Range { what });
-            }
-        }
-        Ok(())
+        self.tails.iter().try_for_each(Tail::check)
+    }
+
+    /// k of every joint, for so many false contacts per hour of all joints together.
+    #[must_use]
+    pub fn factors(&self, per_hour: f64) -> Vec<f64> {
+        let share = per_hour / self.tails.len().max(1) as f64;
+        self.tails.iter().map(|tail| tail.factor(share)).collect()
     }
 }
 
@@ -187,11 +199,10 @@ impl Uncertainty {
 pub(crate) struct Deviation {
     of: Arc<Uncertainty>,
     workspace: Workspace,
-    regressor: Vec<f64>,
-    /// Columns of one effect on one joint.
+    /// Columns of every effect, row-major by joint; zeros of those that count as known.
     columns: Vec<f64>,
-    /// Torque of every direction on one joint.
-    torques: Vec<f64>,
+    /// Of one direction.
+    torque: Vec<f64>,
     zeros: Vec<f64>,
     since_fast: Vec<f64>,
     doing: Vec<Doing>,
@@ -206,12 +217,11 @@ impl Deviation {
     pub fn new(of: Arc<Uncertainty>, model: &TorqueModel) -> Result<Self, CoreError> {
         of.check(model)?;
         let n = model.robot().n_joints();
-        let widths = model.effects().iter().map(|term| term.effect().n_columns());
+        let sizes = model.effects().iter().map(|term| term.coefficients().len());
         Ok(Self {
             workspace: Workspace::new(model.robot()),
-            regressor: vec![0.0; n * n * N_LINK_PARAMS],
-            columns: vec![0.0; widths.max().unwrap_or(0)],
-            torques: vec![0.0; of.directions.len()],
+            columns: vec![0.0; sizes.sum()],
+            torque: vec![0.0; n],
             zeros: vec![0.0; n],
             since_fast: vec![f64::INFINITY; n],
             doing: vec![Doing::Standing; n],
@@ -219,11 +229,6 @@ impl Deviation {
             variance: vec![0.0; n],
             of,
         })
-    }
-
-    /// From which thresholds follow.
-    pub fn tail(&self) -> &Tail {
-        &self.of.tail
     }
 
     /// Joints on which static friction needs room of its own now.
@@ -306,42 +311,53 @@ impl Deviation {
         model: &TorqueModel,
         estimator: &TorqueEstimator,
     ) -> Result<(), CoreError> {
+        self.of_parameters.fill(0.0);
         if self.of.directions.is_empty() {
             return Ok(());
         }
         let state = estimator.true_state();
-        let robot = model.robot();
-        let (workspace, regressor) = (&mut self.workspace, &mut self.regressor);
-        joint_torque_regressor_into(robot, workspace, state.q, state.dq, state.ddq, regressor)?;
         let input = EffectInput {
             state,
             tau_link: &self.zeros,
             tau_motor: &self.zeros,
             step: estimator.step(),
         };
-        let n = self.variance.len();
-        let width = N_LINK_PARAMS * n;
-        let joints = rows(&self.regressor, width).zip(model.torque_scale());
-        for (j, (row, scale)) in joints.enumerate() {
-            // A joint carries the links from its own on.
-            let row = tail(row, N_LINK_PARAMS * j);
-            for (torque, direction) in self.torques.iter_mut().zip(&self.of.directions) {
-                *torque = scale * dot(row, tail(&direction.phi, N_LINK_PARAMS * j));
+        let n = self.zeros.len();
+        let mut rest = &mut self.columns[..];
+        for term in model.effects() {
+            let effect = term.effect();
+            let whole = core::mem::take(&mut rest);
+            let Some((own, others)) = whole.split_at_mut_checked(n * effect.n_columns()) else {
+                break;
+            };
+            rest = others;
+            if effect.memory_len(n) > 0 || effect.entry().needs(TAU_MOTOR) {
+                continue;
             }
-            for (k, term) in model.effects().iter().enumerate() {
-                let effect = term.effect();
-                if effect.memory_len(n) > 0 || effect.entry().needs(TAU_MOTOR) {
-                    continue;
-                }
-                let columns = part_mut(&mut self.columns, 0, effect.n_columns());
+            for (j, columns) in rows_mut(own, effect.n_columns()).enumerate() {
                 effect.columns_into(j, &input, &mut [], columns);
-                for (torque, direction) in self.torques.iter_mut().zip(&self.of.directions) {
-                    let own = direction.effects.get(k).map_or(&[][..], Vec::as_slice);
-                    *torque += dot(columns, tail(own, j * columns.len()));
-                }
             }
-            let square = self.torques.iter().map(|torque| torque * torque).sum();
-            set(&mut self.of_parameters, j, square);
+        }
+        for direction in &self.of.directions {
+            let torque = &mut self.torque;
+            let (robot, workspace) = (model.robot(), &mut self.workspace);
+            let (q, dq, ddq, phi) = (state.q, state.dq, state.ddq, &direction.phi);
+            inverse_dynamics_into(robot, workspace, q, dq, ddq, phi, torque)?;
+            for (torque, scale) in torque.iter_mut().zip(model.torque_scale()) {
+                *torque *= scale;
+            }
+            let mut rest = &self.columns[..];
+            for (own, term) in direction.effects.iter().zip(model.effects()) {
+                let width = term.effect().n_columns();
+                let joints = rows(rest, width).zip(rows(own, width));
+                for (torque, (columns, own)) in torque.iter_mut().zip(joints) {
+                    *torque += dot(columns, own);
+                }
+                rest = tail(rest, own.len());
+            }
+            for (sum, torque) in self.of_parameters.iter_mut().zip(torque.iter()) {
+                *sum += torque * torque;
+            }
         }
         Ok(())
     }
@@ -356,7 +372,7 @@ impl Mirror for Deviation {
     fn mirror(&mut self, of: &Self) {
         mirror_fields!(
             self, of;
-            workspace, regressor, columns, torques, zeros, since_fast, doing, of_parameters, variance;
+            workspace, columns, torque, zeros, since_fast, doing, of_parameters, variance;
             copied;
             kept of
         );

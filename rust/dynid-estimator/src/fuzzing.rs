@@ -185,11 +185,14 @@ fn contacts(model: &TorqueModel) -> ContactFile {
                 phi: model.phi().iter().map(|x| 0.1 * x + 0.01).collect(),
                 effects: terms.map(|term| term.coefficients().to_vec()).collect(),
             }],
-            tail: Tail {
-                level: 10.0,
-                per_hour: 700.0,
-                growth: 2.0,
-            },
+            tails: vec![
+                Tail {
+                    level: 10.0,
+                    per_hour: 700.0,
+                    growth: 2.0,
+                };
+                n
+            ],
         },
     }
 }

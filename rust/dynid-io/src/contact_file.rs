@@ -55,9 +55,9 @@ struct Parts {
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct TailParts {
-    level: f64,
-    per_hour: f64,
-    growth: f64,
+    level: Vec<f64>,
+    per_hour: Vec<f64>,
+    growth: Vec<f64>,
 }
 
 #[derive(Deserialize)]
@@ -133,6 +133,9 @@ fn read(bytes: &[u8]) -> Result<ContactFile, String> {
         ("torque", parts.torque.len()),
         ("stops_known", parts.stops_known.len()),
         ("turns_known", parts.turns_known.len()),
+        ("level", parts.tail.level.len()),
+        ("per_hour", parts.tail.per_hour.len()),
+        ("growth", parts.tail.growth.len()),
     ];
     for (what, length) in lengths {
         if length != n {
@@ -142,6 +145,17 @@ fn read(bytes: &[u8]) -> Result<ContactFile, String> {
     let directions = parts.directions.into_iter().map(|direction| Direction {
         phi: direction.phi,
         effects: direction.effects,
+    });
+    let TailParts {
+        level,
+        per_hour,
+        growth,
+    } = parts.tail;
+    let tails = level.into_iter().zip(per_hour).zip(growth);
+    let tails = tails.map(|((level, per_hour), growth)| Tail {
+        level,
+        per_hour,
+        growth,
     });
     Ok(ContactFile {
         joints: parts.joints,
@@ -156,11 +170,7 @@ fn read(bytes: &[u8]) -> Result<ContactFile, String> {
             stops_known: parts.stops_known,
             turns_known: parts.turns_known,
             directions: directions.collect(),
-            tail: Tail {
-                level: parts.tail.level,
-                per_hour: parts.tail.per_hour,
-                growth: parts.tail.growth,
-            },
+            tails: tails.collect(),
         },
     })
 }
