@@ -28,6 +28,8 @@ HEALTHY = {KNOWN: ("fourier", "pauses", "moves") * 2, LITTLE: ("poor",) * 6}
 """Motions of the healthy runs that thresholds are set by."""
 WORKS = ("fourier", "pauses", "moves")
 TRAINED_SECONDS, SECONDS = 40.0, 60.0
+AWAY = 500
+"""Numbers of the runs that rated torque is told by, which are none of the others."""
 PUSHED, CLEAN = 3, 12
 """Runs in which the arm is pushed, and in which nothing touches it."""
 BEGIN, EVERY = 2.0, 2.0
@@ -168,7 +170,8 @@ def prepare(arm: DrawnArm, knowledge: str, time_constant: float, window: int | N
         robot = dyn.RobotModel.from_urdf(path)
     identifier = dyn.ThreeLoopIdentifier(robot).fit(trained)
     ready = thresholds(identifier, healthy, time_constant, window)
-    rated = np.abs(np.concatenate([run.tau for run in trained + healthy])).max(axis=0)
+    works = [arm.record(AWAY + k, TRAINED_SECONDS, motion) for k, motion in enumerate(WORKS)]
+    rated = np.abs(np.concatenate([run.tau for run in works])).max(axis=0)
     return replace(ready, arm=arm, rated=rated, first=first + len(healthy))
 
 

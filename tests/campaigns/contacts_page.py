@@ -52,7 +52,7 @@ A model is identified from three runs of {trained:.0f} s; six healthy runs of {l
 the arm works in {clean} clean runs of {length:.0f} s, for false alarms, and is pushed in {pushed} others, every 2 s:
 every third time by a step of {mark:.0%} of rated torque, else by steps and half-sines (50 to 300 ms) of 2 to 50 %, on
 a joint or by a force at the end of a link. A push is torque in the channel: the controller holds the motion. Rated
-torque of a joint is the greatest that its training and healthy runs needed; amplitudes are those of the joint that is
+torque of a joint is the greatest that three runs of its work need; amplitudes are those of the joint that is
 pushed most. *{known}*: training and healthy runs move as the arm works. *{little}*: they are slow and in phase, and
 the arm works like the others. The observer's time constant is {time:.0f} ms.
 
@@ -147,7 +147,8 @@ def _delays(own: Sequence[Result]) -> str:
     ]
     about = (
         f"{len(own)} arms, {hours:.2f} clean hours, {len(pushes)} pushes, {marks} of them steps of {MARK:.0%}; the "
-        "lowest level that keeps the false alarms. Delays are those of the steps of 10 %; a missed one is later than all.\n"
+        "lowest level that keeps the false alarms. Delays are those of the steps of 10 %; a "
+        "missed one is later than all.\n"
     )
     return about + "\n" + _table(head, rows)
 
@@ -175,8 +176,9 @@ def _guided(guided: Sequence[Result]) -> str:
     head = ["dead zone", "drifted", "way, median [rad]", "way, most [rad]", "hand, median", "hand, 90 %"]
     about = (
         f"{len(guided)} arms, trained little, `dynid-estimator --observe --contacts --guide` in the loop: the arm is "
-        f"left to itself for {LEFT:.0f} s in poses anywhere, and has drifted if a joint went further than {DRIFT} rad; then "
-        "a hand pushes one joint more and more until it follows. *Hand*: torque of the rated one that it took.\n"
+        f"left to itself for {LEFT:.0f} s in poses anywhere, and has drifted if a joint went further than {DRIFT} "
+        "rad; then a hand pushes one joint more and more until it "
+        "follows. *Hand*: torque of the rated one that it took.\n"
     )
     return about + "\n" + _table(head, rows)
 
@@ -193,12 +195,14 @@ def _measured(one: Result) -> list[str]:
     about = (
         f"A measured UR10e (currents, {one['rate']:.0f} Hz, time constant 50 ms; runs named in "
         "`tests/campaigns/contacts_measured.py`). The pushes of this table are synthetic: the drawn torque is added to "
-        "the measured current of runs in which nothing touches the arm. At this rate the mark cannot be judged: the filter "
+        "the measured current of runs in which nothing touches "
+        "the arm. At this rate the mark cannot be judged: the filter "
         "alone is two samples late, 21 ms.\n"
     )
     hand = (
-        "In one run a hand pushed the arm, which stood; nobody wrote down when, and most of its seconds may hold no push."
-        " Share of seconds beyond the thresholds (level 1; *identified* asks for one false contact an hour), in nine "
+        "In one run a hand pushed the arm, which stood; nobody wrote down when, and most of its seconds may hold "
+        "no push. Share of seconds beyond the "
+        "thresholds (level 1; *identified* asks for one false contact an hour), in nine "
         "runs in which it stood untouched and in that one:\n"
     )
     return ["## On measured runs\n", about, _delays([one]), hand, _table(head, rows)]

@@ -46,8 +46,8 @@ class Seen:
 def fit_variances(runs: Sequence[Seen], every: float) -> dict[str, Any]:
     """Variance of the observer on each joint: of what it does, and per square of its torque, most likely on these runs.
 
-    ``r_j ~ N(0, w_doing + w_torque tau_j^2 + y C y')``. The weights are positive; each step multiplies one by the root of
-    what the data say over what it says, and never makes the runs less likely (Fevotte, Bertin and Durrieu, Neural
+    ``r_j ~ N(0, w_doing + w_torque tau_j^2 + y C y')``. The weights are positive; each step multiplies one by the root
+    of what the data say over what it says, and never makes the runs less likely (Fevotte, Bertin and Durrieu, Neural
     Computation 21, 2009, for the same divergence).
 
     Parameters
@@ -95,7 +95,8 @@ def fit_tails(deviations: Sequence[FloatArray], step: float) -> dict[str, list[f
     """How often a joint passes a multiple of its deviation: level and growth of its square, and how often per hour.
 
     Peaks over a threshold: of blocks of a second the greatest squares that lie beyond the level that a fifth of them
-    passes do so by an exponential, as those of a normal process (Davison and Smith, 1990). None where runs are too short.
+    passes do so by an exponential, as those of a normal process (Davison and Smith, 1990). None where the runs are too
+    short.
 
     Parameters
     ----------

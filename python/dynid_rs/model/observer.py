@@ -89,11 +89,12 @@ class MomentumObserver:
     """External torque by the generalised momentum (De Luca and Mattone, 2003), without acceleration.
 
     Runs that hold dq and ddq are taken as they are; else positions, torque and motor side go through the causal
-    filter of `dynid-estimator`. Thresholds follow from how far off the observer is where nothing pushes, and from how many
-    false contacts per hour are put up with. `fit` learns it from runs without contact: per joint, for one that moves, that
-    stands, and that has just begun, stopped or turned, and by its torque; `directions` add what the parameters are not
-    known by, which is large outside of what the model was trained on. Without `fit`, or where its runs are too short (less
-    than about two minutes), they follow from the deviation that the model expects and the time over which it forgets.
+    filter of `dynid-estimator`. Thresholds follow from how far off the observer is where nothing pushes, and from how
+    many false contacts per hour are put up with. `fit` learns it from runs without contact: per joint, for one that
+    moves, that stands, and that has just begun, stopped or turned, and by its torque; `directions` add what the
+    parameters are not known by, which is large outside of what the model was trained on. Without `fit`, or where its
+    runs are too short (less than about two minutes), they follow from the deviation that the model expects and the time
+    over which it forgets.
 
     Parameters
     ----------
@@ -117,6 +118,8 @@ class MomentumObserver:
         Found by `fit`; None where the observer saw more than the model expects.
     uncertainty_ : dict or None
         Found by `fit`: what `save` writes. None where its runs are too short.
+    greatest_ : ndarray (n_joints,)
+        Greatest external torque of these runs, what a constant threshold is usually set by [torque unit].
     """
 
     def __init__(
@@ -137,7 +140,7 @@ class MomentumObserver:
         self.directions = directions
 
     def fit(self, X: Runs) -> MomentumObserver:
-        """Learn from runs without contact that the model was not fitted on: a recording, a data frame, or a list of them.
+        """Learn from runs without contact that the model was not fitted on: a recording, a data frame, or a list.
 
         What the model leaves has the deviation s and the correlation time c, and the observer sees
         s sqrt(c / (c + T)) of it; so c follows from what it does see. The joint that averages out least decides.
@@ -240,6 +243,7 @@ class MomentumObserver:
             good = self._good(run, said)
             parts = (said.external, said.doing, said.torque, said.of_parameters)
             seen.append(Seen(*(part[good] for part in parts), step=step))
+        self.greatest_ = np.max([np.abs(one.external).max(axis=0) for one in seen], axis=0)
         learned |= fit_variances(seen, self.time_constant)
         deviations = []
         for run in recordings:
