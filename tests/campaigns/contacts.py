@@ -1,6 +1,6 @@
 """Pushes arms that the exam draws: detection delay against false alarms, for thresholds of every kind; writes the page.
 
-python tests/campaigns/contacts.py --seed N [--arms 5] [--page docs/measured/contacts.md] [--jobs 1] [--keep FILE.json]
+python tests/campaigns/contacts.py --seed N [--arms 4] [--page docs/measured/contacts.md] [--jobs 1] [--keep FILE.json]
 
 The product sees a robot file and recordings. With --keep what was found stays in FILE, and the same command goes on
 where it broke off. Arms of seeds below 1000 are for choosing (--choose), those from 1000 on for reporting. With
@@ -32,7 +32,7 @@ from campaigns.contacts_measured import examine_measured
 from campaigns.guiding import guide
 
 LARGEST = 2**31
-GUIDED = 4
+GUIDED = 3
 """Arms that a hand guides, of those that are drawn: the loop goes through pipes, sample by sample."""
 
 Figures = dict[str, Any]
@@ -68,7 +68,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(description="Campaign of contacts and hand guiding")
     parser.add_argument("--seed", type=int, required=True, help="from which arms, motions and pushes are drawn")
-    parser.add_argument("--arms", type=int, default=5, help="arms that are drawn")
+    parser.add_argument("--arms", type=int, default=4, help="arms that are drawn")
     parser.add_argument("--choose", action="store_true", help="draw arms of seeds below 1000")
     parser.add_argument("--page", type=Path, help="write tables and figure to this Markdown file")
     parser.add_argument("--jobs", type=int, default=1, help="arms side by side")

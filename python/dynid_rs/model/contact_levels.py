@@ -39,16 +39,15 @@ class Seen:
     external: FloatArray
     doing: FloatArray
     torque: FloatArray
-    of_parameters: FloatArray
     step: float
 
 
 def fit_variances(runs: Sequence[Seen], every: float) -> dict[str, Any]:
     """Variance of the observer on each joint: of what it does, and per square of its torque, most likely on these runs.
 
-    ``r_j ~ N(0, w_doing + w_torque tau_j^2 + y C y')``. The weights are positive; each step multiplies one by the root
-    of what the data say over what it says, and never makes the runs less likely (Fevotte, Bertin and Durrieu, Neural
-    Computation 21, 2009, for the same divergence).
+    ``r_j ~ N(0, w_doing + w_torque tau_j^2)``. The weights are positive; each step multiplies one by the root of what
+    the data say over what it says, and never makes the runs less likely (Fevotte, Bertin and Durrieu, Neural Computation
+    21, 2009, for the same divergence). What the parameters are off by on these runs is in it.
 
     Parameters
     ----------
@@ -61,7 +60,7 @@ def fit_variances(runs: Sequence[Seen], every: float) -> dict[str, Any]:
         No joint moves long enough.
     """
     parts = [_thinned(run, every) for run in runs]
-    square, doing, torque, known = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+    square, doing, torque = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
     n = square.shape[1]
     found = {name: np.zeros(n) for name in ("moving", "standing", "turning", "torque")}
     stops_known, turns_known = [], []
@@ -73,7 +72,7 @@ def fit_variances(runs: Sequence[Seen], every: float) -> dict[str, Any]:
         weights = np.append(np.full(3, 0.5 * mean), 0.5 * mean / max(float(np.mean(torque[:, j] ** 2)), 1e-300))
         floor = LEAST_VARIANCE * mean
         for _ in range(STEPS):
-            variance = np.maximum(columns @ weights + known[:, j], floor)
+            variance = np.maximum(columns @ weights, floor)
             says = columns.T @ (1 / variance)
             data = columns.T @ (square[:, j] / variance**2)
             weights = weights * np.sqrt(data / np.maximum(says, 1e-300))
@@ -122,9 +121,9 @@ def fit_tails(deviations: Sequence[FloatArray], step: float) -> dict[str, list[f
     return found
 
 
-def _thinned(run: Seen, every: float) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+def _thinned(run: Seen, every: float) -> tuple[FloatArray, FloatArray, FloatArray]:
     kept = slice(None, None, max(1, round(every / run.step)))
-    return run.external[kept] ** 2, run.doing[kept], run.torque[kept], run.of_parameters[kept]
+    return run.external[kept] ** 2, run.doing[kept], run.torque[kept]
 
 
 def _begun(runs: Sequence[Seen], j: int, what: int) -> int:

@@ -70,10 +70,12 @@ class DetectionCurve:
             shown = np.maximum(self.false_per_hour[kind], 0.5 / self.hours)
             line(left, shown, 1e3 * self.delay[kind], color=f"C{3 * k}", label=kind)
             line(right, shown, 100 * self.missed[kind], color=f"C{3 * k}", label=None)
-        titled(left, "steps of torque", "false contacts per hour", "median delay [ms]")
-        titled(right, "", "false contacts per hour", "missed [%]")
+        titled(drawn, ["steps of torque"])
+        left.set_ylabel("median delay [ms]")
+        right.set_ylabel("missed [%]")
         for axis in (left, right):
             axis.set_xscale("log")
+            axis.set_xlabel("false contacts per hour")
         left.legend()
         return drawn
 
@@ -166,5 +168,5 @@ def _delays(ratio: FloatArray, first: int, length: int, step: float) -> FloatArr
     highest = np.maximum.accumulate(ratio[first : first + length])
     at = np.searchsorted(highest, LEVELS, side="right")
     early = ratio[max(0, first - length // 3) : first].max()
-    delays: FloatArray = np.where((at < len(highest)) & (LEVELS >= early), at * step, np.inf)
+    delays: FloatArray = np.where((at < len(highest)) & (early <= LEVELS), at * step, np.inf)
     return delays

@@ -235,13 +235,13 @@ class MomentumObserver:
             **{name: [1.0] * n for name in ("moving", "standing", "turning", "torque")},
             **{name: [False] * n for name in ("stops_known", "turns_known")},
             "tail": {name: [1.0] * n for name in ("level", "per_hour", "growth")},
-            "directions": [] if self.directions is None else self.directions.to_json(),
+            "directions": [],
         }
         seen = []
         for run in recordings:
             said = self._run(run, None, learned)
             good = self._good(run, said)
-            parts = (said.external, said.doing, said.torque, said.of_parameters)
+            parts = (said.external, said.doing, said.torque)
             seen.append(Seen(*(part[good] for part in parts), step=step))
         self.greatest_ = np.max([np.abs(one.external).max(axis=0) for one in seen], axis=0)
         learned |= fit_variances(seen, self.time_constant)
@@ -252,7 +252,11 @@ class MomentumObserver:
             beyond = np.maximum(np.abs(said.external) - said.rest, 0.0) / s
             deviations.append(beyond[self._good(run, said)])
         tail = fit_tails(deviations, step)
-        return None if tail is None else learned | {"tail": tail}
+        if tail is None:
+            return None
+        # What the parameters are off by on these runs is in what they left; on top it counts twice there, and is small.
+        directions = [] if self.directions is None else self.directions.to_json()
+        return learned | {"tail": tail, "directions": directions}
 
     def _good(self, recording: Recording, said: _Said) -> NDArray[np.bool_]:
         """Samples (n_samples,) that were answered, after the observer has forgotten what it began with."""
