@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from dynid_rs.identification.rbf import RbfRegressor
     from dynid_rs.identification.residual import ResidualCompensator
     from dynid_rs.identification.three_loops import ThreeLoopIdentifier
+    from dynid_rs.model.detection import DetectionCurve, detection_curve
     from dynid_rs.model.export import to_pinocchio
     from dynid_rs.model.health import health_page
     from dynid_rs.model.observer import MomentumObserver
@@ -54,6 +55,7 @@ if TYPE_CHECKING:
 _LATE = {
     "BaseFit": "identification.base_fit",
     "Config": "runs.readers",
+    "DetectionCurve": "model.detection",
     "Diagnosis": "diagnosis.outcome",
     "FoundEffect": "diagnosis.found",
     "FourierExcitation": "excitation",
@@ -74,6 +76,7 @@ _LATE = {
     "ThreeLoopIdentifier": "identification.three_loops",
     "Tolerated": "model.watch",
     "Watch": "model.watch",
+    "detection_curve": "model.detection",
     "diagnose": "diagnosis.loop",
     "fit_base_parameters": "identification.base_fit",
     "health_page": "model.health",
@@ -95,6 +98,7 @@ __all__ = [
     "Config",
     "DamageWarning",
     "DataError",
+    "DetectionCurve",
     "Diagnosis",
     "Effect",
     "FormatError",
@@ -125,6 +129,7 @@ __all__ = [
     "UrdfError",
     "Watch",
     "__version__",
+    "detection_curve",
     "diagnose",
     "fit_base_parameters",
     "health_page",

@@ -32,7 +32,7 @@ from campaigns.contacts_measured import examine_measured
 from campaigns.guiding import guide
 
 LARGEST = 2**31
-GUIDED = 3
+GUIDED = 2
 """Arms that a hand guides, of those that are drawn: the loop goes through pipes, sample by sample."""
 
 Figures = dict[str, Any]
@@ -86,9 +86,12 @@ def jobs_of(seed: int, arms: int, choose: bool) -> dict[str, tuple[str, int, str
     """What is to be done, by name: kind of work, seed of the arm, how well its model is known."""
     rng = stream(seed, 54)
     drawn = rng.choice(REPORTED, arms, replace=False) if choose else REPORTED + rng.choice(LARGEST - REPORTED, arms)
-    jobs = {f"{knowledge} {k}": ("push", int(s), knowledge) for knowledge in TRAINED for k, s in enumerate(drawn)}
-    jobs |= {f"guide {k}": ("guide", int(s), "") for k, s in enumerate(drawn[:GUIDED])}
-    return jobs | ({"measured": ("measured", seed, "")} if os.environ.get("DYNID_DATA") else {})
+    jobs: dict[str, tuple[str, int, str]] = {}
+    for k, arm in enumerate(map(int, drawn)):
+        jobs |= {f"{knowledge} {k}": ("push", arm, knowledge) for knowledge in TRAINED}
+        jobs |= {f"guide {k}": ("guide", arm, "")} if k < GUIDED else {}
+        jobs |= {"measured": ("measured", seed, "")} if k == 0 and os.environ.get("DYNID_DATA") else {}
+    return jobs
 
 
 def work(job: tuple[str, int, str]) -> Figures:

@@ -147,8 +147,8 @@ def _leading(rows: FloatArray) -> FloatArray:
 def _fewest(variances: FloatArray, total: FloatArray, most: int) -> int:
     """How many columns (n_joints, n_columns) leave out no more than half of what may be left out, on every joint."""
     left = variances.sum(axis=1, keepdims=True) - np.cumsum(variances, axis=1)
-    needed = np.count_nonzero(left > (1 - KEPT) / 2 * total[:, None], axis=1) + 1
-    return min(int(needed.max()), most, variances.shape[1])
+    needed = 1 + int(np.count_nonzero(left > (1 - KEPT) / 2 * total[:, None], axis=1).max())
+    return min(needed, most, int(variances.shape[1]))
 
 
 def _of_effects(plan: Plan, model: _core.TorqueModel, coefficients: FloatArray) -> tuple[FloatArray, ...]:

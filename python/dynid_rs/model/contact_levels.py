@@ -46,8 +46,8 @@ def fit_variances(runs: Sequence[Seen], every: float) -> dict[str, Any]:
     """Variance of the observer on each joint: of what it does, and per square of its torque, most likely on these runs.
 
     ``r_j ~ N(0, w_doing + w_torque tau_j^2)``. The weights are positive; each step multiplies one by the root of what
-    the data say over what it says, and never makes the runs less likely (Fevotte, Bertin and Durrieu, Neural Computation
-    21, 2009, for the same divergence). What the parameters are off by on these runs is in it.
+    the data say over what it says, and never makes the runs less likely (Fevotte, Bertin and Durrieu, Neural
+    Computation 21, 2009, for the same divergence). What the parameters are off by on these runs is in it.
 
     Parameters
     ----------

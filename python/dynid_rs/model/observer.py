@@ -241,8 +241,7 @@ class MomentumObserver:
         for run in recordings:
             said = self._run(run, None, learned)
             good = self._good(run, said)
-            parts = (said.external, said.doing, said.torque)
-            seen.append(Seen(*(part[good] for part in parts), step=step))
+            seen.append(Seen(said.external[good], said.doing[good], said.torque[good], step))
         self.greatest_ = np.max([np.abs(one.external).max(axis=0) for one in seen], axis=0)
         learned |= fit_variances(seen, self.time_constant)
         deviations = []
@@ -286,7 +285,9 @@ class MomentumObserver:
             false_per_hour=self.false_contacts_per_hour if per_hour is None else per_hour,
             uncertainty=None if uncertainty is None else json.dumps(uncertainty),
         )
-        return _Said(*said, *sources, status, delay)
+        external, threshold, rest, std, guide = said
+        doing, torque, of_parameters = sources
+        return _Said(external, threshold, rest, std, guide, doing, torque, of_parameters, status, delay)
 
 
 def check_run(model: _core.TorqueModel, run: Recording) -> None:

@@ -15,14 +15,17 @@ use std::time::Instant;
 use arm::arm;
 use dynid_core::lanes::{use_path, Path};
 use dynid_core::model::TorqueModelParts;
+use dynid_core::uncertainty::{Direction, Tail};
 use dynid_core::{
     inverse_dynamics_into, Domain, Effect, EffectInput, EffectTerm, GaussianMixtureRegression,
-    Load, OnlineEstimator, Residual, ResidualInputs, Sample, State, TorqueEstimator, TorqueModel,
-    Workspace,
+    Load, ObserverSettings, OnlineEstimator, Residual, ResidualInputs, Sample, State,
+    TorqueEstimator, TorqueModel, Uncertainty, Workspace,
 };
 
 const N: usize = 6;
 const COMPONENTS: usize = 10;
+/// As many as arms of six joints need.
+const DIRECTIONS: usize = 12;
 const N_STATES: usize = 1024;
 const CYCLES: u64 = 10_000_000;
 /// Width of the histogram in nanoseconds; longer times count as this one, their maximum is kept beside it.
@@ -110,9 +113,40 @@ fn report(what: &str, path: &str, cycles: u64, (counts, longest): &(Vec<u64>, u6
     );
 }
 
-/// The estimate at the end of a stream of numbered states.
-fn stream(model: &Arc<TorqueModel>, path: Path, cycles: u64, motion: [&[f64]; 3]) {
-    let mut online = OnlineEstimator::new(Arc::clone(model), None, None).unwrap();
+/// Every parameter may be off by a hundredth of itself, in [`DIRECTIONS`] ways.
+fn uncertainty(model: &TorqueModel) -> Uncertainty {
+    let part = |x: &[f64]| x.iter().map(|x| 0.01 * x).collect::<Vec<_>>();
+    let terms = model.effects().iter();
+    let direction = Direction {
+        phi: part(model.phi()),
+        effects: terms.map(|term| part(term.coefficients())).collect(),
+    };
+    let tail = Tail {
+        level: 10.0,
+        per_hour: 700.0,
+        growth: 2.0,
+    };
+    Uncertainty {
+        moving: vec![0.1; N],
+        standing: vec![0.1; N],
+        turning: vec![0.1; N],
+        torque: vec![1e-4; N],
+        stops_known: vec![true; N],
+        turns_known: vec![true; N],
+        directions: vec![direction; DIRECTIONS],
+        tails: vec![tail; N],
+    }
+}
+
+/// The estimate at the end of a stream of numbered states, with torques where something listens to them.
+fn stream(
+    what: &str,
+    mut online: OnlineEstimator,
+    path: Path,
+    cycles: u64,
+    motion: [&[f64]; 3],
+    tau: Option<&[f64]>,
+) {
     let mut std = [0.0; N];
     let mut sequence = 0;
     let times = histogram(cycles, |k| {
@@ -123,14 +157,26 @@ fn stream(model: &Arc<TorqueModel>, path: Path, cycles: u64, motion: [&[f64]; 3]
             time: 0.001 * sequence as f64,
             motion: [q, dq, ddq, None, None, None],
             temperature: None,
-            tau: None,
+            tau,
         };
         black_box(online.step(black_box(&sample))).unwrap();
         let estimator = online.estimator();
         estimator.predicted_std_into(&mut std).unwrap();
         black_box(&std);
     });
-    report("stream", path.name(), cycles, &times);
+    report(what, path.name(), cycles, &times);
+}
+
+/// A stream by itself, with an observer, and with one whose thresholds follow from the state.
+fn streams(model: &Arc<TorqueModel>, path: Path, cycles: u64, motion: [&[f64]; 3]) {
+    let online = || OnlineEstimator::new(Arc::clone(model), None, None).unwrap();
+    let observing = || online().observing(ObserverSettings::default()).unwrap();
+    let tau = Some(&[1.0; N][..]);
+    stream("stream", online(), path, cycles, motion, None);
+    stream("stream, observed", observing(), path, cycles, motion, tau);
+    let knowing = observing().knowing(Arc::new(uncertainty(model))).unwrap();
+    let what = format!("stream, observed, {DIRECTIONS} directions");
+    stream(&what, knowing, path, cycles, motion, tau);
 }
 
 /// The terms by themselves.
@@ -204,7 +250,7 @@ fn main() {
             black_box(&tau);
         });
         report("estimate", path.name(), cycles, &times);
-        stream(&model, path, cycles / 10, [&q, &dq, &ddq]);
+        streams(&model, path, cycles / 10, [&q, &dq, &ddq]);
         parts(&model, path, cycles / 10, [&q, &dq, &ddq]);
     }
 }

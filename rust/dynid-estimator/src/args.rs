@@ -35,7 +35,7 @@ pub enum Command {
         settings: Settings,
     },
     /// Answer states.
-    Run(Run),
+    Run(Box<Run>),
 }
 
 /// How states are answered.
@@ -195,7 +195,7 @@ fn read(mut parser: Parser) -> Result<Command, lexopt::Error> {
         );
     }
     real_time.json = json;
-    Ok(Command::Run(Run {
+    Ok(Command::Run(Box::new(Run {
         model,
         formats: (input, output),
         settings,
@@ -205,7 +205,7 @@ fn read(mut parser: Parser) -> Result<Command, lexopt::Error> {
         real_time,
         transport,
         watch,
-    }))
+    })))
 }
 
 fn format_named(text: &str, expected: &str) -> Result<Format, String> {

@@ -84,17 +84,18 @@ fn work() -> Result<(), Stop> {
                 info::text(&model, &settings)
             })
         }
-        Command::Run(Run {
-            model: path,
-            formats,
-            mut settings,
-            changes,
-            remember,
-            contacts,
-            real_time,
-            transport,
-            watch,
-        }) => {
+        Command::Run(run) => {
+            let Run {
+                model: path,
+                formats,
+                mut settings,
+                changes,
+                remember,
+                contacts,
+                real_time,
+                transport,
+                watch,
+            } = *run;
             let model = dynid_io::load(&path)?;
             settings.watch = match changes {
                 Some(changes) => Some(Arc::new(dynid_io::load_watch(&changes)?)),

@@ -110,12 +110,11 @@ fn number(does: Doing) -> f64 {
     }
 }
 
+type OfFile = (Vec<String>, f64, Option<usize>, f64, f64);
+
 /// Joints, time between samples \[s\], window, time constant \[s\] and false contacts per hour of a `contact.json`, which is of `model`.
 #[pyfunction]
-pub fn read_contact(
-    path: PathBuf,
-    model: &PyTorqueModel,
-) -> PyResult<(Vec<String>, f64, Option<usize>, f64, f64)> {
+pub fn read_contact(path: PathBuf, model: &PyTorqueModel) -> PyResult<OfFile> {
     let file = dynid_io::load_contact(&path).map_err(errors::model_file)?;
     MomentumObserver::new(Arc::clone(&model.0), file.settings)
         .and_then(|observer| observer.with_uncertainty(Arc::new(file.uncertainty)))
