@@ -36,6 +36,7 @@ mod placement;
 pub mod powers;
 pub mod rbf;
 pub mod residual;
+mod rest;
 pub mod robot;
 pub mod signal;
 mod single;
