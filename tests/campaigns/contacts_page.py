@@ -44,9 +44,10 @@ COLOURS = {
 INTRODUCTION = """# Contacts and hand guiding
 
 Written by `python tests/campaigns/contacts.py --seed {seed} --arms {arms} --page docs/measured/contacts.md` with
-`DYNID_DATA` set (commit {commit}). Arms, motions, encoders and torque channels are the exam's (`tests/exam`), which shares no line with the
-product, at 1 kHz with coloured noise, as on [the watch's page](watch.md), with nothing hidden. The product sees a
-robot file and recordings of positions and torques, so every delay holds that of the causal filter (7 ms).
+`DYNID_DATA` set (commit {commit}). Arms, motions, encoders and torque channels are the exam's (`tests/exam`), which
+shares no line with the product, at 1 kHz with coloured noise, as on [the watch's page](watch.md), with nothing hidden.
+The product sees a robot file and recordings of positions and torques, so every delay holds that of the causal filter
+(7 ms).
 
 A model is identified from three runs of {trained:.0f} s; six healthy runs of {length:.0f} s set every threshold; then
 the arm works in {clean} clean runs of {length:.0f} s, for false alarms, and is pushed in {pushed} others, every 2 s:
