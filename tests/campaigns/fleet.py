@@ -3,8 +3,8 @@
 python tests/campaigns/fleet.py --seed N [--arms 1000] [--odd 0.1] [--jobs 1] [--page docs/measured/fleet.md]
                                 [--folder DIR]
 
-The product sees robot files, recordings and a fleet file. With --folder everything stays there, and the same command goes
-on where it broke off. Seeds below 1000 are for choosing, those from 1000 on for reporting.
+The product sees robot files, recordings and a fleet file. With --folder everything stays there, and the same command
+goes on where it broke off. Seeds below 1000 are for choosing, those from 1000 on for reporting.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -39,14 +39,15 @@ TYPES = {
     "light_arm": {"upper": 5, "fore": 3, "hand": 1, "half": 0.15, "length": 0.3, "effort": 50},
 }
 FRICTION, OFFSET, MASS, ROTOR = 0.10, 0.01, 0.02, 0.02
-"""Deviation from arm to arm: of a joint's friction as a whole, of its constant torque over the effort limit, of a link's
-mass, of a rotor's inertia. Half of the friction's again goes to every coefficient by itself."""
+"""Deviation from arm to arm: of a joint's friction as a whole, of its constant torque over the effort limit, of a
+link's mass, of a rotor's inertia. Half of the friction's again goes to every coefficient by itself."""
 N_TRAIN, N_TEST, N_UNSEEN = 2, 1, 1
 """Runs of an arm: to learn from, to test on, and one that only the campaign sees."""
 RATE, SECONDS = 100.0, 8.0
 
 BANDS = {"friction": (0.2, 1.5), "gain": (0.04, 0.3), "offset": (0.02, 0.15), "load": (0.05, 1.0)}
-"""Least and greatest size of what is odd, drawn evenly in its logarithm: relative, relative, over the effort limit, kg."""
+"""Least and greatest size of what is odd, drawn evenly in its logarithm: relative, relative, over the effort limit,
+kg."""
 
 
 @dataclass(frozen=True)
@@ -75,8 +76,8 @@ def robot_of(kind: str) -> RobotModel:
     return RobotModel.from_urdf_string(URDF.format(name=kind, **TYPES[kind]))
 
 
-def draw_arm(seed: int, number: int, kind: str, odd_share: float) -> DrawnArm:
-    """Draw arm `number` of a type from a seed."""
+def draw_arm(seed: int, number: int, kind: str, odd_share: float, planted: Odd | None = None) -> DrawnArm:
+    """Draw arm `number` of a type from a seed; what is `planted` is odd about it, whatever is drawn."""
     rng = stream(seed, 60, number)
     robot = robot_of(kind)
     typical = typical_arm(robot).rigid()
@@ -88,7 +89,7 @@ def draw_arm(seed: int, number: int, kind: str, odd_share: float) -> DrawnArm:
     effort = np.array([TYPES[kind]["effort"], TYPES[kind]["effort"], 25.0])
     offset = OFFSET * effort * rng.standard_normal(n)
     gain = np.ones(n)
-    odd = _draw_odd(rng, robot, effort) if rng.uniform() < odd_share else None
+    odd = planted or (_draw_odd(rng, robot, effort) if rng.uniform() < odd_share else None)
     if odd is not None:
         j = list(robot.joint_names).index(odd.place) if odd.kind != "load" else n - 1
         if odd.kind == "friction":
@@ -140,10 +141,18 @@ def write_arm(folder: Path, drawn: DrawnArm, seed: int, *, n_runs: int = N_TRAIN
     return paths
 
 
-def write_fleet(folder: Path, seed: int, numbers: Sequence[int], odd_share: float) -> tuple[Path, list[DrawnArm]]:
-    """Write robots, runs and fleet.toml; types take turns."""
-    kinds = list(TYPES)
-    arms = [draw_arm(seed, number, kinds[number % len(kinds)], odd_share) for number in numbers]
+def write_fleet(
+    folder: Path,
+    seed: int,
+    numbers: Sequence[int],
+    odd_share: float,
+    *,
+    kinds: Sequence[str] = tuple(TYPES),
+    planted: Mapping[int, Odd] | None = None,
+) -> tuple[Path, list[DrawnArm]]:
+    """Write robots, runs and fleet.toml; types take turns, `planted` says by number what is odd about an arm."""
+    given = planted or {}
+    arms = [draw_arm(seed, number, kinds[number % len(kinds)], odd_share, given.get(number)) for number in numbers]
     for kind in {arm.type for arm in arms}:
         (folder / f"{kind}.urdf").write_text(URDF.format(name=kind, **TYPES[kind]), encoding="utf-8")
     lines = ["[defaults]", 'residual = "none"']

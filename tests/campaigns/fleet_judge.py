@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from campaigns.fleet_arms import N_TEST, N_TRAIN, DrawnArm, robot_of
 from numpy.typing import NDArray
 
 import dynid_rs as dyn
+from campaigns.fleet_arms import N_TEST, N_TRAIN, DrawnArm, robot_of
 from dynid_rs import _core
 from dynid_rs.pooling.arm import ArmEstimate
 from dynid_rs.pooling.fleet import Fleet
@@ -110,7 +110,9 @@ def coverage(arms: Mapping[str, DrawnArm], table: Mapping[str, NDArray[Any]]) ->
 
 def tails(clean: set[str], table: Mapping[str, NDArray[Any]]) -> Figures:
     """Share of the clean arms' distances beyond `FAR` deviations."""
-    far = [abs(float(value)) > FAR for name, value in zip(table["arm"], table["deviations"], strict=True) if name in clean]
+    far = [
+        abs(float(value)) > FAR for name, value in zip(table["arm"], table["deviations"], strict=True) if name in clean
+    ]
     return {"n": len(far), "beyond": int(np.sum(far))}
 
 

@@ -1,11 +1,14 @@
-"""docs/measured/fleet.md: marks, what was found by kind and size, intervals, cost, and every arm that was not said right."""
+"""docs/measured/fleet.md: marks, what was found by kind and size, intervals, cost, and every arm that was not said
+right."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
+
 from campaigns.fleet_arms import BANDS, FRICTION, MASS, OFFSET, RATE, ROTOR, SECONDS
 from campaigns.fleet_judge import FAR
 
@@ -19,12 +22,12 @@ UNITS = {"friction": "%", "gain": "%", "offset": "% of the effort limit", "load"
 INTRODUCTION = """# Fleets
 
 Written by `python tests/campaigns/fleet.py --seed {seed} --arms {arms} --odd {odd:g} --page docs/measured/fleet.md` at
-commit {commit}. Simulated arms of three types (three joints, one encoder), each with runs and motions of its own: two runs
-of {seconds:.0f} s at {rate:.0f} Hz to learn from, one to test on. From arm to arm the friction of a joint deviates by {friction}
-as a whole and half as much again in every coefficient, masses by {mass} per link, rotors by {rotor}, constant torques by
-{offset} of the effort limit. One arm in ten is odd in one way: friction, gain, constant torque of a joint, or a load
-on the last link, in equal parts; sizes are drawn evenly in their logarithm, from what hides among the others to what
-nobody could miss. The product sees robot files and recordings.
+commit {commit}. Simulated arms of three types (three joints, one encoder), each with runs and motions of its own: two
+runs of {seconds:.0f} s at {rate:.0f} Hz to learn from, one to test on. From arm to arm the friction of a joint deviates
+by {friction} as a whole and half as much again in every coefficient, masses by {mass} per link, rotors by {rotor},
+constant torques by {offset} of the effort limit. A share of {odd:g} is odd in one way: friction, gain, constant torque
+of a joint, or a load on the last link, in equal parts; sizes are drawn evenly in their logarithm, from what hides among
+the others to what nobody could miss. The product sees robot files and recordings.
 """
 
 
@@ -48,12 +51,13 @@ def page(found: Figures) -> str:
     return "\n".join(parts)
 
 
-ABOUT_SIZES = """Each kind in three parts by size. *Named*: called odd. *Right*: the first cause is the right kind in the right
-place. *Size off*: median error of the size that is said (of the right ones).
+ABOUT_SIZES = """Each kind in three parts by size. *Named*: called odd. *Right*: the first cause is the right kind in
+the right place. *Size off*: median difference of the size that is said (of the right ones) from what was put in; the
+arm's own deviation from its type, which nobody can tell from it, is in that.
 """
-ABOUT_INTERVALS = """Of arms without anything odd, all quantities of a kind together: how many intervals of 95 % hold the truth, of
-the arm alone and pooled with its type, and the pooled estimates' error over those of the arms alone (root mean square, in
-standard errors).
+ABOUT_INTERVALS = """Of arms without anything odd, all quantities of a kind together: how many intervals of 95 % hold
+the truth, of the arm alone and pooled with its type, and the pooled estimates' error over those of the arms alone (root
+mean square, in standard errors).
 """
 
 
@@ -79,7 +83,8 @@ def marks_table(found: Figures) -> str:
         ),
         (
             f"clean distances beyond {FAR:g} deviations",
-            f"{far['beyond']} of {far['n']} ({_percent(far['beyond'] / far['n'], 2)}); normal: {_percent(NORMAL_FAR, 2)}",
+            f"{far['beyond']} of {far['n']} ({_percent(far['beyond'] / far['n'], 2)}); "
+            f"normal: {_percent(NORMAL_FAR, 2)}",
         ),
         ("precision: named arms that are odd", _share(len(hits), len(named))),
         ("recall: odd arms that are named", _share(len(hits), len(odd))),
@@ -88,8 +93,8 @@ def marks_table(found: Figures) -> str:
         ("a second cause that is not there", f"{sum(arm['more'] for arm in hits)} in {len(hits)} arms"),
         (
             "error on a run that nobody saw, over the torque",
-            f"{_percent(found['unseen']['alone'], 3)} alone, {_percent(found['unseen']['pooled'], 3)} pooled, better for "
-            f"{_percent(found['unseen']['better'])} of {found['unseen']['n']} arms",
+            f"{_percent(found['unseen']['alone'], 3)} alone, {_percent(found['unseen']['pooled'], 3)} pooled, "
+            f"better for {_percent(found['unseen']['better'])} of {found['unseen']['n']} arms",
         ),
     ]
     return _table(("mark", "reached"), rows)
@@ -106,7 +111,7 @@ def _sizes(found: Figures) -> str:
     for kind in BANDS:
         borders = edges(kind)
         factor = 1.0 if kind == "load" else 100.0
-        for low, high in zip(borders[:-1], borders[1:], strict=True):
+        for low, high in pairwise(borders):
             cases = [arm for arm in found["arms"] if arm["odd"] and arm["odd"]["kind"] == kind]
             cases = [arm for arm in cases if low <= arm["odd"]["drawn"] <= high]
             named, right = sum(arm["said"] for arm in cases), [arm for arm in cases if arm["right"]]

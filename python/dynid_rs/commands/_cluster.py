@@ -39,7 +39,8 @@ def _client(scheduler: str) -> Any:
     except ImportError:
         raise MissingLibraryError("dask.distributed", extra="cluster", purpose="clusters (--scheduler)") from None
     try:
-        return Client(scheduler, timeout=SECONDS)
+        connect: Any = Client
+        return connect(scheduler, timeout=SECONDS)
     except (OSError, ValueError, TypeError) as error:
         reason = str(error).split("\n")[0] or type(error).__name__
         raise OSError(f"--scheduler {scheduler}: no scheduler answers there ({reason})") from None

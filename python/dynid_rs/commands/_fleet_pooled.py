@@ -80,7 +80,7 @@ def _shared(fleet: Fleet) -> dict[str, Any]:
                 "mean": judged.shared.mean,
                 "mean_std_error": judged.shared.mean_std_error,
                 "deviation": judged.shared.deviation,
-                "n_effective": judged.shared.n_effective,
+                "n_usual": judged.shared.n_usual,
                 "percentiles": np.percentile(quantity.y, PERCENTILES).tolist(),
             }
             for quantity, judged in zip(one.quantities, one.judged, strict=True)

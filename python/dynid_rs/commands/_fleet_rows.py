@@ -40,8 +40,8 @@ COLUMNS: dict[str, type] = {
     "why": str,
     "output": str,
 }
-"""Of the table: errors on test runs over the torque's standard deviation, mean, least and most over the joints; then what
-the others of its type say of the arm (`_fleet_pooled.py`)."""
+"""Of the table: errors on test runs over the torque's standard deviation, mean, least and most over the joints; then
+what the others of its type say of the arm (`_fleet_pooled.py`)."""
 STATUS = ("done", "no", "failed")
 """As the exit codes of `dynid identify`."""
 

@@ -69,7 +69,8 @@ class FleetRun:
         self._output, self._false_alarms, self._work = output, false_alarms, Work(n_jobs=n_jobs)
 
     def run(self, say: Callable[[int], None] = lambda done: None) -> tuple[dict[str, Any], Fleet | None]:
-        """Identify, pool, write the tables and the page; the content of `fleet.json`, and the fleet if any arm is there.
+        """Identify, pool, write the tables and the page; the content of `fleet.json`, and the fleet if any arm is
+        there.
 
         `say` is told how many robots are done.
         """
@@ -132,10 +133,10 @@ def identify_fleet(
 ) -> Fleet:
     """Identify many robots and pool what arms of one type share: what `dynid fleet` does, from Python.
 
-    Every robot is a unit of joblib's work. With `n_jobs` None the surrounding ``joblib.parallel_config`` says who does it:
-    within ``parallel_config(backend="dask")`` it is the cluster of the current ``dask.distributed.Client``, whose workers
-    see the same files under the same paths. Results are those of one process, bit for bit on processors that are alike,
-    also where a worker dies on the way.
+    Every robot is a unit of joblib's work. With `n_jobs` None the surrounding ``joblib.parallel_config`` says who does
+    it: within ``parallel_config(backend="dask")`` it is the cluster of the current ``dask.distributed.Client``, whose
+    workers see the same files under the same paths. Results are those of one process, bit for bit on processors that
+    are alike, also where a worker dies on the way.
 
     Parameters
     ----------
@@ -158,9 +159,7 @@ def identify_fleet(
         The file is no fleet, a folder cannot be used, or no robot could be identified; the text is a sentence.
     """
     kept = None if cache is None else Path(cache)
-    run = FleetRun(
-        Path(robots), Path(output), cache=kept, n_jobs=n_jobs, force=force, false_alarms=false_alarms
-    )
+    run = FleetRun(Path(robots), Path(output), cache=kept, n_jobs=n_jobs, force=force, false_alarms=false_alarms)
     _, fleet = run.run()
     if fleet is None:
         raise ValueError(f"{robots}: no robot could be identified; {Path(output) / 'fleet.csv'} says why")

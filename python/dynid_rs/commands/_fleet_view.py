@@ -13,7 +13,8 @@ from dynid_rs.base.quoting import shown
 from dynid_rs.commands._console import console
 
 MOST_ROWS = 60
-"""Robots that a terminal shows one by one; of more it shows the odd ones and those that failed, and the tables have all."""
+"""Robots that a terminal shows one by one; of more it shows the odd ones and those that failed, and the tables have
+all."""
 
 
 def show(answer: dict[str, Any], folder: Path) -> None:

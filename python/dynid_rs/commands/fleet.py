@@ -33,7 +33,8 @@ def fleet(
     ] = False,
     json_output: _options.Json = False,
 ) -> int:
-    """Identify many robots and compare arms of one type: DIR/NAME holds each one's results, DIR the tables and a report.
+    """Identify many robots and compare arms of one type: DIR/NAME holds each one's results, DIR the tables and a
+    report.
 
     DIR/fleet.csv, .parquet and .json have one row per robot, quantities.parquet one per arm and quantity, fleet.html
     shows what arms of one type share, which are odd, and why.

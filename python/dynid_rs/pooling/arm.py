@@ -25,6 +25,7 @@ FloatArray = NDArray[np.float64]
 DIGITS = 9
 """Significant digits that are kept of an estimate: a hundred-millionth of a standard error is nothing."""
 
+WORDS = ("name", "type", "kinematics", "torque_unit")
 TEXTS = ("joints", "links", "kinds", "names", "base_links", "base_units", "own_names")
 NUMBERS = ("x", "gain_response", "speed", "error", "torque_std")
 
@@ -153,10 +154,7 @@ class ArmEstimate:
         """From a fitted identifier and the content of its `result.json`."""
         plan, robot, links = identifier.observations_.plan, identifier.robot, identifier.links_
         effect, _ = plan.friction
-        moving = [
-            np.where(states.counted, states.dq_motor[states.rows], np.nan)
-            for states in identifier.runs_
-        ]
+        moving = [np.where(states.counted, states.dq_motor[states.rows], np.nan) for states in identifier.runs_]
         square = np.nanmean(np.concatenate(moving) ** 2, axis=0)
         test = result["rmse"]["test"]
         names, base = tuple(base_names(plan)), result["parameters"]["base"]
@@ -227,23 +225,24 @@ class ArmEstimate:
         rows, columns, values = content["regrouping"]
         regrouping[rows, columns] = values
         kind, shape = content["friction"]
+        given: dict[str, Any] = {key: content[key] for key in WORDS}
+        given |= {key: tuple(content[key]) for key in TEXTS}
+        given |= {key: np.array(content[key], dtype=float) for key in NUMBERS}
         return ArmEstimate(
-            **{key: content[key] for key in ("name", "type", "kinematics", "torque_unit")},
-            **{key: tuple(content[key]) for key in TEXTS},
+            **given,
             estimable=np.array(content["estimable"], dtype=bool),
             covariance=covariance,
             regrouping=regrouping,
             friction=(kind, tuple((key, tuple(values)) for key, values in shape)),
-            **{key: np.array(content[key], dtype=float) for key in NUMBERS},
         )
 
 
 def gain_response(identifier: ThreeLoopIdentifier) -> FloatArray:
     """What the estimate does when one joint's torque channel shows more: (n_joints, p), per relative change.
 
-    The fit solves ``H x = sum_j w_j^2 C_j' tau_j + P'b`` with ``H = sum_j w_j^2 C_j' C_j + P'P`` (P, b the prior's rows).
-    A channel that shows ``(1 + g) tau_j`` adds ``g r_j`` to x, ``r_j = H^-1 w_j^2 C_j' tau_j``, weights and prior held.
-    The rows of all joints and the prior's part add up to x itself.
+    The fit solves ``H x = sum_j w_j^2 C_j' tau_j + P'b`` with ``H = sum_j w_j^2 C_j' C_j + P'P`` (P, b the prior's
+    rows). A channel that shows ``(1 + g) tau_j`` adds ``g r_j`` to x, ``r_j = H^-1 w_j^2 C_j' tau_j``, weights and
+    prior held. The rows of all joints and the prior's part add up to x itself.
     """
     links, observations = identifier.links_, identifier.observations_
     plan, factors, weights = observations.plan, observations.factors(), links.weights_

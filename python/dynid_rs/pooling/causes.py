@@ -1,9 +1,9 @@
 """Why an arm is odd: which single change explains best how far its estimates are from its type.
 
-For a candidate with the columns A (k of them) the arm's distance is ``d = A b + e``, ``e ~ N(0, V)``. With Zellner's prior
-``b ~ N(0, g (A' V^-1 A)^-1)`` the logarithm of the odds for it against nothing is, in closed form,
-``x^2 g / (2 (1 + g)) - k / 2 log(1 + g)`` with ``x^2 = d' V^-1 A (A' V^-1 A)^-1 A' V^-1 d``: many columns have to earn their
-place, whatever their units are.
+For a candidate with the columns A (k of them) the arm's distance is ``d = A b + e``, ``e ~ N(0, V)``. With Zellner's
+prior ``b ~ N(0, g (A' V^-1 A)^-1)`` the logarithm of the odds for it against nothing is, in closed form,
+``x^2 g / (2 (1 + g)) - k / 2 log(1 + g)`` with ``x^2 = d' V^-1 A (A' V^-1 A)^-1 A' V^-1 d``: many columns have to earn
+their place, whatever their units are.
 """
 
 from __future__ import annotations
@@ -80,29 +80,29 @@ class Cause:
 def causes(pool: TypePool, i: int, limit: float) -> list[Cause]:
     """Causes of arm i, the one that explains most first; none where no test named the arm.
 
-    `limit` is the probability below which a test names an arm. A second cause has to be named by a test of its own, and
-    to be as unlikely when those before it are known.
+    `limit` is the probability below which a test names an arm. Every cause has a test of its own among those that name
+    the arm; a second one has to be as unlikely when those before it are known.
     """
     named = pool.named(i, limit)
     if not named:
         return []
     d, V, used = pool.deviation(i)
     chosen: list[Candidate] = []
-    root = np.linalg.cholesky(V + 1e-12 * np.diag(np.diag(V)))
-    white = np.linalg.solve(root, d)
+    root = np.asarray(np.linalg.cholesky(V + 1e-12 * np.diag(np.diag(V))), dtype=np.float64)
+    white = np.asarray(np.linalg.solve(root, d), dtype=np.float64)
     left = candidates(pool, i, used)
     basis = np.zeros((len(d), 0))
     while len(chosen) < MOST:
         best: tuple[float, Candidate | None, FloatArray] = (0.0, None, basis)
         for candidate in left:
-            own = _directions(np.linalg.solve(root, candidate.columns), basis)
-            square = float(np.sum((own.T @ white) ** 2))
-            k = own.shape[1]
+            test = _test_of(pool, candidate, named)
+            if test is None:
+                continue
+            own = _directions(_whitened(root, candidate.columns), basis)
+            square, k = float(np.sum((own.T @ white) ** 2)), own.shape[1]
             odds = 0.5 * square * WIDE**2 / (1 + WIDE**2) - 0.5 * k * float(np.log(1 + WIDE**2))
-            if chosen:
-                test = _test_of(pool, candidate, named)
-                if test is None or _chance(square / _dispersion(pool, i, test, candidate, root), k) >= limit:
-                    continue
+            if chosen and _chance(square / _dispersion(pool, i, test, candidate, root), k) >= limit:
+                continue
             if odds > best[0]:
                 best = odds, candidate, own
         if best[1] is None:
@@ -141,8 +141,8 @@ def candidates(pool: TypePool, i: int, used: NDArray[np.bool_]) -> list[Candidat
             one = np.zeros((int(used.sum()), 1))
             one[places[place]] = 1.0
             found.append(Candidate("offset" if name == "torque_offset" else "coefficient", joint, one, name))
-    for place, response in zip((*arm.joints, ALL_JOINTS), with_all(arm.gain_response), strict=True):
-        found.append(Candidate("gain", place, columns(response[:, None])))
+    for where, response in zip((*arm.joints, ALL_JOINTS), with_all(arm.gain_response), strict=True):
+        found.append(Candidate("gain", where, columns(response[:, None])))
     for k, link in enumerate(arm.links):
         for width in (LOAD_COLUMNS, 10):
             load = np.zeros((len(arm.x), width))
@@ -154,6 +154,11 @@ def candidates(pool: TypePool, i: int, used: NDArray[np.bool_]) -> list[Candidat
             one[places[k]] = 1.0
             found.append(Candidate("base", arm.base_links[k], one, name))
     return [candidate for candidate in found if np.any(candidate.columns)]
+
+
+def _whitened(root: FloatArray, columns: FloatArray) -> FloatArray:
+    """Columns in deviations: `root` is the triangular root of V."""
+    return np.asarray(np.linalg.solve(root, columns), dtype=np.float64)
 
 
 def _directions(columns: FloatArray, known: FloatArray) -> FloatArray:
@@ -185,13 +190,14 @@ def _test_of(pool: TypePool, candidate: Candidate, named: list[int]) -> int | No
 
 
 def _dispersion(pool: TypePool, i: int, q: int, candidate: Candidate, root: FloatArray) -> float:
-    """How much more arms deviate along a candidate than V says, at least 1: their unknowns do not deviate independently.
+    """How much more arms deviate along a candidate than V says, at least 1: their unknowns do not deviate
+    independently.
 
     Of gains and frictions, which are quantities of their own: variance of the quantity among arms over that of V.
     """
     quantity, shared = pool.quantities[q], pool.judged[q].shared
     found = shared.deviation**2 + quantity.s[i] ** 2
-    white = np.linalg.solve(root, candidate.columns)
+    white = _whitened(root, candidate.columns)
     if candidate.kind == "gain":
         expected = 1 / max(float(np.sum(white**2)), 1e-300)
     elif candidate.kind == "friction":
@@ -200,7 +206,7 @@ def _dispersion(pool: TypePool, i: int, q: int, candidate: Candidate, root: Floa
         expected = 1 / max(float(np.sum(white.sum(axis=1) ** 2)), 1e-300)
     else:
         return 1.0
-    return max(1.0, found / expected)
+    return max(1.0, float(found) / expected)
 
 
 def _told(
@@ -211,7 +217,7 @@ def _told(
         if (quantity.kind, quantity.place) == (one.kind, one.place) and same_name and one.kind != "load":
             return _of_quantity(pool, i, q)
     # A load is no quantity of its own: it is fitted beside the other causes.
-    stacked = np.linalg.solve(root, np.column_stack([one.columns, *(c.columns for c in chosen if c is not one)]))
+    stacked = _whitened(root, np.column_stack([one.columns, *(c.columns for c in chosen if c is not one)]))
     size, error = _fitted(stacked, white)
     told = float(error[0]) if np.isfinite(error[0]) else None
     base = [judged.deviations[i] for q, judged in zip(pool.quantities, pool.judged, strict=True) if q.kind == "base"]
@@ -221,7 +227,8 @@ def _told(
 
 
 def _fitted(columns: FloatArray, white: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Least squares of whitened columns and the standard errors; infinite where a column is not told from the others."""
+    """Least squares of whitened columns and the standard errors; infinite where a column is not told from the
+    others."""
     norms = np.linalg.norm(columns, axis=0)
     norms[norms == 0] = 1.0
     u, s, vt = np.linalg.svd(columns / norms, full_matrices=False)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.pooling.arm import ArmEstimate
-from dynid_rs.pooling.hierarchy import Judged, Shared, judge, prior_power, share
+from dynid_rs.pooling.hierarchy import Judged, Shared, judge, likely_power, prior_power, share
 from dynid_rs.pooling.quantities import Quantity, quantities
 
 FloatArray = NDArray[np.float64]
@@ -66,6 +66,12 @@ class TypePool:
         covariance = arm.covariance[np.ix_(used, used)] + np.diag(self.power[used])
         return (arm.x - self.mean)[used], covariance, used
 
+    @cached_property
+    def _likely_power(self) -> FloatArray:
+        """T of every unknown to draw arms to the mean with, (p,)."""
+        x, std = _estimates(self.arms)
+        return np.array([likely_power(x[:, k], std[:, k], shared)[0] for k, shared in enumerate(self.unknowns)])
+
     def shrunken(self, i: int) -> tuple[FloatArray, FloatArray]:
         """Unknowns of arm i with what its type says of them: values (p,) and covariance (p, p).
 
@@ -75,9 +81,8 @@ class TypePool:
         """
         arm = self.arms[i]
         std = np.sqrt(np.maximum(np.diag(arm.covariance), 0.0))
-        power = np.array([
-            prior_power(std[k : k + 1], _of_arm(shared, i))[0] for k, shared in enumerate(self.unknowns)
-        ])
+        usual = np.array([shared.usual[i] for shared in self.unknowns])
+        power = prior_power(std, self._likely_power, usual)
         used = arm.estimable & (np.diag(arm.covariance) + power > 0)
         S, D = arm.covariance[np.ix_(used, used)], np.diag(power[used])
         keep = np.linalg.solve((S + D).T, D).T
@@ -91,8 +96,7 @@ class TypePool:
 
 def pool(name: str, arms: Sequence[ArmEstimate]) -> TypePool:
     """Pool arms of one form."""
-    x = np.stack([arm.x for arm in arms])
-    std = np.sqrt(np.maximum(np.stack([np.diag(arm.covariance) for arm in arms]), 0.0))
+    x, std = _estimates(arms)
     unknowns = tuple(share(x[:, k], std[:, k]) for k in range(x.shape[1]))
     bare = TypePool(name, tuple(arms), (), (), unknowns)
     found = [*quantities(arms), *_gains(bare)]
@@ -103,9 +107,9 @@ def _gains(known: TypePool) -> list[Quantity]:
     """Gain of every joint, and of all joints, of every arm against its type: least squares of ``x_i - mu = g r_ij``.
 
     ``g = r' V^-1 d / (r' V^-1 r)`` with ``V = S_i + diag T``; `r` is what the arm's own estimate does where its channel
-    shows more (`gain_response`), so that a channel which shows ``f`` times the torque gives ``g = 1 - 1 / f``; what is kept
-    is ``f - 1 = g / (1 - g)``. The standard error is that of noise alone, ``w' S w`` with ``w = V^-1 r / (r' V^-1 r)``: how far
-    arms differ is told by the arms.
+    shows more (`gain_response`), so that a channel which shows ``f`` times the torque gives ``g = 1 - 1 / f``; what is
+    kept is ``f - 1 = g / (1 - g)``. The standard error is that of noise alone, ``w' S w`` with ``w = V^-1 r / (r' V^-1
+    r)``: how far arms differ is told by the arms.
     """
     places = (*known.arms[0].joints, ALL_JOINTS)
     y, s = np.zeros((2, known.n_arms, len(places)))
@@ -132,5 +136,7 @@ def gain_of(shift: FloatArray) -> FloatArray:
     return result
 
 
-def _of_arm(shared: Shared, i: int) -> Shared:
-    return Shared(shared.mean, shared.deviation, shared.mean_std_error, shared.usual[i : i + 1], shared.n_effective)
+def _estimates(arms: Sequence[ArmEstimate]) -> tuple[FloatArray, FloatArray]:
+    """Unknowns of all arms and their standard errors, (n_arms, p) each."""
+    x = np.stack([arm.x for arm in arms])
+    return x, np.sqrt(np.maximum(np.stack([np.diag(arm.covariance) for arm in arms]), 0.0))

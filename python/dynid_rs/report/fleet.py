@@ -128,8 +128,8 @@ def _sure(answer: Mapping[str, Any], rows: Sequence[Row]) -> str:
         else ""
     )
     return (
-        f"In a fleet without odd arms the chance that any is named is at most {percent(pooling['false_alarms'])}, over all "
-        f"{count(pooling['n_tests'])} tests.{left}"
+        f"In a fleet without odd arms the chance that any is named is at most {percent(pooling['false_alarms'])}, over "
+        f"all {count(pooling['n_tests'])} tests.{left}"
     )
 
 
@@ -148,8 +148,8 @@ def _odd(odd: Sequence[Row], answer: Mapping[str, Any]) -> str:
     ]
     head = ["Arm", "Type", "Why <small>the cause that explains most first</small>", "Deviations", "What to do"]
     return (
-        "<p>Each against the others of its type, which are compared without it. One deviation is how far arms of the type "
-        "usually are from its mean, the arm\u2019s own uncertainty included.</p>\n"
+        "<p>Each against the others of its type, which are compared without it. One deviation is how far arms of the "
+        "type usually are from its mean, the arm\u2019s own uncertainty included.</p>\n"
         + table(head, rows, kind="stack named", label="Odd arms")
     )
 
@@ -180,10 +180,12 @@ def _arms(rows: Sequence[Row]) -> str:
         for row in rows
     ]
     return (
-        "<p>Errors are on test runs, over the torque\u2019s standard deviation, mean of the joints. A heading sorts.</p>\n"
+        "<p>Errors are on test runs, over the torque\u2019s standard deviation, mean of the joints. "
+        "A heading sorts.</p>\n"
         '<p class="sieve"><label>Show rows with <input type="search" data-sieve="arms" placeholder="name, type, joint, '
         'cause"></label> <label><input type="checkbox" data-odd="arms"> odd arms only</label> '
-        '<output data-left="arms" aria-live="polite"></output></p>\n' + table(head, body, kind="sortable", label="All arms")
+        '<output data-left="arms" aria-live="polite"></output></p>\n'
+        + table(head, body, kind="sortable", label="All arms")
     )
 
 

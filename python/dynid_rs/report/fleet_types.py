@@ -41,7 +41,9 @@ def _type(one: Mapping[str, Any], own: Mapping[str, NDArray[Any]], odd: Mapping[
     body = []
     for k, quantity in enumerate(one["quantities"]):
         part = slice(k * n, (k + 1) * n)
-        marked = [(name, far) for name, far in zip(own["arm"][part], own["deviations"][part], strict=True) if name in odd]
+        marked = [
+            (name, far) for name, far in zip(own["arm"][part], own["deviations"][part], strict=True) if name in odd
+        ]
         body.append(
             [
                 f'<th scope="row">{_name(quantity)}</th>',
@@ -51,7 +53,11 @@ def _type(one: Mapping[str, Any], own: Mapping[str, NDArray[Any]], odd: Mapping[
             ]
         )
     named = sum(name in odd for name in own["arm"][:n])
-    said = f"{plural(n, 'arm')}, {count(named)} odd." if one["judged"] else f"{plural(n, 'arm')}: too few to name odd ones."
+    said = (
+        f"{plural(n, 'arm')}, {count(named)} odd."
+        if one["judged"]
+        else f"{plural(n, 'arm')}: too few to name odd ones."
+    )
     head = [
         "Quantity",
         "Where",
@@ -93,7 +99,9 @@ def _picture(deviations: NDArray[Any], marked: Sequence[tuple[str, float]], quan
     counts, _ = np.histogram(np.clip(deviations, -REACH, REACH), BINS, (-REACH, REACH))
     step, top = WIDTH / BINS, max(int(counts.max()), 1)
     bars = "".join(
-        f"M{k * step:.1f} {FLOOR}v-{FLOOR * number / top:.1f}h{step - 1:.1f}V{FLOOR}z" for k, number in enumerate(counts) if number
+        f"M{k * step:.1f} {FLOOR}v-{FLOOR * number / top:.1f}h{step - 1:.1f}V{FLOOR}z"
+        for k, number in enumerate(counts)
+        if number
     )
     far = sorted(marked, key=lambda pair: -abs(pair[1]))[:MOST_MARKED]
     dots = "".join(
