@@ -97,15 +97,20 @@ def _shared(fleet: Fleet) -> dict[str, Any]:
 
 
 def quantity_table(fleet: Fleet | None) -> dict[str, NDArray[Any]]:
-    """Columns of `quantities.parquet`: one row per arm and quantity, with what pooling makes of it."""
+    """Columns of `quantities.parquet`: one row per arm and quantity, with what pooling makes of it.
+
+    Odd arms keep their own estimates.
+    """
     texts: dict[str, list[str]] = {key: [] for key in ("type", "arm", "kind", "place", "name", "unit")}
     keys = ("estimate", "std_error", "type_mean", "type_deviation", "deviations", "pooled", "pooled_low", "pooled_high")
     numbers: dict[str, list[NDArray[np.float64]]] = {key: [] for key in keys}
     for one in [] if fleet is None else fleet.types_:
         n, names = one.n_arms, [arm.name for arm in one.arms]
+        odd = np.array([fleet is not None and bool(fleet.verdicts_[name].odd) for name in names])
         for quantity, judged in zip(one.quantities, one.judged, strict=True):
             shared = judged.shared
             best, error = shrunken(quantity.y, quantity.s, shared)
+            best, error = np.where(odd, quantity.y, best), np.where(odd, quantity.s, error)
             texts["arm"] += names
             for key, value in (
                 ("type", one.name),

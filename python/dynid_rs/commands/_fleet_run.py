@@ -69,10 +69,10 @@ class FleetRun:
         self._output, self._false_alarms, self._work = output, false_alarms, Work(n_jobs=n_jobs)
 
     def run(self, say: Callable[[int], None] = lambda done: None) -> tuple[dict[str, Any], Fleet | None]:
-        """Identify, pool, write the tables and the page; the content of `fleet.json`, and the fleet if any arm is
-        there.
+        """Identify, pool, write the tables and the page.
 
-        `say` is told how many robots are done.
+        Returns the content of `fleet.json`, and the fleet where there is any arm. `say` is told how many robots are
+        done.
         """
         from dynid_rs.commands._fleet_pooled import as_json, pooled, taken_estimate, with_verdicts
         from dynid_rs.commands._fleet_rows import rows_of

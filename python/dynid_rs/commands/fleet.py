@@ -33,11 +33,10 @@ def fleet(
     ] = False,
     json_output: _options.Json = False,
 ) -> int:
-    """Identify many robots and compare arms of one type: DIR/NAME holds each one's results, DIR the tables and a
-    report.
+    """Identify many robots, compare arms of one type, name the odd ones: one table, one report.
 
-    DIR/fleet.csv, .parquet and .json have one row per robot, quantities.parquet one per arm and quantity, fleet.html
-    shows what arms of one type share, which are odd, and why.
+    DIR/NAME holds each robot's results; DIR/fleet.csv, .parquet and .json one row per robot, quantities.parquet one per
+    arm and quantity; fleet.html shows which arms are odd and why, all arms, and what arms of one type share.
     A robot that cannot be identified is said in its row and stops no other. What is done and has not changed is
     not done again, what has changed is; finished results of other commands are left alone without --force. Ends with
     1 if any robot failed, or is no better than weighted least squares.

@@ -190,10 +190,10 @@ def _test_of(pool: TypePool, candidate: Candidate, named: list[int]) -> int | No
 
 
 def _dispersion(pool: TypePool, i: int, q: int, candidate: Candidate, root: FloatArray) -> float:
-    """How much more arms deviate along a candidate than V says, at least 1: their unknowns do not deviate
-    independently.
+    """How much more arms deviate along a candidate than V says, at least 1.
 
-    Of gains and frictions, which are quantities of their own: variance of the quantity among arms over that of V.
+    V takes deviations of different unknowns for independent, which they need not be. Of gains and frictions, which are
+    quantities of their own: variance of the quantity among arms over that of V.
     """
     quantity, shared = pool.quantities[q], pool.judged[q].shared
     found = shared.deviation**2 + quantity.s[i] ** 2
@@ -227,8 +227,7 @@ def _told(
 
 
 def _fitted(columns: FloatArray, white: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Least squares of whitened columns and the standard errors; infinite where a column is not told from the
-    others."""
+    """Least squares of whitened columns, and standard errors; infinite where a column is not told from the others."""
     norms = np.linalg.norm(columns, axis=0)
     norms[norms == 0] = 1.0
     u, s, vt = np.linalg.svd(columns / norms, full_matrices=False)

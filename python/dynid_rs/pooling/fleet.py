@@ -118,12 +118,16 @@ class Fleet(Estimator):
     def shrunken(self, name: str) -> tuple[FloatArray, FloatArray]:
         """Unknowns of an arm with what its type says of them: values (p,), covariance (p, p); see `TypePool.shrunken`.
 
+        An odd arm keeps its own estimates: a type that it is not like says nothing of it.
+
         Raises
         ------
         KeyError
             There is no such arm among those that are pooled.
         """
         one, i = self._place(name)
+        if self.verdicts_[name].odd:
+            return one.arms[i].x, one.arms[i].covariance
         return one.shrunken(i)
 
     def model(self, name: str, model: _core.TorqueModel) -> _core.TorqueModel:
@@ -137,7 +141,7 @@ class Fleet(Estimator):
             The model is another arm's: it has other coefficients.
         """
         one, i = self._place(name)
-        arm, (x, _) = one.arms[i], one.shrunken(i)
+        arm, (x, _) = one.arms[i], self.shrunken(name)
         phi = np.zeros(10 * model.robot.n_joints)
         phi[np.asarray(model.robot.base_parameters().pivots)] = x[: arm.n_base]
         own = x[arm.n_base :].reshape(arm.n_joints, -1)

@@ -210,10 +210,9 @@ def likely_power(y: FloatArray, s: FloatArray, shared: Shared) -> tuple[float, f
 
     y, square = y[shared.usual], s[shared.usual] ** 2
     likeliest = shared.deviation**2
-    most = float(np.var(y) + square.mean())
+    most = float(np.var(y) + square.mean()) if len(y) else 0.0
     if len(y) < 5 or not square.max() > 0 or most <= 0:
-        v = np.maximum(likeliest + square, _least(y) + 1e-300)
-        return likeliest, float(np.sqrt(2 / np.sum(1 / v**2)))
+        return likeliest, float(np.sqrt(2 / max(len(y), 1)) * (likeliest + square.mean()))
 
     def score(power: float) -> float:
         v = power + square
