@@ -2,7 +2,7 @@
 
 python make_fleet.py [FOLDER]
 
-From arm to arm friction deviates by 8 % and masses by 2 %. The elbow of cell_05 has 60 % more friction than it was
+From arm to arm friction deviates by 8 % and masses by 2 %. The elbow of cell_05 has twice the friction that it was
 drawn with, and cell_11 carries 0.6 kg that nobody told us of.
 """
 
@@ -51,7 +51,7 @@ def main(folder: Path) -> None:
         friction = typical.friction * (1 + 0.08 * rng.standard_normal((robot.n_joints, 1)))
         phi = robot.phi.reshape(-1, 10) * (1 + 0.02 * rng.standard_normal((robot.n_links, 1)))
         if k == WORN:
-            friction[1] *= 1.6
+            friction[1] *= 2.0
         if k == LOADED:
             phi[-1] += LOAD
         arm = replace(typical, friction=friction, phi=phi.ravel())

@@ -146,7 +146,8 @@ def clean_fleets(one: TypePool, rng: np.random.Generator, false_alarms: float, n
             arm = one.arms[int(rng.integers(one.n_arms))]
             noise = rng.multivariate_normal(np.zeros(len(arm.x)), arm.covariance, method="eigh", check_valid="ignore")
             x = np.where(arm.estimable, one.mean + np.sqrt(one.power) * rng.standard_normal(len(arm.x)) + noise, 0.0)
-            error = arm.torque_std * np.exp(-3.5 + 0.2 * rng.standard_normal(arm.n_joints))
+            usual, seen = rng.standard_normal((2, arm.n_joints))
+            error = arm.torque_std * np.exp(-3.5 + 0.2 * usual + arm.error_spread * seen)
             drawn.append(replace(arm, name=f"arm_{k}", x=x, error=error))
         named += bool(Fleet(false_alarms).fit(drawn).odd())
     return {"fleets": n_fleets, "arms": ARMS, "named": named, "false_alarms": false_alarms}

@@ -63,6 +63,7 @@ def drawn(rng: np.random.Generator, n: int, *, name: str = "arm") -> list[ArmEst
         root = np.linalg.cholesky(arm.covariance + 1e-12 * np.diag(np.diag(arm.covariance) + 1e-12))
         noise = root @ rng.standard_normal(len(arm.x))
         x = np.where(arm.estimable, one.mean + np.sqrt(one.power) * rng.standard_normal(len(arm.x)) + noise, 0.0)
-        error = arm.torque_std * 0.03 * 1.2 ** rng.standard_normal(arm.n_joints)
+        usual, seen = rng.standard_normal((2, arm.n_joints))
+        error = arm.torque_std * 0.03 * np.exp(0.2 * usual + arm.error_spread * seen)
         made.append(replace(arm, name=f"{name}_{k}", x=x, error=error))
     return made

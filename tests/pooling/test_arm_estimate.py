@@ -45,7 +45,7 @@ def test_it_survives_a_file():
     back = ArmEstimate.from_json(json.loads(json.dumps(arm.to_json())))
     for name in ("form", "unknowns", "kinematics", "friction"):
         assert getattr(back, name) == getattr(arm, name)
-    for name in ("x", "covariance", "gain_response", "regrouping", "speed", "error", "torque_std"):
+    for name in ("x", "covariance", "gain_response", "regrouping", "speed", "error", "torque_std", "error_spread"):
         np.testing.assert_allclose(getattr(back, name), getattr(arm, name), rtol=1e-8, atol=0, err_msg=name)
     assert back.to_json() == arm.to_json()
 

@@ -60,8 +60,8 @@ def test_a_gain_of_all_joints_is_one_cause():
 
 def test_an_error_that_no_parameter_explains():
     arms = drawn(np.random.default_rng(3), 30)
-    arms[2] = replace(arms[2], error=arms[2].error * [1.0, 8.0, 1.0])
-    arms[3] = replace(arms[3], error=arms[3].error / 8.0)  # better than its like: not odd
+    arms[2] = replace(arms[2], error=arms[2].error * [1.0, 25.0, 1.0])
+    arms[3] = replace(arms[3], error=arms[3].error / 25.0)  # better than its like: not odd
     verdicts = Fleet().fit(arms).verdicts_
     (cause,) = verdicts["arm_2"].causes
     assert (cause.kind, cause.place) == ("error", "elbow")

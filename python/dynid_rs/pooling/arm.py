@@ -14,9 +14,10 @@ from dynid_rs import _core
 from dynid_rs.identification.results import base_names
 from dynid_rs.regression.columns import Plan
 from dynid_rs.regression.systems import stack
+from dynid_rs.regression.uncertainty import NORMAL_95
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 
@@ -25,9 +26,11 @@ FloatArray = NDArray[np.float64]
 DIGITS = 9
 """Significant digits that are kept of an estimate: a hundred-millionth of a standard error is nothing."""
 
+NO_INTERVAL = 1.0
+"""Standard error of an error's logarithm where the runs are too short to say one: no arm is named for a factor of e."""
 WORDS = ("name", "type", "kinematics", "torque_unit")
 TEXTS = ("joints", "links", "kinds", "names", "base_links", "base_units", "own_names")
-NUMBERS = ("x", "gain_response", "speed", "error", "torque_std")
+NUMBERS = ("x", "gain_response", "speed", "error", "torque_std", "error_spread")
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,6 +69,8 @@ class ArmEstimate:
         Root mean square speed of the training runs' rows in motion [rad/s, m/s].
     error, torque_std : ndarray (n_joints,)
         On test runs [torque unit].
+    error_spread : ndarray (n_joints,)
+        Standard error of the error's logarithm: test runs are short.
     """
 
     name: str
@@ -88,6 +93,7 @@ class ArmEstimate:
     speed: FloatArray
     error: FloatArray
     torque_std: FloatArray
+    error_spread: FloatArray
 
     @property
     def n_joints(self) -> int:
@@ -179,6 +185,7 @@ class ArmEstimate:
             speed=np.sqrt(np.nan_to_num(square, nan=1.0)),
             error=np.asarray(test["after"]),
             torque_std=np.asarray(test["torque_std"]),
+            error_spread=_spread(test["after_interval"], robot.n_joints),
         )
 
     def to_json(self) -> dict[str, Any]:
@@ -206,6 +213,7 @@ class ArmEstimate:
             "speed": _short(self.speed),
             "error": _short(self.error),
             "torque_std": _short(self.torque_std),
+            "error_spread": _short(self.error_spread),
         }
 
     @staticmethod
@@ -273,6 +281,16 @@ def _mark(robot: _core.RobotModel, names: tuple[str, ...], unit: str) -> str:
     """Mark of a robot's kinematics: names of base parameters hold every length that matters."""
     told = repr((robot.joint_names, robot.joint_kinds, np.round(robot.gravity, 3).tolist(), names, unit))
     return hashlib.sha256(told.encode()).hexdigest()[:6]
+
+
+def _spread(intervals: Sequence[Sequence[float] | None] | None, n_joints: int) -> FloatArray:
+    """Standard errors (n_joints,) of the logarithms of errors, from their 95 % intervals."""
+    known = [None] * n_joints if intervals is None else intervals
+    spread = np.full(n_joints, NO_INTERVAL)
+    for j, interval in enumerate(known):
+        if interval is not None and 0 < interval[0] < interval[1]:
+            spread[j] = np.log(interval[1] / interval[0]) / (2 * NORMAL_95)
+    return spread
 
 
 def _short(values: FloatArray) -> list[float]:

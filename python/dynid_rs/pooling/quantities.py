@@ -70,7 +70,8 @@ def quantities(arms: Sequence[ArmEstimate]) -> list[Quantity]:
     for j, joint in enumerate(first.joints):
         share = np.array([arm.error[j] / max(arm.torque_std[j], 1e-300) for arm in arms])
         logs = np.log(np.maximum(share, 1e-12))
-        found.append(Quantity("error", "error", joint, "1", logs, np.zeros(len(arms))))
+        spread = np.array([arm.error_spread[j] for arm in arms])
+        found.append(Quantity("error", "error", joint, "1", logs, spread))
     return found
 
 
