@@ -12,7 +12,7 @@ from helpers import chromium
 
 from dynid_rs.report.fleet import build_fleet_page, write_fleet_page
 
-HOSTILE = '<img src=x onerror=alert(1)>"&\'_a_long_name_that_does_not_end_' + "x" * 60
+HOSTILE = "<img src=x onerror=alert(1)>\"&'_a_long_name_that_does_not_end_" + "x" * 60
 SIZES = {"desk": (1280, 800), "phone": (390, 844)}
 CAUSE = {
     "kind": "friction",
@@ -56,9 +56,10 @@ def made(n: int, odd: int, name: str = "arm", failed: int = 0) -> tuple[dict[str
             }
         )
     nothing = dict.fromkeys(("n_runs", "error_percent", "wls_percent", "type", "odd", "deviations", "why"))
-    rows += [{"name": f"{name}_f{k}", "status": "failed", "message": f"no {name}.csv", **nothing} for k in
-    range(failed)]
-    told = [] for t, kind in enumerate(types):
+    why_not = {"status": "failed", "message": f"no {name}.csv", **nothing}
+    rows += [{"name": f"{name}_f{k}", **why_not} for k in range(failed)]
+    told = []
+    for t, kind in enumerate(types):
         names = [row["name"] for row in rows if row["type"] == kind]
         quantities = []
         for what, place, unit, at in kinds:
@@ -123,7 +124,14 @@ def test_a_thousand_arms_are_less_than_two_megabytes(pages: dict[str, Path]) -> 
 def test_the_first_screen_answers(browser: Any, pages: dict[str, Path]) -> None:
     sight = chromium.Sight(browser, pages["large"], width=1280, height=800)
     head = sight.page.locator("header").inner_text()
-    for text in ("1\u202f000\u00a0arms of 2\u00a0types", "100 of 1\u202f000", "arm_0909", "97\u00a0more arms", "friction"):
+    number = "1\u202f000"
+    for text in (
+        f"{number}\u00a0arms of 2\u00a0types",
+        f"100 of {number}",
+        "arm_0909",
+        "97\u00a0more arms",
+        "friction",
+    ):
         assert text in head, text
     box = sight.page.locator("dl.answer").bounding_box()
     assert box["y"] + box["height"] < 800
