@@ -125,11 +125,13 @@ def point_mass(m: float, at: FloatArray) -> FloatArray:
 
 
 def write_arm(folder: Path, drawn: DrawnArm, seed: int, *, n_runs: int = N_TRAIN + N_TEST + N_UNSEEN) -> list[Path]:
-    """Write runs of an arm; every arm has motions of its own."""
+    """Write runs of an arm that are not there yet; every arm has motions of its own."""
     folder.mkdir(parents=True, exist_ok=True)
+    paths = [folder / f"run_{k}.parquet" for k in range(n_runs)]
+    if all(path.is_file() for path in paths):
+        return paths
     simulation = simulate(drawn.arm, n_runs=n_runs, duration=SECONDS, rate=RATE, seed=seed)
-    paths = []
-    for k, recording in enumerate(simulation.recordings):
+    for path, recording in zip(paths, simulation.recordings, strict=True):
         columns = {
             name: values
             for name, values in run_columns(recording).items()
@@ -137,7 +139,7 @@ def write_arm(folder: Path, drawn: DrawnArm, seed: int, *, n_runs: int = N_TRAIN
         }
         for j, gain in enumerate(drawn.gain):
             columns[f"tau_{j}"] = gain * columns[f"tau_{j}"]
-        paths.append(write(folder / f"run_{k}.parquet", columns))
+        write(path, columns)
     return paths
 
 

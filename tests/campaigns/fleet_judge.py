@@ -23,7 +23,7 @@ Figures = dict[str, Any]
 
 FAR = 3.0
 """Deviations beyond which a normal distribution has 0.27 %."""
-FLEETS, ARMS = 200, 30
+FLEETS, ARMS = 60, 30
 """Fleets without odd arms that are drawn from a pooled type, and arms of each."""
 
 
