@@ -21,6 +21,7 @@ from dynid_rs._core import (
 from dynid_rs.base.errors import DamageWarning, DataError, MissingLibraryError, RankDeficientError
 
 if TYPE_CHECKING:
+    from dynid_rs.commands._fleet_run import identify_fleet
     from dynid_rs.diagnosis.found import FoundEffect
     from dynid_rs.diagnosis.loop import diagnose
     from dynid_rs.diagnosis.outcome import Diagnosis
@@ -45,6 +46,8 @@ if TYPE_CHECKING:
     from dynid_rs.model.robot_file import read_robot
     from dynid_rs.model.ros_diagnostics import ros_diagnostics
     from dynid_rs.model.watch import Tolerated, Watch
+    from dynid_rs.pooling.arm import ArmEstimate
+    from dynid_rs.pooling.fleet import Fleet
     from dynid_rs.regression.instruments import InstrumentalVariables
     from dynid_rs.runs.readers import Config, PartsWarning, read_config, read_recording, read_recordings
     from dynid_rs.runs.recording import Recording
@@ -53,10 +56,12 @@ if TYPE_CHECKING:
 
 # scikit-learn takes a second to import; nobody who only evaluates a model should wait for it.
 _LATE = {
+    "ArmEstimate": "pooling.arm",
     "BaseFit": "identification.base_fit",
     "Config": "runs.readers",
     "DetectionCurve": "model.detection",
     "Diagnosis": "diagnosis.outcome",
+    "Fleet": "pooling.fleet",
     "FoundEffect": "diagnosis.found",
     "FourierExcitation": "excitation",
     "FrictionIdentifier": "identification.friction",
@@ -80,6 +85,7 @@ _LATE = {
     "diagnose": "diagnosis.loop",
     "fit_base_parameters": "identification.base_fit",
     "health_page": "model.health",
+    "identify_fleet": "commands._fleet_run",
     "inspect": "sensors.inspection",
     "next_experiment": "experiment.next",
     "parameter_directions": "identification.directions",
@@ -93,6 +99,7 @@ _LATE = {
 }
 
 __all__ = [
+    "ArmEstimate",
     "BaseFit",
     "BaseParameters",
     "Config",
@@ -101,6 +108,7 @@ __all__ = [
     "DetectionCurve",
     "Diagnosis",
     "Effect",
+    "Fleet",
     "FormatError",
     "FoundEffect",
     "FourierExcitation",
@@ -133,6 +141,7 @@ __all__ = [
     "diagnose",
     "fit_base_parameters",
     "health_page",
+    "identify_fleet",
     "inspect",
     "next_experiment",
     "parameter_directions",
