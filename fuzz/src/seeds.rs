@@ -4,7 +4,7 @@ use std::fs;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use dynid_core::watch::{Watch, WatchSettings};
+use dynid_core::watch::{Healthy, Watch, WatchSettings};
 use dynid_io::model_file::to_text;
 use dynid_io::Remembered;
 
@@ -61,8 +61,8 @@ pub fn write_all() {
 
 /// What the watch of the arm knows before anything has come.
 fn remembered() -> Vec<u8> {
-    let (settings, ones) = (WatchSettings::default(), [1.0; 2]);
-    let mut watch = Watch::new(Arc::new(arm()), settings, &ones, &ones).expect("a watch");
+    let settings = WatchSettings::default();
+    let mut watch = Watch::new(Arc::new(arm()), settings, &Healthy::untold(2)).expect("a watch");
     let mut numbers = vec![0.0; watch.n_remembered()];
     watch.remember(&mut numbers).expect("as many numbers");
     let of = "00".repeat(32);
@@ -70,8 +70,8 @@ fn remembered() -> Vec<u8> {
     text.expect("JSON").into_bytes()
 }
 
-const WATCH: &[u8] = br#"{"format":"dynid-watch-settings","version":1,"joints":["a","b"],"row":0.2,"false_alarms_per_day":1.0,
-"tolerated":{"friction":0.1,"gain":0.05,"offset":2.0,"load":0.1,"unknown":1.0},"inflation":[1.0,2.5],"memory":[1.0,12.0]}"#;
+const WATCH: &[u8] = br#"{"format":"dynid-watch-settings","version":2,"joints":["a","b"],"row":0.2,"false_alarms_per_day":1.0,
+"tolerated":{"friction":0.1,"gain":0.05,"offset":2.0,"load":0.1,"unknown":1.0},"inflation":[1.0,2.5],"memory":[1.0,12.0],"least_speed":[0.01,null],"frozen_after":[0.05,null],"frozen_way":[0.5,0.0]}"#;
 const CSV: &[u8] = b"t,q_0,q_1,dq_0,dq_1,ddq_0,ddq_1,tau_0,tau_1\n0,0,0,0,0,0,0,1,1\n.001,1e-3,nan,0,-inf,0,0,1,1\n";
 const QUOTED: &[u8] = b"# q_a; q_b ;\"tau_a\";tau_b\n0;1;2;3\n\n1;2;3;4\r\n";
 const JSON: &[u8] = b"{\"t\":0,\"q\":[0,1],\"dq\":[0,0],\"ddq\":[0,null],\"tau\":[1,NaN],\"x\":{}}\n{\"time\":1,\"q\":[0,1],\"qd\":[0,0],\"qdd\":[0,0],\"current\":[1,-Infinity]}\n";

@@ -177,6 +177,14 @@ impl Names {
                 };
                 format!("load {size} ({low} to {high}) {unit}")
             }
+            Kind::Frozen => {
+                let unit = &self.torque_unit;
+                let does = match change.said {
+                    Said::Withdrawn => "the torque channel changes again",
+                    _ => "the torque channel does not change any more",
+                };
+                format!("{joint}: {does}, {size} {unit}")
+            }
             Kind::Unknown => {
                 let grown = short(100.0 * change.size);
                 format!("{joint}: the error has grown by {grown} %, no name says why: look again")

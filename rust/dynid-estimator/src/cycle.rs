@@ -82,7 +82,7 @@ impl Cycle {
         if let Some(watch) = &settings.watch {
             check_joints(online.estimator().model(), watch)?;
             own = identity(online.estimator().model(), watch)?;
-            let watching = online.watching(watch.settings, &watch.inflation, &watch.memory);
+            let watching = online.watching(watch.settings, &watch.healthy);
             online = watching.map_err(|error| {
                 Stop::Because(format!("--changes: the model cannot be watched: {error}"))
             })?;

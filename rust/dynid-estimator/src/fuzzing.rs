@@ -5,7 +5,7 @@
 use std::sync::atomic::Ordering;
 use std::sync::Arc;
 
-use dynid_core::watch::WatchSettings;
+use dynid_core::watch::{Healthy, WatchSettings};
 use dynid_core::{ObserverSettings, TorqueModel};
 use dynid_io::WatchFile;
 
@@ -43,8 +43,10 @@ impl Door {
                 row: 0.003, // so that short streams have rows
                 ..WatchSettings::default()
             },
-            inflation: vec![1.0; n],
-            memory: vec![1.0; n],
+            healthy: Healthy {
+                frozen_after: vec![0.002; n],
+                ..Healthy::untold(n)
+            },
         };
         let settings = Settings {
             observer: Some(ObserverSettings::default()),
