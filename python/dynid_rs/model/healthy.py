@@ -19,8 +19,15 @@ UNKNOWN_MEMORY = 10.0
 """Rows that are worth one independent one where no run has told: two seconds."""
 LEAST_ROWS = 30
 """Fewer rows of a joint in motion tell no deviation: its interval would be wider than a fourth."""
-SLOW_PART = 0.1
-"""Of its rows no more than this are left out as too slow."""
+SLOW_ROWS, SLOW_PART = 10, 0.03
+"""So many rows, which are worth an independent one, have to have been slower for a row to say something; of few rows
+this part."""
+SPARE = 7 / 8
+"""Part of the variance of sums that a watch has to know.
+
+Where half of what is tolerated has changed (c = 1/2), a row of r times the variance that it is taken for adds to the
+test of a change by d = 8 times what is tolerated, the widest, a ratio whose mean is
+``exp((d - 1) (2 c + (d - 1) r - (d + 1)) g / 2)``: at most one for ``r <= (d + 1 - 2 c) / (d - 1) = 8 / 7``."""
 LEAST_VALUES = 30
 """Fewer values of a torque channel tell not how long one lasts."""
 LEAST_FROZEN = 0.05
@@ -90,15 +97,15 @@ def learn(
         speeds = np.sort(np.concatenate([v[np.isfinite(run)] for run, v in of_rows]))
         if len(speeds) < LEAST_ROWS:
             continue
-        slow = speeds[min(LEAST_ROWS, int(SLOW_PART * len(speeds)))]
+        slow = speeds[min(SLOW_ROWS, int(SLOW_PART * len(speeds)))]
         own = [np.where(v >= slow, run, np.nan) for run, v in of_rows]
         found.least_speed[j] = slow
         memory, bound, worth = memory_bound(own)
         square = float(np.nanmean(np.concatenate(own) ** 2))
         most = _most(worth)
         found.inflation[j] = max(square * most, np.finfo(float).tiny)
-        # A sum of rows varies by the product of the two, whose bound holds the square's.
-        found.memory[j] = max(1.0, max(memory, bound / most))
+        # A sum of rows varies by the product of the two.
+        found.memory[j] = max(1.0, max(memory, SPARE * bound) / most)
     told = np.isfinite(found.least_speed)
     if not told.any():
         return None
