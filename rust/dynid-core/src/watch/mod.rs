@@ -4,7 +4,8 @@
 //! would add to it per unit: friction's own torque, the whole torque, one deviation, the torque of a mass at the last link.
 //! Means are linear, so a change adds the same to both. Rows in which a joint stands, or in which the arm leaves what the
 //! model was trained on, say nothing. `sequential.rs` is the test and where its threshold comes from; `settings.rs` what is
-//! tolerated. A change that has been named is taken off from then on, so that the next one can be seen beside it.
+//! tolerated. A change that has been named is taken off from then on, so that the next one can be seen beside it. Torque channels
+//! that stand still are no changes of the model, and are seen in the samples: `frozen.rs`.
 
 mod frozen;
 mod naming;
