@@ -4,7 +4,7 @@ use std::fs;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use dynid_core::watch::{Watch, WatchSettings};
+use dynid_core::watch::{Healthy, Watch, WatchSettings};
 use dynid_io::model_file::to_text;
 use dynid_io::Remembered;
 
@@ -74,8 +74,8 @@ fn contact() -> Vec<u8> {
 
 /// What the watch of the arm knows before anything has come.
 fn remembered() -> Vec<u8> {
-    let (settings, ones) = (WatchSettings::default(), [1.0; 2]);
-    let mut watch = Watch::new(Arc::new(arm()), settings, &ones, &ones).expect("a watch");
+    let settings = WatchSettings::default();
+    let mut watch = Watch::new(Arc::new(arm()), settings, &Healthy::untold(2)).expect("a watch");
     let mut numbers = vec![0.0; watch.n_remembered()];
     watch.remember(&mut numbers).expect("as many numbers");
     let of = "00".repeat(32);
@@ -83,8 +83,8 @@ fn remembered() -> Vec<u8> {
     text.expect("JSON").into_bytes()
 }
 
-const WATCH: &[u8] = br#"{"format":"dynid-watch-settings","version":1,"joints":["a","b"],"row":0.2,"false_alarms_per_day":1.0,
-"tolerated":{"friction":0.1,"gain":0.05,"offset":2.0,"load":0.1,"unknown":1.0},"inflation":[1.0,2.5],"memory":[1.0,12.0]}"#;
+const WATCH: &[u8] = br#"{"format":"dynid-watch-settings","version":2,"joints":["a","b"],"row":0.2,"false_alarms_per_day":1.0,
+"tolerated":{"friction":0.1,"gain":0.05,"offset":2.0,"load":0.1,"unknown":1.0},"inflation":[1.0,2.5],"memory":[1.0,12.0],"least_speed":[0.01,null],"frozen_after":[0.05,null],"frozen_way":[0.5,0.0]}"#;
 const CONTACT: &str = r#"{"format":"dynid-contact","version":1,"joints":["a","b"],"step":0.001,"window":15,"time_constant":0.02,
 "false_contacts_per_hour":0.01,"moving":[1.0,0.5],"standing":[0.1,0.2],"turning":[2.0,1.5],"torque":[0.0,1e-4],"stops_known":[true,false],
 "turns_known":[false,true],"tail":{"level":[12.0,1.0],"per_hour":[720.0,70.0],"growth":[2.5,2.0]},"#;

@@ -1281,7 +1281,10 @@ def read_contact(path: str | PathLike[str], model: TorqueModel) -> tuple[list[st
     """
 
 def read_watch(path: str | PathLike[str]) -> dict[str, Any]:
-    """What a `watch.json` holds: joints, row, false_per_day, friction, gain, offset, load, unknown, inflation, memory.
+    """What a `watch.json` holds.
+
+    Its keys are joints, row, false_per_day, friction, gain, offset, load, unknown, inflation, memory, least_speed,
+    frozen_after and frozen_way.
 
     Raises
     ------
@@ -1302,6 +1305,9 @@ def watch_run(
     window: int | None = None,
     inflation: Sequence[float],
     memory: Sequence[float],
+    least_speed: Sequence[float],
+    frozen_after: Sequence[float],
+    frozen_way: Sequence[float],
     row: float,
     false_per_day: float,
     friction: float,
@@ -1317,6 +1323,7 @@ def watch_run(
     _FloatArray,
     _FloatArray,
     tuple[list[dict[str, Any]], str],
+    tuple[_FloatArray, _FloatArray],
 ]:
     """What of a model no longer holds along a run, by the code that runs online.
 
@@ -1326,6 +1333,10 @@ def watch_run(
         As for `observe_momentum`.
     inflation, memory : (n_joints,)
         Variance of a joint's rows over what the model expects; rows that are worth an independent one.
+    least_speed : (n_joints,)
+        Mean speed below which a row says nothing [rad/s, m/s].
+    frozen_after, frozen_way : (n_joints,)
+        Time after which a repeated torque is none [s], and how far the model's goes meanwhile [torque unit].
     row : float
         Time over which what the model leaves is averaged [s].
     false_per_day : float
@@ -1347,6 +1358,11 @@ def watch_run(
         What stood before the run, from what is remembered: as changes.
     remembered : str
         What the watch knows at the end.
+    speed : ndarray (n_rows, n_joints)
+        Mean speed of every row [rad/s, m/s].
+    repeats : ndarray (n_joints, 4)
+        Values that a torque channel showed while the arm moved, for how long all of them and the longest [s], and how
+        far the model's torque went while one was shown [torque unit].
 
     Raises
     ------

@@ -117,7 +117,7 @@ CHANGES: dict[str, Put] = {
     "constant torque": _offset,
     "load, 5 % of rated": _load(0.05),
     "load, 20 % of rated": _load(0.2),
-    "channel frozen": _fault(("unknown",), frozen=True),
-    "channel lost": _fault(("unknown", "gain"), frozen=False),
+    "channel frozen": _fault(("frozen",), frozen=True),
+    "channel lost": _fault(("frozen", "gain"), frozen=False),
 }
 """What is put in. A channel that shows nothing has lost its gain: that name is right too."""

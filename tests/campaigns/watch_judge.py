@@ -22,8 +22,9 @@ class Outcome:
     `name` is that of the first change that was named after the beginning: "right", "either" (one of two that were
     said), "wrong" or "none"; `motion` and `time` are seconds from the beginning to it, of the joint's motion and of
     the clock. `settled` is that of what it became: "right", "wrong", "withdrawn" or "none"; `error` is that of the
-    settled size, relative, and `covered` whether its 95 % interval holds the truth. `early` were named before the
-    beginning, `more` later and wrongly; what was said first of those stands in `next_said`.
+    settled size, relative, and `covered` whether its 95 % interval holds the truth. `moved` is whether the arm moves
+    all the time as the change begins: at rest no channel tells anything. `early` were named before the beginning,
+    `more` later and wrongly; what was said first of those stands in `next_said`.
     """
 
     label: str
@@ -36,6 +37,7 @@ class Outcome:
     settled: str = "none"
     error: float | None = None
     covered: bool | None = None
+    moved: bool = True
     early: int = 0
     more: int = 0
     next_said: str = ""
@@ -57,10 +59,12 @@ def judge(label: str, seed: int, truth: Truth, joints: Sequence[str], watched: d
     named = [change for change in watched.changes if change.said == "named"]
     late = [change for change in named if change.t >= begun]
     early = len(named) - len(late)
+    moved = bool(watched.watched.any(axis=1)[np.abs(watched.t - begun) < 1.5 * ROW].all())
     if not late:
-        return Outcome(label, seed, joint, early=early)
+        return Outcome(label, seed, joint, moved=moved, early=early)
     first, *others = late
-    moves = watched.watched.any(axis=1) if truth.joint is None else watched.watched[:, truth.joint]
+    of_arm = truth.joint is None or "frozen" in truth.kinds
+    moves = watched.watched.any(axis=1) if of_arm else watched.watched[:, truth.joint]
     rows = moves & (watched.t > begun) & (watched.t <= first.t)
     wrong = [change for change in others if not is_named(change, truth, joints)]
     settled, error, covered = _settled(first, truth, joints, watched.changes)
@@ -75,6 +79,7 @@ def judge(label: str, seed: int, truth: Truth, joints: Sequence[str], watched: d
         settled,
         error,
         covered,
+        moved,
         early,
         len(wrong),
         str(wrong[0]) if wrong else "",
@@ -93,7 +98,9 @@ def _settled(
     first: dyn.Change, truth: Truth, joints: Sequence[str], changes: Sequence[dyn.Change]
 ) -> tuple[str, float | None, bool | None]:
     """What became of the name: the next change that is not named anew."""
-    became = [change for change in changes if change.said != "named" and change.t > first.t]
+    frozen = first.kind == "frozen"
+    later = [change for change in changes if change.said != "named" and change.t > first.t]
+    became = [change for change in later if (change.kind == "frozen") == frozen]
     if not became:
         return "none", None, None
     last = became[0]

@@ -52,13 +52,13 @@ ABOUT_CHANGES = """## Changes
 {at:.0f} s, and friction is as warm as it was. The joint is drawn; that of a gain is one whose load varies more than its
 friction (as in the exam). A constant torque is {offset:.0f} deviations of what the rows of its joint usually leave. A
 load's centre is within {reach:.0f} cm of the last link's origin. A channel that freezes stays where it was (right:
-*unknown* on its joint); one that is lost shows 0 (right: *unknown*, or *gain*, of which it has lost all).
+*frozen* on its joint); one that is lost shows 0 (right: *frozen*, or *gain*, of which it has lost all).
 
 *Right*, *one of two* (`A or B`, one of them right), *wrong*: the first name that is said. *s of motion*: from the
-beginning to the right name, while the joint (of a load: any) moves within what the model was trained on; half / 95 % of
-all cases; *s*: the same by the clock. *Settled*: right / wrong / withdrawn / not by the end. *Size off*: of settled
-ones with the right name; half / 95 % of them. *Covered*: settled intervals of 95 % that hold the truth. *More*: wrong
-names later in the same runs.
+beginning to the right name, while the joint (of a load or a fault: any) moves within what the model was trained on;
+half / 95 % of all cases; *s*: the same by the clock. *Settled*: right / wrong / withdrawn / not by the end. *Size
+off*: of settled ones with the right name; half / 95 % of them. *Covered*: settled intervals of 95 % that hold the
+truth. *More*: wrong names later in the same runs.
 """
 
 
@@ -116,8 +116,10 @@ def marks_table(results: Sequence[Result]) -> str:
             rows.append((f"{label}: settled mass within 5 %", _share(part), _enough(part)))
     fault = outcomes_of(results, *FAULTS)
     if fault:
-        part = [o["time"] is not None and o["time"] <= 0.1 for o in fault]
+        part = [hit(o) and o["time"] <= 0.1 for o in fault]
         rows.append(("a sensor fault named within 100 ms", _share(part), _enough(part)))
+        part = [named for named, o in zip(part, fault, strict=True) if o["moved"]]
+        rows.append(("the same, of arms that move as it begins", _share(part), _enough(part)))
     for words, labels in (("all kinds", tuple(CHANGES)), ("without sensor faults", _without_faults())):
         every = outcomes_of(results, *labels)
         if every:

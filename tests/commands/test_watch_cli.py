@@ -53,7 +53,7 @@ def test_a_change_is_said_with_its_joint_and_ends_with_1(arm):
     assert all(0.5 < part <= 1.0 for part in changed["watched"])
     lines = watched(arm, "harder")
     assert lines.exit_code == 1
-    assert re.search(rf"{answer['joints'][1]}: friction \+(19|20|21) % .* \(settled\)", lines.stdout)
+    assert re.search(rf"{answer['joints'][1]}: friction \+(19|20|21|22) % .* \(settled\)", lines.stdout)
 
 
 def test_a_run_that_cannot_be_watched_is_not_said_to_be_the_same(arm):

@@ -4,7 +4,7 @@ import re
 from collections import Counter
 
 import pytest
-from helpers.watched_runs import CLOCK, HOSTILE, both, run, watch
+from helpers.watched_runs import CLOCK, HOSTILE, both, change, run, watch
 from prometheus_client.parser import text_string_to_metric_families
 
 from dynid_rs import prometheus_text
@@ -99,6 +99,16 @@ def test_of_joints_that_were_not_watched_nothing_is_said_but_that():
     assert names == {"dynid_watch_watched_ratio"}
     assert value(text, "watched_ratio", joint="joint_2") == 0
     assert 'kind="load"' not in prometheus_text(watch(), [run(unseen=range(6))])
+
+
+def test_a_frozen_channel_is_said_of_a_joint_that_so_is_not_watched():
+    text = prometheus_text(watch(), [run(change("frozen", "joint_2", 2.5, half=0.0), unseen=(1,))])
+    check_grammar(text)
+    assert value(text, "changed", joint="joint_2", kind="frozen") == 1
+    assert value(text, "changed", joint="joint_1", kind="frozen") == 0
+    assert value(text, "watched_ratio", joint="joint_2") == 0
+    ratios = [labels for name, labels in samples(text) if name == "dynid_watch_change_ratio"]
+    assert not [labels for labels in ratios if ("kind", "frozen") in labels]
 
 
 def test_masses_and_torques_stand_only_where_they_are_known():

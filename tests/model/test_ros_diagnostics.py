@@ -84,6 +84,18 @@ def test_what_was_not_watched_is_stale():
     assert levels(run(rows=0)) == [STALE] * 7
 
 
+def test_a_frozen_channel_is_no_stale_joint():
+    named, settled = (
+        change("frozen", "joint_2", 2.5, t=t, said=said, half=0.0) for t, said in ((9.0, "named"), (29.0, "settled"))
+    )
+    assert levels(run(named, unseen=(1,))) == [OK, WARN, OK, OK, OK, OK, OK]
+    assert levels(run(named, settled, unseen=(1,))) == [OK, ERROR, OK, OK, OK, OK, OK]
+    status = told(run(named, settled))["status"][1]
+    assert status["message"].startswith("the torque channel does not change any more, 2.50")
+    assert values(status)["frozen"] == "2.5"
+    assert "one value all the time" in values(status)["frozen_advice"]
+
+
 def test_words_and_numbers_say_the_same():
     status = told(run(*both("friction", size=-0.25, either="gain of joint_2")))["status"][1]
     assert (status["name"], status["hardware_id"]) == ("dynid watch: joint_2", "six_axis")

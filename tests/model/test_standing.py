@@ -91,3 +91,15 @@ def test_a_run_without_a_row_says_nothing():
 def test_a_change_of_kinds_that_differ_is_not_one():
     found = stands(*both("friction"), *both("gain", t=50.0), change("offset", "joint_1", 9.0, t=90.0))
     assert len(found) == 3
+
+
+def test_a_frozen_channel_stands_until_it_changes_again_whatever_is_said_meanwhile():
+    named, settled = both("frozen", "joint_4", 2.5)
+    over = change("frozen", "joint_4", 1.0, t=60.0, said="withdrawn")
+    other, outcome = both("friction", t=12.0)
+    assert set(stands(named)) == {("frozen", "joint_4")}
+    found = stands(other, named, outcome, settled)
+    assert set(found) == {("frozen", "joint_4"), ("friction", "joint_2")}
+    assert found["frozen", "joint_4"].said == "settled"
+    assert set(stands(other, named, settled)) == {("frozen", "joint_4"), ("friction", "joint_2")}
+    assert set(stands(named, settled, other, over)) == {("friction", "joint_2")}

@@ -17,7 +17,7 @@ def test_a_change_is_named_with_its_size_and_taken_for_granted(name):
     assert named.joint == settled.joint == model().robot.joint_names[joint]
     assert (named.said, settled.said, named.either) == ("named", "settled", None)
     assert at < named.t < at + 20 < settled.t + 10
-    assert settled.size == pytest.approx(size, rel=0.08)
+    assert settled.size == pytest.approx(size, rel=0.1)
     low, high = settled.interval
     assert abs(settled.size - size) < 0.75 * (high - low)  # of six intervals of 95 % one may miss
     assert high - low < named.interval[1] - named.interval[0]
@@ -123,6 +123,32 @@ def test_fit_finds_how_much_rows_are_worth():
     assert np.all((watch.memory_ >= 1) & (watch.memory_ < 6))
 
 
+def test_fit_takes_what_few_rows_say_at_the_unfavourable_end():
+    """Of sixty joints that were learned from twenty seconds few are taken for better than they are."""
+    exact = Watch(model()).fit([recorded(200.0, seed) for seed in range(40, 48)])
+    long_run = exact.inflation_ * exact.memory_
+    short = [Watch(model()).fit([recorded(20.0, seed)]) for seed in range(50, 60)]
+    ratios = np.concatenate([one.inflation_ * one.memory_ / long_run for one in short])
+    assert np.mean(ratios < 0.9) < 0.15
+    assert np.median(ratios) > 1.1
+    found = np.concatenate([one.inflation_ for one in short]).reshape(10, -1) / exact.inflation_
+    assert np.mean(found < 0.9) < 0.1
+
+
+def test_rows_slower_than_healthy_ones_say_nothing():
+    """A joint that creeps as none did, on which friction may be anything."""
+    t, (q, dq, ddq) = motion(30.0, 3)
+    speed = 0.3 * watching().least_speed_[1]
+    assert speed > 0.0
+    q[:, 1], dq[:, 1], ddq[:, 1] = q[0, 1] + speed * t, speed, 0.0
+    tau = model().evaluate(q, dq, ddq)[0]
+    tau[:, 1] += 20.0
+    run = Recording(t, q, dq, ddq=ddq, tau=tau, joints=model().robot.joint_names)
+    assert not watching().watch(run).watched[:, 1].any()
+    assert watching().watch(run).changes == ()
+    assert Watch(model()).watch(run).watched[:, 1].any()
+
+
 def test_texts_tell_kind_place_and_size():
     changes = [watching().watch(recorded(80.0, 5, change=CHANGES[name][0], at=20.0)).changes[1] for name in CHANGES]
     said = [str(change) for change in changes]
@@ -148,7 +174,7 @@ def test_wrong_runs_and_settings_are_refused():
 def test_a_watch_goes_on_after_a_restart_with_what_it_knew():
     """A run in two parts is told as in one; what was settled is not said again, and what was under way goes on."""
     watch = watching()
-    run = recorded(60.0, 5, change=CHANGES["friction grown"][0], at=4.0)
+    run = recorded(90.0, 5, change=CHANGES["friction grown"][0], at=4.0)
     whole = watch.watch(run).changes
     assert [change.said for change in whole] == ["named", "settled"]
     for cut in (whole[0].t - 1.0, whole[0].t + 5.0, whole[1].t + 2.0):

@@ -113,6 +113,21 @@ def test_every_change_is_in_the_table_with_what_to_do(tmp_path):
     assert "first moments 0.10, 0, \u22120.050\u00a0kg\u00b7m" in rows[3][3]
 
 
+def test_a_frozen_channel_is_open_beside_other_changes(tmp_path):
+    named, settled = both("frozen", "joint_4", 2.5)
+    over = change("frozen", "joint_4", 1.0, t=60.0, said="withdrawn")
+    other, outcome = both("friction", t=12.0)
+    rows = page(tmp_path, run(named, other, settled, outcome)).changes()
+    assert [(row[2], row[4].strip()) for row in rows] == [
+        ("Frozen channeljoint_4", "settled, 30.0\u00a0s"),
+        ("Frictionjoint_2", "settled, 32.0\u00a0s"),
+    ]
+    assert rows[0][3].startswith("2.50")
+    assert "to" not in rows[0][3]
+    rows = page(tmp_path, run(named, other, settled, outcome, over)).changes()
+    assert [row[4].strip() for row in rows] == ["withdrawn, 60.0\u00a0s", "settled, 32.0\u00a0s"]
+
+
 def test_the_first_screen_answers(tmp_path):
     found = page(tmp_path, run(*both("friction"), name="a.csv"), run(name="b.csv")).answers
     assert found[0] == "No: in 1 of 2\u00a0runs something has changed: friction of joint_2 +20\u00a0%."

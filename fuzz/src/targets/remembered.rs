@@ -2,7 +2,7 @@
 
 use std::sync::{Arc, OnceLock};
 
-use dynid_core::watch::WatchSettings;
+use dynid_core::watch::{Healthy, WatchSettings};
 use dynid_core::{OnlineEstimator, Sample, TorqueModel};
 use dynid_io::remembered::parse_remembered;
 
@@ -23,8 +23,12 @@ pub fn run(bytes: &[u8]) {
                 row: 0.005,
                 ..WatchSettings::default()
             };
+            let healthy = Healthy {
+                frozen_after: vec![0.005; 2],
+                ..Healthy::untold(2)
+            };
             let online = OnlineEstimator::new(Arc::clone(model), None, None);
-            let online = online.and_then(|online| online.watching(settings, &[1.0; 2], &[1.0; 2]));
+            let online = online.and_then(|online| online.watching(settings, &healthy));
             let mut online = online.expect("a watched arm");
             let recalled = online.watch_mut().map(|watch| watch.recall(&found.numbers));
             if recalled.is_some_and(|recalled| recalled.is_err()) {

@@ -12,12 +12,10 @@ use crate::limits::{check_sentence, within_limits};
 pub fn run(bytes: &[u8]) {
     within_limits(|| match parse_watch(bytes, "f") {
         Ok(file) => {
-            assert!(
-                file.inflation.len() == file.joints.len() && file.memory.len() == file.joints.len()
-            );
+            assert!(file.healthy.check(file.joints.len()).is_ok());
             let model = Arc::new(arm());
             // Of other arms the lengths are wrong; that is all that may be.
-            let made = Watch::new(model, file.settings, &file.inflation, &file.memory);
+            let made = Watch::new(model, file.settings, &file.healthy);
             assert!(made.is_ok() || file.joints.len() != 2);
         }
         Err(error) => check_sentence(&error),

@@ -8,7 +8,9 @@ from typing import Any
 
 from dynid_rs.base.numbers import interval, percent, percent_interval, significant
 
-KIND_WORDS = {"offset": "constant torque"}
+FROZEN = "frozen"
+"""A torque channel that shows the same value all the time: nothing of the model has changed, nothing is taken off."""
+KIND_WORDS = {"offset": "constant torque", FROZEN: "frozen channel"}
 """Kinds as people say them, where that is not how they are called in files."""
 RELATIVE = ("friction", "gain", "unknown")
 """Kinds whose size is relative; the others have a unit."""
@@ -22,6 +24,8 @@ _GROWN = {
     "gain": f"The channel shows more than before: {_CHANNEL}",
     "offset": "Set the sensor's zero again; if it stays, look for a spring, a balancer or a cable that pulls.",
     "load": "Weigh it: `dynid payload MODEL.json RUN`; take it off, or tell the controller.",
+    FROZEN: "Look at the torque sensor, its cable and its drive: the channel shows one value all the time. Until it "
+    "changes again nothing else is said of this joint.",
     "unknown": "Look for a collision, a loose part or a sensor at fault; `dynid diagnose ROBOT RUN... "
     "--reference MODEL.json` looks for a name.",
 }
@@ -41,19 +45,20 @@ class Change:
     t : float
         When it was said, in the run's time [s].
     kind : str
-        ``"friction"``, ``"gain"``, ``"offset"``, ``"load"`` or ``"unknown"``.
+        ``"friction"``, ``"gain"``, ``"offset"``, ``"load"``, ``"unknown"`` or ``"frozen"``.
     joint : str
         Where; the last one of a load.
     size : float
         Friction, gain and unknown relative, offset in the torque's unit, load in kg (where torque is in ampere, in
-        ampere per N m times kg).
+        ampere per N m times kg); of a frozen channel the torque that it shows.
     interval : tuple of float
         Where the size lies with 95 %.
     moments : tuple of float, optional
         First moments of a load in the last link's frame [kg m].
     said : str
         ``"named"`` just now; twenty seconds of motion later ``"settled"``, when it is taken for granted, or
-        ``"withdrawn"`` where it has passed or is no larger than what is tolerated.
+        ``"withdrawn"`` where it has passed or is no larger than what is tolerated. A frozen channel is withdrawn when
+        it changes again, settled or not; other changes may be said in between.
     either : str, optional
         What else it may be, ``"gain of elbow"``, where the data do not tell.
     """
@@ -81,6 +86,9 @@ class Change:
         """Kind, size and interval in words, and what else it may be."""
         if self.kind == "unknown":
             what = f"the error has grown by {percent(self.size)}, no name says why: look again"
+        elif self.kind == FROZEN:
+            does = "changes again" if self.said == "withdrawn" else "does not change any more"
+            what = f"the torque channel {does}, {size_words(FROZEN, self.size, self.unit)}"
         else:
             size, bounds = size_words(self.kind, self.size, self.unit), interval_words(self.kind, self.interval)
             what = f"{kind_words(self.kind)} {size} ({bounds})"

@@ -84,6 +84,36 @@ def residual_memory(residuals: list[FloatArray]) -> float:
     return 1.0 + 2.0 * float(_remembered(lags / lags[0]).sum())
 
 
+UNLIKELY = 1.645
+"""Standard deviations that a normal value is below with 95 %."""
+
+
+def memory_bound(residuals: list[FloatArray]) -> tuple[float, float, float]:
+    """`residual_memory` of arrays with gaps (NaN), what it is at most with 95 %, and the samples that they are worth.
+
+    Mean square times memory is the spectrum at frequency zero, by a window of L lags, whose relative variance is
+    ``2 (2 L + 1) / n`` for n samples (M. B. Priestley, Spectral Analysis and Time Series, 1981, 6.2.4). The bound is
+    that of the product, over the mean square as it was found.
+    """
+    from scipy.fft import irfft, next_fast_len, rfft
+
+    size = next_fast_len(2 * max(map(len, residuals), default=1))
+    sums, pairs = np.zeros(size), np.zeros(size)
+    for residual in residuals:
+        there = np.isfinite(residual)
+        sums += irfft(np.abs(rfft(np.where(there, residual, 0.0), size)) ** 2, size)
+        pairs += irfft(np.abs(rfft(there.astype(float), size)) ** 2, size)
+    n = float(np.round(pairs[0]))
+    # Lags of fewer than a tenth of all pairs are noise.
+    usable = np.round(pairs[: size // 2]) >= max(1.0, 0.1 * n)
+    last = int(np.argmin(usable)) if not usable.all() else len(usable)
+    if n == 0 or sums[0] <= 0:
+        return 1.0, 1.0, n
+    rho = _remembered((sums[:last] / np.round(pairs[:last])) / (sums[0] / n))
+    memory = max(1.0, 1.0 + 2.0 * float(rho.sum()))
+    return memory, memory * (1.0 + UNLIKELY * float(np.sqrt(2.0 * (2 * len(rho) + 1) / n))), n / memory
+
+
 def square_memory(residual: FloatArray) -> float:
     """Samples of `residual` (n,) that its squares count as one, were it Gaussian around its mean; at least 1.
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+from dynid_rs.base.changes import FROZEN
 from dynid_rs.base.findings import Finding, told_once
 from dynid_rs.base.numbers import percent
 from dynid_rs.base.quoting import shown
@@ -15,9 +16,8 @@ if TYPE_CHECKING:
 
 def has_changed(watched: Sequence[Watched]) -> bool | None:
     """Whether something has; None where no joint of any run could be watched, or no run was named."""
-    if not any(run.watched.any() for run in watched):
-        return None
-    return any(change.said != "withdrawn" for run in watched for change in run.changes)
+    changed = any(change.said != "withdrawn" for run in watched for change in run.changes)
+    return changed if changed or any(run.watched.any() for run in watched) else None
 
 
 def answer(watched: Sequence[Watched], joints: Sequence[str], findings: Sequence[Finding]) -> dict[str, Any]:
@@ -49,10 +49,14 @@ def lines(watched: Sequence[Watched], joints: Sequence[str], findings: Sequence[
         said.append(f"{shown(run.name)}:" if run.changes else f"{shown(run.name)}: {nothing}")
         said += [f"  stood before: {change.place}{change.what}" for change in run.before]
         said += [f"  {change}" for change in run.changes]
+        frozen = {change.joint for change in (*run.before, *run.changes) if change.kind == FROZEN}
         share = run.watched.mean(axis=0) if len(run.t) else [0.0] * len(joints)
-        unseen = [shown(joint) for joint, part in zip(joints, share, strict=True) if part == 0]
+        pairs = zip(joints, share, strict=True)
+        unseen = [shown(joint) for joint, part in pairs if part == 0 and joint not in frozen]
         if unseen:
-            said.append(f"  not watched, for they never move as the model was trained to: {', '.join(unseen)}")
+            said.append(
+                f"  not watched, for they never move as in the runs that model and watch know: {', '.join(unseen)}"
+            )
         elif min(share) < 0.5:
             said.append(f"  watched in {percent(float(min(share)))} of the run only, of the joint that moves least")
     return [*said, *(f"{one.severity}: {text}" for one, text in told_once(findings) if one.severity != "info")]

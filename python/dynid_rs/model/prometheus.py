@@ -9,12 +9,13 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+from dynid_rs.base.changes import FROZEN
 from dynid_rs.base.clock import is_wall_clock
 from dynid_rs.model.standing import KINDS, LAST_ROWS, Standing, standing
 from dynid_rs.model.watch import Watch, Watched
 
 _PREFIX = "dynid_watch_"
-_RELATIVE = tuple(kind for kind in KINDS if kind not in ("offset", "load"))
+_RELATIVE = tuple(kind for kind in KINDS if kind not in ("offset", FROZEN, "load"))
 
 
 @dataclass
@@ -38,7 +39,8 @@ class _Metric:
 def prometheus_text(watch: Watch, runs: Sequence[Watched]) -> str:
     r"""State at the end of the last run in Prometheus' text format.
 
-    Of a joint that was not watched in that run nothing is said but that; a change that was withdrawn is none.
+    Of a joint that was not watched in that run nothing is said but that, and that its channel is frozen, if it is; a
+    change that was withdrawn is none.
 
     Parameters
     ----------
@@ -80,7 +82,7 @@ def prometheus_text(watch: Watch, runs: Sequence[Watched]) -> str:
 
 
 def _changes(watch: Watch, state: Standing, robot: str) -> list[_Metric]:
-    """Whether something stands, and its size; nothing of joints that were not watched."""
+    """Whether something stands, and its size; of joints that were not watched a frozen channel alone."""
     at_end = "at the end of the last run, 0 where none stands."
     changed = _Metric("changed", "gauge", "Whether a change stands at the end of the last run (1) or not (0).")
     ratio = _Metric("change_ratio", "gauge", f"Relative change of friction, gain or error {at_end}")
@@ -90,15 +92,14 @@ def _changes(watch: Watch, state: Standing, robot: str) -> list[_Metric]:
     }
     names, kinds = watch.model.robot.joint_names, watch.model.robot.joint_kinds
     for joint, joint_kind, part in zip(names, kinds, state.watched, strict=True):
-        if part == 0.0:
-            continue
-        for kind in KINDS[:-1]:
+        unwatched = [FROZEN] if state.find(FROZEN, joint) else []
+        for kind in KINDS[:-1] if part > 0.0 else unwatched:
             found = state.find(kind, joint)
             size = 0.0 if found is None else found.size
             changed.add(found is not None, robot=robot, joint=joint, kind=kind)
             if kind in _RELATIVE:
                 ratio.add(size, robot=robot, joint=joint, kind=kind)
-            else:
+            elif kind == "offset":
                 unit = "newtons" if joint_kind == "prismatic" else "newton_meters"
                 unit = unit if watch.model.torque_unit == "N*m" else "amperes"
                 offsets[unit].add(size, robot=robot, joint=joint)

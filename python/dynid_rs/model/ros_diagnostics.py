@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from fractions import Fraction
 from typing import Any
 
-from dynid_rs.base.changes import Change, advice
+from dynid_rs.base.changes import FROZEN, Change, advice
 from dynid_rs.base.clock import is_wall_clock
 from dynid_rs.model.standing import Standing, standing
 from dynid_rs.model.watch import Watch, Watched
@@ -36,10 +36,10 @@ def ros_diagnostics(watch: Watch, runs: Sequence[Watched]) -> dict[str, Any]:
 
     Notes
     -----
-    Levels of a joint: STALE (3) where it was not watched in the last run, else ERROR (2) where a change of friction,
-    gain, constant torque or error has settled, WARN (1) where one was named and has not settled yet, else OK (0). Of
-    the load: STALE where no joint was watched, WARN where there is one, else OK: a load is no fault. A change that was
-    withdrawn is none.
+    Levels of a joint: STALE (3) where it was not watched in the last run and its channel is not frozen, else ERROR (2)
+    where a change of friction, gain, constant torque or error, or a frozen channel, has settled, WARN (1) where one was
+    named and has not settled yet, else OK (0). Of the load: STALE where no joint was watched, WARN where there is one,
+    else OK: a load is no fault. A change that was withdrawn is none.
 
     Raises
     ------
@@ -64,7 +64,7 @@ def _joint(state: Standing, j: int, joint: str, robot: str) -> dict[str, Any]:
     own = [change for change in state.changes if change.joint == joint and change.kind != "load"]
     level = ERROR if any(change.said == "settled" for change in own) else WARN if own else OK
     message = "; ".join(_said(change) for change in own) or "nothing has changed"
-    if state.watched[j] == 0.0:
+    if state.watched[j] == 0.0 and state.find(FROZEN, joint) is None:
         level, message = STALE, _NOT_WATCHED
     values = {"watched_ratio": f"{state.watched[j]:.6g}"}
     if math.isfinite(state.residual[j]):

@@ -1,7 +1,7 @@
 """What of a model does not hold at the end of a run: changes that were said, put together.
 
 A watch says a change twice, and a second one of the same kind beside the first, so that sizes add up; what was
-withdrawn counts as none.
+withdrawn counts as none. A frozen channel is beside all that: it stands from its name until it changes again.
 """
 
 from __future__ import annotations
@@ -11,12 +11,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from dynid_rs.base.changes import Change
+from dynid_rs.base.changes import FROZEN, Change
 from dynid_rs.model.watch import Tolerated, Watch, Watched
 from dynid_rs.regression.uncertainty import NORMAL_95
 from dynid_rs.runs.recording import FloatArray
 
-KINDS = ("friction", "gain", "offset", "unknown", "load")
+KINDS = ("friction", "gain", "offset", "unknown", FROZEN, "load")
 LAST_ROWS = 300
 """Rows of a joint that its residual at the end is of: a minute of motion at a row of a fifth of a second."""
 
@@ -49,14 +49,20 @@ class Standing:
 def standing(watch: Watch, run: Watched) -> Standing:
     """Put together what `watch` has said of `run`."""
     said: dict[tuple[str, str], list[Change]] = {}
-    told = [*run.before, *run.changes]
+    frozen: dict[str, Change] = {}
+    for change in (*run.before, *run.changes):
+        if change.kind == FROZEN:
+            frozen.pop(change.joint, None)
+            if change.said != "withdrawn":
+                frozen[change.joint] = change
+    told = [change for change in (*run.before, *run.changes) if change.kind != FROZEN]
     for k, change in enumerate(told):
         # Between a name and what became of it nothing else is said, so that only the last name may still be open.
         if change.said == "settled" or (change.said == "named" and k == len(told) - 1):
             said.setdefault((change.kind, change.joint), []).append(change)
     open_ = [parts[0] for parts in said.values() if len(parts) == 1 and parts[0].said == "named"]
     sums = [_sum(parts) for parts in said.values() if parts[0] not in open_]
-    kept = open_ + [change for change in sums if not _is_tolerated(watch, change)]
+    kept = [*open_, *(change for change in sums if not _is_tolerated(watch, change)), *frozen.values()]
     n = run.left.shape[1]
     residual, ratio = np.full(n, np.nan), relative(run)
     for j in range(n):

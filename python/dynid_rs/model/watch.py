@@ -15,18 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
-from dynid_rs.base.changes import Change, kind_words
+from dynid_rs.base.changes import FROZEN, Change, kind_words
 from dynid_rs.base.files import check_readable, write_json
-from dynid_rs.base.memory import residual_memory
 from dynid_rs.base.quoting import shown
+from dynid_rs.model.healthy import LEAST_ROWS, Healthy, learn
 from dynid_rs.regression.uncertainty import NORMAL_95
 from dynid_rs.runs.given import Runs, as_recordings
 from dynid_rs.runs.recording import FloatArray, Recording
 
-UNKNOWN_MEMORY = 10.0
-"""Rows that are worth one independent one where no run has told: two seconds."""
-LEAST_ROWS = 30
-"""Fewer rows of a joint in motion tell no deviation: its interval would be wider than a fourth."""
 MOST_REMEMBERED = 4 << 20
 """Bytes, as the compiled reader has it."""
 NOTHING = 1e12
@@ -56,6 +52,10 @@ class Tolerated:
     offset: float = 2.0
     load: float = 0.1
     unknown: float = 1.0
+
+
+N_TESTS = 5
+"""Of a joint: friction, gain, offset, error, frozen channel; one more is of the load."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,9 +111,15 @@ class Watch:
     Attributes
     ----------
     inflation_ : ndarray (n_joints,)
-        Variance of rows over what the model expects; ones before `fit`.
+        Variance of rows over what the model expects, at most; ones before `fit`.
     memory_ : ndarray (n_joints,)
-        Rows that are worth an independent one; ten before `fit`.
+        Rows that are worth an independent one, at most; ten before `fit`.
+    least_speed_ : ndarray (n_joints,)
+        Mean speed of a row [rad/s, m/s] below which healthy runs are too few to say what the model leaves, so that it
+        says nothing; infinite of a joint that they do not move for thirty rows, 0 before `fit`.
+    frozen_after_, frozen_way_ : ndarray (n_joints,)
+        Time [s] after which a value that a torque channel repeats is no torque, and how far the model's torque goes
+        meanwhile [torque unit]; never before `fit`.
     healthy_ : tuple of str
         Names of the runs that `fit` was given; not there before, nor in a watch that was loaded.
     """
@@ -142,24 +148,21 @@ class Watch:
             No joint moves long enough in these runs, or a run is not one of this robot.
         """
         n = self.model.robot.n_joints
-        everything = Tolerated(*[NOTHING] * 5)
-        told = [self._run(run, everything, np.ones(n), np.ones(n)) for run in as_recordings(X, self.model.robot)]
-        self.healthy_ = tuple(run.name for run in told)
+        everything, untold = Tolerated(*[NOTHING] * 5), Healthy.untold(n, memory=1.0)
+        found = [self._run(run, everything, untold) for run in as_recordings(X, self.model.robot)]
+        told = [run for run, *_ in found]
         relative = [
             np.divide(run.left, run.deviation, out=np.full_like(run.left, np.nan), where=run.watched) for run in told
         ]
-        self.inflation_, self.memory_ = np.ones(n), np.full(n, np.nan)
-        for j in range(n):
-            own = [run[np.isfinite(run[:, j]), j] for run in relative]
-            if sum(map(len, own)) >= LEAST_ROWS:
-                self.inflation_[j] = max(float(np.mean(np.concatenate(own) ** 2)), np.finfo(float).tiny)
-                self.memory_[j] = max(1.0, float(residual_memory([part for part in own if len(part)])))
-        if np.isnan(self.memory_).all():
+        per_test = self.false_alarms_per_day / (N_TESTS * n + 1)
+        healthy = learn(relative, [speed for _, speed, _ in found], [repeats for *_, repeats in found], per_test)
+        if healthy is None:
             raise ValueError(
                 f"fit: no joint moves for {LEAST_ROWS * self.row:.0f} s within what the model was trained on, too "
                 "little to tell what it leaves; give longer runs without a change"
             )
-        self.memory_ = np.where(np.isnan(self.memory_), np.nanmax(self.memory_), self.memory_)
+        self._take(healthy)
+        self.healthy_ = tuple(run.name for run in told)
         return self
 
     def watch(self, recording: Recording, *, remembered: str | None = None) -> Watched:
@@ -180,10 +183,7 @@ class Watch:
         FormatError
             What is remembered is of another model, or of a watch with other settings.
         """
-        n = self.model.robot.n_joints
-        inflation = getattr(self, "inflation_", np.ones(n))
-        memory = getattr(self, "memory_", np.full(n, UNKNOWN_MEMORY))
-        return self._run(recording, self.tolerated or Tolerated(), inflation, memory, remembered)
+        return self._run(recording, self.tolerated or Tolerated(), self._learned(), remembered)[0]
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write what healthy runs have said, and what is tolerated, for `load` and for ``dynid-estimator --changes``.
@@ -193,18 +193,16 @@ class Watch:
         OSError
             The system refuses.
         """
-        n = self.model.robot.n_joints
         write_json(
             path,
             {
                 "format": "dynid-watch-settings",
-                "version": 1,
+                "version": 2,
                 "joints": list(self.model.robot.joint_names),
                 "row": float(self.row),
                 "false_alarms_per_day": float(self.false_alarms_per_day),
                 "tolerated": asdict(self.tolerated or Tolerated()),
-                "inflation": getattr(self, "inflation_", np.ones(n)).tolist(),
-                "memory": getattr(self, "memory_", np.full(n, UNKNOWN_MEMORY)).tolist(),
+                **self._learned().to_json(),
             },
         )
 
@@ -230,22 +228,22 @@ class Watch:
         found = Watch(
             model, false_alarms_per_day=said["false_per_day"], tolerated=tolerated, row=said["row"], window=window
         )
-        found.inflation_, found.memory_ = np.array(said["inflation"]), np.array(said["memory"])
+        found._take(Healthy(*(np.array(said[one.name]) for one in fields(Healthy))))
         return found
 
     def _run(
         self,
         run: Recording,
         tolerated: Tolerated,
-        inflation: FloatArray,
-        memory: FloatArray,
+        healthy: Healthy,
         remembered: str | None = None,
-    ) -> Watched:
+    ) -> tuple[Watched, FloatArray, FloatArray]:
+        """What is said of a run, mean speeds of its rows (n_rows, n), and how its torques repeat (n, 4)."""
         from dynid_rs.model.observer import check_run
 
         check_run(self.model, run)
         names = ("q", "dq", "ddq", "q_motor", "dq_motor", "ddq_motor")
-        said, ends, left, variance, moves, (stood, knows) = _core.watch_run(
+        said, ends, left, variance, moves, (stood, knows), (speed, repeats) = _core.watch_run(
             self.model,
             run.t,
             tuple(getattr(run, name) for name in names),
@@ -253,8 +251,7 @@ class Watch:
             temperature=run.temperature,
             step=1.0 / run.rate,
             window=self.window,
-            inflation=inflation.tolist(),
-            memory=memory.tolist(),
+            **healthy.lists(),
             row=self.row,
             false_per_day=self.false_alarms_per_day,
             **asdict(tolerated),
@@ -264,8 +261,16 @@ class Watch:
         changes, before = (
             tuple(_change(one, run.t, joints, self.model.torque_unit) for one in told) for told in (said, stood)
         )
-        deviation = np.sqrt(inflation * variance)
-        return Watched(run.name, changes, run.t[ends], left, deviation, moves > 0, before, knows)
+        deviation = np.sqrt(healthy.inflation * variance)
+        return Watched(run.name, changes, run.t[ends], left, deviation, moves > 0, before, knows), speed, repeats
+
+    def _learned(self) -> Healthy:
+        untold = Healthy.untold(self.model.robot.n_joints)
+        return Healthy(*(getattr(self, f"{one.name}_", getattr(untold, one.name)) for one in fields(Healthy)))
+
+    def _take(self, healthy: Healthy) -> None:
+        for one in fields(Healthy):
+            setattr(self, f"{one.name}_", getattr(healthy, one.name))
 
 
 def read_remembered(path: str | PathLike[str]) -> str:
@@ -296,5 +301,5 @@ def _change(said: dict[str, Any], t: FloatArray, joints: Sequence[str], torque_u
         None
         if either is None
         else ("a load" if either[0] == "load" else f"{kind_words(either[0])} of {joints[either[1]]}"),
-        {"load": mass, "offset": torque_unit}.get(kind, ""),
+        {"load": mass, "offset": torque_unit, FROZEN: torque_unit}.get(kind, ""),
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
-from dynid_rs.base.changes import WITHDRAWN, Change, advice, interval_words, kind_words, size_words
+from dynid_rs.base.changes import FROZEN, WITHDRAWN, Change, advice, interval_words, kind_words, size_words
 from dynid_rs.base.clock import is_wall_clock, time_words
 from dynid_rs.report.health_source import Episode, Health
 from dynid_rs.report.health_trend import COLORS, Axis
@@ -39,7 +39,7 @@ def changes_table(health: Health, found: Sequence[Episode], axis: Axis) -> str:
 def _row(health: Health, one: Episode, axis: Axis) -> list[str]:
     now = one.now
     kind = "soft" if one.is_withdrawn else "main"
-    bounds = f"<br><small>{typeset(interval_words(now.kind, now.interval))}</small>"
+    bounds = "" if now.kind == FROZEN else f"<br><small>{typeset(interval_words(now.kind, now.interval))}</small>"
     return [
         str(one.number),
         cell(_when(health, one, axis), "place"),

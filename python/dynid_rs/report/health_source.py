@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs.base.changes import Change
+from dynid_rs.base.changes import FROZEN, Change
 
 Array = NDArray[np.float64]
 
@@ -118,18 +118,22 @@ class Episode:
 
 
 def episodes(runs: Sequence[HealthRun]) -> list[Episode]:
-    """Changes of all runs, each with what became of it: of two names in a row the first was left open."""
+    """Changes of all runs in the order in which they were named, each with what became of it.
+
+    Of two names in a row the first was left open; frozen channels, each joint's its own, are open beside anything else.
+    """
     found: list[Episode] = []
     for r, run in enumerate(runs):
-        named: Change | None = None
+        open_: dict[str, int] = {}
         for change in run.changes:
-            if change.said == "named":
-                if named is not None:
-                    found.append(Episode(len(found) + 1, r, named, None))
-                named = change
+            place = change.joint if change.kind == FROZEN else ""
+            at = open_.get(place)
+            if change.said == "named" or at is None:
+                open_[place] = len(found)
+                outcome = None if change.said == "named" else change
+                found.append(Episode(len(found) + 1, r, change, outcome))
             else:
-                found.append(Episode(len(found) + 1, r, named or change, change))
-                named = None
-        if named is not None:
-            found.append(Episode(len(found) + 1, r, named, None))
+                found[at] = replace(found[at], outcome=change)
+            if change.said == "withdrawn" or (change.said == "settled" and change.kind != FROZEN):
+                del open_[place]
     return found

@@ -208,6 +208,47 @@ impl Kernel for Regressor<'_> {
     }
 }
 
+/// The last link's columns of the regressor, ten entries per joint: torque per parameter of what that link carries.
+///
+/// # Errors
+/// [`CoreError::Length`] if a slice has the wrong length.
+pub(crate) fn last_link_columns_into(
+    robot: &RobotModel,
+    workspace: &mut Workspace,
+    [q, dq, ddq]: [&[f64]; 3],
+    columns: &mut [[f64; N_LINK_PARAMS]],
+) -> Result<(), CoreError> {
+    let n = robot.n_joints();
+    check_state(n, workspace, q, dq, ddq)?;
+    check_length("columns", columns.as_flattened(), n * N_LINK_PARAMS)?;
+    lanes::run(LastLink {
+        robot,
+        workspace,
+        motion: [q, dq, ddq],
+        columns,
+    });
+    Ok(())
+}
+
+struct LastLink<'a> {
+    robot: &'a RobotModel,
+    workspace: &'a mut Workspace,
+    motion: [&'a [f64]; 3],
+    columns: &'a mut [[f64; N_LINK_PARAMS]],
+}
+
+impl Kernel for LastLink<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Lanes<Raw = One>, L: Lanes>(self) {
+        let [q, dq, ddq] = self.motion;
+        self.workspace.take::<L>(q, dq, ddq);
+        let Workspace { states, twists, .. } = self.workspace;
+        single::last_link_columns::<S>(self.robot, states, twists, self.columns);
+    }
+}
+
 fn check_state(
     n: usize,
     workspace: &Workspace,

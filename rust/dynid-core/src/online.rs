@@ -18,7 +18,7 @@ use crate::state::State;
 use crate::stream::{Place, Stream};
 use crate::track::{Taken, Track, MOST_STEPS};
 use crate::uncertainty::Uncertainty;
-use crate::watch::{Change, Watch, WatchSettings};
+use crate::watch::{Change, Healthy, Watch, WatchSettings};
 
 /// Signals of motion: q, dq, ddq of the link side, then of the motor side, as in [`State`].
 pub const N_MOTION: usize = 6;
@@ -176,15 +176,14 @@ impl OnlineEstimator {
     /// The same with a watch ([`Watch::new`]), for samples that hold the measured torque.
     ///
     /// # Errors
-    /// [`CoreError`] if a setting is none or a length is wrong.
+    /// [`CoreError`] if a setting is none, a length is wrong or a value is none.
     pub fn watching(
         mut self,
         settings: WatchSettings,
-        inflation: &[f64],
-        memory: &[f64],
+        healthy: &Healthy,
     ) -> Result<Self, CoreError> {
         let model = self.estimator.shared_model();
-        self.watch = Some(Watch::new(model, settings, inflation, memory)?);
+        self.watch = Some(Watch::new(model, settings, healthy)?);
         Ok(self)
     }
 
@@ -348,6 +347,7 @@ impl OnlineEstimator {
             }
             return Ok(status);
         };
+        let shown = tau;
         let tau = if is_direct { tau } else { &self.measured };
         let apart = self.track.time - self.observed;
         // Written so that a NaN, before the first sample, is no time either.
@@ -364,7 +364,7 @@ impl OnlineEstimator {
         if let Some(watch) = &mut self.watch {
             // What pushes the arm may be what has changed: a contact hides nothing from the watch.
             let good = answered.only(ELSEWHERE) == Status::OK;
-            self.change = watch.step(&self.estimator, tau, apart, good)?;
+            self.change = watch.step(&self.estimator, tau, shown, apart, good)?;
             status.set(Status::CHANGED, self.change.is_some());
         }
         Ok(status)

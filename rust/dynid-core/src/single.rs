@@ -41,15 +41,52 @@ pub(crate) fn joint_torque_regressor<S: Lanes<Raw = [f64; 1]>>(
     };
     let mut parent = from_base::<S>(robot, place, state);
     carry::<S::Four>(place, None, 0, twists);
-    put_link(&parent, place, 0, width, twists, regressor);
+    put_link(&parent, place, 0, twists, blocks(0, width, regressor));
     for (i, (place, state)) in joints {
         let placed = placed(place, state);
         // First, because the entries wait for it.
         let of_four = (place.turn_of_four(&placed.0), placed.1.of_four());
         carry(place, Some(of_four), i, twists);
         parent = outwards(place, &placed, state, &parent);
-        put_link(&parent, place, i, width, twists, regressor);
+        put_link(&parent, place, i, twists, blocks(i, width, regressor));
     }
+}
+
+/// The last link's columns alone, ten for every joint.
+#[inline(always)]
+pub(crate) fn last_link_columns<S: Lanes<Raw = [f64; 1]>>(
+    robot: &RobotModel,
+    states: &[JointState<[f64; 1]>],
+    twists: &mut [FourTwists],
+    columns: &mut [[f64; N_LINK_PARAMS]],
+) {
+    let mut joints = robot.placements().iter().zip(states).enumerate();
+    let Some((_, (place, state))) = joints.next() else {
+        return;
+    };
+    let (mut last, mut own) = (0, place);
+    let mut body = from_base::<S>(robot, place, state);
+    carry::<S::Four>(place, None, 0, twists);
+    for (i, (place, state)) in joints {
+        let placed = placed(place, state);
+        let of_four = (place.turn_of_four(&placed.0), placed.1.of_four());
+        carry(place, Some(of_four), i, twists);
+        body = outwards(place, &placed, state, &body);
+        (last, own) = (i, place);
+    }
+    put_link(&body, own, last, twists, columns.iter_mut());
+}
+
+/// Link `i`'s entries of every joint.
+#[inline(always)]
+fn blocks(
+    i: usize,
+    width: usize,
+    regressor: &mut [f64],
+) -> impl Iterator<Item = &mut [f64; N_LINK_PARAMS]> {
+    regressor
+        .chunks_exact_mut(width)
+        .filter_map(move |row| row.get_mut(i * N_LINK_PARAMS..)?.first_chunk_mut())
 }
 
 /// Twists of the joints before joint `i` into its link's frame, and its own beside them.
@@ -142,18 +179,14 @@ fn put<F: Lanes>([first, second, third]: [F; 3], to: &mut [f64; N_LINK_PARAMS]) 
 
 /// The columns of link `i`.
 #[inline(always)]
-fn put_link<S: Lanes<Raw = [f64; 1]>>(
+fn put_link<'a, S: Lanes<Raw = [f64; 1]>>(
     body: &Body<S>,
     place: &Placement,
     i: usize,
-    width: usize,
     twists: &[FourTwists],
-    regressor: &mut [f64],
+    mut blocks: impl Iterator<Item = &'a mut [f64; N_LINK_PARAMS]>,
 ) {
     let rows = Rows::new(body);
-    let mut blocks = regressor
-        .chunks_exact_mut(width)
-        .filter_map(|row| row.get_mut(i * N_LINK_PARAMS..)?.first_chunk_mut());
     let mut left = i;
     for twists in twists {
         for lane in 0..SIDE {

@@ -11,7 +11,7 @@ use std::sync::Arc;
 
 use dynid_core::model::TorqueModelParts;
 use dynid_core::uncertainty::{Direction, Tail};
-use dynid_core::watch::{Watch, WatchSettings};
+use dynid_core::watch::{Healthy, Watch, WatchSettings};
 use dynid_core::{
     Domain, Effect, EffectTerm, GaussianMixtureRegression, Joint, JointKind, JointLimits,
     NormalisedRbf, ObserverSettings, OnlineEstimator, Regression, Residual, ResidualInputs,
@@ -280,10 +280,14 @@ fn a_stream_with_faults_and_an_observer_or_a_watch_allocates_nothing() {
         let late = if with_derivatives { 0.0123 } else { 0.0 };
         let model = model(ResidualInputs::JointState, false).with_torque_delay(late);
         let model = Arc::new(model.unwrap());
+        let healthy = Healthy {
+            frozen_after: vec![0.02; N],
+            ..Healthy::untold(N)
+        };
         let online = |model: &Arc<TorqueModel>| {
             let online = OnlineEstimator::new(Arc::clone(model), None, Some(11));
             if watches {
-                online.and_then(|online| online.watching(WATCHFUL, &[1.0; N], &[1.0; N]))
+                online.and_then(|online| online.watching(WATCHFUL, &healthy))
             } else {
                 online.and_then(|online| online.observing(ObserverSettings::default()))
             }

@@ -177,6 +177,14 @@ impl Names {
                 };
                 format!("load {size} ({low} to {high}) {unit}")
             }
+            Kind::Frozen => {
+                let unit = &self.torque_unit;
+                let does = match change.said {
+                    Said::Withdrawn => "the torque channel changes again",
+                    _ => "the torque channel does not change any more",
+                };
+                format!("{joint}: {does}, {size} {unit}")
+            }
             Kind::Unknown => {
                 let grown = short(100.0 * change.size);
                 format!("{joint}: the error has grown by {grown} %, no name says why: look again")
@@ -207,7 +215,10 @@ fn percent(x: f64) -> String {
 
 /// Three digits.
 fn short(x: f64) -> String {
-    if !(x == 0.0 || (1e-4..1e6).contains(&x.abs())) {
+    if x == 0.0 {
+        return "0".to_owned();
+    }
+    if !(1e-4..1e6).contains(&x.abs()) {
         return format!("{x:.2e}");
     }
     let digits = 2.0 - x.abs().max(1e-4).log10().floor();
@@ -254,6 +265,18 @@ pub mod tests {
         assert!(offset.contains("constant torque 20.2 ("), "{offset}");
         let unknown = names.sentence(1.0, &change(Kind::Unknown, 1.32));
         assert!(unknown.contains("grown by 132 %"), "{unknown}");
+        let frozen = names.sentence(1.0, &change(Kind::Frozen, 0.0));
+        assert_eq!(
+            frozen,
+            "1.0 s: joint: the torque channel does not change any more, 0 N*m"
+        );
+        let over = Change {
+            said: Said::Withdrawn,
+            ..change(Kind::Frozen, 2.5)
+        };
+        assert!(names
+            .sentence(1.0, &over)
+            .ends_with("changes again, 2.50 N*m (withdrawn)"));
         let numbers = [-0.012_345, 99.94, 12_345.0, 1e157, -3e-9, f64::INFINITY];
         let shorts = ["-0.0123", "99.9", "12345", "1.00e157", "-3.00e-9", "inf"];
         assert_eq!(numbers.map(short), shorts);

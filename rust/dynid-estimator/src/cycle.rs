@@ -110,7 +110,7 @@ impl Cycle {
             let mend = "write them with `dynid watch MODEL.json --save`";
             check_joints(online.estimator().model(), &watch.joints, "--changes", mend)?;
             own = identity(online.estimator().model(), watch)?;
-            let watching = online.watching(watch.settings, &watch.inflation, &watch.memory);
+            let watching = online.watching(watch.settings, &watch.healthy);
             online = watching.map_err(|error| {
                 Stop::Because(format!("--changes: the model cannot be watched: {error}"))
             })?;

@@ -6,7 +6,7 @@ use std::sync::atomic::Ordering;
 use std::sync::Arc;
 
 use dynid_core::uncertainty::{Direction, Tail};
-use dynid_core::watch::WatchSettings;
+use dynid_core::watch::{Healthy, WatchSettings};
 use dynid_core::{ObserverSettings, TorqueModel, Uncertainty};
 use dynid_io::{ContactFile, WatchFile};
 
@@ -44,8 +44,10 @@ impl Door {
                 row: 0.003, // so that short streams have rows
                 ..WatchSettings::default()
             },
-            inflation: vec![1.0; n],
-            memory: vec![1.0; n],
+            healthy: Healthy {
+                frozen_after: vec![0.002; n],
+                ..Healthy::untold(n)
+            },
         };
         let mut settings = Settings {
             observer: Some(ObserverSettings::default()),

@@ -167,7 +167,7 @@ impl Desk {
 mod tests {
     use super::*;
     use crate::live::tests::model;
-    use dynid_core::watch::WatchSettings;
+    use dynid_core::watch::{Healthy, WatchSettings};
     use dynid_core::Sample;
     use dynid_io::WatchFile;
 
@@ -175,8 +175,7 @@ mod tests {
         let watch = WatchFile {
             joints: vec!["joint".to_owned()],
             settings: WatchSettings::default(),
-            inflation: vec![1.0],
-            memory: vec![1.0],
+            healthy: Healthy::untold(1),
         };
         Settings {
             watch: Some(Arc::new(watch)),

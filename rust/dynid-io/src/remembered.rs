@@ -15,7 +15,7 @@ use crate::{ModelFileError, WatchFile};
 /// Name in the `format` field.
 pub const FORMAT: &str = "dynid-watch-remembered";
 /// Newest version of the file that this reader understands: one for every order of the numbers.
-pub const VERSION: u32 = 1;
+pub const VERSION: u32 = 2;
 /// Larger files are refused before memory is taken \[bytes\].
 pub const MAX_BYTES: u64 = 4 << 20;
 
@@ -52,13 +52,7 @@ pub fn identity(model: &TorqueModel, watch: &WatchFile) -> Result<Identity, Mode
     })?;
     let mut sum = Sha256::new();
     sum.update(text.as_bytes());
-    sum.update(
-        format!(
-            "{:?} {:?} {:?}",
-            watch.settings, watch.inflation, watch.memory
-        )
-        .as_bytes(),
-    );
+    sum.update(format!("{:?} {:?}", watch.settings, watch.healthy).as_bytes());
     Ok(sum.finalize().into())
 }
 

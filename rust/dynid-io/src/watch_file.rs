@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use dynid_core::watch::WatchSettings;
+use dynid_core::watch::{Healthy, WatchSettings};
 use serde::Deserialize;
 
 use crate::model_file::read_at_most;
@@ -12,7 +12,7 @@ use crate::ModelFileError;
 /// Name in the `format` field.
 pub const FORMAT: &str = "dynid-watch-settings";
 /// Newest version of the file that this reader understands.
-pub const VERSION: u32 = 1;
+pub const VERSION: u32 = 2;
 /// Larger files are refused before memory is taken \[bytes\].
 pub const MAX_BYTES: u64 = 1 << 20;
 
@@ -23,10 +23,8 @@ pub struct WatchFile {
     pub joints: Vec<String>,
     /// What is tolerated, and how many false alarms.
     pub settings: WatchSettings,
-    /// Variance of rows over what the model expects, per joint.
-    pub inflation: Vec<f64>,
-    /// Rows that are worth an independent one, per joint.
-    pub memory: Vec<f64>,
+    /// What healthy runs said; a time without a number is infinite, as null in the file.
+    pub healthy: Healthy,
 }
 
 #[derive(Deserialize)]
@@ -40,6 +38,10 @@ struct Parts {
     tolerated: Tolerated,
     inflation: Vec<f64>,
     memory: Vec<f64>,
+    /// JSON has no infinity: null is never, and of a speed too fast for any row.
+    least_speed: Vec<Option<f64>>,
+    frozen_after: Vec<Option<f64>>,
+    frozen_way: Vec<f64>,
 }
 
 #[derive(Deserialize)]
@@ -106,11 +108,15 @@ fn read(bytes: &[u8]) -> Result<WatchFile, String> {
         .check()
         .map_err(|error| shorten_said(&error.to_string()))?;
     let n = parts.joints.len();
-    let lists = [("inflation", &parts.inflation), ("memory", &parts.memory)];
-    for (what, values) in lists {
-        if values.len() != n {
-            return Err(format!("{} values of {what} for {n} joints", values.len()));
-        }
+    let lists = [
+        ("inflation", parts.inflation.len()),
+        ("memory", parts.memory.len()),
+        ("least_speed", parts.least_speed.len()),
+        ("frozen_after", parts.frozen_after.len()),
+        ("frozen_way", parts.frozen_way.len()),
+    ];
+    if let Some((what, values)) = lists.into_iter().find(|(_, values)| *values != n) {
+        return Err(format!("{values} values of {what} for {n} joints"));
     }
     if !(1e-3..=3600.0).contains(&parts.row) {
         return Err("a row is no time from 0.001 to 3600 s".to_owned());
@@ -121,10 +127,24 @@ fn read(bytes: &[u8]) -> Result<WatchFile, String> {
     if !parts.memory.iter().all(|x| *x >= 1.0 && *x < 1e12) {
         return Err("a memory is no number of rows from 1 to 1e12".to_owned());
     }
+    let mut after = parts.frozen_after.iter().flatten();
+    if !after.all(|x| *x > 0.0 && *x < 1e12) {
+        return Err("a frozen_after is neither null nor a time from 0 to 1e12 s".to_owned());
+    }
+    let ways = parts.least_speed.iter().flatten().chain(&parts.frozen_way);
+    if !ways.copied().all(|x| (0.0..1e12).contains(&x)) {
+        return Err("a least_speed or a frozen_way is no number from 0 to 1e12".to_owned());
+    }
+    let or_infinite = |x: Vec<Option<f64>>| x.into_iter().map(|x| x.unwrap_or(f64::INFINITY));
     Ok(WatchFile {
         joints: parts.joints,
         settings,
-        inflation: parts.inflation,
-        memory: parts.memory,
+        healthy: Healthy {
+            inflation: parts.inflation,
+            memory: parts.memory,
+            least_speed: or_infinite(parts.least_speed).collect(),
+            frozen_after: or_infinite(parts.frozen_after).collect(),
+            frozen_way: parts.frozen_way,
+        },
     })
 }

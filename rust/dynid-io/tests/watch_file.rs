@@ -1,21 +1,27 @@
 //! Settings of a watch, as they are written and spoiled.
 
-use dynid_core::watch::WatchSettings;
+use dynid_core::watch::{Healthy, WatchSettings};
 use dynid_io::watch_file::parse_watch;
 
-const GOOD: &str = r#"{"format":"dynid-watch-settings","version":1,"joints":["a","b"],"row":0.2,
+const GOOD: &str = r#"{"format":"dynid-watch-settings","version":2,"joints":["a","b"],"row":0.2,
     "false_alarms_per_day":1.0,"tolerated":{"friction":0.1,"gain":0.05,"offset":2.0,"load":0.1,"unknown":1.0},
-    "inflation":[1.0,2.5],"memory":[1.0,12.0]}"#;
+    "inflation":[1.0,2.5],"memory":[1.0,12.0],"least_speed":[0.02,null],"frozen_after":[0.05,null],
+    "frozen_way":[0.5,0.0]}"#;
 
 #[test]
 fn settings_come_as_they_were_written() {
     let file = parse_watch(GOOD.as_bytes(), "watch.json").unwrap();
     assert_eq!(file.settings, WatchSettings::default());
     assert_eq!(file.joints, ["a", "b"]);
-    assert_eq!(
-        (file.inflation, file.memory),
-        (vec![1.0, 2.5], vec![1.0, 12.0])
-    );
+    let expected = Healthy {
+        inflation: vec![1.0, 2.5],
+        memory: vec![1.0, 12.0],
+        least_speed: vec![0.02, f64::INFINITY],
+        frozen_after: vec![0.05, f64::INFINITY],
+        frozen_way: vec![0.5, 0.0],
+    };
+    assert_eq!(file.healthy, expected);
+    assert!(file.healthy.check(2).is_ok() && file.healthy.check(3).is_err());
 }
 
 #[test]
@@ -26,12 +32,18 @@ fn what_is_none_is_refused_with_a_sentence() {
             "dynid-model",
             "not a watch's settings",
         ),
-        ("\"version\":1", "\"version\":2", "version 2"),
+        ("\"version\":2", "\"version\":1", "version 1"),
         ("\"row\":0.2", "\"row\":0.0", "row"),
         ("\"gain\":0.05", "\"gain\":-1", "gain"),
         ("[1.0,2.5]", "[1.0]", "1 values of inflation for 2 joints"),
         ("[1.0,2.5]", "[1.0,0.0]", "inflation"),
         ("[1.0,12.0]", "[1.0,0.5]", "memory"),
+        ("[0.02,null]", "[0.02,-1]", "least_speed"),
+        ("[0.02,null]", "[]", "0 values of least_speed for 2 joints"),
+        ("[0.05,null]", "[0,null]", "frozen_after"),
+        ("[0.05,null]", "[null]", "1 values of frozen_after"),
+        ("[0.5,0.0]", "[null,0.0]", "invalid type"),
+        ("[0.5,0.0]", "[-0.5,0.0]", "frozen_way"),
         ("\"row\"", "\"raw\"", "unknown field"),
     ];
     for (old, new, said) in cases {

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use dynid_core::watch::{Change, WatchSettings};
+use dynid_core::watch::{Change, Healthy, Watch, WatchSettings};
 use dynid_core::OnlineEstimator;
 use dynid_io::remembered::{digits_of, identity, parse_remembered};
 use dynid_io::{Remembered, WatchFile};
@@ -23,13 +23,15 @@ type Watched<'py> = (
     Bound<'py, PyArray2<f64>>,
     Bound<'py, PyArray2<f64>>,
     (Vec<Bound<'py, PyDict>>, String),
+    [Bound<'py, PyArray2<f64>>; 2],
 );
 
 /// Changes in the order in which they were named, each a dict; then of every row the sample that ended it (n_rows,), and
 /// (n_rows, n) of what was left, the variance that the model expects, and 1 where the joint says something; and what stood before
-/// the run, and the text of what the watch remembers at the end. It goes on with what `remembered` says, the text of another run.
+/// the run, and the text of what the watch remembers at the end; and mean speeds of the rows (n_rows, n), and of every channel how many values it showed, how long all
+/// together, the longest, and how far the model's torque went while one was shown, (n, 4). It goes on with what `remembered` says, the text of another run.
 #[pyfunction]
-#[pyo3(signature = (model, t, motion, tau, *, temperature=None, step, window=None, inflation, memory, row, false_per_day, friction, gain, offset, load, unknown, remembered=None))]
+#[pyo3(signature = (model, t, motion, tau, *, temperature=None, step, window=None, inflation, memory, least_speed, frozen_after, frozen_way, row, false_per_day, friction, gain, offset, load, unknown, remembered=None))]
 #[expect(clippy::too_many_arguments, reason = "a keyword function")]
 pub fn watch_run<'py>(
     py: Python<'py>,
@@ -42,6 +44,9 @@ pub fn watch_run<'py>(
     window: Option<usize>,
     inflation: List<f64>,
     memory: List<f64>,
+    least_speed: List<f64>,
+    frozen_after: List<f64>,
+    frozen_way: List<f64>,
     row: f64,
     false_per_day: f64,
     friction: f64,
@@ -62,15 +67,21 @@ pub fn watch_run<'py>(
         load,
         unknown,
     };
+    let healthy = Healthy {
+        inflation: inflation.to_vec(),
+        memory: memory.to_vec(),
+        least_speed: least_speed.to_vec(),
+        frozen_after: frozen_after.to_vec(),
+        frozen_way: frozen_way.to_vec(),
+    };
     let online = OnlineEstimator::new(Arc::clone(&model.0), Some(step), window);
     let mut online = online
-        .and_then(|online| online.watching(settings, &inflation, &memory))
+        .and_then(|online| online.watching(settings, &healthy))
         .map_err(errors::core)?;
     let watch = WatchFile {
         joints: Vec::new(),
         settings,
-        inflation: inflation.to_vec(),
-        memory: memory.to_vec(),
+        healthy,
     };
     let of = digits_of(&identity(&model.0, &watch).map_err(errors::model_file)?);
     if let Some(text) = remembered {
@@ -84,6 +95,7 @@ pub fn watch_run<'py>(
         .map_or(vec![], |watch| vec![f64::NAN; watch.n_remembered()]);
     let (mut changes, mut ends) = (Vec::<(usize, Change)>::new(), Vec::new());
     let (mut left, mut variance, mut moves) = (Vec::new(), Vec::new(), Vec::new());
+    let mut speed = Vec::new();
     let (samples, n_samples) = (run.rows()?, run.len());
     py.detach(|| {
         let (mut n_rows, mut noted) = (0, 0);
@@ -106,12 +118,17 @@ pub fn watch_run<'py>(
                 ends.push(k);
                 left.extend_from_slice(of_left);
                 variance.extend_from_slice(of_variance);
+                speed.extend_from_slice(watch.row_speed());
                 moves.extend(of_moves.iter().map(|moves| f64::from(*moves)));
             }
         }
         Ok(())
     })
     .map_err(errors::core)?;
+    let channels = online.watch().into_iter().flat_map(Watch::repeats);
+    let repeats = channels
+        .flat_map(|channel| [channel.n as f64, channel.time, channel.longest, channel.way])
+        .collect();
     let text = Remembered { of, numbers }.to_text();
     let changes = changes.iter().map(|(k, change)| told(py, *k, change));
     Ok((
@@ -127,6 +144,10 @@ pub fn watch_run<'py>(
                 .collect::<PyResult<_>>()?,
             text.map_err(|error| errors::value(error.to_string()))?,
         ),
+        [
+            arrays::to_matrix(py, speed, n)?,
+            arrays::to_matrix(py, repeats, 4)?,
+        ],
     ))
 }
 
@@ -144,7 +165,7 @@ fn recall(online: &mut OnlineEstimator, text: &str, of: &str) -> PyResult<()> {
     }
 }
 
-/// What a `watch.json` holds: a dict of joints, row, false_per_day, friction, gain, offset, load, unknown, inflation, memory.
+/// What a `watch.json` holds: a dict of joints, row, false_per_day, friction, gain, offset, load, unknown, inflation, memory, least_speed, frozen_after, frozen_way.
 #[pyfunction]
 pub fn read_watch(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, PyDict>> {
     let file = py
@@ -163,8 +184,16 @@ pub fn read_watch(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, PyDict>> 
     ] {
         found.set_item(name, value)?;
     }
-    found.set_item("inflation", file.inflation)?;
-    found.set_item("memory", file.memory)?;
+    let healthy = file.healthy;
+    for (name, values) in [
+        ("inflation", healthy.inflation),
+        ("memory", healthy.memory),
+        ("least_speed", healthy.least_speed),
+        ("frozen_after", healthy.frozen_after),
+        ("frozen_way", healthy.frozen_way),
+    ] {
+        found.set_item(name, values)?;
+    }
     Ok(found)
 }
 

@@ -4,8 +4,10 @@
 //! would add to it per unit: friction's own torque, the whole torque, one deviation, the torque of a mass at the last link.
 //! Means are linear, so a change adds the same to both. Rows in which a joint stands, or in which the arm leaves what the
 //! model was trained on, say nothing. `sequential.rs` is the test and where its threshold comes from; `settings.rs` what is
-//! tolerated. A change that has been named is taken off from then on, so that the next one can be seen beside it.
+//! tolerated. A change that has been named is taken off from then on, so that the next one can be seen beside it. Torque channels
+//! that stand still are no changes of the model, and are seen in the samples: `frozen.rs`.
 
+mod frozen;
 mod naming;
 mod remembered;
 mod rows;
@@ -19,11 +21,13 @@ use crate::dynamics::check_length;
 use crate::error::CoreError;
 use crate::estimator::TorqueEstimator;
 use crate::model::{check_step, TorqueModel};
-use crate::slices::{at, mirror_fields, set, Mirror};
+use crate::slices::{at, mirror_fields, rows as rows_of, set, Mirror};
+use frozen::Channels;
+pub use frozen::Repeats;
 use rows::{Known, Row, Rows};
 use sequential::{log_ratio, log_ratio_of_deviation, Evidence, SequentialTest, GROWN, SIZES};
-pub use settings::{Kind, WatchSettings};
-use solve::{LoadSums, PLACES};
+pub use settings::{Healthy, Kind, WatchSettings};
+use solve::{masses, LoadSums, PLACES};
 
 /// A name has to be this much likelier than any other for the same joints: 19 to 1.
 const SURE: f64 = 2.944_438_979_166_440_3;
@@ -44,6 +48,10 @@ const LONGEST: u32 = 200;
 const PASSING: u32 = 25;
 const SETTLED: u32 = PASSING + 75;
 
+/// A load is weighed for longer, [`LONGEST`] rows at most, while its interval is more than this part of its mass to either side:
+/// it is for a controller to be told.
+const ROUGH: f64 = 0.05;
+
 /// A change that was named.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Change {
@@ -51,7 +59,7 @@ pub struct Change {
     pub kind: Kind,
     /// On which joint; a load is on all, and has the last.
     pub joint: usize,
-    /// By how much, in the unit that [`Kind`] says.
+    /// By how much, in the unit that [`Kind`] says; of a frozen channel what it shows.
     pub size: f64,
     /// Standard deviation of the size.
     pub std: f64,
@@ -132,6 +140,7 @@ pub struct Watch {
     /// What a joint's rows usually leave \[torque unit\].
     deviation: Vec<f64>,
     known: Known,
+    channels: Channels,
     /// The row that is being judged, and which test comes next.
     row: Row,
     next: usize,
@@ -145,32 +154,20 @@ pub struct Watch {
 }
 
 impl Watch {
-    /// `inflation` and `memory`, one value per joint: variance of rows over what the model expects, and how many rows are worth
-    /// an independent one, as runs without a change show them.
-    ///
     /// # Errors
-    /// [`CoreError`] if a setting is none, a length is wrong, the model expects no error, an inflation is not positive or a memory is less
-    /// than one.
+    /// [`CoreError`] if a setting is none, the model expects no error, or [`Healthy::check`] refuses what healthy runs say.
     pub fn new(
         model: Arc<TorqueModel>,
         settings: WatchSettings,
-        inflation: &[f64],
-        memory: &[f64],
+        healthy: &Healthy,
     ) -> Result<Self, CoreError> {
         settings.check()?;
         let n = model.robot().n_joints();
-        check_length("inflation", inflation, n)?;
-        check_length("memory", memory, n)?;
-        if !inflation.iter().all(|x| *x > 0.0 && x.is_finite()) {
-            return Err(CoreError::Range { what: "inflation" });
-        }
+        healthy.check(n)?;
         if !model.noise_std().iter().all(|std| *std > 0.0) {
             return Err(CoreError::Range { what: "noise_std" });
         }
-        if !memory.iter().all(|x| *x >= 1.0 && x.is_finite()) {
-            return Err(CoreError::Range { what: "memory" });
-        }
-        let usual = model.noise_std().iter().zip(inflation);
+        let usual = model.noise_std().iter().zip(&healthy.inflation);
         let deviation = usual.map(|(std, more)| std * more.sqrt()).collect();
         let own = [
             (Kind::Friction, settings.friction),
@@ -189,12 +186,13 @@ impl Watch {
             .flat_map(|j| own.map(|(kind, tolerated)| test(kind, j, tolerated)))
             .collect();
         Ok(Self {
-            threshold: settings.log_threshold(tests.len() + 1),
-            rows: Rows::new(model, settings.row),
-            inflation: inflation.to_vec(),
-            memory: memory.to_vec(),
+            threshold: settings.log_threshold(settings::n_tests(n)),
+            rows: Rows::new(model, settings.row, healthy.least_speed.clone()),
+            inflation: healthy.inflation.clone(),
+            memory: healthy.memory.clone(),
             deviation,
             known: Known::new(n),
+            channels: Channels::new(healthy, settings.row),
             row: Row::new(n),
             next: tests.len(),
             per_step: 1,
@@ -219,13 +217,24 @@ impl Watch {
         )
     }
 
+    /// Mean speeds of that row (n) \[rad/s, m/s\].
+    #[must_use]
+    pub fn row_speed(&self) -> &[f64] {
+        &self.row.speed
+    }
+
     /// What does not hold now: what has settled, put together by kind and joint, and what was named and is still open.
     pub fn standing(&self) -> impl Iterator<Item = Change> + '_ {
         let open = match self.phase {
             Phase::Settling(_, change) => Some(change),
             Phase::Quiet | Phase::Telling(_) => None,
         };
-        self.known.all().chain(open)
+        self.known.all().chain(self.channels.standing()).chain(open)
+    }
+
+    /// How values of the torque channels repeat, joint by joint: what a frozen channel is known by where runs are healthy.
+    pub fn repeats(&self) -> impl Iterator<Item = Repeats> + '_ {
+        self.channels.repeats()
     }
 
     /// How it watches.
@@ -235,8 +244,9 @@ impl Watch {
     }
 
     /// Takes the sample that `estimator` has just answered, with the torque that was measured at it (n values
-    /// \[torque unit\]), `elapsed` seconds after the one before; says what has changed when it is sure. Of a sample that is not
-    /// `good` (not a state that the model was trained on) the whole row says nothing.
+    /// \[torque unit\]), the last one that came as it came (`shown`, the same where nothing is filtered), `elapsed` seconds
+    /// after the one before; says what has changed when it is sure. Of a sample that is not `good` (not a state that the model
+    /// was trained on) the whole row says nothing.
     ///
     /// # Errors
     /// [`CoreError`] if a length is wrong, the estimator has another number of joints, or the time is not positive.
@@ -244,21 +254,31 @@ impl Watch {
         &mut self,
         estimator: &TorqueEstimator,
         tau: &[f64],
+        shown: &[f64],
         elapsed: f64,
         good: bool,
     ) -> Result<Option<Change>, CoreError> {
         check_step(elapsed)?;
+        check_length("tau", shown, self.memory.len())?;
         let mut named = None;
         if self.rows.is_full() {
             named = self.judge(self.tests.len());
-            self.rows.finish(&mut self.row);
+            let fine = self.known.has_load() || !matches!(self.phase, Phase::Quiet);
+            self.rows.finish(&mut self.row, fine);
             self.per_step = self.tests.len() / self.row.n.max(1) as usize + 1;
             self.known.take_off(&mut self.row);
             self.n_rows += 1;
             self.next = 0;
         }
         self.rows.take(estimator, tau, elapsed, good)?;
-        Ok(named.or(self.judge(self.per_step)))
+        let named = named.or(self.judge(self.per_step));
+        let terms = rows_of(estimator.terms(), shown.len());
+        let moves = self.rows.any_moves(estimator);
+        self.channels.take(shown, terms, elapsed, moves);
+        // Two things are said one after the other.
+        let named = named.or_else(|| self.say_frozen());
+        self.channels.silence(self.rows.sums_mut());
+        Ok(named)
     }
 
     /// Runs up to `most` of the tests that the row has not been through; after the last one says what has changed.
@@ -320,12 +340,12 @@ impl Watch {
         let variances = row.variance.iter().zip(&self.inflation);
         let weights = variances.zip(&self.memory).zip(&row.moves);
         let weights = weights.map(|(((v, more), m), moves)| weight(v * more, *m, *moves));
-        let now = LoadSums::of(&row.load, &row.left, weights);
         if !matches!(self.phase, Phase::Quiet) {
-            return self.load.add(&now);
+            return self.load.add_row(&row.load, &row.left, weights);
         }
         let mut ratios = [0.0; SIZES.len() * PLACES.len()];
-        for (ratios, place) in ratios.chunks_exact_mut(SIZES.len()).zip(now.masses()) {
+        let places = masses(&row.load, &row.left, weights);
+        for (ratios, place) in ratios.chunks_exact_mut(SIZES.len()).zip(places) {
             for (ratio, size) in ratios.iter_mut().zip(SIZES) {
                 *ratio = log_ratio(size, self.settings.load, place);
             }
@@ -368,7 +388,9 @@ impl Watch {
                 self.phase = Phase::Settling(0, change);
                 Some(change)
             }
-            Phase::Settling(rows, change) if rows < SETTLED => {
+            Phase::Settling(rows, change)
+                if rows < SETTLED || (rows < LONGEST && self.is_rough(&change)) =>
+            {
                 if rows == PASSING {
                     self.begin_window();
                 }
@@ -422,7 +444,7 @@ impl Watch {
             let now = at(&self.inflation, j) * grown.max(1.0);
             set(&mut self.inflation, j, now);
         }
-        self.known.add(change);
+        self.known.add(change, &self.solved_load().sizes);
         self.begin_anew(change);
     }
 
@@ -454,7 +476,7 @@ impl Mirror for Watch {
     fn mirror(&mut self, of: &Self) {
         mirror_fields!(
             self, of;
-            rows, inflation, memory, deviation, known, row, tests;
+            rows, inflation, memory, deviation, known, channels, row, tests;
             copied settings, threshold, next, per_step, load_test, load, phase, n_rows;
             kept
         );

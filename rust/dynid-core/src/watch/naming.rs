@@ -5,8 +5,8 @@
 //! off is none. A change is one only if its interval lies beyond what is tolerated.
 
 use super::sequential::Evidence;
-use super::solve::REACH;
-use super::{Change, Kind, Named, Said, Watch, INTERVAL, SURE};
+use super::solve::{Solved, REACH};
+use super::{Change, Kind, Named, Said, Watch, INTERVAL, ROUGH, SURE};
 use crate::slices::at;
 
 /// Usual size of a change over what is tolerated.
@@ -25,7 +25,7 @@ impl Watch {
     pub(super) fn likeliest(&self) -> (Change, f64) {
         let cost = (self.tests.len() as f64).ln();
         let last = self.memory.len().saturating_sub(1);
-        let (_, _, _, of_load) = self.load.solved(USUAL * self.settings.load);
+        let of_load = self.solved_load().log_evidence;
         let mut apart = 0.0;
         let (mut best, mut second) = ((Kind::Unknown, 0, 0.0), f64::NEG_INFINITY);
         let mut or = None;
@@ -69,12 +69,40 @@ impl Watch {
         (change, lead)
     }
 
+    /// Whether the window does not tell a load's mass well enough yet.
+    pub(super) fn is_rough(&self, change: &Change) -> bool {
+        if change.kind != Kind::Load {
+            return false;
+        }
+        let solved = self.solved_load();
+        let [mass, ..] = solved.sizes;
+        INTERVAL * solved.std > ROUGH * mass.abs()
+    }
+
+    /// The load that the window shows.
+    pub(super) fn solved_load(&self) -> Solved {
+        self.load.solved(USUAL * self.settings.load)
+    }
+
+    /// Whether an arm can have it: neither friction nor what a channel shows of a torque turns round, so that with what was named
+    /// before no more than all of it is lost. A size beyond, interval and all, is something else's.
+    fn is_possible(&self, named: &Named) -> bool {
+        let known = match named.kind {
+            Kind::Friction => at(&self.known.friction, named.joint),
+            Kind::Gain => at(&self.known.gain, named.joint),
+            _ => return true,
+        };
+        let (size, std) = named.window.size();
+        size + INTERVAL * std >= -1.0 - known
+    }
+
     /// Of a joint's names the likeliest and the next, with the logarithms of their evidence.
     fn best_of(&self, joint: usize) -> (Kind, f64, f64, Kind) {
         let none = f64::NEG_INFINITY;
         let mut found = (Kind::Unknown, none, none, Kind::Unknown);
         let own = self.tests.iter().filter(|named| named.joint == joint);
-        for named in own.filter(|named| named.kind != Kind::Unknown) {
+        let own = own.filter(|named| named.kind != Kind::Unknown && self.is_possible(named));
+        for named in own {
             let widths = WIDTHS.map(|width| width * USUAL * named.tolerated);
             let values = widths.map(|usual| named.window.log_evidence(usual));
             let value = values.into_iter().fold(none, f64::max) - (WIDTHS.len() as f64).ln();
@@ -99,7 +127,7 @@ impl Watch {
             }
         }
         if kind == Kind::Load {
-            gain = self.load.gain(USUAL * self.settings.load);
+            gain = self.load.gain(&self.solved_load().sizes);
         }
         let most = (1.0 + self.settings.unknown) * (1.0 + self.settings.unknown);
         let more = left.moment - left.information;
@@ -133,8 +161,12 @@ impl Watch {
                 size = size.max(0.0).sqrt() - 1.0;
                 std *= 0.5 * (size + 1.0);
             }
-            Kind::Load => (size, moments, std, _) = self.load.solved(USUAL * self.settings.load),
-            Kind::Friction | Kind::Gain => {}
+            Kind::Load => {
+                let solved = self.solved_load();
+                let [mass, x, y, z, ..] = solved.sizes;
+                (size, moments, std) = (mass, [x, y, z], solved.std);
+            }
+            Kind::Friction | Kind::Gain | Kind::Frozen => {}
         }
         Change {
             size,
@@ -157,6 +189,7 @@ impl Watch {
             Kind::Gain => least <= self.settings.gain,
             Kind::Offset => least <= self.settings.offset * at(&self.deviation, j),
             Kind::Unknown => least <= self.settings.unknown,
+            Kind::Frozen => false,
             // A small load far out is none that is tolerated.
             Kind::Load => {
                 let [x, y, z] = change.moments;

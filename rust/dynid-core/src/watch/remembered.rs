@@ -2,6 +2,7 @@
 //!
 //! Only what was judged to its end is in them; the row in the making is lost with the program.
 
+use super::frozen::{Channel, Spoken};
 use super::solve::LoadSums;
 use super::{Change, Kind, Phase, Said, Watch, LONGEST, SETTLED};
 use crate::dynamics::check_length;
@@ -29,6 +30,8 @@ pub(super) enum Range {
     NotNegative,
     /// A logarithm, of zero too.
     Log,
+    /// What has been said of a channel.
+    Code,
 }
 
 impl Range {
@@ -38,6 +41,7 @@ impl Range {
             Self::Positive => x > 0.0 && x <= LARGEST,
             Self::NotNegative => (0.0..=LARGEST).contains(&x),
             Self::Log => x <= LARGEST,
+            Self::Code => [0.0, 1.0, 2.0].contains(&x),
         }
     }
 }
@@ -53,7 +57,7 @@ impl Watch {
             .sum();
         let load = self.load_test.log_r.len() + LoadSums::N;
         let known = self.known.load.len() + self.known.variance.len();
-        6 * self.memory.len() + known + of_tests + load + N_PHASE
+        9 * self.memory.len() + known + of_tests + load + N_PHASE
     }
 
     /// Writes what it knows to `numbers` and says so; within a row that is being judged it does neither.
@@ -117,6 +121,9 @@ impl Watch {
         for scales in [&mut self.inflation, &mut self.deviation] {
             scales.iter_mut().for_each(|x| each(x, Range::Positive));
         }
+        for channel in &mut self.channels.all {
+            channel.each_number(&mut each);
+        }
         for named in &mut self.tests {
             let logs = named.test.log_r.iter_mut();
             logs.for_each(|x| each(x, Range::Log));
@@ -126,6 +133,31 @@ impl Watch {
         let logs = self.load_test.log_r.iter_mut();
         logs.for_each(|x| each(x, Range::Log));
         self.load.each_number(|x| each(x, Range::Any));
+    }
+}
+
+impl Channel {
+    /// What has been said of it, which value it shows, and for how long it has.
+    fn each_number(&mut self, each: &mut impl FnMut(&mut f64, Range)) {
+        let mut numbers = match self.spoken {
+            Spoken::Nothing => [0.0; 3],
+            Spoken::Named => [1.0, self.shown, self.time],
+            Spoken::Settled => [2.0, self.shown, self.time],
+        };
+        let before = numbers;
+        let ranges = [Range::Code, Range::Any, Range::NotNegative];
+        for (number, range) in numbers.iter_mut().zip(ranges) {
+            each(number, range);
+        }
+        if numbers != before {
+            let [code, shown, time] = numbers;
+            let spoken = match code {
+                1.0 => Spoken::Named,
+                2.0 => Spoken::Settled,
+                _ => Spoken::Nothing,
+            };
+            *self = Self::recalled(spoken, shown, time);
+        }
     }
 }
 

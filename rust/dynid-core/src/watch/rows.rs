@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::{Change, Kind, Said};
-use crate::dynamics::{check_length, inverse_dynamics_into, Workspace};
+use crate::dynamics::{check_length, last_link_columns_into, Workspace};
 use crate::error::CoreError;
 use crate::estimator::TorqueEstimator;
 use crate::link_params::N_LINK_PARAMS;
@@ -11,11 +11,13 @@ use crate::model::TorqueModel;
 use crate::observer::rest_speeds;
 use crate::slices::{at, mirror_fields, rows as rows_of, set, Mirror};
 
-/// Mass and first moments of a load.
-pub(super) const N_LOAD: usize = 4;
+/// Parameters of a load, those of a link.
+pub(super) const N_LOAD: usize = N_LINK_PARAMS;
 
-/// The torque of a load is evaluated so often per row: it follows the motion.
+/// The torque of a load is evaluated so often per row, in the middle of as many parts (at their ends the mean would be that of
+/// another time, by half a part): enough to see that there is one, and enough to take a heavy one off a wrist of little noise.
 const LOADS_A_ROW: f64 = 10.0;
+const LOADS_A_FINE_ROW: f64 = 40.0;
 
 /// Means over a row, per joint.
 #[derive(Clone, Debug)]
@@ -27,9 +29,11 @@ pub(super) struct Row {
     pub torque: Vec<f64>,
     /// Of what the model leaves, as it expects it.
     pub variance: Vec<f64>,
-    /// Torque per kg, and per kg m along each axis of the last link, in the channel's unit.
-    pub load: [Vec<f64>; N_LOAD],
-    /// Joints that moved all the time, in a row of states that the model was trained on.
+    /// Torque per parameter of a load at the last link, in the channel's unit; one array per joint.
+    pub load: Vec<[f64; N_LOAD]>,
+    /// Mean speed.
+    pub speed: Vec<f64>,
+    /// Joints that moved all the time, as fast as in healthy runs at least, in a row of states that the model was trained on.
     pub moves: Vec<bool>,
     pub n: u32,
 }
@@ -41,7 +45,8 @@ impl Row {
             friction: vec![0.0; n],
             torque: vec![0.0; n],
             variance: vec![0.0; n],
-            load: std::array::from_fn(|_| vec![0.0; n]),
+            load: vec![[0.0; N_LOAD]; n],
+            speed: vec![0.0; n],
             moves: vec![false; n],
             n: 0,
         }
@@ -51,38 +56,36 @@ impl Row {
 /// Rows in the making.
 #[derive(Clone, Debug)]
 pub(super) struct Rows {
-    model: Arc<TorqueModel>,
+    pub model: Arc<TorqueModel>,
     is_friction: Vec<bool>,
     rest: Vec<f64>,
-    units: [Vec<f64>; N_LOAD],
+    least_speed: Vec<f64>,
     workspace: Workspace,
+    columns: Vec<[f64; N_LOAD]>,
     scratch: Vec<f64>,
     length: f64,
     sums: Row,
     n_loads: u32,
     elapsed: f64,
     last: f64,
+    /// Time of a part, and since the middle of the last one.
+    part: f64,
     since_load: f64,
     good: bool,
 }
 
 impl Rows {
-    pub fn new(model: Arc<TorqueModel>, length: f64) -> Self {
+    pub fn new(model: Arc<TorqueModel>, length: f64, least_speed: Vec<f64>) -> Self {
         let n = model.robot().n_joints();
-        let first = N_LINK_PARAMS * (n - 1);
-        let units = std::array::from_fn(|k| {
-            let mut phi = vec![0.0; N_LINK_PARAMS * n];
-            set(&mut phi, first + k, 1.0);
-            phi
-        });
         // Friction is what follows the motor's speed, or remembers its way.
         let entries = model.effects().iter().map(|term| term.effect().entry());
         let is_friction = entries.map(|entry| entry.needs("dq_motor") || entry.memory > 0);
         Self {
             is_friction: is_friction.collect(),
             rest: rest_speeds(&model),
-            units,
+            least_speed,
             workspace: Workspace::new(model.robot()),
+            columns: vec![[0.0; N_LOAD]; n],
             scratch: vec![0.0; n],
             length,
             sums: Row {
@@ -92,10 +95,23 @@ impl Rows {
             n_loads: 0,
             elapsed: 0.0,
             last: 0.0,
-            since_load: f64::INFINITY,
+            part: length / LOADS_A_ROW,
+            since_load: 0.5 * length / LOADS_A_ROW,
             good: true,
             model,
         }
+    }
+
+    /// Whether a joint turns or slides at the state that was just answered.
+    pub fn any_moves(&self, estimator: &TorqueEstimator) -> bool {
+        let speeds = estimator.true_state().dq_motor.iter();
+        let mut joints = speeds.zip(&self.rest);
+        joints.any(|(dq, rest)| dq.abs() > *rest)
+    }
+
+    /// The row in the making.
+    pub fn sums_mut(&mut self) -> &mut Row {
+        &mut self.sums
     }
 
     /// True once the next sample would be nearer to the next row.
@@ -143,18 +159,21 @@ impl Rows {
         }
         let state = estimator.true_state();
         let speeds = state.dq_motor.iter().zip(&self.rest);
-        for (moves, (dq, rest)) in sums.moves.iter_mut().zip(speeds) {
+        let joints = sums.moves.iter_mut().zip(&mut sums.speed);
+        for ((moves, speed), (dq, rest)) in joints.zip(speeds) {
             *moves &= dq.abs() > *rest;
+            *speed += dq.abs();
         }
-        if self.since_load * LOADS_A_ROW >= self.length {
-            self.since_load = 0.0;
+        let part = self.part;
+        if self.since_load >= part {
+            self.since_load = (self.since_load - part).min(part);
             self.n_loads = self.n_loads.saturating_add(1);
-            for (unit, sum) in self.units.iter().zip(&mut sums.load) {
-                let (robot, torque) = (self.model.robot(), &mut self.scratch);
-                let (q, dq, ddq) = (state.q, state.dq, state.ddq);
-                inverse_dynamics_into(robot, &mut self.workspace, q, dq, ddq, unit, torque)?;
-                let scaled = torque.iter().zip(self.model.torque_scale());
-                for (sum, (torque, scale)) in sum.iter_mut().zip(scaled) {
+            let motion = [state.q, state.dq, state.ddq];
+            let (robot, columns) = (self.model.robot(), &mut self.columns);
+            last_link_columns_into(robot, &mut self.workspace, motion, columns)?;
+            let joints = columns.iter().zip(self.model.torque_scale());
+            for (sum, (columns, scale)) in sums.load.iter_mut().zip(joints) {
+                for (sum, torque) in sum.iter_mut().zip(columns) {
                     *sum += scale * torque;
                 }
             }
@@ -162,8 +181,8 @@ impl Rows {
         Ok(())
     }
 
-    /// Ends a row: its means are written to `row`.
-    pub fn finish(&mut self, row: &mut Row) {
+    /// Ends a row: its means are written to `row`. A load's torque is evaluated more often in a `fine` one that follows.
+    pub fn finish(&mut self, row: &mut Row, fine: bool) {
         let (n, n_loads) = (self.sums.n.max(1), self.n_loads.max(1));
         let usable = self.good && self.sums.n > 0;
         let share = f64::from(n).recip();
@@ -175,19 +194,25 @@ impl Rows {
         for (sum, mean) in sums.load.iter_mut().zip(&mut row.load) {
             end(sum, mean, f64::from(n_loads).recip());
         }
-        for (moves, moved) in sums.moves.iter_mut().zip(&mut row.moves) {
-            *moved = *moves && usable;
+        end(&mut sums.speed, &mut row.speed, share);
+        let joints = sums.moves.iter_mut().zip(&mut row.moves);
+        for ((moves, moved), (speed, least)) in joints.zip(row.speed.iter().zip(&self.least_speed))
+        {
+            *moved = *moves && usable && speed >= least;
             *moves = true;
         }
         row.n = n;
         (self.sums.n, self.n_loads, self.good) = (0, 0, true);
         self.elapsed = 0.0;
+        let parts = if fine { LOADS_A_FINE_ROW } else { LOADS_A_ROW };
+        self.part = self.length / parts;
+        self.since_load = 0.5 * self.part;
     }
 }
 
 impl Mirror for Row {
     fn mirror(&mut self, of: &Self) {
-        mirror_fields!(self, of; left, friction, torque, variance, load, moves; copied n; kept);
+        mirror_fields!(self, of; left, friction, torque, variance, load, speed, moves; copied n; kept);
     }
 }
 
@@ -195,9 +220,9 @@ impl Mirror for Rows {
     fn mirror(&mut self, of: &Self) {
         mirror_fields!(
             self, of;
-            workspace, scratch, sums;
-            copied length, n_loads, elapsed, last, since_load, good;
-            kept model, is_friction, rest, units
+            workspace, columns, scratch, sums;
+            copied length, n_loads, elapsed, last, part, since_load, good;
+            kept model, is_friction, rest, least_speed
         );
     }
 }
@@ -213,6 +238,11 @@ fn end(sums: &mut [f64], means: &mut [f64], share: f64) {
         *mean = *sum * share;
         *sum = 0.0;
     }
+}
+
+/// Torque of a load.
+pub(super) fn product(columns: &[f64; N_LOAD], load: &[f64; N_LOAD]) -> f64 {
+    columns.iter().zip(load).map(|(c, x)| c * x).sum()
 }
 
 /// What was named already; sums, and their variances.
@@ -240,7 +270,8 @@ impl Known {
         }
     }
 
-    pub fn add(&mut self, change: &Change) {
+    /// Adds a change; of a load it is what the last argument says.
+    pub fn add(&mut self, change: &Change, load: &[f64; N_LOAD]) {
         let (j, mut factor) = (change.joint, 1.0);
         let mut variance = change.std * change.std;
         let place = self.place(change.kind, j);
@@ -250,12 +281,13 @@ impl Known {
             Kind::Offset => &mut self.offset,
             Kind::Unknown => &mut self.unknown,
             Kind::Load => {
-                let [x, y, z] = change.moments;
-                for (sum, more) in self.load.iter_mut().zip([change.size, x, y, z]) {
+                for (sum, more) in self.load.iter_mut().zip(load) {
                     *sum += more;
                 }
                 &mut []
             }
+            // Nothing is taken off what is no torque.
+            Kind::Frozen => return,
         };
         let before = at(sizes, j);
         let mut now = before + change.size;
@@ -278,9 +310,14 @@ impl Known {
             Kind::Gain => 1,
             Kind::Offset => 2,
             Kind::Unknown => 3,
-            Kind::Load => return 4 * n,
+            Kind::Load | Kind::Frozen => return 4 * n,
         };
         row * n + joint
+    }
+
+    /// Whether a load is taken off.
+    pub fn has_load(&self) -> bool {
+        self.load.iter().any(|size| *size != 0.0)
     }
 
     /// What was named, put together: one change per kind and joint.
@@ -292,7 +329,7 @@ impl Known {
             (Kind::Offset, &self.offset),
             (Kind::Unknown, &self.unknown),
         ];
-        let [mass, x, y, z] = self.load;
+        let [mass, x, y, z, ..] = self.load;
         let own = own.into_iter().flat_map(move |(kind, sizes)| {
             let sizes = sizes.iter().enumerate();
             sizes.map(move |(joint, size)| (kind, joint, *size, [0.0; 3]))
@@ -321,10 +358,8 @@ impl Known {
         {
             *left -= friction * f + gain * tau + offset;
         }
-        for (column, size) in row.load.iter().zip(self.load) {
-            for (left, per_unit) in row.left.iter_mut().zip(column) {
-                *left -= size * per_unit;
-            }
+        for (left, columns) in row.left.iter_mut().zip(&row.load) {
+            *left -= product(columns, &self.load);
         }
     }
 }

@@ -1,5 +1,6 @@
 //! What is put up with before something is called changed.
 
+use crate::dynamics::check_length;
 use crate::error::CoreError;
 
 /// Changes that have a name, and one for those that have none.
@@ -15,6 +16,8 @@ pub enum Kind {
     Load,
     /// More is left than before, and no name says why; the size is the deviation over the expected one, less one.
     Unknown,
+    /// A torque channel shows the same value all the time, its size \[torque unit\].
+    Frozen,
 }
 
 impl Kind {
@@ -27,8 +30,81 @@ impl Kind {
             Self::Offset => "offset",
             Self::Load => "load",
             Self::Unknown => "unknown",
+            Self::Frozen => "frozen",
         }
     }
+}
+
+/// What runs without a change say of a model's error and of the torque channels; one value per joint.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Healthy {
+    /// Variance of rows over what the model expects.
+    pub inflation: Vec<f64>,
+    /// How many rows are worth an independent one.
+    pub memory: Vec<f64>,
+    /// Mean speed of a row \[rad/s, m/s\] below which hardly any was: what the model leaves there is not known.
+    pub least_speed: Vec<f64>,
+    /// Time after which a value that a torque channel repeats is none \[s\]; infinite: never.
+    pub frozen_after: Vec<f64>,
+    /// How far the model's torque goes meanwhile \[torque unit\].
+    pub frozen_way: Vec<f64>,
+}
+
+impl Healthy {
+    /// Where no run has told: the error is what the model expects, and a frozen channel is not known.
+    #[must_use]
+    pub fn untold(n_joints: usize) -> Self {
+        Self {
+            inflation: vec![1.0; n_joints],
+            memory: vec![1.0; n_joints],
+            least_speed: vec![0.0; n_joints],
+            frozen_after: vec![f64::INFINITY; n_joints],
+            frozen_way: vec![0.0; n_joints],
+        }
+    }
+
+    /// # Errors
+    /// [`CoreError`] naming what has another length, or a value that is none.
+    pub fn check(&self, n_joints: usize) -> Result<(), CoreError> {
+        let finite = |least: f64| move |x: &f64| *x >= least && x.is_finite();
+        let positive = |x: &f64| *x > 0.0 && x.is_finite();
+        let all = [
+            (
+                "inflation",
+                &self.inflation,
+                self.inflation.iter().all(positive),
+            ),
+            ("memory", &self.memory, self.memory.iter().all(finite(1.0))),
+            (
+                "least_speed",
+                &self.least_speed,
+                self.least_speed.iter().all(|x| *x >= 0.0),
+            ),
+            (
+                "frozen_after",
+                &self.frozen_after,
+                self.frozen_after.iter().all(|x| *x > 0.0),
+            ),
+            (
+                "frozen_way",
+                &self.frozen_way,
+                self.frozen_way.iter().all(finite(0.0)),
+            ),
+        ];
+        for (what, values, holds) in all {
+            check_length(what, values, n_joints)?;
+            if !holds {
+                return Err(CoreError::Range { what });
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Tests that an arm of so many joints takes: friction, gain, constant torque, error and repeated values of each, and a load.
+#[must_use]
+pub(super) fn n_tests(n_joints: usize) -> usize {
+    5 * n_joints + 1
 }
 
 /// How a model is watched.

@@ -1,6 +1,6 @@
-//! A load from its sums: four unknowns of a linear model.
+//! A load from its sums: ten unknowns of a linear model, those of a link.
 
-use super::rows::N_LOAD;
+use super::rows::{product, N_LOAD};
 use super::sequential::Evidence;
 
 /// Distance of a load's centre from the last link's origin \[m\], of hands and what they hold.
@@ -18,11 +18,63 @@ pub(super) const PLACES: [[f64; 3]; 7] = [
     [0.0, 0.0, -REACH],
 ];
 
-/// `sum w c c^T` and `sum w c e` over rows and joints; c are the columns of mass and first moments.
+/// `sum w c c^T` and `sum w c e` over rows and joints; c are the columns of a load's ten parameters.
+///
+/// The inertias are unknowns of their own: a body has at least that of its mass at its centre, `m |c|^2`, about the last
+/// link's origin, which is no tolerated error on a wrist of little noise, and its own about its centre besides.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct LoadSums {
     gram: [[f64; N_LOAD]; N_LOAD],
     moment: [f64; N_LOAD],
+}
+
+/// A load as its sums show it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Solved {
+    /// Mass, first moments, and inertias about the last link's origin, in the order of [`crate::link_params`].
+    pub sizes: [f64; N_LOAD],
+    /// Standard deviation of the mass.
+    pub std: f64,
+    /// Logarithm of the evidence that there is such a load.
+    pub log_evidence: f64,
+}
+
+/// What a row says of a mass with its centre in each of [`PLACES`].
+pub(super) fn masses(
+    columns: &[[f64; N_LOAD]],
+    left: &[f64],
+    weights: impl Iterator<Item = f64>,
+) -> [Evidence; PLACES.len()] {
+    let mut seen = [Evidence::default(); PLACES.len()];
+    let units = PLACES.map(point);
+    for ((columns, left), weight) in columns.iter().zip(left).zip(weights) {
+        if weight == 0.0 {
+            continue;
+        }
+        for (seen, unit) in seen.iter_mut().zip(&units) {
+            let per_mass = product(columns, unit);
+            seen.moment += weight * per_mass * left;
+            seen.information += weight * per_mass * per_mass;
+        }
+    }
+    seen
+}
+
+/// The ten parameters of a mass of 1 kg in a point.
+fn point([x, y, z]: [f64; 3]) -> [f64; N_LOAD] {
+    let [xx, yy, zz] = [x * x, y * y, z * z];
+    [
+        1.0,
+        x,
+        y,
+        z,
+        yy + zz,
+        -x * y,
+        xx + zz,
+        -x * z,
+        -y * z,
+        xx + yy,
+    ]
 }
 
 impl LoadSums {
@@ -35,81 +87,50 @@ impl LoadSums {
         self.moment.iter_mut().for_each(each);
     }
 
-    /// Of one row; a weight per joint.
-    pub fn of(
-        columns: &[Vec<f64>; N_LOAD],
+    /// Takes a row; a weight per joint.
+    pub fn add_row(
+        &mut self,
+        columns: &[[f64; N_LOAD]],
         left: &[f64],
         weights: impl Iterator<Item = f64>,
-    ) -> Self {
-        let [mass, x, y, z] = columns;
-        let joints = mass.iter().zip(x).zip(y).zip(z).zip(left).zip(weights);
-        let mut sums = Self::default();
-        for (((((mass, x), y), z), left), weight) in joints {
-            let column = [*mass, *x, *y, *z];
-            for ((row, sum), a) in sums.gram.iter_mut().zip(&mut sums.moment).zip(column) {
+    ) {
+        for ((columns, left), weight) in columns.iter().zip(left).zip(weights) {
+            if weight == 0.0 {
+                continue;
+            }
+            for ((row, sum), a) in self.gram.iter_mut().zip(&mut self.moment).zip(columns) {
                 *sum += weight * a * left;
-                for (entry, b) in row.iter_mut().zip(column) {
+                for (entry, b) in row.iter_mut().zip(columns) {
                     *entry += weight * a * b;
                 }
             }
         }
-        sums
     }
 
-    pub fn add(&mut self, other: &Self) {
-        for (own, other) in self
-            .gram
-            .as_flattened_mut()
-            .iter_mut()
-            .zip(other.gram.as_flattened())
-        {
-            *own += other;
-        }
-        for (own, other) in self.moment.iter_mut().zip(other.moment) {
-            *own += other;
-        }
+    /// By how much a load takes the rows' weighted squares down.
+    pub fn gain(&self, sizes: &[f64; N_LOAD]) -> f64 {
+        let sums = self.gram.iter().zip(self.moment).zip(sizes);
+        sums.map(|((row, moment), a)| a * (2.0 * moment - product(row, sizes)))
+            .sum()
     }
 
-    /// What it says of a mass, with its centre in each of [`PLACES`].
-    pub fn masses(&self) -> [Evidence; PLACES.len()] {
-        PLACES.map(|[x, y, z]| {
-            let unit = [1.0, x, y, z];
-            let mut seen = Evidence::default();
-            for ((row, moment), a) in self.gram.iter().zip(self.moment).zip(unit) {
-                seen.moment += a * moment;
-                for (entry, b) in row.iter().zip(unit) {
-                    seen.information += a * entry * b;
-                }
-            }
-            seen
-        })
-    }
-
-    /// By how much the load takes the rows' weighted squares down.
-    pub fn gain(&self, usual: f64) -> f64 {
-        let (mass, [x, y, z], ..) = self.solved(usual);
-        let sizes = [mass, x, y, z];
-        let mut gain = 0.0;
-        for ((row, moment), a) in self.gram.iter().zip(self.moment).zip(sizes) {
-            gain += 2.0 * a * moment;
-            for (entry, b) in row.iter().zip(sizes) {
-                gain -= a * entry * b;
-            }
-        }
-        gain
-    }
-
-    /// Mass and first moments, the mass's standard deviation, and the logarithm of the evidence that there is such a load, of a
-    /// mass of about `usual` beforehand. A motion that does not show where the load's centre is leaves it within `REACH` of the
-    /// last link's origin.
-    pub fn solved(&self, usual: f64) -> (f64, [f64; 3], f64, f64) {
+    /// The load, of a mass of about `usual` beforehand. A motion that does not show where its centre is leaves it within
+    /// [`REACH`] of the last link's origin, and one that does not show its inertia leaves that of a mass no further out.
+    pub fn solved(&self, usual: f64) -> Solved {
         let mut spread = usual;
-        let mut solved = (0.0, [0.0; 3], 0.0, 0.0);
+        let mut solved = Solved {
+            sizes: [0.0; N_LOAD],
+            std: 0.0,
+            log_evidence: 0.0,
+        };
         for _ in 0..SETTLING {
-            let of_moments = REACH * spread;
-            let prior = [spread, of_moments, of_moments, of_moments];
+            let (m, h, i) = (spread, REACH * spread, REACH * REACH * spread);
+            let prior = [m, h, h, h, i, i, i, i, i, i];
             let mut a = self.gram;
-            let mut unit = [1.0, 0.0, 0.0, 0.0];
+            let mut unit = [0.0; N_LOAD];
+            if let Some(first) = unit.first_mut() {
+                *first = 1.0;
+            }
             let mut x = self.moment;
             for ((k, row), std) in a.iter_mut().enumerate().zip(prior) {
                 if let Some(entry) = row.get_mut(k) {
@@ -119,9 +140,12 @@ impl LoadSums {
             let log_det = eliminate(&mut a, &mut x, &mut unit);
             let scale: f64 = prior.iter().map(|std| 2.0 * std.ln()).sum();
             let gain: f64 = x.iter().zip(self.moment).map(|(x, b)| x * b).sum();
-            let ([mass, mx, my, mz], [variance, ..]) = (x, unit);
-            let log_evidence = 0.5 * (gain - log_det - scale);
-            solved = (mass, [mx, my, mz], variance.max(0.0).sqrt(), log_evidence);
+            let ([mass, ..], [variance, ..]) = (x, unit);
+            solved = Solved {
+                sizes: x,
+                std: variance.max(0.0).sqrt(),
+                log_evidence: 0.5 * (gain - log_det - scale),
+            };
             spread = mass.abs().max(usual);
         }
         solved

@@ -4,10 +4,12 @@ use std::sync::Arc;
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::remembered::N_PHASE;
+use super::remembered::{Range, N_PHASE};
+use super::rows::product;
 use super::sequential::{log_ratio, Evidence, SequentialTest, SIZES};
-use super::solve::LoadSums;
-use super::{Change, Kind, Phase, Said, Watch, WatchSettings, LONGEST, SETTLED};
+use super::solve::{masses, LoadSums, PLACES};
+use super::{Change, Healthy, Kind, Phase, Said, Watch, WatchSettings, LONGEST, SETTLED};
+use crate::dynamics::{joint_torque_regressor_into, last_link_columns_into, Workspace};
 use crate::model::{Domain, TorqueModelParts};
 use crate::{Joint, JointKind, JointLimits, RobotModel, TorqueModel};
 
@@ -44,7 +46,14 @@ fn watch() -> Watch {
         step: None,
     });
     let model = Arc::new(model.unwrap());
-    Watch::new(model, WatchSettings::default(), &[1.0, 2.0], &[1.0, 3.0]).unwrap()
+    let healthy = Healthy {
+        inflation: vec![1.0, 2.0],
+        memory: vec![1.0, 3.0],
+        frozen_after: vec![0.1, f64::INFINITY],
+        frozen_way: vec![1.0, 0.0],
+        ..Healthy::untold(2)
+    };
+    Watch::new(model, WatchSettings::default(), &healthy).unwrap()
 }
 
 /// Uniform and normal numbers from a seed.
@@ -169,24 +178,176 @@ fn settings_that_are_none_are_refused() {
 #[test]
 fn a_load_is_solved_from_its_sums() {
     let mut random = Random(11);
-    let load = [1.5, 0.1, -0.2, 0.05];
+    // Mass, first moments, and inertias that are more than those of a point.
+    let load = [1.5, 0.1, -0.2, 0.05, 0.04, 0.01, 0.02, -0.004, 0.006, 0.05];
     let mut sums = LoadSums::default();
     for _ in 0..50 {
-        let columns: [Vec<f64>; 4] =
-            std::array::from_fn(|_| (0..3).map(|_| 10.0 * random.normal()).collect());
-        let left: Vec<f64> = (0..3)
-            .map(|j| columns.iter().zip(load).map(|(c, x)| c[j] * x).sum())
-            .collect();
-        sums.add(&LoadSums::of(&columns, &left, [4.0, 0.0, 1.0].into_iter()));
+        let columns: [[f64; 10]; 3] =
+            std::array::from_fn(|_| std::array::from_fn(|_| 10.0 * random.normal()));
+        let left = columns.map(|columns| product(&columns, &load));
+        sums.add_row(&columns, &left, [4.0, 0.0, 1.0].into_iter());
     }
-    let (mass, moments, std, log_evidence) = sums.solved(0.4);
-    assert!((mass - 1.5).abs() < 1e-3 && std < 0.01, "{mass} {std}");
-    for (moment, expected) in moments.iter().zip(&load[1..]) {
-        assert!((moment - expected).abs() < 1e-3);
+    let solved = sums.solved(0.4);
+    assert!((solved.sizes[0] - 1.5).abs() < 1e-3 && solved.std < 0.01);
+    for (size, expected) in solved.sizes.iter().zip(load) {
+        assert!((size - expected).abs() < 2e-3, "{solved:?}");
     }
-    assert!(log_evidence > 1000.0);
+    assert!(solved.log_evidence > 1000.0);
     let nothing = LoadSums::default().solved(0.4);
-    assert!(nothing.0 == 0.0 && nothing.3.abs() < 1e-12, "{nothing:?}");
+    assert!(nothing.sizes == [0.0; 10] && nothing.log_evidence.abs() < 1e-9);
+}
+
+/// They are those of the whole regressor, to the same bits.
+#[test]
+fn columns_of_the_last_link_end_the_regressor() {
+    let watch = watch();
+    let robot = watch.rows.model.robot();
+    let mut workspace = Workspace::new(robot);
+    let (mut whole, mut columns) = (vec![0.0; 40], vec![[0.0; 10]; 2]);
+    let mut random = Random(9);
+    for _ in 0..20 {
+        let motion: [[f64; 2]; 3] = std::array::from_fn(|_| [random.normal(), random.normal()]);
+        let [q, dq, ddq] = &motion;
+        joint_torque_regressor_into(robot, &mut workspace, q, dq, ddq, &mut whole).unwrap();
+        last_link_columns_into(robot, &mut workspace, [q, dq, ddq], &mut columns).unwrap();
+        assert_eq!(
+            [&whole[10..20], &whole[30..]].concat(),
+            columns.as_flattened()
+        );
+    }
+}
+
+/// A point mass in one of the places that are tried is found there with its mass.
+#[test]
+fn a_mass_in_a_place_has_the_inertia_of_a_point() {
+    let (mut random, mass) = (Random(4), 0.7);
+    let [x, y, z] = PLACES[3];
+    let phi = [
+        1.0,
+        x,
+        y,
+        z,
+        y * y + z * z,
+        -x * y,
+        x * x + z * z,
+        -x * z,
+        -y * z,
+        x * x + y * y,
+    ];
+    let columns: [[f64; 10]; 6] = std::array::from_fn(|_| std::array::from_fn(|_| random.normal()));
+    let left = columns.map(|columns| mass * product(&columns, &phi));
+    let found = masses(&columns, &left, [1.0; 6].into_iter());
+    assert!((found[3].size().0 - mass).abs() < 1e-12);
+}
+
+/// What explains the rows best is no name if no arm can have it; all of it lost is one, what was lost before counted.
+#[test]
+fn no_joint_loses_more_than_all_its_friction_or_gain() {
+    for (kind, size, known, is_named) in [
+        (Kind::Friction, -0.99, 0.0, true),
+        (Kind::Friction, -1.5, 0.0, false),
+        (Kind::Friction, -0.6, -0.5, false),
+        (Kind::Friction, 4.0, 0.0, true),
+        (Kind::Gain, -1.0, 0.0, true),
+        (Kind::Gain, -1.3, 0.0, false),
+        (Kind::Offset, -30.0, 0.0, true),
+    ] {
+        let mut watch = watch();
+        watch.known.friction[1] = known;
+        let information = 1e4;
+        let square = size * size * information;
+        for named in watch.tests.iter_mut().filter(|named| named.joint == 1) {
+            if named.kind == kind {
+                named.window = Evidence {
+                    moment: size * information,
+                    information,
+                };
+            } else if named.kind == Kind::Unknown {
+                named.window = Evidence {
+                    moment: square,
+                    information: 1.0,
+                };
+            }
+        }
+        let (change, _) = watch.likeliest();
+        let expected = if is_named { kind } else { Kind::Unknown };
+        assert_eq!((change.kind, change.joint), (expected, 1), "{size}");
+    }
+}
+
+/// Samples of two channels, of which the first shows what `shown` says, while the model's torque goes up and down.
+fn frozen_says(
+    shown: impl Fn(usize) -> f64,
+    moves: impl Fn(usize) -> bool,
+    n: usize,
+) -> Vec<(usize, Change)> {
+    let mut channels = watch().channels;
+    let said = (0..n).filter_map(|k| {
+        let model = [3.0 * (0.02 * k as f64).sin(), 0.0];
+        channels.take(&[shown(k), 1.0], [&model[..]].into_iter(), 0.001, moves(k));
+        channels.say().map(|change| (k, change))
+    });
+    said.collect()
+}
+
+#[test]
+fn a_channel_that_stands_still_is_named_settles_and_is_over() {
+    let stands = |k: usize| {
+        if (1000..40_000).contains(&k) {
+            0.25
+        } else {
+            k as f64
+        }
+    };
+    let said = frozen_says(stands, |_| true, 41_000);
+    let told: Vec<_> = said.iter().map(|(k, change)| (*k, change.said)).collect();
+    let expected = [
+        (1100, Said::Named),
+        (21_100, Said::Settled),
+        (40_000, Said::Withdrawn),
+    ];
+    assert_eq!(told.len(), 3, "{told:?}");
+    for ((k, said), (at, expected)) in told.into_iter().zip(expected) {
+        assert!(k.abs_diff(at) <= 1 && said == expected, "{k} {said:?}");
+    }
+    let (_, named) = said[0];
+    assert_eq!(
+        (named.kind, named.joint, named.size),
+        (Kind::Frozen, 0, 0.25)
+    );
+}
+
+/// The other channel, which was never told, may show what it wants.
+#[test]
+fn a_channel_is_not_frozen_at_rest_nor_while_the_torque_stands_nor_if_it_changes_in_between() {
+    assert_eq!(frozen_says(|_| 2.0, |_| false, 9000), []);
+    let often = frozen_says(|k| (k / 99) as f64, |_| true, 9000);
+    assert_eq!(often, []);
+    let rests = frozen_says(|_| 2.0, |k| k < 80, 9000);
+    assert_eq!(rests, []);
+    let mut channels = watch().channels;
+    for _ in 0..9000 {
+        channels.take(&[2.0; 2], [&[1.0, 1.0][..]].into_iter(), 0.001, true);
+        assert_eq!(channels.say(), None);
+    }
+}
+
+#[test]
+fn repeats_of_a_healthy_channel_are_counted() {
+    let mut channels = watch().channels;
+    for k in 0..1000 {
+        let model = [0.001 * f64::from(k), 0.0];
+        channels.take(
+            &[f64::from(k / 7), 0.0],
+            [&model[..]].into_iter(),
+            0.001,
+            true,
+        );
+    }
+    let of_first = channels.repeats().next().unwrap();
+    assert_eq!(of_first.n, 142);
+    assert!((of_first.longest - 0.007).abs() < 1e-9 && (of_first.way - 0.006).abs() < 1e-9);
+    assert!((of_first.time - 0.994).abs() < 1e-9);
 }
 
 /// What is remembered is recalled bit by bit, whatever the watch was about.
@@ -211,7 +372,12 @@ fn a_watch_goes_on_with_what_it_remembered() {
     ] {
         let mut before = watch();
         before.phase = phase;
-        before.each_number(|x, _| *x = random.uniform());
+        before.each_number(|x, range| {
+            *x = match range {
+                Range::Code => (3.0 * random.uniform()).floor(),
+                _ => random.uniform(),
+            }
+        });
         let mut numbers = vec![0.0; before.n_remembered()];
         assert_eq!(before.remember(&mut numbers), Ok(true));
         let mut after = watch();

@@ -3,7 +3,7 @@
 use super::*;
 use crate::counting;
 use dynid_core::model::TorqueModelParts;
-use dynid_core::watch::WatchSettings;
+use dynid_core::watch::{Healthy, WatchSettings};
 use dynid_core::{
     Domain, Effect, EffectTerm, GaussianMixtureRegression, Joint, JointKind, JointLimits,
     ObserverSettings, Residual, ResidualInputs, RobotModel, Status,
@@ -61,8 +61,10 @@ fn cycles_allocate_nothing() {
         watch: Some(Arc::new(WatchFile {
             joints: vec!["joint".to_owned()],
             settings: WatchSettings::default(),
-            inflation: vec![1.0],
-            memory: vec![1.0],
+            healthy: Healthy {
+                frozen_after: vec![0.05],
+                ..Healthy::untold(1)
+            },
         })),
         ..Settings::default()
     };

@@ -1,0 +1,228 @@
+//! Torque channels that show the same value all the time, seen sample by sample.
+//!
+//! Values of a healthy channel repeat too: its steps are coarse, its noise is slow, or it is read more often than it is
+//! measured. Healthy runs say how long ([`Repeats`]); what lasts a multiple of that (`Watch.fit` derives it from the false
+//! alarms that are put up with), while the arm moves and the model's torque goes further than it went then, is no torque.
+
+use super::rows::Row;
+use super::sequential::{Evidence, SequentialTest};
+use super::{Change, Healthy, Kind, Phase, Said, Watch};
+use crate::slices::{mirror_fields, Mirror};
+
+/// No sample, however late, counts for more than this \[s\]: what a channel showed in between is not known.
+const LATE: f64 = 0.01;
+
+/// For as long a frozen channel is *named*, then *settled*, as other changes are \[rows\].
+const SETTLED: f64 = super::SETTLED as f64;
+
+/// How values of a channel repeat while the arm moves.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Repeats {
+    /// Values that were shown.
+    pub n: u64,
+    /// For how long all of them together \[s\].
+    pub time: f64,
+    /// The longest \[s\].
+    pub longest: f64,
+    /// How far the model's torque went, at most, while one was shown \[torque unit\].
+    pub way: f64,
+}
+
+/// What has been said of a channel.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) enum Spoken {
+    #[default]
+    Nothing,
+    Named,
+    Settled,
+}
+
+/// One joint's.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Channel {
+    /// The value, and whether there is one.
+    pub shown: f64,
+    is_there: bool,
+    /// For how long it has been shown while the arm moves \[s\].
+    pub time: f64,
+    /// Least and greatest torque of the model meanwhile.
+    low: f64,
+    high: f64,
+    pub spoken: Spoken,
+    /// It has changed since, which is still to be said.
+    is_over: bool,
+    repeats: Repeats,
+}
+
+/// All channels.
+#[derive(Clone, Debug)]
+pub(super) struct Channels {
+    pub all: Vec<Channel>,
+    /// After how long a value is none, and how far the model's torque goes meanwhile.
+    after: Vec<f64>,
+    way: Vec<f64>,
+    /// Time of motion after the name \[s\].
+    settles: f64,
+    predicted: Vec<f64>,
+}
+
+impl Channel {
+    /// As it is recalled: without a value where nothing was said of it.
+    pub fn recalled(spoken: Spoken, shown: f64, time: f64) -> Self {
+        Self {
+            shown,
+            is_there: spoken != Spoken::Nothing,
+            time,
+            spoken,
+            ..Self::default()
+        }
+    }
+
+    /// Takes a sample: what is shown, what the model says, and how long after the one before, of which the arm moved `moved`.
+    fn take(&mut self, shown: f64, predicted: f64, moved: f64) {
+        let is_same = self.is_there && shown.to_bits() == self.shown.to_bits();
+        if is_same {
+            self.time += moved;
+            if moved > 0.0 {
+                self.low = self.low.min(predicted);
+                self.high = self.high.max(predicted);
+                // A value that the run ends with is one too.
+                self.repeats.longest = self.repeats.longest.max(self.time);
+                self.repeats.way = self.repeats.way.max(self.high - self.low);
+            }
+            return;
+        }
+        self.is_over |= self.spoken != Spoken::Nothing;
+        if self.is_there && moved > 0.0 {
+            let time = self.time + moved;
+            let repeats = &mut self.repeats;
+            repeats.n = repeats.n.saturating_add(1);
+            repeats.time += time;
+            repeats.longest = repeats.longest.max(time);
+        }
+        self.is_there = true;
+        (self.shown, self.time) = (shown, 0.0);
+        (self.low, self.high) = (predicted, predicted);
+    }
+}
+
+impl Channels {
+    pub fn new(healthy: &Healthy, row: f64) -> Self {
+        let n = healthy.frozen_after.len();
+        Self {
+            all: vec![Channel::default(); n],
+            after: healthy.frozen_after.clone(),
+            way: healthy.frozen_way.clone(),
+            settles: SETTLED * row,
+            predicted: vec![0.0; n],
+        }
+    }
+
+    pub fn repeats(&self) -> impl Iterator<Item = Repeats> + '_ {
+        self.all.iter().map(|channel| channel.repeats)
+    }
+
+    /// Takes what the channels show, `elapsed` seconds after the sample before, beside the model's terms.
+    pub fn take<'a>(
+        &mut self,
+        shown: &[f64],
+        terms: impl Iterator<Item = &'a [f64]>,
+        elapsed: f64,
+        moves: bool,
+    ) {
+        self.predicted.fill(0.0);
+        for term in terms {
+            for (sum, own) in self.predicted.iter_mut().zip(term) {
+                *sum += own;
+            }
+        }
+        let moved = if moves { elapsed.min(LATE) } else { 0.0 };
+        let samples = shown.iter().zip(&self.predicted);
+        for (channel, (shown, predicted)) in self.all.iter_mut().zip(samples) {
+            channel.take(*shown, *predicted, moved);
+        }
+    }
+
+    /// The next thing that is to be said, if any: a channel that does not change any more, or one that does again.
+    pub fn say(&mut self) -> Option<Change> {
+        let limits = self.after.iter().zip(&self.way);
+        for (joint, (channel, (time, way))) in self.all.iter_mut().zip(limits).enumerate() {
+            let said = if channel.is_over {
+                (channel.is_over, channel.spoken) = (false, Spoken::Nothing);
+                Said::Withdrawn
+            } else {
+                let goes_on = channel.time >= *time && channel.high - channel.low > *way;
+                match channel.spoken {
+                    Spoken::Nothing if goes_on => {
+                        channel.spoken = Spoken::Named;
+                        Said::Named
+                    }
+                    Spoken::Named if channel.time >= time + self.settles => {
+                        channel.spoken = Spoken::Settled;
+                        Said::Settled
+                    }
+                    _ => continue,
+                }
+            };
+            return Some(change(joint, channel.shown, said));
+        }
+        None
+    }
+
+    /// A channel that shows no torque says nothing of the model.
+    pub fn silence(&self, row: &mut Row) {
+        for (moves, channel) in row.moves.iter_mut().zip(&self.all) {
+            *moves &= channel.spoken == Spoken::Nothing;
+        }
+    }
+
+    /// What stands.
+    pub fn standing(&self) -> impl Iterator<Item = Change> + '_ {
+        let channels = self.all.iter().enumerate();
+        channels.filter_map(|(joint, channel)| match channel.spoken {
+            Spoken::Nothing => None,
+            Spoken::Named => Some(change(joint, channel.shown, Said::Named)),
+            Spoken::Settled => Some(change(joint, channel.shown, Said::Settled)),
+        })
+    }
+}
+
+impl Watch {
+    /// What a channel does that shows no torque. Rows that it is in already are forgotten.
+    pub(super) fn say_frozen(&mut self) -> Option<Change> {
+        let change = self.channels.say()?;
+        if change.said == Said::Named {
+            self.begin_anew(&change);
+            if let Phase::Telling(_) = self.phase {
+                self.phase = Phase::Quiet;
+                for named in &mut self.tests {
+                    named.test = SequentialTest::new();
+                }
+            }
+            for named in &mut self.tests {
+                if named.joint == change.joint {
+                    named.window = Evidence::default();
+                }
+            }
+        }
+        Some(change)
+    }
+}
+
+fn change(joint: usize, shown: f64, said: Said) -> Change {
+    Change {
+        kind: Kind::Frozen,
+        joint,
+        size: shown,
+        std: 0.0,
+        moments: [0.0; 3],
+        said,
+        or: None,
+    }
+}
+
+impl Mirror for Channels {
+    fn mirror(&mut self, of: &Self) {
+        mirror_fields!(self, of; all, predicted; copied settles; kept after, way);
+    }
+}
