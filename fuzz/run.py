@@ -29,7 +29,7 @@ from typing import Any
 
 HERE = Path(__file__).resolve().parent
 CORPUS = HERE / "corpus"
-TARGETS = ("urdf", "robot_toml", "model", "datagrams", "memory", "lines", "watch_file", "remembered")
+TARGETS = ("urdf", "robot_toml", "model", "datagrams", "memory", "lines", "watch_file", "remembered", "contact_file")
 READERS = ("table", "json_lines", "config")
 """Ways in that are Python (`python/ways_in.py`)."""
 READER, PACKAGE = HERE / "python" / "readers.py", HERE.parent / "python"

@@ -119,6 +119,7 @@ def _kind(root: dict[str, Any], field: dict[str, Any]) -> str:
 
 PAGES = {
     "reference/cli": (commands, ""),
+    "reference/fleet_json": (fields, "fleet.schema.json"),
     "reference/model_json": (fields, "model.schema.json"),
     "reference/result_json": (fields, "result.schema.json"),
 }

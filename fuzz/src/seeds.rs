@@ -26,6 +26,7 @@ pub fn write_all() {
     put("urdf", "seed_arm", URDF);
     put("robot_toml", "seed_arm", &robot_toml());
     put("watch_file", "seed_two_joints", WATCH);
+    put("contact_file", "seed_two_joints", &contact());
     put("remembered", "seed_quiet", &remembered());
     for (k, model) in models().iter().enumerate() {
         put(
@@ -59,6 +60,18 @@ pub fn write_all() {
     put("lines", "seed_positions", POSITIONS);
 }
 
+/// An observer of the arm that knows it worse by one direction.
+fn contact() -> Vec<u8> {
+    let arm = arm();
+    let zeros = |n: usize| vec!["0.1"; n].join(",");
+    let effects = arm.effects().iter();
+    let effects: Vec<String> = effects
+        .map(|term| format!("[{}]", zeros(term.coefficients().len())))
+        .collect();
+    let (phi, effects) = (zeros(arm.phi().len()), effects.join(","));
+    format!("{CONTACT}\"directions\":[{{\"phi\":[{phi}],\"effects\":[{effects}]}}]}}").into_bytes()
+}
+
 /// What the watch of the arm knows before anything has come.
 fn remembered() -> Vec<u8> {
     let settings = WatchSettings::default();
@@ -72,6 +85,9 @@ fn remembered() -> Vec<u8> {
 
 const WATCH: &[u8] = br#"{"format":"dynid-watch-settings","version":2,"joints":["a","b"],"row":0.2,"false_alarms_per_day":1.0,
 "tolerated":{"friction":0.1,"gain":0.05,"offset":2.0,"load":0.1,"unknown":1.0},"inflation":[1.0,2.5],"memory":[1.0,12.0],"least_speed":[0.01,null],"frozen_after":[0.05,null],"frozen_way":[0.5,0.0]}"#;
+const CONTACT: &str = r#"{"format":"dynid-contact","version":1,"joints":["a","b"],"step":0.001,"window":15,"time_constant":0.02,
+"false_contacts_per_hour":0.01,"moving":[1.0,0.5],"standing":[0.1,0.2],"turning":[2.0,1.5],"torque":[0.0,1e-4],"stops_known":[true,false],
+"turns_known":[false,true],"tail":{"level":[12.0,1.0],"per_hour":[720.0,70.0],"growth":[2.5,2.0]},"#;
 const CSV: &[u8] = b"t,q_0,q_1,dq_0,dq_1,ddq_0,ddq_1,tau_0,tau_1\n0,0,0,0,0,0,0,1,1\n.001,1e-3,nan,0,-inf,0,0,1,1\n";
 const QUOTED: &[u8] = b"# q_a; q_b ;\"tau_a\";tau_b\n0;1;2;3\n\n1;2;3;4\r\n";
 const JSON: &[u8] = b"{\"t\":0,\"q\":[0,1],\"dq\":[0,0],\"ddq\":[0,null],\"tau\":[1,NaN],\"x\":{}}\n{\"time\":1,\"q\":[0,1],\"qd\":[0,0],\"qdd\":[0,0],\"current\":[1,-Infinity]}\n";

@@ -21,6 +21,7 @@ from dynid_rs._core import (
 from dynid_rs.base.errors import DamageWarning, DataError, MissingLibraryError, RankDeficientError
 
 if TYPE_CHECKING:
+    from dynid_rs.commands._fleet_run import identify_fleet
     from dynid_rs.diagnosis.found import FoundEffect
     from dynid_rs.diagnosis.loop import diagnose
     from dynid_rs.diagnosis.outcome import Diagnosis
@@ -29,12 +30,14 @@ if TYPE_CHECKING:
     from dynid_rs.experiment.designing import NextExperiment
     from dynid_rs.experiment.next import next_experiment
     from dynid_rs.identification.base_fit import BaseFit, fit_base_parameters
+    from dynid_rs.identification.directions import ParameterDirections, parameter_directions
     from dynid_rs.identification.friction import FrictionIdentifier
     from dynid_rs.identification.links import LinkDynamicsIdentifier
     from dynid_rs.identification.mixture import GaussianMixtureRegressor
     from dynid_rs.identification.rbf import RbfRegressor
     from dynid_rs.identification.residual import ResidualCompensator
     from dynid_rs.identification.three_loops import ThreeLoopIdentifier
+    from dynid_rs.model.detection import DetectionCurve, detection_curve
     from dynid_rs.model.export import to_pinocchio
     from dynid_rs.model.health import health_page
     from dynid_rs.model.observer import MomentumObserver
@@ -43,6 +46,8 @@ if TYPE_CHECKING:
     from dynid_rs.model.robot_file import read_robot
     from dynid_rs.model.ros_diagnostics import ros_diagnostics
     from dynid_rs.model.watch import Tolerated, Watch
+    from dynid_rs.pooling.arm import ArmEstimate
+    from dynid_rs.pooling.fleet import Fleet
     from dynid_rs.regression.instruments import InstrumentalVariables
     from dynid_rs.runs.readers import Config, PartsWarning, read_config, read_recording, read_recordings
     from dynid_rs.runs.recording import Recording
@@ -51,9 +56,12 @@ if TYPE_CHECKING:
 
 # scikit-learn takes a second to import; nobody who only evaluates a model should wait for it.
 _LATE = {
+    "ArmEstimate": "pooling.arm",
     "BaseFit": "identification.base_fit",
     "Config": "runs.readers",
+    "DetectionCurve": "model.detection",
     "Diagnosis": "diagnosis.outcome",
+    "Fleet": "pooling.fleet",
     "FoundEffect": "diagnosis.found",
     "FourierExcitation": "excitation",
     "FrictionIdentifier": "identification.friction",
@@ -62,6 +70,7 @@ _LATE = {
     "LinkDynamicsIdentifier": "identification.links",
     "MomentumObserver": "model.observer",
     "NextExperiment": "experiment.designing",
+    "ParameterDirections": "identification.directions",
     "PartsWarning": "runs.readers",
     "PhysicalIdentifier": "model.physical",
     "RbfRegressor": "identification.rbf",
@@ -72,11 +81,14 @@ _LATE = {
     "ThreeLoopIdentifier": "identification.three_loops",
     "Tolerated": "model.watch",
     "Watch": "model.watch",
+    "detection_curve": "model.detection",
     "diagnose": "diagnosis.loop",
     "fit_base_parameters": "identification.base_fit",
     "health_page": "model.health",
+    "identify_fleet": "commands._fleet_run",
     "inspect": "sensors.inspection",
     "next_experiment": "experiment.next",
+    "parameter_directions": "identification.directions",
     "prometheus_text": "model.prometheus",
     "read_config": "runs.readers",
     "read_recording": "runs.readers",
@@ -87,13 +99,16 @@ _LATE = {
 }
 
 __all__ = [
+    "ArmEstimate",
     "BaseFit",
     "BaseParameters",
     "Config",
     "DamageWarning",
     "DataError",
+    "DetectionCurve",
     "Diagnosis",
     "Effect",
+    "Fleet",
     "FormatError",
     "FoundEffect",
     "FourierExcitation",
@@ -105,6 +120,7 @@ __all__ = [
     "MissingLibraryError",
     "MomentumObserver",
     "NextExperiment",
+    "ParameterDirections",
     "PartsWarning",
     "PhysicalIdentifier",
     "PhysicalSet",
@@ -121,11 +137,14 @@ __all__ = [
     "UrdfError",
     "Watch",
     "__version__",
+    "detection_curve",
     "diagnose",
     "fit_base_parameters",
     "health_page",
+    "identify_fleet",
     "inspect",
     "next_experiment",
+    "parameter_directions",
     "prometheus_text",
     "read_config",
     "read_recording",

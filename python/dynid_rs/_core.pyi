@@ -70,6 +70,7 @@ __all__ = [
     "point_places",
     "processor_path",
     "pseudo_inertia",
+    "read_contact",
     "read_watch",
     "residual_inputs",
     "slope",
@@ -1266,6 +1267,19 @@ def true_motion(
         Shapes disagree, or a number is not finite.
     """
 
+def read_contact(path: str | PathLike[str], model: TorqueModel) -> tuple[list[str], float, int | None, float, float]:
+    """What a `contact.json` holds: joints, step [s], window, time_constant [s], false contacts per hour.
+
+    Raises
+    ------
+    ValueError
+        It is of a model with other joints or effects.
+    FormatError
+        It is none, or of a newer program.
+    OSError
+        The system refuses.
+    """
+
 def read_watch(path: str | PathLike[str]) -> dict[str, Any]:
     """What a `watch.json` holds.
 
@@ -1370,7 +1384,8 @@ def observe_momentum(
     time_constant: float,
     correlation_time: float | None = None,
     false_per_hour: float,
-) -> tuple[_FloatArray, _FloatArray, _FloatArray, _FloatArray, NDArray[np.uint32], float]:
+    uncertainty: str | None = None,
+) -> tuple[list[_FloatArray], list[_FloatArray], NDArray[np.uint32], float]:
     """External torque by the generalised momentum, sample by sample, by the code that runs online.
 
     Parameters
@@ -1388,12 +1403,17 @@ def observe_momentum(
         Samples to differentiate over.
     time_constant, correlation_time, false_per_hour : float
         Of the observer [s], of what the model leaves [s], and how many contacts noise may make.
+    uncertainty : str, optional
+        Text of a `contact.json`, from which thresholds follow then.
 
     Returns
     -------
-    external, threshold, rest, std : ndarray (n_samples, n_joints)
-        External torque, beyond what it is a contact, what of that is friction at rest, and the deviation that the model
-        expects.
+    said : list of five ndarray (n_samples, n_joints)
+        External torque, beyond what it is a contact, what of that is friction at rest, the deviation that the model
+        expects, and what a hand may guide the arm by.
+    sources : list of three ndarray (n_samples, n_joints)
+        With `uncertainty` what every joint does (0 moves, 1 stands, 2 has just begun, stopped or turned), the predicted
+        torque, and its variance by the parameters; else zeros.
     status : ndarray (n_samples,)
         Status bits; 2048 in contact.
     delay : float
@@ -1402,7 +1422,9 @@ def observe_momentum(
     Raises
     ------
     ValueError
-        Shapes disagree, q is missing, or a setting is not positive.
+        Shapes disagree, q is missing, a setting is not positive, or `uncertainty` is of another model.
+    FormatError
+        `uncertainty` is no `contact.json`.
     """
 
 def observe(

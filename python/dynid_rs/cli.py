@@ -29,7 +29,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
-LOGS, FLEETS = f"\b\nLogs that are read:\n{page('how_to/logs')}", f"\b\nFleets:\n{page('how_to/archive')}"
+LOGS, FLEETS = f"\b\nLogs that are read:\n{page('how_to/logs')}", f"\b\nFleets:\n{page('how_to/fleet')}"
 READ = dict.fromkeys((init, inspect, identify, diagnose, payload, watch, estimate), LOGS) | {fleet: FLEETS}
 """What stands below the help of a command."""
 for command in (

@@ -92,7 +92,7 @@ ALL = (
     Writing(
         "fleet",
         lambda d: ("fleet", d / "fleet.toml", "-o", d / "out", "--force"),
-        ((".", ("fleet.csv", "fleet.json", "fleet.parquet")), ("first", FOUR)),
+        ((".", ("fleet.csv", "fleet.html", "fleet.json", "fleet.parquet", "quantities.parquet")), ("first", FOUR)),
     ),
     Writing(
         "simulate",

@@ -285,7 +285,7 @@ def test_an_error_of_the_program_is_a_row(tmp_path, monkeypatch):
     def bug(self, make_work, say):
         raise KeyError("a bug")
 
-    monkeypatch.setattr("dynid_rs.commands._job.Job.run", bug)
+    monkeypatch.setattr("dynid_rs.commands._job.Job.identified", bug)
     printed, answer = fleet(tmp_path)
     assert printed.exit_code == 1
     assert {row["message"] for row in answer["robots"]} == {"an error of the program: KeyError: 'a bug'"}

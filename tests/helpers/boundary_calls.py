@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -45,6 +46,16 @@ def _closed(plot: Callable[..., Any]) -> Callable[..., None]:
             pyplot.close("all")
 
     return drawn
+
+
+def _contact_file(model: _core.TorqueModel) -> str:
+    """An observer's uncertainty, without directions."""
+    ones, no = [1.0] * N, [False] * N
+    said = {"format": "dynid-contact", "version": 1, "joints": list(model.robot.joint_names), "step": 0.01}
+    said |= {"window": None, "time_constant": 0.02, "false_contacts_per_hour": 1.0, "directions": []}
+    said |= dict.fromkeys(("moving", "standing", "turning", "torque"), ones)
+    said |= dict.fromkeys(("stops_known", "turns_known"), no)
+    return json.dumps(said | {"tail": dict.fromkeys(("level", "per_hour", "growth"), ones)})
 
 
 def calls(folder: Path) -> dict[str, Call]:
@@ -103,6 +114,7 @@ def calls(folder: Path) -> dict[str, Call]:
     (folder / "robot.toml").write_text(ROBOT_TOML)
     model.save(folder / "model.json")
     Watch(model).save(folder / "watch.json")
+    (folder / "contact.json").write_text(_contact_file(model))
     urdf_options = {"base": "base", "tip": "hand", "gravity": [0.0, 0.0, -9.81], "rotor_inertia": [0.1] * N}
     mdh_options = {"gravity": [0.0, 0.0, -9.81], "rotor_inertia": [0.1]}
     of_effect = {"tau_link": tau, "tau_motor": tau, "step": 0.01, "temperature": np.full((M, N), 20.0)}
@@ -187,9 +199,10 @@ def calls(folder: Path) -> dict[str, Call]:
             {
                 **_positional(model, t, (q, dq, ddq, None, None, None), tau),
                 **{"temperature": None, "step": 0.01, "window": None, "time_constant": 0.02},
-                **{"correlation_time": 0.01, "false_per_hour": 1.0},
+                **{"correlation_time": 0.01, "false_per_hour": 1.0, "uncertainty": _contact_file(model)},
             },
         ),
+        "read_contact": (_core.read_contact, _positional(folder / "contact.json", model)),
         "read_watch": (_core.read_watch, _positional(folder / "watch.json")),
         "watch_run": (
             _core.watch_run,

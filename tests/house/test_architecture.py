@@ -25,6 +25,7 @@ ROOMS = {
     "model": {"base", "report", "runs", "regression"},
     "identification": {"base", "runs", "regression", "model"},
     "archive": {"base", "runs", "regression", "model", "identification"},
+    "pooling": {"base", "regression", "model", "identification"},
     "excitation": {"base", "report", "runs", "simulation", "model"},
     "sensors": {"base", "runs", "regression", "model", "identification"},
     "reference": {"base", "runs", "regression", "model", "identification"},
@@ -35,7 +36,7 @@ ROOMS = {
     "experiment": {"base", "report", "simulation", "excitation", "diagnosis"},
     "commands": {
         *("base", "report", "runs", "simulation", "regression", "model"),
-        *("identification", "archive", "excitation", "sensors", "reference", "diagnosis", "experiment"),
+        *("identification", "archive", "pooling", "excitation", "sensors", "reference", "diagnosis", "experiment"),
     },
 }
 """Rooms from the ground up, and what each may import of the package besides itself and the compiled module."""
@@ -61,6 +62,7 @@ DENIED = {
     },
     r"(?m)^\s*(import|from) (pickle|joblib|dill|cloudpickle|shelve|marshal)\b": {
         "archive/work.py": "units of work go to other processes; nothing is kept that way",
+        "commands/_cluster.py": "the cluster is joblib's",
     },
     r"pickle\.(dump|load)|allow_pickle=True": {},
 }
@@ -218,6 +220,7 @@ def test_the_package_imports_only_what_it_declares():
     # Module: the extra that brings what it imports, late.
     optional = {
         "base/drawing.py": "plot",
+        "commands/_cluster.py": "cluster",
         "excitation/collision.py": "collision",
         "model/bodies.py": "physical",
         "model/export.py": "collision",

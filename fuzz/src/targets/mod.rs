@@ -1,5 +1,6 @@
 //! One file per way in: bytes, and what has to hold of them.
 
+mod contact_file;
 mod datagrams;
 mod lines;
 mod memory;
@@ -10,7 +11,7 @@ mod urdf;
 mod watch_file;
 
 /// Names and functions.
-pub const ALL: [(&str, fn(&[u8])); 8] = [
+pub const ALL: [(&str, fn(&[u8])); 9] = [
     ("urdf", urdf::run),
     ("robot_toml", robot_toml::run),
     ("model", model::run),
@@ -18,5 +19,6 @@ pub const ALL: [(&str, fn(&[u8])); 8] = [
     ("memory", memory::run),
     ("lines", lines::run),
     ("watch_file", watch_file::run),
+    ("contact_file", contact_file::run),
     ("remembered", remembered::run),
 ];

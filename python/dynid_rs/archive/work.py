@@ -71,7 +71,7 @@ class Work:
             yield entry
 
     def _done(self, calls: list[tuple[Any, ...]]) -> Iterator[tuple[Entry, str | None]]:
-        if self._n_jobs == 1:
+        if self._n_jobs == 1 or (self._n_jobs is None and _nobody_else()):
             yield from (done(*call) for call in calls)
             return
         from joblib import effective_n_jobs
@@ -140,6 +140,15 @@ def _elsewhere(home: tuple[str, int], *call: Any) -> tuple[Entry, str | None]:
         os.environ.setdefault(RUST_THREADS, "1")  # read when Rust's pool is first used
     with threadpool_limits(limits=1, user_api="blas"):
         return done(*call)
+
+
+def _nobody_else() -> bool:
+    """Whether joblib was told of nobody who could do the work beside this process."""
+    from joblib import effective_n_jobs
+    from joblib.parallel import get_active_backend
+
+    backend, _ = get_active_backend()
+    return effective_n_jobs(None) == 1 and type(backend).__name__ != "DaskDistributedBackend"
 
 
 def _this_process() -> tuple[str, int]:

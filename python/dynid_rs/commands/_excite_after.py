@@ -78,7 +78,7 @@ def show_next(section: dict[str, Any], joints: list[str], out: Any) -> None:
     """Print the questions with their chances, and what else it takes."""
     from dynid_rs.experiment.answer import HEAD, left_sentences, rows, sentences
 
-    if section["questions"]:
+    if rows(section, joints):
         table = Table(title=Text("what is open"), title_justify="left")
         table.add_column(HEAD[0], overflow="fold")
         for heading in HEAD[1:]:

@@ -10,6 +10,7 @@ robot = "cell_3/robot.urdf"   # paths are relative to this file
 runs = ["cell_3/*.parquet"]   # in a CSV: one cell, with ; between
 test = ["cell_3/held/run.parquet"]
 output = "cell_3/result"      # left out: DIR/cell_3
+type = "big_arm"              # arms that are pooled; left out: those of the same kinematics
 drive_gain = "20,15,6"        # any option of `dynid identify`, with _ for -
 ```
 """
@@ -34,21 +35,24 @@ MOST_BYTES = 16 << 20
 LISTS = ("runs", "test", "friction")
 PATHS = ("robot", "output", "config", "known")
 NUMBERS = ("test_from", "cutoff")
-KEYS = ("name", *(field.name for field in fields(Job)))
+OWN = ("name", "output", "type")
+"""Keys that are no options of an identification."""
+KEYS = ("name", "type", *(field.name for field in fields(Job)))
 OTHER_NAMES = {"n": "name", "id": "name", "urdf": "robot", "run": "runs"}
 
 
 @dataclass(frozen=True)
 class FleetRobot:
-    """One entry: `name`, the folder that paths are relative to, and the options as they stand in the file."""
+    """One entry: `name`, the folder that paths are relative to, the options as they stand in the file, and a `type`."""
 
     name: str
     folder: Path
     output: Path
     options: tuple[tuple[str, Any], ...]
+    type: str | None = None
 
-    def job(self) -> Job:
-        """Identification with the patterns of files written out.
+    def job(self, home: Path = Path()) -> Job:
+        """Identification with the patterns of files written out; `home` is what the output is relative to.
 
         Raises
         ------
@@ -71,7 +75,7 @@ class FleetRobot:
             if not given.get(key):
                 raise ValueError(f"{key} is missing; every robot has a robot and runs")
         # What is done is looked up before this; what is left has changed, and is done again.
-        return Job(**(given | {"output": self.output, "force": True}))
+        return Job(**(given | {"output": home / self.output, "force": True}))
 
     def _texts(self, key: str, value: Any) -> list[str]:
         if isinstance(value, str):
@@ -190,9 +194,12 @@ def _robot(path: Path, number: int, entry: dict[str, Any], output: Path) -> Flee
     place = entry.get("output")
     if place is not None and not isinstance(place, str):
         _refuse(path, f"robot {number}: output must be a path, found {shown_value(place)}")
+    kind = entry.get("type")
+    if kind is not None and (not isinstance(kind, str) or not kind.strip()):
+        _refuse(path, f"robot {number}: type must be a word, found {shown_value(kind)}")
     folder = path.absolute().parent
-    options = tuple((key, entry[key]) for key in KEYS if key in entry and key not in ("name", "output"))
-    return FleetRobot(name, folder, output / name if place is None else folder / place, options)
+    options = tuple((key, entry[key]) for key in KEYS if key in entry and key not in OWN)
+    return FleetRobot(name, folder, output / name if place is None else folder / place, options, kind)
 
 
 def _refuse_twice(path: Path, key: str, values: list[str]) -> None:

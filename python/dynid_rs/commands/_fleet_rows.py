@@ -34,22 +34,31 @@ COLUMNS: dict[str, type] = {
     "least_percent": float,
     "most_percent": float,
     "wls_percent": float,
+    "type": str,
+    "odd": str,
+    "deviations": float,
+    "why": str,
     "output": str,
 }
-"""Of the table: errors on test runs over the torque's standard deviation, mean, least and most over the joints."""
+"""Of the table: errors on test runs over the torque's standard deviation, mean, least and most over the joints; then
+what the others of its type say of the arm (`_fleet_pooled.py`)."""
 STATUS = ("done", "no", "failed")
 """As the exit codes of `dynid identify`."""
 
 
 @dataclass(frozen=True)
 class Place:
-    """A robot and the folder in which its row is kept; with `force` any finished result is replaced."""
+    """A robot and the folder in which its row is kept; with `force` any finished result is replaced.
+
+    `home`: what relative paths are relative to, in whichever process and on whichever machine.
+    """
 
     robot: FleetRobot
     rows: Path
     shared: str
     cache: Path | None
     force: bool = False
+    home: Path = Path()
 
     @property
     def name(self) -> str:
@@ -59,7 +68,12 @@ class Place:
     @property
     def row(self) -> Path:
         """File of the row."""
-        return self.rows / f"{self.name}.json"
+        return self.home / self.rows / f"{self.name}.json"
+
+    @property
+    def output(self) -> Path:
+        """Folder of the robot's results."""
+        return self.home / self.robot.output
 
 
 def rows_of(
@@ -91,14 +105,14 @@ def identify_one(place: Place) -> Entry:
 
     robot = place.robot
     try:
-        job = robot.job()
+        job = robot.job(place.home)
         key = fingerprint(place.shared, robot.options, str(robot.output), [_content(path) for path in job.inputs])
         kept = _kept(place.row, key)
-        if kept is not None and all((robot.output / name).is_file() for name in (MODEL_FILE, RESULT_FILE)):
+        if kept is not None and all((place.output / name).is_file() for name in (MODEL_FILE, RESULT_FILE)):
             return kept, {}
         if not (place.force or place.row.exists()):  # what another command has finished is not ours to replace
-            check_unfinished(robot.output, RESULT_FILE)
-        place.rows.mkdir(parents=True, exist_ok=True)
+            check_unfinished(place.output, RESULT_FILE)
+        place.row.parent.mkdir(parents=True, exist_ok=True)
         with _begun(place.row):
             row = _identified(place, job)
         write_json(place.row, {"key": key, "row": row})
@@ -130,8 +144,10 @@ def _begun(row: Path) -> Iterator[None]:
 def _identified(place: Place, job: Job) -> dict[str, Any]:
     from dynid_rs.commands._given import opened_work
     from dynid_rs.commands._job import exit_code
+    from dynid_rs.pooling.arm import ArmEstimate
 
-    result = job.run(lambda: opened_work(place.cache, 1), lambda words: None)
+    cache = None if place.cache is None else place.home / place.cache
+    identifier, result = job.identified(lambda: opened_work(cache, 1), lambda words: None)
     test, data = result["rmse"]["test"], result["data"]
     std = np.asarray(test["torque_std"])
     known = std > 0
@@ -151,6 +167,7 @@ def _identified(place: Place, job: Job) -> dict[str, Any]:
         "wls_percent": float(baseline.mean()),
         "output": str(place.robot.output),
         "torque_unit": result["torque_unit"],
+        "estimate": ArmEstimate.of(place.name, identifier, result).to_json(),
         "joints": [dict(zip(("joint", "rmse", "wls", "torque_std"), joint, strict=True)) for joint in joints],
     }
 
@@ -199,9 +216,3 @@ def _content(path: Path) -> str:
             return hashlib.file_digest(file, "sha256").hexdigest()
     except OSError:
         return "unreadable"  # the identification says why
-
-
-def as_json(robots: Sequence[FleetRobot], rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Content of `fleet.json`."""
-    counts = {status: sum(row["status"] == status for row in rows) for status in STATUS}
-    return {"format": "dynid-fleet", "version": 1, "n_robots": len(robots), **counts, "robots": list(rows)}

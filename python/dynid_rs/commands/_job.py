@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from dynid_rs.base.findings import Finding
     from dynid_rs.commands._given import Given
     from dynid_rs.identification.results import LearnedFrom
+    from dynid_rs.identification.three_loops import ThreeLoopIdentifier
     from dynid_rs.runs.recording import Recording
 
 
@@ -63,7 +64,13 @@ class Job:
         return [self.robot, *self.runs, *self.test, *self.friction, *optional]
 
     def run(self, make_work: Callable[[], Work], say: Callable[[str], None]) -> dict[str, Any]:
-        """Identify, fill the folder, and return the content of `result.json`.
+        """Identify, fill the folder, and return the content of `result.json`; raises as `identified`."""
+        return self.identified(make_work, say)[1]
+
+    def identified(
+        self, make_work: Callable[[], Work], say: Callable[[str], None]
+    ) -> tuple[ThreeLoopIdentifier, dict[str, Any]]:
+        """Identify, fill the folder, and return what was fitted and the content of `result.json`.
 
         Raises
         ------
@@ -113,7 +120,7 @@ class Job:
         bodies = _physical(identifier, say) if self.physical else None
         say("testing")
         said = [*inertial_findings(model, self.robot.name), *given.findings, *findings]
-        return _write(identifier, given, said, self.output, bodies, learned_from)
+        return identifier, _write(identifier, given, said, self.output, bodies, learned_from)
 
 
 def _identifier(

@@ -3,6 +3,8 @@
     ties    two kinds at a place that explain the data alike, one of which has the name
     edges   kinds at places that are neither believed nor refuted: posterior odds above 1:19, or evidence for them
 
+    silent  kinds at places that the runs say nothing of, for them or against: one of them may be what is missed
+
 Beside them stands how much the runs say about every unknown: the precision of declared coefficients and of everything
 that is asked, as one matrix, rows of a new motion add to it.
 """
@@ -34,6 +36,8 @@ FloatArray = NDArray[np.float64]
 
 MOST = 10
 """Questions that are kept, the most open first: what is the eleventh can wait for the next diagnosis."""
+SILENT = 10
+"""Silent places that are kept, those first that independent rows would speak for."""
 UNKNOWABLE = 1e-12
 """Precision of an unknown, over the greatest, below which nothing is known of it: it has no column."""
 
@@ -161,7 +165,8 @@ def open_questions(belief: Belief, contests: Mapping[Place, Contest]) -> OpenQue
         questions.append(Question(first, second, asked.log_odds))
     open_ = [h for h in belief.hypotheses() if h.place not in belief.named]
     edges, may_pass = _edges(belief, open_)
-    for value, log_odds in edges[: MOST - len(questions)]:
+    edges = edges[: MOST - len(questions)]
+    for value, log_odds in edges + _silent(belief, may_pass, [value.hypothesis.place for value, _ in edges]):
         questions.append(Question(add(value, belief.beside), Answer(), log_odds))
     return OpenQuestions(
         setup,
@@ -177,7 +182,7 @@ def open_questions(belief: Belief, contests: Mapping[Place, Contest]) -> OpenQue
         _precision(belief.beside, columns),
         tuple(candidates),
         tuple(questions),
-        frozenset(may_pass),
+        frozenset(h.place for h in may_pass) | {tie.other for tie in _ties(belief, contests)},
         len(places_of(open_)),
     )
 
@@ -202,10 +207,10 @@ def _ties(belief: Belief, contests: Mapping[Place, Contest]) -> list[_Tie]:
     return sorted(found, key=lambda tie: abs(tie.log_odds))
 
 
-def _edges(belief: Belief, open_: Sequence[Hypothesis]) -> tuple[list[tuple[Value, float]], set[Place]]:
+def _edges(belief: Belief, open_: Sequence[Hypothesis]) -> tuple[list[tuple[Value, float]], list[Hypothesis]]:
     """Places that are neither believed nor refuted, the most open first, each with its posterior logarithmic odds.
 
-    Also all places that the runs do not speak against.
+    Also the hypotheses at all places that the runs do not speak against.
     """
     ties = {other for named in belief.named.values() for other, _ in named.ties}
     values, may_pass = evidence(belief.beside, [h for h in open_ if h.place not in ties], belief.catalogue)
@@ -213,7 +218,24 @@ def _edges(belief: Belief, open_: Sequence[Hypothesis]) -> tuple[list[tuple[Valu
     odds = [(value, value.value - log_places) for value in values.values()]
     # What is likely and yet has no name did not hold on parts of the data: as likely as not.
     edges = [(value, min(own, 0.0)) for value, own in odds if own > -SURE or value.value > 0]
-    return sorted(edges, key=lambda pair: -pair[1]), {h.place for h in may_pass} | ties
+    return sorted(edges, key=lambda pair: -pair[1]), may_pass
+
+
+def _silent(belief: Belief, may_pass: Sequence[Hypothesis], asked: Sequence[Place]) -> list[tuple[Value, float]]:
+    """Places that the runs say nothing of, with their posterior logarithmic odds."""
+    left = [h for h in may_pass if h.place not in asked]
+    if not left:
+        return []
+    beside, hoped = belief.beside, np.array(belief.beside.hoped_for(left))
+    places = places_of(left)
+    first = sorted(places, key=lambda place: -float(hoped[places[place]].max()))[:SILENT]
+    log_places = belief.log_places(belief.hypotheses())
+    found = []
+    for place in first:
+        h = left[places[place][int(np.argmax(hoped[places[place]]))]]
+        value, columns = beside.evidence_for(h)
+        found.append((Value(value, h, columns), min(value, 0.0) - log_places))
+    return found
 
 
 def _unit(fit: ThreeLoopIdentifier) -> float:

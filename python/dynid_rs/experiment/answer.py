@@ -15,6 +15,8 @@ from dynid_rs.report.text import esc, percent, significant
 
 Section = Mapping[str, Any]
 
+WORTH_SAYING = 0.01
+"""Probability of its first answer below which a question is one of many: kept for programs, not shown to people."""
 LIKELY = 0.5
 """A question that a motion settles less likely than this is one that it leaves open."""
 
@@ -34,7 +36,12 @@ def to_json(found: NextExperiment) -> dict[str, Any]:
         "duration_s": found.design.duration,
         "questions": questions,
         "left_to_others": [
-            {**_question(found.asked, question), "needs": _needs(found.asked, question)} for question in found.others
+            {
+                **_question(found.asked, question),
+                "probability": _probability(question),
+                "needs": _needs(found.asked, question),
+            }
+            for question in found.others
         ],
         "nats": {name: own.nats for name, own in compared.items()},
         "random_times_as_long": found.random_times,
@@ -81,9 +88,15 @@ def _named(entry: Section, n_joints: int) -> str:
     return f"{kind_words(entry['kind'])} on {where}"
 
 
+def shown_questions(section: Section, which: str = "questions") -> list[dict[str, Any]]:
+    """Questions that a person would ask."""
+    return [q for q in section[which] if q["or"] or q["probability"] >= WORTH_SAYING]
+
+
 def sentences(section: Section) -> list[str]:
     """What it comes to."""
-    questions = section["questions"]
+    questions = shown_questions(section)
+    others = len(section["questions"]) - len(questions)
     likely = [q for q in questions if q["this_motion"]["settles"] >= LIKELY]
     said = []
     if not questions:
@@ -101,6 +114,8 @@ def sentences(section: Section) -> list[str]:
         if question["this_motion"]["settles"] < LIKELY:
             chance = percent(question["this_motion"]["settles"])
             said.append(f"left out: {words(question, 0)} It would rather stay open ({chance})")
+    if others:
+        said.append(f"it looks at {others} kinds at places that the runs are silent about, too, each unlikely")
     times = section["random_times_as_long"]
     if times is None:
         said.append("random motion within the same limits does not tell as much in sixty-four times that time")
@@ -129,7 +144,7 @@ def rows(section: Section, joints: Sequence[str]) -> list[tuple[str, ...]]:
             percent(q["probability"]),
             *(percent(q[name]["settles"]) for name in ("this_motion", "random_motion", "exciting_motion")),
         )
-        for q in section["questions"]
+        for q in shown_questions(section)
     ]
 
 

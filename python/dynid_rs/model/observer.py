@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Sequence
 from dataclasses import dataclass
+from os import PathLike
+from pathlib import Path
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
+from dynid_rs.base.files import check_readable, write_json
+from dynid_rs.model.contact_levels import Seen, fit_tails, fit_variances
 from dynid_rs.runs.given import Runs, as_recordings
 from dynid_rs.runs.recording import FloatArray, Recording
 
@@ -17,8 +24,33 @@ NO_ANSWER = 1 | 16 | 512
 """Status bits of samples whose torque is that of one before."""
 SETTLED = 5.0
 """After so many time constants the observer has forgotten what it began with."""
+SAME_RATE = 0.02
+"""Relative difference of rates that are one."""
 LEAST_SAMPLES = 100
 """Fewer samples of a joint in motion tell no deviation."""
+
+
+class Directions(Protocol):
+    """By which parameters a model may be off, as `parameter_directions` returns them."""
+
+    def to_json(self) -> list[dict[str, Any]]:
+        """As a `contact.json` holds them."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Said:
+    """What the compiled observer says of a run, (n_samples, n_joints) each but for the last two."""
+
+    external: FloatArray
+    threshold: FloatArray
+    rest: FloatArray
+    std: FloatArray
+    guide: FloatArray
+    doing: FloatArray
+    torque: FloatArray
+    of_parameters: FloatArray
+    status: NDArray[np.uint32]
+    delay: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +67,9 @@ class Observation:
         Beyond these it is a contact; infinite before the first sample.
     contact : ndarray of bool (n_samples,)
         From when a joint passes its threshold until all are below half of theirs.
+    guide : ndarray (n_samples, n_joints)
+        What of `external` lies beyond the thresholds, smooth at its edge: what an arm may follow that a hand guides
+        [torque unit].
     status : ndarray (n_samples,)
         Status bits of the estimator.
     delay : float
@@ -45,6 +80,7 @@ class Observation:
     external: FloatArray
     threshold: FloatArray
     contact: NDArray[np.bool_]
+    guide: FloatArray
     status: NDArray[np.uint32]
     delay: float
 
@@ -53,8 +89,12 @@ class MomentumObserver:
     """External torque by the generalised momentum (De Luca and Mattone, 2003), without acceleration.
 
     Runs that hold dq and ddq are taken as they are; else positions, torque and motor side go through the causal
-    filter of `dynid-estimator`. Thresholds follow from the deviation that the model expects, the time over which it
-    forgets, and how many false contacts per hour are put up with.
+    filter of `dynid-estimator`. Thresholds follow from how far off the observer is where nothing pushes, and from how
+    many false contacts per hour are put up with. `fit` learns it from runs without contact: per joint, for one that
+    moves, that stands, and that has just begun, stopped or turned, and by its torque; `directions` add what the
+    parameters are not known by, which is large outside of what the model was trained on. Without `fit`, or where its
+    runs are too short (less than about two minutes), they follow from the deviation that the model expects and the time
+    over which it forgets.
 
     Parameters
     ----------
@@ -64,15 +104,22 @@ class MomentumObserver:
         An external torque shows by 63 % after it [s].
     correlation_time : float, optional
         Over which what the model leaves forgets [s]. None: found by `fit`, and without `fit` nothing averages out.
+        Where it is given, `fit` learns nothing else either.
     false_contacts_per_hour : float
-        That noise alone may make.
+        That an arm that nothing touches may make.
     window : int, optional
         Samples to differentiate over, where positions come alone; about 20 ms by default, 15 ms at 1 kHz.
+    directions : ParameterDirections, optional
+        How well the parameters are known, from `parameter_directions`. None: they count as known.
 
     Attributes
     ----------
     correlation_time_ : float or None
         Found by `fit`; None where the observer saw more than the model expects.
+    uncertainty_ : dict or None
+        Found by `fit`: what `save` writes. None where its runs are too short.
+    greatest_ : ndarray (n_joints,)
+        Greatest external torque of these runs, what a constant threshold is usually set by [torque unit].
     """
 
     def __init__(
@@ -83,18 +130,21 @@ class MomentumObserver:
         correlation_time: float | None = None,
         false_contacts_per_hour: float = 0.01,
         window: int | None = None,
+        directions: Directions | None = None,
     ) -> None:
         self.model = model
         self.time_constant = time_constant
         self.correlation_time = correlation_time
         self.false_contacts_per_hour = false_contacts_per_hour
         self.window = window
+        self.directions = directions
 
     def fit(self, X: Runs) -> MomentumObserver:
-        """Find the correlation time on runs without contact: a recording, a data frame, or a list of them.
+        """Learn from runs without contact that the model was not fitted on: a recording, a data frame, or a list.
 
         What the model leaves has the deviation s and the correlation time c, and the observer sees
         s sqrt(c / (c + T)) of it; so c follows from what it does see. The joint that averages out least decides.
+        What else is learned, and how, is in `model/contact_levels.py`.
 
         Raises
         ------
@@ -104,17 +154,16 @@ class MomentumObserver:
         recordings = as_recordings(X, self.model.robot)
         gains = np.full((len(recordings), self.model.robot.n_joints), np.nan)
         for row, recording in zip(gains, recordings, strict=True):
-            external, _, rest, std, status, _ = self._run(recording, None)
-            late = recording.t > recording.t[0] + SETTLED * self.time_constant
-            good = late & ((status & NO_ANSWER) == 0)
-            moves = good[:, None] & (rest == 0)  # at rest the observer sees friction
+            said = self._run(recording, None)
+            moves = self._good(recording, said)[:, None] & (said.rest == 0)  # at rest the observer sees friction
             for j in np.flatnonzero(moves.sum(axis=0) >= LEAST_SAMPLES):
-                seen, expected = external[moves[:, j], j], std[moves[:, j], j]
+                seen, expected = said.external[moves[:, j], j], said.std[moves[:, j], j]
                 row[j] = np.mean(seen**2) / np.mean(expected**2)
         if not np.any(np.isfinite(gains)):
             raise ValueError("fit: no joint moves long enough in these runs to tell what the model leaves")
         share = float(np.nanmax(gains))
         self.correlation_time_ = self.time_constant * share / (1 - share) if 0 < share < 1 else None
+        self.uncertainty_ = None if self.correlation_time is not None else self._learn(recordings)
         return self
 
     def observe(self, recording: Recording) -> Observation:
@@ -128,16 +177,102 @@ class MomentumObserver:
         known = self.correlation_time
         if known is None:
             known = getattr(self, "correlation_time_", None)
-        external, threshold, _, _, status, delay = self._run(recording, known)
-        contact = (status & CONTACT) != 0
-        return Observation(recording.t, external, threshold, contact, status, delay)
+        said = self._run(recording, known, getattr(self, "uncertainty_", None))
+        contact = (said.status & CONTACT) != 0
+        return Observation(recording.t, said.external, said.threshold, contact, said.guide, said.status, said.delay)
+
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write what `fit` has learned, for `load` and for ``dynid-estimator --observe --contacts``.
+
+        Raises
+        ------
+        ValueError
+            Nothing was learned.
+        OSError
+            The system refuses.
+        """
+        learned = getattr(self, "uncertainty_", None)
+        if learned is None:
+            raise ValueError("save: nothing was learned; fit on at least two minutes of runs without contact")
+        write_json(path, learned | {"false_contacts_per_hour": float(self.false_contacts_per_hour)})
+
+    @staticmethod
+    def load(path: str | PathLike[str], model: _core.TorqueModel) -> MomentumObserver:
+        """Return an observer of `model` as `save` has written it.
+
+        Raises
+        ------
+        FormatError
+            The file is none, of a newer program, or of another arm.
+        ValueError
+            It is of a model with other effects.
+        OSError
+            The system refuses.
+        """
+        joints, _, window, time_constant, per_hour = _core.read_contact(check_readable(path), model)
+        if tuple(joints) != tuple(model.robot.joint_names):
+            raise _core.FormatError(
+                f"{Path(path)}: of an arm with other joints than the model's; write it anew with MomentumObserver.save"
+            )
+        found = MomentumObserver(model, time_constant=time_constant, false_contacts_per_hour=per_hour, window=window)
+        found.uncertainty_ = json.loads(Path(path).read_bytes())
+        return found
+
+    def _learn(self, recordings: Sequence[Recording]) -> dict[str, Any] | None:
+        """What a `contact.json` holds; None where the runs are too short."""
+        n = self.model.robot.n_joints
+        step = 1.0 / recordings[0].rate
+        if any(abs(run.rate * step - 1) > SAME_RATE for run in recordings):
+            raise ValueError("fit: the runs were recorded at different rates; the observer's noise follows the rate")
+        learned: dict[str, Any] = {
+            "format": "dynid-contact",
+            "version": 1,
+            "joints": list(self.model.robot.joint_names),
+            "step": step,
+            "window": self.window,
+            "time_constant": float(self.time_constant),
+            "false_contacts_per_hour": 1.0,
+            **{name: [1.0] * n for name in ("moving", "standing", "turning", "torque")},
+            **{name: [False] * n for name in ("stops_known", "turns_known")},
+            "tail": {name: [1.0] * n for name in ("level", "per_hour", "growth")},
+            "directions": [],
+        }
+        seen = []
+        for run in recordings:
+            said = self._run(run, None, learned)
+            good = self._good(run, said)
+            seen.append(Seen(said.external[good], said.doing[good], said.torque[good], step))
+        self.greatest_ = np.max([np.abs(one.external).max(axis=0) for one in seen], axis=0)
+        learned |= fit_variances(seen, self.time_constant)
+        deviations = []
+        for run in recordings:
+            said = self._run(run, None, learned, per_hour=float(n))  # with these tails thresholds are one deviation
+            s = np.maximum(said.threshold - said.rest, np.finfo(float).tiny)
+            beyond = np.maximum(np.abs(said.external) - said.rest, 0.0) / s
+            deviations.append(beyond[self._good(run, said)])
+        tail = fit_tails(deviations, step)
+        if tail is None:
+            return None
+        # What the parameters are off by on these runs is in what they left; on top it counts twice there, and is small.
+        directions = [] if self.directions is None else self.directions.to_json()
+        return learned | {"tail": tail, "directions": directions}
+
+    def _good(self, recording: Recording, said: _Said) -> NDArray[np.bool_]:
+        """Samples (n_samples,) that were answered, after the observer has forgotten what it began with."""
+        late = recording.t > recording.t[0] + SETTLED * self.time_constant
+        good: NDArray[np.bool_] = late & ((said.status & NO_ANSWER) == 0)
+        return good
 
     def _run(
-        self, recording: Recording, correlation_time: float | None
-    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, NDArray[np.uint32], float]:
+        self,
+        recording: Recording,
+        correlation_time: float | None,
+        uncertainty: dict[str, Any] | None = None,
+        per_hour: float | None = None,
+    ) -> _Said:
         check_run(self.model, recording)
         motion = tuple(getattr(recording, name) for name in ("q", "dq", "ddq", "q_motor", "dq_motor", "ddq_motor"))
-        return _core.observe_momentum(
+        said, sources, status, delay = _core.observe_momentum(
             self.model,
             recording.t,
             motion,
@@ -147,8 +282,12 @@ class MomentumObserver:
             window=self.window,
             time_constant=self.time_constant,
             correlation_time=correlation_time,
-            false_per_hour=self.false_contacts_per_hour,
+            false_per_hour=self.false_contacts_per_hour if per_hour is None else per_hour,
+            uncertainty=None if uncertainty is None else json.dumps(uncertainty),
         )
+        external, threshold, rest, std, guide = said
+        doing, torque, of_parameters = sources
+        return _Said(external, threshold, rest, std, guide, doing, torque, of_parameters, status, delay)
 
 
 def check_run(model: _core.TorqueModel, run: Recording) -> None:

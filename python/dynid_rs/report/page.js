@@ -33,6 +33,19 @@
     body.append(...[...body.rows].sort((a, b) => (up ? 1 : -1) * compare(value(a), value(b))));
   }
 
+  // Rows of a table that hold every word, or that are odd.
+  function sieve(key) {
+    const words = document.querySelector(`[data-sieve="${key}"]`).value.toLowerCase().split(/\s+/);
+    const only = document.querySelector(`[data-odd="${key}"]`).checked;
+    const rows = [...document.querySelector(`#${key} table`).tBodies[0].rows];
+    for (const row of rows) {
+      const text = row.textContent.toLowerCase();
+      row.hidden = !words.every((word) => text.includes(word)) || (only && !row.querySelector(".worse"));
+    }
+    const shown = rows.filter((row) => !row.hidden).length;
+    document.querySelector(`[data-left="${key}"]`).textContent = `${shown} of ${rows.length}`;
+  }
+
   function fill(part) {
     if (part.querySelector("table")) return;
     const { head, rows } = Charts.numbers(part.dataset.of);
@@ -73,6 +86,9 @@
     if (part.dataset.of) fill(part);
     part.querySelectorAll(".plot").forEach((element) => { if (!drawn.has(element) && isSeen(element)) draw(element); });
   }));
+  document.querySelectorAll("[data-sieve], [data-odd]").forEach((input) => {
+    input.addEventListener("input", () => sieve(input.dataset.sieve ?? input.dataset.odd));
+  });
   // A link to a folded part opens it.
   document.querySelectorAll('a[href^="#"]').forEach((link) => link.addEventListener("click", () => {
     const part = document.getElementById(link.hash.slice(1));

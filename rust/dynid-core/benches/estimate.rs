@@ -15,15 +15,18 @@ use std::time::Instant;
 use arm::arm;
 use dynid_core::lanes::{use_path, Path};
 use dynid_core::model::TorqueModelParts;
+use dynid_core::uncertainty::{Direction, Tail};
 use dynid_core::watch::{Healthy, WatchSettings};
 use dynid_core::{
     inverse_dynamics_into, Domain, Effect, EffectInput, EffectTerm, GaussianMixtureRegression,
-    Load, OnlineEstimator, Residual, ResidualInputs, Sample, State, TorqueEstimator, TorqueModel,
-    Workspace,
+    Load, ObserverSettings, OnlineEstimator, Residual, ResidualInputs, Sample, State,
+    TorqueEstimator, TorqueModel, Uncertainty, Workspace,
 };
 
 const N: usize = 6;
 const COMPONENTS: usize = 10;
+/// As many as arms of six joints need.
+const DIRECTIONS: usize = 12;
 const N_STATES: usize = 1024;
 const CYCLES: u64 = 10_000_000;
 /// Width of the histogram in nanoseconds; longer times count as this one, their maximum is kept beside it.
@@ -118,23 +121,40 @@ fn report(what: &str, path: &str, cycles: u64, (counts, longest): &(Vec<u64>, u6
     );
 }
 
-/// The estimate at the end of a stream of numbered states; with the measured torque, as a watch needs it, and with a watch that
-/// nothing disturbs.
+/// Every parameter may be off by a hundredth of itself, in [`DIRECTIONS`] ways.
+fn uncertainty(model: &TorqueModel) -> Uncertainty {
+    let part = |x: &[f64]| x.iter().map(|x| 0.01 * x).collect::<Vec<_>>();
+    let terms = model.effects().iter();
+    let direction = Direction {
+        phi: part(model.phi()),
+        effects: terms.map(|term| part(term.coefficients())).collect(),
+    };
+    let tail = Tail {
+        level: 10.0,
+        per_hour: 700.0,
+        growth: 2.0,
+    };
+    Uncertainty {
+        moving: vec![0.1; N],
+        standing: vec![0.1; N],
+        turning: vec![0.1; N],
+        torque: vec![1e-4; N],
+        stops_known: vec![true; N],
+        turns_known: vec![true; N],
+        directions: vec![direction; DIRECTIONS],
+        tails: vec![tail; N],
+    }
+}
+
+/// The estimate at the end of a stream of numbered states, with torques where something listens to them.
 fn stream(
-    model: &Arc<TorqueModel>,
+    what: &str,
+    mut online: OnlineEstimator,
     path: Path,
     cycles: u64,
     motion: [&[f64]; 3],
-    watched: Option<&[f64]>,
+    tau: Option<&[f64]>,
 ) {
-    let mut online = OnlineEstimator::new(Arc::clone(model), None, None).unwrap();
-    if watched.is_some() {
-        let healthy = Healthy {
-            frozen_after: vec![0.05; N],
-            ..Healthy::untold(N)
-        };
-        online = online.watching(WatchSettings::default(), &healthy).unwrap();
-    }
     let mut std = [0.0; N];
     let mut sequence = 0;
     let times = histogram(cycles, |k| {
@@ -145,7 +165,7 @@ fn stream(
             time: 0.001 * sequence as f64,
             motion: [q, dq, ddq, None, None, None],
             temperature: None,
-            tau: watched.and_then(|tau| tau.get(k * N..(k + 1) * N)),
+            tau: tau.and_then(|tau| tau.get(k * N..(k + 1) * N)),
         };
         black_box(online.step(black_box(&sample))).unwrap();
         let estimator = online.estimator();
@@ -155,12 +175,41 @@ fn stream(
     assert!(online
         .watch()
         .is_none_or(|watch| watch.standing().next().is_none()));
-    let what = if watched.is_some() {
-        "stream, watched"
-    } else {
-        "stream"
-    };
     report(what, path.name(), cycles, &times);
+}
+
+/// A stream by itself, with an observer, with one whose thresholds follow from the state, and with a
+/// watch that nothing disturbs.
+fn streams(
+    model: &Arc<TorqueModel>,
+    path: Path,
+    cycles: u64,
+    motion: [&[f64]; 3],
+    measured: &[f64],
+) {
+    let online = || OnlineEstimator::new(Arc::clone(model), None, None).unwrap();
+    let observing = || online().observing(ObserverSettings::default()).unwrap();
+    let ones = vec![1.0; N * N_STATES];
+    let tau = Some(&ones[..]);
+    stream("stream", online(), path, cycles, motion, None);
+    stream("stream, observed", observing(), path, cycles, motion, tau);
+    let knowing = observing().knowing(Arc::new(uncertainty(model))).unwrap();
+    let what = format!("stream, observed, {DIRECTIONS} directions");
+    stream(&what, knowing, path, cycles, motion, tau);
+    let healthy = Healthy {
+        frozen_after: vec![0.05; N],
+        ..Healthy::untold(N)
+    };
+    let watching = online().watching(WatchSettings::default(), &healthy);
+    let watching = watching.unwrap();
+    stream(
+        "stream, watched",
+        watching,
+        path,
+        cycles,
+        motion,
+        Some(measured),
+    );
 }
 
 /// The terms by themselves.
@@ -246,8 +295,7 @@ fn main() {
             black_box(&tau);
         });
         report("estimate", path.name(), cycles, &times);
-        stream(&model, path, cycles / 10, [&q, &dq, &ddq], None);
-        stream(&model, path, cycles / 10, [&q, &dq, &ddq], Some(&measured));
+        streams(&model, path, cycles / 10, [&q, &dq, &ddq], &measured);
         parts(&model, path, cycles / 10, [&q, &dq, &ddq]);
     }
 }

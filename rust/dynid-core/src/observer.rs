@@ -23,18 +23,30 @@
 //!
 //! and crosses a level k s_r so often per second (S. O. Rice, Bell Syst. Tech. J. 24, 1945: the slope's deviation is
 //! s_r / sqrt(c T)): `2 n / (2 pi sqrt(c T)) exp(-k^2 / 2)` for n joints and two signs. k is what makes that the false contacts that
-//! are asked for. Where c is not known nothing is taken for granted: s_r = s, and k as if c were T.
+//! are asked for. Where c is not known nothing is taken for granted: s_r = s, and k as if c were T. With an
+//! [`Uncertainty`] both follow from it instead: s_r from the state, k from how often healthy runs pass it.
+//!
+//! Hand guiding takes what of r lies beyond the threshold d = k s_r, smoothly over one deviation w = d / k:
+//!
+//! ```text
+//! x = |r| - d         guide = 0 for x <= 0,  sign(r) x^2 / (x + w) beyond
+//! ```
+//!
+//! so an arm that follows it does not move by itself where the model knows little, more often than contacts are faked.
 
 use std::sync::Arc;
 
 use crate::dynamics::{check_length, inverse_dynamics_into, Workspace};
-use crate::effects::{smooth_friction, EffectInput, EffectTerm};
+use crate::effects::EffectInput;
 use crate::error::CoreError;
 use crate::estimator::TorqueEstimator;
 use crate::model::{check_step, TorqueModel};
 use crate::momentum::{momentum_into, MomentumWorkspace};
+use crate::rest::at_rest;
+pub(crate) use crate::rest::rest_speeds;
 use crate::slices::{copy, mirror_fields, rows, Mirror};
 use crate::state::State;
+use crate::uncertainty::{Deviation, Doing, Uncertainty};
 
 /// A contact ends where every joint is below this part of its threshold.
 const RELEASE: f64 = 0.5;
@@ -117,7 +129,8 @@ struct Memory {
 pub struct MomentumObserver {
     model: Arc<TorqueModel>,
     settings: ObserverSettings,
-    factor: f64,
+    /// k of every joint.
+    factors: Vec<f64>,
     workspace: Workspace,
     momenta: MomentumWorkspace,
     /// Torque that remains of a joint that stands, and the speed below which it may.
@@ -134,7 +147,11 @@ pub struct MomentumObserver {
     threshold: Vec<f64>,
     /// What of the threshold is friction at rest.
     rest: Vec<f64>,
+    /// What of `external` a hand may guide the arm by.
+    guide: Vec<f64>,
     contact: bool,
+    /// From state to state, where it is known.
+    deviation: Option<Deviation>,
 }
 
 impl MomentumObserver {
@@ -147,7 +164,7 @@ impl MomentumObserver {
         let n = model.robot().n_joints();
         let at_rest = at_rest(&model);
         Ok(Self {
-            factor: settings.threshold_factor(n),
+            factors: vec![settings.threshold_factor(n); n],
             settings,
             workspace: Workspace::new(model.robot()),
             momenta: MomentumWorkspace::new(model.robot()),
@@ -166,9 +183,23 @@ impl MomentumObserver {
             external: vec![0.0; n],
             threshold: vec![f64::INFINITY; n],
             rest: vec![0.0; n],
+            guide: vec![0.0; n],
             contact: false,
+            deviation: None,
             model,
         })
+    }
+
+    /// The same observer, whose thresholds follow from how far off it is at each state.
+    ///
+    /// # Errors
+    /// [`CoreError`] if `uncertainty` is not of this model.
+    pub fn with_uncertainty(mut self, uncertainty: Arc<Uncertainty>) -> Result<Self, CoreError> {
+        let factors = uncertainty.factors(self.settings.false_per_hour);
+        let deviation = Deviation::new(uncertainty, &self.model)?;
+        self.factors = factors;
+        self.deviation = Some(deviation);
+        Ok(self)
     }
 
     /// How it listens.
@@ -195,15 +226,36 @@ impl MomentumObserver {
         &self.rest
     }
 
+    /// What of r lies beyond the thresholds, n values \[torque unit\]: what an arm may follow that a hand guides. Zero where the
+    /// last sample could not be used.
+    #[must_use]
+    pub fn guide(&self) -> &[f64] {
+        &self.guide
+    }
+
+    /// Nothing guides the arm until the next sample.
+    pub fn let_go(&mut self) {
+        self.guide.fill(0.0);
+    }
+
+    /// Where thresholds follow from the state: what every joint does, and the variance by parameters that are not known
+    /// well, n values each \[torque unit²\].
+    #[must_use]
+    pub fn sources(&self) -> Option<(&[Doing], &[f64])> {
+        let deviation = self.deviation.as_ref()?;
+        Some((deviation.doing(), deviation.of_parameters()))
+    }
+
     /// True from when a joint's r passes its threshold until all are below half of theirs.
     #[must_use]
     pub fn contact(&self) -> bool {
         self.contact
     }
 
-    /// The sample before is not compared with the next one: something is missing between them. r stays.
+    /// The sample before is not compared with the next one: something is missing between them. r stays, and nothing guides.
     pub fn interrupt(&mut self) {
         self.before.valid = false;
+        self.let_go();
     }
 
     /// Goes on with what `before` saw, under this one's model.
@@ -247,6 +299,19 @@ impl MomentumObserver {
         copy(&self.torque, &mut self.before.torque);
         self.before.valid = true;
         self.judge(state.dq_motor, elapsed);
+        if let Some(deviation) = &mut self.deviation {
+            let (slow, time) = (&self.at_rest, self.settings.time_constant);
+            deviation.step(
+                &self.model,
+                estimator,
+                slow,
+                &self.since_rest,
+                elapsed,
+                time,
+            )?;
+            self.judge_by_state();
+        }
+        self.decide();
         Ok(())
     }
 
@@ -342,106 +407,62 @@ impl MomentumObserver {
     }
 
     fn judge(&mut self, dq_motor: &[f64], elapsed: f64) {
-        let gain = self.factor * self.settings.noise_gain();
+        let gain = self.settings.noise_gain();
         let remembered = REST_MEMORY * self.settings.time_constant;
         let joints = self.at_rest.iter().zip(dq_motor).zip(&mut self.since_rest);
-        let outputs = self.threshold.iter_mut().zip(&mut self.rest).zip(&self.std);
-        for ((([torque, speed], dq), since), ((threshold, rest), std)) in joints.zip(outputs) {
+        let outputs = self.threshold.iter_mut().zip(&mut self.rest);
+        let known = self.std.iter().zip(&self.factors);
+        let outputs = outputs.zip(known);
+        for ((([torque, speed], dq), since), ((threshold, rest), (std, factor))) in
+            joints.zip(outputs)
+        {
             *since = if dq.abs() <= *speed {
                 0.0
             } else {
                 *since + elapsed
             };
             *rest = if *since < remembered { *torque } else { 0.0 };
-            *threshold = gain * std + *rest;
+            *threshold = factor * gain * std + *rest;
         }
+    }
+
+    /// Thresholds where the deviation at the state is known.
+    fn judge_by_state(&mut self) {
+        let Some(deviation) = &self.deviation else {
+            return;
+        };
+        let joints = deviation.variance().iter().zip(deviation.may_stick());
+        let outputs = self.threshold.iter_mut().zip(&mut self.rest);
+        let outputs = outputs.zip(&self.factors);
+        for (((threshold, rest), factor), (variance, sticks)) in outputs.zip(joints) {
+            if !sticks {
+                *rest = 0.0;
+            }
+            *threshold = factor * variance.sqrt() + *rest;
+        }
+    }
+
+    /// Is it a contact, and what may a hand guide the arm by?
+    fn decide(&mut self) {
         let level = if self.contact { RELEASE } else { 1.0 };
         let mut joints = self.external.iter().zip(&self.threshold);
         self.contact = joints.any(|(r, threshold)| r.abs() > level * threshold);
+        let joints = self.external.iter().zip(&self.threshold);
+        let guides = self.guide.iter_mut().zip(&self.factors);
+        for ((guide, factor), (r, threshold)) in guides.zip(joints) {
+            let beyond = r.abs() - threshold;
+            // Written so that a NaN guides nothing.
+            *guide = if beyond > 0.0 {
+                (beyond * (beyond / (beyond + threshold / factor))).copysign(*r)
+            } else {
+                0.0
+            };
+        }
     }
 }
 
 /// The signal of effects that are momentum.
 const ACCELERATION: &str = "ddq_motor";
-
-/// Speeds are slow where friction has not reached this part of its step.
-const STEP_PART: f64 = 0.9;
-
-/// Per joint, half of the step of friction at standstill \[torque unit\] and the speed below which it is not a function of the
-/// state: a joint that stands holds any torque in between, and no model says which.
-fn at_rest(model: &TorqueModel) -> Vec<[f64; 2]> {
-    let n = model.robot().n_joints();
-    let zeros = vec![0.0; n];
-    let mut found = vec![[0.0; 2]; n];
-    let mut low = vec![0.0; n];
-    let mut high = vec![0.0; n];
-    for effect in model.effects() {
-        // Half of the step between the speeds to either side, doubled until it grows by less than the rest of its part.
-        if !effect.effect().entry().needs("dq_motor") || effect.effect().memory_len(n) > 0 {
-            continue;
-        }
-        let of_sign = sign_of(effect, n);
-        let (effect, by_its_sign) = (of_sign.as_ref().unwrap_or(effect), of_sign.is_some());
-        let mut half_step = |speed: f64| -> Vec<f64> {
-            for (sign, out) in [(-1.0, &mut low), (1.0, &mut high)] {
-                let dq = vec![sign * speed; n];
-                let state = State {
-                    dq_motor: &dq,
-                    ..State::single(&zeros, &dq, &zeros)
-                };
-                let input = EffectInput {
-                    state,
-                    tau_link: &zeros,
-                    tau_motor: &zeros,
-                    step: 0.0,
-                };
-                effect.torque_into(&input, &mut [], out);
-            }
-            high.iter()
-                .zip(&low)
-                .map(|(high, low)| 0.5 * (high - low))
-                .collect()
-        };
-        let mut speed = SLOWEST;
-        let mut settled = vec![false; n];
-        while speed < FASTEST {
-            let (here, there) = (half_step(speed), half_step(2.0 * speed));
-            for (j, settled) in settled.iter_mut().enumerate() {
-                let step = here[j].abs();
-                let is_last = by_its_sign && 2.0 * speed >= FASTEST;
-                if !*settled && step > 0.0 && (is_last || step >= STEP_PART * there[j].abs()) {
-                    *settled = true;
-                    found[j][0] += step;
-                    found[j][1] = found[j][1].max(speed);
-                }
-            }
-            speed *= 2.0;
-        }
-    }
-    found
-}
-
-/// Per joint, the speed below which its friction is not a function of the state \[rad/s, m/s\].
-pub(crate) fn rest_speeds(model: &TorqueModel) -> Vec<f64> {
-    at_rest(model).into_iter().map(|[_, speed]| speed).collect()
-}
-
-/// Of friction with a shape of its own, the part of its sign alone: a wide one still rises where viscous friction has taken
-/// over, and would be no step beside it.
-fn sign_of(term: &EffectTerm, n: usize) -> Option<EffectTerm> {
-    if term.effect().kind() != smooth_friction::KIND {
-        return None;
-    }
-    let mut coefficients = term.coefficients().to_vec();
-    for own in coefficients.chunks_mut(term.effect().n_columns()) {
-        own[smooth_friction::N_SIGN..].fill(0.0);
-    }
-    EffectTerm::new(term.effect().clone(), coefficients, n).ok()
-}
-
-/// Speeds at which a step at standstill is looked for \[rad/s, m/s\].
-const SLOWEST: f64 = 1e-4;
-const FASTEST: f64 = 0.5;
 
 impl Mirror for Memory {
     fn mirror(&mut self, of: &Self) {
@@ -451,11 +472,14 @@ impl Mirror for Memory {
 
 impl Mirror for MomentumObserver {
     fn mirror(&mut self, of: &Self) {
+        if let (Some(own), Some(of)) = (&mut self.deviation, &of.deviation) {
+            own.mirror(of);
+        }
         mirror_fields!(
             self, of;
-            workspace, momenta, at_rest, since_rest, zeros, before, momentum, torque, scratch, std, external, threshold, rest;
-            copied settings, factor, contact;
-            kept model
+            workspace, momenta, at_rest, since_rest, zeros, before, momentum, torque, scratch, std, external, threshold, rest, guide;
+            copied settings, contact;
+            kept model, deviation, factors
         );
     }
 }

@@ -17,6 +17,7 @@ use crate::slices::{copy, mirror_fields, rows_mut, Mirror};
 use crate::state::State;
 use crate::stream::{Place, Stream};
 use crate::track::{Taken, Track, MOST_STEPS};
+use crate::uncertainty::Uncertainty;
 use crate::watch::{Change, Healthy, Watch, WatchSettings};
 
 /// Signals of motion: q, dq, ddq of the link side, then of the motor side, as in [`State`].
@@ -162,6 +163,16 @@ impl OnlineEstimator {
         Ok(self)
     }
 
+    /// The same, whose observer ([`Self::observing`]) has thresholds that follow from how far off it is at each state.
+    ///
+    /// # Errors
+    /// [`CoreError`] if `uncertainty` is not of this model.
+    pub fn knowing(mut self, uncertainty: Arc<Uncertainty>) -> Result<Self, CoreError> {
+        let known = self.observer.map(|own| own.with_uncertainty(uncertainty));
+        self.observer = known.transpose()?;
+        Ok(self)
+    }
+
     /// The same with a watch ([`Watch::new`]), for samples that hold the measured torque.
     ///
     /// # Errors
@@ -242,7 +253,12 @@ impl OnlineEstimator {
         self.misses = self.misses.saturating_add(1);
         self.change = None;
         let mut status = Status::REPEATED;
-        status.set(Status::STALE, self.misses >= STALE_AFTER);
+        let is_stale = self.misses >= STALE_AFTER;
+        status.set(Status::STALE, is_stale);
+        // An arm does not follow a hand that was felt long ago.
+        if let Some(observer) = self.observer.as_mut().filter(|_| is_stale) {
+            observer.let_go();
+        }
         status.set(Status::CONTACT, self.in_contact());
         status
     }

@@ -10,11 +10,13 @@ use std::hint::black_box;
 use std::sync::Arc;
 
 use dynid_core::model::TorqueModelParts;
+use dynid_core::uncertainty::{Direction, Tail};
 use dynid_core::watch::{Healthy, Watch, WatchSettings};
 use dynid_core::{
     Domain, Effect, EffectTerm, GaussianMixtureRegression, Joint, JointKind, JointLimits,
     NormalisedRbf, ObserverSettings, OnlineEstimator, Regression, Residual, ResidualInputs,
     RobotModel, Sample, Signal, SignalKind, State, Status, TorqueEstimator, TorqueModel,
+    Uncertainty,
 };
 use every_effect::every_effect;
 use nalgebra::{Rotation3, Vector3};
@@ -216,12 +218,41 @@ fn ten_thousand_steps_allocate_nothing() {
     }
 }
 
+/// Every parameter is off by a tenth of itself, in two ways.
+fn uncertainty(model: &TorqueModel) -> Uncertainty {
+    let terms = model.effects().iter();
+    let part = |x: &[f64]| x.iter().map(|x| 0.1 * x).collect::<Vec<_>>();
+    let direction = Direction {
+        phi: part(model.phi()),
+        effects: terms.map(|term| part(term.coefficients())).collect(),
+    };
+    Uncertainty {
+        moving: vec![1e-4; N],
+        standing: vec![1e-5; N],
+        turning: vec![1e-3; N],
+        torque: vec![1e-6; N],
+        stops_known: vec![true; N],
+        turns_known: vec![false; N],
+        directions: vec![direction; 2],
+        tails: vec![
+            Tail {
+                level: 1.0,
+                per_hour: 1.0,
+                growth: 0.1,
+            };
+            N
+        ],
+    }
+}
+
 /// Everything that an online estimator says.
 fn bits_of(online: &OnlineEstimator) -> impl Iterator<Item = u64> + '_ {
-    let external = online
-        .observer()
-        .map_or(&[][..], |observer| observer.external());
-    let said = [online.tau(), online.estimator().terms(), external];
+    let heard = online.observer();
+    let of_observer = heard.map_or([&[][..]; 3], |own| {
+        [own.external(), own.threshold(), own.guide()]
+    });
+    let said = [online.tau(), online.estimator().terms()];
+    let said = said.into_iter().chain(of_observer);
     said.into_iter().flatten().map(|x| x.to_bits())
 }
 
@@ -238,7 +269,14 @@ const WATCHFUL: WatchSettings = WatchSettings {
 
 #[test]
 fn a_stream_with_faults_and_an_observer_or_a_watch_allocates_nothing() {
-    for (with_derivatives, watches) in [(true, false), (false, false), (true, true)] {
+    let kinds = [
+        (true, false, false),
+        (false, false, false),
+        (true, false, true),
+        (false, false, true),
+        (true, true, false),
+    ];
+    for (with_derivatives, watches, knows) in kinds {
         let late = if with_derivatives { 0.0123 } else { 0.0 };
         let model = model(ResidualInputs::JointState, false).with_torque_delay(late);
         let model = Arc::new(model.unwrap());
@@ -253,6 +291,10 @@ fn a_stream_with_faults_and_an_observer_or_a_watch_allocates_nothing() {
             } else {
                 online.and_then(|online| online.observing(ObserverSettings::default()))
             }
+            .and_then(|online| match knows {
+                true => online.knowing(Arc::new(uncertainty(model))),
+                false => Ok(online),
+            })
             .unwrap()
         };
         let (mut running, mut other) = (online(&model), online(&model));

@@ -35,7 +35,7 @@ pub enum Command {
         settings: Settings,
     },
     /// Answer states.
-    Run(Run),
+    Run(Box<Run>),
 }
 
 /// How states are answered.
@@ -51,6 +51,9 @@ pub struct Run {
     pub changes: Option<PathBuf>,
     /// Where the watch keeps what it remembers.
     pub remember: Option<PathBuf>,
+    /// How far off the observer is, as `MomentumObserver.save` writes it; and how many false contacts are put up with, if not as
+    /// the file says.
+    pub contacts: Option<(PathBuf, Option<f64>)>,
     /// What is asked of the machine.
     pub real_time: RealTime,
     /// None: stdin and stdout.
@@ -79,6 +82,7 @@ fn read(mut parser: Parser) -> Result<Command, lexopt::Error> {
     let mut real_time = RealTime::default();
     let (mut info, mut json, mut watch) = (false, false, false);
     let (mut changes, mut remember) = (None, None);
+    let (mut contacts, mut per_hour_given) = (None, None);
     while let Some(arg) = parser.next()? {
         match arg {
             Arg::Short('h') | Arg::Long("help") => return Ok(Command::Print(HELP.to_owned())),
@@ -110,7 +114,10 @@ fn read(mut parser: Parser) -> Result<Command, lexopt::Error> {
             }
             Arg::Long("false-contacts") => {
                 listening.false_per_hour = parser.value()?.parse_with(per_hour)?;
+                per_hour_given = Some(listening.false_per_hour);
             }
+            Arg::Long("contacts") => contacts = Some(PathBuf::from(parser.value()?)),
+            Arg::Long("guide") => settings.guide = true,
             Arg::Long("udp") => transport = Some(Transport::Udp(parser.value()?.string()?)),
             Arg::Long("shm") => transport = Some(Transport::Shm(parser.value()?.into())),
             Arg::Long("rate") => real_time.rate = Some(parser.value()?.parse_with(hertz)?),
@@ -144,6 +151,24 @@ fn read(mut parser: Parser) -> Result<Command, lexopt::Error> {
                 .into(),
         );
     }
+    if contacts.is_some() {
+        let of_file = ObserverSettings {
+            time_constant: listening.time_constant,
+            correlation_time: listening.correlation_time,
+            ..ObserverSettings::default()
+        };
+        if of_file != ObserverSettings::default() {
+            return Err(
+                "--observer-time and --noise-correlation: --contacts FILE says these".into(),
+            );
+        }
+        if settings.step.is_some() || settings.window.is_some() {
+            return Err("--step and --window: --contacts FILE says these".into());
+        }
+    }
+    if !observe && (contacts.is_some() || settings.guide) {
+        return Err("--contacts and --guide go with --observe".into());
+    }
     if observe {
         settings.observer = Some(listening);
     } else if listening != ObserverSettings::default() {
@@ -170,16 +195,17 @@ fn read(mut parser: Parser) -> Result<Command, lexopt::Error> {
         );
     }
     real_time.json = json;
-    Ok(Command::Run(Run {
+    Ok(Command::Run(Box::new(Run {
         model,
         formats: (input, output),
         settings,
         changes,
         remember,
+        contacts: contacts.map(|path| (path, per_hour_given)),
         real_time,
         transport,
         watch,
-    }))
+    })))
 }
 
 fn format_named(text: &str, expected: &str) -> Result<Format, String> {

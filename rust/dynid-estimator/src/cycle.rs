@@ -9,7 +9,7 @@ use dynid_core::{
     CoreError, MomentumObserver, ObserverSettings, OnlineEstimator, Sample, Status, TorqueModel,
 };
 use dynid_io::remembered::{identity, Identity};
-use dynid_io::WatchFile;
+use dynid_io::{ContactFile, WatchFile};
 
 use crate::frame::Frame;
 use crate::output::Answer;
@@ -27,6 +27,10 @@ pub struct Settings {
     pub unlimited: bool,
     /// How the observer listens; none: there is no observer.
     pub observer: Option<ObserverSettings>,
+    /// How far off the observer is at each state; none: as the model expects.
+    pub contacts: Option<Arc<ContactFile>>,
+    /// Whether it is said what a hand may guide the arm by.
+    pub guide: bool,
     /// How the model is watched; none: it is not.
     pub watch: Option<Arc<WatchFile>>,
     /// Where the watch keeps what it remembers.
@@ -37,6 +41,15 @@ impl Settings {
     /// Whether something wants the measured torque.
     pub fn wants_torque(&self) -> bool {
         self.observer.is_some() || self.watch.is_some()
+    }
+
+    /// An observer as the file says, for the samples that it was made of; `per_hour` false contacts, if given.
+    pub fn take_contacts(&mut self, file: ContactFile, per_hour: Option<f64>) {
+        (self.step, self.window) = (Some(file.step), file.window);
+        let mut observer = file.settings;
+        observer.false_per_hour = per_hour.unwrap_or(observer.false_per_hour);
+        self.observer = Some(observer);
+        self.contacts = Some(Arc::new(file));
     }
 }
 
@@ -57,6 +70,7 @@ pub struct Cycle {
     /// Of this cycle's states so far.
     passing: Status,
     any_new: bool,
+    guides: bool,
     /// Of the model and its watch, if there is one.
     identity: Identity,
 }
@@ -78,9 +92,23 @@ impl Cycle {
         if let Some(observer) = settings.observer {
             online = online.observing(observer).map_err(stop)?;
         }
+        if let Some(contacts) = &settings.contacts {
+            let mend = "write it with MomentumObserver.save of an observer of this model";
+            check_joints(
+                online.estimator().model(),
+                &contacts.joints,
+                "--contacts",
+                mend,
+            )?;
+            let known = online.knowing(Arc::new(contacts.uncertainty.clone()));
+            online = known.map_err(|error| {
+                Stop::Because(format!("--contacts: of another model: {error}; {mend}"))
+            })?;
+        }
         let mut own = Identity::default();
         if let Some(watch) = &settings.watch {
-            check_joints(online.estimator().model(), watch)?;
+            let mend = "write them with `dynid watch MODEL.json --save`";
+            check_joints(online.estimator().model(), &watch.joints, "--changes", mend)?;
             own = identity(online.estimator().model(), watch)?;
             let watching = online.watching(watch.settings, &watch.healthy);
             online = watching.map_err(|error| {
@@ -94,6 +122,7 @@ impl Cycle {
             status: Status::OK,
             passing: Status::OK,
             any_new: false,
+            guides: settings.guide,
             identity: own,
         };
         cycle.take_deviation().map_err(stop)?;
@@ -199,6 +228,11 @@ impl Cycle {
             terms: self.online.estimator().terms(),
             std: &self.std,
             external: self.online.observer().map(MomentumObserver::external),
+            guide: self
+                .online
+                .observer()
+                .filter(|_| self.guides)
+                .map(MomentumObserver::guide),
             change: self.change(),
             status: self.status.and(self.passing),
         }
@@ -220,12 +254,17 @@ impl Cycle {
     }
 }
 
-fn check_joints(model: &TorqueModel, watch: &WatchFile) -> Result<(), Stop> {
+fn check_joints(
+    model: &TorqueModel,
+    names: &[String],
+    option: &str,
+    mend: &str,
+) -> Result<(), Stop> {
     let joints = model.robot().joints().iter();
-    if joints.map(|joint| &joint.name).eq(&watch.joints) {
+    if joints.map(|joint| &joint.name).eq(names) {
         return Ok(());
     }
-    Err(Stop::Because(
-        "--changes: the joints of the watch's settings are not those of the model; write them with `dynid watch MODEL.json --save`".to_owned(),
-    ))
+    Err(Stop::Because(format!(
+        "{option}: the joints of the file are not those of the model; {mend}"
+    )))
 }

@@ -5,9 +5,10 @@
 use std::sync::atomic::Ordering;
 use std::sync::Arc;
 
+use dynid_core::uncertainty::{Direction, Tail};
 use dynid_core::watch::{Healthy, WatchSettings};
-use dynid_core::{ObserverSettings, TorqueModel};
-use dynid_io::WatchFile;
+use dynid_core::{ObserverSettings, TorqueModel, Uncertainty};
+use dynid_io::{ContactFile, WatchFile};
 
 use crate::args::Format;
 use crate::cycle::{Cycle, Settings};
@@ -48,11 +49,13 @@ impl Door {
                 ..Healthy::untold(n)
             },
         };
-        let settings = Settings {
+        let mut settings = Settings {
             observer: Some(ObserverSettings::default()),
             watch: Some(Arc::new(watch)),
+            guide: true,
             ..Settings::default()
         };
+        settings.take_contacts(contacts(&model), None);
         let cycle = Cycle::new(Arc::clone(&model), &settings).ok()?;
         Some(Self {
             fresh: cycle.clone(),
@@ -137,7 +140,7 @@ impl Door {
             Ok(parser) => parser,
             Err(stop) => return Some(stop.to_string()),
         };
-        let writer = Writer::new(format, &self.model, true);
+        let writer = Writer::new(format, &self.model, true, true);
         let mut out = Vec::new();
         loop {
             match lines.advance() {
@@ -163,6 +166,39 @@ impl Door {
     }
 }
 
+/// An observer that knows every joint worse by a direction of its own model, for samples a millisecond apart.
+fn contacts(model: &TorqueModel) -> ContactFile {
+    let n = model.robot().n_joints();
+    let joints = model.robot().joints().iter();
+    let terms = model.effects().iter();
+    ContactFile {
+        joints: joints.map(|joint| joint.name.clone()).collect(),
+        step: 0.001,
+        window: None,
+        settings: ObserverSettings::default(),
+        uncertainty: Uncertainty {
+            moving: vec![0.5; n],
+            standing: vec![0.1; n],
+            turning: vec![1.0; n],
+            torque: vec![1e-4; n],
+            stops_known: vec![true; n],
+            turns_known: vec![false; n],
+            directions: vec![Direction {
+                phi: model.phi().iter().map(|x| 0.1 * x + 0.01).collect(),
+                effects: terms.map(|term| term.coefficients().to_vec()).collect(),
+            }],
+            tails: vec![
+                Tail {
+                    level: 10.0,
+                    per_hour: 700.0,
+                    growth: 2.0,
+                };
+                n
+            ],
+        },
+    }
+}
+
 /// Numbers are numbers.
 fn check(answer: &Answer<'_>) {
     let all = [
@@ -170,6 +206,7 @@ fn check(answer: &Answer<'_>) {
         answer.terms,
         answer.std,
         answer.external.unwrap_or(&[]),
+        answer.guide.unwrap_or(&[]),
     ];
     for part in all {
         assert!(part.iter().all(|x| x.is_finite()), "{answer:?}");

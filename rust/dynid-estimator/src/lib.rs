@@ -84,22 +84,27 @@ fn work() -> Result<(), Stop> {
                 info::text(&model, &settings)
             })
         }
-        Command::Run(Run {
-            model: path,
-            formats,
-            mut settings,
-            changes,
-            remember,
-            real_time,
-            transport,
-            watch,
-        }) => {
+        Command::Run(run) => {
+            let Run {
+                model: path,
+                formats,
+                mut settings,
+                changes,
+                remember,
+                contacts,
+                real_time,
+                transport,
+                watch,
+            } = *run;
             let model = dynid_io::load(&path)?;
             settings.watch = match changes {
                 Some(changes) => Some(Arc::new(dynid_io::load_watch(&changes)?)),
                 None => None,
             };
             settings.remember = remember;
+            if let Some((contacts, per_hour)) = contacts {
+                settings.take_contacts(dynid_io::load_contact(&contacts)?, per_hour);
+            }
             let watched = watch.then_some(path);
             if let Some(transport) = transport {
                 let report = live::run(model, &transport, &settings, &real_time, watched)?;

@@ -20,6 +20,8 @@ pub struct Answer<'a> {
     pub std: &'a [f64],
     /// External torque, where an observer runs; finite.
     pub external: Option<&'a [f64]>,
+    /// What a hand may guide the arm by, where it is asked for; finite.
+    pub guide: Option<&'a [f64]>,
     /// What the watch has just said, where the model is watched.
     pub change: Option<&'a Change>,
     /// What was unusual.
@@ -33,16 +35,18 @@ pub struct Writer {
     n_joints: usize,
     term_names: Vec<String>,
     observes: bool,
+    guides: bool,
 }
 
 impl Writer {
-    /// A writer for answers of `model`.
-    pub fn new(format: Format, model: &TorqueModel, observes: bool) -> Self {
+    /// A writer for answers of `model`, with external torques and with what a hand may guide the arm by.
+    pub fn new(format: Format, model: &TorqueModel, observes: bool, guides: bool) -> Self {
         Self {
             format,
             n_joints: model.robot().n_joints(),
             term_names: model.term_names(),
             observes,
+            guides,
         }
     }
 
@@ -60,6 +64,7 @@ impl Writer {
             .chain(terms)
             .chain(["std"])
             .chain(self.observes.then_some("external"))
+            .chain(self.guides.then_some("guide"))
         {
             for joint in 0..self.n_joints {
                 write!(out, "{name}_{joint},")?;
@@ -88,6 +93,7 @@ impl Writer {
             .chain(answer.terms)
             .chain(answer.std)
             .chain(answer.external.unwrap_or(&[]))
+            .chain(answer.guide.unwrap_or(&[]))
         {
             write!(out, "{torque:?},")?;
         }
@@ -114,6 +120,10 @@ impl Writer {
         if let Some(external) = answer.external {
             out.write_all(b",\"external\":")?;
             write_array(external, out)?;
+        }
+        if let Some(guide) = answer.guide {
+            out.write_all(b",\"guide\":")?;
+            write_array(guide, out)?;
         }
         if let Some(change) = answer.change {
             write_change(change, out)?;
@@ -173,6 +183,7 @@ mod tests {
                 .map(str::to_owned)
                 .to_vec(),
             observes: external.is_some(),
+            guides: false,
         };
         let answer = Answer {
             time,
@@ -180,6 +191,7 @@ mod tests {
             terms: &[0.1, 1e-7, 1e22, 5e-324, -1.0, 2.0],
             std: &[0.5, 0.25],
             external,
+            guide: None,
             change: None,
             status: Status::OUTSIDE_DOMAIN,
         };

@@ -55,6 +55,7 @@ pub fn run(
         output.unwrap_or(parser.format()),
         &model,
         settings.observer.is_some(),
+        settings.guide,
     );
     note_what_is_missing(&model, &frame, &cycle);
     if frame.wants(TORQUE) && !frame.present().signals[TORQUE] {

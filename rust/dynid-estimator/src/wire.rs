@@ -50,9 +50,9 @@ pub fn most_state_bytes(n_joints: usize) -> usize {
     HEADER + 8 * N_SIGNALS * n_joints
 }
 
-/// Bytes of every answer, external torques included.
+/// Bytes that every answer fits in, external torques and what a hand may guide the arm by included.
 pub fn answer_bytes(n_joints: usize, n_terms: usize) -> usize {
-    HEADER + 8 * n_joints * (3 + n_terms)
+    HEADER + 8 * n_joints * (4 + n_terms)
 }
 
 fn array<const N: usize>(bytes: &[u8], at: usize) -> Option<[u8; N]> {
@@ -111,7 +111,9 @@ pub fn encode(answer: &Answer<'_>, sequence: u64, out: &mut [u8]) -> usize {
     let n = answer.tau.len();
     let n_terms = answer.terms.len() / n.max(1);
     let external = answer.external.unwrap_or(&[]);
-    let parts = [answer.tau, answer.std, external, answer.terms];
+    let guide = answer.guide.unwrap_or(&[]);
+    let parts = [answer.tau, answer.std, external, guide, answer.terms];
+    let said = u16::from(!external.is_empty()) | u16::from(!guide.is_empty()) << 1;
     let length = HEADER + 8 * parts.iter().map(|part| part.len()).sum::<usize>();
     let Some(out) = out.get_mut(..length) else {
         return 0;
@@ -119,10 +121,7 @@ pub fn encode(answer: &Answer<'_>, sequence: u64, out: &mut [u8]) -> usize {
     let (head, numbers) = out.split_at_mut(HEADER);
     let head_words: [[u8; 8]; 4] = [
         word(ANSWER_MAGIC, [VERSION, n as u16]),
-        word(
-            answer.status.bits().to_le_bytes(),
-            [n_terms as u16, u16::from(!external.is_empty())],
-        ),
+        word(answer.status.bits().to_le_bytes(), [n_terms as u16, said]),
         sequence.to_le_bytes(),
         answer.time.unwrap_or(f64::NAN).to_le_bytes(),
     ];
@@ -227,6 +226,7 @@ mod tests {
             terms: &[3.0, 4.0, 5.0, 6.0],
             std: &[7.0, 8.0],
             external: Some(&[9.0, 10.0]),
+            guide: Some(&[0.5, 0.0]),
             change: None,
             status: Status::STALE,
         };
@@ -234,7 +234,7 @@ mod tests {
         let length = encode(&answer, 42, &mut out);
         assert_eq!(length, answer_bytes(2, 2));
         assert_eq!(out[..8], *b"DYNT\x01\0\x02\0");
-        assert_eq!(out[8..16], [128, 0, 0, 0, 2, 0, 1, 0]);
+        assert_eq!(out[8..16], [128, 0, 0, 0, 2, 0, 3, 0]);
         assert_eq!(out[16..24], 42_u64.to_le_bytes());
         let numbers: Vec<f64> = out[24..length]
             .chunks_exact(8)
@@ -242,14 +242,20 @@ mod tests {
             .collect();
         assert_eq!(
             numbers,
-            [0.5, 1.0, 2.0, 7.0, 8.0, 9.0, 10.0, 3.0, 4.0, 5.0, 6.0]
+            [0.5, 1.0, 2.0, 7.0, 8.0, 9.0, 10.0, 0.5, 0.0, 3.0, 4.0, 5.0, 6.0]
         );
         assert_eq!(encode(&answer, 42, &mut out[..length - 1]), 0);
-        let without = Answer {
-            external: None,
+        let unguided = Answer {
+            guide: None,
             ..answer
         };
-        assert_eq!(encode(&without, 42, &mut out), length - 16);
+        assert_eq!(encode(&unguided, 42, &mut out), length - 16);
+        assert_eq!(out[12..16], [2, 0, 1, 0]);
+        let without = Answer {
+            external: None,
+            ..unguided
+        };
+        assert_eq!(encode(&without, 42, &mut out), length - 32);
         assert_eq!(out[12..16], [2, 0, 0, 0]);
     }
 

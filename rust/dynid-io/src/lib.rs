@@ -12,6 +12,7 @@
 )]
 
 pub mod c_header;
+pub mod contact_file;
 mod frame;
 pub mod mdh;
 pub mod mjcf;
@@ -23,6 +24,7 @@ pub mod watch_file;
 mod whole;
 
 pub use c_header::CHeaderError;
+pub use contact_file::{load_contact, ContactFile};
 pub use model_file::{load, parse, save, ModelFileError};
 pub use remembered::{load_remembered, Remembered};
 pub use text::shorten_said;

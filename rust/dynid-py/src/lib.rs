@@ -70,6 +70,7 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(signals::true_motion, m)?)?;
     m.add_function(wrap_pyfunction!(offline::observe, m)?)?;
     m.add_function(wrap_pyfunction!(observer::observe_momentum, m)?)?;
+    m.add_function(wrap_pyfunction!(observer::read_contact, m)?)?;
     m.add_function(wrap_pyfunction!(watch::watch_run, m)?)?;
     m.add_function(wrap_pyfunction!(watch::read_watch, m)?)?;
     m.add_function(wrap_pyfunction!(offline::fold, m)?)?;

@@ -176,7 +176,8 @@ impl Rig {
         self.live.cycle(&mut self.cycle, true);
         let answer = self.cycle.answer(None);
         let external = answer.external.unwrap_or(&[]);
-        let said = [answer.tau, answer.std, answer.terms, external];
+        let guide = answer.guide.unwrap_or(&[]);
+        let said = [answer.tau, answer.std, answer.terms, external, guide];
         let mut bits: Vec<u64> = said.into_iter().flatten().map(|x| x.to_bits()).collect();
         bits.extend([self.live.counts.states, self.live.counts.refused]);
         bits.extend([

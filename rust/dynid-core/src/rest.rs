@@ -1,0 +1,84 @@
+//! What friction may hold of a joint that stands, and below which speed it may.
+
+use crate::effects::{smooth_friction, EffectInput, EffectTerm};
+use crate::model::TorqueModel;
+use crate::state::State;
+
+/// Speeds are slow where friction has not reached this part of its step.
+const STEP_PART: f64 = 0.9;
+
+/// Per joint, half of the step of friction at standstill \[torque unit\] and the speed below which it is not a function of the
+/// state: a joint that stands holds any torque in between, and no model says which.
+pub(crate) fn at_rest(model: &TorqueModel) -> Vec<[f64; 2]> {
+    let n = model.robot().n_joints();
+    let zeros = vec![0.0; n];
+    let mut found = vec![[0.0; 2]; n];
+    let mut low = vec![0.0; n];
+    let mut high = vec![0.0; n];
+    for effect in model.effects() {
+        // Half of the step between the speeds to either side, doubled until it grows by less than the rest of its part.
+        if !effect.effect().entry().needs("dq_motor") || effect.effect().memory_len(n) > 0 {
+            continue;
+        }
+        let of_sign = sign_of(effect, n);
+        let (effect, by_its_sign) = (of_sign.as_ref().unwrap_or(effect), of_sign.is_some());
+        let mut half_step = |speed: f64| -> Vec<f64> {
+            for (sign, out) in [(-1.0, &mut low), (1.0, &mut high)] {
+                let dq = vec![sign * speed; n];
+                let state = State {
+                    dq_motor: &dq,
+                    ..State::single(&zeros, &dq, &zeros)
+                };
+                let input = EffectInput {
+                    state,
+                    tau_link: &zeros,
+                    tau_motor: &zeros,
+                    step: 0.0,
+                };
+                effect.torque_into(&input, &mut [], out);
+            }
+            high.iter()
+                .zip(&low)
+                .map(|(high, low)| 0.5 * (high - low))
+                .collect()
+        };
+        let mut speed = SLOWEST;
+        let mut settled = vec![false; n];
+        while speed < FASTEST {
+            let (here, there) = (half_step(speed), half_step(2.0 * speed));
+            for (j, settled) in settled.iter_mut().enumerate() {
+                let step = here[j].abs();
+                let is_last = by_its_sign && 2.0 * speed >= FASTEST;
+                if !*settled && step > 0.0 && (is_last || step >= STEP_PART * there[j].abs()) {
+                    *settled = true;
+                    found[j][0] += step;
+                    found[j][1] = found[j][1].max(speed);
+                }
+            }
+            speed *= 2.0;
+        }
+    }
+    found
+}
+
+/// Per joint, the speed below which its friction is not a function of the state \[rad/s, m/s\].
+pub(crate) fn rest_speeds(model: &TorqueModel) -> Vec<f64> {
+    at_rest(model).into_iter().map(|[_, speed]| speed).collect()
+}
+
+/// Of friction with a shape of its own, the part of its sign alone: a wide one still rises where viscous friction has taken
+/// over, and would be no step beside it.
+fn sign_of(term: &EffectTerm, n: usize) -> Option<EffectTerm> {
+    if term.effect().kind() != smooth_friction::KIND {
+        return None;
+    }
+    let mut coefficients = term.coefficients().to_vec();
+    for own in coefficients.chunks_mut(term.effect().n_columns()) {
+        own[smooth_friction::N_SIGN..].fill(0.0);
+    }
+    EffectTerm::new(term.effect().clone(), coefficients, n).ok()
+}
+
+/// Speeds at which a step at standstill is looked for \[rad/s, m/s\].
+const SLOWEST: f64 = 1e-4;
+const FASTEST: f64 = 0.5;

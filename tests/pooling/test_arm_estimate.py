@@ -1,0 +1,100 @@
+"""What pooling knows of one arm: the numbers of its fit, and what a wrong gain would do to them."""
+
+from __future__ import annotations
+
+import functools
+import json
+
+import numpy as np
+import pytest
+from helpers.small_arm import URDF, run
+
+from dynid_rs import ArmEstimate, LinkDynamicsIdentifier, Recording, RobotModel, ThreeLoopIdentifier
+from dynid_rs.identification.results import evaluate_runs, summarise
+from dynid_rs.pooling.arm import _mark, gain_response
+
+ROBOT = RobotModel.from_urdf_string(URDF)
+
+
+@functools.cache
+def recordings(gain=(1.0, 1.0, 1.0)):
+    """Two runs whose torque channels show `gain` times the torque."""
+    runs = []
+    for k in range(2):
+        columns = run(k, rate=100.0)
+        q = np.stack([columns[f"q_{j}"] for j in range(3)], axis=1)
+        tau = np.stack([gain[j] * columns[f"tau_{j}"] for j in range(3)], axis=1)
+        runs.append(Recording(t=columns["t"], q=q, tau=tau, name=f"run_{k}"))
+    return runs
+
+
+@functools.cache
+def fitted(gain=(1.0, 1.0, 1.0)):
+    return ThreeLoopIdentifier(ROBOT, residual=None).fit(recordings(gain))
+
+
+@functools.cache
+def estimate(gain=(1.0, 1.0, 1.0)):
+    identifier = fitted(gain)
+    told = evaluate_runs(identifier.model_, recordings(gain), identifier.raw_runs_)
+    return ArmEstimate.of("one", identifier, summarise(identifier, told, told, []))
+
+
+def test_it_survives_a_file():
+    arm = estimate()
+    back = ArmEstimate.from_json(json.loads(json.dumps(arm.to_json())))
+    for name in ("form", "unknowns", "kinematics", "friction"):
+        assert getattr(back, name) == getattr(arm, name)
+    for name in ("x", "covariance", "gain_response", "regrouping", "speed", "error", "torque_std", "error_spread"):
+        np.testing.assert_allclose(getattr(back, name), getattr(arm, name), rtol=1e-8, atol=0, err_msg=name)
+    assert back.to_json() == arm.to_json()
+
+
+def test_values_and_errors_are_those_of_the_result():
+    identifier, arm = fitted(), estimate()
+    np.testing.assert_array_equal(arm.x, identifier.links_.x_)
+    assert len(arm.unknowns) == len(arm.x) == len(arm.covariance)
+    assert arm.own(2, "rotor_inertia") is not None
+    assert arm.own(0, "rotor_inertia") is None  # not told from the link's inertia about the axis
+    np.testing.assert_allclose(arm.regrouping @ ROBOT.phi, ROBOT.base_parameters().project(ROBOT.phi), atol=1e-12)
+
+
+def test_friction_at_a_speed_is_the_model_s():
+    """Half the difference and half the sum of what the model's own terms say at plus and minus the speed."""
+    identifier, arm = fitted(), estimate()
+    model = identifier.model_
+    for j, speed in ((0, 0.7), (1, 1.3), (2, 0.05)):
+        dq = np.zeros((2, 3))
+        dq[:, j] = speed, -speed
+        _, terms, _ = model.evaluate(np.zeros((2, 3)), dq, np.zeros((2, 3)))
+        at = {name: terms[:, k, j] for k, name in enumerate(model.term_names)}
+        forth, back = at["friction"] + at.get("torque_offset", 0.0)
+        level, offset = arm.friction_at(j, speed)
+        assert level @ arm.x == pytest.approx(0.5 * (forth - back), rel=1e-9)
+        assert offset @ arm.x == pytest.approx(0.5 * (forth + back), rel=1e-9)
+
+
+@pytest.mark.parametrize("j", range(3))
+def test_a_gain_moves_the_estimate_as_its_response_says(j):
+    """Another fit, of runs whose channel shows 0.1 % more: weights and the prior's width are found anew."""
+    gain = [1.0, 1.0, 1.0]
+    gain[j] += 1e-3
+    arm, moved = estimate(), estimate(tuple(gain))
+    std = np.sqrt(np.diag(arm.covariance))
+    found = (moved.x - arm.x)[arm.estimable] / 1e-3
+    said = arm.gain_response[j][arm.estimable]
+    assert np.linalg.norm((found - said) / std[arm.estimable]) < 0.1 * np.linalg.norm(said / std[arm.estimable])
+
+
+def test_responses_of_all_joints_and_the_prior_add_up():
+    """Without a prior the responses alone add up to the estimate: all channels doubled double it."""
+    links = LinkDynamicsIdentifier(prior=None, max_iter=300, tol=1e-12)  # its weights are then those of the last step
+    plain = ThreeLoopIdentifier(ROBOT, residual=None, links=links).fit(recordings())
+    np.testing.assert_allclose(gain_response(plain).sum(axis=0), plain.links_.x_, rtol=1e-6, atol=1e-9)
+
+
+def test_arms_of_other_lengths_have_another_mark():
+    names = tuple(ROBOT.base_parameters().names)
+    other = RobotModel.from_urdf_string(URDF.replace('xyz="0.4 0 0"', 'xyz="0.45 0 0"'))
+    assert _mark(ROBOT, names, "N*m") != _mark(other, tuple(other.base_parameters().names), "N*m")
+    assert _mark(ROBOT, names, "N*m") != _mark(ROBOT, names, "A")
