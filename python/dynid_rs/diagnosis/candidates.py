@@ -61,22 +61,24 @@ class Candidate:
         return self.kind, self.joints
 
 
-def alive(catalogue: Catalogue, value: Value, model: Beside) -> list[tuple[Candidate, Columns, float]]:
+def alive(
+    catalogue: Catalogue, value: Value, model: Beside, most: int = SHAPES
+) -> list[tuple[Candidate, Columns, float]]:
     """Shapes of a place that the runs have not refuted, far apart, each with its slopes and how probable it is.
 
-    The likeliest comes first.
+    The likeliest comes first; no more than `most`.
     """
     from scipy.special import softmax
 
     h, size = value.hypothesis, _size(value)
     own = Shaped(h.kind, h.joints, h.shape)
-    grid = [s for s in catalogue.grid if (s.kind, s.joints) == h.place and s != own]
+    grid = [s for s in catalogue.grid if (s.kind, s.joints) == h.place and s != own and most > 1]
     scores = np.array(
         [score.value for score in model.screened([replace(g, sizes=(size,)) for g in catalogue.of(grid)])]
     )
     chosen = [own]
     for k in np.argsort(-scores, kind="stable")[:LOOKED_AT].tolist():
-        if len(chosen) < 2 * SHAPES and all(_distance(grid[k], other) > APART for other in chosen):
+        if len(chosen) < 2 * most and all(_distance(grid[k], other) > APART for other in chosen):
             chosen.append(grid[k])
     every = [h, *catalogue.of(chosen[1:])]
     found = []
@@ -91,8 +93,8 @@ def alive(catalogue: Catalogue, value: Value, model: Beside) -> list[tuple[Candi
     ]
     values = np.array([score.value for score in model.screened(wide)])
     values[0] = values.max()  # it was polished
-    kept = [k for k in np.argsort(-values, kind="stable").tolist() if values[k] > values[0] - ALIVE][:SHAPES]
-    kept = [0, *(k for k in kept if k)]
+    kept = [k for k in np.argsort(-values, kind="stable").tolist() if values[k] > values[0] - ALIVE][:most]
+    kept = [0, *(k for k in kept if k)][:most]
     weights = softmax(values[kept]).tolist()
     return [(*found[k], weight) for k, weight in zip(kept, weights, strict=True)]
 

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from dynid_rs.base.odds import SURE
 from dynid_rs.diagnosis.belief import Belief
 from dynid_rs.diagnosis.beside import Beside, places_of
-from dynid_rs.diagnosis.candidates import Candidate, alive, width_of
+from dynid_rs.diagnosis.candidates import SHAPES, Candidate, alive, width_of
 from dynid_rs.diagnosis.hypotheses import Hypothesis, Place
 from dynid_rs.diagnosis.rivals import Contest
 from dynid_rs.diagnosis.setup import Setup
@@ -147,9 +147,9 @@ def open_questions(belief: Belief, contests: Mapping[Place, Contest]) -> OpenQue
     columns: list[Columns] = []
     questions: list[Question] = []
 
-    def add(value: Value, model: Beside, instead_of: Sequence[int] = ()) -> Answer:
+    def add(value: Value, model: Beside, instead_of: Sequence[int] = (), most: int = SHAPES) -> Answer:
         numbers, weights = [], []
-        for candidate, own, weight in alive(belief.catalogue, value, model):
+        for candidate, own, weight in alive(belief.catalogue, value, model, most):
             numbers.append(len(candidates))
             weights.append(weight)
             candidates.append(replace(candidate, instead_of=tuple(instead_of)))
@@ -166,8 +166,10 @@ def open_questions(belief: Belief, contests: Mapping[Place, Contest]) -> OpenQue
     open_ = [h for h in belief.hypotheses() if h.place not in belief.named]
     edges, may_pass = _edges(belief, open_)
     edges = edges[: MOST - len(questions)]
-    for value, log_odds in edges + _silent(belief, may_pass, [value.hypothesis.place for value, _ in edges]):
+    for value, log_odds in edges:
         questions.append(Question(add(value, belief.beside), Answer(), log_odds))
+    for value, log_odds in _silent(belief, may_pass, [value.hypothesis.place for value, _ in edges]):
+        questions.append(Question(add(value, belief.beside, most=1), Answer(), log_odds))
     return OpenQuestions(
         setup,
         tuple((place, named.log_odds) for place, named in belief.named.items()),
