@@ -16,9 +16,9 @@ use arm::arm;
 use dynid_core::lanes::{use_path, Path};
 use dynid_core::model::TorqueModelParts;
 use dynid_core::{
-    inverse_dynamics_into, Domain, Effect, EffectInput, EffectTerm, GaussianMixtureRegression,
-    Load, OnlineEstimator, Residual, ResidualInputs, Sample, State, TorqueEstimator, TorqueModel,
-    Workspace,
+    inverse_dynamics_into, AdaptSettings, Domain, Effect, EffectInput, EffectTerm,
+    GaussianMixtureRegression, Load, OnlineEstimator, Residual, ResidualInputs, Sample, State,
+    TorqueEstimator, TorqueModel, Workspace,
 };
 
 const N: usize = 6;
@@ -110,9 +110,34 @@ fn report(what: &str, path: &str, cycles: u64, (counts, longest): &(Vec<u64>, u6
     );
 }
 
+/// What follows the arm in a stream, by the name of its row.
+fn follows() -> [(&'static str, Option<AdaptSettings>); 3] {
+    let friction = AdaptSettings::default();
+    let both = AdaptSettings {
+        payload: true,
+        mass: 5.0,
+        ..friction
+    };
+    [
+        ("stream", None),
+        ("stream, friction follows", Some(friction)),
+        ("stream, friction and payload follow", Some(both)),
+    ]
+}
+
 /// The estimate at the end of a stream of numbered states.
-fn stream(model: &Arc<TorqueModel>, path: Path, cycles: u64, motion: [&[f64]; 3]) {
+fn stream(
+    model: &Arc<TorqueModel>,
+    path: Path,
+    cycles: u64,
+    motion: [&[f64]; 3],
+    (name, adapts): (&str, Option<AdaptSettings>),
+) {
     let mut online = OnlineEstimator::new(Arc::clone(model), None, None).unwrap();
+    if let Some(settings) = adapts {
+        online = online.adapting(settings, &[1.0; N], &[1.0; N]).unwrap();
+    }
+    let tau = [5.0; N];
     let mut std = [0.0; N];
     let mut sequence = 0;
     let times = histogram(cycles, |k| {
@@ -123,14 +148,14 @@ fn stream(model: &Arc<TorqueModel>, path: Path, cycles: u64, motion: [&[f64]; 3]
             time: 0.001 * sequence as f64,
             motion: [q, dq, ddq, None, None, None],
             temperature: None,
-            tau: None,
+            tau: adapts.map(|_| &tau[..]),
         };
         black_box(online.step(black_box(&sample))).unwrap();
         let estimator = online.estimator();
         estimator.predicted_std_into(&mut std).unwrap();
         black_box(&std);
     });
-    report("stream", path.name(), cycles, &times);
+    report(name, path.name(), cycles, &times);
 }
 
 /// The terms by themselves.
@@ -204,7 +229,9 @@ fn main() {
             black_box(&tau);
         });
         report("estimate", path.name(), cycles, &times);
-        stream(&model, path, cycles / 10, [&q, &dq, &ddq]);
+        for adapts in follows() {
+            stream(&model, path, cycles / 10, [&q, &dq, &ddq], adapts);
+        }
         parts(&model, path, cycles / 10, [&q, &dq, &ddq]);
     }
 }

@@ -13,6 +13,7 @@
     clippy::print_stdout
 )]
 
+pub mod adapt;
 pub mod chain;
 pub mod delay_line;
 pub mod differentiator;
@@ -47,6 +48,7 @@ mod track;
 mod turn;
 pub mod watch;
 
+pub use adapt::{AdaptSettings, Adaptation};
 pub use differentiator::Differentiator;
 pub use dynamics::{inverse_dynamics_into, joint_torque_regressor_into, Workspace};
 pub use effects::{Effect, EffectInput, EffectTerm};

@@ -6,7 +6,7 @@ use std::sync::atomic::Ordering;
 use std::sync::Arc;
 
 use dynid_core::watch::WatchSettings;
-use dynid_core::{ObserverSettings, TorqueModel};
+use dynid_core::{AdaptSettings, ObserverSettings, TorqueModel};
 use dynid_io::WatchFile;
 
 use crate::args::Format;
@@ -49,6 +49,12 @@ impl Door {
         let settings = Settings {
             observer: Some(ObserverSettings::default()),
             watch: Some(Arc::new(watch)),
+            adapt: Some(AdaptSettings {
+                payload: true,
+                row: 0.003,
+                mass: 10.0,
+                ..AdaptSettings::default()
+            }),
             ..Settings::default()
         };
         let cycle = Cycle::new(Arc::clone(&model), &settings).ok()?;
@@ -135,7 +141,7 @@ impl Door {
             Ok(parser) => parser,
             Err(stop) => return Some(stop.to_string()),
         };
-        let writer = Writer::new(format, &self.model, true);
+        let writer = Writer::new(format, &self.model, [true, self.settings.adapt.is_some()]);
         let mut out = Vec::new();
         loop {
             match lines.advance() {

@@ -228,6 +228,8 @@ mod tests {
             std: &[7.0, 8.0],
             external: Some(&[9.0, 10.0]),
             change: None,
+            added: None,
+            adapted: None,
             status: Status::STALE,
         };
         let mut out = [0; 200];

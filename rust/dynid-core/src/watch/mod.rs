@@ -8,7 +8,7 @@
 
 mod naming;
 mod remembered;
-mod rows;
+pub(crate) mod rows;
 mod sequential;
 mod settings;
 mod solve;

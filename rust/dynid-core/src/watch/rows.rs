@@ -12,14 +12,14 @@ use crate::observer::rest_speeds;
 use crate::slices::{at, mirror_fields, rows as rows_of, set, Mirror};
 
 /// Mass and first moments of a load.
-pub(super) const N_LOAD: usize = 4;
+pub(crate) const N_LOAD: usize = 4;
 
 /// The torque of a load is evaluated so often per row: it follows the motion.
 const LOADS_A_ROW: f64 = 10.0;
 
 /// Means over a row, per joint.
 #[derive(Clone, Debug)]
-pub(super) struct Row {
+pub(crate) struct Row {
     /// Measured less predicted torque.
     pub left: Vec<f64>,
     /// Predicted torque of friction and of all terms.
@@ -48,9 +48,15 @@ impl Row {
     }
 }
 
+/// Which of a model's effects are friction: what follows the motor's speed, or remembers its way.
+pub(crate) fn friction_terms(model: &TorqueModel) -> impl Iterator<Item = bool> + '_ {
+    let entries = model.effects().iter().map(|term| term.effect().entry());
+    entries.map(|entry| entry.needs("dq_motor") || entry.memory > 0)
+}
+
 /// Rows in the making.
 #[derive(Clone, Debug)]
-pub(super) struct Rows {
+pub(crate) struct Rows {
     model: Arc<TorqueModel>,
     is_friction: Vec<bool>,
     rest: Vec<f64>,
@@ -75,11 +81,8 @@ impl Rows {
             set(&mut phi, first + k, 1.0);
             phi
         });
-        // Friction is what follows the motor's speed, or remembers its way.
-        let entries = model.effects().iter().map(|term| term.effect().entry());
-        let is_friction = entries.map(|entry| entry.needs("dq_motor") || entry.memory > 0);
         Self {
-            is_friction: is_friction.collect(),
+            is_friction: friction_terms(&model).collect(),
             rest: rest_speeds(&model),
             units,
             workspace: Workspace::new(model.robot()),
@@ -96,6 +99,23 @@ impl Rows {
             good: true,
             model,
         }
+    }
+
+    /// Forgets the row in the making.
+    pub fn clear(&mut self) {
+        let own = &mut self.sums;
+        let sums = [
+            &mut own.left,
+            &mut own.friction,
+            &mut own.torque,
+            &mut own.variance,
+        ];
+        sums.into_iter().for_each(|sums| sums.fill(0.0));
+        own.load.iter_mut().for_each(|sums| sums.fill(0.0));
+        own.moves.fill(true);
+        own.n = 0;
+        (self.n_loads, self.good, self.elapsed) = (0, true, 0.0);
+        (self.last, self.since_load) = (0.0, f64::INFINITY);
     }
 
     /// True once the next sample would be nearer to the next row.
