@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from dynid_rs.identification.rbf import RbfRegressor
     from dynid_rs.identification.residual import ResidualCompensator
     from dynid_rs.identification.three_loops import ThreeLoopIdentifier
+    from dynid_rs.model.adapt import Adaptation
     from dynid_rs.model.export import to_pinocchio
     from dynid_rs.model.health import health_page
     from dynid_rs.model.observer import MomentumObserver
@@ -51,6 +52,7 @@ if TYPE_CHECKING:
 
 # scikit-learn takes a second to import; nobody who only evaluates a model should wait for it.
 _LATE = {
+    "Adaptation": "model.adapt",
     "BaseFit": "identification.base_fit",
     "Config": "runs.readers",
     "Diagnosis": "diagnosis.outcome",
@@ -87,6 +89,7 @@ _LATE = {
 }
 
 __all__ = [
+    "Adaptation",
     "BaseFit",
     "BaseParameters",
     "Config",

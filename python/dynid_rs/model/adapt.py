@@ -114,8 +114,8 @@ class Adaptation:
     model : TorqueModel
         What was identified; it stays as it is.
     parts : sequence of str
-        Of ``"friction"`` (a factor per joint on all of its friction) and ``"payload"`` (mass and first moments of a load
-        at the last link).
+        Of ``"friction"`` (a factor per joint on all of its friction) and ``"payload"`` (mass and first moments of a
+        load at the last link).
     memory : float
         Motion after which a row counts 1/e [s].
     factor : (float, float)
@@ -173,8 +173,8 @@ class Adaptation:
         Raises
         ------
         ValueError
-            The run is not one of this robot, in another unit, or lacks a temperature that friction follows; or a limit is
-            none.
+            The run is not one of this robot, in another unit, or lacks a temperature that friction follows; or a limit
+            is none.
         FormatError
             What is remembered is of another model, or of an adaptation with other settings.
         """

@@ -229,8 +229,10 @@ fn main() {
             black_box(&tau);
         });
         report("estimate", path.name(), cycles, &times);
+        // Joints that never stand: what follows has moved, so that all of it is computed.
+        let fast: Vec<f64> = dq.iter().map(|dq| dq.abs() + 0.5).collect();
         for adapts in follows() {
-            stream(&model, path, cycles / 10, [&q, &dq, &ddq], adapts);
+            stream(&model, path, cycles / 10, [&q, &fast, &ddq], adapts);
         }
         parts(&model, path, cycles / 10, [&q, &dq, &ddq]);
     }

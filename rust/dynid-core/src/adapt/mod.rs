@@ -161,11 +161,15 @@ impl Adaptation {
         if settings.payload {
             first.extend(sizes.map(|size| (size / WITHIN) * (size / WITHIN)));
         }
+        let mut rows = Rows::new(Arc::clone(&model), settings.row);
+        if !settings.payload {
+            rows = rows.without_load();
+        }
         let keep = (-settings.row / settings.memory).exp();
         Ok(Self {
             is_friction: friction_terms(&model).collect(),
             rest: rest_speeds(&model),
-            rows: Rows::new(Arc::clone(&model), settings.row),
+            rows,
             row: Row::new(n),
             inflation: inflation.to_vec(),
             memory: memory.to_vec(),

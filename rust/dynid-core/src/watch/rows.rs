@@ -69,6 +69,8 @@ pub(crate) struct Rows {
     elapsed: f64,
     last: f64,
     since_load: f64,
+    /// Whether the torque of a load is evaluated.
+    with_load: bool,
     good: bool,
 }
 
@@ -96,9 +98,16 @@ impl Rows {
             elapsed: 0.0,
             last: 0.0,
             since_load: f64::INFINITY,
+            with_load: true,
             good: true,
             model,
         }
+    }
+
+    /// The same for those who do not ask for a load, whose columns stay zero.
+    pub fn without_load(mut self) -> Self {
+        self.with_load = false;
+        self
     }
 
     /// Forgets the row in the making.
@@ -166,7 +175,7 @@ impl Rows {
         for (moves, (dq, rest)) in sums.moves.iter_mut().zip(speeds) {
             *moves &= dq.abs() > *rest;
         }
-        if self.since_load * LOADS_A_ROW >= self.length {
+        if self.with_load && self.since_load * LOADS_A_ROW >= self.length {
             self.since_load = 0.0;
             self.n_loads = self.n_loads.saturating_add(1);
             for (unit, sum) in self.units.iter().zip(&mut sums.load) {
@@ -216,7 +225,7 @@ impl Mirror for Rows {
         mirror_fields!(
             self, of;
             workspace, scratch, sums;
-            copied length, n_loads, elapsed, last, since_load, good;
+            copied length, n_loads, elapsed, last, since_load, with_load, good;
             kept model, is_friction, rest, units
         );
     }
