@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from helpers import online_answers
 from helpers.online_answers import csv_text, json_text
-from helpers.watched_arm import CHANGES, LOAD, model, recorded, watching
+from helpers.watched_arm import CHANGES, model, recorded, watching
 
 from dynid_rs.model.adapt import Adaptation
 
@@ -128,7 +128,7 @@ def test_a_payload_follows_within_what_the_arm_may_carry(estimator, folder):
     lines = [json.loads(line) for line in done.stdout.splitlines()]
     told = [line["adapted"] for line in lines if "adapted" in line and line["adapted"]["part"] == "payload"]
     assert (told[-1]["to"], told[-1]["reason"]) == (1.0, "limit")
-    assert told[-1]["estimate"] == pytest.approx(LOAD[0], rel=0.25)
+    assert told[-1]["estimate"] - 1.96 * told[-1]["std"] > 1.0
     assert lines[-1]["status"] & AT_LIMIT
     assert "payload " in done.stderr
     assert "kg, stopped at its limit" in done.stderr

@@ -7,6 +7,8 @@
 //! jumps, and stops at the limits of [`AdaptSettings`].
 
 mod adapted;
+mod followed;
+mod limits;
 mod remembered;
 mod settings;
 mod squares;
@@ -21,8 +23,8 @@ use crate::model::{check_step, TorqueModel};
 use crate::observer::rest_speeds;
 use crate::slices::{at, copy, mirror_fields, rows as rows_of, set, Mirror};
 use crate::watch::rows::{friction_terms, Row, Rows};
-use adapted::INTERVAL;
 pub use adapted::{adapted_model, Adapted, Part, Reason, N_PAYLOAD};
+use followed::Followed;
 pub use settings::{AdaptSettings, UNKNOWN_MEMORY};
 use squares::Squares;
 
@@ -63,62 +65,6 @@ pub struct Adaptation {
     tau: Vec<f64>,
     phi: Vec<f64>,
     workspace: Workspace,
-}
-
-/// Numbers that follow an estimate.
-#[derive(Clone, Debug)]
-struct Followed {
-    target: Vec<f64>,
-    used: Vec<f64>,
-    said: Vec<f64>,
-    /// Most that `used` moves in a second.
-    rate: Vec<f64>,
-}
-
-impl Followed {
-    fn new(rate: Vec<f64>) -> Self {
-        let zeros = vec![0.0; rate.len()];
-        Self {
-            target: zeros.clone(),
-            used: zeros.clone(),
-            said: zeros,
-            rate,
-        }
-    }
-
-    /// What was said stays: that it is put back has to be said.
-    fn reset(&mut self) {
-        self.target.fill(0.0);
-        self.used.fill(0.0);
-    }
-
-    /// One number by itself.
-    fn follow(&mut self, k: usize, seconds: f64) {
-        let most = at(&self.rate, k) * seconds;
-        let (used, target) = (at(&self.used, k), at(&self.target, k));
-        let away = target - used;
-        let now = if away.abs() <= most {
-            target
-        } else {
-            used + most.copysign(away)
-        };
-        set(&mut self.used, k, now);
-    }
-
-    /// All of them along the straight line: between two loads that can be there is none that cannot.
-    fn follow_together(&mut self, seconds: f64) {
-        let mut periods: f64 = 1.0;
-        for ((target, used), rate) in self.target.iter().zip(&self.used).zip(&self.rate) {
-            periods = periods.max((target - used).abs() / (rate * seconds));
-        }
-        for (used, target) in self.used.iter_mut().zip(&self.target) {
-            *used = if periods > 1.0 {
-                *used + (target - *used) / periods
-            } else {
-                *target
-            };
-        }
-    }
 }
 
 impl Adaptation {
@@ -392,51 +338,6 @@ impl Adaptation {
         self.squares.take(left, variance * at(&self.memory, j));
     }
 
-    /// Where the estimate stands within the limits; it does not go on far beyond, so that it comes back at once.
-    fn limit(&mut self) {
-        let [least, most] = self.settings.factor;
-        for j in 0..self.n_friction() {
-            let half = INTERVAL * self.squares.std(j);
-            let (low, high) = (least - 1.0, most - 1.0);
-            let x = between(at(&self.squares.estimate, j), low, high, 2.0 * half);
-            set(&mut self.squares.estimate, j, x);
-            let beyond = (x - high).max(low - x);
-            note_limit(&mut self.at_limit, j, beyond, half);
-            set(&mut self.friction.target, j, x.min(high).max(low));
-        }
-        if self.settings.payload {
-            self.limit_load();
-        }
-    }
-
-    fn limit_load(&mut self) {
-        let (k, reach, most) = (self.n_friction(), self.settings.reach, self.settings.mass);
-        let mut halves = [0.0; N_PAYLOAD];
-        let mut load = [0.0; N_PAYLOAD];
-        for (m, (half, x)) in halves.iter_mut().zip(&mut load).enumerate() {
-            *half = INTERVAL * self.squares.std(k + m);
-            *x = at(&self.squares.estimate, k + m);
-        }
-        let ([half, hx, hy, hz], [mass, x, y, z]) = (halves, load);
-        let mass = between(mass, 0.0, most, 2.0 * half);
-        let used = mass.max(0.0).min(most);
-        let far = (x * x + y * y + z * z).sqrt();
-        let of_moments = hx.max(hy).max(hz);
-        let widest = reach * used + 2.0 * of_moments;
-        let [shrink, within] =
-            [widest, reach * used].map(|most| if far > most { most / far } else { 1.0 });
-        let estimate = [mass, shrink * x, shrink * y, shrink * z];
-        for (m, x) in estimate.into_iter().enumerate() {
-            set(&mut self.squares.estimate, k + m, x);
-        }
-        let beyond = (mass - most).max(-mass) / half.max(f64::MIN_POSITIVE);
-        let too_far = (far * shrink - reach * used) / of_moments.max(f64::MIN_POSITIVE);
-        let place = self.tau.len();
-        note_limit(&mut self.at_limit, place, beyond.max(too_far), 1.0);
-        let target = [used, within * x, within * y, within * z];
-        copy(&target, &mut self.payload.target);
-    }
-
     /// What is used goes a step on, where something moves.
     fn follow(&mut self, estimator: &TorqueEstimator, seconds: f64) {
         let speeds = estimator.true_state().dq_motor;
@@ -528,18 +429,6 @@ impl Adaptation {
     }
 }
 
-/// A number at most `more` beyond two ends.
-fn between(x: f64, low: f64, high: f64, more: f64) -> f64 {
-    x.min(high + more).max(low - more)
-}
-
-/// Something is at its limit once the data lie beyond it by half of their interval, until they lie within.
-fn note_limit(flags: &mut [bool], place: usize, beyond: f64, half: f64) {
-    if let Some(flag) = flags.get_mut(place) {
-        *flag = beyond > half || (*flag && beyond > 0.0);
-    }
-}
-
 /// Torque of joint `j` per kg at the last link, and per kg m along each of its axes.
 fn load_columns(row: &Row, j: usize) -> [f64; N_PAYLOAD] {
     let mut columns = [0.0; N_PAYLOAD];
@@ -547,12 +436,6 @@ fn load_columns(row: &Row, j: usize) -> [f64; N_PAYLOAD] {
         *column = at(values, j);
     }
     columns
-}
-
-impl Mirror for Followed {
-    fn mirror(&mut self, of: &Self) {
-        mirror_fields!(self, of; target, used, said, rate; copied; kept);
-    }
 }
 
 impl Mirror for Adaptation {

@@ -158,3 +158,83 @@ impl Mirror for Squares {
         );
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn bits(x: &[f64]) -> Vec<u64> {
+        x.iter().map(|x| x.to_bits()).collect()
+    }
+
+    /// The weighted sum of squares in one go: every row by its age, the beginning by its own.
+    #[test]
+    fn what_is_recursive_is_least_squares_with_weights() {
+        let (keep, first) = (0.95_f64, 2.0);
+        let mut squares = Squares::new(vec![first], keep);
+        let (mut top, mut bottom) = (0.0, 0.0);
+        for k in 0..200 {
+            let (phi, left) = (1.5 + (0.3 * k as f64).sin(), (0.7 * k as f64).cos());
+            let variance = 0.5 + 0.1 * (k % 3) as f64;
+            squares.begin()[0] = phi;
+            squares.take(left, variance);
+            bottom = if k == 0 { 1.0 / first } else { keep * bottom };
+            bottom += phi * phi / variance;
+            top = keep * top + phi * left / variance;
+            assert!((squares.estimate[0] - top / bottom).abs() < 1e-12);
+            assert!((squares.variance(0) * bottom - 1.0).abs() < 1e-10);
+            squares.forget();
+        }
+    }
+
+    #[test]
+    fn nothing_opens_beyond_its_beginning_and_unseen_is_not_forgotten() {
+        let mut squares = Squares::new(vec![1.0, 4.0], 0.5);
+        squares.begin().copy_from_slice(&[3.0, 2.0]);
+        squares.take(5.0, 0.1);
+        let (sure, estimate) = (squares.variance(1), squares.estimate.clone());
+        for _ in 0..10_000 {
+            // Hardly excited, and the other not at all.
+            squares.begin()[0] = 1e-9;
+            squares.take(0.0, 0.1);
+            squares.forget();
+            assert!(squares.variance(0) <= 1.0 + 1e-12 && squares.variance(0) > 0.0);
+        }
+        assert!((squares.variance(0) - 1.0).abs() < 1e-6);
+        squares.begin().fill(0.0);
+        squares.take(1e9, 0.1);
+        squares.forget();
+        assert!(squares.variance(1) <= 4.0 && squares.variance(1) >= sure);
+        let mut other = Squares::new(vec![1.0, 4.0], 0.5);
+        other.begin()[1] = 2.0;
+        other.take(5.0, 0.1);
+        other.forget();
+        let sure = bits(&[other.variance(1), other.estimate[1]]);
+        for _ in 0..1000 {
+            other.begin()[0] = 1.0;
+            other.take(0.3, 0.1);
+            other.forget();
+        }
+        assert_eq!(sure, bits(&[other.variance(1), other.estimate[1]]));
+        assert!((squares.estimate[0] - estimate[0]).abs() < 1.0);
+    }
+
+    #[test]
+    fn numbers_that_are_none_leave_no_trace() {
+        let mut squares = Squares::new(vec![1.0, 4.0], 0.9);
+        let before = bits(&squares.covariance);
+        for (phi, left, variance) in [
+            (f64::NAN, 1.0, 1.0),
+            (1e200, 1.0, 1.0),
+            (1.0, f64::INFINITY, 1.0),
+            (1.0, 1.0, f64::NAN),
+            (1.0, 1.0, 0.0),
+            (1.0, 1.0, -1.0),
+        ] {
+            squares.begin()[0] = phi;
+            squares.take(left, variance);
+            assert_eq!(bits(&squares.covariance), before, "{phi} {left} {variance}");
+            assert_eq!(squares.estimate, [0.0; 2]);
+        }
+    }
+}
