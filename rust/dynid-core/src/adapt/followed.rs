@@ -1,5 +1,7 @@
 //! What is used, on its way to what the data say: no faster than a rate.
 
+use core::ops::Range;
+
 use crate::slices::{at, mirror_fields, set, Mirror};
 
 /// Numbers that follow an estimate.
@@ -9,17 +11,21 @@ pub(super) struct Followed {
     pub used: Vec<f64>,
     pub said: Vec<f64>,
     /// Most that `used` moves in a second.
-    pub rate: Vec<f64>,
+    rate: Vec<f64>,
+    /// What a move is a part of, where it is said.
+    size: Vec<f64>,
 }
 
 impl Followed {
-    pub fn new(rate: Vec<f64>) -> Self {
+    /// `rate` per second; moves are said by parts of `size`.
+    pub fn new(rate: Vec<f64>, size: Vec<f64>) -> Self {
         let zeros = vec![0.0; rate.len()];
         Self {
             target: zeros.clone(),
             used: zeros.clone(),
             said: zeros,
             rate,
+            size,
         }
     }
 
@@ -27,6 +33,27 @@ impl Followed {
     pub fn reset(&mut self) {
         self.target.fill(0.0);
         self.used.fill(0.0);
+    }
+
+    /// Whether one of these has moved by such a part since something was said; by nothing is any move.
+    pub fn moved(&self, own: &Range<usize>, part: f64) -> bool {
+        own.clone().any(|k| {
+            let by = (at(&self.used, k) - at(&self.said, k)).abs();
+            by > 0.0 && by >= part * at(&self.size, k)
+        })
+    }
+
+    /// Whether these are where they are to go.
+    pub fn is_there(&self, own: &Range<usize>) -> bool {
+        own.clone()
+            .all(|k| at(&self.used, k) == at(&self.target, k))
+    }
+
+    /// These are said.
+    pub fn note(&mut self, own: &Range<usize>) {
+        for k in own.clone() {
+            set(&mut self.said, k, at(&self.used, k));
+        }
     }
 
     /// One number by itself.
@@ -60,6 +87,6 @@ impl Followed {
 
 impl Mirror for Followed {
     fn mirror(&mut self, of: &Self) {
-        mirror_fields!(self, of; target, used, said, rate; copied; kept);
+        mirror_fields!(self, of; target, used, said, rate, size; copied; kept);
     }
 }

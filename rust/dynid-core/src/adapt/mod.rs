@@ -97,11 +97,12 @@ impl Adaptation {
         }
         let [least, most] = settings.factor;
         let range = if settings.friction { most - least } else { 0.0 };
-        let friction = Followed::new(vec![range / settings.memory; n]);
+        let friction = Followed::new(vec![range / settings.memory; n], vec![1.0; n]);
         let mass = if settings.payload { settings.mass } else { 0.0 };
         let moment = settings.reach * mass;
         let sizes = [mass, moment, moment, moment];
-        let payload = Followed::new(sizes.map(|size| size / settings.memory).to_vec());
+        let rates = sizes.map(|size| size / settings.memory).to_vec();
+        let payload = Followed::new(rates, sizes.to_vec());
         let of_friction = 0.5 * range / WITHIN;
         let mut first = vec![of_friction * of_friction; if settings.friction { n } else { 0 }];
         if settings.payload {
@@ -372,27 +373,27 @@ impl Adaptation {
             self.flag(place),
             self.was_at_limit.get(place) == Some(&true),
         );
-        let (followed, k, size, one) = if is_payload {
-            (&mut self.payload, 0, self.settings.mass, 0.0)
+        let (followed, own, one) = if is_payload {
+            (&mut self.payload, 0..N_PAYLOAD, 0.0)
         } else {
-            (&mut self.friction, place, 1.0, 1.0)
+            (&mut self.friction, place..place + 1, 1.0)
         };
-        let (used, said) = (at(&followed.used, k), at(&followed.said, k));
-        let moved = (used - said).abs() >= self.settings.said * size;
-        let reached = is && used == at(&followed.target, k);
+        let from = one + at(&followed.said, own.start);
+        let [moved, news] = [self.settings.said, 0.0].map(|part| followed.moved(&own, part));
+        let reached = is && followed.is_there(&own);
         let is_back = std::mem::take(self.put_back.get_mut(place).unwrap_or(&mut false));
         let reason = match (reached, was) {
-            _ if is_back && used != said => Reason::Reset,
+            _ if is_back && news => Reason::Reset,
             (true, false) => Reason::Limit,
             (false, true) if !is => Reason::Within,
             _ if moved => Reason::Followed,
             _ => return None,
         };
-        set(&mut followed.said, k, used);
+        followed.note(&own);
         if let Some(place) = self.was_at_limit.get_mut(place) {
             *place = reached;
         }
-        Some(self.told(place, one + said, reason))
+        Some(self.told(place, from, reason))
     }
 
     fn flag(&self, place: usize) -> bool {
