@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
+from helpers.data import ROOT
 from helpers.watched_arm import CHANGES, LOAD, NOISE, STEP, model, recorded, watching
 
 import dynid_rs as dyn
@@ -180,6 +182,16 @@ def test_nothing_moves_much_where_nothing_has_changed():
     assert np.abs(followed.factors - 1.0)[late].max() < 0.04
     before, after = followed.rmse()
     assert np.all(after < 1.02 * before)
+
+
+def test_the_code_of_the_page_runs():
+    page = (ROOT / "docs" / "how_to" / "adapt.md").read_text(encoding="utf-8")
+    (code,) = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    runs = [recorded(20.0, seed) for seed in (4801, 4802, 4803)]
+    known = {"dyn": dyn, "model": model(), "healthy_runs": runs[:1], "run": runs[1], "next_run": runs[2]}
+    exec(code, known)
+    assert known["new_model"].term_names == model().term_names
+    assert known["followed"].factors.shape == (len(known["followed"].t), 6)
 
 
 def test_what_is_no_adaptation_is_refused():

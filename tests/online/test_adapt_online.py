@@ -8,6 +8,7 @@ import subprocess
 import numpy as np
 import pytest
 from helpers import online_answers
+from helpers.data import ROOT
 from helpers.online_answers import csv_text, json_text
 from helpers.watched_arm import CHANGES, model, recorded, watching
 
@@ -62,7 +63,8 @@ def test_torques_log_and_sentences_are_those_of_python(estimator, folder, harder
         assert one["estimate"] - 1.96 * one["std"] == pytest.approx(expected.interval[0], rel=1e-4)
     sentences = [line for line in done.stderr.splitlines() if line.startswith("adapted: ")]
     assert len(sentences) == len(told)
-    assert f"{run.joints[1]}: friction times 1.00 -> 1.05 (data: " in done.stderr
+    assert all(f"{run.joints[1]}: friction times 1." in sentence for sentence in sentences)
+    assert f"```text\n{done.stderr}```" in (ROOT / "docs" / "how_to" / "adapt.md").read_text(encoding="utf-8")
 
 
 def test_rows_have_columns_of_their_own(estimator, folder, harder):
