@@ -56,6 +56,7 @@ pub struct Adaptation {
     payload: Followed,
     /// Of the joints, then of the load.
     at_limit: Vec<bool>,
+    rows_beyond: Vec<u32>,
     was_at_limit: Vec<bool>,
     put_back: Vec<bool>,
     /// Whose turn it is to be said.
@@ -127,6 +128,7 @@ impl Adaptation {
             friction,
             payload,
             at_limit: vec![false; n + 1],
+            rows_beyond: vec![0; n + 1],
             was_at_limit: vec![false; n + 1],
             put_back: vec![false; n + 1],
             turn: 0,
@@ -147,6 +149,7 @@ impl Adaptation {
         self.friction.reset();
         self.payload.reset();
         self.at_limit.fill(false);
+        self.rows_beyond.fill(0);
         self.was_at_limit.fill(false);
         self.added.fill(0.0);
         self.put_back.fill(true);
@@ -443,7 +446,7 @@ impl Mirror for Adaptation {
     fn mirror(&mut self, of: &Self) {
         mirror_fields!(
             self, of;
-            rows, row, inflation, memory, squares, friction, payload, at_limit, was_at_limit, put_back, added, tau, phi, workspace;
+            rows, row, inflation, memory, squares, friction, payload, at_limit, rows_beyond, was_at_limit, put_back, added, tau, phi, workspace;
             copied settings, next, per_step, n_rows, turn;
             kept model, is_friction, rest
         );
