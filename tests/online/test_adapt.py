@@ -135,7 +135,7 @@ def test_a_limit_stops_it_and_is_told():
     np.testing.assert_array_equal(followed.factors[-1], 1.25)
     stopped = [one for one in followed.log if one.reason == "limit"]
     assert sorted(one.joint for one in stopped) == sorted(model().robot.joint_names)
-    assert all(one.interval[0] > 1.25 for one in stopped)
+    assert all(np.mean(one.interval) > 1.25 for one in stopped)
     assert followed.status[-1] & 32768
 
 
