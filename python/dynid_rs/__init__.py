@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from dynid_rs.identification.rbf import RbfRegressor
     from dynid_rs.identification.residual import ResidualCompensator
     from dynid_rs.identification.three_loops import ThreeLoopIdentifier
+    from dynid_rs.model.adapt import Adaptation
     from dynid_rs.model.detection import DetectionCurve, detection_curve
     from dynid_rs.model.export import to_pinocchio
     from dynid_rs.model.health import health_page
@@ -56,6 +57,7 @@ if TYPE_CHECKING:
 
 # scikit-learn takes a second to import; nobody who only evaluates a model should wait for it.
 _LATE = {
+    "Adaptation": "model.adapt",
     "ArmEstimate": "pooling.arm",
     "BaseFit": "identification.base_fit",
     "Config": "runs.readers",
@@ -99,6 +101,7 @@ _LATE = {
 }
 
 __all__ = [
+    "Adaptation",
     "ArmEstimate",
     "BaseFit",
     "BaseParameters",

@@ -45,6 +45,7 @@ __all__ = [
     "TorqueModel",
     "UrdfError",
     "__version__",
+    "adapt_run",
     "align_link_side",
     "c_header",
     "c_prefix",
@@ -79,6 +80,7 @@ __all__ = [
     "urdf_with_physical",
     "watch_run",
     "weighted_fit",
+    "with_adapted",
 ]
 
 __version__: Final[str]
@@ -1278,6 +1280,97 @@ def read_contact(path: str | PathLike[str], model: TorqueModel) -> tuple[list[st
         It is none, or of a newer program.
     OSError
         The system refuses.
+    """
+
+def adapt_run(
+    model: TorqueModel,
+    t: ArrayLike,
+    motion: tuple[ArrayLike | None, ...],
+    tau: ArrayLike,
+    *,
+    temperature: ArrayLike | None = None,
+    step: float,
+    window: int | None = None,
+    inflation: Sequence[float],
+    noise_memory: Sequence[float],
+    friction: bool,
+    payload: bool,
+    row: float,
+    memory: float,
+    factor: tuple[float, float],
+    mass: float,
+    reach: float,
+    said: float,
+    observe: bool = False,
+    remembered: str | None = None,
+) -> tuple[
+    list[dict[str, Any]],
+    tuple[NDArray[np.uintp], _FloatArray, _FloatArray, _FloatArray, _FloatArray],
+    _FloatArray,
+    _FloatArray,
+    _FloatArray,
+    NDArray[np.uint32],
+    str,
+]:
+    """How friction and a payload follow a run, by the code that runs online.
+
+    Parameters
+    ----------
+    t, motion, tau, temperature, step, window
+        As for `observe_momentum`.
+    inflation, noise_memory : (n_joints,)
+        Variance of a joint's rows over what the model expects; rows that are worth an independent one.
+    friction, payload : bool
+        What follows.
+    row, memory : float
+        Time over which what the model leaves is averaged, and motion after which a row counts 1/e [s].
+    factor : (float, float)
+        Limits of the factors on friction.
+    mass, reach : float
+        Limits of a payload [kg, m].
+    said : float
+        Moves of this part are said.
+    observe : bool
+        Whether nothing follows in a contact.
+    remembered : str, optional
+        What was known at the end of another run.
+
+    Returns
+    -------
+    told : list of dict
+        In order: sample, part, joint, from, to, estimate, std, moments, reason.
+    rows : tuple
+        Samples at which rows ended (n_rows,); factors that are used, their estimates and deviations (n_rows, n_joints);
+        mass and first moments that are used, the mass's estimate and its deviation (n_rows, 6).
+    tau, tau_model, tau_measured : ndarray (n_samples, n_joints)
+        With what is added, the model's, and the measured one at the same state.
+    status : ndarray (n_samples,)
+        Bits.
+    remembered : str
+        What is known at the end.
+
+    Raises
+    ------
+    FormatError
+        What is remembered is of another model, or of an adaptation with other settings.
+    ValueError
+        As `observe_momentum`; a limit is none, a memory less than one.
+    """
+
+def with_adapted(model: TorqueModel, factors: Sequence[float], load: tuple[float, float, float, float]) -> TorqueModel:
+    """Return another model, with factors on the friction of its joints, and a load at its last link.
+
+    Parameters
+    ----------
+    factors : (n_joints,)
+        On the friction of the joints.
+    load : (float, float, float, float)
+        Mass and first moments [kg, kg m].
+
+    Raises
+    ------
+    ValueError
+        A length is wrong, or a number is none that a model may have.
     """
 
 def read_watch(path: str | PathLike[str]) -> dict[str, Any]:

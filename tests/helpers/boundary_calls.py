@@ -214,6 +214,16 @@ def calls(folder: Path) -> dict[str, Call]:
                 **{"unknown": 1.0, "remembered": None},
             },
         ),
+        "adapt_run": (
+            _core.adapt_run,
+            {
+                **_positional(model, t, (q, dq, ddq, None, None, None), tau),
+                **{"temperature": None, "step": 0.01, "window": None, "inflation": [1.0] * N, "observe": False},
+                **{"noise_memory": [2.0] * N, "friction": True, "payload": True, "row": 0.05, "memory": 60.0},
+                **{"factor": (0.5, 2.0), "mass": 5.0, "reach": 0.2, "said": 0.05, "remembered": None},
+            },
+        ),
+        "with_adapted": (_core.with_adapted, _positional(model, [1.1] * N, (1.0, 0.1, 0.0, 0.0))),
         "observe": (_core.observe, {**_positional(*observed), "filter": low_pass, "kept": kept, **of_effect}),
         "filtered_friction_basis": (
             _core.filtered_friction_basis,

@@ -57,6 +57,21 @@ def estimate(
         float | None,
         typer.Option(help="Score in the band what comes after this many seconds, as `dynid identify` does"),
     ] = None,
+    adapt: Annotated[
+        str | None,
+        typer.Option(
+            metavar="friction[,payload]",
+            help="Also let friction of every joint, and a load, follow the run slowly, as `dynid-estimator --adapt` "
+            "does, and say what becomes of the error; the estimates stay the model's",
+        ),
+    ] = None,
+    adapt_mass: Annotated[
+        float | None, typer.Option(metavar="KG", help="What the arm may carry: the limit of --adapt payload")
+    ] = None,
+    save_adapted: Annotated[
+        Path | None,
+        typer.Option(metavar="NEW.json", help="Write the model with what has followed by the end of the run"),
+    ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace files that are there")] = False,
     json_output: Annotated[bool, typer.Option("--json", help="Answer as JSON on standard output")] = False,
 ) -> int:
@@ -71,13 +86,14 @@ def estimate(
     """
     from dynid_rs.archive.runs import no_current
     from dynid_rs.base.files import write_table
+    from dynid_rs.commands import _adapt_view
     from dynid_rs.commands._inputs import check_cutoff, load_model, read_settings
     from dynid_rs.diagnosis.plausibility import lost_joints
     from dynid_rs.regression.evaluation import band_rmse, rmse
     from dynid_rs.runs.checks import check_recording, is_damage
     from dynid_rs.runs.readers import read_run
 
-    _check_outputs(output, states, inputs=(model, run), force=force)
+    _check_outputs(output, states, save_adapted, inputs=(model, run), force=force)
     windows = [_window(text) for text in exclude or []]
     torque_model = load_model(model)
     settings = read_settings(config, drive_gain, torque_model.robot.n_joints)
@@ -94,6 +110,9 @@ def estimate(
     found = [finding for finding in check_recording(recording, torque_model.robot) if is_damage(finding)]
     if not source.has_torque:
         found = [finding for finding in found if not (finding.column or "").startswith("tau")]
+    if adapt is not None and not source.has_torque:
+        raise ValueError(f"--adapt: {run.name} holds no torque that anything could follow; leave it out")
+    followed = _adapt_view.adapted(torque_model, recording, adapt, adapt_mass, save_adapted)
     t, signals, tau, temperature = states_of(recording, cutoff, torque_model.encoder_delay)
     total, terms, status = torque_model.evaluate(*signals, step=_step(t, torque_model), temperature=temperature)
     errors = rmse([tau - total]) if source.has_torque else None
@@ -128,6 +147,7 @@ def estimate(
                 "n_beyond_limits": beyond,
                 "output": None if output is None else str(output),
                 "states": None if states is None else str(states),
+                "adaptation": None if followed is None else _adapt_view.answer(followed, save_adapted),
                 "findings": [finding.to_json() for finding in found],
             }
         )
@@ -139,6 +159,9 @@ def estimate(
             typer.echo(line)
         if untold:
             typer.echo(f"no error in the band of result.json: {untold}")
+    if followed is not None:
+        for line in _adapt_view.lines(followed, joints, unit, str(adapt), save_adapted):
+            typer.echo(line)
     if unusual:
         typer.echo(f"{unusual} of {len(t)} samples {_why_unusual(status)}")
     if beyond:
@@ -211,17 +234,21 @@ def _by_joint(name: str, values: FloatArray) -> dict[str, FloatArray]:
     return {f"{name}_{j}": values[:, j] for j in range(values.shape[1])}
 
 
-def _check_outputs(output: Path | None, states: Path | None, inputs: tuple[Path, ...], *, force: bool) -> None:
+def _check_outputs(
+    output: Path | None, states: Path | None, adapted: Path | None, inputs: tuple[Path, ...], *, force: bool
+) -> None:
     """Refuse before any work what cannot be written, or would replace what is read or, without `force`, is there."""
     from dynid_rs.commands._output import check_absent, check_file, check_not_read
 
-    given = [path for path in (output, states) if path is not None]
+    given = [path for path in (output, states, adapted) if path is not None]
     check_not_read(given, inputs)
     for path in given:
         check_file(path)
     if len({path.absolute() for path in given}) < len(given):
-        raise ValueError(f"{output}: torques and states cannot go to the same file; name two")
-    for target, kind, others in ((output, "Parquet", {".csv", ".npz"}), (states, "CSV", {".parquet", ".npz"})):
+        what = "torques and states" if adapted is None else "torques, states and a model"
+        raise ValueError(f"{given[0]}: {what} cannot go to the same file; name {'two' if adapted is None else 'more'}")
+    kinds = ((output, "Parquet", {".csv", ".npz"}), (states, "CSV", {".parquet", ".npz"}))
+    for target, kind, others in (*kinds, (adapted, "JSON", {".csv", ".npz", ".parquet"})):
         if target is not None and target.suffix.lower() in others:
             raise ValueError(f"{target}: is written as {kind}; give it a suffix that says so")
     if not force:

@@ -55,6 +55,10 @@ impl Status {
 
     /// Something of the model no longer holds, and was named at this step.
     pub const CHANGED: Self = Self(8192);
+    /// What follows the arm has moved, or was stopped, and that was said at this step.
+    pub const ADAPTED: Self = Self(16_384);
+    /// What follows the arm stands at its limit, and the data lie beyond.
+    pub const AT_LIMIT: Self = Self(32_768);
 
     /// The bits.
     #[must_use]

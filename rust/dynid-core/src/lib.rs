@@ -13,6 +13,7 @@
     clippy::print_stdout
 )]
 
+pub mod adapt;
 pub mod chain;
 pub mod delay_line;
 pub mod differentiator;
@@ -49,6 +50,7 @@ mod turn;
 pub mod uncertainty;
 pub mod watch;
 
+pub use adapt::{AdaptSettings, Adaptation};
 pub use differentiator::Differentiator;
 pub use dynamics::{inverse_dynamics_into, joint_torque_regressor_into, Workspace};
 pub use effects::{Effect, EffectInput, EffectTerm};

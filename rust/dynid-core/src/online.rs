@@ -5,8 +5,11 @@
 //! sample -> is it new? -> (derivatives, if positions came alone) -> TorqueEstimator -> torque, deviation, status
 //! ```
 
+mod adapting;
+
 use std::sync::Arc;
 
+use crate::adapt::{Adaptation, Adapted};
 use crate::differentiator::{usual_window, Differentiator};
 use crate::dynamics::check_length;
 use crate::error::CoreError;
@@ -95,7 +98,12 @@ pub struct OnlineEstimator {
     watch: Option<Watch>,
     /// What the watch named at the last step.
     change: Option<Change>,
-    /// Time of the last sample that observer and watch took \[s\].
+    adaptation: Option<Adaptation>,
+    /// What the adaptation said at the last step.
+    adapted: Option<Adapted>,
+    /// Measured torque less what the adaptation adds.
+    rest: Vec<f64>,
+    /// Time of the last sample that observer, watch and adaptation took \[s\].
     observed: f64,
 }
 
@@ -142,6 +150,9 @@ impl OnlineEstimator {
             observer: None,
             watch: None,
             change: None,
+            adaptation: None,
+            adapted: None,
+            rest: vec![0.0; n],
             observed: f64::NAN,
         })
     }
@@ -213,7 +224,8 @@ impl OnlineEstimator {
     /// Torque of the last good step, n values \[torque unit\]; zeros before the first. Finite.
     #[must_use]
     pub fn tau(&self) -> &[f64] {
-        &self.tau
+        let own = self.adaptation.as_ref().map(Adaptation::tau);
+        own.unwrap_or(&self.tau)
     }
 
     /// The estimator: terms and deviation of the last good step.
@@ -237,21 +249,27 @@ impl OnlineEstimator {
     pub fn swap(&mut self, new: &mut Self) -> Result<(), CoreError> {
         check_length("tau", &new.tau, self.tau.len())?;
         new.estimator.continue_from(&self.estimator);
+        if let Some(adaptation) = &mut new.adaptation {
+            adaptation.begin_from(self.tau());
+        } else if let Some(adaptation) = &self.adaptation {
+            copy(adaptation.tau(), &mut self.tau);
+        }
         core::mem::swap(&mut self.estimator, &mut new.estimator);
         core::mem::swap(&mut self.most_speed, &mut new.most_speed);
         if let (Some(new), Some(old)) = (&mut new.observer, &self.observer) {
             new.continue_from(old);
         }
         core::mem::swap(&mut self.observer, &mut new.observer);
-        // What another model leaves is something else: its watch begins anew.
+        // What another model leaves is something else: its watch begins anew, and so does its adaptation.
         core::mem::swap(&mut self.watch, &mut new.watch);
+        core::mem::swap(&mut self.adaptation, &mut new.adaptation);
         Ok(())
     }
 
     /// A cycle in which nothing came: the last good torque stands.
     pub fn hold(&mut self) -> Status {
         self.misses = self.misses.saturating_add(1);
-        self.change = None;
+        (self.change, self.adapted) = (None, None);
         let mut status = Status::REPEATED;
         let is_stale = self.misses >= STALE_AFTER;
         status.set(Status::STALE, is_stale);
@@ -260,6 +278,11 @@ impl OnlineEstimator {
             observer.let_go();
         }
         status.set(Status::CONTACT, self.in_contact());
+        let is_at_limit = self
+            .adaptation
+            .as_ref()
+            .is_some_and(Adaptation::is_at_limit);
+        status.set(Status::AT_LIMIT, is_at_limit);
         status
     }
 
@@ -275,7 +298,7 @@ impl OnlineEstimator {
     /// [`CoreError::Length`] if a signal has the wrong length or q is missing; nothing changes then.
     pub fn step(&mut self, sample: &Sample<'_>) -> Result<Status, CoreError> {
         self.check(sample)?;
-        self.change = None;
+        (self.change, self.adapted) = (None, None);
         let row = self.stream.suspects();
         let place = self.stream.place(sample.sequence, sample.time);
         if !place.is_new() {
@@ -322,11 +345,13 @@ impl OnlineEstimator {
         } else {
             self.answer_filtered(sample, elapsed, numbered)?
         };
-        let heard = self.listen(sample.tau, is_direct, answered)?;
-        Ok(status.and(answered).and(heard))
+        self.correct(answered)?;
+        let status = status.and(answered);
+        let heard = self.listen(sample.tau, is_direct, status)?;
+        Ok(status.and(heard))
     }
 
-    /// What observer and watch say of the measured torque at the state that was just answered.
+    /// What observer, watch and adaptation say of the measured torque at the state that was just answered.
     fn listen(
         &mut self,
         tau: Option<&[f64]>,
@@ -347,32 +372,43 @@ impl OnlineEstimator {
             }
             return Ok(status);
         };
-        let shown = tau;
-        let tau = if is_direct { tau } else { &self.measured };
+        let raw = tau;
+        let shown = is_direct.then_some(raw);
         let apart = self.track.time - self.observed;
         // Written so that a NaN, before the first sample, is no time either.
         let follows = apart > 0.0;
         let apart = if follows { apart } else { self.step };
         self.observed = self.track.time;
+        if self.adaptation.is_some() {
+            // Without this a friction that has grown would be a contact, in which nothing follows.
+            self.take_off_added(shown);
+        }
+        let tau = shown.unwrap_or(&self.measured);
         if let Some(observer) = &mut self.observer {
             if !follows {
                 observer.interrupt();
             }
-            observer.step(&self.estimator, tau, apart)?;
+            let rest = if self.adaptation.is_some() {
+                &self.rest
+            } else {
+                tau
+            };
+            observer.step(&self.estimator, rest, apart)?;
             status.set(Status::CONTACT, observer.contact());
         }
         if let Some(watch) = &mut self.watch {
             // What pushes the arm may be what has changed: a contact hides nothing from the watch.
             let good = answered.only(ELSEWHERE) == Status::OK;
-            self.change = watch.step(&self.estimator, tau, shown, apart, good)?;
+            self.change = watch.step(&self.estimator, tau, raw, apart, good)?;
             status.set(Status::CHANGED, self.change.is_some());
         }
-        Ok(status)
+        let adapted = self.adapt(shown, apart, answered)?;
+        Ok(status.and(adapted))
     }
 
     /// True if something listens to the measured torque.
     fn listens(&self) -> bool {
-        self.observer.is_some() || self.watch.is_some()
+        self.observer.is_some() || self.watch.is_some() || self.adaptation.is_some()
     }
 
     /// Keeps a sample that may be the first ones of another stream, whose row was `before` long: once the row is believed,
@@ -636,11 +672,14 @@ impl OnlineEstimator {
         if let (Some(own), Some(of)) = (&mut self.watch, &of.watch) {
             own.mirror(of);
         }
+        if let (Some(own), Some(of)) = (&mut self.adaptation, &of.adaptation) {
+            own.mirror(of);
+        }
         mirror_fields!(
             self, of;
-            estimator, track, suspects, row, motion, measured, before, way, most_speed, tau;
-            copied stream, step, has_before, misses, change, observed;
-            kept observer, watch
+            estimator, track, suspects, row, motion, measured, before, way, most_speed, tau, rest;
+            copied stream, step, has_before, misses, change, adapted, observed;
+            kept observer, watch, adaptation
         );
     }
 }

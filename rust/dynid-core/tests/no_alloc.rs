@@ -9,14 +9,15 @@ use std::cell::Cell;
 use std::hint::black_box;
 use std::sync::Arc;
 
+use dynid_core::adapt::UNKNOWN_MEMORY;
 use dynid_core::model::TorqueModelParts;
 use dynid_core::uncertainty::{Direction, Tail};
 use dynid_core::watch::{Healthy, Watch, WatchSettings};
 use dynid_core::{
-    Domain, Effect, EffectTerm, GaussianMixtureRegression, Joint, JointKind, JointLimits,
-    NormalisedRbf, ObserverSettings, OnlineEstimator, Regression, Residual, ResidualInputs,
-    RobotModel, Sample, Signal, SignalKind, State, Status, TorqueEstimator, TorqueModel,
-    Uncertainty,
+    AdaptSettings, Adaptation, Domain, Effect, EffectTerm, GaussianMixtureRegression, Joint,
+    JointKind, JointLimits, NormalisedRbf, ObserverSettings, OnlineEstimator, Regression, Residual,
+    ResidualInputs, RobotModel, Sample, Signal, SignalKind, State, Status, TorqueEstimator,
+    TorqueModel, Uncertainty,
 };
 use every_effect::every_effect;
 use nalgebra::{Rotation3, Vector3};
@@ -251,7 +252,8 @@ fn bits_of(online: &OnlineEstimator) -> impl Iterator<Item = u64> + '_ {
     let of_observer = heard.map_or([&[][..]; 3], |own| {
         [own.external(), own.threshold(), own.guide()]
     });
-    let said = [online.tau(), online.estimator().terms()];
+    let added = online.adaptation().map_or(&[][..], Adaptation::added);
+    let said = [online.tau(), online.estimator().terms(), added];
     let said = said.into_iter().chain(of_observer);
     said.into_iter().flatten().map(|x| x.to_bits())
 }
@@ -267,8 +269,20 @@ const WATCHFUL: WatchSettings = WatchSettings {
     unknown: 1e-3,
 };
 
+/// Moves that are hardly any are said.
+const FOLLOWING: AdaptSettings = AdaptSettings {
+    friction: true,
+    payload: true,
+    row: 0.004,
+    memory: 0.1,
+    factor: [0.5, 2.0],
+    mass: 0.1,
+    reach: 0.2,
+    said: 1e-3,
+};
+
 #[test]
-fn a_stream_with_faults_and_an_observer_or_a_watch_allocates_nothing() {
+fn a_stream_with_faults_and_what_listens_allocates_nothing() {
     let kinds = [
         (true, false, false),
         (false, false, false),
@@ -287,7 +301,9 @@ fn a_stream_with_faults_and_an_observer_or_a_watch_allocates_nothing() {
         let online = |model: &Arc<TorqueModel>| {
             let online = OnlineEstimator::new(Arc::clone(model), None, Some(11));
             if watches {
-                online.and_then(|online| online.watching(WATCHFUL, &healthy))
+                let online = online.and_then(|online| online.watching(WATCHFUL, &healthy));
+                online
+                    .and_then(|online| online.adapting(FOLLOWING, &[1.0; N], &[UNKNOWN_MEMORY; N]))
             } else {
                 online.and_then(|online| online.observing(ObserverSettings::default()))
             }
@@ -300,6 +316,8 @@ fn a_stream_with_faults_and_an_observer_or_a_watch_allocates_nothing() {
         let (mut running, mut other) = (online(&model), online(&model));
         let mut twin = running.clone();
         let mut numbers = vec![0.0; running.watch().map_or(0, Watch::n_remembered)];
+        let own = running.adaptation().map_or(0, Adaptation::n_remembered);
+        let mut of_adaptation = vec![0.0; own];
         let (mut seen, mut remembered) = (0, 0);
         let before = CALLS.with(Cell::get);
         for step in 0..STEPS as u64 {
@@ -344,6 +362,12 @@ fn a_stream_with_faults_and_an_observer_or_a_watch_allocates_nothing() {
             if let Some(watch) = running.watch_mut() {
                 remembered += u32::from(watch.remember(&mut numbers).unwrap());
             }
+            if let Some(own) = running.adaptation_mut() {
+                own.remember(&mut of_adaptation).unwrap();
+                if step == 7000 {
+                    own.reset();
+                }
+            }
         }
         let after = CALLS.with(Cell::get);
         assert_eq!(after - before, 0);
@@ -353,7 +377,9 @@ fn a_stream_with_faults_and_an_observer_or_a_watch_allocates_nothing() {
             Status::OUT_OF_ORDER,
             Status::REPEATED,
         ];
-        assert_eq!(seen & Status::CHANGED.bits() != 0, watches);
+        for said in [Status::CHANGED, Status::ADAPTED, Status::AT_LIMIT] {
+            assert_eq!(seen & said.bits() != 0, watches, "{said:?}");
+        }
         assert_eq!(remembered > 100, watches);
         assert!(
             expected.iter().all(|status| seen & status.bits() != 0),

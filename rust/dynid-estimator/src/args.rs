@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use dynid_core::differentiator::{MAX_WINDOW, MIN_WINDOW};
-use dynid_core::ObserverSettings;
+use dynid_core::{AdaptSettings, ObserverSettings};
 use lexopt::{Arg, Parser, ValueExt};
 
 use crate::cycle::Settings;
@@ -49,7 +49,7 @@ pub struct Run {
     pub settings: Settings,
     /// The settings of a watch, as `dynid watch --save` writes them.
     pub changes: Option<PathBuf>,
-    /// Where the watch keeps what it remembers.
+    /// Where watch and adaptation keep what they remember.
     pub remember: Option<PathBuf>,
     /// How far off the observer is, as `MomentumObserver.save` writes it; and how many false contacts are put up with, if not as
     /// the file says.
@@ -83,6 +83,7 @@ fn read(mut parser: Parser) -> Result<Command, lexopt::Error> {
     let (mut info, mut json, mut watch) = (false, false, false);
     let (mut changes, mut remember) = (None, None);
     let (mut contacts, mut per_hour_given) = (None, None);
+    let (mut adapt, mut limits) = (None, AdaptSettings::default());
     while let Some(arg) = parser.next()? {
         match arg {
             Arg::Short('h') | Arg::Long("help") => return Ok(Command::Print(HELP.to_owned())),
@@ -132,6 +133,11 @@ fn read(mut parser: Parser) -> Result<Command, lexopt::Error> {
             Arg::Long("core") => real_time.core = Some(parser.value()?.parse_with(core)?),
             Arg::Long("watch") => watch = true,
             Arg::Long("changes") => changes = Some(PathBuf::from(parser.value()?)),
+            Arg::Long("adapt") => adapt = Some(parser.value()?.parse_with(parts)?),
+            Arg::Long("adapt-memory") => limits.memory = parser.value()?.parse_with(memory)?,
+            Arg::Long("adapt-factor") => limits.factor = parser.value()?.parse_with(factor)?,
+            Arg::Long("adapt-mass") => limits.mass = parser.value()?.parse_with(mass)?,
+            Arg::Long("adapt-reach") => limits.reach = parser.value()?.parse_with(reach)?,
             Arg::Long("remember") => remember = Some(PathBuf::from(parser.value()?)),
             Arg::Value(path) if model.is_none() => model = Some(PathBuf::from(path)),
             other => return Err(other.unexpected()),
@@ -179,8 +185,9 @@ fn read(mut parser: Parser) -> Result<Command, lexopt::Error> {
     if real_time.jitter && !(real_time.histogram && real_time.rate.is_some()) {
         return Err("--jitter goes with --histogram and --rate".into());
     }
-    if remember.is_some() && changes.is_none() {
-        return Err("--remember goes with --changes".into());
+    settings.adapt = adapted(adapt, limits)?;
+    if remember.is_some() && changes.is_none() && settings.adapt.is_none() {
+        return Err("--remember goes with --changes or --adapt".into());
     }
     match (real_time.early, real_time.rate) {
         (Some(_), None) => return Err("--early goes with --rate".into()),
@@ -206,6 +213,66 @@ fn read(mut parser: Parser) -> Result<Command, lexopt::Error> {
         transport,
         watch,
     })))
+}
+
+/// What follows the arm, within which limits.
+fn adapted(
+    parts: Option<[bool; 2]>,
+    limits: AdaptSettings,
+) -> Result<Option<AdaptSettings>, lexopt::Error> {
+    let Some([friction, payload]) = parts else {
+        if limits != AdaptSettings::default() {
+            return Err(
+                "--adapt-memory, --adapt-factor, --adapt-mass and --adapt-reach go with --adapt"
+                    .into(),
+            );
+        }
+        return Ok(None);
+    };
+    if payload && limits.mass == 0.0 {
+        return Err(
+            "--adapt payload: give --adapt-mass KG, what the arm may carry; a payload follows within it".into(),
+        );
+    }
+    Ok(Some(AdaptSettings {
+        friction,
+        payload,
+        ..limits
+    }))
+}
+
+/// Whether friction follows, and payload.
+fn parts(text: &str) -> Result<[bool; 2], &'static str> {
+    match text {
+        "friction" => Ok([true, false]),
+        "payload" => Ok([false, true]),
+        "friction,payload" | "payload,friction" => Ok([true, true]),
+        _ => Err("expected friction, payload or friction,payload"),
+    }
+}
+
+fn between(text: &str, low: f64, high: f64) -> Option<f64> {
+    let number: Option<f64> = text.parse().ok();
+    number.filter(|x| (low..=high).contains(x))
+}
+
+fn memory(text: &str) -> Result<f64, &'static str> {
+    between(text, 1.0, 1e5).ok_or("expected seconds of motion, 1 to 100000")
+}
+
+fn mass(text: &str) -> Result<f64, &'static str> {
+    between(text, 1e-3, 1e5).ok_or("expected kg, 0.001 to 100000")
+}
+
+fn reach(text: &str) -> Result<f64, &'static str> {
+    between(text, 1e-3, 100.0).ok_or("expected m, 0.001 to 100")
+}
+
+fn factor(text: &str) -> Result<[f64; 2], &'static str> {
+    let (least, most) = text.split_once(':').unwrap_or_default();
+    let (least, most) = (between(least, 0.0, 0.99), between(most, 1.01, 100.0));
+    let both = least.zip(most).map(|(least, most)| [least, most]);
+    both.ok_or("expected LEAST:MOST, 0 to 0.99 and 1.01 to 100")
 }
 
 fn format_named(text: &str, expected: &str) -> Result<Format, String> {

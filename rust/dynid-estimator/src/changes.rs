@@ -1,4 +1,4 @@
-//! What the watch says, on its way to a person: the loop lays it down, a second thread says it on stderr.
+//! What the watch and the adaptation say, on its way to a person: the loop lays it down, a second thread says it on stderr.
 //!
 //! The loop only tries a lock that the other thread holds to copy a few numbers; nothing is allocated, nobody is woken. A
 //! loop that nothing paces may read a day in a second, and says everything by itself.
@@ -8,6 +8,7 @@ use std::sync::{Arc, Mutex, PoisonError, TryLockError};
 use std::thread;
 use std::time::Duration;
 
+use dynid_core::adapt::{Adapted, Part, Reason};
 use dynid_core::watch::{Change, Kind, Said};
 use dynid_core::TorqueModel;
 
@@ -16,11 +17,21 @@ use crate::run::tell;
 /// How often the thread looks.
 const LOOK: Duration = Duration::from_millis(100);
 
-/// Changes that may wait; each takes seconds of motion, so between two looks at a loop with a rate there is hardly one.
-const MOST: usize = 8;
+/// What may wait; a change takes seconds of motion, and so does what one joint's adaptation says, so between two looks at a
+/// loop with a rate there are a few, of an arm all of whose joints move on.
+const MOST: usize = 32;
 
-/// A change and the time of the state at which it was said, which may be NaN \[s\].
-type News = (f64, Change);
+/// Something to say.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Told {
+    /// What of the model no longer holds.
+    Change(Change),
+    /// What is added to the model.
+    Adapted(Adapted),
+}
+
+/// It and the time of the state at which it was said, which may be NaN \[s\].
+type News = (f64, Told);
 
 #[derive(Debug, Default)]
 struct Table {
@@ -80,17 +91,13 @@ impl Outbox {
         }
     }
 
-    /// Lays a change down, and what could not be laid down before; the oldest are lost where there are too many.
-    pub fn put(&mut self, time: f64, change: Option<&Change>) {
+    /// Lays news down, and what could not be laid down before; the oldest are lost where there are too many.
+    pub fn put(&mut self, time: f64, news: impl Iterator<Item = Told>) {
         let Some(table) = &self.table else {
-            if let Some(change) = change {
-                tell("change", &self.names.sentence(time, change));
-            }
+            news.for_each(|told| self.names.tell(time, &told));
             return;
         };
-        if let Some(change) = change {
-            push(&mut self.kept, (time, *change));
-        }
+        news.for_each(|told| push(&mut self.kept, (time, told)));
         if self.kept[0].is_none() {
             return;
         }
@@ -108,8 +115,8 @@ impl Drop for Outbox {
         if let Some(table) = &self.table {
             say(table, &self.names);
         }
-        for (time, change) in self.kept.iter_mut().filter_map(Option::take) {
-            tell("change", &self.names.sentence(time, &change));
+        for (time, told) in self.kept.iter_mut().filter_map(Option::take) {
+            self.names.tell(time, &told);
         }
     }
 }
@@ -138,8 +145,8 @@ fn say(table: &Table, names: &Names) {
             Err(TryLockError::WouldBlock) => thread::sleep(Duration::from_micros(50)),
         }
     };
-    for (time, change) in found.into_iter().flatten() {
-        tell("change", &names.sentence(time, &change));
+    for (time, told) in found.into_iter().flatten() {
+        names.tell(time, &told);
     }
 }
 
@@ -154,6 +161,39 @@ impl Names {
 
     fn joint(&self, joint: usize) -> &str {
         self.joints.get(joint).map_or("?", String::as_str)
+    }
+
+    fn tell(&self, time: f64, told: &Told) {
+        match told {
+            Told::Change(change) => tell("change", &self.sentence(time, change)),
+            Told::Adapted(adapted) => tell("adapted", &self.sentence_of(time, adapted)),
+        }
+    }
+
+    /// Mass, by the unit of the torque.
+    fn mass_unit(&self) -> &'static str {
+        match self.torque_unit.as_str() {
+            "N*m" => "kg",
+            _ => "kg times what the channel shows per N m",
+        }
+    }
+
+    /// From where to where, and where the data say it is, with 95 %.
+    fn sentence_of(&self, time: f64, adapted: &Adapted) -> String {
+        let [low, high] = adapted.interval();
+        let [from, to, low, high] = [adapted.from, adapted.to, low, high].map(short);
+        let data = format!("{from} -> {to} (data: {low} to {high})");
+        let what = match adapted.part {
+            Part::Friction => format!("{}: friction times {data}", self.joint(adapted.joint)),
+            Part::Payload => format!("payload {data} {}", self.mass_unit()),
+        };
+        let why = match adapted.reason {
+            Reason::Followed => "",
+            Reason::Limit => ", stopped at its limit",
+            Reason::Within => ", within its limits again",
+            Reason::Reset => ", put back",
+        };
+        format!("{}{what}{why}", when(time))
     }
 
     /// One sentence, with an interval of 95 %.
@@ -171,11 +211,7 @@ impl Names {
                 format!("{joint}: constant torque {size} ({low} to {high}) {unit}")
             }
             Kind::Load => {
-                let unit = match self.torque_unit.as_str() {
-                    "N*m" => "kg",
-                    _ => "kg times what the channel shows per N m",
-                };
-                format!("load {size} ({low} to {high}) {unit}")
+                format!("load {size} ({low} to {high}) {}", self.mass_unit())
             }
             Kind::Frozen => {
                 let unit = &self.torque_unit;
@@ -195,16 +231,20 @@ impl Names {
             Kind::Offset => format!(", or constant torque of {}", self.joint(j)),
             kind => format!(", or {} of {}", kind.word(), self.joint(j)),
         });
-        let when = if time.is_finite() {
-            format!("{time:.1} s: ")
-        } else {
-            String::new()
-        };
+        let when = when(time);
         let said = match change.said {
             Said::Named => String::new(),
             said => format!(" ({})", said.word()),
         };
         format!("{when}{what}{or}{said}")
+    }
+}
+
+fn when(time: f64) -> String {
+    if time.is_finite() {
+        format!("{time:.1} s: ")
+    } else {
+        String::new()
     }
 }
 
@@ -282,14 +322,40 @@ pub mod tests {
         assert_eq!(numbers.map(short), shorts);
     }
 
+    pub fn adapted(part: Part, reason: Reason) -> Adapted {
+        Adapted {
+            part,
+            joint: 0,
+            from: 1.0,
+            to: 1.05,
+            estimate: 1.06,
+            std: 0.01,
+            moments: [0.0; 3],
+            reason,
+        }
+    }
+
+    #[test]
+    fn what_follows_is_said_from_where_to_where() {
+        let names = Names::of(&model(1.0));
+        assert_eq!(
+            names.sentence_of(5.25, &adapted(Part::Friction, Reason::Limit)),
+            "5.2 s: joint: friction times 1.00 -> 1.05 (data: 1.04 to 1.08), stopped at its limit"
+        );
+        assert_eq!(
+            names.sentence_of(f64::NAN, &adapted(Part::Payload, Reason::Followed)),
+            "payload 1.00 -> 1.05 (data: 1.04 to 1.08) kg"
+        );
+    }
+
     #[test]
     fn news_waits_for_its_reader_and_the_oldest_goes() {
         let mut news = [None; MOST];
         for k in 0..MOST + 3 {
-            push(&mut news, (k as f64, change(Kind::Gain, 0.1)));
+            push(&mut news, (k as f64, Told::Change(change(Kind::Gain, 0.1))));
         }
         let times: Vec<f64> = news.iter().flatten().map(|(time, _)| *time).collect();
-        assert_eq!(times, [3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0]);
+        assert_eq!((times.len(), times[0], times[MOST - 1]), (MOST, 3.0, 34.0));
     }
 
     #[test]
@@ -301,10 +367,10 @@ pub mod tests {
             names,
         };
         let taken = table.news.lock().unwrap();
-        outbox.put(1.0, Some(&change(Kind::Gain, 0.1)));
+        outbox.put(1.0, [Told::Change(change(Kind::Gain, 0.1))].into_iter());
         assert!(outbox.kept[0].is_some());
         drop(taken);
-        outbox.put(2.0, None);
+        outbox.put(2.0, std::iter::empty());
         assert!(outbox.kept[0].is_none() && table.waits.load(Ordering::Acquire));
         assert!(table.news.lock().unwrap()[0].is_some_and(|(time, _)| time == 1.0));
         say(&table, &outbox.names);

@@ -3,14 +3,17 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
+use dynid_core::adapt::UNKNOWN_MEMORY;
 use dynid_core::online::USUAL_STEP;
 use dynid_core::watch::{Change, Watch};
 use dynid_core::{
-    CoreError, MomentumObserver, ObserverSettings, OnlineEstimator, Sample, Status, TorqueModel,
+    AdaptSettings, Adaptation, CoreError, MomentumObserver, ObserverSettings, OnlineEstimator,
+    Sample, Status, TorqueModel,
 };
-use dynid_io::remembered::{identity, Identity};
+use dynid_io::remembered::{identity_of, Identity};
 use dynid_io::{ContactFile, WatchFile};
 
+use crate::changes::Told;
 use crate::frame::Frame;
 use crate::output::Answer;
 use crate::stop::Stop;
@@ -33,14 +36,21 @@ pub struct Settings {
     pub guide: bool,
     /// How the model is watched; none: it is not.
     pub watch: Option<Arc<WatchFile>>,
-    /// Where the watch keeps what it remembers.
+    /// What follows the arm; none: nothing does.
+    pub adapt: Option<AdaptSettings>,
+    /// Where watch and adaptation keep what they remember.
     pub remember: Option<PathBuf>,
 }
 
 impl Settings {
     /// Whether something wants the measured torque.
     pub fn wants_torque(&self) -> bool {
-        self.observer.is_some() || self.watch.is_some()
+        self.observer.is_some() || self.learns()
+    }
+
+    /// Whether something learns from it.
+    pub fn learns(&self) -> bool {
+        self.watch.is_some() || self.adapt.is_some()
     }
 
     /// An observer as the file says, for the samples that it was made of; `per_hour` false contacts, if given.
@@ -56,6 +66,7 @@ impl Settings {
 /// What is said of every state of a cycle, not of the newest alone.
 const PASSING: Status = Status::LOST
     .and(Status::CHANGED)
+    .and(Status::ADAPTED)
     .and(Status::OUT_OF_ORDER)
     .and(Status::TIME_BACKWARDS)
     .and(Status::STUCK);
@@ -71,7 +82,7 @@ pub struct Cycle {
     passing: Status,
     any_new: bool,
     guides: bool,
-    /// Of the model and its watch, if there is one.
+    /// Of the model and what learns beside it, if something does.
     identity: Identity,
 }
 
@@ -109,11 +120,24 @@ impl Cycle {
         if let Some(watch) = &settings.watch {
             let mend = "write them with `dynid watch MODEL.json --save`";
             check_joints(online.estimator().model(), &watch.joints, "--changes", mend)?;
-            own = identity(online.estimator().model(), watch)?;
             let watching = online.watching(watch.settings, &watch.healthy);
             online = watching.map_err(|error| {
                 Stop::Because(format!("--changes: the model cannot be watched: {error}"))
             })?;
+        }
+        if let Some(adapt) = settings.adapt {
+            let known = settings.watch.as_ref();
+            let healthy = known.map(|watch| &watch.healthy);
+            let inflation = healthy.map_or(vec![1.0; n], |own| own.inflation.clone());
+            let memory = healthy.map_or(vec![UNKNOWN_MEMORY; n], |own| own.memory.clone());
+            let adapts = Some((&adapt, &inflation[..], &memory[..]));
+            own = identity_of(online.estimator().model(), known.map(Arc::as_ref), adapts)?;
+            let adapting = online.adapting(adapt, &inflation, &memory);
+            online = adapting.map_err(|error| {
+                Stop::Because(format!("--adapt: the model cannot be adapted: {error}"))
+            })?;
+        } else if let Some(watch) = &settings.watch {
+            own = identity_of(online.estimator().model(), Some(watch), None)?;
         }
         let mut cycle = Self {
             online,
@@ -234,23 +258,73 @@ impl Cycle {
                 .filter(|_| self.guides)
                 .map(MomentumObserver::guide),
             change: self.change(),
+            added: self.online.adaptation().map(Adaptation::added),
+            adapted: self.online.adapted(),
             status: self.status.and(self.passing),
         }
     }
 
-    /// Of the model and its watch, whose memory is of no use to another.
+    /// Of the model and what learns beside it, whose memory is of no use to another.
     pub fn identity(&self) -> &Identity {
         &self.identity
     }
 
-    /// The watch, if there is one.
-    pub fn watch_mut(&mut self) -> Option<&mut Watch> {
-        self.online.watch_mut()
+    /// Rows that watch and adaptation have finished.
+    pub fn n_rows(&self) -> u64 {
+        let watched = self.online.watch().map_or(0, |watch| watch.row().0);
+        watched.max(self.online.adaptation().map_or(0, Adaptation::n_rows))
+    }
+
+    /// How many numbers watch and adaptation remember; none if there is neither.
+    pub fn n_remembered(&self) -> Option<usize> {
+        let watch = self.online.watch().map(Watch::n_remembered);
+        let own = self.online.adaptation().map(Adaptation::n_remembered);
+        (watch.is_some() || own.is_some()).then(|| watch.unwrap_or(0) + own.unwrap_or(0))
+    }
+
+    /// Writes what watch and adaptation know to `numbers`, the watch first, and says so; within a row that is being judged it
+    /// does neither.
+    ///
+    /// # Errors
+    /// [`CoreError`] if the length is not [`Self::n_remembered`].
+    pub fn remember(&mut self, numbers: &mut [f64]) -> Result<bool, CoreError> {
+        let of_watch = self.online.watch().map_or(0, Watch::n_remembered);
+        let (first, rest) = numbers.split_at_mut_checked(of_watch).unwrap_or_default();
+        let own = self.online.adaptation();
+        let mut is_whole = own.is_none_or(Adaptation::is_between_rows);
+        if let Some(watch) = self.online.watch_mut().filter(|_| is_whole) {
+            is_whole = watch.remember(first)?;
+        }
+        match self.online.adaptation().filter(|_| is_whole) {
+            Some(own) => own.remember(rest),
+            None => Ok(is_whole),
+        }
+    }
+
+    /// Goes on with what [`Self::remember`] wrote.
+    ///
+    /// # Errors
+    /// [`CoreError`] if the numbers are none that watch and adaptation remember.
+    pub fn recall(&mut self, numbers: &[f64]) -> Result<(), CoreError> {
+        let of_watch = self.online.watch().map_or(0, Watch::n_remembered);
+        let (first, rest) = numbers.split_at_checked(of_watch).unwrap_or_default();
+        if let Some(watch) = self.online.watch_mut() {
+            watch.recall(first)?;
+        }
+        let own = self.online.adaptation_mut();
+        own.map_or(Ok(()), |own| own.recall(rest))
     }
 
     /// What the watch said of the last state.
     pub fn change(&self) -> Option<&Change> {
         self.online.change()
+    }
+
+    /// What watch and adaptation said of the last state.
+    pub fn told(&self) -> impl Iterator<Item = Told> {
+        let change = self.online.change().copied().map(Told::Change);
+        let adapted = self.online.adapted().copied().map(Told::Adapted);
+        change.into_iter().chain(adapted)
     }
 }
 

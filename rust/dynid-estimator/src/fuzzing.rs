@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use dynid_core::uncertainty::{Direction, Tail};
 use dynid_core::watch::{Healthy, WatchSettings};
-use dynid_core::{ObserverSettings, TorqueModel, Uncertainty};
+use dynid_core::{AdaptSettings, ObserverSettings, TorqueModel, Uncertainty};
 use dynid_io::{ContactFile, WatchFile};
 
 use crate::args::Format;
@@ -53,6 +53,12 @@ impl Door {
             observer: Some(ObserverSettings::default()),
             watch: Some(Arc::new(watch)),
             guide: true,
+            adapt: Some(AdaptSettings {
+                payload: true,
+                row: 0.003,
+                mass: 10.0,
+                ..AdaptSettings::default()
+            }),
             ..Settings::default()
         };
         settings.take_contacts(contacts(&model), None);
@@ -140,7 +146,11 @@ impl Door {
             Ok(parser) => parser,
             Err(stop) => return Some(stop.to_string()),
         };
-        let writer = Writer::new(format, &self.model, true, true);
+        let writer = Writer::new(
+            format,
+            &self.model,
+            [true, true, self.settings.adapt.is_some()],
+        );
         let mut out = Vec::new();
         loop {
             match lines.advance() {

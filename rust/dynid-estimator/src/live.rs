@@ -137,7 +137,7 @@ pub fn run(
     let mut live = Live::new(link, &model, &cycle, settings, most_terms);
     live.inbox = inbox;
     live.notebook = notebook;
-    live.outbox = settings.watch.is_some().then(|| Outbox::open(&model));
+    live.outbox = settings.learns().then(|| Outbox::open(&model));
     let (sleeper, pace) = real_time.begin()?;
     let mut timing = Timing::new(pace.as_ref().map(Pace::period), real_time.histogram);
     live.work(&model, &mut cycle, (pace, real_time.end()), &mut timing);
@@ -235,7 +235,7 @@ impl Live {
                 if self.frame.wants(TORQUE) && !self.frame.present().signals[TORQUE] {
                     tell(
                         "note",
-                        "--observe and --changes need the measured torque, which the first state does not have: status bit 8 says so",
+                        "--observe, --changes and --adapt need the measured torque, which the first state does not have: status bit 8 says so",
                     );
                 }
                 timing.start();
@@ -309,7 +309,7 @@ impl Live {
             && cycle.step(&self.frame.sample()).is_ok();
         if used {
             if let Some(outbox) = &mut self.outbox {
-                outbox.put(self.frame.time, cycle.change());
+                outbox.put(self.frame.time, cycle.told());
             }
             if let Some(notebook) = &mut self.notebook {
                 notebook.note(cycle);

@@ -2,6 +2,7 @@
 
 use std::io::{self, Write};
 
+use dynid_core::adapt::{Adapted, Part};
 use dynid_core::watch::{Change, Kind};
 use dynid_core::{Status, TorqueModel};
 
@@ -24,6 +25,10 @@ pub struct Answer<'a> {
     pub guide: Option<&'a [f64]>,
     /// What the watch has just said, where the model is watched.
     pub change: Option<&'a Change>,
+    /// What is added to the model's torque, where something follows; `tau` has it. Finite.
+    pub added: Option<&'a [f64]>,
+    /// What the adaptation has just said.
+    pub adapted: Option<&'a Adapted>,
     /// What was unusual.
     pub status: Status,
 }
@@ -36,17 +41,20 @@ pub struct Writer {
     term_names: Vec<String>,
     observes: bool,
     guides: bool,
+    adapts: bool,
 }
 
 impl Writer {
-    /// A writer for answers of `model`, with external torques and with what a hand may guide the arm by.
-    pub fn new(format: Format, model: &TorqueModel, observes: bool, guides: bool) -> Self {
+    /// A writer for answers of `model`: whether with external torques, with what a hand may guide the arm by, and with what is
+    /// added.
+    pub fn new(format: Format, model: &TorqueModel, [observes, guides, adapts]: [bool; 3]) -> Self {
         Self {
             format,
             n_joints: model.robot().n_joints(),
             term_names: model.term_names(),
             observes,
             guides,
+            adapts,
         }
     }
 
@@ -65,6 +73,7 @@ impl Writer {
             .chain(["std"])
             .chain(self.observes.then_some("external"))
             .chain(self.guides.then_some("guide"))
+            .chain(self.adapts.then_some("adaptation"))
         {
             for joint in 0..self.n_joints {
                 write!(out, "{name}_{joint},")?;
@@ -94,6 +103,7 @@ impl Writer {
             .chain(answer.std)
             .chain(answer.external.unwrap_or(&[]))
             .chain(answer.guide.unwrap_or(&[]))
+            .chain(answer.added.unwrap_or(&[]))
         {
             write!(out, "{torque:?},")?;
         }
@@ -125,8 +135,15 @@ impl Writer {
             out.write_all(b",\"guide\":")?;
             write_array(guide, out)?;
         }
+        if let Some(added) = answer.added {
+            out.write_all(b",\"adaptation\":")?;
+            write_array(added, out)?;
+        }
         if let Some(change) = answer.change {
             write_change(change, out)?;
+        }
+        if let Some(adapted) = answer.adapted {
+            write_adapted(adapted, out)?;
         }
         writeln!(out, ",\"status\":{}}}", answer.status.bits())
     }
@@ -163,6 +180,25 @@ fn write_change(change: &Change, out: &mut impl Write) -> io::Result<()> {
     out.write_all(b"}")
 }
 
+fn write_adapted(adapted: &Adapted, out: &mut impl Write) -> io::Result<()> {
+    let (part, joint) = (adapted.part.word(), adapted.joint);
+    write!(out, ",\"adapted\":{{\"part\":\"{part}\",\"joint\":{joint}")?;
+    for (name, number) in [
+        ("from", adapted.from),
+        ("to", adapted.to),
+        ("estimate", adapted.estimate),
+        ("std", adapted.std),
+    ] {
+        write!(out, ",\"{name}\":")?;
+        write_number(number, out)?;
+    }
+    if adapted.part == Part::Payload {
+        out.write_all(b",\"moments\":")?;
+        write_array(&adapted.moments, out)?;
+    }
+    write!(out, ",\"reason\":\"{}\"}}", adapted.reason.word())
+}
+
 fn write_array(numbers: &[f64], out: &mut impl Write) -> io::Result<()> {
     for (k, number) in numbers.iter().enumerate() {
         write!(out, "{}{number:?}", if k == 0 { '[' } else { ',' })?;
@@ -173,7 +209,8 @@ fn write_array(numbers: &[f64], out: &mut impl Write) -> io::Result<()> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::changes::tests::change;
+    use crate::changes::tests::{adapted, change};
+    use dynid_core::adapt::Reason;
 
     fn line(format: Format, time: Option<f64>, external: Option<&[f64]>) -> String {
         let writer = Writer {
@@ -184,6 +221,7 @@ mod tests {
                 .to_vec(),
             observes: external.is_some(),
             guides: false,
+            adapts: false,
         };
         let answer = Answer {
             time,
@@ -193,6 +231,8 @@ mod tests {
             external,
             guide: None,
             change: None,
+            added: None,
+            adapted: None,
             status: Status::OUTSIDE_DOMAIN,
         };
         let mut out = Vec::new();
@@ -215,6 +255,22 @@ mod tests {
         );
         assert!(line(Format::Jsonl, Some(f64::INFINITY), None).starts_with("{\"t\":null,"));
         assert!(line(Format::Jsonl, None, None).starts_with("{\"tau\":"));
+    }
+
+    #[test]
+    fn what_follows_looks_as_documented() {
+        let mut out = Vec::new();
+        write_adapted(&adapted(Part::Friction, Reason::Limit), &mut out).unwrap();
+        assert_eq!(
+            String::from_utf8(out).unwrap(),
+            ",\"adapted\":{\"part\":\"friction\",\"joint\":0,\"from\":1.0,\"to\":1.05,\"estimate\":1.06,\"std\":0.01,\
+             \"reason\":\"limit\"}"
+        );
+        let mut out = Vec::new();
+        write_adapted(&adapted(Part::Payload, Reason::Reset), &mut out).unwrap();
+        assert!(String::from_utf8(out)
+            .unwrap()
+            .contains("\"moments\":[0.0,0.0,0.0],\"reason\":\"reset\""));
     }
 
     #[test]

@@ -105,7 +105,7 @@ mod tests {
             let mut frame = Frame::new(1);
             let mut source = Lines::new(begin);
             let mut parser = Parser::begin(None, &mut source, model.robot(), &mut frame).unwrap();
-            let writer = Writer::new(Format::Jsonl, &model, false, false);
+            let writer = Writer::new(Format::Jsonl, &model, [false; 3]);
             let cycle = Cycle::new(model, &Settings::default()).unwrap();
             let mut rehearsal = Rehearsal::new(&cycle, &frame);
             let before = (format!("{cycle:?}"), format!("{frame:?}"));
@@ -129,7 +129,7 @@ mod tests {
         let mut source = Lines::new(b"t,q_0,dq_0,ddq_0\n0,0,0,0\n".as_slice());
         let mut parser = Parser::begin(None, &mut source, model.robot(), &mut frame).unwrap();
         frame.time = 1.0;
-        let writer = Writer::new(Format::Csv, &model, false, false);
+        let writer = Writer::new(Format::Csv, &model, [false; 3]);
         let cycle = Cycle::new(model, &Settings::default()).unwrap();
         let mut rehearsal = Rehearsal::new(&cycle, &frame);
         let line = b"7.5,0.5,0.25,1e-3";

@@ -1,4 +1,4 @@
-//! What the watch knows, kept over a restart: the loop lays it down after each of the watch's rows, a second thread writes it.
+//! What watch and adaptation know, kept over a restart: the loop lays it down after each of their rows, a second thread writes it.
 //!
 //! As in `changes.rs` the loop only tries a lock; nothing is allocated, nobody is woken.
 
@@ -38,19 +38,19 @@ struct Desk {
 #[derive(Debug)]
 pub struct Notebook {
     desk: Arc<Desk>,
-    /// Rows that the watch has finished.
+    /// Rows that were finished.
     rows: u64,
 }
 
 impl Notebook {
-    /// Lets the watch go on with what the file holds, if it is of the same model and settings, and starts the thread that
+    /// Lets watch and adaptation go on with what the file holds, if it is of the same model and settings, and starts the thread that
     /// writes it, which ends with the program. None if nothing is to be remembered.
     ///
     /// # Errors
-    /// [`Stop`] if something else than what a watch remembers is in the file's place.
+    /// [`Stop`] if something else than what is remembered is in the file's place.
     pub fn open(cycle: &mut Cycle, settings: &Settings) -> Result<Option<Self>, Stop> {
         let identity = *cycle.identity();
-        let (Some(path), Some(watch)) = (&settings.remember, cycle.watch_mut()) else {
+        let (Some(path), Some(length)) = (&settings.remember, cycle.n_remembered()) else {
             return Ok(None);
         };
         let because =
@@ -59,14 +59,19 @@ impl Notebook {
         if path.exists() {
             let found = load_remembered(path)?;
             if found.of != digits_of(&identity) {
-                tell("note", &format!(
-                    "{}: of another model, or of a watch with other settings: the watch begins anew",
-                    path.display()
-                ));
-            } else if watch.recall(&found.numbers).is_err() {
-                return Err(because(
-                    "numbers that no watch remembers; name another file, or remove this one to begin anew",
-                ));
+                let what = names_of(settings);
+                tell(
+                    "note",
+                    &format!(
+                        "{}: of another model, or of other settings: the {what} begins anew",
+                        path.display()
+                    ),
+                );
+            } else if cycle.recall(&found.numbers).is_err() {
+                return Err(because(&format!(
+                    "numbers that no {} remembers; name another file, or remove this one to begin anew",
+                    names_of(settings)
+                )));
             }
         }
         let desk = Arc::new(Desk {
@@ -74,7 +79,7 @@ impl Notebook {
             page: Mutex::new(Page {
                 of: identity,
                 // Written to, so that its pages are there.
-                numbers: vec![f64::NAN; watch.n_remembered()],
+                numbers: vec![f64::NAN; length],
                 waits: false,
             }),
             refused: Mutex::new(false),
@@ -92,28 +97,34 @@ impl Notebook {
                 &format!("--remember: {error}; the file is written at the end"),
             );
         }
-        let rows = watch.row().0;
+        let rows = cycle.n_rows();
         Ok(Some(Self { desk, rows }))
     }
 
-    /// Lays down what the watch knows, once it has judged another row.
+    /// Lays down what is known, once another row was judged.
     pub fn note(&mut self, cycle: &mut Cycle) {
         let identity = *cycle.identity();
-        let Some(watch) = cycle.watch_mut() else {
-            return;
-        };
-        let rows = watch.row().0;
+        let rows = cycle.n_rows();
         if rows == self.rows {
             return;
         }
         if let Ok(mut page) = self.desk.page.try_lock() {
-            // A model that came in between has the same joints, so its watch remembers as many numbers.
-            if watch.remember(&mut page.numbers) == Ok(true) {
+            // A model that came in between has the same joints, so as many numbers are remembered.
+            if cycle.remember(&mut page.numbers) == Ok(true) {
                 self.rows = rows;
                 page.of = identity;
                 page.waits = true;
             }
         }
+    }
+}
+
+/// What learns.
+fn names_of(settings: &Settings) -> &'static str {
+    match (&settings.watch, &settings.adapt) {
+        (Some(_), Some(_)) => "watch and adaptation",
+        (None, Some(_)) => "adaptation",
+        _ => "watch",
     }
 }
 
@@ -215,7 +226,7 @@ mod tests {
         let mut again = Cycle::new(model(1.0), &settings).unwrap();
         let notebook = Notebook::open(&mut again, &settings).unwrap();
         let mut numbers = vec![0.0; first.numbers.len()];
-        again.watch_mut().unwrap().remember(&mut numbers).unwrap();
+        again.remember(&mut numbers).unwrap();
         assert_eq!(numbers, first.numbers);
         drop(notebook);
         assert_eq!(load_remembered(&path).unwrap(), first);

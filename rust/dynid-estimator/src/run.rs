@@ -44,7 +44,7 @@ pub fn run(
         Some(_) => Outbox::open,
         None => Outbox::patient,
     };
-    let mut outbox = settings.watch.is_some().then(|| open(&model));
+    let mut outbox = settings.learns().then(|| open(&model));
     let mut notebook = Notebook::open(&mut cycle, settings)?;
     let mut clock = Clock::new(&model, settings.step);
     let mut frame = frame_for(&model, settings);
@@ -54,13 +54,16 @@ pub fn run(
     let writer = Writer::new(
         output.unwrap_or(parser.format()),
         &model,
-        settings.observer.is_some(),
-        settings.guide,
+        [
+            settings.observer.is_some(),
+            settings.guide,
+            settings.adapt.is_some(),
+        ],
     );
     note_what_is_missing(&model, &frame, &cycle);
     if frame.wants(TORQUE) && !frame.present().signals[TORQUE] {
         return Err(Stop::Because(
-            "--observe and --changes need the measured torque of every joint, tau_0 and so on, which the input does not have".to_owned(),
+            "--observe, --changes and --adapt need the measured torque of every joint, tau_0 and so on, which the input does not have".to_owned(),
         ));
     }
     if frame.present().is_differentiated() {
@@ -103,7 +106,7 @@ pub fn run(
             .map_err(|error| Stop::Because(error.to_string()))?;
         let computed = sys::now();
         if let Some(outbox) = &mut outbox {
-            outbox.put(frame.time, cycle.change());
+            outbox.put(frame.time, cycle.told());
         }
         if let Some(notebook) = &mut notebook {
             notebook.note(&mut cycle);

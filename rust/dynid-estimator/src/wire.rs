@@ -228,6 +228,8 @@ mod tests {
             external: Some(&[9.0, 10.0]),
             guide: Some(&[0.5, 0.0]),
             change: None,
+            added: None,
+            adapted: None,
             status: Status::STALE,
         };
         let mut out = [0; 200];

@@ -1,9 +1,10 @@
-//! What a watch remembers over a restart, as a file: numbers of [`Watch::remember`](dynid_core::watch::Watch::remember), and of
-//! which model and settings they are.
+//! What a watch, an adaptation or both remember over a restart, as a file: numbers of
+//! [`Watch::remember`](dynid_core::watch::Watch::remember), then of
+//! [`Adaptation::remember`](dynid_core::Adaptation::remember), and of which model and settings they are.
 
 use std::path::Path;
 
-use dynid_core::TorqueModel;
+use dynid_core::{AdaptSettings, TorqueModel};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
@@ -46,13 +47,34 @@ struct Parts {
 /// # Errors
 /// [`ModelFileError::Invalid`] if the model cannot be written as JSON.
 pub fn identity(model: &TorqueModel, watch: &WatchFile) -> Result<Identity, ModelFileError> {
+    identity_of(model, Some(watch), None)
+}
+
+/// Settings of an adaptation, and what healthy runs said of the noise: variance of rows over what the model expects, and rows that
+/// are worth an independent one, per joint.
+pub type Adapts<'a> = (&'a AdaptSettings, &'a [f64], &'a [f64]);
+
+/// Of a model and all that learns beside it: the numbers of a watch come first, then those of an adaptation.
+///
+/// # Errors
+/// [`ModelFileError::Invalid`] if the model cannot be written as JSON.
+pub fn identity_of(
+    model: &TorqueModel,
+    watch: Option<&WatchFile>,
+    adapts: Option<Adapts<'_>>,
+) -> Result<Identity, ModelFileError> {
     let text = to_text(model).map_err(|error| ModelFileError::Invalid {
         path: "model".to_owned(),
         message: error.to_string(),
     })?;
     let mut sum = Sha256::new();
     sum.update(text.as_bytes());
-    sum.update(format!("{:?} {:?}", watch.settings, watch.healthy).as_bytes());
+    if let Some(watch) = watch {
+        sum.update(format!("{:?} {:?}", watch.settings, watch.healthy).as_bytes());
+    }
+    if let Some((settings, inflation, memory)) = adapts {
+        sum.update(format!("{settings:?} {inflation:?} {memory:?}").as_bytes());
+    }
     Ok(sum.finalize().into())
 }
 

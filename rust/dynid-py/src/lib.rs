@@ -1,5 +1,6 @@
 //! The Python face: arrays in, arrays out, errors mapped. No formula lives here.
 
+mod adapt;
 mod arrays;
 mod base;
 mod c_header;
@@ -73,6 +74,8 @@ fn _core(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(observer::read_contact, m)?)?;
     m.add_function(wrap_pyfunction!(watch::watch_run, m)?)?;
     m.add_function(wrap_pyfunction!(watch::read_watch, m)?)?;
+    m.add_function(wrap_pyfunction!(adapt::adapt_run, m)?)?;
+    m.add_function(wrap_pyfunction!(adapt::with_adapted, m)?)?;
     m.add_function(wrap_pyfunction!(offline::fold, m)?)?;
     m.add_function(wrap_pyfunction!(offline::weighted_fit, m)?)?;
     m.add_function(wrap_pyfunction!(offline::processor_path, m)?)?;

@@ -10,7 +10,7 @@
 mod frozen;
 mod naming;
 mod remembered;
-mod rows;
+pub(crate) mod rows;
 mod sequential;
 mod settings;
 mod solve;

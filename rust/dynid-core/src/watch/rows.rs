@@ -12,7 +12,7 @@ use crate::observer::rest_speeds;
 use crate::slices::{at, mirror_fields, rows as rows_of, set, Mirror};
 
 /// Parameters of a load, those of a link.
-pub(super) const N_LOAD: usize = N_LINK_PARAMS;
+pub(crate) const N_LOAD: usize = N_LINK_PARAMS;
 
 /// The torque of a load is evaluated so often per row, in the middle of as many parts (at their ends the mean would be that of
 /// another time, by half a part): enough to see that there is one, and enough to take a heavy one off a wrist of little noise.
@@ -21,7 +21,7 @@ const LOADS_A_FINE_ROW: f64 = 40.0;
 
 /// Means over a row, per joint.
 #[derive(Clone, Debug)]
-pub(super) struct Row {
+pub(crate) struct Row {
     /// Measured less predicted torque.
     pub left: Vec<f64>,
     /// Predicted torque of friction and of all terms.
@@ -53,9 +53,15 @@ impl Row {
     }
 }
 
+/// Which of a model's effects are friction: what follows the motor's speed, or remembers its way.
+pub(crate) fn friction_terms(model: &TorqueModel) -> impl Iterator<Item = bool> + '_ {
+    let entries = model.effects().iter().map(|term| term.effect().entry());
+    entries.map(|entry| entry.needs("dq_motor") || entry.memory > 0)
+}
+
 /// Rows in the making.
 #[derive(Clone, Debug)]
-pub(super) struct Rows {
+pub(crate) struct Rows {
     pub model: Arc<TorqueModel>,
     is_friction: Vec<bool>,
     rest: Vec<f64>,
@@ -71,17 +77,16 @@ pub(super) struct Rows {
     /// Time of a part, and since the middle of the last one.
     part: f64,
     since_load: f64,
+    /// Whether the torque of a load is evaluated.
+    with_load: bool,
     good: bool,
 }
 
 impl Rows {
     pub fn new(model: Arc<TorqueModel>, length: f64, least_speed: Vec<f64>) -> Self {
         let n = model.robot().n_joints();
-        // Friction is what follows the motor's speed, or remembers its way.
-        let entries = model.effects().iter().map(|term| term.effect().entry());
-        let is_friction = entries.map(|entry| entry.needs("dq_motor") || entry.memory > 0);
         Self {
-            is_friction: is_friction.collect(),
+            is_friction: friction_terms(&model).collect(),
             rest: rest_speeds(&model),
             least_speed,
             workspace: Workspace::new(model.robot()),
@@ -97,6 +102,7 @@ impl Rows {
             last: 0.0,
             part: length / LOADS_A_ROW,
             since_load: 0.5 * length / LOADS_A_ROW,
+            with_load: true,
             good: true,
             model,
         }
@@ -112,6 +118,31 @@ impl Rows {
     /// The row in the making.
     pub fn sums_mut(&mut self) -> &mut Row {
         &mut self.sums
+    }
+
+    /// The same for those who do not ask for a load, whose columns stay zero.
+    pub fn without_load(mut self) -> Self {
+        self.with_load = false;
+        self
+    }
+
+    /// Forgets the row in the making.
+    pub fn clear(&mut self) {
+        let own = &mut self.sums;
+        let sums = [
+            &mut own.left,
+            &mut own.friction,
+            &mut own.torque,
+            &mut own.variance,
+            &mut own.speed,
+        ];
+        sums.into_iter().for_each(|sums| sums.fill(0.0));
+        own.load.fill([0.0; N_LOAD]);
+        own.moves.fill(true);
+        own.n = 0;
+        (self.n_loads, self.good, self.elapsed) = (0, true, 0.0);
+        (self.last, self.part) = (0.0, self.length / LOADS_A_ROW);
+        self.since_load = 0.5 * self.part;
     }
 
     /// True once the next sample would be nearer to the next row.
@@ -165,7 +196,7 @@ impl Rows {
             *speed += dq.abs();
         }
         let part = self.part;
-        if self.since_load >= part {
+        if self.with_load && self.since_load >= part {
             self.since_load = (self.since_load - part).min(part);
             self.n_loads = self.n_loads.saturating_add(1);
             let motion = [state.q, state.dq, state.ddq];
@@ -221,7 +252,7 @@ impl Mirror for Rows {
         mirror_fields!(
             self, of;
             workspace, columns, scratch, sums;
-            copied length, n_loads, elapsed, last, part, since_load, good;
+            copied length, n_loads, elapsed, last, part, since_load, with_load, good;
             kept model, is_friction, rest, least_speed
         );
     }
