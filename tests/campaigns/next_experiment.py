@@ -84,7 +84,7 @@ def _kept(options: argparse.Namespace) -> Figures:
     command = ["git", "describe", "--always", "--dirty"]
     here = Path(__file__).resolve().parent
     commit = subprocess.run(command, capture_output=True, text=True, check=False, cwd=here).stdout.strip()
-    return {"invocation": {"seed": options.seed, "commit": commit}, "cases": []}
+    return {"invocation": {"seed": options.seed, "minutes": options.minutes, "commit": commit}, "cases": []}
 
 
 def _told(case: Figures) -> str:

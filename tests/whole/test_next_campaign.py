@@ -45,7 +45,9 @@ def case(open_, settled, kind="stribeck"):
 
 
 def test_the_page_counts_open_cases_alone():
-    page = next_page.page({"seed": 1, "commit": "abc"}, [case(True, True), case(True, False), case(False, True)])
+    page = next_page.page(
+        {"seed": 1, "minutes": 5.0, "commit": "abc"}, [case(True, True), case(True, False), case(False, True)]
+    )
     assert "3 cases drawn" in page
     assert "2 open after a minute" in page
     assert "| designed (`dyn.next_experiment`) | 1 of 2 (50 %) | 1 of 2 (50 %) | 0 of 2 |" in page
