@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs import _core
-from dynid_rs.model.watch import UNKNOWN_MEMORY, Watch
+from dynid_rs.model.healthy import UNKNOWN_MEMORY
+from dynid_rs.model.watch import Watch
 from dynid_rs.regression.uncertainty import NORMAL_95
 from dynid_rs.runs.recording import FloatArray, Recording
 
