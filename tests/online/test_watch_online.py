@@ -133,7 +133,7 @@ def test_states_without_a_torque_are_refused(estimator, folder, harder):
     states = {name: values for name, values in harder[1].items() if name != "tau"}
     done = answered(estimator, folder, json_text(states))
     assert done.returncode == 2
-    assert "--changes need the measured torque of every joint" in done.stderr
+    assert "--changes and --adapt need the measured torque of every joint" in done.stderr
 
 
 def test_settings_of_another_arm_are_refused(estimator, folder, tmp_path):
@@ -143,7 +143,7 @@ def test_settings_of_another_arm_are_refused(estimator, folder, tmp_path):
     command = [estimator, folder / "model.json", "--changes", tmp_path / "watch.json"]
     done = subprocess.run(command, input="", capture_output=True, text=True, timeout=60, check=False)
     assert done.returncode == 2
-    assert "the joints of the watch's settings are not those of the model" in done.stderr
+    assert "--changes: the joints of the file are not those of the model" in done.stderr
     with pytest.raises(FormatError, match="of an arm with other joints"):
         Watch.load(tmp_path / "watch.json", model())
 

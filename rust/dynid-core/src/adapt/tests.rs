@@ -13,7 +13,8 @@ use crate::{
 };
 
 const N: usize = 2;
-const STEP: f64 = 0.01;
+/// A power of two: times between samples are the same to the bit, also after a beginning, of which there is none before.
+const STEP: f64 = 1.0 / 128.0;
 
 /// Of an arm of two joints with friction.
 fn model() -> Arc<TorqueModel> {
