@@ -87,7 +87,8 @@ def keep_reports(app: Sphinx, failure: Exception | None) -> None:
         places = Path(app.doctreedir) / "places"
         for report in places.rglob("report.html"):
             page = report.parent.parent.relative_to(places)
-            shutil.copy(report, Path(app.outdir) / page.parent / f"{page.name}.{report.parent.name}.html")
+            if (Path(app.outdir) / page.parent / f"{page.name}.html").exists():  # not that of one arm of a fleet
+                shutil.copy(report, Path(app.outdir) / page.parent / f"{page.name}.{report.parent.name}.html")
 
 
 def prepare(app: Sphinx) -> None:

@@ -70,4 +70,4 @@ def test_no_help_names_a_path_and_none_breaks_an_address(command):
     said = dynid(*command.split(), "--help").output
     assert not re.search(r"(?<!/main/)docs/\w", said)
     for address in re.findall(r"https://\S+", said):
-        assert address == DOCUMENTATION or address in (page("how_to/logs"), page("how_to/archive"))
+        assert address == DOCUMENTATION or address in [page(f"how_to/{name}") for name in ("logs", "archive", "fleet")]

@@ -163,7 +163,7 @@ def test_a_robot_and_its_runs_are_enough():
 def test_what_is_diagnosed_may_be_given_as_data_frames(monkeypatch):
     seen = {}
 
-    def stop(setup, train, test, on_progress):
+    def stop(setup, train, test, after, on_progress):
         seen.update(setup=setup, train=train, test=test)
         raise KeyboardInterrupt
 
