@@ -126,9 +126,9 @@ class Belief:
         structural = structural_hypotheses(self.fit, self.setup, kinds)
         return [*self.catalogue.of(grid), *(h for h in structural if h.place in self.only)]
 
-    def log_places(self, open_: Sequence[Hypothesis]) -> float:
-        """Logarithm of how many kinds at places a name of `open_` has to be more probable than."""
-        return float(np.log(max(len(places_of(open_)), self.n_places, 1)))
+    def n_sought(self, open_: Sequence[Hypothesis]) -> int:
+        """How many kinds at places a name of `open_` has to be more probable than: those, or as many as once."""
+        return max(len(places_of(open_)), self.n_places, 1)
 
     def structure(self) -> list[Hypothesis]:
         """Further changes of the structure that was named, the mounting included."""

@@ -157,18 +157,22 @@ def open_questions(belief: Belief, contests: Mapping[Place, Contest]) -> OpenQue
         return Answer(tuple(numbers), tuple(weights))
 
     own_places = dict(zip([(e.kind, e.joints) for e in setup.effects], belief.places(), strict=True))
-    for asked in _ties(belief, contests)[:MOST]:
+    ties = _ties(belief, contests)
+    for asked in ties[:MOST]:
         against = contests[asked.place]
         own = [at for _, at in own_places[asked.place]]
         first = add(against.own, against.beside, own)
         second = add(against.rivals[asked.other], against.beside, own)
         questions.append(Question(first, second, asked.log_odds))
     open_ = [h for h in belief.hypotheses() if h.place not in belief.named]
-    edges, may_pass = _edges(belief, open_)
+    n_places = belief.n_sought(open_)
+    edges, may_pass = _edges(belief, open_, float(np.log(n_places)))
     edges = edges[: MOST - len(questions)]
     for value, log_odds in edges:
         questions.append(Question(add(value, belief.beside), Answer(), log_odds))
-    for value, log_odds in _silent(belief, may_pass, [value.hypothesis.place for value, _ in edges]):
+    asked_already = {value.hypothesis.place for value, _ in edges}
+    silent = [h for h in may_pass if h.place not in asked_already]
+    for value, log_odds in _silent(belief.beside, silent, float(np.log(n_places))):
         questions.append(Question(add(value, belief.beside, most=1), Answer(), log_odds))
     return OpenQuestions(
         setup,
@@ -184,8 +188,8 @@ def open_questions(belief: Belief, contests: Mapping[Place, Contest]) -> OpenQue
         _precision(belief.beside, columns),
         tuple(candidates),
         tuple(questions),
-        frozenset(h.place for h in may_pass) | {tie.other for tie in _ties(belief, contests)},
-        len(places_of(open_)),
+        frozenset(h.place for h in may_pass) | {tie.other for tie in ties},
+        n_places,
     )
 
 
@@ -209,29 +213,27 @@ def _ties(belief: Belief, contests: Mapping[Place, Contest]) -> list[_Tie]:
     return sorted(found, key=lambda tie: abs(tie.log_odds))
 
 
-def _edges(belief: Belief, open_: Sequence[Hypothesis]) -> tuple[list[tuple[Value, float]], list[Hypothesis]]:
+def _edges(
+    belief: Belief, open_: Sequence[Hypothesis], log_places: float
+) -> tuple[list[tuple[Value, float]], list[Hypothesis]]:
     """Places that are neither believed nor refuted, the most open first, each with its posterior logarithmic odds.
 
     Also the hypotheses at all places that the runs do not speak against.
     """
     ties = {other for named in belief.named.values() for other, _ in named.ties}
     values, may_pass = evidence(belief.beside, [h for h in open_ if h.place not in ties], belief.catalogue)
-    log_places = float(np.log(max(len(places_of(open_)), 1)))
     odds = [(value, value.value - log_places) for value in values.values()]
     # What is likely and yet has no name did not hold on parts of the data: as likely as not.
     edges = [(value, min(own, 0.0)) for value, own in odds if own > -SURE or value.value > 0]
     return sorted(edges, key=lambda pair: -pair[1]), may_pass
 
 
-def _silent(belief: Belief, may_pass: Sequence[Hypothesis], asked: Sequence[Place]) -> list[tuple[Value, float]]:
-    """Places that the runs say nothing of, with their posterior logarithmic odds."""
-    left = [h for h in may_pass if h.place not in asked]
+def _silent(beside: Beside, left: Sequence[Hypothesis], log_places: float) -> list[tuple[Value, float]]:
+    """Places of `left`, which the runs say nothing of, with their posterior logarithmic odds."""
     if not left:
         return []
-    beside, hoped = belief.beside, np.array(belief.beside.hoped_for(left))
-    places = places_of(left)
+    hoped, places = np.array(beside.hoped_for(left)), places_of(left)
     first = sorted(places, key=lambda place: -float(hoped[places[place]].max()))[:SILENT]
-    log_places = belief.log_places(belief.hypotheses())
     found = []
     for place in first:
         h = left[places[place][int(np.argmax(hoped[places[place]]))]]

@@ -116,7 +116,7 @@ def forward(belief: Belief, never: Collection[Place] = ()) -> list[Named]:
     """Names that pass, one after the other, each beside those before it; none of `never`."""
     open_ = [h for h in belief.hypotheses() if h.place not in belief.named and h.place not in never]
     beside = belief.beside
-    log_places = belief.log_places(open_)
+    log_places = float(np.log(belief.n_sought(open_)))
     need = SURE + log_places
     found: list[Named] = []
     refused, doubted = set[Place](), set[Place]()

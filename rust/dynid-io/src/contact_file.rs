@@ -7,6 +7,7 @@ use dynid_core::{ObserverSettings, Uncertainty};
 use serde::Deserialize;
 
 use crate::model_file::read_at_most;
+use crate::small_file::{Kind, Stamped};
 use crate::text::shorten_said;
 use crate::ModelFileError;
 
@@ -30,6 +31,19 @@ pub struct ContactFile {
     pub settings: ObserverSettings,
     /// How far off it is.
     pub uncertainty: Uncertainty,
+}
+
+const KIND: Kind = Kind {
+    none: "not an observer's uncertainty",
+    format: FORMAT,
+    version: VERSION,
+    max_bytes: MAX_BYTES,
+};
+
+impl Stamped for Parts {
+    fn stamp(&self) -> (&str, u32) {
+        (&self.format, self.version)
+    }
 }
 
 #[derive(Deserialize)]
@@ -88,24 +102,7 @@ pub fn parse_contact(bytes: &[u8], name: &str) -> Result<ContactFile, ModelFileE
 }
 
 fn read(bytes: &[u8]) -> Result<ContactFile, String> {
-    if bytes.len() as u64 > MAX_BYTES {
-        return Err(format!("more than {MAX_BYTES} bytes are too many"));
-    }
-    let parts: Parts = serde_json::from_slice(bytes).map_err(|error| {
-        let said = shorten_said(&error.to_string());
-        format!("not an observer's uncertainty: {said}")
-    })?;
-    if parts.format != FORMAT {
-        return Err(format!(
-            "not an observer's uncertainty (expected \"format\": \"{FORMAT}\")"
-        ));
-    }
-    if parts.version != VERSION {
-        return Err(format!(
-            "of version {}, this program reads version {VERSION}",
-            parts.version
-        ));
-    }
+    let parts: Parts = KIND.parts(bytes)?;
     for (what, seconds) in [("step", parts.step), ("time_constant", parts.time_constant)] {
         if !(1e-5..=100.0).contains(&seconds) {
             return Err(format!("{what} is no time from 0.00001 to 100 s"));

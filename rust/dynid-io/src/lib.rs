@@ -18,6 +18,7 @@ pub mod mdh;
 pub mod mjcf;
 pub mod model_file;
 pub mod remembered;
+mod small_file;
 mod text;
 pub mod urdf;
 pub mod watch_file;

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
 use crate::model_file::{read_at_most, to_text};
-use crate::text::shorten_said;
+use crate::small_file::{Kind, Stamped};
 use crate::whole::write_whole;
 use crate::{ModelFileError, WatchFile};
 
@@ -30,6 +30,19 @@ pub struct Remembered {
     pub of: String,
     /// As [`Watch::recall`](dynid_core::watch::Watch::recall) takes them.
     pub numbers: Vec<f64>,
+}
+
+const KIND: Kind = Kind {
+    none: "not what a watch remembers",
+    format: FORMAT,
+    version: VERSION,
+    max_bytes: MAX_BYTES,
+};
+
+impl Stamped for Parts {
+    fn stamp(&self) -> (&str, u32) {
+        (&self.format, self.version)
+    }
 }
 
 #[derive(Deserialize, Serialize)]
@@ -105,21 +118,7 @@ pub fn parse_remembered(bytes: &[u8], name: &str) -> Result<Remembered, ModelFil
 }
 
 fn read(bytes: &[u8]) -> Result<Remembered, String> {
-    const NONE: &str = "not what a watch remembers";
-    if bytes.len() as u64 > MAX_BYTES {
-        return Err(format!("more than {MAX_BYTES} bytes are too many"));
-    }
-    let parts: Parts = serde_json::from_slice(bytes)
-        .map_err(|error| format!("{NONE}: {}", shorten_said(&error.to_string())))?;
-    if parts.format != FORMAT {
-        return Err(format!("{NONE} (expected \"format\": \"{FORMAT}\")"));
-    }
-    if parts.version != VERSION {
-        let version = parts.version;
-        return Err(format!(
-            "of version {version}, this program reads version {VERSION}"
-        ));
-    }
+    let parts: Parts = KIND.parts(bytes)?;
     let numbers = parts.numbers.into_iter();
     Ok(Remembered {
         of: parts.of,

@@ -6,6 +6,7 @@ use dynid_core::watch::{Healthy, WatchSettings};
 use serde::Deserialize;
 
 use crate::model_file::read_at_most;
+use crate::small_file::{Kind, Stamped};
 use crate::text::shorten_said;
 use crate::ModelFileError;
 
@@ -25,6 +26,19 @@ pub struct WatchFile {
     pub settings: WatchSettings,
     /// What healthy runs said; a time without a number is infinite, as null in the file.
     pub healthy: Healthy,
+}
+
+const KIND: Kind = Kind {
+    none: "not a watch's settings",
+    format: FORMAT,
+    version: VERSION,
+    max_bytes: MAX_BYTES,
+};
+
+impl Stamped for Parts {
+    fn stamp(&self) -> (&str, u32) {
+        (&self.format, self.version)
+    }
 }
 
 #[derive(Deserialize)]
@@ -75,26 +89,7 @@ pub fn parse_watch(bytes: &[u8], name: &str) -> Result<WatchFile, ModelFileError
 }
 
 fn read(bytes: &[u8]) -> Result<WatchFile, String> {
-    if bytes.len() as u64 > MAX_BYTES {
-        return Err(format!("more than {MAX_BYTES} bytes are too many"));
-    }
-    let parts: Parts = serde_json::from_slice(bytes).map_err(|error| {
-        format!(
-            "not a watch's settings: {}",
-            shorten_said(&error.to_string())
-        )
-    })?;
-    if parts.format != FORMAT {
-        return Err(format!(
-            "not a watch's settings (expected \"format\": \"{FORMAT}\")"
-        ));
-    }
-    if parts.version != VERSION {
-        return Err(format!(
-            "of version {}, this program reads version {VERSION}",
-            parts.version
-        ));
-    }
+    let parts: Parts = KIND.parts(bytes)?;
     let settings = WatchSettings {
         row: parts.row,
         false_per_day: parts.false_alarms_per_day,
