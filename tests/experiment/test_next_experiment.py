@@ -56,6 +56,12 @@ def designed_after(found, **options):
     return dyn.next_experiment(found, max_iter=10, **walk, **options)
 
 
+def nowhere(asked):
+    """No row is wanted anywhere."""
+    n = len(asked.precision)
+    return np.zeros((ROBOT.n_joints, n, n))
+
+
 def tie_of(asked):
     return next(q for q in asked.questions if q.second.candidates)
 
@@ -105,7 +111,7 @@ def test_chances_are_those_of_two_gaussians(asked):
     )
     told = np.zeros_like(precision)
     told[at, at] = d
-    (chance,) = Worth(known, known.questions, np.zeros_like(precision)).chances(told)
+    (chance,) = Worth(known, known.questions, nowhere(known)).chances(told)
     # Under the first answer y ~ N(sqrt(d), 1), under the other N(0, 1): L ~ N(0.5 + d / 2, d), and N(0.5 - d / 2, d).
     assert chance.first == pytest.approx(ndtr((0.5 + d / 2 - SURE) / np.sqrt(d)), abs=DRAWN)
     assert chance.second == pytest.approx(ndtr((-SURE - 0.5 + d / 2) / np.sqrt(d)), abs=DRAWN)
@@ -113,7 +119,7 @@ def test_chances_are_those_of_two_gaussians(asked):
 
 
 def test_no_rows_tell_nothing_and_more_rows_tell_more(asked, designed):
-    worth = Worth(asked, asked.questions, np.zeros_like(asked.precision))
+    worth = Worth(asked, asked.questions, nowhere(asked))
     nothing = np.zeros_like(asked.precision)
     assert all(abs(chance.told) < 1e-6 for chance in worth.chances(nothing))
     assert all(chance.right == 0 for chance in worth.chances(nothing) if abs(chance.log_odds) < SURE)
@@ -122,6 +128,40 @@ def test_no_rows_tell_nothing_and_more_rows_tell_more(asked, designed):
     told = along.information(designed.trajectory.evaluate(t))
     nats = [worth.nats(told * share) for share in (0.01, 0.1, 1.0)]
     assert nats == sorted(nats)
+
+
+def test_the_error_beyond_the_noise_is_that_of_what_the_runs_leave_unknown(asked, designed):
+    """Parameters are drawn as the runs leave them; what that makes of torques along a motion is counted."""
+    at, along = asked.declared(), Along(asked, [])
+    t = np.arange(0.0, 10.0, 1 / along.rate)
+    motion = designed.trajectory.evaluate(t)
+    worth = Worth(asked, (), along.squares(motion))
+    precision = asked.precision[np.ix_(at, at)]
+    unit = 1 / np.sqrt(np.diag(precision))
+    root = np.linalg.cholesky(precision * np.outer(unit, unit))
+    drawn = np.zeros((4000, asked.plan.n_columns))
+    normal = np.random.default_rng(0).standard_normal((len(at), 4000))
+    drawn[:, at] = unit * np.linalg.solve(root.T, normal).T
+    for j, rows in enumerate(along._fit(motion).observations_.joint_rows()):
+        wrong = along._scaled(rows[:, :-1], j) @ drawn[:, asked.plan.unknowns(j)].T / asked.noise[j]
+        assert worth.excess()[j] == pytest.approx(np.sqrt(1 + np.mean(wrong**2)) - 1, rel=0.05)
+    more = [worth.excess(along.information(motion) * share) for share in (0.0, 1.0, 100.0)]
+    assert_allclose(more[0], worth.excess())
+    assert (more[0] > more[1]).all()
+    assert (more[1] > more[2]).all()
+    assert (more[2] < 0.01).all()
+
+
+def test_a_motion_is_wanted_until_nothing_is_open_and_only_noise_is_left(designed):
+    quiet = replace(designed.excess, now=np.full(3, 0.01))
+    closed = [replace(question, log_odds=-2 * SURE) for question in designed.questions]
+    assert not replace(designed, questions=tuple(closed), excess=quiet).is_wanted
+    loud = replace(designed.excess, now=np.array([0.01, 0.2, 0.01]))
+    assert replace(designed, questions=tuple(closed), excess=loud).is_wanted
+    likely = replace(designed.expected, chances=tuple(replace(c, right=0.9) for c in designed.expected.chances))
+    assert replace(designed, expected=likely, excess=quiet).is_wanted
+    unlikely = replace(designed.expected, chances=tuple(replace(c, right=0.1) for c in designed.expected.chances))
+    assert not replace(designed, expected=unlikely, excess=quiet).is_wanted
 
 
 def test_a_known_load_shows_what_depends_on_it(asked):
@@ -210,9 +250,10 @@ class RobotFile:
     ("spoil", "said"),
     [
         (lambda c: c | {"format": "else"}, '"format" must be'),
-        (lambda c: c | {"version": 9}, '"version" must be 1, found 9'),
+        (lambda c: c | {"version": 9}, '"version" must be 2, found 9'),
         (lambda c: c | {"joints": ["a"]}, "give the robot file that was diagnosed"),
         (lambda c: c | {"weights": [1.0]}, '"weights" must be 3 finite numbers'),
+        (lambda c: c | {"noise": [1.0, 0.0, 1.0]}, '"noise" must be above zero'),
         (lambda c: c | {"weights": [1.0, 2.0, 1e999]}, "not a JSON number"),
         (lambda c: c | {"pivots": [0, 99]}, '"pivots" must be places'),
         (lambda c: c | {"precision": {"scale": [1.0], "upper": [1.0]}}, '"precision.scale" must be'),
@@ -246,10 +287,19 @@ def test_a_diagnosis_that_searched_nothing_is_refused(found):
 
 
 def test_where_nothing_is_open_it_says_so():
-    section = {"questions": [], "random_times_as_long": None, "duration_s": 20.0}
-    first, second = sentences(section)
+    section = {
+        "questions": [],
+        "random_times_as_long": None,
+        "duration_s": 20.0,
+        "error_beyond_noise": {"now": [0.03, 0.01], "this_motion": [0.02, 0.001]},
+        "is_wanted": False,
+    }
+    first, second, third, last = sentences(section, ["a", "b"])
     assert "nothing is open" in first
     assert "sixty-four" in second
+    assert "on a, the least known joint, is expected to exceed the noise by 3.0\N{NO-BREAK SPACE}% now" in third
+    assert "only noise is left" in last
+    assert len(sentences(section | {"is_wanted": True}, ["a", "b"])) == 3
 
 
 def test_from_the_command_line(runs, tmp_path):

@@ -86,5 +86,5 @@ def show_next(section: dict[str, Any], joints: list[str], out: Any) -> None:
         for question, *values in rows(section, joints):
             table.add_row(Text(question), *values)
         out.print(table)
-    for sentence in (*sentences(section), *left_sentences(section, joints)):
+    for sentence in (*sentences(section, joints), *left_sentences(section, joints)):
         out.print(Text(sentence), soft_wrap=True)

@@ -25,7 +25,7 @@ from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.model.placed import CATALOGUE
 from dynid_rs.regression.columns import observe
 from dynid_rs.regression.linear_model import Columns
-from dynid_rs.runs.preprocessing import ROW_RATE, WORK_RATE, Band, States, find_motion
+from dynid_rs.runs.preprocessing import WORK_RATE, Band, States, find_motion
 
 FloatArray = NDArray[np.float64]
 Motion = tuple[FloatArray, FloatArray, FloatArray]
@@ -83,11 +83,6 @@ class Along:
         """Samples per second of a motion's states [Hz]: friction's corners live above the band."""
         return WORK_RATE * self.asked.cutoff
 
-    @property
-    def rows_per_second(self) -> float:
-        """Rows that a second of motion makes [Hz]."""
-        return self.rate / int(self.rate / (ROW_RATE * self.asked.cutoff))
-
     def information(self, motion: Motion) -> FloatArray:
         """What a motion says of all unknowns of `asked.precision`, (n, n).
 
@@ -127,6 +122,21 @@ class Along:
         across = total[n:, :n]
         left: FloatArray = total[:n, :n] - across.T @ np.linalg.solve(total[n:, n:] + np.eye(width), across)
         return left
+
+    def squares(self, motion: Motion) -> FloatArray:
+        """Mean square of a row of each joint over its noise, in the declared unknowns: (n_joints, n, n).
+
+        Parameters
+        ----------
+        motion : tuple of ndarray (n_samples, n_joints)
+            As of `information`.
+        """
+        plan = self.asked.plan
+        squares = np.zeros((plan.robot.n_joints, len(self.asked.precision), len(self.asked.precision)))
+        for j, rows in enumerate(self._fit(motion).observations_.joint_rows()):
+            own, at = self._scaled(rows[:, :-1], j) / self.asked.noise[j], plan.unknowns(j)
+            squares[j][np.ix_(at, at)] = own.T @ own / len(own)
+        return squares
 
     def _scaled(self, rows: FloatArray, j: int) -> FloatArray:
         """Rows of joint j as its channel shows them: links' columns by its gain."""

@@ -32,7 +32,7 @@ from dynid_rs.regression.columns import Plan
 FloatArray = NDArray[np.float64]
 
 OPEN_FILE = "open.json"
-FORMAT, VERSION = "dynid-open", 1
+FORMAT, VERSION = "dynid-open", 2
 LARGEST = 2000
 """Unknowns that are read at most: ten times those of a seven-axis arm with sixteen questions."""
 DIGITS = 9
@@ -72,6 +72,7 @@ def to_json(asked: OpenQuestions) -> dict[str, Any]:
         "inertials": asked.about.phi.tolist(),
         "inertials_unseen": asked.about.root.tolist(),
         "weights": asked.weights.tolist(),
+        "noise": asked.noise.tolist(),
         "precision": {
             "scale": scale.tolist(),
             "upper": [float(f"{x:.{DIGITS}g}") for x in alike[np.triu_indices(len(alike))].tolist()],
@@ -211,12 +212,19 @@ class _Reader:
             str(content["torque_unit"]),
             self.number(content["torque_per_newton_meter"], "torque_per_newton_meter"),
             self.array(content["weights"], "weights", (n,)),
+            self.noise(content["noise"], n),
             self.precision(content["precision"], size),
             candidates,
             tuple(self.question(entry, len(candidates)) for entry in content["questions"]),
             frozenset(self.place(entry, "may_pass") for entry in content["may_pass"]),
             int(self.number(content["n_places"], "n_places", least=1.0)),
         )
+
+    def noise(self, value: Any, n: int) -> FloatArray:
+        noise = self.array(value, "noise", (n,))
+        if not (noise > 0).all():
+            self.refuse('"noise" must be above zero')
+        return noise
 
     def precision(self, entry: dict[str, Any], n: int) -> FloatArray:
         if n > LARGEST:

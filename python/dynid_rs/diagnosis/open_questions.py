@@ -69,6 +69,11 @@ class Question:
         """Of both answers."""
         return self.first.candidates + self.second.candidates
 
+    @property
+    def is_open(self) -> bool:
+        """Whether neither answer is sure."""
+        return abs(self.log_odds) <= SURE
+
 
 @dataclass(frozen=True, eq=False)
 class OpenQuestions:
@@ -90,6 +95,8 @@ class OpenQuestions:
         Torque unit per N m of the first joint.
     weights : ndarray (n_joints,)
         Of a row of each joint: root of the independent samples that it is worth, over its noise.
+    noise : ndarray (n_joints,)
+        Of a row of each joint, its standard deviation [torque unit].
     precision : ndarray (n, n)
         Of the declared unknowns (n_columns of the plan), then of every candidate's coefficients over their units.
     candidates, questions
@@ -110,6 +117,7 @@ class OpenQuestions:
     torque_unit: str
     unit: float
     weights: FloatArray
+    noise: FloatArray
     precision: FloatArray
     candidates: tuple[Candidate, ...]
     questions: tuple[Question, ...]
@@ -185,6 +193,7 @@ def open_questions(belief: Belief, contests: Mapping[Place, Contest]) -> OpenQue
         fit.torque_unit_,
         _unit(fit),
         belief.beside.best.weights,
+        belief.beside.best.noise,
         _precision(belief.beside, columns),
         tuple(candidates),
         tuple(questions),

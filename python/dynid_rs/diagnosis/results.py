@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.base.findings import Finding
-from dynid_rs.base.odds import SURE
 from dynid_rs.diagnosis.open_questions import OpenQuestions
 from dynid_rs.diagnosis.plausibility import implausible
 from dynid_rs.diagnosis.setup import Setup
@@ -150,7 +149,7 @@ def summarise_diagnosis(outcome: Outcome, runs: EvaluatedRuns, findings: Sequenc
 
 def _one_motion(asked: OpenQuestions | None) -> list[str]:
     """The command that designs one motion for all that is open; none where nothing is."""
-    if asked is None or all(abs(question.log_odds) > SURE for question in asked.questions):
+    if asked is None or not any(question.is_open for question in asked.questions):
         return []
     return [
         "`dynid excite ROBOT -o next.csv --after DIR`, with the folder of this result, designs the one motion that "

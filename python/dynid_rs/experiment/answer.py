@@ -9,7 +9,7 @@ from dynid_rs.base.quoting import shown
 from dynid_rs.base.wording import kind_words
 from dynid_rs.diagnosis.along import NEEDS_MORE
 from dynid_rs.diagnosis.open_questions import OpenQuestions, Question
-from dynid_rs.experiment.designing import Compared, NextExperiment
+from dynid_rs.experiment.designing import LIKELY, Compared, NextExperiment
 from dynid_rs.report.tables import cell, table
 from dynid_rs.report.text import esc, percent, significant
 
@@ -17,8 +17,6 @@ Section = Mapping[str, Any]
 
 WORTH_SAYING = 0.01
 """Probability of its first answer below which a question is one of many: kept for programs, not shown to people."""
-LIKELY = 0.5
-"""A question that a motion settles less likely than this is one that it leaves open."""
 
 
 def to_json(found: NextExperiment) -> dict[str, Any]:
@@ -45,6 +43,13 @@ def to_json(found: NextExperiment) -> dict[str, Any]:
         ],
         "nats": {name: own.nats for name, own in compared.items()},
         "random_times_as_long": found.random_times,
+        "error_beyond_noise": {
+            "now": found.excess.now.tolist(),
+            "this_motion": found.excess.designed.tolist(),
+            "random_motion": found.excess.random.tolist(),
+            "exciting_motion": found.excess.exciting.tolist(),
+        },
+        "is_wanted": found.is_wanted,
         "n_evaluations": found.n_evaluations,
     }
 
@@ -93,7 +98,20 @@ def shown_questions(section: Section, which: str = "questions") -> list[dict[str
     return [q for q in section[which] if q["or"] or q["probability"] >= WORTH_SAYING]
 
 
-def sentences(section: Section) -> list[str]:
+def _certainty(section: Section, joints: Sequence[str]) -> list[str]:
+    """How far the model's error within the limits is from the noise alone, on the joint where it is farthest."""
+    now, then = (section["error_beyond_noise"][name] for name in ("now", "this_motion"))
+    worst = max(range(len(now)), key=lambda j: now[j])
+    said = [
+        f"anywhere within the limits the error on {shown(joints[worst])}, the least known joint, is expected to exceed "
+        f"the noise by {percent(now[worst])} now, and by {percent(then[worst])} after this motion"
+    ]
+    if not section["is_wanted"]:
+        said.append("no question that is open would rather be settled, and only noise is left: nothing more to record")
+    return said
+
+
+def sentences(section: Section, joints: Sequence[str]) -> list[str]:
     """What it comes to."""
     questions = shown_questions(section)
     others = len(section["questions"]) - len(questions)
@@ -123,7 +141,7 @@ def sentences(section: Section) -> list[str]:
         said.append(
             f"random motion within the same limits has to be {significant(times)} times as long to tell as much"
         )
-    return said
+    return said + _certainty(section, joints)
 
 
 def left_sentences(section: Section, joints: Sequence[str]) -> list[str]:
@@ -150,7 +168,7 @@ def rows(section: Section, joints: Sequence[str]) -> list[tuple[str, ...]]:
 
 def html(section: Section, joints: Sequence[str]) -> str:
     """The same for the page of plots."""
-    texts = (*sentences(section), *left_sentences(section, joints))
+    texts = (*sentences(section, joints), *left_sentences(section, joints))
     said = "".join(f"<p>{esc(text[0].upper() + text[1:])}.</p>\n" for text in texts)
     body = [[esc(question), *(cell(value) for value in values)] for question, *values in rows(section, joints)]
     note = (

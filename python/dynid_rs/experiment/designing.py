@@ -40,6 +40,10 @@ N_DOMAIN = 6
 """Random motions whose rows stand for all that the limits allow; as many show what random motion is worth."""
 LEAST_PERIODS = 20.0
 """Periods of the band's cutoff that a motion has to last: fewer leave no rows between its ends."""
+LIKELY = 0.5
+"""A question that a motion settles less likely than this is one that it leaves open."""
+ONLY_NOISE = 0.05
+"""Errors that exceed the noise by less are the noise's: as much as the user would call the same."""
 LONGEST = 64.0
 """Multiples of the length up to which random motion is compared."""
 
@@ -50,6 +54,19 @@ class Compared:
 
     chances: tuple[Chance, ...]
     nats: float
+
+
+@dataclass(frozen=True, eq=False)
+class Excess:
+    """By how much the error anywhere within the limits is expected to exceed the noise, as a share of it, (n_joints,).
+
+    After the runs so far; after the designed motion, random motion and the exciting one.
+    """
+
+    now: FloatArray
+    designed: FloatArray
+    random: FloatArray
+    exciting: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +88,8 @@ class NextExperiment:
         parameters best (`design`'s criterion).
     random_times : float or None
         How many times as long random motion has to be to tell as much; None where 64 times are too few.
+    excess : Excess
+        How sure the torque within the limits is.
     n_evaluations : int
         Motions that were tried.
     """
@@ -83,7 +102,21 @@ class NextExperiment:
     random: Compared
     exciting: Compared
     random_times: float | None
+    excess: Excess
     n_evaluations: int
+
+    @property
+    def is_wanted(self) -> bool:
+        """Whether a motion has something to decide, or the torque within the limits is less sure than the noise asks.
+
+        A question is decided that is open and would rather be settled than not; errors of `ONLY_NOISE` more than the
+        noise nobody sees.
+        """
+        decides = any(
+            question.is_open and chance.right >= LIKELY
+            for question, chance in zip(self.questions, self.expected.chances, strict=True)
+        )
+        return decides or bool(np.max(self.excess.now) > ONLY_NOISE)
 
     @property
     def trajectory(self) -> FourierTrajectory:
@@ -105,6 +138,13 @@ class _Search:
         """Information of a motion of free coefficients `x` (n_free, n_joints)."""
         self.n_evaluations += 1
         return self.along.information(self.problem.series.trajectory(x, self.problem.start).evaluate(self.t))
+
+    def domain(self, motions: Sequence[FloatArray]) -> FloatArray:
+        """Mean square of each joint's row over its noise along motions."""
+        series, start = self.problem.series, self.problem.start
+        squares = [self.along.squares(series.trajectory(x, start).evaluate(self.t)) for x in motions]
+        mean: FloatArray = np.mean(squares, axis=0)
+        return mean
 
     def drawn(self, n: int, *, slow: bool) -> list[FloatArray]:
         """Random motions within the limits; `slow`: joints that use a part of them."""
@@ -214,11 +254,12 @@ def design_next(
         if not random:
             raise ValueError(f"none of {N_DOMAIN} random motions keeps the constraints; widen them, or choose a start")
         mean = np.mean([told for _, told in random], axis=0)
-        worth = Worth(asked, questions, mean / (design.duration * along.rows_per_second))
+        worth = Worth(asked, questions, search.domain([x for x, _ in random]))
         exciting = search.told(first)
         known = [(worth.nats(told), x) for x, told in ((first, exciting), *random)]
         best = max(search.best(known, worth, max_iter, on_progress), known[0], key=lambda pair: pair[0])
         told = search.told(best[1])
+        excess = Excess(*(worth.excess(each) for each in (None, told, mean, exciting)))
     return NextExperiment(
         design.with_motion(best[1]),
         asked,
@@ -228,6 +269,7 @@ def design_next(
         _compared(worth, [each for _, each in random]),
         _compared(worth, [exciting]),
         _times(worth, mean, worth.nats(told)),
+        excess,
         search.n_evaluations,
     )
 

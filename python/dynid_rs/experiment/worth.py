@@ -89,12 +89,13 @@ class Worth:
         What is asked.
     questions : sequence of Question
         Which of it.
-    domain : ndarray (n, n)
-        Mean information of a row of any motion within the limits: where predictions will be wanted.
+    domain : ndarray (n_joints, n, n)
+        Mean square of each joint's row over its noise, of motions within the limits: where predictions will be wanted.
     """
 
     def __init__(self, asked: OpenQuestions, questions: Sequence[Question], domain: FloatArray) -> None:
         self.asked, self.questions, self.domain = asked, tuple(questions), domain
+        self._row = np.tensordot((asked.weights * asked.noise) ** 2, domain, axes=1)
         self._held = [_held(asked, question) for question in questions]
         self._declared = asked.declared()
         self._draws = [_draws(len(held.at)) for held in self._held]
@@ -104,14 +105,34 @@ class Worth:
         return [self._chance(held, e, told) for held, e in zip(self._held, self._draws, strict=True)]
 
     def doubt(self, told: FloatArray | None = None) -> float:
-        """What the model does not know of a row within the limits, in nats: ``ln det(I + P G) / 2``."""
+        """What the model does not know of a row within the limits, in nats: ``ln det(I + P^-1 G) / 2``."""
+        known, scale = self._known(told)
+        wanted = self._wanted(self._row, scale)
+        return 0.5 * float(np.linalg.slogdet(known + wanted)[1] - np.linalg.slogdet(known)[1])
+
+    def excess(self, told: FloatArray | None = None) -> FloatArray:
+        """By how much the error within the limits is expected to exceed the noise, as a share of it, (n_joints,).
+
+        The prediction of a row x of joint j has the variance ``x' P^-1 x``; beside the noise that makes the root mean
+        square error ``sqrt(1 + tr(P^-1 G_j))`` times the noise.
+        """
+        known, scale = self._known(told)
+        inverse = np.linalg.inv(known)
+        variance = np.array([np.sum(inverse * self._wanted(own, scale)) for own in self.domain])
+        excess: FloatArray = np.sqrt(1 + np.maximum(variance, 0.0)) - 1
+        return excess
+
+    def _known(self, told: FloatArray | None) -> tuple[FloatArray, FloatArray]:
+        """Precision of the declared unknowns over the units that the runs so far give them, and these units."""
         at = self._declared
         now = self.asked.precision[np.ix_(at, at)]
         precision = now if told is None else now + told[np.ix_(at, at)]
         scale = 1 / np.sqrt(np.diag(now))
-        known = precision * np.outer(scale, scale) + RIDGE * np.eye(len(at))
-        wanted = self.domain[np.ix_(at, at)] * np.outer(scale, scale)
-        return 0.5 * float(np.linalg.slogdet(known + wanted)[1] - np.linalg.slogdet(known)[1])
+        return precision * np.outer(scale, scale) + RIDGE * np.eye(len(at)), scale
+
+    def _wanted(self, squares: FloatArray, scale: FloatArray) -> FloatArray:
+        wanted: FloatArray = squares[np.ix_(self._declared, self._declared)] * np.outer(scale, scale)
+        return wanted
 
     def nats(self, told: FloatArray) -> float:
         """All that an experiment tells: which answers are right, and what a row within the limits will be."""
