@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ from exam.catalogue import MAKERS
 from exam.draw import Wish, draw, log_uniform, stream
 from exam.hidden import Exam, _worked, encoder_error, hide, shown_torque
 from exam.sensors import table_of_run
-from exam.world import inverse_dynamics, make_run
+from exam.world import States, inverse_dynamics, make_run
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
@@ -41,6 +41,7 @@ class Arm:
     truth: dict[str, Any]
     runs: list[Path]
     test: Path
+    played: dict[Path, States] = field(default_factory=dict)
 
     @property
     def robot(self) -> Path:
@@ -59,10 +60,11 @@ class Arm:
             "acceleration": np.abs(ddq).max(axis=0),
         }
 
-    def record(self, motion: Motion, seconds: float, name: str) -> Path:
-        """Let the arm move and write what is recorded."""
-        exam = _moved(self.exam, motion, seconds)
+    def record(self, motion: Motion, seconds: float, name: str, number: int = 0) -> Path:
+        """Let the arm move and write what is recorded; every number has its own noise."""
+        exam = _moved(self.exam, motion, seconds, number)
         path = self.folder / f"{name}.parquet"
+        self.played[path] = exam.world.runs[-1]
         pq.write_table(pa.table(_table(exam, len(exam.world.runs) - 1)), path)
         return path
 
@@ -75,7 +77,11 @@ def draw_arm(seed: int, folder: Path) -> Arm:
         case, group="single", wishes=(wish,), motion=str(rng.choice(MOTIONS)), n_train=2, durations=SECONDS,
         file_inertials="near", temperature=False, elastic_gears=False,
     )  # fmt: skip
-    exam = hide(case)
+    return written(hide(case), folder)
+
+
+def written(exam: Exam, folder: Path) -> Arm:
+    """Write the robot file and the recordings of an exam; its last run is the test."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / ROBOT).write_text(exam.world.arm.urdf(), encoding="utf-8")
     paths = []
@@ -83,7 +89,7 @@ def draw_arm(seed: int, folder: Path) -> Arm:
         paths.append(folder / f"run_{run}.parquet")
         pq.write_table(pa.table(_table(exam, run)), paths[-1])
     truth = truth_of(exam, [path.name for path in paths])
-    return Arm(exam, folder, truth, paths[:2], paths[2])
+    return Arm(exam, folder, truth, paths[:-1], paths[-1])
 
 
 def _table(exam: Exam, run: int) -> dict[str, FloatArray]:
@@ -93,15 +99,15 @@ def _table(exam: Exam, run: int) -> dict[str, FloatArray]:
     )
 
 
-def _moved(exam: Exam, motion: Motion, seconds: float) -> Exam:
-    """Return the exam with one run more, of this motion."""
+def _moved(exam: Exam, motion: Motion, seconds: float, number: int) -> Exam:
+    """Return the exam with runs more: the last, of which noise and stamps are drawn by its place, is of this motion."""
     world = exam.world
-    run = len(world.runs)
-    case = replace(world.case, durations=(*world.case.durations[:run], seconds))
+    run = len(world.runs) + number
+    case = replace(world.case, durations=(*world.case.durations, *(1 + number) * [seconds]))
     s = make_run(case, world.model, run)
     q, dq, ddq = motion(s.t - s.t[0])
     tau = inverse_dynamics(world.model, q, dq, ddq)
     s = replace(s, q=q, dq=dq, ddq=ddq, tau_rigid=tau, tau_link=tau, q_motor=q, dq_motor=dq, ddq_motor=ddq)
     chosen = [(hidden.effect, hidden.size) for hidden in exam.hidden]
     (s,) = _worked(replace(world, case=case, runs=(s,)), chosen).runs
-    return replace(exam, world=replace(world, case=case, runs=(*world.runs, s)))
+    return replace(exam, world=replace(world, case=case, runs=(*world.runs, *(1 + number) * [s])))

@@ -121,7 +121,7 @@ def _moved_on(arm: Arm, robot: dyn.RobotModel, first: dyn.Diagnosis, way: str) -
     found, runs = first, list(arm.runs)
     for k in range(MOST_MOTIONS):
         motion, said = _planned(arm, found, robot, way, k)
-        runs.append(arm.record(motion, SECONDS, f"{way}_{k}"))
+        runs.append(arm.record(motion, SECONDS, f"{way}_{k}", k))
         found = diagnosed(arm, robot, runs)
         outcome = judged(arm, found)
         yield {**outcome, **said}

@@ -15,7 +15,7 @@ from scipy.special import ndtr
 import dynid_rs as dyn
 from dynid_rs import Recording
 from dynid_rs.base.odds import SURE
-from dynid_rs.diagnosis.along import NEEDS_MORE, Along, is_designable
+from dynid_rs.diagnosis.along import NEEDS_MORE, Along, Told, is_designable
 from dynid_rs.diagnosis.open_file import read_open, to_json
 from dynid_rs.diagnosis.open_questions import Answer, Question
 from dynid_rs.experiment.answer import sentences
@@ -58,7 +58,7 @@ def designed_after(found, **options):
 
 def nowhere(asked):
     """No row is wanted anywhere."""
-    n = len(asked.precision)
+    n = len(asked.known)
     return np.zeros((ROBOT.n_joints, n, n))
 
 
@@ -81,15 +81,19 @@ def test_along_the_runs_themselves_rows_say_what_they_said(found, asked):
     question = tie_of(asked)
     along = Along(asked, question.candidates)
     told = np.zeros_like(asked.precision)
+    declared = np.zeros_like(asked.known)
     for states in found.after.runs_:
         t = np.arange(0.0, states.t[-1] - states.t[0], 1 / along.rate)
-        told += along.information([CubicSpline(states.t - states.t[0], x)(t) for x in states.signals()[:3]])
+        more = along.information([CubicSpline(states.t - states.t[0], x)(t) for x in states.signals()[:3]])
+        told += more.unknowns
+        declared += more.declared
     at = np.concatenate([asked.at(k)[: len(asked.candidates[k].unit)] for k in question.candidates])
     assert_allclose(np.diag(told)[at], np.diag(asked.precision)[at], **SAME_COLUMNS)
     base = np.arange(asked.plan.n_base)
     strong = np.diag(told)[base] > 1e3  # the prior is not in what rows say
     assert strong.sum() > 5
     assert_allclose(np.diag(told)[base][strong], np.diag(asked.precision)[base][strong], **SAME_COLUMNS)
+    assert_allclose(np.diag(declared)[base][strong], np.diag(asked.known)[base][strong], **SAME_COLUMNS)
 
 
 def test_chances_are_those_of_two_gaussians(asked):
@@ -99,6 +103,7 @@ def test_chances_are_those_of_two_gaussians(asked):
     at = asked.at(k)[0]
     precision = np.zeros_like(asked.precision)
     precision[np.diag_indices(n)] = 1.0
+    nothing = np.zeros((n, n))
     sure, d = 1e8, 4.0  # its size is known, whether it is there is not
     precision[at, at] = sure
     candidates = list(asked.candidates)
@@ -111,7 +116,7 @@ def test_chances_are_those_of_two_gaussians(asked):
     )
     told = np.zeros_like(precision)
     told[at, at] = d
-    (chance,) = Worth(known, known.questions, nowhere(known)).chances(told)
+    (chance,) = Worth(known, known.questions, nowhere(known)).chances(Told(nothing, told))
     # Under the first answer y ~ N(sqrt(d), 1), under the other N(0, 1): L ~ N(0.5 + d / 2, d), and N(0.5 - d / 2, d).
     assert chance.first == pytest.approx(ndtr((0.5 + d / 2 - SURE) / np.sqrt(d)), abs=DRAWN)
     assert chance.second == pytest.approx(ndtr((-SURE - 0.5 + d / 2) / np.sqrt(d)), abs=DRAWN)
@@ -120,7 +125,7 @@ def test_chances_are_those_of_two_gaussians(asked):
 
 def test_no_rows_tell_nothing_and_more_rows_tell_more(asked, designed):
     worth = Worth(asked, asked.questions, nowhere(asked))
-    nothing = np.zeros_like(asked.precision)
+    nothing = Told(np.zeros_like(asked.known), np.zeros_like(asked.precision))
     assert all(abs(chance.told) < 1e-6 for chance in worth.chances(nothing))
     assert all(chance.right == 0 for chance in worth.chances(nothing) if abs(chance.log_odds) < SURE)
     along = Along(asked, list(range(len(asked.candidates))))
@@ -136,7 +141,7 @@ def test_the_error_beyond_the_noise_is_that_of_what_the_runs_leave_unknown(asked
     t = np.arange(0.0, 10.0, 1 / along.rate)
     motion = designed.trajectory.evaluate(t)
     worth = Worth(asked, (), along.squares(motion))
-    precision = asked.precision[np.ix_(at, at)]
+    precision = asked.known[np.ix_(at, at)]
     unit = 1 / np.sqrt(np.diag(precision))
     root = np.linalg.cholesky(precision * np.outer(unit, unit))
     drawn = np.zeros((4000, asked.plan.n_columns))
@@ -231,11 +236,12 @@ def test_open_questions_survive_the_disk(asked, designed, tmp_path):
     again = read_open(path, RobotFile(tmp_path).robot)
     assert again.questions == asked.questions
     assert again.may_pass == asked.may_pass
+    assert_allclose(again.known, asked.known, rtol=1e-7, atol=1e-7 * np.abs(asked.known).max())
     assert_allclose(again.precision, asked.precision, rtol=1e-7, atol=1e-7 * np.abs(asked.precision).max())
     t = np.arange(0.0, 10.0, 0.005)
     motion = designed.trajectory.evaluate(t)
     every = list(range(len(asked.candidates)))
-    theirs, ours = (Along(one, every).information(motion) for one in (again, asked))
+    theirs, ours = (Along(one, every).information(motion).unknowns for one in (again, asked))
     assert_allclose(theirs, ours, rtol=1e-6, atol=1e-6 * np.abs(ours).max())
 
 

@@ -44,6 +44,23 @@ def is_designable(candidate: Candidate) -> bool:
     return candidate.kind not in NEEDS_MORE
 
 
+@dataclass(frozen=True, eq=False)
+class Told:
+    """What rows say of the declared unknowns alone (m, m), and of all beside friction's other shapes (n, n)."""
+
+    declared: FloatArray
+    unknowns: FloatArray
+
+    def __mul__(self, times: float) -> Told:
+        return Told(self.declared * times, self.unknowns * times)
+
+    @staticmethod
+    def mean(all_of: Sequence[Told]) -> Told:
+        """Of motions of the same length."""
+        declared, unknowns = (np.mean([getattr(told, name) for told in all_of], axis=0) for name in Told.__match_args__)
+        return Told(declared, unknowns)
+
+
 @dataclass(eq=False)
 class Along:
     """Rows of motions, for one set of open questions.
@@ -83,8 +100,8 @@ class Along:
         """Samples per second of a motion's states [Hz]: friction's corners live above the band."""
         return WORK_RATE * self.asked.cutoff
 
-    def information(self, motion: Motion) -> FloatArray:
-        """What a motion says of all unknowns of `asked.precision`, (n, n).
+    def information(self, motion: Motion) -> Told:
+        """What a motion says of all unknowns of `asked.precision`.
 
         Shapes of friction on the joints in question, which the motion shows too, take away what they can imitate.
 
@@ -117,14 +134,13 @@ class Along:
                 first += k
             own, spot = asked.weights[j] * np.concatenate(parts, axis=1), np.concatenate(spots)
             total[np.ix_(spot, spot)] += own.T @ own
-        if not width:
-            return total
+        declared = total[: asked.plan.n_columns, : asked.plan.n_columns]
         across = total[n:, :n]
-        left: FloatArray = total[:n, :n] - across.T @ np.linalg.solve(total[n:, n:] + np.eye(width), across)
-        return left
+        taken = across.T @ np.linalg.solve(total[n:, n:] + np.eye(width), across)
+        return Told(declared, total[:n, :n] - taken)
 
     def squares(self, motion: Motion) -> FloatArray:
-        """Mean square of a row of each joint over its noise, in the declared unknowns: (n_joints, n, n).
+        """Mean square of a row of each joint over its noise, in the declared unknowns: (n_joints, m, m).
 
         Parameters
         ----------
@@ -132,7 +148,7 @@ class Along:
             As of `information`.
         """
         plan = self.asked.plan
-        squares = np.zeros((plan.robot.n_joints, len(self.asked.precision), len(self.asked.precision)))
+        squares = np.zeros((plan.robot.n_joints, plan.n_columns, plan.n_columns))
         for j, rows in enumerate(self._fit(motion).observations_.joint_rows()):
             own, at = self._scaled(rows[:, :-1], j) / self.asked.noise[j], plan.unknowns(j)
             squares[j][np.ix_(at, at)] = own.T @ own / len(own)

@@ -1,6 +1,6 @@
 """`open.json`: open questions on the disk, for whoever designs the next experiment or goes on after it.
 
-The precision is kept as the root of its diagonal and the upper triangle of what is left when that is divided out, nine
+A precision is kept as the root of its diagonal and the upper triangle of what is left when that is divided out, nine
 digits each: numbers of one size, whatever the units.
 """
 
@@ -41,9 +41,6 @@ DIGITS = 9
 def to_json(asked: OpenQuestions) -> dict[str, Any]:
     """Content of `open.json`."""
     names, setup, plan = list(asked.plan.robot.joint_names), asked.setup, asked.plan
-    scale = np.sqrt(np.maximum(np.diag(asked.precision), 0.0))
-    unit = np.where(scale > 0, scale, 1.0)
-    alike = asked.precision / np.outer(unit, unit)
     structure = [(kind, joints) for (kind, joints), _ in asked.named if kind in KINDS]
     return {
         "format": FORMAT,
@@ -73,10 +70,8 @@ def to_json(asked: OpenQuestions) -> dict[str, Any]:
         "inertials_unseen": asked.about.root.tolist(),
         "weights": asked.weights.tolist(),
         "noise": asked.noise.tolist(),
-        "precision": {
-            "scale": scale.tolist(),
-            "upper": [float(f"{x:.{DIGITS}g}") for x in alike[np.triu_indices(len(alike))].tolist()],
-        },
+        "known": _precision(asked.known),
+        "precision": _precision(asked.precision),
         "candidates": [
             {
                 **_place(c.place, names),
@@ -93,6 +88,14 @@ def to_json(asked: OpenQuestions) -> dict[str, Any]:
         "may_pass": [_place(place, names) for place in sorted(asked.may_pass)],
         "n_places": asked.n_places,
     }
+
+
+def _precision(precision: FloatArray) -> dict[str, Any]:
+    scale = np.sqrt(np.maximum(np.diag(precision), 0.0))
+    unit = np.where(scale > 0, scale, 1.0)
+    alike = precision / np.outer(unit, unit)
+    upper = [float(f"{x:.{DIGITS}g}") for x in alike[np.triu_indices(len(alike))].tolist()]
+    return {"scale": scale.tolist(), "upper": upper}
 
 
 def _answer(answer: Answer) -> dict[str, Any]:
@@ -213,7 +216,8 @@ class _Reader:
             self.number(content["torque_per_newton_meter"], "torque_per_newton_meter"),
             self.array(content["weights"], "weights", (n,)),
             self.noise(content["noise"], n),
-            self.precision(content["precision"], size),
+            self.precision(content, "known", plan.n_columns),
+            self.precision(content, "precision", size),
             candidates,
             tuple(self.question(entry, len(candidates)) for entry in content["questions"]),
             frozenset(self.place(entry, "may_pass") for entry in content["may_pass"]),
@@ -226,11 +230,11 @@ class _Reader:
             self.refuse('"noise" must be above zero')
         return noise
 
-    def precision(self, entry: dict[str, Any], n: int) -> FloatArray:
+    def precision(self, content: dict[str, Any], name: str, n: int) -> FloatArray:
         if n > LARGEST:
             self.refuse(f"{n} unknowns are more than {LARGEST}")
-        scale = self.array(entry["scale"], "precision.scale", (n,))
-        upper = self.array(entry["upper"], "precision.upper", (n * (n + 1) // 2,))
+        scale = self.array(content[name]["scale"], f"{name}.scale", (n,))
+        upper = self.array(content[name]["upper"], f"{name}.upper", (n * (n + 1) // 2,))
         alike = np.zeros((n, n))
         alike[np.triu_indices(n)] = upper
         alike = alike + np.triu(alike, 1).T

@@ -97,8 +97,11 @@ class OpenQuestions:
         Of a row of each joint: root of the independent samples that it is worth, over its noise.
     noise : ndarray (n_joints,)
         Of a row of each joint, its standard deviation [torque unit].
+    known : ndarray (n_columns, n_columns)
+        Precision of the declared unknowns of the plan: of the model as it is, beside which nothing stands.
     precision : ndarray (n, n)
-        Of the declared unknowns (n_columns of the plan), then of every candidate's coefficients over their units.
+        Of the declared unknowns, then of every candidate's coefficients over their units, beside whatever else the
+        diagnosis thinks possible (friction's other shapes, gears that yield).
     candidates, questions
         What is asked.
     may_pass : frozenset of Place
@@ -118,6 +121,7 @@ class OpenQuestions:
     unit: float
     weights: FloatArray
     noise: FloatArray
+    known: FloatArray
     precision: FloatArray
     candidates: tuple[Candidate, ...]
     questions: tuple[Question, ...]
@@ -194,7 +198,7 @@ def open_questions(belief: Belief, contests: Mapping[Place, Contest]) -> OpenQue
         _unit(fit),
         belief.beside.best.weights,
         belief.beside.best.noise,
-        _precision(belief.beside, columns),
+        *_precisions(belief.beside, columns),
         tuple(candidates),
         tuple(questions),
         frozenset(h.place for h in may_pass) | {tie.other for tie in ties},
@@ -257,19 +261,20 @@ def _unit(fit: ThreeLoopIdentifier) -> float:
     return posterior.prior.unit
 
 
-def _precision(beside: Beside, columns: Sequence[Columns]) -> FloatArray:
-    """Precision of the declared unknowns and of candidates; what else stands beside the model may be anything."""
+def _precisions(beside: Beside, columns: Sequence[Columns]) -> tuple[FloatArray, FloatArray]:
+    """Precision of the declared unknowns alone; of them and of candidates, what else stands beside being anything."""
     model, fit = beside.model.beside(*columns), beside.best
     whole = information(model, fit.weights)
     n = model.prior.size
     rows = model.prior.rows(fit.choice)[0][:, :-1]
     whole[:n, :n] += rows.T @ rows
     whole[n:, n:] += np.eye(model.n_further)  # they are standard normal
+    known = whole[:n, :n].copy()
     further = np.arange(n, n + beside.model.n_further)
     kept = np.delete(np.arange(len(whole)), further)
     across = whole[np.ix_(further, kept)]
     left: FloatArray = whole[np.ix_(kept, kept)] - across.T @ np.linalg.solve(whole[np.ix_(further, further)], across)
-    return left
+    return known, left
 
 
 def information(model: LinearModel, weights: FloatArray) -> FloatArray:

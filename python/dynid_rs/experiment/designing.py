@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from dynid_rs.diagnosis.along import Along, is_designable
+from dynid_rs.diagnosis.along import Along, Told, is_designable
 from dynid_rs.diagnosis.open_questions import OpenQuestions, Question
 from dynid_rs.excitation.fourier import FourierExcitation
 from dynid_rs.excitation.problem import Problem
@@ -134,7 +134,7 @@ class _Search:
         self._deadline = deadline
         self.n_evaluations = 0
 
-    def told(self, x: FloatArray) -> FloatArray:
+    def told(self, x: FloatArray) -> Told:
         """Information of a motion of free coefficients `x` (n_free, n_joints)."""
         self.n_evaluations += 1
         return self.along.information(self.problem.series.trajectory(x, self.problem.start).evaluate(self.t))
@@ -253,7 +253,7 @@ def design_next(
         random = [(x, search.told(x)) for x in search.drawn(N_DOMAIN, slow=False)]
         if not random:
             raise ValueError(f"none of {N_DOMAIN} random motions keeps the constraints; widen them, or choose a start")
-        mean = np.mean([told for _, told in random], axis=0)
+        mean = Told.mean([told for _, told in random])
         worth = Worth(asked, questions, search.domain([x for x, _ in random]))
         exciting = search.told(first)
         known = [(worth.nats(told), x) for x, told in ((first, exciting), *random)]
@@ -293,7 +293,7 @@ def check_fits(asked: OpenQuestions, design: FourierExcitation) -> None:
         raise ValueError(f"duration must be at least {least:.3g} s for the band of the runs, got {design.duration:g}")
 
 
-def _compared(worth: Worth, told: Sequence[FloatArray]) -> Compared:
+def _compared(worth: Worth, told: Sequence[Told]) -> Compared:
     """Mean over motions of the same length."""
     chances = [worth.chances(each) for each in told]
     mean = [
@@ -302,12 +302,13 @@ def _compared(worth: Worth, told: Sequence[FloatArray]) -> Compared:
     return Compared(tuple(mean), float(np.mean([worth.nats(each) for each in told])))
 
 
-def _times(worth: Worth, mean: FloatArray, nats: float) -> float | None:
+def _times(worth: Worth, mean: Told, nats: float) -> float | None:
     """How many times as long random motion, which tells `mean` in one length, has to be to tell so many nats."""
     from scipy.optimize import brentq
 
     if worth.nats(mean * LONGEST) < nats:
         return None
-    if worth.nats(mean / LONGEST) > nats:
+    if worth.nats(mean * (1 / LONGEST)) > nats:
         return 0.0
-    return float(np.exp2(brentq(lambda k: worth.nats(mean * 2.0**k) - nats, -np.log2(LONGEST), np.log2(LONGEST))))
+    most = float(np.log2(LONGEST))
+    return float(2.0 ** brentq(lambda k: worth.nats(mean * float(2.0**k)) - nats, -most, most))

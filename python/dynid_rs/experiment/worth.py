@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.base.odds import SURE
+from dynid_rs.diagnosis.along import Told
 from dynid_rs.diagnosis.open_questions import OpenQuestions, Question
 
 FloatArray = NDArray[np.float64]
@@ -89,7 +90,7 @@ class Worth:
         What is asked.
     questions : sequence of Question
         Which of it.
-    domain : ndarray (n_joints, n, n)
+    domain : ndarray (n_joints, m, m)
         Mean square of each joint's row over its noise, of motions within the limits: where predictions will be wanted.
     """
 
@@ -100,17 +101,17 @@ class Worth:
         self._declared = asked.declared()
         self._draws = [_draws(len(held.at)) for held in self._held]
 
-    def chances(self, told: FloatArray) -> list[Chance]:
-        """Of every question, after an experiment with this information (n, n) about all unknowns."""
+    def chances(self, told: Told) -> list[Chance]:
+        """Of every question, after an experiment."""
         return [self._chance(held, e, told) for held, e in zip(self._held, self._draws, strict=True)]
 
-    def doubt(self, told: FloatArray | None = None) -> float:
+    def doubt(self, told: Told | None = None) -> float:
         """What the model does not know of a row within the limits, in nats: ``ln det(I + P^-1 G) / 2``."""
         known, scale = self._known(told)
         wanted = self._wanted(self._row, scale)
         return 0.5 * float(np.linalg.slogdet(known + wanted)[1] - np.linalg.slogdet(known)[1])
 
-    def excess(self, told: FloatArray | None = None) -> FloatArray:
+    def excess(self, told: Told | None = None) -> FloatArray:
         """By how much the error within the limits is expected to exceed the noise, as a share of it, (n_joints,).
 
         The prediction of a row x of joint j has the variance ``x' P^-1 x``; beside the noise that makes the root mean
@@ -122,11 +123,11 @@ class Worth:
         excess: FloatArray = np.sqrt(1 + np.maximum(variance, 0.0)) - 1
         return excess
 
-    def _known(self, told: FloatArray | None) -> tuple[FloatArray, FloatArray]:
+    def _known(self, told: Told | None) -> tuple[FloatArray, FloatArray]:
         """Precision of the declared unknowns over the units that the runs so far give them, and these units."""
         at = self._declared
-        now = self.asked.precision[np.ix_(at, at)]
-        precision = now if told is None else now + told[np.ix_(at, at)]
+        now = self.asked.known[np.ix_(at, at)]
+        precision = now if told is None else now + told.declared[np.ix_(at, at)]
         scale = 1 / np.sqrt(np.diag(now))
         return precision * np.outer(scale, scale) + RIDGE * np.eye(len(at)), scale
 
@@ -134,14 +135,14 @@ class Worth:
         wanted: FloatArray = squares[np.ix_(self._declared, self._declared)] * np.outer(scale, scale)
         return wanted
 
-    def nats(self, told: FloatArray) -> float:
+    def nats(self, told: Told) -> float:
         """All that an experiment tells: which answers are right, and what a row within the limits will be."""
         return sum(chance.told for chance in self.chances(told)) + self.doubt() - self.doubt(told)
 
-    def _chance(self, held: _Held, draws: FloatArray, told: FloatArray) -> Chance:
+    def _chance(self, held: _Held, draws: FloatArray, told: Told) -> Chance:
         from scipy.special import expit
 
-        more = _own(self.asked.precision + told, held.beside, held.at) - held.now
+        more = _own(self.asked.precision + told.unknowns, held.beside, held.at) - held.now
         values, vectors = np.linalg.eigh((more + more.T) / 2)
         root = np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T, dtype=np.float64)
         answers = [[_seen(shape, root) for shape in answer] for answer in held.answers]
