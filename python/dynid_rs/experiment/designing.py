@@ -140,9 +140,18 @@ class _Search:
         return self.along.information(self.problem.series.trajectory(x, self.problem.start).evaluate(self.t))
 
     def domain(self, motions: Sequence[FloatArray]) -> FloatArray:
-        """Mean square of each joint's row over its noise along motions."""
-        series, start = self.problem.series, self.problem.start
-        squares = [self.along.squares(series.trajectory(x, start).evaluate(self.t)) for x in motions]
+        """Mean square of each joint's row over its noise along motions, and with every joint as fast as it may be.
+
+        A Fourier series of few harmonics in a long period is slower than what the arm will be used for.
+        """
+        squares = []
+        for x in motions:
+            trajectory = self.problem.series.trajectory(x, self.problem.start)
+            _, velocity, acceleration = self.problem.bounds.usage(x)
+            for times in (np.ones_like(velocity), np.maximum(1.0, np.minimum(1 / velocity, acceleration**-0.5))):
+                each = [trajectory.evaluate(k * self.t % self.problem.series.duration) for k in times]
+                q, dq, ddq = (np.column_stack([one[m][:, j] for j, one in enumerate(each)]) for m in range(3))
+                squares.append(self.along.squares((q, times * dq, times**2 * ddq)))
         mean: FloatArray = np.mean(squares, axis=0)
         return mean
 
