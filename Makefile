@@ -12,10 +12,11 @@ DEMO   ?= demo
 SECONDS_EACH ?= 60
 SEED   ?= 1
 MUTANTS ?= 60
+ARMS ?= 20
 ARCHS  ?= x86_64 aarch64
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-rust test-python check docs workflows bench arm wheels clean-venv sbom exam fuzz fuzz-readers mutants mutation-tools trust audit paper clean toolchain
+.PHONY: help demo test test-rust test-python check docs workflows bench arm wheels clean-venv sbom exam loop fuzz fuzz-readers mutants mutation-tools trust audit paper clean toolchain
 
 help: ## this list
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /\t/' | expand -t 14
@@ -103,6 +104,9 @@ sbom: $(STAMP) ## bills of materials (CycloneDX) into build/sbom
 
 exam: $(STAMP) $(TOOLS) ## diagnose 200 fresh cases of an examiner that shares nothing with the product; writes docs/measured/exam.md
 	$(BIN)/python tests/exam/run.py --page docs/measured/exam.md
+
+loop: $(STAMP) $(TOOLS) ## drawn arms that nobody knows: excite, record, diagnose, excite what is open, until only noise is left (SEED=1 ARMS=20: hours)
+	$(BIN)/python tests/campaigns/loop.py --seed $(SEED) --arms $(ARMS) $(if $(PAGE),--page $(PAGE)) $(if $(KEEP),--keep $(KEEP))
 
 fuzz: toolchain ## look for inputs that crash, hang or swallow memory, 60 s per way in (SECONDS_EACH=600: longer; needs a C++ compiler)
 	$(PYTHON) fuzz/run.py --seconds $(SECONDS_EACH)

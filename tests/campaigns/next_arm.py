@@ -62,10 +62,10 @@ class Arm:
 
     def record(self, motion: Motion, seconds: float, name: str, number: int = 0) -> Path:
         """Let the arm move and write what is recorded; every number has its own noise."""
-        exam = _moved(self.exam, motion, seconds, number)
+        s = _moved(self.exam, motion, seconds, number)
         path = self.folder / f"{name}.parquet"
-        self.played[path] = exam.world.runs[-1]
-        pq.write_table(pa.table(_table(exam, len(exam.world.runs) - 1)), path)
+        self.played[path] = s
+        pq.write_table(pa.table(_table(self.exam, s)), path)
         return path
 
 
@@ -85,22 +85,21 @@ def written(exam: Exam, folder: Path) -> Arm:
     folder.mkdir(parents=True, exist_ok=True)
     (folder / ROBOT).write_text(exam.world.arm.urdf(), encoding="utf-8")
     paths = []
-    for run in range(len(exam.world.runs)):
-        paths.append(folder / f"run_{run}.parquet")
-        pq.write_table(pa.table(_table(exam, run)), paths[-1])
+    for s in exam.world.runs:
+        paths.append(folder / f"run_{s.run}.parquet")
+        pq.write_table(pa.table(_table(exam, s)), paths[-1])
     truth = truth_of(exam, [path.name for path in paths])
     return Arm(exam, folder, truth, paths[:-1], paths[-1])
 
 
-def _table(exam: Exam, run: int) -> dict[str, FloatArray]:
-    s = exam.world.runs[run]
+def _table(exam: Exam, s: States) -> dict[str, FloatArray]:
     return table_of_run(
         exam.world, exam.sensors, s.recorded, shown_torque(exam, s)[:: s.every], encoder_error(exam, s.recorded)
     )
 
 
-def _moved(exam: Exam, motion: Motion, seconds: float, number: int) -> Exam:
-    """Return the exam with runs more: the last, of which noise and stamps are drawn by its place, is of this motion."""
+def _moved(exam: Exam, motion: Motion, seconds: float, number: int) -> States:
+    """Return one run more, of this motion; noise and stamps are drawn by its number."""
     world = exam.world
     run = len(world.runs) + number
     case = replace(world.case, durations=(*world.case.durations, *(1 + number) * [seconds]))
@@ -110,4 +109,4 @@ def _moved(exam: Exam, motion: Motion, seconds: float, number: int) -> Exam:
     s = replace(s, q=q, dq=dq, ddq=ddq, tau_rigid=tau, tau_link=tau, q_motor=q, dq_motor=dq, ddq_motor=ddq)
     chosen = [(hidden.effect, hidden.size) for hidden in exam.hidden]
     (s,) = _worked(replace(world, case=case, runs=(s,)), chosen).runs
-    return replace(exam, world=replace(world, case=case, runs=(*world.runs, *(1 + number) * [s])))
+    return s

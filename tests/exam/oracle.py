@@ -75,7 +75,7 @@ def _full_rate(exam: Exam, hidden: Hidden) -> float:
     for dense in world.train:
         s = dense.recorded
         column = hidden.effect.part(world, s, hidden.size)[:, j]
-        pieces.append((column - column.mean(), torque_noise(world, exam.sensors, s.run)[:, j]))
+        pieces.append((column - column.mean(), torque_noise(world, exam.sensors, s)[:, j]))
     n = sum(len(c) for c, _ in pieces)
     return _chance(pieces, n - 10, n, int(min(MEMORY, 0.1) * world.case.rate))
 

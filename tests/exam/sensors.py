@@ -36,10 +36,10 @@ def make_sensors(world: World) -> Sensors:
     return Sensors(link * np.ones(n), motor * np.ones(n), noise, case.quantum * noise)
 
 
-def torque_noise(world: World, sensors: Sensors, run: int) -> FloatArray:
-    """Noise (n, n_joints) [N m] of the torque channels at the samples of a run."""
-    case, rng = world.case, stream(world.case.seed, 7, run)
-    shape = world.runs[run].recorded.q.shape
+def torque_noise(world: World, sensors: Sensors, s: States) -> FloatArray:
+    """Noise (n, n_joints) [N m] of the torque channels at the samples of a run, drawn by the run's number."""
+    case, rng = world.case, stream(world.case.seed, 7, s.run)
+    shape = s.q.shape
     white = rng.normal(size=shape)
     if case.noise_corner:
         keep = np.exp(-2 * np.pi * case.noise_corner / case.rate)
@@ -69,9 +69,9 @@ def noise_rows(world: World, sensors: Sensors) -> FloatArray:
     A model that is right in everything leaves this much: it is fed with positions that have steps.
     """
     band, rows = Band(world.case.rate), []
-    for run, dense in enumerate(world.train):
+    for dense in world.train:
         s = dense.recorded
-        channel = torque_noise(world, sensors, run)
+        channel = torque_noise(world, sensors, s)
         torque = world.motor_torque(s)
         channel = stepped(torque + channel, sensors.quantum) - torque
         link, motor = shown_positions(world, sensors, s)
@@ -118,7 +118,7 @@ def table_of_run(world: World, sensors: Sensors, s: States, torque: FloatArray, 
     """Columns of one recording: stamps, positions, torque or current, temperature; some rows are missing."""
     case, rng = world.case, stream(world.case.seed, 8, s.run)
     n = case.n_joints
-    shown = stepped(torque + torque_noise(world, sensors, s.run), sensors.quantum) * world.amperes
+    shown = stepped(torque + torque_noise(world, sensors, s), sensors.quantum) * world.amperes
     link, motor = shown_positions(world, sensors, s, error)
     channels = {"q": link, "q_motor": motor, ("current" if case.current else "tau"): shown}
     if case.temperature:

@@ -1,0 +1,99 @@
+"""A drawn arm of which nothing is known: excite, record, diagnose, excite what is open, until only noise is left.
+
+python tests/campaigns/loop.py --seed N [--arms 20] [--minutes M] [--page docs/measured/loop.md] [--keep FILE.json]
+
+Every step is a command as a user gives it, on files: `dynid excite`, `dynid diagnose`, `dynid excite --after`,
+`dynid estimate`. The loop ends where `dynid excite --after` says that nothing more needs to be recorded (`is_wanted`),
+or with MOST motions. Beside it the same arm moves as the parameters are excited best, and at random. With --keep what
+was found stays in FILE, and the same command goes on where it broke off.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+if __package__ in (None, ""):
+    sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+from exam.draw import REPORTED, stream
+
+from campaigns import loop_page
+from campaigns.loop_arm import draw_unknown
+from campaigns.loop_ways import CommandFailedError, Ways
+
+Figures = dict[str, Any]
+
+LARGEST = 2**31
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run what the arguments ask for."""
+    options = _parser().parse_args(arguments)
+    found = _kept(options)
+    ends = time.monotonic() + 60 * options.minutes
+    drawn = REPORTED + stream(options.seed, 71).choice(LARGEST - REPORTED, options.arms, replace=False)
+    for seed in drawn[len(found["arms"]) :].tolist():
+        if time.monotonic() > ends:
+            break
+        found["arms"].append(examine(int(seed)))
+        print(loop_page.told(found["arms"][-1]), flush=True)
+        if options.keep is not None:
+            options.keep.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    print(loop_page.tables(found["arms"]))
+    if options.page is not None:
+        options.page.write_text(loop_page.page(found["invocation"], found["arms"]), encoding="utf-8")
+        print(f"page: {options.page}")
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(description="From an unknown arm to a model of which only noise is left")
+    parser.add_argument("--seed", type=int, required=True, help="from which arms and effects are drawn")
+    parser.add_argument("--arms", type=int, default=20)
+    parser.add_argument("--minutes", type=float, default=1e9, help="no arm begins after them")
+    parser.add_argument("--page", type=Path, help="write the tables to this Markdown file")
+    parser.add_argument("--keep", type=Path, help="file in which figures stay; goes on where it broke off")
+    return parser
+
+
+def _kept(options: argparse.Namespace) -> Figures:
+    """What an earlier call has kept, if it was the same."""
+    if options.keep is not None and options.keep.exists():
+        kept: Figures = json.loads(options.keep.read_text(encoding="utf-8"))
+        if (kept["invocation"]["seed"], kept["invocation"]["arms"]) != (options.seed, options.arms):
+            raise SystemExit(f"error: {options.keep} is of another seed or number of arms; give another file")
+        return kept
+    command = ["git", "describe", "--always", "--dirty"]
+    here = Path(__file__).resolve().parent
+    commit = subprocess.run(command, capture_output=True, text=True, check=False, cwd=here).stdout.strip()
+    return {"invocation": {"seed": options.seed, "arms": options.arms, "commit": commit}, "arms": []}
+
+
+def examine(seed: int) -> Figures:
+    """Draw an arm and go all three ways with it; the loop first, for the others go on as far as it does."""
+    with tempfile.TemporaryDirectory() as folder:
+        arm = draw_unknown(seed, Path(folder))
+        kinds = [told["kind"] for told in arm.truth["effects"]]
+        case: Figures = {"seed": seed, "kinds": kinds, "ways": {}, "failure": None}
+        try:
+            ways = Ways(arm)
+            oracle = ways.oracle()
+            case["oracle_over_noise"] = (oracle.error / oracle.noise).tolist()
+            case["ways"]["loop"] = list(ways.loop(oracle))
+            for way in ("exciting", "random"):
+                case["ways"][way] = list(ways.repeated(way, oracle, len(case["ways"]["loop"])))
+        except CommandFailedError as error:
+            case["failure"] = str(error)
+    return case
+
+
+if __name__ == "__main__":
+    sys.exit(main())
