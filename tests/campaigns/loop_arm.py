@@ -94,8 +94,12 @@ def error_of(arm: Arm, estimates: Path, oracle: Oracle) -> FloatArray:
     world = arm.exam.world
     table, told = pq.read_table(arm.test), pq.read_table(estimates)
     name = "current" if world.case.current else "tau"
+    t, at = np.asarray(table["t"]), np.asarray(told["t"])  # of runs that are recorded often every second one, say
     left = np.column_stack(
-        [np.asarray(table[f"{name}_{j}"]) - np.asarray(told[f"tau_{j}"]) for j in range(world.case.n_joints)]
+        [
+            np.asarray(table[f"{name}_{j}"]) - np.interp(t, at, np.asarray(told[f"tau_{j}"]))
+            for j in range(world.case.n_joints)
+        ]
     )
     rows = Band(world.case.rate).rows(left / world.amperes)
     return oracle.rms(rows[: len(oracle.counted)])

@@ -1,7 +1,9 @@
 """`tests/campaigns/loop.py`: the oracle knows what it is told and no more; motions are played as they were planned."""
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.csv as pc
+import pyarrow.parquet as pq
 import pytest
 from campaigns import loop_page
 from campaigns.loop_arm import Oracle, draw_unknown, error_of
@@ -39,11 +41,8 @@ def test_the_error_of_a_model_that_is_right_is_the_noise_of_the_channels(arm, ru
     oracle, s = Oracle(arm, runs), arm.exam.world.runs[-1]
     torque = shown_torque(arm.exam, s)[:: s.every] * arm.exam.world.amperes
     path = tmp_path / "estimates.parquet"
-    dyn_columns = {f"tau_{j}": column for j, column in enumerate(torque.T)}
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    pq.write_table(pa.table(dyn_columns), path)
+    columns = {"t": s.recorded.t[::2]} | {f"tau_{j}": column[::2] for j, column in enumerate(torque.T)}
+    pq.write_table(pa.table(columns), path)
     noise = error_of(arm, path, oracle)
     assert (noise > 0).all()
     assert (noise < 1.2 * oracle.noise).all()  # steps of encoders are in the oracle's noise, too
