@@ -149,3 +149,17 @@ def test_waves_are_those_of_products_of_cosines():
         at = [k for k in range(len(h.names)) if np.corrcoef(raw, h.columns[j][:, k])[0, 1] > 1 - 1e-9]
         assert len(at) == 1
         assert_array_equal(h.columns[j], waves(catalogue, j, pair).columns[j])
+
+
+def test_warmth_at_chosen_samples_has_been_gathered_at_the_runs_own_rate(states):
+    """The slower the recording, the longer a sample: half the rate gathers twice the warmth in as many samples."""
+    shape = {p["name"]: np.full(N, p["grid"][0]) for p in CATALOGUE["thermal_friction"]["shape"]}
+    plan = declared_plan(arm(), friction(), [_core.Effect.of("thermal_friction", **shape)])
+    at = [200, 500, len(states.t) - 200]
+    chosen = run_rows(plan, states, states.tau, kept=at)
+    slower = run_rows(plan, replace(states, rate=states.rate / 2), states.tau, kept=at)
+    warm = [k for k, effect in enumerate(plan.effects) if effect.kind == "thermal_friction"]
+    assert warm
+    first = sum(effect.n_columns for effect in plan.effects[: warm[0]])
+    for one, other in zip(chosen, slower, strict=True):
+        assert (np.abs(other[1:, first]) > 1.2 * np.abs(one[1:, first])).all()
