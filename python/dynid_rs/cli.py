@@ -8,6 +8,7 @@ from dynid_rs.base.guide import DOCUMENTATION, page
 from dynid_rs.commands._run import run_app
 from dynid_rs.commands.cache import cache
 from dynid_rs.commands.compare import compare
+from dynid_rs.commands.contact import contact
 from dynid_rs.commands.demo import demo
 from dynid_rs.commands.diagnose import diagnose
 from dynid_rs.commands.estimate import estimate
@@ -30,7 +31,7 @@ app = typer.Typer(
     rich_markup_mode=None,
 )
 LOGS, FLEETS = f"\b\nLogs that are read:\n{page('how_to/logs')}", f"\b\nFleets:\n{page('how_to/fleet')}"
-READ = dict.fromkeys((init, inspect, identify, diagnose, payload, watch, estimate), LOGS) | {fleet: FLEETS}
+READ = dict.fromkeys((init, inspect, identify, diagnose, payload, watch, contact, estimate), LOGS) | {fleet: FLEETS}
 """What stands below the help of a command."""
 for command in (
     demo,
@@ -42,6 +43,7 @@ for command in (
     compare,
     payload,
     watch,
+    contact,
     estimate,
     export,
     simulate,

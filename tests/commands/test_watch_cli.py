@@ -8,8 +8,8 @@ from helpers.run_files import write
 from helpers.small_arm import dynid, refusal
 from helpers.watched_arm import CHANGES, model, recorded, write_runs
 
+from dynid_rs.commands._rates import per_day
 from dynid_rs.commands._watch_files import WatchFiles
-from dynid_rs.commands.watch import _per_day
 
 
 @pytest.fixture(scope="module")
@@ -92,10 +92,10 @@ def test_wrong_options_are_refused_in_a_sentence(arm, options, words):
 
 
 @pytest.mark.parametrize(
-    ("text", "per_day"), [("1/day", 1.0), ("2/week", 2 / 7), (" 1 / 2weeks", 1 / 14), (".5/hour", 12.0)]
+    ("text", "times"), [("1/day", 1.0), ("2/week", 2 / 7), (" 1 / 2weeks", 1 / 14), (".5/hour", 12.0)]
 )
-def test_false_alarms_are_read(text, per_day):
-    assert _per_day(text) == pytest.approx(per_day)
+def test_false_alarms_are_read(text, times):
+    assert per_day(text, "--false-alarms") == pytest.approx(times)
 
 
 def test_settings_are_saved_once_and_used_again(arm, tmp_path):

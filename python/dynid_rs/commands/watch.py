@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from dynid_rs.commands import _options
+from dynid_rs.commands._rates import per_day
 from dynid_rs.commands._run import EXIT_NO, print_json, run_command
 from dynid_rs.commands._steps import Step
 
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from dynid_rs.runs.recording import Recording
 
 USUAL = "1/day"
-DAYS = {"hour": 1 / 24, "day": 1.0, "week": 7.0, "month": 30.0, "year": 365.0}
 
 
 @run_command
@@ -103,7 +102,7 @@ def watch(
     from dynid_rs.commands._watch_view import answer, has_changed, lines
     from dynid_rs.model.watch import Watch
 
-    per_day, tolerated = _per_day(false_alarms), _tolerated(tolerate or [])
+    often, tolerated = per_day(false_alarms, "--false-alarms"), _tolerated(tolerate or [])
     if settings is not None and (healthy or tolerate or save or false_alarms != USUAL):
         raise ValueError(
             "--settings says all that --healthy, --false-alarms and --tolerate do; leave those and --save out"
@@ -114,7 +113,7 @@ def watch(
         say("reading")
         reference = load_model(model)
         rules = read_settings(config, drive_gain, reference.robot.n_joints)
-        watching = Watch(reference, false_alarms_per_day=per_day, tolerated=tolerated)
+        watching = Watch(reference, false_alarms_per_day=often, tolerated=tolerated)
         if settings is not None:
             watching = Watch.load(settings, reference)
         good, findings = read_runs(healthy, reference.robot, rules) if healthy else ([], [])
@@ -145,15 +144,6 @@ def _watched(watching: Watch, recording: Recording, known: str | None, remember:
         return watching.watch(recording, remembered=known)
     except FormatError as error:  # of what is known, which only the file can be to blame for
         raise FormatError(f"{remember}: {error}, or remove the file") from None
-
-
-def _per_day(text: str) -> float:
-    found = re.fullmatch(r"\s*(\d+(?:\.\d*)?|\.\d+)\s*/\s*(\d*)\s*([a-z]+?)s?\s*", text)
-    if found is None or found[3] not in DAYS or not float(found[1]) or found[2] == "0":
-        raise ValueError(
-            f"--false-alarms: expected a number per {', '.join(DAYS)}, as 1/day or 1/2weeks, got {text[:40]!r}"
-        )
-    return float(found[1]) / (float(found[2] or 1) * DAYS[found[3]])
 
 
 def _tolerated(said: Sequence[str]) -> Tolerated:

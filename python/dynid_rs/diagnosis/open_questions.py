@@ -132,6 +132,15 @@ class OpenQuestions:
         """Places of a candidate's coefficients in the precision, those of its shape behind its own."""
         return np.arange(self._edges[candidate], self._edges[candidate + 1])
 
+    def covariance(self) -> FloatArray:
+        """Of the declared unknowns (n_columns, n_columns); zero where the runs and the prior say nothing."""
+        at = self.declared()
+        scale = 1 / np.sqrt(np.diag(self.known)[at])
+        covariance = np.zeros_like(self.known)
+        alike = np.linalg.pinv(self.known[np.ix_(at, at)] * np.outer(scale, scale), rcond=1e-12, hermitian=True)
+        covariance[np.ix_(at, at)] = alike * np.outer(scale, scale)
+        return covariance
+
     @cached_property
     def _edges(self) -> NDArray[np.intp]:
         return self.plan.n_columns + np.cumsum([0, *(width_of(c) for c in self.candidates)])

@@ -60,22 +60,39 @@ class ParameterDirections:
 def parameter_directions(identifier: ThreeLoopIdentifier, *, random_state: int = 0) -> ParameterDirections:
     """Return a root of the covariance of what `identifier` has fitted, with the fewest columns that tell its torque.
 
-    With C = L L' and S the sum of y' y / sigma_j^2 over states drawn far beyond the training runs, the columns of L V
-    for the eigenvectors V of L' S L to its greatest eigenvalues leave out the least of the variance y C y' (Eckart and
-    Young, 1936). One direction may hold coefficients of all joints at once where these are independent: a
-    joint's torque knows its own alone, so y C y' stays the same. So the own coefficients of joint j are split into what
-    follows the base parameters, which goes with them, and the rest, which is laid side by side over the joints.
-
     Raises
     ------
     ValueError
         The identifier is not fitted.
     """
     covariance = identifier.parameter_covariance()
-    plan, model = identifier.observations_.plan, identifier.model_
+    links, plan = identifier.links_, identifier.observations_.plan
+    return directions_of(covariance, plan, identifier.model_, links.noise_std_, random_state=random_state)
+
+
+def directions_of(
+    covariance: FloatArray, plan: Plan, model: _core.TorqueModel, noise: FloatArray, *, random_state: int = 0
+) -> ParameterDirections:
+    """Return a root of a covariance, with the fewest columns that tell the torque of a model.
+
+    With C = L L' and S the sum of y' y / sigma_j^2 over states drawn far beyond the training runs, the columns of L V
+    for the eigenvectors V of L' S L to its greatest eigenvalues leave out the least of the variance y C y' (Eckart and
+    Young, 1936). One direction may hold coefficients of all joints at once where these are independent: a
+    joint's torque knows its own alone, so y C y' stays the same. So the own coefficients of joint j are split into what
+    follows the base parameters, which goes with them, and the rest, which is laid side by side over the joints.
+
+    Parameters
+    ----------
+    covariance : ndarray (n_columns, n_columns)
+        Of the unknowns of the plan: base parameters, then each joint's own coefficients.
+    plan, model : Plan, TorqueModel
+        What its unknowns are, and what they make.
+    noise : ndarray (n_joints,)
+        What the joints' torques are weighed by [torque unit].
+    """
     n, n_base = plan.robot.n_joints, plan.n_base
     base, own = _columns(plan, *_states(model, np.random.default_rng(random_state)))
-    noise = np.maximum(identifier.links_.noise_std_, 1e-300)
+    noise = np.maximum(noise, 1e-300)
     among_base = covariance[:n_base, :n_base]
     inverse = np.linalg.pinv(among_base, rcond=1e-10, hermitian=True)
     places = [n_base + j * plan.n_own + np.arange(plan.n_own) for j in range(n)]

@@ -1,0 +1,175 @@
+"""`dynid contact`: what pushes an arm, and where its thresholds are."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from dynid_rs.commands import _options
+from dynid_rs.commands._rates import per_day
+from dynid_rs.commands._run import EXIT_NO, print_json, run_command
+from dynid_rs.commands._steps import Step
+
+if TYPE_CHECKING:
+    from dynid_rs._core import TorqueModel
+    from dynid_rs.base.findings import Finding
+    from dynid_rs.identification.directions import ParameterDirections
+
+USUAL, HOURS = "1/hour", 24.0
+TIME_CONSTANT = 0.02
+
+
+@run_command
+def contact(
+    model: Annotated[
+        Path,
+        typer.Argument(
+            metavar="MODEL.json",
+            help="What `dynid identify` made, or the folder of `dynid diagnose`: what its runs left unknown then "
+            "raises thresholds where the model knows little",
+        ),
+    ],
+    runs: Annotated[list[Path] | None, typer.Argument(metavar="RUN...", help="Runs to look for contacts in")] = None,
+    healthy: Annotated[
+        list[Path] | None,
+        typer.Option(
+            metavar="RUN",
+            help="A run in which nothing touches the arm, none that the model was fitted on (repeat for more; two "
+            "minutes in all): thresholds are learned from it",
+        ),
+    ] = None,
+    false_contacts: Annotated[
+        str, typer.Option(metavar="N/hour", help="Contacts without a cause that you put up with (1/day, 2/week, ...)")
+    ] = USUAL,
+    time_constant: Annotated[
+        float, typer.Option(metavar="S", help="An external torque shows by 63 % after it")
+    ] = TIME_CONSTANT,
+    window: Annotated[
+        int | None, typer.Option(metavar="N", help="Samples to differentiate over, where positions come alone")
+    ] = None,
+    settings: Annotated[
+        Path | None,
+        typer.Option(metavar="CONTACT.json", help="Thresholds as this file of --save says, instead of --healthy"),
+    ] = None,
+    save: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="CONTACT.json",
+            help="Write what was learned, for --settings and `dynid-estimator --observe --contacts`",
+        ),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="OUT.parquet",
+            help="Of one run: external torque, threshold and guide per sample and joint, and whether it is a contact",
+        ),
+    ] = None,
+    config: _options.Config = None,
+    drive_gain: _options.DriveGain = None,
+    json_output: _options.Json = False,
+) -> int:
+    """Find contacts on recordings, and learn from runs without any from where on something is one.
+
+    What pushes the arm is what the measured torque says beyond the model, by the generalised momentum. Thresholds
+    follow, state by state, from what healthy runs leave and from how many false contacts you put up with. Ends with 1
+    if something pushes, with 2 if a file cannot be read.
+    """
+    from dynid_rs.base.files import write_table
+    from dynid_rs.commands._console import progress
+    from dynid_rs.commands._contact_view import answer, columns, contacts_of, learned, lines
+    from dynid_rs.commands._inputs import load_model, read_runs, read_settings, runs_in_turn
+    from dynid_rs.model.observer import MomentumObserver
+
+    per_hour = per_day(false_contacts, "--false-contacts") / HOURS
+    _check(runs, healthy, settings, save, output, model, config)
+    with progress(Step(1, "reading"), Step(1, "looking for contacts")) as say:
+        say("reading")
+        reference = load_model(model)
+        rules = read_settings(config, drive_gain, reference.robot.n_joints)
+        findings: list[Finding] = []
+        if settings is not None:
+            observer = MomentumObserver.load(settings, reference)
+            if false_contacts != USUAL:
+                observer.false_contacts_per_hour = per_hour
+        else:
+            directions = _directions(model, reference)
+            observer = MomentumObserver(
+                reference,
+                time_constant=time_constant,
+                false_contacts_per_hour=per_hour,
+                window=window,
+                directions=directions,
+            )
+        if healthy:
+            good, findings = read_runs(healthy, reference.robot, rules)
+            observer.fit(good)
+        if save is not None:
+            observer.save(save)
+        say("looking for contacts")
+        observed = []
+        for recording, found in runs_in_turn(runs, reference.robot, rules) if runs else ():
+            seen = observer.observe(recording)
+            observed.append((recording.name, contacts_of(seen), seen.delay))
+            findings += found
+            if output is not None:
+                write_table(output, columns(seen))
+    joints = list(reference.robot.joint_names)
+    said = learned(observer)
+    if json_output:
+        print_json(answer(observed, joints, reference.torque_unit, said, findings))
+    else:
+        for line in lines(observed, joints, reference.torque_unit, said, findings):
+            typer.echo(line)
+        for words, path in (("settings", save), ("external torque", output)):
+            if path is not None:
+                typer.echo(f"{words}: {path}")
+    return EXIT_NO if any(contacts for _, contacts, _ in observed) else 0
+
+
+def _check(
+    runs: list[Path] | None,
+    healthy: list[Path] | None,
+    settings: Path | None,
+    save: Path | None,
+    output: Path | None,
+    model: Path,
+    config: Path | None,
+) -> None:
+    """Refuse before any work is done what cannot be, or cannot be written."""
+    from dynid_rs.commands._output import check_file, check_not_read
+
+    if settings is not None and (healthy or save is not None):
+        raise ValueError("--settings holds what --healthy would teach, and is written already; leave those and --save")
+    if save is not None and not healthy:
+        raise ValueError("--save writes what runs without contact teach; name them with --healthy RUN")
+    if not runs and save is None:
+        raise ValueError("no run to look at; name one, or write thresholds with --healthy RUN --save CONTACT.json")
+    if output is not None and len(runs or []) != 1:
+        raise ValueError("--output is of one run; name it, and no other")
+    written = [path for path in (save, output) if path is not None]
+    for path in written:
+        check_file(path)
+    if len({path.resolve() for path in written}) < len(written):
+        raise ValueError(f"{save}: --save and --output are to be two files; name another one")
+    check_not_read(written, [path for path in (model, settings, config, *(runs or []), *(healthy or [])) if path])
+
+
+def _directions(model: Path, reference: TorqueModel) -> ParameterDirections | None:
+    """What the runs of a diagnosis left unknown; None beside a lone model."""
+    from dataclasses import replace
+
+    from dynid_rs.commands._identifier import OPEN_FILE
+
+    if not (model / OPEN_FILE).is_file():
+        return None
+    from dynid_rs.diagnosis.open_file import read_open
+    from dynid_rs.identification.directions import directions_of
+
+    asked = read_open(model, reference.robot)
+    plan = replace(asked.plan, robot=reference.robot)
+    return directions_of(asked.covariance(), plan, reference, asked.noise)

@@ -1,0 +1,126 @@
+"""`dynid contact`: what pushes an arm, in lines and as JSON, and thresholds for the estimator."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from helpers.run_files import write
+from helpers.small_arm import dynid, refusal, run, write_robot
+from helpers.watched_arm import model, recorded, write_runs
+from numpy.testing import assert_allclose
+
+import dynid_rs as dyn
+
+PUSHED = (3.0, 4.0)
+
+
+def pushed():
+    run = recorded(6.0, 5)
+    tau = run.tau.copy()
+    tau[(run.t > PUSHED[0]) & (run.t < PUSHED[1]), 1] -= 60.0
+    return replace(run, tau=tau)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A model, two minutes of healthy runs, one in which the arm is pushed, and what is learned."""
+    folder = tmp_path_factory.mktemp("pushed")
+    model().save(folder / "model.json")
+    runs = {"first": recorded(70.0, 1), "second": recorded(70.0, 2), "pushed": pushed(), "free": recorded(6.0, 6)}
+    write_runs(folder, runs)
+    healthy = ("--healthy", folder / "first.parquet", "--healthy", folder / "second.parquet")
+    printed = dynid("contact", folder / "model.json", *healthy, "--save", folder / "contact.json")
+    assert printed.exit_code == 0, printed.output
+    assert f"settings: {folder / 'contact.json'}" in printed.stdout
+    return folder
+
+
+def test_a_push_is_said_with_its_joint_and_ends_with_1(folder):
+    found = dynid(
+        "contact", folder / "model.json", folder / "pushed.parquet", folder / "free.parquet",
+        "--settings", folder / "contact.json", "--json",
+    )  # fmt: skip
+    assert found.exit_code == 1, found.output
+    answer = json.loads(found.stdout)
+    assert (answer["format"], answer["version"]) == ("dynid-contacts", 1)
+    touched, free = answer["runs"]
+    assert free["contacts"] == []
+    (contact,) = touched["contacts"]
+    assert contact["joint"] == answer["joints"][1]
+    assert contact["start"] == pytest.approx(PUSHED[0] + touched["delay"], abs=0.1)
+    assert contact["end"] == pytest.approx(PUSHED[1] + touched["delay"], abs=0.3)
+    assert contact["torque"] == pytest.approx(60.0, rel=0.3)
+
+
+def test_people_read_lines(folder):
+    said = dynid("contact", folder / "model.json", folder / "pushed.parquet", "--settings", folder / "contact.json")
+    joint = model().robot.joint_names[1]
+    lines = said.stdout.splitlines()
+    assert sum("without contact off by" in line for line in lines) == model().robot.n_joints
+    assert "pushed.parquet: 1 contact" in said.stdout
+    assert f"on {joint}" in lines[-1]
+    free = dynid("contact", folder / "model.json", folder / "free.parquet", "--settings", folder / "contact.json")
+    assert free.exit_code == 0
+    assert "free.parquet: nothing pushes the arm" in free.stdout
+
+
+def test_the_table_holds_what_python_says(folder):
+    out = folder / "external.parquet"
+    run = folder / "pushed.parquet"
+    dynid("contact", folder / "model.json", run, "--settings", folder / "contact.json", "-o", out)
+    table = pq.read_table(out)
+    said = dyn.MomentumObserver.load(folder / "contact.json", model()).observe(dyn.read_recording(run))
+    for j in range(model().robot.n_joints):
+        assert_allclose(np.asarray(table[f"external_{j}"]), said.external[:, j])
+        assert_allclose(np.asarray(table[f"guide_{j}"]), said.guide[:, j])
+    assert np.asarray(table["contact"]).tolist() == said.contact.tolist()
+
+
+def test_fewer_false_contacts_are_higher_thresholds(folder):
+    def threshold(rate):
+        out = folder / "rate.parquet"
+        options = ("--settings", folder / "contact.json", "--false-contacts", rate, "-o", out)
+        dynid("contact", folder / "model.json", folder / "free.parquet", *options)
+        return float(np.median(np.asarray(pq.read_table(out)["threshold_1"])))
+
+    assert threshold("1/month") > threshold("60/hour")
+
+
+def test_nothing_learned_is_said(folder):
+    said = dynid("contact", folder / "model.json", folder / "pushed.parquet")
+    assert "nothing was learned about false contacts" in said.stdout
+
+
+def test_what_a_diagnosis_does_not_know_raises_thresholds(tmp_path):
+    """The folder of a diagnosis says what its runs left unknown: a few seconds of motion."""
+    robot = write_robot(tmp_path)
+    short, test = (write(tmp_path / f"short_{k}.csv", run(k)) for k in range(2))
+    dynid("diagnose", robot, short, "--test", test, "-o", tmp_path / "result")
+    long = [write(tmp_path / f"long_{k}.csv", run(k, duration=40.0)) for k in range(3)]
+    healthy = [part for path in long for part in ("--healthy", path)]
+    for name in ("alone", "beside"):
+        given = tmp_path / "result" / ("model.json" if name == "alone" else "")
+        said = dynid("contact", given, *healthy, "--save", tmp_path / f"{name}.json")
+        assert said.exit_code == 0, said.output
+    alone, beside = (json.loads((tmp_path / f"{name}.json").read_text())["directions"] for name in ("alone", "beside"))
+    assert alone == []
+    assert len(beside) > 3
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ((), "no run to look at"),
+        (("--save", "x.json"), "name them with --healthy RUN"),
+        (("free.parquet", "--settings", "contact.json", "--save", "x.json"), "--settings holds what"),
+        (("free.parquet", "pushed.parquet", "-o", "x.parquet"), "--output is of one run"),
+        (("free.parquet", "--false-contacts", "seldom"), "--false-contacts: expected a number per hour, day"),
+        (("free.parquet", "--settings", "first.parquet"), "first.parquet"),
+        (("free.parquet", "-o", "free.parquet"), "free.parquet"),
+    ],
+)
+def test_what_cannot_be_is_refused_in_a_sentence(folder, options, words):
+    paths = [folder / text if "." in text else text for text in options]
+    assert words in refusal(dynid("contact", folder / "model.json", *paths))
