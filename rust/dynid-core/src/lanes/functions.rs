@@ -11,12 +11,14 @@ const ROUND: f64 = 6_755_399_441_055_744.0; // 1.5 * 2^52
 /// Arguments of sine and cosine from here on go to the library: the reduction below has no bits for them.
 const FAR: f64 = 32_768.0;
 
-/// pi/2 in parts: 33 bits, the next 33, the rest.
+/// pi/2 in parts whose products with a whole number below 2^15 are exact: where a product is rounded before the difference
+/// these have 33 bits, the next 33 and the rest. Where it is not, the difference to all of the first 53 bits is exact.
 const HALF_PI: [f64; 3] = [
     f64::from_bits(0x3FF9_21FB_5440_0000),
     f64::from_bits(0x3DD0_B461_1A60_0000),
     f64::from_bits(0x3BA3_198A_2E03_7073),
 ];
+const FUSED_HALF_PI: [f64; 2] = [core::f64::consts::FRAC_PI_2, 6.123_233_995_736_766e-17];
 
 /// `-1/3!, 1/5!, ...`, fitted on a quarter turn.
 const SINE: [f64; 6] = [
@@ -43,17 +45,16 @@ const COSINE: [f64; 6] = [
 pub fn sin_cos<L: Lanes>(x: L) -> (L, L) {
     let rounded = x.mul_add(L::splat(core::f64::consts::FRAC_2_PI), L::splat(ROUND));
     let n = rounded - L::splat(ROUND);
-    // Exact: both products have at most 53 bits, and where the parts cancel they are multiples of one small number.
-    let coarse = n.mul_sub_from(L::splat(HALF_PI[0]), x);
-    let fine = n * L::splat(HALF_PI[1]);
-    let near = coarse - fine;
-    let left = (coarse - near) - fine;
-    let low = n.mul_sub_from(L::splat(HALF_PI[2]), left);
-    let r = near + low;
-    let low = (near - r) + low;
-
+    let r = if L::FUSED {
+        let [first, rest] = FUSED_HALF_PI.map(L::splat);
+        n.mul_sub_from(rest, n.mul_sub_from(first, x))
+    } else {
+        let [first, next, rest] = HALF_PI.map(L::splat);
+        x - n * first - n * next - n * rest
+    };
     let square = r * r;
-    let (s, c) = (sine(r, low, square), cosine(r, low, square));
+    let fourth = square * square;
+    let (s, c) = (sine(r, square, fourth), cosine(square, fourth));
     // Odd quarters swap the two; the second bit of the quarter is the sign of the sine, one quarter on of the cosine.
     let odd = rounded.shift_left::<63>();
     let sign = L::splat(f64::from_bits(SIGN));
@@ -78,36 +79,27 @@ fn far<L: Lanes>(x: L, sin: L, cos: L) -> (L, L) {
     )
 }
 
-/// Sine of `r + low` on a quarter turn about zero.
+/// Sine on a quarter turn about zero.
 #[inline(always)]
-fn sine<L: Lanes>(r: L, low: L, square: L) -> L {
-    let fourth = square * square;
-    let [first, a, b, c, d, e] = SINE;
-    let upper = L::splat(e).mul_add(square, L::splat(d));
-    let middle = L::splat(c).mul_add(square, L::splat(b));
-    let series = upper.mul_add(fourth, middle).mul_add(square, L::splat(a));
-    let cube = square * r;
-    let half_low = low * L::splat(0.5);
-    let tail = cube.mul_sub_from(series, half_low);
-    let tail = square.mul_add(tail, -low);
-    r - cube.mul_sub_from(L::splat(first), tail)
+fn sine<L: Lanes>(r: L, square: L, fourth: L) -> L {
+    let [first, a, b, c, d, e] = SINE.map(L::splat);
+    let upper = e.mul_add(square, d);
+    let middle = c.mul_add(square, b);
+    let lower = a.mul_add(square, first);
+    let series = upper.mul_add(fourth, middle).mul_add(fourth, lower);
+    (square * r).mul_add(series, r)
 }
 
-/// Cosine of `r + low` on a quarter turn about zero.
+/// Cosine on a quarter turn about zero.
 #[inline(always)]
-fn cosine<L: Lanes>(r: L, low: L, square: L) -> L {
-    let fourth = square * square;
-    let [a, b, c, d, e, f] = COSINE;
-    let upper = L::splat(f).mul_add(square, L::splat(e));
-    let middle = L::splat(d).mul_add(square, L::splat(c));
-    let lower = L::splat(b).mul_add(square, L::splat(a));
+fn cosine<L: Lanes>(square: L, fourth: L) -> L {
+    let [a, b, c, d, e, f] = COSINE.map(L::splat);
+    let upper = f.mul_add(square, e);
+    let middle = d.mul_add(square, c);
+    let lower = b.mul_add(square, a);
     let series = upper.mul_add(fourth, middle).mul_add(fourth, lower);
-    let half = square * L::splat(0.5);
-    let one = L::splat(1.0);
-    let head = one - half;
-    let rounding = (one - head) - half;
-    let tail = r.mul_sub_from(low, rounding);
-    head + fourth.mul_add(series, tail)
+    let head = square.mul_sub_from(L::splat(0.5), L::splat(1.0));
+    fourth.mul_add(series, head)
 }
 
 /// ln 2 in two parts: 33 bits and the rest.

@@ -43,6 +43,8 @@ pub trait Lanes:
     type Four: Lanes<Four = Self::Four>;
     /// Numbers in a row.
     const LEN: usize;
+    /// Whether [`Self::mul_add`] rounds once.
+    const FUSED: bool;
     /// A row of zeros in memory.
     const ZERO: Self::Raw;
 

@@ -49,6 +49,7 @@ impl<const N: usize, const FUSED: bool> Lanes for Portable<N, FUSED> {
         assert!(N <= MOST_LANES && MOST_LANES.is_multiple_of(N));
         N
     };
+    const FUSED: bool = FUSED;
     const ZERO: Self::Raw = [0.0; N];
 
     #[inline(always)]

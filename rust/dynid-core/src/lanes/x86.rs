@@ -47,6 +47,7 @@ macro_rules! register {
             type Raw = $raw;
             type Four = Avx2;
             const LEN: usize = $len;
+            const FUSED: bool = true;
             // SAFETY: all bits zero are a row of zeros.
             const ZERO: Self::Raw = unsafe { core::mem::zeroed() };
 
