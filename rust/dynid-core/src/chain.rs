@@ -1,4 +1,4 @@
-//! The recursions along the chain, in rows: what inverse dynamics, the regressor and its derivatives share.
+//! The recursions along the chain, in rows: what the regressor and its derivatives share.
 
 use crate::kernel::Body;
 use crate::lanes::{Lanes, Vector};
@@ -20,33 +20,6 @@ pub struct JointState<R> {
     pub dq: R,
     /// Acceleration.
     pub ddq: R,
-}
-
-/// What inverse dynamics keeps of a link on the way out.
-#[derive(Clone, Copy, Debug)]
-pub struct LinkRow<R> {
-    turn: [[R; 3]; 3],
-    force: [R; 3],
-    moment: [R; 3],
-}
-
-impl<R: Copy> LinkRow<R> {
-    /// Memory for one link; `zero` is a row of zeros.
-    #[must_use]
-    pub fn new(zero: R) -> Self {
-        Self {
-            turn: [[zero; 3]; 3],
-            force: [zero; 3],
-            moment: [zero; 3],
-        }
-    }
-
-    #[inline(always)]
-    fn put<L: Lanes<Raw = R>>(&mut self, turn: Turn<L>, (force, moment): (Vector<L>, Vector<L>)) {
-        turn.put(&mut self.turn);
-        force.put(&mut self.force);
-        moment.put(&mut self.moment);
-    }
 }
 
 /// The first joint's link on the base, which is at rest; gravity is an upward acceleration. What [`outwards`] would multiply
@@ -96,57 +69,6 @@ pub(crate) fn outwards<L: Lanes>(
     let acc = parent.acc + parent.spread * *origin;
     let [omega, alpha, acc] = place.carried(turn, [parent.omega, parent.alpha, acc], [dq, ddq]);
     Body::new(omega, alpha, acc)
-}
-
-/// Inverse dynamics of rows: `states`, `links` and `tau` hold one entry per joint, `phi` ten per link.
-#[inline(always)]
-pub fn inverse_dynamics<L: Lanes>(
-    robot: &RobotModel,
-    states: &[JointState<L::Raw>],
-    links: &mut [LinkRow<L::Raw>],
-    phi: &[f64],
-    tau: &mut [L::Raw],
-) {
-    let mut joints = robot
-        .placements()
-        .iter()
-        .zip(states)
-        .zip(links.iter_mut())
-        .zip(phi.chunks_exact(N_LINK_PARAMS));
-    let Some((((place, state), link), phi)) = joints.next() else {
-        return;
-    };
-    let mut parent = from_base::<L>(robot, place, state);
-    let (force, moment) = parent.wrench(phi);
-    force.put(&mut link.force);
-    moment.put(&mut link.moment);
-    for (((place, state), link), phi) in joints {
-        let placed = placed(place, state);
-        let body = outwards(place, &placed, state, &parent);
-        link.put(placed.0, body.wrench(phi));
-        parent = body;
-    }
-    let (mut force, mut moment) = (Vector::<L>::zero(), Vector::<L>::zero());
-    let mut joints = robot
-        .placements()
-        .iter()
-        .zip(links.iter())
-        .zip(states.iter().zip(tau));
-    let first = joints.next();
-    for ((place, link), (state, tau)) in joints.rev() {
-        force = force + Vector::from_raw(&link.force);
-        moment = moment + Vector::from_raw(&link.moment);
-        *tau = place.along_joint(force, moment).raw();
-        let turn = Turn::from_raw(&link.turn);
-        [force, moment] = place.to_parent(&turn, [force, moment]);
-        let origin = place.origin(L::from_raw(state.q));
-        moment = origin.cross_add(force, moment);
-    }
-    if let Some(((place, link), (_, tau))) = first {
-        force = force + Vector::from_raw(&link.force);
-        moment = moment + Vector::from_raw(&link.moment);
-        *tau = place.along_joint(force, moment).raw();
-    }
 }
 
 /// Velocity \[linear, angular\] of a link per unit speed of a joint before it.

@@ -2,10 +2,12 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::chain::{self, JointState, LinkRow, Placement};
+use crate::chain::{JointState, Placement};
 use crate::error::CoreError;
+use crate::frames::Links;
 use crate::lanes::{self, Kernel, Lanes, Portable, Vector, MOST_LANES};
 use crate::link_params::N_LINK_PARAMS;
+use crate::newton::{self, WrenchRow};
 use crate::robot::{Joint, RobotModel};
 use crate::single::{self, FourTwists};
 use crate::slices::{mirror_fields, rows_mut, tail, Mirror};
@@ -17,7 +19,8 @@ type One = [f64; 1];
 #[derive(Clone, Debug)]
 pub struct Workspace {
     states: Vec<JointState<One>>,
-    links: Vec<LinkRow<One>>,
+    links: Links,
+    wrenches: Vec<WrenchRow<One>>,
     twists: Vec<FourTwists>,
     /// Sines and cosines, each padded to whole rows.
     trig: [Vec<f64>; 2],
@@ -39,7 +42,8 @@ impl Workspace {
         let padded = vec![0.0; n.next_multiple_of(MOST_LANES)];
         Self {
             states: vec![rest; n],
-            links: vec![LinkRow::new(zero); n],
+            links: Links::new(robot.frames()),
+            wrenches: vec![[[zero; 3]; 2]; n],
             twists: vec![FourTwists::default(); n.div_ceil(4)],
             trig: [padded.clone(), padded],
         }
@@ -49,13 +53,17 @@ impl Workspace {
         self.states.len()
     }
 
-    /// The states with sines and cosines, joints in lanes.
+    /// The states with sines and cosines, joints in lanes; those of positions and `offsets` together, where there are some.
     #[inline(always)]
-    fn take<L: Lanes>(&mut self, q: &[f64], dq: &[f64], ddq: &[f64]) {
+    fn take<L: Lanes>(&mut self, q: &[f64], dq: &[f64], ddq: &[f64], offsets: Option<&[f64]>) {
         let [sines, cosines] = &mut self.trig;
         let outputs = rows_mut(sines, L::LEN).zip(rows_mut(cosines, L::LEN));
         for (k, (sin, cos)) in outputs.take(q.len().div_ceil(L::LEN)).enumerate() {
-            let (s, c) = lanes::sin_cos(L::load_some(tail(q, k * L::LEN)));
+            let mut angles = L::load_some(tail(q, k * L::LEN));
+            if let Some(offsets) = offsets {
+                angles = angles + L::load(tail(offsets, k * L::LEN));
+            }
+            let (s, c) = lanes::sin_cos(angles);
             s.store(sin);
             c.store(cos);
         }
@@ -155,10 +163,17 @@ impl Kernel for Torque<'_> {
     #[inline(always)]
     fn run<S: Lanes<Raw = One>, L: Lanes>(self) {
         let [q, dq, ddq] = self.motion;
-        self.workspace.take::<L>(q, dq, ddq);
-        let Workspace { states, links, .. } = self.workspace;
+        let frames = self.robot.frames();
+        self.workspace.take::<L>(q, dq, ddq, Some(&frames.offsets));
+        let Workspace {
+            states,
+            links,
+            wrenches,
+            ..
+        } = self.workspace;
         let (tau, _) = self.tau.as_chunks_mut::<1>();
-        chain::inverse_dynamics::<S>(self.robot, states, links, self.phi, tau);
+        let links = links.of(frames, self.phi);
+        newton::inverse_dynamics::<S>(frames, links, states, wrenches, tau);
     }
 }
 
@@ -202,7 +217,7 @@ impl Kernel for Regressor<'_> {
     #[inline(always)]
     fn run<S: Lanes<Raw = One>, L: Lanes>(self) {
         let [q, dq, ddq] = self.motion;
-        self.workspace.take::<L>(q, dq, ddq);
+        self.workspace.take::<L>(q, dq, ddq, None);
         let Workspace { states, twists, .. } = self.workspace;
         single::joint_torque_regressor::<S>(self.robot, states, twists, self.regressor);
     }
@@ -243,7 +258,7 @@ impl Kernel for LastLink<'_> {
     #[inline(always)]
     fn run<S: Lanes<Raw = One>, L: Lanes>(self) {
         let [q, dq, ddq] = self.motion;
-        self.workspace.take::<L>(q, dq, ddq);
+        self.workspace.take::<L>(q, dq, ddq, None);
         let Workspace { states, twists, .. } = self.workspace;
         single::last_link_columns::<S>(self.robot, states, twists, self.columns);
     }
@@ -272,6 +287,6 @@ fn check_state(
 
 impl Mirror for Workspace {
     fn mirror(&mut self, of: &Self) {
-        mirror_fields!(self, of; states, links, twists, trig; copied; kept);
+        mirror_fields!(self, of; states, wrenches, twists, trig; copied; kept links);
     }
 }

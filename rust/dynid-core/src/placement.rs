@@ -279,15 +279,6 @@ impl Placement {
         (self.form != Form::Free && self.sign > 0.0).then_some(self.link_z)
     }
 
-    /// What the joint feels of a wrench.
-    #[inline(always)]
-    pub(crate) fn along_joint<L: Lanes>(&self, force: Vector<L>, moment: Vector<L>) -> L {
-        match self.kind {
-            JointKind::Revolute => self.dot_axis(moment),
-            JointKind::Prismatic => self.dot_axis(force),
-        }
-    }
-
     /// Origin of the link frame in the parent frame \[m\].
     #[inline(always)]
     pub fn origin<L: Lanes>(&self, q: L) -> Vector<L> {

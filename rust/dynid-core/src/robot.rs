@@ -4,6 +4,7 @@ use nalgebra::{Matrix3, Rotation3, Vector3};
 
 use crate::chain::Placement;
 use crate::error::CoreError;
+use crate::frames::Frames;
 use crate::link_params::LinkParams;
 
 /// How a joint moves.
@@ -75,6 +76,7 @@ pub struct RobotModel {
     joints: Vec<Joint>,
     gravity: Vector3<f64>,
     placements: Vec<Placement>,
+    frames: Frames,
 }
 
 /// More joints than any arm has; keeps a hostile file from asking for memory.
@@ -116,6 +118,7 @@ impl RobotModel {
         Ok(Self {
             name,
             placements: joints.iter().map(Placement::new).collect(),
+            frames: Frames::new(&joints, &gravity),
             joints,
             gravity,
         })
@@ -137,6 +140,12 @@ impl RobotModel {
     #[must_use]
     pub fn placements(&self) -> &[Placement] {
         &self.placements
+    }
+
+    /// The frames in which inverse dynamics is done.
+    #[must_use]
+    pub fn frames(&self) -> &Frames {
+        &self.frames
     }
 
     /// Number of moving joints, which is also the number of moving links.

@@ -18,18 +18,6 @@ impl<L: Lanes> Turn<L> {
     pub fn zero() -> Self {
         Self(Matrix([[L::splat(0.0); 3]; 3]))
     }
-
-    /// From memory, as [`Self::put`] left it there.
-    #[inline(always)]
-    pub(crate) fn from_raw(raw: &[[L::Raw; 3]; 3]) -> Self {
-        Self(Matrix::from_raw(raw))
-    }
-
-    /// To this place in memory.
-    #[inline(always)]
-    pub(crate) fn put(self, to: &mut [[L::Raw; 3]; 3]) {
-        self.0.put(to);
-    }
 }
 
 /// Vectors with the axes renamed so that axis `k` is called z. All at once: it is one branch then.

@@ -198,7 +198,8 @@ impl Uncertainty {
 #[derive(Clone, Debug)]
 pub(crate) struct Deviation {
     of: Arc<Uncertainty>,
-    workspace: Workspace,
+    /// One for each direction, which keeps its parameters.
+    workspaces: Vec<Workspace>,
     /// Columns of every effect, row-major by joint; zeros of those that count as known.
     columns: Vec<f64>,
     /// Of one direction.
@@ -219,7 +220,11 @@ impl Deviation {
         let n = model.robot().n_joints();
         let sizes = model.effects().iter().map(|term| term.coefficients().len());
         Ok(Self {
-            workspace: Workspace::new(model.robot()),
+            workspaces: of
+                .directions
+                .iter()
+                .map(|_| Workspace::new(model.robot()))
+                .collect(),
             columns: vec![0.0; sizes.sum()],
             torque: vec![0.0; n],
             zeros: vec![0.0; n],
@@ -338,9 +343,9 @@ impl Deviation {
                 effect.columns_into(j, &input, &mut [], columns);
             }
         }
-        for direction in &self.of.directions {
+        for (direction, workspace) in self.of.directions.iter().zip(&mut self.workspaces) {
             let torque = &mut self.torque;
-            let (robot, workspace) = (model.robot(), &mut self.workspace);
+            let robot = model.robot();
             let (q, dq, ddq, phi) = (state.q, state.dq, state.ddq, &direction.phi);
             inverse_dynamics_into(robot, workspace, q, dq, ddq, phi, torque)?;
             for (torque, scale) in torque.iter_mut().zip(model.torque_scale()) {
@@ -372,9 +377,9 @@ impl Mirror for Deviation {
     fn mirror(&mut self, of: &Self) {
         mirror_fields!(
             self, of;
-            workspace, columns, torque, zeros, since_fast, doing, of_parameters, variance;
+            columns, torque, zeros, since_fast, doing, of_parameters, variance;
             copied;
-            kept of
+            kept of, workspaces
         );
     }
 }

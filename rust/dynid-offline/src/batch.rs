@@ -1,8 +1,10 @@
 //! The core's formulas over many samples, on all threads. Signals are row-major, n_samples × n_joints.
 
-use dynid_core::chain::{self, LinkRow};
+use dynid_core::chain;
+use dynid_core::frames::LinkNumbers;
 use dynid_core::lanes::{self, Kernel, Lanes};
 use dynid_core::link_params::N_LINK_PARAMS;
+use dynid_core::newton;
 use dynid_core::{CoreError, RobotModel, State, Status, TorqueEstimator};
 use rayon::prelude::*;
 
@@ -33,12 +35,13 @@ pub fn inverse_dynamics(
     for (what, signal) in [("q", q), ("dq", dq), ("ddq", ddq)] {
         same_length(what, signal, tau.len())?;
     }
+    let links = &robot.frames().links(phi);
     in_chunks(tau, n, |first, tau| {
         let at = first * n..first * n + tau.len();
         lanes::run(Torques {
             robot,
             motion: [q, dq, ddq].map(|signal| &signal[at.clone()]),
-            phi,
+            links,
             tau,
         })
     })
@@ -69,7 +72,7 @@ fn in_chunks(
 struct Torques<'a> {
     robot: &'a RobotModel,
     motion: [&'a [f64]; 3],
-    phi: &'a [f64],
+    links: &'a [LinkNumbers],
     tau: &'a mut [f64],
 }
 
@@ -91,12 +94,19 @@ impl Torques<'_> {
     #[inline(always)]
     fn rows<L: Lanes>(self) -> bool {
         let n = self.robot.n_joints();
-        let mut states = StateRows::<L>::new(n);
-        let mut links = vec![LinkRow::new(L::ZERO); n];
+        let frames = self.robot.frames();
+        let mut states = StateRows::<L>::turned(n, &frames.offsets);
+        let mut wrenches = vec![[[L::ZERO; 3]; 2]; n];
         let mut tau = vec![L::ZERO; n];
         for (k, out) in self.tau.chunks_mut(n * L::LEN).enumerate() {
             states.take(self.motion, k);
-            chain::inverse_dynamics::<L>(self.robot, states.rows(), &mut links, self.phi, &mut tau);
+            newton::inverse_dynamics::<L>(
+                frames,
+                self.links,
+                states.rows(),
+                &mut wrenches,
+                &mut tau,
+            );
             put::<L>(&tau, out, n);
         }
         states.are_finite()

@@ -8,6 +8,8 @@ use dynid_core::lanes::{self, Lanes, MOST_LANES};
 /// [`Lanes::LEN`] samples of a robot's state.
 pub(crate) struct StateRows<L: Lanes> {
     rows: Vec<JointState<L::Raw>>,
+    /// What is added to positions before their sines and cosines are taken, if anything.
+    offsets: Vec<f64>,
     /// Zeros, until a number was not finite: infinity times zero is not a number.
     doubt: L,
 }
@@ -25,7 +27,16 @@ impl<L: Lanes> StateRows<L> {
         };
         Self {
             rows: vec![rest; n],
+            offsets: Vec::new(),
             doubt: L::splat(0.0),
+        }
+    }
+
+    /// The same with the sines and cosines of positions and `offsets` together.
+    pub(crate) fn turned(n: usize, offsets: &[f64]) -> Self {
+        Self {
+            offsets: offsets.to_vec(),
+            ..Self::new(n)
         }
     }
 
@@ -72,9 +83,12 @@ impl<L: Lanes> StateRows<L> {
             }
         }
         let zero = L::splat(0.0);
-        for row in &mut self.rows {
+        for (j, row) in self.rows.iter_mut().enumerate() {
             let q = L::from_raw(row.q);
-            let (sin, cos) = lanes::sin_cos(q);
+            let (sin, cos) = lanes::sin_cos(match self.offsets.get(j) {
+                Some(offset) => q + L::splat(*offset),
+                None => q,
+            });
             row.sin = sin.raw();
             row.cos = cos.raw();
             let (dq, ddq) = (L::from_raw(row.dq), L::from_raw(row.ddq));
