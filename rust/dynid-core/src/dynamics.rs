@@ -53,7 +53,8 @@ impl Workspace {
         self.states.len()
     }
 
-    /// The states with sines and cosines, joints in lanes; those of positions and `offsets` together, where there are some.
+    /// The states with sines and cosines, joints in lanes, four of them: eight wait longer for each other than they save, and
+    /// slow down what follows; those of positions and `offsets` together, where there are some.
     #[inline(always)]
     fn take<L: Lanes>(&mut self, q: &[f64], dq: &[f64], ddq: &[f64], offsets: Option<&[f64]>) {
         let [sines, cosines] = &mut self.trig;
@@ -138,7 +139,7 @@ pub fn inverse_dynamics_into(
     check_state(n, workspace, q, dq, ddq)?;
     check_length("phi", phi, N_LINK_PARAMS * n)?;
     check_length("tau", tau, n)?;
-    lanes::run(Torque {
+    lanes::run_narrow(Torque {
         robot,
         workspace,
         motion: [q, dq, ddq],
@@ -164,7 +165,8 @@ impl Kernel for Torque<'_> {
     fn run<S: Lanes<Raw = One>, L: Lanes>(self) {
         let [q, dq, ddq] = self.motion;
         let frames = self.robot.frames();
-        self.workspace.take::<L>(q, dq, ddq, Some(&frames.offsets));
+        self.workspace
+            .take::<S::Four>(q, dq, ddq, Some(&frames.offsets));
         let Workspace {
             states,
             links,
@@ -195,7 +197,7 @@ pub fn joint_torque_regressor_into(
     let n = robot.n_joints();
     check_state(n, workspace, q, dq, ddq)?;
     check_length("regressor", regressor, n * n * N_LINK_PARAMS)?;
-    lanes::run(Regressor {
+    lanes::run_narrow(Regressor {
         robot,
         workspace,
         motion: [q, dq, ddq],
@@ -217,7 +219,7 @@ impl Kernel for Regressor<'_> {
     #[inline(always)]
     fn run<S: Lanes<Raw = One>, L: Lanes>(self) {
         let [q, dq, ddq] = self.motion;
-        self.workspace.take::<L>(q, dq, ddq, None);
+        self.workspace.take::<S::Four>(q, dq, ddq, None);
         let Workspace { states, twists, .. } = self.workspace;
         single::joint_torque_regressor::<S>(self.robot, states, twists, self.regressor);
     }
@@ -236,7 +238,7 @@ pub(crate) fn last_link_columns_into(
     let n = robot.n_joints();
     check_state(n, workspace, q, dq, ddq)?;
     check_length("columns", columns.as_flattened(), n * N_LINK_PARAMS)?;
-    lanes::run(LastLink {
+    lanes::run_narrow(LastLink {
         robot,
         workspace,
         motion: [q, dq, ddq],
@@ -258,7 +260,7 @@ impl Kernel for LastLink<'_> {
     #[inline(always)]
     fn run<S: Lanes<Raw = One>, L: Lanes>(self) {
         let [q, dq, ddq] = self.motion;
-        self.workspace.take::<L>(q, dq, ddq, None);
+        self.workspace.take::<S::Four>(q, dq, ddq, None);
         let Workspace { states, twists, .. } = self.workspace;
         single::last_link_columns::<S>(self.robot, states, twists, self.columns);
     }
