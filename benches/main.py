@@ -17,6 +17,7 @@ import dynamics
 import excitation
 import footprint
 import identification
+import limits
 import mixtures
 import online
 from measure import HEAD, ROOT, machine
@@ -26,6 +27,13 @@ INTRODUCTION = """# Benchmarks
 Written by `make bench`. One thread each; ours and the peer run in turn in one process; times are the processor's,
 medians over the rounds. A ratio says how many times faster ours is, with its least and greatest over the rounds. Before
 anything is timed the two are checked to give the same numbers.
+
+![Operations per nanosecond over operations per byte](figures/benchmarks.svg)
+
+The lines are what one thread of this machine can do: arithmetic in registers, bytes out of each cache and of memory.
+A kernel stands at the operations of its formulas, counted by running them on a number that counts, over the bytes of
+what goes in and comes out; how far it stands below the lines is what it leaves. Turning rows of samples into lanes and
+back counts as no operation.
 """
 
 READING = """## Reading these figures
@@ -56,6 +64,7 @@ def main():
     parser.add_argument("--quick", action="store_true", help="leave out what takes minutes")
     quick = parser.parse_args().quick
     parts = (
+        ("What this machine can do, and our share of it", limits.rows()),
         ("One estimate, online", online.rows(100_000 if quick else online.CYCLES)),
         ("Dynamics", dynamics.rows()),
         ("Identification", identification.rows(large=not quick)),

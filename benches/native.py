@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
+from limits import figures_by_path
 from measure import ROOT, Row, processor_seconds, unit
 
 from dynid_rs import _core
@@ -124,11 +125,8 @@ def own(robot, q, dq, ddq):
 
 def rust_figures():
     """The Rust bench's figures on the widest registers."""
-    if shutil.which("cargo") is None:
-        return {}
-    command = ["cargo", "bench", "--quiet", "-p", "dynid-offline", "--bench", "batch"]
-    lines = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout.splitlines()
-    return [json.loads(line) for line in lines if line.startswith("{")][-1]
+    by_path = figures_by_path()
+    return by_path[-1] if by_path else {}
 
 
 def best(programs):

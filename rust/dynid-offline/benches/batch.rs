@@ -1,6 +1,6 @@
 //! Time per sample of the batch kernels on one thread: inverse dynamics, the regressor stored where it was stored before
 //! and consumed in the cache, single calls, mixture regression. The fastest of many short rounds, so that other people's
-//! jobs count as little as they can.
+//! jobs count as little as they can. Beside them what this machine can do, and how many operations the kernels consist of.
 //!
 //! `cargo bench -p dynid-offline --bench batch`; prints one line of JSON per processor path.
 
@@ -8,13 +8,19 @@
 
 #[path = "../../dynid-core/benches/common/arm.rs"]
 mod arm;
+#[path = "../../dynid-core/benches/common/counted.rs"]
+mod counted;
+#[path = "../../dynid-core/benches/common/limits.rs"]
+mod limits;
 
 use std::hint::black_box;
 use std::time::Instant;
 
 use arm::arm;
+use counted::{counted, Count, Counted};
 use dynid_core::chain::{self, JointState};
 use dynid_core::lanes::{self, use_path, Kernel, Lanes, Path};
+use dynid_core::newton;
 use dynid_core::{
     inverse_dynamics_into, joint_torque_regressor_into, GaussianMixtureRegression, RobotModel,
     Workspace,
@@ -25,6 +31,59 @@ const N: usize = 6;
 /// As many as one task takes, so that nothing goes to another thread; their regressors fit into the second cache.
 const N_SAMPLES: usize = 256;
 const ROUNDS: usize = 400;
+
+/// States of [`N`] joints, sines and all, of the samples from `first` on; signals have one row per joint. Of angles that
+/// begin at `offsets`.
+#[inline(always)]
+fn states<L: Lanes>(motion: [&[f64]; 3], first: usize, offsets: &[f64]) -> [JointState<L::Raw>; N] {
+    let zero = L::ZERO;
+    let mut states = [JointState {
+        q: zero,
+        sin: zero,
+        cos: zero,
+        dq: zero,
+        ddq: zero,
+    }; N];
+    for (j, state) in states.iter_mut().enumerate() {
+        let at = j * N_SAMPLES + first;
+        let q = L::load(&motion[0][at..]);
+        let (sin, cos) = lanes::sin_cos(q + L::splat(offsets[j]));
+        *state = JointState {
+            q: q.raw(),
+            sin: sin.raw(),
+            cos: cos.raw(),
+            dq: L::load(&motion[1][at..]).raw(),
+            ddq: L::load(&motion[2][at..]).raw(),
+        };
+    }
+    states
+}
+
+/// Inverse dynamics of signals that lie joint by joint, so that nothing is turned over.
+struct InLanes<'a> {
+    robot: &'a RobotModel,
+    motion: [&'a [f64]; 3],
+    phi: &'a [f64],
+    tau: &'a mut [f64],
+}
+
+impl Kernel for InLanes<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Lanes<Raw = [f64; 1]>, L: Lanes>(self) {
+        let frames = self.robot.frames();
+        let links = frames.links(self.phi);
+        let (mut wrenches, mut tau) = ([[[L::ZERO; 3]; 2]; N], [L::ZERO; N]);
+        for first in (0..N_SAMPLES).step_by(L::LEN) {
+            let states = states::<L>(self.motion, first, &frames.offsets);
+            newton::inverse_dynamics::<L>(frames, &links, &states, &mut wrenches, &mut tau);
+            for (j, tau) in tau.iter().enumerate() {
+                L::from_raw(*tau).store(&mut self.tau[j * N_SAMPLES + first..]);
+            }
+        }
+    }
+}
 
 /// `Y phi` with the regressor of a row of samples in the first cache: what an identification does, which never stores it.
 /// Signals have one row per joint.
@@ -41,39 +100,24 @@ impl Kernel for Consumed<'_> {
     #[inline(always)]
     fn run<S: Lanes<Raw = [f64; 1]>, L: Lanes>(self) {
         let zero = L::ZERO;
-        let mut states = [JointState {
-            q: zero,
-            sin: zero,
-            cos: zero,
-            dq: zero,
-            ddq: zero,
-        }; N];
         let mut twists = [[[zero; 3]; 2]; N];
         let mut regressor = [zero; 10 * N * N];
         for first in (0..N_SAMPLES).step_by(L::LEN) {
-            for (j, state) in states.iter_mut().enumerate() {
-                let at = j * N_SAMPLES + first;
-                let q = L::load(&self.motion[0][at..]);
-                let (sin, cos) = lanes::sin_cos(q);
-                *state = JointState {
-                    q: q.raw(),
-                    sin: sin.raw(),
-                    cos: cos.raw(),
-                    dq: L::load(&self.motion[1][at..]).raw(),
-                    ddq: L::load(&self.motion[2][at..]).raw(),
-                };
-            }
+            let states = states::<L>(self.motion, first, &[0.0; N]);
             chain::joint_torque_regressor::<L>(self.robot, &states, &mut twists, &mut regressor);
             for (j, row) in regressor.chunks_exact(10 * N).enumerate() {
-                let mut sums = [L::splat(0.0); 2];
+                // Side by side, so that none waits for the one before it.
+                let mut sums = [L::splat(0.0); 5];
                 let own = row[10 * j..]
-                    .chunks_exact(2)
-                    .zip(self.phi[10 * j..].chunks_exact(2));
+                    .chunks_exact(5)
+                    .zip(self.phi[10 * j..].chunks_exact(5));
                 for (entries, phi) in own {
-                    sums[0] = L::from_raw(entries[0]).mul_add(L::splat(phi[0]), sums[0]);
-                    sums[1] = L::from_raw(entries[1]).mul_add(L::splat(phi[1]), sums[1]);
+                    for ((sum, entry), phi) in sums.iter_mut().zip(entries).zip(phi) {
+                        *sum = L::from_raw(*entry).mul_add(L::splat(*phi), *sum);
+                    }
                 }
-                (sums[0] + sums[1]).store(&mut self.tau[j * N_SAMPLES + first..]);
+                let [a, b, c, d, e] = sums;
+                ((a + b) + (c + d) + e).store(&mut self.tau[j * N_SAMPLES + first..]);
             }
         }
     }
@@ -88,6 +132,35 @@ fn fastest(items: usize, mut work: impl FnMut()) -> f64 {
         best = best.min(start.elapsed().as_nanos() as f64);
     }
     best / items as f64
+}
+
+/// Operations per sample of inverse dynamics and of the regressor, sines and all.
+fn operations(robot: &RobotModel, phi: &[f64]) -> [Count; 2] {
+    let state = JointState {
+        q: [0.3],
+        sin: [0.3],
+        cos: [0.9],
+        dq: [0.3],
+        ddq: [0.3],
+    };
+    let (states, mut rows, mut tau) = ([state; N], [[[[0.0]; 3]; 2]; N], [[0.0]; N]);
+    let mut regressor = [[0.0]; 10 * N * N];
+    let frames = robot.frames();
+    let links = frames.links(phi);
+    let sines = || {
+        for _ in 0..N {
+            black_box(lanes::sin_cos(Counted::splat(0.3)));
+        }
+    };
+    let torques = counted(|| {
+        sines();
+        newton::inverse_dynamics::<Counted>(frames, &links, &states, &mut rows, &mut tau);
+    });
+    let columns = counted(|| {
+        sines();
+        chain::joint_torque_regressor::<Counted>(robot, &states, &mut rows, &mut regressor);
+    });
+    [torques, columns]
 }
 
 fn main() {
@@ -105,12 +178,22 @@ fn main() {
         let covariances = [0.3, 0.02, 0.1, 0.02, 0.4, -0.05, 0.1, -0.05, 0.5].repeat(10);
         GaussianMixtureRegression::new(2, vec![0.1; 10], means, covariances).unwrap()
     };
+    let [torque_count, column_count] = operations(&robot, &phi);
     let u = &q[..2 * N_SAMPLES];
     let mut answers = [0; 3].map(|_| vec![0.0; N_SAMPLES]);
     for path in Path::ALL.into_iter().filter(|path| path.is_available()) {
         use_path(path);
         let torques = fastest(N_SAMPLES, || {
             batch::inverse_dynamics(&robot, &q, &dq, &ddq, &phi, &mut tau).unwrap();
+            black_box(&tau);
+        });
+        let in_lanes = fastest(N_SAMPLES, || {
+            lanes::run(InLanes {
+                robot: &robot,
+                motion: [&q, &dq, &ddq],
+                phi: &phi,
+                tau: &mut tau,
+            });
             black_box(&tau);
         });
         let stored = fastest(N_SAMPLES, || {
@@ -145,11 +228,23 @@ fn main() {
             mixture.predict_into(u, mean, variance, distance).unwrap();
             black_box(&mean);
         });
+        let limits = limits::measured();
         println!(
-            "{{\"path\":\"{}\",\"rnea_ns\":{torques:.1},\"regressor_stored_ns\":{stored:.1},\
+            "{{\"path\":\"{}\",\"rnea_ns\":{torques:.1},\"rnea_in_lanes_ns\":{in_lanes:.1},\"regressor_stored_ns\":{stored:.1},\
              \"regressor_consumed_ns\":{consumed:.1},\"one_rnea_ns\":{single:.1},\
-             \"one_regressor_ns\":{single_regressor:.1},\"mixture_ns\":{points:.1}}}",
-            path.name()
+             \"one_regressor_ns\":{single_regressor:.1},\"mixture_ns\":{points:.1},\
+             \"multiply_adds\":{:.2},\"arithmetic\":{:.2},\"read\":{:.1?},\"written\":{:.1?},\"clock\":{:.2},\
+             \"rnea_operations\":[{},{}],\"regressor_operations\":[{},{}]}}",
+            path.name(),
+            limits.multiply_adds,
+            limits.arithmetic,
+            limits.read,
+            limits.written,
+            limits.clock,
+            torque_count.products,
+            torque_count.others,
+            column_count.products,
+            column_count.others,
         );
     }
 }
