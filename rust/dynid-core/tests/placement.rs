@@ -1,4 +1,5 @@
-//! A joint along an axis of its frames goes another way than one that is a hair off it, and must feel the same.
+//! A joint along an axis of its frames goes another way than one that is a hair off it, and must feel the same; torques go
+//! another way than the regressor.
 
 use std::f64::consts::FRAC_PI_2;
 
@@ -33,14 +34,16 @@ fn robot(axis: Vector3<f64>, rotation: Rotation3<f64>) -> RobotModel {
 
 /// Torques, then the regressor.
 fn answer(robot: &RobotModel) -> Vec<f64> {
+    answer_in(&mut Workspace::new(robot), robot)
+}
+
+fn answer_in(workspace: &mut Workspace, robot: &RobotModel) -> Vec<f64> {
     let (q, dq, ddq) = ([0.7, -1.1, 2.3], [0.9, 1.3, -0.6], [-2.0, 0.4, 1.7]);
-    let mut workspace = Workspace::new(robot);
     let mut tau = vec![0.0; N];
     let mut regressor = vec![0.0; 10 * N * N];
     let phi = robot.phi();
-    inverse_dynamics_into(robot, &mut workspace, &q, &dq, &ddq, &phi, &mut tau).expect("lengths");
-    joint_torque_regressor_into(robot, &mut workspace, &q, &dq, &ddq, &mut regressor)
-        .expect("lengths");
+    inverse_dynamics_into(robot, workspace, &q, &dq, &ddq, &phi, &mut tau).expect("lengths");
+    joint_torque_regressor_into(robot, workspace, &q, &dq, &ddq, &mut regressor).expect("lengths");
     tau.extend(regressor);
     tau
 }
@@ -68,6 +71,46 @@ fn a_joint_along_an_axis_feels_what_one_beside_it_feels() {
             // Only the link's frame knows this one.
             let askew = Rotation3::from_euler_angles(0.3, -0.2, 0.1) * quarters;
             same(&robot(axis, askew), &robot(beside, askew), &what);
+        }
+    }
+}
+
+/// The two are computed in other frames and by other sums. One workspace goes through all robots: what it keeps of one must
+/// not be taken for the next.
+#[test]
+fn torques_are_those_of_the_regressor() {
+    let mut workspace = None;
+    for kinds in 0..8 {
+        for (axis, turn) in [
+            (0, 0.0),
+            (1, FRAC_PI_2),
+            (2, 0.3),
+            (0, -FRAC_PI_2),
+            (1, 1e-9),
+        ] {
+            let drawn = robot(
+                Vector3::ith(axis, if kinds % 3 == 1 { -1.0 } else { 1.0 }),
+                Rotation3::from_euler_angles(turn, 0.5 * turn, -turn),
+            );
+            let joints = drawn.joints().iter().cloned().enumerate();
+            let joints = joints.map(|(j, mut joint)| {
+                if kinds >> j & 1 == 1 {
+                    joint.kind = JointKind::Prismatic;
+                }
+                joint
+            });
+            let robot = RobotModel::new("arm".to_owned(), joints.collect(), *drawn.gravity())
+                .expect("a robot");
+            let workspace = workspace.get_or_insert_with(|| Workspace::new(&robot));
+            let answer = answer_in(workspace, &robot);
+            let (tau, regressor) = answer.split_at(N);
+            for (j, (tau, row)) in tau.iter().zip(regressor.chunks_exact(10 * N)).enumerate() {
+                let of_row: f64 = row.iter().zip(robot.phi()).map(|(y, phi)| y * phi).sum();
+                assert!(
+                    (tau - of_row).abs() < 1e-11 * (1.0 + of_row.abs()),
+                    "kinds {kinds}, axis {axis}, turn {turn}, joint {j}: {tau} and {of_row}"
+                );
+            }
         }
     }
 }
