@@ -32,7 +32,7 @@ pub struct Frames {
 }
 
 /// One link's frame. Rotation (link to parent coordinates): by `tilt` about x, then by the joint's angle about z.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Frame {
     /// Revolute or prismatic.
     pub kind: JointKind,
