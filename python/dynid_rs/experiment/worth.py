@@ -191,9 +191,8 @@ def _density(y: FloatArray, shapes: Sequence[_Seen]) -> FloatArray:
     for part, shape in zip(parts, shapes, strict=True):
         z = (y - shape.mean) @ shape.unspread.T
         part[:] = shape.log_weight - 0.5 * np.einsum("ij,ij->i", z, z)
-    # scipy's takes longer to look at its arguments than this does for all of them.
-    most = np.max(parts, axis=0)
-    density: FloatArray = most + np.log(np.sum(np.exp(parts - most), axis=0))
+    # scipy's logsumexp takes longer to look at its arguments than this does for all of them.
+    density: FloatArray = np.logaddexp.reduce(parts, axis=0)
     return density
 
 
