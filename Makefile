@@ -56,9 +56,10 @@ workflows: $(TOOLS)
 	$(BIN)/zizmor --offline --no-progress --quiet --min-severity medium .github/workflows
 	if command -v actionlint >/dev/null; then actionlint; fi
 
-bench: $(STAMP) ## every figure side by side with its peer; writes docs/measured/benchmarks.md and docs/measured/scale.md
+bench: $(STAMP) ## every figure side by side with its peer; writes docs/measured/benchmarks.md, seconds.md and scale.md
 	$(BIN)/python -m pip install --quiet --editable '.[bench]'
 	$(BIN)/python benches/main.py
+	$(BIN)/python benches/where.py
 	$(BIN)/python benches/loops.py
 	$(BIN)/python benches/em.py
 	$(BIN)/python benches/scale.py

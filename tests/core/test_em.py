@@ -8,11 +8,13 @@ import warnings
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from sklearn.cluster import kmeans_plusplus
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.mixture import GaussianMixture
 
 from dynid_rs import GaussianMixtureRegressor, _core
 from dynid_rs.identification.mixture import FUSED_FROM, start_of
+from dynid_rs.identification.mixture_fit import MixtureFit, k_means_plus_plus
 
 LOG_LIKELIHOOD = 1e-9
 """What is promised of the mean log-likelihood per sample."""
@@ -74,6 +76,27 @@ def test_the_start_is_scikit_learns(means_init):
     assert_allclose(weights, expected.weights_, rtol=1e-15)
     assert_allclose(means, expected.means_, rtol=1e-15)
     assert_allclose(covariances, expected.covariances_, rtol=1e-15, atol=1e-25)
+
+
+@pytest.mark.parametrize("k", [1, 2, 4, 9])
+@pytest.mark.parametrize("seed", range(3))
+def test_samples_far_apart_are_those_that_scikit_learn_draws(k, seed):
+    x = samples(500, 4, 3, seed=seed)
+    for state in (seed, np.random.RandomState(seed)):
+        theirs = kmeans_plusplus(x, k, random_state=seed)[1]
+        assert_array_equal(k_means_plus_plus(x, k, state), theirs)
+
+
+@pytest.mark.parametrize("means_init", [None, np.arange(12.0).reshape(4, 3) / 6])
+def test_a_fit_without_scikit_learn_is_that_of_the_regressor(means_init):
+    x = samples(700, 4, 3)
+    options = {"tol": 1e-2, "means_init": means_init, "random_state": 0}
+    ours, theirs = MixtureFit(4, **options), GaussianMixtureRegressor(4, solver="scikit-learn", **options)
+    ours.fit(x[:, :2], x[:, 2])
+    theirs.fit(x[:, :2], x[:, 2])
+    assert_allclose(ours.bic_, theirs.bic_, rtol=1e-9)
+    assert_allclose(ours.mixture_.means, theirs.mixture_.means, **PARAMETERS)
+    assert_allclose(ours.predict(x[:, :2]), theirs.predict(x[:, :2]), **PARAMETERS)
 
 
 def test_the_likelihood_never_falls():

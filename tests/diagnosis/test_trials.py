@@ -117,6 +117,16 @@ def test_where_every_multiple_does_as_well_one_is_enough(monkeypatch):
     assert dict(polished(belief.beside, belief.catalogue, five).shape)["cycles"] == 10.0
 
 
+def test_what_is_screened_together_is_what_is_screened_alone():
+    belief = Belief.in_declared(Setup(ROBOT), measured(duration=8.0, n_runs=1))
+    hypotheses = belief.hypotheses()
+    scores, hopes = belief.beside.screened_and_hoped_for(hypotheses)
+    alone = belief.beside.screened(hypotheses)
+    np.testing.assert_allclose([s.value for s in scores], [s.value for s in alone], atol=1e-9)
+    assert [s.size for s in scores] == [s.size for s in alone]
+    np.testing.assert_allclose(hopes, belief.beside.hoped_for(hypotheses), atol=1e-9)
+
+
 @pytest.mark.parametrize("n_rows", [8, 83, 1000])
 def test_every_row_is_left_out_once(n_rows):
     parts = blocks(n_rows)
@@ -132,7 +142,11 @@ def test_a_place_that_its_memory_hides_is_looked_at(monkeypatch):
     hidden = hypotheses[0].place
     screened, hoped = {True: Score(-100.0, 1.0), False: Score(0.0, 1.0)}, {True: 50.0, False: -100.0}
     monkeypatch.setattr(Beside, "screened", lambda self, tried: [screened[h.place == hidden] for h in tried])
-    monkeypatch.setattr(Beside, "hoped_for", lambda self, tried: [hoped[h.place == hidden] for h in tried])
+
+    def both(self, tried):
+        return [screened[h.place == hidden] for h in tried], [hoped[h.place == hidden] for h in tried]
+
+    monkeypatch.setattr(Beside, "screened_and_hoped_for", both)
     monkeypatch.setattr(Beside, "evidence_for", lambda self, h: (-50.0, {}))
     values, kept = evidence(belief.beside, hypotheses, belief.catalogue)
     assert hidden in values

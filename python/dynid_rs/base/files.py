@@ -270,9 +270,11 @@ def write_table(path: str | os.PathLike[str], columns: Mapping[str, np.ndarray[A
     import pyarrow as pa
     import pyarrow.parquet as pq
 
+    from dynid_rs.base.arrow_arrays import to_array
+
     shapes = {name: np.shape(column) for name, column in columns.items()}
     if any(len(shape) != 1 for shape in shapes.values()) or len(set(shapes.values())) > 1:
         raise ValueError(f"columns of one table must be (n,) of one length, got {shapes}")
-    table = pa.table({name: pa.array(np.asarray(column)) for name, column in columns.items()})
+    table = pa.table({name: to_array(np.asarray(column)) for name, column in columns.items()})
     with atomic_path(path) as temporary:
         pq.write_table(table, temporary, compression="zstd", write_page_checksum=True)

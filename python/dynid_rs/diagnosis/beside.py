@@ -101,28 +101,34 @@ class Beside:
 
     def screened(self, hypotheses: Sequence[Hypothesis]) -> list[Score]:
         """Scores to second order, at the prior that suits a hypothesis best, evidence of that prior included."""
-        columns, bounds = [h.columns for h in hypotheses], [h.bounds for h in hypotheses]
-        sizes = sorted({size for h in hypotheses for size in h.sizes})
-        best = self.best.evidence
-        scored = zip(self.fits, self.model.screen_beside(self.fits, columns, bounds, sizes), strict=True)
-        per_fit = [[Score(s.value + fit.evidence - best, s.size) for s in scores] for fit, scores in scored]
-        return [max(scores, key=lambda score: score.value) for scores in zip(*per_fit, strict=True)]
+        return self._best_of(_screened(self.model, self.fits, hypotheses))
 
     def hoped_for(self, hypotheses: Sequence[Hypothesis]) -> list[float]:
         """Scores to second order as if every row said something new, which it may beside what is not yet in the model.
 
         A large effect that is missing remembers itself, and by its memory the rows are worth too little to show it.
         """
-        model, columns, bounds = self._hopeful.model, [h.columns for h in hypotheses], [h.bounds for h in hypotheses]
-        sizes = sorted({size for h in hypotheses for size in h.sizes})
-        (scores,) = model.screen_beside(self._hopeful.fits, columns, bounds, sizes)
-        return [score.value for score in scores]
+        return [score.value for score in _screened(self.model, [self._hopeful], hypotheses)[0]]
+
+    def screened_and_hoped_for(self, hypotheses: Sequence[Hypothesis]) -> tuple[list[Score], list[float]]:
+        """Return `screened` and `hoped_for`: the rows are the same, and so are the products with them."""
+        *per_fit, hopeful = _screened(self.model, [*self.fits, self._hopeful], hypotheses)
+        return self._best_of(per_fit), [score.value for score in hopeful]
+
+    def _best_of(self, per_fit: Sequence[Sequence[Score]]) -> list[Score]:
+        """Of scores beside every fit, those at the prior that suits a hypothesis best."""
+        best = self.best.evidence
+        weighed = [
+            [Score(s.value + fit.evidence - best, s.size) for s in scores]
+            for fit, scores in zip(self.fits, per_fit, strict=True)
+        ]
+        return [max(scores, key=lambda score: score.value) for scores in zip(*weighed, strict=True)]
 
     @cached_property
-    def _hopeful(self) -> Beside:
-        """The model with independent rows, at the most probable prior."""
+    def _hopeful(self) -> Fit:
+        """The fit with independent rows, at the most probable prior."""
         model = replace(self.model, n_effective=np.array([moves.sum() for moves in self.model.counted], dtype=float))
-        return replace(self, model=model, fits=(model.fit(self.best.choice, self.best.noise),))
+        return model.fit(self.best.choice, self.best.noise)
 
     def evidence_for(self, hypothesis: Hypothesis) -> tuple[float, Columns]:
         """Logarithm of the Bayes factor with the noise estimated anew, and the columns in their likeliest size.
@@ -149,6 +155,12 @@ class Beside:
         width = len(hypothesis.unit)
         x, std = best.x[-width:], np.sqrt(np.diag(best.covariance)[-width:])
         return best.evidence - without.evidence + float(sign_cost(x / std, hypothesis.bounds)), columns
+
+
+def _screened(model: LinearModel, fits: Sequence[Fit], hypotheses: Sequence[Hypothesis]) -> list[list[Score]]:
+    """Scores to second order beside each of several fits to the same rows."""
+    columns, bounds = [h.columns for h in hypotheses], [h.bounds for h in hypotheses]
+    return model.screen_beside(fits, columns, bounds, sorted({size for h in hypotheses for size in h.sizes}))
 
 
 def places_of(hypotheses: Sequence[Hypothesis]) -> dict[Place, list[int]]:

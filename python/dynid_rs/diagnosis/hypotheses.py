@@ -36,6 +36,9 @@ ROUNDING = 1e-9
 CHUNK = 48
 """Effects whose columns are built in one pass over a run; more would only take more memory."""
 
+MOST_WANTED = 0.5
+"""Part of all joints on which an effect's columns have to be wanted for a pass over all to be worth it."""
+
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
@@ -262,11 +265,19 @@ class Catalogue:
         for first in range(0, len(packs), CHUNK):
             part = packs[first : first + CHUNK]
             effects = [self._effect(kind, pack) for pack in part]
+            # A pass over all joints is for many of them; the slopes of one shape are wanted on one.
+            few = sum(map(len, part)) < MOST_WANTED * len(part) * self.fit.robot.n_joints
             for states in self.runs:
-                rows = self._rows(effects, states) if len(effects) > 1 else self._few(effects[0], states, list(part[0]))
-                for p, pack in enumerate(part):
+                if few:
+                    rows = [self._few(effect, states, list(pack)) for effect, pack in zip(effects, part, strict=True)]
+                else:
+                    whole = self._rows(effects, states)
+                    rows = [
+                        {j: own[:, p * width : (p + 1) * width] for j, own in whole.items()} for p in range(len(part))
+                    ]
+                for built, pack in zip(rows, part, strict=True):
                     for s in dict.fromkeys(s for s, _ in pack.values()):
-                        parts[s].append({j: rows[j][:, p * width : (p + 1) * width] for j in s.joints})
+                        parts[s].append({j: built[j] for j in s.joints})
         for s, runs in parts.items():
             columns = {j: np.concatenate([run[j] for run in runs]) for j in s.joints}
             for place, j in enumerate(s.joints[1:], 1):

@@ -56,14 +56,14 @@ def evidence(
 
     Also the hypotheses of all places that are not hopeless: those that may yet pass beside what is named next.
     """
-    screened = np.array([score.value for score in beside.screened(hypotheses)])
-    hoped = np.array(beside.hoped_for(hypotheses)) if hypotheses else screened
+    scores, hopes = beside.screened_and_hoped_for(hypotheses) if hypotheses else ([], [])
+    screened, hoped = np.array([score.value for score in scores]), np.array(hopes)
     places = places_of(hypotheses)
     values: dict[Place, Value] = {}
-    for scores, n_places in ((screened, SHORTLIST), (hoped, HOPED_FOR)):
-        first = sorted(places, key=lambda place: -float(scores[places[place]].max()))[:n_places]
+    for values_of, n_places in ((screened, SHORTLIST), (hoped, HOPED_FOR)):
+        first = sorted(places, key=lambda place: -float(values_of[places[place]].max()))[:n_places]
         for place in first:
-            value = _averaged(beside, hypotheses, scores, places[place], catalogue)
+            value = _averaged(beside, hypotheses, values_of, places[place], catalogue)
             if value is not None and (place not in values or value.value > values[place].value):
                 values[place] = value
     kept = {place for place, at in places.items() if hoped[at].max() > HOPELESS}
@@ -127,6 +127,7 @@ def helps(
     joints through the links that they share is judged when all names are in.
     """
     own = list(joints)
+    powers = []
     for left_out in (parts, runs):
         if not left_out:
             continue
@@ -134,8 +135,12 @@ def helps(
         without = before.model.left_out(before.best, left_out)[:, own]
         if worse((with_it - without) @ before.best.weights[own] ** 2):
             return False
+        powers.append((with_it, without))
     alike = next(fit for fit in before.fits if fit.choice == after.best.choice)
-    left, lost = (b.model.left_out(fit, parts)[:, own].sum(axis=0) for b, fit in ((after, after.best), (before, alike)))
+    with_it, without = powers[0]
+    if alike is not before.best:
+        without = before.model.left_out(alike, parts)[:, own]
+    left, lost = with_it.sum(axis=0), without.sum(axis=0)
     gain = 1 - np.sqrt(left / np.maximum(lost, 1e-300))
     return bool(gain.max() > LEAST_GAIN)
 

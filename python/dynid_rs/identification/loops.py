@@ -29,6 +29,7 @@ from dynid_rs.model.known import less_known
 from dynid_rs.model.placed import PlacedEffect, effects_of
 from dynid_rs.regression.columns import Observations, Plan, make_plan, observe
 from dynid_rs.regression.evaluation import rmse as rms
+from dynid_rs.regression.kept_columns import kept_answer
 from dynid_rs.regression.systems import block_residuals
 from dynid_rs.runs.encoders import EncoderDelay, estimate_encoder_delay
 from dynid_rs.runs.preprocessing import States, is_of_load, top_speed
@@ -100,12 +101,12 @@ class Loops:
         data = self.data
         n = self.robot.n_joints
         first_friction = friction_effect(np.zeros(n), np.full(n, FIRST_WIDTH))
-        # The baseline knows no effects; what it says of the load is what they begin with.
-        self.plan = declared_plan(self.robot, first_friction)
         self.runs = less_known(data.known, [self._as_seen(states) for states in data.runs])
-        self.observations = observe(self.plan, self.runs)
-        simple, regroup = baseline(self.observations)
-        self._first = LinkDynamicsIdentifier(prior=None).fit(simple, fit_scale=data.in_ampere)
+        # The baseline knows no effects; what it says of the load is what they begin with. While a diagnosis comes and
+        # goes with effects it stays what it is.
+        runs = [(states.motion, states.digest("tau"), states.counted.tobytes()) for states in self.runs]
+        made_of = self.robot, data.in_ampere, *runs
+        self.plan, self._first, regroup = kept_answer(made_of, lambda: self._baseline(first_friction))
         self._held = self._first.phi_base_, self._first.torque_scale_
         self.stages = [self.model(self.plan, self._first, self._first.own_ @ regroup.T)]
         if all(states.two_encoders for states in data.runs):
@@ -124,6 +125,12 @@ class Loops:
         check_reversals(slow_runs, mirrors, self.robot.joint_names)
         self._pairs: list[PairWindow] = pair_windows(slow_runs, mirrors)
         self._third_loop = [np.zeros_like(states.tau) for states in self.runs]
+
+    def _baseline(self, friction: _core.Effect) -> tuple[Plan, LinkDynamicsIdentifier, FloatArray]:
+        """Plan of the declared model, the baseline fitted to the runs, and its own columns among the plan's."""
+        plan = declared_plan(self.robot, friction)
+        simple, regroup = baseline(observe(plan, self.runs))
+        return plan, LinkDynamicsIdentifier(prior=None).fit(simple, fit_scale=self.data.in_ampere), regroup
 
     def fit_friction(self) -> None:
         """First loop: friction's shape, on what the links leave; the pairs decide where a joint has some."""

@@ -6,17 +6,15 @@ Eqs. 31-39.
 from __future__ import annotations
 
 import warnings
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, RegressorMixin
-from sklearn.cluster import kmeans_plusplus
 from sklearn.mixture import GaussianMixture
-from sklearn.utils import check_random_state
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from dynid_rs import _core
+from dynid_rs.identification.mixture_fit import Fit, bic, in_units, iterated, standardised, start_at
 
 FloatArray = NDArray[np.float64]
 
@@ -89,13 +87,11 @@ class GaussianMixtureRegressor(RegressorMixin, BaseEstimator):  # type: ignore[m
         if self.solver not in SOLVERS:
             raise ValueError(f"solver must be one of {', '.join(SOLVERS)}, found {self.solver!r}")
         X, y = validate_data(self, X, y, y_numeric=True, dtype=np.float64, ensure_min_samples=2)
-        data = np.column_stack([X, y])
-        centre, spread = data.mean(axis=0), data.std(axis=0)
-        spread[spread == 0] = 1.0  # a constant input carries nothing, and must not divide by zero
-        large = len(data) >= FUSED_FROM and data.shape[1] <= FUSED_WIDTH
+        x, centre, spread = standardised(np.column_stack([X, y]))
+        large = len(x) >= FUSED_FROM and x.shape[1] <= FUSED_WIDTH
         fused = self.solver == "fused" or (self.solver == "auto" and large)
         mixture = GaussianMixture(
-            min(self.n_components, len(data)),
+            min(self.n_components, len(x)),
             reg_covar=self.reg_covar,
             max_iter=self.max_iter,
             tol=self.tol,
@@ -103,15 +99,10 @@ class GaussianMixtureRegressor(RegressorMixin, BaseEstimator):  # type: ignore[m
             means_init=None if self.means_init is None else (np.asarray(self.means_init) - centre) / spread,
             random_state=self.random_state,
         )
-        fit = (_iterated if fused else _fitted)(mixture, (data - centre) / spread)
+        fit = (_iterated if fused else _fitted)(mixture, x)
         self.converged_, self.n_iter_ = fit.converged, fit.n_iter
-        self.bic_ = _bic(fit, len(data))
-        alive = fit.weights > 0
-        self.mixture_ = _core.GaussianMixtureRegression(
-            fit.weights[alive],
-            fit.means[alive] * spread + centre,
-            fit.covariances[alive] * np.outer(spread, spread),
-        )
+        self.bic_ = bic(fit, len(x))
+        self.mixture_ = in_units(fit, centre, spread)
         return self
 
     def predict(self, X: ArrayLike, return_std: bool = False) -> Any:
@@ -122,19 +113,7 @@ class GaussianMixtureRegressor(RegressorMixin, BaseEstimator):  # type: ignore[m
         return (mean, np.sqrt(variance)) if return_std else mean
 
 
-class _Fit(NamedTuple):
-    """What either solver finds."""
-
-    weights: FloatArray
-    means: FloatArray
-    covariances: FloatArray
-    log_likelihood: float
-    """Mean per sample, of the mixture found."""
-    n_iter: int
-    converged: bool
-
-
-def _fitted(mixture: GaussianMixture, x: FloatArray) -> _Fit:
+def _fitted(mixture: GaussianMixture, x: FloatArray) -> Fit:
     """Fit by scikit-learn."""
     from sklearn.exceptions import ConvergenceWarning
 
@@ -143,15 +122,13 @@ def _fitted(mixture: GaussianMixture, x: FloatArray) -> _Fit:
         mixture.fit(x)
     log_likelihood, n_iter, converged = mixture.score(x), mixture.n_iter_, mixture.converged_
     parts = mixture.weights_, mixture.means_, mixture.covariances_
-    return _Fit(*parts, float(log_likelihood), int(n_iter), bool(converged))
+    return Fit(*parts, float(log_likelihood), int(n_iter), bool(converged))
 
 
-def _iterated(mixture: GaussianMixture, x: FloatArray) -> _Fit:
+def _iterated(mixture: GaussianMixture, x: FloatArray) -> Fit:
     """Fit by Rust as scikit-learn would."""
-    weights, means, covariances, bounds, converged, log_likelihood = _core.fit_mixture(
-        x, *start_of(mixture, x), reg_covar=mixture.reg_covar, tol=mixture.tol, max_iter=mixture.max_iter
-    )
-    return _Fit(weights, means, covariances, log_likelihood, len(bounds), converged)
+    settings = {"reg_covar": mixture.reg_covar, "tol": mixture.tol, "max_iter": mixture.max_iter}
+    return iterated(x, start_of(mixture, x), **settings)
 
 
 def start_of(mixture: GaussianMixture, x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -164,15 +141,4 @@ def start_of(mixture: GaussianMixture, x: FloatArray) -> tuple[FloatArray, Float
     x : (n_samples, n_features)
         Data.
     """
-    _, chosen = kmeans_plusplus(x, mixture.n_components, random_state=check_random_state(mixture.random_state))
-    count = 1 + 10 * np.finfo(np.float64).eps  # so that an empty component divides by something
-    weights = np.full(len(chosen), count / len(x))
-    means = x[chosen] / count if mixture.means_init is None else np.asarray(mixture.means_init)
-    return weights, means, np.tile(mixture.reg_covar * np.eye(x.shape[1]), (len(chosen), 1, 1))
-
-
-def _bic(fit: _Fit, n_samples: int) -> float:
-    """Bayesian information criterion: what is free are the weights but one, the means and half the covariances."""
-    k, d = fit.means.shape
-    n_free = (k - 1) + k * d + k * d * (d + 1) // 2
-    return float(-2 * fit.log_likelihood * n_samples + n_free * np.log(n_samples))
+    return start_at(x, mixture.n_components, mixture.reg_covar, mixture.means_init, mixture.random_state)

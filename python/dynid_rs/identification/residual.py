@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from dynid_rs import _core
 from dynid_rs.base.estimator import Estimator
+from dynid_rs.identification.mixture_fit import MixtureFit
 from dynid_rs.identification.partially_linear import LeftOut, LinearTerms, fit_beside
 from dynid_rs.runs.preprocessing import States
 
@@ -235,10 +236,7 @@ class ResidualCompensator(Estimator):
         return make
 
     def _mixture(self, n_components: int, means: FloatArray | None) -> Any:
-        # scikit-learn takes a second to import; without a third loop nobody needs it.
-        from dynid_rs.identification.mixture import GaussianMixtureRegressor
-
-        return GaussianMixtureRegressor(n_components, tol=1e-2, means_init=means, random_state=self.random_state)
+        return MixtureFit(n_components, tol=1e-2, means_init=means, random_state=self.random_state)
 
     def _thin(self, n_rows: int) -> int:
         return max(1, n_rows // self.max_samples)

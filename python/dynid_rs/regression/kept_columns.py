@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from dynid_rs.runs.preprocessing import States
 
 FloatArray = NDArray[np.float64]
 PerJoint = list[FloatArray]
+Answer = TypeVar("Answer")
 
 MOST_BYTES = 20_000_000
 """Size of all columns that are kept; those that were used longest ago go first."""
@@ -30,6 +31,8 @@ class KeptColumns:
 
     _parts: dict[tuple[Any, ...], PerJoint] = field(default_factory=dict)
     _bytes: int = 0
+    answers: dict[Any, Any] = field(default_factory=dict)
+    """What else was made of the same motion: small, and asked for at every fit."""
 
     def get(self, key: tuple[Any, ...]) -> PerJoint | None:
         """Return what was kept, as the last that was used."""
@@ -72,6 +75,17 @@ def kept(key: tuple[Any, ...], build: Callable[[], PerJoint]) -> PerJoint:
         if columns is not None:
             columns.put(key, part)
     return part
+
+
+def kept_answer(made_of: Any, build: Callable[[], Answer]) -> Answer:
+    """Return what has been built of the same before, inside of `keeping_columns`; nobody changes it."""
+    columns = _KEPT.get()
+    if columns is None:
+        return build()
+    if made_of not in columns.answers:
+        columns.answers = {made_of: build()}  # another robot or other runs: the last ones are not asked for again
+    answer: Answer = columns.answers[made_of]
+    return answer
 
 
 def effect_rows(effect: _core.Effect, states: States, j: int) -> FloatArray:

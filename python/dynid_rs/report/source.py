@@ -12,6 +12,7 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid_rs.base.arrow_arrays import to_numpy
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.files import check_readable, with_sentence
 from dynid_rs.base.json_file import read_json
@@ -212,7 +213,7 @@ def _read_signals(path: Path, n_joints: int) -> Signals:
         if name in ("run", "set"):
             continue
         try:
-            values = np.asarray(table.column(name).to_numpy(), dtype=np.float64)
+            values = np.asarray(to_numpy(table.column(name)), dtype=np.float64)
         except (ValueError, TypeError, pa.ArrowException):
             _refuse(path, f"column {name} must hold numbers", column=name)
         if not np.isfinite(values).all():
@@ -230,7 +231,7 @@ def _codes(column: Any) -> tuple[NDArray[np.int64], tuple[str, ...]]:
     import pyarrow as pa
 
     encoded = column.cast(pa.string()).fill_null("").combine_chunks().dictionary_encode()
-    codes = np.asarray(encoded.indices.to_numpy(zero_copy_only=False), dtype=np.int64)
+    codes = np.asarray(to_numpy(pa.chunked_array([encoded.indices])), dtype=np.int64)
     return codes, tuple(encoded.dictionary.to_pylist())
 
 

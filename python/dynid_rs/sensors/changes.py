@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from dynid_rs import _core
 from dynid_rs.runs.checks.excitation import TOGETHER
 from dynid_rs.runs.checks.motion import correlation
-from dynid_rs.sensors.fit import ArmFit, ArmPrior, fit_arm
+from dynid_rs.sensors.fit import ArmFit, ArmPrior, fit_arm, fit_arms
 from dynid_rs.sensors.rows import ArmRows, Moments
 
 FloatArray = NDArray[np.float64]
@@ -106,9 +106,9 @@ def wiring_trials(bench: Bench) -> Iterator[Trial]:
         if layout.positions is not None:
             moments = tuple(Moments.of(bench.robot, layout.positions(rows)) for rows in bench.rows)
         changed = [run.picked(layout.channels, layout.sign) for run in moments]
-        for runs in bench.places:
-            tried = [changed[k] if k in runs else plain for k, plain in enumerate(bench.plain)]
-            yield Trial(layout.code, layout.joints, runs, bench.fitted(tried), layout.shift)
+        tried = [[changed[k] if k in runs else plain for k, plain in enumerate(bench.plain)] for runs in bench.places]
+        for runs, fit in zip(bench.places, fit_arms(bench.prior, tried, bench.size), strict=True):
+            yield Trial(layout.code, layout.joints, runs, fit, layout.shift)
 
 
 class Layout(NamedTuple):

@@ -92,75 +92,92 @@ def fit_arm(prior: ArmPrior, runs: Sequence[Moments], size: FloatArray) -> ArmFi
     size : ndarray (n_joints,)
         Standard deviation of every torque channel: the scale of noise and of what friction may be.
     """
+    return fit_arms(prior, [runs], size)[0]
+
+
+def fit_arms(prior: ArmPrior, tried: Sequence[Sequence[Moments]], size: FloatArray) -> list[ArmFit]:
+    """`fit_arm` of the same runs as several changes have them, side by side: systems this small are mostly overhead."""
     n = len(size)
     n_links = len(prior.mean)
-    own = slice(n_links, None)
-    all_columns, all_cross = np.stack([run.columns for run in runs]), np.stack([run.cross[:, :, 0] for run in runs])
-    all_power = np.stack([run.power[:, 0] for run in runs])
-    counts = np.stack([run.count for run in runs])
-    columns, cross, power = all_columns.sum(axis=0), all_cross.sum(axis=0), all_power.sum(axis=0)
-    count = np.maximum(counts.sum(axis=0), 1.0)
-    n_own = columns.shape[1] - n_links
+    all_columns = np.array([[run.columns for run in runs] for runs in tried])
+    all_cross = np.array([[run.cross[:, :, 0] for run in runs] for runs in tried])
+    all_power = np.array([[run.power[:, 0] for run in runs] for runs in tried])
+    counts = np.array([[run.count for run in runs] for runs in tried])
+    columns, cross, power = all_columns.sum(axis=1), all_cross.sum(axis=1), all_power.sum(axis=1)
+    count = np.maximum(counts.sum(axis=1), 1.0)
+    n_tried, n_own = len(tried), columns.shape[2] - n_links
     total = n_links + n_own * n
-    mean, precision = np.zeros(total), np.zeros(total)
-    mean[:n_links], precision[:n_links] = prior.mean, prior.std**-2.0
+    diagonal = np.arange(total)
+    mean, precision = np.zeros(total), np.zeros((n_tried, total))
+    mean[:n_links], precision[:, :n_links] = prior.mean, prior.std**-2.0
     # What friction, offset and rotor may be: as large as the torque.
-    squares = np.diagonal(columns, axis1=1, axis2=2)[:, own]
-    norms = np.sqrt(np.maximum(squares / count[:, None], 1e-300))
-    precision[own] = (np.where(norms > 1e-100, norms / size[:, None], 1.0) ** 2).ravel()
-    bounded = np.flatnonzero(np.arange(total) >= n_links).reshape(n, n_own)[:, 1:].ravel()
+    squares = np.diagonal(columns, axis1=2, axis2=3)[:, :, n_links:]
+    norms = np.sqrt(np.maximum(squares / count[:, :, None], 1e-300))
+    precision[:, n_links:] = (np.where(norms > 1e-100, norms / size[:, None], 1.0) ** 2).reshape(n_tried, -1)
+    bounded = np.flatnonzero(diagonal >= n_links).reshape(n, n_own)[:, 1:].ravel()
     floor = (LEAST_NOISE * size) ** 2
-    variance = 0.01 * size**2
+    variance = np.broadcast_to(0.01 * size**2, (n_tried, n))
     for _ in range(N_ROUNDS):
         H, b = _weighted(columns, cross, 1 / variance / MEMORY, n_links)
-        H[np.diag_indices(total)] += precision
+        H[:, diagonal, diagonal] += precision
         x = _bounded(H, b + precision * mean, bounded)
-        at = np.concatenate([np.broadcast_to(x[:n_links], (n, n_links)), x[own].reshape(n, n_own)], axis=1)
+        at = np.empty((n_tried, n, n_links + n_own))
+        at[:, :, :n_links], at[:, :, n_links:] = x[:, None, :n_links], x[:, n_links:].reshape(n_tried, n, n_own)
         left = _left(columns, cross, power, at)
         variance = np.maximum(left / count, floor)
-    price = float(np.sum(precision * (x - mean) ** 2))
-    log = -0.5 * float(np.sum(count / MEMORY * np.log(variance))) - 0.5 * price
-    per_run = _left(all_columns, all_cross, all_power, at)
-    return ArmFit(x, left / count / size**2, variance, log, per_run / np.maximum(counts, 1.0) / size**2)
+    price = np.sum(precision * (x - mean) ** 2, axis=1)
+    log = -0.5 * np.sum(count / MEMORY * np.log(variance), axis=1) - 0.5 * price
+    per_run = _left(all_columns, all_cross, all_power, at[:, None]) / np.maximum(counts, 1.0) / size**2
+    share = left / count / size**2
+    return [ArmFit(*found) for found in zip(x, share, variance, log.tolist(), per_run, strict=True)]
 
 
 def _weighted(
     columns: FloatArray, cross: FloatArray, weight: FloatArray, n_links: int
 ) -> tuple[FloatArray, FloatArray]:
     """Normal equations of all joints: the links', then each joint's own."""
-    n, own = len(weight), slice(n_links, None)
-    n_own = columns.shape[1] - n_links
+    (n_tried, n), own = weight.shape, slice(n_links, None)
+    n_own = columns.shape[2] - n_links
     total = n_links + n_own * n
-    weighted, moments = columns * weight[:, None, None], cross * weight[:, None]
-    H = np.zeros((total, total))
-    H[:n_links, :n_links] = weighted[:, :n_links, :n_links].sum(axis=0)
-    H[:n_links, own] = np.moveaxis(weighted[:, :n_links, own], 0, 1).reshape(n_links, n_own * n)
-    H[own, :n_links] = H[:n_links, own].T
+    weighted, moments = columns * weight[:, :, None, None], cross * weight[:, :, None]
+    H = np.zeros((n_tried, total, total))
+    H[:, :n_links, :n_links] = weighted[:, :, :n_links, :n_links].sum(axis=1)
+    H[:, :n_links, own] = np.moveaxis(weighted[:, :, :n_links, own], 1, 2).reshape(n_tried, n_links, n_own * n)
+    H[:, own, :n_links] = np.swapaxes(H[:, :n_links, own], 1, 2)
     at = n_links + np.arange(n_own * n).reshape(n, n_own)
-    H[at[:, :, None], at[:, None, :]] = weighted[:, own, own]
-    return H, np.concatenate([moments[:, :n_links].sum(axis=0), moments[:, own].ravel()])
+    H[:, at[:, :, None], at[:, None, :]] = weighted[:, :, own, own]
+    own_moments = moments[:, :, own].reshape(n_tried, -1)
+    return H, np.concatenate([moments[:, :, :n_links].sum(axis=1), own_moments], axis=1)
 
 
 def _left(A: FloatArray, b: FloatArray, power: FloatArray, x: FloatArray) -> FloatArray:
-    """What coefficients x (n_joints, n) leave of every joint's power, (..., n_joints)."""
+    """What coefficients x (..., n_joints, n) leave of every joint's power, (..., n_joints)."""
     taken = (A @ x[..., None])[..., 0]
     left: FloatArray = np.maximum(power + np.sum((taken - 2 * b) * x, axis=-1), 0.0)
     return left
 
 
 def _bounded(H: FloatArray, b: FloatArray, bounded: NDArray[np.intp]) -> FloatArray:
-    """Minimum of ``x'Hx/2 - b'x`` with some coefficients not negative: those that would be are set to zero."""
-    scale = 1 / np.sqrt(np.diag(H))
-    S, right = H * np.outer(scale, scale), scale * b
-    S[np.diag_indices(len(b))] += 1e-12
-    free = np.ones(len(b), dtype=bool)
-    x = np.zeros(len(b))
+    """Minima of ``x'Hx/2 - b'x`` with some coefficients not negative: those that would be are set to zero.
+
+    H (n_tried, n, n), b (n_tried, n).
+    """
+    n = b.shape[1]
+    scale = 1 / np.sqrt(np.diagonal(H, axis1=1, axis2=2))
+    S, right = H * (scale[:, :, None] * scale[:, None, :]), scale * b
+    S[:, np.arange(n), np.arange(n)] += 1e-12
+    x = np.empty_like(b)
+    open_ = np.arange(len(b))
     for _ in range(len(bounded)):
-        x[:] = 0.0
-        keep = np.flatnonzero(free)
-        x[keep] = scale[keep] * np.linalg.solve(S if len(keep) == len(b) else S[np.ix_(keep, keep)], right[keep])
-        negative = bounded[x[bounded] < 0]
-        if not len(negative):
+        x[open_] = scale[open_] * np.linalg.solve(S[open_], right[open_][:, :, None])[:, :, 0]
+        negative = np.zeros((len(open_), n), dtype=bool)
+        negative[:, bounded] = x[open_][:, bounded] < 0
+        moved = negative.any(axis=1)
+        open_, negative = open_[moved], negative[moved]
+        if not len(open_):
             break
-        free[negative] = False
+        # An unknown of its own, with nothing to explain.
+        held, where = np.nonzero(negative)
+        S[open_[held], where], S[open_[held], :, where], right[open_[held], where] = 0.0, 0.0, 0.0
+        S[open_[held], where, where] = 1.0
     return x

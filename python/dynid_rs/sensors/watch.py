@@ -19,7 +19,6 @@ from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.model.assembly import evaluate
 from dynid_rs.regression.columns import run_rows
 from dynid_rs.regression.fitted import weighted_system
-from dynid_rs.regression.systems import stack_one
 from dynid_rs.runs.preprocessing import MEMORY, States
 
 FloatArray = NDArray[np.float64]
@@ -87,11 +86,12 @@ class Usual:
         """Standard deviation of the predicted torque in the band on the rows' grid, (n_grid, n_joints)."""
         fit, plan = self._fit, self._plan
         rows = run_rows(plan, self._loaded(states), states.tau, kept=states.grid.tolist())
-        scale = fit.links_.torque_scale_
-        return np.stack(
-            [np.linalg.norm(stack_one(plan, j, x, scale)[:, :-1] @ self._root, axis=1) for j, x in enumerate(rows)],
-            axis=1,
-        )
+        unsure = np.empty((len(rows[0]), len(rows)))
+        for j, (own, scale) in enumerate(zip(rows, fit.links_.torque_scale_, strict=True)):
+            root = self._root[plan.unknowns(j)]
+            root[plan.n_own :] *= scale
+            unsure[:, j] = np.linalg.norm(own[:, :-1] @ root, axis=1)
+        return unsure
 
     def _extremes(self, states: States) -> FloatArray:
         return np.stack([np.abs(states.dq).max(axis=0), np.abs(self.load(states)).max(axis=0)])

@@ -69,5 +69,6 @@ pub use rbf::NormalisedRbf;
 pub use residual::{Load, Regression, Residual, ResidualInputs};
 pub use robot::{Joint, JointKind, JointLimits, RobotModel};
 pub use signal::{Signal, SignalKind, MAX_INPUTS};
+pub use slices::all_finite;
 pub use state::State;
 pub use uncertainty::Uncertainty;

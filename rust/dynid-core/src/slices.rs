@@ -31,6 +31,19 @@ pub fn tail(x: &[f64], start: usize) -> &[f64] {
     x.get(start..).unwrap_or_default()
 }
 
+/// Whether every number is finite: what is not, times zero, is no number. Without a way out on the way, eight at a time.
+#[must_use]
+pub fn all_finite(x: &[f64]) -> bool {
+    let (eights, rest) = x.as_chunks::<8>();
+    let mut nothing = [0.0; 8];
+    for eight in eights {
+        for (sum, x) in nothing.iter_mut().zip(eight) {
+            *sum += x * 0.0;
+        }
+    }
+    nothing.iter().all(|sum| *sum == 0.0) && rest.iter().all(|x| x.is_finite())
+}
+
 /// Writes value `k`.
 #[inline(always)]
 pub fn set(x: &mut [f64], k: usize, value: f64) {
@@ -127,5 +140,25 @@ impl<'a> Iterator for RowsMut<'a> {
         let (row, rest) = core::mem::take(&mut self.rest).split_at_mut_checked(self.n)?;
         self.rest = rest;
         Some(row)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::all_finite;
+
+    #[test]
+    fn one_number_that_is_none_is_seen_wherever_it_stands() {
+        for n in 0..40 {
+            let mut x: Vec<f64> = (0..n).map(|k| 1e300 * (f64::from(k) - 7.0)).collect();
+            assert!(all_finite(&x), "{n}");
+            for k in 0..x.len() {
+                for wrong in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+                    let was = std::mem::replace(&mut x[k], wrong);
+                    assert!(!all_finite(&x), "{n} {k}");
+                    x[k] = was;
+                }
+            }
+        }
     }
 }

@@ -3,7 +3,7 @@
 use crate::dynamics::check_length;
 use crate::error::CoreError;
 use crate::lanes::{Lanes, Portable};
-use crate::slices::at;
+use crate::slices::{self, at};
 
 /// One state, borrowed. With a single encoder the motor side *is* the link side: [`State::single`].
 #[derive(Clone, Copy, Debug)]
@@ -68,8 +68,7 @@ impl<'a> State<'a> {
     pub fn is_finite(&self) -> bool {
         self.signals()
             .iter()
-            // Without a way out on the way: eight at a time.
-            .all(|(_, signal)| signal.iter().fold(true, |all, x| all & x.is_finite()))
+            .all(|(_, signal)| slices::all_finite(signal))
     }
 
     /// Deflection of joint `j` and its rate: motor minus link \[rad, rad/s\]. The channels must be on one clock

@@ -1,7 +1,7 @@
 //! Columns and torque of one effect along a run, memory and all: what the estimator sums online, to the same bits.
 
 use dynid_core::effects::{motor_torque_into, TAU_MOTOR};
-use dynid_core::{CoreError, Effect, EffectInput, EffectTerm, State};
+use dynid_core::{all_finite, CoreError, Effect, EffectInput, EffectTerm, State};
 use rayon::prelude::*;
 
 use crate::error::OfflineError;
@@ -39,8 +39,9 @@ impl<'a> RunSignals<'a> {
     /// # Errors
     /// [`OfflineError::NonFinite`] if a number is not finite.
     pub(crate) fn check_finite(&self) -> Result<(), OfflineError> {
-        if self.state.is_finite() {
-            self.check_others()
+        let optional = [self.tau_link, self.tau_motor, self.state.temperature];
+        if self.state.is_finite() && optional.into_iter().flatten().all(all_finite) {
+            Ok(())
         } else {
             Err(OfflineError::NonFinite { what: "run" })
         }
@@ -49,7 +50,6 @@ impl<'a> RunSignals<'a> {
     /// [`Self::check_finite`] of all but q, dq and ddq of the links; the motors' where they are other arrays.
     pub(crate) fn check_others(&self) -> Result<(), OfflineError> {
         let state = &self.state;
-        let finite = |values: &[f64]| values.iter().fold(true, |all, x| all & x.is_finite());
         let motor = [
             (state.q_motor, state.q),
             (state.dq_motor, state.dq),
@@ -62,7 +62,7 @@ impl<'a> RunSignals<'a> {
         let optional = [self.tau_link, self.tau_motor, state.temperature]
             .into_iter()
             .flatten();
-        if own.chain(optional).all(finite) {
+        if own.chain(optional).all(all_finite) {
             Ok(())
         } else {
             Err(OfflineError::NonFinite { what: "run" })

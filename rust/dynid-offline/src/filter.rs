@@ -207,6 +207,11 @@ impl<const N: usize> Kernel for Pass<'_, N> {
             self.columns::<L, 1>(first);
             first += L::LEN;
         }
+        // Fewer columns than lanes: one waits for itself, four side by side do not.
+        while first + 4 <= N {
+            self.columns::<S, 4>(first);
+            first += 4;
+        }
         while first < N {
             self.columns::<S, 1>(first);
             first += 1;

@@ -4,11 +4,12 @@
 //! the links' columns are made orthonormal and taken out of the torque. The quadratic and cubic columns do not depend on
 //! the width, so they are kept for as long as the threshold stays.
 
-use dynid_core::effects::{friction_columns, N_FRICTION};
+use dynid_core::effects::N_FRICTION;
 use faer::Mat;
 
 use crate::error::OfflineError;
 use crate::filter::ZeroPhase;
+use crate::friction_basis::friction_basis;
 
 /// Columns that are filtered side by side: Coulomb and first viscous order, then second and third.
 const HALF: usize = N_FRICTION / 2;
@@ -149,15 +150,10 @@ impl FrictionSearch {
         let usable = |high: &HighOrders| high.threshold == threshold && high.all_links == all_links;
         let low: [Vec<f64>; HALF];
         if self.n_orders < 2 || scratch.high.as_ref().is_some_and(usable) {
-            low = self.columns(all_links, &mut scratch.half, |speed| {
-                let columns = friction_columns(speed, threshold, width);
-                std::array::from_fn(|k| columns[k])
-            });
+            low = self.columns(all_links, &mut scratch.half, threshold, width);
         } else {
             let mut both = self
-                .columns(all_links, &mut scratch.whole, |speed| {
-                    friction_columns(speed, threshold, width)
-                })
+                .columns(all_links, &mut scratch.whole, threshold, width)
                 .into_iter();
             low = std::array::from_fn(|_| both.next().unwrap_or_default());
             scratch.high = Some(HighOrders {
@@ -179,18 +175,20 @@ impl FrictionSearch {
         power_left(&mut columns, self.tau_left[usize::from(all_links)].clone())
     }
 
-    /// Filtered rows of N columns, links taken out, one vector per column.
+    /// Filtered rows of friction's first N columns of this shape, links taken out, one vector per column.
     fn columns<const N: usize>(
         &self,
         all_links: bool,
         buffers: &mut Buffers<N>,
-        at: impl Fn(f64) -> [f64; N],
+        threshold: f64,
+        width: f64,
     ) -> [Vec<f64>; N] {
         let mut rows = Vec::with_capacity(self.n_rows);
         let Buffers { samples, work } = buffers;
         for run in &self.runs {
             samples.clear();
-            samples.extend(run.speeds.iter().map(|&speed| at(speed)));
+            let basis = friction_basis(&run.speeds, threshold, width);
+            samples.extend(basis.iter().map(|row| std::array::from_fn(|k| row[k])));
             run.filter.apply(samples, work);
             match &run.mirrored {
                 None => rows.extend(run.kept.iter().map(|&k| samples[k])),
@@ -325,6 +323,7 @@ fn dot(x: &[f64], y: &[f64]) -> f64 {
 mod tests {
     use super::*;
     use crate::factor::triangular_factor;
+    use dynid_core::effects::friction_columns;
 
     fn wave(n: usize, pace: f64) -> Vec<f64> {
         (0..n).map(|k| (k as f64 * pace).sin()).collect()

@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use dynid_core::link_params::N_LINK_PARAMS;
-use dynid_core::{Effect, RobotModel, State};
+use dynid_core::{all_finite, Effect, RobotModel, State};
 use rayon::prelude::*;
 
 use crate::columns::RunSignals;
@@ -181,7 +181,7 @@ pub(crate) fn check(
     sampling: &Sampling,
     n_samples: usize,
 ) -> Result<(), OfflineError> {
-    if !run.tau.iter().all(|x| x.is_finite()) {
+    if !all_finite(run.tau) {
         return Err(OfflineError::NonFinite { what: "run" });
     }
     run.signals.check_finite()?;

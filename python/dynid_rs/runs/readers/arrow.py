@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid_rs.base.arrow_arrays import to_numpy
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.quoting import shown
 from dynid_rs.runs.readers.table import MAX_WIDTH, Columns, Texts, as_numbers, damaged
@@ -128,22 +129,22 @@ def _part(column: Any, place: int, width: int) -> NDArray[Any]:
     import pyarrow.compute as pc
 
     if not pa.types.is_fixed_size_list(column.type):
-        lengths = pc.fill_null(pc.list_value_length(column), 0).to_numpy()
+        lengths = to_numpy(pc.fill_null(pc.list_value_length(column), 0))
         if np.any(lengths != width):
             row = int(np.flatnonzero(lengths != width)[0])
             raise _UnlikeRows(row, int(lengths[row]))
-    return np.asarray(pc.list_element(column, place).to_numpy())
+    return to_numpy(pc.list_element(column, place))
 
 
 def _to_numpy(column: Any) -> NDArray[Any]:
     import pyarrow as pa
 
     if pa.types.is_timestamp(column.type):
-        return np.asarray(column.cast(pa.timestamp("ns")).cast(pa.int64()).to_numpy())
+        return to_numpy(column.cast(pa.timestamp("ns")).cast(pa.int64()))
     if pa.types.is_duration(column.type):
-        return np.asarray(column.cast(pa.duration("ns")).cast(pa.int64()).to_numpy())
+        return to_numpy(column.cast(pa.duration("ns")).cast(pa.int64()))
     if pa.types.is_dictionary(column.type):
         column = column.cast(column.type.value_type)
     if pa.types.is_decimal(column.type):
         column = column.cast(pa.float64())
-    return np.asarray(column.to_numpy())
+    return to_numpy(column)

@@ -11,6 +11,7 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from dynid_rs.base.arrow_arrays import to_numpy
 from dynid_rs.base.errors import DataError
 from dynid_rs.base.files import check_readable
 from dynid_rs.base.quoting import shown
@@ -112,7 +113,7 @@ def _load_fast(layout: Layout, wanted: Sequence[str]) -> Columns | None:
             )
         columns = {name: table.column(label) for name, label in zip(wanted, asked, strict=True)}
         return {
-            name: ticks(column.to_pylist()) if name in layout.stamps else column.to_numpy()
+            name: ticks(column.to_pylist()) if name in layout.stamps else to_numpy(column)
             for name, column in columns.items()
         }
     except DataError:
