@@ -1,5 +1,7 @@
 """The last fit: which prior it has, and that it harms no joint."""
 
+from copy import copy
+
 import numpy as np
 import pytest
 from exam.case import write_case
@@ -11,6 +13,10 @@ from dynid_rs.diagnosis.belief import fitted
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.diagnosis.weighing import weighed_as
 from dynid_rs.runs.splitting import split_runs
+
+
+def all_ways(fit):
+    return weighing._ways([len(states.rows) for states in fit.runs_])
 
 
 def prior(fit):
@@ -31,7 +37,7 @@ def declared(tmp_path_factory):
 def test_the_evidence_chooses_where_that_harms_nobody(declared):
     setup, train, _, fit = declared
     weighed = weighed_as(fit, fit, setup, train)
-    assert not weighing._does_harm(fit, weighed)
+    assert not weighing._does_harm(fit, weighed, all_ways(fit))
     assert prior(weighed) == prior(fit)
     np.testing.assert_allclose(weighed.links_.x_, fit.links_.x_, rtol=0.05, atol=1e-3 * np.abs(fit.links_.x_).max())
 
@@ -61,3 +67,21 @@ def test_what_was_found_on_a_short_run_harms_no_joint(declared):
     assert {effect.kind for effect in found.effects} >= {"stribeck", "load_hysteresis"}
     error = found.result["rmse"]["test"]
     assert np.all(np.array(error["after"]) < 1.05 * np.array(error["before"]))
+
+
+def test_a_right_name_lets_joints_weigh_by_what_they_leave_now(declared, monkeypatch):
+    """Whole runs say so, and nothing else: of a lone run the weights are those of before."""
+    setup, train, _, fit = declared
+    asked = []
+
+    def harm(other, tried, ways):
+        asked.append(len(ways))
+        return other is now
+
+    now = copy(fit)
+    monkeypatch.setattr(weighing, "_does_harm", harm)
+    assert len(fit.runs_) == 1
+    assert weighed_as(fit, now, setup, train) is not now
+    now.runs_ = [*fit.runs_, *fit.runs_]
+    assert weighed_as(fit, now, setup, train) is now
+    assert asked[-2:] == [1, 2]

@@ -1,4 +1,4 @@
-"""The last fit: joints weigh against each other as they did before anything had a name."""
+"""The last fit: joints weigh against each other as they did before anything had a name, unless that is seen to harm."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from dynid_rs.regression.evidence import Posterior
 from dynid_rs.runs.recording import Recording
 
 FloatArray = NDArray[np.float64]
+Parts = list[NDArray[np.bool_]]
 
 
 def weighed_as(
@@ -31,17 +32,30 @@ def weighed_as(
     right they would draw the links, and joints that have no name are predicted worse. At these weights the evidence
     chooses the prior anew; where some joint is then predicted worse than by the declared fit, on parts that were left
     out, that of the declared fit, or else of `fit`, stays if it does no such harm.
+
+    A name that is right makes rows that precise: where whole runs that were left out are predicted worse at these
+    weights than by `fit`, whose joints weigh by what they leave now, `fit` stays, if it harms no joint either. A lone
+    run cannot say so, for what is feared is harm elsewhere.
     """
+    weighed = _at_a_prior_that_harms_nobody(declared, fit, setup, train)
+    runs = [len(states.rows) for states in fit.runs_]
+    is_told = len(runs) > 1 and _does_harm(fit, weighed, [whole_runs(runs)])
+    return fit if is_told and not _does_harm(declared, fit, _ways(runs)) else weighed
+
+
+def _at_a_prior_that_harms_nobody(
+    declared: ThreeLoopIdentifier, fit: ThreeLoopIdentifier, setup: Setup, train: Sequence[Recording]
+) -> ThreeLoopIdentifier:
     links = clone(setup.options.get("links") or LinkDynamicsIdentifier())
     links.set_params(least_noise=_posterior(declared).noise_std)
     friction = SmoothFrictionIdentifier((fit.friction_.transition_width_, fit.friction_.sharpness_), held=True)
     weighed = fitted(setup, train, friction=friction, links=links)
-    likeliest = _posterior(weighed).choice
+    likeliest, ways = _posterior(weighed).choice, _ways([len(states.rows) for states in fit.runs_])
     for choice in dict.fromkeys((likeliest, _posterior(declared).choice, _posterior(fit).choice)):
         tried = weighed
         if choice != likeliest:
             tried = fitted(setup, train, friction=friction, links=links.set_params(believed=choice))
-        if not _does_harm(declared, tried):
+        if not _does_harm(declared, tried, ways):
             return tried
     return weighed
 
@@ -52,15 +66,18 @@ def _posterior(fit: ThreeLoopIdentifier) -> Posterior:
     return posterior
 
 
-def _does_harm(declared: ThreeLoopIdentifier, fit: ThreeLoopIdentifier) -> bool:
-    """Whether some joint of parts that were left out is predicted worse than by the declared fit."""
-    lengths = [len(states.rows) for states in fit.runs_]
-    ways = [parts for parts in (blocks(sum(lengths)), whole_runs(lengths)) if parts]
-    lost = [(_left_out(fit, parts), _left_out(declared, parts)) for parts in ways]
+def _ways(lengths: Sequence[int]) -> list[Parts]:
+    """Ways to leave out parts of runs of so many rows: by time, and whole runs."""
+    return [parts for parts in (blocks(sum(lengths)), whole_runs(lengths)) if parts]
+
+
+def _does_harm(other: ThreeLoopIdentifier, fit: ThreeLoopIdentifier, ways: Sequence[Parts]) -> bool:
+    """Whether some joint of parts that were left out is predicted worse by `fit` than by another."""
+    lost = [(_left_out(fit, parts), _left_out(other, parts)) for parts in ways]
     return any(bool(np.any(harms(after, before, len(ways)))) for after, before in lost)
 
 
-def _left_out(fit: ThreeLoopIdentifier, parts: list[NDArray[np.bool_]]) -> FloatArray:
+def _left_out(fit: ThreeLoopIdentifier, parts: Parts) -> FloatArray:
     """Power per part and joint, (n_parts, n_joints), at the fit's own prior and noise."""
     posterior = _posterior(fit)
     model = posterior.model(fit.observations_.plan, fit.observations_.joint_rows())
