@@ -13,6 +13,7 @@ SECONDS_EACH ?= 60
 SEED   ?= 1
 MUTANTS ?= 60
 ARMS ?= 20
+JOBS ?= 1
 ARCHS  ?= x86_64 aarch64
 
 .DEFAULT_GOAL := help
@@ -107,7 +108,7 @@ exam: $(STAMP) $(TOOLS) ## diagnose 200 fresh cases of an examiner that shares n
 	$(BIN)/python tests/exam/run.py --page docs/measured/exam.md
 
 loop: $(STAMP) $(TOOLS) ## drawn arms that nobody knows: excite, record, diagnose, excite what is open, until only noise is left (SEED=1 ARMS=20: hours)
-	$(BIN)/python tests/campaigns/loop.py --seed $(SEED) --arms $(ARMS) $(if $(PAGE),--page $(PAGE)) $(if $(KEEP),--keep $(KEEP))
+	$(BIN)/python tests/campaigns/loop.py --seed $(SEED) --arms $(ARMS) --jobs $(JOBS) $(if $(PAGE),--page $(PAGE)) $(if $(KEEP),--keep $(KEEP))
 
 fuzz: toolchain ## look for inputs that crash, hang or swallow memory, 60 s per way in (SECONDS_EACH=600: longer; needs a C++ compiler)
 	$(PYTHON) fuzz/run.py --seconds $(SECONDS_EACH)

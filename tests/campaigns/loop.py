@@ -1,6 +1,7 @@
 """A drawn arm of which nothing is known: excite, record, diagnose, excite what is open, until only noise is left.
 
-python tests/campaigns/loop.py --seed N [--arms 20] [--minutes M] [--page docs/measured/loop.md] [--keep FILE.json]
+python tests/campaigns/loop.py --seed N [--arms 20] [--minutes M] [--jobs 2]
+                               [--page docs/measured/loop.md] [--keep FILE.json]
 
 Every step is a command as a user gives it, on files: `dynid excite`, `dynid diagnose`, `dynid excite --after`,
 `dynid estimate`. The loop ends where `dynid excite --after` says that nothing more needs to be recorded (`is_wanted`),
@@ -17,6 +18,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -40,13 +42,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     found = _kept(options)
     ends = time.monotonic() + 60 * options.minutes
     drawn = REPORTED + stream(options.seed, 71).choice(LARGEST - REPORTED, options.arms, replace=False)
-    for seed in drawn[len(found["arms"]) :].tolist():
-        if time.monotonic() > ends:
-            break
-        found["arms"].append(examine(int(seed)))
-        print(loop_page.told(found["arms"][-1]), flush=True)
-        if options.keep is not None:
-            options.keep.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    with ThreadPoolExecutor(options.jobs) as pool:  # the work is done by processes
+        for arm in pool.map(lambda seed: examine(seed, ends), drawn[len(found["arms"]) :].tolist()):
+            if arm is None:
+                continue
+            found["arms"].append(arm)
+            print(loop_page.told(arm), flush=True)
+            if options.keep is not None:
+                options.keep.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     print(loop_page.tables(found["arms"]))
     if options.page is not None:
         options.page.write_text(loop_page.page(found["invocation"], found["arms"]), encoding="utf-8")
@@ -59,6 +62,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--seed", type=int, required=True, help="from which arms and effects are drawn")
     parser.add_argument("--arms", type=int, default=20)
     parser.add_argument("--minutes", type=float, default=1e9, help="no arm begins after them")
+    parser.add_argument("--jobs", type=int, default=1, help="arms at once")
     parser.add_argument("--page", type=Path, help="write the tables to this Markdown file")
     parser.add_argument("--keep", type=Path, help="file in which figures stay; goes on where it broke off")
     return parser
@@ -77,8 +81,13 @@ def _kept(options: argparse.Namespace) -> Figures:
     return {"invocation": {"seed": options.seed, "arms": options.arms, "commit": commit}, "arms": []}
 
 
-def examine(seed: int) -> Figures:
-    """Draw an arm and go all three ways with it; the loop first, for the others go on as far as it does."""
+def examine(seed: int, ends: float) -> Figures | None:
+    """Draw an arm and go all three ways with it; the loop first, for the others go on as far as it does.
+
+    None where the time is over.
+    """
+    if time.monotonic() > ends:
+        return None
     with tempfile.TemporaryDirectory() as folder:
         arm = draw_unknown(seed, Path(folder))
         kinds = [told["kind"] for told in arm.truth["effects"]]
