@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,24 +38,31 @@ def weighed_as(
     weights than by `fit`, whose joints weigh by what they leave now, `fit` stays, if it harms no joint either. A lone
     run cannot say so, for what is feared is harm elsewhere.
     """
-    weighed = _at_a_prior_that_harms_nobody(declared, fit, setup, train)
+    links = setup.options.get("links") or LinkDynamicsIdentifier()
+    friction = SmoothFrictionIdentifier((fit.friction_.transition_width_, fit.friction_.sharpness_), held=True)
+    again = partial(fitted, setup, train, friction=friction)
+    weighed = _at_a_prior_that_harms_nobody(declared, fit, again, clone(links))
     runs = [len(states.rows) for states in fit.runs_]
-    is_told = len(runs) > 1 and _does_harm(fit, weighed, [whole_runs(runs)])
-    return fit if is_told and not _does_harm(declared, fit, _ways(runs)) else weighed
+    if len(runs) == 1 or not _does_harm(fit, weighed, [whole_runs(runs)]):
+        return weighed
+    now = again(links=clone(links))
+    return weighed if _does_harm(declared, now, _ways(runs)) else now
 
 
 def _at_a_prior_that_harms_nobody(
-    declared: ThreeLoopIdentifier, fit: ThreeLoopIdentifier, setup: Setup, train: Sequence[Recording]
+    declared: ThreeLoopIdentifier,
+    fit: ThreeLoopIdentifier,
+    again: Callable[..., ThreeLoopIdentifier],
+    links: LinkDynamicsIdentifier,
 ) -> ThreeLoopIdentifier:
-    links = clone(setup.options.get("links") or LinkDynamicsIdentifier())
+    """Fit `again` at the weights of the declared fit, and at the most probable prior that does no harm."""
     links.set_params(least_noise=_posterior(declared).noise_std)
-    friction = SmoothFrictionIdentifier((fit.friction_.transition_width_, fit.friction_.sharpness_), held=True)
-    weighed = fitted(setup, train, friction=friction, links=links)
+    weighed = again(links=links)
     likeliest, ways = _posterior(weighed).choice, _ways([len(states.rows) for states in fit.runs_])
     for choice in dict.fromkeys((likeliest, _posterior(declared).choice, _posterior(fit).choice)):
         tried = weighed
         if choice != likeliest:
-            tried = fitted(setup, train, friction=friction, links=links.set_params(believed=choice))
+            tried = again(links=links.set_params(believed=choice))
         if not _does_harm(declared, tried, ways):
             return tried
     return weighed
