@@ -12,8 +12,6 @@ was found stays in FILE, and the same command goes on where it broke off.
 from __future__ import annotations
 
 import argparse
-import json
-import subprocess
 import sys
 import tempfile
 import time
@@ -28,6 +26,7 @@ if __package__ in (None, ""):
 from exam.draw import REPORTED, stream
 
 from campaigns import loop_page
+from campaigns.kept import keep, read_kept
 from campaigns.loop_arm import draw_unknown
 from campaigns.loop_ways import CommandFailedError, Ways
 
@@ -39,7 +38,8 @@ LARGEST = 2**31
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run what the arguments ask for."""
     options = _parser().parse_args(arguments)
-    found = _kept(options)
+    invocation = {"seed": options.seed, "arms": options.arms}
+    found = read_kept(options.keep, invocation, ("seed", "arms"), "arms")
     ends = time.monotonic() + 60 * options.minutes
     drawn = REPORTED + stream(options.seed, 71).choice(LARGEST - REPORTED, options.arms, replace=False)
     with ThreadPoolExecutor(options.jobs) as pool:  # the work is done by processes
@@ -48,8 +48,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 continue
             found["arms"].append(arm)
             print(loop_page.told(arm), flush=True)
-            if options.keep is not None:
-                options.keep.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+            keep(options.keep, found)
     print(loop_page.tables(found["arms"]))
     if options.page is not None:
         options.page.write_text(loop_page.page(found["invocation"], found["arms"]), encoding="utf-8")
@@ -66,19 +65,6 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--page", type=Path, help="write the tables to this Markdown file")
     parser.add_argument("--keep", type=Path, help="file in which figures stay; goes on where it broke off")
     return parser
-
-
-def _kept(options: argparse.Namespace) -> Figures:
-    """What an earlier call has kept, if it was the same."""
-    if options.keep is not None and options.keep.exists():
-        kept: Figures = json.loads(options.keep.read_text(encoding="utf-8"))
-        if (kept["invocation"]["seed"], kept["invocation"]["arms"]) != (options.seed, options.arms):
-            raise SystemExit(f"error: {options.keep} is of another seed or number of arms; give another file")
-        return kept
-    command = ["git", "describe", "--always", "--dirty"]
-    here = Path(__file__).resolve().parent
-    commit = subprocess.run(command, capture_output=True, text=True, check=False, cwd=here).stdout.strip()
-    return {"invocation": {"seed": options.seed, "arms": options.arms, "commit": commit}, "arms": []}
 
 
 def examine(seed: int, ends: float) -> Figures | None:

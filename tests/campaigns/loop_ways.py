@@ -73,7 +73,6 @@ class Ways:
                 **outcome,
                 "wanted": said["is_wanted"],
                 "beyond_noise": max(said["error_beyond_noise"]["now"]),
-                "open": sum(q["this_motion"]["settles"] >= 0.5 for q in said["questions"]),
             }
             if not said["is_wanted"]:
                 return

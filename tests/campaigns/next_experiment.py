@@ -12,9 +12,7 @@ used: as `dyn.next_experiment` designs them, at random, and as `FourierExcitatio
 from __future__ import annotations
 
 import argparse
-import json
 import os
-import subprocess
 import sys
 import tempfile
 import time
@@ -34,6 +32,7 @@ from exam.score import score
 
 import dynid_rs as dyn
 from campaigns import next_page
+from campaigns.kept import keep, read_kept
 from campaigns.next_arm import Arm, Motion, draw_arm
 from dynid_rs.excitation import ExcitationLimits
 
@@ -47,7 +46,8 @@ WAYS = ("designed", "random", "exciting")
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run what the arguments ask for."""
     options = _parser().parse_args(arguments)
-    found = _kept(options)
+    invocation = {"seed": options.seed, "minutes": options.minutes}
+    found = read_kept(options.keep, invocation, ("seed",), "cases")
     ends = time.monotonic() + 60 * options.minutes
     drawn = REPORTED + stream(options.seed, 61).choice(LARGEST - REPORTED, 20 * options.open, replace=False)
     for seed in drawn[len(found["cases"]) :].tolist():
@@ -55,8 +55,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             break
         found["cases"].append(examine(int(seed)))
         print(_told(found["cases"][-1]), flush=True)
-        if options.keep is not None:
-            options.keep.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+        keep(options.keep, found)
     print(next_page.tables(found["cases"]))
     if options.page is not None:
         options.page.write_text(next_page.page(found["invocation"], found["cases"]), encoding="utf-8")
@@ -72,19 +71,6 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--page", type=Path, help="write the tables to this Markdown file")
     parser.add_argument("--keep", type=Path, help="file in which figures stay; goes on where it broke off")
     return parser
-
-
-def _kept(options: argparse.Namespace) -> Figures:
-    """What an earlier call has kept, if it was the same."""
-    if options.keep is not None and options.keep.exists():
-        kept: Figures = json.loads(options.keep.read_text(encoding="utf-8"))
-        if kept["invocation"]["seed"] != options.seed:
-            raise SystemExit(f"error: {options.keep} is of another seed; give another file")
-        return kept
-    command = ["git", "describe", "--always", "--dirty"]
-    here = Path(__file__).resolve().parent
-    commit = subprocess.run(command, capture_output=True, text=True, check=False, cwd=here).stdout.strip()
-    return {"invocation": {"seed": options.seed, "minutes": options.minutes, "commit": commit}, "cases": []}
 
 
 def _told(case: Figures) -> str:

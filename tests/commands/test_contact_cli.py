@@ -116,6 +116,7 @@ def test_what_a_diagnosis_does_not_know_raises_thresholds(tmp_path):
         (("--save", "x.json"), "name them with --healthy RUN"),
         (("free.parquet", "--settings", "contact.json", "--save", "x.json"), "--settings holds what"),
         (("free.parquet", "pushed.parquet", "-o", "x.parquet"), "--output is of one run"),
+        (("free.parquet", "--settings", "contact.json", "--window", "5"), "--settings says which"),
         (("free.parquet", "--false-contacts", "seldom"), "--false-contacts: expected a number per hour, day"),
         (("free.parquet", "--settings", "first.parquet"), "first.parquet"),
         (("free.parquet", "-o", "free.parquet"), "free.parquet"),

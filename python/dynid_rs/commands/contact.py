@@ -41,11 +41,15 @@ def contact(
         ),
     ] = None,
     false_contacts: Annotated[
-        str, typer.Option(metavar="N/hour", help="Contacts without a cause that you put up with (1/day, 2/week, ...)")
-    ] = USUAL,
+        str | None,
+        typer.Option(
+            metavar="N/hour",
+            help="Contacts without a cause that you put up with (1/day, 2/week, ...); 1/hour, or what --settings says",
+        ),
+    ] = None,
     time_constant: Annotated[
-        float, typer.Option(metavar="S", help="An external torque shows by 63 % after it")
-    ] = TIME_CONSTANT,
+        float | None, typer.Option(metavar="S", help="An external torque shows by 63 % after it; 0.02 if left out")
+    ] = None,
     window: Annotated[
         int | None, typer.Option(metavar="N", help="Samples to differentiate over, where positions come alone")
     ] = None,
@@ -85,7 +89,9 @@ def contact(
     from dynid_rs.commands._inputs import load_model, read_runs, read_settings, runs_in_turn
     from dynid_rs.model.observer import MomentumObserver
 
-    per_hour = per_day(false_contacts, "--false-contacts") / HOURS
+    per_hour = per_day(false_contacts or USUAL, "--false-contacts") / HOURS
+    if settings is not None and (time_constant is not None or window is not None):
+        raise ValueError("--settings says which --time-constant and --window it was learned with; leave them out")
     _check(runs, healthy, settings, save, output, model, config)
     with progress(Step(1, "reading"), Step(1, "looking for contacts")) as say:
         say("reading")
@@ -94,13 +100,13 @@ def contact(
         findings: list[Finding] = []
         if settings is not None:
             observer = MomentumObserver.load(settings, reference)
-            if false_contacts != USUAL:
+            if false_contacts is not None:
                 observer.false_contacts_per_hour = per_hour
         else:
             directions = _directions(model, reference)
             observer = MomentumObserver(
                 reference,
-                time_constant=time_constant,
+                time_constant=TIME_CONSTANT if time_constant is None else time_constant,
                 false_contacts_per_hour=per_hour,
                 window=window,
                 directions=directions,
