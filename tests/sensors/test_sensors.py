@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from helpers import data
 from helpers.data import data_folder
-from helpers.diagnosed import ROBOT, SIX_AXES, entry_of, found_in, holds, measured, names, rigid, with_effects
+from helpers.diagnosed import ROBOT, SIX_AXES, entry_of, found_in, holds, measured, names, recorded, rigid, with_effects
 from helpers.small_arm import JOINTS
 
 import dynid_rs as dyn
@@ -299,6 +299,32 @@ def test_one_torque_channel_that_is_late_is_named_alone():
     late = [replace(run, tau=np.where([False, True, False], np.roll(run.tau, 30, axis=0), run.tau)) for run in runs]
     (finding,) = channels_of(ROBOT, late)
     assert (finding.code, finding.column) == ("torque_late", "tau_1")
+
+
+def averaged(tau, n_rows):
+    """The mean of every sample and those before it, as controllers smooth what they log."""
+    padded = np.concatenate([np.repeat(tau[:1], n_rows - 1, axis=0), tau])
+    return np.lib.stride_tricks.sliding_window_view(padded, n_rows, axis=0).mean(axis=-1)
+
+
+@pytest.mark.parametrize(
+    ("torque", "code"),
+    [
+        (lambda tau, noise: np.roll(tau, 20, axis=0) + averaged(noise, 40), "torque_late"),
+        (lambda tau, noise: averaged(tau + noise, 40), "torque_filtered"),
+    ],
+    ids=["late", "filtered"],
+)
+def test_all_channels_late_are_filtered_only_if_a_filter_explains_what_they_make_of_the_motion(torque, code):
+    """Noise that falls off by itself says nothing where no channel is in time."""
+    arm = rigid(ROBOT)
+    runs = recorded(replace(arm, noise_std=1e-3 * arm.noise_std), duration=12.0, n_runs=2)
+    rng, size = np.random.default_rng(5), 0.02 * np.std(runs[0].tau, axis=0)
+    late = [replace(run, tau=torque(run.tau, size * rng.standard_normal(run.tau.shape))) for run in runs]
+    (finding,) = channels_of(ROBOT, late)
+    assert finding.code == code
+    delay = 20 * (runs[0].t[1] - runs[0].t[0])
+    assert finding.value == pytest.approx(delay, abs=0.004)
 
 
 @pytest.mark.parametrize("at", np.arange(2.0, 6.1, 0.5).tolist())

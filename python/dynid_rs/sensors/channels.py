@@ -145,27 +145,33 @@ def _units(bench: Bench, names: Sequence[str], *, judged: bool) -> Iterator[tupl
 
 
 def _late(bench: Bench, names: Sequence[str]) -> Iterator[tuple[Trial, Finding]]:
-    found = [lag for lag in lags(bench, ENOUGH) if _clearly_late(lag)]
+    steepness = np.median([rows.steepness for rows in bench.rows], axis=0)
+    found = []
+    for lag in lags(bench, ENOUGH):
+        late = np.isin(np.arange(len(steepness)), lag.trial.joints)
+        # A sensor's noise may fall off by itself: that of channels in time says how much.
+        usual = min(1.0, float(np.median(steepness[~late]))) if not late.all() else 1.0
+        steep = bool(np.median(steepness[late]) < STEEP * usual)
+        if _clearly_late(lag, steep=steep):
+            # Where all are late nothing says how their noise falls off: what they make of the motion has to.
+            filtered = steep and (not late.all() or lag.filter_log - lag.trial.fit.log > ENOUGH)
+            found.append((lag, steep, filtered))
     if not found:
         return
-    best = max(found, key=lambda lag: lag.trial.fit.log)
-    steepness = np.median([rows.steepness for rows in bench.rows], axis=0)
-    late = np.isin(np.arange(len(steepness)), best.trial.joints)
-    # A sensor's noise may fall off by itself: that of channels in time says how much.
-    usual = min(1.0, float(np.median(steepness[~late]))) if not late.all() else 1.0
-    filtered = bool(np.median(steepness[late]) < STEEP * usual)
+    best, steep, filtered = max(found, key=lambda one: one[0].trial.fit.log)
     # Other changes are tried without losses of gears: what a delay gains counts, on the scale of theirs.
     fit = replace(best.trial.fit, log=bench.fit.log + best.trial.fit.log - best.in_time.log)
-    yield replace(best.trial, fit=fit), words.late(bench, best, names, filtered=filtered)
+    yield replace(best.trial, fit=fit), words.late(bench, best, names, steep=steep, filtered=filtered)
 
 
-def _clearly_late(lag: Lag) -> bool:
+def _clearly_late(lag: Lag, *, steep: bool) -> bool:
     joints = list(lag.trial.joints)
-    gain = min(lag.trial.fit.log, lag.links_log) - lag.in_time.log
+    # Friction that remembers looks late too, but its noise does not fall off.
+    gain = lag.trial.fit.log if steep else min(lag.trial.fit.log, lag.links_log)
     ratio = lag.in_time.share[joints] / np.maximum(lag.trial.fit.share[joints], 1e-300)
-    # Drives share a clock; what lags on one joint alone is rather a gear that yields, or friction that remembers.
+    # Drives share a clock; what lags on one joint alone is rather a gear that yields.
     clearly = CLEARLY_LATE if len(joints) > 1 else CLEARLY
-    return gain > ENOUGH and abs(lag.delay) > LEAST_LATE and bool(np.median(ratio) > clearly)
+    return gain - lag.in_time.log > ENOUGH and abs(lag.delay) > LEAST_LATE and bool(np.median(ratio) > clearly)
 
 
 def _clear(bench: Bench, trial: Trial) -> bool:

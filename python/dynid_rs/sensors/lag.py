@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +21,29 @@ NEAR = (-0.01, 0.01)
 """Delays [s] that are tried first: towards a delay that is there runs become more probable from the first step on."""
 FAR = (-0.03, 0.025, 0.05, 0.09, 0.15)
 """Those that are tried where one of the first is better than none; the best is refined."""
+ComplexArray = NDArray[np.complexfloating[Any, Any]]
+Response = Callable[[ComplexArray], ComplexArray]
+"""What a channel makes of a sine: of i omega T (n_frequencies,), where T is how late slow ones are."""
+
+
+def _late(s: ComplexArray) -> ComplexArray:
+    return np.asarray(np.exp(-s), dtype=np.complex128)
+
+
+def _first_order(s: ComplexArray) -> ComplexArray:
+    return 1 / (1 + s)
+
+
+def _second_order(s: ComplexArray) -> ComplexArray:
+    return 1 / (1 + s + s * s / 2)  # Butterworth's
+
+
+def _averaged(s: ComplexArray) -> ComplexArray:
+    return np.asarray(np.exp(-s) * np.sinc(s.imag / np.pi), dtype=np.complex128)
+
+
+FILTERS = (_first_order, _second_order, _averaged)
+"""What drives and loggers smooth with."""
 PAD = 20
 """Rows by which a run is continued at both ends at least before it is shifted."""
 
@@ -28,13 +53,15 @@ class Lag:
     """The channels of `trial.joints` come late by `delay` [s].
 
     `in_time` is the same model without the delay. `links_log` is L where the links' torque alone is late: friction that
-    remembers where it came from looks late too.
+    remembers where it came from looks late too. `filter_log`, of all
+    channels together, is L behind the likeliest filter in the delay's place.
     """
 
     trial: Trial
     delay: float
     in_time: ArmFit
     links_log: float = -np.inf
+    filter_log: float = -np.inf
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,11 +92,11 @@ class Spectra:
             parts.append(np.fft.rfft(np.concatenate([head, A, tail]), axis=0))
         return Spectra(lossy, size, parts)
 
-    def moments(self, bench: Bench, delay: float, *, whole: bool) -> Moments:
+    def moments(self, bench: Bench, delay: float, response: Response, *, whole: bool) -> Moments:
         """Moments of the run with every joint's torque late by `delay` [s], or with the links' alone."""
         rows = self.lossy.rows
         step = float(rows.t[1] - rows.t[0])
-        turn = np.exp(-2j * np.pi * delay * np.fft.rfftfreq(self.size, step))[:, None]
+        turn = response(2j * np.pi * delay * np.fft.rfftfreq(self.size, step))[:, None]
 
         def shifted(j: int) -> FloatArray:
             late = np.fft.irfft(self.parts[j] * turn, self.size, axis=0)[PAD : PAD + len(rows.t)]
@@ -85,21 +112,25 @@ def lags(bench: Bench, enough: float) -> list[Lag]:
     """Delays that make the runs more probable by `enough` nats: of all channels, and of each; the best of each."""
     n = bench.robot.n_joints
     groups = [tuple(range(n)), *((j,) for j in range(n))] if n > 1 else [(0,)]
-    seen: dict[tuple[float, bool], list[Moments]] = {}
+    seen: dict[tuple[float, Response, bool], list[Moments]] = {}
     arm = lossy_arm(bench)
     spectra = [Spectra.of(bench, rows) for rows in arm.rows]
 
-    def changed(delay: float, joints: Sequence[int], *, whole: bool = True) -> list[Moments]:
-        key = delay, whole
+    def changed(delay: float, joints: Sequence[int], response: Response, *, whole: bool = True) -> list[Moments]:
+        key = delay, response, whole
         if key not in seen:
-            seen[key] = [own.moments(bench, delay, whole=whole) for own in spectra]
+            seen[key] = [own.moments(bench, delay, response, whole=whole) for own in spectra]
         mask = np.isin(np.arange(n), joints)
         return [plain.where(mask, other) for plain, other in zip(arm.moments, seen[key], strict=True)]
 
-    def tried(delay: float, joints: Sequence[int]) -> Lag:
-        runs = changed(delay, joints)
+    def tried(delay: float, joints: Sequence[int], response: Response = _late) -> Lag:
+        runs = changed(delay, joints, response)
         trial = Trial("torque_late", tuple(joints), tuple(range(len(bench.rows))), bench.fitted(runs))
         return Lag(trial, delay, arm.fit)
+
+    def filter_log(lag: Lag) -> float:
+        behind = [partial(tried, joints=lag.trial.joints, response=response) for response in FILTERS]
+        return max(_log(_refined(again(lag.delay), again)) for again in behind)
 
     found = []
     for group in groups:
@@ -108,9 +139,10 @@ def lags(bench: Bench, enough: float) -> list[Lag]:
             continue
         best = max((best, *(tried(delay, group) for delay in FAR)), key=_log)
         if _log(best) - arm.fit.log >= enough:
-            best = _refined(best, lambda delay, joints=group: tried(delay, joints))  # type: ignore[misc]
-            links = bench.fitted(changed(best.delay, group, whole=False)).log
-            found.append(replace(best, links_log=links))
+            best = _refined(best, partial(tried, joints=group))
+            links = bench.fitted(changed(best.delay, group, _late, whole=False)).log
+            behind = filter_log(best) if len(group) == n else -np.inf
+            found.append(replace(best, links_log=links, filter_log=behind))
     return found
 
 

@@ -133,8 +133,8 @@ def unit(bench: Bench, trial: Trial, names: Sequence[str], gains: FloatArray) ->
     return Finding(code, "error", message, file, "tau_0", value=float(np.median(gains)), unit="1")
 
 
-def late(bench: Bench, lag: Lag, names: Sequence[str], *, filtered: bool) -> Finding:
-    """Torque that is late, or that went through a filter."""
+def late(bench: Bench, lag: Lag, names: Sequence[str], *, steep: bool, filtered: bool) -> Finding:
+    """Torque that is late, or that went through a filter; `steep` if its noise falls off as behind one."""
     trial = lag.trial
     joints = joint_words(*(bench.robot.joint_names[j] for j in trial.joints))
     whose = "all joints" if len(trial.joints) == bench.robot.n_joints else joints
@@ -143,9 +143,10 @@ def late(bench: Bench, lag: Lag, names: Sequence[str], *, filtered: bool) -> Fin
     if not filtered or lag.delay < 0:
         first, second = ("torque", "positions") if lag.delay > 0 else ("positions", "torque")
         comes = "comes" if lag.delay > 0 else "come"
+        open_ = "; its noise falls off as behind a filter, but a delay explains the motion as well" if steep else ""
         message = (
-            f"the {first} of {whose} {comes} about {size} after the {second} ({_odds(lag.in_time, trial)}); shift it, "
-            "or let `dynid diagnose` fit the delay"
+            f"the {first} of {whose} {comes} about {size} after the {second} ({_odds(lag.in_time, trial)}{open_}); "
+            "shift it, or let `dynid diagnose` fit the delay"
         )
         return Finding("torque_late", "warning", message, names[0], column, value=lag.delay, unit="s")
     message = (
