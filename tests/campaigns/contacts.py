@@ -12,7 +12,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import subprocess
 import sys
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -30,6 +29,7 @@ from campaigns import contacts_page
 from campaigns.contacts_arm import TRAINED, examine
 from campaigns.contacts_measured import examine_measured
 from campaigns.guiding import guide
+from campaigns.kept import commit
 
 LARGEST = 2**31
 GUIDED = 2
@@ -41,7 +41,7 @@ Figures = dict[str, Any]
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run what the arguments ask for."""
     options = _parser().parse_args(arguments)
-    invocation = {"seed": options.seed, "arms": options.arms, "choose": options.choose, "commit": _commit()}
+    invocation = {"seed": options.seed, "arms": options.arms, "choose": options.choose, "commit": commit()}
     found: Figures = {"invocation": invocation, "done": {}}
     if options.keep is not None and options.keep.exists():
         found = json.loads(options.keep.read_text(encoding="utf-8"))
@@ -74,12 +74,6 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--jobs", type=int, default=1, help="arms side by side")
     parser.add_argument("--keep", type=Path, help="file in which figures stay; goes on where it broke off")
     return parser
-
-
-def _commit() -> str:
-    command = ["git", "describe", "--always", "--dirty"]
-    here = Path(__file__).resolve().parent
-    return subprocess.run(command, capture_output=True, text=True, check=False, cwd=here).stdout.strip()
 
 
 def jobs_of(seed: int, arms: int, choose: bool) -> dict[str, tuple[str, int, str]]:

@@ -23,10 +23,14 @@ def read_kept(path: Path | None, invocation: Figures, same: tuple[str, ...], ent
         if any(kept["invocation"][name] != invocation[name] for name in same):
             raise SystemExit(f"error: {path} is of another {' or '.join(same)}; give another file")
         return kept
+    return {"invocation": {**invocation, "commit": commit()}, entries: []}
+
+
+def commit() -> str:
+    """The commit of this checkout, and whether it was changed."""
     command = ["git", "describe", "--always", "--dirty"]
     here = Path(__file__).resolve().parent
-    commit = subprocess.run(command, capture_output=True, text=True, check=False, cwd=here).stdout.strip()
-    return {"invocation": {**invocation, "commit": commit}, entries: []}
+    return subprocess.run(command, capture_output=True, text=True, check=False, cwd=here).stdout.strip()
 
 
 def keep(path: Path | None, found: Figures) -> None:

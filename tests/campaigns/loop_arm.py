@@ -10,8 +10,7 @@ import numpy as np
 import pyarrow.parquet as pq
 from exam.declared import Band, Declared, declare
 from exam.draw import Wish, draw, log_uniform, stream
-from exam.hidden import _measured as measured
-from exam.hidden import hide, in_band
+from exam.hidden import hide, in_band, measured
 from exam.sensors import noise_rows
 from exam.world import States
 from numpy.typing import NDArray

@@ -13,7 +13,7 @@ import pyarrow.parquet as pq
 from exam.case import ROBOT, truth_of
 from exam.catalogue import MAKERS
 from exam.draw import Wish, draw, log_uniform, stream
-from exam.hidden import Exam, _worked, encoder_error, hide, shown_torque
+from exam.hidden import Exam, encoder_error, hide, shown_torque, worked
 from exam.sensors import table_of_run
 from exam.world import States, inverse_dynamics, make_run
 from numpy.typing import NDArray
@@ -108,5 +108,5 @@ def _moved(exam: Exam, motion: Motion, seconds: float, number: int) -> States:
     tau = inverse_dynamics(world.model, q, dq, ddq)
     s = replace(s, q=q, dq=dq, ddq=ddq, tau_rigid=tau, tau_link=tau, q_motor=q, dq_motor=dq, ddq_motor=ddq)
     chosen = [(hidden.effect, hidden.size) for hidden in exam.hidden]
-    (s,) = _worked(replace(world, case=case, runs=(s,)), chosen).runs
+    (s,) = worked(replace(world, case=case, runs=(s,)), chosen).runs
     return s

@@ -12,7 +12,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import subprocess
 import sys
 import warnings
 from collections.abc import Sequence
@@ -28,6 +27,7 @@ if __package__ in (None, ""):
 from exam.draw import REPORTED, stream
 
 from campaigns import watch_page
+from campaigns.kept import commit
 from campaigns.watch_arm import LEARNED, MOTIONS, draw_watched, prepare
 from campaigns.watch_changes import CHANGES, ENDS
 from campaigns.watch_clean import watch_clean
@@ -77,19 +77,13 @@ def _parser() -> argparse.ArgumentParser:
 
 def _kept(options: argparse.Namespace) -> Figures:
     """What an earlier call has kept, if it was the same."""
-    invocation = {"seed": options.seed, "cycles": options.cycles, "cases": options.cases, "commit": _commit()}
+    invocation = {"seed": options.seed, "cycles": options.cycles, "cases": options.cases, "commit": commit()}
     if options.keep is not None and options.keep.exists():
         kept = json.loads(options.keep.read_text(encoding="utf-8"))
         if kept["invocation"] != invocation:
             raise SystemExit(f"error: {options.keep} is of another call or commit; give another file")
         return kept
     return {"invocation": invocation, "done": {}}
-
-
-def _commit() -> str:
-    command = ["git", "describe", "--always", "--dirty"]
-    here = Path(__file__).resolve().parent
-    return subprocess.run(command, capture_output=True, text=True, check=False, cwd=here).stdout.strip()
 
 
 def jobs_of(seed: int, cycles: int, cases: int) -> dict[str, tuple[str, int, int]]:

@@ -84,10 +84,10 @@ def hide(case: Case) -> Exam:
     chosen: list[tuple[Effect, float]] = []
     for k, wish in enumerate(case.wishes):
         chosen += _placed(world, sensors, declared, wish, k, {effect.kind for effect, _ in chosen})
-    world = _worked(world, chosen)
+    world = worked(world, chosen)
     noise = noise_rows(world, sensors)
     declared = declare(world, _rms(noise))
-    hidden = tuple(_measured(world, sensors, declared, effect, size) for effect, size in chosen)
+    hidden = tuple(measured(world, sensors, declared, effect, size) for effect, size in chosen)
     return Exam(world, sensors, noise, declared, hidden, _elasticity(world, declared))
 
 
@@ -122,10 +122,10 @@ def _possible(kind: str, case: Case) -> bool:
 def _size(world, sensors, declared, effect: Effect, wanted: float) -> float | None:
     """Size at which as much is left of an effect as is wanted, or as physics allows; None where that is too little."""
     if effect.natural:
-        return 1.0 if _measured(world, sensors, declared, effect, 1.0).strength >= VISIBLE else None
+        return 1.0 if measured(world, sensors, declared, effect, 1.0).strength >= VISIBLE else None
     size = effect.most if np.isfinite(effect.most) else 1e-3
     for _ in range(3):  # nearly linear: once would do for most
-        strength = _measured(world, sensors, declared, effect, size).strength
+        strength = measured(world, sensors, declared, effect, size).strength
         if not strength > 0:
             return None
         size = min(size * wanted / strength, effect.most)
@@ -133,11 +133,11 @@ def _size(world, sensors, declared, effect: Effect, wanted: float) -> float | No
         torque = np.vstack([effect.part(world, s.recorded, size) for s in world.train])
         share = float(np.max(torque.std(axis=0) / world.torque_std))
         size *= min(1.0, LARGEST / share)
-    strength = _measured(world, sensors, declared, effect, size).strength
+    strength = measured(world, sensors, declared, effect, size).strength
     return size if strength >= VISIBLE else None
 
 
-def _measured(world: World, sensors: Sensors, declared: Declared, effect: Effect, size: float) -> Hidden:
+def measured(world: World, sensors: Sensors, declared: Declared, effect: Effect, size: float) -> Hidden:
     """Return an effect with what is left of it, beside the declared model of this world."""
     if effect.side == "gear":
         rows = rows_of(world, [effect.part(world, s.recorded, size) for s in world.train])
@@ -201,7 +201,7 @@ def _elasticity(world: World, declared: Declared) -> Hidden | None:
     return Hidden(effect, 1.0, rows, declared.ratio(rows))
 
 
-def _worked(world: World, chosen: list[tuple[Effect, float]]) -> World:
+def worked(world: World, chosen: list[tuple[Effect, float]]) -> World:
     """Return the world with what changes its states: the arm itself, loads behind the gears, the gears."""
     compliance, gap = world.compliance.copy(), world.gap.copy()
     for effect, size in chosen:
