@@ -1269,8 +1269,10 @@ def true_motion(
         Shapes disagree, or a number is not finite.
     """
 
-def read_contact(path: str | PathLike[str], model: TorqueModel) -> tuple[list[str], float, int | None, float, float]:
-    """What a `contact.json` holds: joints, step [s], window, time_constant [s], false contacts per hour.
+def read_contact(
+    path: str | PathLike[str], model: TorqueModel
+) -> tuple[list[str], str, float, int | None, float, float]:
+    """What a `contact.json` holds: joints, torque unit, step [s], window, time_constant [s], false contacts per hour.
 
     Raises
     ------

@@ -44,9 +44,12 @@ def test_a_push_is_said_with_its_joint_and_ends_with_1(folder):
     )  # fmt: skip
     assert found.exit_code == 1, found.output
     answer = json.loads(found.stdout)
-    assert (answer["format"], answer["version"]) == ("dynid-contacts", 1)
+    assert (answer["format"], answer["version"]) == ("dynid-contacts", 2)
     touched, free = answer["runs"]
     assert free["contacts"] == []
+    assert answer["false_contacts_per_hour"] == 1.0
+    assert touched["judged_seconds"] == pytest.approx(6.0, abs=0.1)
+    assert touched["threshold"][1] < 60.0 / 2
     (contact,) = touched["contacts"]
     assert contact["joint"] == answer["joints"][1]
     assert contact["start"] == pytest.approx(PUSHED[0] + touched["delay"], abs=0.1)
@@ -81,7 +84,7 @@ def test_the_table_holds_what_python_says(folder):
 def test_fewer_false_contacts_are_higher_thresholds(folder):
     def threshold(rate):
         out = folder / "rate.parquet"
-        options = ("--settings", folder / "contact.json", "--false-contacts", rate, "-o", out)
+        options = ("--settings", folder / "contact.json", "--false-contacts", rate, "-o", out, "--force")
         dynid("contact", folder / "model.json", folder / "free.parquet", *options)
         return float(np.median(np.asarray(pq.read_table(out)["threshold_1"])))
 
@@ -113,6 +116,11 @@ def test_what_a_diagnosis_does_not_know_raises_thresholds(tmp_path):
     ("options", "words"),
     [
         ((), "no run to look at"),
+        (("free.parquet", "--window", "-5"), "window: an odd number of samples from 5 to 101, found -5"),
+        (("free.parquet", "--time-constant", "0"), "time_constant: a number of seconds from 1e-05 to 100, found 0"),
+        (("free.parquet", "--healthy", "free.parquet"), "both looked at and said to be healthy"),
+        (("free.parquet", "--healthy", "pushed.parquet"), "6 s of healthy runs are too few"),
+        (("free.parquet", "-o", "x.csv"), "is written as Parquet; give it the ending .parquet"),
         (("--save", "x.json"), "name them with --healthy RUN"),
         (("free.parquet", "--settings", "contact.json", "--save", "x.json"), "--settings holds what"),
         (("free.parquet", "pushed.parquet", "-o", "x.parquet"), "--output is of one run"),
@@ -125,3 +133,67 @@ def test_what_a_diagnosis_does_not_know_raises_thresholds(tmp_path):
 def test_what_cannot_be_is_refused_in_a_sentence(folder, options, words):
     paths = [folder / text if "." in text else text for text in options]
     assert words in refusal(dynid("contact", folder / "model.json", *paths))
+
+
+def test_nothing_that_is_there_is_replaced_unasked_and_nothing_that_is_read_at_all(folder, tmp_path):
+    (tmp_path / "found").mkdir()
+    for name in ("model.json", "free.parquet"):
+        (tmp_path / "found" / name).write_bytes((folder / name).read_bytes())
+    run, settings = tmp_path / "found" / "free.parquet", ("--settings", folder / "contact.json")
+    out = tmp_path / "out.parquet"
+    out.write_text("mine")
+    said = dynid("contact", tmp_path / "found", run, *settings, "-o", out)
+    assert "there is one already" in refusal(said)
+    assert out.read_text() == "mine"
+    assert dynid("contact", tmp_path / "found", run, *settings, "-o", out, "--force").exit_code == 0
+    assert out.read_bytes()[:4] == b"PAR1"
+    inside = tmp_path / "found" / "model.json"
+    healthy = ("--healthy", folder / "first.parquet", "--healthy", folder / "second.parquet", "--save", inside)
+    assert "is read here and would be replaced" in refusal(dynid("contact", tmp_path / "found", *healthy, "--force"))
+    assert inside.read_bytes() == (folder / "model.json").read_bytes()
+
+
+def test_a_folder_without_a_model_is_called_that(folder, tmp_path):
+    said = refusal(dynid("contact", tmp_path, folder / "free.parquet"))
+    assert "holds no model.json" in said
+
+
+def with_unit(text, unit):
+    content = json.loads(text)
+    return json.dumps(content | {"torque_unit": unit})
+
+
+def test_thresholds_of_another_unit_or_rate_are_refused(folder, tmp_path):
+    """Ampere's are a tenth of newton metres': a push was missed."""
+    other = tmp_path / "ampere.json"
+    other.write_text(with_unit((folder / "contact.json").read_text(), "A"))
+    said = refusal(dynid("contact", folder / "model.json", folder / "pushed.parquet", "--settings", other))
+    assert "in another unit than the model, which is in N*m" in said
+    slow = rows_of(folder / "pushed.parquet", tmp_path / "slow.csv", slice(None, None, 4))
+    said = refusal(dynid("contact", folder / "model.json", slow, "--settings", folder / "contact.json"))
+    assert "recorded at 125 Hz, thresholds were learned at 500 Hz" in said
+
+
+def rows_of(run, path, rows, *, names=None):
+    """A file of some rows, and some columns, of a run."""
+    table = pq.read_table(run)
+    return write(path, {name: np.asarray(table[name])[rows] for name in names or table.column_names})
+
+
+def test_the_table_of_a_run_with_a_gap_holds_all_its_parts(folder, tmp_path):
+    t = np.asarray(pq.read_table(folder / "pushed.parquet")["t"])
+    kept = (t < 2.0) | (t > 2.6)
+    run, out = rows_of(folder / "pushed.parquet", tmp_path / "gap.csv", kept), tmp_path / "out.parquet"
+    said = dynid("contact", folder / "model.json", run, "--settings", folder / "contact.json", "-o", out)
+    assert said.exit_code == 1, said.output
+    table = pq.read_table(out)
+    assert len(table) == np.count_nonzero(kept)
+    assert np.asarray(table["contact"]).any()
+
+
+def test_a_run_that_is_shorter_than_the_filter_is_not_said_to_be_free(folder, tmp_path):
+    names = ["t", *(f"{signal}_{j}" for signal in ("q", "tau") for j in range(model().robot.n_joints))]
+    run = rows_of(folder / "free.parquet", tmp_path / "short.csv", slice(30), names=names)
+    said = dynid("contact", folder / "model.json", run, "--window", "101")
+    assert "could not be judged" in said.stdout
+    assert "nothing pushes" not in said.stdout

@@ -16,7 +16,7 @@ import dynid_rs as dyn
 from dynid_rs import Recording
 from dynid_rs.base.odds import SURE
 from dynid_rs.diagnosis.along import NEEDS_MORE, Along, Told, is_designable
-from dynid_rs.diagnosis.open_file import read_open, to_json
+from dynid_rs.diagnosis.open_file import checksum_of, read_open, to_json
 from dynid_rs.diagnosis.open_questions import Answer, Question
 from dynid_rs.experiment.answer import sentences
 from dynid_rs.experiment.worth import Worth
@@ -256,7 +256,7 @@ class RobotFile:
     ("spoil", "said"),
     [
         (lambda c: c | {"format": "else"}, '"format" must be'),
-        (lambda c: c | {"version": 9}, '"version" must be 2, found 9'),
+        (lambda c: c | {"version": 9}, '"version" must be 3, found 9'),
         (lambda c: c | {"joints": ["a"]}, "give the robot file that was diagnosed"),
         (lambda c: c | {"weights": [1.0]}, '"weights" must be 3 finite numbers'),
         (lambda c: c | {"noise": [1.0, 0.0, 1.0]}, '"noise" must be above zero'),
@@ -272,13 +272,24 @@ class RobotFile:
     ],
 )
 def test_a_damaged_file_is_refused_in_a_sentence(asked, tmp_path, spoil, said):
-    path = tmp_path / "open.json"
-    path.write_text(json.dumps(spoil(to_json(asked))))
+    path, spoiled = tmp_path / "open.json", spoil(to_json(asked))
+    if isinstance(spoiled, dict):
+        spoiled |= {"checksum": checksum_of(spoiled)}  # by somebody who knows how it is made
+    path.write_text(json.dumps(spoiled))
     with pytest.raises(dyn.DataError) as refused:
         read_open(path, ROBOT)
     assert said in str(refused.value)
     assert str(path) in str(refused.value)
     assert len(str(refused.value)) < 1000
+
+
+def test_a_file_that_was_changed_is_refused(asked, tmp_path):
+    """A scale of zero, a rate of 1e30: what no look at one value finds."""
+    path, content = tmp_path / "open.json", to_json(asked)
+    for changed in (content | {"cutoff_hz": 1e30}, {k: v for k, v in content.items() if k != "checksum"}):
+        path.write_text(json.dumps(changed))
+        with pytest.raises(dyn.DataError, match="is not as it was written"):
+            read_open(path, ROBOT)
 
 
 def test_kinds_that_no_motion_tells_are_left_to_others(asked):

@@ -51,8 +51,14 @@ def _closed(plot: Callable[..., Any]) -> Callable[..., None]:
 def _contact_file(model: _core.TorqueModel) -> str:
     """An observer's uncertainty, without directions."""
     ones, no = [1.0] * N, [False] * N
-    said = {"format": "dynid-contact", "version": 1, "joints": list(model.robot.joint_names), "step": 0.01}
-    said |= {"window": None, "time_constant": 0.02, "false_contacts_per_hour": 1.0, "directions": []}
+    said = {"format": "dynid-contact", "version": 2, "joints": list(model.robot.joint_names), "step": 0.01}
+    said |= {
+        "torque_unit": model.torque_unit,
+        "window": None,
+        "time_constant": 0.02,
+        "false_contacts_per_hour": 1.0,
+        "directions": [],
+    }
     said |= dict.fromkeys(("moving", "standing", "turning", "torque"), ones)
     said |= dict.fromkeys(("stops_known", "turns_known"), no)
     return json.dumps(said | {"tail": dict.fromkeys(("level", "per_hour", "growth"), ones)})

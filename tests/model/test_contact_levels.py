@@ -76,7 +76,7 @@ def test_a_file_keeps_it(tmp_path):
     text = (tmp_path / "contact.json").read_text()
     for wrong, said in (
         (text.replace("dynid-contact", "dynid-watch-settings"), "not an observer's uncertainty"),
-        (text.replace('"version": 1', '"version": 2'), "of version 2, this program reads version 1"),
+        (text.replace('"version": 2', '"version": 3'), "of version 3, this program reads version 2"),
         (text.replace("joint_1", "another"), "of an arm with other joints"),
         (text.replace('"stops_known": [', '"stops_known": [true, '), "7 values of stops_known for 6 joints"),
     ):

@@ -105,6 +105,9 @@ CODES: Mapping[str, Code] = {
 }
 """Codes of findings and of refusals about runs, in the order of a page."""
 
+OF_LEARNING = frozenset(list(CODES)[list(CODES).index("joint_never_moves") :])
+"""What a run lacks to learn parameters from; it can be watched, and looked at for contacts, all the same."""
+
 
 def mend_of(code: str) -> str | None:
     """What mends a fault, in general; None for codes that are not about runs."""

@@ -33,8 +33,19 @@ class Contact:
     torque: float
 
 
-def contacts_of(seen: Observation) -> list[Contact]:
-    """Contacts of a run, by time."""
+@dataclass(frozen=True)
+class LookedAt:
+    """What was seen on a run: `judged` [s] of it had an answer, with thresholds of this median [torque unit]."""
+
+    run: str
+    contacts: list[Contact]
+    delay: float
+    judged: float
+    threshold: list[float] | None
+
+
+def looked_at(name: str, seen: Observation) -> LookedAt:
+    """What the observer saw on a run, contacts by time."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], seen.contact, [False]]).astype(np.int8)))
     found = []
     for first, last in edges.reshape(-1, 2).tolist():
@@ -42,7 +53,10 @@ def contacts_of(seen: Observation) -> list[Contact]:
         at, joint = np.unravel_index(np.argmax(beyond), beyond.shape)
         torque = float(seen.external[first + at, joint])
         found.append(Contact(float(seen.t[first]), float(seen.t[last - 1]), int(joint), torque))
-    return found
+    judged: NDArray[np.bool_] = np.all(np.isfinite(seen.threshold), axis=1)
+    seconds = float(np.count_nonzero(judged[:-1]) * np.median(np.diff(seen.t))) if len(judged) > 1 else 0.0
+    typical = np.median(seen.threshold[judged], axis=0).tolist() if judged.any() else None
+    return LookedAt(name, found, seen.delay, seconds, typical)
 
 
 def learned(observer: MomentumObserver) -> dict[str, list[float]] | None:
@@ -59,43 +73,44 @@ def columns(seen: Observation) -> dict[str, NDArray[Any]]:
     return table | {"contact": seen.contact, "status": seen.status}
 
 
-Observed = Sequence[tuple[str, list[Contact], float]]
-
-
 def answer(
-    observed: Observed,
-    joints: Sequence[str],
-    unit: str,
+    observer: MomentumObserver,
+    observed: Sequence[LookedAt],
     said: Mapping[str, list[float]] | None,
     findings: Sequence[Finding],
 ) -> dict[str, Any]:
     """As `--json` prints it."""
+    joints = list(observer.model.robot.joint_names)
     return {
         "format": "dynid-contacts",
-        "version": 1,
-        "joints": list(joints),
-        "torque_unit": unit,
+        "version": 2,
+        "joints": joints,
+        "torque_unit": observer.model.torque_unit,
+        "false_contacts_per_hour": observer.false_contacts_per_hour,
+        "time_constant": observer.time_constant,
         "deviation": said,
         "runs": [
             {
-                "run": name,
-                "delay": delay,
-                "contacts": [asdict(contact) | {"joint": joints[contact.joint]} for contact in contacts],
+                "run": one.run,
+                "judged_seconds": one.judged,
+                "threshold": one.threshold,
+                "delay": one.delay,
+                "contacts": [asdict(contact) | {"joint": joints[contact.joint]} for contact in one.contacts],
             }
-            for name, contacts, delay in observed
+            for one in observed
         ],
         "findings": [finding.to_json() for finding in findings],
     }
 
 
 def lines(
-    observed: Observed,
+    observed: Sequence[LookedAt],
     joints: Sequence[str],
     unit: str,
     said: Mapping[str, list[float]] | None,
     findings: Sequence[Finding],
 ) -> list[str]:
-    """Deviations that were learned, and a line per contact."""
+    """Deviations that were learned, thresholds, and a line per contact."""
     text = []
     if said is None:
         text.append(
@@ -106,15 +121,27 @@ def lines(
         for j, joint in enumerate(joints):
             words = ", ".join(f"{significant(said[name][j], 2)} {name}" for name in DOING)
             text.append(f"{shown(joint)}: without contact off by {words} [{unit_text(unit)}]")
-    for name, contacts, delay in observed:
-        late = f" (said {significant(1e3 * delay, 2)} ms late)" if delay else ""
-        count = f"{len(contacts)} contact{'s' if len(contacts) > 1 else ''}" if contacts else "nothing pushes the arm"
-        text.append(f"{shown(name)}: {count}{late}")
-        for one in contacts[:AT_MOST]:
+    for one in observed:
+        late = f" (said {significant(1e3 * one.delay, 2)} ms late)" if one.delay else ""
+        text.append(f"{shown(one.run)}: {_count(one)}{late}")
+        if one.threshold is not None:
+            sizes = " ".join(significant(size, 2) for size in one.threshold)
             text.append(
-                f"  {one.start:.3f} to {one.end:.3f} s: {significant(one.torque, 2)} {unit_text(unit)} "
-                f"on {shown(joints[one.joint])}"
+                f"  {significant(one.judged, 2)} s were judged, by thresholds of {sizes} {unit_text(unit)} (median)"
             )
-        if len(contacts) > AT_MOST:
-            text.append(f"  and {len(contacts) - AT_MOST} more (--json has them all)")
+        for contact in one.contacts[:AT_MOST]:
+            text.append(
+                f"  {contact.start:.3f} to {contact.end:.3f} s: {significant(contact.torque, 2)} {unit_text(unit)} "
+                f"on {shown(joints[contact.joint])}"
+            )
+        if len(one.contacts) > AT_MOST:
+            text.append(f"  and {len(one.contacts) - AT_MOST} more (--json has them all)")
     return [*text, *(f"{one.severity}: {words}" for one, words in told_once(findings) if one.severity != "info")]
+
+
+def _count(one: LookedAt) -> str:
+    if one.threshold is None:
+        return "could not be judged: it is shorter than what the observer's filter looks back"
+    if not one.contacts:
+        return "nothing pushes the arm"
+    return f"{len(one.contacts)} contact{'s' if len(one.contacts) > 1 else ''}"

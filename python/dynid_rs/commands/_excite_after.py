@@ -58,7 +58,7 @@ def decide(
     say: Callable[[str], None],
 ) -> NextExperiment:
     """Design the motion beside the exciting one that is `made` of a length: the shortest that is enough, if asked."""
-    from dynid_rs.experiment.designing import design_next
+    from dynid_rs.experiment.designing import design_next, least_duration
     from dynid_rs.experiment.next import shortest
 
     def designed(seconds: float) -> NextExperiment:
@@ -71,7 +71,7 @@ def decide(
             on_progress=lambda text: say(f"deciding, {text}"),
         )
 
-    return designed(duration) if budget is None else shortest(designed, budget)
+    return designed(duration) if budget is None else shortest(designed, budget, least_duration(asked))
 
 
 def show_next(section: dict[str, Any], joints: list[str], out: Any) -> None:

@@ -68,6 +68,13 @@ def read_robot(
     return robot
 
 
+def model_files(path: Path) -> tuple[Path, ...]:
+    """What is read where a model is named: a file, or a result's folder and what it holds of the model."""
+    from dynid_rs.commands._identifier import MODEL_FILE, OPEN_FILE
+
+    return path, path / MODEL_FILE, path / OPEN_FILE
+
+
 def load_model(path: Path) -> _core.TorqueModel:
     """The model of a file, or of the folder of a result."""
     from dynid_rs import _core
@@ -76,6 +83,8 @@ def load_model(path: Path) -> _core.TorqueModel:
 
     interrupt.check()  # the command's imports are done
     inside = path / MODEL_FILE
+    if path.is_dir() and not inside.is_file():
+        raise FileNotFoundError(f"{path}: this folder holds no {MODEL_FILE}; name what `dynid identify` has written")
     return _core.TorqueModel.load(check_readable(inside if inside.is_file() else path))
 
 

@@ -73,6 +73,7 @@ def contact(
             help="Of one run: external torque, threshold and guide per sample and joint, and whether it is a contact",
         ),
     ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace files that are there already")] = False,
     config: _options.Config = None,
     drive_gain: _options.DriveGain = None,
     json_output: _options.Json = False,
@@ -83,16 +84,19 @@ def contact(
     follow, state by state, from what healthy runs leave and from how many false contacts you put up with. Ends with 1
     if something pushes, with 2 if a file cannot be read.
     """
+    import numpy as np
+
+    from dynid_rs.base.codes import OF_LEARNING
     from dynid_rs.base.files import write_table
     from dynid_rs.commands._console import progress
-    from dynid_rs.commands._contact_view import answer, columns, contacts_of, learned, lines
+    from dynid_rs.commands._contact_view import answer, columns, learned, lines, looked_at
     from dynid_rs.commands._inputs import load_model, read_runs, read_settings, runs_in_turn
     from dynid_rs.model.observer import MomentumObserver
 
     per_hour = per_day(false_contacts or USUAL, "--false-contacts") / HOURS
     if settings is not None and (time_constant is not None or window is not None):
         raise ValueError("--settings says which --time-constant and --window it was learned with; leave them out")
-    _check(runs, healthy, settings, save, output, model, config)
+    _check(runs, healthy, settings, save, output, model, config, force=force)
     with progress(Step(1, "reading"), Step(1, "looking for contacts")) as say:
         say("reading")
         reference = load_model(model)
@@ -114,27 +118,37 @@ def contact(
         if healthy:
             good, findings = read_runs(healthy, reference.robot, rules)
             observer.fit(good)
+            if observer.uncertainty_ is None:
+                seconds = sum(run.duration for run in good)
+                raise ValueError(
+                    f"{seconds:.0f} s of healthy runs are too few to say how often a threshold is passed; name runs of "
+                    "two minutes in all, or leave --healthy out: thresholds then follow from what the model expects"
+                )
         if save is not None:
             observer.save(save)
         say("looking for contacts")
-        observed = []
+        observed, tables = [], []
         for recording, found in runs_in_turn(runs, reference.robot, rules) if runs else ():
             seen = observer.observe(recording)
-            observed.append((recording.name, contacts_of(seen), seen.delay))
+            observed.append(looked_at(recording.name, seen))
             findings += found
             if output is not None:
-                write_table(output, columns(seen))
+                tables.append(columns(seen))
+        findings = [finding for finding in findings if finding.code not in OF_LEARNING]
+        if output is not None:
+            # Where samples are missing a run is looked at in parts.
+            write_table(output, {name: np.concatenate([one[name] for one in tables]) for name in tables[0]})
     joints = list(reference.robot.joint_names)
     said = learned(observer)
     if json_output:
-        print_json(answer(observed, joints, reference.torque_unit, said, findings))
+        print_json(answer(observer, observed, said, findings))
     else:
         for line in lines(observed, joints, reference.torque_unit, said, findings):
             typer.echo(line)
         for words, path in (("settings", save), ("external torque", output)):
             if path is not None:
                 typer.echo(f"{words}: {path}")
-    return EXIT_NO if any(contacts for _, contacts, _ in observed) else 0
+    return EXIT_NO if any(one.contacts for one in observed) else 0
 
 
 def _check(
@@ -145,9 +159,12 @@ def _check(
     output: Path | None,
     model: Path,
     config: Path | None,
+    *,
+    force: bool,
 ) -> None:
     """Refuse before any work is done what cannot be, or cannot be written."""
-    from dynid_rs.commands._output import check_file, check_not_read
+    from dynid_rs.commands._inputs import model_files
+    from dynid_rs.commands._output import check_absent, check_file, check_not_read
 
     if settings is not None and (healthy or save is not None):
         raise ValueError("--settings holds what --healthy would teach, and is written already; leave those and --save")
@@ -157,12 +174,20 @@ def _check(
         raise ValueError("no run to look at; name one, or write thresholds with --healthy RUN --save CONTACT.json")
     if output is not None and len(runs or []) != 1:
         raise ValueError("--output is of one run; name it, and no other")
+    if output is not None and output.suffix != ".parquet":
+        raise ValueError(f"{output}: is written as Parquet; give it the ending .parquet")
+    for path in runs or []:
+        if any(path.exists() and other.exists() and path.samefile(other) for other in healthy or []):
+            raise ValueError(f"{path}: both looked at and said to be healthy (--healthy); name it once")
     written = [path for path in (save, output) if path is not None]
     for path in written:
         check_file(path)
     if len({path.resolve() for path in written}) < len(written):
         raise ValueError(f"{save}: --save and --output are to be two files; name another one")
-    check_not_read(written, [path for path in (model, settings, config, *(runs or []), *(healthy or [])) if path])
+    read = (*model_files(model), settings, config, *(runs or []), *(healthy or []))
+    check_not_read(written, [path for path in read if path])
+    if not force:
+        check_absent(written)
 
 
 def _directions(model: Path, reference: TorqueModel) -> ParameterDirections | None:

@@ -87,13 +87,13 @@ def estimate(
     from dynid_rs.archive.runs import no_current
     from dynid_rs.base.files import write_table
     from dynid_rs.commands import _adapt_view
-    from dynid_rs.commands._inputs import check_cutoff, load_model, read_settings
+    from dynid_rs.commands._inputs import check_cutoff, load_model, model_files, read_settings
     from dynid_rs.diagnosis.plausibility import lost_joints
     from dynid_rs.regression.evaluation import band_rmse, rmse
     from dynid_rs.runs.checks import check_recording, is_damage
     from dynid_rs.runs.readers import read_run
 
-    _check_outputs(output, states, save_adapted, inputs=(model, run), force=force)
+    _check_outputs(output, states, save_adapted, inputs=(*model_files(model), run), force=force)
     windows = [_window(text) for text in exclude or []]
     torque_model = load_model(model)
     settings = read_settings(config, drive_gain, torque_model.robot.n_joints)

@@ -87,12 +87,12 @@ def _check_place(target: Path, inputs: list[Path], *, force: bool) -> None:
 
 def _write_urdf(model: Path, target: Path, robot: Path | None, *, force: bool) -> Answer:
     from dynid_rs.base.files import write_bytes
-    from dynid_rs.commands._inputs import load_model
+    from dynid_rs.commands._inputs import load_model, model_files
     from dynid_rs.model.export import urdf
 
     if robot is not None and robot.suffix.lower() == ".toml":
         raise ValueError(f"--robot {robot}: only a URDF can be edited; leave it out for a URDF of links and joints")
-    _check_place(target, [model, *([robot] if robot else [])], force=force)
+    _check_place(target, [*model_files(model), *([robot] if robot else [])], force=force)
     loaded = load_model(model)
     try:
         content = urdf(loaded, robot)
@@ -117,10 +117,10 @@ def _write_urdf(model: Path, target: Path, robot: Path | None, *, force: bool) -
 
 def _write_mjcf(model: Path, target: Path, *, force: bool) -> Answer:
     from dynid_rs.base.files import write_bytes
-    from dynid_rs.commands._inputs import load_model
+    from dynid_rs.commands._inputs import load_model, model_files
     from dynid_rs.model.export import mjcf
 
-    _check_place(target, [model], force=force)
+    _check_place(target, [*model_files(model)], force=force)
     loaded = load_model(model)
     try:
         content = mjcf(loaded)
@@ -137,10 +137,10 @@ def _write_mjcf(model: Path, target: Path, *, force: bool) -> Answer:
 
 def _write_header(model: Path, target: Path, name: str | None, *, force: bool) -> Answer:
     from dynid_rs.base.files import write_bytes
-    from dynid_rs.commands._inputs import load_model
+    from dynid_rs.commands._inputs import load_model, model_files
     from dynid_rs.model.export import c_header, c_prefix
 
-    _check_place(target, [model], force=force)
+    _check_place(target, [*model_files(model)], force=force)
     prefix = c_prefix(target.stem) if name is None else name
     content = c_header(load_model(model), prefix)
     write_bytes(target, content.encode("ascii"))

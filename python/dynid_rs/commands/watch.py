@@ -96,8 +96,9 @@ def watch(
     One test per change, with false alarms as rare as you say; a change is named once the data tell it from any other,
     and its size twenty seconds later. Ends with 1 if something has changed, with 2 if a file cannot be read.
     """
+    from dynid_rs.base.codes import OF_LEARNING
     from dynid_rs.commands._console import progress
-    from dynid_rs.commands._inputs import load_model, read_runs, read_settings, runs_in_turn
+    from dynid_rs.commands._inputs import load_model, model_files, read_runs, read_settings, runs_in_turn
     from dynid_rs.commands._watch_files import WatchFiles
     from dynid_rs.commands._watch_view import answer, has_changed, lines
     from dynid_rs.model.watch import Watch
@@ -108,7 +109,9 @@ def watch(
             "--settings says all that --healthy, --false-alarms and --tolerate do; leave those and --save out"
         )
     files = WatchFiles(save, remember, report, prometheus, ros)
-    files.check(runs, [path for path in (model, settings, config, *(runs or []), *(healthy or [])) if path])
+    files.check(
+        runs, [path for path in (*model_files(model), settings, config, *(runs or []), *(healthy or [])) if path]
+    )
     with progress(Step(1, "reading"), Step(1, "watching")) as say:
         say("reading")
         reference = load_model(model)
@@ -125,6 +128,7 @@ def watch(
             watched.append(_watched(watching, recording, known, remember))
             known = watched[-1].remembered if remember is not None else None
             findings += found
+        findings = [finding for finding in findings if finding.code not in OF_LEARNING]
         files.write(watching, watched, findings)
     joints = reference.robot.joint_names
     if json_output:

@@ -1,11 +1,13 @@
 """`open.json`: open questions on the disk, for whoever designs the next experiment or goes on after it.
 
 A precision is kept as the root of its diagonal and the upper triangle of what is left when that is divided out, nine
-digits each: numbers of one size, whatever the units.
+digits each: numbers of one size, whatever the units. A checksum over all of it says whether it is as it was written.
 """
 
 from __future__ import annotations
 
+import hashlib
+import json
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -32,7 +34,7 @@ from dynid_rs.regression.columns import Plan
 FloatArray = NDArray[np.float64]
 
 OPEN_FILE = "open.json"
-FORMAT, VERSION = "dynid-open", 2
+FORMAT, VERSION = "dynid-open", 3
 LARGEST = 2000
 """Unknowns that are read at most: ten times those of a seven-axis arm with sixteen questions."""
 DIGITS = 9
@@ -42,7 +44,7 @@ def to_json(asked: OpenQuestions) -> dict[str, Any]:
     """Content of `open.json`."""
     names, setup, plan = list(asked.plan.robot.joint_names), asked.setup, asked.plan
     structure = [(kind, joints) for (kind, joints), _ in asked.named if kind in KINDS]
-    return {
+    content = {
         "format": FORMAT,
         "version": VERSION,
         "robot": plan.robot.name,
@@ -88,6 +90,13 @@ def to_json(asked: OpenQuestions) -> dict[str, Any]:
         "may_pass": [_place(place, names) for place in sorted(asked.may_pass)],
         "n_places": asked.n_places,
     }
+    return content | {"checksum": checksum_of(content)}
+
+
+def checksum_of(content: dict[str, Any]) -> str:
+    """SHA-256 of what the file holds, its own checksum left out, whatever the order and the spaces of its text."""
+    rest = {name: value for name, value in content.items() if name != "checksum"}
+    return hashlib.sha256(json.dumps(rest, sort_keys=True).encode()).hexdigest()
 
 
 def _precision(precision: FloatArray) -> dict[str, Any]:
@@ -161,6 +170,8 @@ class _Reader:
                 code="other_robot",
                 file=str(self.path),
             )
+        if content.get("checksum") != checksum_of(content):
+            self.refuse("is not as it was written (its checksum differs)")
         try:
             return self._content(content, options)
         except (KeyError, TypeError, IndexError, AttributeError, ValueError) as error:

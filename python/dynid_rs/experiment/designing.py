@@ -297,9 +297,14 @@ def check_fits(asked: OpenQuestions, design: FourierExcitation) -> None:
             f"the diagnosis is of a robot with the joints {', '.join(theirs)}, and {design.robot_.name} has "
             f"{', '.join(ours)}; give the robot file that was diagnosed"
         )
-    least = LEAST_PERIODS / asked.cutoff
+    least = least_duration(asked)
     if design.duration < least:
         raise ValueError(f"duration must be at least {least:.3g} s for the band of the runs, got {design.duration:g}")
+
+
+def least_duration(asked: OpenQuestions) -> float:
+    """A motion shorter than this [s] holds too little of the runs' band."""
+    return LEAST_PERIODS / asked.cutoff
 
 
 def _compared(worth: Worth, told: Sequence[Told]) -> Compared:

@@ -8,7 +8,7 @@ from typing import Any
 from dynid_rs.diagnosis.outcome import Diagnosis
 from dynid_rs.excitation.fourier import FourierExcitation
 from dynid_rs.excitation.limits import ExcitationLimits
-from dynid_rs.experiment.designing import NextExperiment, design_next
+from dynid_rs.experiment.designing import NextExperiment, design_next, least_duration
 
 SHARES = (0.25, 0.5, 1.0)
 """Of a budget that are tried."""
@@ -74,16 +74,17 @@ def next_experiment(
         design = FourierExcitation(**{**options, **length}).fit(robot, limits)
         return design_next(asked, design, load=load, max_iter=max_iter, time_limit=time_limit, on_progress=on_progress)
 
-    return designed(None) if budget is None else shortest(designed, budget)
+    return designed(None) if budget is None else shortest(designed, budget, least_duration(asked))
 
 
-def shortest(designed: Callable[[float], NextExperiment], budget: float) -> NextExperiment:
+def shortest(designed: Callable[[float], NextExperiment], budget: float, least: float) -> NextExperiment:
     """The first of motions of a quarter, half and all of the budget [s] that settles enough; else the longest.
 
-    Enough is what the whole budget could not better: every question is settled with a chance of 95 %.
+    None but the last is shorter than `least` [s]. Enough is what the whole budget could not better: every question is
+    settled with a chance of 95 %.
     """
-    for share in SHARES:
-        found = designed(share * budget)
+    for length in (share * budget for share in SHARES if share == SHARES[-1] or share * budget >= least):
+        found = designed(length)
         if all(chance.right >= ENOUGH for chance in found.expected.chances):
             break
     return found

@@ -91,6 +91,7 @@ def directions_of(
         What the joints' torques are weighed by [torque unit].
     """
     n, n_base = plan.robot.n_joints, plan.n_base
+    covariance = _given(covariance, _unseen(plan))
     base, own = _columns(plan, *_states(model, np.random.default_rng(random_state)))
     noise = np.maximum(noise, 1e-300)
     among_base = covariance[:n_base, :n_base]
@@ -141,11 +142,36 @@ def _columns(plan: Plan, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> tupl
     n = plan.robot.n_joints
     own = []
     for effect in plan.effects:
-        if effect.has_memory or UNSEEN.intersection(effect.signals):
+        if _counts_as_known(effect):
             own.append(np.zeros((len(q), n, effect.n_columns)))
             continue
         own.append(_core.effect_columns(effect, q, dq, ddq))
     return base, np.concatenate(own, axis=2)
+
+
+def _counts_as_known(effect: _core.Effect) -> bool:
+    return bool(effect.has_memory or UNSEEN.intersection(effect.signals))
+
+
+def _unseen(plan: Plan) -> NDArray[np.intp]:
+    """Places of the unknowns of effects that count as known."""
+    of_joint = np.concatenate([np.full(effect.n_columns, _counts_as_known(effect)) for effect in plan.effects])
+    own = plan.n_base + np.arange(plan.robot.n_joints)[:, None] * plan.n_own + np.flatnonzero(of_joint)
+    return own.ravel()
+
+
+def _given(covariance: FloatArray, known: NDArray[np.intp]) -> FloatArray:
+    """The covariance of the others where some unknowns are known; zero of those.
+
+    Friction that remembers is nearly Coulomb's: left as unknown as the runs leave it, and its torque not looked at, it
+    would make Coulomb's, which the two together are well known by, many times as unknown as it is.
+    """
+    among = covariance[np.ix_(known, known)]
+    scale = np.sqrt(np.maximum(np.diag(among), 1e-300))
+    inverse = np.linalg.pinv(among / np.outer(scale, scale), rcond=1e-10, hermitian=True) / np.outer(scale, scale)
+    rest: FloatArray = covariance - covariance[:, known] @ inverse @ covariance[known]
+    rest[known] = rest[:, known] = 0.0
+    return rest
 
 
 def _root(covariance: FloatArray) -> FloatArray:

@@ -103,8 +103,13 @@ def detection_curve(
     """
     recordings = as_recordings(runs, observer.model.robot)
     sizes = np.broadcast_to(np.asarray(torque, dtype=np.float64), (observer.model.robot.n_joints,))
-    if getattr(observer, "uncertainty_", None) is None or not hasattr(observer, "greatest_"):
+    if getattr(observer, "uncertainty_", None) is None:
         raise ValueError("detection_curve: the observer has learned nothing; fit it on two minutes without contact")
+    if not hasattr(observer, "greatest_"):
+        raise ValueError(
+            "detection_curve: of an observer that was loaded the greatest healthy torque, which a constant threshold "
+            "is set by, is not known; fit it on two minutes without contact"
+        )
     if not np.all(sizes > 0) or not np.all(np.isfinite(sizes)):
         raise ValueError(
             "detection_curve: the size of a step is not positive; give one per joint, in the torques' unit"

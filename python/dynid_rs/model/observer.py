@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from dynid_rs import _core
 from dynid_rs.base.files import check_readable, write_json
+from dynid_rs.base.quoting import shown, shown_value
 from dynid_rs.model.contact_levels import Seen, fit_tails, fit_variances
 from dynid_rs.runs.given import Runs, as_recordings
 from dynid_rs.runs.recording import FloatArray, Recording
@@ -26,6 +27,10 @@ SETTLED = 5.0
 """After so many time constants the observer has forgotten what it began with."""
 SAME_RATE = 0.02
 """Relative difference of rates that are one."""
+TIME_CONSTANTS = (1e-5, 100.0)
+"""Times [s] that an observer may take."""
+WINDOWS = range(5, 102, 2)
+"""Numbers of samples to differentiate over."""
 LEAST_SAMPLES = 100
 """Fewer samples of a joint in motion tell no deviation."""
 
@@ -112,6 +117,11 @@ class MomentumObserver:
     directions : ParameterDirections, optional
         How well the parameters are known, from `parameter_directions`. None: they count as known.
 
+    Raises
+    ------
+    ValueError
+        A time constant or a window that the observer does not take.
+
     Attributes
     ----------
     correlation_time_ : float or None
@@ -132,6 +142,11 @@ class MomentumObserver:
         window: int | None = None,
         directions: Directions | None = None,
     ) -> None:
+        if not TIME_CONSTANTS[0] <= time_constant <= TIME_CONSTANTS[1]:
+            low, high = TIME_CONSTANTS
+            raise ValueError(f"time_constant: a number of seconds from {low:g} to {high:g}, found {time_constant:g}")
+        if window is not None and window not in WINDOWS:
+            raise ValueError(f"window: an odd number of samples from 5 to 101, found {shown_value(window)}")
         self.model = model
         self.time_constant = time_constant
         self.correlation_time = correlation_time
@@ -160,7 +175,10 @@ class MomentumObserver:
                 seen, expected = said.external[moves[:, j], j], said.std[moves[:, j], j]
                 row[j] = np.mean(seen**2) / np.mean(expected**2)
         if not np.any(np.isfinite(gains)):
-            raise ValueError("fit: no joint moves long enough in these runs to tell what the model leaves")
+            names = ", ".join(shown(recording.name) for recording in recordings)
+            raise ValueError(
+                f"{names}: no joint moves long enough to tell what the model leaves; name runs in which the arm works"
+            )
         share = float(np.nanmax(gains))
         self.correlation_time_ = self.time_constant * share / (1 - share) if 0 < share < 1 else None
         self.uncertainty_ = None if self.correlation_time is not None else self._learn(recordings)
@@ -172,12 +190,19 @@ class MomentumObserver:
         Raises
         ------
         ValueError
-            The run is not one of this robot, in another unit, or lacks a temperature that friction follows.
+            The run is not one of this robot, in another unit or at another rate than what was learned from, or lacks a
+            temperature that friction follows.
         """
+        learned = getattr(self, "uncertainty_", None)
+        if learned is not None and abs(recording.rate * learned["step"] - 1) > SAME_RATE:
+            raise ValueError(
+                f"{shown(recording.name)}: recorded at {recording.rate:g} Hz, thresholds were learned at "
+                f"{1 / learned['step']:g} Hz, and the observer's noise follows the rate; learn them from runs at this"
+            )
         known = self.correlation_time
         if known is None:
             known = getattr(self, "correlation_time_", None)
-        said = self._run(recording, known, getattr(self, "uncertainty_", None))
+        said = self._run(recording, known, learned)
         contact = (said.status & CONTACT) != 0
         return Observation(recording.t, said.external, said.threshold, contact, said.guide, said.status, said.delay)
 
@@ -203,16 +228,21 @@ class MomentumObserver:
         Raises
         ------
         FormatError
-            The file is none, of a newer program, or of another arm.
+            The file is none, of a newer program, of another arm, or in another unit.
         ValueError
             It is of a model with other effects.
         OSError
             The system refuses.
         """
-        joints, _, window, time_constant, per_hour = _core.read_contact(check_readable(path), model)
-        if tuple(joints) != tuple(model.robot.joint_names):
+        joints, unit, _, window, time_constant, per_hour = _core.read_contact(check_readable(path), model)
+        other = (
+            "of an arm with other joints than the model's" if tuple(joints) != tuple(model.robot.joint_names) else ""
+        )
+        if not other and unit != model.torque_unit:
+            other = f"in another unit than the model, which is in {model.torque_unit}"
+        if other:
             raise _core.FormatError(
-                f"{Path(path)}: of an arm with other joints than the model's; write it anew with MomentumObserver.save"
+                f"{Path(path)}: {other}; write it anew with `dynid contact MODEL --healthy RUN --save`"
             )
         found = MomentumObserver(model, time_constant=time_constant, false_contacts_per_hour=per_hour, window=window)
         found.uncertainty_ = json.loads(Path(path).read_bytes())
@@ -226,8 +256,9 @@ class MomentumObserver:
             raise ValueError("fit: the runs were recorded at different rates; the observer's noise follows the rate")
         learned: dict[str, Any] = {
             "format": "dynid-contact",
-            "version": 1,
+            "version": 2,
             "joints": list(self.model.robot.joint_names),
+            "torque_unit": self.model.torque_unit,
             "step": step,
             "window": self.window,
             "time_constant": float(self.time_constant),

@@ -104,13 +104,20 @@ impl Cycle {
             online = online.observing(observer).map_err(stop)?;
         }
         if let Some(contacts) = &settings.contacts {
-            let mend = "write it with MomentumObserver.save of an observer of this model";
+            let mend =
+                "write it with `dynid contact MODEL.json --healthy RUN --save` of this model";
             check_joints(
                 online.estimator().model(),
                 &contacts.joints,
                 "--contacts",
                 mend,
             )?;
+            let unit = online.estimator().model().torque_unit();
+            if contacts.torque_unit != unit {
+                return Err(Stop::Because(format!(
+                    "--contacts: in another unit than the model, which is in {unit}; {mend}"
+                )));
+            }
             let known = online.knowing(Arc::new(contacts.uncertainty.clone()));
             online = known.map_err(|error| {
                 Stop::Because(format!("--contacts: of another model: {error}; {mend}"))

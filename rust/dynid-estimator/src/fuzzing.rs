@@ -183,6 +183,7 @@ fn contacts(model: &TorqueModel) -> ContactFile {
     let terms = model.effects().iter();
     ContactFile {
         joints: joints.map(|joint| joint.name.clone()).collect(),
+        torque_unit: model.torque_unit().to_owned(),
         step: 0.001,
         window: None,
         settings: ObserverSettings::default(),

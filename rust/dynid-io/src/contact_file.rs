@@ -14,7 +14,7 @@ use crate::ModelFileError;
 /// Name in the `format` field.
 pub const FORMAT: &str = "dynid-contact";
 /// Newest version of the file that this reader understands.
-pub const VERSION: u32 = 1;
+pub const VERSION: u32 = 2;
 /// Larger files are refused before memory is taken \[bytes\].
 pub const MAX_BYTES: u64 = 4 << 20;
 
@@ -23,6 +23,8 @@ pub const MAX_BYTES: u64 = 4 << 20;
 pub struct ContactFile {
     /// Names of the joints, along the chain.
     pub joints: Vec<String>,
+    /// Of the runs and the model.
+    pub torque_unit: String,
     /// Time between the samples of the healthy runs \[s\].
     pub step: f64,
     /// Samples that they were differentiated over; none: the usual number.
@@ -52,6 +54,7 @@ struct Parts {
     format: String,
     version: u32,
     joints: Vec<String>,
+    torque_unit: String,
     step: f64,
     window: Option<usize>,
     time_constant: f64,
@@ -97,7 +100,9 @@ pub fn load_contact(path: &Path) -> Result<ContactFile, ModelFileError> {
 pub fn parse_contact(bytes: &[u8], name: &str) -> Result<ContactFile, ModelFileError> {
     read(bytes).map_err(|message| ModelFileError::Invalid {
         path: name.to_owned(),
-        message: format!("{message}; write it anew with MomentumObserver.save"),
+        message: format!(
+            "{message}; write it anew with `dynid contact MODEL --healthy RUN --save`"
+        ),
     })
 }
 
@@ -156,6 +161,7 @@ fn read(bytes: &[u8]) -> Result<ContactFile, String> {
     });
     Ok(ContactFile {
         joints: parts.joints,
+        torque_unit: parts.torque_unit,
         step: parts.step,
         window: parts.window,
         settings,

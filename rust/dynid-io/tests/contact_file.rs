@@ -2,7 +2,7 @@
 
 use dynid_io::contact_file::{parse_contact, MAX_BYTES};
 
-const GOOD: &str = r#"{"format":"dynid-contact","version":1,"joints":["a","b"],"step":0.001,"window":15,"time_constant":0.01,
+const GOOD: &str = r#"{"format":"dynid-contact","version":2,"joints":["a","b"],"torque_unit":"N*m","step":0.001,"window":15,"time_constant":0.01,
 "false_contacts_per_hour":0.5,"moving":[1.0,0.5],"standing":[0.1,0.2],"turning":[2.0,1.5],"torque":[0.0,1e-4],
 "stops_known":[true,false],"turns_known":[false,true],"tail":{"level":[12.0,9.0],"per_hour":[720.0,700.0],"growth":[2.5,2.0]},
 "directions":[{"phi":[0.1],"effects":[[0.2,0.3]]}]}"#;
@@ -34,7 +34,7 @@ fn what_is_none_is_refused_with_the_mend() {
     );
     for (good, bad, said) in [
         ("dynid-contact", "dynid-model", "expected \"format\""),
-        ("\"version\":1", "\"version\":7", "of version 7"),
+        ("\"version\":2", "\"version\":7", "of version 7"),
         ("0.001", "0.0", "step is no time"),
         ("\"window\":15", "\"windows\":15", "unknown field"),
         (
@@ -57,7 +57,7 @@ fn what_is_none_is_refused_with_the_mend() {
         let error = parse_contact(text.as_bytes(), "f").unwrap_err().to_string();
         assert!(error.contains(said), "{error}");
         assert!(
-            error.contains("write it anew with MomentumObserver.save"),
+            error.contains("write it anew with `dynid contact MODEL"),
             "{error}"
         );
         assert!(error.starts_with("f"), "{error}");

@@ -110,9 +110,9 @@ fn number(does: Doing) -> f64 {
     }
 }
 
-type OfFile = (Vec<String>, f64, Option<usize>, f64, f64);
+type OfFile = (Vec<String>, String, f64, Option<usize>, f64, f64);
 
-/// Joints, time between samples \[s\], window, time constant \[s\] and false contacts per hour of a `contact.json`, which is of `model`.
+/// Joints, unit of torque, time between samples \[s\], window, time constant \[s\] and false contacts per hour of a `contact.json`, which is of `model`.
 #[pyfunction]
 pub fn read_contact(path: PathBuf, model: &PyTorqueModel) -> PyResult<OfFile> {
     let file = dynid_io::load_contact(&path).map_err(errors::model_file)?;
@@ -120,5 +120,12 @@ pub fn read_contact(path: PathBuf, model: &PyTorqueModel) -> PyResult<OfFile> {
         .and_then(|observer| observer.with_uncertainty(Arc::new(file.uncertainty)))
         .map_err(errors::core)?;
     let (time, per_hour) = (file.settings.time_constant, file.settings.false_per_hour);
-    Ok((file.joints, file.step, file.window, time, per_hour))
+    Ok((
+        file.joints,
+        file.torque_unit,
+        file.step,
+        file.window,
+        time,
+        per_hour,
+    ))
 }
