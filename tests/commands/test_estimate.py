@@ -348,4 +348,4 @@ def test_the_folder_of_a_result_stands_for_its_model(tmp_path):
         printed = dynid("estimate", model, done.runs[2], "-o", table)
         assert printed.exit_code == 0, printed.output
     assert tables[0].read_bytes() == tables[1].read_bytes()
-    assert "name a file" in refusal(dynid("estimate", tmp_path, done.runs[2], "-o", tmp_path / "none.parquet"))
+    assert "holds no model.json" in refusal(dynid("estimate", tmp_path, done.runs[2], "-o", tmp_path / "none.parquet"))

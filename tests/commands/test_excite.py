@@ -416,6 +416,8 @@ def test_limits_beyond_the_robot_file_are_refused(tmp_path):
         (("--harmonics", 1), "--harmonics must be a whole number of at least 2, got 1"),
         (("--restarts", 0), "--restarts must be a whole number of at least 1, got 0"),
         (("--iterations", 0), "--iterations must be a whole number of at least 1, got 0"),
+        (("--iterations", 2**63), f"--iterations must be at most 1000000, got {2**63}"),
+        (("--restarts", 2**63), f"--restarts must be at most 1000000, got {2**63}"),
         (("--seed", -1), "--seed must be a whole number of at least 0, got -1"),
         (("--criterion-rate", 0), "--criterion-rate must be a positive number, got 0.0"),
         (("--rate", 0), "--rate must be a positive number of samples per second, got 0.0"),

@@ -93,7 +93,7 @@ def contact(
     from dynid_rs.commands._inputs import load_model, read_runs, read_settings, runs_in_turn
     from dynid_rs.model.observer import MomentumObserver
 
-    per_hour = per_day(false_contacts or USUAL, "--false-contacts") / HOURS
+    per_hour = per_day(USUAL if false_contacts is None else false_contacts, "--false-contacts") / HOURS
     if settings is not None and (time_constant is not None or window is not None):
         raise ValueError("--settings says which --time-constant and --window it was learned with; leave them out")
     _check(runs, healthy, settings, save, output, model, config, force=force)

@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 FloatArray = NDArray[np.float64]
 
 MAX_SAMPLES = 100_000
+MOST = 1_000_000
+"""Searches, steps of one, harmonics: nobody waits for more."""
 BLIND = 1e6
 """A condition number above this says that some parameters are not excited at all."""
 
@@ -248,6 +250,8 @@ class FourierExcitation(Estimator):
         for name, (value, least) in counts.items():
             if isinstance(value, bool) or int(value) != value or value < least:
                 raise ValueError(f"{name} must be a whole number of at least {least}, got {value}")
+            if value > MOST:
+                raise ValueError(f"{name} must be at most {MOST}, got {value}")
         sizes = {"duration": self.duration, "rate": self.rate}
         if self.time_limit is not None:
             sizes["time_limit"] = self.time_limit
