@@ -197,3 +197,16 @@ def test_a_run_that_is_shorter_than_the_filter_is_not_said_to_be_free(folder, tm
     said = dynid("contact", folder / "model.json", run, "--window", "101")
     assert "could not be judged" in said.stdout
     assert "nothing pushes" not in said.stdout
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("turning", [-1.0] * 6), ("directions", [{"phi": [1.0], "effects": [[1.0], [1.0]]}])]
+)
+def test_damaged_settings_are_refused_with_their_file_and_the_mend(folder, tmp_path, name, value):
+    damaged = tmp_path / "damaged.json"
+    content = json.loads((folder / "contact.json").read_text())
+    assert len(content["turning"]) == 6
+    damaged.write_text(json.dumps(content | {name: value}))
+    said = refusal(dynid("contact", folder / "model.json", folder / "free.parquet", "--settings", damaged))
+    assert f"{damaged}: damaged, or of another model" in said
+    assert "write it anew with `dynid contact MODEL --healthy RUN --save`" in said

@@ -234,16 +234,20 @@ class MomentumObserver:
         OSError
             The system refuses.
         """
-        joints, unit, _, window, time_constant, per_hour = _core.read_contact(check_readable(path), model)
+        mend = "write it anew with `dynid contact MODEL --healthy RUN --save`"
+        try:
+            joints, unit, _, window, time_constant, per_hour = _core.read_contact(check_readable(path), model)
+        except _core.FormatError:
+            raise
+        except ValueError as error:
+            raise ValueError(f"{Path(path)}: damaged, or of another model ({error}); {mend}") from None
         other = (
             "of an arm with other joints than the model's" if tuple(joints) != tuple(model.robot.joint_names) else ""
         )
         if not other and unit != model.torque_unit:
             other = f"in another unit than the model, which is in {model.torque_unit}"
         if other:
-            raise _core.FormatError(
-                f"{Path(path)}: {other}; write it anew with `dynid contact MODEL --healthy RUN --save`"
-            )
+            raise _core.FormatError(f"{Path(path)}: {other}; {mend}")
         found = MomentumObserver(model, time_constant=time_constant, false_contacts_per_hour=per_hour, window=window)
         found.uncertainty_ = json.loads(Path(path).read_bytes())
         return found
