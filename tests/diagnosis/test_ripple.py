@@ -10,7 +10,7 @@ from helpers.diagnosed import ROBOT, found_in, measured, rigid
 from helpers.small_arm import JOINTS
 from scipy.signal import butter, filtfilt
 
-from dynid_rs.diagnosis.ripple import PARTS, _in_parts, find_ripple, ripple_entries
+from dynid_rs.diagnosis.ripple import PARTS, Line, _family, _in_parts, find_ripple, ripple_entries
 from dynid_rs.diagnosis.setup import Setup
 from dynid_rs.model.assembly import evaluate
 
@@ -130,3 +130,14 @@ def test_a_line_s_odds_by_its_parts_are_those_of_its_chance(size):
     power = np.abs(parts.mean()) ** 2 / (np.var(parts, ddof=1) / PARTS)
     log_chance = f.logsf(power, 2, 2 * (PARTS - 1))
     assert _in_parts(q, e, 40.0) == pytest.approx(-log_chance - 1 - np.log(max(power, 1.0)), rel=1e-9)
+
+
+@pytest.mark.parametrize("way", [0.9, 9.0])
+def test_a_line_s_error_is_that_of_the_background_a_short_way_from_it(way):
+    """White noise of 0.1 gives a coefficient's, 0.1 sqrt(2 / n); a third of a turn tells orders three apart at best."""
+    rng = np.random.default_rng(1)
+    q = way * np.sin(np.linspace(0.0, 60.0, 20_000))
+    e = 0.5 * np.cos(20.0 * q) + 0.1 * rng.standard_normal(len(q))
+    family = _family(0, q, e, [Line(20.0, 50.0)])
+    np.testing.assert_allclose(family.coefficients, [[0.5, 0.0]], atol=0.01)
+    np.testing.assert_allclose(family.std, 0.1 * np.sqrt(2 / len(q)), rtol=0.35)

@@ -8,6 +8,7 @@ from helpers.run_files import RATE, motion
 
 from dynid_rs.base.findings import joint_words
 from dynid_rs.runs.checks import check_recording, moving_joints, refused_sources
+from dynid_rs.runs.checks.bits import lattice_step
 from dynid_rs.runs.recording import Recording
 
 N = 1200
@@ -330,6 +331,13 @@ def test_checks_survive_any_scale(scale):
 
     for finding in check(change):
         assert finding.value is None or np.isfinite(finding.value)
+
+
+def test_the_step_of_a_lattice_is_the_one_that_all_differences_hold():
+    levels = np.repeat(0.25 * np.array([-3.0, 0.0, 1.0, 2.0, 7.0]), 8)
+    assert lattice_step(levels) == pytest.approx(0.25)
+    assert lattice_step(np.where(levels == 0.5, 0.6, levels)) == 0.0
+    assert lattice_step(np.arange(100.0)) == 0.0  # as many values as samples
 
 
 def test_shortest_run_is_checked():

@@ -8,6 +8,7 @@ from helpers.small_arm import JOINTS, dynid, refusal, write_robot
 
 from dynid_rs import DataError
 from dynid_rs.runs.readers import read_recording
+from dynid_rs.runs.readers.text_layout import _is_list
 
 COLUMNS = valid_columns()
 Q, TAU = (np.column_stack([COLUMNS[f"{signal}_{j}"] for j in range(3)]) for signal in ("q", "tau"))
@@ -53,3 +54,11 @@ def test_lists_beside_the_signals_are_nobodys_concern(tmp_path):
     table.rename(columns=named).to_csv(tmp_path / "named.csv", index=False)
     with pytest.raises(DataError, match="column q_0 or q_shoulder is missing"):
         read_recording(tmp_path / "named.csv", JOINTS)
+
+
+@pytest.mark.parametrize(
+    ("cell", "is_list"),
+    [("[1, 2.5]", True), ("(1 2)", True), ("[-1e3]", True), ("[1, up]", False), ("[]", False), ("[1, 2)", False)],
+)
+def test_a_list_holds_numbers_and_nothing_else(cell, is_list):
+    assert _is_list(cell) is is_list
