@@ -200,7 +200,7 @@ impl Watch {
                 }
             }
             for named in &mut self.tests {
-                if named.joint == change.joint {
+                if named.joint == change.joint || named.kind == Kind::Slip {
                     named.window = Evidence::default();
                 }
             }

@@ -1,7 +1,8 @@
 //! Does the model still hold? A sequential test per change that has a name, while the arm works.
 //!
 //! A row is the mean, over a fifth of a second, of what the model leaves of the measured torque, and of what each change
-//! would add to it per unit: friction's own torque, the whole torque, one deviation, the torque of a mass at the last link.
+//! would add to it per unit: friction's own torque, the whole torque, one deviation, how fast the torque
+//! falls, the torque of a mass at the last link, and of a position that is shown too far.
 //! Means are linear, so a change adds the same to both. Rows in which a joint stands, or in which the arm leaves what the
 //! model was trained on, say nothing. `sequential.rs` is the test and where its threshold comes from; `settings.rs` what is
 //! tolerated. A change that has been named is taken off from then on, so that the next one can be seen beside it. Torque channels
@@ -173,6 +174,8 @@ impl Watch {
             (Kind::Friction, settings.friction),
             (Kind::Gain, settings.gain),
             (Kind::Offset, settings.offset),
+            (Kind::Delay, settings.delay),
+            (Kind::Slip, settings.slip),
             (Kind::Unknown, settings.unknown),
         ];
         let test = |kind, joint, tolerated| Named {
@@ -186,7 +189,7 @@ impl Watch {
             .flat_map(|j| own.map(|(kind, tolerated)| test(kind, j, tolerated)))
             .collect();
         Ok(Self {
-            threshold: settings.log_threshold(settings::n_tests(n)),
+            threshold: settings.threshold(settings::n_tests(n)),
             rows: Rows::new(model, settings.row, healthy.least_speed.clone()),
             inflation: healthy.inflation.clone(),
             memory: healthy.memory.clone(),
@@ -265,13 +268,18 @@ impl Watch {
             named = self.judge(self.tests.len());
             let fine = self.known.has_load() || !matches!(self.phase, Phase::Quiet);
             self.rows.finish(&mut self.row, fine);
-            self.per_step = self.tests.len() / self.row.n.max(1) as usize + 1;
+            self.per_step = 2 * self.tests.len() / self.row.n.max(1) as usize + 1;
             self.known.take_off(&mut self.row);
             self.n_rows += 1;
             self.next = 0;
         }
-        self.rows.take(estimator, tau, elapsed, good)?;
-        let named = named.or(self.judge(self.per_step));
+        let is_busy = self.rows.take(estimator, tau, elapsed, good)?;
+        // There is time for all tests in the samples at which nothing else is evaluated, unless samples are rare.
+        let named = named.or(if is_busy && self.per_step == 1 {
+            None
+        } else {
+            self.judge(self.per_step)
+        });
         let terms = rows_of(estimator.terms(), shown.len());
         let moves = self.rows.any_moves(estimator);
         self.channels.take(shown, terms, elapsed, moves);
@@ -294,20 +302,30 @@ impl Watch {
             let variance = at(&row.variance, j) * at(&self.inflation, j);
             let memory = at(&self.memory, j);
             let weight = weight(variance, memory, row.moves.get(j) == Some(&true));
-            if weight == 0.0 {
+            if weight == 0.0 && named.kind != Kind::Slip {
                 continue;
             }
             let left = at(&row.left, j);
             let per_unit = match named.kind {
                 Kind::Friction => at(&row.friction, j),
                 Kind::Gain => at(&row.torque, j),
+                Kind::Delay => at(&row.late, j),
                 _ => at(&self.deviation, j),
             };
             let mut seen = Evidence {
                 moment: weight * per_unit * left,
                 information: weight * per_unit * per_unit,
             };
+            if named.kind == Kind::Slip {
+                let columns = rows_of(&row.slip, row.left.len()).nth(j);
+                seen = of_all_joints(row, columns.unwrap_or(&[]), &self.inflation, &self.memory);
+            }
             let mut ratios = SIZES.map(|size| log_ratio(size, tolerated, seen));
+            if named.kind == Kind::Slip {
+                // What is told by all joints together is not what each of them may have: an error that has grown a little.
+                let least = 1.0 + self.settings.unknown;
+                ratios = ratios.map(|ratio| ratio / (least * least));
+            }
             if named.kind == Kind::Unknown {
                 let square = left * left / variance;
                 let of_size = |size| log_ratio_of_deviation(size, tolerated, square, memory);
@@ -322,7 +340,7 @@ impl Watch {
                 Phase::Telling(_) => named.window.add(seen),
                 Phase::Settling(_, change) => {
                     named.window.add(seen);
-                    if !touches(&change, j) {
+                    if named.kind != Kind::Slip && !touches(&change, j) {
                         named.test.step(ratios);
                     }
                 }
@@ -360,9 +378,9 @@ impl Watch {
         }
         match self.phase {
             Phase::Quiet => {
-                let mut tests = self.tests.iter().map(|named| named.test.log_mean());
-                let passed = tests.any(|log_r| log_r > self.threshold);
-                if passed || self.load_test.log_mean() > self.threshold {
+                let mut tests = self.tests.iter().map(|named| named.test.mean());
+                let passed = tests.any(|r| r > self.threshold);
+                if passed || self.load_test.mean() > self.threshold {
                     self.begin_window();
                     self.phase = Phase::Telling(0);
                 }
@@ -451,7 +469,7 @@ impl Watch {
     fn begin_anew(&mut self, change: &Change) {
         self.load_test = LoadTest::new();
         for named in &mut self.tests {
-            if touches(change, named.joint) {
+            if named.kind == Kind::Slip || touches(change, named.joint) {
                 named.test = SequentialTest::new();
             }
         }
@@ -460,7 +478,27 @@ impl Watch {
 
 /// Whether what is left of a joint is another one with a change.
 fn touches(change: &Change, joint: usize) -> bool {
-    change.kind == Kind::Load || change.joint == joint
+    of_arm(change.kind) || change.joint == joint
+}
+
+/// Whether a change shows on all joints.
+fn of_arm(kind: Kind) -> bool {
+    matches!(kind, Kind::Load | Kind::Slip)
+}
+
+/// What a row says of a change of which all joints have a column.
+fn of_all_joints(row: &Row, columns: &[f64], inflation: &[f64], memory: &[f64]) -> Evidence {
+    let variances = row.variance.iter().zip(inflation).zip(memory);
+    let joints = columns.iter().zip(&row.left).zip(&row.moves).zip(variances);
+    let mut seen = Evidence::default();
+    for (((column, left), moves), ((variance, more), memory)) in joints {
+        let weight = weight(variance * more, *memory, *moves);
+        seen.add(Evidence {
+            moment: weight * column * left,
+            information: weight * column * column,
+        });
+    }
+    seen
 }
 
 /// Weight of a row: nothing where its joint stands.
