@@ -51,8 +51,8 @@ ABOUT_CHANGES = """## Changes
 {arms} arms, each kind once on each, in a run of its own of {ends:.0f} s with a motion of its own; the change begins at
 {at:.0f} s, and friction is as warm as it was. The joint is drawn; that of a gain is one whose load varies more than its
 friction (as in the exam). A constant torque is {offset:.0f} deviations of what the rows of its joint usually leave. A
-load's centre is within {reach:.0f} cm of the last link's origin. A channel becomes late by {late} ms, noise and all, on a
-joint that is chosen like a gain's. The encoder (of two the link's) slips by {slipped} rad on a joint on which that
+load's centre is within {reach:.0f} cm of the last link's origin. A channel becomes late by {late} ms, noise and all, on
+a joint that is chosen like a gain's. The encoder (of two the link's) slips by {slipped} rad on a joint on which that
 makes at least as much as a constant torque somewhere on the arm. A channel that freezes stays where it was (right:
 *frozen* on its joint); one that is lost shows 0 (right: *frozen*, or *gain*, of which it has lost all).
 

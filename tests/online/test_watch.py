@@ -45,7 +45,8 @@ def test_a_position_that_jumps_is_named_and_taken_for_granted(joint):
     assert slip.interval[0] - 0.001 < size < slip.interval[1] + 0.001
     assert (grown.kind, grown.joint) == ("friction", model().robot.joint_names[4])
     assert len(watched.changes) == 4
-    assert "encoder slip" in str(slip) and str(slip).endswith("(settled)")
+    assert "encoder slip" in str(slip)
+    assert str(slip).endswith("(settled)")
 
 
 def run_time(terms):

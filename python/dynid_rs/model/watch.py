@@ -98,7 +98,7 @@ class Watched:
 
 
 class Watch:
-    """Says what of a model no longer holds: friction, gain, offset, delay, slip of a joint, a load, or something unknown.
+    """Says what of a model no longer holds: friction, gain, offset, delay, slip of a joint, a load, or the unknown.
 
     Parameters
     ----------
