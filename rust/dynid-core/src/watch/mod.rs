@@ -26,9 +26,9 @@ use crate::slices::{at, mirror_fields, rows as rows_of, set, Mirror};
 use frozen::Channels;
 pub use frozen::Repeats;
 use rows::{Known, Row, Rows};
-use sequential::{log_ratio, log_ratio_of_deviation, Evidence, SequentialTest, GROWN, SIZES};
+use sequential::{log_ratio, log_ratio_of_deviation, step, Evidence, SequentialTest, GROWN, SIZES};
 pub use settings::{Healthy, Kind, WatchSettings};
-use solve::{masses, LoadSums, PLACES};
+use solve::{mass_in, LoadSums, PLACES};
 
 /// A name has to be this much likelier than any other for the same joints: 19 to 1.
 const SURE: f64 = 2.944_438_979_166_440_3;
@@ -142,9 +142,10 @@ pub struct Watch {
     deviation: Vec<f64>,
     known: Known,
     channels: Channels,
-    /// The row that is being judged, and which test comes next.
+    /// The row that is being judged, which test comes next (those of a load's places last), and whether one has passed.
     row: Row,
     next: usize,
+    passed: bool,
     per_step: usize,
     tests: Vec<Named>,
     load_test: LoadTest,
@@ -197,7 +198,8 @@ impl Watch {
             known: Known::new(n),
             channels: Channels::new(healthy, settings.row),
             row: Row::new(n),
-            next: tests.len(),
+            next: tests.len() + PLACES.len(),
+            passed: false,
             per_step: 1,
             tests,
             load_test: LoadTest::new(),
@@ -263,26 +265,28 @@ impl Watch {
     ) -> Result<Option<Change>, CoreError> {
         check_step(elapsed)?;
         check_length("tau", shown, self.memory.len())?;
-        let mut named = None;
-        if self.rows.is_full() {
-            named = self.judge(self.tests.len());
+        let (mut named, n_tests) = (None, self.tests.len() + PLACES.len());
+        let is_full = self.rows.is_full();
+        if is_full {
+            named = self.judge(n_tests);
             let fine = self.known.has_load() || !matches!(self.phase, Phase::Quiet);
-            self.rows.finish(&mut self.row, fine);
-            self.per_step = 2 * self.tests.len() / self.row.n.max(1) as usize + 1;
+            self.rows.finish(&mut self.row, fine)?;
+            self.per_step = 2 * n_tests / self.row.n.max(1) as usize + 1;
             self.known.take_off(&mut self.row);
             self.n_rows += 1;
-            self.next = 0;
+            (self.next, self.passed) = (0, false);
         }
-        let is_busy = self.rows.take(estimator, tau, elapsed, good)?;
-        // There is time for all tests in the samples at which nothing else is evaluated, unless samples are rare.
-        let named = named.or(if is_busy && self.per_step == 1 {
+        let is_busy = self.rows.take(estimator, tau, elapsed, good)? || is_full;
+        // Tests wait for samples at which nothing else is evaluated, but in the second half of a row, which has room for all of
+        // them, for none: what is known is remembered between two rows only.
+        let waits = is_busy && self.per_step == 1 && self.rows.is_young();
+        let named = named.or(if waits {
             None
         } else {
             self.judge(self.per_step)
         });
-        let terms = rows_of(estimator.terms(), shown.len());
         let moves = self.rows.any_moves(estimator);
-        self.channels.take(shown, terms, elapsed, moves);
+        self.channels.take(shown, estimator.total(), elapsed, moves);
         // Two things are said one after the other.
         let named = named.or_else(|| self.say_frozen());
         self.channels.silence(self.rows.sums_mut());
@@ -291,13 +295,16 @@ impl Watch {
 
     /// Runs up to `most` of the tests that the row has not been through; after the last one says what has changed.
     fn judge(&mut self, most: usize) -> Option<Change> {
-        let first = self.next;
-        if first >= self.tests.len() {
+        let (first, n_tests) = (self.next, self.tests.len() + PLACES.len());
+        if first >= n_tests {
             return None;
         }
         self.next = first.saturating_add(most);
         let row = &self.row;
+        let is_quiet = matches!(self.phase, Phase::Quiet);
         for named in self.tests.iter_mut().skip(first).take(most) {
+            // One that has passed while something else was settled, too.
+            self.passed |= is_quiet && named.test.mean() > self.threshold;
             let (j, tolerated) = (named.joint, named.tolerated);
             let variance = at(&row.variance, j) * at(&self.inflation, j);
             let memory = at(&self.memory, j);
@@ -336,7 +343,10 @@ impl Watch {
                 };
             }
             match self.phase {
-                Phase::Quiet => named.test.step(ratios),
+                Phase::Quiet => {
+                    named.test.step(ratios);
+                    self.passed |= named.test.mean() > self.threshold;
+                }
                 Phase::Telling(_) => named.window.add(seen),
                 Phase::Settling(_, change) => {
                     named.window.add(seen);
@@ -346,29 +356,36 @@ impl Watch {
                 }
             }
         }
-        if self.next < self.tests.len() {
+        let places = first.max(self.tests.len())..self.next.min(n_tests);
+        for place in places {
+            self.judge_load(place - self.tests.len());
+        }
+        if self.next < n_tests {
             return None;
         }
-        self.judge_load();
         self.go_on()
     }
 
-    fn judge_load(&mut self) {
+    /// The test of a load in one of [`PLACES`]; once something has passed the row is added in the first place's turn.
+    fn judge_load(&mut self, place: usize) {
         let row = &self.row;
         let variances = row.variance.iter().zip(&self.inflation);
         let weights = variances.zip(&self.memory).zip(&row.moves);
         let weights = weights.map(|(((v, more), m), moves)| weight(v * more, *m, *moves));
         if !matches!(self.phase, Phase::Quiet) {
-            return self.load.add_row(&row.load, &row.left, weights);
-        }
-        let mut ratios = [0.0; SIZES.len() * PLACES.len()];
-        let places = masses(&row.load, &row.left, weights);
-        for (ratios, place) in ratios.chunks_exact_mut(SIZES.len()).zip(places) {
-            for (ratio, size) in ratios.iter_mut().zip(SIZES) {
-                *ratio = log_ratio(size, self.settings.load, place);
+            if place == 0 {
+                self.load.add_row(&row.load, &row.left, weights);
             }
+            return;
         }
-        self.load_test.step(ratios);
+        let (tests, _) = self.load_test.r.as_chunks_mut::<{ SIZES.len() }>();
+        if let (Some(r), Some(centre)) = (tests.get_mut(place), PLACES.get(place)) {
+            let seen = mass_in(*centre, &row.load, &row.left, weights);
+            step(
+                r,
+                SIZES.map(|size| log_ratio(size, self.settings.load, seen)),
+            );
+        }
     }
 
     /// Alarm, name, size: one after the other. An arm that stands says nothing, and no time passes.
@@ -378,9 +395,7 @@ impl Watch {
         }
         match self.phase {
             Phase::Quiet => {
-                let mut tests = self.tests.iter().map(|named| named.test.mean());
-                let passed = tests.any(|r| r > self.threshold);
-                if passed || self.load_test.mean() > self.threshold {
+                if self.passed || self.load_test.mean() > self.threshold {
                     self.begin_window();
                     self.phase = Phase::Telling(0);
                 }
@@ -467,6 +482,7 @@ impl Watch {
     }
 
     fn begin_anew(&mut self, change: &Change) {
+        self.passed = false;
         self.load_test = LoadTest::new();
         for named in &mut self.tests {
             if named.kind == Kind::Slip || touches(change, named.joint) {
@@ -515,7 +531,7 @@ impl Mirror for Watch {
         mirror_fields!(
             self, of;
             rows, inflation, memory, deviation, known, channels, row, tests;
-            copied settings, threshold, next, per_step, load_test, load, phase, n_rows;
+            copied settings, threshold, next, passed, per_step, load_test, load, phase, n_rows;
             kept
         );
     }

@@ -3,7 +3,7 @@
 //! Only what was judged to its end is in them; the row in the making is lost with the program.
 
 use super::frozen::{Channel, Spoken};
-use super::solve::LoadSums;
+use super::solve::{LoadSums, PLACES};
 use super::{Change, Kind, Phase, Said, Watch, LONGEST, SETTLED};
 use crate::dynamics::check_length;
 use crate::error::CoreError;
@@ -61,7 +61,7 @@ impl Watch {
     /// [`CoreError`] if the length is not [`Self::n_remembered`].
     pub fn remember(&mut self, numbers: &mut [f64]) -> Result<bool, CoreError> {
         check_length("remembered", numbers, self.n_remembered())?;
-        if self.next < self.tests.len() {
+        if self.next < self.tests.len() + PLACES.len() {
             return Ok(false);
         }
         let (phase, rest) = numbers.split_at_mut_checked(N_PHASE).unwrap_or_default();

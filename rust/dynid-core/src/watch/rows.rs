@@ -3,13 +3,16 @@
 use std::sync::Arc;
 
 use super::{Change, Kind, Said};
-use crate::dynamics::{check_length, inverse_dynamics_into, last_link_columns_into, Workspace};
+use crate::dynamics::{
+    begin_inverse_dynamics, begin_last_link, check_length, end_inverse_dynamics_into,
+    end_last_link_into, Workspace,
+};
 use crate::error::CoreError;
 use crate::estimator::TorqueEstimator;
 use crate::link_params::N_LINK_PARAMS;
 use crate::model::TorqueModel;
 use crate::observer::rest_speeds;
-use crate::slices::{at, mirror_fields, rows as rows_of, rows_mut, set, Mirror};
+use crate::slices::{at, copy, mirror_fields, rows as rows_of, rows_mut, set, Mirror};
 
 /// Parameters of a load, those of a link.
 pub(crate) const N_LOAD: usize = N_LINK_PARAMS;
@@ -75,6 +78,16 @@ pub(crate) fn friction_terms(model: &TorqueModel) -> impl Iterator<Item = bool> 
     entries.map(|entry| entry.needs("dq_motor") || entry.memory > 0)
 }
 
+/// A torque that is half evaluated: the whole takes as long as all else.
+#[derive(Clone, Copy, Debug, Default)]
+enum Half {
+    #[default]
+    None,
+    Load,
+    /// Of this joint.
+    Slip(usize),
+}
+
 /// Rows in the making.
 #[derive(Clone, Debug)]
 pub(crate) struct Rows {
@@ -84,13 +97,15 @@ pub(crate) struct Rows {
     least_speed: Vec<f64>,
     workspace: Workspace,
     columns: Vec<[f64; N_LOAD]>,
-    scratch: Vec<f64>,
     length: f64,
     sums: Row,
     n_loads: u32,
-    /// Positions of which one has slipped, and the torque at them.
+    /// What was begun at the sample before, for the workspace.
+    half: Half,
+    /// Positions of which one has slipped, the torque at them, and the one at the state.
     slipped: Vec<f64>,
     torque: Vec<f64>,
+    here: Vec<f64>,
     /// How often the torque of every joint's slip was evaluated, and whose turn it is.
     n_slips: Vec<u32>,
     turn: usize,
@@ -98,6 +113,8 @@ pub(crate) struct Rows {
     /// Predicted torque a little before the end of the row before, and of this one; NaN where there is none.
     before: Vec<f64>,
     now: Vec<f64>,
+    /// Samples so far, of which the first two are counted.
+    n_seen: u8,
     elapsed: f64,
     last: f64,
     /// Time of a part, and since the middle of the last one.
@@ -117,20 +134,22 @@ impl Rows {
             least_speed,
             workspace: Workspace::new(model.robot()),
             columns: vec![[0.0; N_LOAD]; n],
-            scratch: vec![0.0; n],
             length,
             sums: Row {
                 moves: vec![true; n],
                 ..Row::new(n)
             },
             n_loads: 0,
+            half: Half::None,
             slipped: vec![0.0; n],
             torque: vec![0.0; n],
+            here: vec![0.0; n],
             n_slips: vec![0; n],
             turn: 0,
             since_slip: 0.5 * slip_part(length, n),
             before: vec![f64::NAN; n],
             now: vec![f64::NAN; n],
+            n_seen: 0,
             elapsed: 0.0,
             last: 0.0,
             part: length / LOADS_A_ROW,
@@ -177,6 +196,7 @@ impl Rows {
         self.before.fill(f64::NAN);
         self.now.fill(f64::NAN);
         self.begin_slips();
+        self.half = Half::None;
         (self.n_loads, self.good, self.elapsed) = (0, true, 0.0);
         (self.last, self.part) = (0.0, self.length / LOADS_A_ROW);
         self.since_load = 0.5 * self.part;
@@ -187,7 +207,12 @@ impl Rows {
         self.elapsed + 0.5 * self.last >= self.length
     }
 
-    /// Adds a sample; true if the torque of a load or a slip was evaluated at it, which takes as long as all else.
+    /// True in the first half of a row.
+    pub fn is_young(&self) -> bool {
+        self.elapsed < 0.5 * self.length
+    }
+
+    /// Adds a sample; true if half of the torque of a load or a slip was evaluated at it.
     pub fn take(
         &mut self,
         estimator: &TorqueEstimator,
@@ -195,35 +220,41 @@ impl Rows {
         elapsed: f64,
         good: bool,
     ) -> Result<bool, CoreError> {
-        let n = self.scratch.len();
+        let n = self.rest.len();
         check_length("tau", tau, n)?;
         check_length("terms", estimator.terms(), n * self.model.n_terms())?;
-        self.elapsed += elapsed;
+        // Before the second sample nobody knows how long the first one stands for: it is given the second one's time, so that
+        // rows begin alike whatever step a program has been told.
+        let time = match self.n_seen {
+            0 => 0.0,
+            1 => 2.0 * elapsed,
+            _ => elapsed,
+        };
+        self.n_seen = self.n_seen.saturating_add(1).min(2);
+        self.elapsed += time;
         self.last = elapsed;
-        self.since_load += elapsed;
-        self.since_slip += elapsed;
+        self.since_load += time;
+        self.since_slip += time;
         if !good || !tau.iter().all(|x| x.is_finite()) {
             self.good = false;
             return Ok(false);
         }
         let sums = &mut self.sums;
         sums.n = sums.n.saturating_add(1);
-        estimator.predicted_std_into(&mut self.scratch)?;
-        for (sum, std) in sums.variance.iter_mut().zip(&self.scratch) {
-            *sum += std * std;
-        }
-        for (sum, measured) in sums.left.iter_mut().zip(tau) {
-            *sum += measured;
+        let means = sums.left.iter_mut().zip(&mut sums.torque);
+        let means = means.zip(&mut sums.variance);
+        let joints = tau.iter().zip(estimator.total());
+        let joints = joints.zip(estimator.predicted_variance());
+        for (((left, torque), sum), ((measured, total), variance)) in means.zip(joints) {
+            *left += measured - total;
+            *torque += total;
+            *sum += variance;
         }
         // The rigid body comes first, then effects, then a third loop.
-        let of_friction = std::iter::once(false).chain(self.is_friction.iter().copied());
-        let terms = rows_of(estimator.terms(), n);
-        for (term, is_friction) in terms.zip(of_friction.chain(std::iter::repeat(false))) {
-            let joints = sums.left.iter_mut().zip(&mut sums.torque);
-            for (((left, torque), friction), own) in joints.zip(&mut sums.friction).zip(term) {
-                *left -= own;
-                *torque += own;
-                *friction += if is_friction { *own } else { 0.0 };
+        let effects = rows_of(estimator.terms(), n).skip(1).zip(&self.is_friction);
+        for (term, _) in effects.filter(|(_, is_friction)| **is_friction) {
+            for (friction, own) in sums.friction.iter_mut().zip(term) {
+                *friction += own;
             }
         }
         let state = estimator.true_state();
@@ -236,42 +267,40 @@ impl Rows {
         if !self.with_load {
             return Ok(false);
         }
-        if self.elapsed >= self.length - LATE && self.now.iter().any(|torque| torque.is_nan()) {
-            self.now.fill(0.0);
-            for term in rows_of(estimator.terms(), n) {
-                for (sum, own) in self.now.iter_mut().zip(term) {
-                    *sum += own;
-                }
-            }
+        if self.elapsed >= self.length - LATE && at(&self.now, 0).is_nan() {
+            copy(estimator.total(), &mut self.now);
+        }
+        if self.end_half()? {
+            return Ok(true);
         }
         let (part, of_slips) = (self.part, slip_part(self.length, n));
         let with_load = self.since_load >= part;
-        // One of the two a sample, unless samples are too rare for that.
+        // One of the two a sample, and half of it, unless samples are too rare for that.
+        let halves = 2.0 * (self.length / part + self.length / of_slips);
+        let at_once = halves * elapsed > self.length;
         let with_slip = self.since_slip >= if with_load { 2.0 * of_slips } else { of_slips };
         if with_slip {
             self.since_slip = (self.since_slip - of_slips).min(of_slips);
-            self.take_slip(estimator)?;
+            self.begin_slip(estimator)?;
+            if at_once || with_load {
+                self.end_half()?;
+            }
         }
-        let state = estimator.true_state();
-        let sums = &mut self.sums;
         if with_load {
             self.since_load = (self.since_load - part).min(part);
-            self.n_loads = self.n_loads.saturating_add(1);
+            let state = estimator.true_state();
             let motion = [state.q, state.dq, state.ddq];
-            let (robot, columns) = (self.model.robot(), &mut self.columns);
-            last_link_columns_into(robot, &mut self.workspace, motion, columns)?;
-            let joints = columns.iter().zip(self.model.torque_scale());
-            for (sum, (columns, scale)) in sums.load.iter_mut().zip(joints) {
-                for (sum, torque) in sum.iter_mut().zip(columns) {
-                    *sum += scale * torque;
-                }
+            begin_last_link(self.model.robot(), &mut self.workspace, motion)?;
+            self.half = Half::Load;
+            if at_once {
+                self.end_half()?;
             }
         }
         Ok(with_load || with_slip)
     }
 
-    /// Adds what the next joint's slip would leave: the torque of the links at the state less that a little further.
-    fn take_slip(&mut self, estimator: &TorqueEstimator) -> Result<(), CoreError> {
+    /// Begins what the next joint's slip would leave: the torque of the links at the state less that a little further.
+    fn begin_slip(&mut self, estimator: &TorqueEstimator) -> Result<(), CoreError> {
         let state = estimator.true_state();
         let n = self.slipped.len();
         let joint = self.turn.min((2 * n).saturating_sub(self.turn + 1));
@@ -280,30 +309,46 @@ impl Rows {
         } else {
             0
         };
-        for (own, q) in self.slipped.iter_mut().zip(state.q) {
-            *own = *q;
-        }
+        copy(state.q, &mut self.slipped);
         let further = at(&self.slipped, joint) + SLIP_STEP;
         set(&mut self.slipped, joint, further);
-        inverse_dynamics_into(
-            self.model.robot(),
-            &mut self.workspace,
-            &self.slipped,
-            state.dq,
-            state.ddq,
-            self.model.phi(),
-            &mut self.torque,
-        )?;
-        let own = rows_mut(&mut self.sums.slip, n).nth(joint);
-        let torques = self.torque.iter().zip(self.model.torque_scale());
-        let here = estimator.terms().iter();
-        for ((sum, here), (torque, scale)) in own.into_iter().flatten().zip(here).zip(torques) {
-            *sum += (here - scale * torque) / SLIP_STEP;
-        }
-        if let Some(count) = self.n_slips.get_mut(joint) {
-            *count = count.saturating_add(1);
-        }
+        let motion = [&self.slipped[..], state.dq, state.ddq];
+        let (robot, phi) = (self.model.robot(), self.model.phi());
+        begin_inverse_dynamics(robot, &mut self.workspace, motion, phi)?;
+        copy(estimator.terms(), &mut self.here);
+        self.half = Half::Slip(joint);
         Ok(())
+    }
+
+    /// Ends what was begun at the sample before, and adds it; false if there is nothing.
+    fn end_half(&mut self) -> Result<bool, CoreError> {
+        let robot = self.model.robot();
+        match core::mem::take(&mut self.half) {
+            Half::None => return Ok(false),
+            Half::Load => {
+                end_last_link_into(robot, &self.workspace, &mut self.columns)?;
+                self.n_loads = self.n_loads.saturating_add(1);
+                let joints = self.columns.iter().zip(self.model.torque_scale());
+                for (sum, (columns, scale)) in self.sums.load.iter_mut().zip(joints) {
+                    for (sum, torque) in sum.iter_mut().zip(columns) {
+                        *sum += scale * torque;
+                    }
+                }
+            }
+            Half::Slip(joint) => {
+                end_inverse_dynamics_into(robot, &mut self.workspace, &mut self.torque)?;
+                let own = rows_mut(&mut self.sums.slip, self.slipped.len()).nth(joint);
+                let torques = self.torque.iter().zip(self.model.torque_scale());
+                let shown = self.here.iter().zip(torques);
+                for (sum, (here, (torque, scale))) in own.into_iter().flatten().zip(shown) {
+                    *sum += (here - scale * torque) / SLIP_STEP;
+                }
+                if let Some(count) = self.n_slips.get_mut(joint) {
+                    *count = count.saturating_add(1);
+                }
+            }
+        }
+        Ok(true)
     }
 
     fn begin_slips(&mut self) {
@@ -313,7 +358,11 @@ impl Rows {
     }
 
     /// Ends a row: its means are written to `row`. A load's torque is evaluated more often in a `fine` one that follows.
-    pub fn finish(&mut self, row: &mut Row, fine: bool) {
+    ///
+    /// # Errors
+    /// [`CoreError`] if a length is wrong.
+    pub fn finish(&mut self, row: &mut Row, fine: bool) -> Result<(), CoreError> {
+        self.end_half()?;
         let (n, n_loads) = (self.sums.n.max(1), self.n_loads.max(1));
         let usable = self.good && self.sums.n > 0;
         let share = f64::from(n).recip();
@@ -350,6 +399,7 @@ impl Rows {
         self.part = self.length / parts;
         self.since_load = 0.5 * self.part;
         self.begin_slips();
+        Ok(())
     }
 }
 
@@ -368,8 +418,8 @@ impl Mirror for Rows {
     fn mirror(&mut self, of: &Self) {
         mirror_fields!(
             self, of;
-            workspace, columns, scratch, sums, slipped, torque, n_slips, before, now;
-            copied length, n_loads, turn, since_slip, elapsed, last, part, since_load, with_load, good;
+            workspace, columns, sums, slipped, torque, here, n_slips, before, now;
+            copied length, n_loads, half, turn, since_slip, n_seen, elapsed, last, part, since_load, with_load, good;
             kept model, is_friction, rest, least_speed
         );
     }
@@ -534,14 +584,18 @@ impl Known {
             *sum += variance;
         }
         let variances = self.variance.iter().skip(self.place(Kind::Slip, 0));
+        let slips = rows_of(&row.slip, n).zip(self.slip.iter().zip(variances));
         for (columns, (size, variance)) in
-            rows_of(&row.slip, n).zip(self.slip.iter().zip(variances))
+            slips.filter(|(_, (size, variance))| **size != 0.0 || **variance != 0.0)
         {
             let joints = row.left.iter_mut().zip(&mut row.variance);
             for ((left, sum), column) in joints.zip(columns) {
                 *left -= size * column;
                 *sum += variance * column * column;
             }
+        }
+        if !self.has_load() {
+            return;
         }
         // All of a load is known as well as its mass.
         let [mass, ..] = self.load;

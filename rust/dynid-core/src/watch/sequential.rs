@@ -74,6 +74,13 @@ pub fn log_ratio_of_deviation(size: f64, tolerated: f64, square: f64, memory: f6
 /// Deviations that are tried, over the greatest that is tolerated.
 pub const GROWN: [f64; 6] = [1.5, 2.0, 3.0, 4.0, 6.0, 8.0];
 
+/// R of several sizes take a row.
+pub(super) fn step<const N: usize>(r: &mut [f64; N], log_ratios: [f64; N]) {
+    for (r, log_ratio) in r.iter_mut().zip(log_ratios) {
+        *r = ((1.0 + *r) * log_ratio.exp()).min(LARGEST);
+    }
+}
+
 impl<const N: usize> SequentialTest<N> {
     /// Nothing seen.
     pub fn new() -> Self {
@@ -82,9 +89,7 @@ impl<const N: usize> SequentialTest<N> {
 
     /// Takes a row: the logarithm of its ratio for every size.
     pub fn step(&mut self, log_ratios: [f64; N]) {
-        for (r, log_ratio) in self.r.iter_mut().zip(log_ratios) {
-            *r = ((1.0 + *r) * log_ratio.exp()).min(LARGEST);
-        }
+        step(&mut self.r, log_ratios);
     }
 
     /// Mean of R over the sizes that are tried.
