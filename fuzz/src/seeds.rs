@@ -83,8 +83,8 @@ fn remembered() -> Vec<u8> {
     text.expect("JSON").into_bytes()
 }
 
-const WATCH: &[u8] = br#"{"format":"dynid-watch-settings","version":2,"joints":["a","b"],"row":0.2,"false_alarms_per_day":1.0,
-"tolerated":{"friction":0.1,"gain":0.05,"offset":2.0,"load":0.1,"unknown":1.0},"inflation":[1.0,2.5],"memory":[1.0,12.0],"least_speed":[0.01,null],"frozen_after":[0.05,null],"frozen_way":[0.5,0.0]}"#;
+const WATCH: &[u8] = br#"{"format":"dynid-watch-settings","version":3,"joints":["a","b"],"row":0.2,"false_alarms_per_day":1.0,
+"tolerated":{"friction":0.1,"gain":0.05,"offset":2.0,"load":0.1,"delay":0.004,"slip":0.005,"unknown":1.0},"inflation":[1.0,2.5],"memory":[1.0,12.0],"least_speed":[0.01,null],"frozen_after":[0.05,null],"frozen_way":[0.5,0.0]}"#;
 const CONTACT: &str = r#"{"format":"dynid-contact","version":2,"joints":["a","b"],"torque_unit":"N*m","step":0.001,"window":15,"time_constant":0.02,
 "false_contacts_per_hour":0.01,"moving":[1.0,0.5],"standing":[0.1,0.2],"turning":[2.0,1.5],"torque":[0.0,1e-4],"stops_known":[true,false],
 "turns_known":[false,true],"tail":{"level":[12.0,1.0],"per_hour":[720.0,70.0],"growth":[2.5,2.0]},"#;

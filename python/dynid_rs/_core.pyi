@@ -1378,8 +1378,8 @@ def with_adapted(model: TorqueModel, factors: Sequence[float], load: tuple[float
 def read_watch(path: str | PathLike[str]) -> dict[str, Any]:
     """What a `watch.json` holds.
 
-    Its keys are joints, row, false_per_day, friction, gain, offset, load, unknown, inflation, memory, least_speed,
-    frozen_after and frozen_way.
+    Its keys are joints, row, false_per_day, friction, gain, offset, load, delay, slip, unknown, inflation, memory,
+    least_speed, frozen_after and frozen_way.
 
     Raises
     ------
@@ -1409,6 +1409,8 @@ def watch_run(
     gain: float,
     offset: float,
     load: float,
+    delay: float,
+    slip: float,
     unknown: float,
     remembered: str | None = None,
 ) -> tuple[
@@ -1436,7 +1438,7 @@ def watch_run(
         Time over which what the model leaves is averaged [s].
     false_per_day : float
         Alarms that nothing has caused.
-    friction, gain, offset, load, unknown : float
+    friction, gain, offset, load, delay, slip, unknown : float
         Changes that are none yet, as `Tolerated` has them.
     remembered : str, optional
         What the watch of another run knew at its end, which this one goes on with.

@@ -40,13 +40,15 @@ LEARNED_SECONDS = 40.0
 class Change:
     """What is put into a run: each a torque (n, n_joints) [N m], from the states or from what the channel would show.
 
-    `link` acts behind the gear, `friction` (n, n_joints) is a factor, `channel` is what is shown in the end.
+    `link` acts behind the gear, `friction` (n, n_joints) is a factor, `channel` is what is shown in the end, `position`
+    (n, n_joints) [rad] what the encoder shows too much.
     """
 
     link: Callable[[World, States], FloatArray] | None = None
     friction: FloatArray | float = 1.0
     shown: Callable[[FloatArray], FloatArray] = lambda torque: torque
     channel: Callable[[FloatArray], FloatArray] = lambda torque: torque
+    position: FloatArray | float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +103,7 @@ class DrawnArm:
         torque = world.motor_torque(s) + (factor * change.friction - 1) * world.friction(s.dq_motor)
         noisy = change.shown(torque) + self.noise(run, len(s.t))
         shown = change.channel(stepped(noisy, self.sensors.quantum))
-        q, motor = shown_positions(world, self.sensors, s)
+        q, motor = shown_positions(world, self.sensors, s, change.position)
         return dyn.Recording(s.t, q, tau=shown, q_motor=motor, joints=self.joints, name=f"run_{run}")
 
 

@@ -36,6 +36,11 @@ class Truth:
     size: float | None
 
 
+LATE = (10, 20)
+"""A torque channel becomes later by so many samples, of 1 ms."""
+SLIPPED = (0.02, 0.05)
+"""An encoder slips by so much, to either side [rad], on a joint on which that makes as much as a constant torque."""
+
 Put = Callable[[np.random.Generator, Ready], tuple[Change, Truth]]
 
 
@@ -93,6 +98,36 @@ def _load(share: float) -> Put:
     return put
 
 
+def _delay(rng: np.random.Generator, ready: Ready) -> tuple[Change, Truth]:
+    """On a joint that carries something: the torque of others hardly goes up and down but where they turn round."""
+    j, at, late = loaded_joint(rng, ready.arm.world), round(AT * 1000), int(rng.integers(LATE[0], LATE[1] + 1))
+
+    def channel(torque: FloatArray) -> FloatArray:
+        shown = torque.copy()
+        shown[at:, j] = torque[at - late : -late, j]
+        return shown
+
+    return Change(channel=channel), Truth(("delay",), j, late / 1000)
+
+
+def _slip(rng: np.random.Generator, ready: Ready) -> tuple[Change, Truth]:
+    world = ready.arm.world
+    n, size = world.case.n_joints, float(rng.choice([-1.0, 1.0]) * rng.uniform(*SLIPPED))
+
+    def shows(j: int) -> float:
+        """What it makes on the joint on which it shows most, over what rows usually leave."""
+        squares = []
+        for s in world.train:
+            further = inverse_dynamics(world.model, s.q + size * np.eye(n)[j], s.dq, s.ddq)
+            squares.append((further - inverse_dynamics(world.model, s.q, s.dq, s.ddq)) ** 2)
+        return float(np.max(np.sqrt(np.vstack(squares).mean(axis=0)) / ready.deviation))
+
+    parts = np.array([shows(j) for j in range(n)])
+    chosen = np.flatnonzero(parts >= OFFSET)
+    j = int(rng.choice(chosen)) if len(chosen) else int(np.argmax(parts))
+    return Change(position=_late(n, j, size)), Truth(("slip",), j, size)
+
+
 def _fault(kinds: tuple[str, ...], *, frozen: bool) -> Put:
     """A torque channel that stays where it was, or shows nothing."""
 
@@ -117,6 +152,8 @@ CHANGES: dict[str, Put] = {
     "constant torque": _offset,
     "load, 5 % of rated": _load(0.05),
     "load, 20 % of rated": _load(0.2),
+    "channel late": _delay,
+    "encoder slips": _slip,
     "channel frozen": _fault(("frozen",), frozen=True),
     "channel lost": _fault(("frozen", "gain"), frozen=False),
 }

@@ -11,7 +11,7 @@ import dynid_rs as dyn
 from campaigns.watch_arm import ROW
 from campaigns.watch_changes import AT, Truth
 
-WORDS = {"offset": "constant torque"}
+WORDS = {"offset": "constant torque", "slip": "encoder slip"}
 """A kind as people say it, where that is not its name."""
 
 

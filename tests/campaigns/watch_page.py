@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from campaigns.watch_arm import RATED, STEP, TOLERATED_LOAD, WARM, WELL
-from campaigns.watch_changes import AT, CHANGES, ENDS, OFFSET, REACH
+from campaigns.watch_changes import AT, CHANGES, ENDS, LATE, OFFSET, REACH, SLIPPED
 
 BY_HAND = "## Why"
 DAY = 86400.0
@@ -51,7 +51,9 @@ ABOUT_CHANGES = """## Changes
 {arms} arms, each kind once on each, in a run of its own of {ends:.0f} s with a motion of its own; the change begins at
 {at:.0f} s, and friction is as warm as it was. The joint is drawn; that of a gain is one whose load varies more than its
 friction (as in the exam). A constant torque is {offset:.0f} deviations of what the rows of its joint usually leave. A
-load's centre is within {reach:.0f} cm of the last link's origin. A channel that freezes stays where it was (right:
+load's centre is within {reach:.0f} cm of the last link's origin. A channel becomes late by {late} ms, noise and all, on
+a joint that is chosen like a gain's. The encoder (of two the link's) slips by {slipped} rad on a joint on which that
+makes at least as much as a constant torque somewhere on the arm. A channel that freezes stays where it was (right:
 *frozen* on its joint); one that is lost shows 0 (right: *frozen*, or *gain*, of which it has lost all).
 
 *Right*, *one of two* (`A or B`, one of them right), *wrong*: the first name that is said. *s of motion*: from the
@@ -223,7 +225,10 @@ def _changes(results: Sequence[Result]) -> str:
             )
         )
     head = ("change", "cases", "right", "one of two", "wrong", "no name", "s of motion", "s", "settled", "size off")
-    about = ABOUT_CHANGES.format(arms=len(arms), ends=ENDS, at=AT, offset=OFFSET, reach=100 * REACH)
+    late, slipped = (" to ".join(f"{size:g}" for size in sizes) for sizes in (LATE, SLIPPED))
+    about = ABOUT_CHANGES.format(
+        arms=len(arms), ends=ENDS, at=AT, offset=OFFSET, reach=100 * REACH, late=late, slipped=slipped
+    )
     return "\n".join([about, _table((*head, "covered", "more"), rows), *_identified(results), ""])
 
 

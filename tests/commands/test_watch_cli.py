@@ -82,7 +82,10 @@ def test_without_healthy_runs_the_model_says_what_is_usual(arm):
     [
         (("--false-alarms", "often"), "--false-alarms: expected a number per hour, day, week, month, year"),
         (("--false-alarms", "0/day"), "--false-alarms: expected"),
-        (("--tolerate", "wear=1"), "--tolerate: expected KIND=X, a kind of friction, gain, offset, load, unknown"),
+        (
+            ("--tolerate", "wear=1"),
+            "expected KIND=X, a kind of friction, gain, offset, load, delay, slip, unknown and a",
+        ),
         (("--tolerate", "gain=-1"), "--tolerate: expected"),
         (("--tolerate", "gain"), "--tolerate: expected"),
     ],

@@ -216,6 +216,7 @@ def calls(folder: Path) -> dict[str, Call]:
                 **_positional(model, t, (q, dq, ddq, None, None, None), tau),
                 **{"temperature": None, "step": 0.01, "window": None, "inflation": [1.0] * N, "memory": [2.0] * N},
                 **{"least_speed": [0.0] * N, "frozen_after": [0.1] * N, "frozen_way": [0.0] * N},
+                **{"delay": 0.004, "slip": 0.005},
                 **{"row": 0.05, "false_per_day": 1.0, "friction": 0.1, "gain": 0.05, "offset": 2.0, "load": 0.1},
                 **{"unknown": 1.0, "remembered": None},
             },

@@ -82,12 +82,18 @@ def on_joint(j, torque):
     return lambda terms, load: torque(terms) * only
 
 
+def later(torque, n=7):
+    """What a channel shows more that is n samples late."""
+    return np.vstack([torque[:n], torque[:-n]]) - torque
+
+
 LOAD = np.array([2.0, 0.1, -0.05, 0.24])
 CHANGES = {
     "friction grown": (on_joint(1, lambda terms: 0.2 * terms[:, 2]), "friction", 1, 0.2),
     "friction fallen": (on_joint(4, lambda terms: -0.25 * terms[:, 2]), "friction", 4, -0.25),
     "gain": (on_joint(1, lambda terms: 0.12 * terms.sum(axis=1)), "gain", 1, 0.12),
     "offset": (on_joint(2, lambda terms: np.full(terms[:, 0].shape, 3.0)), "offset", 2, 3.0),
+    "delay": (on_joint(1, lambda terms: later(terms.sum(axis=1))), "delay", 1, 7 * STEP),
     "load": (lambda terms, load: load @ LOAD, "load", 5, LOAD[0]),
     "load lost": (lambda terms, load: -load @ LOAD, "load", 5, -LOAD[0]),
 }

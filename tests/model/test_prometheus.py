@@ -12,7 +12,18 @@ from dynid_rs.model.prometheus import _labels
 
 VALUE = r'"(?:[^"\\\n]|\\[\\"n])*"'
 SAMPLE = re.compile(rf"([a-zA-Z_:][a-zA-Z0-9_:]*)\{{([a-zA-Z_]\w*={VALUE}(?:,[a-zA-Z_]\w*={VALUE})*)\}} (\S+)")
-UNITS = ("ratio", "newton_meters", "newtons", "amperes", "kilograms", "kilogram_meters", "seconds", "changed")
+UNITS = (
+    "ratio",
+    "newton_meters",
+    "newtons",
+    "amperes",
+    "kilograms",
+    "kilogram_meters",
+    "seconds",
+    "radians",
+    "meters",
+    "changed",
+)
 
 
 def samples(text):
@@ -85,6 +96,21 @@ def test_changes_come_back_as_they_were_said():
     assert value(text, "change_ratio", joint="joint_2", kind="gain") == 0
     assert value(text, "residual_ratio", joint="joint_1") == pytest.approx(1.0, abs=0.15)
     assert value(text, "rows_total") == 600
+
+
+def test_delays_and_slips_have_their_units():
+    said = [
+        change(kind, joint, size, t=50.0, said="settled", half=0.1 * abs(size))
+        for kind, joint, size in (("delay", "joint_1", 0.012), ("slip", "joint_4", -0.03))
+    ]
+    text = prometheus_text(watch(), [run(*said)])
+    check_grammar(text)
+    assert value(text, "delay_seconds", joint="joint_1") == 0.012
+    assert value(text, "slip_radians", joint="joint_4") == -0.03
+    assert value(text, "slip_radians", joint="joint_1") == 0
+    assert value(text, "changed", joint="joint_4", kind="slip") == 1
+    ratios = [labels for name, labels in samples(text) if name == "dynid_watch_change_ratio"]
+    assert not [labels for labels in ratios if {("kind", "slip"), ("kind", "delay")} & labels]
 
 
 def test_it_is_the_state_at_the_end_of_the_last_run():

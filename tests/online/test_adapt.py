@@ -41,7 +41,7 @@ def by_numpy(run, watch, memory):
         signal[: n_rows * length].reshape(n_rows, length, -1).mean(axis=1)
         for signal in (run.tau - terms.sum(axis=1), terms[:, 2])
     )
-    moves = dyn.Watch(model(), tolerated=dyn.Tolerated(*[1e12] * 5)).watch(run).watched
+    moves = dyn.Watch(model(), tolerated=dyn.Tolerated(*[1e12] * 7)).watch(run).watched
     variance = NOISE**2 * watch.inflation_ * watch.memory_
     keep = np.exp(-ROW / memory)
     found = np.zeros((len(moves), run.n_joints))

@@ -153,7 +153,7 @@ def test_settings_of_another_arm_are_refused(estimator, folder, tmp_path):
     [
         (lambda text: text[: len(text) // 2], "EOF"),
         (lambda text: text.replace("dynid-watch-settings", "dynid-model"), "not a watch's settings"),
-        (lambda text: text.replace('"version": 2', '"version": 7'), "version 7"),
+        (lambda text: text.replace('"version": 3', '"version": 7'), "version 7"),
         (lambda text: text.replace('"row": 0.2', '"row": -1'), "row"),
         (lambda text: text.replace('"row": 0.2', '"row": 1e999'), "out of range"),
         (lambda text: text.replace('"joints": [', '"joints": ["one more",'), "values of inflation for 7 joints"),

@@ -10,7 +10,7 @@ from dynid_rs.base.numbers import interval, percent, percent_interval, significa
 
 FROZEN = "frozen"
 """A torque channel that shows the same value all the time: nothing of the model has changed, nothing is taken off."""
-KIND_WORDS = {"offset": "constant torque", FROZEN: "frozen channel"}
+KIND_WORDS = {"offset": "constant torque", "slip": "encoder slip", FROZEN: "frozen channel"}
 """Kinds as people say them, where that is not how they are called in files."""
 RELATIVE = ("friction", "gain", "unknown")
 """Kinds whose size is relative; the others have a unit."""
@@ -24,6 +24,8 @@ _GROWN = {
     "gain": f"The channel shows more than before: {_CHANNEL}",
     "offset": "Set the sensor's zero again; if it stays, look for a spring, a balancer or a cable that pulls.",
     "load": "Weigh it: `dynid payload MODEL.json RUN`; take it off, or tell the controller.",
+    "delay": "The torque comes later than the positions: look at filters, firmware and the bus of this channel.",
+    "slip": "The position that is shown is off: look at the encoder's coupling and its cable, and calibrate its zero.",
     FROZEN: "Look at the torque sensor, its cable and its drive: the channel shows one value all the time. Until it "
     "changes again nothing else is said of this joint.",
     "unknown": "Look for a collision, a loose part or a sensor at fault; `dynid diagnose ROBOT RUN... "
@@ -32,6 +34,7 @@ _GROWN = {
 _FALLEN = {
     "friction": f"Has the joint warmed up, run in or been lubricated? I{_REFIT}",
     "gain": f"The channel shows less than before: {_CHANNEL}",
+    "delay": "The positions come later than they did: look at filters, firmware and the bus of this joint's encoders.",
     "load": "Something is missing at the last link: mount it again, or weigh it, `dynid payload MODEL.json RUN`.",
 }
 
@@ -45,12 +48,12 @@ class Change:
     t : float
         When it was said, in the run's time [s].
     kind : str
-        ``"friction"``, ``"gain"``, ``"offset"``, ``"load"``, ``"unknown"`` or ``"frozen"``.
+        ``"friction"``, ``"gain"``, ``"offset"``, ``"load"``, ``"delay"``, ``"slip"``, ``"unknown"`` or ``"frozen"``.
     joint : str
         Where; the last one of a load.
     size : float
         Friction, gain and unknown relative, offset in the torque's unit, load in kg (where torque is in ampere, in
-        ampere per N m times kg); of a frozen channel the torque that it shows.
+        ampere per N m times kg), delay in s, slip in rad or m; of a frozen channel the torque that it shows.
     interval : tuple of float
         Where the size lies with 95 %.
     moments : tuple of float, optional
@@ -108,11 +111,15 @@ def size_words(kind: str, size: float, unit: str) -> str:
     """`+21 %`, `0.244 kg`."""
     if kind in RELATIVE:
         return percent(size, signed=True)
+    if kind == "delay":
+        return f"{significant(1e3 * size)} ms"
     return f"{significant(size)} {unit}".rstrip()
 
 
 def interval_words(kind: str, bounds: Sequence[float]) -> str:
     """`+19 to +22 %`, `0.243 to 0.246`."""
+    if kind == "delay":
+        bounds = [1e3 * bound for bound in bounds]
     return percent_interval(bounds) if kind in RELATIVE else interval(bounds)
 
 

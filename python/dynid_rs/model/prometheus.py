@@ -9,13 +9,13 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from dynid_rs.base.changes import FROZEN
+from dynid_rs.base.changes import FROZEN, RELATIVE
 from dynid_rs.base.clock import is_wall_clock
 from dynid_rs.model.standing import KINDS, LAST_ROWS, Standing, standing
 from dynid_rs.model.watch import Watch, Watched
 
 _PREFIX = "dynid_watch_"
-_RELATIVE = tuple(kind for kind in KINDS if kind not in ("offset", FROZEN, "load"))
+_RELATIVE = tuple(kind for kind in KINDS if kind in RELATIVE)
 
 
 @dataclass
@@ -54,6 +54,7 @@ def prometheus_text(watch: Watch, runs: Sequence[Watched]) -> str:
     str
         Metrics ``dynid_watch_changed`` (0 or 1), ``dynid_watch_change_ratio`` (friction, gain, unknown),
         ``dynid_watch_offset_newton_meters`` (``_newtons`` where a joint slides, ``_amperes`` of currents),
+        ``dynid_watch_delay_seconds``, ``dynid_watch_slip_radians`` (``_meters`` where a joint slides),
         ``dynid_watch_load_kilograms`` and ``dynid_watch_load_moment_kilogram_meters`` (torque in N m alone),
         ``dynid_watch_residual_ratio``, ``dynid_watch_watched_ratio``, ``dynid_watch_rows_total``,
         ``dynid_watch_runs_total``, ``dynid_watch_last_row_timestamp_seconds`` (times of a wall clock alone), with
@@ -90,6 +91,11 @@ def _changes(watch: Watch, state: Standing, robot: str) -> list[_Metric]:
         name: _Metric(f"offset_{name}", "gauge", f"Constant torque that is new {at_end}")
         for name in ("newton_meters", "newtons", "amperes")
     }
+    delay = _Metric("delay_seconds", "gauge", f"Delay of the torque channel that is new {at_end}")
+    slips = {
+        name: _Metric(f"slip_{name}", "gauge", f"Jump of the position that the encoder shows {at_end}")
+        for name in ("radians", "meters")
+    }
     names, kinds = watch.model.robot.joint_names, watch.model.robot.joint_kinds
     for joint, joint_kind, part in zip(names, kinds, state.watched, strict=True):
         unwatched = [FROZEN] if state.find(FROZEN, joint) else []
@@ -103,6 +109,10 @@ def _changes(watch: Watch, state: Standing, robot: str) -> list[_Metric]:
                 unit = "newtons" if joint_kind == "prismatic" else "newton_meters"
                 unit = unit if watch.model.torque_unit == "N*m" else "amperes"
                 offsets[unit].add(size, robot=robot, joint=joint)
+            elif kind == "delay":
+                delay.add(size, robot=robot, joint=joint)
+            elif kind == "slip":
+                slips["meters" if joint_kind == "prismatic" else "radians"].add(size, robot=robot, joint=joint)
     load = _Metric("load_kilograms", "gauge", f"Mass at the last link that is new {at_end}")
     moment = _Metric("load_moment_kilogram_meters", "gauge", f"Its first moments in the last link's frame {at_end}")
     if state.watched.any():
@@ -113,7 +123,7 @@ def _changes(watch: Watch, state: Standing, robot: str) -> list[_Metric]:
             moments = (found.moments if found else None) or (0.0, 0.0, 0.0)
             for axis, value in zip("xyz", moments, strict=True):
                 moment.add(value, robot=robot, axis=axis)
-    return [changed, ratio, *offsets.values(), load, moment]
+    return [changed, ratio, *offsets.values(), delay, *slips.values(), load, moment]
 
 
 def _rows(watch: Watch, state: Standing, robot: str) -> list[_Metric]:

@@ -37,9 +37,9 @@ def ros_diagnostics(watch: Watch, runs: Sequence[Watched]) -> dict[str, Any]:
     Notes
     -----
     Levels of a joint: STALE (3) where it was not watched in the last run and its channel is not frozen, else ERROR (2)
-    where a change of friction, gain, constant torque or error, or a frozen channel, has settled, WARN (1) where one was
-    named and has not settled yet, else OK (0). Of the load: STALE where no joint was watched, WARN where there is one,
-    else OK: a load is no fault. A change that was withdrawn is none.
+    where a change of friction, gain, constant torque, delay, slip or error, or a frozen channel, has settled, WARN (1)
+    where one was named and has not settled yet, else OK (0). Of the load: STALE where no joint was watched, WARN where
+    there is one, else OK: a load is no fault. A change that was withdrawn is none.
 
     Raises
     ------

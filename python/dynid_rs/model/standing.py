@@ -16,7 +16,7 @@ from dynid_rs.model.watch import Tolerated, Watch, Watched
 from dynid_rs.regression.uncertainty import NORMAL_95
 from dynid_rs.runs.recording import FloatArray
 
-KINDS = ("friction", "gain", "offset", "unknown", FROZEN, "load")
+KINDS = ("friction", "gain", "offset", "delay", "slip", "unknown", FROZEN, "load")
 LAST_ROWS = 300
 """Rows of a joint that its residual at the end is of: a minute of motion at a row of a fifth of a second."""
 

@@ -5,7 +5,6 @@ The tests, their threshold and how a name is chosen: `rust/dynid-core/src/watch`
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, fields
 from os import PathLike
 from pathlib import Path
@@ -43,6 +42,10 @@ class Tolerated:
         Constant torque on a joint, in deviations of what the model leaves.
     load : float
         Mass at the last link [kg].
+    delay : float
+        Time by which a joint's torque channel is later than it was, or earlier [s].
+    slip : float
+        Jump of the position that a joint's encoder shows [rad, m].
     unknown : float
         Of the deviation of what the model leaves, relative.
     """
@@ -51,11 +54,13 @@ class Tolerated:
     gain: float = 0.05
     offset: float = 2.0
     load: float = 0.1
+    delay: float = 0.004
+    slip: float = 0.005
     unknown: float = 1.0
 
 
-N_TESTS = 5
-"""Of a joint: friction, gain, offset, error, frozen channel; one more is of the load."""
+N_TESTS = 7
+"""Of a joint: friction, gain, offset, delay, slip, error, frozen channel; one more is of the load."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +98,7 @@ class Watched:
 
 
 class Watch:
-    """Says what of a model no longer holds: friction, gain, offset of a joint, a load, or something unknown.
+    """Says what of a model no longer holds: friction, gain, offset, delay, slip of a joint, a load, or the unknown.
 
     Parameters
     ----------
@@ -148,7 +153,7 @@ class Watch:
             No joint moves long enough in these runs, or a run is not one of this robot.
         """
         n = self.model.robot.n_joints
-        everything, untold = Tolerated(*[NOTHING] * 5), Healthy.untold(n, memory=1.0)
+        everything, untold = Tolerated(*[NOTHING] * len(fields(Tolerated))), Healthy.untold(n, memory=1.0)
         found = [self._run(run, everything, untold) for run in as_recordings(X, self.model.robot)]
         told = [run for run, *_ in found]
         relative = [
@@ -197,7 +202,7 @@ class Watch:
             path,
             {
                 "format": "dynid-watch-settings",
-                "version": 2,
+                "version": 3,
                 "joints": list(self.model.robot.joint_names),
                 "row": float(self.row),
                 "false_alarms_per_day": float(self.false_alarms_per_day),
@@ -257,10 +262,7 @@ class Watch:
             **asdict(tolerated),
             remembered=remembered,
         )
-        joints = self.model.robot.joint_names
-        changes, before = (
-            tuple(_change(one, run.t, joints, self.model.torque_unit) for one in told) for told in (said, stood)
-        )
+        changes, before = (tuple(_change(one, run.t, self.model) for one in told) for told in (said, stood))
         deviation = np.sqrt(healthy.inflation * variance)
         return Watched(run.name, changes, run.t[ends], left, deviation, moves > 0, before, knows), speed, repeats
 
@@ -286,8 +288,10 @@ def read_remembered(path: str | PathLike[str]) -> str:
         return file.read(MOST_REMEMBERED + 1).decode(errors="replace")
 
 
-def _change(said: dict[str, Any], t: FloatArray, joints: Sequence[str], torque_unit: str) -> Change:
+def _change(said: dict[str, Any], t: FloatArray, model: _core.TorqueModel) -> Change:
     kind, size, std = said["kind"], said["size"], said["std"]
+    joints, torque_unit = model.robot.joint_names, model.torque_unit
+    turn = "m" if model.robot.joint_kinds[said["joint"]] == "prismatic" else "rad"
     mass = "kg" if torque_unit == "N*m" else f"kg {torque_unit}/(N*m)"
     either = said["or"]
     return Change(
@@ -301,5 +305,5 @@ def _change(said: dict[str, Any], t: FloatArray, joints: Sequence[str], torque_u
         None
         if either is None
         else ("a load" if either[0] == "load" else f"{kind_words(either[0])} of {joints[either[1]]}"),
-        {"load": mass, "offset": torque_unit, FROZEN: torque_unit}.get(kind, ""),
+        {"load": mass, "offset": torque_unit, FROZEN: torque_unit, "delay": "s", "slip": turn}.get(kind, ""),
     )

@@ -18,6 +18,8 @@ WHOLE_ARM = "the last link"
 
 def size_of(change: Change) -> str:
     """HTML of a size: `+21 %`, `0.244 kg`."""
+    if change.kind == "delay":  # which words give in ms
+        return esc(typeset(size_words(change.kind, change.size, "")))
     return esc(with_unit(typeset(size_words(change.kind, change.size, "")), change.unit))
 
 

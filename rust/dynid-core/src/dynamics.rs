@@ -9,7 +9,7 @@ use crate::lanes::{self, Kernel, Lanes, Portable, Vector, MOST_LANES};
 use crate::link_params::N_LINK_PARAMS;
 use crate::newton::{self, WrenchRow};
 use crate::robot::{Joint, RobotModel};
-use crate::single::{self, FourTwists};
+use crate::single::{self, FourTwists, Moving};
 use crate::slices::{mirror_fields, rows_mut, tail, Mirror};
 
 /// A single number in memory.
@@ -22,6 +22,9 @@ pub struct Workspace {
     links: Links,
     wrenches: Vec<WrenchRow<One>>,
     twists: Vec<FourTwists>,
+    /// What first halves hand to the second ones: what the first joint feels of its own link, and how the last link moves.
+    own: f64,
+    moving: Moving,
     /// Sines and cosines, each padded to whole rows.
     trig: [Vec<f64>; 2],
 }
@@ -45,6 +48,8 @@ impl Workspace {
             links: Links::new(robot.frames()),
             wrenches: vec![[[zero; 3]; 2]; n],
             twists: vec![FourTwists::default(); n.div_ceil(4)],
+            own: 0.0,
+            moving: Moving::default(),
             trig: [padded.clone(), padded],
         }
     }
@@ -149,6 +154,99 @@ pub fn inverse_dynamics_into(
     Ok(())
 }
 
+/// The first half of [`inverse_dynamics_into`], for a caller who has little time at once. Nothing else may use the workspace before
+/// [`end_inverse_dynamics_into`].
+///
+/// # Errors
+/// [`CoreError::Length`] if a slice has the wrong length.
+pub(crate) fn begin_inverse_dynamics(
+    robot: &RobotModel,
+    workspace: &mut Workspace,
+    [q, dq, ddq]: [&[f64]; 3],
+    phi: &[f64],
+) -> Result<(), CoreError> {
+    let n = robot.n_joints();
+    check_state(n, workspace, q, dq, ddq)?;
+    check_length("phi", phi, N_LINK_PARAMS * n)?;
+    lanes::run_narrow(BeginTorque(Torque {
+        robot,
+        workspace,
+        motion: [q, dq, ddq],
+        phi,
+        tau: &mut [],
+    }));
+    Ok(())
+}
+
+/// The second half.
+///
+/// # Errors
+/// [`CoreError::Length`] if a slice has the wrong length.
+pub(crate) fn end_inverse_dynamics_into(
+    robot: &RobotModel,
+    workspace: &mut Workspace,
+    tau: &mut [f64],
+) -> Result<(), CoreError> {
+    let n = robot.n_joints();
+    check_workspace(n, workspace)?;
+    check_length("tau", tau, n)?;
+    lanes::run_narrow(EndTorque(Torque {
+        robot,
+        workspace,
+        motion: [&[]; 3],
+        phi: &[],
+        tau,
+    }));
+    Ok(())
+}
+
+struct BeginTorque<'a>(Torque<'a>);
+
+impl Kernel for BeginTorque<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Lanes<Raw = One>, L: Lanes>(self) {
+        let Torque {
+            robot,
+            workspace,
+            motion: [q, dq, ddq],
+            phi,
+            ..
+        } = self.0;
+        let frames = robot.frames();
+        workspace.take::<S::Four>(q, dq, ddq, Some(&frames.offsets));
+        let links = workspace.links.of(frames, phi);
+        let own = newton::outwards::<S>(frames, links, &workspace.states, &mut workspace.wrenches);
+        [workspace.own] = own.raw();
+    }
+}
+
+struct EndTorque<'a>(Torque<'a>);
+
+impl Kernel for EndTorque<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Lanes<Raw = One>, L: Lanes>(self) {
+        let Torque {
+            robot,
+            workspace,
+            tau,
+            ..
+        } = self.0;
+        let (tau, _) = tau.as_chunks_mut::<1>();
+        let own = S::splat(workspace.own);
+        newton::inwards(
+            robot.frames(),
+            &workspace.states,
+            &workspace.wrenches,
+            own,
+            tau,
+        );
+    }
+}
+
 /// [`inverse_dynamics_into`] of slices that fit.
 pub(crate) struct Torque<'a> {
     pub robot: &'a RobotModel,
@@ -225,36 +323,32 @@ impl Kernel for Regressor<'_> {
     }
 }
 
-/// The last link's columns of the regressor, ten entries per joint: torque per parameter of what that link carries.
+/// The first half of the last link's columns of the regressor; nothing else may use the workspace before the second one,
+/// [`end_last_link_into`].
 ///
 /// # Errors
 /// [`CoreError::Length`] if a slice has the wrong length.
-pub(crate) fn last_link_columns_into(
+pub(crate) fn begin_last_link(
     robot: &RobotModel,
     workspace: &mut Workspace,
     [q, dq, ddq]: [&[f64]; 3],
-    columns: &mut [[f64; N_LINK_PARAMS]],
 ) -> Result<(), CoreError> {
-    let n = robot.n_joints();
-    check_state(n, workspace, q, dq, ddq)?;
-    check_length("columns", columns.as_flattened(), n * N_LINK_PARAMS)?;
-    lanes::run_narrow(LastLink {
+    check_state(robot.n_joints(), workspace, q, dq, ddq)?;
+    lanes::run_narrow(BeginLastLink {
         robot,
         workspace,
         motion: [q, dq, ddq],
-        columns,
     });
     Ok(())
 }
 
-struct LastLink<'a> {
+struct BeginLastLink<'a> {
     robot: &'a RobotModel,
     workspace: &'a mut Workspace,
     motion: [&'a [f64]; 3],
-    columns: &'a mut [[f64; N_LINK_PARAMS]],
 }
 
-impl Kernel for LastLink<'_> {
+impl Kernel for BeginLastLink<'_> {
     type Output = ();
 
     #[inline(always)]
@@ -262,7 +356,43 @@ impl Kernel for LastLink<'_> {
         let [q, dq, ddq] = self.motion;
         self.workspace.take::<S::Four>(q, dq, ddq, None);
         let Workspace { states, twists, .. } = self.workspace;
-        single::last_link_columns::<S>(self.robot, states, twists, self.columns);
+        self.workspace.moving = single::last_link::<S>(self.robot, states, twists);
+    }
+}
+
+/// The second half: ten entries per joint, torque per parameter of what the last link carries.
+///
+/// # Errors
+/// [`CoreError::Length`] if a slice has the wrong length.
+pub(crate) fn end_last_link_into(
+    robot: &RobotModel,
+    workspace: &Workspace,
+    columns: &mut [[f64; N_LINK_PARAMS]],
+) -> Result<(), CoreError> {
+    let n = robot.n_joints();
+    check_workspace(n, workspace)?;
+    check_length("columns", columns.as_flattened(), n * N_LINK_PARAMS)?;
+    lanes::run_narrow(EndLastLink {
+        robot,
+        workspace,
+        columns,
+    });
+    Ok(())
+}
+
+struct EndLastLink<'a> {
+    robot: &'a RobotModel,
+    workspace: &'a Workspace,
+    columns: &'a mut [[f64; N_LINK_PARAMS]],
+}
+
+impl Kernel for EndLastLink<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<S: Lanes<Raw = One>, L: Lanes>(self) {
+        let Workspace { moving, twists, .. } = self.workspace;
+        single::last_link_columns::<S>(self.robot, moving, twists, self.columns);
     }
 }
 
@@ -276,6 +406,10 @@ fn check_state(
     check_length("q", q, n)?;
     check_length("dq", dq, n)?;
     check_length("ddq", ddq, n)?;
+    check_workspace(n, workspace)
+}
+
+fn check_workspace(n: usize, workspace: &Workspace) -> Result<(), CoreError> {
     if workspace.n_joints() == n {
         Ok(())
     } else {
@@ -289,6 +423,6 @@ fn check_state(
 
 impl Mirror for Workspace {
     fn mirror(&mut self, of: &Self) {
-        mirror_fields!(self, of; states, wrenches, twists, trig; copied; kept links);
+        mirror_fields!(self, of; states, wrenches, twists, trig; copied own, moving; kept links);
     }
 }

@@ -156,10 +156,22 @@ pub fn inverse_dynamics<L: Lanes>(
     wrenches: &mut [WrenchRow<L::Raw>],
     tau: &mut [L::Raw],
 ) {
+    let own = outwards::<L>(frames, links, states, wrenches);
+    inwards(frames, states, wrenches, own, tau);
+}
+
+/// The first half of [`inverse_dynamics`]: what moves every link but the first, and what the first joint feels of its own.
+#[inline(always)]
+pub fn outwards<L: Lanes>(
+    frames: &Frames,
+    links: &[LinkNumbers],
+    states: &[JointState<L::Raw>],
+    wrenches: &mut [WrenchRow<L::Raw>],
+) -> L {
     let along = frames.frames.iter().zip(states);
-    let mut joints = along.clone().zip(links).zip(wrenches.iter_mut());
+    let mut joints = along.zip(links).zip(wrenches.iter_mut());
     let Some((((frame, state), link), _)) = joints.next() else {
-        return;
+        return L::splat(0.0);
     };
     let base = frame;
     let mut motion = Motion::<L>::first(frames, frame, state);
@@ -179,8 +191,21 @@ pub fn inverse_dynamics<L: Lanes>(
         force.put(&mut wrench[0]);
         moment.put(&mut wrench[1]);
     }
+    own
+}
+
+/// The second half: the torques of what the first one found.
+#[inline(always)]
+pub fn inwards<L: Lanes>(
+    frames: &Frames,
+    states: &[JointState<L::Raw>],
+    wrenches: &[WrenchRow<L::Raw>],
+    own: L,
+    tau: &mut [L::Raw],
+) {
+    let along = frames.frames.iter().zip(states);
     let (mut force, mut moment) = (Vector::<L>::zero(), Vector::<L>::zero());
-    let mut joints = along.zip(wrenches.iter()).zip(tau.iter_mut());
+    let mut joints = along.zip(wrenches).zip(tau.iter_mut());
     let first = joints.next();
     for (((frame, state), wrench), tau) in joints.rev() {
         force = force + Vector::from_raw(&wrench[0]);
@@ -191,7 +216,7 @@ pub fn inverse_dynamics<L: Lanes>(
         let origin = frame.origin(L::from_raw(state.q));
         moment = origin.cross_add(force, moment);
     }
-    if let Some((_, tau)) = first {
+    if let Some((((base, _), _), tau)) = first {
         *tau = (own + along_joint(base, force, moment)).raw();
     }
 }

@@ -52,19 +52,20 @@ pub(crate) fn joint_torque_regressor<S: Lanes<Raw = [f64; 1]>>(
     }
 }
 
-/// The last link's columns alone, ten for every joint.
+/// Angular velocity and acceleration of a link, and the acceleration of its origin less gravity.
+pub(crate) type Moving = [[[f64; 1]; 3]; 3];
+
+/// The first half of the last link's columns: how that link moves, and the twists that move it.
 #[inline(always)]
-pub(crate) fn last_link_columns<S: Lanes<Raw = [f64; 1]>>(
+pub(crate) fn last_link<S: Lanes<Raw = [f64; 1]>>(
     robot: &RobotModel,
     states: &[JointState<[f64; 1]>],
     twists: &mut [FourTwists],
-    columns: &mut [[f64; N_LINK_PARAMS]],
-) {
+) -> Moving {
     let mut joints = robot.placements().iter().zip(states).enumerate();
     let Some((_, (place, state))) = joints.next() else {
-        return;
+        return Moving::default();
     };
-    let (mut last, mut own) = (0, place);
     let mut body = from_base::<S>(robot, place, state);
     carry::<S::Four>(place, None, 0, twists);
     for (i, (place, state)) in joints {
@@ -72,9 +73,23 @@ pub(crate) fn last_link_columns<S: Lanes<Raw = [f64; 1]>>(
         let of_four = (place.turn_of_four(&placed.0), placed.1.of_four());
         carry(place, Some(of_four), i, twists);
         body = outwards(place, &placed, state, &body);
-        (last, own) = (i, place);
     }
-    put_link(&body, own, last, twists, columns.iter_mut());
+    [body.omega, body.alpha, body.acc].map(Vector::raw)
+}
+
+/// The second half: ten columns for every joint.
+#[inline(always)]
+pub(crate) fn last_link_columns<S: Lanes<Raw = [f64; 1]>>(
+    robot: &RobotModel,
+    moving: &Moving,
+    twists: &[FourTwists],
+    columns: &mut [[f64; N_LINK_PARAMS]],
+) {
+    let [omega, alpha, acc] = moving.each_ref().map(Vector::from_raw);
+    let body = Body::<S>::new(omega, alpha, acc);
+    if let Some((last, place)) = robot.placements().iter().enumerate().next_back() {
+        put_link(&body, place, last, twists, columns.iter_mut());
+    }
 }
 
 /// Link `i`'s entries of every joint.

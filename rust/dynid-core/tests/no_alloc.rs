@@ -266,6 +266,8 @@ const WATCHFUL: WatchSettings = WatchSettings {
     gain: 1e-3,
     offset: 1e-3,
     load: 1e-3,
+    delay: 1e-3,
+    slip: 1e-3,
     unknown: 1e-3,
 };
 

@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use dynid_core::adapt::{Adapted, Part, Reason};
 use dynid_core::watch::{Change, Kind, Said};
-use dynid_core::TorqueModel;
+use dynid_core::{JointKind, TorqueModel};
 
 use crate::run::tell;
 
@@ -55,6 +55,7 @@ pub struct Outbox {
 #[derive(Debug)]
 struct Names {
     joints: Vec<String>,
+    slides: Vec<bool>,
     torque_unit: String,
 }
 
@@ -153,7 +154,11 @@ fn say(table: &Table, names: &Names) {
 impl Names {
     fn of(model: &TorqueModel) -> Self {
         let joints = model.robot().joints().iter();
+        let slides = joints
+            .clone()
+            .map(|joint| joint.kind == JointKind::Prismatic);
         Self {
+            slides: slides.collect(),
             joints: joints.map(|joint| joint.name.clone()).collect(),
             torque_unit: model.torque_unit().to_owned(),
         }
@@ -161,6 +166,10 @@ impl Names {
 
     fn joint(&self, joint: usize) -> &str {
         self.joints.get(joint).map_or("?", String::as_str)
+    }
+
+    fn slides(&self, joint: usize) -> bool {
+        self.slides.get(joint) == Some(&true)
     }
 
     fn tell(&self, time: f64, told: &Told) {
@@ -210,6 +219,18 @@ impl Names {
                 let unit = &self.torque_unit;
                 format!("{joint}: constant torque {size} ({low} to {high}) {unit}")
             }
+            Kind::Delay => {
+                let [size, low, high] = ends.map(|x| short(1e3 * x));
+                format!("{joint}: delay {size} ({low} to {high}) ms")
+            }
+            Kind::Slip => {
+                let unit = if self.slides(change.joint) {
+                    "m"
+                } else {
+                    "rad"
+                };
+                format!("{joint}: encoder slip {size} ({low} to {high}) {unit}")
+            }
             Kind::Load => {
                 format!("load {size} ({low} to {high}) {}", self.mass_unit())
             }
@@ -229,6 +250,7 @@ impl Names {
         let or = change.or.map_or(String::new(), |(kind, j)| match kind {
             Kind::Load => ", or a load".to_owned(),
             Kind::Offset => format!(", or constant torque of {}", self.joint(j)),
+            Kind::Slip => format!(", or encoder slip of {}", self.joint(j)),
             kind => format!(", or {} of {}", kind.word(), self.joint(j)),
         });
         let when = when(time);

@@ -16,7 +16,7 @@ use crate::{ModelFileError, WatchFile};
 /// Name in the `format` field.
 pub const FORMAT: &str = "dynid-watch-remembered";
 /// Newest version of the file that this reader understands: one for every order of the numbers.
-pub const VERSION: u32 = 2;
+pub const VERSION: u32 = 3;
 /// Larger files are refused before memory is taken \[bytes\].
 pub const MAX_BYTES: u64 = 4 << 20;
 

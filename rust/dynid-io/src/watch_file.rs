@@ -13,7 +13,7 @@ use crate::ModelFileError;
 /// Name in the `format` field.
 pub const FORMAT: &str = "dynid-watch-settings";
 /// Newest version of the file that this reader understands.
-pub const VERSION: u32 = 2;
+pub const VERSION: u32 = 3;
 /// Larger files are refused before memory is taken \[bytes\].
 pub const MAX_BYTES: u64 = 1 << 20;
 
@@ -65,6 +65,8 @@ struct Tolerated {
     gain: f64,
     offset: f64,
     load: f64,
+    delay: f64,
+    slip: f64,
     unknown: f64,
 }
 
@@ -97,6 +99,8 @@ fn read(bytes: &[u8]) -> Result<WatchFile, String> {
         gain: parts.tolerated.gain,
         offset: parts.tolerated.offset,
         load: parts.tolerated.load,
+        delay: parts.tolerated.delay,
+        slip: parts.tolerated.slip,
         unknown: parts.tolerated.unknown,
     };
     settings

@@ -31,7 +31,7 @@ fn what_is_none_is_refused_with_a_sentence() {
             "dynid-model",
             "not what a watch remembers",
         ),
-        ("\"version\":2", newer.as_str(), "of version 3"),
+        ("\"version\":3", newer.as_str(), "of version 4"),
         ("\"numbers\"", "\"figures\"", "unknown field"),
         ("null", "\"none\"", "invalid type"),
         ("null", "1e999", "number out of range"),

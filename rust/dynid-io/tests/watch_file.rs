@@ -3,8 +3,8 @@
 use dynid_core::watch::{Healthy, WatchSettings};
 use dynid_io::watch_file::parse_watch;
 
-const GOOD: &str = r#"{"format":"dynid-watch-settings","version":2,"joints":["a","b"],"row":0.2,
-    "false_alarms_per_day":1.0,"tolerated":{"friction":0.1,"gain":0.05,"offset":2.0,"load":0.1,"unknown":1.0},
+const GOOD: &str = r#"{"format":"dynid-watch-settings","version":3,"joints":["a","b"],"row":0.2,
+    "false_alarms_per_day":1.0,"tolerated":{"friction":0.1,"gain":0.05,"offset":2.0,"load":0.1,"delay":0.004,"slip":0.005,"unknown":1.0},
     "inflation":[1.0,2.5],"memory":[1.0,12.0],"least_speed":[0.02,null],"frozen_after":[0.05,null],
     "frozen_way":[0.5,0.0]}"#;
 
@@ -32,7 +32,7 @@ fn what_is_none_is_refused_with_a_sentence() {
             "dynid-model",
             "not a watch's settings",
         ),
-        ("\"version\":2", "\"version\":1", "version 1"),
+        ("\"version\":3", "\"version\":2", "version 2"),
         ("\"row\":0.2", "\"row\":0.0", "row"),
         ("\"gain\":0.05", "\"gain\":-1", "gain"),
         ("[1.0,2.5]", "[1.0]", "1 values of inflation for 2 joints"),
@@ -44,6 +44,7 @@ fn what_is_none_is_refused_with_a_sentence() {
         ("[0.05,null]", "[null]", "1 values of frozen_after"),
         ("[0.5,0.0]", "[null,0.0]", "invalid type"),
         ("[0.5,0.0]", "[-0.5,0.0]", "frozen_way"),
+        ("\"slip\":0.005", "\"slip\":0", "slip"),
         ("\"row\"", "\"raw\"", "unknown field"),
     ];
     for (old, new, said) in cases {

@@ -31,7 +31,7 @@ type Watched<'py> = (
 /// the run, and the text of what the watch remembers at the end; and mean speeds of the rows (n_rows, n), and of every channel how many values it showed, how long all
 /// together, the longest, and how far the model's torque went while one was shown, (n, 4). It goes on with what `remembered` says, the text of another run.
 #[pyfunction]
-#[pyo3(signature = (model, t, motion, tau, *, temperature=None, step, window=None, inflation, memory, least_speed, frozen_after, frozen_way, row, false_per_day, friction, gain, offset, load, unknown, remembered=None))]
+#[pyo3(signature = (model, t, motion, tau, *, temperature=None, step, window=None, inflation, memory, least_speed, frozen_after, frozen_way, row, false_per_day, friction, gain, offset, load, delay, slip, unknown, remembered=None))]
 #[expect(clippy::too_many_arguments, reason = "a keyword function")]
 pub fn watch_run<'py>(
     py: Python<'py>,
@@ -53,6 +53,8 @@ pub fn watch_run<'py>(
     gain: f64,
     offset: f64,
     load: f64,
+    delay: f64,
+    slip: f64,
     unknown: f64,
     remembered: Option<&str>,
 ) -> PyResult<Watched<'py>> {
@@ -65,6 +67,8 @@ pub fn watch_run<'py>(
         gain,
         offset,
         load,
+        delay,
+        slip,
         unknown,
     };
     let healthy = Healthy {
@@ -165,7 +169,8 @@ fn recall(online: &mut OnlineEstimator, text: &str, of: &str) -> PyResult<()> {
     }
 }
 
-/// What a `watch.json` holds: a dict of joints, row, false_per_day, friction, gain, offset, load, unknown, inflation, memory, least_speed, frozen_after, frozen_way.
+/// What a `watch.json` holds: a dict of joints, row, false_per_day, friction, gain, offset, load, delay, slip, unknown, inflation, memory, least_speed,
+/// frozen_after, frozen_way.
 #[pyfunction]
 pub fn read_watch(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, PyDict>> {
     let file = py
@@ -180,6 +185,8 @@ pub fn read_watch(py: Python<'_>, path: PathBuf) -> PyResult<Bound<'_, PyDict>> 
         ("gain", settings.gain),
         ("offset", settings.offset),
         ("load", settings.load),
+        ("delay", settings.delay),
+        ("slip", settings.slip),
         ("unknown", settings.unknown),
     ] {
         found.set_item(name, value)?;

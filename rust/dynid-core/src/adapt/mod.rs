@@ -281,7 +281,7 @@ impl Adaptation {
         check_step(elapsed)?;
         if self.rows.is_full() {
             self.learn(usize::MAX);
-            self.rows.finish(&mut self.row, false);
+            self.rows.finish(&mut self.row, false)?;
             self.per_step = (self.tau.len() + 1) / self.row.n.max(1) as usize + 1;
             self.n_rows += 1;
             self.next = 0;

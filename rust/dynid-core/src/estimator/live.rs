@@ -53,6 +53,16 @@ impl TorqueEstimator {
         self.own.continue_from(&before.own, n);
     }
 
+    /// Sum of [`Self::terms`] (n values).
+    pub(crate) fn total(&self) -> &[f64] {
+        &self.own.total
+    }
+
+    /// Squares of what [`Self::predicted_std_into`] writes (n values).
+    pub(crate) fn predicted_variance(&self) -> &[f64] {
+        &self.own.variance
+    }
+
     /// The state of the last step less the encoders' error, both channels on the motor channel's clock. Not the last
     /// *good* step's: read it after a step that was good.
     #[must_use]

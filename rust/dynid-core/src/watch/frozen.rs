@@ -63,7 +63,6 @@ pub(super) struct Channels {
     way: Vec<f64>,
     /// Time of motion after the name \[s\].
     settles: f64,
-    predicted: Vec<f64>,
 }
 
 impl Channel {
@@ -114,7 +113,6 @@ impl Channels {
             after: healthy.frozen_after.clone(),
             way: healthy.frozen_way.clone(),
             settles: SETTLED * row,
-            predicted: vec![0.0; n],
         }
     }
 
@@ -122,22 +120,10 @@ impl Channels {
         self.all.iter().map(|channel| channel.repeats)
     }
 
-    /// Takes what the channels show, `elapsed` seconds after the sample before, beside the model's terms.
-    pub fn take<'a>(
-        &mut self,
-        shown: &[f64],
-        terms: impl Iterator<Item = &'a [f64]>,
-        elapsed: f64,
-        moves: bool,
-    ) {
-        self.predicted.fill(0.0);
-        for term in terms {
-            for (sum, own) in self.predicted.iter_mut().zip(term) {
-                *sum += own;
-            }
-        }
+    /// Takes what the channels show, `elapsed` seconds after the sample before, beside the model's torque.
+    pub fn take(&mut self, shown: &[f64], predicted: &[f64], elapsed: f64, moves: bool) {
         let moved = if moves { elapsed.min(LATE) } else { 0.0 };
-        let samples = shown.iter().zip(&self.predicted);
+        let samples = shown.iter().zip(predicted);
         for (channel, (shown, predicted)) in self.all.iter_mut().zip(samples) {
             channel.take(*shown, *predicted, moved);
         }
@@ -200,7 +186,7 @@ impl Watch {
                 }
             }
             for named in &mut self.tests {
-                if named.joint == change.joint {
+                if named.joint == change.joint || named.kind == Kind::Slip {
                     named.window = Evidence::default();
                 }
             }
@@ -223,6 +209,6 @@ fn change(joint: usize, shown: f64, said: Said) -> Change {
 
 impl Mirror for Channels {
     fn mirror(&mut self, of: &Self) {
-        mirror_fields!(self, of; all, predicted; copied settles; kept after, way);
+        mirror_fields!(self, of; all; copied settles; kept after, way);
     }
 }

@@ -1,7 +1,8 @@
 //! Does the model still hold? A sequential test per change that has a name, while the arm works.
 //!
 //! A row is the mean, over a fifth of a second, of what the model leaves of the measured torque, and of what each change
-//! would add to it per unit: friction's own torque, the whole torque, one deviation, the torque of a mass at the last link.
+//! would add to it per unit: friction's own torque, the whole torque, one deviation, how fast the torque
+//! falls, the torque of a mass at the last link, and of a position that is shown too far.
 //! Means are linear, so a change adds the same to both. Rows in which a joint stands, or in which the arm leaves what the
 //! model was trained on, say nothing. `sequential.rs` is the test and where its threshold comes from; `settings.rs` what is
 //! tolerated. A change that has been named is taken off from then on, so that the next one can be seen beside it. Torque channels
@@ -25,9 +26,9 @@ use crate::slices::{at, mirror_fields, rows as rows_of, set, Mirror};
 use frozen::Channels;
 pub use frozen::Repeats;
 use rows::{Known, Row, Rows};
-use sequential::{log_ratio, log_ratio_of_deviation, Evidence, SequentialTest, GROWN, SIZES};
+use sequential::{log_ratio, log_ratio_of_deviation, step, Evidence, SequentialTest, GROWN, SIZES};
 pub use settings::{Healthy, Kind, WatchSettings};
-use solve::{masses, LoadSums, PLACES};
+use solve::{mass_in, LoadSums, PLACES};
 
 /// A name has to be this much likelier than any other for the same joints: 19 to 1.
 const SURE: f64 = 2.944_438_979_166_440_3;
@@ -141,9 +142,10 @@ pub struct Watch {
     deviation: Vec<f64>,
     known: Known,
     channels: Channels,
-    /// The row that is being judged, and which test comes next.
+    /// The row that is being judged, which test comes next (those of a load's places last), and whether one has passed.
     row: Row,
     next: usize,
+    passed: bool,
     per_step: usize,
     tests: Vec<Named>,
     load_test: LoadTest,
@@ -173,6 +175,8 @@ impl Watch {
             (Kind::Friction, settings.friction),
             (Kind::Gain, settings.gain),
             (Kind::Offset, settings.offset),
+            (Kind::Delay, settings.delay),
+            (Kind::Slip, settings.slip),
             (Kind::Unknown, settings.unknown),
         ];
         let test = |kind, joint, tolerated| Named {
@@ -186,7 +190,7 @@ impl Watch {
             .flat_map(|j| own.map(|(kind, tolerated)| test(kind, j, tolerated)))
             .collect();
         Ok(Self {
-            threshold: settings.log_threshold(settings::n_tests(n)),
+            threshold: settings.threshold(settings::n_tests(n)),
             rows: Rows::new(model, settings.row, healthy.least_speed.clone()),
             inflation: healthy.inflation.clone(),
             memory: healthy.memory.clone(),
@@ -194,7 +198,8 @@ impl Watch {
             known: Known::new(n),
             channels: Channels::new(healthy, settings.row),
             row: Row::new(n),
-            next: tests.len(),
+            next: tests.len() + PLACES.len(),
+            passed: false,
             per_step: 1,
             tests,
             load_test: LoadTest::new(),
@@ -260,21 +265,28 @@ impl Watch {
     ) -> Result<Option<Change>, CoreError> {
         check_step(elapsed)?;
         check_length("tau", shown, self.memory.len())?;
-        let mut named = None;
-        if self.rows.is_full() {
-            named = self.judge(self.tests.len());
+        let (mut named, n_tests) = (None, self.tests.len() + PLACES.len());
+        let is_full = self.rows.is_full();
+        if is_full {
+            named = self.judge(n_tests);
             let fine = self.known.has_load() || !matches!(self.phase, Phase::Quiet);
-            self.rows.finish(&mut self.row, fine);
-            self.per_step = self.tests.len() / self.row.n.max(1) as usize + 1;
+            self.rows.finish(&mut self.row, fine)?;
+            self.per_step = 2 * n_tests / self.row.n.max(1) as usize + 1;
             self.known.take_off(&mut self.row);
             self.n_rows += 1;
-            self.next = 0;
+            (self.next, self.passed) = (0, false);
         }
-        self.rows.take(estimator, tau, elapsed, good)?;
-        let named = named.or(self.judge(self.per_step));
-        let terms = rows_of(estimator.terms(), shown.len());
+        let is_busy = self.rows.take(estimator, tau, elapsed, good)? || is_full;
+        // Tests wait for samples at which nothing else is evaluated, but in the second half of a row, which has room for all of
+        // them, for none: what is known is remembered between two rows only.
+        let waits = is_busy && self.per_step == 1 && self.rows.is_young();
+        let named = named.or(if waits {
+            None
+        } else {
+            self.judge(self.per_step)
+        });
         let moves = self.rows.any_moves(estimator);
-        self.channels.take(shown, terms, elapsed, moves);
+        self.channels.take(shown, estimator.total(), elapsed, moves);
         // Two things are said one after the other.
         let named = named.or_else(|| self.say_frozen());
         self.channels.silence(self.rows.sums_mut());
@@ -283,31 +295,44 @@ impl Watch {
 
     /// Runs up to `most` of the tests that the row has not been through; after the last one says what has changed.
     fn judge(&mut self, most: usize) -> Option<Change> {
-        let first = self.next;
-        if first >= self.tests.len() {
+        let (first, n_tests) = (self.next, self.tests.len() + PLACES.len());
+        if first >= n_tests {
             return None;
         }
         self.next = first.saturating_add(most);
         let row = &self.row;
+        let is_quiet = matches!(self.phase, Phase::Quiet);
         for named in self.tests.iter_mut().skip(first).take(most) {
+            // One that has passed while something else was settled, too.
+            self.passed |= is_quiet && named.test.mean() > self.threshold;
             let (j, tolerated) = (named.joint, named.tolerated);
             let variance = at(&row.variance, j) * at(&self.inflation, j);
             let memory = at(&self.memory, j);
             let weight = weight(variance, memory, row.moves.get(j) == Some(&true));
-            if weight == 0.0 {
+            if weight == 0.0 && named.kind != Kind::Slip {
                 continue;
             }
             let left = at(&row.left, j);
             let per_unit = match named.kind {
                 Kind::Friction => at(&row.friction, j),
                 Kind::Gain => at(&row.torque, j),
+                Kind::Delay => at(&row.late, j),
                 _ => at(&self.deviation, j),
             };
             let mut seen = Evidence {
                 moment: weight * per_unit * left,
                 information: weight * per_unit * per_unit,
             };
+            if named.kind == Kind::Slip {
+                let columns = rows_of(&row.slip, row.left.len()).nth(j);
+                seen = of_all_joints(row, columns.unwrap_or(&[]), &self.inflation, &self.memory);
+            }
             let mut ratios = SIZES.map(|size| log_ratio(size, tolerated, seen));
+            if named.kind == Kind::Slip {
+                // What is told by all joints together is not what each of them may have: an error that has grown a little.
+                let least = 1.0 + self.settings.unknown;
+                ratios = ratios.map(|ratio| ratio / (least * least));
+            }
             if named.kind == Kind::Unknown {
                 let square = left * left / variance;
                 let of_size = |size| log_ratio_of_deviation(size, tolerated, square, memory);
@@ -318,39 +343,49 @@ impl Watch {
                 };
             }
             match self.phase {
-                Phase::Quiet => named.test.step(ratios),
+                Phase::Quiet => {
+                    named.test.step(ratios);
+                    self.passed |= named.test.mean() > self.threshold;
+                }
                 Phase::Telling(_) => named.window.add(seen),
                 Phase::Settling(_, change) => {
                     named.window.add(seen);
-                    if !touches(&change, j) {
+                    if named.kind != Kind::Slip && !touches(&change, j) {
                         named.test.step(ratios);
                     }
                 }
             }
         }
-        if self.next < self.tests.len() {
+        let places = first.max(self.tests.len())..self.next.min(n_tests);
+        for place in places {
+            self.judge_load(place - self.tests.len());
+        }
+        if self.next < n_tests {
             return None;
         }
-        self.judge_load();
         self.go_on()
     }
 
-    fn judge_load(&mut self) {
+    /// The test of a load in one of [`PLACES`]; once something has passed the row is added in the first place's turn.
+    fn judge_load(&mut self, place: usize) {
         let row = &self.row;
         let variances = row.variance.iter().zip(&self.inflation);
         let weights = variances.zip(&self.memory).zip(&row.moves);
         let weights = weights.map(|(((v, more), m), moves)| weight(v * more, *m, *moves));
         if !matches!(self.phase, Phase::Quiet) {
-            return self.load.add_row(&row.load, &row.left, weights);
-        }
-        let mut ratios = [0.0; SIZES.len() * PLACES.len()];
-        let places = masses(&row.load, &row.left, weights);
-        for (ratios, place) in ratios.chunks_exact_mut(SIZES.len()).zip(places) {
-            for (ratio, size) in ratios.iter_mut().zip(SIZES) {
-                *ratio = log_ratio(size, self.settings.load, place);
+            if place == 0 {
+                self.load.add_row(&row.load, &row.left, weights);
             }
+            return;
         }
-        self.load_test.step(ratios);
+        let (tests, _) = self.load_test.r.as_chunks_mut::<{ SIZES.len() }>();
+        if let (Some(r), Some(centre)) = (tests.get_mut(place), PLACES.get(place)) {
+            let seen = mass_in(*centre, &row.load, &row.left, weights);
+            step(
+                r,
+                SIZES.map(|size| log_ratio(size, self.settings.load, seen)),
+            );
+        }
     }
 
     /// Alarm, name, size: one after the other. An arm that stands says nothing, and no time passes.
@@ -360,9 +395,7 @@ impl Watch {
         }
         match self.phase {
             Phase::Quiet => {
-                let mut tests = self.tests.iter().map(|named| named.test.log_mean());
-                let passed = tests.any(|log_r| log_r > self.threshold);
-                if passed || self.load_test.log_mean() > self.threshold {
+                if self.passed || self.load_test.mean() > self.threshold {
                     self.begin_window();
                     self.phase = Phase::Telling(0);
                 }
@@ -449,9 +482,10 @@ impl Watch {
     }
 
     fn begin_anew(&mut self, change: &Change) {
+        self.passed = false;
         self.load_test = LoadTest::new();
         for named in &mut self.tests {
-            if touches(change, named.joint) {
+            if named.kind == Kind::Slip || touches(change, named.joint) {
                 named.test = SequentialTest::new();
             }
         }
@@ -460,7 +494,27 @@ impl Watch {
 
 /// Whether what is left of a joint is another one with a change.
 fn touches(change: &Change, joint: usize) -> bool {
-    change.kind == Kind::Load || change.joint == joint
+    of_arm(change.kind) || change.joint == joint
+}
+
+/// Whether a change shows on all joints.
+fn of_arm(kind: Kind) -> bool {
+    matches!(kind, Kind::Load | Kind::Slip)
+}
+
+/// What a row says of a change of which all joints have a column.
+fn of_all_joints(row: &Row, columns: &[f64], inflation: &[f64], memory: &[f64]) -> Evidence {
+    let variances = row.variance.iter().zip(inflation).zip(memory);
+    let joints = columns.iter().zip(&row.left).zip(&row.moves).zip(variances);
+    let mut seen = Evidence::default();
+    for (((column, left), moves), ((variance, more), memory)) in joints {
+        let weight = weight(variance * more, *memory, *moves);
+        seen.add(Evidence {
+            moment: weight * column * left,
+            information: weight * column * column,
+        });
+    }
+    seen
 }
 
 /// Weight of a row: nothing where its joint stands.
@@ -477,7 +531,7 @@ impl Mirror for Watch {
         mirror_fields!(
             self, of;
             rows, inflation, memory, deviation, known, channels, row, tests;
-            copied settings, threshold, next, per_step, load_test, load, phase, n_rows;
+            copied settings, threshold, next, passed, per_step, load_test, load, phase, n_rows;
             kept
         );
     }

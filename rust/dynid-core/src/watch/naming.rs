@@ -1,12 +1,12 @@
 //! Which change it is, and how large: by the rows since the alarm, on which no test was decided.
 //!
-//! A name is as probable as the data are with a change of a usual size of its kind, less what a name costs. A load explains
-//! all joints at once; the best names of single joints together are its rival. A name that does not take half of what is left
+//! A name is as probable as the data are with a change of a usual size of its kind, less what a name costs. A load or a slip
+//! explains all joints at once; the best names of single joints together are its rival. A name that does not take half of what is left
 //! off is none. A change is one only if its interval lies beyond what is tolerated.
 
 use super::sequential::Evidence;
 use super::solve::{Solved, REACH};
-use super::{Change, Kind, Named, Said, Watch, INTERVAL, ROUGH, SURE};
+use super::{of_arm, Change, Kind, Named, Said, Watch, INTERVAL, ROUGH, SURE};
 use crate::slices::at;
 
 /// Usual size of a change over what is tolerated.
@@ -21,11 +21,10 @@ const EXPLAINED: f64 = 0.5;
 impl Watch {
     /// The likeliest name for what the window holds, and by how much it is likelier than any other.
     ///
-    /// A load explains all joints at once; the best names of single joints, each for what a name costs, are its rival.
+    /// A load or a slip explains all joints at once; the best names of single joints, each for what a name costs, are its rival.
     pub(super) fn likeliest(&self) -> (Change, f64) {
         let cost = (self.tests.len() as f64).ln();
         let last = self.memory.len().saturating_sub(1);
-        let of_load = self.solved_load().log_evidence;
         let mut apart = 0.0;
         let (mut best, mut second) = ((Kind::Unknown, 0, 0.0), f64::NEG_INFINITY);
         let mut or = None;
@@ -38,15 +37,22 @@ impl Watch {
                 or = Some((runner_up, joint));
             }
         }
-        let load = of_load - cost;
-        let (found, lead, or) = if load > apart && load > 0.0 {
-            ((Kind::Load, last), load - apart, Some((best.0, best.1)))
+        let (arm, other) = self.best_of_arm(last);
+        let whole = arm.2 - cost;
+        let (found, lead, or) = if whole > apart && whole > 0.0 {
+            let or = if other.2 - cost > apart {
+                (other.0, other.1)
+            } else {
+                (best.0, best.1)
+            };
+            let lead = whole - apart.max(other.2 - cost);
+            ((arm.0, arm.1), lead, Some(or))
         } else {
-            let rival = second.max(load - apart + best.2);
+            let rival = second.max(whole - apart + best.2);
             let or = if second >= rival {
                 or
             } else {
-                Some((Kind::Load, last))
+                Some((arm.0, arm.1))
             };
             ((best.0, best.1), best.2 - rival, or)
         };
@@ -67,6 +73,21 @@ impl Watch {
             }),
         });
         (change, lead)
+    }
+
+    /// Of the names that explain all joints at once the likeliest and the next, with the logarithms of their evidence.
+    fn best_of_arm(&self, last: usize) -> ((Kind, usize, f64), (Kind, usize, f64)) {
+        let mut best = (Kind::Load, last, self.solved_load().log_evidence);
+        let mut next = (Kind::Unknown, 0, f64::NEG_INFINITY);
+        for named in self.tests.iter().filter(|named| named.kind == Kind::Slip) {
+            let one = (Kind::Slip, named.joint, log_evidence(named));
+            if one.2 > best.2 {
+                (best, next) = (one, best);
+            } else if one.2 > next.2 {
+                next = one;
+            }
+        }
+        (best, next)
     }
 
     /// Whether the window does not tell a load's mass well enough yet.
@@ -101,11 +122,9 @@ impl Watch {
         let none = f64::NEG_INFINITY;
         let mut found = (Kind::Unknown, none, none, Kind::Unknown);
         let own = self.tests.iter().filter(|named| named.joint == joint);
-        let own = own.filter(|named| named.kind != Kind::Unknown && self.is_possible(named));
-        for named in own {
-            let widths = WIDTHS.map(|width| width * USUAL * named.tolerated);
-            let values = widths.map(|usual| named.window.log_evidence(usual));
-            let value = values.into_iter().fold(none, f64::max) - (WIDTHS.len() as f64).ln();
+        let own = own.filter(|named| !matches!(named.kind, Kind::Unknown | Kind::Slip));
+        for named in own.filter(|named| self.is_possible(named)) {
+            let value = log_evidence(named);
             if value > found.1 {
                 found = (named.kind, value, found.1, found.0);
             } else if value > found.2 {
@@ -117,12 +136,12 @@ impl Watch {
 
     /// Whether a name leaves no more of its joints in the window than is tolerated of what has none, or takes most of it off.
     fn explains(&self, (kind, joint): (Kind, usize)) -> bool {
-        let all = |other: &&Named| kind == Kind::Load || other.joint == joint;
+        let all = |other: &&Named| of_arm(kind) || other.joint == joint;
         let (mut left, mut gain) = (Evidence::default(), 0.0);
         for named in self.tests.iter().filter(all) {
             if named.kind == Kind::Unknown {
                 left.add(named.window);
-            } else if named.kind == kind {
+            } else if (named.kind, named.joint) == (kind, joint) {
                 gain = named.window.moment * named.window.size().0;
             }
         }
@@ -166,7 +185,7 @@ impl Watch {
                 let [mass, x, y, z, ..] = solved.sizes;
                 (size, moments, std) = (mass, [x, y, z], solved.std);
             }
-            Kind::Friction | Kind::Gain | Kind::Frozen => {}
+            Kind::Friction | Kind::Gain | Kind::Delay | Kind::Slip | Kind::Frozen => {}
         }
         Change {
             size,
@@ -188,6 +207,8 @@ impl Watch {
             Kind::Friction => least <= self.settings.friction,
             Kind::Gain => least <= self.settings.gain,
             Kind::Offset => least <= self.settings.offset * at(&self.deviation, j),
+            Kind::Delay => least <= self.settings.delay,
+            Kind::Slip => least <= self.settings.slip,
             Kind::Unknown => least <= self.settings.unknown,
             Kind::Frozen => false,
             // A small load far out is none that is tolerated.
@@ -198,4 +219,12 @@ impl Watch {
             }
         }
     }
+}
+
+/// Logarithm of the evidence for a name, whose size was none of the usual ones beforehand.
+fn log_evidence(named: &Named) -> f64 {
+    let widths = WIDTHS.map(|width| width * USUAL * named.tolerated);
+    let values = widths.map(|usual| named.window.log_evidence(usual));
+    let most = values.into_iter().fold(f64::NEG_INFINITY, f64::max);
+    most - (WIDTHS.len() as f64).ln()
 }

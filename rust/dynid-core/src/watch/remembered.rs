@@ -3,23 +3,25 @@
 //! Only what was judged to its end is in them; the row in the making is lost with the program.
 
 use super::frozen::{Channel, Spoken};
-use super::solve::LoadSums;
+use super::solve::{LoadSums, PLACES};
 use super::{Change, Kind, Phase, Said, Watch, LONGEST, SETTLED};
 use crate::dynamics::check_length;
 use crate::error::CoreError;
 
 /// Sizes beyond it are those of no arm.
-const LARGEST: f64 = 1e100;
+pub(super) const LARGEST: f64 = 1e100;
 
 /// Numbers of a phase and of the change that it is about.
 pub(super) const N_PHASE: usize = 11;
 
-const KINDS: [Kind; 5] = [
+const KINDS: [Kind; 7] = [
     Kind::Friction,
     Kind::Gain,
     Kind::Offset,
     Kind::Load,
     Kind::Unknown,
+    Kind::Delay,
+    Kind::Slip,
 ];
 
 /// What a number may be.
@@ -28,8 +30,6 @@ pub(super) enum Range {
     Any,
     Positive,
     NotNegative,
-    /// A logarithm, of zero too.
-    Log,
     /// What has been said of a channel.
     Code,
 }
@@ -40,7 +40,6 @@ impl Range {
             Self::Any => x.abs() <= LARGEST,
             Self::Positive => x > 0.0 && x <= LARGEST,
             Self::NotNegative => (0.0..=LARGEST).contains(&x),
-            Self::Log => x <= LARGEST,
             Self::Code => [0.0, 1.0, 2.0].contains(&x),
         }
     }
@@ -50,14 +49,10 @@ impl Watch {
     /// How many numbers it remembers.
     #[must_use]
     pub fn n_remembered(&self) -> usize {
-        let of_tests: usize = self
-            .tests
-            .iter()
-            .map(|named| named.test.log_r.len() + 2)
-            .sum();
-        let load = self.load_test.log_r.len() + LoadSums::N;
+        let of_tests: usize = self.tests.iter().map(|named| named.test.r.len() + 2).sum();
+        let load = self.load_test.r.len() + LoadSums::N;
         let known = self.known.load.len() + self.known.variance.len();
-        9 * self.memory.len() + known + of_tests + load + N_PHASE
+        11 * self.memory.len() + known + of_tests + load + N_PHASE
     }
 
     /// Writes what it knows to `numbers` and says so; within a row that is being judged it does neither.
@@ -66,7 +61,7 @@ impl Watch {
     /// [`CoreError`] if the length is not [`Self::n_remembered`].
     pub fn remember(&mut self, numbers: &mut [f64]) -> Result<bool, CoreError> {
         check_length("remembered", numbers, self.n_remembered())?;
-        if self.next < self.tests.len() {
+        if self.next < self.tests.len() + PLACES.len() {
             return Ok(false);
         }
         let (phase, rest) = numbers.split_at_mut_checked(N_PHASE).unwrap_or_default();
@@ -110,7 +105,8 @@ impl Watch {
     pub(super) fn each_number(&mut self, mut each: impl FnMut(&mut f64, Range)) {
         let known = &mut self.known;
         let [friction, gain] = [&mut known.friction, &mut known.gain];
-        for sizes in [friction, gain, &mut known.offset, &mut known.unknown] {
+        let [offset, delay, slip] = [&mut known.offset, &mut known.delay, &mut known.slip];
+        for sizes in [friction, gain, offset, delay, slip, &mut known.unknown] {
             sizes.iter_mut().for_each(|x| each(x, Range::Any));
         }
         known
@@ -125,13 +121,13 @@ impl Watch {
             channel.each_number(&mut each);
         }
         for named in &mut self.tests {
-            let logs = named.test.log_r.iter_mut();
-            logs.for_each(|x| each(x, Range::Log));
+            let sums = named.test.r.iter_mut();
+            sums.for_each(|x| each(x, Range::NotNegative));
             each(&mut named.window.moment, Range::Any);
             each(&mut named.window.information, Range::Any);
         }
-        let logs = self.load_test.log_r.iter_mut();
-        logs.for_each(|x| each(x, Range::Log));
+        let sums = self.load_test.r.iter_mut();
+        sums.for_each(|x| each(x, Range::NotNegative));
         self.load.each_number(|x| each(x, Range::Any));
     }
 }

@@ -3,13 +3,16 @@
 use std::sync::Arc;
 
 use super::{Change, Kind, Said};
-use crate::dynamics::{check_length, last_link_columns_into, Workspace};
+use crate::dynamics::{
+    begin_inverse_dynamics, begin_last_link, check_length, end_inverse_dynamics_into,
+    end_last_link_into, Workspace,
+};
 use crate::error::CoreError;
 use crate::estimator::TorqueEstimator;
 use crate::link_params::N_LINK_PARAMS;
 use crate::model::TorqueModel;
 use crate::observer::rest_speeds;
-use crate::slices::{at, mirror_fields, rows as rows_of, set, Mirror};
+use crate::slices::{at, copy, mirror_fields, rows as rows_of, rows_mut, set, Mirror};
 
 /// Parameters of a load, those of a link.
 pub(crate) const N_LOAD: usize = N_LINK_PARAMS;
@@ -18,6 +21,16 @@ pub(crate) const N_LOAD: usize = N_LINK_PARAMS;
 /// another time, by half a part): enough to see that there is one, and enough to take a heavy one off a wrist of little noise.
 const LOADS_A_ROW: f64 = 10.0;
 const LOADS_A_FINE_ROW: f64 = 40.0;
+
+/// What a channel that is late by d shows at a time is the torque of d before; over a row that is what was predicted in the last d
+/// before the row less that in its last d. Of delays that are told the middle of that is about here \[s\].
+const LATE: f64 = 0.008;
+
+/// So often per row and joint the torque of a slip is; joints take turns, forwards and back, so that every mean is of the row's
+/// middle.
+const SLIPS_A_ROW: f64 = 4.0;
+/// Step of the difference that it is \[rad, m\].
+const SLIP_STEP: f64 = 1e-5;
 
 /// Means over a row, per joint.
 #[derive(Clone, Debug)]
@@ -31,6 +44,10 @@ pub(crate) struct Row {
     pub variance: Vec<f64>,
     /// Torque per parameter of a load at the last link, in the channel's unit; one array per joint.
     pub load: Vec<[f64; N_LOAD]>,
+    /// What a channel shows more per second that it is late: the predicted torque falls.
+    pub late: Vec<f64>,
+    /// What is left more per rad or m that the position of a joint is shown too far; n values per joint that slips.
+    pub slip: Vec<f64>,
     /// Mean speed.
     pub speed: Vec<f64>,
     /// Joints that moved all the time, as fast as in healthy runs at least, in a row of states that the model was trained on.
@@ -46,6 +63,8 @@ impl Row {
             torque: vec![0.0; n],
             variance: vec![0.0; n],
             load: vec![[0.0; N_LOAD]; n],
+            late: vec![0.0; n],
+            slip: vec![0.0; n * n],
             speed: vec![0.0; n],
             moves: vec![false; n],
             n: 0,
@@ -59,6 +78,16 @@ pub(crate) fn friction_terms(model: &TorqueModel) -> impl Iterator<Item = bool> 
     entries.map(|entry| entry.needs("dq_motor") || entry.memory > 0)
 }
 
+/// A torque that is half evaluated: the whole takes as long as all else.
+#[derive(Clone, Copy, Debug, Default)]
+enum Half {
+    #[default]
+    None,
+    Load,
+    /// Of this joint.
+    Slip(usize),
+}
+
 /// Rows in the making.
 #[derive(Clone, Debug)]
 pub(crate) struct Rows {
@@ -68,16 +97,30 @@ pub(crate) struct Rows {
     least_speed: Vec<f64>,
     workspace: Workspace,
     columns: Vec<[f64; N_LOAD]>,
-    scratch: Vec<f64>,
     length: f64,
     sums: Row,
     n_loads: u32,
+    /// What was begun at the sample before, for the workspace.
+    half: Half,
+    /// Positions of which one has slipped, the torque at them, and the one at the state.
+    slipped: Vec<f64>,
+    torque: Vec<f64>,
+    here: Vec<f64>,
+    /// How often the torque of every joint's slip was evaluated, and whose turn it is.
+    n_slips: Vec<u32>,
+    turn: usize,
+    since_slip: f64,
+    /// Predicted torque a little before the end of the row before, and of this one; NaN where there is none.
+    before: Vec<f64>,
+    now: Vec<f64>,
+    /// Samples so far, of which the first two are counted.
+    n_seen: u8,
     elapsed: f64,
     last: f64,
     /// Time of a part, and since the middle of the last one.
     part: f64,
     since_load: f64,
-    /// Whether the torque of a load is evaluated.
+    /// Whether the torque of loads and slips is evaluated.
     with_load: bool,
     good: bool,
 }
@@ -91,13 +134,22 @@ impl Rows {
             least_speed,
             workspace: Workspace::new(model.robot()),
             columns: vec![[0.0; N_LOAD]; n],
-            scratch: vec![0.0; n],
             length,
             sums: Row {
                 moves: vec![true; n],
                 ..Row::new(n)
             },
             n_loads: 0,
+            half: Half::None,
+            slipped: vec![0.0; n],
+            torque: vec![0.0; n],
+            here: vec![0.0; n],
+            n_slips: vec![0; n],
+            turn: 0,
+            since_slip: 0.5 * slip_part(length, n),
+            before: vec![f64::NAN; n],
+            now: vec![f64::NAN; n],
+            n_seen: 0,
             elapsed: 0.0,
             last: 0.0,
             part: length / LOADS_A_ROW,
@@ -120,7 +172,7 @@ impl Rows {
         &mut self.sums
     }
 
-    /// The same for those who do not ask for a load, whose columns stay zero.
+    /// The same for those who do not ask for loads and slips, whose columns stay zero.
     pub fn without_load(mut self) -> Self {
         self.with_load = false;
         self
@@ -138,8 +190,13 @@ impl Rows {
         ];
         sums.into_iter().for_each(|sums| sums.fill(0.0));
         own.load.fill([0.0; N_LOAD]);
+        own.slip.fill(0.0);
         own.moves.fill(true);
         own.n = 0;
+        self.before.fill(f64::NAN);
+        self.now.fill(f64::NAN);
+        self.begin_slips();
+        self.half = Half::None;
         (self.n_loads, self.good, self.elapsed) = (0, true, 0.0);
         (self.last, self.part) = (0.0, self.length / LOADS_A_ROW);
         self.since_load = 0.5 * self.part;
@@ -150,42 +207,54 @@ impl Rows {
         self.elapsed + 0.5 * self.last >= self.length
     }
 
-    /// Adds a sample.
+    /// True in the first half of a row.
+    pub fn is_young(&self) -> bool {
+        self.elapsed < 0.5 * self.length
+    }
+
+    /// Adds a sample; true if half of the torque of a load or a slip was evaluated at it.
     pub fn take(
         &mut self,
         estimator: &TorqueEstimator,
         tau: &[f64],
         elapsed: f64,
         good: bool,
-    ) -> Result<(), CoreError> {
-        let n = self.scratch.len();
+    ) -> Result<bool, CoreError> {
+        let n = self.rest.len();
         check_length("tau", tau, n)?;
         check_length("terms", estimator.terms(), n * self.model.n_terms())?;
-        self.elapsed += elapsed;
+        // Before the second sample nobody knows how long the first one stands for: it is given the second one's time, so that
+        // rows begin alike whatever step a program has been told.
+        let time = match self.n_seen {
+            0 => 0.0,
+            1 => 2.0 * elapsed,
+            _ => elapsed,
+        };
+        self.n_seen = self.n_seen.saturating_add(1).min(2);
+        self.elapsed += time;
         self.last = elapsed;
-        self.since_load += elapsed;
+        self.since_load += time;
+        self.since_slip += time;
         if !good || !tau.iter().all(|x| x.is_finite()) {
             self.good = false;
-            return Ok(());
+            return Ok(false);
         }
         let sums = &mut self.sums;
         sums.n = sums.n.saturating_add(1);
-        estimator.predicted_std_into(&mut self.scratch)?;
-        for (sum, std) in sums.variance.iter_mut().zip(&self.scratch) {
-            *sum += std * std;
-        }
-        for (sum, measured) in sums.left.iter_mut().zip(tau) {
-            *sum += measured;
+        let means = sums.left.iter_mut().zip(&mut sums.torque);
+        let means = means.zip(&mut sums.variance);
+        let joints = tau.iter().zip(estimator.total());
+        let joints = joints.zip(estimator.predicted_variance());
+        for (((left, torque), sum), ((measured, total), variance)) in means.zip(joints) {
+            *left += measured - total;
+            *torque += total;
+            *sum += variance;
         }
         // The rigid body comes first, then effects, then a third loop.
-        let of_friction = std::iter::once(false).chain(self.is_friction.iter().copied());
-        let terms = rows_of(estimator.terms(), n);
-        for (term, is_friction) in terms.zip(of_friction.chain(std::iter::repeat(false))) {
-            let joints = sums.left.iter_mut().zip(&mut sums.torque);
-            for (((left, torque), friction), own) in joints.zip(&mut sums.friction).zip(term) {
-                *left -= own;
-                *torque += own;
-                *friction += if is_friction { *own } else { 0.0 };
+        let effects = rows_of(estimator.terms(), n).skip(1).zip(&self.is_friction);
+        for (term, _) in effects.filter(|(_, is_friction)| **is_friction) {
+            for (friction, own) in sums.friction.iter_mut().zip(term) {
+                *friction += own;
             }
         }
         let state = estimator.true_state();
@@ -195,25 +264,105 @@ impl Rows {
             *moves &= dq.abs() > *rest;
             *speed += dq.abs();
         }
-        let part = self.part;
-        if self.with_load && self.since_load >= part {
-            self.since_load = (self.since_load - part).min(part);
-            self.n_loads = self.n_loads.saturating_add(1);
-            let motion = [state.q, state.dq, state.ddq];
-            let (robot, columns) = (self.model.robot(), &mut self.columns);
-            last_link_columns_into(robot, &mut self.workspace, motion, columns)?;
-            let joints = columns.iter().zip(self.model.torque_scale());
-            for (sum, (columns, scale)) in sums.load.iter_mut().zip(joints) {
-                for (sum, torque) in sum.iter_mut().zip(columns) {
-                    *sum += scale * torque;
-                }
+        if !self.with_load {
+            return Ok(false);
+        }
+        if self.elapsed >= self.length - LATE && at(&self.now, 0).is_nan() {
+            copy(estimator.total(), &mut self.now);
+        }
+        if self.end_half()? {
+            return Ok(true);
+        }
+        let (part, of_slips) = (self.part, slip_part(self.length, n));
+        let with_load = self.since_load >= part;
+        // One of the two a sample, and half of it, unless samples are too rare for that.
+        let halves = 2.0 * (self.length / part + self.length / of_slips);
+        let at_once = halves * elapsed > self.length;
+        let with_slip = self.since_slip >= if with_load { 2.0 * of_slips } else { of_slips };
+        if with_slip {
+            self.since_slip = (self.since_slip - of_slips).min(of_slips);
+            self.begin_slip(estimator)?;
+            if at_once || with_load {
+                self.end_half()?;
             }
         }
+        if with_load {
+            self.since_load = (self.since_load - part).min(part);
+            let state = estimator.true_state();
+            let motion = [state.q, state.dq, state.ddq];
+            begin_last_link(self.model.robot(), &mut self.workspace, motion)?;
+            self.half = Half::Load;
+            if at_once {
+                self.end_half()?;
+            }
+        }
+        Ok(with_load || with_slip)
+    }
+
+    /// Begins what the next joint's slip would leave: the torque of the links at the state less that a little further.
+    fn begin_slip(&mut self, estimator: &TorqueEstimator) -> Result<(), CoreError> {
+        let state = estimator.true_state();
+        let n = self.slipped.len();
+        let joint = self.turn.min((2 * n).saturating_sub(self.turn + 1));
+        self.turn = if self.turn + 1 < 2 * n {
+            self.turn + 1
+        } else {
+            0
+        };
+        copy(state.q, &mut self.slipped);
+        let further = at(&self.slipped, joint) + SLIP_STEP;
+        set(&mut self.slipped, joint, further);
+        let motion = [&self.slipped[..], state.dq, state.ddq];
+        let (robot, phi) = (self.model.robot(), self.model.phi());
+        begin_inverse_dynamics(robot, &mut self.workspace, motion, phi)?;
+        copy(estimator.terms(), &mut self.here);
+        self.half = Half::Slip(joint);
         Ok(())
     }
 
+    /// Ends what was begun at the sample before, and adds it; false if there is nothing.
+    fn end_half(&mut self) -> Result<bool, CoreError> {
+        let robot = self.model.robot();
+        match core::mem::take(&mut self.half) {
+            Half::None => return Ok(false),
+            Half::Load => {
+                end_last_link_into(robot, &self.workspace, &mut self.columns)?;
+                self.n_loads = self.n_loads.saturating_add(1);
+                let joints = self.columns.iter().zip(self.model.torque_scale());
+                for (sum, (columns, scale)) in self.sums.load.iter_mut().zip(joints) {
+                    for (sum, torque) in sum.iter_mut().zip(columns) {
+                        *sum += scale * torque;
+                    }
+                }
+            }
+            Half::Slip(joint) => {
+                end_inverse_dynamics_into(robot, &mut self.workspace, &mut self.torque)?;
+                let own = rows_mut(&mut self.sums.slip, self.slipped.len()).nth(joint);
+                let torques = self.torque.iter().zip(self.model.torque_scale());
+                let shown = self.here.iter().zip(torques);
+                for (sum, (here, (torque, scale))) in own.into_iter().flatten().zip(shown) {
+                    *sum += (here - scale * torque) / SLIP_STEP;
+                }
+                if let Some(count) = self.n_slips.get_mut(joint) {
+                    *count = count.saturating_add(1);
+                }
+            }
+        }
+        Ok(true)
+    }
+
+    fn begin_slips(&mut self) {
+        self.n_slips.fill(0);
+        self.turn = 0;
+        self.since_slip = 0.5 * slip_part(self.length, self.n_slips.len());
+    }
+
     /// Ends a row: its means are written to `row`. A load's torque is evaluated more often in a `fine` one that follows.
-    pub fn finish(&mut self, row: &mut Row, fine: bool) {
+    ///
+    /// # Errors
+    /// [`CoreError`] if a length is wrong.
+    pub fn finish(&mut self, row: &mut Row, fine: bool) -> Result<(), CoreError> {
+        self.end_half()?;
         let (n, n_loads) = (self.sums.n.max(1), self.n_loads.max(1));
         let usable = self.good && self.sums.n > 0;
         let share = f64::from(n).recip();
@@ -226,6 +375,17 @@ impl Rows {
             end(sum, mean, f64::from(n_loads).recip());
         }
         end(&mut sums.speed, &mut row.speed, share);
+        let joints = rows_mut(&mut sums.slip, self.slipped.len());
+        let joints = joints.zip(rows_mut(&mut row.slip, self.slipped.len()));
+        for ((sums, means), count) in joints.zip(&self.n_slips) {
+            end(sums, means, f64::from((*count).max(1)).recip());
+        }
+        let falls = row.late.iter_mut().zip(&mut self.before);
+        for ((late, before), now) in falls.zip(&mut self.now) {
+            let rate = (*before - *now) / self.elapsed;
+            *late = if rate.is_finite() { rate } else { 0.0 };
+            (*before, *now) = (*now, f64::NAN);
+        }
         let joints = sums.moves.iter_mut().zip(&mut row.moves);
         for ((moves, moved), (speed, least)) in joints.zip(row.speed.iter().zip(&self.least_speed))
         {
@@ -238,12 +398,19 @@ impl Rows {
         let parts = if fine { LOADS_A_FINE_ROW } else { LOADS_A_ROW };
         self.part = self.length / parts;
         self.since_load = 0.5 * self.part;
+        self.begin_slips();
+        Ok(())
     }
+}
+
+/// Time from one slip to the next.
+fn slip_part(length: f64, n: usize) -> f64 {
+    length / (SLIPS_A_ROW * n.max(1) as f64)
 }
 
 impl Mirror for Row {
     fn mirror(&mut self, of: &Self) {
-        mirror_fields!(self, of; left, friction, torque, variance, load, speed, moves; copied n; kept);
+        mirror_fields!(self, of; left, friction, torque, variance, load, late, slip, speed, moves; copied n; kept);
     }
 }
 
@@ -251,8 +418,8 @@ impl Mirror for Rows {
     fn mirror(&mut self, of: &Self) {
         mirror_fields!(
             self, of;
-            workspace, columns, scratch, sums;
-            copied length, n_loads, elapsed, last, part, since_load, with_load, good;
+            workspace, columns, sums, slipped, torque, here, n_slips, before, now;
+            copied length, n_loads, half, turn, since_slip, n_seen, elapsed, last, part, since_load, with_load, good;
             kept model, is_friction, rest, least_speed
         );
     }
@@ -260,7 +427,7 @@ impl Mirror for Rows {
 
 impl Mirror for Known {
     fn mirror(&mut self, of: &Self) {
-        mirror_fields!(self, of; friction, gain, offset, unknown, variance; copied load; kept);
+        mirror_fields!(self, of; friction, gain, offset, delay, slip, unknown, variance; copied load; kept);
     }
 }
 
@@ -282,10 +449,12 @@ pub(super) struct Known {
     pub friction: Vec<f64>,
     pub gain: Vec<f64>,
     pub offset: Vec<f64>,
+    pub delay: Vec<f64>,
+    pub slip: Vec<f64>,
     /// Growth of an error without a name, which nothing is taken off for.
     pub unknown: Vec<f64>,
     pub load: [f64; N_LOAD],
-    /// Four per joint, in the order above, and the mass's.
+    /// Six per joint, in the order above, and the mass's.
     pub variance: Vec<f64>,
 }
 
@@ -295,9 +464,11 @@ impl Known {
             friction: vec![0.0; n],
             gain: vec![0.0; n],
             offset: vec![0.0; n],
+            delay: vec![0.0; n],
+            slip: vec![0.0; n],
             unknown: vec![0.0; n],
             load: [0.0; N_LOAD],
-            variance: vec![0.0; 4 * n + 1],
+            variance: vec![0.0; 6 * n + 1],
         }
     }
 
@@ -310,6 +481,8 @@ impl Known {
             Kind::Friction => &mut self.friction,
             Kind::Gain => &mut self.gain,
             Kind::Offset => &mut self.offset,
+            Kind::Delay => &mut self.delay,
+            Kind::Slip => &mut self.slip,
             Kind::Unknown => &mut self.unknown,
             Kind::Load => {
                 for (sum, more) in self.load.iter_mut().zip(load) {
@@ -340,8 +513,10 @@ impl Known {
             Kind::Friction => 0,
             Kind::Gain => 1,
             Kind::Offset => 2,
-            Kind::Unknown => 3,
-            Kind::Load | Kind::Frozen => return 4 * n,
+            Kind::Delay => 3,
+            Kind::Slip => 4,
+            Kind::Unknown => 5,
+            Kind::Load | Kind::Frozen => return 6 * n,
         };
         row * n + joint
     }
@@ -358,6 +533,8 @@ impl Known {
             (Kind::Friction, &self.friction),
             (Kind::Gain, &self.gain),
             (Kind::Offset, &self.offset),
+            (Kind::Delay, &self.delay),
+            (Kind::Slip, &self.slip),
             (Kind::Unknown, &self.unknown),
         ];
         let [mass, x, y, z, ..] = self.load;
@@ -380,17 +557,59 @@ impl Known {
         })
     }
 
-    /// Takes it off what a row leaves.
+    /// Takes it off what a row leaves, whose variance grows by what is not known of it.
     pub fn take_off(&self, row: &mut Row) {
-        let own = self.friction.iter().zip(&self.gain).zip(&self.offset);
-        let columns = row.friction.iter().zip(&row.torque);
-        for ((left, ((friction, gain), offset)), (f, tau)) in
-            row.left.iter_mut().zip(own).zip(columns)
+        let n = self.friction.len();
+        let own = [
+            (&self.friction, &row.friction),
+            (&self.gain, &row.torque),
+            (&self.delay, &row.late),
+        ];
+        for ((sizes, columns), kind) in
+            own.into_iter()
+                .zip([Kind::Friction, Kind::Gain, Kind::Delay])
         {
-            *left -= friction * f + gain * tau + offset;
+            let variances = self.variance.iter().skip(self.place(kind, 0));
+            let joints = row.left.iter_mut().zip(&mut row.variance);
+            let sizes = sizes.iter().zip(variances);
+            for (((left, sum), column), (size, variance)) in joints.zip(columns).zip(sizes) {
+                *left -= size * column;
+                *sum += variance * column * column;
+            }
         }
-        for (left, columns) in row.left.iter_mut().zip(&row.load) {
-            *left -= product(columns, &self.load);
+        let variances = self.variance.iter().skip(self.place(Kind::Offset, 0));
+        let joints = row.left.iter_mut().zip(&mut row.variance);
+        for ((left, sum), (size, variance)) in joints.zip(self.offset.iter().zip(variances)) {
+            *left -= size;
+            *sum += variance;
+        }
+        let variances = self.variance.iter().skip(self.place(Kind::Slip, 0));
+        let slips = rows_of(&row.slip, n).zip(self.slip.iter().zip(variances));
+        for (columns, (size, variance)) in
+            slips.filter(|(_, (size, variance))| **size != 0.0 || **variance != 0.0)
+        {
+            let joints = row.left.iter_mut().zip(&mut row.variance);
+            for ((left, sum), column) in joints.zip(columns) {
+                *left -= size * column;
+                *sum += variance * column * column;
+            }
+        }
+        if !self.has_load() {
+            return;
+        }
+        // All of a load is known as well as its mass.
+        let [mass, ..] = self.load;
+        let variance = at(&self.variance, self.place(Kind::Load, 0));
+        let part = if variance > 0.0 {
+            variance / (mass * mass).max(variance)
+        } else {
+            0.0
+        };
+        let joints = row.left.iter_mut().zip(&mut row.variance);
+        for ((left, sum), columns) in joints.zip(&row.load) {
+            let torque = product(columns, &self.load);
+            *left -= torque;
+            *sum += part * torque * torque;
         }
     }
 }

@@ -17,6 +17,8 @@
 //! grows by at most one per row, so it passes A within n rows with a chance of at most n / A (Doob). So does its mean over
 //! several d. Rows that remember each other are given less weight, by m; that bounds how fast R grows, not each row's expectation.
 
+use super::remembered::LARGEST;
+
 /// What a row says of a change: b and g above.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Evidence {
@@ -26,10 +28,10 @@ pub struct Evidence {
     pub information: f64,
 }
 
-/// Of one change; `N` sizes are tried.
+/// Of one change; `N` sizes are tried. R is kept up to [`LARGEST`], which is beyond any threshold.
 #[derive(Clone, Copy, Debug)]
 pub struct SequentialTest<const N: usize> {
-    pub(super) log_r: [f64; N],
+    pub(super) r: [f64; N],
 }
 
 impl Evidence {
@@ -72,36 +74,26 @@ pub fn log_ratio_of_deviation(size: f64, tolerated: f64, square: f64, memory: f6
 /// Deviations that are tried, over the greatest that is tolerated.
 pub const GROWN: [f64; 6] = [1.5, 2.0, 3.0, 4.0, 6.0, 8.0];
 
+/// R of several sizes take a row.
+pub(super) fn step<const N: usize>(r: &mut [f64; N], log_ratios: [f64; N]) {
+    for (r, log_ratio) in r.iter_mut().zip(log_ratios) {
+        *r = ((1.0 + *r) * log_ratio.exp()).min(LARGEST);
+    }
+}
+
 impl<const N: usize> SequentialTest<N> {
     /// Nothing seen.
     pub fn new() -> Self {
-        Self {
-            log_r: [f64::NEG_INFINITY; N],
-        }
+        Self { r: [0.0; N] }
     }
 
     /// Takes a row: the logarithm of its ratio for every size.
     pub fn step(&mut self, log_ratios: [f64; N]) {
-        for (log_r, log_ratio) in self.log_r.iter_mut().zip(log_ratios) {
-            *log_r = log_ratio + ln_1p_exp(*log_r);
-        }
+        step(&mut self.r, log_ratios);
     }
 
-    /// Logarithm of the mean of R over the sizes that are tried.
-    pub fn log_mean(&self) -> f64 {
-        let most = self.log_r.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        if most == f64::NEG_INFINITY {
-            return most;
-        }
-        let sum: f64 = self.log_r.iter().map(|log_r| (log_r - most).exp()).sum();
-        most + (sum / N as f64).ln()
-    }
-}
-
-fn ln_1p_exp(x: f64) -> f64 {
-    if x > 40.0 {
-        x
-    } else {
-        x.exp().ln_1p()
+    /// Mean of R over the sizes that are tried.
+    pub fn mean(&self) -> f64 {
+        self.r.iter().sum::<f64>() / N as f64
     }
 }

@@ -14,6 +14,10 @@ pub enum Kind {
     Offset,
     /// A mass at the last link \[kg\], with its first moments.
     Load,
+    /// A torque channel that is later behind the positions than it was, by so much \[s\].
+    Delay,
+    /// The position that a joint's encoder shows has jumped, by so much \[rad, m\].
+    Slip,
     /// More is left than before, and no name says why; the size is the deviation over the expected one, less one.
     Unknown,
     /// A torque channel shows the same value all the time, its size \[torque unit\].
@@ -29,6 +33,8 @@ impl Kind {
             Self::Gain => "gain",
             Self::Offset => "offset",
             Self::Load => "load",
+            Self::Delay => "delay",
+            Self::Slip => "slip",
             Self::Unknown => "unknown",
             Self::Frozen => "frozen",
         }
@@ -101,10 +107,11 @@ impl Healthy {
     }
 }
 
-/// Tests that an arm of so many joints takes: friction, gain, constant torque, error and repeated values of each, and a load.
+/// Tests that an arm of so many joints takes: friction, gain, constant torque, error, delay, slip and repeated values
+/// of each, and a load.
 #[must_use]
 pub(super) fn n_tests(n_joints: usize) -> usize {
-    5 * n_joints + 1
+    7 * n_joints + 1
 }
 
 /// How a model is watched.
@@ -122,6 +129,10 @@ pub struct WatchSettings {
     pub offset: f64,
     /// Mass that is none yet \[kg\].
     pub load: f64,
+    /// Delay of a channel that is none yet \[s\].
+    pub delay: f64,
+    /// Jump of a joint's position that is none yet \[rad, m\].
+    pub slip: f64,
     /// What is left over what the model expects that is nothing unknown yet.
     pub unknown: f64,
 }
@@ -135,6 +146,8 @@ impl Default for WatchSettings {
             gain: 0.05,
             offset: 2.0,
             load: 0.1,
+            delay: 0.004,
+            slip: 0.005,
             unknown: 1.0,
         }
     }
@@ -151,19 +164,19 @@ impl WatchSettings {
             ("gain", self.gain),
             ("offset", self.offset),
             ("load", self.load),
+            ("delay", self.delay),
+            ("slip", self.slip),
             ("unknown", self.unknown),
         ];
         let wrong = all.into_iter().find(|(_, x)| !(*x > 0.0 && x.is_finite()));
         wrong.map_or(Ok(()), |(what, _)| Err(CoreError::Range { what }))
     }
 
-    /// Logarithm of A: the sum of Shiryaev and Roberts passes it within n rows with a chance of at most n / A, so of
+    /// A: the sum of Shiryaev and Roberts passes it within n rows with a chance of at most n / A, so of
     /// `n_tests` that make `false_per_day` together each may have A rows per false alarm of its own.
     #[must_use]
-    pub fn log_threshold(&self, n_tests: usize) -> f64 {
+    pub fn threshold(&self, n_tests: usize) -> f64 {
         const DAY: f64 = 86_400.0;
-        (n_tests as f64 * DAY / self.row / self.false_per_day)
-            .max(1.0)
-            .ln()
+        (n_tests as f64 * DAY / self.row / self.false_per_day).max(1.0)
     }
 }

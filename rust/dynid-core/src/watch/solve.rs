@@ -39,23 +39,22 @@ pub(super) struct Solved {
     pub log_evidence: f64,
 }
 
-/// What a row says of a mass with its centre in each of [`PLACES`].
-pub(super) fn masses(
+/// What a row says of a mass with its centre in a place.
+pub(super) fn mass_in(
+    place: [f64; 3],
     columns: &[[f64; N_LOAD]],
     left: &[f64],
     weights: impl Iterator<Item = f64>,
-) -> [Evidence; PLACES.len()] {
-    let mut seen = [Evidence::default(); PLACES.len()];
-    let units = PLACES.map(point);
+) -> Evidence {
+    let mut seen = Evidence::default();
+    let unit = point(place);
     for ((columns, left), weight) in columns.iter().zip(left).zip(weights) {
         if weight == 0.0 {
             continue;
         }
-        for (seen, unit) in seen.iter_mut().zip(&units) {
-            let per_mass = product(columns, unit);
-            seen.moment += weight * per_mass * left;
-            seen.information += weight * per_mass * per_mass;
-        }
+        let per_mass = product(columns, &unit);
+        seen.moment += weight * per_mass * left;
+        seen.information += weight * per_mass * per_mass;
     }
     seen
 }
