@@ -340,6 +340,17 @@ def test_the_step_of_a_lattice_is_the_one_that_all_differences_hold():
     assert lattice_step(np.arange(100.0)) == 0.0  # as many values as samples
 
 
+@pytest.mark.parametrize("every", [8, 40])
+def test_a_bit_that_hangs_is_seen_however_often(every):
+    """Noise is what most steps are off by: jumps at every eighth sample are none of it."""
+
+    def change(a):
+        up = np.arange(len(a["q"])) // every % 2
+        a["q"][:, 1] += 0.5 * up
+
+    assert [(f.code, f.column) for f in check(change) if f.code == "lost_bits"] == [("lost_bits", "q_1")]
+
+
 def test_shortest_run_is_checked():
     arrays = {name: values[:20] for name, values in good().items()}
     assert {f.severity for f in check_recording(Recording(**arrays))} <= {"info", "warning"}
