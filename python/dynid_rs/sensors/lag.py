@@ -53,8 +53,8 @@ class Lag:
     """The channels of `trial.joints` come late by `delay` [s].
 
     `in_time` is the same model without the delay. `links_log` is L where the links' torque alone is late: friction that
-    remembers where it came from looks late too. `filter_log`, of all
-    channels together, is L behind the likeliest filter in the delay's place.
+    remembers where it came from looks late too. `filter_log`, of all channels together, is L behind the likeliest
+    filter in the delay's place.
     """
 
     trial: Trial

@@ -143,10 +143,12 @@ def late(bench: Bench, lag: Lag, names: Sequence[str], *, steep: bool, filtered:
     if not filtered or lag.delay < 0:
         first, second = ("torque", "positions") if lag.delay > 0 else ("positions", "torque")
         comes = "comes" if lag.delay > 0 else "come"
-        open_ = "; its noise falls off as behind a filter, but a delay explains the motion as well" if steep else ""
+        odds = _odds(lag.in_time, trial)
+        if steep and lag.delay > 0:
+            odds += "; its noise falls off as behind a filter, but a delay explains the motion as well"
         message = (
-            f"the {first} of {whose} {comes} about {size} after the {second} ({_odds(lag.in_time, trial)}{open_}); "
-            "shift it, or let `dynid diagnose` fit the delay"
+            f"the {first} of {whose} {comes} about {size} after the {second} ({odds}); shift it, "
+            "or let `dynid diagnose` fit the delay"
         )
         return Finding("torque_late", "warning", message, names[0], column, value=lag.delay, unit="s")
     message = (
