@@ -168,13 +168,12 @@ pub(crate) fn begin_inverse_dynamics(
     let n = robot.n_joints();
     check_state(n, workspace, q, dq, ddq)?;
     check_length("phi", phi, N_LINK_PARAMS * n)?;
-    lanes::run_narrow(BeginTorque(Torque {
+    lanes::run_narrow(BeginTorque {
         robot,
         workspace,
         motion: [q, dq, ddq],
         phi,
-        tau: &mut [],
-    }));
+    });
     Ok(())
 }
 
@@ -184,66 +183,58 @@ pub(crate) fn begin_inverse_dynamics(
 /// [`CoreError::Length`] if a slice has the wrong length.
 pub(crate) fn end_inverse_dynamics_into(
     robot: &RobotModel,
-    workspace: &mut Workspace,
+    workspace: &Workspace,
     tau: &mut [f64],
 ) -> Result<(), CoreError> {
     let n = robot.n_joints();
     check_workspace(n, workspace)?;
     check_length("tau", tau, n)?;
-    lanes::run_narrow(EndTorque(Torque {
+    lanes::run_narrow(EndTorque {
         robot,
         workspace,
-        motion: [&[]; 3],
-        phi: &[],
         tau,
-    }));
+    });
     Ok(())
 }
 
-struct BeginTorque<'a>(Torque<'a>);
+struct BeginTorque<'a> {
+    robot: &'a RobotModel,
+    workspace: &'a mut Workspace,
+    motion: [&'a [f64]; 3],
+    phi: &'a [f64],
+}
 
 impl Kernel for BeginTorque<'_> {
     type Output = ();
 
     #[inline(always)]
     fn run<S: Lanes<Raw = One>, L: Lanes>(self) {
-        let Torque {
-            robot,
-            workspace,
-            motion: [q, dq, ddq],
-            phi,
-            ..
-        } = self.0;
-        let frames = robot.frames();
+        let ([q, dq, ddq], frames) = (self.motion, self.robot.frames());
+        let workspace = self.workspace;
         workspace.take::<S::Four>(q, dq, ddq, Some(&frames.offsets));
-        let links = workspace.links.of(frames, phi);
+        let links = workspace.links.of(frames, self.phi);
         let own = newton::outwards::<S>(frames, links, &workspace.states, &mut workspace.wrenches);
         [workspace.own] = own.raw();
     }
 }
 
-struct EndTorque<'a>(Torque<'a>);
+struct EndTorque<'a> {
+    robot: &'a RobotModel,
+    workspace: &'a Workspace,
+    tau: &'a mut [f64],
+}
 
 impl Kernel for EndTorque<'_> {
     type Output = ();
 
     #[inline(always)]
     fn run<S: Lanes<Raw = One>, L: Lanes>(self) {
-        let Torque {
-            robot,
-            workspace,
-            tau,
-            ..
-        } = self.0;
-        let (tau, _) = tau.as_chunks_mut::<1>();
-        let own = S::splat(workspace.own);
-        newton::inwards(
-            robot.frames(),
-            &workspace.states,
-            &workspace.wrenches,
-            own,
-            tau,
-        );
+        let (tau, _) = self.tau.as_chunks_mut::<1>();
+        let Workspace {
+            states, wrenches, ..
+        } = self.workspace;
+        let own = S::splat(self.workspace.own);
+        newton::inwards(self.robot.frames(), states, wrenches, own, tau);
     }
 }
 

@@ -336,7 +336,7 @@ impl Rows {
                 }
             }
             Half::Slip(joint) => {
-                end_inverse_dynamics_into(robot, &mut self.workspace, &mut self.torque)?;
+                end_inverse_dynamics_into(robot, &self.workspace, &mut self.torque)?;
                 let own = rows_mut(&mut self.sums.slip, self.slipped.len()).nth(joint);
                 let torques = self.torque.iter().zip(self.model.torque_scale());
                 let shown = self.here.iter().zip(torques);

@@ -234,7 +234,7 @@ fn halves_of_inverse_dynamics_are_the_whole() {
         let [q, dq, ddq] = &motion;
         inverse_dynamics_into(robot, &mut workspace, q, dq, ddq, phi, &mut whole).unwrap();
         begin_inverse_dynamics(robot, &mut workspace, [q, dq, ddq], phi).unwrap();
-        end_inverse_dynamics_into(robot, &mut workspace, &mut halves).unwrap();
+        end_inverse_dynamics_into(robot, &workspace, &mut halves).unwrap();
         assert_eq!(halves, whole);
     }
 }
