@@ -726,9 +726,9 @@ class TorqueModel:
         `true_motion` does. Zeros by default; joints that slide have none.
     encoder_error_sides : {"link", "both"}
         `"both"` where joints have one encoder, so that the motor side is the same signal.
-    torque_delay : float
-        How late the torque channel is behind the encoders [s], at most 0.5 either way: the model predicts what the
-        channel shows, which is the torque of the state of that long ago. Needs `step`.
+    torque_delay : float or (n_joints,)
+        How late the torque channels are behind the encoders [s], all or each, at most 0.5 either way: the model
+        predicts what they show, which is the torque of the state of that long ago. Needs `step`. Zero by default.
     noise_std : (n_joints,)
         Standard deviation of what the model leaves.
     domain : ((n_joints, 2), (n_joints,), (n_joints,))
@@ -759,7 +759,7 @@ class TorqueModel:
         encoder_delay: Sequence[float],
         encoder_error: ArrayLike | None = None,
         encoder_error_sides: str = "link",
-        torque_delay: float = 0.0,
+        torque_delay: ArrayLike | None = None,
         noise_std: Sequence[float],
         domain: _Box,
         torque_unit: str = "N*m",
@@ -930,16 +930,17 @@ class TorqueModel:
         """`"link"` or `"both"`."""
 
     @property
-    def torque_delay(self) -> float:
-        """How late the torque channel is behind the encoders [s]; negative where it is early."""
+    def torque_delay(self) -> _FloatArray:
+        """(n_joints,) how late the torque channels are behind the encoders [s]; negative where they are early."""
 
-    def with_torque_delay(self, delay: float) -> TorqueModel:
-        """Return the same model for a torque channel that is `delay` [s] late; needs `step` where that is not zero.
+    def with_torque_delay(self, delay: ArrayLike) -> TorqueModel:
+        """Return the same model for torque channels that are `delay` [s] late, all by one number or each by its own.
 
         Raises
         ------
         ValueError
-            More than 0.5 s or 4094 steps either way, or there is no step.
+            Not one number and not one per joint; more than 0.5 s or 4094 steps either way; not zero, and there is no
+            step.
         """
 
     @property

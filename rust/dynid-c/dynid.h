@@ -228,7 +228,7 @@ double dynid_model_step(const DynidModel *model);
 
  model is NULL or a handle.
  */
-double dynid_model_torque_delay(const DynidModel *model);
+double dynid_model_torque_delay(const DynidModel *model, size_t joint);
 
 /*
  True if friction of joint joint follows a measured temperature.

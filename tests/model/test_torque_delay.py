@@ -1,7 +1,6 @@
 """A model whose torque channel is late or early: offline, state by state, in the file, and what is refused."""
 
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -42,7 +41,7 @@ def shifted(states, seconds, step):
 @pytest.mark.parametrize("delay", [0.0123, 0.004, -0.0123, -0.004, 1e-5])
 def test_it_is_the_torque_of_the_state_of_then(model, states, delay):
     late = model.with_torque_delay(delay)
-    assert late.torque_delay == delay
+    np.testing.assert_array_equal(late.torque_delay, np.full(6, delay))
     total, terms, status = late.evaluate(**states)
     expected, expected_terms, _ = model.evaluate(**shifted(states, delay, model.step))
     held = (status & SETTLING) != 0
@@ -54,6 +53,37 @@ def test_it_is_the_torque_of_the_state_of_then(model, states, delay):
     np.testing.assert_allclose(total, expected, atol=1e-9 * size, rtol=1e-9)
     np.testing.assert_allclose(terms.sum(axis=1), total, atol=1e-9 * size)
     np.testing.assert_allclose(expected_terms, terms, atol=1e-9 * size, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "delays",
+    [[0.0, 0.0, 0.0123, 0.0, 0.004, 0.0], [0.004, 0.006, 0.004, 0.0042, 0.03, 0.004], [-0.004, 0.0123, 0, 0, 0, 0]],
+)
+def test_each_joint_is_late_by_its_own(model, states, delays):
+    late = model.with_torque_delay(delays)
+    np.testing.assert_array_equal(late.torque_delay, delays)
+    total, terms, status = late.evaluate(**states)
+    std = late.predicted_std(**{name: states[name] for name in SIGNALS if name != "temperature"})
+    n = int(np.ceil(max(map(abs, delays)) / model.step)) + 1
+    assert (status[:n] & SETTLING).any() or min(delays) < 0
+    assert not (status[n:-n] & SETTLING).any()
+    for j, delay in enumerate(delays):
+        # Terms are on a straight line between steps where states are in `model.with_torque_delay(delay)`.
+        expected, expected_terms, _ = model.with_torque_delay(delay).evaluate(**states)
+        size = np.abs(expected_terms[:, :, j]).max()
+        assert np.abs(total[n:-n, j] - expected[n:-n, j]).max() < 0.01 * size
+        assert np.abs(terms[n:-n, :, j] - expected_terms[n:-n, :, j]).max() < 0.01 * size
+        alone = model.with_torque_delay(delay).predicted_std(
+            **{name: states[name] for name in SIGNALS if name != "temperature"}
+        )
+        np.testing.assert_allclose(std[n:-n, j], alone[n:-n, j], rtol=0.01)
+    np.testing.assert_allclose(terms.sum(axis=1), total, rtol=1e-12, atol=1e-12)
+
+
+def test_delays_are_one_number_or_one_per_joint(model):
+    for delays in ([0.01], [0.01] * 7, "late", None):
+        with pytest.raises((ValueError, TypeError)):
+            model.with_torque_delay(delays)
 
 
 def test_totals_alone_and_deviations_come_late_too(model, states):
@@ -90,12 +120,27 @@ def test_the_file_holds_it(tmp_path, model, states):
     late = model.with_torque_delay(-0.0123)
     late.save(tmp_path / "model.json")
     again = TorqueModel.load(tmp_path / "model.json")
-    assert again.torque_delay == -0.0123
+    np.testing.assert_array_equal(again.torque_delay, np.full(6, -0.0123))
     np.testing.assert_array_equal(again.evaluate(**states)[0], late.evaluate(**states)[0])
     assert json.loads((tmp_path / "model.json").read_text())["version"] == 4  # functions of an angle end
     whole_model(model.robot, states, None, seed=7, effects=[]).with_torque_delay(0.01).save(tmp_path / "model.json")
     assert json.loads((tmp_path / "model.json").read_text())["version"] == 2
     assert "torque_delay" not in (tmp_path / "model.json").read_text().replace("torque_delay", "", 1)
+
+
+def test_the_file_holds_one_per_joint(tmp_path, model, states):
+    delays = [0.0, 0.0, 0.0123, 0.0, -0.004, 0.0]
+    late, path = model.with_torque_delay(delays), tmp_path / "model.json"
+    late.save(path)
+    again = TorqueModel.load(path)
+    np.testing.assert_array_equal(again.torque_delay, delays)
+    np.testing.assert_array_equal(again.evaluate(**states)[0], late.evaluate(**states)[0])
+    content = json.loads(path.read_text())
+    assert content["version"] == 5
+    with pytest.raises(FormatError, match="a file of version 4 has one torque_delay for all joints"):
+        write_again(content | {"version": 4}, path)
+    with pytest.raises(FormatError, match="torque_delay has 5 values, expected 6"):
+        write_again(content | {"torque_delay": delays[1:]}, path)
 
 
 def test_what_a_run_has_had_taken_out_is_not_predicted(states):
@@ -114,11 +159,11 @@ def test_what_a_run_has_had_taken_out_is_not_predicted(states):
     ).with_torque_delay(0.02)
     run = prepare(recording, Band(5.0), recording.rate)
     plain = evaluate(late.with_torque_delay(0.0), run)[0]
-    np.testing.assert_allclose(evaluate(late, replace(run, torque_delay=0.02))[0], plain, **ALGEBRAIC)
+    np.testing.assert_allclose(evaluate(late, run.less_delay(0.02))[0], plain, **ALGEBRAIC)
     assert np.abs(evaluate(late, run)[0] - plain).max() > 0.01
 
 
-@pytest.mark.parametrize("value", [1e308, 0.51, -0.51, "late", [0.01], True])
+@pytest.mark.parametrize("value", [1e308, 0.51, -0.51, "late", [0.01], [0.0, 0.51, 0, 0, 0, 0], ["late"] * 6, True])
 def test_a_hostile_delay_is_refused(tmp_path, model, value):
     path = tmp_path / "model.json"
     model.with_torque_delay(0.0123).save(path)

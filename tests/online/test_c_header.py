@@ -152,9 +152,14 @@ def with_names(model, names, folder):
     return write_again(content, path)
 
 
+EACH_LATE = [0.0123, 0.0, 0.002, 0.0, 0.0056, 0.0]
+ALL_AND_EACH = [0.0123, 0.003, 0.0123, 0.0056, 0.0123, 0.003]
+
+
+@pytest.mark.parametrize("delays", [0.0123, EACH_LATE, ALL_AND_EACH])
 @pytest.mark.parametrize("standard", ["c99", "c++17"])
-def test_a_late_torque_channel(tmp_path, robot, states, standard):
-    model = whole_model(robot, states, None, seed=7).with_torque_delay(0.0123)
+def test_a_late_torque_channel(tmp_path, robot, states, standard, delays):
+    model = whole_model(robot, states, None, seed=7).with_torque_delay(delays)
     library = compiled(tmp_path, c_header(model, "arm"), standard)
     assert_same(model, library, states)
     some = {name: values[:40].copy() for name, values in states.items()}
@@ -169,7 +174,7 @@ def test_an_early_torque_channel_is_left_as_it_is(tmp_path, robot, states):
     """No state is known before it comes: the torque is that of the state, and the header says so."""
     plain = whole_model(robot, states, None, seed=7)
     header = c_header(plain.with_torque_delay(-0.01), "arm")
-    assert "early: torques here are those of the state" in header
+    assert "early: torques there are those of the state" in header
     assert_same(plain, compiled(tmp_path, header), states)
 
 

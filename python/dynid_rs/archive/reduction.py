@@ -21,6 +21,7 @@ from dynid_rs.model.known import KnownTerm, less_known
 from dynid_rs.regression.columns import Observations, Plan, run_rows
 from dynid_rs.regression.uncertainty import NoiseSpectrum, noise_spectra, toeplitz_product, width_slope
 from dynid_rs.runs.preprocessing import Band, States, is_of_load
+from dynid_rs.runs.recording import Delay
 
 if TYPE_CHECKING:
     from dynid_rs.identification.three_loops import ThreeLoopIdentifier
@@ -44,7 +45,7 @@ class Reduction:
     band: Band
     rate: float
     standstill: bool
-    torque_delay: float
+    torque_delay: Delay
     excluded: Excluded
     encoder_delay: FloatArray
     encoder_error: FloatArray | None

@@ -139,7 +139,7 @@ def estimate(
                 "joints": joints,
                 "terms": torque_model.term_names,
                 "torque_unit": unit,
-                "torque_delay": torque_model.torque_delay,
+                "torque_delay": torque_model.torque_delay.tolist(),
                 "rmse": None if errors is None else errors.tolist(),
                 "rmse_in_band": None if told is None else told.tolist(),
                 "cutoff_hz": None if torque_model.band is None else torque_model.band[0],

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import replace
 from inspect import signature
 from typing import Any
 
@@ -20,7 +19,7 @@ from dynid_rs.regression.is_fitted import check_is_fitted
 from dynid_rs.runs.given import Runs, as_given, as_recordings, is_one
 from dynid_rs.runs.preprocessing import States
 from dynid_rs.runs.readers.config_file import Rules
-from dynid_rs.runs.recording import Recording
+from dynid_rs.runs.recording import Delay, Recording
 
 FloatArray = NDArray[np.float64]
 
@@ -40,10 +39,10 @@ class RunRegressor(Estimator, ABC):
     def states(self, recording: Recording) -> States:
         """States of a run in the band and at the rate of the training runs, channels as recorded."""
 
-    def predict(self, X: Runs, *, torque_delay: float = 0.0) -> Any:
+    def predict(self, X: Runs, *, torque_delay: Delay = 0.0) -> Any:
         """Torque at the runs' own stamps, in the unit of the training runs.
 
-        As the torque channel shows it, or that less a delay of `torque_delay` [s].
+        As the torque channels show it, or that less a delay of `torque_delay` [s], of all or of each.
 
         Parameters
         ----------
@@ -61,8 +60,8 @@ class RunRegressor(Estimator, ABC):
         found = [one.filled([self._torque(run, torque_delay) for run in one.recordings]) for one in given]
         return found[0] if is_one(X) else found
 
-    def _torque(self, recording: Recording, torque_delay: float) -> FloatArray:
-        states = replace(self.states(recording), torque_delay=torque_delay)
+    def _torque(self, recording: Recording, torque_delay: Delay) -> FloatArray:
+        states = self.states(recording).less_delay(torque_delay)
         return at_stamps(recording, states, evaluate(self.model_, states)[0])
 
     def score(

@@ -34,7 +34,7 @@ from dynid_rs.runs.facts import check_training_runs
 from dynid_rs.runs.given import Runs, as_recordings
 from dynid_rs.runs.preprocessing import States, prepare, without
 from dynid_rs.runs.readers.config_file import Rules
-from dynid_rs.runs.recording import Recording
+from dynid_rs.runs.recording import Delay, Recording
 from dynid_rs.runs.splitting import refuse_repeats
 
 FloatArray = NDArray[np.float64]
@@ -74,9 +74,9 @@ class ThreeLoopIdentifier(RunRegressor):
     free_gains : sequence of int
         Joints whose torque channel has a gain of its own against the others', which is fitted; one has to hold the
         unit. In ampere all gains but the first are fitted anyway.
-    torque_delay : float
-        How late the torque channel is behind the encoders [s]: training runs are fitted without it, and the model
-        predicts what the channel shows.
+    torque_delay : float or ndarray (n_joints,)
+        How late the torque channels are behind the encoders [s], all or each: training runs are fitted without it, and
+        the model predicts what the channels show.
     encoder_error : ndarray (n_joints, 2), optional
         Cosine and sine part [rad] of what each link encoder shows too much; taken off before anything else.
     excluded : mapping of str to windows, optional
@@ -141,7 +141,7 @@ class ThreeLoopIdentifier(RunRegressor):
         held: Sequence[HeldEffect] = (),
         free_gains: Sequence[int] = (),
         encoder_error: FloatArray | None = None,
-        torque_delay: float = 0.0,
+        torque_delay: Delay = 0.0,
         excluded: Excluded | None = None,
         friction_law: str | Sequence[str] = DEFAULT_LAW,
         cutoff: float | None = None,

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dynid_rs.model.known import KnownTerm
 from dynid_rs.runs.preprocessing import Band, States, choose_band, common_rate, prepare, without
-from dynid_rs.runs.recording import Recording
+from dynid_rs.runs.recording import Delay, Recording
 
 FloatArray = NDArray[np.float64]
 
@@ -26,7 +26,7 @@ LEAST_ROWS = 20
 class TrainingData:
     """What is learned from: states of the training runs as recorded, of slow runs, and what is known beside them.
 
-    `torque_delay` [s] of the torque channel was taken out of the runs; `standstill`: pauses are fitted too. `known`
+    `torque_delay` [s] of the torque channels was taken out of the runs; `standstill`: pauses are fitted too. `known`
     terms (`model/known.py`); `torque_unit` of all runs; `rate` [Hz] of the grid that `band` is applied on.
     """
 
@@ -36,7 +36,7 @@ class TrainingData:
     torque_unit: str
     rate: float
     band: Band
-    torque_delay: float = 0.0
+    torque_delay: Delay = 0.0
     standstill: bool = False
 
     @property
@@ -52,7 +52,7 @@ def prepare_training_data(
     cutoff: float | None,
     excluded: Excluded | None = None,
     *,
-    torque_delay: float = 0.0,
+    torque_delay: Delay = 0.0,
     standstill: bool = False,
 ) -> TrainingData:
     """States of checked runs in one band: `cutoff` [Hz], or chosen from the motion; `excluded` windows by run name.
@@ -97,7 +97,7 @@ def prepare_training_runs(
     rate: float,
     excluded: Excluded | None = None,
     *,
-    torque_delay: float = 0.0,
+    torque_delay: Delay = 0.0,
     standstill: bool = False,
 ) -> list[States]:
     """States of the runs in `band` at `rate` [Hz], without the windows [s] of `excluded`.
@@ -129,7 +129,7 @@ def prepare_training_run(
     rate: float,
     excluded: Sequence[tuple[float, float]] = (),
     *,
-    torque_delay: float = 0.0,
+    torque_delay: Delay = 0.0,
     standstill: bool = False,
 ) -> States:
     """`prepare_training_runs` of one run, less its `excluded` windows [s]."""
@@ -145,7 +145,7 @@ def prepare_training_run(
     return states
 
 
-def on_time(recording: Recording, band: Band, rate: float, torque_delay: float, *, standstill: bool = False) -> States:
-    """States of a run whose torque channel is `torque_delay` [s] late, with its torque on the encoders' clock."""
+def on_time(recording: Recording, band: Band, rate: float, torque_delay: Delay, *, standstill: bool = False) -> States:
+    """States of a run whose torque channels are `torque_delay` [s] late, with its torque on the encoders' clock."""
     states = prepare(recording.less_torque_delay(torque_delay), band, rate, standstill=standstill)
-    return replace(states, torque_delay=torque_delay)
+    return states.less_delay(torque_delay)

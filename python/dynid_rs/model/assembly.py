@@ -14,6 +14,7 @@ from dynid_rs.model.known import KnownTerm
 from dynid_rs.regression.columns import Plan
 from dynid_rs.regression.fitted import FittedLinks
 from dynid_rs.runs.preprocessing import States
+from dynid_rs.runs.recording import Delay
 
 FloatArray = NDArray[np.float64]
 Regressions = Sequence[_core.GaussianMixtureRegression | _core.NormalisedRbf | None]
@@ -29,7 +30,7 @@ def assemble(
     *,
     encoder_delay: FloatArray,
     encoder_error: FloatArray | None = None,
-    torque_delay: float = 0.0,
+    torque_delay: Delay = 0.0,
     torque_unit: str,
     band: tuple[float, float, bool] | None = None,
     third_loop: tuple[str, Regressions, FloatArray] | None = None,
@@ -52,8 +53,8 @@ def assemble(
         Delay of the link channel [s].
     encoder_error : ndarray (n_joints, 2), optional
         Cosine and sine part of what the link encoder shows too much [rad].
-    torque_delay : float
-        How late the torque channel is [s].
+    torque_delay : float or ndarray (n_joints,)
+        How late the torque channels are [s], all or each.
     torque_unit : {"N*m", "A"}
         Unit of the torques.
     band : (cutoff, rate, standstill), optional
@@ -73,6 +74,7 @@ def assemble(
     ]
     effects += known
     q, dq, ddq = (np.concatenate([getattr(states, name) for states in runs]) for name in ("q", "dq", "ddq"))
+    counts = bool(np.any(torque_delay)) or any("step" in effect.signals for effect in plan.effects)
     kept = third_loop is not None and any(regression is not None for regression in third_loop[1])
     return _core.TorqueModel(
         plan.robot,
@@ -93,7 +95,7 @@ def assemble(
             np.abs(ddq).max(axis=0).tolist(),
         ),
         torque_unit=torque_unit,
-        step=1 / runs[0].rate if torque_delay or any("step" in effect.signals for effect in plan.effects) else None,
+        step=1 / runs[0].rate if counts else None,
         band=band,
     )
 
@@ -159,7 +161,7 @@ def evaluate(model: _core.TorqueModel, states: States) -> tuple[FloatArray, Floa
 
     A part of a run begins with what the model remembers of the run before it.
     """
-    if states.torque_delay:
+    if states.torque_delay.any():
         model = model.with_torque_delay(model.torque_delay - states.torque_delay)
     run, step = states.in_step(model.encoder_delay), 1 / states.rate
     if states.before is None:

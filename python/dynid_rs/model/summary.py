@@ -146,8 +146,18 @@ def _notes(model: _core.TorqueModel) -> list[str]:
         inputs, regressions = model.residual
         where = [joint for joint, one in zip(model.robot.joint_names, regressions, strict=True) if one is not None]
         said.append(f"Residual on {inputs.replace('_', ' ')}: {', '.join(where)}.")
-    if model.torque_delay:
-        said.append(f"The torque channel is late by {1e3 * model.torque_delay:.3g} ms.")
+    if model.torque_delay.any():
+        said.append(_late(model))
     if model.physical is not None:
         said.append("A physically consistent set stands beside it.")
     return said
+
+
+def _late(model: _core.TorqueModel) -> str:
+    """How late the torque channels are; those that are not are not named."""
+    shared, *others = {float(f"{1e3 * delay:.3g}") for delay in model.torque_delay}
+    if not others:
+        return f"The torque channel is late by {shared:g} ms."
+    joints = zip(model.robot.joint_names, model.torque_delay, strict=True)
+    late = ", ".join(f"{joint} by {1e3 * delay:.3g} ms" for joint, delay in joints if delay)
+    return f"Torque channels are late: {late}."

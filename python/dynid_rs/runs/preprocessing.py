@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from dynid_rs import _core
 from dynid_rs.base.errors import DataError
 from dynid_rs.runs.low_pass import butterworth, steady_state
-from dynid_rs.runs.recording import Recording
+from dynid_rs.runs.recording import Delay, Recording
 from dynid_rs.runs.slope import slope
 
 FloatArray = NDArray[np.float64]
@@ -112,8 +112,8 @@ class States:
     derivatives, through the same filter; None where it was not recorded. `tau_link` is the rigid-body torque [N m]
     that a model predicts and `tau_motor` [torque unit] what it predicts at the motors, before effects beyond the
     declared model: for effects that depend on them; None before there is one. `temperature` [degC] as it
-    was measured, on the grid; None where it was not. `torque_delay` [s] of the torque channel was taken out of
-    `tau`. `before`: the run up to here, where it is a part of one; what a model remembers comes from there.
+    was measured, on the grid; None where it was not. `torque_delay` (n_joints,) [s] of the torque channels was taken
+    out of `tau`. `before`: the run up to here, where it is a part of one; what a model remembers comes from there.
     """
 
     name: str
@@ -136,11 +136,17 @@ class States:
     temperature: FloatArray | None = None
     resting: NDArray[np.bool_] = None  # type: ignore[assignment]
     before: States | None = None
-    torque_delay: float = 0.0
+    torque_delay: FloatArray = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
         if self.resting is None:
             object.__setattr__(self, "resting", np.zeros(self.q.shape, dtype=bool))  # the class is frozen
+        if self.torque_delay is None:
+            object.__setattr__(self, "torque_delay", np.zeros(self.q.shape[1]))
+
+    def less_delay(self, delay: Delay) -> States:
+        """Return the same states, of whose `tau` a delay [s], of all joints or of each, was taken out."""
+        return replace(self, torque_delay=np.broadcast_to(delay, self.q.shape[1]).astype(np.float64))
 
     @cached_property
     def filter(self) -> Filter | None:
@@ -333,7 +339,6 @@ def prepare(recording: Recording, band: Band, rate: float, *, standstill: bool =
         reference=None if reference is None else (reference[0], reference[1], reference[2]),
         temperature=temperature,
         before=_states_before(recording, band, rate, standstill),
-        torque_delay=0.0,
     )
 
 

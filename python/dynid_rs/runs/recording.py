@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from dynid_rs.runs.recordings import Recordings
 
 FloatArray = NDArray[np.float64]
+Delay = float | FloatArray
+"""How late torque channels are [s]: one number for all joints, or (n_joints,)."""
 
 GAP_STEPS = 2.5
 """A step of more than this many median steps is a gap: samples were lost, interpolation bridges it."""
@@ -335,11 +337,16 @@ class Recording:
             cut["first_line"] = self.first_line + rows.indices(self.n_samples)[0]
         return replace(self, **cut)
 
-    def less_torque_delay(self, delay: float) -> Recording:
-        """Return the same run with its torque `delay` seconds earlier, linear between samples, the ends held."""
-        if delay == 0.0:
+    def less_torque_delay(self, delay: Delay) -> Recording:
+        """Return the same run with its torques `delay` seconds earlier, linear between samples, the ends held.
+
+        One number is that of all joints; (n_joints,) are each joint's.
+        """
+        delays = np.broadcast_to(delay, self.tau.shape[1])
+        if not delays.any():
             return self
-        tau = np.stack([np.interp(self.t + delay, self.t, column) for column in self.tau.T], axis=1)
+        columns = zip(self.tau.T, delays, strict=True)
+        tau = np.stack([np.interp(self.t + delay, self.t, column) for column, delay in columns], axis=1)
         return replace(self, tau=tau)
 
     def line_of(self, row: int) -> int | None:

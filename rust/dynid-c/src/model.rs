@@ -237,16 +237,20 @@ pub unsafe extern "C" fn dynid_model_step(model: *const DynidModel) -> f64 {
     unsafe { fact(model, 0.0, |m| Ok(m.model.step().unwrap_or(0.0))) }
 }
 
-/// How late the torque channel is behind the encoders \[s\]: an estimator gives the torque of the state of that long ago,
-/// which is what the channel shows. Negative where the channel is early; an estimator then gives the torque of the state,
-/// which the channel has shown before. 0 if `model` is NULL.
+/// How late the torque channel of joint `joint` is behind the encoders \[s\]: an estimator gives the torque of the state of
+/// that long ago, which is what the channel shows. Negative where the channel is early; an estimator then gives the torque
+/// of the state, which the channel has shown before. 0 if `model` is NULL or has no such joint.
 ///
 /// # Safety
 /// `model` is NULL or a handle.
 #[no_mangle]
-pub unsafe extern "C" fn dynid_model_torque_delay(model: *const DynidModel) -> f64 {
+pub unsafe extern "C" fn dynid_model_torque_delay(model: *const DynidModel, joint: usize) -> f64 {
     // SAFETY: the caller's word is this function's condition.
-    unsafe { fact(model, 0.0, |m| Ok(m.model.torque_delay())) }
+    unsafe {
+        fact(model, 0.0, |m| {
+            entry("joint", m.model.torque_delay(), joint).copied()
+        })
+    }
 }
 
 /// True if friction of joint `joint` follows a measured temperature.

@@ -83,7 +83,7 @@ fn model_text() -> String {
         torque_unit: "N*m".to_owned(),
         step: Some(0.001),
     });
-    let late = model.unwrap().with_torque_delay(0.0123).unwrap();
+    let late = model.unwrap().with_torque_delay(&[0.0123; N]).unwrap();
     dynid_io::model_file::to_text(&late).unwrap()
 }
 

@@ -1,5 +1,6 @@
 //! One state in, one torque per term out: no allocation, no panic, a finite answer always.
 
+mod late;
 mod live;
 mod terms;
 
@@ -12,9 +13,10 @@ use crate::intake::Intake;
 use crate::lanes::{self, Kernel, Lanes};
 use crate::model::{check_step, EncoderError, TorqueModel};
 use crate::residual::{Load, ResidualTorque};
-use crate::slices::{at, rows_mut, set};
+use crate::slices::{at, copy, rows_mut, set};
 use crate::state::{align_link_side, true_motion, State};
 use crate::step::{StepRows, Sum, Take};
+use late::Late;
 use terms::Terms;
 
 /// What was unusual about a step, as bits. Zero is a good step.
@@ -93,13 +95,17 @@ impl Status {
 
 /// Owns the memory; the model is shared.
 ///
-/// It predicts what the torque channel shows. Where that one is late ([`TorqueModel::torque_delay`]) this is the torque of
-/// an earlier state, so that states have to come in order of time, [`Self::step`] apart; where it is early, the states that
-/// it belongs to have not come yet, and the torque is that of the state.
+/// It predicts what the torque channels show. Where they are late ([`TorqueModel::torque_delay`]) this is the torque of
+/// an earlier state, so that states have to come in order of time, [`Self::step`] apart; where they are early, the states
+/// that it belongs to have not come yet, and the torque is that of the state. Where one joint's channel is later than the
+/// others', its terms are those of a while ago, and the rest that is told of a step belongs to the others.
 #[derive(Clone, Debug)]
 pub struct TorqueEstimator {
     intake: Intake,
     own: Evaluation,
+    late: Option<Late>,
+    /// How far ahead of a sample the states that come are \[s\], zero or negative.
+    lead: f64,
 }
 
 /// Evaluates a state.
@@ -174,8 +180,12 @@ impl TorqueEstimator {
             noise_variance,
             model,
         };
-        let intake = Intake::new(&own.model, step);
-        Self { intake, own }
+        Self {
+            intake: Intake::new(&own.model, step),
+            late: Late::of(&own.model, 0.0, step).unwrap_or_default(),
+            lead: 0.0,
+            own,
+        }
     }
 
     /// The same estimator for samples `step` seconds apart, where that is not what the model says.
@@ -186,8 +196,23 @@ impl TorqueEstimator {
         check_step(step)?;
         let intake = self.intake.with_step(&self.own.model, step);
         self.intake = intake.ok_or(CoreError::Range { what: "step" })?;
+        let late = Late::of(&self.own.model, self.lead, step);
+        self.late = late.ok_or(CoreError::Range { what: "step" })?;
         self.own.step = step;
         Ok(self)
+    }
+
+    /// Goes over a record, in which states are known before their time: how far ahead of every sample the next ones have to
+    /// be taken \[s\], zero or negative, for channels that are early.
+    pub fn look_ahead(&mut self) -> f64 {
+        let delays = self.own.model.torque_delay().iter();
+        let lead = delays.copied().fold(0.0, f64::min);
+        if lead != self.lead {
+            // As many rows as the model was checked for.
+            self.late = Late::of(&self.own.model, lead, self.own.step).unwrap_or_default();
+            self.lead = lead;
+        }
+        lead
     }
 
     /// The same estimator, which evaluates a state beyond the model's limits as it came; the status says so all the same.
@@ -199,7 +224,7 @@ impl TorqueEstimator {
 
     /// Back to how [`Self::new`] left it: nothing remembered, no torque yet. Allocates nothing; the step stays.
     pub fn reset(&mut self) {
-        self.intake.reset();
+        self.begin_anew();
         let own = &mut self.own;
         for numbers in [&mut own.memory, &mut own.terms, &mut own.total] {
             numbers.fill(0.0);
@@ -254,16 +279,26 @@ impl TorqueEstimator {
         state: &State<'_>,
         tau: &mut [f64],
     ) -> Result<Status, CoreError> {
-        let Self { intake, own } = self;
+        let Self {
+            intake, own, late, ..
+        } = self;
         let n = own.model.robot().n_joints();
         state.check(n)?;
         check_length("tau", tau, n)?;
-        let (shown, taken) = intake.take(state, own.step);
+        let (shown, mut taken) = intake.take(state, own.step);
         let status = lanes::run(Step {
             own,
             shown: &shown,
             tau,
         });
+        if let Some(late) = late {
+            let is_good = !status.contains(Status::NON_FINITE);
+            let stands_for_another = taken.contains(Status::SETTLING);
+            taken.set(Status::SETTLING, !own.show(late, is_good, tau));
+            if stands_for_another {
+                late.reset();
+            }
+        }
         // Of what is no state nothing else is said.
         Ok(if status.contains(Status::NON_FINITE) {
             status
@@ -274,6 +309,22 @@ impl TorqueEstimator {
 }
 
 impl Evaluation {
+    /// Puts the terms that the channels show in the place of this step's, where it was good; true if they are known.
+    #[inline(never)]
+    fn show(&mut self, late: &mut Late, is_good: bool, tau: &mut [f64]) -> bool {
+        if !is_good {
+            late.pass(self.step);
+            return true;
+        }
+        let reached = late.show(&mut self.terms, &mut self.variance, self.step);
+        lanes::run(Sum {
+            terms: &self.terms,
+            total: &mut self.total,
+        });
+        copy(&self.total, tau);
+        reached
+    }
+
     fn misses_temperature(&self, state: &State<'_>) -> bool {
         let known = |j: usize| state.temperature.is_some_and(|t| at(t, j).is_finite());
         let mut wanted = self.wants_temperature.iter().enumerate();

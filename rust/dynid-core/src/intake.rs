@@ -1,18 +1,24 @@
 //! What becomes of a state before it is evaluated: where the torque channel is late an earlier one takes its place, and one
 //! beyond the model's limits is brought to them.
 
-use crate::delay_line::{n_delay_rows, DelayLine};
+use crate::delay_line::{n_delay_rows, shared_and_own, DelayLine};
 use crate::estimator::Status;
 use crate::limits::{is_state, Limits};
 use crate::model::TorqueModel;
 use crate::slices::{mirror_fields, part, Mirror};
 use crate::state::State;
 
+/// Signals of motion in a state.
+const SIGNALS: usize = 6;
+
 /// Between what comes and what is evaluated. All memory is taken in `new`.
 #[derive(Clone, Debug)]
 pub(crate) struct Intake {
     n: usize,
+    /// States that the torque channels show later, all by `delay` \[s\]; the state of then comes to lie in `past`.
     line: Option<DelayLine>,
+    delay: f64,
+    past: Vec<f64>,
     limits: Limits,
     /// Whether what lies beyond the limits is evaluated as it came.
     unlimited: bool,
@@ -25,9 +31,11 @@ impl Intake {
         Self {
             n,
             line: line(model, step).unwrap_or_default(),
+            delay: shared_delay(model),
+            past: vec![0.0; SIGNALS * n],
             limits: Limits::of(model),
             unlimited: false,
-            row: vec![0.0; 6 * n],
+            row: vec![0.0; SIGNALS * n],
         }
     }
 
@@ -64,8 +72,12 @@ impl Intake {
         }
         let mut state = *shown;
         if let Some(line) = &mut self.line {
-            status.set(Status::SETTLING, !line.push(shown, elapsed));
-            state = line.past(shown.temperature);
+            line.push(shown.signals().map(|(_, signal)| signal), elapsed);
+            let past = line.look_back(self.delay);
+            status.set(Status::SETTLING, !past.reached);
+            line.row_into(past, &mut self.past);
+            // With the temperature of now: it changes over minutes.
+            state = state_of(&self.past, self.n, shown.temperature);
         }
         if self.limits.hold(&state, &mut self.row, self.n) {
             status = status
@@ -100,14 +112,18 @@ pub(crate) fn state_of<'a>(row: &'a [f64], n: usize, temperature: Option<&'a [f6
     }
 }
 
-/// Keeps the states that `model`'s torque channel shows later; `None` if they are too many.
+/// How late all torque channels are \[s\]. What comes before its time cannot be known before it comes.
+fn shared_delay(model: &TorqueModel) -> f64 {
+    shared_and_own(model.torque_delay(), 0.0).0
+}
+
+/// Keeps the states that `model`'s torque channels show later; `None` if they are too many.
 fn line(model: &TorqueModel, step: f64) -> Option<Option<DelayLine>> {
-    let delay = model.torque_delay();
-    // What comes before its time cannot be known before it comes.
+    let delay = shared_delay(model);
     if delay > 0.0 {
         let n_rows = n_delay_rows(delay, step)?;
         let n = model.robot().n_joints();
-        Some(Some(DelayLine::new(n, delay, n_rows)))
+        Some(Some(DelayLine::new(SIGNALS * n, n_rows)))
     } else {
         Some(None)
     }
@@ -118,6 +134,6 @@ impl Mirror for Intake {
         if let (Some(own), Some(of)) = (&mut self.line, &of.line) {
             own.mirror(of);
         }
-        mirror_fields!(self, of; row; copied n, unlimited; kept line, limits);
+        mirror_fields!(self, of; row, past; copied n, delay, unlimited; kept line, limits);
     }
 }

@@ -1,6 +1,6 @@
 //! A torque model: facts only, immutable, shared.
 
-use crate::delay_line::n_delay_rows;
+use crate::delay_line::{n_delay_rows, shared_and_own, MOST_DELAY_VALUES};
 use crate::dynamics::check_length;
 use crate::effects::EffectTerm;
 use crate::error::CoreError;
@@ -56,7 +56,7 @@ pub struct TorqueModel {
     residual: Option<Residual>,
     encoder_delay: Vec<f64>,
     encoder_error: Option<EncoderError>,
-    torque_delay: f64,
+    torque_delay: Vec<f64>,
     noise_std: Vec<f64>,
     domain: Domain,
     torque_unit: String,
@@ -199,7 +199,7 @@ impl TorqueModel {
             residual,
             encoder_delay,
             encoder_error: None,
-            torque_delay: 0.0,
+            torque_delay: vec![0.0; n],
             noise_std,
             domain,
             torque_unit,
@@ -245,35 +245,44 @@ impl TorqueModel {
         self.encoder_error.as_ref()
     }
 
-    /// The same model for a torque channel that is late behind the encoders by `delay` seconds (early, if negative).
+    /// The same model for torque channels that are late behind the encoders by `delays` seconds, one per joint (early, if
+    /// negative).
     ///
     /// # Errors
-    /// [`CoreError`] if the delay is longer than [`MOST_TORQUE_DELAY`] either way, or asks for more than
-    /// [`MOST_DELAY_ROWS`](crate::delay_line::MOST_DELAY_ROWS) states, or the model has no step to count it in.
-    pub fn with_torque_delay(self, delay: f64) -> Result<Self, CoreError> {
+    /// [`CoreError`] if there is not one per joint, a delay is longer than [`MOST_TORQUE_DELAY`] either way or asks for
+    /// more than [`MOST_DELAY_ROWS`](crate::delay_line::MOST_DELAY_ROWS) states, or the model has no step to count it in.
+    pub fn with_torque_delay(self, delays: &[f64]) -> Result<Self, CoreError> {
         let what = "torque_delay (at most 0.5 s either way, and 4094 steps)";
-        if !delay.is_finite() {
+        check_length("torque_delay", delays, self.robot.n_joints())?;
+        if !delays.iter().all(|delay| delay.is_finite()) {
             return Err(CoreError::NonFiniteParameter);
         }
-        if delay.abs() > MOST_TORQUE_DELAY {
+        if delays.iter().any(|delay| delay.abs() > MOST_TORQUE_DELAY) {
             return Err(CoreError::Range { what });
         }
-        if delay != 0.0 {
+        if delays.iter().any(|delay| *delay != 0.0) {
             let kind = "torque_delay";
             let step = self.step.ok_or(CoreError::NoStep { kind })?;
-            n_delay_rows(delay, step).ok_or(CoreError::Range { what })?;
+            // From the earliest channel to the latest one, which is what is to be kept of a record.
+            let (shared, own) = shared_and_own(delays, -MOST_TORQUE_DELAY);
+            let longest = own.iter().copied().fold(shared.abs(), f64::max);
+            let n_rows = n_delay_rows(longest, step).ok_or(CoreError::Range { what })?;
+            if n_rows * self.n_terms() * delays.len() > MOST_DELAY_VALUES {
+                let what = "torque_delay (as many steps of as many terms)";
+                return Err(CoreError::Range { what });
+            }
         }
         Ok(Self {
-            torque_delay: delay,
+            torque_delay: delays.to_vec(),
             ..self
         })
     }
 
-    /// How late the torque channel is behind the encoders \[s\]; negative where it is early. The model predicts what the
-    /// channel shows, which is the torque of the state of that long ago.
+    /// How late the torque channel of each joint is behind the encoders \[s\]; negative where it is early. The model
+    /// predicts what the channel shows, which is the torque of the state of that long ago.
     #[must_use]
-    pub fn torque_delay(&self) -> f64 {
-        self.torque_delay
+    pub fn torque_delay(&self) -> &[f64] {
+        &self.torque_delay
     }
 
     /// The same model with the band in which its errors are told.

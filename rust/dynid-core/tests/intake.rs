@@ -90,8 +90,10 @@ fn close(one: &[f64], other: &[f64]) -> bool {
 #[test]
 fn a_late_channel_shows_the_torque_of_then() {
     let plain = Arc::new(model());
-    for delay in [0.0075, 0.012, 0.0005] {
-        let late = Arc::new(model().with_torque_delay(delay).unwrap());
+    let together = [0.0075, 0.012, 0.0005].map(|delay| [delay; N]);
+    let each = [[0.0, 0.012], [0.0075, 0.0005]];
+    for delays in together.into_iter().chain(each) {
+        let late = Arc::new(model().with_torque_delay(&delays).unwrap());
         let mut online = OnlineEstimator::new(Arc::clone(&late), None, None).unwrap();
         let mut offline = TorqueEstimator::new(late);
         let mut exact = TorqueEstimator::new(Arc::clone(&plain));
@@ -103,15 +105,17 @@ fn a_late_channel_shows_the_torque_of_then() {
             }
             let rows = motion(t);
             let status = online.step(&sample(k, &rows)).unwrap();
-            let filled = t >= delay * (1.0 - 1e-12);
+            let filled = t >= delays[0].max(delays[1]) * (1.0 - 1e-12);
             assert_eq!(status.contains(Status::SETTLING), !filled, "{k}");
             if k < 90 {
                 let (tau, status) = torque(&mut offline, &rows);
                 assert_eq!(online.tau(), tau, "the same bits");
                 assert_eq!(status.contains(Status::SETTLING), !filled);
             }
-            let then = if filled { t - delay } else { 0.0 };
-            let (expected, _) = torque(&mut exact, &motion(then));
+            // The oldest state stands for what was before it.
+            let expected: Vec<f64> = (0..N)
+                .map(|j| torque(&mut exact, &motion((t - delays[j]).max(0.0))).0[j])
+                .collect();
             assert!(
                 close(online.tau(), &expected),
                 "{k}: {:?} {expected:?}",
@@ -127,7 +131,7 @@ fn a_late_channel_shows_the_torque_of_then() {
 
 #[test]
 fn a_stream_that_begins_again_begins_its_past_anew() {
-    let late = Arc::new(model().with_torque_delay(0.0045).unwrap());
+    let late = Arc::new(model().with_torque_delay(&[0.0045; N]).unwrap());
     let mut online = OnlineEstimator::new(Arc::clone(&late), None, None).unwrap();
     for k in 1000..1100 {
         online.step(&sample(k, &motion(k as f64 * STEP))).unwrap();
@@ -151,7 +155,7 @@ fn a_stream_that_begins_again_begins_its_past_anew() {
 
 #[test]
 fn what_is_no_state_takes_its_time_all_the_same() {
-    let late = Arc::new(model().with_torque_delay(0.0045).unwrap());
+    let late = Arc::new(model().with_torque_delay(&[0.0045; N]).unwrap());
     let mut online = OnlineEstimator::new(late, None, None).unwrap();
     let mut exact = TorqueEstimator::new(Arc::new(model()));
     for k in 0..60_u64 {
@@ -171,22 +175,34 @@ fn what_is_no_state_takes_its_time_all_the_same() {
 
 #[test]
 fn another_model_goes_on_with_the_states_of_the_old_one() {
-    let late = |delay| Arc::new(model().with_torque_delay(delay).unwrap());
-    let mut online = OnlineEstimator::new(late(0.0045), None, None).unwrap();
-    for k in 0..50 {
-        online.step(&sample(k, &motion(k as f64 * STEP))).unwrap();
+    let late = |delays: [f64; N]| Arc::new(model().with_torque_delay(&delays).unwrap());
+    for (old, new) in [
+        ([0.0045; N], [0.0025; N]),
+        ([0.0045, 0.0125], [0.0025, 0.0075]),
+    ] {
+        let mut online = OnlineEstimator::new(late(old), None, None).unwrap();
+        for k in 0..50 {
+            online.step(&sample(k, &motion(k as f64 * STEP))).unwrap();
+        }
+        let mut next = OnlineEstimator::new(late(new), None, None).unwrap();
+        online.swap(&mut next).unwrap();
+        let status = online.step(&sample(50, &motion(50.0 * STEP))).unwrap();
+        assert_eq!(status, Status::OK);
+        // A joint's own terms of before are those that the old model had, whose states were later.
+        let mut exact = TorqueEstimator::new(Arc::new(model()));
+        let expected = torque(&mut exact, &motion(0.05 - new[0])).0;
+        assert_eq!(online.tau()[0], expected[0]);
+        for k in 51..80 {
+            online.step(&sample(k, &motion(k as f64 * STEP))).unwrap();
+        }
+        let expected = torque(&mut exact, &motion(79.0 * STEP - new[1])).0;
+        assert!(close(&online.tau()[1..], &expected[1..]));
     }
-    let mut new = OnlineEstimator::new(late(0.0025), None, None).unwrap();
-    online.swap(&mut new).unwrap();
-    let status = online.step(&sample(50, &motion(50.0 * STEP))).unwrap();
-    assert_eq!(status, Status::OK);
-    let mut exact = TorqueEstimator::new(Arc::new(model()));
-    assert!(close(online.tau(), &torque(&mut exact, &motion(0.0475)).0));
 }
 
 #[test]
 fn an_early_channel_is_not_foretold() {
-    let early = Arc::new(model().with_torque_delay(-0.01).unwrap());
+    let early = Arc::new(model().with_torque_delay(&[-0.01; N]).unwrap());
     let mut online = OnlineEstimator::new(early, None, None).unwrap();
     let mut plain = OnlineEstimator::new(Arc::new(model()), None, None).unwrap();
     for k in 0..20 {
@@ -200,9 +216,10 @@ fn an_early_channel_is_not_foretold() {
 #[test]
 fn delays_that_are_none_are_refused() {
     for delay in [f64::NAN, f64::INFINITY, 0.50001, -0.50001] {
-        assert!(model().with_torque_delay(delay).is_err(), "{delay}");
+        assert!(model().with_torque_delay(&[0.0, delay]).is_err(), "{delay}");
     }
-    let late = Arc::new(model().with_torque_delay(0.4).unwrap());
+    assert!(model().with_torque_delay(&[0.0]).is_err(), "one per joint");
+    let late = Arc::new(model().with_torque_delay(&[0.4; N]).unwrap());
     assert!(
         OnlineEstimator::new(late, Some(1e-6), None).is_err(),
         "too many states"

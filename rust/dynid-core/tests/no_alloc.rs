@@ -61,6 +61,8 @@ unsafe impl GlobalAlloc for Counting {
 static ALLOCATOR: Counting = Counting;
 
 const N: usize = 6;
+/// All torque channels are late, and some by more than others \[s\].
+const LATE: [f64; N] = [0.0123, 0.0123, 0.02, 0.0123, 0.0123, 0.0156];
 const STEPS: usize = 10_000;
 
 fn robot() -> RobotModel {
@@ -163,7 +165,7 @@ fn ten_thousand_steps_allocate_nothing() {
     for (k, inputs) in every().chain(every()).enumerate() {
         let mut model = model(inputs.clone(), k % 2 == 0);
         if k % 4 == 1 {
-            model = model.with_torque_delay(0.0123).unwrap();
+            model = model.with_torque_delay(&LATE).unwrap();
         }
         let mut estimator = TorqueEstimator::new(Arc::new(model));
         if k % 4 == 0 {
@@ -293,8 +295,8 @@ fn a_stream_with_faults_and_what_listens_allocates_nothing() {
         (true, true, false),
     ];
     for (with_derivatives, watches, knows) in kinds {
-        let late = if with_derivatives { 0.0123 } else { 0.0 };
-        let model = model(ResidualInputs::JointState, false).with_torque_delay(late);
+        let late = if with_derivatives { LATE } else { [0.0; N] };
+        let model = model(ResidualInputs::JointState, false).with_torque_delay(&late);
         let model = Arc::new(model.unwrap());
         let healthy = Healthy {
             frozen_after: vec![0.02; N],

@@ -61,6 +61,25 @@ fn signals(residual: &Residual) -> Option<Vec<Vec<(&'static str, usize)>>> {
     Some(joints.map(of_joint).collect())
 }
 
+/// How late the torque channels are, and what that makes of the answers.
+fn torque_delay(model: &TorqueModel) -> String {
+    let delays = model.torque_delay();
+    let joints = model.robot().joints().iter().zip(delays);
+    let late: Vec<String> = joints
+        .filter(|(_, delay)| **delay != 0.0)
+        .map(|(joint, delay)| format!("{} {} ms", joint.name, 1e3 * delay))
+        .collect();
+    let all = delays
+        .first()
+        .filter(|first| delays.iter().all(|delay| delay == *first));
+    let said = all.map_or_else(|| late.join(", "), |delay| format!("{} ms", 1e3 * delay));
+    if delays.iter().all(|delay| *delay >= 0.0) {
+        format!("{said}: answers are what the channel shows, the torque of the state of then")
+    } else {
+        format!("{said}: answers of an early channel are the torque of the state, which it showed before")
+    }
+}
+
 /// How positions that come alone would be differentiated: window, time between samples, delay.
 fn differentiation(model: &TorqueModel, settings: &Settings) -> (usize, f64, f64) {
     let step = settings.step.or(model.step()).unwrap_or(USUAL_STEP);
@@ -90,16 +109,8 @@ pub fn text(model: &TorqueModel, settings: &Settings) -> String {
     if let Some(step) = model.step() {
         line("step", &format!("{} ms between states", 1e3 * step));
     }
-    let delay = 1e3 * model.torque_delay();
-    if delay > 0.0 {
-        line(
-            "torque delay",
-            &format!(
-                "{delay} ms: answers are what the channel shows, the torque of the state of then"
-            ),
-        );
-    } else if delay < 0.0 {
-        line("torque delay", &format!("{delay} ms, early: answers are the torque of the state, which the channel showed before"));
+    if model.torque_delay().iter().any(|delay| *delay != 0.0) {
+        line("torque delay", &torque_delay(model));
     }
     if let Some(residual) = model.residual() {
         let joints = residual_joints(model).join(", ");

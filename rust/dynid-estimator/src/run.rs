@@ -141,8 +141,8 @@ impl Clock {
     /// A step that was given with `--step` is believed.
     fn new(model: &TorqueModel, given: Option<f64>) -> Self {
         let mut effects = model.effects().iter();
-        let matters =
-            effects.any(|term| term.effect().entry().needs("step")) || model.torque_delay() > 0.0;
+        let matters = effects.any(|term| term.effect().entry().needs("step"))
+            || model.torque_delay().iter().any(|delay| *delay > 0.0);
         Self {
             step: model.step().filter(|_| matters && given.is_none()),
             before: f64::NAN,
@@ -176,12 +176,13 @@ impl Clock {
 pub fn note_what_is_missing(model: &TorqueModel, frame: &Frame, cycle: &Cycle) {
     let present = frame.present();
     note_a_missing_encoder(model, present);
-    if model.torque_delay() < 0.0 {
+    let earliest = model.torque_delay().iter().copied().fold(0.0, f64::min);
+    if earliest < 0.0 {
         tell(
             "note",
             &format!(
                 "the model's torque channel is early by {} ms, and no state is known before it comes: answers are the torque of the state, not what the channel shows at its time",
-                -1e3 * model.torque_delay()
+                -1e3 * earliest
             ),
         );
     }

@@ -118,10 +118,19 @@ impl PyTorqueModel {
     }
 }
 
+/// Delays \[s\] of `n` torque channels: one number for all, or one each.
+fn delays(given: &Bound<'_, PyAny>, n: usize) -> PyResult<Vec<f64>> {
+    if given.len().is_err() {
+        return Ok(vec![given.extract()?; n]);
+    }
+    let each = arrays::vector(given, "torque_delay", Some(n))?;
+    Ok(each.as_slice()?.to_vec())
+}
+
 #[pymethods]
 impl PyTorqueModel {
     #[new]
-    #[pyo3(signature = (robot, phi, effects, *, residual=None, residual_signals=None, compliance=None, torque_scale=None, encoder_delay, encoder_error=None, encoder_error_sides="link", torque_delay=0.0, noise_std, domain, torque_unit="N*m", step=None, band=None))]
+    #[pyo3(signature = (robot, phi, effects, *, residual=None, residual_signals=None, compliance=None, torque_scale=None, encoder_delay, encoder_error=None, encoder_error_sides="link", torque_delay=None, noise_std, domain, torque_unit="N*m", step=None, band=None))]
     #[expect(
         clippy::too_many_arguments,
         reason = "a keyword constructor; the parts are the model"
@@ -137,7 +146,7 @@ impl PyTorqueModel {
         encoder_delay: List<f64>,
         encoder_error: Option<Bound<'_, PyAny>>,
         encoder_error_sides: &str,
-        torque_delay: f64,
+        torque_delay: Option<Bound<'_, PyAny>>,
         noise_std: List<f64>,
         domain: (List<[f64; 2]>, List<f64>, List<f64>),
         torque_unit: &str,
@@ -145,6 +154,8 @@ impl PyTorqueModel {
         band: Option<(f64, f64, bool)>,
     ) -> PyResult<Self> {
         let n = robot.0.n_joints();
+        let torque_delay =
+            torque_delay.map_or_else(|| Ok(vec![0.0; n]), |given| delays(&given, n))?;
         let effects = effects
             .0
             .into_iter()
@@ -197,7 +208,7 @@ impl PyTorqueModel {
             step,
         })
         .and_then(|model| model.with_encoder_error(encoder_error))
-        .and_then(|model| model.with_torque_delay(torque_delay))
+        .and_then(|model| model.with_torque_delay(&torque_delay))
         .and_then(|model| match band {
             None => Ok(model),
             Some((cutoff, rate, standstill)) => model.with_band(ErrorBand {
@@ -442,15 +453,16 @@ impl PyTorqueModel {
         }
     }
 
-    /// How late the torque channel is behind the encoders.
+    /// How late the torque channels are behind the encoders, (n,).
     #[getter]
-    fn torque_delay(&self) -> f64 {
-        self.0.torque_delay()
+    fn torque_delay<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
+        PyArray1::from_slice(py, self.0.torque_delay())
     }
 
-    /// The same model for a torque channel that is late by other seconds.
-    fn with_torque_delay(&self, delay: f64) -> PyResult<Self> {
-        let model = (*self.0).clone().with_torque_delay(delay);
+    /// The same model for torque channels that are late by other seconds, all by one number or each by its own.
+    fn with_torque_delay(&self, delay: &Bound<'_, PyAny>) -> PyResult<Self> {
+        let delays = delays(delay, self.0.robot().n_joints())?;
+        let model = (*self.0).clone().with_torque_delay(&delays);
         Ok(Self(Arc::new(model.map_err(errors::core)?)))
     }
 

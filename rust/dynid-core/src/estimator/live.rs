@@ -30,12 +30,18 @@ impl TorqueEstimator {
     /// same.
     pub fn pass(&mut self, elapsed: f64) {
         self.intake.pass(elapsed);
+        if let Some(late) = &mut self.late {
+            late.pass(elapsed);
+        }
     }
 
     /// The states that come begin anew: those of before are not what a late torque channel shows. What effects remember
     /// stays.
     pub fn begin_anew(&mut self) {
         self.intake.reset();
+        if let Some(late) = &mut self.late {
+            late.reset();
+        }
     }
 
     /// The model, to share.
@@ -50,6 +56,9 @@ impl TorqueEstimator {
     pub fn continue_from(&mut self, before: &Self) {
         let n = self.own.model.robot().n_joints();
         self.intake.continue_from(&before.intake);
+        if let (Some(own), Some(before)) = (&mut self.late, &before.late) {
+            own.continue_from(before);
+        }
         self.own.continue_from(&before.own, n);
     }
 
@@ -112,7 +121,10 @@ impl Evaluation {
 
 impl Mirror for TorqueEstimator {
     fn mirror(&mut self, of: &Self) {
-        mirror_fields!(self, of; intake, own; copied; kept);
+        if let (Some(own), Some(of)) = (&mut self.late, &of.late) {
+            own.mirror(of);
+        }
+        mirror_fields!(self, of; intake, own; copied lead; kept late);
     }
 }
 

@@ -12,7 +12,7 @@ mod residual;
 
 use std::fmt::Write;
 
-use dynid_core::delay_line::n_delay_rows;
+use dynid_core::delay_line::{n_delay_rows, shared_and_own};
 use dynid_core::limits::believed;
 use dynid_core::{JointKind, TorqueModel};
 
@@ -69,6 +69,9 @@ pub fn c_header(model: &TorqueModel, prefix: &str) -> Result<String, CHeaderErro
         piece(&part);
     }
     piece(&other_terms(model, &effects.calls));
+    if n_late(model) > 0 {
+        piece(include_str!("c/late.c"));
+    }
     piece(include_str!("c/estimate.c"));
     text.push_str("#endif\n");
     Ok(with_prefix(&text, prefix))
@@ -115,11 +118,25 @@ fn n_memory(model: &TorqueModel) -> usize {
     all.max(1)
 }
 
-/// States that are kept for a torque channel that is late.
-fn n_delay(model: &TorqueModel) -> usize {
-    let delay = model.torque_delay();
+/// Rows that are kept for something that is late by `delay` \[s\].
+fn n_rows(model: &TorqueModel, delay: f64) -> usize {
     let rows = model.step().and_then(|step| n_delay_rows(delay, step));
     rows.filter(|_| delay > 0.0).unwrap_or(0)
+}
+
+/// States that are kept for torque channels that are late together.
+fn n_delay(model: &TorqueModel) -> usize {
+    n_rows(model, shared_and_own(model.torque_delay(), 0.0).0)
+}
+
+/// How much later than all the channel of every joint is \[s\].
+fn own_delay(model: &TorqueModel) -> Vec<f64> {
+    shared_and_own(model.torque_delay(), 0.0).1
+}
+
+/// Steps whose terms are kept for torque channels that are late by themselves.
+fn n_late(model: &TorqueModel) -> usize {
+    n_rows(model, own_delay(model).into_iter().fold(0.0, f64::max))
 }
 
 fn sizes(model: &TorqueModel) -> String {
@@ -130,21 +147,25 @@ fn sizes(model: &TorqueModel) -> String {
         }
         Some(_) => "1 /* the link encoders show too much */",
     };
+    let delays = model.torque_delay();
+    let (shared, _) = shared_and_own(delays, 0.0);
+    let earliest = delays.iter().copied().fold(f64::INFINITY, f64::min);
     format!(
         "#define DYNID_N_JOINTS {}\n#define DYNID_N_TERMS {}\n#define DYNID_N_MEMORY {}\n#define DYNID_STEP {} /* between \
-         states [s]; 0 where nothing depends on it */\n#define DYNID_ENCODER_ERROR {encoder_error}\n#define DYNID_TORQUE_DELAY {} /* of the torque \
-         channel behind the encoders [s]{} */\n#define DYNID_N_DELAY {}",
+         states [s]; 0 where nothing depends on it */\n#define DYNID_ENCODER_ERROR {encoder_error}\n#define DYNID_TORQUE_DELAY {} /* of all torque \
+         channels behind the encoders [s]{} */\n#define DYNID_N_DELAY {}\n#define DYNID_N_LATE {}",
         model.robot().n_joints(),
         model.n_terms(),
         n_memory(model),
         number(model.step().unwrap_or(0.0)),
-        number(model.torque_delay()),
-        if model.torque_delay() < 0.0 {
-            ", early: torques here are those of the state"
+        number(if earliest < 0.0 { earliest } else { shared }),
+        if earliest < 0.0 {
+            ", early: torques there are those of the state"
         } else {
             ""
         },
         n_delay(model),
+        n_late(model),
     )
 }
 
@@ -192,6 +213,9 @@ fn tables(model: &TorqueModel) -> String {
         ("limits_ddq", 2, limits(2)),
     ] {
         text.push_str(&table(name, width, &values));
+    }
+    if n_late(model) > 0 {
+        text.push_str(&table("own_delay", 1, &own_delay(model)));
     }
     text.push_str(&table("gravity", 1, robot.gravity().as_slice()));
     let wants = model.wants_temperature();

@@ -45,7 +45,7 @@ fn rippling(shape: &[(&str, [f64; 1])]) -> TorqueModel {
 #[test]
 fn what_a_model_does_not_need_is_not_in_its_header() {
     let plain = rippling(&[("cycles", [3.0])]);
-    let late = plain.clone().with_torque_delay(0.0035).unwrap();
+    let late = plain.clone().with_torque_delay(&[0.0035]).unwrap();
     let ended = rippling(&[("cycles", [3.0]), ("held_from", [-0.5]), ("held_to", [0.5])]);
     for (model, delayed, held) in [
         (plain, false, false),

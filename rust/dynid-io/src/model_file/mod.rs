@@ -24,7 +24,7 @@ pub const FORMAT: &str = "dynid-model";
 /// Newest version of the schema that this reader understands; it understands all before. A file says the oldest version
 /// that can hold it: 2 came with the torque channel's delay and the band in which errors are told, 3 with effects of the
 /// motor's torque (`torque_saturation`), 4 with effects that end at angles (`held_from`, `held_to`).
-pub const VERSION: u32 = 4;
+pub const VERSION: u32 = 5;
 /// Kind that files of version 3 and later hold: it was of the rigid body's torque alone before.
 pub(crate) const OF_MOTOR: &str = "torque_saturation";
 /// Larger files are refused before memory is taken \[bytes\].
@@ -140,11 +140,14 @@ pub fn save(model: &TorqueModel, path: &Path) -> Result<(), ModelFileError> {
 pub fn to_text(model: &TorqueModel) -> Result<String, serde_json::Error> {
     let blank = format!("{CHECKSUM_PREFIX}{}", "0".repeat(N_DIGITS));
     let mut effects = model.effects().iter().map(|term| term.effect());
-    let version = if effects.clone().any(Effect::is_held) {
+    let delays = model.torque_delay();
+    let version = if delays.iter().any(|delay| Some(delay) != delays.first()) {
+        5
+    } else if effects.clone().any(Effect::is_held) {
         4
     } else if effects.any(|effect| effect.kind() == OF_MOTOR) {
         3
-    } else if model.torque_delay() != 0.0 || model.band().is_some() {
+    } else if delays.iter().any(|delay| *delay != 0.0) || model.band().is_some() {
         2
     } else {
         1

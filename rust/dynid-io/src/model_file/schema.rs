@@ -31,7 +31,7 @@ pub struct ModelFile {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     encoder_error: Option<EncoderErrorPart>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    torque_delay: Option<f64>,
+    torque_delay: Option<DelayPart>,
     noise_std: Vec<f64>,
     domain: DomainPart,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -49,6 +49,35 @@ struct BandPart {
     cutoff: f64,
     rate: f64,
     standstill: bool,
+}
+
+/// How late torque channels are: all together, or since version 5 each.
+#[derive(Serialize, Deserialize)]
+#[serde(
+    untagged,
+    expecting = "torque_delay is no number and no list of one per joint"
+)]
+enum DelayPart {
+    All(f64),
+    Each(Vec<f64>),
+}
+
+impl DelayPart {
+    /// Absent where no channel is late or early.
+    fn from_delays(delays: &[f64]) -> Option<Self> {
+        let first = *delays.first()?;
+        if delays.iter().any(|delay| *delay != first) {
+            return Some(Self::Each(delays.to_vec()));
+        }
+        (first != 0.0).then_some(Self::All(first))
+    }
+
+    fn into_delays(self, n: usize) -> Vec<f64> {
+        match self {
+            Self::All(delay) => vec![delay; n],
+            Self::Each(delays) => delays,
+        }
+    }
 }
 
 /// What encoders show too much; absent where they are right.
@@ -195,7 +224,7 @@ impl ModelFile {
                 },
                 cos_sin: error.cos_sin.clone(),
             }),
-            torque_delay: Some(model.torque_delay()).filter(|delay| *delay != 0.0),
+            torque_delay: DelayPart::from_delays(model.torque_delay()),
             noise_std: model.noise_std().to_vec(),
             domain: DomainPart {
                 q: model.domain().q.clone(),
@@ -242,6 +271,12 @@ impl ModelFile {
                 return Err(format!("a file of version 1 has no {name}"));
             }
         }
+        if self.version < 5 && matches!(self.torque_delay, Some(DelayPart::Each(_))) {
+            return Err(format!(
+                "a file of version {} has one torque_delay for all joints",
+                self.version
+            ));
+        }
         let robot = self.robot.into_robot()?;
         let n = robot.n_joints();
         let effects = self
@@ -278,7 +313,9 @@ impl ModelFile {
         };
         let model = match self.torque_delay {
             None => model,
-            Some(delay) => model.with_torque_delay(delay).map_err(|e| e.to_string())?,
+            Some(part) => model
+                .with_torque_delay(&part.into_delays(n))
+                .map_err(|e| e.to_string())?,
         };
         let model = match self.band {
             None => model,

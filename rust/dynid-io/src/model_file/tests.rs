@@ -239,7 +239,7 @@ fn other_files_are_told_apart() {
     let unnumbered = message(b"{\"format\": \"dynid-model\"}");
     assert!(
         unnumbered
-            .contains("no usable version (expected \"version\": 1 to 4); give the model.json as"),
+            .contains("no usable version (expected \"version\": 1 to 5); give the model.json as"),
         "{unnumbered}"
     );
     assert!(message(b"{\"format\": \"dynid-model\", \"version\": 99}").contains("newer"));

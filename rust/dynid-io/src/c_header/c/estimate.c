@@ -17,6 +17,10 @@ static inline void dynid_init(dynid_estimator *estimator)
     estimator->passed = 0.0;
     estimator->newest = estimator->count = 0;
 #endif
+#if DYNID_N_LATE > 0
+    estimator->passed_steps = 0.0;
+    estimator->newest_step = estimator->n_steps = 0;
+#endif
 }
 
 static inline int dynid_all_numbers(const double *values)
@@ -97,8 +101,20 @@ static inline unsigned dynid_estimate(dynid_estimator *estimator, const dynid_st
         for (k = 0; k < DYNID_N_MEMORY; k++) {
             estimator->memory[k] = memory[k];
         }
+#if DYNID_N_LATE > 0
+        const unsigned stands_for_another = status & DYNID_SETTLING;
+        if (!dynid_show_late(estimator)) {
+            status |= DYNID_SETTLING;
+        }
+        if (stands_for_another) {
+            estimator->n_steps = 0;
+        }
+#endif
     } else {
         status = DYNID_NON_FINITE;
+#if DYNID_N_LATE > 0
+        estimator->passed_steps += estimator->step;
+#endif
     }
 #if DYNID_N_DELAY > 0
     estimator->passed += is_state ? 0.0 : estimator->step;

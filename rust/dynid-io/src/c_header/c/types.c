@@ -13,6 +13,13 @@ typedef struct {
     double signals[6][DYNID_N_JOINTS]; /* as they stand in a state */
 } dynid_motion;
 
+#if DYNID_N_LATE > 0
+/* What a step found, and the time from the one before [s]. */
+typedef struct {
+    double terms[DYNID_N_TERMS][DYNID_N_JOINTS], variance[DYNID_N_JOINTS], apart;
+} dynid_step;
+#endif
+
 /* What is remembered from step to step. Prepare it with dynid_init, one for each robot. */
 typedef struct {
     double step;                                 /* time between states [s]; change it after dynid_init where it differs */
@@ -25,6 +32,11 @@ typedef struct {
     double apart[DYNID_N_DELAY];      /* time from the state before [s], of each of them */
     double passed;                    /* since the newest of them, in steps that brought none */
     int newest, count;
+#endif
+#if DYNID_N_LATE > 0
+    dynid_step steps[DYNID_N_LATE]; /* a ring of the last steps, for torque channels that are late by themselves */
+    double passed_steps;            /* time since the newest of them, in steps that were none */
+    int newest_step, n_steps;
 #endif
 } dynid_estimator;
 
