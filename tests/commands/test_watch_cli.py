@@ -80,8 +80,9 @@ def test_without_healthy_runs_the_model_says_what_is_usual(arm):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--false-alarms", "often"), "--false-alarms: expected a number per hour, day, week, month, year"),
-        (("--false-alarms", "0/day"), "--false-alarms: expected"),
+        (("--false-alarms", "often"), "--false-alarms: expected a number above 0 per hour, day, week, month, year"),
+        (("--false-alarms", "0/day"), "--false-alarms: expected a number above 0 per hour"),
+        (("--false-alarms", "1/00days"), "--false-alarms: expected"),
         (
             ("--tolerate", "wear=1"),
             "expected KIND=X, a kind of friction, gain, offset, load, delay, slip, unknown and a",

@@ -31,13 +31,17 @@ def adapted(
             raise ValueError("--adapt-mass and --save-adapted go with --adapt")
         return None
     from dynid_rs.base.errors import DataError
-    from dynid_rs.model.adapt import PARTS, Adaptation
+    from dynid_rs.model.adapt import MOST_MASS, PARTS, Adaptation
 
     wanted = tuple(parts.split(","))
-    if not set(wanted) <= set(PARTS):
-        raise ValueError(f"--adapt: expected friction, payload or friction,payload, got {parts[:40]!r}")
+    if not set(wanted) <= set(PARTS) or len(set(wanted)) < len(wanted):
+        raise ValueError(f"--adapt: expected friction, payload or friction,payload, each once, got {parts[:40]!r}")
     if "payload" in wanted and mass is None:
         raise ValueError("--adapt payload: give --adapt-mass KG, what the arm may carry; a payload follows within it")
+    if "payload" not in wanted and mass is not None:
+        raise ValueError("--adapt-mass is the limit of a payload; give --adapt friction,payload, or leave it out")
+    if mass is not None and not 0 < mass <= MOST_MASS:
+        raise ValueError(f"--adapt-mass: expected what the arm may carry, above 0 to {MOST_MASS:g} kg, got {mass:g}")
     following = Adaptation(model, wanted, mass=mass)
     run = following.adapt(recording)
     if not len(run.t):
