@@ -90,7 +90,10 @@ def test_wrong_use_is_refused_in_a_sentence(arm, tmp_path):
         (("--adapt-mass", 3), "go with --adapt"),
         (("--adapt", "friction,friction"), "each once, got 'friction,friction'"),
         (("--adapt", "friction", "--adapt-mass", 3), "--adapt-mass is the limit of a payload"),
-        (("--adapt", "payload", "--adapt-mass", -3), "--adapt-mass: expected what the arm may carry, above 0 to 100000 kg"),
+        (
+            ("--adapt", "payload", "--adapt-mass", -3),
+            "--adapt-mass: expected what the arm may carry, above 0 to 100000 kg",
+        ),
         (("--adapt", "payload", "--adapt-mass", "nan"), "above 0 to 100000 kg, got nan"),
         (("--save-adapted", tmp_path / "x.json"), "go with --adapt"),
         (("--adapt", "friction", "--save-adapted", tmp_path / "x.csv"), "written as JSON"),

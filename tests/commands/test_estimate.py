@@ -9,7 +9,18 @@ from helpers import online_answers
 from helpers.online_answers import assert_same_answers, from_csv, table_of
 from helpers.online_answers import run as answer_of
 from helpers.run_files import csv_text, folder_of_another_user, write
-from helpers.small_arm import JOINTS, URDF, as_current, dynid, refusal, run, snapshot, study, with_derivatives
+from helpers.small_arm import (
+    JOINTS,
+    URDF,
+    as_current,
+    dynid,
+    refusal,
+    run,
+    snapshot,
+    study,
+    with_derivatives,
+    write_robot,
+)
 from helpers.tolerances import ALGEBRAIC
 
 from dynid_rs import TorqueModel
@@ -39,7 +50,32 @@ def test_a_run_without_derivatives_gives_the_bits_through_its_states(estimator, 
     first, second = table_of(out), table_of(again)
     for name, values in second.items():
         np.testing.assert_array_equal(values, first[name])
-    assert set(first) - set(second) == {f"measured_{j}" for j in range(N)}
+    assert set(first) == set(second)  # the measured torque too
+
+
+def header_of(states):
+    return states.read_text().split("\n", 1)[0].split(",")
+
+
+def test_states_hold_the_measured_torque_where_the_run_does(estimator, tmp_path):
+    model, states = study().model, tmp_path / "states.csv"
+    assert dynid("estimate", model, study().runs[2], "--states", states).exit_code == 0
+    assert header_of(states)[-N:] == [f"tau_{j}" for j in range(N)]
+    answer_of(estimator, model, states.read_text(), "--observe")
+    path = write(tmp_path / "motion.csv", motion_only())
+    assert dynid("estimate", model, path, "--states", states, "--force").exit_code == 0
+    assert not any(name.startswith(("tau_", "current_")) for name in header_of(states))
+
+
+def test_states_of_a_model_in_ampere_hold_currents(tmp_path):
+    """They are read back in the model's unit."""
+    paths = [write(tmp_path / f"run_{k}.parquet", as_current(run(k))) for k in range(2)]
+    assert dynid("identify", write_robot(tmp_path), *paths, "-o", tmp_path / "result").exit_code == 0
+    states, again = tmp_path / "states.csv", tmp_path / "again.csv"
+    assert dynid("estimate", tmp_path / "result", paths[1], "--states", states).exit_code == 0
+    assert header_of(states)[-N:] == [f"current_{j}" for j in range(N)]
+    assert dynid("estimate", tmp_path / "result", states, "--states", again).exit_code == 0
+    assert again.read_text() == states.read_text()
 
 
 def test_output_and_answer(tmp_path):
@@ -315,6 +351,17 @@ def test_output_that_cannot_be_written(folder, option):
 def test_two_outputs_in_one_file(folder):
     sentence = refused_output(folder, "-o", folder / "x", "--states", folder / "x")
     assert sentence.endswith("torques and states cannot go to the same file; name two")
+
+
+@pytest.mark.parametrize(
+    ("option", "name", "ending"),
+    [("-o", "x.foo", ".parquet"), ("-o", "x", ".parquet"), ("-o", "x.csv", ".parquet"), ("--states", "x.txt", ".csv")],
+)
+def test_a_name_that_says_another_format_is_refused(folder, option, name, ending):
+    sentence = refused_output(folder, option, folder / name)
+    assert sentence.startswith(f"{folder / name}: is written as ")
+    assert sentence.endswith(f"give it the ending {ending}")
+    assert dynid("estimate", folder / "model.json", folder / "run.csv", option, folder / f"x{ending}").exit_code == 0
 
 
 def test_folder_without_rights(folder):

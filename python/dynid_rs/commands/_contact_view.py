@@ -12,6 +12,7 @@ from dynid_rs.base.findings import Finding, told_once
 from dynid_rs.base.numbers import significant
 from dynid_rs.base.quoting import shown
 from dynid_rs.base.units import unit_text
+from dynid_rs.commands._run import said_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -78,8 +79,9 @@ def answer(
     observed: Sequence[LookedAt],
     said: Mapping[str, list[float]] | None,
     findings: Sequence[Finding],
+    errors: Sequence[Exception],
 ) -> dict[str, Any]:
-    """As `--json` prints it."""
+    """As `--json` prints it; `errors` are of runs that could not be looked at."""
     joints = list(observer.model.robot.joint_names)
     return {
         "format": "dynid-contacts",
@@ -100,6 +102,7 @@ def answer(
             for one in observed
         ],
         "findings": [finding.to_json() for finding in findings],
+        **said_of(errors),
     }
 
 

@@ -9,7 +9,7 @@ import os
 import sys
 import traceback
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from typing import ParamSpec, TextIO
 
@@ -143,6 +143,19 @@ def _interrupted(how: str = "") -> int:
     interrupt.answered()
     _complain(f"interrupted: {how}" if how else "interrupted")
     return EXIT_INTERRUPTED
+
+
+def said_of(errors: Sequence[Exception]) -> dict[str, object]:
+    """Fields of an answer that is there in spite of them: the first as every command has it, and all."""
+    objects = [error_object(error) for error in errors]
+    return {"error": objects[0], "errors": objects} if objects else {}
+
+
+def refused(errors: Sequence[Exception]) -> int:
+    """Say what was refused beside what was answered, one sentence each; returns the exit code."""
+    for error in errors:
+        _complain(f"error: {sentence(error)}")
+    return EXIT_UNUSABLE
 
 
 def _failed(error: ValueError | OSError | MemoryError, *, as_json: bool) -> int:

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 SAME_STEP = 1e-6
 """Steps that differ by this part of themselves are one step, told by rounded stamps."""
 SETTLING, BEYOND_LIMITS = 512, 4096
-SIGNALS = ("q", "dq", "ddq", "q_motor", "dq_motor", "ddq_motor")
 
 
 @run_command
@@ -40,7 +39,9 @@ def estimate(
     states: Annotated[
         Path | None,
         typer.Option(
-            metavar="STATES.csv", help="Also write the states, ready for `dynid-estimator MODEL < STATES.csv`"
+            metavar="STATES.csv",
+            help="Also write the states, with the measured torque where the run holds one, ready for "
+            "`dynid-estimator MODEL < STATES.csv`",
         ),
     ] = None,
     config: Annotated[Path | None, typer.Option(help="dynid.toml: column names, units, gears, signs")] = None,
@@ -88,6 +89,7 @@ def estimate(
     from dynid_rs.base.files import write_table
     from dynid_rs.commands import _adapt_view
     from dynid_rs.commands._inputs import check_cutoff, load_model, model_files, read_settings
+    from dynid_rs.commands._states import states_of, write_states
     from dynid_rs.diagnosis.plausibility import lost_joints
     from dynid_rs.regression.evaluation import band_rmse, rmse
     from dynid_rs.runs.checks import check_recording, is_damage
@@ -129,7 +131,9 @@ def estimate(
     if output is not None:
         write_table(output, columns)
     if states is not None:
-        write_states(states, t, signals, temperature)
+        measured = {"A": "current"}.get(recording.torque_unit, "tau")
+        torque = {measured: tau} if source.has_torque else {}
+        write_states(states, t, signals, temperature, torque)
     unusual, beyond = int((status != 0).sum()), int((status & BEYOND_LIMITS != 0).sum())
     joints, unit = list(torque_model.robot.joint_names), torque_model.torque_unit
     if json_output:
@@ -238,7 +242,7 @@ def _check_outputs(
     output: Path | None, states: Path | None, adapted: Path | None, inputs: tuple[Path, ...], *, force: bool
 ) -> None:
     """Refuse before any work what cannot be written, or would replace what is read or, without `force`, is there."""
-    from dynid_rs.commands._output import check_absent, check_file, check_not_read
+    from dynid_rs.commands._output import check_absent, check_file, check_not_read, check_suffix
 
     given = [path for path in (output, states, adapted) if path is not None]
     check_not_read(given, inputs)
@@ -247,10 +251,10 @@ def _check_outputs(
     if len({path.absolute() for path in given}) < len(given):
         what = "torques and states" if adapted is None else "torques, states and a model"
         raise ValueError(f"{given[0]}: {what} cannot go to the same file; name {'two' if adapted is None else 'more'}")
-    kinds = ((output, "Parquet", {".csv", ".npz"}), (states, "CSV", {".parquet", ".npz"}))
-    for target, kind, others in (*kinds, (adapted, "JSON", {".csv", ".npz", ".parquet"})):
-        if target is not None and target.suffix.lower() in others:
-            raise ValueError(f"{target}: is written as {kind}; give it a suffix that says so")
+    kinds = ((output, ".parquet", "Parquet"), (states, ".csv", "CSV"), (adapted, ".json", "JSON"))
+    for target, suffix, kind in kinds:
+        if target is not None:
+            check_suffix(target, suffix, kind)
     if not force:
         check_absent(given)
 
@@ -282,39 +286,3 @@ def _other_unit(recording: Recording, unit: str) -> ValueError:
         code="other_unit",
         file=recording.name,
     )
-
-
-def states_of(
-    recording: Recording, cutoff: float | None, encoder_delay: FloatArray
-) -> tuple[FloatArray, tuple[FloatArray, ...], FloatArray, FloatArray | None]:
-    """Time (n,), the six signals of the states, measured torque and, if any, temperature, (n, n_joints) each.
-
-    Where they are made of positions, the links' acceleration is on the motor's clock, as in `dynid identify`.
-    """
-    from dynid_rs.runs.preprocessing import Band, choose_band, common_rate, prepare
-
-    q, dq, ddq = recording.q, recording.dq, recording.ddq
-    if dq is not None and ddq is not None and cutoff is None:
-        # What the motor side lacks it has from the link side, signal by signal, as in `dynid-estimator`.
-        motor = (recording.q_motor, recording.dq_motor, recording.ddq_motor)
-        given = [x if own is None else own for own, x in zip(motor, (q, dq, ddq), strict=True)]
-        return recording.t, (q, dq, ddq, *given), recording.tau, recording.temperature
-    band = choose_band([recording]) if cutoff is None else Band(cutoff)
-    states = prepare(recording, band, common_rate([recording])).in_step(encoder_delay)
-    return states.t, states.signals(), states.tau, states.temperature
-
-
-def write_states(path: Path, t: FloatArray, signals: tuple[FloatArray, ...], temperature: FloatArray | None) -> None:
-    """Write states as CSV; every number in the shortest form that reads back to the same bits."""
-    import numpy as np
-
-    from dynid_rs.base.files import write_text
-
-    n = signals[0].shape[1]
-    columns = dict(zip(SIGNALS, signals, strict=True))
-    if temperature is not None:
-        columns["temperature"] = temperature
-    header = ["t", *(f"{name}_{j}" for name in columns for j in range(n))]
-    rows = np.concatenate([t[:, None], *columns.values()], axis=1).tolist()
-    lines = [",".join(header), *(",".join(map(repr, row)) for row in rows)]
-    write_text(path, "\n".join(lines) + "\n")

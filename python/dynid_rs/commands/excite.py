@@ -49,11 +49,11 @@ class Outputs:
 
     def check(self, inputs: Sequence[Path], *, force: bool) -> None:
         """Refuse what cannot be written before any work is done; a finished design is replaced with `force` only."""
-        from dynid_rs.commands._output import check_absent, check_file, check_not_read
+        from dynid_rs.commands._output import check_absent, check_file, check_not_read, check_suffix
 
         for path in (self.csv, self.friction):
-            if path is not None and path.suffix != ".csv":
-                raise ValueError(f"{path}: the trajectory is written as CSV; choose a name that ends in .csv")
+            if path is not None:
+                check_suffix(path, ".csv", "CSV")
         places = [self.csv, self.json, self.page, self.state, self.friction, self.friction_json]
         outputs = [path for path in places if path is not None]
         if len({path.absolute() for path in outputs}) < len(outputs):
