@@ -365,7 +365,7 @@ def test_refusals_are_one_sentence_and_write_nothing(tmp_path):
     def says(*arguments):
         return refused(tmp_path, *arguments)
 
-    assert "ends in .csv" in says(urdf, "-o", tmp_path / "traj.txt")
+    assert "give it the ending .csv" in says(urdf, "-o", tmp_path / "traj.txt")
     assert "create it first" in says(urdf, "-o", tmp_path / "nowhere" / "traj.csv")
     assert "does not exist" in says(tmp_path / "no.urdf", "-o", output)
     assert "does not exist" in says(urdf, "-o", output, "--limits", tmp_path / "no.toml")
