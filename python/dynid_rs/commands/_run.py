@@ -92,7 +92,7 @@ def run_command(command: Callable[P, int | None]) -> Callable[P, None]:
                 error = MemoryError(room.RAN_OUT)
             if not isinstance(error, ValueError | OSError | MemoryError):
                 raise
-            raise typer.Exit(_failed(error, as_json=bool(kwargs.get("json_output")))) from None
+            raise typer.Exit(failed(error, as_json=bool(kwargs.get("json_output")))) from None
         if code:
             raise typer.Exit(code)
 
@@ -158,7 +158,7 @@ def refused(errors: Sequence[Exception]) -> int:
     return EXIT_UNUSABLE
 
 
-def _failed(error: ValueError | OSError | MemoryError, *, as_json: bool) -> int:
+def failed(error: ValueError | OSError | MemoryError, *, as_json: bool) -> int:
     """Say what is wrong and return the exit code."""
     if isinstance(error, OSError) and _is_of_a_stream(error):
         return _unanswered(error)

@@ -106,6 +106,7 @@ def estimate(
     if settings.gain_given and "current" not in source.columns.signals:
         raise no_current(run.name)
     check_cutoff(cutoff, [recording])
+    _check_windows(windows, recording)
     if source.has_torque and recording.torque_unit != torque_model.torque_unit:
         raise _other_unit(recording, torque_model.torque_unit)
     _check_temperature(torque_model, recording)
@@ -192,6 +193,16 @@ def _window(text: str) -> tuple[float, float]:
     if not good:
         raise ValueError(f"--exclude must be START:END in seconds, START before END, found {text!r}")
     return start, end
+
+
+def _check_windows(windows: list[tuple[float, float]], recording: Recording) -> None:
+    """Refuse times that leave nothing out, as those of another clock do."""
+    first, last = recording.t[0], recording.t[-1]
+    for start, end in windows:
+        if end < first or start > last:
+            raise ValueError(
+                f"--exclude {start:g}:{end:g} lies outside of {recording.name} ({first:.10g} to {last:.10g} s)"
+            )
 
 
 def _step(t: FloatArray, model: TorqueModel) -> float:
