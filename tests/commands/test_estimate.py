@@ -1,6 +1,7 @@
 """`dynid estimate`: the same bits as the binary, runs with and without torque, and everything it refuses."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from helpers import online_answers
 from helpers.online_answers import assert_same_answers, from_csv, table_of
 from helpers.online_answers import run as answer_of
+from helpers.robots import chain
 from helpers.run_files import csv_text, folder_of_another_user, write
 from helpers.small_arm import (
     JOINTS,
@@ -105,6 +107,20 @@ def test_answer_for_people(tmp_path):
     for joint in JOINTS:
         assert f"{joint}: RMSE " in result.stdout
     assert result.stdout.endswith(f"torques: {tmp_path / 'out.parquet'}\n")
+
+
+def test_a_joint_that_slides_has_a_force(tmp_path):
+    (tmp_path / "robot.urdf").write_text(chain(["revolute", "prismatic"]))
+    assert (
+        dynid("simulate", tmp_path / "robot.urdf", "-o", tmp_path / "lab", "--runs", 3, "--duration", 8).exit_code == 0
+    )
+    runs = sorted((tmp_path / "lab").glob("run_*.parquet"))
+    dynid("identify", tmp_path / "robot.urdf", *runs, "-o", tmp_path / "result")
+    turns, slides = dynid("estimate", tmp_path / "result", runs[0]).stdout.splitlines()[:2]
+    assert " N*m (as recorded" in turns
+    assert " N (as recorded" in slides
+    text = dynid("contact", tmp_path / "result", runs[0]).stdout
+    assert re.search(r"by thresholds of \S+ N·m, \S+ N \(median\)", text), text
 
 
 def test_errors_as_large_as_the_torque_are_said(tmp_path):

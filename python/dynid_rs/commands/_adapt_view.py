@@ -55,19 +55,21 @@ def adapted(
     return run
 
 
-def lines(run: AdaptedRun, joints: list[str], unit: str, parts: str, save: Path | None) -> Iterator[str]:
+def lines(run: AdaptedRun, model: TorqueModel, parts: str, save: Path | None) -> Iterator[str]:
     """The log, then one line per joint, and the load."""
+    from dynid_rs.model.units import torque_units
+
     for one in run.log:
         move = f"{_number(one.before)} -> {_number(one.now)}{_why(one.reason)}"
         yield f"{one.t:.1f} s: {_what(one.part, one.joint)} {move}"
     before, after = run.rmse()
-    for j, joint in enumerate(joints):
+    for j, (joint, unit) in enumerate(zip(model.robot.joint_names, torque_units(model), strict=True)):
         error = f"RMSE {significant(before[j])} -> {significant(after[j])} {unit}"
         factor = f", friction times {_number(run.factors[-1, j])}" if "friction" in parts else ""
         yield f"{joint}: {error} (online, {parts} following{factor} at the end)"
     if "payload" in parts:
         mass, *moments = run.load[-1]
-        mass_unit = "kg" if unit == "N*m" else f"kg {unit}/(N*m)"
+        mass_unit = "kg" if model.torque_unit == "N*m" else f"kg {model.torque_unit}/(N*m)"
         centre = ", ".join(_number(x) for x in moments)
         yield f"payload at the end: {_number(mass)} {mass_unit}, first moments {centre}"
     if save is not None:

@@ -146,12 +146,11 @@ def contact(
         if output is not None and not errors:
             # Where samples are missing a run is looked at in parts.
             write_table(output, {name: np.concatenate([one[name] for one in tables]) for name in tables[0]})
-    joints = list(reference.robot.joint_names)
     said = learned(observer)
     if json_output:
         print_json(answer(observer, observed, said, findings, errors))
     else:
-        for line in lines(observed, joints, reference.torque_unit, said, findings):
+        for line in lines(observed, reference, said, findings):
             typer.echo(line)
         for words, path in (("settings", save), ("external torque", output)):
             if path is not None and not (errors and path == output):

@@ -136,14 +136,13 @@ def estimate(
         torque = {measured: tau} if source.has_torque else {}
         write_states(states, t, signals, temperature, torque)
     unusual, beyond = int((status != 0).sum()), int((status & BEYOND_LIMITS != 0).sum())
-    joints, unit = list(torque_model.robot.joint_names), torque_model.torque_unit
     if json_output:
         print_json(
             {
                 "n_samples": len(t),
-                "joints": joints,
+                "joints": list(torque_model.robot.joint_names),
                 "terms": torque_model.term_names,
-                "torque_unit": unit,
+                "torque_unit": torque_model.torque_unit,
                 "torque_delay": torque_model.torque_delay,
                 "rmse": None if errors is None else errors.tolist(),
                 "rmse_in_band": None if told is None else told.tolist(),
@@ -160,12 +159,12 @@ def estimate(
     if errors is None:
         typer.echo(f"{run.name} holds no torque; there is nothing to compare the estimate with")
     else:
-        for line in _lines(joints, unit, errors, told, torque_model):
+        for line in _lines(torque_model, errors, told):
             typer.echo(line)
         if untold:
             typer.echo(f"no error in the band of result.json: {untold}")
     if followed is not None:
-        for line in _adapt_view.lines(followed, joints, unit, str(adapt), save_adapted):
+        for line in _adapt_view.lines(followed, torque_model, str(adapt), save_adapted):
             typer.echo(line)
     if unusual:
         typer.echo(f"{unusual} of {len(t)} samples {_why_unusual(status)}")
@@ -228,11 +227,11 @@ def _in_band(
         return [], str(error)
 
 
-def _lines(
-    joints: list[str], unit: str, errors: FloatArray, told: FloatArray | None, model: TorqueModel
-) -> Iterator[str]:
+def _lines(model: TorqueModel, errors: FloatArray, told: FloatArray | None) -> Iterator[str]:
     """One per joint: the error as recorded, and in the band."""
-    for j, joint in enumerate(joints):
+    from dynid_rs.model.units import torque_units
+
+    for j, (joint, unit) in enumerate(zip(model.robot.joint_names, torque_units(model), strict=True)):
         line = f"{joint}: RMSE {significant(errors[j])} {unit} (as recorded, all samples)"
         if told is not None and model.band is not None:
             line += f", {significant(told[j])} {unit} (in motion, below {model.band[0]:.3g} Hz, as in result.json)"

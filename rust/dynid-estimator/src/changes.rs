@@ -187,6 +187,14 @@ impl Names {
         }
     }
 
+    /// Of one joint's channel: a force where it slides.
+    fn torque_unit(&self, joint: usize) -> &str {
+        match self.torque_unit.as_str() {
+            "N*m" if self.slides(joint) => "N",
+            unit => unit,
+        }
+    }
+
     /// Mass, by the unit of the torque.
     fn mass_unit(&self) -> &'static str {
         match self.torque_unit.as_str() {
@@ -224,7 +232,7 @@ impl Names {
                 format!("{joint}: {} {size} ({low} to {high})", change.kind.word())
             }
             Kind::Offset => {
-                let unit = &self.torque_unit;
+                let unit = self.torque_unit(change.joint);
                 format!("{joint}: constant torque {size} ({low} to {high}) {unit}")
             }
             Kind::Delay => {
@@ -243,7 +251,7 @@ impl Names {
                 format!("load {size} ({low} to {high}) {}", self.mass_unit())
             }
             Kind::Frozen => {
-                let unit = &self.torque_unit;
+                let unit = self.torque_unit(change.joint);
                 let does = match change.said {
                     Said::Withdrawn => "the torque channel changes again",
                     _ => "the torque channel does not change any more",
@@ -341,6 +349,13 @@ pub mod tests {
             .contains("look again"));
         let offset = names.sentence(1.0, &change(Kind::Offset, 20.24));
         assert!(offset.contains("constant torque 20.2 ("), "{offset}");
+        assert!(offset.ends_with(") N*m"), "{offset}");
+        let sliding = Names {
+            slides: vec![true],
+            ..Names::of(&model(1.0))
+        };
+        let offset = sliding.sentence(1.0, &change(Kind::Offset, 20.24));
+        assert!(offset.ends_with(") N"), "{offset}");
         let unknown = names.sentence(1.0, &change(Kind::Unknown, 1.32));
         assert!(unknown.contains("grown by 132 %"), "{unknown}");
         let frozen = names.sentence(1.0, &change(Kind::Frozen, 0.0));
