@@ -132,7 +132,12 @@ def excite(
     restarts: Annotated[int, typer.Option(help="Searches, each from a random motion")] = 12,
     iterations: Annotated[int, typer.Option(help="Most steps of one search")] = 100,
     time_limit: Annotated[float | None, typer.Option(help="Stop searching after this many seconds")] = None,
-    jobs: Annotated[int | None, typer.Option(help="Threads; the answer does not depend on it")] = None,
+    jobs: Annotated[
+        int | None,
+        typer.Option(
+            "--jobs", metavar="N", help="Threads, one per core if left out or -1; the answer does not depend on it"
+        ),
+    ] = None,
     seed: Annotated[int, typer.Option(help="Repeats the design, number for number")] = 0,
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on where a killed design of the same problem stopped")
