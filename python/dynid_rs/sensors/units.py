@@ -47,7 +47,7 @@ def _gains(bench: Bench, runs: Sequence[int]) -> tuple[ArmFit, FloatArray]:
         if np.isnan(told).all():
             told = gains
         # A channel that says nothing is in the unit of the others.
-        gains = np.where(np.isnan(told), np.exp(np.nanmedian(np.log(told))), told)
+        gains = np.where(np.isnan(told), np.nanmedian(told), told)
         tried = [
             bench.moments[k].picked(range(n), gains) if k in runs else plain for k, plain in enumerate(bench.plain)
         ]
