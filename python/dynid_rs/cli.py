@@ -5,6 +5,7 @@ from __future__ import annotations
 import typer
 
 from dynid_rs.base.guide import DOCUMENTATION, page
+from dynid_rs.commands._arguments import Command
 from dynid_rs.commands._run import run_app
 from dynid_rs.commands.cache import cache
 from dynid_rs.commands.compare import compare
@@ -51,7 +52,7 @@ for command in (
     fleet,
     cache,
 ):
-    app.command(epilog=READ.get(command))(command)
+    app.command(cls=Command, epilog=READ.get(command))(command)
 
 
 def _version(value: bool) -> None:

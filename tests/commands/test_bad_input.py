@@ -342,7 +342,7 @@ OPTIONS = {
         "--drive-gain must be one number or 3 with commas between, found 'a,b,c'",
     ),
     "gain: too few": (("--drive-gain", "1,2"), "--drive-gain must be one number or 3, found 2: '1,2'"),
-    "gain: empty": (("--drive-gain", ""), "--drive-gain must be one number or 3 with commas between, found ''"),
+    "gain: empty": (("--drive-gain", " "), "--drive-gain must be one number or 3 with commas between, found ' '"),
     "gain: nan": (("--drive-gain", "1,nan,2"), "--drive-gain must be one finite number or 3, found '1,nan,2'"),
     "gain: zero": (("--drive-gain", "1,0,2"), "--drive-gain must be positive, found 0"),
     "gain: negative": (("--drive-gain", "1,-3,2"), "--drive-gain must be positive, found -3"),

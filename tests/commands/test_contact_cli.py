@@ -125,7 +125,8 @@ def test_what_a_diagnosis_does_not_know_raises_thresholds(tmp_path):
         (("free.parquet", "--settings", "contact.json", "--save", "x.json"), "--settings holds what"),
         (("free.parquet", "pushed.parquet", "-o", "x.parquet"), "--output is of one run"),
         (("free.parquet", "--settings", "contact.json", "--window", "5"), "--settings says which"),
-        (("free.parquet", "--false-contacts", "seldom"), "--false-contacts: expected a number per hour, day"),
+        (("free.parquet", "--false-contacts", "seldom"), "--false-contacts: expected a number above 0 per hour"),
+        (("free.parquet", "--false-contacts", "0/hour"), "--false-contacts: expected a number above 0 per hour"),
         (("free.parquet", "--settings", "first.parquet"), "first.parquet"),
         (("free.parquet", "-o", "free.parquet"), "free.parquet"),
     ],
@@ -172,6 +173,30 @@ def test_thresholds_of_another_unit_or_rate_are_refused(folder, tmp_path):
     slow = rows_of(folder / "pushed.parquet", tmp_path / "slow.csv", slice(None, None, 4))
     said = refusal(dynid("contact", folder / "model.json", slow, "--settings", folder / "contact.json"))
     assert "recorded at 125 Hz, thresholds were learned at 500 Hz" in said
+
+
+def test_what_other_runs_say_is_said_beside_one_that_cannot_be_read(folder, tmp_path):
+    """A night of runs, one of which is damaged, or recorded at another rate."""
+    slow = rows_of(folder / "pushed.parquet", tmp_path / "slow.csv", slice(None, None, 4))
+    table = pq.read_table(folder / "free.parquet")
+    columns = {name: np.asarray(table[name]) for name in table.column_names}
+    columns["q_1"] = columns["q_1"] + 100.0 * (columns["t"] > 3)
+    torn = write(tmp_path / "torn.parquet", columns)
+    runs = (folder / "pushed.parquet", slow, torn, folder / "free.parquet")
+    asked = ("contact", folder / "model.json", *runs, "--settings", folder / "contact.json")
+    said = dynid(*asked)
+    assert said.exit_code == 2
+    assert "pushed.parquet: 1 contact" in said.stdout
+    assert "free.parquet: nothing pushes the arm" in said.stdout
+    first, second = said.stderr.splitlines()
+    assert first.startswith("error: slow.csv: recorded at 125 Hz")
+    assert second.startswith("error: torn.parquet")
+    answer = json.loads(dynid(*asked, "--json").stdout)
+    assert [len(one["contacts"]) for one in answer["runs"]] == [1, 0]
+    assert answer["error"] == answer["errors"][0]
+    assert answer["errors"][1]["file"] == "torn.parquet"
+    alone = dynid("contact", folder / "model.json", torn, "--settings", folder / "contact.json", "--json")
+    assert list(json.loads(alone.stdout)) == ["error"]
 
 
 def rows_of(run, path, rows, *, names=None):

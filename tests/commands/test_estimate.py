@@ -1,6 +1,7 @@
 """`dynid estimate`: the same bits as the binary, runs with and without torque, and everything it refuses."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -8,8 +9,20 @@ import pytest
 from helpers import online_answers
 from helpers.online_answers import assert_same_answers, from_csv, table_of
 from helpers.online_answers import run as answer_of
+from helpers.robots import chain
 from helpers.run_files import csv_text, folder_of_another_user, write
-from helpers.small_arm import JOINTS, URDF, as_current, dynid, refusal, run, snapshot, study, with_derivatives
+from helpers.small_arm import (
+    JOINTS,
+    URDF,
+    as_current,
+    dynid,
+    refusal,
+    run,
+    snapshot,
+    study,
+    with_derivatives,
+    write_robot,
+)
 from helpers.tolerances import ALGEBRAIC
 
 from dynid_rs import TorqueModel
@@ -39,7 +52,32 @@ def test_a_run_without_derivatives_gives_the_bits_through_its_states(estimator, 
     first, second = table_of(out), table_of(again)
     for name, values in second.items():
         np.testing.assert_array_equal(values, first[name])
-    assert set(first) - set(second) == {f"measured_{j}" for j in range(N)}
+    assert set(first) == set(second)  # the measured torque too
+
+
+def header_of(states):
+    return states.read_text().split("\n", 1)[0].split(",")
+
+
+def test_states_hold_the_measured_torque_where_the_run_does(estimator, tmp_path):
+    model, states = study().model, tmp_path / "states.csv"
+    assert dynid("estimate", model, study().runs[2], "--states", states).exit_code == 0
+    assert header_of(states)[-N:] == [f"tau_{j}" for j in range(N)]
+    answer_of(estimator, model, states.read_text(), "--observe")
+    path = write(tmp_path / "motion.csv", motion_only())
+    assert dynid("estimate", model, path, "--states", states, "--force").exit_code == 0
+    assert not any(name.startswith(("tau_", "current_")) for name in header_of(states))
+
+
+def test_states_of_a_model_in_ampere_hold_currents(tmp_path):
+    """They are read back in the model's unit."""
+    paths = [write(tmp_path / f"run_{k}.parquet", as_current(run(k))) for k in range(2)]
+    assert dynid("identify", write_robot(tmp_path), *paths, "-o", tmp_path / "result").exit_code == 0
+    states, again = tmp_path / "states.csv", tmp_path / "again.csv"
+    assert dynid("estimate", tmp_path / "result", paths[1], "--states", states).exit_code == 0
+    assert header_of(states)[-N:] == [f"current_{j}" for j in range(N)]
+    assert dynid("estimate", tmp_path / "result", states, "--states", again).exit_code == 0
+    assert again.read_text() == states.read_text()
 
 
 def test_output_and_answer(tmp_path):
@@ -69,6 +107,20 @@ def test_answer_for_people(tmp_path):
     for joint in JOINTS:
         assert f"{joint}: RMSE " in result.stdout
     assert result.stdout.endswith(f"torques: {tmp_path / 'out.parquet'}\n")
+
+
+def test_a_joint_that_slides_has_a_force(tmp_path):
+    (tmp_path / "robot.urdf").write_text(chain(["revolute", "prismatic"]))
+    assert (
+        dynid("simulate", tmp_path / "robot.urdf", "-o", tmp_path / "lab", "--runs", 3, "--duration", 8).exit_code == 0
+    )
+    runs = sorted((tmp_path / "lab").glob("run_*.parquet"))
+    dynid("identify", tmp_path / "robot.urdf", *runs, "-o", tmp_path / "result")
+    turns, slides = dynid("estimate", tmp_path / "result", runs[0]).stdout.splitlines()[:2]
+    assert " N*m (as recorded" in turns
+    assert " N (as recorded" in slides
+    text = dynid("contact", tmp_path / "result", runs[0]).stdout
+    assert re.search(r"by thresholds of \S+ N·m, \S+ N \(median\)", text), text
 
 
 def test_errors_as_large_as_the_torque_are_said(tmp_path):
@@ -315,6 +367,17 @@ def test_output_that_cannot_be_written(folder, option):
 def test_two_outputs_in_one_file(folder):
     sentence = refused_output(folder, "-o", folder / "x", "--states", folder / "x")
     assert sentence.endswith("torques and states cannot go to the same file; name two")
+
+
+@pytest.mark.parametrize(
+    ("option", "name", "ending"),
+    [("-o", "x.foo", ".parquet"), ("-o", "x", ".parquet"), ("-o", "x.csv", ".parquet"), ("--states", "x.txt", ".csv")],
+)
+def test_a_name_that_says_another_format_is_refused(folder, option, name, ending):
+    sentence = refused_output(folder, option, folder / name)
+    assert sentence.startswith(f"{folder / name}: is written as ")
+    assert sentence.endswith(f"give it the ending {ending}")
+    assert dynid("estimate", folder / "model.json", folder / "run.csv", option, folder / f"x{ending}").exit_code == 0
 
 
 def test_folder_without_rights(folder):

@@ -365,7 +365,7 @@ def test_refusals_are_one_sentence_and_write_nothing(tmp_path):
     def says(*arguments):
         return refused(tmp_path, *arguments)
 
-    assert "ends in .csv" in says(urdf, "-o", tmp_path / "traj.txt")
+    assert "give it the ending .csv" in says(urdf, "-o", tmp_path / "traj.txt")
     assert "create it first" in says(urdf, "-o", tmp_path / "nowhere" / "traj.csv")
     assert "does not exist" in says(tmp_path / "no.urdf", "-o", output)
     assert "does not exist" in says(urdf, "-o", output, "--limits", tmp_path / "no.toml")
@@ -375,7 +375,9 @@ def test_refusals_are_one_sentence_and_write_nothing(tmp_path):
     assert "--noise must be 3 numbers" in says(urdf, "-o", output, "--noise", "a,b,c")
     assert "--noise must be 3 positive" in says(urdf, "-o", output, "--noise", "1,0,1")
     assert "--duration must be" in says(urdf, "-o", output, "--duration", "-3")
+    assert says(urdf, "-o", output, "--duration", "nan") == "--duration must be a positive number, got nan"
     assert "--rate must be" in says(urdf, "-o", output, "--rate", "0")
+    assert "--jobs must be a whole number of at least 1, or -1 for one" in says(urdf, "-o", output, "--jobs", "0")
     assert "rows, expected fewer" in says(urdf, "-o", output, "--rate", "1e9")
     assert "--restarts must be" in says(urdf, "-o", output, "--restarts", 0)
     assert "no two collision shapes" in says(urdf, "-o", output, "--self-collision")

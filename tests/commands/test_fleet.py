@@ -240,6 +240,7 @@ def test_archives_of_a_fleet_are_streamed(tmp_path):
         ('[[robot]]\nname = "a"\noutput = 3', "output must be a path"),
         ('[[robot]]\nname = "a"\n[[robot]]\nname = "a"', "the name 'a' is there twice"),
         ('[[robot]]\nname = "a"\noutput = "x"\n[[robot]]\nname = "b"\noutput = "x"', "is there twice"),
+        ('[[robot]]\nname = "a"\noutput = "x"\n[[robot]]\nname = "b"\noutput = "y/../x"', "is there twice"),
     ],
 )
 def test_files_that_are_no_fleet(tmp_path, text, said):
@@ -258,7 +259,12 @@ def test_more_files_that_are_no_fleet(tmp_path):
     assert "the suffix .txt is not known" in said("fleet.txt", b"x")
     assert "it is not UTF-8 text" in said("fleet.csv", b"\xff\xfe\x00")
     assert "has 1 cells and the header 2" in said("fleet.csv", b"name,robot\na\n")
-    assert "it names no robot" in said("fleet.csv", b"name,robot\n")
+    assert "it names no robot; give one [[robot]]" in said("fleet.csv", b"name,robot\n")
+    assert "the column 'name' is there twice; keep one" in said("fleet.csv", b"name,name,robot\na,b,c\n")
+    assert "its columns are parted by ';', expected commas" in said("fleet.csv", b"name;robot;runs\na;b;c\n")
+    assert "its columns are parted by tabs" in said("fleet.csv", b"name\trobot\na\tb\n")
+    said_of_place = said("fleet.csv", b"name,robot,runs\nfleet.html,a.urdf,a.csv\n")
+    assert "'fleet.html' would stand where the fleet's own fleet.html does; give it another name" in said_of_place
     assert "does not exist" in refusal(dynid("fleet", tmp_path / "none.toml", "-o", tmp_path / "out"))
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 
 import numpy as np
+import pytest
 from helpers.run_files import write
 from helpers.small_arm import dynid, refusal, run, snapshot, write_robot, write_runs
 
@@ -18,6 +19,24 @@ def spoiled(folder, change):
         change(columns, k)
         paths.append(write(folder / f"run_{k}.parquet", columns))
     return ("identify", robot, *paths[:2], "--test", paths[2], "-o", folder / "out")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "before"),
+    [
+        (("identify", "robot.urdf", "run.csv", "-o", ""), "-o"),
+        (("identify", "robot.urdf", "run.csv", "--output="), "--output"),
+        (("inspect", ""), "inspect"),
+        (("estimate", "model.json", ""), "model.json"),
+    ],
+)
+def test_an_empty_argument_is_no_folder(tmp_path, monkeypatch, arguments, before):
+    """A variable of the shell that is not set wrote its result into the folder that the shell stood in."""
+    monkeypatch.chdir(tmp_path)
+    assert refusal(dynid(*arguments)).startswith(f"an empty argument stands after {before}; give it a value")
+    answer = json.loads(dynid(*arguments, "--json").stdout)
+    assert answer["error"]["class"] == "ValueError"
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_torque_channel_that_is_dead(tmp_path):

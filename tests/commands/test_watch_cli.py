@@ -56,6 +56,24 @@ def test_a_change_is_said_with_its_joint_and_ends_with_1(arm):
     assert re.search(rf"{answer['joints'][1]}: friction \+(19|20|21|22) % .* \(settled\)", lines.stdout)
 
 
+def test_what_was_seen_before_a_run_that_cannot_be_read_is_said(arm, tmp_path):
+    torn = recorded(10.0, 1)
+    columns = {"t": torn.t}
+    for j in range(torn.n_joints):
+        columns |= {f"q_{j}": torn.q[:, j] + 100.0 * (torn.t > 5), f"tau_{j}": torn.tau[:, j]}
+    path = write(tmp_path / "torn.parquet", columns)
+    known = tmp_path / "known.json"
+    printed = watched(arm, "harder", path.with_suffix(""), "same", options=["--remember", known])
+    assert printed.exit_code == 2
+    assert printed.stderr.startswith("error: torn.parquet")
+    assert "friction +" in printed.stdout
+    assert "same.parquet" not in printed.stdout
+    assert not known.exists()  # the same command again begins where this one did
+    answer = json.loads(watched(arm, "harder", path.with_suffix(""), options=["--json"]).stdout)
+    assert answer["changed"]
+    assert answer["error"]["file"] == "torn.parquet"
+
+
 def test_a_run_that_cannot_be_watched_is_not_said_to_be_the_same(arm):
     still = recorded(10.0, 1)
     columns = {"t": still.t}
@@ -80,8 +98,9 @@ def test_without_healthy_runs_the_model_says_what_is_usual(arm):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--false-alarms", "often"), "--false-alarms: expected a number per hour, day, week, month, year"),
-        (("--false-alarms", "0/day"), "--false-alarms: expected"),
+        (("--false-alarms", "often"), "--false-alarms: expected a number above 0 per hour, day, week, month, year"),
+        (("--false-alarms", "0/day"), "--false-alarms: expected a number above 0 per hour"),
+        (("--false-alarms", "1/00days"), "--false-alarms: expected"),
         (
             ("--tolerate", "wear=1"),
             "expected KIND=X, a kind of friction, gain, offset, load, delay, slip, unknown and a",

@@ -316,7 +316,7 @@ def test_every_criterion_improves_what_it_is_about(criterion):
 
 def test_a_seed_repeats_the_design_on_any_number_of_threads():
     robot = small_arm()
-    designs = [quick(n_restarts=3, n_jobs=n_jobs).fit(robot) for n_jobs in (1, 2, 4, None)]
+    designs = [quick(n_restarts=3, n_jobs=n_jobs).fit(robot) for n_jobs in (1, 2, 4, None, -1)]
     for design in designs[1:]:
         assert_array_equal(design.trajectory_.sin_coef, designs[0].trajectory_.sin_coef)
         assert_array_equal(design.trajectory_.cos_coef, designs[0].trajectory_.cos_coef)
@@ -536,7 +536,8 @@ ONE = np.ones(3)
         ({"n_harmonics": 1}, "n_harmonics must be a whole number of at least 2"),
         ({"n_restarts": 0}, "n_restarts must be"),
         ({"max_iter": 0}, "max_iter must be"),
-        ({"n_jobs": 0}, "n_jobs must be"),
+        ({"n_jobs": 0}, "n_jobs must be a whole number of at least 1, or -1 for one per core, got 0"),
+        ({"n_jobs": -2}, "n_jobs must be"),
         ({"duration": -1.0}, "duration must be a positive number"),
         ({"duration": np.nan}, "duration must be a positive number"),
         ({"rate": np.inf}, "rate must be a positive number"),

@@ -140,10 +140,16 @@ def test_the_last_third_of_a_lone_run(tmp_path):
     assert again["rmse_in_band"] == result["rmse"]["test"]["after"]
 
 
-@pytest.mark.parametrize("words", ["3", "3:2", "a:b", "1:inf", "1:2:3", ""])
+@pytest.mark.parametrize("words", ["3", "3:2", "a:b", "1:inf", "1:2:3", " "])
 def test_times_that_are_none(words):
     sentence = refusal(dynid("estimate", study().model, study().runs[2], "--exclude", words))
     assert sentence == f"--exclude must be START:END in seconds, START before END, found {words!r}"
+
+
+@pytest.mark.parametrize("words", ["-2:-1", "100:200"])
+def test_times_outside_of_the_run_are_refused(words):
+    sentence = refusal(dynid("estimate", study().model, study().runs[2], "--exclude", words))
+    assert sentence == f"--exclude {words} lies outside of run_2.parquet (0 to 8 s)"
 
 
 def test_a_model_that_says_no_band_and_a_run_too_short_for_it(tmp_path):

@@ -316,3 +316,18 @@ def test_a_wrong_gravity_is_questioned_and_the_right_one_named(gravity, said):
 def test_a_light_gravity_that_is_so_is_believed():
     moon = SIX_AXES.with_gravity((0.0, 0.0, -1.62))
     assert channel_errors(moon, recorded(rigid(moon), n_runs=2)) == []
+
+
+def test_an_upright_axis_whose_rotor_could_be_all_of_its_torque_tells_no_unit():
+    """A lone joint without gravity: what its link needs is the rotor's for all but a four-hundredth of its power."""
+    link = (
+        '<inertial><origin xyz="0 0 0.2"/><mass value="2"/>'
+        '<inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.01"/></inertial>'
+    )
+    robot = dyn.RobotModel.from_urdf_string(
+        f'<robot name="one"><link name="base"/><link name="arm">{link}</link><joint name="j" type="revolute">'
+        '<parent link="base"/><child link="arm"/><axis xyz="0 0 1"/>'
+        '<limit lower="-3" upper="3" velocity="3" effort="50"/></joint></robot>'
+    )
+    runs = simulate(typical_arm(robot), n_runs=3, duration=12.0, rate=250.0, tracking=Tracking()).recordings
+    assert channel_errors(robot, list(runs)) == []

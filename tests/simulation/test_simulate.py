@@ -441,6 +441,15 @@ def test_command_writes_runs_robot_and_truth(run_command, tmp_path):
     assert (tmp_path / "run_1.parquet").read_bytes() == before
 
 
+def test_an_arm_without_a_turning_joint_has_what_it_can_have(run_command, tmp_path):
+    robot = tmp_path / "slides.urdf"
+    robot.write_text(chain(["prismatic", "prismatic"]))
+    done = run_command(robot, "-o", tmp_path / "lab", "--runs", 1, "--duration", 5)
+    assert done.exit_code == 0, done.output
+    truth = json.loads((tmp_path / "lab" / "truth.json").read_text())
+    assert [effect["kind"] for effect in truth["effects"]] == ["encoder_delay"]
+
+
 def test_rigid_and_noiseless_command_adds_derivatives(run_command, tmp_path):
     assert run_command("-o", tmp_path, "--runs", 1, "--duration", 5, "--rigid", "--noise", 0).exit_code == 0
     run = read_recording(tmp_path / "run_0.parquet", None, None)

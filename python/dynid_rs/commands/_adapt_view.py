@@ -31,13 +31,17 @@ def adapted(
             raise ValueError("--adapt-mass and --save-adapted go with --adapt")
         return None
     from dynid_rs.base.errors import DataError
-    from dynid_rs.model.adapt import PARTS, Adaptation
+    from dynid_rs.model.adapt import MOST_MASS, PARTS, Adaptation
 
     wanted = tuple(parts.split(","))
-    if not set(wanted) <= set(PARTS):
-        raise ValueError(f"--adapt: expected friction, payload or friction,payload, got {parts[:40]!r}")
+    if not set(wanted) <= set(PARTS) or len(set(wanted)) < len(wanted):
+        raise ValueError(f"--adapt: expected friction, payload or friction,payload, each once, got {parts[:40]!r}")
     if "payload" in wanted and mass is None:
         raise ValueError("--adapt payload: give --adapt-mass KG, what the arm may carry; a payload follows within it")
+    if "payload" not in wanted and mass is not None:
+        raise ValueError("--adapt-mass is the limit of a payload; give --adapt friction,payload, or leave it out")
+    if mass is not None and not 0 < mass <= MOST_MASS:
+        raise ValueError(f"--adapt-mass: expected what the arm may carry, above 0 to {MOST_MASS:g} kg, got {mass:g}")
     following = Adaptation(model, wanted, mass=mass)
     run = following.adapt(recording)
     if not len(run.t):
@@ -51,19 +55,21 @@ def adapted(
     return run
 
 
-def lines(run: AdaptedRun, joints: list[str], unit: str, parts: str, save: Path | None) -> Iterator[str]:
+def lines(run: AdaptedRun, model: TorqueModel, parts: str, save: Path | None) -> Iterator[str]:
     """The log, then one line per joint, and the load."""
+    from dynid_rs.model.units import torque_units
+
     for one in run.log:
         move = f"{_number(one.before)} -> {_number(one.now)}{_why(one.reason)}"
         yield f"{one.t:.1f} s: {_what(one.part, one.joint)} {move}"
     before, after = run.rmse()
-    for j, joint in enumerate(joints):
+    for j, (joint, unit) in enumerate(zip(model.robot.joint_names, torque_units(model), strict=True)):
         error = f"RMSE {significant(before[j])} -> {significant(after[j])} {unit}"
         factor = f", friction times {_number(run.factors[-1, j])}" if "friction" in parts else ""
         yield f"{joint}: {error} (online, {parts} following{factor} at the end)"
     if "payload" in parts:
         mass, *moments = run.load[-1]
-        mass_unit = "kg" if unit == "N*m" else f"kg {unit}/(N*m)"
+        mass_unit = "kg" if model.torque_unit == "N*m" else f"kg {model.torque_unit}/(N*m)"
         centre = ", ".join(_number(x) for x in moments)
         yield f"payload at the end: {_number(mass)} {mass_unit}, first moments {centre}"
     if save is not None:

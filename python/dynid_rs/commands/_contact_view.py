@@ -12,10 +12,13 @@ from dynid_rs.base.findings import Finding, told_once
 from dynid_rs.base.numbers import significant
 from dynid_rs.base.quoting import shown
 from dynid_rs.base.units import unit_text
+from dynid_rs.commands._run import said_of
+from dynid_rs.model.units import torque_units
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from dynid_rs._core import TorqueModel
     from dynid_rs.model.observer import MomentumObserver, Observation
 
 DOING = ("moving", "standing", "turning")
@@ -78,8 +81,9 @@ def answer(
     observed: Sequence[LookedAt],
     said: Mapping[str, list[float]] | None,
     findings: Sequence[Finding],
+    errors: Sequence[Exception],
 ) -> dict[str, Any]:
-    """As `--json` prints it."""
+    """As `--json` prints it; `errors` are of runs that could not be looked at."""
     joints = list(observer.model.robot.joint_names)
     return {
         "format": "dynid-contacts",
@@ -100,17 +104,19 @@ def answer(
             for one in observed
         ],
         "findings": [finding.to_json() for finding in findings],
+        **said_of(errors),
     }
 
 
 def lines(
     observed: Sequence[LookedAt],
-    joints: Sequence[str],
-    unit: str,
+    model: TorqueModel,
     said: Mapping[str, list[float]] | None,
     findings: Sequence[Finding],
 ) -> list[str]:
     """Deviations that were learned, thresholds, and a line per contact."""
+    joints, units = model.robot.joint_names, [unit_text(unit) for unit in torque_units(model)]
+    all_of_one = len(set(units)) == 1
     text = []
     if said is None:
         text.append(
@@ -120,20 +126,21 @@ def lines(
     else:
         for j, joint in enumerate(joints):
             words = ", ".join(f"{significant(said[name][j], 2)} {name}" for name in DOING)
-            text.append(f"{shown(joint)}: without contact off by {words} [{unit_text(unit)}]")
+            text.append(f"{shown(joint)}: without contact off by {words} [{units[j]}]")
     for one in observed:
         late = f" (said {significant(1e3 * one.delay, 2)} ms late)" if one.delay else ""
         text.append(f"{shown(one.run)}: {_count(one)}{late}")
         if one.threshold is not None:
-            sizes = " ".join(significant(size, 2) for size in one.threshold)
-            text.append(
-                f"  {significant(one.judged, 2)} s were judged, by thresholds of {sizes} {unit_text(unit)} (median)"
-            )
+            sizes = [significant(size, 2) for size in one.threshold]
+            if all_of_one:
+                thresholds = f"{' '.join(sizes)} {units[0]}"
+            else:
+                thresholds = ", ".join(f"{size} {unit}" for size, unit in zip(sizes, units, strict=True))
+            text.append(f"  {significant(one.judged, 2)} s were judged, by thresholds of {thresholds} (median)")
         for contact in one.contacts[:AT_MOST]:
-            text.append(
-                f"  {contact.start:.3f} to {contact.end:.3f} s: {significant(contact.torque, 2)} {unit_text(unit)} "
-                f"on {shown(joints[contact.joint])}"
-            )
+            j = contact.joint
+            torque = f"{significant(contact.torque, 2)} {units[j]} on {shown(joints[j])}"
+            text.append(f"  {contact.start:.3f} to {contact.end:.3f} s: {torque}")
         if len(one.contacts) > AT_MOST:
             text.append(f"  and {len(one.contacts) - AT_MOST} more (--json has them all)")
     return [*text, *(f"{one.severity}: {words}" for one, words in told_once(findings) if one.severity != "info")]

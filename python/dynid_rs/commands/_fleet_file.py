@@ -20,6 +20,7 @@ from __future__ import annotations
 import csv
 import difflib
 import io
+import os
 import re
 import tomllib
 from dataclasses import dataclass, fields
@@ -142,10 +143,10 @@ def read_fleet(path: Path, output: Path) -> list[FleetRobot]:
         _refuse(path, "it is not UTF-8 text")
     entries = _from_toml(path, text) if place.suffix.lower() == ".toml" else _from_csv(path, text)
     if not entries:
-        _refuse(path, "it names no robot")
+        _refuse(path, "it names no robot; give one [[robot]], or one row of a CSV table, for each")
     robots = [_robot(path, number, entry, output) for number, entry in enumerate(entries, 1)]
     _refuse_twice(path, "name", [robot.name for robot in robots])
-    _refuse_twice(path, "output", [str(robot.output.absolute()) for robot in robots])
+    _refuse_twice(path, "output", [os.path.realpath(robot.output) for robot in robots])
     return robots
 
 
@@ -176,6 +177,12 @@ def _from_csv(path: Path, text: str) -> list[dict[str, Any]]:
     if not rows:
         return []
     header, *body = rows
+    if len(header) == 1 and (other := re.search(r"[;\t]", header[0])):
+        found = "';'" if other[0] == ";" else "tabs"
+        _refuse(path, f"its columns are parted by {found}, expected commas (';' parts several files of one cell)")
+    for key in header:
+        if header.count(key) > 1:
+            _refuse(path, f"the column {shown_value(key)} is there twice; keep one")
     for row in body:
         if len(row) != len(header):
             _refuse(path, f"the row of {shown_value(row[0])} has {len(row)} cells and the header {len(header)}")

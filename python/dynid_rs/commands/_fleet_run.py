@@ -59,6 +59,13 @@ class FleetRun:
         check_folder(output, FILES)
         opened_work(cache, 1 if n_jobs is None else n_jobs)
         self.members: list[FleetRobot] = read_fleet(robots, output)
+        places = {(output / name).absolute(): name for name in FILES}
+        for member in self.members:
+            if (taken := places.get(member.output.absolute())) is not None:
+                raise ValueError(
+                    f"{robots}: the results of robot {member.name!r} would stand where the fleet's own {taken} does; "
+                    "give it another name or output"
+                )
         check_not_read([output / name for name in FILES], [robots])
         if not force and not (output / ROWS).is_dir():
             check_absent(output / name for name in FILES)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -187,21 +187,20 @@ def read_runs(paths: list[Path], robot: Any, settings: Settings) -> tuple[list[R
     return recordings, findings
 
 
-def runs_in_turn(paths: list[Path], robot: Any, settings: Settings) -> Iterator[tuple[Recording, list[Finding]]]:
-    """As `read_runs`, but one after the other, so that no more than one is kept: a day of runs; one may come twice.
+def read_undamaged(source: RunFile) -> tuple[Recording, list[Finding]]:
+    """Read a run, as `read_runs` does; with its findings.
 
     Raises
     ------
-    DataError
-        A run is damaged.
+    DataError, OSError
+        It cannot be read, or is damaged.
     """
     from dynid_rs.runs.checks import is_damage
 
-    for source in run_sources(paths, robot, settings):
-        recording, findings = source.read()
-        for finding in filter(is_damage, findings):
-            raise finding.as_error()
-        yield recording, findings
+    recording, findings = source.read()
+    for finding in filter(is_damage, findings):
+        raise finding.as_error()
+    return recording, findings
 
 
 def _read(sources: Sequence[RunFile]) -> tuple[list[Recording], list[Finding]]:

@@ -106,6 +106,18 @@ def _written(path: Path) -> tuple[int, int] | None:
     return info.st_ino, info.st_mtime_ns
 
 
+def check_suffix(path: Path, suffix: str, kind: str) -> None:
+    """Refuse a name that says another format than the one that is written.
+
+    Raises
+    ------
+    ValueError
+        It does not end in `suffix`.
+    """
+    if path.suffix.lower() != suffix:
+        raise ValueError(f"{path}: is written as {kind}; give it the ending {suffix}")
+
+
 def check_file(path: Path) -> None:
     """Refuse a file that cannot be written before any work is done.
 

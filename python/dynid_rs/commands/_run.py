@@ -9,7 +9,7 @@ import os
 import sys
 import traceback
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from typing import ParamSpec, TextIO
 
@@ -92,7 +92,7 @@ def run_command(command: Callable[P, int | None]) -> Callable[P, None]:
                 error = MemoryError(room.RAN_OUT)
             if not isinstance(error, ValueError | OSError | MemoryError):
                 raise
-            raise typer.Exit(_failed(error, as_json=bool(kwargs.get("json_output")))) from None
+            raise typer.Exit(failed(error, as_json=bool(kwargs.get("json_output")))) from None
         if code:
             raise typer.Exit(code)
 
@@ -145,7 +145,20 @@ def _interrupted(how: str = "") -> int:
     return EXIT_INTERRUPTED
 
 
-def _failed(error: ValueError | OSError | MemoryError, *, as_json: bool) -> int:
+def said_of(errors: Sequence[Exception]) -> dict[str, object]:
+    """Fields of an answer that is there in spite of them: the first as every command has it, and all."""
+    objects = [error_object(error) for error in errors]
+    return {"error": objects[0], "errors": objects} if objects else {}
+
+
+def refused(errors: Sequence[Exception]) -> int:
+    """Say what was refused beside what was answered, one sentence each; returns the exit code."""
+    for error in errors:
+        _complain(f"error: {sentence(error)}")
+    return EXIT_UNUSABLE
+
+
+def failed(error: ValueError | OSError | MemoryError, *, as_json: bool) -> int:
     """Say what is wrong and return the exit code."""
     if isinstance(error, OSError) and _is_of_a_stream(error):
         return _unanswered(error)

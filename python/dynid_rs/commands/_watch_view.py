@@ -9,6 +9,7 @@ from dynid_rs.base.changes import FROZEN
 from dynid_rs.base.findings import Finding, told_once
 from dynid_rs.base.numbers import percent
 from dynid_rs.base.quoting import shown
+from dynid_rs.commands._run import said_of
 
 if TYPE_CHECKING:
     from dynid_rs.model.watch import Watched
@@ -20,8 +21,10 @@ def has_changed(watched: Sequence[Watched]) -> bool | None:
     return changed if changed or any(run.watched.any() for run in watched) else None
 
 
-def answer(watched: Sequence[Watched], joints: Sequence[str], findings: Sequence[Finding]) -> dict[str, Any]:
-    """As `--json` prints it."""
+def answer(
+    watched: Sequence[Watched], joints: Sequence[str], findings: Sequence[Finding], errors: Sequence[Exception]
+) -> dict[str, Any]:
+    """As `--json` prints it; `errors` are of a run that could not be watched."""
     return {
         "format": "dynid-watch",
         "version": 1,
@@ -38,6 +41,7 @@ def answer(watched: Sequence[Watched], joints: Sequence[str], findings: Sequence
             for run in watched
         ],
         "findings": [finding.to_json() for finding in findings],
+        **said_of(errors),
     }
 
 

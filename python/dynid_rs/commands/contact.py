@@ -9,7 +9,7 @@ import typer
 
 from dynid_rs.commands import _options
 from dynid_rs.commands._rates import per_day
-from dynid_rs.commands._run import EXIT_NO, print_json, run_command
+from dynid_rs.commands._run import EXIT_NO, print_json, refused, run_command
 from dynid_rs.commands._steps import Step
 
 if TYPE_CHECKING:
@@ -82,7 +82,7 @@ def contact(
 
     What pushes the arm is what the measured torque says beyond the model, by the generalised momentum. Thresholds
     follow, state by state, from what healthy runs leave and from how many false contacts you put up with. Ends with 1
-    if something pushes, with 2 if a file cannot be read.
+    if something pushes, with 2 if a file cannot be read; what the other runs say is said all the same.
     """
     import numpy as np
 
@@ -90,7 +90,7 @@ def contact(
     from dynid_rs.base.files import write_table
     from dynid_rs.commands._console import progress
     from dynid_rs.commands._contact_view import answer, columns, learned, lines, looked_at
-    from dynid_rs.commands._inputs import load_model, read_runs, read_settings, runs_in_turn
+    from dynid_rs.commands._inputs import load_model, read_runs, read_settings, read_undamaged, run_sources
     from dynid_rs.model.observer import MomentumObserver
 
     per_hour = per_day(USUAL if false_contacts is None else false_contacts, "--false-contacts") / HOURS
@@ -128,26 +128,35 @@ def contact(
             observer.save(save)
         say("looking for contacts")
         observed, tables = [], []
-        for recording, found in runs_in_turn(runs, reference.robot, rules) if runs else ():
-            seen = observer.observe(recording)
+        errors: list[ValueError | OSError] = []
+        for source in run_sources(runs, reference.robot, rules) if runs else ():
+            try:
+                recording, found = read_undamaged(source)
+                seen = observer.observe(recording)
+            except (ValueError, OSError) as error:
+                errors.append(error)
+                continue
             observed.append(looked_at(recording.name, seen))
             findings += found
             if output is not None:
                 tables.append(columns(seen))
+        if not observed and len(errors) == 1:
+            raise errors[0]
         findings = [finding for finding in findings if finding.code not in OF_LEARNING]
-        if output is not None:
+        if output is not None and not errors:
             # Where samples are missing a run is looked at in parts.
             write_table(output, {name: np.concatenate([one[name] for one in tables]) for name in tables[0]})
-    joints = list(reference.robot.joint_names)
     said = learned(observer)
     if json_output:
-        print_json(answer(observer, observed, said, findings))
+        print_json(answer(observer, observed, said, findings, errors))
     else:
-        for line in lines(observed, joints, reference.torque_unit, said, findings):
+        for line in lines(observed, reference, said, findings):
             typer.echo(line)
         for words, path in (("settings", save), ("external torque", output)):
-            if path is not None:
+            if path is not None and not (errors and path == output):
                 typer.echo(f"{words}: {path}")
+    if errors:
+        return refused(errors)
     return EXIT_NO if any(one.contacts for one in observed) else 0
 
 
@@ -164,7 +173,7 @@ def _check(
 ) -> None:
     """Refuse before any work is done what cannot be, or cannot be written."""
     from dynid_rs.commands._inputs import model_files
-    from dynid_rs.commands._output import check_absent, check_file, check_not_read
+    from dynid_rs.commands._output import check_absent, check_file, check_not_read, check_suffix
 
     if settings is not None and (healthy or save is not None):
         raise ValueError("--settings holds what --healthy would teach, and is written already; leave those and --save")
@@ -174,8 +183,8 @@ def _check(
         raise ValueError("no run to look at; name one, or write thresholds with --healthy RUN --save CONTACT.json")
     if output is not None and len(runs or []) != 1:
         raise ValueError("--output is of one run; name it, and no other")
-    if output is not None and output.suffix != ".parquet":
-        raise ValueError(f"{output}: is written as Parquet; give it the ending .parquet")
+    if output is not None:
+        check_suffix(output, ".parquet", "Parquet")
     for path in runs or []:
         if any(path.exists() and other.exists() and path.samefile(other) for other in healthy or []):
             raise ValueError(f"{path}: both looked at and said to be healthy (--healthy); name it once")

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 SAME_STEP = 1e-6
 """Steps that differ by this part of themselves are one step, told by rounded stamps."""
 SETTLING, BEYOND_LIMITS = 512, 4096
-SIGNALS = ("q", "dq", "ddq", "q_motor", "dq_motor", "ddq_motor")
 
 
 @run_command
@@ -40,7 +39,9 @@ def estimate(
     states: Annotated[
         Path | None,
         typer.Option(
-            metavar="STATES.csv", help="Also write the states, ready for `dynid-estimator MODEL < STATES.csv`"
+            metavar="STATES.csv",
+            help="Also write the states, with the measured torque where the run holds one, ready for "
+            "`dynid-estimator MODEL < STATES.csv`",
         ),
     ] = None,
     config: Annotated[Path | None, typer.Option(help="dynid.toml: column names, units, gears, signs")] = None,
@@ -88,6 +89,7 @@ def estimate(
     from dynid_rs.base.files import write_table
     from dynid_rs.commands import _adapt_view
     from dynid_rs.commands._inputs import check_cutoff, load_model, model_files, read_settings
+    from dynid_rs.commands._states import states_of, write_states
     from dynid_rs.diagnosis.plausibility import lost_joints
     from dynid_rs.regression.evaluation import band_rmse, rmse
     from dynid_rs.runs.checks import check_recording, is_damage
@@ -104,6 +106,7 @@ def estimate(
     if settings.gain_given and "current" not in source.columns.signals:
         raise no_current(run.name)
     check_cutoff(cutoff, [recording])
+    _check_windows(windows, recording)
     if source.has_torque and recording.torque_unit != torque_model.torque_unit:
         raise _other_unit(recording, torque_model.torque_unit)
     _check_temperature(torque_model, recording)
@@ -129,16 +132,17 @@ def estimate(
     if output is not None:
         write_table(output, columns)
     if states is not None:
-        write_states(states, t, signals, temperature)
+        measured = {"A": "current"}.get(recording.torque_unit, "tau")
+        torque = {measured: tau} if source.has_torque else {}
+        write_states(states, t, signals, temperature, torque)
     unusual, beyond = int((status != 0).sum()), int((status & BEYOND_LIMITS != 0).sum())
-    joints, unit = list(torque_model.robot.joint_names), torque_model.torque_unit
     if json_output:
         print_json(
             {
                 "n_samples": len(t),
-                "joints": joints,
+                "joints": list(torque_model.robot.joint_names),
                 "terms": torque_model.term_names,
-                "torque_unit": unit,
+                "torque_unit": torque_model.torque_unit,
                 "torque_delay": torque_model.torque_delay.tolist(),
                 "rmse": None if errors is None else errors.tolist(),
                 "rmse_in_band": None if told is None else told.tolist(),
@@ -155,12 +159,12 @@ def estimate(
     if errors is None:
         typer.echo(f"{run.name} holds no torque; there is nothing to compare the estimate with")
     else:
-        for line in _lines(joints, unit, errors, told, torque_model):
+        for line in _lines(torque_model, errors, told):
             typer.echo(line)
         if untold:
             typer.echo(f"no error in the band of result.json: {untold}")
     if followed is not None:
-        for line in _adapt_view.lines(followed, joints, unit, str(adapt), save_adapted):
+        for line in _adapt_view.lines(followed, torque_model, str(adapt), save_adapted):
             typer.echo(line)
     if unusual:
         typer.echo(f"{unusual} of {len(t)} samples {_why_unusual(status)}")
@@ -190,6 +194,16 @@ def _window(text: str) -> tuple[float, float]:
     return start, end
 
 
+def _check_windows(windows: list[tuple[float, float]], recording: Recording) -> None:
+    """Refuse times that leave nothing out, as those of another clock do."""
+    first, last = recording.t[0], recording.t[-1]
+    for start, end in windows:
+        if end < first or start > last:
+            raise ValueError(
+                f"--exclude {start:g}:{end:g} lies outside of {recording.name} ({first:.10g} to {last:.10g} s)"
+            )
+
+
 def _step(t: FloatArray, model: TorqueModel) -> float:
     """Time between samples [s]; the model's own where it is the same but for rounding, for the same bits as online."""
     import numpy as np
@@ -213,11 +227,11 @@ def _in_band(
         return [], str(error)
 
 
-def _lines(
-    joints: list[str], unit: str, errors: FloatArray, told: FloatArray | None, model: TorqueModel
-) -> Iterator[str]:
+def _lines(model: TorqueModel, errors: FloatArray, told: FloatArray | None) -> Iterator[str]:
     """One per joint: the error as recorded, and in the band."""
-    for j, joint in enumerate(joints):
+    from dynid_rs.model.units import torque_units
+
+    for j, (joint, unit) in enumerate(zip(model.robot.joint_names, torque_units(model), strict=True)):
         line = f"{joint}: RMSE {significant(errors[j])} {unit} (as recorded, all samples)"
         if told is not None and model.band is not None:
             line += f", {significant(told[j])} {unit} (in motion, below {model.band[0]:.3g} Hz, as in result.json)"
@@ -238,7 +252,7 @@ def _check_outputs(
     output: Path | None, states: Path | None, adapted: Path | None, inputs: tuple[Path, ...], *, force: bool
 ) -> None:
     """Refuse before any work what cannot be written, or would replace what is read or, without `force`, is there."""
-    from dynid_rs.commands._output import check_absent, check_file, check_not_read
+    from dynid_rs.commands._output import check_absent, check_file, check_not_read, check_suffix
 
     given = [path for path in (output, states, adapted) if path is not None]
     check_not_read(given, inputs)
@@ -247,10 +261,10 @@ def _check_outputs(
     if len({path.absolute() for path in given}) < len(given):
         what = "torques and states" if adapted is None else "torques, states and a model"
         raise ValueError(f"{given[0]}: {what} cannot go to the same file; name {'two' if adapted is None else 'more'}")
-    kinds = ((output, "Parquet", {".csv", ".npz"}), (states, "CSV", {".parquet", ".npz"}))
-    for target, kind, others in (*kinds, (adapted, "JSON", {".csv", ".npz", ".parquet"})):
-        if target is not None and target.suffix.lower() in others:
-            raise ValueError(f"{target}: is written as {kind}; give it a suffix that says so")
+    kinds = ((output, ".parquet", "Parquet"), (states, ".csv", "CSV"), (adapted, ".json", "JSON"))
+    for target, suffix, kind in kinds:
+        if target is not None:
+            check_suffix(target, suffix, kind)
     if not force:
         check_absent(given)
 
@@ -282,39 +296,3 @@ def _other_unit(recording: Recording, unit: str) -> ValueError:
         code="other_unit",
         file=recording.name,
     )
-
-
-def states_of(
-    recording: Recording, cutoff: float | None, encoder_delay: FloatArray
-) -> tuple[FloatArray, tuple[FloatArray, ...], FloatArray, FloatArray | None]:
-    """Time (n,), the six signals of the states, measured torque and, if any, temperature, (n, n_joints) each.
-
-    Where they are made of positions, the links' acceleration is on the motor's clock, as in `dynid identify`.
-    """
-    from dynid_rs.runs.preprocessing import Band, choose_band, common_rate, prepare
-
-    q, dq, ddq = recording.q, recording.dq, recording.ddq
-    if dq is not None and ddq is not None and cutoff is None:
-        # What the motor side lacks it has from the link side, signal by signal, as in `dynid-estimator`.
-        motor = (recording.q_motor, recording.dq_motor, recording.ddq_motor)
-        given = [x if own is None else own for own, x in zip(motor, (q, dq, ddq), strict=True)]
-        return recording.t, (q, dq, ddq, *given), recording.tau, recording.temperature
-    band = choose_band([recording]) if cutoff is None else Band(cutoff)
-    states = prepare(recording, band, common_rate([recording])).in_step(encoder_delay)
-    return states.t, states.signals(), states.tau, states.temperature
-
-
-def write_states(path: Path, t: FloatArray, signals: tuple[FloatArray, ...], temperature: FloatArray | None) -> None:
-    """Write states as CSV; every number in the shortest form that reads back to the same bits."""
-    import numpy as np
-
-    from dynid_rs.base.files import write_text
-
-    n = signals[0].shape[1]
-    columns = dict(zip(SIGNALS, signals, strict=True))
-    if temperature is not None:
-        columns["temperature"] = temperature
-    header = ["t", *(f"{name}_{j}" for name in columns for j in range(n))]
-    rows = np.concatenate([t[:, None], *columns.values()], axis=1).tolist()
-    lines = [",".join(header), *(",".join(map(repr, row)) for row in rows)]
-    write_text(path, "\n".join(lines) + "\n")

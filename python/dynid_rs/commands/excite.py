@@ -49,11 +49,11 @@ class Outputs:
 
     def check(self, inputs: Sequence[Path], *, force: bool) -> None:
         """Refuse what cannot be written before any work is done; a finished design is replaced with `force` only."""
-        from dynid_rs.commands._output import check_absent, check_file, check_not_read
+        from dynid_rs.commands._output import check_absent, check_file, check_not_read, check_suffix
 
         for path in (self.csv, self.friction):
-            if path is not None and path.suffix != ".csv":
-                raise ValueError(f"{path}: the trajectory is written as CSV; choose a name that ends in .csv")
+            if path is not None:
+                check_suffix(path, ".csv", "CSV")
         places = [self.csv, self.json, self.page, self.state, self.friction, self.friction_json]
         outputs = [path for path in places if path is not None]
         if len({path.absolute() for path in outputs}) < len(outputs):
@@ -132,7 +132,12 @@ def excite(
     restarts: Annotated[int, typer.Option(help="Searches, each from a random motion")] = 12,
     iterations: Annotated[int, typer.Option(help="Most steps of one search")] = 100,
     time_limit: Annotated[float | None, typer.Option(help="Stop searching after this many seconds")] = None,
-    jobs: Annotated[int | None, typer.Option(help="Threads; the answer does not depend on it")] = None,
+    jobs: Annotated[
+        int | None,
+        typer.Option(
+            "--jobs", metavar="N", help="Threads, one per core if left out or -1; the answer does not depend on it"
+        ),
+    ] = None,
     seed: Annotated[int, typer.Option(help="Repeats the design, number for number")] = 0,
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on where a killed design of the same problem stopped")

@@ -128,7 +128,7 @@ def simulate(
         model = read_robot(source)
         plans = [read_plan(path, model) for path in trajectory or ()]
         simulation = measure(
-            _arm(model, noise, encoder_noise, stiffness, delay, _wishes(effect, rigid, stiffness, delay)),
+            _arm(model, noise, encoder_noise, stiffness, delay, _wishes(effect, rigid, stiffness, delay, model)),
             n_runs=runs if runs is not None else len(plans) or N_RUNS,
             duration=duration,
             rate=rate,
@@ -161,14 +161,18 @@ def _controller(bandwidth: float | None, ideal: bool, disturbance: float) -> Tra
     return Tracking(disturbance=disturbance) if bandwidth is None else Tracking(bandwidth, disturbance=disturbance)
 
 
-def _wishes(effect: list[str] | None, rigid: bool, stiffness: str | None, delay: float | None) -> list[Wish]:
-    """Effects that act, from options that must not contradict each other."""
+def _wishes(
+    effect: list[str] | None, rigid: bool, stiffness: str | None, delay: float | None, robot: RobotModel
+) -> list[Wish]:
+    """Effects that act, from options that must not contradict each other; without any, those that the arm can have."""
     from dynid_rs.simulation import parse_wish
 
     if rigid and (effect or stiffness is not None or delay):
         option = "--effect" if effect else "--stiffness" if stiffness is not None else "--delay"
         raise ValueError(f"--rigid and {option} contradict each other; leave one out")
-    wishes = [] if rigid else [parse_wish(text) for text in effect or ALWAYS]
+    turns = any(kind != "prismatic" for kind in robot.joint_kinds)
+    usual = ALWAYS if turns else tuple(kind for kind in ALWAYS if kind != "joint_elasticity")
+    wishes = [] if rigid else [parse_wish(text) for text in effect or usual]
     kinds = {wish.kind for wish in wishes}
     if stiffness is not None and not kinds & {"joint_elasticity", "nonlinear_elasticity"}:
         raise ValueError("--stiffness needs --effect joint_elasticity too")

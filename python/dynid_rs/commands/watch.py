@@ -10,7 +10,7 @@ import typer
 
 from dynid_rs.commands import _options
 from dynid_rs.commands._rates import per_day
-from dynid_rs.commands._run import EXIT_NO, print_json, run_command
+from dynid_rs.commands._run import EXIT_NO, print_json, refused, run_command
 from dynid_rs.commands._steps import Step
 
 if TYPE_CHECKING:
@@ -94,11 +94,19 @@ def watch(
     """Watch a model on recordings: say what has changed, friction, gain, offset, load, or something unknown.
 
     One test per change, with false alarms as rare as you say; a change is named once the data tell it from any other,
-    and its size twenty seconds later. Ends with 1 if something has changed, with 2 if a file cannot be read.
+    and its size twenty seconds later. Ends with 1 if something has changed, with 2 if a file cannot be read: what the
+    runs before it say is said, and no file is written.
     """
     from dynid_rs.base.codes import OF_LEARNING
     from dynid_rs.commands._console import progress
-    from dynid_rs.commands._inputs import load_model, model_files, read_runs, read_settings, runs_in_turn
+    from dynid_rs.commands._inputs import (
+        load_model,
+        model_files,
+        read_runs,
+        read_settings,
+        read_undamaged,
+        run_sources,
+    )
     from dynid_rs.commands._watch_files import WatchFiles
     from dynid_rs.commands._watch_view import answer, has_changed, lines
     from dynid_rs.model.watch import Watch
@@ -124,18 +132,29 @@ def watch(
             watching.fit(good)
         say("watching")
         watched, known = [], files.remembered()
-        for recording, found in runs_in_turn(runs, reference.robot, rules) if runs else ():
-            watched.append(_watched(watching, recording, known, remember))
+        errors: list[ValueError | OSError] = []
+        for source in run_sources(runs, reference.robot, rules) if runs else ():
+            try:
+                recording, found = read_undamaged(source)
+                watched.append(_watched(watching, recording, known, remember))
+            except (ValueError, OSError) as error:
+                errors.append(error)  # what comes later stands on it
+                break
             known = watched[-1].remembered if remember is not None else None
             findings += found
+        if errors and not watched:
+            raise errors[0]
         findings = [finding for finding in findings if finding.code not in OF_LEARNING]
-        files.write(watching, watched, findings)
+        if not errors:
+            files.write(watching, watched, findings)
     joints = reference.robot.joint_names
     if json_output:
-        print_json(answer(watched, joints, findings))
+        print_json(answer(watched, joints, findings, errors))
     else:
-        for line in [*lines(watched, joints, findings), *files.lines(bool(runs))]:
+        for line in [*lines(watched, joints, findings), *(() if errors else files.lines(bool(runs)))]:
             typer.echo(line)
+    if errors:
+        return refused(errors)
     if watched:
         files.keep(watched)
     return EXIT_NO if has_changed(watched) else 0

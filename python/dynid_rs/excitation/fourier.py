@@ -60,7 +60,7 @@ class FourierExcitation(Estimator):
     time_limit : float, optional
         No search begins after it, and running ones stop [s]; the answer then depends on the machine's speed.
     n_jobs : int, optional
-        Threads; the answer does not depend on it.
+        Threads, one per core by default or with -1; the answer does not depend on it.
     state_file : path-like, optional
         Finished searches are kept here.
     resume : bool
@@ -245,11 +245,12 @@ class FourierExcitation(Estimator):
             "n_restarts": (self.n_restarts, 1),
             "max_iter": (self.max_iter, 1),
         }
-        if self.n_jobs is not None:
+        if self.n_jobs not in (None, -1):
             counts["n_jobs"] = (self.n_jobs, 1)
         for name, (value, least) in counts.items():
             if isinstance(value, bool) or int(value) != value or value < least:
-                raise ValueError(f"{name} must be a whole number of at least {least}, got {value}")
+                other = ", or -1 for one per core" if name == "n_jobs" else ""
+                raise ValueError(f"{name} must be a whole number of at least {least}{other}, got {value}")
             if value > MOST:
                 raise ValueError(f"{name} must be at most {MOST}, got {value}")
         sizes = {"duration": self.duration, "rate": self.rate}

@@ -37,10 +37,12 @@ def n_steps_of(duration: float, rate: float) -> int:
     Raises
     ------
     ValueError
-        The rate is not positive, or gives too many rows.
+        Duration or rate is not positive, or they give too many rows.
     """
     if not (np.isfinite(rate) and rate > 0):
         raise ValueError(f"the rate of the trajectory must be a positive number of samples per second, got {rate}")
+    if not (np.isfinite(duration) and duration > 0):
+        raise ValueError(f"duration must be a positive number, got {duration}")
     n_steps = duration * rate
     if not n_steps < MAX_ROWS:
         raise ValueError(f"{duration:g} s at {rate:g} Hz are {n_steps:.0f} rows, expected fewer than {MAX_ROWS}")

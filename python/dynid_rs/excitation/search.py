@@ -161,7 +161,7 @@ class Plan:
     seed : int
         Repeats everything, on any number of threads.
     n_jobs : int, optional
-        Threads; as many as there are processors by default.
+        Threads; as many as there are processors by default or with -1.
     time_limit : float, optional
         No search begins after it, and running ones stop [s]. What comes out then depends on the machine.
     state_file : path, optional
@@ -202,7 +202,8 @@ def search(
     waiting = [index for index in range(plan.n_restarts) if index not in done]
     if done and callback is not None:
         callback(_by_index(done))
-    n_jobs = min(plan.n_jobs or os.cpu_count() or 1, max(len(waiting), 1))
+    wanted = os.cpu_count() if plan.n_jobs in (None, -1) else plan.n_jobs
+    n_jobs = min(wanted or 1, max(len(waiting), 1))
     with ThreadPoolExecutor(max_workers=n_jobs) as pool:
         running: set[Future[tuple[Restart, bool]]] = set()
         try:

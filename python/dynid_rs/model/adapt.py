@@ -19,6 +19,8 @@ from dynid_rs.regression.uncertainty import NORMAL_95
 from dynid_rs.runs.recording import FloatArray, Recording
 
 PARTS = ("friction", "payload")
+MOST_MASS = 1e5
+"""As `rust/dynid-core/src/adapt/settings.rs` has it [kg]."""
 NO_ANSWER = 1 | 16 | 512
 """Status of samples without a torque of their own: not finite, repeated, settling."""
 
@@ -185,6 +187,8 @@ class Adaptation:
         friction, payload = _wanted(self.parts)
         if payload and self.mass is None:
             raise ValueError("mass: say how much the arm may carry [kg]; a payload follows within it")
+        if payload and not 0 < (self.mass or 0.0) <= MOST_MASS:
+            raise ValueError(f"mass: expected a number above 0 to {MOST_MASS:g}, got {self.mass:g}")
         n = self.model.robot.n_joints
         inflation = getattr(self.watch, "inflation_", np.ones(n))
         memory = getattr(self.watch, "memory_", np.full(n, UNKNOWN_MEMORY))

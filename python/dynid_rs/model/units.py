@@ -29,5 +29,10 @@ def torque_of(torque_unit: str, kind: str) -> str:
     return "N" if kind == "prismatic" and torque_unit == "N*m" else torque_unit
 
 
+def torque_units(model: _core.TorqueModel) -> list[str]:
+    """Unit of every joint's torque channel."""
+    return [torque_of(model.torque_unit, kind) for kind in model.robot.joint_kinds]
+
+
 def _filled(unit: str, torque_unit: str, kind: str) -> str:
     return unit.format(torque=torque_of(torque_unit, kind), angle="rad" if kind == "revolute" else "m")

@@ -17,7 +17,9 @@ from dynid_rs import _core
 from dynid_rs.base.changes import FROZEN, Change, kind_words
 from dynid_rs.base.files import check_readable, write_json
 from dynid_rs.base.quoting import shown
+from dynid_rs.base.units import angle_units
 from dynid_rs.model.healthy import LEAST_ROWS, Healthy, learn
+from dynid_rs.model.units import torque_units
 from dynid_rs.regression.uncertainty import NORMAL_95
 from dynid_rs.runs.given import Runs, as_recordings
 from dynid_rs.runs.recording import FloatArray, Recording
@@ -291,7 +293,7 @@ def read_remembered(path: str | PathLike[str]) -> str:
 def _change(said: dict[str, Any], t: FloatArray, model: _core.TorqueModel) -> Change:
     kind, size, std = said["kind"], said["size"], said["std"]
     joints, torque_unit = model.robot.joint_names, model.torque_unit
-    turn = "m" if model.robot.joint_kinds[said["joint"]] == "prismatic" else "rad"
+    own, turn = torque_units(model)[said["joint"]], angle_units(model.robot.joint_kinds)[said["joint"]]
     mass = "kg" if torque_unit == "N*m" else f"kg {torque_unit}/(N*m)"
     either = said["or"]
     return Change(
@@ -305,5 +307,5 @@ def _change(said: dict[str, Any], t: FloatArray, model: _core.TorqueModel) -> Ch
         None
         if either is None
         else ("a load" if either[0] == "load" else f"{kind_words(either[0])} of {joints[either[1]]}"),
-        {"load": mass, "offset": torque_unit, FROZEN: torque_unit, "delay": "s", "slip": turn}.get(kind, ""),
+        {"load": mass, "offset": own, FROZEN: own, "delay": "s", "slip": turn}.get(kind, ""),
     )

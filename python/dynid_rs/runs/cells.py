@@ -131,6 +131,11 @@ def check_time(
     if wrong.size:
         row = int(wrong[0]) + 1
         backwards = t[row] < t[row - 1]
+        mend = "split the run there" if backwards else _rounded(t, dt) or "remove the repeated rows"
+        if np.all(dt < 0):
+            mend = "the rows stand in the reverse order, sort them by time"
+        elif not np.any(dt):
+            mend = 'no clock counts in this column, name another one in dynid.toml: [columns] t = "..."'
         lost = _lost(t, dt, grain)
         if lost:
             raise fault("time_stands_still", row, lost)
@@ -139,8 +144,7 @@ def check_time(
             row,
             f"time {'goes backwards' if backwards else 'stands still'} from "
             f"{t[row - 1]:.9g} s to {t[row]:.9g} s"
-            f" ({wrong.size} such row{'s' if wrong.size > 1 else ''}); time must strictly increase: "
-            + ("split the run there" if backwards else _rounded(t, dt) or "remove the repeated rows"),
+            f" ({wrong.size} such row{'s' if wrong.size > 1 else ''}); time must strictly increase: {mend}",
         )
     median = usual_step(dt)
     if median < MIN_STEP:

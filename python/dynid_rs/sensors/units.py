@@ -14,6 +14,9 @@ from dynid_rs.sensors.rows import N_OWN
 FloatArray = NDArray[np.float64]
 
 N_ROUNDS = 8
+LEAST_SHARE = 0.01
+"""Of the power of the links' torque: where less is left beside the joint's own columns, as on a lone upright axis, the
+rotor could be all of it, and no gain is told."""
 
 
 def unit_trials(bench: Bench) -> Iterator[tuple[Trial, FloatArray]]:
@@ -40,7 +43,11 @@ def _gains(bench: Bench, runs: Sequence[int]) -> tuple[ArmFit, FloatArray]:
         x = bench.fit.x
     best: tuple[ArmFit, FloatArray] | None = None
     for _ in range(N_ROUNDS):
-        gains = np.array([_gain(bench, runs, x, j, gains[j]) for j in range(n)])
+        told = np.array([_gain(bench, runs, x, j) for j in range(n)])
+        if np.isnan(told).all():
+            told = gains
+        # A channel that says nothing is in the unit of the others.
+        gains = np.where(np.isnan(told), np.nanmedian(told), told)
         tried = [
             bench.moments[k].picked(range(n), gains) if k in runs else plain for k, plain in enumerate(bench.plain)
         ]
@@ -56,8 +63,8 @@ def _gains(bench: Bench, runs: Sequence[int]) -> tuple[ArmFit, FloatArray]:
     return best
 
 
-def _gain(bench: Bench, runs: Sequence[int], x: FloatArray, j: int, before: float) -> float:
-    """Power of the links' torque over its product with the channel, beside the joint's own columns."""
+def _gain(bench: Bench, runs: Sequence[int], x: FloatArray, j: int) -> float:
+    """Power of the links' torque over its product with the channel, beside the joint's own columns; NaN: not told."""
     n_links = len(bench.prior.mean)
     columns = np.sum([bench.plain[k].columns[j] for k in runs], axis=0)
     cross = np.sum([bench.plain[k].cross[j, :, 0] for k in runs], axis=0)
@@ -68,8 +75,9 @@ def _gain(bench: Bench, runs: Sequence[int], x: FloatArray, j: int, before: floa
     A = A + 1e-9 * np.diag(np.maximum(np.diag(A), 1e-300))
     load = columns[:n_links, :n_links] @ phi
     beside = columns[own][:, :n_links] @ phi
-    power = float(phi @ load - beside @ np.linalg.solve(A, beside))
+    whole = float(phi @ load)
+    power = whole - float(beside @ np.linalg.solve(A, beside))
     common = float(phi @ cross[:n_links] - beside @ np.linalg.solve(A, cross[own]))
-    if power <= 0 or common <= 0:
-        return before
+    if power <= LEAST_SHARE * whole or common <= 0:
+        return np.nan
     return float(np.clip(power / common, 1e-6, 1e6))

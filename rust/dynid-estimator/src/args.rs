@@ -69,13 +69,21 @@ const HELP: &str = include_str!("help.txt");
 /// # Errors
 /// [`Stop::Because`] for wrong use.
 pub fn parse(parser: Parser) -> Result<Command, Stop> {
-    read(parser).map_err(|error| {
-        let error = error.to_string();
+    let mut option = String::new();
+    read(parser, &mut option).map_err(|error| {
+        let error = match error {
+            // Of many options with numbers the one that is wrong is to be named.
+            lexopt::Error::ParsingFailed { value, error } => {
+                format!("{option}: {error}, got {value:?}")
+            }
+            other => other.to_string(),
+        };
         Stop::Because(format!("{error}; see dynid-estimator --help"))
     })
 }
 
-fn read(mut parser: Parser) -> Result<Command, lexopt::Error> {
+/// `option` is the last one that was looked at.
+fn read(mut parser: Parser, option: &mut String) -> Result<Command, lexopt::Error> {
     let (mut model, mut input, mut output, mut transport) = (None, None, None, None);
     let mut settings = Settings::default();
     let (mut observe, mut listening) = (false, ObserverSettings::default());
@@ -85,6 +93,9 @@ fn read(mut parser: Parser) -> Result<Command, lexopt::Error> {
     let (mut contacts, mut per_hour_given) = (None, None);
     let (mut adapt, mut limits) = (None, AdaptSettings::default());
     while let Some(arg) = parser.next()? {
+        if let Arg::Long(name) = arg {
+            *option = format!("--{name}");
+        }
         match arg {
             Arg::Short('h') | Arg::Long("help") => return Ok(Command::Print(HELP.to_owned())),
             Arg::Short('V') | Arg::Long("version") => {
@@ -229,6 +240,17 @@ fn adapted(
         }
         return Ok(None);
     };
+    let of_payload = AdaptSettings {
+        mass: limits.mass,
+        reach: limits.reach,
+        ..AdaptSettings::default()
+    };
+    if !payload && of_payload != AdaptSettings::default() {
+        return Err(
+            "--adapt-mass and --adapt-reach are limits of a payload; give --adapt friction,payload"
+                .into(),
+        );
+    }
     if payload && limits.mass == 0.0 {
         return Err(
             "--adapt payload: give --adapt-mass KG, what the arm may carry; a payload follows within it".into(),
@@ -247,7 +269,7 @@ fn parts(text: &str) -> Result<[bool; 2], &'static str> {
         "friction" => Ok([true, false]),
         "payload" => Ok([false, true]),
         "friction,payload" | "payload,friction" => Ok([true, true]),
-        _ => Err("expected friction, payload or friction,payload"),
+        _ => Err("expected friction, payload or friction,payload, each once"),
     }
 }
 
@@ -312,7 +334,7 @@ fn per_hour(text: &str) -> Result<f64, &'static str> {
     let count: Option<f64> = text.parse().ok();
     count
         .filter(|count| *count > 0.0 && count.is_finite())
-        .ok_or("expected a positive number of false contacts per hour")
+        .ok_or("expected false contacts per hour, a number above 0")
 }
 
 fn early(text: &str) -> Result<f64, &'static str> {

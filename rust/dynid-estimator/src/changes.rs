@@ -1,4 +1,4 @@
-//! What the watch and the adaptation say, on its way to a person: the loop lays it down, a second thread says it on stderr.
+//! What is seen in the stream, on its way to a person: the loop lays it down, a second thread says it on stderr.
 //!
 //! The loop only tries a lock that the other thread holds to copy a few numbers; nothing is allocated, nobody is woken. A
 //! loop that nothing paces may read a day in a second, and says everything by itself.
@@ -28,6 +28,13 @@ pub enum Told {
     Change(Change),
     /// What is added to the model.
     Adapted(Adapted),
+    /// States come at another rate \[Hz\] than thresholds of contacts were learned at.
+    Rate {
+        /// Of the stream.
+        comes: f64,
+        /// Of the healthy runs.
+        learned: f64,
+    },
 }
 
 /// It and the time of the state at which it was said, which may be NaN \[s\].
@@ -82,7 +89,7 @@ impl Outbox {
         if let Err(error) = started {
             tell(
                 "error",
-                &format!("--changes: {error}; sentences come at the end"),
+                &format!("no thread for sentences ({error}); they come at the end"),
             );
         }
         Self {
@@ -176,6 +183,15 @@ impl Names {
         match told {
             Told::Change(change) => tell("change", &self.sentence(time, change)),
             Told::Adapted(adapted) => tell("adapted", &self.sentence_of(time, adapted)),
+            Told::Rate { comes, learned } => tell("note", &sentence_of_rates(*comes, *learned)),
+        }
+    }
+
+    /// Of one joint's channel: a force where it slides.
+    fn torque_unit(&self, joint: usize) -> &str {
+        match self.torque_unit.as_str() {
+            "N*m" if self.slides(joint) => "N",
+            unit => unit,
         }
     }
 
@@ -216,7 +232,7 @@ impl Names {
                 format!("{joint}: {} {size} ({low} to {high})", change.kind.word())
             }
             Kind::Offset => {
-                let unit = &self.torque_unit;
+                let unit = self.torque_unit(change.joint);
                 format!("{joint}: constant torque {size} ({low} to {high}) {unit}")
             }
             Kind::Delay => {
@@ -235,7 +251,7 @@ impl Names {
                 format!("load {size} ({low} to {high}) {}", self.mass_unit())
             }
             Kind::Frozen => {
-                let unit = &self.torque_unit;
+                let unit = self.torque_unit(change.joint);
                 let does = match change.said {
                     Said::Withdrawn => "the torque channel changes again",
                     _ => "the torque channel does not change any more",
@@ -260,6 +276,14 @@ impl Names {
         };
         format!("{when}{what}{or}{said}")
     }
+}
+
+fn sentence_of_rates(comes: f64, learned: f64) -> String {
+    let [comes, learned] = [comes, learned].map(short);
+    format!(
+        "states come at {comes} Hz, the --contacts file was learned at {learned} Hz, and the observer counts its steps: external \
+         torques and contacts are wrong; learn it from runs at this rate with `dynid contact MODEL.json --healthy RUN --save`"
+    )
 }
 
 fn when(time: f64) -> String {
@@ -325,6 +349,13 @@ pub mod tests {
             .contains("look again"));
         let offset = names.sentence(1.0, &change(Kind::Offset, 20.24));
         assert!(offset.contains("constant torque 20.2 ("), "{offset}");
+        assert!(offset.ends_with(") N*m"), "{offset}");
+        let sliding = Names {
+            slides: vec![true],
+            ..Names::of(&model(1.0))
+        };
+        let offset = sliding.sentence(1.0, &change(Kind::Offset, 20.24));
+        assert!(offset.ends_with(") N"), "{offset}");
         let unknown = names.sentence(1.0, &change(Kind::Unknown, 1.32));
         assert!(unknown.contains("grown by 132 %"), "{unknown}");
         let frozen = names.sentence(1.0, &change(Kind::Frozen, 0.0));

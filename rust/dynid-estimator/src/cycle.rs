@@ -53,6 +53,11 @@ impl Settings {
         self.watch.is_some() || self.adapt.is_some()
     }
 
+    /// Whether something may have to be said while states come.
+    pub fn speaks(&self) -> bool {
+        self.learns() || self.contacts.is_some()
+    }
+
     /// An observer as the file says, for the samples that it was made of; `per_hour` false contacts, if given.
     pub fn take_contacts(&mut self, file: ContactFile, per_hour: Option<f64>) {
         (self.step, self.window) = (Some(file.step), file.window);

@@ -37,6 +37,7 @@ mod input;
 mod live;
 mod output;
 mod pace;
+mod rate;
 mod realtime;
 mod rehearsal;
 mod remember;

@@ -16,6 +16,7 @@ use crate::changes::Outbox;
 use crate::cycle::{Cycle, Settings};
 use crate::frame::{Frame, TORQUE};
 use crate::pace::Pace;
+use crate::rate::Rate;
 use crate::realtime::RealTime;
 use crate::rehearsal::Rehearsal;
 use crate::remember::Notebook;
@@ -137,7 +138,7 @@ pub fn run(
     let mut live = Live::new(link, &model, &cycle, settings, most_terms);
     live.inbox = inbox;
     live.notebook = notebook;
-    live.outbox = settings.learns().then(|| Outbox::open(&model));
+    live.outbox = settings.speaks().then(|| Outbox::open(&model));
     let (sleeper, pace) = real_time.begin()?;
     let mut timing = Timing::new(pace.as_ref().map(Pace::period), real_time.histogram);
     live.work(&model, &mut cycle, (pace, real_time.end()), &mut timing);
@@ -175,6 +176,7 @@ impl Live {
             sent: touched(wire::answer_bytes(n, most_terms)),
             inbox: None,
             outbox: None,
+            rate: Rate::new(settings),
             notebook: None,
             counts: Counts::default(),
         }
@@ -197,6 +199,7 @@ struct Live {
     sent: Vec<u8>,
     inbox: Option<Inbox>,
     outbox: Option<Outbox>,
+    rate: Rate,
     notebook: Option<Notebook>,
     counts: Counts,
 }
@@ -309,7 +312,8 @@ impl Live {
             && cycle.step(&self.frame.sample()).is_ok();
         if used {
             if let Some(outbox) = &mut self.outbox {
-                outbox.put(self.frame.time, cycle.told());
+                let rate = self.rate.note(self.frame.time);
+                outbox.put(self.frame.time, cycle.told().chain(rate));
             }
             if let Some(notebook) = &mut self.notebook {
                 notebook.note(cycle);

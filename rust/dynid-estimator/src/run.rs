@@ -13,6 +13,7 @@ use crate::frame::{Frame, Present, TEMPERATURE, TORQUE};
 use crate::input::{Lines, Parser};
 use crate::output::Writer;
 use crate::pace::Pace;
+use crate::rate::Rate;
 use crate::realtime::RealTime;
 use crate::rehearsal::Rehearsal;
 use crate::remember::Notebook;
@@ -44,9 +45,10 @@ pub fn run(
         Some(_) => Outbox::open,
         None => Outbox::patient,
     };
-    let mut outbox = settings.learns().then(|| open(&model));
+    let mut outbox = settings.speaks().then(|| open(&model));
     let mut notebook = Notebook::open(&mut cycle, settings)?;
     let mut clock = Clock::new(&model, settings.step);
+    let mut rate = Rate::new(settings);
     let mut frame = frame_for(&model, settings);
 
     let mut lines = Lines::new(source);
@@ -106,7 +108,7 @@ pub fn run(
             .map_err(|error| Stop::Because(error.to_string()))?;
         let computed = sys::now();
         if let Some(outbox) = &mut outbox {
-            outbox.put(frame.time, cycle.told());
+            outbox.put(frame.time, cycle.told().chain(rate.note(frame.time)));
         }
         if let Some(notebook) = &mut notebook {
             notebook.note(&mut cycle);

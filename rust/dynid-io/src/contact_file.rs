@@ -4,10 +4,10 @@ use std::path::Path;
 
 use dynid_core::uncertainty::{Direction, Tail, MOST_DIRECTIONS};
 use dynid_core::{ObserverSettings, Uncertainty};
+use serde::de::IgnoredAny;
 use serde::Deserialize;
 
-use crate::model_file::read_at_most;
-use crate::small_file::{Kind, Stamped};
+use crate::small_file::Kind;
 use crate::text::shorten_said;
 use crate::ModelFileError;
 
@@ -40,19 +40,16 @@ const KIND: Kind = Kind {
     format: FORMAT,
     version: VERSION,
     max_bytes: MAX_BYTES,
+    mend: "write it anew with `dynid contact MODEL --healthy RUN --save`",
 };
-
-impl Stamped for Parts {
-    fn stamp(&self) -> (&str, u32) {
-        (&self.format, self.version)
-    }
-}
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Parts {
-    format: String,
-    version: u32,
+    #[serde(rename = "format")]
+    _format: IgnoredAny,
+    #[serde(rename = "version")]
+    _version: IgnoredAny,
     joints: Vec<String>,
     torque_unit: String,
     step: f64,
@@ -89,8 +86,7 @@ struct DirectionParts {
 /// # Errors
 /// [`ModelFileError`], with one sentence that names the file and the mend.
 pub fn load_contact(path: &Path) -> Result<ContactFile, ModelFileError> {
-    let bytes = read_at_most(path, MAX_BYTES)?;
-    parse_contact(&bytes, &path.display().to_string())
+    KIND.load(path, read)
 }
 
 /// Reads it from bytes; `name` is used in messages. Whether it is of a model is for [`Uncertainty::check`] to say.
@@ -98,12 +94,7 @@ pub fn load_contact(path: &Path) -> Result<ContactFile, ModelFileError> {
 /// # Errors
 /// [`ModelFileError::Invalid`].
 pub fn parse_contact(bytes: &[u8], name: &str) -> Result<ContactFile, ModelFileError> {
-    read(bytes).map_err(|message| ModelFileError::Invalid {
-        path: name.to_owned(),
-        message: format!(
-            "{message}; write it anew with `dynid contact MODEL --healthy RUN --save`"
-        ),
-    })
+    KIND.parse(bytes, name, read)
 }
 
 fn read(bytes: &[u8]) -> Result<ContactFile, String> {

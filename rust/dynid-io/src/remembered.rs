@@ -8,8 +8,8 @@ use dynid_core::{AdaptSettings, TorqueModel};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
-use crate::model_file::{read_at_most, to_text};
-use crate::small_file::{Kind, Stamped};
+use crate::model_file::to_text;
+use crate::small_file::Kind;
 use crate::whole::write_whole;
 use crate::{ModelFileError, WatchFile};
 
@@ -37,13 +37,8 @@ const KIND: Kind = Kind {
     format: FORMAT,
     version: VERSION,
     max_bytes: MAX_BYTES,
+    mend: "name another file, or remove this one to begin anew",
 };
-
-impl Stamped for Parts {
-    fn stamp(&self) -> (&str, u32) {
-        (&self.format, self.version)
-    }
-}
 
 #[derive(Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
@@ -102,8 +97,7 @@ pub fn digits_of(identity: &Identity) -> String {
 /// # Errors
 /// [`ModelFileError`], with one sentence that names the file and the mend.
 pub fn load_remembered(path: &Path) -> Result<Remembered, ModelFileError> {
-    let bytes = read_at_most(path, MAX_BYTES)?;
-    parse_remembered(&bytes, &path.display().to_string())
+    KIND.load(path, read)
 }
 
 /// Reads it from bytes; `name` is used in messages.
@@ -111,10 +105,7 @@ pub fn load_remembered(path: &Path) -> Result<Remembered, ModelFileError> {
 /// # Errors
 /// [`ModelFileError::Invalid`].
 pub fn parse_remembered(bytes: &[u8], name: &str) -> Result<Remembered, ModelFileError> {
-    read(bytes).map_err(|message| ModelFileError::Invalid {
-        path: name.to_owned(),
-        message: format!("{message}; name another file, or remove this one to begin anew"),
-    })
+    KIND.parse(bytes, name, read)
 }
 
 fn read(bytes: &[u8]) -> Result<Remembered, String> {

@@ -3,10 +3,10 @@
 use std::path::Path;
 
 use dynid_core::watch::{Healthy, WatchSettings};
+use serde::de::IgnoredAny;
 use serde::Deserialize;
 
-use crate::model_file::read_at_most;
-use crate::small_file::{Kind, Stamped};
+use crate::small_file::Kind;
 use crate::text::shorten_said;
 use crate::ModelFileError;
 
@@ -33,19 +33,16 @@ const KIND: Kind = Kind {
     format: FORMAT,
     version: VERSION,
     max_bytes: MAX_BYTES,
+    mend: "write it anew with `dynid watch MODEL.json --save`",
 };
-
-impl Stamped for Parts {
-    fn stamp(&self) -> (&str, u32) {
-        (&self.format, self.version)
-    }
-}
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Parts {
-    format: String,
-    version: u32,
+    #[serde(rename = "format")]
+    _format: IgnoredAny,
+    #[serde(rename = "version")]
+    _version: IgnoredAny,
     joints: Vec<String>,
     row: f64,
     false_alarms_per_day: f64,
@@ -75,8 +72,7 @@ struct Tolerated {
 /// # Errors
 /// [`ModelFileError`], with one sentence that names the file and the mend.
 pub fn load_watch(path: &Path) -> Result<WatchFile, ModelFileError> {
-    let bytes = read_at_most(path, MAX_BYTES)?;
-    parse_watch(&bytes, &path.display().to_string())
+    KIND.load(path, read)
 }
 
 /// Reads it from bytes; `name` is used in messages.
@@ -84,10 +80,7 @@ pub fn load_watch(path: &Path) -> Result<WatchFile, ModelFileError> {
 /// # Errors
 /// [`ModelFileError::Invalid`].
 pub fn parse_watch(bytes: &[u8], name: &str) -> Result<WatchFile, ModelFileError> {
-    read(bytes).map_err(|message| ModelFileError::Invalid {
-        path: name.to_owned(),
-        message: format!("{message}; write it anew with `dynid watch MODEL.json --save`"),
-    })
+    KIND.parse(bytes, name, read)
 }
 
 fn read(bytes: &[u8]) -> Result<WatchFile, String> {

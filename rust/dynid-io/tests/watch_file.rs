@@ -33,6 +33,8 @@ fn what_is_none_is_refused_with_a_sentence() {
             "not a watch's settings",
         ),
         ("\"version\":3", "\"version\":2", "version 2"),
+        // Whatever else another version holds.
+        ("\"version\":3,", "\"version\":4,\"new\":1,", "version 4"),
         ("\"row\":0.2", "\"row\":0.0", "row"),
         ("\"gain\":0.05", "\"gain\":-1", "gain"),
         ("[1.0,2.5]", "[1.0]", "1 values of inflation for 2 joints"),

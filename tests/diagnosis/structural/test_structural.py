@@ -270,3 +270,15 @@ def test_a_displaced_frame_is_drawn_over_the_angle_of_the_joint_that_shows_it():
     assert np.ptp(plot["curve"]) > 0.2 * np.ptp((torque[0] - torque[1])[:, shown])
     assert_allclose(plot["mean"], plot["curve"], atol=5 * rigid().noise_std[shown])
     assert structure_plot(belief, ("torque_delay", (0, 1, 2)), [], belief.beside.model, best.x) is None
+
+
+def test_a_lone_joint_that_slides_along_gravity_has_no_tilt_to_look_for():
+    """Its torque changes with the square of the tilt: there is no column, and no hypothesis without one."""
+    robot = dyn.RobotModel.from_urdf_string(
+        '<robot name="lift"><link name="base"/><link name="cabin"><inertial><origin xyz="0 0 0.2"/><mass value="20"/>'
+        '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>'
+        '<joint name="lift" type="prismatic"><parent link="base"/><child link="cabin"/><axis xyz="0 0 1"/>'
+        '<limit lower="-1" upper="1" velocity="1" effort="500"/></joint></robot>'
+    )
+    found = found_in(recorded(rigid(robot)), robot)
+    assert names(found) == set()

@@ -806,6 +806,8 @@ CONFIG_MISFITS = {
     ),
     "template_absent": (dict(columns={"q": "x_{i}"}), "column x_0 is missing"),
     "time_absent": (dict(columns={"t": "stamp"}), "expected stamp"),
+    "two_signals": (dict(columns={"tau": "q_{i}"}), "column q_0 would be both q and tau; name another one"),
+    "position_as_time": (dict(columns={"t": "q_1"}), "column q_1 would be both t and q"),
     "no_torque": (dict(columns={"tau": None}), "column tau_0"),
 }
 

@@ -88,6 +88,9 @@ def with_value(setup: Setup, kind: str, joints: tuple[int, ...], x: FloatArray) 
 def structural_hypotheses(
     fit: ThreeLoopIdentifier, setup: Setup, kinds: Collection[str] = tuple(KINDS)
 ) -> list[Hypothesis]:
-    """Every hypothesis of these kinds beside the model that `fit` has of `setup`."""
+    """Every hypothesis of these kinds beside the model that `fit` has of `setup`.
+
+    What no torque shows is none: a lone joint that slides along gravity has a tilt of second order only.
+    """
     about = About.of(fit)
-    return [h for kind in kinds for h in KINDS[kind](about, setup)]
+    return [h for kind in kinds for h in KINDS[kind](about, setup) if h.columns]

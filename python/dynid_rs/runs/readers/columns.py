@@ -96,7 +96,8 @@ def match_columns(
     Raises
     ------
     DataError
-        A signal is missing, incomplete, or there twice under different names; the file has more joints.
+        A signal is missing, incomplete, or there twice under different names; a column is two signals; the file has
+        more joints.
     """
     source = FileColumns(file, tuple(names), config)
     found = {signal: _one_signal(source, signal, joints) for signal in _PER_JOINT}
@@ -110,6 +111,7 @@ def match_columns(
         raise missing_column(source, "tau", joints)
     signals = {signal: columns for signal, columns in found.items() if columns is not None}
     time = _time(source)
+    _refuse_shared(source, time, signals)
     used = {time, *(name for columns in signals.values() for name in columns)}
     return ColumnMap(time, signals, tuple(name for name in names if name not in used), tuple(notes))
 
@@ -229,6 +231,21 @@ def _listed(source: FileColumns, signal: str, rule: tuple[str, ...], joints: Seq
             lacking[0],
         )
     return rule
+
+
+def _refuse_shared(source: FileColumns, time: str, signals: Mapping[str, tuple[str, ...]]) -> None:
+    """One column is one signal of one joint; a temperature may be of all joints, a reference the position itself."""
+    owner = {time: "t"}
+    for signal, columns in signals.items():
+        for name in () if signal in ("temperature", "q_reference") else columns:
+            other = owner.setdefault(name, signal)
+            if other != signal:
+                raise source.fault(
+                    "ambiguous_column",
+                    f"column {shown(name)} would be both {other} and {signal}; name another one for one of them in "
+                    f"dynid.toml under [columns], or leave {signal} out: {signal} = false",
+                    name,
+                )
 
 
 def _beyond(source: FileColumns, signal: str, rule: str | None, n_joints: int) -> str | None:

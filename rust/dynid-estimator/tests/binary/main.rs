@@ -5,4 +5,5 @@ mod asked;
 mod common;
 mod live;
 mod quiet;
+mod rates;
 mod refused;

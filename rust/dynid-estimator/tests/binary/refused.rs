@@ -146,6 +146,22 @@ fn wrong_use() {
         (&["--formt", "csv", path], &["--formt"]),
         (&["--format", "xml", path], &["xml", "csv or jsonl"]),
         (&["--format", "auto", path], &["auto"]),
+        (
+            &["--observe", "--false-contacts", "0/hour", path],
+            &["--false-contacts: expected", "above 0, got \"0/hour\""],
+        ),
+        (
+            &["--adapt", "friction,friction", path],
+            &["--adapt: expected", "each once", "friction,friction"],
+        ),
+        (
+            &["--adapt", "payload", "--adapt-mass", "0", path],
+            &["--adapt-mass: expected kg, 0.001 to 100000, got \"0\""],
+        ),
+        (
+            &["--adapt", "friction", "--adapt-mass", "3", path],
+            &["limits of a payload"],
+        ),
         (&["--format"], &["--format"]),
         (&["--json", path], &["--info"]),
         (&["--step", "0", path], &["positive number of seconds"]),

@@ -197,6 +197,13 @@ struct Header {
 
 /// Format, version and checksum, before anything else is believed.
 fn check_header(text: &str) -> Result<(), String> {
+    let first = text.trim_start().chars().next();
+    if first.is_some_and(|first| first != '{') {
+        return Err(
+            "not a readable model: it is no JSON object; give the model.json that `dynid identify` wrote"
+                .into(),
+        );
+    }
     let header: Header = serde_json::from_str(text).map_err(|e| json_message(&e))?;
     if header.format.as_deref() != Some(FORMAT) {
         return Err(format!(

@@ -245,6 +245,7 @@ fn other_files_are_told_apart() {
     assert!(message(b"{\"format\": \"dynid-model\", \"version\": 99}").contains("newer"));
     assert!(message(b"{\"format\": \"dynid-model\", \"version\": 1}").contains("checksum"));
     assert!(message("[".repeat(1_000_000).as_bytes()).contains("not a readable model"));
+    assert!(message(b"<robot name=\"arm\"/>").contains("no JSON object; give the model.json"));
     assert!(matches!(
         load(Path::new("/nowhere/model.json")),
         Err(ModelFileError::Io { .. })
