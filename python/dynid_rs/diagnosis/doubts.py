@@ -5,8 +5,6 @@ Unknowns that every hypothesis stands beside. What they can imitate is no eviden
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -18,7 +16,6 @@ from dynid_rs.identification.three_loops import ThreeLoopIdentifier
 from dynid_rs.model.assembly import evaluate
 from dynid_rs.regression.kept_columns import effect_rows
 from dynid_rs.regression.linear_model import Columns
-from dynid_rs.runs.preprocessing import States
 from dynid_rs.runs.slope import slope
 
 FloatArray = NDArray[np.float64]
@@ -97,46 +94,30 @@ def apart(fit: ThreeLoopIdentifier) -> list[Columns]:
 
 
 def yielding(fit: ThreeLoopIdentifier) -> list[Columns]:
-    """Change of the torque if a gear yielded by `YIELDS` under its usual load, two columns per joint.
+    """Change of all joints' torque if a gear yielded by `YIELDS` under its usual load, one column per joint.
 
-    With one encoder on the motor's side, a link is not where it is read to be but hangs behind by its load; with one on
-    the link's side, the motor, with its inertia and friction, is as much ahead.
+    With one encoder, on the motor's side, a link is not where it is read to be but hangs behind by its load.
     """
     about, load = About.of(fit), link_load(fit.observations_.plan, fit.links_)
     bent = [load(states) for states in fit.runs_]
     size = np.sqrt(np.mean(np.concatenate(bent) ** 2, axis=0))
-    usual = YIELDS / np.where(size > 0, size, np.inf)
-    bends = [_moved(usual * tau, states.rate) for states, tau in zip(fit.runs_, bent, strict=True)]
-    ahead = np.concatenate([_ahead(fit, *run) for run in zip(fit.raw_runs_, bends, strict=True)])
     found: list[Columns] = []
     for j in np.flatnonzero(size > 0).tolist():
         slopes = []
-        for states, moved in zip(fit.runs_, bends, strict=True):
+        for states, tau in zip(fit.runs_, bent, strict=True):
+            behind = YIELDS * tau[:, j] / size[j]
+            rate = slope(behind, states.rate)
+            moved = behind, rate, slope(rate, states.rate)
             ends = []
             for sign in (-0.5, 0.5):
                 motion = [x.copy() for x in (states.q, states.dq, states.ddq)]
                 for x, change in zip(motion, moved, strict=True):
-                    x[:, j] += sign * change[:, j]
+                    x[:, j] += sign * change
                 q, dq, ddq = motion
                 ends.append(fit.robot.inverse_dynamics(q, dq, ddq, about.phi))
             slopes.append((ends[0] - ends[1])[:, :, None])
-        found += [about.in_band(slopes), {j: ahead[:, j : j + 1]}]
+        found.append(about.in_band(slopes))
     return found
-
-
-def _moved(bend: FloatArray, rate: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """A bend with its derivatives, (n, n_joints) each."""
-    speed = slope(bend, rate)
-    return bend, speed, slope(speed, rate)
-
-
-def _ahead(fit: ThreeLoopIdentifier, states: States, moved: tuple[FloatArray, FloatArray, FloatArray]) -> FloatArray:
-    """Change of every joint's torque if its motor is further than its link by so much, (n_rows, n_joints)."""
-    motor, ends = (states.q_motor, states.dq_motor, states.ddq_motor), []
-    for sign in (-0.5, 0.5):
-        q, dq, ddq = (x + sign * change for x, change in zip(motor, moved, strict=True))
-        ends.append(evaluate(fit.model_, replace(states, q_motor=q, dq_motor=dq, ddq_motor=ddq))[0])
-    return states.in_band(ends[1] - ends[0])
 
 
 def _sign(fit: ThreeLoopIdentifier, effect: _core.Effect, j: int) -> FloatArray:
