@@ -199,6 +199,8 @@ def test_the_summary_holds_every_number():
     assert lines[1].split() == ["unit", *NAMES]
     assert any(line.startswith("friction: viscous2 neg") and "N·m·(s/rad)²" in line for line in lines)
     assert "The torque channel is late by 2 ms." in str(said)
+    each = found.with_torque_delay([0.0, 0.002, -0.0013]).summary()
+    assert "Torque channels are late: elbow by 2 ms, wrist by -1.3 ms." in str(each)
     assert "friction: coulomb pos" in found._repr_html_()
 
 

@@ -58,7 +58,7 @@ def lateness(fit: ThreeLoopIdentifier) -> dict[int, FloatArray]:
 def later(joints: tuple[int, ...], setup: Setup, x: FloatArray) -> Setup:
     """Return the setup with the joints' torque channels later by x (1,) [s], at most by `LARGEST` at once."""
     (before,) = delay_of(setup, joints)
-    longest = MOST - float(np.abs(setup.delays - before).max())
+    longest = MOST - float(np.abs(setup.delays[list(joints)] - before).max())
     delay = before + float(np.clip(x[0], -LARGEST, LARGEST))
     return with_delay(setup, joints, float(np.clip(delay, -longest, longest)))
 
