@@ -43,7 +43,8 @@ Known = Annotated[
     Path | None, typer.Option(metavar="TERMS.toml", help="Effects whose coefficients you know; they are not fitted")
 ]
 FrictionLaw = Annotated[
-    str, typer.Option(help="paper, coulomb_viscous, stribeck, or auto: by a training run left out, joint by joint")
+    str,
+    typer.Option(help="paper, smooth, coulomb_viscous, stribeck, or auto: by a training run left out, joint by joint"),
 ]
 Cutoff = Annotated[float | None, typer.Option(help="Band [Hz]; chosen from the motion if left out")]
 Memory = Annotated[
