@@ -222,13 +222,14 @@ const char *dynid_model_torque_unit(const DynidModel *model);
 double dynid_model_step(const DynidModel *model);
 
 /*
- How late the torque channel is behind the encoders [s]: an estimator gives the torque of the state of that long ago,
- which is what the channel shows. Negative where the channel is early; an estimator then gives the torque of the state,
- which the channel has shown before. 0 if model is NULL.
+ How late the torque channel of joint joint is behind the encoders [s]: an estimator gives the torque of the state of
+ that long ago, which is what the channel shows. Negative where the channel is early; an estimator then gives the torque
+ of the state, which the channel has shown before. 0 if model is NULL or has no such joint.
 
  model is NULL or a handle.
  */
-double dynid_model_torque_delay(const DynidModel *model, size_t joint);
+double dynid_model_torque_delay(const DynidModel *model,
+                                size_t joint);
 
 /*
  True if friction of joint joint follows a measured temperature.
