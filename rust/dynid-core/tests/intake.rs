@@ -112,15 +112,14 @@ fn a_late_channel_shows_the_torque_of_then() {
                 assert_eq!(online.tau(), tau, "the same bits");
                 assert_eq!(status.contains(Status::SETTLING), !filled);
             }
-            // The oldest state stands for what was before it.
+            // The oldest state stands for what was before it, and of a joint's own line the first step that is not of it.
             let expected: Vec<f64> = (0..N)
                 .map(|j| torque(&mut exact, &motion((t - delays[j]).max(0.0))).0[j])
                 .collect();
-            assert!(
-                close(online.tau(), &expected),
-                "{k}: {:?} {expected:?}",
-                online.tau()
-            );
+            let off = online.tau().iter().zip(&expected);
+            let off = off.map(|(tau, expected)| (tau - expected).abs());
+            let off = off.fold(0.0, f64::max);
+            assert!(off < if filled { 1e-4 } else { 0.02 }, "{k}: {off}");
             let n = online.tau().len();
             let terms = online.estimator().terms();
             let sum: Vec<f64> = (0..n).map(|j| terms[j] + terms[n + j]).collect();
@@ -191,7 +190,7 @@ fn another_model_goes_on_with_the_states_of_the_old_one() {
         // A joint's own terms of before are those that the old model had, whose states were later.
         let mut exact = TorqueEstimator::new(Arc::new(model()));
         let expected = torque(&mut exact, &motion(0.05 - new[0])).0;
-        assert_eq!(online.tau()[0], expected[0]);
+        assert!(close(&online.tau()[..1], &expected[..1]));
         for k in 51..80 {
             online.step(&sample(k, &motion(k as f64 * STEP))).unwrap();
         }
